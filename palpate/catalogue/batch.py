@@ -1,0 +1,65 @@
+"""What every stage shares when it works through a batch of objects: seeds, rejection, progress."""
+
+import csv
+import hashlib
+import logging
+import sys
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from tqdm import tqdm
+
+log = logging.getLogger(__name__)
+
+
+class Unusable(ValueError):
+    """Raised by a stage for an object that it cannot use; the message is the reason in `rejected.csv`."""
+
+
+class Rejection(NamedTuple):
+    object: str
+    stage: str
+    reason: str
+
+
+def generator(seed: int, *names: str) -> np.random.Generator:
+    """A random generator that depends on the run's seed and on names (object, stage, ...) only.
+
+    So a result does not change with the batch size, the number of cores or the order of objects.
+    """
+    digest = hashlib.sha256("\0".join((str(seed), *names)).encode()).digest()
+    return np.random.default_rng(np.frombuffer(digest, dtype=np.uint32))
+
+
+def each_object(
+    objects: Iterable[str], function: Callable[[str], Any], stage: str
+) -> tuple[dict[str, Any], list[Rejection]]:
+    """Apply `function` to every object of a batch; one that fails is rejected and the batch goes on.
+
+    Returns the results by object, in order, and the rejections. `Unusable` gives its message as the reason;
+    any other exception is an error of ours or of an engine: its traceback goes to the log as well.
+    """
+    objects = list(objects)
+    results, rejections = {}, []
+    bar = tqdm(objects, desc=stage, unit="object", disable=not sys.stderr.isatty())
+    for position, name in enumerate(bar, start=1):
+        try:
+            results[name] = function(name)
+            log.info("%s %d/%d: %s", stage, position, len(objects), name)
+        except Unusable as error:
+            rejections.append(Rejection(name, stage, str(error)))
+            log.warning("%s %d/%d: %s rejected: %s", stage, position, len(objects), name, error)
+        except Exception as error:
+            rejections.append(Rejection(name, stage, f"{type(error).__name__}: {error}"))
+            log.exception("%s %d/%d: %s failed", stage, position, len(objects), name)
+    return results, rejections
+
+
+def write_rejections(path: Path | str, rejections: Iterable[Rejection]) -> None:
+    """Write the columns object, stage, reason; the header is there even if nothing was rejected."""
+    with open(path, "w", newline="") as file:
+        writer = csv.writer(file)
+        writer.writerow(Rejection._fields)
+        writer.writerows(rejections)
