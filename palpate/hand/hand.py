@@ -1,0 +1,176 @@
+"""A robot hand as plain data: a tree of links on hinges, closed geoms, and four touch sensors.
+
+Nothing here knows an engine: the touch simulation and the renderer read the same `Hand` as the grasp simulation.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+
+import numpy as np
+
+from palpate.hand.distance import GEOM_KINDS, half_spaces, signed_distance
+
+SENSORS = 4  # the dataset contract: four touch sensors a grasp
+
+
+@dataclass(frozen=True)
+class Hand:
+    """A kinematic tree of L links with J hinges, G geoms and 4 touch sensors. Metres, radians.
+
+    Links come in an order in which parents precede children; link 0 is the palm, its frame is the palm frame.
+    A link's frame has its origin on its hinge's axis; `joint_axis` is zero for a link fixed to its parent. Joint
+    `j` moves link `joint_link[j]`.
+
+    Geom sizes follow MuJoCo: box (half extents), sphere (radius), capsule and cylinder (radius, half length
+    along z), ellipsoid (half axes); a mesh is the convex hull of its vertices and has no size.
+
+    Rotations are 3 x 3 matrices whose columns are the frame's axes in the frame it is given in.
+    """
+
+    name: str
+    link_names: tuple[str, ...]  # L
+    link_parent: np.ndarray  # (L,) int, -1 for the palm
+    link_position: np.ndarray  # (L, 3) in the parent's frame, with all joints at 0
+    link_rotation: np.ndarray  # (L, 3, 3) in the parent's frame, with all joints at 0
+    joint_link: np.ndarray  # (J,) int
+    joint_axis: np.ndarray  # (J, 3) unit vector in the link's frame
+    joint_range: np.ndarray  # (J, 2)
+    geom_link: np.ndarray  # (G,) int
+    geom_kind: tuple[str, ...]  # G of GEOM_KINDS
+    geom_size: np.ndarray  # (G, 3)
+    geom_position: np.ndarray  # (G, 3) in the link's frame
+    geom_rotation: np.ndarray  # (G, 3, 3) in the link's frame
+    geom_rgba: np.ndarray  # (G, 4)
+    geom_collides: np.ndarray  # (G,) bool; the others are drawn only
+    geom_vertices: tuple[np.ndarray, ...]  # G of (V, 3) in the geom's frame, empty unless the geom is a mesh
+    geom_faces: tuple[np.ndarray, ...]  # G of (F, 3) int
+    sensor_names: tuple[str, ...]  # 4
+    sensor_link: np.ndarray  # (4,) int
+    sensor_position: np.ndarray  # (4, 3) in the link's frame
+    sensor_rotation: np.ndarray  # (4, 3, 3) in the link's frame; x out of the gel, y columns, z rows
+    open_joint_positions: np.ndarray  # (J,)
+    palm_anchor: (
+        np.ndarray
+    )  # (4, 4) in the palm frame: on the palm's face, x its outward normal, z to the fingers
+
+    def __post_init__(self) -> None:
+        if len(self.sensor_link) != SENSORS:
+            raise ValueError(
+                f"hand {self.name!r} has {len(self.sensor_link)} touch sensors, the dataset's arrays hold"
+                f" {SENSORS} a grasp: name {SENSORS} sensor frames"
+            )
+        if not np.isfinite(self.joint_range).all() or (self.joint_range[:, 0] > self.joint_range[:, 1]).any():
+            raise ValueError(f"hand {self.name!r}: every joint needs a finite range (low, high) in radians")
+        unknown = set(self.geom_kind) - set(GEOM_KINDS)
+        if unknown:
+            raise ValueError(
+                f"hand {self.name!r} has geoms of kind {sorted(unknown)}: use one of {', '.join(GEOM_KINDS)}"
+            )
+        if not self.geom_collides.any():
+            raise ValueError(
+                f"hand {self.name!r} has no geom that collides: its fingers would pass through objects"
+            )
+        # Half spaces of mesh geoms, once: (P, 4) outward normal and offset, empty for the other kinds.
+        planes = tuple(
+            half_spaces(vertices) if kind == "mesh" else np.zeros((0, 4))
+            for kind, vertices in zip(self.geom_kind, self.geom_vertices, strict=True)
+        )
+        object.__setattr__(self, "geom_planes", planes)
+        joint_of_link = np.full(len(self.link_names), -1)
+        joint_of_link[self.joint_link] = np.arange(len(self.joint_link))
+        object.__setattr__(self, "joint_of_link", joint_of_link)
+
+    def forward(self, palm_pose: np.ndarray, joint_positions: np.ndarray) -> np.ndarray:
+        """Pose of every link in the world.
+
+        palm_pose: (..., 4, 4); joint_positions: (..., J), the leading axes broadcast. Returns (..., L, 4, 4).
+        """
+        palm_pose, joint_positions = np.asarray(palm_pose), np.asarray(joint_positions)
+        if joint_positions.shape[-1:] != self.joint_link.shape:
+            raise ValueError(f"expected {len(self.joint_link)} joint positions, got {joint_positions.shape}")
+        leading = np.broadcast_shapes(palm_pose.shape[:-2], joint_positions.shape[:-1])
+        pose = np.zeros((*leading, len(self.link_names), 4, 4))
+        pose[..., 3, 3] = 1
+        pose[..., 0, :, :] = palm_pose
+        turn = rotation_about(self.joint_axis, joint_positions)  # (..., J, 3, 3)
+        for link in range(1, len(self.link_names)):
+            parent = pose[..., self.link_parent[link], :, :]
+            rotation = parent[..., :3, :3] @ self.link_rotation[link]
+            joint = self.joint_of_link[link]
+            if joint >= 0:
+                rotation = rotation @ turn[..., joint, :, :]
+            pose[..., link, :3, :3] = rotation
+            pose[..., link, :3, 3] = parent[..., :3, :3] @ self.link_position[link] + parent[..., :3, 3]
+        return pose
+
+    def sensor_frames(self, link_pose: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Sensor positions (..., 4, 3) and rotations (..., 4, 3, 3) in the world, of link poses (..., L, 4, 4)."""
+        pose = np.asarray(link_pose)[..., self.sensor_link, :, :]
+        rotation = pose[..., :3, :3] @ self.sensor_rotation
+        position = (pose[..., :3, :3] @ self.sensor_position[:, :, None])[..., 0] + pose[..., :3, 3]
+        return position, rotation
+
+    def geom_poses(self, link_pose: np.ndarray) -> np.ndarray:
+        """Poses (..., G, 4, 4) of the geoms in the world, of link poses (..., L, 4, 4)."""
+        local = np.zeros((len(self.geom_kind), 4, 4))
+        local[:, :3, :3], local[:, :3, 3], local[:, 3, 3] = self.geom_rotation, self.geom_position, 1
+        return np.asarray(link_pose)[..., self.geom_link, :, :] @ local
+
+    def geom_distance(self, geom: int, points: np.ndarray, geom_pose: np.ndarray) -> np.ndarray:
+        """Signed distance (N,) of points (N, 3) to one geom at `geom_pose` (4, 4), negative inside."""
+        local = (points - geom_pose[:3, 3]) @ geom_pose[:3, :3]
+        return signed_distance(self.geom_kind[geom], self.geom_size[geom], local, self.geom_planes[geom])
+
+    def signed_distance(self, points: np.ndarray, link_pose: np.ndarray, links=None) -> np.ndarray:
+        """Signed distance (N,) of points (N, 3) to the colliding geoms, negative inside; closed forms.
+
+        link_pose: (L, 4, 4) in the points' frame. links: only the geoms of these links (default: all).
+        """
+        poses = self.geom_poses(link_pose)
+        nearest = np.full(len(points), np.inf)
+        for geom in np.flatnonzero(self.geom_collides):
+            if links is None or self.geom_link[geom] in links:
+                np.minimum(nearest, self.geom_distance(geom, points, poses[geom]), out=nearest)
+        return nearest
+
+    def to_arrays(self) -> dict[str, np.ndarray]:
+        """The hand as named arrays (strings as bytes), such as HDF5 and Zarr store; see `from_arrays`."""
+        arrays = {}
+        for field in fields(self):
+            value = getattr(self, field.name)
+            if field.name in ("geom_vertices", "geom_faces"):
+                counts = np.array([len(part) for part in value])
+                arrays[field.name] = np.concatenate([np.reshape(part, (-1, 3)) for part in value])
+                arrays[f"{field.name}_count"] = counts
+            elif isinstance(value, np.ndarray):
+                arrays[field.name] = value
+            else:
+                names = [value] if isinstance(value, str) else list(value)
+                arrays[field.name] = np.array([name.encode() for name in names])
+        return arrays
+
+    @classmethod
+    def from_arrays(cls, arrays: Mapping[str, np.ndarray]) -> "Hand":
+        """The hand that `to_arrays` wrote; `arrays` may be any mapping of array-likes (an HDF5 group, say)."""
+        values = {}
+        for field in fields(cls):
+            value = np.asarray(arrays[field.name][...])
+            if field.name in ("geom_vertices", "geom_faces"):
+                ends = np.cumsum(np.asarray(arrays[f"{field.name}_count"][...]))
+                values[field.name] = tuple(np.split(value, ends[:-1]))
+            elif value.dtype.kind in "SUO":
+                names = tuple(n.decode() if isinstance(n, bytes) else str(n) for n in value.tolist())
+                values[field.name] = names[0] if field.name == "name" else names
+            else:
+                values[field.name] = value
+        return cls(**values)
+
+
+def rotation_about(axis: np.ndarray, angle: np.ndarray) -> np.ndarray:
+    """Rotations (..., 3, 3) by `angle` (...) about unit vectors `axis` (..., 3): Rodrigues' formula."""
+    axis, angle = np.asarray(axis, dtype=float), np.asarray(angle, dtype=float)
+    x, y, z = axis[..., 0], axis[..., 1], axis[..., 2]
+    zero = np.zeros_like(x)
+    cross = np.stack([zero, -z, y, z, zero, -x, -y, x, zero], axis=-1).reshape(*axis.shape[:-1], 3, 3)
+    sine, versine = np.sin(angle)[..., None, None], (1 - np.cos(angle))[..., None, None]
+    return np.eye(3) + sine * cross + versine * (cross @ cross)
