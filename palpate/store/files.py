@@ -1,0 +1,262 @@
+"""One batch's store on disk: written whole and checked against the contract, read array by array.
+
+Zarr v3 with the sharding codec (a chunk is one record, a shard one array of the batch) or HDF5, by the suffix.
+"""
+
+import importlib.metadata
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numcodecs.blosc
+import numpy as np
+import zarr
+from zarr.codecs import BloscCodec
+
+import palpate
+from palpate.store.atomic import whole
+from palpate.store.contract import CONTRACT, FRAMES, SCHEMA_VERSION, UNITS, ArraySpec, StoreSpec
+
+# Batches are worked on in parallel, never the chunks of one store: one thread a process, unless the user says
+# otherwise (ZARR_THREADING__MAX_WORKERS). Blosc with several threads would also not always give the same bytes.
+if zarr.config.get("threading.max_workers") is None:
+    zarr.config.set({"threading.max_workers": 1})
+numcodecs.blosc.use_threads = False
+
+# Chosen in benchmarks/store.py; lossless.
+COMPRESSION = {"cname": "zstd", "clevel": 1, "shuffle": "shuffle"}
+REQUIRED_ATTRIBUTES = ("config_digest", "seed")
+
+
+class StoreError(ValueError):
+    """A store, or the arrays meant for one, does not keep the contract; the message names the file."""
+
+
+def write(
+    path: Path | str, stage: str, arrays: Mapping[str, np.ndarray], attributes: Mapping[str, Any]
+) -> None:
+    """Write one batch's store, whole or not at all.
+
+    path: `<run>/<stage>/<batch>.zarr`, or `.h5` for grasps. stage: a key of `CONTRACT`.
+    arrays: exactly the contract's arrays; a group that it allows is given as `hand/<name>`.
+    attributes: `config_digest` and `seed`, and what else JSON can hold; versions, units and frames are added.
+    The same arrays and attributes give the same bytes. Raises StoreError if a name, shape or type is wrong.
+    """
+    path = Path(path)
+    spec = CONTRACT[stage]
+    if path.suffix != spec.suffix:
+        raise StoreError(f"{path}: a store of {stage} ends in {spec.suffix}")
+    missing = [name for name in REQUIRED_ATTRIBUTES if name not in attributes]
+    if missing:
+        raise StoreError(f"{path}: attributes {missing} are missing")
+    arrays = check_arrays(path, spec, arrays)
+    described = {**describe(spec), **attributes}
+    with whole(path) as partial:
+        writer = _write_zarr if path.suffix == ".zarr" else _write_hdf5
+        writer(partial, spec, arrays, described)
+
+
+def describe(spec: StoreSpec) -> dict[str, Any]:
+    """Attributes that every store of this stage carries: schema version, units, frames, what made it."""
+    library = "zarr" if spec.suffix == ".zarr" else "h5py"
+    versions = {name: importlib.metadata.version(name) for name in ("numpy", library, *spec.engines)}
+    return {
+        "schema_version": SCHEMA_VERSION,
+        "stage": spec.stage,
+        "units": UNITS,
+        "frames": FRAMES,
+        "versions": {"palpate": palpate.__version__, **versions},
+    }
+
+
+def check_arrays(path: Path, spec: StoreSpec, arrays: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """The arrays in the contract's order, strings as objects; raises StoreError naming the first that is wrong."""
+    grouped = {name for name in arrays if name.split("/")[0] in spec.groups and "/" in name}
+    given = set(arrays) - grouped
+    if given != set(spec.arrays):
+        missing, unknown = sorted(set(spec.arrays) - given), sorted(given - set(spec.arrays))
+        raise StoreError(f"{path}: arrays of {spec.stage} missing: {missing}, unknown: {unknown}")
+    sizes: dict[str, tuple[str, int]] = {}
+    checked = {}
+    for name, array_spec in spec.arrays.items():
+        array = np.asarray(arrays[name])
+        checked[name] = _of_type(path, array_spec, array)
+        check_shape(path, array_spec, array.shape, sizes)
+    for name in sorted(grouped):
+        array = np.asarray(arrays[name])
+        checked[name] = array.astype(object) if array.dtype.kind in "UO" else array
+    return checked
+
+
+def check_shape(
+    path: Path, spec: ArraySpec, shape: tuple[int, ...], sizes: dict[str, tuple[str, int]]
+) -> None:
+    """Check one shape against the contract and against the arrays before it, whose symbols are in `sizes`."""
+    try:
+        found = spec.sizes(shape)
+    except ValueError as error:
+        raise StoreError(f"{path}: array {spec.name!r}: {error}") from None
+    for symbol, length in found.items():
+        source, expected = sizes.setdefault(symbol, (spec.name, length))
+        if length != expected:
+            raise StoreError(
+                f"{path}: array {spec.name!r} has shape {shape}, so {symbol} = {length}, "
+                f"but {source!r} has {symbol} = {expected}"
+            )
+    values = {symbol: length for symbol, (_, length) in sizes.items()}
+    if "rr" in found and "r" in values and values["rr"] != values["r"] ** 2:
+        raise StoreError(
+            f"{path}: array {spec.name!r}: {values['rr']} rows, but readings have {values['r']} rows"
+        )
+    if "og" in found and "o" in values and (values["og"] % values["o"] if values["o"] else values["og"]):
+        raise StoreError(f"{path}: array {spec.name!r}: {values['og']} grasps for {values['o']} objects")
+
+
+def _of_type(path: Path, spec: ArraySpec, array: np.ndarray) -> np.ndarray:
+    """The array if its type is the contract's (no silent conversion); strings become an object array."""
+    if spec.dtype == "string":
+        if array.size and not all(isinstance(value, str) for value in array.flat):
+            raise StoreError(f"{path}: array {spec.name!r} must hold strings, but its type is {array.dtype}")
+        return array.astype(object)
+    if array.dtype != np.dtype(spec.dtype):
+        raise StoreError(f"{path}: array {spec.name!r} must be {spec.dtype}, but it is {array.dtype}")
+    return array
+
+
+def _write_zarr(
+    path: Path, spec: StoreSpec, arrays: dict[str, np.ndarray], attributes: dict[str, Any]
+) -> None:
+    group = zarr.create_group(path, attributes=attributes)
+    for name, array in arrays.items():
+        array_spec = spec.arrays[name]
+        text = array_spec.dtype == "string"
+        chunk = array_spec.chunk(array.shape)
+        shard = tuple(max(length, 1) for length in array.shape)
+        target = group.create_array(
+            name,
+            shape=array.shape,
+            dtype="string" if text else array.dtype,
+            chunks=chunk,
+            shards=shard if shard != chunk else None,
+            compressors=None if text else BloscCodec(**COMPRESSION),
+            fill_value=array_spec.fill,
+            attributes={"meaning": array_spec.meaning, "unit": array_spec.unit},
+        )
+        if array.size:
+            target[...] = array
+
+
+def _write_hdf5(
+    path: Path, spec: StoreSpec, arrays: dict[str, np.ndarray], attributes: dict[str, Any]
+) -> None:
+    with h5py.File(path, "w") as file:
+        file.attrs.update({name: json.dumps(value, sort_keys=True) for name, value in attributes.items()})
+        for name, array in arrays.items():
+            dtype = h5py.string_dtype() if array.dtype == object else array.dtype
+            dataset = file.create_dataset(name, data=array, dtype=dtype)
+            if name in spec.arrays:
+                dataset.attrs.update({"meaning": spec.arrays[name].meaning, "unit": spec.arrays[name].unit})
+
+
+class Store:
+    """One batch's store, opened for reading; arrays are read when they are indexed: `store["depth"][3]`.
+
+    A context manager; `attributes` are those given to `write` with versions, units and frames.
+    Raises StoreError, naming the file, if it is missing, unreadable, or of another schema version.
+    """
+
+    def __init__(self, path: Path | str):
+        self.path = Path(path)
+        if not self.path.exists():
+            raise StoreError(f"{self.path} does not exist; build it with: snakemake {_target(self.path)}")
+        try:
+            self._file = self._open()
+        except Exception as error:
+            raise self._broken(error) from error
+        version = self.attributes.get("schema_version")
+        if version != SCHEMA_VERSION:
+            self.close()
+            raise StoreError(
+                f"{self.path} has schema version {version}, but this palpate reads version {SCHEMA_VERSION}; "
+                f"remove it and build it again, or use the palpate that made it"
+            )
+
+    def _open(self) -> zarr.Group | h5py.File:
+        if self.path.suffix == ".zarr":
+            file = zarr.open_group(self.path, mode="r")
+            self.attributes = dict(file.attrs)
+        else:
+            file = h5py.File(self.path, "r")
+            self.attributes = {name: json.loads(value) for name, value in file.attrs.items()}
+        return file
+
+    def _broken(self, error: Exception) -> StoreError:
+        return StoreError(
+            f"{self.path} can't be read ({type(error).__name__}: {error}); "
+            f"remove it and build it again with: snakemake {_target(self.path)}"
+        )
+
+    def close(self) -> None:
+        """Close the file; a Zarr folder holds nothing open."""
+        if isinstance(self._file, h5py.File):
+            self._file.close()
+
+    def __enter__(self) -> "Store":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def __contains__(self, name: str) -> bool:
+        return name in self._file
+
+    def names(self) -> list[str]:
+        """Names of all arrays, those in groups as `hand/<name>`, sorted."""
+        if isinstance(self._file, h5py.File):
+            found: list[str] = []
+            self._file.visititems(
+                lambda name, item: found.append(name) if isinstance(item, h5py.Dataset) else None
+            )
+            return sorted(found)
+        return sorted(self._file.array_keys())
+
+    def lazy(self, name: str) -> zarr.Array | h5py.Dataset:
+        """The array itself, with shape and dtype, not read; raises StoreError if the store has none such."""
+        if name not in self._file:
+            raise StoreError(f"{self.path} has no array {name!r}; it has {', '.join(self.names())}")
+        return self._file[name]
+
+    def get(self, name: str, index: Any = ...) -> np.ndarray:
+        """What `index` picks of one array, read now; strings come as a numpy array of str."""
+        array = self.lazy(name)
+        try:
+            values = np.asarray(array[index])
+        except (IndexError, TypeError):
+            raise
+        except Exception as error:
+            raise self._broken(error) from error
+        if values.dtype == object:
+            return np.array(
+                [v.decode() if isinstance(v, bytes) else v for v in values.flat], dtype=str
+            ).reshape(values.shape)
+        return values
+
+    __getitem__ = get
+
+
+def open(path: Path | str) -> Store:
+    """Open one batch's store for reading."""
+    return Store(path)
+
+
+def read(path: Path | str, *names: str) -> dict[str, np.ndarray]:
+    """The named arrays of one batch's store, or all of them (`hand/<name>` for those in groups)."""
+    with Store(path) as store:
+        return {name: store.get(name) for name in names or store.names()}
+
+
+def _target(path: Path) -> str:
+    """The path as Snakemake's targets name it: from the run's folder on."""
+    return "/".join(path.parts[-2:])
