@@ -11,8 +11,8 @@ from pathlib import Path
 def whole(path: Path | str) -> Iterator[Path]:
     """A temporary path beside `path` for a file or a folder, renamed to `path` when the block succeeds.
 
-    The temporary name keeps the suffix, because many writers go by it. Whatever stood at `path` is replaced; what
-    a killed run left behind is removed first. If the block raises, `path` is as it was before.
+    The temporary name keeps the suffix, because many writers go by it. Whatever stood at `path` is replaced;
+    what a killed run left behind is removed first. If the block raises, `path` is as it was before.
     Raises FileNotFoundError if the block wrote nothing.
     """
     path = Path(path)

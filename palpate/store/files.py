@@ -1,6 +1,7 @@
 """One batch's store on disk: written whole and checked against the contract, read array by array.
 
-Zarr v3 with the sharding codec (a chunk is one record, a shard one array of the batch) or HDF5, by the suffix.
+Zarr v3 with the sharding codec (a chunk is one record, a shard one array of the batch) or HDF5, by the
+suffix.
 """
 
 import importlib.metadata
@@ -20,7 +21,7 @@ from palpate.store.atomic import whole
 from palpate.store.contract import CONTRACT, FRAMES, SCHEMA_VERSION, UNITS, ArraySpec, StoreSpec
 
 # Batches are worked on in parallel, never the chunks of one store: one thread a process, unless the user says
-# otherwise (ZARR_THREADING__MAX_WORKERS). Blosc with several threads would also not always give the same bytes.
+# otherwise (ZARR_THREADING__MAX_WORKERS). Several threads of Blosc may write a chunk's blocks in any order.
 if zarr.config.get("threading.max_workers") is None:
     zarr.config.set({"threading.max_workers": 1})
 numcodecs.blosc.use_threads = False
@@ -72,7 +73,7 @@ def describe(spec: StoreSpec) -> dict[str, Any]:
 
 
 def check_arrays(path: Path, spec: StoreSpec, arrays: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """The arrays in the contract's order, strings as objects; raises StoreError naming the first that is wrong."""
+    """The arrays in the contract's order, strings as objects; StoreError names the first that is wrong."""
     grouped = {name for name in arrays if name.split("/")[0] in spec.groups and "/" in name}
     given = set(arrays) - grouped
     if given != set(spec.arrays):
@@ -141,7 +142,7 @@ def _write_zarr(
             chunks=chunk,
             shards=shard if shard != chunk else None,
             compressors=None if text else BloscCodec(**COMPRESSION),
-            fill_value=array_spec.fill,
+            fill_value=array_spec.fill if text else array.dtype.type(array_spec.fill),
             attributes={"meaning": array_spec.meaning, "unit": array_spec.unit},
         )
         if array.size:
