@@ -1,0 +1,10 @@
+"""Procedural CAD classes: parametric families of bottles, knives, cellphones and rifles, made by CSG and lathing.
+
+Real metres, z up: a bottle stands along z; a cellphone stands upright, its screen towards +x; the long
+axis of a knife and of a rifle lies along y (tip or muzzle towards +y), its flat side faces +x.
+"""
+
+from palpate.shapes.family import CLASSES, make
+from palpate.shapes.files import suffix, write
+
+__all__ = ["CLASSES", "make", "suffix", "write"]

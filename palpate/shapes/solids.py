@@ -1,0 +1,215 @@
+"""Closed solids that the CAD families are built of: lathed, lofted and swept, combined by manifold3d.
+
+Metres. Every function returns a `manifold3d.Manifold`: a closed, outward-facing solid of positive volume.
+"""
+
+import numpy as np
+from manifold3d import CrossSection, Manifold, Mesh64
+
+# Angle between neighbouring points of an arc, radians: a chord of it leaves the arc by 0.2 % of the radius.
+ARC_STEP = np.radians(7.5)
+
+
+def filleted(points: np.ndarray, radii: np.ndarray | float, closed: bool = False) -> np.ndarray:
+    """A polyline with its corners rounded by tangent arcs.
+
+    points: (k, 2) or (k, 3), the last row not a copy of the first; radii: (k,) or one for all, 0 keeps a corner
+    sharp. Where an arc does not fit, it takes up to 49 % of the shorter neighbouring segment. The ends of
+    an open polyline stay as they are. Returns (n, 2) or (n, 3).
+    """
+    points = np.asarray(points, dtype=float)
+    radii = np.broadcast_to(np.asarray(radii, dtype=float), len(points))
+    result = []
+    for i, (corner, radius) in enumerate(zip(points, radii, strict=True)):
+        if radius <= 0 or (not closed and i in (0, len(points) - 1)):
+            result.append(corner[None])
+            continue
+        before, after = points[i - 1] - corner, points[(i + 1) % len(points)] - corner
+        long_before, long_after = np.linalg.norm(before), np.linalg.norm(after)
+        before, after = before / long_before, after / long_after
+        half = np.arccos(np.clip(before @ after, -1, 1)) / 2
+        turn = np.pi - 2 * half
+        if turn < 1e-3 or half < 1e-3:
+            result.append(corner[None])
+            continue
+        tangent = min(radius / np.tan(half), 0.49 * min(long_before, long_after))
+        radius = tangent * np.tan(half)
+        bisector = before + after
+        bisector /= np.linalg.norm(bisector)
+        centre = corner + bisector * radius / np.sin(half)
+        count = max(2, int(np.ceil(turn / ARC_STEP)) + 1)
+        start = (corner + tangent * before - centre) / radius
+        end = (corner + tangent * after - centre) / radius
+        t = np.linspace(0, 1, count)[:, None]
+        # Spherical interpolation between the two radii of the arc.
+        result.append(
+            centre + radius * (np.sin((1 - t) * turn) * start + np.sin(t * turn) * end) / np.sin(turn)
+        )
+    return np.concatenate(result)
+
+
+def lathe(profile: np.ndarray, segments: int = 64) -> Manifold:
+    """Revolve a profile around z.
+
+    profile: (k, 2) rows of (radius, z), a simple polyline; its ends are joined to the axis if they
+    are not on it.
+    """
+    profile = np.asarray(profile, dtype=float)
+    ends = [[0.0, profile[0, 1]]], [[0.0, profile[-1, 1]]]
+    outline = np.concatenate([ends[0], profile, ends[1]])
+    keep = np.append(True, np.linalg.norm(np.diff(outline, axis=0), axis=1) > 1e-9)
+    return Manifold.revolve(CrossSection([counter_clockwise(outline[keep])]), segments)
+
+
+def counter_clockwise(polygon: np.ndarray) -> np.ndarray:
+    """The polygon (k, 2), reversed if it runs clockwise."""
+    x, y = polygon.T
+    area = np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y)
+    return polygon if area > 0 else polygon[::-1]
+
+
+def loft(rings: np.ndarray) -> Manifold:
+    """Skin over cross-sections.
+
+    rings: (k, m, 3), k closed rings of m points each, corresponding points joined; the first and the last
+    ring are closed by a fan around their mean. Raises ValueError where this is not a closed solid.
+    """
+    count, around, _ = rings.shape
+    vertices = np.concatenate([rings.reshape(-1, 3), rings[0].mean(0)[None], rings[-1].mean(0)[None]])
+    index = np.arange(count * around).reshape(count, around)
+    a, b = index[:-1], np.roll(index, -1, axis=1)[:-1]
+    c, d = index[1:], np.roll(index, -1, axis=1)[1:]
+    bottom, top = count * around, count * around + 1
+    faces = np.concatenate(
+        [
+            np.stack([a, b, d], -1).reshape(-1, 3),
+            np.stack([a, d, c], -1).reshape(-1, 3),
+            np.stack([np.roll(index[0], -1), index[0], np.full(around, bottom)], -1),
+            np.stack([index[-1], np.roll(index[-1], -1), np.full(around, top)], -1),
+        ]
+    )
+    corners = vertices[faces]
+    volume = np.einsum("fi,fi->", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])) / 6
+    solid = Manifold(Mesh64(vertices, (faces if volume > 0 else faces[:, ::-1]).astype(np.uint64)))
+    if solid.is_empty():
+        raise ValueError(f"the rings of a loft do not make a closed solid: {solid.status()}")
+    return solid
+
+
+def superellipse(width: float, height: float, exponent: float = 2.0, count: int = 40) -> np.ndarray:
+    """(count, 2) points of |2x/width|^n + |2y/height|^n = 1: an ellipse at n = 2, nearly a box at n = 8."""
+    angle = 2 * np.pi * (np.arange(count) + 0.5) / count
+    cosine, sine = np.cos(angle), np.sin(angle)
+    # The radial form spaces points evenly in angle; the usual power form crowds them at the corners.
+    radius = (np.abs(cosine) ** exponent + np.abs(sine) ** exponent) ** (-1 / exponent)
+    return np.stack([width / 2 * radius * cosine, height / 2 * radius * sine], axis=1)
+
+
+def rounded_rectangle(width: float, height: float, radius: float, corner_points: int = 9) -> np.ndarray:
+    """(4 corner_points, 2) points, counter-clockwise around the origin."""
+    radius = min(radius, 0.499 * width, 0.499 * height)
+    angle = np.linspace(0, np.pi / 2, corner_points)
+    arc = radius * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    result = []
+    for quarter, (sx, sy) in enumerate([(1, 1), (-1, 1), (-1, -1), (1, -1)]):
+        c, s = [(1, 0), (0, 1), (-1, 0), (0, -1)][quarter]
+        turned = arc @ np.array([[c, s], [-s, c]])
+        result.append(turned + [sx * (width / 2 - radius), sy * (height / 2 - radius)])
+    return np.concatenate(result)
+
+
+def slab(size: tuple[float, float, float], corner: float, fillet: float, centre=(0.0, 0.0, 0.0)) -> Manifold:
+    """A plate standing in the y-z plane: size = (thickness along x, width along y, height along z).
+
+    corner: radius of its outline; fillet: radius of the edge around front and back.
+    """
+    thickness, width, height = size
+    fillet = min(fillet, 0.499 * thickness)
+    angle = np.linspace(0, np.pi / 2, 5)
+    inset = np.concatenate([fillet * (1 - np.sin(angle)), fillet * (1 - np.cos(angle))])
+    x = np.concatenate(
+        [-thickness / 2 + fillet * (1 - np.cos(angle)), thickness / 2 - fillet * (1 - np.sin(angle))]
+    )
+    rings = []
+    for offset, position in zip(inset, x, strict=True):
+        outline = rounded_rectangle(width - 2 * offset, height - 2 * offset, max(corner - offset, 1e-4))
+        rings.append(np.column_stack([np.full(len(outline), position), outline]))
+    return loft(np.array(rings)).translate(centre)
+
+
+def prism(outline: np.ndarray, thickness: float, bevel: float = 0.0) -> Manifold:
+    """Extrude an outline (k, 2) of (y, z) along x, centred on x = 0; edges bevelled at 45 degrees by `bevel`."""
+    section = CrossSection([counter_clockwise(np.asarray(outline, dtype=float))])
+    # Extrusion is along z: (y, z, x) is an even permutation of (x, y, z).
+    to_plane = np.array([[0, 0, 1, 0], [1, 0, 0, 0], [0, 1, 0, 0]], dtype=float)
+    if bevel <= 0:
+        return section.extrude(thickness).translate((0, 0, -thickness / 2)).transform(to_plane)
+    layers = 3
+    solids = []
+    for layer in range(layers + 1):
+        # Nested plates, the thicker the smaller: a stepped approximation of a rounded edge.
+        angle = np.pi / 2 * layer / layers
+        inset, height = bevel * (1 - np.cos(angle)), thickness - 2 * bevel * (1 - np.sin(angle))
+        inner = section.offset(-inset) if inset > 0 else section
+        solids.append(inner.extrude(height).translate((0, 0, -height / 2)))
+    return union(solids).transform(to_plane)
+
+
+def sweep(
+    path: np.ndarray, section: np.ndarray, scale: np.ndarray | None = None, side=(1.0, 0.0, 0.0)
+) -> Manifold:
+    """Move a section along a path.
+
+    path: (k, 3); section: (m, 2), its first coordinate along `side`, its second across the path; scale:
+    (k,) or (k, 2) factors of the section. The path must not run along `side`.
+    """
+    path = np.asarray(path, dtype=float)
+    tangent = np.gradient(path, axis=0)
+    tangent /= np.linalg.norm(tangent, axis=1, keepdims=True)
+    across = np.cross(tangent, np.broadcast_to(side, path.shape))
+    across /= np.linalg.norm(across, axis=1, keepdims=True)
+    first = np.cross(across, tangent)
+    scale = (
+        np.ones((len(path), 2))
+        if scale is None
+        else np.broadcast_to(np.asarray(scale, float).T, (2, len(path))).T
+    )
+    rings = (
+        path[:, None]
+        + first[:, None] * (section[None, :, :1] * scale[:, None, :1])
+        + across[:, None] * (section[None, :, 1:] * scale[:, None, 1:])
+    )
+    return loft(rings)
+
+
+def rod(start, end, radius: float, end_radius: float | None = None, segments: int = 32) -> Manifold:
+    """A cylinder or truncated cone from `start` to `end` (3,)."""
+    start, end = np.asarray(start, float), np.asarray(end, float)
+    axis = (end - start) / np.linalg.norm(end - start)
+    side = np.eye(3)[np.argmin(np.abs(axis))]
+    section = superellipse(2, 2, 2, segments)
+    radii = np.array([radius, radius if end_radius is None else end_radius])
+    return sweep(np.array([start, end]), section, radii, side)
+
+
+def turned(profile: np.ndarray, start, direction, segments: int = 32) -> Manifold:
+    """A lathed solid whose axis runs from `start` along `direction`; profile as in `lathe`, z along the axis."""
+    direction = np.asarray(direction, float) / np.linalg.norm(direction)
+    first = np.cross(np.eye(3)[np.argmin(np.abs(direction))], direction)
+    first /= np.linalg.norm(first)
+    frame = np.column_stack([first, np.cross(direction, first), direction, np.asarray(start, float)])
+    return lathe(profile, segments).transform(frame)
+
+
+def box(size, centre=(0.0, 0.0, 0.0)) -> Manifold:
+    """An axis-aligned box."""
+    return Manifold.cube(tuple(map(float, size)), True).translate(tuple(map(float, centre)))
+
+
+def union(solids) -> Manifold:
+    """The union of a list of solids."""
+    solids = list(solids)
+    result = solids[0]
+    for solid in solids[1:]:
+        result = result + solid
+    return result
