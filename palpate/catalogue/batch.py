@@ -3,6 +3,7 @@
 import csv
 import hashlib
 import logging
+import os
 import sys
 from collections.abc import Callable, Iterable
 from pathlib import Path
@@ -33,6 +34,24 @@ def generator(seed: int, *names: str) -> np.random.Generator:
     return np.random.default_rng(np.frombuffer(digest, dtype=np.uint32))
 
 
+def log_to(path: Path | str) -> None:
+    """Send a job's log lines, what engines print, and the traceback of a failure to its log file.
+
+    Standard error stays on the terminal, for the progress bar and for the failure's message.
+    """
+    file = open(path, "w", buffering=1)  # noqa: SIM115 - it lives as long as the process
+    logging.basicConfig(stream=file, level=logging.INFO, format="%(asctime)s %(levelname)s %(message)s", force=True)
+    logging.captureWarnings(True)
+    sys.stdout.flush()
+    os.dup2(file.fileno(), 1)
+
+    def excepthook(kind, error, traceback):
+        log.critical("stopped", exc_info=(kind, error, traceback))
+        sys.__excepthook__(kind, error, traceback)
+
+    sys.excepthook = excepthook
+
+
 def each_object(
     objects: Iterable[str], function: Callable[[str], Any], stage: str
 ) -> tuple[dict[str, Any], list[Rejection]]:
@@ -55,6 +74,15 @@ def each_object(
             rejections.append(Rejection(name, stage, f"{type(error).__name__}: {error}"))
             log.exception("%s %d/%d: %s failed", stage, position, len(objects), name)
     return results, rejections
+
+
+def read_rejections(paths: Iterable[Path | str]) -> list[Rejection]:
+    """The rejections in files that `write_rejections` wrote, in their order."""
+    rejections = []
+    for path in paths:
+        with open(path, newline="") as file:
+            rejections += [Rejection(**row) for row in csv.DictReader(file)]
+    return rejections
 
 
 def write_rejections(path: Path | str, rejections: Iterable[Rejection]) -> None:

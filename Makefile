@@ -1,0 +1,40 @@
+# The README's commands. `make env` builds .venv from the locked requirements; everything else needs it.
+PYTHON ?= python3.11
+CORES ?= $(shell nproc)
+BIN := .venv/bin
+UV_VERSION := 0.13.8
+
+.PHONY: run smoke test lint env lock
+
+run: env
+	$(BIN)/snakemake --cores $(CORES) all validate
+
+smoke: env
+	$(BIN)/snakemake --cores $(CORES) smoke
+
+test: env
+	$(BIN)/pytest
+
+lint: env
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/snakefmt --check Snakefile workflow
+	$(BIN)/snakemake --lint
+
+env: .venv/installed
+	@$(BIN)/python -m palpate.vision.system --install
+
+.venv/installed: envs/requirements.txt pyproject.toml
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info[:2] != (3, 11))' 2>/dev/null || \
+	  { echo "Palpate needs Python 3.11 (Blender's wheel is built for it): name it with make PYTHON=/path/to/python3.11" >&2; exit 1; }
+	$(PYTHON) -m venv .venv
+	$(BIN)/pip install --quiet --requirement envs/requirements.txt
+	$(BIN)/pip install --quiet --no-deps --editable .
+	touch $@
+
+# Resolve envs/requirements.in again: requirements.txt for pip, palpate.yaml for conda.
+lock: env
+	$(BIN)/pip install --quiet uv==$(UV_VERSION)
+	printf '# Locked: made from requirements.in by `make lock`. Python 3.11, Linux.\n' > envs/requirements.txt
+	$(BIN)/uv pip compile --quiet --python-version 3.11 --no-header --no-annotate --no-emit-index-url \
+	  envs/requirements.in >> envs/requirements.txt

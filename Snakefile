@@ -1,0 +1,70 @@
+# Palpate: from CAD meshes to a visuo-tactile dataset, its tables and its figures.
+#
+#   snakemake --cores 2 all                                       the default run
+#   snakemake --cores 2 --configfile config/small.yaml all        another size, in results/small/
+#   snakemake --cores 2 tables/grasp_success.csv                  just what that table needs
+#   snakemake --cores 2 validate                                  the dataset, and every check of it
+#   snakemake --cores 2 smoke                                     one object, end to end
+from pathlib import Path
+
+from snakemake.utils import min_version
+
+min_version("9.0")
+
+PROJECT = Path(workflow.basedir)
+
+
+configfile: PROJECT / "config/config.yaml"
+
+
+include: "workflow/rules/configuration.smk"
+
+
+# Absolute, so that a cluster's jobs don't nest it, and so that `tables/x.csv` means the run's.
+workdir: RUN_FOLDER
+
+
+include: "workflow/rules/shapes.smk"
+include: "workflow/rules/catalogue.smk"
+include: "workflow/rules/meshes.smk"
+include: "workflow/rules/surface.smk"
+include: "workflow/rules/grasps.smk"
+include: "workflow/rules/touch.smk"
+include: "workflow/rules/vision.smk"
+include: "workflow/rules/validation.smk"
+include: "workflow/rules/tables.smk"
+include: "workflow/rules/figures.smk"
+
+
+localrules:
+    all,
+    dataset,
+    smoke,
+    validate,
+
+
+rule all:
+    default_target: True
+    input:
+        rules.dataset.input,
+        "reports/validation.csv",
+        TABLES,
+        FIGURES,
+
+
+rule dataset:
+    input:
+        "catalogue.csv",
+        "rejected.csv",
+        expand("surface/{batch}.zarr", batch=BATCHES),
+        expand("grasps/{batch}.h5", batch=BATCHES),
+        expand("touch/{batch}.zarr", batch=BATCHES),
+        expand("vision/{batch}.zarr", batch=BATCHES),
+
+
+# A run of its own (config/smoke.yaml, results/smoke/), whatever the config of this one.
+rule smoke:
+    threads: workflow.cores
+    shell:
+        "snakemake --snakefile {PROJECT}/Snakefile --directory {PROJECT} --cores {threads}"
+        " --configfile {PROJECT}/config/smoke.yaml -- all validate"

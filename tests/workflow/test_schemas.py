@@ -1,0 +1,76 @@
+"""Config files and experiments are checked before anything runs, in one clear message."""
+
+import copy
+from pathlib import Path
+
+import pytest
+import yaml
+from snakemake.utils import update_config
+
+from palpate.catalogue.schema import Invalid, check
+
+PROJECT = Path(__file__).parents[2]
+SCHEMA = PROJECT / "workflow/schemas/config.schema.yaml"
+DEFAULT = yaml.safe_load((PROJECT / "config/config.yaml").read_text())
+
+
+def overlaid(overlay: dict) -> dict:
+    config = copy.deepcopy(DEFAULT)
+    update_config(config, overlay)
+    return config
+
+
+@pytest.mark.parametrize("name", ["config", "smoke", "small", "paper"])
+def test_shipped_configs_are_valid(name):
+    config = overlaid(yaml.safe_load((PROJECT / f"config/{name}.yaml").read_text()))
+    check(config, SCHEMA, name)
+    counts = {row["class"]: row["objects"] for row in config["classes"]}
+    expected = {
+        "config": [20, 20, 20, 20],
+        "smoke": [1],
+        "small": [60, 60, 60, 60],
+        "paper": [487, 416, 493, 335],  # supplement, table of per-class statistics
+    }
+    assert list(counts.values()) == expected[name]
+
+
+@pytest.mark.parametrize(
+    ("overlay", "said"),
+    [
+        ({"grasps": {"attempst": 3}}, "grasps.attempst: unknown key; did you mean 'attempts'?"),
+        ({"sede": 3}, "sede: unknown key; did you mean 'seed'?"),
+        ({"zzz": 3}, "zzz: unknown key; known keys: run, seed"),
+        ({"batch_size": "16"}, "batch_size: '16' is not of type 'integer'"),
+        ({"batch_size": 0}, "batch_size: 0 is less than the minimum of 1"),
+        ({"source": {"kind": "shapenet"}}, "source.path: None is not of type 'string'"),
+        ({"source": {"kind": "procedurl"}}, "source.kind: 'procedurl' is not one of"),
+        ({"classes": [{"class": "bottle", "objects": -1}]}, "classes.0.objects: -1 is less than the minimum"),
+        ({"classes": [{"class": "bottle", "objects": "few"}]}, "classes.0.objects: 'all' was expected"),
+        ({"classes": [{"class": "../x", "objects": 1}]}, "classes.0.class: '../x' does not match"),
+        ({"classes": "some"}, "classes: 'all' was expected"),
+        ({"grasps": {"timestep": 0.1}}, "grasps.timestep: 0.1 is greater than the maximum of 0.01"),
+        ({"grasps": {"hand": {"mjcf": "hand.xml"}}}, "grasps.hand.sensors: missing"),
+        ({"run": "a/b"}, "run: 'a/b' does not match"),
+    ],
+)
+def test_each_mistake_is_one_clear_line(overlay, said):
+    with pytest.raises(Invalid) as error:
+        check(overlaid(overlay), SCHEMA, "config.yaml")
+    lines = str(error.value).splitlines()
+    assert lines[0] == "config.yaml does not fit config.schema.yaml:"
+    assert len(lines) == 2
+    assert lines[1].strip().startswith(said)
+
+
+def test_all_mistakes_are_said_at_once():
+    with pytest.raises(Invalid) as error:
+        check(overlaid({"seed": "x", "surface": {"method": "magic"}}), SCHEMA, "config.yaml")
+    assert len(str(error.value).splitlines()) == 3
+
+
+def test_experiments_are_valid_and_tables_name_only_what_exists():
+    experiments = yaml.safe_load((PROJECT / "config/experiments.yaml").read_text())
+    check(experiments, PROJECT / "workflow/schemas/experiments.schema.yaml", "experiments.yaml")
+    named = {name for table in experiments["tables"].values() for name in table["experiments"]}
+    assert named == set(experiments["experiments"])
+    assert len(experiments["tables"]["model_selection"]["experiments"]) == 12  # the paper's rows

@@ -1,0 +1,69 @@
+FIGURES = [
+    "figures/data_point.png",
+    "figures/grasp_steps.png",
+    *expand("figures/examples_{name}.png", name=CLASS_COUNTS),
+]
+
+
+rule data_point:
+    input:
+        unpack(whole_dataset),
+    output:
+        figure=report(
+            "figures/data_point.png",
+            caption="../report/data_point.rst",
+            category="Dataset",
+        ),
+    log:
+        "logs/data_point.log",
+    benchmark:
+        "benchmarks/data_point.tsv"
+    threads: 1
+    resources:
+        mem_mb=3000,
+        runtime=10,
+    script:
+        "../scripts/data_point.py"
+
+
+rule grasp_steps:
+    input:
+        unpack(whole_dataset),
+    output:
+        figure=report(
+            "figures/grasp_steps.png",
+            caption="../report/grasp_steps.rst",
+            category="Dataset",
+        ),
+    log:
+        "logs/grasp_steps.log",
+    benchmark:
+        "benchmarks/grasp_steps.tsv"
+    threads: 1
+    resources:
+        mem_mb=3000,
+        runtime=10,
+    script:
+        "../scripts/grasp_steps.py"
+
+
+rule examples:
+    input:
+        unpack(whole_dataset),
+    output:
+        figure=report(
+            "figures/examples_{name}.png",
+            caption="../report/examples.rst",
+            category="Dataset",
+            labels={"class": "{name}"},
+        ),
+    log:
+        "logs/examples_{name}.log",
+    benchmark:
+        "benchmarks/examples_{name}.tsv"
+    threads: 1
+    resources:
+        mem_mb=3000,
+        runtime=10,
+    script:
+        "../scripts/examples.py"

@@ -1,0 +1,20 @@
+# Points on the exterior surface of every object.
+rule surface:
+    input:
+        meshes="meshes/{batch}",
+    output:
+        surface=directory("surface/{batch}.zarr"),
+        rejected="rejected/surface/{batch}.csv",
+    log:
+        "logs/surface/{batch}.log",
+    benchmark:
+        "benchmarks/surface/{batch}.tsv"
+    threads: 1
+    resources:
+        mem_mb=2000,
+        runtime=30,
+    params:
+        surface=config["surface"],
+        seed=config["seed"],
+    script:
+        "../scripts/surface.py"

@@ -1,0 +1,52 @@
+# Every array of every store against the dataset contract.
+rule validate_batch:
+    input:
+        meshes="meshes/{batch}",
+        catalogue="catalogue/{batch}.csv",
+        stores=batch_stores,
+        rejected=expand("rejected/{stage}/{{batch}}.csv", stage=STAGES),
+    output:
+        table="reports/validation/{batch}.csv",
+    log:
+        "logs/validate_batch/{batch}.log",
+    benchmark:
+        "benchmarks/validate_batch/{batch}.tsv"
+    threads: 1
+    resources:
+        mem_mb=4000,
+        runtime=60,
+    script:
+        "../scripts/validate_batch.py"
+
+
+rule validation:
+    input:
+        catalogue="catalogue.csv",
+        rejected="rejected.csv",
+        batches=expand("reports/validation/{batch}.csv", batch=BATCHES),
+    output:
+        table=report(
+            "reports/validation.csv",
+            caption="../report/validation.rst",
+            category="Dataset",
+        ),
+    log:
+        "logs/validation.log",
+    benchmark:
+        "benchmarks/validation.tsv"
+    threads: 1
+    resources:
+        mem_mb=1000,
+        runtime=5,
+    script:
+        "../scripts/validation.py"
+
+
+# A target that fails if a check failed; the report stays, to be read.
+rule validate:
+    input:
+        table="reports/validation.csv",
+    log:
+        "logs/validate.log",
+    script:
+        "../scripts/validate.py"

@@ -1,0 +1,22 @@
+# Images of every object, alone and in each grasp, rendered by Blender: one process a batch.
+rule vision:
+    input:
+        meshes="meshes/{batch}",
+        grasps="grasps/{batch}.h5",
+    output:
+        vision=directory("vision/{batch}.zarr"),
+        masters=EXR_MASTERS,
+        rejected="rejected/vision/{batch}.csv",
+    log:
+        "logs/vision/{batch}.log",
+    benchmark:
+        "benchmarks/vision/{batch}.tsv"
+    threads: 1
+    resources:
+        mem_mb=4000,
+        runtime=120,
+    params:
+        vision=config["vision"],
+        seed=config["seed"],
+    script:
+        "../scripts/vision.py"

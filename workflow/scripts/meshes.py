@@ -1,0 +1,41 @@
+"""Meshes of a batch: loaded, repaired, normalised, decimated.
+
+meshes/<batch>/<object>/visual.glb       full resolution, materials and textures; own frame, metres
+                        collision.ply    what the hand collides with
+                        level-<n>.ply    further decimation levels
+                        mesh.json        faces, repairs made, measured distance to the source
+rejected/meshes/<batch>.csv              object, stage, reason
+"""
+
+import shutil
+from pathlib import Path
+
+import pandas as pd
+
+from palpate import mesh
+from palpate.catalogue import each_object, log_to, write_rejections
+from palpate.store import whole
+
+log_to(snakemake.log[0])
+catalogue = pd.read_csv(snakemake.input.catalogue, dtype=str).set_index("object")
+settings, source = snakemake.params.mesh, snakemake.params.source
+
+with whole(snakemake.output.meshes) as batch, whole(snakemake.output.rejected) as rejected:
+    batch.mkdir()
+
+    def prepare(name: str) -> None:
+        folder = batch / name
+        try:
+            mesh.prepare(
+                Path(source["path"]) / catalogue.source[name],
+                folder,
+                up=source["up"],
+                collision_faces=settings["collision_faces"],
+                levels=settings["levels"],
+            )
+        except BaseException:
+            shutil.rmtree(folder, ignore_errors=True)
+            raise
+
+    _, rejections = each_object(catalogue.index, prepare, "meshes")
+    write_rejections(rejected, rejections)

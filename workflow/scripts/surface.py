@@ -1,0 +1,36 @@
+"""Surface points of a batch.
+
+surface/<batch>.zarr             points    (o, 10000, 3)    exterior surface, uniform by area; world frame, m
+rejected/surface/<batch>.csv     object, stage, reason
+"""
+
+from pathlib import Path
+
+import numpy as np
+
+from palpate import mesh, store, surface
+from palpate.catalogue import each_object, generator, log_to, write_rejections
+
+log_to(snakemake.log[0])
+meshes, settings, seed = Path(snakemake.input.meshes), snakemake.params.surface, snakemake.params.seed
+
+
+def sample(name: str) -> np.ndarray:
+    points = surface.sample(
+        mesh.load_visual(meshes / name), settings["points"], generator(seed, name, "surface"), settings["method"]
+    )
+    return (points + mesh.OBJECT_POSITION).astype(np.float32)
+
+
+points, rejections = each_object(mesh.objects(meshes), sample, "surface")
+with store.whole(snakemake.output.rejected) as rejected:
+    write_rejections(rejected, rejections)
+store.write(
+    snakemake.output.surface,
+    "surface",
+    {
+        "object": np.array(list(points), dtype=str),
+        "points": np.array(list(points.values()), np.float32).reshape(-1, settings["points"], 3),
+    },
+    {"seed": seed, "config_digest": store.config_digest(settings)},
+)

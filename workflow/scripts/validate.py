@@ -1,0 +1,13 @@
+"""Fails, naming them, if a check in reports/validation.csv failed."""
+
+import sys
+
+import pandas as pd
+
+from palpate.catalogue import log_to
+
+log_to(snakemake.log[0])
+checks = pd.read_csv(snakemake.input.table)
+failed = checks[~checks.passed]
+if len(failed):
+    sys.exit(f"{len(failed)} of {len(checks)} checks failed:\n{failed.to_string(index=False)}")
