@@ -1,0 +1,1 @@
+"""Surface: points on the exterior surface of an object."""

@@ -1,0 +1,119 @@
+"""What every way of tracing a sensor's depth map shares: only what can be felt is looked at."""
+
+from abc import ABC, abstractmethod
+from typing import NamedTuple
+
+import numpy as np
+import trimesh
+
+from palpate.surface.embree import Scene
+from palpate.touch.sensor import PIXEL, RESOLUTION, SENSOR_RANGE, SENSOR_WIDTH
+
+# Margin of the conservative tests in metres, far above their rounding errors.
+_MARGIN = 1e-5
+
+
+class Block(NamedTuple):
+    """A rectangle of pixels."""
+
+    rows: slice
+    columns: slice
+
+
+class Tracer(ABC):
+    """Orthographic depth maps of one object, seen from touch sensors.
+
+    The depth of a pixel is the distance along the sensor's +x, from the sensor plane, to the first face of
+    either orientation (a mesh need not be closed); +inf where there is none within `SENSOR_RANGE`.
+    """
+
+    def __init__(self, mesh: trimesh.Trimesh, object_position=(0.0, 0.0, 0.0)):
+        """Build the object's search tree, once for all its grasps.
+
+        Args:
+            mesh: the object in its own frame, metres.
+            object_position: (3,) where the origin of that frame is in the frame of the sensors' poses.
+
+        Raises ValueError if no face has an area.
+        """
+        self._scene = Scene(mesh)
+        self._object_position = np.asarray(object_position, dtype=np.float64)
+        # (3, f), so that a test of one coordinate reads memory in order.
+        self._low = np.ascontiguousarray(self._scene.triangles.min(axis=1).T)
+        self._high = np.ascontiguousarray(self._scene.triangles.max(axis=1).T)
+
+    def trace(self, position: np.ndarray, rotation: np.ndarray) -> np.ndarray:
+        """Depth maps of k sensors.
+
+        Args:
+            position: (k, 3), rotation: (k, 3, 3) of the sensors; columns of a rotation are the frame's axes.
+
+        Returns:
+            (k, 100, 100) float32 metres.
+        """
+        depth = np.full((len(position), RESOLUTION, RESOLUTION), np.inf, dtype=np.float32)
+        for k, origin in enumerate(np.asarray(position, dtype=np.float64) - self._object_position):
+            block = self._felt_block(origin, rotation[k])
+            if block is not None:
+                depth[k, block.rows, block.columns] = self._in_range(origin, rotation[k], block)
+        return depth
+
+    def succeeds(self, position: np.ndarray, rotation: np.ndarray) -> np.ndarray:
+        """Whether each sensor feels anything: (k,) bool, the same as `isfinite(trace(...)).any()` of each.
+
+        Cheaper, for ranking many grasps: pixels are looked at from coarse to fine until one is in range.
+        """
+        success = np.zeros(len(position), dtype=bool)
+        for k, origin in enumerate(np.asarray(position, dtype=np.float64) - self._object_position):
+            block = self._felt_block(origin, rotation[k])
+            if block is not None:
+                success[k] = any(
+                    np.isfinite(self._in_range(origin, rotation[k], part)).any()
+                    for part in _coarse_to_fine(block)
+                )
+        return success
+
+    def _in_range(self, origin, rotation, block: Block) -> np.ndarray:
+        depth = self._depth(origin, rotation, block)
+        return np.where(depth <= SENSOR_RANGE, depth, np.inf)
+
+    @abstractmethod
+    def _depth(self, origin, rotation, block: Block) -> np.ndarray:
+        """(rows, columns) float64 depth of a block of pixels, exact up to `SENSOR_RANGE`, any larger number
+        beyond.
+
+        `origin` is the sensor's position in the object's own frame.
+        """
+
+    def _felt_block(self, origin, rotation) -> Block | None:
+        """A block of pixels outside of which nothing can be in range; None if nothing can be in range at all.
+
+        Conservative: the faces whose bounding boxes meet the bounding box of the sensor's reach, then their
+        extent in the sensor's frame. Leaving the rest out does not change a single depth.
+        """
+        half = np.array([SENSOR_RANGE, SENSOR_WIDTH, SENSOR_WIDTH]) / 2
+        centre = origin + rotation[:, 0] * half[0]
+        extent = np.abs(rotation) @ half + _MARGIN
+        near = np.ones(self._low.shape[1], dtype=bool)
+        for axis in range(3):
+            near &= self._low[axis] <= centre[axis] + extent[axis]
+            near &= self._high[axis] >= centre[axis] - extent[axis]
+        faces = np.flatnonzero(near)
+        if not len(faces):
+            return None
+        corners = (self._scene.triangles[faces] - origin) @ rotation
+        low, high = corners.min(axis=1), corners.max(axis=1)
+        box = np.array([[0, -half[1], -half[2]], [SENSOR_RANGE, half[1], half[2]]])
+        meets = ((low <= box[1] + _MARGIN) & (high >= box[0] - _MARGIN)).all(axis=1)
+        if not meets.any():
+            return None
+        first = np.floor((low[meets, 1:].min(axis=0) - _MARGIN) / PIXEL + RESOLUTION / 2 - 0.5).astype(int)
+        last = np.ceil((high[meets, 1:].max(axis=0) + _MARGIN) / PIXEL + RESOLUTION / 2 - 0.5).astype(int)
+        first, last = np.clip(first, 0, RESOLUTION), np.clip(last + 1, 0, RESOLUTION)
+        return Block(rows=slice(first[1], last[1]), columns=slice(first[0], last[0]))
+
+
+def _coarse_to_fine(block: Block):
+    """Every 10th pixel of a block in both directions, then all."""
+    for step in (10, 1):
+        yield Block(*(slice(side.start, side.stop, step) for side in block))
