@@ -1,1 +1,5 @@
-"""Surface: points on the exterior surface of an object."""
+"""Surface: points spread uniformly over the exterior of an object."""
+
+from palpate.surface.sampling import METHODS, sample
+
+__all__ = ["METHODS", "sample"]
