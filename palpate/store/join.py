@@ -1,0 +1,39 @@
+"""From the results of each object of a batch to the arrays of the batch's store."""
+
+import hashlib
+import json
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from palpate.store.contract import CONTRACT
+
+
+def join(stage: str, records: Mapping[str, Mapping[str, np.ndarray]]) -> dict[str, np.ndarray]:
+    """The arrays of a batch, from the named arrays of each of its objects, in the contract's types.
+
+    Arrays with one record an object are stacked, those with one a grasp are joined end to end. `object`, and
+    `object_index` and `grasp_index` where the contract has them, are made here. Axes of a batch without objects
+    have length 0.
+    """
+    arrays = {"object": np.array(list(records), dtype=str)}
+    for name, spec in CONTRACT[stage].arrays.items():
+        if spec.shape[0] not in ("o", "og") or name in ("object", "object_index", "grasp_index"):
+            continue
+        parts = [np.asarray(record[name], dtype=spec.dtype) for record in records.values()]
+        if not parts:
+            arrays[name] = np.empty([size if isinstance(size, int) else 0 for size in spec.shape], spec.dtype)
+        else:
+            arrays[name] = np.stack(parts) if spec.shape[0] == "o" else np.concatenate(parts)
+    if "grasp_index" in CONTRACT[stage].arrays:
+        grasps = len(arrays["palm_pose"])
+        index = np.arange(grasps, dtype=np.int32)
+        each = grasps // max(len(records), 1) or 1
+        arrays["object_index"], arrays["grasp_index"] = index // each, index % each
+    return arrays
+
+
+def config_digest(config: Any) -> str:
+    """SHA-256 of the part of the config that a store depends on; stands in its attributes."""
+    return hashlib.sha256(json.dumps(config, sort_keys=True).encode()).hexdigest()
