@@ -2,6 +2,20 @@
 
 from palpate.store.atomic import whole
 from palpate.store.contract import CONTRACT, SCHEMA_VERSION
+from palpate.store.dataset import Dataset
 from palpate.store.files import Store, StoreError, open, read, write
+from palpate.store.join import config_digest, join
 
-__all__ = ["CONTRACT", "SCHEMA_VERSION", "Store", "StoreError", "open", "read", "whole", "write"]
+__all__ = [
+    "CONTRACT",
+    "SCHEMA_VERSION",
+    "Dataset",
+    "Store",
+    "StoreError",
+    "config_digest",
+    "join",
+    "open",
+    "read",
+    "whole",
+    "write",
+]

@@ -6,7 +6,9 @@ suffix.
 
 import importlib.metadata
 import json
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +16,7 @@ import h5py
 import numcodecs.blosc
 import numpy as np
 import zarr
-from zarr.codecs import BloscCodec
+from zarr.codecs import BloscCodec, Crc32cCodec
 
 import palpate
 from palpate.store.atomic import whole
@@ -141,7 +143,7 @@ def _write_zarr(
             dtype="string" if text else array.dtype,
             chunks=chunk,
             shards=shard if shard != chunk else None,
-            compressors=None if text else BloscCodec(**COMPRESSION),
+            compressors=[Crc32cCodec()] if text else [BloscCodec(**COMPRESSION), Crc32cCodec()],
             fill_value=array_spec.fill if text else array.dtype.type(array_spec.fill),
             attributes={"meaning": array_spec.meaning, "unit": array_spec.unit},
         )
@@ -155,96 +157,110 @@ def _write_hdf5(
     with h5py.File(path, "w") as file:
         file.attrs.update({name: json.dumps(value, sort_keys=True) for name, value in attributes.items()})
         for name, array in arrays.items():
-            dtype = h5py.string_dtype() if array.dtype == object else array.dtype
-            dataset = file.create_dataset(name, data=array, dtype=dtype)
+            if array.dtype == object:  # of fixed length: those of variable length have no checksums
+                array = np.char.encode(array.astype(str), "utf-8")
+                array = array.astype(h5py.string_dtype("utf-8", max(array.dtype.itemsize, 1)))
+            whole_array = {"chunks": array.shape, "fletcher32": True} if array.size and array.ndim else {}
+            dataset = file.create_dataset(name, data=array, **whole_array)
             if name in spec.arrays:
                 dataset.attrs.update({"meaning": spec.arrays[name].meaning, "unit": spec.arrays[name].unit})
 
 
 class Store:
-    """One batch's store, opened for reading; arrays are read when they are indexed: `store["depth"][3]`.
+    """One batch's store, for reading: `store["depth"]`, `store.get("depth", 3)`, `store.attributes`.
 
-    A context manager; `attributes` are those given to `write` with versions, units and frames.
-    Raises StoreError, naming the file, if it is missing, unreadable, or of another schema version.
+    Arrays are read when they are asked for, and then only the records that the index needs. Nothing stays
+    open, so it is safe to fork. Raises StoreError, naming the file and the remedy, if the store is missing,
+    unreadable, or of another schema version.
     """
 
     def __init__(self, path: Path | str):
         self.path = Path(path)
         if not self.path.exists():
-            raise StoreError(f"{self.path} does not exist; build it with: snakemake {_target(self.path)}")
-        try:
-            self._file = self._open()
-        except Exception as error:
-            raise self._broken(error) from error
+            raise StoreError(f"{self.path} does not exist; build it with: snakemake {self._target}")
+        self._headers: dict[str, zarr.Array] = {}
+        with self._arrays() as arrays:
+            attributes = dict(arrays.attrs)
+        text = self.path.suffix != ".zarr"  # HDF5 has no nested attributes: there each is a JSON text
+        self.attributes = {name: json.loads(value) if text else value for name, value in attributes.items()}
         version = self.attributes.get("schema_version")
         if version != SCHEMA_VERSION:
-            self.close()
             raise StoreError(
                 f"{self.path} has schema version {version}, but this palpate reads version {SCHEMA_VERSION}; "
-                f"remove it and build it again, or use the palpate that made it"
+                f"use the palpate that made it, or remove it and build it with: snakemake {self._target}"
             )
 
-    def _open(self) -> zarr.Group | h5py.File:
+    @property
+    def _target(self) -> str:
+        """The path as Snakemake's targets name it: from the run's folder on."""
+        return "/".join(self.path.parts[-2:])
+
+    @contextmanager
+    def _arrays(self) -> Iterator[h5py.File | zarr.Group]:
+        """The file or folder, open for reading; what goes wrong with it becomes a StoreError."""
+        try:
+            if self.path.suffix == ".zarr":
+                yield self._group
+            else:
+                with h5py.File(self.path, "r") as file:
+                    yield file
+        except (StoreError, IndexError):  # about the array asked for, not about the file
+            raise
+        except Exception as error:
+            raise StoreError(
+                f"{self.path} can't be read ({type(error).__name__}: {error}); "
+                f"remove it and build it again with: snakemake {self._target}"
+            ) from error
+
+    @cached_property
+    def _group(self) -> zarr.Group:
+        return zarr.open_group(self.path, mode="r")
+
+    def _array(self, arrays: h5py.File | zarr.Group, name: str) -> h5py.Dataset | zarr.Array:
+        """One array, not read; StoreError if there is none such."""
+        if name in self._headers:
+            return self._headers[name]
+        if name not in arrays:
+            raise StoreError(f"{self.path} has no array {name!r}")
         if self.path.suffix == ".zarr":
-            file = zarr.open_group(self.path, mode="r")
-            self.attributes = dict(file.attrs)
-        else:
-            file = h5py.File(self.path, "r")
-            self.attributes = {name: json.loads(value) for name, value in file.attrs.items()}
-        return file
-
-    def _broken(self, error: Exception) -> StoreError:
-        return StoreError(
-            f"{self.path} can't be read ({type(error).__name__}: {error}); "
-            f"remove it and build it again with: snakemake {_target(self.path)}"
-        )
-
-    def close(self) -> None:
-        """Close the file; a Zarr folder holds nothing open."""
-        if isinstance(self._file, h5py.File):
-            self._file.close()
-
-    def __enter__(self) -> "Store":
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
-
-    def __contains__(self, name: str) -> bool:
-        return name in self._file
+            return self._headers.setdefault(name, arrays[name])
+        return arrays[name]
 
     def names(self) -> list[str]:
-        """Names of all arrays, those in groups as `hand/<name>`, sorted."""
-        if isinstance(self._file, h5py.File):
-            found: list[str] = []
-            self._file.visititems(
-                lambda name, item: found.append(name) if isinstance(item, h5py.Dataset) else None
-            )
-            return sorted(found)
-        return sorted(self._file.array_keys())
+        """Names of all arrays, sorted; those in groups as `hand/<name>`."""
+        with self._arrays() as arrays:
+            if isinstance(arrays, zarr.Group):
+                return sorted(arrays.array_keys())
+            found: dict[str, object] = {}
+            arrays.visititems(found.__setitem__)
+            return sorted(name for name, item in found.items() if isinstance(item, h5py.Dataset))
 
-    def lazy(self, name: str) -> zarr.Array | h5py.Dataset:
-        """The array itself, with shape and dtype, not read; raises StoreError if the store has none such."""
-        if name not in self._file:
-            raise StoreError(f"{self.path} has no array {name!r}; it has {', '.join(self.names())}")
-        return self._file[name]
+    def shape(self, name: str) -> tuple[int, ...]:
+        """Shape of an array, which is not read."""
+        with self._arrays() as arrays:
+            return tuple(self._array(arrays, name).shape)
+
+    def dtype(self, name: str) -> np.dtype:
+        """Type of an array, which is not read."""
+        with self._arrays() as arrays:
+            return self._array(arrays, name).dtype
 
     def get(self, name: str, index: Any = ...) -> np.ndarray:
         """What `index` picks of one array, read now; strings come as a numpy array of str."""
-        array = self.lazy(name)
-        try:
-            values = np.asarray(array[index])
-        except (IndexError, TypeError):
-            raise
-        except Exception as error:
-            raise self._broken(error) from error
-        if values.dtype == object:
-            return np.array(
-                [v.decode() if isinstance(v, bytes) else v for v in values.flat], dtype=str
-            ).reshape(values.shape)
-        return values
+        with self._arrays() as arrays:
+            values = np.asarray(self._array(arrays, name)[index])
+        if values.dtype.kind == "S":
+            return np.char.decode(values, "utf-8")
+        return values.astype(str) if values.dtype == object else values
 
     __getitem__ = get
+
+    def __contains__(self, name: str) -> bool:
+        with self._arrays() as arrays:
+            return name in arrays
+
+    def __repr__(self) -> str:
+        return f"Store({str(self.path)!r}: {', '.join(self.names())})"
 
 
 def open(path: Path | str) -> Store:
@@ -254,10 +270,5 @@ def open(path: Path | str) -> Store:
 
 def read(path: Path | str, *names: str) -> dict[str, np.ndarray]:
     """The named arrays of one batch's store, or all of them (`hand/<name>` for those in groups)."""
-    with Store(path) as store:
-        return {name: store.get(name) for name in names or store.names()}
-
-
-def _target(path: Path) -> str:
-    """The path as Snakemake's targets name it: from the run's folder on."""
-    return "/".join(path.parts[-2:])
+    store = Store(path)
+    return {name: store.get(name) for name in names or store.names()}

@@ -14,8 +14,8 @@ def join(stage: str, records: Mapping[str, Mapping[str, np.ndarray]]) -> dict[st
     """The arrays of a batch, from the named arrays of each of its objects, in the contract's types.
 
     Arrays with one record an object are stacked, those with one a grasp are joined end to end. `object`, and
-    `object_index` and `grasp_index` where the contract has them, are made here. Axes of a batch without objects
-    have length 0.
+    `object_index` and `grasp_index` where the contract has them, are made here. Axes of a batch without
+    objects have length 0.
     """
     arrays = {"object": np.array(list(records), dtype=str)}
     for name, spec in CONTRACT[stage].arrays.items():

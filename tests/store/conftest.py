@@ -1,0 +1,143 @@
+"""A small run made by the real functions: three objects in two batches, and one that was rejected."""
+
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+
+import palpate.store
+from palpate.catalogue import generator
+from palpate.hand import allegro
+from palpate.mesh import DIAGONAL, OBJECT_POSITION
+from palpate.touch import RayCaster, empty_reading, sense
+
+ATTRIBUTES = {"config_digest": "0" * 64, "seed": 0}
+BATCHES = {"batch-0000": ["ball-0000", "block-0000"], "batch-0001": ["ball-0001", "ball-0002"]}
+SPLITS = {"ball-0000": "train", "block-0000": "test", "ball-0001": "train", "ball-0002": "validation"}
+REJECTED = "ball-0001"
+GRASPS = 2  # an object
+SIZE = 64  # pixels of an image
+CAMERA_DISTANCE = 1.1
+
+
+def shape(name: str) -> trimesh.Trimesh:
+    """An icosphere or a box of the dataset's scale, in its own frame."""
+    if name.startswith("ball"):
+        return trimesh.creation.icosphere(subdivisions=3, radius=DIAGONAL / np.sqrt(12))
+    mesh = trimesh.creation.box((0.6, 0.4, 0.3))
+    mesh.apply_scale(DIAGONAL / np.linalg.norm(mesh.extents))
+    return mesh.subdivide().subdivide()
+
+
+def surface_points(name: str) -> np.ndarray:
+    points, _ = trimesh.sample.sample_surface(shape(name), 500, seed=generator(0, name, "surface"))
+    return (points + OBJECT_POSITION).astype(np.float32)
+
+
+def grasp(name: str) -> dict[str, np.ndarray]:
+    """Hands put so that in grasp k sensor k sees the surface 15 mm ahead; the joints are drawn at random."""
+    hand, rng, mesh = allegro(), generator(0, name, "grasps"), shape(name)
+    palms, joints = [], []
+    points, faces = trimesh.sample.sample_surface(mesh, GRASPS, seed=rng)
+    for number in range(GRASPS):
+        joint = rng.uniform(*hand.joint_range.T)
+        position, rotation = hand.sensor_frames(hand.forward(np.eye(4), joint))
+        in_palm = pose(position[number], rotation[number])
+        normal = mesh.face_normals[faces[number]]
+        side = np.linalg.svd(normal[None])[2][1]
+        axes = np.stack([-normal, side, np.cross(-normal, side)], axis=1)
+        palms.append(pose(points[number] + 0.015 * normal + OBJECT_POSITION, axes) @ np.linalg.inv(in_palm))
+        joints.append(joint)
+    links = hand.forward(np.array(palms), np.array(joints))
+    position, rotation = hand.sensor_frames(links)
+    tracer = RayCaster(mesh, OBJECT_POSITION)
+    felt = [sense(tracer, *sensors).success for sensors in zip(position, rotation, strict=True)]
+    return {
+        "joint_positions": np.array(joints),
+        "palm_pose": np.array(palms),
+        "link_pose": links,
+        "sensor_position": position,
+        "sensor_rotation": rotation,
+        "touches": np.array(felt),
+        "penetration": np.full(GRASPS, 3e-4),
+        "attempts": np.array(7),
+    }
+
+
+def pose(position: np.ndarray, rotation: np.ndarray) -> np.ndarray:
+    matrix = np.eye(4)
+    matrix[:3, :3], matrix[:3, 3] = rotation, position
+    return matrix
+
+
+def touch(name: str, grasps: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    position, rotation = grasps["sensor_position"], grasps["sensor_rotation"]
+    felt = sense(RayCaster(shape(name), OBJECT_POSITION), position.reshape(-1, 3), rotation.reshape(-1, 3, 3))
+    felt = {key: array.reshape(GRASPS, 4, *array.shape[1:]) for key, array in felt._asdict().items()}
+    return {"position": position, "rotation": rotation, **felt}
+
+
+def vision(name: str) -> dict[str, np.ndarray]:
+    """A disc, half of which the hand hides in the occluded images."""
+    row, column = np.mgrid[:SIZE, :SIZE] / SIZE - 0.5
+    disc = row**2 + column**2 < 0.1
+    seen = np.stack([disc & (column < 0)] * GRASPS)
+    image = np.where(disc[..., None], np.uint8(200), np.uint8(90)) * np.ones(3, np.uint8)
+    return {
+        "unoccluded": image,
+        "occluded": np.stack([image] * GRASPS),
+        "unoccluded_mask": np.where(disc, 255, 0),
+        "occluded_mask": np.where(seen, 255, 0),
+        "unoccluded_depth": np.where(disc, CAMERA_DISTANCE, np.inf),
+        "occluded_depth": np.where(disc, CAMERA_DISTANCE, np.inf)[None].repeat(GRASPS, axis=0),
+    }
+
+
+def build(folder: Path) -> None:
+    """Write the whole run."""
+    rows = [
+        f"{name},{name.split('-')[0]},{SPLITS[name]},{batch},{name}.obj,00"
+        for batch, names in BATCHES.items()
+        for name in names
+    ]
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / "catalogue.csv").write_text(
+        "object,class,split,batch,source,checksum\n" + "\n".join(rows) + "\n"
+    )
+    (folder / "rejected.csv").write_text(f"object,stage,reason\n{REJECTED},grasps,too few grasps\n")
+    hand = {f"hand/{key}": array for key, array in allegro().to_arrays().items()}
+    for batch, names in BATCHES.items():
+        for name in names:
+            mesh_folder = folder / "meshes" / batch / name
+            mesh_folder.mkdir(parents=True)
+            shape(name).export(mesh_folder / "visual.glb")
+        kept = [name for name in names if name != REJECTED]
+        grasps = {name: grasp(name) for name in kept}
+        arrays = {
+            "surface": palpate.store.join(
+                "surface", {name: {"points": surface_points(name)} for name in names}
+            ),
+            "grasps": palpate.store.join("grasps", grasps) | hand,
+            "touch": palpate.store.join("touch", {name: touch(name, grasps[name]) for name in kept})
+            | {"empty_reading": empty_reading()},
+            "vision": palpate.store.join("vision", {name: vision(name) for name in kept}),
+        }
+        for stage, stored in arrays.items():
+            path = folder / palpate.store.CONTRACT[stage].path(batch)
+            palpate.store.write(path, stage, stored, ATTRIBUTES)
+
+
+@pytest.fixture(scope="session")
+def built(tmp_path_factory) -> Path:
+    """The run, to be read only."""
+    folder = tmp_path_factory.mktemp("runs") / "small"
+    build(folder)
+    return folder
+
+
+@pytest.fixture
+def run(built, tmp_path) -> Path:
+    """A copy of the run, to be damaged."""
+    return shutil.copytree(built, tmp_path / "small")
