@@ -1,0 +1,233 @@
+"""Where objects come from: which mesh files a source holds, by class, and what each object is called.
+
+Looking costs a listing of folders: no mesh is opened.
+"""
+
+import hashlib
+import logging
+import os
+import re
+from collections.abc import Callable, Iterable, Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+log = logging.getLogger(__name__)
+
+MESH_SUFFIXES = (".obj", ".glb", ".gltf", ".stl", ".ply", ".off", ".dae", ".3mf")
+ABC_SUFFIXES = (".obj", ".stl")
+
+# ShapeNetCore's folders of the paper's classes (WordNet synset offsets). Others are asked for by their
+# number.
+SYNSETS = {"bottle": "02876657", "knife": "03624134", "cellphone": "02992529", "rifle": "04090263"}
+
+# As `palpate.shapes.CLASSES`; repeated here because that import loads mesh libraries, and the workflow looks
+# at its source once a job.
+PROCEDURAL = ("bottle", "knife", "cellphone", "rifle")
+
+# The mesh within a model's folder, by version of ShapeNetCore.
+SHAPENET_FILES = ("model.obj", "models/model_normalized.obj")
+
+# The up axis of a source whose config does not say it.
+UP_AXIS = {"procedural": "z", "folder": "z", "shapenet": "y", "abc": "z"}
+
+Count = int | str
+
+
+class CatalogueError(ValueError):
+    """The source does not hold what the config asks for; the message says where and what to do."""
+
+
+class Entry(NamedTuple):
+    """An object: its name, its class, and its mesh file relative to the source's path, with forward
+    slashes."""
+
+    object: str
+    class_name: str
+    source: str
+
+
+def scan(source: Mapping[str, Any], classes: Mapping[str, Count]) -> list[Entry]:
+    """The objects of a run, class by class in the order asked for, within a class by name.
+
+    `source` has `kind` (a key of `UP_AXIS`) and `path`; `classes` maps each class to a number of objects, or
+    to "all". Of more objects than asked for, those are taken whose names have the smallest hashes: an even
+    choice, the same on every machine. Procedural objects are listed whether their files have been written or
+    not.
+
+    Raises `CatalogueError` for an unknown kind or class, a missing folder, no mesh, or fewer than asked for.
+    """
+    kind = source["kind"]
+    if kind not in _FINDERS:
+        raise CatalogueError(f"source kind {kind!r}: expected one of {', '.join(_FINDERS)}")
+    if not classes:
+        raise CatalogueError("no classes: name at least one, with a number of objects or `all`")
+    if kind == "abc" and len(classes) != 1:
+        raise CatalogueError(
+            f"source abc has one class, the config has {', '.join(classes)}: keep one of them"
+        )
+    root = Path(source["path"])
+    if kind != "procedural":
+        _check_folder(root, kind)
+    entries = []
+    for name, count in classes.items():
+        if _safe(name) != name:
+            raise CatalogueError(
+                f"class {name!r}: use letters, digits, '_', '.' and '-', beginning with no '.' or '-'"
+            )
+        if count != "all" and (isinstance(count, bool) or not isinstance(count, int) or count < 1):
+            raise CatalogueError(
+                f"class {name}: expected a number of objects from 1 up, or `all`, not {count!r}"
+            )
+        entries += _FINDERS[kind](root, name, count)
+    return entries
+
+
+def all_classes(source: Mapping[str, Any]) -> dict[str, Count]:
+    """Every class that a folder holds, whole: what `classes: all` stands for.
+
+    A class is a folder of the source's path that isn't hidden; ShapeNet's are named where a name is known.
+    Raises `CatalogueError` if the folder is missing or holds none, and for sources whose classes only the
+    config knows.
+    """
+    kind, root = source["kind"], Path(source["path"])
+    if kind not in ("folder", "shapenet"):
+        raise CatalogueError(
+            f"classes: `all` means the folders of a folder or shapenet source; list those of {kind}"
+        )
+    _check_folder(root, kind)
+    folders = sorted(
+        entry.name for entry in os.scandir(root) if entry.is_dir() and not entry.name.startswith(".")
+    )
+    if kind == "shapenet":
+        names = {synset: name for name, synset in SYNSETS.items()}
+        folders = [names.get(folder, folder) for folder in folders if re.fullmatch(r"\d{8}", folder)]
+    if not folders:
+        raise CatalogueError(f"{root}: no folder of a class in it: put meshes in {root}/<class>/")
+    return dict.fromkeys(folders, "all")
+
+
+def _check_folder(root: Path, kind: str) -> None:
+    if not root.is_dir():
+        raise CatalogueError(f"{root}: no such folder: set source.path to the folder of the {kind} source")
+
+
+def _procedural(root: Path, name: str, count: Count) -> list[Entry]:
+    if name not in PROCEDURAL:
+        raise CatalogueError(f"class {name}: the procedural classes are {', '.join(PROCEDURAL)}")
+    if count == "all":
+        raise CatalogueError(f"class {name}: procedural objects have no end: ask for a number, not for `all`")
+    names = [f"{name}-{index:04d}" for index in range(count)]
+    return [Entry(each, name, f"{name}/{each}{procedural_suffix(index)}") for index, each in enumerate(names)]
+
+
+def procedural_suffix(index: int) -> str:
+    """As `palpate.shapes.suffix`: every third is an OBJ, so that both formats are in use."""
+    return ".obj" if index % 3 == 2 else ".glb"
+
+
+def _folder(root: Path, name: str, count: Count) -> list[Entry]:
+    folder = root / name
+    if not folder.is_dir():
+        present = sorted(entry.name for entry in os.scandir(root) if entry.is_dir())
+        raise CatalogueError(
+            f"{folder}: no such folder: the class {name} has its meshes there; {root} has {_listed(present)}"
+        )
+    files = _meshes(folder, MESH_SUFFIXES)
+    return _chosen(
+        [Entry(_object(name, file), name, f"{name}/{file}") for file in files], folder, name, count
+    )
+
+
+def _abc(root: Path, name: str, count: Count) -> list[Entry]:
+    files = _meshes(root, ABC_SUFFIXES)
+    return _chosen([Entry(_object(name, file), name, file) for file in files], root, name, count)
+
+
+def _shapenet(root: Path, name: str, count: Count) -> list[Entry]:
+    synset = name if re.fullmatch(r"\d{8}", name) else SYNSETS.get(name)
+    if synset is None:
+        raise CatalogueError(
+            f"class {name}: ShapeNet classes known by name are {', '.join(SYNSETS)}; name others by their "
+            "synset number (eight digits)"
+        )
+    folder = root / synset
+    if not folder.is_dir():
+        raise CatalogueError(f"{folder}: no such folder: it holds ShapeNet's class {name}; unpack it there")
+    entries, without = [], []
+    for model in sorted(entry.name for entry in os.scandir(folder) if entry.is_dir()):
+        file = next((file for file in SHAPENET_FILES if (folder / model / file).is_file()), None)
+        if file is None:
+            without.append(model)
+        else:
+            entries.append(Entry(_object(name, model), name, f"{synset}/{model}/{file}"))
+    if without:
+        log.warning("%s: no mesh in %d models: %s", folder, len(without), _listed(without))
+    return _chosen(entries, folder, name, count)
+
+
+_FINDERS: dict[str, Callable[[Path, str, Count], list[Entry]]] = {
+    "procedural": _procedural,
+    "folder": _folder,
+    "shapenet": _shapenet,
+    "abc": _abc,
+}
+
+
+def _meshes(folder: Path, suffixes: tuple[str, ...]) -> list[str]:
+    """Mesh files below the folder, relative to it, sorted; hidden files and folders are left out."""
+    found = []
+    for place, folders, files in os.walk(folder):
+        folders[:] = [name for name in folders if not name.startswith(".")]
+        found += [
+            (Path(place) / name).relative_to(folder).as_posix()
+            for name in files
+            if name.lower().endswith(suffixes) and not name.startswith(".")
+        ]
+    return sorted(found)
+
+
+def _object(class_name: str, file: str) -> str:
+    """The object's name: class and path without the suffix, folders joined by '-'.
+
+    A path that has characters which are not safe in file names loses them and gets a hash of itself instead,
+    so that different files keep different names.
+    """
+    stem = re.sub(rf"({'|'.join(map(re.escape, MESH_SUFFIXES))})$", "", file, flags=re.IGNORECASE)
+    joined = stem.replace("/", "-")
+    safe = re.sub(r"[^A-Za-z0-9_.-]", "_", joined)
+    if safe != joined:
+        safe += f"-{hashlib.sha256(stem.encode()).hexdigest()[:8]}"
+    return f"{class_name}-{safe}"
+
+
+def _safe(name: str) -> str:
+    return re.sub(r"[^A-Za-z0-9_.-]", "_", str(name)).lstrip(".-")
+
+
+def _chosen(entries: list[Entry], folder: Path, name: str, count: Count) -> list[Entry]:
+    """`count` of the entries, sorted by name, after checking that there are enough and that names differ."""
+    if not entries:
+        raise CatalogueError(
+            f"{folder}: no mesh found for class {name}: expected files {', '.join(MESH_SUFFIXES)}"
+        )
+    by_name: dict[str, Entry] = {}
+    for entry in entries:
+        twin = by_name.setdefault(entry.object, entry)
+        if twin is not entry:
+            raise CatalogueError(
+                f"{folder}: {twin.source} and {entry.source} would both be called {entry.object}: "
+                "rename or remove one of them"
+            )
+    if count != "all":
+        if len(entries) < count:
+            raise CatalogueError(
+                f"{folder}: {len(entries)} meshes of class {name}, the config asks for {count}: add meshes, "
+                f"or ask for {len(entries)} or `all`"
+            )
+        entries = sorted(entries, key=lambda entry: hashlib.sha256(entry.object.encode()).digest())[:count]
+    return sorted(entries)
+
+
+def _listed(names: Iterable[str], most: int = 10) -> str:
+    names = list(names)
+    return (", ".join(names[:most]) or "nothing") + (", ..." if len(names) > most else "")

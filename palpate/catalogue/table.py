@@ -1,0 +1,127 @@
+"""The catalogue: one row an object, with its split, its batch and the checksum of what it is made from."""
+
+import hashlib
+import json
+import logging
+import re
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+from urllib.parse import unquote
+
+from palpate.catalogue.sources import CatalogueError, Count, scan
+from palpate.catalogue.split import PAPER_SPLIT, assign_split
+
+log = logging.getLogger(__name__)
+
+COLUMNS = ("object", "class", "split", "batch", "source", "checksum")
+
+
+def batch_names(object_count: int, batch_size: int) -> list[str]:
+    """`batch-0000` and so on, as many as it takes to hold so many objects."""
+    return [f"batch-{i:04d}" for i in range(-(-object_count // batch_size))]
+
+
+def build(
+    source: Mapping[str, Any],
+    classes: Mapping[str, Count],
+    ratios: Mapping[str, float] = PAPER_SPLIT,
+    batch_size: int = 16,
+):
+    """The catalogue as a pandas DataFrame with `COLUMNS`, a row an object in the order of `scan`.
+
+    `source` is the mesh file relative to the source's path, so that the table is the same on every machine.
+    Raises `CatalogueError` as `scan` does, and where a file that it lists does not exist (procedural objects
+    must have been written).
+    """
+    import pandas  # slow to import, and the only place that needs it
+
+    root = Path(source["path"])
+    entries = scan(source, classes)
+    batches = batch_names(len(entries), batch_size)
+    rows = [
+        (
+            entry.object,
+            entry.class_name,
+            assign_split(entry.object, ratios),
+            batches[position // batch_size],
+            entry.source,
+            checksum(root / entry.source),
+        )
+        for position, entry in enumerate(entries)
+    ]
+    table = pandas.DataFrame(rows, columns=list(COLUMNS))
+    _warn_of_empty_splits(table, ratios)
+    return table
+
+
+def _warn_of_empty_splits(table, ratios):
+    for name, rows in table.groupby("class"):
+        empty = [split for split, share in ratios.items() if share > 0 and split not in set(rows["split"])]
+        if empty:
+            log.warning("class %s: none of its %d objects is in %s", name, len(rows), " or ".join(empty))
+
+
+def checksum(path: Path) -> str:
+    """SHA-256 of a mesh file, as `sha256sum` gives it; where the file names others that it needs (materials,
+    textures, buffers) and they exist, that of the lines `<sha256>  <name>` of them all, the mesh first."""
+    if not path.is_file():
+        raise CatalogueError(
+            f"{path}: no such file, though the source lists it: was it moved, or not yet written?"
+        )
+    names = companions(path)
+    own = _digest(path)
+    if not names:
+        return own
+    lines = [f"{own}  {path.name}\n"] + [f"{_digest(path.parent / name)}  {name}\n" for name in names]
+    return hashlib.sha256("".join(lines).encode()).hexdigest()
+
+
+def _digest(path: Path) -> str:
+    with open(path, "rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def companions(path: Path) -> list[str]:
+    """The files, relative to the mesh's folder and sorted, that a mesh file names and that exist: an OBJ's
+    material libraries and their textures, a glTF's buffers and images, a COLLADA file's images."""
+    suffix = path.suffix.lower()
+    if suffix == ".obj":
+        libraries = _existing(path.parent, _obj_libraries(path))
+        names = libraries + [name for library in libraries for name in _textures(path.parent / library)]
+    elif suffix == ".gltf":
+        names = _gltf_uris(path)
+    elif suffix == ".dae":
+        text = path.read_text(errors="replace")
+        names = [unquote(name) for name in re.findall(r"<init_from>\s*(?:<ref>)?([^<]+?)\s*<", text)]
+    else:
+        names = []
+    return sorted(set(_existing(path.parent, names)))
+
+
+def _obj_libraries(path: Path) -> list[str]:
+    with open(path, "rb") as file:
+        return [
+            line[7:].decode(errors="replace").strip()
+            for line in file
+            if line.startswith((b"mtllib ", b"mtllib\t"))
+        ]
+
+
+def _textures(library: Path) -> list[str]:
+    """The last word of each map statement; options stand before it."""
+    text = library.read_text(errors="replace")
+    return re.findall(r"^\s*(?:map_\w+|bump|disp|decal|refl|norm)\s+(?:-.*\s)?(\S.*?)\s*$", text, re.M | re.I)
+
+
+def _gltf_uris(path: Path) -> list[str]:
+    try:
+        tree = json.loads(path.read_text(errors="replace"))
+        items = [*tree.get("buffers", []), *tree.get("images", [])]
+        return [unquote(item["uri"]) for item in items if not item.get("uri", "data:").startswith("data:")]
+    except (ValueError, AttributeError, TypeError):
+        return []  # damaged: the meshes stage says so
+
+
+def _existing(folder: Path, names: list[str]) -> list[str]:
+    return [name for name in names if name and (folder / name).is_file()]

@@ -1,0 +1,63 @@
+"""Meshes as they are in the wild, made usable: loaded, repaired, normalised, decimated, and measured."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import trimesh
+
+from palpate.catalogue.batch import Unusable
+from palpate.mesh.isolation import isolated
+from palpate.mesh.load import FORMATS
+
+DIAGONAL = 0.5
+OBJECT_POSITION = (0.0, 0.0, 0.6)
+
+__all__ = ["DIAGONAL", "FORMATS", "OBJECT_POSITION", "load_collision", "load_visual", "prepare"]
+
+
+def prepare(
+    source: Path | str,
+    folder: Path | str,
+    up: str = "z",
+    collision_faces: int = 4000,
+    levels: Sequence[int] = (1000,),
+    time_limit: float = 900.0,
+) -> dict[str, Any]:
+    """Make the mesh files of one object from a source file of any of `FORMATS`.
+
+    Writes into the folder `visual.glb` (every face, materials and textures), `collision.ply` and
+    `level-<faces>.ply` (decimated, geometry only), all in the object's own frame (metres, z up, bounding-box
+    centre at the origin, diagonal `DIAGONAL`), and `mesh.json`: what was repaired, and how far each level is
+    from the source. Returns what `mesh.json` holds. `up` is the source's up axis, "x", "y" or "z".
+
+    Raises `Unusable` if the file can't be read or holds no surface, or takes more than `time_limit` seconds.
+    """
+    source, folder = Path(source), Path(folder)
+    # Imported here, in the parent of the child processes: stages that only load meshes need no pymeshlab.
+    from palpate.mesh.build import build
+
+    try:
+        return isolated(build, source, folder, up, collision_faces, tuple(levels), seconds=time_limit)
+    except Unusable as error:
+        message = str(error)
+        raise Unusable(message if str(source) in message else f"{source}: {message}") from None
+
+
+def load_visual(folder: Path | str) -> trimesh.Trimesh:
+    """The geometry of `visual.glb`, every face, as one mesh in the object's own frame, without materials."""
+    scene = trimesh.load_scene(Path(folder) / "visual.glb", process=False, skip_materials=True)
+    parts = [scene.geometry[name] for name in scene.geometry]
+    start = np.cumsum([0] + [len(part.vertices) for part in parts])
+    return trimesh.Trimesh(
+        np.concatenate([part.vertices for part in parts]),
+        np.concatenate([part.faces + first for part, first in zip(parts, start, strict=False)]),
+        process=False,
+        validate=False,
+    )
+
+
+def load_collision(folder: Path | str) -> trimesh.Trimesh:
+    """`collision.ply`, the decimated surface, in the object's own frame."""
+    return trimesh.load_mesh(Path(folder) / "collision.ply", process=False)

@@ -1,0 +1,145 @@
+"""From a source file to the mesh files of one object."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import trimesh
+
+from palpate.catalogue.batch import Unusable
+from palpate.mesh import DIAGONAL, topology
+from palpate.mesh.decimate import decimate
+from palpate.mesh.distance import Surface, distance
+from palpate.mesh.load import load_parts
+from palpate.mesh.repair import repair
+
+# Rotations that turn the source's up axis to z. The front (-z for y up, as glTF and ShapeNet have it) goes to
+# +y.
+UP = {
+    "z": np.eye(3),
+    "y": np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]]),
+    "x": np.array([[0.0, 0, -1], [0, 1, 0], [1, 0, 0]]),
+}
+
+
+def build(
+    source: Path, folder: Path, up: str, collision_faces: int, levels: tuple[int, ...]
+) -> dict[str, Any]:
+    """Write `visual.glb`, `collision.ply`, `level-<faces>.ply` and `mesh.json` into the folder."""
+    parts = load_parts(source)
+    vertices, faces, part = _joined(parts, source)
+    vertices = vertices @ UP[up].T
+    repaired = repair(vertices, faces, part)
+    if not repaired.keep.any():
+        raise Unusable(
+            f"{source}: none of its {len(repaired.faces)} triangles has an area: export its surface"
+        )
+    faces = repaired.faces[repaired.keep]
+    box = repaired.vertices[faces].min(axis=(0, 1)), repaired.vertices[faces].max(axis=(0, 1))
+    centre, scale = (box[0] + box[1]) / 2, DIAGONAL / np.linalg.norm(box[1] - box[0])
+
+    for number, mesh in enumerate(parts):
+        mine = part == number
+        _rewrite(mesh, UP[up], centre, scale, repaired.keep[mine], repaired.flip[mine])
+    # What is measured is what is written: single precision.
+    vertices = ((repaired.vertices - centre) * scale).astype(np.float32).astype(np.float64)
+    used, faces = np.unique(faces, return_inverse=True)
+    vertices, faces = vertices[used], faces.reshape(-1, 3)
+
+    folder.mkdir(parents=True, exist_ok=True)
+    visual = trimesh.Scene([mesh for mesh in parts if len(mesh.faces)])
+    (folder / "visual.glb").write_bytes(visual.export(file_type="glb"))
+    record = {
+        "source": {
+            "file": source.name,
+            "faces": len(repaired.faces),
+            "parts": len(parts),
+            "up": up,
+            "bounding_box": [corner.tolist() for corner in box],
+        },
+        "scale": float(scale),
+        "repairs": repaired.counts,
+        "visual.glb": _describe(vertices, faces),
+    }
+    whole = Surface(vertices, faces)
+    files = {"collision.ply": collision_faces} | {f"level-{count}.ply": count for count in levels}
+    for name, count in files.items():
+        record[name] = _write_level(folder / name, whole, count)
+    (folder / "mesh.json").write_text(json.dumps(record, indent=1) + "\n")
+    return record
+
+
+def _joined(parts, source):
+    """Vertices (n, 3), faces (f, 3) and the part's number (f,) of all parts together, all finite."""
+    start = np.cumsum([0] + [len(mesh.vertices) for mesh in parts])
+    vertices = np.concatenate([mesh.vertices for mesh in parts]).astype(np.float64)
+    faces = np.concatenate([mesh.faces + first for mesh, first in zip(parts, start, strict=False)]).astype(
+        np.int64
+    )
+    part = np.repeat(np.arange(len(parts)), [len(mesh.faces) for mesh in parts])
+    used = np.unique(faces)
+    bad = int((~np.isfinite(vertices[used]).all(axis=1)).sum())
+    if bad:
+        raise Unusable(
+            f"{source}: {bad} of {len(used)} vertices are not finite (NaN or infinite): export it again"
+        )
+    with np.errstate(over="ignore"):
+        diagonal = np.linalg.norm(np.ptp(vertices[used], axis=0))
+    if not 1e-150 < diagonal < 1e150:  # so that areas and volumes neither vanish nor overflow
+        raise Unusable(
+            f"{source}: its bounding box has a diagonal of {diagonal:g}, so it has no size to scale: "
+            "export an object that has an extent"
+        )
+    vertices[~np.isfinite(vertices).all(axis=1)] = vertices[used[0]]  # of stray vertices, which are dropped
+    return vertices, faces, part
+
+
+def _rewrite(mesh, turn, centre, scale, keep, flip):
+    """Move one part to the object's frame and apply the repairs to its faces; materials stay."""
+    normals = mesh.metadata.pop("vertex_normals", None)
+    if mesh.visual.kind == "face":
+        mesh.unmerge_vertices()
+        normals = None
+    faces = np.where(flip[:, None], mesh.faces[:, ::-1], mesh.faces)
+    mesh.vertices = (mesh.vertices @ turn.T - centre) * scale
+    mesh.faces = faces
+    if not keep.all():
+        mesh.update_faces(keep)
+    used = np.zeros(len(mesh.vertices), dtype=bool)
+    used[mesh.faces] = True
+    mesh.update_vertices(used)
+    if normals is not None and len(mesh.faces):
+        normals = (normals @ turn.T)[used]
+        against = np.einsum("ij,ij->i", normals, mesh.vertex_normals) < 0
+        mesh.vertex_normals = np.where(against[:, None], -normals, normals)
+
+
+def _describe(vertices, faces):
+    """Facts about a surface: faces, area (m2), box (m), shells, whether it is closed, its volume (m3)."""
+    corner = vertices[faces]
+    cross = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
+    closed = topology.is_closed(faces)
+    counts = topology.edge_counts(faces)
+    return {
+        "faces": len(faces),
+        "shells": int(topology.shells(faces, len(vertices)).max()) + 1,
+        "closed": closed,
+        "open_edges": int((counts == 1).sum()),
+        "non_manifold_edges": len(np.unique(topology.edge_keys(faces)[counts > 2])),
+        "area": float(np.linalg.norm(cross, axis=1).sum() / 2),
+        "volume": float(np.einsum("ij,ij->", corner[:, 0], cross) / 6) if closed else None,
+        "bounding_box": [corner.min(axis=(0, 1)).tolist(), corner.max(axis=(0, 1)).tolist()],
+    }
+
+
+def _write_level(path, whole, count):
+    vertices, faces = decimate(whole.vertices, whole.faces, count)
+    mesh = trimesh.Trimesh(vertices, faces, process=False, validate=False)
+    path.write_bytes(mesh.export(file_type="ply", vertex_normal=False))
+    record = {"asked": count} | _describe(vertices, faces)
+    if faces is whole.faces:
+        nothing = {"mean": 0.0, "max": 0.0, "max_bound": 0.0}
+        return record | {"source_to_level": nothing, "level_to_source": nothing}
+    level = Surface(vertices, faces)
+    return record | {"source_to_level": distance(whole, level), "level_to_source": distance(level, whole)}

@@ -1,0 +1,88 @@
+"""Reading a mesh file of any supported format as a list of triangle meshes with their materials."""
+
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import trimesh
+
+from palpate.catalogue.batch import Unusable
+
+FORMATS = ("obj", "glb", "gltf", "stl", "ply", "off", "dae", "3mf")
+
+
+def load_parts(path: Path | str) -> list[trimesh.Trimesh]:
+    """Every triangle mesh of a file, as it is stored, placed by the file's scene graph.
+
+    A geometry that the scene shows several times comes several times. Nothing is merged or repaired here. The
+    order is that of the scene's node names, so it does not change from run to run.
+
+    Raises `Unusable` if the file can't be read, or holds no triangles, or refers to vertices that it lacks.
+    """
+    path = Path(path)
+    if path.suffix.lower().lstrip(".") not in FORMATS:
+        raise Unusable(
+            f"{path}: a mesh file ends in one of .{', .'.join(FORMATS)}: convert it to one of these"
+        )
+    try:
+        scene = trimesh.load_scene(path, process=False)
+    except FileNotFoundError:
+        raise Unusable(f"{path}: there is no such file: correct the path or remove the object") from None
+    except Exception as error:  # the readers raise whatever a broken file makes them trip over
+        raise Unusable(
+            f"{path}: can't be read as {path.suffix.lower()} ({type(error).__name__}: {error}): "
+            "export it again, or remove the object"
+        ) from error
+    parts = [_placed(scene, node) for node in sorted(scene.graph.nodes_geometry) if _is_mesh(scene, node)]
+    parts = [part for part in parts if len(part.faces)]
+    if not parts:
+        raise Unusable(f"{path}: holds {_contents(scene)}, no triangles: export the object's faces")
+    for part in parts:
+        if part.faces.min() < 0 or part.faces.max() >= len(part.vertices):
+            raise Unusable(
+                f"{path}: a face refers to vertex {part.faces.max()} of {len(part.vertices)}: "
+                "the file is damaged, export it again"
+            )
+    return parts
+
+
+def _is_mesh(scene: trimesh.Scene, node: str) -> bool:
+    return isinstance(scene.geometry[scene.graph[node][1]], trimesh.Trimesh)
+
+
+def _contents(scene: trimesh.Scene) -> str:
+    kinds = {type(geometry).__name__ for geometry in scene.geometry.values()}
+    if "PointCloud" in kinds:
+        return "points only"
+    if kinds & {"Path2D", "Path3D"}:
+        return "lines only"
+    return "nothing"
+
+
+def _placed(scene: trimesh.Scene, node: str) -> trimesh.Trimesh:
+    """A copy of the node's mesh in the scene's frame; its materials are shared, not copied."""
+    transform, name = scene.graph[node]
+    mesh = scene.geometry[name]
+    normals = mesh._cache["vertex_normals"]  # only where the file gave them: computed ones are not wanted
+    visual = mesh.visual
+    placed = trimesh.Trimesh(
+        mesh.vertices @ transform[:3, :3].T + transform[:3, 3], mesh.faces, process=False, validate=False
+    )
+    placed.visual = visual if scene.graph.nodes_geometry.count(node) == 1 else visual.copy()
+    linear = transform[:3, :3]
+    if np.linalg.det(linear) < 0:
+        placed.faces = placed.faces[:, ::-1]
+    if normals is not None and len(normals) == len(placed.vertices):
+        placed.metadata["vertex_normals"] = np.asarray(normals) @ np.linalg.pinv(linear)
+    placed.metadata["name"] = name
+    _keep_jpeg(placed.visual)
+    return placed
+
+
+def _keep_jpeg(visual) -> None:
+    """Have a JPEG texture written again with its own quantisation, not with the writer's lower default."""
+    material = getattr(visual, "material", None)
+    for name in ("image", "baseColorTexture", "metallicRoughnessTexture", "emissiveTexture", "normalTexture"):
+        image = getattr(material, name, None)
+        if image is not None and image.format == "JPEG" and "save" not in vars(image):
+            image.save = partial(image.save, quality="keep")

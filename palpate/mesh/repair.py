@@ -1,0 +1,218 @@
+"""Repairs that can't change what an object is: which faces to drop, which to turn, which vertices are one."""
+
+from typing import NamedTuple
+
+import igl
+import numpy as np
+from trimesh import Trimesh
+from trimesh.ray.ray_pyembree import RayMeshIntersector
+
+from palpate.mesh import topology
+
+# Two vertices closer than this share of the bounding box's diagonal are one; a triangle that is thinner has
+# no area. Single precision, in which most formats store, resolves about 1e-7 of it.
+TOLERANCE = 1e-6
+
+# An open sheet is turned if this much more (as a share of the rays) escapes from its back than from its
+# front.
+VISIBILITY_MARGIN = 0.05
+
+
+class Repaired(NamedTuple):
+    """Result for f source faces: `vertices` (m, 3) merged, `faces` (f, 3) into them, in final winding;
+    `keep` and `flip` (f,) bool say which source faces stay and which were turned."""
+
+    vertices: np.ndarray
+    faces: np.ndarray
+    keep: np.ndarray
+    flip: np.ndarray
+    counts: dict[str, int]
+
+
+def repair(vertices: np.ndarray, faces: np.ndarray, part: np.ndarray) -> Repaired:
+    """Merge vertices, find faces to drop and faces to turn.
+
+    vertices (n, 3); faces (f, 3); part (f,): the number of the part (material, object) each face belongs to.
+    A part's closed shells keep their vertices for themselves, so that solids which merely touch stay solids.
+    """
+    used = np.zeros(len(vertices), dtype=bool)
+    used[faces] = True
+    low, high = vertices[used].min(axis=0), vertices[used].max(axis=0)
+    tolerance = TOLERANCE * np.linalg.norm(high - low)
+
+    merged, first = _weld(vertices, faces, part, tolerance)
+    corners = vertices[first]
+    keep = ~_collapsed(merged)
+    collapsed = int((~keep).sum())
+    keep &= ~_repeated(merged, keep)
+    duplicate = len(keep) - collapsed - int(keep.sum())
+    thin = _droppable(corners, merged, keep, tolerance)
+    keep &= ~thin
+    flip = np.zeros(len(faces), dtype=bool)
+    if keep.any():
+        flip[keep] = _turned(corners, merged[keep])
+    merged = np.where(flip[:, None], merged[:, ::-1], merged)
+    counts = {
+        "stray_vertices_removed": int((~used).sum()),
+        "vertices_merged": int(used.sum()) - len(first),
+        "duplicate_faces_removed": duplicate,
+        "zero_area_faces_removed": collapsed + int(thin.sum()),
+        "faces_turned": int(flip.sum()),
+    }
+    return Repaired(corners, merged, keep, flip, counts)
+
+
+def _weld(vertices, faces, part, tolerance):
+    """Faces (f, 3) in merged vertices, and the source vertex (m,) that each merged one stands for."""
+    corner = faces.ravel()
+    low = vertices[corner].min(axis=0)
+    # Within the bounding box there are at most 1 / TOLERANCE = 2^20 cells an axis: three fit into 63 bits.
+    cell = np.rint((vertices[corner] - low) / max(tolerance, np.finfo(float).tiny)).astype(np.int64)
+    place = np.unique(cell[:, 0] << 42 | cell[:, 1] << 21 | cell[:, 2], return_inverse=True)[1]
+    parts = int(part.max()) + 1
+    own = np.unique(place * parts + np.repeat(part, 3), return_inverse=True)[1].reshape(-1, 3)
+
+    proper = ~_collapsed(own)
+    solid = np.zeros(len(faces), dtype=bool)
+    if proper.any():
+        shell = topology.shells(own[proper], int(own.max()) + 1)
+        solid[proper] = topology.closed_groups(own[proper], shell)[shell]
+    key = place * (parts + 1) + np.repeat(np.where(solid, part + 1, 0), 3)
+    _, first, merged = np.unique(key, return_index=True, return_inverse=True)
+    return merged.reshape(-1, 3), corner[first]
+
+
+def _collapsed(faces):
+    return (faces[:, 0] == faces[:, 1]) | (faces[:, 1] == faces[:, 2]) | (faces[:, 2] == faces[:, 0])
+
+
+def _repeated(faces, among):
+    """Faces (f,) bool with the same three vertices, in any order, as an earlier one of those `among`."""
+    index = np.flatnonzero(among)
+    corners = np.sort(faces[index], axis=1)
+    order = np.lexsort(corners.T)  # stable: of equal faces the earliest comes first
+    same = (corners[order][1:] == corners[order][:-1]).all(axis=1)
+    repeated = np.zeros(len(faces), dtype=bool)
+    repeated[index[order[1:][same]]] = True
+    return repeated
+
+
+def _droppable(vertices, faces, keep, tolerance):
+    """Faces (f,) bool thinner than the tolerance, unless to drop them would open a closed surface.
+
+    A triangle with its three corners on a line may be what closes the crack between its neighbours.
+    """
+    side = vertices[np.roll(faces, -1, axis=1)] - vertices[faces]
+    longest = np.linalg.norm(side, axis=2).max(axis=1)
+    height = np.linalg.norm(np.cross(side[:, 0], side[:, 1]), axis=1) / np.maximum(longest, 1e-300)
+    thin = keep & (height <= tolerance)
+    if not thin.any():
+        return thin
+    shell = np.zeros(len(faces), dtype=np.int64)
+    shell[keep] = topology.shells(faces[keep], len(vertices))
+    closed = topology.closed_groups(faces[keep], shell[keep])
+    flat = (
+        np.bincount(shell[keep], weights=~thin[keep]) == 0
+    )  # nothing but thin faces: no shell worth keeping
+    return thin & (~closed | flat)[shell]
+
+
+def _turned(vertices, faces):
+    """Which faces (f,) bool to turn for a consistent winding that faces outwards."""
+    oriented, patch = igl.bfs_orient(np.ascontiguousarray(faces, dtype=np.int64))
+    oriented = _start_alike(faces, oriented)
+    turned = (oriented != faces).any(axis=1)
+    size = np.bincount(patch)
+    minority = np.bincount(patch, weights=turned) <= size / 2
+    turned ^= ~minority[patch]  # as few as possible
+    current = np.where(turned[:, None], faces[:, ::-1], faces)
+    closed = topology.closed_groups(current, patch)
+    wrong = np.zeros(len(size), dtype=bool)
+    wrong[closed] = _inside_out(vertices, current, patch, closed)[closed]
+    if not closed.all():
+        wrong |= ~closed & _seen_from_behind(vertices, current, patch, ~closed)
+    return turned ^ wrong[patch]
+
+
+def _start_alike(faces, oriented):
+    """The oriented faces, rows reversed back to front where turned, so that they compare."""
+    kept = np.zeros(len(faces), dtype=bool)
+    for shift in range(3):
+        kept |= (np.roll(oriented, shift, axis=1) == faces).all(axis=1)
+    return np.where(kept[:, None], faces, faces[:, ::-1])
+
+
+def _inside_out(vertices, faces, patch, closed):
+    """Closed patches (p,) bool to turn: those whose outermost enclosing closed patch has negative volume.
+
+    So a void inside a solid goes on facing its hollow, while a solid that is inside out is turned with all
+    that it holds.
+    """
+    origin = vertices.mean(axis=0)
+    corner = vertices[faces] - origin
+    volume = np.bincount(
+        patch, weights=np.einsum("ij,ij->i", corner[:, 0], np.cross(corner[:, 1], corner[:, 2]))
+    )
+    negative = closed & (volume < 0)
+    if not negative.any():
+        return negative
+    order = np.argsort(patch, kind="stable")
+    groups = np.split(order, np.flatnonzero(np.diff(patch[order])) + 1)
+    low = np.array([corner[group].min(axis=(0, 1)) for group in groups])
+    high = np.array([corner[group].max(axis=(0, 1)) for group in groups])
+    extent = np.linalg.norm(high - low, axis=1)
+    wrong = negative.copy()
+    for this in np.flatnonzero(closed):
+        around = (
+            closed
+            & (low <= low[this]).all(axis=1)
+            & (high >= high[this]).all(axis=1)
+            & (extent > extent[this])
+        )
+        point = corner[groups[this][0], :1]
+        for other in sorted(np.flatnonzero(around), key=lambda number: -extent[number]):
+            shell = faces[groups[other]].astype(np.int64)
+            if abs(igl.winding_number(vertices - origin, shell, point)[0]) > 0.5:
+                wrong[this] = negative[other]
+                break
+    return wrong
+
+
+def _seen_from_behind(vertices, faces, patch, candidates):
+    """Patches (p,) bool among the candidates whose back can be seen from outside more than their front.
+
+    From the centres of up to 16 faces of each patch, 8 rays a side: the side from which more rays escape from
+    the object is outside (the idea of Takayama et al. 2014, A Simple Method for Correcting Facet
+    Orientations).
+    """
+    index = np.flatnonzero(candidates[patch])
+    index = index[np.argsort(patch[index], kind="stable")]
+    start = np.r_[0, np.flatnonzero(np.diff(patch[index])) + 1]
+    rank = np.arange(len(index)) - np.repeat(start, np.diff(np.r_[start, len(index)]))
+    length = np.repeat(np.diff(np.r_[start, len(index)]), np.diff(np.r_[start, len(index)]))
+    chosen = index[rank * 16 // length != (rank - 1) * 16 // length]
+    mesh = Trimesh(vertices, faces, process=False, validate=False)
+    normal = np.cross(
+        vertices[faces[chosen, 1]] - vertices[faces[chosen, 0]],
+        vertices[faces[chosen, 2]] - vertices[faces[chosen, 0]],
+    )
+    area = np.linalg.norm(normal, axis=1)
+    normal /= np.maximum(area, 1e-300)[:, None]
+    centre = vertices[faces[chosen]].mean(axis=1)
+    offset = 1e-4 * np.linalg.norm(np.ptp(vertices, axis=0))
+    shooter = RayMeshIntersector(mesh)
+    escaped = []
+    for side in (normal, -normal):
+        tangent = np.cross(side, np.eye(3)[np.abs(side).argmin(axis=1)])
+        tangent /= np.maximum(np.linalg.norm(tangent, axis=1), 1e-300)[:, None]
+        other = np.cross(side, tangent)
+        free = np.zeros(len(chosen))
+        for k in range(8):
+            turn = 2 * np.pi * k / 8
+            around = np.cos(turn) * tangent + np.sin(turn) * other
+            tilt = np.deg2rad((15, 40, 65, 80)[k % 4])
+            direction = np.cos(tilt) * side + np.sin(tilt) * around
+            free += ~shooter.intersects_any(centre + offset * side, direction)
+        escaped.append(np.bincount(patch[chosen], weights=free * area, minlength=len(candidates)))
+    total = 8 * np.bincount(patch[chosen], weights=area, minlength=len(candidates))
+    return escaped[1] - escaped[0] > VISIBILITY_MARGIN * total
