@@ -13,7 +13,7 @@ from palpate.hand.distance import GEOM_KINDS, half_spaces, signed_distance
 SENSORS = 4  # the dataset contract: four touch sensors a grasp
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Hand:
     """A kinematic tree of L links with J hinges, G geoms and 4 touch sensors. Metres, radians.
 

@@ -1,0 +1,86 @@
+"""Closing the hand in MuJoCo: position targets ramp up while contact with the object stops the fingers."""
+
+from typing import NamedTuple
+
+import mujoco
+import numpy as np
+
+from palpate.hand import Hand
+from palpate.hand.model import build_spec, quaternion
+
+TIMESTEP = 0.004  # s
+DURATION = 0.4  # s
+RAMP = 0.6  # share of the duration in which the targets move from the open hand to their end
+ITERATIONS = 20  # of the contact solver; fewer than 5 are too few
+# Contact softness: impedance, its width and the shape of its curve, by which fingers stop within 0.5 mm.
+SOLIMP = (0.95, 0.99, 0.0005, 0.5, 2.0)
+PALM = 0  # the palm is link 0
+
+
+class Closed(NamedTuple):
+    """The end of one closing."""
+
+    joint_positions: np.ndarray  # (J,)
+    finite: bool  # False if the engine warned or gave NaN: not to be used
+    warnings: int  # of the engine, NaN and infinity among them
+
+
+class GraspScene:
+    """One object, as convex patches, and one hand whose palm can be put anywhere. Frames: the object's own."""
+
+    def __init__(
+        self,
+        hand: Hand,
+        patches: list[np.ndarray],
+        timestep: float = TIMESTEP,
+        duration: float = DURATION,
+        **spec_options,
+    ):
+        """Compile the model once; it serves all attempts. `spec_options` go to `palpate.hand.model.build_spec`."""
+        spec = build_spec(hand, **spec_options)
+        option = spec.option
+        option.timestep = timestep
+        option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+        option.cone = mujoco.mjtCone.mjCONE_PYRAMIDAL
+        option.iterations = ITERATIONS
+        option.gravity = [0, 0, 0]
+        body = spec.worldbody.add_body(name="object")
+        for number, vertices in enumerate(patches):
+            name = f"patch_{number}"
+            mesh = spec.add_mesh(name=name, uservert=vertices.ravel())
+            mesh.inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL  # a sheet has no volume
+            body.add_geom(type=mujoco.mjtGeom.mjGEOM_MESH, meshname=name, condim=1)
+        for geom in spec.geoms:
+            geom.solref = [2 * timestep, 1]
+            geom.solimp = SOLIMP
+            geom.margin = 0
+        self.hand = hand
+        self.model = spec.compile()
+        self.data = mujoco.MjData(self.model)
+        self.steps = max(1, round(duration / timestep))
+        self._palm = self.model.body(hand.link_names[PALM]).id
+
+    def place(self, palm_pose: np.ndarray, joint_positions: np.ndarray) -> None:
+        """Put the palm at `palm_pose` (4, 4) and the joints at `joint_positions` (J,), at rest."""
+        mujoco.mj_resetData(self.model, self.data)
+        self.model.body_pos[self._palm] = palm_pose[:3, 3]
+        self.model.body_quat[self._palm] = quaternion(palm_pose[:3, :3])
+        self.data.qpos[:] = joint_positions
+        self.data.ctrl[:] = joint_positions
+        mujoco.mj_forward(self.model, self.data)
+
+    def in_contact(self) -> bool:
+        """Whether any geoms touch in the present state."""
+        return self.data.ncon > 0
+
+    def close(self, targets: np.ndarray) -> Closed:
+        """Move the servos' targets from the present joint positions to `targets` (J,), then hold."""
+        model, data = self.model, self.data
+        start = data.qpos.copy()
+        ramp = np.minimum(1.0, np.arange(1, self.steps + 1) / (RAMP * self.steps))
+        for share in ramp:
+            data.ctrl[:] = start + share * (targets - start)
+            mujoco.mj_step(model, data)
+        # A NaN resets the state silently; only the warnings tell.
+        warnings = int(sum(warning.number for warning in data.warning))
+        return Closed(data.qpos.copy(), warnings == 0 and bool(np.isfinite(data.qpos).all()), warnings)

@@ -1,0 +1,65 @@
+"""An object's surface as many small convex pieces, which stop a finger at the true surface.
+
+A convex hull of the object (or of parts of it) fills its hollows, and a convex decomposition needs a watertight mesh
+and seconds. Patches need neither: each is the hull of one surface piece of about a cell, a little thickened inwards.
+"""
+
+import numpy as np
+import trimesh
+
+CELL = 0.025  # metres
+THICKNESS = 0.001  # metres
+WELD = 1e-6  # metres: vertices of a patch this close are one
+
+
+def split_long_edges(triangles: np.ndarray, longest: float) -> np.ndarray:
+    """Halve triangles (T, 3, 3) at their longest edges until no edge exceeds `longest`. Returns (S, 3, 3).
+
+    The pieces cover the same surface; neighbours need not share vertices.
+    """
+    done = []
+    while len(triangles):
+        edges = np.linalg.norm(
+            np.roll(triangles, -1, axis=1) - triangles, axis=2
+        )  # edge i: corner i to i + 1
+        at = edges.argmax(axis=1)
+        fits = edges.max(axis=1) <= longest
+        done.append(triangles[fits])
+        triangles, at = triangles[~fits], at[~fits]
+        rows = np.arange(len(triangles))
+        start, end, tip = (triangles[rows, (at + shift) % 3] for shift in range(3))
+        middle = (start + end) / 2
+        triangles = np.concatenate(
+            [np.stack([start, middle, tip], axis=1), np.stack([middle, end, tip], axis=1)]
+        )
+    return np.concatenate(done) if done else triangles
+
+
+def surface_patches(
+    mesh: trimesh.Trimesh, cell: float = CELL, thickness: float = THICKNESS
+) -> list[np.ndarray]:
+    """Point sets (V, 3) whose convex hulls together are a thin shell on the inner side of the mesh's surface.
+
+    Triangles, cut to edges of at most half a cell, are grouped by the grid cell of their centre and the signed axis
+    that their normal is nearest to; a group's vertices and a copy `thickness` further in make a patch.
+    """
+    triangles = split_long_edges(np.asarray(mesh.triangles), cell / 2)
+    normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+    length = np.linalg.norm(normals, axis=1)
+    triangles, normals, length = triangles[length > 0], normals[length > 0], length[length > 0]
+    normals /= length[:, None]
+    axis = np.abs(normals).argmax(axis=1)
+    side = normals[np.arange(len(normals)), axis] > 0
+    cells = np.floor(triangles.mean(axis=1) / cell).astype(np.int64)
+    cells -= cells.min(axis=0)
+    extent = cells.max(axis=0) + 1
+    group = np.ravel_multi_index((*cells.T, axis, side.astype(int)), (*extent, 3, 2))
+    points = np.concatenate([triangles, triangles - thickness * normals[:, None]], axis=1).reshape(-1, 3)
+    group = np.repeat(group, 6)
+    keys = np.round(points / WELD).astype(np.int64)
+    order = np.lexsort((*keys.T, group))
+    keys, group, points = keys[order], group[order], points[order]
+    changes = np.diff(group) != 0
+    fresh = np.concatenate([[True], changes | (np.diff(keys, axis=0) != 0).any(axis=1)])
+    points, group = points[fresh], group[fresh]
+    return np.split(points, np.flatnonzero(np.diff(group)) + 1)

@@ -1,0 +1,142 @@
+"""How deep the hand is in the object or in itself: closed forms against true surfaces, no engine involved."""
+
+from collections.abc import Callable
+
+import numpy as np
+import trimesh
+
+from palpate.grasp.patches import split_long_edges
+from palpate.hand import Hand
+
+SPACING = 0.001  # metres between points of a surface where it is near a geom
+COARSE = 0.016  # metres: longest edge of the triangles that are first sorted out by their place
+
+
+def deepest(triangles: np.ndarray, distance: Callable[[np.ndarray], np.ndarray], depth: float) -> float:
+    """Depth of the deepest point of triangles (T, 3, 3) in a solid, or `depth` if that is deeper.
+
+    distance: signed distance (N,) of points (N, 3) to the solid, negative inside; it changes by at most a metre a
+    metre, so a triangle whose centre is farther out than its radius can't matter. The others are halved until the
+    points looked at are at most `SPACING` apart.
+    """
+    while len(triangles):
+        centres = triangles.mean(axis=1)
+        radius = np.linalg.norm(triangles - centres[:, None], axis=2).max(axis=1)
+        at_centre = -distance(centres)
+        near = at_centre + radius > depth
+        triangles, radius = triangles[near], radius[near]
+        if len(triangles):
+            depth = max(depth, at_centre.max(), -distance(triangles.reshape(-1, 3)).min())
+        # No two neighbouring points of a triangle of this radius, corners and centre, are farther apart.
+        triangles = halved(triangles[radius > SPACING])
+    return depth
+
+
+def halved(triangles: np.ndarray) -> np.ndarray:
+    """Triangles (T, 3, 3) cut in two at their longest edges: (2 T, 3, 3)."""
+    edges = np.linalg.norm(np.roll(triangles, -1, axis=1) - triangles, axis=2)
+    at, rows = edges.argmax(axis=1), np.arange(len(triangles))
+    start, end, tip = (triangles[rows, (at + shift) % 3] for shift in range(3))
+    middle = (start + end) / 2
+    return np.concatenate([np.stack([start, middle, tip], axis=1), np.stack([middle, end, tip], axis=1)])
+
+
+class PenetrationCheck:
+    """The depth of one hand in one object, and in itself. Frames: the object's own."""
+
+    def __init__(self, hand: Hand, mesh: trimesh.Trimesh):
+        """mesh: the object's visual mesh, every face; it need not be closed."""
+        self.hand = hand
+        self.triangles = split_long_edges(np.asarray(mesh.triangles, dtype=float), COARSE)
+        self.low, self.high = self.triangles.min(axis=1).T.copy(), self.triangles.max(axis=1).T.copy()
+        self.geoms = np.flatnonzero(hand.geom_collides)
+        self.surfaces = {geom: geom_surface(hand, geom) for geom in self.geoms}
+        self.reach = {
+            geom: np.linalg.norm(s.reshape(-1, 3), axis=1).max() for geom, s in self.surfaces.items()
+        }
+        self.pairs = self_collision_pairs(hand, self.geoms)
+
+    def in_object(self, link_pose: np.ndarray) -> float:
+        """Depth in metres of the deepest point of the object's surface in the hand, 0 if there is none.
+
+        link_pose: (L, 4, 4). Right to half of `SPACING`, mostly far better: the surface's corners are looked at.
+        """
+        poses = self.hand.geom_poses(link_pose)
+        half = np.array([self.reach[geom] for geom in self.geoms])[:, None]
+        near = self._within(
+            (poses[self.geoms, :3, 3] - half).min(0), (poses[self.geoms, :3, 3] + half).max(0)
+        )
+        depth = 0.0
+        for geom in self.geoms:
+            centre, reach = poses[geom, :3, 3], self.reach[geom]
+            close = near[self._within(centre - reach, centre + reach, near)]
+            depth = deepest(
+                self.triangles[close],
+                lambda points, geom=geom: self.hand.geom_distance(geom, points, poses[geom]),
+                depth,
+            )
+        return float(depth)
+
+    def in_itself(self, link_pose: np.ndarray) -> float:
+        """Depth in metres of the deepest point of one link's surface in another link that it isn't jointed to."""
+        poses = self.hand.geom_poses(link_pose)
+        depth = 0.0
+        for one, other in self.pairs:
+            apart = np.linalg.norm(poses[one, :3, 3] - poses[other, :3, 3])
+            if apart > self.reach[one] + self.reach[other]:
+                continue
+            for inner, outer in ((one, other), (other, one)):
+                surface = self.surfaces[inner] @ poses[inner, :3, :3].T + poses[inner, :3, 3]
+                depth = deepest(
+                    surface,
+                    lambda points, outer=outer: self.hand.geom_distance(outer, points, poses[outer]),
+                    depth,
+                )
+        return float(depth)
+
+    def _within(self, low, high, among=slice(None)) -> np.ndarray:
+        """Indices, into `among`, of the triangles whose bounding boxes meet the box from `low` to `high`."""
+        meets = np.ones(self.low[0, among].shape, dtype=bool)
+        for axis in range(3):
+            meets &= (self.low[axis, among] < high[axis]) & (self.high[axis, among] > low[axis])
+        return np.flatnonzero(meets)
+
+
+def self_collision_pairs(hand: Hand, geoms: np.ndarray) -> list[tuple[int, int]]:
+    """Pairs of geoms on different links that are not jointed to each other, fixed links counting as one."""
+    body = np.arange(len(hand.link_names))
+    for link in range(1, len(body)):
+        if hand.joint_of_link[link] < 0:
+            body[link] = body[hand.link_parent[link]]
+    parent = np.where(hand.link_parent[body] >= 0, body[hand.link_parent[body]], -1)
+    pairs = []
+    for position, one in enumerate(geoms):
+        for other in geoms[position + 1 :]:
+            first, second = hand.geom_link[one], hand.geom_link[other]
+            if (
+                body[first] != body[second]
+                and body[first] != parent[second]
+                and body[second] != parent[first]
+            ):
+                pairs.append((int(one), int(other)))
+    return pairs
+
+
+def geom_surface(hand: Hand, geom: int) -> np.ndarray:
+    """Triangles (T, 3, 3) of a geom's surface in its own frame."""
+    kind, size = hand.geom_kind[geom], hand.geom_size[geom]
+    if kind == "mesh":
+        return np.asarray(trimesh.convex.convex_hull(hand.geom_vertices[geom]).triangles)
+    if kind == "box":
+        surface = trimesh.creation.box(2 * size)
+    elif kind == "sphere":
+        surface = trimesh.creation.icosphere(radius=size[0])
+    elif kind == "capsule":
+        surface = trimesh.creation.capsule(height=2 * size[1], radius=size[0])
+        surface.apply_translation(-surface.bounds.mean(axis=0))
+    elif kind == "cylinder":
+        surface = trimesh.creation.cylinder(height=2 * size[1], radius=size[0])
+    else:
+        surface = trimesh.creation.icosphere(radius=1.0)
+        surface.apply_scale(size)
+    return np.asarray(surface.triangles)

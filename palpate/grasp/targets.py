@@ -1,0 +1,128 @@
+"""What the fingers aim at: for each sensor a surface point that it can face, by inverse kinematics."""
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from palpate.grasp.placement import Surface
+from palpate.hand import SENSORS, Hand
+
+PRESS = 0.003  # metres that the gel's apex aims below the surface
+# Metres that a unit of difference in direction counts for: 30 degrees off are as bad as 15 mm off.
+DIRECTION_LENGTH = 0.03
+CONFIGURATIONS = 3000  # random joint positions by which a finger's workspace is known
+CANDIDATES = 4  # surface points a finger that inverse kinematics tries
+ITERATIONS = 8
+DAMPING = 1e-5  # m^2, of the least squares steps
+GEL_SEARCH = 0.05  # metres in front of the sensor's origin in which its gel is looked for
+
+
+class Workspace:
+    """Where the sensors of a hand can be and look, in the palm frame; the same for every object."""
+
+    def __init__(self, hand: Hand, rng: np.random.Generator):
+        self.hand = hand
+        self.contact_distance = contact_distance(hand)
+        self.moves = sensor_joints(hand)
+        self.configurations = rng.uniform(*hand.joint_range.T, (CONFIGURATIONS, len(hand.joint_link)))
+        apex, direction = self.apex(hand.forward(np.eye(4), self.configurations))
+        features = np.concatenate([apex, DIRECTION_LENGTH * direction], axis=-1)
+        self.trees = [cKDTree(features[:, sensor]) for sensor in range(SENSORS)]
+        self.radius = np.linalg.norm(apex, axis=-1).max()
+
+    def apex(self, link_pose: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Where the gels are and where they look: (..., 4, 3) each, of link poses (..., L, 4, 4)."""
+        position, rotation = self.hand.sensor_frames(link_pose)
+        direction = rotation[..., 0]
+        return position + self.contact_distance[:, None] * direction, direction
+
+    def targets(self, palm_pose: np.ndarray, surface: Surface) -> np.ndarray:
+        """Joint positions (J,) at which each gel is pressed into a surface point that it faces, or as near as it gets.
+
+        palm_pose: (4, 4) in the surface's frame.
+        """
+        hand = self.hand
+        points = (surface.points - palm_pose[:3, 3]) @ palm_pose[:3, :3]
+        normals = surface.normals @ palm_pose[:3, :3]
+        near = np.einsum("ij,ij->i", points, points) < self.radius**2
+        if not near.any():
+            return hand.open_joint_positions.copy()
+        goal, inward = points[near] - PRESS * normals[near], -normals[near]
+        features = np.concatenate([goal, DIRECTION_LENGTH * inward], axis=1)
+
+        rows = []
+        joints = np.tile(hand.open_joint_positions, (CANDIDATES, 1))
+        for sensor, tree in enumerate(self.trees):
+            miss, nearest = tree.query(features)
+            best = np.argsort(miss, kind="stable")[:CANDIDATES]
+            best = np.resize(best, CANDIDATES)
+            rows.append(best)
+            moved = self.moves[sensor]
+            joints[:, moved] = self.configurations[nearest[best]][:, moved]
+        rows = np.stack(rows, axis=1)  # (CANDIDATES, 4)
+        joints, miss = self.solve(joints, goal[rows], inward[rows])
+
+        chosen = hand.open_joint_positions.copy()
+        for sensor in range(SENSORS):
+            moved = self.moves[sensor]
+            chosen[moved] = joints[miss[:, sensor].argmin(), moved]
+        return chosen
+
+    def solve(
+        self, joints: np.ndarray, goal: np.ndarray, inward: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Inverse kinematics by damped least squares, within the joints' ranges, in the palm frame.
+
+        joints: (..., J) to start from; goal, inward: (..., 4, 3) where each gel shall be and look. Returns joint
+        positions (..., J) and what is missed (..., 4) in metres, a wrong direction counting by `DIRECTION_LENGTH`.
+        """
+        hand = self.hand
+        low, high = hand.joint_range.T
+        miss = None
+        for _ in range(ITERATIONS):
+            pose = hand.forward(np.eye(4), joints)
+            apex, direction = self.apex(pose)
+            error = np.concatenate([goal - apex, DIRECTION_LENGTH * (inward - direction)], axis=-1)
+            jacobian = self.jacobian(pose, apex, direction)
+            square = jacobian @ np.swapaxes(jacobian, -1, -2) + DAMPING * np.eye(6)
+            step = np.swapaxes(jacobian, -1, -2) @ np.linalg.solve(square, error[..., None])
+            joints = np.clip(joints + step[..., 0].sum(axis=-2), low, high)
+        apex, direction = self.apex(hand.forward(np.eye(4), joints))
+        miss = np.sqrt(
+            ((goal - apex) ** 2).sum(axis=-1) + DIRECTION_LENGTH**2 * ((inward - direction) ** 2).sum(axis=-1)
+        )
+        return joints, miss
+
+    def jacobian(self, pose: np.ndarray, apex: np.ndarray, direction: np.ndarray) -> np.ndarray:
+        """Derivatives (..., 4, 6, J) of each gel's place and `DIRECTION_LENGTH` times its direction by the joints."""
+        hand = self.hand
+        frames = pose[..., hand.joint_link, :, :]
+        axis = (frames[..., :3, :3] @ hand.joint_axis[:, :, None])[..., None, :, :, 0]  # (..., 1, J, 3)
+        arm = apex[..., :, None, :] - frames[..., None, :, :3, 3]  # (..., 4, J, 3)
+        columns = np.concatenate(
+            [np.cross(axis, arm), DIRECTION_LENGTH * np.cross(axis, direction[..., :, None, :])], axis=-1
+        )
+        return np.swapaxes(columns * self.moves[:, :, None], -1, -2)
+
+
+def sensor_joints(hand: Hand) -> np.ndarray:
+    """Which joints move which sensor: (4, J) bool."""
+    moves = np.zeros((SENSORS, len(hand.joint_link)), dtype=bool)
+    for sensor, link in enumerate(hand.sensor_link):
+        while link >= 0:
+            if hand.joint_of_link[link] >= 0:
+                moves[sensor, hand.joint_of_link[link]] = True
+            link = hand.link_parent[link]
+    return moves
+
+
+def contact_distance(hand: Hand) -> np.ndarray:
+    """Distance (4,) in metres from each sensor's origin to where its +x axis leaves its link's geoms."""
+    link_pose = hand.forward(np.eye(4), hand.open_joint_positions)
+    position, rotation = hand.sensor_frames(link_pose)
+    along = np.linspace(0, GEL_SEARCH, 501)
+    distances = np.zeros(SENSORS)
+    for sensor, link in enumerate(hand.sensor_link):
+        ray = position[sensor] + along[:, None] * rotation[sensor][:, 0]
+        inside = hand.signed_distance(ray, link_pose, links=[link]) < 0
+        distances[sensor] = along[inside].max() if inside.any() else 0.0
+    return distances
