@@ -1,10 +1,11 @@
 # Palpate: from CAD meshes to a visuo-tactile dataset, its tables and its figures.
 #
 #   snakemake --cores 2 all                                       the default run
-#   snakemake --cores 2 --configfile config/small.yaml all        another size, in results/small/
+#   snakemake --cores 2 all --configfile config/small.yaml        another size, in results/small/
 #   snakemake --cores 2 tables/grasp_success.csv                  just what that table needs
 #   snakemake --cores 2 validate                                  the dataset, and every check of it
 #   snakemake --cores 2 smoke                                     one object, end to end
+import sys
 from pathlib import Path
 
 from snakemake.utils import min_version
@@ -31,6 +32,16 @@ include: "workflow/rules/surface.smk"
 include: "workflow/rules/grasps.smk"
 include: "workflow/rules/touch.smk"
 include: "workflow/rules/vision.smk"
+rule dataset:
+    input:
+        "catalogue.csv",
+        "rejected.csv",
+        expand("surface/{batch}.zarr", batch=BATCHES),
+        expand("grasps/{batch}.h5", batch=BATCHES),
+        expand("touch/{batch}.zarr", batch=BATCHES),
+        expand("vision/{batch}.zarr", batch=BATCHES),
+
+
 include: "workflow/rules/validation.smk"
 include: "workflow/rules/tables.smk"
 include: "workflow/rules/figures.smk"
@@ -52,19 +63,9 @@ rule all:
         FIGURES,
 
 
-rule dataset:
-    input:
-        "catalogue.csv",
-        "rejected.csv",
-        expand("surface/{batch}.zarr", batch=BATCHES),
-        expand("grasps/{batch}.h5", batch=BATCHES),
-        expand("touch/{batch}.zarr", batch=BATCHES),
-        expand("vision/{batch}.zarr", batch=BATCHES),
-
-
 # A run of its own (config/smoke.yaml, results/smoke/), whatever the config of this one.
 rule smoke:
     threads: workflow.cores
     shell:
-        "snakemake --snakefile {PROJECT}/Snakefile --directory {PROJECT} --cores {threads}"
+        "{sys.executable} -m snakemake --snakefile {PROJECT}/Snakefile --directory {PROJECT} --cores {threads}"
         " --configfile {PROJECT}/config/smoke.yaml -- all validate"

@@ -2,7 +2,7 @@
 # new object re-runs its own batch and not the others.
 rule catalogue:
     input:
-        sources=SOURCE_INPUTS,
+        sources=source_inputs(ENTRIES),
     output:
         catalogue="catalogue.csv",
         batches=expand("catalogue/{batch}.csv", batch=BATCHES),
@@ -19,7 +19,7 @@ rule catalogue:
         classes=CLASS_COUNTS,
         split=config["split"],
         batch_size=config["batch_size"],
-        schema=PROJECT / "workflow/schemas/catalogue.schema.yaml",
+        schema=SCHEMAS / "catalogue.schema.yaml",
     script:
         "../scripts/catalogue.py"
 

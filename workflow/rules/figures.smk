@@ -7,7 +7,7 @@ FIGURES = [
 
 rule data_point:
     input:
-        unpack(whole_dataset),
+        rules.dataset.input, meshes=expand("meshes/{batch}", batch=BATCHES),
     output:
         figure=report(
             "figures/data_point.png",
@@ -28,7 +28,7 @@ rule data_point:
 
 rule grasp_steps:
     input:
-        unpack(whole_dataset),
+        rules.dataset.input, meshes=expand("meshes/{batch}", batch=BATCHES),
     output:
         figure=report(
             "figures/grasp_steps.png",
@@ -49,7 +49,7 @@ rule grasp_steps:
 
 rule examples:
     input:
-        unpack(whole_dataset),
+        rules.dataset.input, meshes=expand("meshes/{batch}", batch=BATCHES),
     output:
         figure=report(
             "figures/examples_{name}.png",

@@ -3,6 +3,7 @@ rule grasps:
     input:
         meshes="meshes/{batch}",
         surface="surface/{batch}.zarr",
+        hand=[PROJECT / path for path in (HAND or {}).values()],
     output:
         grasps="grasps/{batch}.h5",
         rejected="rejected/grasps/{batch}.csv",
@@ -16,6 +17,7 @@ rule grasps:
         runtime=60,
     params:
         grasps=config["grasps"],
+        project=PROJECT,
         seed=config["seed"],
     script:
         "../scripts/grasps.py"

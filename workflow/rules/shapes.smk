@@ -12,7 +12,7 @@ rule shapes:
         runtime=30,
     params:
         name=lambda wildcards: wildcards["class"],
-        objects=lambda wildcards: PROCEDURAL[wildcards["class"]],
+        objects=lambda wildcards: CLASS_COUNTS[wildcards["class"]],
         seed=config["seed"],
     script:
         "../scripts/shapes.py"

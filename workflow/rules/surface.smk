@@ -1,6 +1,7 @@
 # Points on the exterior surface of every object.
 rule surface:
     input:
+        catalogue="catalogue/{batch}.csv",
         meshes="meshes/{batch}",
     output:
         surface=directory("surface/{batch}.zarr"),

@@ -3,7 +3,10 @@ rule validate_batch:
     input:
         meshes="meshes/{batch}",
         catalogue="catalogue/{batch}.csv",
-        stores=batch_stores,
+        surface="surface/{batch}.zarr",
+        grasps="grasps/{batch}.h5",
+        touch="touch/{batch}.zarr",
+        vision="vision/{batch}.zarr",
         rejected=expand("rejected/{stage}/{{batch}}.csv", stage=STAGES),
     output:
         table="reports/validation/{batch}.csv",

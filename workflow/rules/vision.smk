@@ -5,7 +5,7 @@ rule vision:
         grasps="grasps/{batch}.h5",
     output:
         vision=directory("vision/{batch}.zarr"),
-        masters=EXR_MASTERS,
+        masters=[directory("exr/{batch}")] if config["vision"]["exr"] else [],
         rejected="rejected/vision/{batch}.csv",
     log:
         "logs/vision/{batch}.log",

@@ -1,12 +1,14 @@
 """Procedural CAD objects of one class, as files.
 
-sources/<class>/<object>.glb | .obj    one file an object, with its materials, metres, z up
+sources/<class>/<object>.glb | .obj    one object a file, with its materials; metres, z up
 """
+
+import sys
+
+from tqdm import tqdm
 
 from palpate import shapes, store
 from palpate.catalogue import log_to
-from tqdm import tqdm
-import sys
 
 log_to(snakemake.log[0])
 name, count, seed = snakemake.params.name, snakemake.params.objects, snakemake.params.seed
@@ -14,4 +16,4 @@ name, count, seed = snakemake.params.name, snakemake.params.objects, snakemake.p
 with store.whole(snakemake.output.folder) as folder:
     folder.mkdir()
     for index in tqdm(range(count), desc=f"shapes: {name}", unit="object", disable=not sys.stderr.isatty()):
-        shapes.write(name, index, shapes.source_path(folder, name, index), seed)
+        shapes.write(name, index, folder / f"{name}-{index:04d}", seed)

@@ -7,6 +7,7 @@ rejected/surface/<batch>.csv     object, stage, reason
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 
 from palpate import mesh, store, surface
 from palpate.catalogue import each_object, generator, log_to, write_rejections
@@ -15,22 +16,21 @@ log_to(snakemake.log[0])
 meshes, settings, seed = Path(snakemake.input.meshes), snakemake.params.surface, snakemake.params.seed
 
 
-def sample(name: str) -> np.ndarray:
+def sample(name: str) -> dict[str, np.ndarray]:
     points = surface.sample(
         mesh.load_visual(meshes / name), settings["points"], generator(seed, name, "surface"), settings["method"]
     )
-    return (points + mesh.OBJECT_POSITION).astype(np.float32)
+    return {"points": points + mesh.OBJECT_POSITION}
 
 
-points, rejections = each_object(mesh.objects(meshes), sample, "surface")
+catalogue = pd.read_csv(snakemake.input.catalogue, dtype=str)
+usable = [name for name in catalogue.object if (meshes / name).is_dir()]
+points, rejections = each_object(usable, sample, "surface")
 with store.whole(snakemake.output.rejected) as rejected:
     write_rejections(rejected, rejections)
 store.write(
     snakemake.output.surface,
     "surface",
-    {
-        "object": np.array(list(points), dtype=str),
-        "points": np.array(list(points.values()), np.float32).reshape(-1, settings["points"], 3),
-    },
+    store.join("surface", points),
     {"seed": seed, "config_digest": store.config_digest(settings)},
 )

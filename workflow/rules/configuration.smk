@@ -1,0 +1,57 @@
+# What the config means for the workflow: checked first, then the run's folder, its objects and its batches.
+import yaml
+from snakemake.exceptions import WorkflowError
+
+from palpate import catalogue
+from palpate.catalogue.schema import Invalid, check
+
+SCHEMAS = PROJECT / "workflow/schemas"
+STAGES = ["meshes", "surface", "grasps", "touch", "vision"]
+
+try:
+    check(
+        config,
+        SCHEMAS / "config.schema.yaml",
+        "the config (config/config.yaml with --configfile and --config)",
+    )
+    EXPERIMENTS = yaml.safe_load((PROJECT / "config/experiments.yaml").read_text())
+    check(
+        EXPERIMENTS, SCHEMAS / "experiments.schema.yaml", "config/experiments.yaml"
+    )
+    RUN_FOLDER = str(PROJECT / "results" / config["run"])
+    SOURCE = {
+        "kind": config["source"]["kind"],
+        # Relative paths are the project's, not the run folder's; procedural objects are made in the run's folder.
+        "path": str(PROJECT / (config["source"]["path"] or f"{RUN_FOLDER}/sources")),
+        "up": config["source"]["up"] or catalogue.UP_AXIS[config["source"]["kind"]],
+    }
+    CLASS_COUNTS = (
+        catalogue.all_classes(SOURCE)
+        if config["classes"] == "all"
+        else {row["class"]: row["objects"] for row in config["classes"]}
+    )
+    ENTRIES = catalogue.scan(SOURCE, CLASS_COUNTS)
+    BATCHES = catalogue.batch_names(len(ENTRIES), config["batch_size"])
+    HAND = config["grasps"]["hand"]
+    for path in (HAND or {}).values():
+        if not (PROJECT / path).is_file():
+            raise Invalid(f"config grasps.hand: {PROJECT / path}: no such file")
+except (Invalid, catalogue.CatalogueError) as error:
+    raise WorkflowError(str(error)) from None
+
+
+def source_inputs(entries):
+    """Files that a batch's meshes come from; procedural objects come as one folder a class."""
+    if SOURCE["kind"] == "procedural":
+        return sorted({f"sources/{entry.class_name}" for entry in entries})
+    return [f"{SOURCE['path']}/{entry.source}" for entry in entries]
+
+
+def batch_sources(wildcards):
+    first = BATCHES.index(wildcards.batch) * config["batch_size"]
+    return source_inputs(ENTRIES[first : first + config["batch_size"]])
+
+
+wildcard_constraints:
+    batch=r"batch-\d+",
+    **{"class": r"[A-Za-z0-9_]+"},

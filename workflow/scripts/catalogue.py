@@ -1,0 +1,19 @@
+"""The run's objects.
+
+catalogue.csv            object, class, split, batch, source (relative to the source's path), checksum (SHA-256)
+catalogue/<batch>.csv    the same rows, of one batch
+"""
+
+from palpate import catalogue
+from palpate.catalogue import log_to, schema
+from palpate.store import whole
+
+log_to(snakemake.log[0])
+params = snakemake.params
+table = catalogue.build(params.source, params.classes, params.split, params.batch_size)
+schema.check(table.to_dict("records"), params.schema, "catalogue.csv")
+for (_, rows), path in zip(table.groupby("batch"), snakemake.output.batches, strict=True):
+    with whole(path) as partial:
+        rows.to_csv(partial, index=False)
+with whole(snakemake.output.catalogue) as partial:
+    table.to_csv(partial, index=False)

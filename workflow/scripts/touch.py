@@ -1,0 +1,45 @@
+"""What the four sensors of every grasp of a batch read.
+
+touch/<batch>.zarr    success         (og, 4)                  bool       whether the sensor is in contact
+                      position        (og, 4, 3)               float64    world frame, m
+                      rotation        (og, 4, 3, 3)            float64    columns: the sensor's axes in the world
+                      depth           (og, 4, 100, 100)        float32    m from the sensor plane, +inf: nothing in range
+                      reading         (og, 4, 100, 100, 3)     uint8
+                      points          (og, 4, 10000, 3)        float32    local cloud, world frame, m
+                      point_count     (og, 4)                  int32
+                      empty_reading   (100, 100, 3)            uint8      what an untouched sensor reads
+rejected/touch/<batch>.csv    object, stage, reason
+"""
+
+from pathlib import Path
+
+import numpy as np
+
+from palpate import mesh, store, touch
+from palpate.catalogue import each_object, log_to, write_rejections
+
+TRACERS = {"embree": touch.RayCaster, "sphere_tracing": touch.SphereTracer}
+
+log_to(snakemake.log[0])
+meshes, settings = Path(snakemake.input.meshes), snakemake.params.touch
+grasps = store.read(snakemake.input.grasps, "object", "object_index", "sensor_position", "sensor_rotation")
+
+
+def sense(name: str) -> dict[str, np.ndarray]:
+    rows = grasps["object"][grasps["object_index"]] == name
+    position, rotation = grasps["sensor_position"][rows], grasps["sensor_rotation"][rows]
+    tracer = TRACERS[settings["method"]](mesh.load_visual(meshes / name), mesh.OBJECT_POSITION)
+    felt = touch.sense(tracer, position.reshape(-1, 3), rotation.reshape(-1, 3, 3))
+    felt = {key: array.reshape(*position.shape[:2], *array.shape[1:]) for key, array in felt._asdict().items()}
+    return {"position": position, "rotation": rotation, **felt}
+
+
+readings, rejections = each_object(grasps["object"], sense, "touch")
+with store.whole(snakemake.output.rejected) as rejected:
+    write_rejections(rejected, rejections)
+store.write(
+    snakemake.output.touch,
+    "touch",
+    {**store.join("touch", readings), "empty_reading": touch.empty_reading()},
+    {"seed": snakemake.params.seed, "config_digest": store.config_digest(settings)},
+)
