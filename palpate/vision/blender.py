@@ -1,0 +1,73 @@
+"""Blender as a module: how it is imported, and what goes wrong when it isn't."""
+
+import os
+import sys
+from contextlib import contextmanager
+
+from palpate.vision.system import install_command, missing_libraries
+
+
+def load():
+    """Import `bpy`, once, and return it.
+
+    Blender's thread pool takes the size of the machine when it starts, and its idle threads spin: a render
+    with one thread kept two cores busy (measured: 0.51 s of CPU for 0.26 s of render). Started while the
+    process may use one core only, the pool is of that size, and Cycles still gets as many threads as the
+    renderer asks for.
+
+    Raises ImportError naming what to install, or what to import earlier.
+    """
+    if "bpy" in sys.modules:
+        return sys.modules["bpy"]
+    try:
+        with _one_core():
+            import bpy
+    except ImportError as error:
+        raise ImportError(_advice(error)) from error
+    return bpy
+
+
+def _advice(error: ImportError) -> str:
+    missing = missing_libraries()
+    if missing:
+        return (
+            f"Blender can't start without the system libraries {', '.join(missing)}. On Debian and Ubuntu, as"
+            f" root: {install_command(missing.values())}"
+        )
+    if "undefined symbol" in str(error):
+        return (
+            f"Blender can't start after a library that brings its own embree (trimesh does): call"
+            f" palpate.vision.blender.load() before importing it ({error})"
+        )
+    return (
+        f"Blender can't start: {error}. Expected the package bpy 4.5 for Python 3.11 (envs/requirements.txt)"
+    )
+
+
+@contextmanager
+def _one_core():
+    """This process on one core for as long as the context lasts, where the system can do that."""
+    if not hasattr(os, "sched_setaffinity"):
+        yield
+        return
+    allowed = os.sched_getaffinity(0)
+    os.sched_setaffinity(0, {min(allowed)})
+    try:
+        yield
+    finally:
+        os.sched_setaffinity(0, allowed)
+
+
+@contextmanager
+def quiet():
+    """Without Blender's chatter on standard output, which it writes past Python's `sys.stdout`."""
+    sys.stdout.flush()
+    saved = os.dup(1)
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    try:
+        os.dup2(nowhere, 1)
+        yield
+    finally:
+        os.dup2(saved, 1)
+        os.close(nowhere)
+        os.close(saved)

@@ -1,0 +1,102 @@
+"""The pinhole camera: where a point of the world lands in an image. Numpy only.
+
+Pixels: an image is `size` pixels wide and high, row 0 at the top. Pixel (row r, column c) covers the square
+from (c, r) to (c + 1, r + 1), so its **centre is at (c + 0.5, r + 0.5)** and the image's centre at (size / 2,
+size / 2). `project` returns (x, y) = (column, row) coordinates in this system.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+# The paper's supplement, "Simulating Vision"; Euler angles as Blender applies them (about fixed x, then y,
+# then z).
+POSITION = (0.972, 0.461, 0.974)  # m
+ROTATION = (70.458, 4.940, 113.540)  # degrees
+# Not in the paper: read off its published projection matrix.
+FOCAL_LENGTH = 406.595  # pixels, for an image of 256 x 256 with the principal point at its centre
+IMAGE_SIZE = 256
+
+# A Blender camera looks along its -z with +y up; image coordinates have y down and z into the scene.
+IMAGE_FROM_CAMERA = np.diag([1.0, -1.0, -1.0])
+
+
+@dataclass(frozen=True)
+class Camera:
+    """A pinhole camera with square pixels and the principal point at the image's centre.
+
+    position: (3,) in the world, metres. rotation: (3, 3), columns are the camera's axes in the world: x
+    right, y up, looking along -z. focal_length and size (the image's width and height) in pixels.
+    """
+
+    position: np.ndarray
+    rotation: np.ndarray
+    focal_length: float
+    size: int
+
+    def intrinsics(self) -> np.ndarray:
+        """(3, 3) matrix from image coordinates (x right, y down, z into the scene) to homogeneous pixels."""
+        centre = self.size / 2
+        return np.array([[self.focal_length, 0, centre], [0, self.focal_length, centre], [0, 0, 1.0]])
+
+    def extrinsics(self) -> np.ndarray:
+        """(3, 4) matrix from homogeneous world coordinates to x right, y down, z into the scene."""
+        turn = IMAGE_FROM_CAMERA @ self.rotation.T
+        return np.column_stack([turn, -turn @ self.position])
+
+    def pose(self) -> np.ndarray:
+        """(4, 4) pose in the world of the axes x right, y up, -z into the scene (Blender's, OpenGL's)."""
+        pose = np.eye(4)
+        pose[:3, :3], pose[:3, 3] = self.rotation, self.position
+        return pose
+
+    def project(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Where points land: pixels (..., 2) as (column, row), and depth (...) along the optical axis.
+
+        points: (..., 3) in the world. Points at or behind the camera have depth <= 0 and pixels of nan.
+        """
+        seen = (np.asarray(points, dtype=float) - self.position) @ self.rotation @ IMAGE_FROM_CAMERA
+        depth = seen[..., 2]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            pixels = self.focal_length * seen[..., :2] / depth[..., None] + self.size / 2
+        pixels[depth <= 0] = np.nan
+        return pixels, depth
+
+    def rays(self) -> np.ndarray:
+        """(size, size, 3) world directions from the camera through pixels' centres, depth 1 along the axis.
+
+        So `position + depth[..., None] * rays` are the points that a depth image shows.
+        """
+        ticks = (np.arange(self.size) + 0.5 - self.size / 2) / self.focal_length
+        column, row = np.meshgrid(ticks, ticks)
+        return np.stack([column, row, np.ones_like(row)], axis=-1) @ IMAGE_FROM_CAMERA @ self.rotation.T
+
+
+def paper_camera(size: int = IMAGE_SIZE) -> Camera:
+    """The paper's camera; another size keeps the field of view (34.95 degrees)."""
+    about_x, about_y, about_z = (_rotation(axis, np.radians(a)) for axis, a in enumerate(ROTATION))
+    return Camera(np.array(POSITION), about_z @ about_y @ about_x, FOCAL_LENGTH * size / IMAGE_SIZE, size)
+
+
+def looking_at(
+    target, position, size: int = IMAGE_SIZE, field_of_view: float = 34.95, up=(0.0, 0.0, 1.0)
+) -> Camera:
+    """A camera at `position` (3,) that looks at `target` (3,) with `up` upwards; field of view in degrees."""
+    position = np.asarray(position, dtype=float)
+    back = position - np.asarray(target, dtype=float)
+    right = np.cross(up, back)
+    if not np.linalg.norm(right) > 1e-9 * np.linalg.norm(back):
+        raise ValueError(f"a camera at {position} can't look at {target} with {up} up: choose another `up`")
+    axes = [right, np.cross(back, right), back]
+    rotation = np.stack([axis / np.linalg.norm(axis) for axis in axes], axis=1)
+    return Camera(position, rotation, size / 2 / np.tan(np.radians(field_of_view) / 2), size)
+
+
+def _rotation(axis: int, angle: float) -> np.ndarray:
+    """(3, 3) rotation by `angle` radians about coordinate axis 0, 1 or 2."""
+    rotation = np.eye(3)
+    first, second = (axis + 1) % 3, (axis + 2) % 3
+    rotation[first, first] = rotation[second, second] = np.cos(angle)
+    rotation[second, first] = np.sin(angle)
+    rotation[first, second] = -np.sin(angle)
+    return rotation

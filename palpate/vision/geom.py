@@ -1,0 +1,110 @@
+"""Geoms of the hand as triangles with smooth normals; edges are rounded, inwards only. Numpy only.
+
+A drawn geom lies inside its closed form: all vertices are on the closed form's surface with its edges
+rounded, and everything here is convex, so faces cut corners and never stick out.
+"""
+
+import numpy as np
+
+# The radius of a box's or a cylinder's rounded edges: a share of the smallest half extent, up to a limit in
+# metres.
+BEVEL_SHARE = 0.3
+LARGEST_BEVEL = 0.003
+EDGE_SEGMENTS = 3  # faces across a rounded edge, for each of the two sides that meet
+ROUND_SEGMENTS = 10  # the same, for spheres, capsules and ellipsoids
+CYLINDER_SECTORS = 48
+
+Triangles = tuple[np.ndarray, np.ndarray, np.ndarray]
+
+
+def triangles(kind: str, size, vertices=None, faces=None) -> Triangles:
+    """Vertices (n, 3), faces (f, 3) and unit normals (n, 3) of a geom in its own frame.
+
+    kind and size as in `palpate.hand.Hand`: box (half extents), sphere (radius), capsule and cylinder
+    (radius, half length along z), ellipsoid (half axes). vertices, faces: of a geom of kind mesh, whose
+    normals come out as none-numbers (nan): the renderer shades it by its faces.
+    """
+    size = np.asarray(size, dtype=float)
+    if kind == "box":
+        return rounded_box(size, bevel(size), EDGE_SEGMENTS)
+    if kind == "sphere":
+        return sphere(size[0], ROUND_SEGMENTS)
+    if kind == "capsule":
+        return rounded_box(np.array([size[0], size[0], size[0] + size[1]]), size[0], ROUND_SEGMENTS)
+    if kind == "ellipsoid":
+        unit, faces, _ = sphere(1.0, ROUND_SEGMENTS)
+        normals = unit / size
+        return unit * size, faces, normals / np.linalg.norm(normals, axis=1, keepdims=True)
+    if kind == "cylinder":
+        return rounded_cylinder(size[0], size[1], bevel(size[:2]), CYLINDER_SECTORS, EDGE_SEGMENTS)
+    if kind == "mesh":
+        return np.asarray(vertices, dtype=float), np.asarray(faces), np.full((len(vertices), 3), np.nan)
+    raise ValueError(
+        f"can't draw a geom of kind {kind!r}: expected box, sphere, capsule, cylinder, ellipsoid or mesh"
+    )
+
+
+def bevel(size: np.ndarray) -> float:
+    """The radius of the rounded edges of a box or cylinder with these half extents."""
+    return float(min(LARGEST_BEVEL, BEVEL_SHARE * size.min()))
+
+
+def sphere(radius: float, segments: int) -> Triangles:
+    """A sphere as a cube of 6 x (2 segments)^2 squares, rounded."""
+    return rounded_box(np.full(3, radius), radius, segments)
+
+
+def rounded_box(half_extents: np.ndarray, radius: float, segments: int) -> Triangles:
+    """A box with edges and corners rounded with a radius; `segments` faces from a side to a corner's middle.
+
+    Every side is a grid of lines that are dense over the roundings; the surface is the inner box, pushed
+    outwards by the radius.
+    """
+    inner = np.asarray(half_extents, dtype=float) - radius
+    spread = np.tan(np.linspace(0, np.pi / 4, segments + 1))  # equal angles across the rounding
+    ticks = np.concatenate([-spread[::-1], spread])
+    signs = np.repeat([-1.0, 1.0], segments + 1)
+    first, second = (grid.ravel() for grid in np.meshgrid(ticks, ticks, indexing="ij"))
+    sign_first, sign_second = (grid.ravel() for grid in np.meshgrid(signs, signs, indexing="ij"))
+    ones = np.ones_like(first)
+    towards, corner = np.stack([ones, first, second], 1), np.stack([ones, sign_first, sign_second], 1)
+    towards /= np.linalg.norm(towards, axis=1, keepdims=True)
+    square = _grid_faces(len(ticks), len(ticks))
+
+    vertices, normals, faces = [], [], []
+    for axis in range(3):
+        order = np.argsort([axis, (axis + 1) % 3, (axis + 2) % 3])
+        for side in (1.0, -1.0):
+            flip = np.array([side, 1.0, 1.0])
+            normal, anchor = (towards * flip)[:, order], (corner * flip)[:, order]
+            faces.append((square if side > 0 else square[:, ::-1]) + len(vertices) * len(towards))
+            vertices.append(anchor * inner + radius * normal)
+            normals.append(normal)
+    return np.concatenate(vertices), np.concatenate(faces), np.concatenate(normals)
+
+
+def rounded_cylinder(
+    radius: float, half_length: float, edge: float, sectors: int, segments: int
+) -> Triangles:
+    """A cylinder about z whose two rims are rounded with radius `edge`."""
+    angle = np.linspace(0, np.pi / 2, 2 * segments + 1)
+    # The profile from the middle of the bottom to the middle of the top: distance from the axis, height,
+    # normal.
+    out, up = np.cos(angle[::-1]), np.sin(angle[::-1])
+    rim = np.stack([radius - edge + edge * out, half_length - edge + edge * up, out, up], axis=1)[::-1]
+    top = np.concatenate([rim, [[0, half_length, 0, 1]]])
+    profile = np.concatenate([top[::-1] * [1, -1, 1, -1], top])
+    turn = np.linspace(0, 2 * np.pi, sectors + 1)
+    cosine, sine = np.cos(turn)[:, None], np.sin(turn)[:, None]
+    distance, height, outwards, upwards = profile.T
+    ones = np.ones_like(cosine)
+    vertices = np.stack([cosine * distance, sine * distance, ones * height], axis=-1).reshape(-1, 3)
+    normals = np.stack([cosine * outwards, sine * outwards, ones * upwards], axis=-1).reshape(-1, 3)
+    return vertices, _grid_faces(len(turn), len(profile)), normals
+
+
+def _grid_faces(rows: int, columns: int) -> np.ndarray:
+    """Triangles (f, 3) of a grid of vertices stored row by row."""
+    corner = (np.arange(rows - 1)[:, None] * columns + np.arange(columns - 1)).ravel()
+    quads = np.stack([corner, corner + columns, corner + columns + 1, corner + 1], axis=1)
+    return np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]])

@@ -1,0 +1,91 @@
+"""What a render is: colours, mask and depth as arrays, and how they come out of Blender's EXR files."""
+
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import OpenEXR
+
+# Names of the channels in Blender's files and in those kept, by pass.
+CHANNELS = {
+    "Combined": "ViewLayer.Combined",
+    "Depth": "ViewLayer.Depth.Z",
+    "IndexOB": "ViewLayer.IndexOB.X",
+}
+# Blender's depth where a pixel shows nothing; real depths are far below.
+NOTHING = 1e9
+
+
+class Image(NamedTuple):
+    """An image of size s. Row 0 at the top.
+
+    rgb: (s, s, 3) uint8, sRGB; with a transparent background (s, s, 4), alpha not premultiplied.
+    mask: (s, s) uint8, 255 where the pixel's centre shows the object, else 0.
+    depth: (s, s) float16, metres along the camera's axis at the pixel's centre, +inf where it shows nothing.
+    """
+
+    rgb: np.ndarray
+    mask: np.ndarray
+    depth: np.ndarray
+
+
+class Layers(NamedTuple):
+    """Cycles' passes of a picture, float32, row 0 at the top.
+
+    combined: (s, s, 4) linear RGBA, colours premultiplied by alpha. depth: (s, s) metres, `NOTHING` and more
+    where there is nothing. index: (s, s) 1 for the object, 0 for all else.
+    """
+
+    combined: np.ndarray
+    depth: np.ndarray
+    index: np.ndarray
+
+    @classmethod
+    def empty(cls, size: int) -> "Layers":
+        """A picture that shows nothing."""
+        blank = np.zeros((size, size), dtype=np.float32)
+        return cls(np.zeros((size, size, 4), dtype=np.float32), blank + 10 * np.float32(NOTHING), blank)
+
+    def image(self, background: tuple[float, float, float] | None) -> Image:
+        """The image over a background in linear RGB; for none, with a fourth channel."""
+        nothing = ~((self.depth > 0) & (self.depth < NOTHING))
+        depth = np.where(nothing, np.inf, self.depth).astype(np.float16)
+        mask = np.where(~nothing & (self.index > 0.5), 255, 0).astype(np.uint8)
+        return Image(over_background(self.combined, background), mask, depth)
+
+
+def read_layers(path: Path | str) -> Layers:
+    """Passes of a multilayer EXR file, one that Blender or `write_layers` wrote."""
+    with OpenEXR.File(str(path)) as file:
+        channels = file.channels()
+        return Layers(*(np.array(channels[name].pixels) for name in CHANNELS.values()))
+
+
+def write_layers(path: Path | str, layers: Layers) -> None:
+    """Keep a picture's passes as a multilayer EXR file: 32 bit floats, zip, Blender's channel names."""
+    channels = dict(zip(CHANNELS.values(), layers, strict=True))
+    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+    with OpenEXR.File(header, channels) as file:
+        file.write(str(path))
+
+
+def srgb(linear: np.ndarray) -> np.ndarray:
+    """Linear light, 1 is white, as sRGB uint8 (IEC 61966-2-1): Blender's view transform "Standard"."""
+    linear = np.clip(linear, 0, 1)
+    encoded = np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
+    return (encoded * 255 + 0.5).astype(np.uint8)
+
+
+def linear(encoded: np.ndarray) -> np.ndarray:
+    """sRGB colours in 0..1 as linear light: the inverse of `srgb`."""
+    encoded = np.asarray(encoded, dtype=float)
+    return np.where(encoded <= 0.04045, encoded / 12.92, ((encoded + 0.055) / 1.055) ** 2.4)
+
+
+def over_background(combined: np.ndarray, background: tuple[float, float, float] | None) -> np.ndarray:
+    """Premultiplied linear RGBA (..., 4) over a linear colour as sRGB (..., 3); over none, sRGBA (..., 4)."""
+    colour, alpha = combined[..., :3], combined[..., 3:]
+    if background is not None:
+        return srgb(colour + (1 - alpha) * np.asarray(background, dtype=np.float32))
+    straight = np.divide(colour, alpha, out=np.zeros_like(colour), where=alpha > 0)
+    return np.concatenate([srgb(straight), (alpha * 255 + 0.5).clip(0, 255).astype(np.uint8)], axis=-1)

@@ -1,0 +1,461 @@
+"""The renderer: one Blender process that draws a whole batch of objects, alone and in the hand.
+
+A picture is two renders of Cycles. The first makes the colours: many samples a pixel, smoothed by the pixel
+filter. The second makes mask and depth: one sample exactly at every pixel's centre, because Cycles takes
+these from a pixel's first sample, which the filter of the first render moves by up to 0.75 pixels. Blender
+writes both as EXR files into memory (a `Viewer` node stays empty without a window), where OpenEXR reads them.
+"""
+
+import shutil
+import tempfile
+import weakref
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from palpate.vision import blender
+
+bpy = blender.load()
+
+from mathutils import Matrix, Vector  # noqa: E402  (Blender comes before anything else)
+
+from palpate.catalogue.batch import Unusable  # noqa: E402
+from palpate.mesh import OBJECT_POSITION  # noqa: E402
+from palpate.vision import geom  # noqa: E402
+from palpate.vision.camera import IMAGE_SIZE, Camera, paper_camera  # noqa: E402
+from palpate.vision.image import Image, Layers, linear, read_layers, write_layers  # noqa: E402
+from palpate.vision.scene import Mesh  # noqa: E402
+
+SAMPLES = 16
+SEED = 0
+
+# The light: one lamp, a sun, whose direction is fixed in the world (from the camera's upper left), and a
+# constant ambient light. A white diffuse surface that faces the lamp comes out at 0.8 * (SUN / pi + AMBIENT)
+# = 0.9 of white.
+SUN_STRENGTH = 2.1  # W / m2
+SUN_POSITION = (0.6, -0.55, 1.3)  # the direction from the object towards the lamp
+SUN_ANGLE = 0.0  # radians; a point: shadows are sharp, and free of noise
+AMBIENT = 0.45
+WHITE = (1.0, 1.0, 1.0)
+
+# The hand's plastic.
+ROUGHNESS = 0.45
+
+OBJECT_INDEX = 1  # Blender's pass index of the object; 0 is everything else
+MARGIN = 2  # pixels around what is drawn: as far as the pixel filter reaches (0.75), and rounding
+PIXEL_FILTER = 1.5  # pixels, the width of the Blackman-Harris filter: Blender's default
+POINT_FILTER = 0.01  # pixels: the narrowest that Blender takes
+SHARP_EDGE = np.radians(30)
+
+# Where the glTF importer puts a file's coordinates: y up is turned to z up, (x, y, z) -> (x, -z, y). Files
+# here hold z up as it is, so this is turned back.
+OBJECT_POSE = np.eye(4)
+OBJECT_POSE[:3, :3] = [[1, 0, 0], [0, 0, 1], [0, -1, 0]]
+OBJECT_POSE[:3, 3] = OBJECT_POSITION
+
+GPU_KINDS = ("OPTIX", "CUDA", "HIP", "ONEAPI", "METAL")
+
+# Kinds of Blender's data that a file can bring, and that go with it.
+DATA = (
+    "objects",
+    "meshes",
+    "materials",
+    "images",
+    "textures",
+    "collections",
+    "cameras",
+    "lights",
+    "armatures",
+    "actions",
+    "node_groups",
+    "curves",
+    "shape_keys",
+    "worlds",
+    "texts",
+)
+
+
+class Renderer:
+    """Blender, set up once, for as many objects as there are.
+
+    size: width and height of images in pixels. samples: Cycles' samples a pixel for the colours. device:
+    "cpu", "gpu", or "auto": a GPU if Cycles finds one. threads: of the CPU. exr: a folder that keeps every
+    image as a multilayer EXR file with 32 bit floats (see `palpate.vision.image`); none keeps nothing.
+
+    Blender has one scene a process: a new Renderer takes the place of the one before.
+    """
+
+    _alive = None
+
+    def __init__(
+        self,
+        size: int = IMAGE_SIZE,
+        samples: int = SAMPLES,
+        device: str = "auto",
+        threads: int = 1,
+        exr: Path | str | None = None,
+    ):
+        self.camera = paper_camera(size)
+        self.samples = samples
+        self.exr = None if exr is None else Path(exr)
+        if self.exr is not None:
+            self.exr.mkdir(parents=True, exist_ok=True)
+        self._folder = _memory_folder()
+        weakref.finalize(self, shutil.rmtree, self._folder, ignore_errors=True)
+        self._hand, self._links = None, []
+        bpy.ops.wm.read_factory_settings(use_empty=True)
+        Renderer._alive = weakref.ref(self)
+        self.device = _choose_device(device)
+        self._scene = bpy.context.scene
+        _set_up_render(self._scene, threads, self.device)
+        _add_light(self._scene)
+        self._camera = _link(self._scene, bpy.data.objects.new("camera", bpy.data.cameras.new("camera")))
+        self._scene.camera = self._camera
+        self._origin = _link(self._scene, bpy.data.objects.new("origin", None))
+        self._plastic = _coloured_material("plastic", ROUGHNESS)
+
+    def render_object(
+        self,
+        visual_glb: Path | str,
+        hand=None,
+        link_poses: Sequence[np.ndarray] | np.ndarray = (),
+        name: str | None = None,
+    ) -> tuple[Image, list[Image]]:
+        """The object alone, and with the hand in each of g grasps, from the paper's camera over white.
+
+        visual_glb: the object's file, in its own frame; it stands at `palpate.mesh.OBJECT_POSITION`. hand: a
+        `palpate.hand.Hand`; link_poses: (g, L, 4, 4) poses of its links in the world. name: of the EXR files
+        (default: the name of the file's folder).
+
+        Raises Unusable where the file can't be read or holds no triangles; the next object renders all the
+        same.
+        """
+        self._take_hand(hand)
+        name = name or Path(visual_glb).parent.name
+        with _Guests():
+            points = self._import(Path(visual_glb))
+            unoccluded = self._picture(self.camera, points, self.samples, f"{name}-unoccluded")
+            occluded = []
+            for number, link_pose in enumerate(link_poses):
+                drawn = np.concatenate([points, self._pose_hand(link_pose)])
+                occluded.append(self._picture(self.camera, drawn, self.samples, f"{name}-grasp-{number}"))
+            self._hide_hand()
+        return unoccluded.image(WHITE), [layers.image(WHITE) for layers in occluded]
+
+    def render_scene(
+        self,
+        meshes: Iterable[Mesh] = (),
+        visual_glb: Path | str | None = None,
+        hand=None,
+        link_pose: np.ndarray | None = None,
+        camera: Camera | None = None,
+        samples: int | None = None,
+        background: tuple[float, float, float] | None = WHITE,
+    ) -> Image:
+        """Any scene from any viewpoint, for figures.
+
+        meshes: coloured triangles in the world (`spheres` makes them of points). visual_glb: an object's
+        file, which stands where `render_object` puts it. hand, link_pose: a `palpate.hand.Hand` and its
+        links' poses (L, 4, 4). camera: its `size` is the image's (default: the paper's, in the renderer's
+        size). samples: default, the renderer's. background: linear RGB; none for a transparent one (the
+        image's rgb then has four channels).
+
+        The mask is that of the glb's object and of the meshes: all but the hand.
+        """
+        self._take_hand(hand)
+        camera = self.camera if camera is None else camera
+        with _Guests():
+            drawn = [np.zeros((0, 3))]
+            if visual_glb is not None:
+                drawn.append(self._import(Path(visual_glb)))
+            for number, mesh in enumerate(meshes):
+                body = _link(self._scene, _blender_object(f"mesh-{number}", mesh, self._plastic))
+                body.pass_index = OBJECT_INDEX
+                drawn.append(np.asarray(mesh.vertices, dtype=float))
+            if hand is not None:
+                drawn.append(self._pose_hand(link_pose))
+            layers = self._picture(camera, np.concatenate(drawn), samples or self.samples)
+            self._hide_hand()
+        return layers.image(background)
+
+    def _take_hand(self, hand) -> None:
+        """Build the hand's meshes, unless they are there from the object before."""
+        if Renderer._alive is None or Renderer._alive() is not self:
+            raise RuntimeError("a newer Renderer has taken Blender's scene: use that one")
+        if hand is None or hand is self._hand:
+            return
+        bpy.data.batch_remove([block for _, body, _ in self._links for block in (body, body.data)])
+        self._hand, self._links = hand, _hand_objects(hand, self._plastic)
+        for _, body, _ in self._links:
+            _link(self._scene, body)
+        self._hide_hand()
+
+    def _import(self, path: Path) -> np.ndarray:
+        """Put an object's file into the scene; returns its vertices (n, 3) in the world."""
+        if not path.is_file():
+            raise FileNotFoundError(f"{path} does not exist: expected an object's visual.glb")
+        before = set(bpy.data.objects)
+        try:
+            with blender.quiet():
+                bpy.ops.import_scene.gltf(filepath=str(path), loglevel=50)
+        except Exception as error:
+            reason = str(error).strip().splitlines()[-1]
+            raise Unusable(f"{path}: Blender can't read it as glTF ({reason})") from error
+        bodies = []
+        for body in [body for body in bpy.data.objects if body not in before]:
+            if body.parent is None:
+                body.parent = self._origin
+            if body.type == "MESH" and len(body.data.polygons):
+                bodies.append(body)
+            elif body.type != "EMPTY":
+                body.hide_render = True  # cameras and lamps of the file
+        self._origin.matrix_world = _matrix(OBJECT_POSE)
+        bpy.context.view_layer.update()
+        points = [np.zeros((0, 3))]
+        for body in bodies:
+            body.pass_index = OBJECT_INDEX
+            points.append(_world_vertices(body))
+        points = np.concatenate(points)
+        if not len(points) or not np.isfinite(points).all():
+            raise Unusable(
+                f"{path}: expected triangles with finite coordinates, found {len(points)} vertices"
+            )
+        return points
+
+    def _pose_hand(self, link_pose: np.ndarray) -> np.ndarray:
+        """Show the hand with its links at poses (L, 4, 4); returns its vertices (n, 3) in the world."""
+        points = [np.zeros((0, 3))]
+        for link, body, vertices in self._links:
+            pose = np.asarray(link_pose[link], dtype=float)
+            body.matrix_world = _matrix(pose)
+            body.hide_render = False
+            points.append(vertices @ pose[:3, :3].T + pose[:3, 3])
+        return np.concatenate(points)
+
+    def _hide_hand(self) -> None:
+        for _, body, _ in self._links:
+            body.hide_render = True
+
+    def _picture(self, camera: Camera, points: np.ndarray, samples: int, master: str | None = None) -> Layers:
+        """Render what is in the scene, its vertices being `points`; keep it as `master` if masters are kept."""
+        self._place_camera(camera)
+        if not _crop(self._scene.render, camera, points):
+            return Layers.empty(camera.size)
+        colour = self._render(samples, PIXEL_FILTER)
+        point = self._render(1, POINT_FILTER)
+        layers = Layers(colour.combined, point.depth, point.index)
+        if master is not None and self.exr is not None:
+            write_layers(self.exr / f"{master}.exr", layers)
+        return layers
+
+    def _place_camera(self, camera: Camera) -> None:
+        render, lens = self._scene.render, self._camera.data
+        render.resolution_x = render.resolution_y = camera.size
+        lens.sensor_fit = "HORIZONTAL"
+        lens.lens = camera.focal_length / camera.size * lens.sensor_width
+        self._camera.matrix_world = _matrix(camera.pose())
+
+    def _render(self, samples: int, filter_width: float) -> Layers:
+        scene = self._scene
+        scene.cycles.samples = samples
+        scene.cycles.filter_width = filter_width
+        path = self._folder / "picture.exr"
+        scene.render.filepath = str(path)
+        with blender.quiet():
+            bpy.ops.render.render(write_still=True)
+        return read_layers(path)
+
+
+class _Guests:
+    """Whatever comes into Blender's data within the context goes with its end."""
+
+    def __enter__(self) -> None:
+        self._residents = {block.session_uid for block in _blocks()}
+
+    def __exit__(self, *_) -> None:
+        bpy.data.batch_remove([block for block in _blocks() if block.session_uid not in self._residents])
+
+
+def _blocks() -> list:
+    """All of Blender's data that a file can bring."""
+    blocks = [block for kind in DATA for block in getattr(bpy.data, kind)]
+    return [block for block in blocks if getattr(block, "type", None) != "RENDER_RESULT"]
+
+
+def _memory_folder() -> Path:
+    """A new folder for what passes from Blender to numpy; in memory where the system has one there."""
+    shared = Path("/dev/shm")
+    return Path(tempfile.mkdtemp(prefix="palpate-vision-", dir=shared if shared.is_dir() else None))
+
+
+def _choose_device(device: str) -> str:
+    """Tell Cycles which devices it may use; returns "cpu" or "gpu"."""
+    if device not in ("auto", "cpu", "gpu"):
+        raise ValueError(f"device {device!r}: expected auto, cpu or gpu")
+    if device == "cpu":
+        return "cpu"
+    preferences = bpy.context.preferences.addons["cycles"].preferences
+    for kind in GPU_KINDS:
+        try:
+            preferences.compute_device_type = kind
+        except TypeError:  # this build of Blender doesn't know the kind
+            continue
+        found = [entry for entry in preferences.get_devices_for_type(kind) if entry.type == kind]
+        for entry in found:
+            entry.use = True
+        if found:
+            return "gpu"
+    if device == "gpu":
+        raise RuntimeError("device gpu: Cycles finds none (driver missing?); use device cpu or auto")
+    return "cpu"
+
+
+def _set_up_render(scene, threads: int, device: str) -> None:
+    """The settings that stay: what a scene of CAD parts under one lamp needs, and no more."""
+    render, cycles, layer = scene.render, scene.cycles, scene.view_layers[0]
+    render.engine = "CYCLES"
+    render.resolution_percentage = 100
+    render.threads_mode, render.threads = "FIXED", threads
+    render.film_transparent = True
+    render.use_compositing = render.use_sequencer = False
+    render.use_border, render.use_crop_to_border = True, False
+    render.use_persistent_data = False
+    settings = render.image_settings
+    settings.file_format, settings.color_depth, settings.exr_codec = "OPEN_EXR_MULTILAYER", "32", "NONE"
+    layer.use_pass_z = layer.use_pass_object_index = True
+
+    cycles.device = device.upper()
+    cycles.seed = SEED
+    cycles.use_denoising = False
+    cycles.use_adaptive_sampling = False
+    cycles.use_light_tree = False
+    cycles.use_auto_tile = False
+    cycles.caustics_reflective = cycles.caustics_refractive = False
+    cycles.max_bounces = 6
+    cycles.diffuse_bounces = cycles.glossy_bounces = 1
+    cycles.transmission_bounces = 6
+    cycles.transparent_max_bounces = 8
+    cycles.volume_bounces = 0
+
+
+def _add_light(scene) -> None:
+    lamp = bpy.data.lights.new("lamp", "SUN")
+    lamp.energy, lamp.angle = SUN_STRENGTH, SUN_ANGLE
+    body = _link(scene, bpy.data.objects.new("lamp", lamp))
+    towards = Vector(SUN_POSITION)
+    body.rotation_euler = towards.to_track_quat("Z", "Y").to_euler()
+    scene.world = bpy.data.worlds.new("ambient")
+    scene.world.use_nodes = True
+    background = scene.world.node_tree.nodes["Background"].inputs
+    background["Color"].default_value = (1, 1, 1, 1)
+    background["Strength"].default_value = AMBIENT
+    # Of a constant light the surfaces' own samples are the better ones: they follow the cosine.
+    scene.world.cycles.sampling_method = "NONE"
+
+
+def _matrix(pose: np.ndarray) -> Matrix:
+    return Matrix(pose.tolist())
+
+
+def _link(scene, body):
+    scene.collection.objects.link(body)
+    return body
+
+
+def _coloured_material(name: str, roughness: float):
+    """A dielectric whose colour is the mesh's attribute "colour"."""
+    material = bpy.data.materials.new(name)
+    material.use_nodes = True
+    nodes, links = material.node_tree.nodes, material.node_tree.links
+    colour = nodes.new("ShaderNodeAttribute")
+    colour.attribute_name = "colour"
+    surface = nodes["Principled BSDF"].inputs
+    surface["Roughness"].default_value = roughness
+    links.new(colour.outputs["Color"], surface["Base Color"])
+    return material
+
+
+def _hand_objects(hand, material) -> list[tuple[int, Any, np.ndarray]]:
+    """For every link that has geoms: its number, a Blender object, vertices (n, 3) in the link's frame."""
+    made = []
+    for link in np.unique(hand.geom_link):
+        vertices, faces, normals, colours = [], [], [], []
+        for number in np.flatnonzero(hand.geom_link == link):
+            points, corners, towards = geom.triangles(
+                hand.geom_kind[number],
+                hand.geom_size[number],
+                hand.geom_vertices[number],
+                hand.geom_faces[number],
+            )
+            turn = hand.geom_rotation[number]
+            faces.append(corners + sum(map(len, vertices)))
+            vertices.append(points @ turn.T + hand.geom_position[number])
+            normals.append(towards @ turn.T)
+            colours.append(np.tile(hand.geom_rgba[number, :3], (len(points), 1)))
+        mesh = Mesh(*map(np.concatenate, (vertices, faces, colours, normals)))
+        made.append(
+            (int(link), _blender_object(f"hand-{hand.link_names[link]}", mesh, material), mesh.vertices)
+        )
+    return made
+
+
+def _blender_object(name: str, mesh: Mesh, material):
+    """A Blender object with smooth shading and colours, not yet in a scene."""
+    vertices = np.asarray(mesh.vertices, dtype=np.float32)
+    faces = np.asarray(mesh.faces, dtype=np.int32)
+    data = bpy.data.meshes.new(name)
+    data.vertices.add(len(vertices))
+    data.vertices.foreach_set("co", vertices.ravel())
+    data.loops.add(faces.size)
+    data.loops.foreach_set("vertex_index", faces.ravel())
+    data.polygons.add(len(faces))
+    data.polygons.foreach_set("loop_start", np.arange(0, faces.size, 3, dtype=np.int32))
+    data.update(calc_edges=True)
+    data.shade_smooth()
+    if mesh.normals is None:
+        data.set_sharp_from_angle(angle=SHARP_EDGE)
+    else:
+        data.normals_split_custom_set_from_vertices(np.asarray(mesh.normals, dtype=float).tolist())
+    colours = np.asarray(mesh.colours, dtype=float)
+    by_face = colours.shape == (len(faces), 3) and len(faces) != len(vertices)
+    rgba = np.ones((len(faces) * 3 if by_face else len(vertices), 4), dtype=np.float32)
+    rgba[:, :3] = linear(np.repeat(colours, 3, axis=0) if by_face else colours)
+    attribute = data.color_attributes.new("colour", "FLOAT_COLOR", "CORNER" if by_face else "POINT")
+    attribute.data.foreach_set("color", rgba.ravel())
+    data.materials.append(material)
+    return bpy.data.objects.new(name, data)
+
+
+def _world_vertices(body) -> np.ndarray:
+    """(n, 3) vertices of a Blender mesh object in the world."""
+    vertices = np.empty(3 * len(body.data.vertices), dtype=np.float32)
+    body.data.vertices.foreach_get("co", vertices)
+    pose = np.array(body.matrix_world)
+    return vertices.reshape(-1, 3) @ pose[:3, :3].T + pose[:3, 3]
+
+
+def _crop(render, camera: Camera, points: np.ndarray) -> bool:
+    """Render only the rectangle in which `points` lie; False where they are all outside the image.
+
+    The other pixels can only show background. Cycles draws the same random numbers for a pixel whatever the
+    rectangle, so the picture is the same.
+    """
+    pixels, depth = camera.project(points)
+    low, high = np.zeros(2), np.full(2, camera.size)
+    if len(points) and (depth > 0).all():
+        low = np.clip(np.floor(pixels.min(axis=0)) - MARGIN, 0, camera.size)
+        high = np.clip(np.ceil(pixels.max(axis=0)) + MARGIN, 0, camera.size)
+    elif not (depth > 0).any():
+        return False
+    if (low >= high).any():
+        return False
+    inside = 0.1  # pixels: Blender rounds down
+    render.border_min_x, render.border_max_x = (
+        (low[0] + inside) / camera.size,
+        (high[0] + inside) / camera.size,
+    )
+    render.border_min_y = (camera.size - high[1] + inside) / camera.size
+    render.border_max_y = (camera.size - low[1] + inside) / camera.size
+    return True

@@ -1,0 +1,52 @@
+"""System libraries that Blender needs: `python -m palpate.vision.system` names what is missing.
+
+Nothing here imports Blender.
+"""
+
+import ctypes
+import sys
+
+# What `bpy` 4.5 links against besides the C and C++ runtimes and what it brings along (`ldd`), by Debian
+# package (`dpkg -S`); the packages' own dependencies come with them.
+PACKAGES = {
+    "libX11.so.6": "libx11-6",
+    "libXrender.so.1": "libxrender1",
+    "libXfixes.so.3": "libxfixes3",
+    "libXi.so.6": "libxi6",
+    "libxkbcommon.so.0": "libxkbcommon0",
+    "libSM.so.6": "libsm6",
+    "libICE.so.6": "libice6",
+    "libGL.so.1": "libgl1",
+}
+
+
+def missing_libraries() -> dict[str, str]:
+    """The shared libraries that can't be loaded, each with the Debian package that has it."""
+    return {library: package for library, package in PACKAGES.items() if not _loads(library)}
+
+
+def install_command(packages) -> str:
+    """The command that installs Debian packages."""
+    return "apt-get install --yes --no-install-recommends " + " ".join(sorted(set(packages)))
+
+
+def _loads(library: str) -> bool:
+    try:
+        ctypes.CDLL(library)
+    except OSError:
+        return False
+    return True
+
+
+def main() -> int:
+    missing = missing_libraries()
+    if not missing:
+        print("Blender's system libraries are all there.")
+        return 0
+    print(f"Blender needs {', '.join(missing)}. On Debian and Ubuntu, as root:", file=sys.stderr)
+    print(install_command(missing.values()))
+    return 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())
