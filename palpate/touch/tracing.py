@@ -91,19 +91,13 @@ class Tracer(ABC):
         Conservative: the faces whose bounding boxes meet the bounding box of the sensor's reach, then their
         extent in the sensor's frame. Leaving the rest out does not change a single depth.
         """
-        half = np.array([SENSOR_RANGE, SENSOR_WIDTH, SENSOR_WIDTH]) / 2
-        centre = origin + rotation[:, 0] * half[0]
-        extent = np.abs(rotation) @ half + _MARGIN
-        near = np.ones(self._low.shape[1], dtype=bool)
-        for axis in range(3):
-            near &= self._low[axis] <= centre[axis] + extent[axis]
-            near &= self._high[axis] >= centre[axis] - extent[axis]
-        faces = np.flatnonzero(near)
+        faces = self._near_faces(origin, rotation)
         if not len(faces):
             return None
+        half = SENSOR_WIDTH / 2
         corners = (self._scene.triangles[faces] - origin) @ rotation
         low, high = corners.min(axis=1), corners.max(axis=1)
-        box = np.array([[0, -half[1], -half[2]], [SENSOR_RANGE, half[1], half[2]]])
+        box = np.array([[0, -half, -half], [SENSOR_RANGE, half, half]])
         meets = ((low <= box[1] + _MARGIN) & (high >= box[0] - _MARGIN)).all(axis=1)
         if not meets.any():
             return None
@@ -111,6 +105,17 @@ class Tracer(ABC):
         last = np.ceil((high[meets, 1:].max(axis=0) + _MARGIN) / PIXEL + RESOLUTION / 2 - 0.5).astype(int)
         first, last = np.clip(first, 0, RESOLUTION), np.clip(last + 1, 0, RESOLUTION)
         return Block(rows=slice(first[1], last[1]), columns=slice(first[0], last[0]))
+
+    def _near_faces(self, origin, rotation) -> np.ndarray:
+        """Indices of the faces whose bounding box meets the bounding box of what the sensor can feel."""
+        half = np.array([SENSOR_RANGE, SENSOR_WIDTH, SENSOR_WIDTH]) / 2
+        centre = origin + rotation[:, 0] * half[0]
+        extent = np.abs(rotation) @ half + _MARGIN
+        near = np.ones(self._low.shape[1], dtype=bool)
+        for axis in range(3):
+            near &= self._low[axis] <= centre[axis] + extent[axis]
+            near &= self._high[axis] >= centre[axis] - extent[axis]
+        return np.flatnonzero(near)
 
 
 def _coarse_to_fine(block: Block):

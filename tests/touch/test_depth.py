@@ -1,0 +1,356 @@
+"""Depth maps against closed forms, a naive ray caster, trimesh's rays, and one method against the other."""
+
+import igl
+import numpy as np
+import pytest
+import trimesh
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from palpate.touch import (
+    PIXEL_CENTRES,
+    RESOLUTION,
+    SENSOR_RANGE,
+    SENSOR_WIDTH,
+    RayCaster,
+    SphereTracer,
+    local_points,
+)
+
+ORIGIN, IDENTITY = np.zeros((1, 3)), np.eye(3)[None]
+Y, Z = np.meshgrid(PIXEL_CENTRES, PIXEL_CENTRES)
+METHODS = [RayCaster, SphereTracer]
+
+
+def sheet(distance, slope_y=0.0, slope_z=0.0, half=0.02):
+    """An open square in front of the sensor: x = distance + slope_y y + slope_z z."""
+    y, z = np.array([-half, half, half, -half]), np.array([-half, -half, half, half])
+    vertices = np.column_stack([distance + slope_y * y + slope_z * z, y, z])
+    return trimesh.Trimesh(vertices, [[0, 1, 2], [0, 2, 3]], process=False)
+
+
+def turned(mesh, angles, position=(0, 0, 0)):
+    mesh.apply_transform(trimesh.transformations.euler_matrix(*np.deg2rad(angles)))
+    mesh.apply_translation(position)
+    return mesh
+
+
+def lumpy(seed=0):
+    """A bumpy closed surface about 0.1 m wide."""
+    mesh = trimesh.creation.icosphere(subdivisions=3, radius=0.05)
+    random = np.random.default_rng(seed)
+    mesh.vertices *= 1 + 0.1 * random.standard_normal((len(mesh.vertices), 1)).clip(-2, 2)
+    return mesh
+
+
+def poses_near(mesh, count, seed=0, gap=(-0.01, 0.03)):
+    """Sensors that look at random spots of a mesh roughly along the normals."""
+    random = np.random.default_rng(seed)
+    points, face = trimesh.sample.sample_surface(mesh, count, seed=seed)
+    rotation = Rotation.random(count, random_state=seed).as_matrix()
+    towards = -mesh.face_normals[face] + 0.5 * random.standard_normal((count, 3))
+    for frame, x in zip(rotation, towards, strict=True):
+        frame[:, 0] = x / np.linalg.norm(x)
+        frame[:, 1] -= frame[:, 0] * (frame[:, 0] @ frame[:, 1])
+        frame[:, 1] /= np.linalg.norm(frame[:, 1])
+        frame[:, 2] = np.cross(frame[:, 0], frame[:, 1])
+    return points - rotation[:, :, 0] * random.uniform(*gap, (count, 1)), rotation
+
+
+def distance_to(mesh, points):
+    squared, _, _ = igl.point_mesh_squared_distance(
+        np.asarray(points, dtype=np.float64),
+        np.array(mesh.vertices, dtype=np.float64),
+        np.array(mesh.faces, dtype=np.int64),
+    )
+    return np.sqrt(squared)
+
+
+def naive_depth(mesh, position, rotation, rows, columns):
+    """Every ray against every face in double precision (Moeller and Trumbore 1997)."""
+    a, b, c = np.asarray(mesh.triangles).transpose(1, 0, 2)
+    direction = rotation[:, 0]
+    across = np.cross(direction, c - a)
+    determinant = np.einsum("fi,fi->f", b - a, across)
+    depth = np.full(len(rows), np.inf)
+    for i, (row, column) in enumerate(zip(rows, columns, strict=True)):
+        start = position + rotation @ [0, PIXEL_CENTRES[column], PIXEL_CENTRES[row]]
+        u = np.einsum("fi,fi->f", start - a, across) / determinant
+        q = np.cross(start - a, b - a)
+        v = q @ direction / determinant
+        t = np.einsum("fi,fi->f", q, c - a) / determinant
+        hits = t[(u >= 0) & (v >= 0) & (u + v <= 1) & (t >= 0) & (t <= SENSOR_RANGE)]
+        depth[i] = hits.min(initial=np.inf)
+    return depth
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_tilted_plane(method):
+    depth = method(sheet(0.02, 0.2, -0.1)).trace(ORIGIN, IDENTITY)[0]
+    np.testing.assert_allclose(depth, 0.02 + 0.2 * Y - 0.1 * Z, atol=2e-5 if method is SphereTracer else 1e-8)
+
+
+def test_rows_follow_z_and_columns_follow_y():
+    depth = RayCaster(sheet(0.02, 0.3, 0.0)).trace(ORIGIN, IDENTITY)[0]
+    assert (np.diff(depth, axis=1) > 0).all()
+    assert np.ptp(depth, axis=0).max() < 1e-8
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_sphere(method):
+    radius, centre = 0.012, 0.03
+    mesh = turned(trimesh.creation.icosphere(subdivisions=5, radius=radius), (10, 20, 30), (centre, 0, 0))
+    depth = method(mesh).trace(ORIGIN, IDENTITY)[0]
+    square = radius**2 - Y**2 - Z**2
+    expected = centre - np.sqrt(np.maximum(square, 0))
+    # The faces lie inside the sphere, by at most the sagitta of their longest edge.
+    sagitta = mesh.edges_unique_length.max() ** 2 / (8 * radius) * 1.5
+    inside = (square > 0) & (expected < SENSOR_RANGE - 1e-4)
+    cosine = np.sqrt(np.maximum(square, 0)) / radius
+    assert np.isfinite(depth[inside]).all()
+    assert (depth - expected)[inside].min() > -1e-4
+    assert ((depth - expected) * cosine)[inside].max() < sagitta + 1e-5
+    assert np.isinf(depth[expected > SENSOR_RANGE + 1e-4]).all()
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_cylinder_across_the_sensor(method):
+    radius, axis_at = 0.005, 0.024
+    mesh = trimesh.creation.cylinder(radius=radius, height=0.1, sections=2000)
+    depth = method(turned(mesh, (0, 0, 0), (axis_at, 0, 0))).trace(ORIGIN, IDENTITY)[0]
+    seen = np.abs(Y) < 0.95 * radius
+    expected = axis_at - np.sqrt(np.maximum(radius**2 - Y**2, 0))
+    np.testing.assert_allclose(depth[seen], expected[seen], atol=4e-5)
+    assert np.isinf(depth[np.abs(Y) > radius + 1e-5]).all()
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_edge_of_a_box(method):
+    width = 0.02
+    mesh = turned(
+        trimesh.creation.box((width, width, 0.1)), (0, 0, 45), (0.018 + width / np.sqrt(2), 0.001, 0)
+    )
+    depth = method(mesh).trace(ORIGIN, IDENTITY)[0]
+    expected = 0.018 + np.abs(Y - 0.001)
+    clear = np.abs(expected - SENSOR_RANGE) > 1e-5
+    expected[expected > SENSOR_RANGE] = np.inf
+    np.testing.assert_allclose(depth[clear], expected[clear], atol=2e-5 if method is SphereTracer else 1e-8)
+
+
+def test_agrees_with_every_ray_against_every_face():
+    mesh = lumpy()
+    position, rotation = poses_near(mesh, 10)
+    depth = RayCaster(mesh).trace(position, rotation)
+    rows, columns = np.random.default_rng(0).integers(RESOLUTION, size=(2, 300))
+    for k in range(10):
+        expected = naive_depth(mesh, position[k], rotation[k], rows, columns)
+        np.testing.assert_allclose(depth[k, rows, columns], expected, atol=1e-6)
+
+
+def test_agrees_with_the_rays_of_trimesh():
+    mesh = lumpy(1)
+    position, rotation = poses_near(mesh, 10, seed=1)
+    depth = RayCaster(mesh).trace(position, rotation)
+    plane = np.stack([np.zeros_like(Y), Y, Z], axis=-1).reshape(-1, 3)
+    for k in range(10):
+        start = plane @ rotation[k].T + position[k]
+        place, ray, _ = mesh.ray.intersects_location(
+            start, np.tile(rotation[k, :, 0], (len(start), 1)), multiple_hits=False
+        )
+        expected = np.full(len(start), np.inf)
+        expected[ray] = (place - start[ray]) @ rotation[k, :, 0]
+        expected[expected > SENSOR_RANGE] = np.inf
+        # Rays that graze an edge may be decided either way.
+        assert (~np.isclose(depth[k].ravel(), expected, atol=1e-6)).sum() <= 2
+
+
+def test_sphere_tracing_agrees_with_ray_casting():
+    mesh = lumpy(2)
+    position, rotation = poses_near(mesh, 6, seed=2, gap=(0.012, 0.02))
+    cast = RayCaster(mesh).trace(position, rotation)
+    traced = SphereTracer(mesh, tolerance=1e-6).trace(position, rotation)
+    assert (np.isfinite(cast) != np.isfinite(traced)).mean() < 1e-3
+    both = np.isfinite(cast) & np.isfinite(traced)
+    assert both.sum() > 10_000
+    early = cast[both] - traced[both]
+    # Sphere tracing stops early, by the tolerance over the cosine of incidence; rays that pass within the
+    # tolerance of an edge stop there.
+    assert np.quantile(np.abs(early), 0.999) < 5e-5
+    assert early.min() > -1e-7
+
+
+def test_sphere_tracing_converges_with_its_tolerance():
+    mesh = sheet(0.016, 0.5, 0.3)
+    errors = [
+        np.abs(SphereTracer(mesh, tolerance=t).trace(ORIGIN, IDENTITY)[0] - (0.016 + 0.5 * Y + 0.3 * Z)).max()
+        for t in (1e-4, 1e-5, 1e-6)
+    ]
+    incidence = np.sqrt(1 + 0.5**2 + 0.3**2)
+    assert errors[0] <= 1.01e-4 * incidence
+    assert errors[1] <= 1.01e-5 * incidence
+    assert errors[2] <= 1.01e-6 * incidence
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_hit_exactly_at_the_range_counts_and_one_beyond_does_not(method):
+    at = method(sheet(SENSOR_RANGE)).trace(ORIGIN, IDENTITY)
+    beyond = method(sheet(SENSOR_RANGE + 2e-5)).trace(ORIGIN, IDENTITY)
+    assert np.isfinite(at).all()
+    assert np.isinf(beyond).all()
+
+
+def test_one_rounding_step_beyond_the_range_is_out():
+    beyond = RayCaster(sheet(np.nextafter(SENSOR_RANGE, 1)))
+    assert np.isinf(beyond.trace(ORIGIN, IDENTITY)).all()
+    assert not beyond.succeeds(ORIGIN, IDENTITY).any()
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_sensor_inside_geometry_sees_the_wall_in_front_of_it(method):
+    box = trimesh.creation.box((0.03, 0.05, 0.05))
+    depth = method(box).trace(ORIGIN, IDENTITY)
+    np.testing.assert_allclose(depth, 0.015, atol=1.1e-5)
+
+
+def test_a_surface_on_the_sensor_plane_has_depth_zero():
+    assert (RayCaster(sheet(0.0)).trace(ORIGIN, IDENTITY) == 0).all()
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_what_is_behind_or_beside_the_sensor_is_not_felt(method):
+    for away in ((-0.005, 0, 0), (0.02, 0.05, 0), (0.02, 0, -0.05), (0.06, 0, 0)):
+        mesh = turned(trimesh.creation.box((0.004, 0.02, 0.02)), (0, 0, 0), away)
+        assert np.isinf(method(mesh).trace(ORIGIN, IDENTITY)).all()
+        assert not method(mesh).succeeds(ORIGIN, IDENTITY)[0]
+
+
+def test_winding_does_not_matter():
+    mesh = lumpy(3)
+    flipped = trimesh.Trimesh(mesh.vertices, mesh.faces[:, ::-1], process=False)
+    half = trimesh.Trimesh(
+        mesh.vertices,
+        np.where(np.arange(len(mesh.faces))[:, None] % 2, mesh.faces, flipped.faces),
+        process=False,
+    )
+    position, rotation = poses_near(mesh, 4, seed=3)
+    expected = RayCaster(mesh).trace(position, rotation)
+    np.testing.assert_allclose(RayCaster(flipped).trace(position, rotation), expected, atol=1e-9)
+    np.testing.assert_allclose(RayCaster(half).trace(position, rotation), expected, atol=1e-9)
+
+
+def test_rays_through_vertices_and_edges_do_not_leak():
+    # Vertices exactly at the pixels, so that every ray meets a corner where six faces meet.
+    y, z = np.meshgrid(np.r_[-0.01, PIXEL_CENTRES, 0.01], np.r_[-0.01, PIXEL_CENTRES, 0.01])
+    x = 0.02 + 0.3 * y + 0.1 * np.sin(300 * z) * y
+    n = len(y)
+    corner = (np.arange(n - 1)[:, None] * n + np.arange(n - 1)).ravel()
+    faces = np.concatenate([corner[:, None] + [0, 1, n], corner[:, None] + [1, n + 1, n]])
+    vertices = np.stack([x, y, z], axis=-1).reshape(-1, 3)
+    for seed in range(5):
+        rotation = Rotation.random(random_state=seed).as_matrix()
+        position = np.random.default_rng(seed).uniform(-0.2, 0.2, 3)
+        mesh = trimesh.Trimesh(vertices @ rotation.T + position, faces, process=False)
+        depth = RayCaster(mesh).trace(position[None], rotation[None])[0]
+        np.testing.assert_allclose(depth, x[1:-1, 1:-1], atol=1e-6)
+
+
+@pytest.mark.parametrize("tilt", [0.0, 1e-9, 1e-7, 1e-5, 1e-3, 0.1])
+def test_walls_seen_edge_on_give_points_on_the_mesh(tilt):
+    # A wall along a column of pixels, and slanted triangles in the plane of the rays.
+    wall = trimesh.creation.box((0.01, 2 * abs(PIXEL_CENTRES[30]), 0.008))
+    blade = trimesh.Trimesh(
+        [[0.012, PIXEL_CENTRES[10], -0.01], [0.02, PIXEL_CENTRES[10], 0.01], [0.024, PIXEL_CENTRES[10], 0.0]],
+        [[0, 1, 2]],
+        process=False,
+    )
+    wall.apply_translation((0.02, 0, 0))
+    mesh = trimesh.util.concatenate([wall, blade])
+    rotation = Rotation.from_euler("xyz", [0.0, tilt, tilt]).as_matrix()
+    for seed in range(3):
+        pose = Rotation.random(random_state=seed).as_matrix() if seed else np.eye(3)
+        placed = trimesh.Trimesh(mesh.vertices @ pose.T, mesh.faces, process=False)
+        depth = RayCaster(placed).trace(ORIGIN, (pose @ rotation)[None])[0]
+        points = local_points(depth, ORIGIN[0], pose @ rotation)
+        assert len(points) > 1000
+        assert distance_to(placed, points).max() < 2e-7
+
+
+@settings(max_examples=40, deadline=None)
+@given(seed=st.integers(0, 10_000), thin=st.floats(1e-4, 1.0))
+def test_local_points_lie_on_the_mesh(seed, thin):
+    mesh = lumpy(seed % 7)
+    # Slivers: flattened and stretched.
+    mesh.apply_scale([1.0, thin, 2.0])
+    position, rotation = poses_near(mesh, 2, seed=seed, gap=(-0.005, 0.02))
+    for k, depth in enumerate(RayCaster(mesh).trace(position, rotation)):
+        points = local_points(depth, position[k], rotation[k])
+        if len(points):
+            assert distance_to(mesh, points).max() < 5e-7
+
+
+@settings(max_examples=40, deadline=None)
+@given(seed=st.integers(0, 10_000), gap=st.floats(-0.04, 0.06))
+def test_leaving_out_far_faces_and_pixels_changes_nothing(seed, gap):
+    parts = [
+        turned(trimesh.creation.box((0.01, 0.002, 0.03)), (20 * i, 50 * i, 0), (0.02 * i, 0, 0))
+        for i in range(4)
+    ]
+    mesh = trimesh.util.concatenate(parts)
+    position, rotation = poses_near(mesh, 1, seed=seed, gap=(gap, gap))
+    for method in METHODS:
+        tracer = method(mesh)
+        everything = tracer._in_range(position[0], rotation[0], (slice(0, 100), slice(0, 100)))
+        np.testing.assert_array_equal(tracer.trace(position, rotation)[0], everything.astype(np.float32))
+
+
+@settings(max_examples=60, deadline=None)
+@given(seed=st.integers(0, 10_000))
+def test_succeeds_is_any_finite_depth(seed):
+    random = np.random.default_rng(seed)
+    # Few small triangles: often only a handful of pixels, or none, feel one.
+    corners = random.uniform([0.0, -1, -1], [2.0, 1, 1], (4, 1, 3)) * [
+        SENSOR_RANGE,
+        SENSOR_WIDTH,
+        SENSOR_WIDTH,
+    ]
+    corners = corners + random.normal(scale=3e-4, size=(4, 3, 3))
+    mesh = trimesh.Trimesh(corners.reshape(-1, 3), np.arange(12).reshape(-1, 3), process=False)
+    caster = RayCaster(mesh)
+    assert caster.succeeds(ORIGIN, IDENTITY)[0] == np.isfinite(caster.trace(ORIGIN, IDENTITY)).any()
+
+
+def test_moving_sensor_and_object_together_changes_nothing():
+    mesh = lumpy(4)
+    position, rotation = poses_near(mesh, 3, seed=4)
+    shift = np.array([0, 0, 0.6])
+    here = RayCaster(mesh).trace(position, rotation)
+    there = RayCaster(mesh, object_position=shift).trace(position + shift, rotation)
+    np.testing.assert_allclose(there, here, atol=1e-7)
+
+
+def test_sensors_do_not_depend_on_each_other():
+    mesh = lumpy(5)
+    position, rotation = poses_near(mesh, 4, seed=5)
+    together = RayCaster(mesh).trace(position, rotation)
+    for k in range(4):
+        alone = RayCaster(mesh).trace(position[k : k + 1], rotation[k : k + 1])[0]
+        np.testing.assert_array_equal(together[k], alone)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_defects_are_ignored(method):
+    mesh = lumpy(6)
+    position, rotation = poses_near(mesh, 3, seed=6)
+    expected = method(mesh).trace(position, rotation)
+    stray = np.concatenate([mesh.vertices, [[np.nan] * 3, [np.inf, 0, 0], [1e9, 1e9, 1e9]]])
+    n = len(mesh.vertices)
+    bad = [[0, 0, 1], [2, 2, 2], [0, 1, n], [n + 1, 3, 4]]
+    dirty = trimesh.Trimesh(stray, np.concatenate([bad, mesh.faces]), process=False, validate=False)
+    np.testing.assert_allclose(method(dirty).trace(position, rotation), expected, atol=1e-7)
+
+
+def test_a_mesh_without_area_is_refused():
+    points = trimesh.Trimesh([[0, 0, 0], [1, 0, 0], [2, 0, 0]], [[0, 1, 2]], process=False)
+    with pytest.raises(ValueError, match="area"):
+        RayCaster(points)
