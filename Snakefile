@@ -32,6 +32,8 @@ include: "workflow/rules/surface.smk"
 include: "workflow/rules/grasps.smk"
 include: "workflow/rules/touch.smk"
 include: "workflow/rules/vision.smk"
+
+
 rule dataset:
     input:
         "catalogue.csv",

@@ -39,7 +39,7 @@ def test_shipped_configs_are_valid(name):
     [
         ({"grasps": {"attempst": 3}}, "grasps.attempst: unknown key; did you mean 'attempts'?"),
         ({"sede": 3}, "sede: unknown key; did you mean 'seed'?"),
-        ({"zzz": 3}, "zzz: unknown key; known keys: run, seed"),
+        ({"zzz": 3}, "zzz: unknown key; known keys: run, results, seed"),
         ({"batch_size": "16"}, "batch_size: '16' is not of type 'integer'"),
         ({"batch_size": 0}, "batch_size: 0 is less than the minimum of 1"),
         ({"source": {"kind": "shapenet"}}, "source.path: None is not of type 'string'"),

@@ -15,10 +15,8 @@ try:
         "the config (config/config.yaml with --configfile and --config)",
     )
     EXPERIMENTS = yaml.safe_load((PROJECT / "config/experiments.yaml").read_text())
-    check(
-        EXPERIMENTS, SCHEMAS / "experiments.schema.yaml", "config/experiments.yaml"
-    )
-    RUN_FOLDER = str(PROJECT / "results" / config["run"])
+    check(EXPERIMENTS, SCHEMAS / "experiments.schema.yaml", "config/experiments.yaml")
+    RUN_FOLDER = str(PROJECT / config["results"] / config["run"])
     SOURCE = {
         "kind": config["source"]["kind"],
         # Relative paths are the project's, not the run folder's; procedural objects are made in the run's folder.
@@ -53,5 +51,5 @@ def batch_sources(wildcards):
 
 
 wildcard_constraints:
-    batch=r"batch-\d+",
     **{"class": r"[A-Za-z0-9_]+"},
+    batch=r"batch-\d+",

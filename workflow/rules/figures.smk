@@ -7,7 +7,8 @@ FIGURES = [
 
 rule data_point:
     input:
-        rules.dataset.input, meshes=expand("meshes/{batch}", batch=BATCHES),
+        rules.dataset.input,
+        meshes=expand("meshes/{batch}", batch=BATCHES),
     output:
         figure=report(
             "figures/data_point.png",
@@ -28,7 +29,8 @@ rule data_point:
 
 rule grasp_steps:
     input:
-        rules.dataset.input, meshes=expand("meshes/{batch}", batch=BATCHES),
+        rules.dataset.input,
+        meshes=expand("meshes/{batch}", batch=BATCHES),
     output:
         figure=report(
             "figures/grasp_steps.png",
@@ -49,7 +51,8 @@ rule grasp_steps:
 
 rule examples:
     input:
-        rules.dataset.input, meshes=expand("meshes/{batch}", batch=BATCHES),
+        rules.dataset.input,
+        meshes=expand("meshes/{batch}", batch=BATCHES),
     output:
         figure=report(
             "figures/examples_{name}.png",

@@ -1,6 +1,6 @@
 """The run's objects.
 
-catalogue.csv            object, class, split, batch, source (relative to the source's path), checksum (SHA-256)
+catalogue.csv            object, class, split, batch, source (from the source's path on), checksum (SHA-256)
 catalogue/<batch>.csv    the same rows, of one batch
 """
 

@@ -18,7 +18,10 @@ meshes, settings, seed = Path(snakemake.input.meshes), snakemake.params.surface,
 
 def sample(name: str) -> dict[str, np.ndarray]:
     points = surface.sample(
-        mesh.load_visual(meshes / name), settings["points"], generator(seed, name, "surface"), settings["method"]
+        mesh.load_visual(meshes / name),
+        settings["points"],
+        generator(seed, name, "surface"),
+        settings["method"],
     )
     return {"points": points + mesh.OBJECT_POSITION}
 

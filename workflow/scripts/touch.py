@@ -2,8 +2,8 @@
 
 touch/<batch>.zarr    success         (og, 4)                  bool       whether the sensor is in contact
                       position        (og, 4, 3)               float64    world frame, m
-                      rotation        (og, 4, 3, 3)            float64    columns: the sensor's axes in the world
-                      depth           (og, 4, 100, 100)        float32    m from the sensor plane, +inf: nothing in range
+                      rotation        (og, 4, 3, 3)            float64    columns are the sensor's axes
+                      depth           (og, 4, 100, 100)        float32    m from the sensor plane, +inf: nothing
                       reading         (og, 4, 100, 100, 3)     uint8
                       points          (og, 4, 10000, 3)        float32    local cloud, world frame, m
                       point_count     (og, 4)                  int32
@@ -30,7 +30,9 @@ def sense(name: str) -> dict[str, np.ndarray]:
     position, rotation = grasps["sensor_position"][rows], grasps["sensor_rotation"][rows]
     tracer = TRACERS[settings["method"]](mesh.load_visual(meshes / name), mesh.OBJECT_POSITION)
     felt = touch.sense(tracer, position.reshape(-1, 3), rotation.reshape(-1, 3, 3))
-    felt = {key: array.reshape(*position.shape[:2], *array.shape[1:]) for key, array in felt._asdict().items()}
+    felt = {
+        key: array.reshape(*position.shape[:2], *array.shape[1:]) for key, array in felt._asdict().items()
+    }
     return {"position": position, "rotation": rotation, **felt}
 
 

@@ -1,0 +1,50 @@
+"""Grasps of a batch: the hand closes on every object.
+
+grasps/<batch>.h5    object_index, grasp_index    (og,)               int32
+                     joint_positions              (og, 16)            float64    rad
+                     palm_pose                    (og, 4, 4)          float64    world frame, m
+                     link_pose                    (og, L, 4, 4)       float64    world frame, m
+                     sensor_position, _rotation   (og, 4, 3[, 3])     float64    world frame, m
+                     touches                      (og, 4)             bool
+                     penetration                  (og,)               float32    m, independent of the engine
+                     attempts                     (o,)                int32
+                     hand/*                                           the hand: links, joints, geoms, sensors
+rejected/grasps/<batch>.csv    object, stage, reason
+"""
+
+from pathlib import Path
+
+from palpate import grasp, hand, mesh, store
+from palpate.catalogue import each_object, generator, log_to, write_rejections
+
+log_to(snakemake.log[0])
+meshes, seed = Path(snakemake.input.meshes), snakemake.params.seed
+settings = dict(snakemake.params.grasps)
+mjcf_files = settings.pop("hand")
+robot = hand.from_mjcf(*snakemake.input.hand) if mjcf_files else hand.allegro()
+surface = store.read(snakemake.input.surface, "object", "points")
+points = dict(zip(surface["object"], surface["points"], strict=True))
+
+
+def close_hand(name: str) -> dict:
+    folder = meshes / name
+    found = grasp.grasp_object(
+        mesh.load_visual(folder),
+        mesh.load_collision(folder),
+        points[name],
+        robot,
+        generator(seed, name, "grasps"),
+        **settings,
+    )
+    return vars(found)
+
+
+grasps, rejections = each_object(points, close_hand, "grasps")
+with store.whole(snakemake.output.rejected) as rejected:
+    write_rejections(rejected, rejections)
+store.write(
+    snakemake.output.grasps,
+    "grasps",
+    store.join("grasps", grasps) | {f"hand/{key}": array for key, array in robot.to_arrays().items()},
+    {"seed": seed, "config_digest": store.config_digest(snakemake.params.grasps)},
+)

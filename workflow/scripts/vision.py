@@ -1,0 +1,48 @@
+"""Images of a batch: every object alone, and in each of its grasps.
+
+vision/<batch>.zarr    unoccluded                      (o, 256, 256, 3)     uint8      sRGB, row 0 at the top
+                       occluded                        (og, 256, 256, 3)    uint8
+                       unoccluded_mask, occluded_mask  (..., 256, 256)      uint8      255: the object
+                       unoccluded_depth, occluded_depth                     float16    m along its axis
+exr/<batch>/           multilayer EXR masters, if the config keeps them
+rejected/vision/<batch>.csv    object, stage, reason
+"""
+
+from contextlib import ExitStack
+from pathlib import Path
+
+import numpy as np
+
+from palpate.vision import Renderer  # Blender: before anything that loads embree
+
+from palpate import store  # isort: skip
+from palpate.catalogue import each_object, log_to, write_rejections  # isort: skip
+from palpate.hand import Hand  # isort: skip
+
+log_to(snakemake.log[0])
+meshes, settings = Path(snakemake.input.meshes), snakemake.params.vision
+grasps = store.read(snakemake.input.grasps)
+hand = Hand.from_arrays({key.removeprefix("hand/"): array for key, array in grasps.items()})
+
+with ExitStack() as outputs:
+    masters = outputs.enter_context(store.whole(snakemake.output.masters)) if settings["exr"] else None
+    renderer = Renderer(settings["size"], settings["samples"], settings["device"], snakemake.threads, masters)
+
+    def render(name: str) -> dict[str, np.ndarray]:
+        poses = grasps["link_pose"][grasps["object"][grasps["object_index"]] == name]
+        alone, held = renderer.render_object(meshes / name / "visual.glb", hand, poses, name)
+        arrays = {"unoccluded": alone.rgb, "unoccluded_mask": alone.mask, "unoccluded_depth": alone.depth}
+        for key, field in {"occluded": "rgb", "occluded_mask": "mask", "occluded_depth": "depth"}.items():
+            arrays[key] = np.stack([getattr(image, field) for image in held])
+        return arrays
+
+    images, rejections = each_object(grasps["object"], render, "vision")
+
+with store.whole(snakemake.output.rejected) as rejected:
+    write_rejections(rejected, rejections)
+store.write(
+    snakemake.output.vision,
+    "vision",
+    store.join("vision", images),
+    {"seed": snakemake.params.seed, "config_digest": store.config_digest(settings)},
+)
