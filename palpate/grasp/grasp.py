@@ -1,7 +1,9 @@
-"""Grasps of one object: attempts until enough are valid, then the selection."""
+"""Grasps of one object: attempts until enough of them touch, then the best."""
 
+from collections import Counter
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 import trimesh
@@ -16,12 +18,32 @@ from palpate.hand import Hand
 from palpate.mesh import OBJECT_POSITION
 from palpate.touch import RayCaster
 
-MAX_PLACEMENTS = 50  # palm poses looked at for one attempt
+MAX_PLACEMENTS = 50  # random palm poses for one attempt
+SURFACE_POINTS = 4000  # of the object's points, those that placement and targets choose from
+WORKSPACE_SEED = 0  # the workspace belongs to the hand: the same for every object and run
+
+# Why an attempt comes to nothing.
+BLOCKED = "no palm pose free of the object"
+UNSTABLE = "simulation warned or gave NaN"
+UNTOUCHED = "no sensor touches"
+PENETRATING = "penetrates too deep"
+
+
+class Grasp(NamedTuple):
+    """One closed hand, in the object's own frame."""
+
+    joint_positions: np.ndarray  # (J,)
+    palm_pose: np.ndarray  # (4, 4)
+    link_pose: np.ndarray  # (L, 4, 4)
+    sensor_position: np.ndarray  # (4, 3)
+    sensor_rotation: np.ndarray  # (4, 3, 3)
+    touches: np.ndarray  # (4,) bool
+    penetration: float
 
 
 @dataclass(frozen=True)
 class GraspSet:
-    """The selected grasps of one object, best first; world frame, metres, radians."""
+    """The grasps kept of one object, those with the most touches first; world frame, metres, radians."""
 
     joint_positions: np.ndarray  # (g, J)
     palm_pose: np.ndarray  # (g, 4, 4)
@@ -29,9 +51,62 @@ class GraspSet:
     sensor_position: np.ndarray  # (g, 4, 3)
     sensor_rotation: np.ndarray  # (g, 4, 3, 3)
     touches: np.ndarray  # (g, 4) bool
-    penetration: np.ndarray  # (g,) float32, the hand in the object or in itself
-    attempts: int  # grasps simulated
-    discarded: dict  # of them, by reason
+    penetration: np.ndarray  # (g,) float32: the hand in the object, or in itself
+    attempts: int  # made in all
+    discarded: dict[str, int]  # how many of them came to nothing, by reason
+
+
+class Grasper:
+    """One object and one hand, set up once for any number of attempts. Frames: the object's own."""
+
+    def __init__(
+        self,
+        visual: trimesh.Trimesh,
+        collision: trimesh.Trimesh,
+        surface_points: np.ndarray,
+        hand: Hand,
+        timestep: float = TIMESTEP,
+        max_penetration: float = 0.001,
+    ):
+        """surface_points: (N, 3) on the object's exterior; the other arguments are `grasp_object`'s."""
+        self.hand = hand
+        self.max_penetration = max_penetration
+        self.workspace = workspace_of(hand)
+        self.surface = with_normals(surface_points[:SURFACE_POINTS], visual)
+        self.scene = GraspScene(hand, surface_patches(collision), timestep)
+        self.check = PenetrationCheck(hand, visual)
+        self.caster = RayCaster(visual)
+
+    def attempt(self, rng: np.random.Generator) -> Grasp | str:
+        """One random placement and closing: the grasp, or the reason why there is none."""
+        pose = self.free_palm_pose(rng)
+        if pose is None:
+            return BLOCKED
+        closed = self.scene.close(self.workspace.targets(pose, self.surface))
+        if not closed.finite:
+            return UNSTABLE
+        links = self.hand.forward(pose, closed.joint_positions)
+        position, rotation = self.hand.sensor_frames(links)
+        touches = self.caster.succeeds(position, rotation)
+        if not touches.any():
+            return UNTOUCHED
+        depth = max(self.check.in_object(links), self.check.in_itself(links))
+        if depth > self.max_penetration:
+            return PENETRATING
+        return Grasp(closed.joint_positions, pose, links, position, rotation, touches, depth)
+
+    def free_palm_pose(self, rng: np.random.Generator) -> np.ndarray | None:
+        """A random palm pose (4, 4) at which the open hand is clear of the object, and its place in the scene taken."""
+        open_hand = self.hand.open_joint_positions
+        for _ in range(MAX_PLACEMENTS):
+            pose = palm_pose(self.hand, self.surface, rng)
+            self.scene.place(pose, open_hand)
+            if self.scene.in_contact():
+                continue
+            # The engine never collides two bodies that can't move, such as palm and object.
+            if self.check.in_object(self.hand.forward(pose, open_hand)) == 0:
+                return pose
+        return None
 
 
 def grasp_object(
@@ -46,58 +121,50 @@ def grasp_object(
     timestep: float = TIMESTEP,
     max_penetration: float = 0.001,
 ) -> GraspSet:
-    offset = np.array(OBJECT_POSITION)
-    workspace = workspace_of(id(hand), hand)
-    surface = with_normals(surface_points[:4000] - offset, visual)
-    scene = GraspScene(hand, surface_patches(collision), timestep)
-    check = PenetrationCheck(hand, visual)
-    caster = RayCaster(visual)
-    counts = {"placement": 0, "unstable": 0, "untouched": 0, "penetrating": 0}
-    valid = []
-    tried = 0
-    while tried < max_attempts and len(valid) < attempts:
-        tried += 1
-        pose = free_palm_pose(hand, surface, scene, check, rng)
-        if pose is None:
-            counts["placement"] += 1
-            continue
-        closed = scene.close(workspace.targets(pose, surface))
-        if not closed.finite:
-            counts["unstable"] += 1
-            continue
-        links = hand.forward(pose, closed.joint_positions)
-        position, rotation = hand.sensor_frames(links)
-        touches = caster.succeeds(position, rotation)
-        if not touches.any():
-            counts["untouched"] += 1
-            continue
-        depth = max(check.in_object(links), check.in_itself(links))
-        if depth > max_penetration:
-            counts["penetrating"] += 1
-            continue
-        valid.append((closed.joint_positions, pose, links, position, rotation, touches, depth))
-    if len(valid) < per_object:
-        raise Unusable(f"{len(valid)} of {per_object} grasps in {tried} attempts: {counts}")
-    order = np.argsort([-v[5].sum() for v in valid], kind="stable")[:per_object]
-    stack = [np.stack([np.asarray(valid[i][k]) for i in order]) for k in range(7)]
-    stack[1][:, :3, 3] += offset
-    stack[2][..., :3, 3] += offset
-    stack[3] += offset
-    return GraspSet(*stack[:6], stack[6].astype(np.float32), tried, counts)
+    """Grasp an object: `attempts` grasps with at least one touch are made, the best `per_object` are kept.
+
+    visual, collision: the object in its own frame, every face and decimated. surface_points: (N, 3) on its exterior,
+    in the world frame, as the surface store has them. rng: decides everything random; the same generator gives
+    the same grasps. per_object: grasps kept, those with the most touches; of equals the earlier. attempts: valid
+    grasps made before the best are kept: the more, the better the grasps. max_attempts: bound on all attempts.
+    timestep: seconds. max_penetration: metres; a deeper grasp is not accepted.
+
+    Raises `Unusable` if `max_attempts` attempts don't give `per_object` valid grasps.
+    """
+    if attempts < per_object:
+        raise ValueError(f"grasps: attempts ({attempts}) must be at least per_object ({per_object})")
+    own_points = np.asarray(surface_points, dtype=float) - OBJECT_POSITION
+    grasper = Grasper(visual, collision, own_points, hand, timestep, max_penetration)
+    grasps, discarded = [], Counter()
+    while len(grasps) < attempts and len(grasps) + discarded.total() < max_attempts:
+        result = grasper.attempt(rng)
+        if isinstance(result, str):
+            discarded[result] += 1
+        else:
+            grasps.append(result)
+    if len(grasps) < per_object:
+        reasons = ", ".join(f"{reason}: {count}" for reason, count in sorted(discarded.items()))
+        raise Unusable(
+            f"{len(grasps)} of {per_object} grasps found in {max_attempts} attempts ({reasons})"
+        )
+    best = sorted(grasps, key=lambda grasp: -grasp.touches.sum())[:per_object]
+    return in_world(best, len(grasps) + discarded.total(), dict(discarded))
 
 
-@lru_cache(maxsize=2)
-def workspace_of(_, hand):
-    return Workspace(hand, np.random.default_rng(0))
+def in_world(grasps: list[Grasp], attempts: int, discarded: dict[str, int]) -> GraspSet:
+    """Grasps of an object in its own frame, stacked, in the world frame."""
+    joints, palms, links, positions, rotations, touches, depths = (
+        np.stack(part) for part in zip(*grasps, strict=True)
+    )
+    palms[:, :3, 3] += OBJECT_POSITION
+    links[:, :, :3, 3] += OBJECT_POSITION
+    positions += OBJECT_POSITION
+    return GraspSet(
+        joints, palms, links, positions, rotations, touches, depths.astype(np.float32), attempts, discarded
+    )
 
 
-def free_palm_pose(hand, surface, scene, check, rng):
-    for _ in range(MAX_PLACEMENTS):
-        pose = palm_pose(hand, surface, rng)
-        scene.place(pose, hand.open_joint_positions)
-        if scene.in_contact():
-            continue
-        if check.in_object(hand.forward(pose, hand.open_joint_positions)) > 0:
-            continue
-        return pose
-    return None
+@lru_cache(maxsize=1)
+def workspace_of(hand: Hand) -> Workspace:
+    """The hand's workspace, made once a process."""
+    return Workspace(hand, np.random.default_rng(WORKSPACE_SEED))

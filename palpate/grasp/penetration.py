@@ -78,21 +78,37 @@ class PenetrationCheck:
         return float(depth)
 
     def in_itself(self, link_pose: np.ndarray) -> float:
-        """Depth in metres of the deepest point of one link's surface in another link that it isn't jointed to."""
+        """Depth in metres of the deepest point of a link's surface in another link that it isn't jointed to."""
         poses = self.hand.geom_poses(link_pose)
+        surfaces = {
+            geom: surface @ poses[geom, :3, :3].T + poses[geom, :3, 3]
+            for geom, surface in self.surfaces.items()
+        }
         depth = 0.0
-        for one, other in self.pairs:
-            apart = np.linalg.norm(poses[one, :3, 3] - poses[other, :3, 3])
-            if apart > self.reach[one] + self.reach[other]:
-                continue
+        for one, other in self.pairs[~self._apart(poses, surfaces)]:
             for inner, outer in ((one, other), (other, one)):
-                surface = self.surfaces[inner] @ poses[inner, :3, :3].T + poses[inner, :3, 3]
                 depth = deepest(
-                    surface,
+                    surfaces[inner],
                     lambda points, outer=outer: self.hand.geom_distance(outer, points, poses[outer]),
                     depth,
                 )
         return float(depth)
+
+    def _apart(self, poses: np.ndarray, surfaces: dict[int, np.ndarray]) -> np.ndarray:
+        """Which pairs of geoms a plane across an axis of either geom separates: (P,) bool."""
+        starts = np.cumsum([0] + [3 * len(surfaces[geom]) for geom in self.geoms])[:-1]
+        corners = np.concatenate([surfaces[geom].reshape(-1, 3) for geom in self.geoms])
+        axes = poses[self.geoms, :3, :3].swapaxes(-1, -2).reshape(-1, 3)
+        along = axes @ corners.T  # (3 G, corners)
+        low, high = np.minimum.reduceat(along, starts, axis=1), np.maximum.reduceat(along, starts, axis=1)
+        # separates[i, k, j]: axis k of geom i has geom j wholly on one side of geom i
+        count = len(self.geoms)
+        low, high = low.reshape(count, 3, count), high.reshape(count, 3, count)
+        own = np.arange(count)
+        own_low, own_high = low[own, :, own][:, :, None], high[own, :, own][:, :, None]
+        separates = ((low >= own_high) | (high <= own_low)).any(axis=1)
+        index = np.searchsorted(self.geoms, self.pairs)
+        return separates[index[:, 0], index[:, 1]] | separates[index[:, 1], index[:, 0]]
 
     def _within(self, low, high, among=slice(None)) -> np.ndarray:
         """Indices, into `among`, of the triangles whose bounding boxes meet the box from `low` to `high`."""
@@ -102,8 +118,8 @@ class PenetrationCheck:
         return np.flatnonzero(meets)
 
 
-def self_collision_pairs(hand: Hand, geoms: np.ndarray) -> list[tuple[int, int]]:
-    """Pairs of geoms on different links that are not jointed to each other, fixed links counting as one."""
+def self_collision_pairs(hand: Hand, geoms: np.ndarray) -> np.ndarray:
+    """Pairs (P, 2) of geoms on different links that are not jointed to each other, fixed links counting as one."""
     body = np.arange(len(hand.link_names))
     for link in range(1, len(body)):
         if hand.joint_of_link[link] < 0:
@@ -119,7 +135,7 @@ def self_collision_pairs(hand: Hand, geoms: np.ndarray) -> list[tuple[int, int]]
                 and body[second] != parent[first]
             ):
                 pairs.append((int(one), int(other)))
-    return pairs
+    return np.array(pairs, dtype=int).reshape(-1, 2)
 
 
 def geom_surface(hand: Hand, geom: int) -> np.ndarray:

@@ -11,6 +11,7 @@ PRESS = 0.003  # metres that the gel's apex aims below the surface
 DIRECTION_LENGTH = 0.03
 CONFIGURATIONS = 3000  # random joint positions by which a finger's workspace is known
 CANDIDATES = 4  # surface points a finger that inverse kinematics tries
+GOALS = 300  # surface points in reach that are looked at, at most
 ITERATIONS = 8
 DAMPING = 1e-5  # m^2, of the least squares steps
 GEL_SEARCH = 0.05  # metres in front of the sensor's origin in which its gel is looked for
@@ -43,8 +44,8 @@ class Workspace:
         hand = self.hand
         points = (surface.points - palm_pose[:3, 3]) @ palm_pose[:3, :3]
         normals = surface.normals @ palm_pose[:3, :3]
-        near = np.einsum("ij,ij->i", points, points) < self.radius**2
-        if not near.any():
+        near = np.flatnonzero(np.einsum("ij,ij->i", points, points) < self.radius**2)[:GOALS]
+        if not len(near):
             return hand.open_joint_positions.copy()
         goal, inward = points[near] - PRESS * normals[near], -normals[near]
         features = np.concatenate([goal, DIRECTION_LENGTH * inward], axis=1)
