@@ -28,10 +28,16 @@ def sample_by_depth_maps(
 ) -> np.ndarray:
     """(count, 3) float64 points on what the depth maps see, uniform by area.
 
-    A point is drawn twice only if the maps see fewer than `count` points.
+    A point is drawn twice only if the maps see fewer than `count` points. Raises ValueError if they see none:
+    a surface in needles thinner than a pixel.
     """
     maps = [DepthMap(scene, view, resolution, rng) for view in views]
     points = np.concatenate([depth_map.points for depth_map in maps])
+    if not len(points):
+        raise ValueError(
+            f"the depth maps see nothing of the surface: it is thinner than a pixel "
+            f"of {resolution} x {resolution}; use the method rays"
+        )
     normals = np.concatenate([depth_map.normals for depth_map in maps])
     weight = 1 / sum(depth_map.density(points, normals) for depth_map in maps)
     chosen = rng.choice(len(points), size=count, replace=len(points) < count, p=weight / weight.sum())
