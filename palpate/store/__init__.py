@@ -6,7 +6,10 @@ from palpate.store.dataset import Dataset
 from palpate.store.files import Store, StoreError, open, read, write
 from palpate.store.join import config_digest, join
 
+VALIDATION = ("combine_validation", "validate_batch", "write_findings")
+
 __all__ = [
+    *VALIDATION,
     "CONTRACT",
     "SCHEMA_VERSION",
     "Dataset",
@@ -19,3 +22,12 @@ __all__ = [
     "whole",
     "write",
 ]
+
+
+def __getattr__(name: str):
+    """Validation loads the rooms that made the data, and Embree; reading a dataset needs neither."""
+    if name in VALIDATION:
+        from palpate.store import validation
+
+        return getattr(validation, name)
+    raise AttributeError(f"module 'palpate.store' has no attribute {name!r}")

@@ -26,7 +26,7 @@ class Entry(NamedTuple):
     batch: str
 
 
-def _rows(path: Path) -> list[dict[str, str]]:
+def read_rows(path: Path) -> list[dict[str, str]]:
     """Rows of a table with a header."""
     with path.open(newline="", encoding="utf-8") as file:
         return list(csv.DictReader(file))
@@ -47,23 +47,26 @@ class Run:
         return {"folder": self.folder, "_stores": {}, "_objects": self._objects}
 
     def catalogue(self) -> dict[str, Entry]:
-        """The rows of `catalogue.csv` by object, in its order. Raises StoreError if it is missing or broken."""
+        """Rows of `catalogue.csv` by object, in its order. Raises StoreError if it is missing or broken."""
         path = self.folder / "catalogue.csv"
         if not path.exists():
             raise StoreError(f"{path} does not exist; name a run's folder, or build it with: snakemake")
         try:
-            rows = [Entry(row["object"], row["class"], row["split"], row["batch"]) for row in _rows(path)]
+            rows = [Entry(row["object"], row["class"], row["split"], row["batch"]) for row in read_rows(path)]
         except KeyError as error:
             raise StoreError(
                 f"{path} has no column {error}; remove it and build it with: snakemake"
             ) from None
         return {entry.object: entry for entry in rows}
 
+    def rejections(self, batch: str = "*") -> list[dict[str, str]]:
+        """Rows object, stage, reason: of `rejected/<stage>/<batch>.csv`, or else of `rejected.csv`."""
+        paths = sorted(self.folder.glob(f"rejected/*/{batch}.csv")) or [self.folder / "rejected.csv"]
+        return [row for path in paths if path.exists() for row in read_rows(path)]
+
     def rejected(self) -> set[str]:
-        """Objects rejected so far: in `rejected.csv` or, until it is made, in the batches' own lists."""
-        whole = self.folder / "rejected.csv"
-        paths = [whole] if whole.exists() else self.folder.glob("rejected/*/*.csv")
-        return {row["object"] for path in paths for row in _rows(path)}
+        """Objects rejected at any stage so far."""
+        return {row["object"] for row in self.rejections()}
 
     def has(self, stage: str) -> bool:
         """Whether any batch of this stage is there."""
@@ -94,7 +97,7 @@ class Run:
                 f"{store.path} does not hold {entry.object}, which the catalogue puts in {entry.batch}; "
                 f"remove it and build it again with: snakemake {stage}/{store.path.name}"
             )
-        per_object = store.shape(name)[0] // len(objects)
+        per_object = store.header(name)[0][0] // len(objects)
         row = objects[entry.object]
         return range(row * per_object, (row + 1) * per_object)
 
@@ -216,7 +219,8 @@ class JoinedArray(Sequence):
         if not self._entries:
             raise StoreError(f"no object to take {self._stage} {self._name!r} of")
         store = self._run.store(self._stage, self._entries[0].batch)
-        return store.shape(self._name)[1:], store.dtype(self._name)
+        shape, dtype = store.header(self._name)
+        return shape[1:], dtype
 
     @property
     def shape(self) -> tuple[int, ...]:

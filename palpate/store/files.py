@@ -30,6 +30,7 @@ numcodecs.blosc.use_threads = False
 
 # Chosen in benchmarks/store.py; lossless.
 COMPRESSION = {"cname": "zstd", "clevel": 1, "shuffle": "shuffle"}
+STRING_KINDS = "UOST"  # numpy's kinds of types that hold text
 REQUIRED_ATTRIBUTES = ("config_digest", "seed")
 
 
@@ -54,7 +55,12 @@ def write(
     missing = [name for name in REQUIRED_ATTRIBUTES if name not in attributes]
     if missing:
         raise StoreError(f"{path}: attributes {missing} are missing")
-    arrays = check_arrays(path, spec, arrays)
+    arrays = {name: np.asarray(array) for name, array in arrays.items()}
+    check_headers(path, spec, {name: (array.shape, array.dtype) for name, array in arrays.items()})
+    arrays = {
+        name: _text(path, name, array) if array.dtype.kind in "UO" else array
+        for name, array in arrays.items()
+    }
     described = {**describe(spec), **attributes}
     with whole(path) as partial:
         writer = _write_zarr if path.suffix == ".zarr" else _write_hdf5
@@ -74,23 +80,22 @@ def describe(spec: StoreSpec) -> dict[str, Any]:
     }
 
 
-def check_arrays(path: Path, spec: StoreSpec, arrays: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """The arrays in the contract's order, strings as objects; StoreError names the first that is wrong."""
-    grouped = {name for name in arrays if name.split("/")[0] in spec.groups and "/" in name}
-    given = set(arrays) - grouped
+Header = tuple[tuple[int, ...], np.dtype]  # of an array: shape and type
+
+
+def check_headers(path: Path, spec: StoreSpec, headers: Mapping[str, Header]) -> None:
+    """Raise StoreError, naming the first that is wrong, if names, shapes or types are not the contract's."""
+    given = {name for name in headers if name.split("/")[0] not in spec.groups}
     if given != set(spec.arrays):
         missing, unknown = sorted(set(spec.arrays) - given), sorted(given - set(spec.arrays))
         raise StoreError(f"{path}: arrays of {spec.stage} missing: {missing}, unknown: {unknown}")
     sizes: dict[str, tuple[str, int]] = {}
-    checked = {}
     for name, array_spec in spec.arrays.items():
-        array = np.asarray(arrays[name])
-        checked[name] = _of_type(path, array_spec, array)
-        check_shape(path, array_spec, array.shape, sizes)
-    for name in sorted(grouped):
-        array = np.asarray(arrays[name])
-        checked[name] = array.astype(object) if array.dtype.kind in "UO" else array
-    return checked
+        shape, dtype = headers[name]
+        right = dtype.kind in STRING_KINDS if array_spec.dtype == "string" else dtype == array_spec.dtype
+        if not right:  # no silent conversion: the caller knows what the numbers mean
+            raise StoreError(f"{path}: array {name!r} must be {array_spec.dtype}, but it is {dtype}")
+        check_shape(path, array_spec, shape, sizes)
 
 
 def check_shape(
@@ -117,23 +122,19 @@ def check_shape(
         raise StoreError(f"{path}: array {spec.name!r}: {values['og']} grasps for {values['o']} objects")
 
 
-def _of_type(path: Path, spec: ArraySpec, array: np.ndarray) -> np.ndarray:
-    """The array if its type is the contract's (no silent conversion); strings become an object array."""
-    if spec.dtype == "string":
-        if array.size and not all(isinstance(value, str) for value in array.flat):
-            raise StoreError(f"{path}: array {spec.name!r} must hold strings, but its type is {array.dtype}")
-        return array.astype(object)
-    if array.dtype != np.dtype(spec.dtype):
-        raise StoreError(f"{path}: array {spec.name!r} must be {spec.dtype}, but it is {array.dtype}")
-    return array
+def _text(path: Path, name: str, array: np.ndarray) -> np.ndarray:
+    """An array of strings as an array of objects, which both libraries take."""
+    if not all(isinstance(value, str) for value in array.flat):
+        raise StoreError(f"{path}: array {name!r} must hold strings only")
+    return array.astype(object)
 
 
 def _write_zarr(
     path: Path, spec: StoreSpec, arrays: dict[str, np.ndarray], attributes: dict[str, Any]
 ) -> None:
     group = zarr.create_group(path, attributes=attributes)
-    for name, array in arrays.items():
-        array_spec = spec.arrays[name]
+    for name, array_spec in spec.arrays.items():
+        array = arrays[name]
         text = array_spec.dtype == "string"
         chunk = array_spec.chunk(array.shape)
         shard = tuple(max(length, 1) for length in array.shape)
@@ -235,15 +236,11 @@ class Store:
             arrays.visititems(found.__setitem__)
             return sorted(name for name, item in found.items() if isinstance(item, h5py.Dataset))
 
-    def shape(self, name: str) -> tuple[int, ...]:
-        """Shape of an array, which is not read."""
+    def header(self, name: str) -> Header:
+        """Shape and type of an array, which is not read."""
         with self._arrays() as arrays:
-            return tuple(self._array(arrays, name).shape)
-
-    def dtype(self, name: str) -> np.dtype:
-        """Type of an array, which is not read."""
-        with self._arrays() as arrays:
-            return self._array(arrays, name).dtype
+            array = self._array(arrays, name)
+            return tuple(array.shape), array.dtype
 
     def get(self, name: str, index: Any = ...) -> np.ndarray:
         """What `index` picks of one array, read now; strings come as a numpy array of str."""

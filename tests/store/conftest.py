@@ -12,6 +12,7 @@ from palpate.catalogue import generator
 from palpate.hand import allegro
 from palpate.mesh import DIAGONAL, OBJECT_POSITION
 from palpate.touch import RayCaster, empty_reading, sense
+from palpate.vision import paper_camera
 
 ATTRIBUTES = {"config_digest": "0" * 64, "seed": 0}
 BATCHES = {"batch-0000": ["ball-0000", "block-0000"], "batch-0001": ["ball-0001", "ball-0002"]}
@@ -19,7 +20,6 @@ SPLITS = {"ball-0000": "train", "block-0000": "test", "ball-0001": "train", "bal
 REJECTED = "ball-0001"
 GRASPS = 2  # an object
 SIZE = 64  # pixels of an image
-CAMERA_DISTANCE = 1.1
 
 
 def shape(name: str) -> trimesh.Trimesh:
@@ -80,18 +80,25 @@ def touch(name: str, grasps: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
 
 
 def vision(name: str) -> dict[str, np.ndarray]:
-    """A disc, half of which the hand hides in the occluded images."""
-    row, column = np.mgrid[:SIZE, :SIZE] / SIZE - 0.5
-    disc = row**2 + column**2 < 0.1
-    seen = np.stack([disc & (column < 0)] * GRASPS)
-    image = np.where(disc[..., None], np.uint8(200), np.uint8(90)) * np.ones(3, np.uint8)
+    """What trimesh's own rays see from the paper's camera; a wall before the right half is the hand."""
+    camera = paper_camera(SIZE)
+    rays = camera.rays().reshape(-1, 3)
+    mesh = shape(name).apply_translation(OBJECT_POSITION)
+    origins = np.broadcast_to(camera.position, rays.shape)
+    hits, pixels, _ = mesh.ray.intersects_location(origins, rays, multiple_hits=False)
+    depth = np.full(SIZE**2, np.inf)
+    depth[pixels] = camera.project(hits)[1]
+    depth = depth.reshape(SIZE, SIZE)
+    mask = np.where(np.isfinite(depth), 255, 0)
+    wall = np.arange(SIZE) >= SIZE // 2
+    image = np.where(mask[..., None], np.uint8(200), np.uint8(90)) * np.ones(3, np.uint8)
     return {
         "unoccluded": image,
-        "occluded": np.stack([image] * GRASPS),
-        "unoccluded_mask": np.where(disc, 255, 0),
-        "occluded_mask": np.where(seen, 255, 0),
-        "unoccluded_depth": np.where(disc, CAMERA_DISTANCE, np.inf),
-        "occluded_depth": np.where(disc, CAMERA_DISTANCE, np.inf)[None].repeat(GRASPS, axis=0),
+        "occluded": np.stack([np.where(wall[:, None], np.uint8(50), image)] * GRASPS),
+        "unoccluded_mask": mask,
+        "occluded_mask": np.stack([np.where(wall, 0, mask)] * GRASPS),
+        "unoccluded_depth": depth,
+        "occluded_depth": np.stack([np.where(wall, 0.7, depth)] * GRASPS),
     }
 
 
