@@ -4,7 +4,8 @@ Metres. Every function returns a `manifold3d.Manifold`: a closed, outward-facing
 """
 
 import numpy as np
-from manifold3d import CrossSection, Manifold, Mesh64
+from manifold3d import CrossSection, Manifold, Mesh64, OpType, triangulate
+from scipy.interpolate import PchipInterpolator
 
 # Angle between neighbouring points of an arc, radians: a chord of it leaves the arc by 0.2 % of the radius.
 ARC_STEP = np.radians(7.5)
@@ -75,24 +76,30 @@ def loft(rings: np.ndarray) -> Manifold:
     ring are closed by a fan around their mean. Raises ValueError where this is not a closed solid.
     """
     count, around, _ = rings.shape
-    vertices = np.concatenate([rings.reshape(-1, 3), rings[0].mean(0)[None], rings[-1].mean(0)[None]])
+    here = np.arange(around)
+    there = np.roll(here, -1)
+    vertices = np.concatenate([rings.reshape(-1, 3), [rings[0].mean(0), rings[-1].mean(0)]])
+    bottom = np.stack([here, there, np.full(around, count * around)], axis=1)
+    top = np.stack([there, here, np.full(around, count * around + 1)], axis=1)
+    top[:, :2] += (count - 1) * around
+    return closed(vertices, np.concatenate([wall(count, around), bottom, top]))
+
+
+def wall(count: int, around: int) -> np.ndarray:
+    """Faces between `count` rings of `around` vertices each, numbered ring by ring."""
     index = np.arange(count * around).reshape(count, around)
     a, b = index[:-1], np.roll(index, -1, axis=1)[:-1]
     c, d = index[1:], np.roll(index, -1, axis=1)[1:]
-    bottom, top = count * around, count * around + 1
-    faces = np.concatenate(
-        [
-            np.stack([a, b, d], -1).reshape(-1, 3),
-            np.stack([a, d, c], -1).reshape(-1, 3),
-            np.stack([np.roll(index[0], -1), index[0], np.full(around, bottom)], -1),
-            np.stack([index[-1], np.roll(index[-1], -1), np.full(around, top)], -1),
-        ]
-    )
+    return np.concatenate([np.stack([b, a, d], -1).reshape(-1, 3), np.stack([d, a, c], -1).reshape(-1, 3)])
+
+
+def closed(vertices: np.ndarray, faces: np.ndarray) -> Manifold:
+    """The solid within consistently wound faces, turned outward if they face inward."""
     corners = vertices[faces]
     volume = np.einsum("fi,fi->", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])) / 6
     solid = Manifold(Mesh64(vertices, (faces if volume > 0 else faces[:, ::-1]).astype(np.uint64)))
     if solid.is_empty():
-        raise ValueError(f"the rings of a loft do not make a closed solid: {solid.status()}")
+        raise ValueError(f"these cross-sections do not make a closed solid: {solid.status()}")
     return solid
 
 
@@ -137,22 +144,33 @@ def slab(size: tuple[float, float, float], corner: float, fillet: float, centre=
     return loft(np.array(rings)).translate(centre)
 
 
-def prism(outline: np.ndarray, thickness: float, bevel: float = 0.0) -> Manifold:
-    """Extrude an outline (k, 2) of (y, z) along x, centred on x = 0; edges bevelled at 45 degrees by `bevel`."""
-    section = CrossSection([counter_clockwise(np.asarray(outline, dtype=float))])
-    # Extrusion is along z: (y, z, x) is an even permutation of (x, y, z).
-    to_plane = np.array([[0, 0, 1, 0], [1, 0, 0, 0], [0, 1, 0, 0]], dtype=float)
-    if bevel <= 0:
-        return section.extrude(thickness).translate((0, 0, -thickness / 2)).transform(to_plane)
-    layers = 3
-    solids = []
-    for layer in range(layers + 1):
-        # Nested plates, the thicker the smaller: a stepped approximation of a rounded edge.
-        angle = np.pi / 2 * layer / layers
-        inset, height = bevel * (1 - np.cos(angle)), thickness - 2 * bevel * (1 - np.sin(angle))
-        inner = section.offset(-inset) if inset > 0 else section
-        solids.append(inner.extrude(height).translate((0, 0, -height / 2)))
-    return union(solids).transform(to_plane)
+def prism(outline: np.ndarray, thickness: float, edge: float = 0.0) -> Manifold:
+    """A plate in the y-z plane, centred on x = 0.
+
+    outline: (k, 2) rows of (y, z); edge: radius that rounds the rim of both faces. It must be smaller than
+    the outline's own convex radii and half its narrowest place.
+    """
+    outline = counter_clockwise(np.asarray(outline, dtype=float))
+    edge = min(edge, 0.499 * thickness)
+    angle = np.linspace(0, np.pi / 2, 4) if edge > 0 else np.array([np.pi / 2])
+    inset, x = edge * (1 - np.sin(angle)), edge * (1 - np.cos(angle)) - thickness / 2
+    inset, x = np.append(inset, inset[::-1]), np.append(x, -x[::-1])
+    planes = outline + inset[:, None, None] * inward_normals(outline)
+    depth = np.broadcast_to(x[:, None, None], (*planes.shape[:2], 1))
+    rings = np.concatenate([depth, planes], axis=2)
+    cap = np.asarray(triangulate([planes[0]]))
+    faces = [wall(len(x), len(outline)), cap, cap[:, ::-1] + (len(x) - 1) * len(outline)]
+    return closed(rings.reshape(-1, 3), np.concatenate(faces))
+
+
+def inward_normals(outline: np.ndarray) -> np.ndarray:
+    """(k, 2) directions that move a counter-clockwise outline (k, 2) inwards by one unit (mitred corners)."""
+    edges = np.roll(outline, -1, axis=0) - outline
+    normal = np.stack([-edges[:, 1], edges[:, 0]], axis=1)
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    mean = normal + np.roll(normal, 1, axis=0)
+    # |mean|^2 = 4 cos^2(half the turn); a mitre is 1 / cos, limited to 2 at spikes.
+    return 2 * mean / np.maximum((mean**2).sum(axis=1, keepdims=True), 1.0)
 
 
 def sweep(
@@ -182,6 +200,38 @@ def sweep(
     return loft(rings)
 
 
+def along_y(stations: np.ndarray, exponent: float = 2.6, rings: int = 60, count: int = 40) -> Manifold:
+    """A body whose long axis is y, through stations (k, 4) of (y, lowest z, highest z, width).
+
+    Between stations the values follow monotone cubics (no overshoot); cross-sections are superellipses.
+    """
+    stations = np.asarray(stations, dtype=float)
+    y = np.linspace(stations[0, 0], stations[-1, 0], rings)
+    low, high, width = PchipInterpolator(stations[:, 0], stations[:, 1:])(y).T
+    unit = superellipse(1, 1, exponent, count)
+    x = width[:, None] * unit[:, 0]
+    z = (high + low)[:, None] / 2 + (high - low)[:, None] * unit[:, 1]
+    return loft(np.stack([x, np.broadcast_to(y[:, None], x.shape), z], axis=-1))
+
+
+def upright(profile: np.ndarray, section: np.ndarray) -> Manifold:
+    """A body along z with a cross-section that is not round.
+
+    profile: (k, 2) rows of (radius, z); section: (m, 2), or (k, m, 2) where it changes, for radius 1.
+    """
+    profile, section = np.asarray(profile, dtype=float), np.asarray(section, dtype=float)
+    section = np.broadcast_to(section, (len(profile), *section.shape[-2:]))
+    flat = section * profile[:, :1, None]
+    return loft(np.concatenate([flat, np.broadcast_to(profile[:, 1:, None], (*flat.shape[:2], 1))], axis=2))
+
+
+def fluted(depth: float, flutes: int, count: int) -> np.ndarray:
+    """(count, 2) a unit circle with `flutes` grooves of relative `depth`: knurls, ribs, crown caps."""
+    angle = 2 * np.pi * np.arange(count) / count
+    radius = 1 - depth * (0.5 - 0.5 * np.cos(flutes * angle))
+    return np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=1)
+
+
 def rod(start, end, radius: float, end_radius: float | None = None, segments: int = 32) -> Manifold:
     """A cylinder or truncated cone from `start` to `end` (3,)."""
     start, end = np.asarray(start, float), np.asarray(end, float)
@@ -207,9 +257,10 @@ def box(size, centre=(0.0, 0.0, 0.0)) -> Manifold:
 
 
 def union(solids) -> Manifold:
-    """The union of a list of solids."""
-    solids = list(solids)
-    result = solids[0]
-    for solid in solids[1:]:
-        result = result + solid
-    return result
+    """The union of solids."""
+    return Manifold.batch_boolean(list(solids), OpType.Add)
+
+
+def cut(solid: Manifold, tools) -> Manifold:
+    """`solid` without all of the `tools`."""
+    return Manifold.batch_boolean([solid, *tools], OpType.Subtract)

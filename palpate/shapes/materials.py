@@ -1,0 +1,183 @@
+"""Colours and pictures of the procedural objects."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from PIL import Image, ImageDraw, ImageFont
+from trimesh.visual.material import PBRMaterial
+
+GLASS = {
+    "green-glass": (28, 84, 44), "olive-glass": (84, 92, 34), "amber-glass": (120, 58, 14),
+    "clear-glass": (200, 220, 218), "blue-glass": (24, 62, 140), "rose-glass": (206, 120, 110),
+}  # fmt: skip
+PLASTIC = {
+    "white-plastic": (232, 232, 228), "red-plastic": (186, 26, 30), "yellow-plastic": (232, 186, 36),
+    "green-plastic": (38, 134, 66), "blue-plastic": (34, 86, 176), "black-plastic": (28, 28, 30),
+    "orange-plastic": (226, 110, 28), "teal-plastic": (30, 136, 140), "pink-plastic": (222, 128, 156),
+}  # fmt: skip
+METAL = {
+    "steel": (192, 194, 198),
+    "brass": (196, 158, 78),
+    "aluminium": (214, 216, 220),
+    "copper": (184, 112, 76),
+}
+DARK_METAL = {"gunmetal": (58, 60, 66), "parkerised": (74, 76, 72), "blued-steel": (40, 44, 56)}
+WOOD = {"walnut": (98, 60, 34), "oak": (168, 122, 72), "cherry": (136, 66, 38), "ebony": (52, 40, 34)}
+POLYMER = {"black-polymer": (32, 32, 34), "olive-polymer": (84, 90, 58), "tan-polymer": (172, 146, 104)}
+
+
+@dataclass(frozen=True, eq=False)
+class Material:
+    """A physically based material: sRGB colour 0-255, metallic and roughness 0-1, and perhaps a picture.
+
+    A picture replaces the colour.
+    """
+
+    name: str
+    colour: tuple[int, int, int]
+    metallic: float = 0.0
+    roughness: float = 0.5
+    picture: Image.Image | None = None
+
+    def to_pbr(self) -> PBRMaterial:
+        """The material as trimesh writes it to glTF."""
+        colour = (255, 255, 255) if self.picture is not None else self.colour
+        return PBRMaterial(
+            name=self.name,
+            baseColorFactor=np.array([*colour, 255], dtype=np.uint8),
+            metallicFactor=float(self.metallic),
+            roughnessFactor=float(self.roughness),
+            baseColorTexture=self.picture,
+        )
+
+
+def choose(rng: np.random.Generator, palette: dict, metallic=0.0, roughness=0.4, names=None) -> Material:
+    """One of a palette's colours (or of `names` in it), a little lighter or darker, a little shifted."""
+    names = list(palette) if names is None else names
+    name = names[rng.integers(len(names))]
+    colour = np.array(palette[name]) * rng.uniform(0.85, 1.15) + rng.uniform(-8, 8, 3)
+    return Material(name, tuple(np.clip(colour, 8, 245).astype(int).tolist()), metallic, roughness)
+
+
+def glass(rng) -> Material:
+    return choose(rng, GLASS, 0.0, 0.08)
+
+
+def plastic(rng, names=None) -> Material:
+    return choose(rng, PLASTIC, 0.0, 0.4, names)
+
+
+def metal(rng, names=None) -> Material:
+    return choose(rng, METAL, 0.9, rng.uniform(0.2, 0.4), names)
+
+
+def dark_metal(rng) -> Material:
+    return choose(rng, DARK_METAL, 0.7, rng.uniform(0.35, 0.5))
+
+
+def polymer(rng) -> Material:
+    return choose(rng, POLYMER, 0.0, 0.6)
+
+
+def wood(rng) -> Material:
+    """Wood with its grain as a picture, along the picture's width."""
+    base = choose(rng, WOOD, 0.0, 0.5)
+    height, width = 96, 384
+    v, u = np.mgrid[0:height, 0:width] / [[[height]], [[width]]]
+    waves = sum(
+        rng.uniform(0.2, 1) * np.sin(2 * np.pi * (k * u + rng.uniform(-2, 2) * v) + rng.uniform(0, 6))
+        for k in range(1, 5)
+    )
+    rings = np.sin(2 * np.pi * (rng.uniform(5, 11) * v + 0.25 * waves))
+    fibre = (
+        rng.normal(size=(height, 1)) * 0.25 + rng.normal(size=(height, width // 32)).repeat(32, axis=1) * 0.15
+    )
+    shade = 1 + 0.14 * rings + 0.12 * fibre
+    pixels = np.clip(np.array(base.colour) * shade[..., None], 0, 255).astype(np.uint8)
+    return Material(base.name, base.colour, 0.0, 0.5, Image.fromarray(pixels))
+
+
+BRANDS = ("AURELIA", "Northfell", "Casa Luma", "BRIO", "Old Mill", "Verde", "KELPIE", "Solstice", "Tarn & Co")
+GOODS = (
+    "finest quality",
+    "No. 7",
+    "since 1894",
+    "500 ml",
+    "natural",
+    "extra dry",
+    "pure spring",
+    "home made",
+)
+
+
+def label(rng: np.random.Generator) -> Material:
+    """A printed label: ground, frame, emblem, two lines of text."""
+    width, height = 320, 200
+    paper = [(238, 232, 214), (246, 246, 244), (30, 40, 60), (150, 24, 30), (24, 92, 60), (230, 190, 60)]
+    ground = paper[rng.integers(len(paper))]
+    ink = (30, 26, 24) if sum(ground) > 400 else (240, 226, 180)
+    accent = tuple(int(c) for c in rng.integers(30, 220, 3))
+    picture = Image.new("RGB", (width, height), ground)
+    draw = ImageDraw.Draw(picture)
+    frame = int(rng.integers(4, 14))
+    draw.rectangle((frame, frame, width - frame, height - frame), outline=ink, width=3)
+    draw.rectangle((0, height * 3 // 4, width, height * 3 // 4 + 12), fill=accent)
+    x, y, r = width // 2, 52, 30
+    emblem = rng.integers(3)
+    if emblem == 0:
+        draw.ellipse((x - r, y - r, x + r, y + r), fill=accent, outline=ink, width=3)
+    elif emblem == 1:
+        draw.polygon([(x, y - r), (x + r, y + r), (x - r, y + r)], fill=accent, outline=ink)
+    else:
+        draw.rectangle((x - 2 * r, y - r // 2, x + 2 * r, y + r // 2), fill=accent, outline=ink, width=3)
+    brand, goods = BRANDS[rng.integers(len(BRANDS))], GOODS[rng.integers(len(GOODS))]
+    draw.text((x, 114), brand, ink, ImageFont.load_default(44), anchor="mm")
+    draw.text((x, 180), goods, ink, ImageFont.load_default(20), anchor="mm")
+    return Material("label", ground, 0.0, 0.6, picture)
+
+
+def interface(rng: np.random.Generator, aspect: float, old: bool = False) -> Material:
+    """A lit phone screen; aspect = height / width. `old`: a small, flat-coloured menu of a feature phone."""
+    width = 180
+    height = int(width * aspect)
+    top, bottom = rng.integers(20, 235, 3), rng.integers(20, 235, 3)
+    mix = np.linspace(0, 1, height)[:, None, None]
+    pixels = np.broadcast_to((1 - mix) * top + mix * bottom, (height, width, 3))
+    picture = Image.fromarray(pixels.astype(np.uint8))
+    draw = ImageDraw.Draw(picture)
+    ink = (250, 250, 250) if (top + bottom).sum() < 780 else (20, 20, 24)
+    clock = f"{rng.integers(0, 24):02d}:{rng.integers(0, 60):02d}"
+    if old:
+        draw.rectangle((0, 0, width, height // 8), fill=(30, 40, 90))
+        draw.text((width // 2, height // 16), clock, (255, 255, 255), ImageFont.load_default(18), anchor="mm")
+        for row, name in enumerate(("Messages", "Calls", "Camera", "Games")):
+            draw.text((14, height * (0.2 + 0.19 * row)), name, ink, ImageFont.load_default(22))
+        return Material("screen", (120, 140, 160), 0.0, 0.15, picture)
+    draw.text((width // 2, 40), clock, ink, ImageFont.load_default(44), anchor="mm")
+    rows = max(2, int((height - 130) // 42))
+    for row in range(rows):
+        for column in range(4):
+            if rng.uniform() < 0.25:
+                continue
+            x, y = 12 + 41 * column, 76 + 42 * row
+            draw.rounded_rectangle(
+                (x, y, x + 30, y + 30), 8, fill=tuple(int(c) for c in rng.integers(30, 250, 3))
+            )
+    draw.rounded_rectangle(
+        (6, height - 44, width - 6, height - 6), 12, fill=tuple(int(c) for c in (top + 30) % 256)
+    )
+    return Material("screen", (90, 110, 140), 0.0, 0.12, picture)
+
+
+def across(vertices: np.ndarray) -> np.ndarray:
+    """Texture coordinates of a picture laid from +x over the bounds of vertices (n, 3), its width along y."""
+    low, high = vertices.min(axis=0), vertices.max(axis=0)
+    return ((vertices - low) / np.maximum(high - low, 1e-9))[:, 1:]
+
+
+def around(vertices: np.ndarray) -> np.ndarray:
+    """Texture coordinates of a picture wrapped around z over the span of vertices (n, 3), seam at -x."""
+    angle = np.arctan2(vertices[:, 1], vertices[:, 0])
+    flat = np.stack([angle, vertices[:, 2]], axis=1)
+    low, high = flat.min(axis=0), flat.max(axis=0)
+    return (flat - low) / np.maximum(high - low, 1e-9)
