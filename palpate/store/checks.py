@@ -247,7 +247,7 @@ def _points_error(depth, position, rotation, points, reading) -> float:
 
 
 def _reading_error(depth, position, rotation, points, reading) -> float:
-    return np.abs(shade(depth).astype(int) - reading).max()
+    return np.inf if np.isnan(depth).any() else np.abs(shade(depth).astype(int) - reading).max()
 
 
 def _cloud_distance(item: Item) -> np.ndarray:
@@ -280,5 +280,5 @@ def _occlusion_error(rows: dict[str, np.ndarray], mask: np.ndarray, depth: np.nd
     seen, nearest = rows["occluded_mask"] == 255, rows["occluded_depth"].astype(np.float32)
     with np.errstate(invalid="ignore"):  # inf - inf
         same = np.abs(nearest - depth) <= DEPTH_STEP
-    wrong = (seen & ~(mask & same)) | (mask & ~seen & ~(nearest <= depth + DEPTH_STEP))
+    wrong = (seen & ~(mask & same)) | (mask & ~seen & ~(nearest < depth))
     return wrong.sum(axis=(1, 2)) / max(mask.sum(), 1)

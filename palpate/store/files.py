@@ -106,6 +106,8 @@ def check_shape(
         found = spec.sizes(shape)
     except ValueError as error:
         raise StoreError(f"{path}: array {spec.name!r}: {error}") from None
+    if shape[0] == 0:  # of a batch without objects, whose other axes may be unknown
+        found = {symbol: length for symbol, length in found.items() if symbol == spec.shape[0]}
     for symbol, length in found.items():
         source, expected = sizes.setdefault(symbol, (spec.name, length))
         if length != expected:

@@ -222,7 +222,7 @@ def validate_batch(
     """Check every array of every store of one batch.
 
     run: the run's folder. max_penetration: metres, by which the run's grasps were accepted. stages: whose
-    stores are checked; one that is missing fails. Needs `catalogue.csv` and the meshes too. What is wrong with
+    stores are checked; one that is missing fails. Needs `catalogue.csv` and the meshes. What is wrong with
     a store or a mesh never raises: it is a finding.
     """
     checked = _Batch(Run(run), batch, stages, max_penetration)
