@@ -5,11 +5,11 @@ before anything that loads embree (trimesh does): `palpate.vision.blender.load()
 sees to it.
 """
 
-from palpate.vision.camera import Camera, paper_camera
-from palpate.vision.image import Image
+from palpate.vision.camera import Camera, looking_at, paper_camera
+from palpate.vision.image import Image, contact_sheet
 from palpate.vision.scene import Mesh, spheres
 
-__all__ = ["Camera", "Image", "Mesh", "Renderer", "paper_camera", "spheres"]
+__all__ = ["Camera", "Image", "Mesh", "Renderer", "contact_sheet", "looking_at", "paper_camera", "spheres"]
 
 
 def __getattr__(name: str):

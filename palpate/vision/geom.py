@@ -8,8 +8,9 @@ import numpy as np
 
 # The radius of a box's or a cylinder's rounded edges: a share of the smallest half extent, up to a limit in
 # metres.
-BEVEL_SHARE = 0.3
+BEVEL_SHARE = 0.5
 LARGEST_BEVEL = 0.003
+TOUCHING = 1e-6  # m
 EDGE_SEGMENTS = 3  # faces across a rounded edge, for each of the two sides that meet
 ROUND_SEGMENTS = 10  # the same, for spheres, capsules and ellipsoids
 CYLINDER_SECTORS = 48
@@ -42,6 +43,26 @@ def triangles(kind: str, size, vertices=None, faces=None) -> Triangles:
     raise ValueError(
         f"can't draw a geom of kind {kind!r}: expected box, sphere, capsule, cylinder, ellipsoid or mesh"
     )
+
+
+def bridges(sizes: np.ndarray, positions: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Boxes (half extents, position) that close the grooves between boxes which touch face to face.
+
+    sizes, positions: (n, 3) of n boxes with parallel axes. A bridge reaches from the middle of one box to the
+    middle of its neighbour, as wide as both: it lies inside the two of them.
+    """
+    made = []
+    for one in range(len(sizes)):
+        for other in range(one):
+            low = np.maximum(positions[one] - sizes[one], positions[other] - sizes[other])
+            high = np.minimum(positions[one] + sizes[one], positions[other] + sizes[other])
+            overlap = high - low
+            touching = np.abs(overlap) < TOUCHING
+            if touching.sum() == 1 and (overlap[~touching] > TOUCHING).all():
+                ends = np.sort([positions[one], positions[other]], axis=0)
+                low, high = np.where(touching, ends[0], low), np.where(touching, ends[1], high)
+                made.append(((high - low) / 2, (high + low) / 2))
+    return made
 
 
 def bevel(size: np.ndarray) -> float:

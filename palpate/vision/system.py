@@ -1,9 +1,13 @@
 """System libraries that Blender needs: `python -m palpate.vision.system` names what is missing.
 
-Nothing here imports Blender.
+With `--install` it installs them, where this user may (root, with apt). Nothing here imports Blender.
 """
 
+import argparse
 import ctypes
+import os
+import shutil
+import subprocess
 import sys
 
 # What `bpy` 4.5 links against besides the C and C++ runtimes and what it brings along (`ldd`), by Debian
@@ -38,11 +42,25 @@ def _loads(library: str) -> bool:
     return True
 
 
-def main() -> int:
+def main(arguments: list[str] | None = None) -> int:
+    parser = argparse.ArgumentParser(
+        description="Name the system libraries that Blender needs and are missing."
+    )
+    parser.add_argument("--install", action="store_true", help="install them, as root on a system with apt")
+    install = parser.parse_args(arguments).install
     missing = missing_libraries()
     if not missing:
-        print("Blender's system libraries are all there.")
+        if not install:
+            print("Blender's system libraries are all there.")
         return 0
+    command = install_command(missing.values())
+    if install and os.geteuid() == 0 and shutil.which("apt-get"):
+        print(f"Blender needs {', '.join(missing)}: {command}", file=sys.stderr)
+        subprocess.run(["apt-get", "update", "--quiet"], check=False)
+        subprocess.run(command.split(), check=False)
+        missing = missing_libraries()
+        if not missing:
+            return 0
     print(f"Blender needs {', '.join(missing)}. On Debian and Ubuntu, as root:", file=sys.stderr)
     print(install_command(missing.values()))
     return 1
