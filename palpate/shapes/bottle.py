@@ -580,5 +580,5 @@ def perfume(rng) -> list[Part]:
 
 
 STYLES = (
-    wine, jug, beer, water, spray, spirit, growler, squeeze, medicine, soap, champagne, soda, sports, carafe, perfume,
+    wine, jug, beer, water, wine, spray, spirit, growler, squeeze, medicine, soap, champagne, soda, sports, carafe, perfume,
 )  # fmt: skip

@@ -492,7 +492,7 @@ def swivel(rng) -> list[Part]:
     keys = keypad(rng, thickness / 2, -0.42 * height, 0.08 * height, 0.72 * width, out=0.0005)
     upper = 0.007
     x = thickness / 2 + upper / 2 + 0.0006
-    angle = rng.choice([0.0, 35.0, 90.0, 140.0])
+    angle = rng.choice([0.0, 30.0, 60.0, 90.0])
     lid = slab((upper, width, 0.9 * height), corner, 0.3 * upper)
     glass = plate(upper / 2, 0, 0, 0.78 * width, 0.66 * height, 0.003)
     picture = lit(rng, upper / 2 + PROUD, 0, 0, 0.68 * width, 0.57 * height, old=True)

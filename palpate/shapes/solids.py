@@ -132,14 +132,18 @@ def slab(size: tuple[float, float, float], corner: float, fillet: float, centre=
     """
     thickness, width, height = size
     fillet = min(fillet, 0.499 * thickness)
-    angle = np.linspace(0, np.pi / 2, 5)
-    inset = np.concatenate([fillet * (1 - np.sin(angle)), fillet * (1 - np.cos(angle))])
-    x = np.concatenate(
-        [-thickness / 2 + fillet * (1 - np.cos(angle)), thickness / 2 - fillet * (1 - np.sin(angle))]
+    # A key's small radii need fewer points than a shell's.
+    steps, corner_points = (
+        round(float(np.clip(r / 0.0008, 3, most))) for r, most in ((fillet, 5), (corner, 9))
     )
+    angle = np.linspace(0, np.pi / 2, steps)
+    inset = fillet * np.concatenate([1 - np.sin(angle), 1 - np.cos(angle)])
+    x = fillet * np.concatenate([1 - np.cos(angle), np.sin(angle) - 1])
+    x += thickness / 2 * np.repeat([-1, 1], steps)
     rings = []
     for offset, position in zip(inset, x, strict=True):
-        outline = rounded_rectangle(width - 2 * offset, height - 2 * offset, max(corner - offset, 1e-4))
+        radius = max(corner - offset, 1e-4)
+        outline = rounded_rectangle(width - 2 * offset, height - 2 * offset, radius, corner_points)
         rings.append(np.column_stack([np.full(len(outline), position), outline]))
     return loft(np.array(rings)).translate(centre)
 
