@@ -22,6 +22,9 @@ MAX_PLACEMENTS = 50  # random palm poses for one attempt
 SURFACE_POINTS = 4000  # of the object's points, those that placement and targets choose from
 WORKSPACE_SEED = 0  # the workspace belongs to the hand: the same for every object and run
 
+# Share of the attempts in which the thumb closes too, calibrated to the paper's statistics (docs/grasps.md).
+THUMB_SHARE = 0.2
+
 # Why an attempt comes to nothing.
 BLOCKED = "no palm pose free of the object"
 UNSTABLE = "simulation warned or gave NaN"
@@ -67,10 +70,11 @@ class Grasper:
         hand: Hand,
         timestep: float = TIMESTEP,
         max_penetration: float = 0.001,
+        thumb_share: float = THUMB_SHARE,
     ):
         """surface_points: (N, 3) on the object's exterior; the other arguments are `grasp_object`'s."""
         self.hand = hand
-        self.max_penetration = max_penetration
+        self.max_penetration, self.thumb_share = max_penetration, thumb_share
         self.workspace = workspace_of(hand)
         self.surface = with_normals(surface_points[:SURFACE_POINTS], visual)
         self.scene = GraspScene(hand, surface_patches(collision), timestep)
@@ -82,7 +86,8 @@ class Grasper:
         pose = self.free_palm_pose(rng)
         if pose is None:
             return BLOCKED
-        closed = self.scene.close(self.workspace.targets(pose, self.surface))
+        thumb = rng.random() < self.thumb_share
+        closed = self.scene.close(self.workspace.targets(pose, self.surface, thumb))
         if not closed.finite:
             return UNSTABLE
         links = self.hand.forward(pose, closed.joint_positions)
@@ -116,10 +121,11 @@ def grasp_object(
     hand: Hand,
     rng: np.random.Generator,
     per_object: int = 5,
-    attempts: int = 6,
+    attempts: int = 5,
     max_attempts: int = 60,
     timestep: float = TIMESTEP,
     max_penetration: float = 0.001,
+    thumb_share: float = THUMB_SHARE,
 ) -> GraspSet:
     """Grasp an object: `attempts` grasps with at least one touch are made, the best `per_object` are kept.
 
@@ -127,14 +133,15 @@ def grasp_object(
     in the world frame, as the surface store has them. rng: decides everything random; the same generator gives
     the same grasps. per_object: grasps kept, those with the most touches; of equals the earlier. attempts: valid
     grasps made before the best are kept: the more, the better the grasps. max_attempts: bound on all attempts.
-    timestep: seconds. max_penetration: metres; a deeper grasp is not accepted.
+    timestep: seconds. max_penetration: metres; a deeper grasp is not accepted. thumb_share: share of the attempts
+    in which the thumb closes too; with 1 more sensors touch than in the paper's dataset.
 
     Raises `Unusable` if `max_attempts` attempts don't give `per_object` valid grasps.
     """
     if attempts < per_object:
         raise ValueError(f"grasps: attempts ({attempts}) must be at least per_object ({per_object})")
     own_points = np.asarray(surface_points, dtype=float) - OBJECT_POSITION
-    grasper = Grasper(visual, collision, own_points, hand, timestep, max_penetration)
+    grasper = Grasper(visual, collision, own_points, hand, timestep, max_penetration, thumb_share)
     grasps, discarded = [], Counter()
     while len(grasps) < attempts and len(grasps) + discarded.total() < max_attempts:
         result = grasper.attempt(rng)
@@ -144,9 +151,7 @@ def grasp_object(
             grasps.append(result)
     if len(grasps) < per_object:
         reasons = ", ".join(f"{reason}: {count}" for reason, count in sorted(discarded.items()))
-        raise Unusable(
-            f"{len(grasps)} of {per_object} grasps found in {max_attempts} attempts ({reasons})"
-        )
+        raise Unusable(f"{len(grasps)} of {per_object} grasps found in {max_attempts} attempts ({reasons})")
     best = sorted(grasps, key=lambda grasp: -grasp.touches.sum())[:per_object]
     return in_world(best, len(grasps) + discarded.total(), dict(discarded))
 

@@ -119,23 +119,10 @@ class PenetrationCheck:
 
 
 def self_collision_pairs(hand: Hand, geoms: np.ndarray) -> np.ndarray:
-    """Pairs (P, 2) of geoms on different links that are not jointed to each other, fixed links counting as one."""
-    body = np.arange(len(hand.link_names))
-    for link in range(1, len(body)):
-        if hand.joint_of_link[link] < 0:
-            body[link] = body[hand.link_parent[link]]
-    parent = np.where(hand.link_parent[body] >= 0, body[hand.link_parent[body]], -1)
-    pairs = []
-    for position, one in enumerate(geoms):
-        for other in geoms[position + 1 :]:
-            first, second = hand.geom_link[one], hand.geom_link[other]
-            if (
-                body[first] != body[second]
-                and body[first] != parent[second]
-                and body[second] != parent[first]
-            ):
-                pairs.append((int(one), int(other)))
-    return np.array(pairs, dtype=int).reshape(-1, 2)
+    """Pairs (P, 2) of geoms on links that may collide."""
+    links = hand.geom_link[geoms]
+    may = ~hand.adjacent_links()[links[:, None], links[None, :]]
+    return geoms[np.argwhere(np.triu(may, k=1))]
 
 
 def geom_surface(hand: Hand, geom: int) -> np.ndarray:

@@ -10,11 +10,12 @@ PRESS = 0.003  # metres that the gel's apex aims below the surface
 # Metres that a unit of difference in direction counts for: 30 degrees off are as bad as 15 mm off.
 DIRECTION_LENGTH = 0.03
 CONFIGURATIONS = 3000  # random joint positions by which a finger's workspace is known
-CANDIDATES = 4  # surface points a finger that inverse kinematics tries
-GOALS = 300  # surface points in reach that are looked at, at most
+NEAREST = 64  # surface points nearest to the open finger's gel that it chooses from
+CANDIDATES = 4  # of them, those that inverse kinematics tries
 ITERATIONS = 8
 DAMPING = 1e-5  # m^2, of the least squares steps
 GEL_SEARCH = 0.05  # metres in front of the sensor's origin in which its gel is looked for
+THUMB = 3  # the sensor that may stay open
 
 
 class Workspace:
@@ -27,8 +28,8 @@ class Workspace:
         self.configurations = rng.uniform(*hand.joint_range.T, (CONFIGURATIONS, len(hand.joint_link)))
         apex, direction = self.apex(hand.forward(np.eye(4), self.configurations))
         features = np.concatenate([apex, DIRECTION_LENGTH * direction], axis=-1)
+        self.open_apex = self.apex(hand.forward(np.eye(4), hand.open_joint_positions))[0]
         self.trees = [cKDTree(features[:, sensor]) for sensor in range(SENSORS)]
-        self.radius = np.linalg.norm(apex, axis=-1).max()
 
     def apex(self, link_pose: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Where the gels are and where they look: (..., 4, 3) each, of link poses (..., L, 4, 4)."""
@@ -36,37 +37,36 @@ class Workspace:
         direction = rotation[..., 0]
         return position + self.contact_distance[:, None] * direction, direction
 
-    def targets(self, palm_pose: np.ndarray, surface: Surface) -> np.ndarray:
-        """Joint positions (J,) at which each gel is pressed into a surface point that it faces, or as near as it gets.
+    def targets(self, palm_pose: np.ndarray, surface: Surface, thumb: bool = True) -> np.ndarray:
+        """Joint positions (J,) at which each gel is pressed into a surface point that it faces, or nearly.
 
-        palm_pose: (4, 4) in the surface's frame.
+        Of the surface points that are near the open hand's gel and that the finger can face, each finger takes the
+        one to which it comes best; it is kept even if it can't be reached, for contact stops the finger.
+
+        palm_pose: (4, 4) in the surface's frame. thumb: whether the last sensor's finger closes too.
         """
         hand = self.hand
         points = (surface.points - palm_pose[:3, 3]) @ palm_pose[:3, :3]
         normals = surface.normals @ palm_pose[:3, :3]
-        near = np.flatnonzero(np.einsum("ij,ij->i", points, points) < self.radius**2)[:GOALS]
-        if not len(near):
-            return hand.open_joint_positions.copy()
-        goal, inward = points[near] - PRESS * normals[near], -normals[near]
-        features = np.concatenate([goal, DIRECTION_LENGTH * inward], axis=1)
-
-        rows = []
+        goals = points - PRESS * normals
+        features = np.concatenate([goals, -DIRECTION_LENGTH * normals], axis=1)
+        chosen_points = np.empty((CANDIDATES, SENSORS), dtype=int)
         joints = np.tile(hand.open_joint_positions, (CANDIDATES, 1))
         for sensor, tree in enumerate(self.trees):
-            miss, nearest = tree.query(features)
-            best = np.argsort(miss, kind="stable")[:CANDIDATES]
-            best = np.resize(best, CANDIDATES)
-            rows.append(best)
+            away = np.linalg.norm(goals - self.open_apex[sensor], axis=1)
+            near = np.argsort(away, kind="stable")[:NEAREST]
+            miss, configuration = tree.query(features[near])
+            best = np.resize(np.argsort(miss + away[near], kind="stable"), CANDIDATES)
+            chosen_points[:, sensor] = near[best]
             moved = self.moves[sensor]
-            joints[:, moved] = self.configurations[nearest[best]][:, moved]
-        rows = np.stack(rows, axis=1)  # (CANDIDATES, 4)
-        joints, miss = self.solve(joints, goal[rows], inward[rows])
+            joints[:, moved] = self.configurations[configuration[best]][:, moved]
+        joints, miss = self.solve(joints, goals[chosen_points], -normals[chosen_points])
 
-        chosen = hand.open_joint_positions.copy()
-        for sensor in range(SENSORS):
+        targets = hand.open_joint_positions.copy()
+        for sensor in range(SENSORS if thumb else THUMB):
             moved = self.moves[sensor]
-            chosen[moved] = joints[miss[:, sensor].argmin(), moved]
-        return chosen
+            targets[moved] = joints[miss[:, sensor].argmin(), moved]
+        return targets
 
     def solve(
         self, joints: np.ndarray, goal: np.ndarray, inward: np.ndarray
@@ -78,7 +78,6 @@ class Workspace:
         """
         hand = self.hand
         low, high = hand.joint_range.T
-        miss = None
         for _ in range(ITERATIONS):
             pose = hand.forward(np.eye(4), joints)
             apex, direction = self.apex(pose)

@@ -48,8 +48,8 @@ DIGIT_BODY = ((-0.0116, 0.0150), (-0.0134, 0.0134), (0.0005, 0.0347))
 GEL_PAD = ((0.0100, 0.0182), (-0.0100, 0.0100), (0.0051, 0.0291))
 SENSOR_ORIGIN = (-0.001073, 0.0, 0.017119)
 
-# Thumb half way to opposition, fingers straight.
-OPEN_THUMB = (0.75, 0.0, 0.0, 0.0)
+# Fingers straight, the thumb to the side at the end of its range: clear of flat objects too.
+OPEN_THUMB = (0.263, 0.0, 0.0, 0.0)
 
 
 def allegro() -> Hand:

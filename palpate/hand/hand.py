@@ -133,6 +133,30 @@ class Hand:
                 np.minimum(nearest, self.geom_distance(geom, points, poses[geom]), out=nearest)
         return nearest
 
+    def adjacent_links(self) -> np.ndarray:
+        """Which links never collide with each other, (L, L) bool: rigidly joined, or one hinge apart.
+
+        Links without colliding geoms (the joints of a body with several hinges) don't separate their neighbours.
+        """
+        count = len(self.link_names)
+        solid = np.zeros(count, dtype=bool)
+        solid[self.geom_link[self.geom_collides]] = True
+        part = np.arange(count)  # the first link of the rigid part that a link belongs to
+        for link in range(1, count):
+            if self.joint_of_link[link] < 0:
+                part[link] = part[self.link_parent[link]]
+        has_geoms = np.zeros(count, dtype=bool)
+        np.logical_or.at(has_geoms, part, solid)
+        adjacent = part[:, None] == part[None, :]
+        for first in np.unique(part):
+            before = self.link_parent[first]
+            while before >= 0 and not has_geoms[part[before]]:
+                before = self.link_parent[part[before]]
+            if before >= 0:
+                pair = (part == first)[:, None] & (part == part[before])[None, :]
+                adjacent |= pair | pair.T
+        return adjacent
+
     def to_arrays(self) -> dict[str, np.ndarray]:
         """The hand as named arrays (strings as bytes), such as HDF5 and Zarr store; see `from_arrays`."""
         arrays = {}

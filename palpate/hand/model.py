@@ -52,8 +52,8 @@ def build_spec(hand: Hand, stiffness: float = STIFFNESS) -> mujoco.MjSpec:
                 armature=ARMATURE,
                 damping=[DAMPING, 0, 0],
             )
-        if link > 0:
-            spec.add_exclude(bodyname1=hand.link_names[hand.link_parent[link]], bodyname2=name)
+    for one, other in np.argwhere(np.triu(hand.adjacent_links(), k=1)):
+        spec.add_exclude(bodyname1=hand.link_names[one], bodyname2=hand.link_names[other])
     for link in hand.joint_link:
         add_servo(spec, hand.link_names[link], stiffness)
     for geom in np.flatnonzero(hand.geom_collides):
