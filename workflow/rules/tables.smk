@@ -1,6 +1,6 @@
 TABLES = expand(
     "tables/{table}.{form}",
-    table=["dataset_statistics", "grasp_success"],
+    table=["dataset_statistics", "grasp_success", "penetration"],
     form=["csv", "md"],
 )
 
@@ -9,7 +9,11 @@ TABLES = expand(
 rule tables:
     input:
         catalogue="catalogue.csv",
-        rejected="rejected.csv",
+        rejected=expand(
+            "rejected/{stage}/{batch}.csv",
+            stage=["meshes", "surface", "grasps", "touch"],
+            batch=BATCHES,
+        ),
         touch=expand("touch/{batch}.zarr", batch=BATCHES),
         grasps=expand("grasps/{batch}.h5", batch=BATCHES),
     output:
@@ -25,6 +29,12 @@ rule tables:
             category="Dataset",
         ),
         success_text="tables/grasp_success.md",
+        penetration=report(
+            "tables/penetration.csv",
+            caption="../report/penetration.rst",
+            category="Dataset",
+        ),
+        penetration_text="tables/penetration.md",
     log:
         "logs/tables.log",
     benchmark:

@@ -2,7 +2,7 @@
 rule validate_batch:
     input:
         meshes="meshes/{batch}",
-        catalogue="catalogue/{batch}.csv",
+        catalogue="catalogue.csv",
         surface="surface/{batch}.zarr",
         grasps="grasps/{batch}.h5",
         touch="touch/{batch}.zarr",
@@ -18,6 +18,8 @@ rule validate_batch:
     resources:
         mem_mb=4000,
         runtime=60,
+    params:
+        max_penetration=config["grasps"]["max_penetration"],
     script:
         "../scripts/validate_batch.py"
 

@@ -3,7 +3,7 @@
 touch/<batch>.zarr    success         (og, 4)                  bool       whether the sensor is in contact
                       position        (og, 4, 3)               float64    world frame, m
                       rotation        (og, 4, 3, 3)            float64    columns are the sensor's axes
-                      depth           (og, 4, 100, 100)        float32    m from the sensor plane, +inf: nothing
+                      depth           (og, 4, 100, 100)        float32    m from the gel plane, +inf: nothing
                       reading         (og, 4, 100, 100, 3)     uint8
                       points          (og, 4, 10000, 3)        float32    local cloud, world frame, m
                       point_count     (og, 4)                  int32

@@ -1,0 +1,92 @@
+"""Runs of the real workflow on a small folder of meshes, in a temporary results folder."""
+
+import os
+import signal
+import subprocess
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+import trimesh
+import yaml
+
+PROJECT = Path(__file__).parents[2]
+
+
+@dataclass(frozen=True)
+class Workflow:
+    """Snakemake on the project's Snakefile, with a config of its own."""
+
+    config: Path
+    run: Path
+
+    def command(self, *arguments: str, cores: int = 2) -> list[str]:
+        snakemake = [sys.executable, "-m", "snakemake", "--snakefile", str(PROJECT / "Snakefile")]
+        return [*snakemake, "--cores", str(cores), *arguments, "--configfile", str(self.config)]
+
+    def __call__(self, *arguments: str, cores: int = 2) -> subprocess.CompletedProcess:
+        return subprocess.run(
+            self.command(*arguments, cores=cores), cwd=PROJECT, capture_output=True, text=True, timeout=600
+        )
+
+    def kill_when(self, path: str, *arguments: str) -> None:
+        """Start the workflow and kill it, with every process that it started, as soon as `path` exists."""
+        process = subprocess.Popen(
+            self.command(*arguments),
+            cwd=PROJECT,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+            start_new_session=True,
+        )
+        try:
+            while not (self.run / path).exists():
+                assert process.poll() is None, f"the workflow ended before it wrote {path}"
+                try:
+                    process.wait(0.02)
+                except subprocess.TimeoutExpired:
+                    continue
+        finally:
+            os.killpg(process.pid, signal.SIGKILL)
+            process.wait()
+
+
+def two_classes(root: Path) -> Path:
+    """A folder of meshes as a user has it: two classes, three formats, one file that isn't a mesh's."""
+    for name in ("can", "brick"):
+        (root / name / "nested").mkdir(parents=True)
+    trimesh.creation.cylinder(radius=0.03, height=0.2, sections=64).export(root / "can/tall.stl")
+    trimesh.creation.cylinder(radius=0.05, height=0.1, sections=64).export(root / "can/nested/flat.ply")
+    trimesh.creation.box((20, 60, 120)).export(root / "brick/millimetres.obj")
+    (root / "brick/nested/broken.glb").write_bytes(b"this is no mesh")
+    return root
+
+
+@pytest.fixture(scope="session")
+def make_workflow(tmp_path_factory):
+    """A workflow on its own copy of the two classes; keyword arguments are config keys."""
+
+    def make(**config) -> Workflow:
+        folder = tmp_path_factory.mktemp("workflow")
+        settings = {
+            "run": "run",
+            "results": str(folder),
+            "source": {"kind": "folder", "path": str(two_classes(folder / "meshes"))},
+            "classes": "all",
+            "vision": {"size": 64, "samples": 2, "device": "cpu"},
+            **config,
+        }
+        path = folder / "config.yaml"
+        path.write_text(yaml.safe_dump(settings))
+        return Workflow(path, folder / "run")
+
+    return make
+
+
+@pytest.fixture(scope="session")
+def finished(make_workflow):
+    """A run that has been built whole."""
+    workflow = make_workflow()
+    result = workflow("all", "validate")
+    assert result.returncode == 0, result.stderr
+    return workflow

@@ -1,0 +1,117 @@
+"""The workflow as a whole, on a user's folder of meshes: what it builds, what it leaves out, how it resumes."""
+
+import hashlib
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import palpate
+
+STORES = ("surface", "grasps", "touch", "vision")
+
+
+def planned(workflow, *targets: str) -> set[str]:
+    """The rules that a dry run would run."""
+    result = workflow("--dry-run", "--quiet", "reason", *targets)
+    assert result.returncode == 0, result.stderr
+    return {
+        line.split()[1].rstrip(":")
+        for line in result.stdout.splitlines()
+        if line.startswith(("rule ", "localrule "))
+    }
+
+
+def digests(run: Path) -> dict[str, str]:
+    """SHA-256 of every file that a run made, but for records of how it went: times, logs, Snakemake's own."""
+    return {
+        str(path.relative_to(run)): hashlib.sha256(path.read_bytes()).hexdigest()
+        for path in sorted(run.rglob("*"))
+        if path.is_file()
+        and not path.name.startswith(".snakemake")
+        and path.relative_to(run).parts[0] not in (".snakemake", "logs", "benchmarks")
+    }
+
+
+def test_dry_run_on_a_fresh_folder_plans_every_stage(make_workflow):
+    rules = planned(make_workflow(), "all")
+    assert rules >= {"catalogue", "meshes", *STORES, "validation", "tables", "data_point", "grasp_steps"}
+
+
+def test_a_target_builds_just_what_it_needs(make_workflow):
+    workflow = make_workflow()
+    assert "vision" not in planned(workflow, "tables/grasp_success.csv")
+    assert "touch" not in planned(workflow, "vision/batch-0000.zarr")
+    assert planned(workflow, "surface/batch-0000.zarr") == {"catalogue", "meshes", "surface"}
+
+
+def test_the_run_is_whole_and_valid(finished):
+    checks = pd.read_csv(finished.run / "reports/validation.csv")
+    assert len(checks) and checks.passed.all()
+    dataset = palpate.Dataset(finished.run)
+    assert dataset.objects == ["brick-millimetres", "can-nested-flat", "can-tall"]
+    assert set(dataset.stages) == set(STORES)
+    for item in dataset:
+        assert len(item.grasps) == 5
+        assert all(grasp.success.any() for grasp in item.grasps)
+    for figure in ("data_point", "grasp_steps", "examples_can", "examples_brick"):
+        assert (finished.run / f"figures/{figure}.png").stat().st_size > 10_000
+
+
+def test_what_cannot_be_used_is_rejected_with_stage_and_reason(finished):
+    rejected = pd.read_csv(finished.run / "rejected.csv")
+    assert list(rejected.columns) == ["object", "stage", "reason"]
+    assert list(rejected.object) == ["brick-nested-broken"]
+    assert list(rejected.stage) == ["meshes"]
+    assert "nested/broken.glb" in rejected.reason[0]
+
+
+def test_nothing_is_left_to_do(finished):
+    assert planned(finished, "all") == set()
+
+
+def test_a_killed_run_goes_on_and_ends_in_the_same_bytes(finished, make_workflow):
+    workflow = make_workflow()
+    # Between stages, and in the middle of one: its log is there, its store not yet.
+    for path in ("meshes/batch-0000", "logs/grasps/batch-0000.log", "logs/vision/batch-0000.log"):
+        workflow.kill_when(path, "all")
+    assert not (workflow.run / "vision/batch-0000.zarr").exists()
+    result = workflow("all")
+    assert result.returncode == 0, result.stderr
+    assert digests(workflow.run) == digests(finished.run)
+
+
+def test_data_do_not_depend_on_batch_size_or_cores(finished, make_workflow):
+    workflow = make_workflow(batch_size=1)
+    result = workflow("dataset", cores=1)
+    assert result.returncode == 0, result.stderr
+    one_by_one, together = palpate.Dataset(workflow.run), palpate.Dataset(finished.run)
+    assert one_by_one.objects == together.objects
+    for store in STORES:
+        for name, spec in palpate.store.CONTRACT[store].arrays.items():
+            if spec.shape[0] in ("o", "og") and name not in ("object", "object_index"):
+                np.testing.assert_array_equal(
+                    one_by_one.array(store, name)[:],
+                    together.array(store, name)[:],
+                    err_msg=f"{store} {name}",
+                )
+
+
+@pytest.mark.parametrize(
+    ("config", "said"),
+    [
+        ({"sede": 1}, "sede: unknown key; did you mean 'seed'?"),
+        ({"source": {"kind": "folder", "path": "no/such"}}, "no/such: no such folder"),
+        ({"classes": [{"class": "cup", "objects": 1}]}, "the class cup has its meshes there"),
+        ({"classes": [{"class": "can", "objects": 9}]}, "2 meshes of class can, the config asks for 9"),
+        ({"grasps": {"hand": {"mjcf": "no.xml", "sensors": "no.yaml"}}}, "no.xml: no such file"),
+    ],
+)
+def test_a_mistake_in_the_config_is_one_message_before_anything_runs(make_workflow, config, said):
+    workflow = make_workflow(**config)
+    result = workflow("all")
+    assert result.returncode != 0
+    assert said in result.stderr
+    assert "Traceback" not in result.stderr
+    assert not (workflow.run / "catalogue.csv").exists()
