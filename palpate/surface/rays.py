@@ -5,8 +5,8 @@ import numpy as np
 from palpate.surface.embree import Scene
 
 # Directions in which a point may see out, spread evenly over the sphere. More of them find points that see
-# out through smaller openings; benchmarks/surface.py shows what is missed against time.
-DIRECTIONS = 128
+# out through narrower openings, for more time on the points that don't (docs/surface.md).
+DIRECTIONS = 64
 # A ray starts this far off its face, as a share of the mesh's extent: far enough not to meet its own face in
 # single precision, near enough not to jump over a thin wall (1e-6 m for an object of 0.5 m).
 _OFFSET = 2e-6

@@ -46,8 +46,7 @@ def shade(depth: np.ndarray) -> np.ndarray:
         depth: (..., 100, 100) distance from the sensor plane in metres, +inf where nothing is in range.
 
     Returns:
-        (..., 100, 100, 3) uint8; a channel is lambda n . l of its light, 0 for a surface that faces away from
-        it.
+        (..., 100, 100, 3) uint8; a channel is lambda n . l of its light, 0 where the surface faces away.
     """
     height = impression(np.asarray(depth, dtype=np.float32))
     normal = normals(height)

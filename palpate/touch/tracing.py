@@ -79,10 +79,13 @@ class Tracer(ABC):
 
     @abstractmethod
     def _depth(self, origin, rotation, block: Block) -> np.ndarray:
-        """(rows, columns) float64 depth of a block of pixels, exact up to `SENSOR_RANGE`, any larger number
-        beyond.
+        """Depth of a block of pixels, up to `SENSOR_RANGE`; beyond it, any larger number.
 
-        `origin` is the sensor's position in the object's own frame.
+        Args:
+            origin: (3,) position of the sensor in the object's own frame, rotation: (3, 3).
+
+        Returns:
+            (rows, columns) float64.
         """
 
     def _felt_block(self, origin, rotation) -> Block | None:

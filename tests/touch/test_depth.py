@@ -225,6 +225,21 @@ def test_what_is_behind_or_beside_the_sensor_is_not_felt(method):
         assert not method(mesh).succeeds(ORIGIN, IDENTITY)[0]
 
 
+@pytest.mark.parametrize("width", [1e-5, 1e-7, 1e-9, 1e-12])
+def test_sphere_tracing_stops_at_a_needle(width):
+    # A face that is hardly more than a wire along a row of pixels, 2 mm in front of a sheet.
+    z = PIXEL_CENTRES[60]
+    needle = [[0.018, -0.013, z], [0.018, 0.011, z], [0.018, 0.012, z + width]]
+    square = sheet(0.02)
+    mesh = trimesh.Trimesh(
+        np.concatenate([square.vertices, needle]), [*square.faces, [4, 5, 6]], process=False, validate=False
+    )
+    depth = SphereTracer(mesh).trace(ORIGIN, IDENTITY)[0]
+    expected = np.full_like(depth, 0.02)
+    expected[60] = 0.018
+    np.testing.assert_allclose(depth, expected, atol=2e-5)
+
+
 def test_winding_does_not_matter():
     mesh = lumpy(3)
     flipped = trimesh.Trimesh(mesh.vertices, mesh.faces[:, ::-1], process=False)
