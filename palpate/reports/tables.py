@@ -38,8 +38,8 @@ def dataset_frames(run: Path | str) -> Frames:
     """The frames of a run's folder: from its catalogue, its rejections, its grasps and touch stores."""
     run = Path(run)
     objects = pd.read_csv(run / "catalogue.csv", dtype=str, keep_default_na=False)
-    rejected = pd.read_csv(run / "rejected.csv", dtype=str, keep_default_na=False)
     dataset = Dataset(run)
+    rejected = pd.DataFrame(dataset.rejections(), columns=["object", "stage", "reason"])
     if not len(dataset):
         return Frames(objects, rejected, _grasp_frame([], [], np.zeros((0, SENSORS), bool), [], []))
     success = dataset.array("touch", "success")[:]

@@ -75,7 +75,7 @@ class Run:
     def path(self, stage: str, batch: str) -> Path:
         """Path of one batch's store; StoreError if the run has nothing of this stage."""
         if not self.has(stage):
-            raise StoreError(f"{self.folder} has no {stage}; build it with: snakemake {stage}")
+            raise StoreError(f"{self.folder} has no {stage}; build it with: snakemake --cores 2 dataset")
         return self.folder / CONTRACT[stage].path(batch)
 
     def store(self, stage: str, batch: str) -> Store:
@@ -144,6 +144,10 @@ class Dataset(Sequence):
     def stages(self) -> list[str]:
         """The stages that this run has: some of surface, grasps, touch, vision."""
         return [stage for stage in CONTRACT if self._run.has(stage)]
+
+    def rejections(self) -> list[dict[str, str]]:
+        """What the run could not use, of all classes and splits: object, stage, reason."""
+        return self._run.rejections()
 
     def split(self, name: str) -> "Dataset":
         """The objects of one split: train, validation or test."""
