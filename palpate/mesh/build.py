@@ -62,10 +62,8 @@ def build(
         "repairs": repaired.counts,
         "visual.glb": _describe(vertices, faces),
     }
-    whole = Surface(vertices, faces)
-    files = {"collision.ply": collision_faces} | {f"level-{count}.ply": count for count in levels}
-    for name, count in files.items():
-        record[name] = _write_level(folder / name, whole, count)
+    counts = {"collision.ply": collision_faces} | {f"level-{count}.ply": count for count in levels}
+    record |= _write_levels(folder, vertices, faces, counts)
     (folder / "mesh.json").write_text(json.dumps(record, indent=1) + "\n")
     return record
 
@@ -133,13 +131,25 @@ def _describe(vertices, faces):
     }
 
 
-def _write_level(path, whole, count):
-    vertices, faces = decimate(whole.vertices, whole.faces, count)
-    mesh = trimesh.Trimesh(vertices, faces, process=False, validate=False)
-    path.write_bytes(mesh.export(file_type="ply", vertex_normal=False))
-    record = {"asked": count} | _describe(vertices, faces)
-    if faces is whole.faces:
+def _write_levels(folder, vertices, faces, counts):
+    """Write the levels (file name -> faces asked for) and return what there is to say about each.
+
+    The coarser ones are made from the finer: a million faces collapse only once. All are measured against the
+    whole mesh.
+    """
+    whole = Surface(vertices, faces)
+    said = {}
+    for name, count in sorted(counts.items(), key=lambda item: -item[1]):
+        vertices, faces = decimate(vertices, faces, count)
+        mesh = trimesh.Trimesh(vertices, faces, process=False, validate=False)
+        (folder / name).write_bytes(mesh.export(file_type="ply", vertex_normal=False))
+        said[name] = {"asked": count} | _describe(vertices, faces) | _distances(whole, vertices, faces)
+    return {name: said[name] for name in counts}
+
+
+def _distances(whole, vertices, faces):
+    if len(faces) == len(whole.faces):
         nothing = {"mean": 0.0, "max": 0.0, "max_bound": 0.0}
-        return record | {"source_to_level": nothing, "level_to_source": nothing}
+        return {"source_to_level": nothing, "level_to_source": nothing}
     level = Surface(vertices, faces)
-    return record | {"source_to_level": distance(whole, level), "level_to_source": distance(level, whole)}
+    return {"source_to_level": distance(whole, level), "level_to_source": distance(level, whole)}

@@ -89,17 +89,18 @@ def _bound(triangles: np.ndarray, target: Surface, largest: float) -> tuple[floa
 
 
 def _bound_by_face(triangles: np.ndarray, target: Surface, face: np.ndarray) -> np.ndarray:
-    """Upper bound (k,) of the distance from triangles (k, 3, 3) to the given face of the target: the distance to
-    a convex set is convex, so over a triangle it is largest at a corner."""
+    """Upper bound (k,) of the distance from triangles (k, 3, 3) to the given face of the target: the distance
+    to a convex set is convex, so over a triangle it is largest at a corner."""
     return point_triangle_distance(triangles, target.vertices[target.faces[face]]).max(axis=1, initial=0.0)
 
 
 def _bound_by_pair(triangles: np.ndarray, target: Surface, face: np.ndarray) -> np.ndarray:
-    """Upper bound (k,) of the distance from triangles (k, 3, 3) to the given face of the target and a neighbour.
+    """Upper bound (k,) of the distance from triangles (k, 3, 3) to the given face of the target and a
+    neighbour.
 
     No point of the convex hull of two faces abc and bad is farther from them than the segments ab and cd are
-    from each other: seen along the shortest line between the two, the faces cover the hull, a tetrahedron, and
-    that line is the longest way through it. To the hull the distance is convex.
+    from each other: seen along the shortest line between the two, the faces cover the hull, a tetrahedron,
+    and that line is the longest way through it. To the hull the distance is convex.
     """
     row = np.arange(len(face))
     corners = target.vertices[target.faces[face]]
@@ -159,7 +160,12 @@ def _cross(u, v):
 
 def segment_distance(a: np.ndarray, b: np.ndarray, c: np.ndarray, d: np.ndarray) -> np.ndarray:
     """Distance (k,) between the segments ab and cd; all arguments (k, 3)."""
-    ends = [_point_segment(a, c, d), _point_segment(b, c, d), _point_segment(c, a, b), _point_segment(d, a, b)]
+    ends = [
+        _point_segment(a, c, d),
+        _point_segment(b, c, d),
+        _point_segment(c, a, b),
+        _point_segment(d, a, b),
+    ]
     u, v, w = b - a, d - c, c - a
     normal = _cross(u, v)
     length = np.maximum(_dot(normal, normal), 1e-300)

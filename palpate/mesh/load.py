@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import trimesh
+import trimesh.path
 
 from palpate.catalogue.batch import Unusable
 
@@ -24,10 +25,10 @@ def load_parts(path: Path | str) -> list[trimesh.Trimesh]:
         raise Unusable(
             f"{path}: a mesh file ends in one of .{', .'.join(FORMATS)}: convert it to one of these"
         )
+    if not path.is_file():
+        raise Unusable(f"{path}: there is no such file: correct the path or remove the object")
     try:
         scene = trimesh.load_scene(path, process=False)
-    except FileNotFoundError:
-        raise Unusable(f"{path}: there is no such file: correct the path or remove the object") from None
     except Exception as error:  # the readers raise whatever a broken file makes them trip over
         raise Unusable(
             f"{path}: can't be read as {path.suffix.lower()} ({type(error).__name__}: {error}): "
@@ -51,11 +52,9 @@ def _is_mesh(scene: trimesh.Scene, node: str) -> bool:
 
 
 def _contents(scene: trimesh.Scene) -> str:
-    kinds = {type(geometry).__name__ for geometry in scene.geometry.values()}
-    if "PointCloud" in kinds:
-        return "points only"
-    if kinds & {"Path2D", "Path3D"}:
-        return "lines only"
+    loose = (trimesh.PointCloud, trimesh.path.Path2D, trimesh.path.Path3D)
+    if any(isinstance(geometry, loose) for geometry in scene.geometry.values()):
+        return "points or lines only"
     return "nothing"
 
 
@@ -65,9 +64,9 @@ def _placed(scene: trimesh.Scene, node: str) -> trimesh.Trimesh:
     mesh = scene.geometry[name]
     normals = mesh._cache["vertex_normals"]  # only where the file gave them: computed ones are not wanted
     visual = mesh.visual
-    placed = trimesh.Trimesh(
-        mesh.vertices @ transform[:3, :3].T + transform[:3, 3], mesh.faces, process=False, validate=False
-    )
+    with np.errstate(invalid="ignore", over="ignore"):  # vertices that are not finite are looked for later
+        vertices = mesh.vertices @ transform[:3, :3].T + transform[:3, 3]
+    placed = trimesh.Trimesh(vertices, mesh.faces, process=False, validate=False)
     placed.visual = visual if scene.graph.nodes_geometry.count(node) == 1 else visual.copy()
     linear = transform[:3, :3]
     if np.linalg.det(linear) < 0:

@@ -29,8 +29,8 @@ def edge_counts(faces: np.ndarray, group: np.ndarray | None = None) -> np.ndarra
 
 
 def neighbours(faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The face (f, 3) across each side (from corner i to corner i + 1) of each face, and which of its corners is
-    opposite to that side (f, 3). -1 where a side has no other face, or several."""
+    """The face (f, 3) across each side (from corner i to corner i + 1) of each face, and which of its corners
+    is opposite to that side (f, 3). -1 where a side has no other face, or several."""
     keys = edge_keys(faces)
     order = np.argsort(keys, kind="stable")
     ordered = keys[order]
