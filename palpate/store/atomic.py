@@ -25,7 +25,7 @@ def whole(path: Path | str) -> Iterator[Path]:
         yield partial
         if not os.path.lexists(partial):
             raise FileNotFoundError(f"{path}: nothing was written to its temporary path {partial}")
-        if path.is_dir():  # a folder can't be renamed onto a folder that has files
+        if os.path.lexists(path) and (path.is_dir() or partial.is_dir()):  # renaming replaces files only
             os.replace(path, replaced)
         os.replace(partial, path)
     finally:

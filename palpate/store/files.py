@@ -57,9 +57,10 @@ def write(
         raise StoreError(f"{path}: attributes {missing} are missing")
     arrays = {name: np.asarray(array) for name, array in arrays.items()}
     check_headers(path, spec, {name: (array.shape, array.dtype) for name, array in arrays.items()})
+    # In one order, whatever that of the arguments, for the bytes to be the same.
     arrays = {
-        name: _text(path, name, array) if array.dtype.kind in "UO" else array
-        for name, array in arrays.items()
+        name: _text(path, name, arrays[name]) if arrays[name].dtype.kind in "UO" else arrays[name]
+        for name in [*spec.arrays, *sorted(set(arrays) - set(spec.arrays))]
     }
     described = {**describe(spec), **attributes}
     with whole(path) as partial:

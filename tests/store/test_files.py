@@ -1,0 +1,324 @@
+import hashlib
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import h5py
+import hypothesis.extra.numpy as npst
+import numpy as np
+import pytest
+import zarr
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+import palpate.store
+from palpate.store import CONTRACT, StoreError, join, read, write
+
+ATTRIBUTES = {"config_digest": "ab" * 32, "seed": 3}
+SIZES = {"n": 5, "j": 3, "l": 2, "r": 4, "rr": 16, "p": 6}
+STAGES = tuple(CONTRACT)
+
+
+def arrays_of(stage, objects, grasps=2, rng=None, **sizes):
+    """Random arrays of the contract's shapes and types, with few pixels."""
+    rng = rng or np.random.default_rng(0)
+    sizes = SIZES | {"o": objects, "og": objects * grasps} | sizes
+    arrays = {}
+    for name, spec in CONTRACT[stage].arrays.items():
+        shape = [axis if isinstance(axis, int) else sizes[axis] for axis in spec.shape]
+        arrays[name] = rng.integers(0, 2 if spec.dtype == "bool" else 100, shape).astype(
+            "U8" if spec.dtype == "string" else spec.dtype
+        )
+    arrays["object"] = np.array([f"bottle-{number:04d}" for number in range(objects)], dtype=str)
+    if stage == "grasps":
+        arrays["hand/joint_range"] = rng.random((3, 2))
+        arrays["hand/link_names"] = np.array([b"palm", b"index_1"])
+    return arrays
+
+
+def path_of(folder, stage):
+    return folder / CONTRACT[stage].path("batch-0000")
+
+
+def assert_same(stored, expected):
+    assert set(stored) == set(expected)
+    for name, array in expected.items():
+        text = array.dtype.kind in "SU"
+        np.testing.assert_array_equal(stored[name], array.astype(str) if text else array, err_msg=name)
+        assert text or stored[name].dtype == array.dtype
+        assert stored[name].shape == array.shape
+
+
+def digest(path):
+    """SHA-256 of a file, or of all files of a folder with their names."""
+    files = [path] if path.is_file() else sorted(file for file in path.rglob("*") if file.is_file())
+    lines = [f"{file.relative_to(path)} {hashlib.sha256(file.read_bytes()).hexdigest()}" for file in files]
+    return hashlib.sha256("\n".join(lines).encode()).hexdigest()
+
+
+@pytest.mark.parametrize("objects", [0, 1, 3])
+@pytest.mark.parametrize("stage", STAGES)
+def test_what_is_written_is_read(tmp_path, stage, objects):
+    arrays = arrays_of(stage, objects)
+    write(path_of(tmp_path, stage), stage, arrays, ATTRIBUTES)
+    assert_same(read(path_of(tmp_path, stage)), arrays)
+    assert_same(read(path_of(tmp_path, stage), "object"), {"object": arrays["object"]})
+
+
+@st.composite
+def contents(draw):
+    """A stage, and arrays of the contract with whatever their types can hold."""
+    stage = draw(st.sampled_from(STAGES))
+    objects = draw(st.integers(0, 2))
+    sizes = {"o": objects, "og": objects * draw(st.integers(1, 2))}
+    sizes |= {"n": draw(st.integers(0, 3)), "j": 2, "l": 1, "r": 2, "rr": 4, "p": draw(st.integers(1, 3))}
+    names = st.text(st.characters(codec="utf-8", exclude_characters="\0"), min_size=1, max_size=5)
+    arrays = {}
+    for name, spec in CONTRACT[stage].arrays.items():
+        shape = tuple(axis if isinstance(axis, int) else sizes[axis] for axis in spec.shape)
+        if spec.dtype == "string":
+            strings = draw(st.lists(names, min_size=shape[0], max_size=shape[0]))
+            arrays[name] = np.array(strings, dtype=str).reshape(shape)
+        else:
+            arrays[name] = draw(npst.arrays(spec.dtype, shape))
+    return stage, arrays
+
+
+@settings(max_examples=60, deadline=None, suppress_health_check=list(HealthCheck))
+@given(contents())
+def test_any_contents_survive(tmp_path_factory, drawn):
+    stage, arrays = drawn
+    path = path_of(tmp_path_factory.mktemp("any"), stage)
+    write(path, stage, arrays, ATTRIBUTES)
+    assert_same(read(path), arrays)
+
+
+@pytest.mark.parametrize("stage", STAGES)
+def test_attributes_say_what_made_the_store_and_no_time(tmp_path, stage):
+    write(path_of(tmp_path, stage), stage, arrays_of(stage, 1), ATTRIBUTES | {"samples": 16, "hand": None})
+    attributes = palpate.store.open(path_of(tmp_path, stage)).attributes
+    assert attributes["schema_version"] == palpate.store.SCHEMA_VERSION
+    assert (attributes["seed"], attributes["config_digest"]) == (3, "ab" * 32)
+    assert (attributes["samples"], attributes["hand"]) == (16, None)
+    engine = {"surface": "embreex", "grasps": "mujoco", "touch": "embreex", "vision": "bpy"}[stage]
+    library = "h5py" if stage == "grasps" else "zarr"
+    assert {"palpate", "numpy", library, engine} <= set(attributes["versions"])
+    assert attributes["units"]["length"] == "metre" and "0.6" in attributes["frames"]["world"]
+
+
+OTHER_PROCESS = """
+import sys
+sys.path.insert(0, sys.argv[1])
+import pathlib, test_files, palpate.store
+arrays = test_files.arrays_of(sys.argv[3], 3)
+shuffled = dict(sorted(arrays.items(), reverse=True))
+palpate.store.write(pathlib.Path(sys.argv[2]), sys.argv[3], shuffled, test_files.ATTRIBUTES)
+"""
+
+
+@pytest.mark.parametrize("stage", STAGES)
+def test_the_same_arrays_give_the_same_bytes(tmp_path, stage):
+    here, there = path_of(tmp_path / "here", stage), path_of(tmp_path / "there", stage)
+    write(here, stage, arrays_of(stage, 3), ATTRIBUTES)
+    first = digest(here)
+    write(here, stage, arrays_of(stage, 3), ATTRIBUTES)
+    assert digest(here) == first
+    threads = os.environ | {"ZARR_THREADING__MAX_WORKERS": "4", "PYTHONHASHSEED": "7"}
+    command = [sys.executable, "-c", OTHER_PROCESS, str(Path(__file__).parent), str(there), stage]
+    subprocess.run(command, check=True, env=threads)
+    assert digest(there) == first
+
+
+def test_a_store_is_few_files_however_many_objects(tmp_path):
+    for stage in ("surface", "touch", "vision"):
+        counts = set()
+        for objects in (2, 7):
+            path = path_of(tmp_path, stage)
+            write(path, stage, arrays_of(stage, objects), ATTRIBUTES)
+            counts.add(sum(file.is_file() for file in path.rglob("*")))
+        # The group's metadata, and for each array its metadata and one shard.
+        assert counts == {1 + 2 * len(CONTRACT[stage].arrays)}
+
+
+def stored_chunks(shard: Path, chunks: int) -> np.ndarray:
+    """Which chunks of a shard are there: its index (Zarr's sharding codec) is at the end, with a checksum."""
+    index = np.frombuffer(shard.read_bytes()[-16 * chunks - 4 : -4], dtype="<u8").reshape(chunks, 2)
+    return index[:, 0] != 2**64 - 1
+
+
+def test_sensors_that_touched_nothing_are_not_written(tmp_path):
+    arrays = arrays_of("touch", 2)
+    rng = np.random.default_rng(1)
+    arrays["success"][:] = rng.random((4, 4)) < 0.5
+    for name, fill in (("depth", np.inf), ("reading", 0), ("points", 0)):
+        arrays[name] = np.maximum(arrays[name], 1)
+        arrays[name][~arrays["success"]] = fill
+    path = path_of(tmp_path, "touch")
+    write(path, "touch", arrays, ATTRIBUTES)
+    for name in ("depth", "reading", "points"):
+        (shard,) = (file for file in (path / name).rglob("*") if file.is_file() and file.name != "zarr.json")
+        np.testing.assert_array_equal(stored_chunks(shard, 16).reshape(4, 4), arrays["success"])
+    assert_same(read(path), arrays)
+
+
+def test_a_record_is_a_chunk_and_a_batch_a_shard(tmp_path):
+    write(path_of(tmp_path, "touch"), "touch", arrays_of("touch", 3), ATTRIBUTES)
+    group = zarr.open_group(path_of(tmp_path, "touch"), mode="r")
+    assert group.metadata.zarr_format == 3
+    assert group["reading"].chunks == (1, 1, 4, 4, 3)
+    assert group["reading"].shards == (6, 4, 4, 4, 3)
+
+
+def change(name, function):
+    """A damage: one array is replaced by a function of itself."""
+
+    def damage(arrays):
+        arrays[name] = function(arrays[name])
+
+    return damage
+
+
+def extra(name):
+    """A damage: an array too many."""
+
+    def damage(arrays):
+        arrays[name] = np.zeros(3)
+
+    return damage
+
+
+def without_points(arrays):
+    del arrays["points"]
+
+
+WRONG = {
+    "missing": (without_points, r"missing: \['points'\], unknown: \[\]"),
+    "unknown": (extra("colour"), r"unknown: \['colour'\]"),
+    "group": (extra("hand/x"), r"unknown: \['hand/x'\]"),
+    "type": (change("depth", lambda depth: depth.astype("f8")), "'depth' must be float32.*float64"),
+    "axes": (change("success", lambda success: success[0]), r"'success': shape \(og, 4\) expected"),
+    "sensors": (change("success", lambda success: success[:, :3]), r"'success'.*it is \(4, 3\)"),
+    "grasps": (change("depth", lambda depth: depth[1:]), "'depth' .* og = 3, but 'success' has og = 4"),
+    "square": (change("depth", lambda depth: depth[..., 1:]), r"'depth'.*\(4, 4, 4, 3\)"),
+    "pixels": (change("points", lambda points: points[:, :, 1:]), "'points': 15 rows, but .* 4 rows"),
+    "names": (change("object", lambda _: np.array([1, 2])), "'object' must be string, but it is int64"),
+    "objects": (change("object", lambda _: np.array(["a", None])), "'object' must hold strings"),
+    "whole": (change("object", lambda names: names[[0, 0, 0]]), "4 grasps for 3 objects"),
+}
+
+
+@pytest.mark.parametrize("damage, message", WRONG.values(), ids=WRONG.keys())
+def test_arrays_against_the_contract_are_refused_and_named(tmp_path, damage, message):
+    arrays = arrays_of("touch", 2)
+    damage(arrays)
+    with pytest.raises(StoreError, match=message) as error:
+        write(path_of(tmp_path, "touch"), "touch", arrays, ATTRIBUTES)
+    assert "batch-0000.zarr" in str(error.value)
+    assert not list(tmp_path.rglob("*.zarr"))
+
+
+def test_the_suffix_and_the_attributes_are_checked(tmp_path):
+    with pytest.raises(StoreError, match="ends in .h5"):
+        write(tmp_path / "a.zarr", "grasps", arrays_of("grasps", 1), ATTRIBUTES)
+    with pytest.raises(StoreError, match=r"attributes \['seed'\]"):
+        write(tmp_path / "a.h5", "grasps", arrays_of("grasps", 1), {"config_digest": ""})
+
+
+@pytest.mark.parametrize("stage", ["grasps", "touch"])
+def test_another_schema_version_is_refused(tmp_path, stage):
+    path = path_of(tmp_path, stage)
+    write(path, stage, arrays_of(stage, 1), ATTRIBUTES)
+    if stage == "touch":
+        zarr.open_group(path).attrs["schema_version"] = 99
+    else:
+        with h5py.File(path, "a") as file:
+            file.attrs["schema_version"] = "99"
+    with pytest.raises(StoreError, match=r"batch-0000.* has schema version 99, but .* version 1"):
+        palpate.store.open(path)
+
+
+def test_missing_stores_and_arrays_are_named(tmp_path):
+    path = path_of(tmp_path, "touch")
+    with pytest.raises(StoreError, match="does not exist; build it with: snakemake touch/batch-0000.zarr"):
+        palpate.store.open(path)
+    write(path, "touch", arrays_of("touch", 1), ATTRIBUTES)
+    with pytest.raises(StoreError, match="has no array 'colour'"):
+        palpate.store.open(path).get("colour")
+
+
+@pytest.mark.parametrize("stage, array", [("surface", "points"), ("touch", "depth"), ("grasps", "link_pose")])
+def test_a_flipped_bit_is_an_error_that_names_the_file_and_the_remedy(tmp_path, stage, array):
+    path = path_of(tmp_path, stage)
+    write(path, stage, arrays_of(stage, 2), ATTRIBUTES)
+    if stage == "grasps":
+        with h5py.File(path) as file:
+            damaged, offset = path, file[array].id.get_chunk_info(0).byte_offset + 20
+    else:
+        damaged, offset = next(file for file in (path / array / "c").rglob("*") if file.is_file()), 20
+    data = bytearray(damaged.read_bytes())
+    data[offset] ^= 1
+    damaged.write_bytes(data)
+    store = palpate.store.open(path)
+    assert store["object"].tolist() == ["bottle-0000", "bottle-0001"]
+    with pytest.raises(StoreError, match=f"{path.name} can't be read .* with: snakemake {stage}/"):
+        store.get(array)
+
+
+def test_an_index_out_of_range_is_not_blamed_on_the_file(tmp_path):
+    for stage, array in (("touch", "depth"), ("grasps", "palm_pose")):
+        write(path_of(tmp_path, stage), stage, arrays_of(stage, 1), ATTRIBUTES)
+        with pytest.raises(IndexError):
+            palpate.store.open(path_of(tmp_path, stage)).get(array, 5)
+
+
+def test_join_stacks_objects_and_ends_grasps_to_ends():
+    records = {
+        name: {
+            spec: value[0] if CONTRACT["grasps"].arrays[spec].shape[0] == "o" else value
+            for spec, value in arrays_of("grasps", 1, grasps=3, rng=np.random.default_rng(seed)).items()
+            if spec in CONTRACT["grasps"].arrays and spec != "object"
+        }
+        for seed, name in enumerate(("knife-0004", "knife-0009"))
+    }
+    joined = join("grasps", records)
+    assert joined["object"].tolist() == ["knife-0004", "knife-0009"]
+    assert joined["object_index"].tolist() == [0, 0, 0, 1, 1, 1]
+    assert joined["grasp_index"].tolist() == [0, 1, 2, 0, 1, 2]
+    assert joined["attempts"].tolist() == [
+        records["knife-0004"]["attempts"],
+        records["knife-0009"]["attempts"],
+    ]
+    np.testing.assert_array_equal(joined["palm_pose"][3:], records["knife-0009"]["palm_pose"])
+
+
+@pytest.mark.parametrize("stage", STAGES)
+def test_a_batch_without_objects_joins_and_is_written(tmp_path, stage):
+    arrays = join(stage, {})
+    if stage == "touch":
+        arrays["empty_reading"] = np.zeros((4, 4, 3), np.uint8)
+    write(path_of(tmp_path, stage), stage, arrays, ATTRIBUTES)
+    assert read(path_of(tmp_path, stage))["object"].shape == (0,)
+
+
+def test_config_digest_depends_on_the_values_alone():
+    first = palpate.store.config_digest({"a": 1, "b": [1, 2]})
+    assert first == palpate.store.config_digest(json.loads('{"b": [1, 2], "a": 1}'))
+    assert first != palpate.store.config_digest({"a": 1, "b": [2, 1]})
+
+
+def test_one_thread_a_process_unless_the_user_says_otherwise():
+    code = "import palpate.store, zarr; print(zarr.config.get('threading.max_workers'))"
+    for threads, expected in ((None, "1"), ("3", "3")):
+        environment = {key: value for key, value in os.environ.items() if not key.startswith("ZARR_")}
+        environment |= {"ZARR_THREADING__MAX_WORKERS": threads} if threads else {}
+        output = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True)
+        assert output.stdout.strip() == expected, output.stderr
+
+
+def test_reading_a_dataset_loads_no_engine():
+    code = "import palpate, sys; palpate.Dataset; print(*sys.modules)"
+    output = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    engines = {"bpy", "mujoco", "embreex", "igl", "trimesh", "torch", "pandas"}
+    assert not engines & set(output.stdout.split())
