@@ -1,0 +1,193 @@
+"""The mesh files of an object: levels and their stated errors, up axes, determinism, protection."""
+
+import faulthandler
+import hashlib
+import json
+import os
+import signal
+import time
+
+import numpy as np
+import pytest
+import trimesh
+from scipy.spatial import cKDTree
+
+from palpate import mesh
+from palpate.catalogue import Unusable
+from palpate.mesh import topology
+from palpate.mesh.decimate import decimate
+from palpate.mesh.isolation import isolated
+from tests.mesh import nasty
+
+NAMES = ["visual.glb", "collision.ply", "level-500.ply", "mesh.json"]
+
+
+def digests(folder):
+    return {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in sorted(folder.iterdir())}
+
+
+@pytest.fixture(scope="module")
+def knotted(tmp_path_factory):
+    """A torus with a bumpy surface, and its mesh files."""
+    root = tmp_path_factory.mktemp("torus")
+    torus = trimesh.creation.torus(0.3, 0.1, major_sections=80, minor_sections=40)
+    torus.vertices *= 1 + 0.02 * np.sin(30 * torus.vertices)
+    torus.export(root / "torus.ply")
+    return root, mesh.prepare(root / "torus.ply", root / "out", collision_faces=2000, levels=(500, 1000))
+
+
+def test_stated_errors_hold_against_sampled_ones(knotted):
+    """Both ways: points by trimesh, distances by a k-d tree over 300,000 points of the other surface."""
+    root, record = knotted
+    source = mesh.load_visual(root / "out")
+    for name in ("collision.ply", "level-500.ply"):
+        level = trimesh.load_mesh(root / "out" / name, process=False)
+        for direction, start, end in (("source_to_level", source, level), ("level_to_source", level, source)):
+            stated = record[name][direction]
+            points, _ = trimesh.sample.sample_surface(start, 10_000, seed=1)
+            dense, _ = trimesh.sample.sample_surface(end, 300_000, seed=2)
+            apart, _ = cKDTree(dense).query(points)
+            spacing = np.sqrt(end.area / 300_000)
+            # The nearest sample is up to about a spacing beside the nearest point.
+            floor = np.sqrt(np.maximum(apart**2 - (2 * spacing) ** 2, 0))
+            assert floor.max() <= stated["max_bound"]
+            assert stated["max"] <= apart.max() * 1.3
+            assert floor.mean() <= stated["mean"] <= apart.mean()
+
+
+def test_levels_have_the_faces_asked_for_and_stay_closed(knotted):
+    root, record = knotted
+    for name, count in (("collision.ply", 2000), ("level-1000.ply", 1000), ("level-500.ply", 500)):
+        level = trimesh.load_mesh(root / "out" / name, process=False)
+        assert len(level.faces) == record[name]["faces"] <= count
+        assert level.is_watertight
+        assert level.is_winding_consistent
+        assert level.euler_number == 0  # still a torus
+        assert level.volume == pytest.approx(record[name]["volume"], rel=1e-5)
+        assert level.volume == pytest.approx(record["visual.glb"]["volume"], rel=0.02)
+    errors = [
+        record[f"{name}.ply"]["level_to_source"]["mean"] for name in ("collision", "level-1000", "level-500")
+    ]
+    assert errors == sorted(errors)
+
+
+def test_a_small_mesh_is_its_own_level(tmp_path):
+    path = tmp_path / "box.stl"
+    trimesh.creation.box().export(path)
+    record = mesh.prepare(path, tmp_path / "out")
+    assert record["collision.ply"]["faces"] == record["level-1000.ply"]["faces"] == 12
+    assert record["collision.ply"]["source_to_level"]["max_bound"] == 0
+    collision, visual = mesh.load_collision(tmp_path / "out"), mesh.load_visual(tmp_path / "out")
+    assert np.array_equal(collision.triangles, visual.triangles)
+
+
+def test_borders_are_preserved():
+    """A bumpy sheet: its border, a square, is the same after the inside has lost most of its faces."""
+    sheet = trimesh.creation.box(extents=(1, 1, 0))
+    sheet.update_faces(sheet.face_normals[:, 2] > 0.5)
+    for _ in range(5):
+        sheet = sheet.subdivide()
+    sheet.vertices[:, 2] += 0.02 * np.prod(np.sin(3 * np.pi * sheet.vertices[:, :2]), axis=1)
+    sheet.merge_vertices()
+    faces = np.array(sheet.faces)
+    vertices, level = decimate(np.array(sheet.vertices), faces, len(faces) // 4)
+    assert len(level) < len(faces) / 2
+
+    def border(vertices, faces):
+        lone = topology.edges(faces)[topology.edge_counts(faces) == 1]
+        return np.linalg.norm(np.diff(vertices[lone], axis=1), axis=2).sum(), np.unique(lone)
+
+    before, _ = border(np.array(sheet.vertices), faces)
+    after, kept = border(vertices, level)
+    assert after == pytest.approx(before, rel=1e-3)
+    assert np.allclose(np.abs(vertices[kept, :2]).max(axis=1), 0.5, atol=1e-3)
+
+
+def test_pose_is_kept_and_the_up_axis_turned_once(tmp_path):
+    """A box with three different sides, its longest along the declared up axis, comes out standing on z."""
+    for up, extents in (("z", (1, 2, 4)), ("y", (1, 4, 2)), ("x", (4, 2, 1))):
+        path = tmp_path / f"{up}.obj"
+        box = trimesh.creation.box(extents=extents).apply_translation((10, 20, 30))
+        box.export(path)
+        mesh.prepare(path, tmp_path / up, up=up)
+        visual = mesh.load_visual(tmp_path / up)
+        size = np.array([1, 2, 4]) * mesh.DIAGONAL / np.linalg.norm((1, 2, 4))
+        assert np.allclose(visual.extents, size, atol=1e-6)
+        assert visual.volume == pytest.approx(np.prod(size), rel=1e-5)  # turned, not mirrored
+        assert np.allclose(mesh.load_collision(tmp_path / up).extents, size, atol=1e-6)
+
+
+def test_y_up_fronts_face_as_in_blender(tmp_path):
+    """The point (x, y, z) of a y-up file is (x, -z, y) in the object's frame, as Blender turns it."""
+    path = tmp_path / "tetrahedron.off"
+    trimesh.Trimesh(
+        [(0, 0, 0), (1, 0, 0), (0, 2, 0), (0, 0, 4)], [(0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3)]
+    ).export(path)
+    record = mesh.prepare(path, tmp_path / "out", up="y")
+    visual = mesh.load_visual(tmp_path / "out")
+    corners = np.unique(
+        np.round((visual.vertices - visual.vertices.min(axis=0)) / record["scale"], 4), axis=0
+    )
+    assert {tuple(corner) for corner in corners} == {(0, 4, 0), (1, 4, 0), (0, 4, 2), (0, 0, 0)}
+
+
+@pytest.mark.parametrize("file", ["texture.glb", "materials.obj", "scene.glb", "shells.dae"])
+def test_the_same_file_gives_the_same_bytes(file, tmp_path):
+    nasty.USABLE[file](tmp_path / file)
+    for run in ("first", "second"):
+        mesh.prepare(tmp_path / file, tmp_path / run, collision_faces=200, levels=(100,))
+    assert digests(tmp_path / "first") == digests(tmp_path / "second")
+    assert len(digests(tmp_path / "first")) == 4
+
+
+def test_mesh_json_is_what_prepare_returns(knotted):
+    root, record = knotted
+    assert json.loads((root / "out/mesh.json").read_text()) == json.loads(json.dumps(record))
+    assert set(NAMES) <= set(digests(root / "out"))
+
+
+def test_normals_of_the_source_survive(tmp_path):
+    """A ball whose normals lean towards x comes out with these normals, turned as the ball is."""
+    ball = trimesh.creation.icosphere(subdivisions=2)
+    leaning = ball.vertices + (0.5, 0, 0)
+    leaning /= np.linalg.norm(leaning, axis=1, keepdims=True)
+    ball = trimesh.Trimesh(ball.vertices, ball.faces, vertex_normals=leaning, process=False)
+    path = tmp_path / "ball.glb"
+    path.write_bytes(trimesh.Scene(ball).export(file_type="glb", include_normals=True))
+    mesh.prepare(path, tmp_path / "out", up="y")
+    (part,) = trimesh.load_scene(tmp_path / "out/visual.glb", process=False).geometry.values()
+    x, y, z = leaning.T
+    assert np.allclose(part.vertex_normals, np.c_[x, -z, y], atol=1e-5)
+
+
+def crash():
+    faulthandler.disable()  # pytest's, which would print where
+    os.kill(os.getpid(), signal.SIGSEGV)
+
+
+def refuse():
+    raise Unusable("not this one")
+
+
+def fail():
+    raise KeyError("a fault of ours")
+
+
+def test_a_crash_costs_only_its_object():
+    with pytest.raises(Unusable, match="SIGSEGV"):
+        isolated(crash, seconds=20)
+
+
+def test_a_hang_ends():
+    start = time.monotonic()
+    with pytest.raises(Unusable, match="more than 0.2 s"):
+        isolated(time.sleep, 60, seconds=0.2)
+    assert time.monotonic() - start < 30
+
+
+def test_errors_come_back_from_the_child():
+    assert isolated(divmod, 7, 3, seconds=20) == (2, 1)
+    with pytest.raises(Unusable, match="not this one"):
+        isolated(refuse, seconds=20)
+    with pytest.raises(RuntimeError, match="a fault of ours"):
+        isolated(fail, seconds=20)
