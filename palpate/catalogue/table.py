@@ -109,9 +109,14 @@ def _obj_libraries(path: Path) -> list[str]:
 
 
 def _textures(library: Path) -> list[str]:
-    """The last word of each map statement; options stand before it."""
-    text = library.read_text(errors="replace")
-    return re.findall(r"^\s*(?:map_\w+|bump|disp|decal|refl|norm)\s+(?:-.*\s)?(\S.*?)\s*$", text, re.M | re.I)
+    """What the map statements may name: options stand before the file, whose name may have spaces."""
+    statements = re.findall(
+        r"^\s*(?:map_\w+|bump|disp|decal|refl|norm)\s+(.+?)\s*$",
+        library.read_text(errors="replace"),
+        re.MULTILINE | re.IGNORECASE,
+    )
+    words = [statement.split(" ") for statement in statements]
+    return [" ".join(each[i:]) for each in words for i in range(len(each))]
 
 
 def _gltf_uris(path: Path) -> list[str]:

@@ -1,0 +1,105 @@
+"""The catalogue table: rows, batches, relative sources, checksums."""
+
+import hashlib
+import json
+import shutil
+
+import pytest
+
+from palpate.catalogue import COLUMNS, CatalogueError, batch_names, build, checksum
+from palpate.catalogue.table import companions
+from tests.mesh import nasty
+
+
+@pytest.fixture
+def source(tmp_path):
+    for i in range(7):
+        path = tmp_path / "meshes" / ("mug" if i < 4 else "pan") / f"{i}.obj"
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(f"v {i} 0 0\n")
+    return {"kind": "folder", "path": tmp_path / "meshes"}
+
+
+def test_rows(source):
+    table = build(source, {"pan": "all", "mug": 4}, batch_size=3)
+    assert tuple(table.columns) == COLUMNS
+    assert list(table["class"]) == ["pan"] * 3 + ["mug"] * 4
+    assert list(table["batch"]) == ["batch-0000"] * 3 + ["batch-0001"] * 3 + ["batch-0002"]
+    assert list(table["source"])[:2] == ["pan/4.obj", "pan/5.obj"]
+    assert table["object"].is_unique
+    assert set(table["split"]) <= {"train", "validation", "test"}
+    for row in table.itertuples():
+        assert row.checksum == hashlib.sha256((source["path"] / row.source).read_bytes()).hexdigest()
+
+
+def test_the_table_does_not_depend_on_the_place(source, tmp_path):
+    shutil.copytree(source["path"], tmp_path / "elsewhere")
+    moved = source | {"path": tmp_path / "elsewhere"}
+    classes = {"mug": "all", "pan": "all"}
+    assert build(source, classes).equals(build(moved, classes))
+
+
+def test_other_objects_change_no_row_but_its_batch(source):
+    before = build(source, {"mug": "all", "pan": "all"}, batch_size=2).set_index("object")
+    (source["path"] / "mug" / "00.obj").write_text("new")
+    after = build(source, {"mug": "all", "pan": "all"}, batch_size=2).set_index("object")
+    same = ["class", "split", "source", "checksum"]
+    assert after.loc[before.index, same].equals(before[same])
+
+
+@pytest.mark.parametrize(
+    ("objects", "size", "count"), [(0, 16, 0), (1, 16, 1), (16, 16, 1), (17, 16, 2), (1732, 16, 109)]
+)
+def test_batch_names(objects, size, count):
+    assert len(batch_names(objects, size)) == count
+    assert batch_names(objects, size)[-1:] == ([f"batch-{count - 1:04d}"] if count else [])
+
+
+def test_a_class_without_a_split_is_said(source, caplog):
+    build(source, {"mug": 1}, {"train": 1, "validation": 1, "test": 1})
+    assert "class mug: none of its 1 objects is in" in caplog.text
+
+
+def test_procedural_files_must_be_there_for_the_table(tmp_path):
+    with pytest.raises(CatalogueError, match="bottle-0000.glb: no such file"):
+        build({"kind": "procedural", "path": tmp_path}, {"bottle": 1})
+
+
+def test_checksum_covers_materials_and_textures(tmp_path):
+    """It changes when any of the files that make the object changes, and with no other."""
+    path = tmp_path / "texture_obj.obj"
+    nasty.USABLE["texture_obj/texture_obj.obj"](path)
+    texture = next(tmp_path.glob("*.png"))
+    assert companions(path) == sorted(["texture_obj.mtl", texture.name])
+    seen = {checksum(path)}
+    (tmp_path / "other.png").write_bytes(b"")
+    assert checksum(path) in seen
+    for changed in (texture, tmp_path / "texture_obj.mtl", path):
+        changed.write_bytes(changed.read_bytes() + b"\n")
+        assert checksum(path) not in seen
+        seen.add(checksum(path))
+
+
+def test_companions_of_obj_with_options_and_missing_files(tmp_path):
+    (tmp_path / "a.obj").write_text("mtllib a b.mtl\nmtllib gone.mtl\nv 0 0 0\n")
+    (tmp_path / "a b.mtl").write_text(
+        "newmtl m\nmap_Kd -s 2 2 2 wood grain.png\nmap_Bump -bm 0.2 bump.png\n norm n.png\n"
+    )
+    for name in ("wood grain.png", "bump.png", "n.png", "unused.png"):
+        (tmp_path / name).write_bytes(b"")
+    assert companions(tmp_path / "a.obj") == ["a b.mtl", "bump.png", "n.png", "wood grain.png"]
+
+
+def test_companions_of_gltf_and_collada(tmp_path):
+    tree = {
+        "buffers": [{"uri": "a%20b.bin"}, {"uri": "data:,x"}, {}],
+        "images": [{"uri": "i.png"}, {"bufferView": 0}],
+    }
+    (tmp_path / "m.gltf").write_text(json.dumps(tree))
+    (tmp_path / "m.dae").write_text("<COLLADA><image><init_from>i.png</init_from></image></COLLADA>")
+    (tmp_path / "broken.gltf").write_text("{")
+    for name in ("a b.bin", "i.png"):
+        (tmp_path / name).write_bytes(b"")
+    assert companions(tmp_path / "m.gltf") == ["a b.bin", "i.png"]
+    assert companions(tmp_path / "m.dae") == ["i.png"]
+    assert companions(tmp_path / "broken.gltf") == []
