@@ -5,12 +5,15 @@ rounded, and everything here is convex, so faces cut corners and never stick out
 """
 
 import numpy as np
+from scipy.spatial import ConvexHull
 
 # The radius of a box's or a cylinder's rounded edges: a share of the smallest half extent, up to a limit in
 # metres.
 BEVEL_SHARE = 0.5
 LARGEST_BEVEL = 0.003
 TOUCHING = 1e-6  # m
+# How far bridges stay below the boxes' sides: faces in one plane would shadow each other.
+RECESS = 2e-4  # m
 EDGE_SEGMENTS = 3  # faces across a rounded edge, for each of the two sides that meet
 ROUND_SEGMENTS = 10  # the same, for spheres, capsules and ellipsoids
 CYLINDER_SECTORS = 48
@@ -22,8 +25,8 @@ def triangles(kind: str, size, vertices=None, faces=None) -> Triangles:
     """Vertices (n, 3), faces (f, 3) and unit normals (n, 3) of a geom in its own frame.
 
     kind and size as in `palpate.hand.Hand`: box (half extents), sphere (radius), capsule and cylinder
-    (radius, half length along z), ellipsoid (half axes). vertices, faces: of a geom of kind mesh, whose
-    normals come out as none-numbers (nan): the renderer shades it by its faces.
+    (radius, half length along z), ellipsoid (half axes). vertices (m, 3) and faces (k, 3)
+    are those of a geom of kind mesh; without faces its convex hull is drawn.
     """
     size = np.asarray(size, dtype=float)
     if kind == "box":
@@ -39,17 +42,32 @@ def triangles(kind: str, size, vertices=None, faces=None) -> Triangles:
     if kind == "cylinder":
         return rounded_cylinder(size[0], size[1], bevel(size[:2]), CYLINDER_SECTORS, EDGE_SEGMENTS)
     if kind == "mesh":
-        return np.asarray(vertices, dtype=float), np.asarray(faces), np.full((len(vertices), 3), np.nan)
+        return _hull_or_mesh(np.asarray(vertices, dtype=float), np.asarray(faces))
     raise ValueError(
         f"can't draw a geom of kind {kind!r}: expected box, sphere, capsule, cylinder, ellipsoid or mesh"
     )
+
+
+def _hull_or_mesh(vertices: np.ndarray, faces: np.ndarray) -> Triangles:
+    """A mesh as it is, or without faces its vertices' convex hull; every face flat, with its own vertices."""
+    if not len(faces):
+        hull = ConvexHull(vertices)
+        faces = hull.simplices.copy()
+        corners = vertices[faces]
+        towards = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        inwards = (towards * hull.equations[:, :3]).sum(axis=1) < 0
+        faces[inwards] = faces[inwards][:, ::-1]
+    corners = vertices[faces]
+    towards = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    towards /= np.maximum(np.linalg.norm(towards, axis=1, keepdims=True), np.finfo(float).tiny)
+    return corners.reshape(-1, 3), np.arange(faces.size).reshape(-1, 3), np.repeat(towards, 3, axis=0)
 
 
 def bridges(sizes: np.ndarray, positions: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
     """Boxes (half extents, position) that close the grooves between boxes which touch face to face.
 
     sizes, positions: (n, 3) of n boxes with parallel axes. A bridge reaches from the middle of one box to the
-    middle of its neighbour, as wide as both: it lies inside the two of them.
+    middle of its neighbour, nearly as wide as both: it lies inside the two of them.
     """
     made = []
     for one in range(len(sizes)):
@@ -60,7 +78,8 @@ def bridges(sizes: np.ndarray, positions: np.ndarray) -> list[tuple[np.ndarray, 
             touching = np.abs(overlap) < TOUCHING
             if touching.sum() == 1 and (overlap[~touching] > TOUCHING).all():
                 ends = np.sort([positions[one], positions[other]], axis=0)
-                low, high = np.where(touching, ends[0], low), np.where(touching, ends[1], high)
+                low = np.where(touching, ends[0], low + RECESS)
+                high = np.where(touching, ends[1], high - RECESS)
                 made.append(((high - low) / 2, (high + low) / 2))
     return made
 

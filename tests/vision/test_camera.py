@@ -1,0 +1,69 @@
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from palpate.vision import looking_at, paper_camera
+
+OBJECT = np.array([0.0, 0.0, 0.6])
+coordinate = st.floats(-0.25, 0.25)
+
+
+def test_paper_camera_sees_the_object_in_the_middle_of_its_image():
+    camera = paper_camera()
+    corners = OBJECT + 0.25 / np.sqrt(3) * np.array(np.meshgrid(*[[-1, 1]] * 3)).reshape(3, 8).T
+    pixels, depth = camera.project(corners)
+    assert ((pixels > 20) & (pixels < 236)).all()
+    assert ((depth > 0.8) & (depth < 1.5)).all()
+    centre, depth = camera.project(OBJECT)
+    assert np.abs(centre - 128).max() < 15
+    assert depth == pytest.approx(np.linalg.norm(camera.position - OBJECT), rel=0.01)
+
+
+def test_field_of_view_is_that_of_the_published_focal_length():
+    for size in (64, 256, 500):
+        camera = paper_camera(size)
+        assert np.degrees(2 * np.arctan(size / 2 / camera.focal_length)) == pytest.approx(34.95, abs=0.005)
+
+
+def test_rotation_is_blenders_euler_xyz():
+    from mathutils import Euler
+
+    euler = Euler(np.radians([70.458, 4.940, 113.540]), "XYZ")
+    assert np.allclose(paper_camera().rotation, np.array(euler.to_matrix()), atol=1e-6)
+
+
+@given(st.lists(st.tuples(coordinate, coordinate, coordinate), min_size=1, max_size=5), st.integers(16, 600))
+def test_project_is_intrinsics_times_extrinsics(offsets, size):
+    camera = paper_camera(size)
+    points = OBJECT + np.array(offsets)
+    homogeneous = np.column_stack([points, np.ones(len(points))])
+    image = homogeneous @ camera.extrinsics().T @ camera.intrinsics().T
+    pixels, depth = camera.project(points)
+    assert np.allclose(pixels, image[:, :2] / image[:, 2:], atol=1e-9 * size)
+    assert np.allclose(depth, image[:, 2])
+
+
+def test_rays_go_through_pixel_centres():
+    camera = paper_camera(32)
+    depth = np.random.default_rng(0).uniform(0.5, 2, (32, 32))
+    pixels, seen = camera.project(camera.position + depth[..., None] * camera.rays())
+    row, column = np.mgrid[:32, :32]
+    assert np.allclose(pixels, np.stack([column, row], axis=-1) + 0.5)
+    assert np.allclose(seen, depth)
+
+
+def test_points_behind_the_camera_have_no_pixel():
+    camera = paper_camera()
+    pixels, depth = camera.project(camera.position + np.array([[0.5, 0.3, 0.1], [0, 0, 0]]))
+    assert np.isnan(pixels).all() and (depth <= 0).all()
+
+
+def test_looking_at_puts_the_target_in_the_middle_and_up_upwards():
+    camera = looking_at((0.1, 0.2, 0.3), (1.0, -1.0, 0.8), size=100)
+    pixels, _ = camera.project(np.array([[0.1, 0.2, 0.3], [0.1, 0.2, 0.35]]))
+    assert np.allclose(pixels[0], 50)
+    assert pixels[1, 0] == pytest.approx(50) and pixels[1, 1] < 50
+    assert np.linalg.det(camera.rotation) == pytest.approx(1)
+    with pytest.raises(ValueError, match="choose another `up`"):
+        looking_at((0, 0, 0), (0, 0, 1))

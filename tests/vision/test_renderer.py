@@ -1,0 +1,266 @@
+import bpy
+import numpy as np
+import pytest
+import trimesh
+from numpy.testing import assert_array_equal
+from PIL import Image as PillowImage
+
+from palpate.catalogue import Unusable
+from palpate.mesh import OBJECT_POSITION
+from palpate.vision import Mesh, Renderer, looking_at, paper_camera, spheres
+from palpate.vision.image import read_layers
+from tests.vision.scenes import ball, grasp_poses, painted
+
+# Half a step of float16 between 1 and 2: what a stored depth is off by.
+HALF_STEP = 2.0**-11
+MARKERS = np.array(
+    [[0.0, 0, 0.2], [0.1, 0.02, -0.15], [-0.05, 0.17, 0.1], [0.03, -0.19, 0.03], [0.12, 0.1, 0]]
+)
+
+
+def centroid(weights, around, reach=8):
+    """(x, y) of the weights' centroid within `reach` pixels of a point, in pixel coordinates."""
+    row, column = np.mgrid[: weights.shape[0], : weights.shape[1]] + 0.5
+    near = weights * (np.abs(column - around[0]) < reach) * (np.abs(row - around[1]) < reach)
+    return np.array([(near * column).sum(), (near * row).sum()]) / near.sum()
+
+
+def assert_markers_at(image, pixels):
+    darkness = 255.0 - image.rgb.min(axis=-1)
+    for pixel in pixels:
+        assert np.abs(centroid(image.mask / 255, pixel) - pixel).max() < 0.25
+        assert np.abs(centroid(darkness, pixel) - pixel).max() < 0.15
+
+
+def test_known_points_of_an_object_land_on_their_pixels(write_glb):
+    path = write_glb("markers", *(painted(ball(marker, 0.008), (0.02, 0.02, 0.02)) for marker in MARKERS))
+    image, _ = Renderer(samples=32, device="cpu").render_object(path)
+    pixels, _ = paper_camera().project(MARKERS + OBJECT_POSITION)
+    assert_markers_at(image, pixels)
+
+
+@pytest.mark.parametrize("size", [200, 333])
+def test_known_points_of_a_scene_land_on_their_pixels_at_other_sizes_and_views(size):
+    points = MARKERS + OBJECT_POSITION
+    camera = looking_at(OBJECT_POSITION, (-0.4, 0.9, 1.1), size)
+    image = Renderer(samples=32, device="cpu").render_scene(
+        [spheres(points, 0.008, (0.1, 0.1, 0.1))], camera=camera
+    )
+    assert image.rgb.shape == (size, size, 3)
+    assert_markers_at(image, camera.project(points)[0])
+
+
+def test_projection_is_that_of_blenders_camera():
+    from bpy_extras.object_utils import world_to_camera_view
+    from mathutils import Vector
+
+    points = MARKERS + OBJECT_POSITION
+    Renderer(samples=1, device="cpu").render_scene([spheres(points, 0.01)])
+    scene = bpy.context.scene
+    there = np.array([world_to_camera_view(scene, scene.camera, Vector(point)) for point in points])
+    pixels, depth = paper_camera().project(points)
+    assert np.abs(pixels - np.column_stack([there[:, 0], 1 - there[:, 1]]) * 256).max() < 1e-3
+    assert np.allclose(depth, there[:, 2], atol=1e-6)
+
+
+def test_nodes_of_a_file_keep_their_places(write_glb, tmp_path):
+    scene = trimesh.Scene()
+    for marker in MARKERS:
+        turn = trimesh.transformations.rotation_matrix(0.7, [1, 2, 3])
+        turn[:3, 3] = marker
+        scene.add_geometry(painted(ball((0, 0, 0), 0.008), (0.02, 0.02, 0.02)), transform=turn)
+    path = tmp_path / "visual.glb"
+    path.write_bytes(scene.export(file_type="glb"))
+    image, _ = Renderer(samples=32, device="cpu").render_object(path)
+    assert_markers_at(image, paper_camera().project(MARKERS + OBJECT_POSITION)[0])
+
+
+def test_depth_of_a_plane_is_the_closed_form():
+    camera = paper_camera(128)
+    normal = np.array([0.8, 0.3, 0.5])
+    across = np.cross(normal, [0, 0, 1])
+    sides = 0.6 * np.stack([across, np.cross(normal, across)])
+    corners = np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]]) @ sides + OBJECT_POSITION
+    image = Renderer(size=128, samples=1, device="cpu").render_scene(
+        [Mesh(corners, np.array([[0, 1, 2], [0, 2, 3]]))]
+    )
+    rays = camera.rays()
+    expected = (np.array(OBJECT_POSITION) - camera.position) @ normal / (rays @ normal)
+    shown = image.mask > 0
+    assert shown.mean() > 0.3
+    assert np.abs(image.depth - expected)[shown].max() < HALF_STEP + 1e-4
+    assert np.isposinf(image.depth[~shown]).all()
+
+
+def test_depth_and_mask_of_a_sphere_are_the_closed_form():
+    camera, radius = paper_camera(128), 0.2
+    mesh = ball(OBJECT_POSITION, radius, subdivisions=5)
+    image = Renderer(size=128, samples=1, device="cpu").render_scene([Mesh(mesh.vertices, mesh.faces)])
+    rays = camera.rays()
+    out = camera.position - OBJECT_POSITION
+    a, b, c = (rays**2).sum(-1), rays @ out, out @ out - radius**2
+    discriminant = b**2 - a * c
+    hit = discriminant > 0
+    assert (hit != (image.mask > 0)).mean() < 0.002
+    well_inside = discriminant > 0.02 * discriminant.max()
+    expected = (-b - np.sqrt(np.maximum(discriminant, 0))) / a
+    assert np.abs(image.depth - expected)[well_inside].max() < HALF_STEP + 5e-4
+
+
+def test_mask_and_depth_are_those_of_rays_through_pixel_centres(write_glb):
+    mesh = trimesh.creation.torus(0.15, 0.05)
+    mesh.apply_transform(trimesh.transformations.rotation_matrix(0.9, [1, 0.3, 0]))
+    size = 160
+    image, _ = Renderer(size=size, samples=1, device="cpu").render_object(write_glb("torus", mesh))
+    camera = paper_camera(size)
+    rays = camera.rays().reshape(-1, 3)
+    mesh.apply_translation(OBJECT_POSITION)
+    where, ray, _ = mesh.ray.intersects_location(
+        np.tile(camera.position, (len(rays), 1)), rays, multiple_hits=False
+    )
+    depth = np.full(len(rays), np.inf)
+    depth[ray] = camera.project(where)[1]
+    hit = np.isfinite(depth).reshape(size, size)
+    assert hit.sum() > 1000
+    assert (hit != (image.mask > 0)).sum() <= 4  # rays that graze the silhouette
+    both = hit & (image.mask > 0)
+    close = np.abs(image.depth[both] - depth.reshape(size, size)[both]) < HALF_STEP + 1e-4
+    assert close.mean() > 0.998  # grazing rays again
+
+
+def test_materials_and_texture_appear_and_row_0_is_at_the_top(write_glb):
+    pixels = np.zeros((2, 2, 3), dtype=np.uint8)
+    pixels[:, 0], pixels[:, 1] = (200, 30, 30), (30, 30, 200)
+    texture = trimesh.visual.material.PBRMaterial(
+        baseColorTexture=PillowImage.fromarray(pixels), metallicFactor=0.0, roughnessFactor=1.0
+    )
+    # Upper half: a square that faces the camera's side (+x), red where y < 0 and blue where y > 0.
+    square = trimesh.Trimesh(
+        [[0, -0.1, 0.05], [0, 0.1, 0.05], [0, 0.1, 0.2], [0, -0.1, 0.2]],
+        [[0, 1, 2], [0, 2, 3]],
+        process=False,
+    )
+    square.visual = trimesh.visual.TextureVisuals(uv=[[0, 0], [1, 0], [1, 1], [0, 1]], material=texture)
+    below = painted(ball((0, 0, -0.12), 0.06), (0.05, 0.6, 0.05))
+    image, _ = Renderer(samples=8, device="cpu").render_object(write_glb("flag", square, below))
+    points = np.array([[0, -0.08, 0.12], [0, 0.08, 0.12], [0.05, 0, -0.1]]) + OBJECT_POSITION
+    column, row = np.floor(paper_camera().project(points)[0]).astype(int).T
+    assert_array_equal(image.rgb[row, column].argmax(axis=-1), [0, 2, 1])
+    assert (image.rgb[row, column].max(axis=-1) > image.rgb[row, column].min(axis=-1) + 60).all()
+    green = (image.mask > 0) & (image.rgb.argmax(axis=-1) == 1)
+    red = (image.mask > 0) & (image.rgb.argmax(axis=-1) == 0)
+    assert np.nonzero(green)[0].min() > np.nonzero(red)[0].max()
+
+
+def test_white_paint_under_the_lamp_is_bright_and_not_clipped(write_glb):
+    path = write_glb("ball", painted(ball((0, 0, 0), 0.2), (0.8, 0.8, 0.8)))
+    image, _ = Renderer(size=96, samples=32, device="cpu").render_object(path)
+    inside = image.rgb[image.mask > 0].astype(int)
+    assert 235 < np.percentile(inside, 99) < 252
+    assert (image.rgb[~(image.mask > 0) & np.isinf(image.depth)] >= 250).mean() > 0.9
+    # In the lamp's shadow the ambient light is left.
+    assert 120 < np.percentile(inside, 1) < 190
+
+
+def test_the_hand_hides_what_is_behind_it_and_nothing_else(write_glb, hand):
+    poses = grasp_poses(hand)
+    path = write_glb("box", trimesh.creation.box((0.06, 0.2, 0.4)))
+    renderer = Renderer(size=128, samples=1, device="cpu")
+    alone, held = renderer.render_object(path, hand, poses)
+    assert len(held) == 2
+    for pose, image in zip(poses, held, strict=True):
+        bare = renderer.render_scene(hand=hand, link_pose=pose)
+        assert not bare.mask.any()
+        in_front = bare.depth < alone.depth
+        tie = bare.depth == alone.depth
+        assert_array_equal(image.mask[~tie] > 0, ((alone.mask > 0) & ~in_front)[~tie])
+        assert_array_equal(image.depth, np.minimum(bare.depth, alone.depth))
+        hidden = (alone.mask > 0) & (image.mask == 0)
+        assert 200 < hidden.sum() < (alone.mask > 0).sum()
+    again, none = renderer.render_object(path)
+    assert none == []
+    assert_array_equal(again.rgb, alone.rgb)
+
+
+def test_the_hand_is_drawn_where_its_closed_forms_are(hand):
+    pose = grasp_poses(hand)[1]
+    camera = paper_camera(160)
+    image = Renderer(size=160, samples=1, device="cpu").render_scene(hand=hand, link_pose=pose)
+    seen = np.isfinite(image.depth)
+    assert seen.sum() > 800
+    points = camera.position + image.depth[seen, None].astype(float) * camera.rays()[seen]
+    distance = hand.signed_distance(points, pose)
+    # Rounded edges are inside by up to 0.75 of the bevel (3 mm); the rest is float16.
+    assert distance.max() < 2 * HALF_STEP
+    assert distance.min() > -0.003
+    assert np.median(np.abs(distance)) < HALF_STEP
+
+
+def test_masters_are_the_arrays(write_glb, hand, tmp_path):
+    path = write_glb("bottle-0007", painted(ball((0, 0, 0), 0.1), (0.5, 0.2, 0.1)))
+    renderer = Renderer(size=64, samples=2, device="cpu", exr=tmp_path / "exr")
+    alone, held = renderer.render_object(path, hand, grasp_poses(hand))
+    files = ["bottle-0007-unoccluded.exr", "bottle-0007-grasp-0.exr", "bottle-0007-grasp-1.exr"]
+    assert sorted(file.name for file in (tmp_path / "exr").iterdir()) == sorted(files)
+    for file, image in zip(files, [alone, *held], strict=True):
+        for back, there in zip(read_layers(tmp_path / "exr" / file).image((1, 1, 1)), image, strict=True):
+            assert_array_equal(back, there)
+
+
+def test_colours_of_figures_by_mesh_vertex_and_face():
+    corners = np.array([[0, -0.2, 0.5], [0, 0.2, 0.5], [0, 0.2, 0.8], [0, -0.2, 0.8]])
+    faces = np.array([[0, 1, 2], [0, 2, 3]])
+    camera = looking_at((0, 0, 0.65), (1, 0, 0.65), size=64)
+    renderer = Renderer(samples=4, device="cpu")
+
+    def at(colours, y, z):
+        image = renderer.render_scene([Mesh(corners, faces, colours)], camera=camera, background=None)
+        column, row = np.floor(camera.project(np.array([0, y, z]))[0]).astype(int)
+        assert image.rgb.shape == (64, 64, 4) and image.rgb[0, 0, 3] == 0 and image.rgb[row, column, 3] == 255
+        return image.rgb[row, column, :3].argmax()
+
+    assert at((0.1, 0.9, 0.1), 0.15, 0.55) == 1
+    assert [at([(0.9, 0, 0), (0, 0, 0.9)], y, z) for y, z in ((0.15, 0.55), (-0.15, 0.75))] == [0, 2]
+    ends = [(0.9, 0, 0), (0.9, 0, 0), (0, 0, 0.9), (0, 0, 0.9)]
+    assert [at(ends, 0.0, z) for z in (0.52, 0.78)] == [0, 2]
+
+
+def test_a_scene_outside_the_image_is_background():
+    image = Renderer(size=32, samples=1, device="cpu").render_scene([spheres([[0, 0, 50.0]], 0.1)])
+    assert (image.rgb == 255).all() and not image.mask.any()
+
+
+def test_what_is_broken_is_unusable_and_the_next_object_renders(write_glb, tmp_path):
+    renderer = Renderer(size=48, samples=1, device="cpu")
+    good = write_glb("good", ball((0, 0, 0), 0.1))
+    expected, _ = renderer.render_object(good)
+    whole = good.read_bytes()
+    broken = {
+        "text": b"this is no glTF",
+        "empty": b"",
+        "cut": whole[: len(whole) // 2],
+        "header": whole[:20],
+    }
+    for name, content in broken.items():
+        path = tmp_path / f"{name}.glb"
+        path.write_bytes(content)
+        with pytest.raises(Unusable, match=f"{name}.glb"):
+            renderer.render_object(path)
+        image, _ = renderer.render_object(good)
+        assert_array_equal(image.rgb, expected.rgb)
+    points = tmp_path / "points.glb"
+    points.write_bytes(trimesh.Scene(trimesh.PointCloud(MARKERS)).export(file_type="glb"))
+    with pytest.raises(Unusable, match="triangles"):
+        renderer.render_object(points)
+    with pytest.raises(FileNotFoundError, match="visual.glb"):
+        renderer.render_object(tmp_path / "nowhere" / "visual.glb")
+
+
+def test_an_older_renderer_and_an_unknown_device_are_refused(write_glb):
+    path = write_glb("ball", ball((0, 0, 0), 0.1))
+    old = Renderer(size=32, samples=1, device="cpu")
+    Renderer(size=32, samples=1, device="cpu")
+    with pytest.raises(RuntimeError, match="newer Renderer"):
+        old.render_object(path)
+    with pytest.raises(ValueError, match="expected auto, cpu or gpu"):
+        Renderer(device="toaster")
