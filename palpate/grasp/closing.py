@@ -26,7 +26,7 @@ class Closed(NamedTuple):
 
 
 class GraspScene:
-    """One object, as convex patches, and one hand whose palm can be put anywhere. Frames: the object's own."""
+    """One object, as convex patches, and one hand whose palm can be put anywhere. Frame: the object's own."""
 
     def __init__(
         self,
@@ -36,7 +36,11 @@ class GraspScene:
         duration: float = DURATION,
         **spec_options,
     ):
-        """Compile the model once; it serves all attempts. `spec_options` go to `palpate.hand.model.build_spec`."""
+        """Compile the model once; it serves all attempts.
+
+        patches: `surface_patches`. timestep, duration: seconds, of the simulation. `spec_options` go to
+        `palpate.hand.model.build_spec`.
+        """
         spec = build_spec(hand, **spec_options)
         option = spec.option
         option.timestep = timestep

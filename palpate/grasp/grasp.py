@@ -101,7 +101,7 @@ class Grasper:
         return Grasp(closed.joint_positions, pose, links, position, rotation, touches, depth)
 
     def free_palm_pose(self, rng: np.random.Generator) -> np.ndarray | None:
-        """A random palm pose (4, 4) at which the open hand is clear of the object, and its place in the scene taken."""
+        """A random palm pose (4, 4) at which the open hand is clear of the object; the scene is put there."""
         open_hand = self.hand.open_joint_positions
         for _ in range(MAX_PLACEMENTS):
             pose = palm_pose(self.hand, self.surface, rng)
@@ -129,12 +129,13 @@ def grasp_object(
 ) -> GraspSet:
     """Grasp an object: `attempts` grasps with at least one touch are made, the best `per_object` are kept.
 
-    visual, collision: the object in its own frame, every face and decimated. surface_points: (N, 3) on its exterior,
-    in the world frame, as the surface store has them. rng: decides everything random; the same generator gives
-    the same grasps. per_object: grasps kept, those with the most touches; of equals the earlier. attempts: valid
-    grasps made before the best are kept: the more, the better the grasps. max_attempts: bound on all attempts.
-    timestep: seconds. max_penetration: metres; a deeper grasp is not accepted. thumb_share: share of the attempts
-    in which the thumb closes too; with 1 more sensors touch than in the paper's dataset.
+    visual, collision: the object in its own frame, every face and decimated. surface_points: (N, 3) on its
+    exterior, in the world frame, as the surface store has them. rng: decides everything random; the same
+    generator gives the same grasps. per_object: grasps kept, those with the most touches; of equals the
+    earlier. attempts: valid grasps made before the best are kept: the more, the better the grasps.
+    max_attempts: bound on all attempts. timestep: seconds. max_penetration: metres; a deeper grasp is not
+    accepted. thumb_share: share of the attempts in which the thumb closes too; with 1 more sensors touch than
+    in the paper's dataset.
 
     Raises `Unusable` if `max_attempts` attempts don't give `per_object` valid grasps.
     """

@@ -31,7 +31,7 @@ def with_normals(points: np.ndarray, mesh: trimesh.Trimesh) -> Surface:
 
 
 def palm_pose(hand: Hand, surface: Surface, rng: np.random.Generator) -> np.ndarray:
-    """A palm pose (4, 4): at a random point, the palm's normal into the surface, random turn about it and gap."""
+    """A palm pose (4, 4): at a random point, the palm's normal into the surface, random turn and gap."""
     chosen = rng.integers(len(surface.points))
     turn, gap = rng.uniform(0, 2 * np.pi), rng.uniform(*GAP)
     face = np.eye(4)

@@ -38,10 +38,11 @@ class Workspace:
         return position + self.contact_distance[:, None] * direction, direction
 
     def targets(self, palm_pose: np.ndarray, surface: Surface, thumb: bool = True) -> np.ndarray:
-        """Joint positions (J,) at which each gel is pressed into a surface point that it faces, or nearly.
+        """Joint positions (J,) at which each gel is pressed into a surface point that it faces, or nearly so.
 
-        Of the surface points that are near the open hand's gel and that the finger can face, each finger takes the
-        one to which it comes best; it is kept even if it can't be reached, for contact stops the finger.
+        Of the surface points that are near the open hand's gel and that the finger can face, each finger
+        takes the one to which it comes best; it is kept even if it can't be reached, for contact stops the
+        finger.
 
         palm_pose: (4, 4) in the surface's frame. thumb: whether the last sensor's finger closes too.
         """
@@ -73,8 +74,9 @@ class Workspace:
     ) -> tuple[np.ndarray, np.ndarray]:
         """Inverse kinematics by damped least squares, within the joints' ranges, in the palm frame.
 
-        joints: (..., J) to start from; goal, inward: (..., 4, 3) where each gel shall be and look. Returns joint
-        positions (..., J) and what is missed (..., 4) in metres, a wrong direction counting by `DIRECTION_LENGTH`.
+        joints: (..., J) to start from; goal, inward: (..., 4, 3) where each gel shall be and look. Returns
+        joint positions (..., J) and what is missed (..., 4) in metres, directions counting by
+        `DIRECTION_LENGTH`.
         """
         hand = self.hand
         low, high = hand.joint_range.T
@@ -93,7 +95,7 @@ class Workspace:
         return joints, miss
 
     def jacobian(self, pose: np.ndarray, apex: np.ndarray, direction: np.ndarray) -> np.ndarray:
-        """Derivatives (..., 4, 6, J) of each gel's place and `DIRECTION_LENGTH` times its direction by the joints."""
+        """Derivatives (..., 4, 6, J) of `solve`'s place and direction of each gel by the joints."""
         hand = self.hand
         frames = pose[..., hand.joint_link, :, :]
         axis = (frames[..., :3, :3] @ hand.joint_axis[:, :, None])[..., None, :, :, 0]  # (..., 1, J, 3)

@@ -19,5 +19,5 @@ def from_mjcf(path, sensors) -> Hand:
 
 
 def load(settings: dict | None) -> Hand:
-    """The hand that the config's `grasps: hand` names: null is the Allegro, else `{mjcf: path, sensors: path}`."""
+    """The hand of the config's `grasps: hand`: `{mjcf: path, sensors: path}`, or null for the Allegro."""
     return allegro() if settings is None else from_mjcf(Path(settings["mjcf"]), Path(settings["sensors"]))

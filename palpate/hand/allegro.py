@@ -1,9 +1,9 @@
 """The Allegro hand with DIGIT touch sensors as fingertips, from its kinematics.
 
-Palm frame: +x the palm's normal (towards the object), +z along the fingers; the thumb is at -y. Metres, radians.
-The kinematics, limits and link boxes are those of Wonik's published description of the (left) hand; the sensor's
-place and range are those of the paper's published assets. The published fingertip box is misplaced and the
-published palm is one box, which jams the thumb in 44 % of configurations: both are replaced here.
+Palm frame: +x the palm's normal (towards the object), +z along the fingers; the thumb is at -y. Metres,
+radians. The kinematics, limits and link boxes are those of Wonik's published description of the hand; the
+sensor's place and range are those of the paper's published assets. The published fingertip box is misplaced
+and the published palm is one box, which jams the thumb in 44 % of configurations: both are replaced here.
 """
 
 import numpy as np
@@ -26,13 +26,14 @@ PALM_BOXES = (
     ((-0.030, 0.0), (-0.095, -0.081)),
 )
 
-# Index, middle, ring: (y, z, roll) of the finger's base in the palm frame; the index finger is the thumb's neighbour.
+# Index, middle, ring: (y, z, roll) of the finger's base in the palm frame; the index finger is next to the
+# thumb.
 FINGERS = (
     ("index", -0.0435, -0.00154, 0.0873),
     ("middle", 0.0, 0.0007, 0.0),
     ("ring", 0.0435, -0.00154, -0.0873),
 )
-# Of every finger's links: (offset from the link before along z, joint axis, range, half extents, their centre's z).
+# Of every finger's links: (offset along z from the link before, joint axis, range, half extents, centre's z).
 FINGER_LINKS = (
     (0.0, (0, 0, 1), (-0.47, 0.47), (0.0098, 0.01375, 0.0082), 0.0082),
     (0.0164, (0, 1, 0), (-0.196, 1.61), (0.0098, 0.01375, 0.0270), 0.0270),
@@ -42,8 +43,8 @@ FINGER_LINKS = (
 FINGER_TIP_OFFSET = 0.0147
 THUMB_TIP_OFFSET = 0.0303
 
-# The DIGIT in the tip frame: body, and the gel pad raised on it, as (low, high) of x, y, z. With one plain box in the
-# place of both, touch success falls from 0.63 to 0.54.
+# The DIGIT in the tip frame: body, and the gel pad raised on it, as (low, high) of x, y, z. With one plain
+# box in the place of both, touch success falls from 0.63 to 0.54.
 DIGIT_BODY = ((-0.0116, 0.0150), (-0.0134, 0.0134), (0.0005, 0.0347))
 GEL_PAD = ((0.0100, 0.0182), (-0.0100, 0.0100), (0.0051, 0.0291))
 SENSOR_ORIGIN = (-0.001073, 0.0, 0.017119)
@@ -53,7 +54,7 @@ OPEN_THUMB = (0.263, 0.0, 0.0, 0.0)
 
 
 def allegro() -> Hand:
-    """The Allegro hand with four DIGITs: 16 joints in the order index, middle, ring, thumb; 21 links, 28 geoms."""
+    """The Allegro hand with four DIGITs: 16 joints, four each of index, middle, ring finger and thumb."""
     links, joints, geoms = [], [], []
 
     def add_link(name, parent, position, rotation, joint=None) -> int:
@@ -125,7 +126,7 @@ def allegro() -> Hand:
 
 
 def thumb_links() -> tuple:
-    """Of every thumb link: position and roll, pitch, yaw in the link before, joint axis, range, box centre, half extents."""
+    """Thumb links: place, then roll, pitch, yaw in the one before; joint axis and range; box centre, half size."""
     return (
         (
             (-0.0182, -0.019333, -0.045987),

@@ -9,8 +9,10 @@ GEOM_KINDS = ("box", "sphere", "capsule", "cylinder", "ellipsoid", "mesh")
 def signed_distance(kind: str, size: np.ndarray, points: np.ndarray, planes: np.ndarray) -> np.ndarray:
     """Signed distance (N,) of points (N, 3) to a geom in its own frame.
 
-    Exact for box, sphere, capsule and cylinder. For an ellipsoid the distance along the ray from its centre: never
-    nearer to zero than the true one, so penetration is never understated. For a mesh (convex, given by
+    size: (3,) as in `Hand`; planes: (P, 4) of a mesh, see `half_spaces`.
+
+    Exact for box, sphere, capsule and cylinder. For an ellipsoid the distance along the ray from its centre:
+    never nearer to zero than the true one, so penetration is never understated. For a mesh (convex, given by
     half spaces) exact inside; outside, never farther than the true one.
     """
     if kind == "box":
@@ -48,7 +50,7 @@ def cylinder(points: np.ndarray, radius: float, half_length: float) -> np.ndarra
 
 
 def ellipsoid(points: np.ndarray, half_axes: np.ndarray) -> np.ndarray:
-    """Distance to an ellipsoid along the ray from its centre, in the middle no deeper than the smallest half axis."""
+    """Distance to an ellipsoid along the ray from its centre, at most the smallest half axis deep."""
     length = np.linalg.norm(points, axis=1)
     scaled = np.linalg.norm(points / half_axes, axis=1)
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -57,6 +59,9 @@ def ellipsoid(points: np.ndarray, half_axes: np.ndarray) -> np.ndarray:
 
 
 def half_spaces(vertices: np.ndarray) -> np.ndarray:
-    """The convex hull of vertices (V, 3) as half spaces (P, 4): outward normal, offset; normal . x + offset <= 0 inside."""
+    """The convex hull of vertices (V, 3) as half spaces (P, 4).
+
+    Outward unit normal and offset: normal . x + offset is negative inside.
+    """
     equations = ConvexHull(vertices).equations
     return np.unique(np.round(equations, 9), axis=0)

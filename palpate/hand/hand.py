@@ -1,6 +1,6 @@
 """A robot hand as plain data: a tree of links on hinges, closed geoms, and four touch sensors.
 
-Nothing here knows an engine: the touch simulation and the renderer read the same `Hand` as the grasp simulation.
+Nothing here knows an engine: touch simulation and renderer read the same `Hand` as the grasp simulation.
 """
 
 from collections.abc import Mapping
@@ -18,8 +18,8 @@ class Hand:
     """A kinematic tree of L links with J hinges, G geoms and 4 touch sensors. Metres, radians.
 
     Links come in an order in which parents precede children; link 0 is the palm, its frame is the palm frame.
-    A link's frame has its origin on its hinge's axis; `joint_axis` is zero for a link fixed to its parent. Joint
-    `j` moves link `joint_link[j]`.
+    Joint `j` turns link `joint_link[j]` about an axis through the origin of the link's frame; a link that no
+    joint names is fixed to its parent.
 
     Geom sizes follow MuJoCo: box (half extents), sphere (radius), capsule and cylinder (radius, half length
     along z), ellipsoid (half axes); a mesh is the convex hull of its vertices and has no size.
@@ -104,7 +104,7 @@ class Hand:
         return pose
 
     def sensor_frames(self, link_pose: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Sensor positions (..., 4, 3) and rotations (..., 4, 3, 3) in the world, of link poses (..., L, 4, 4)."""
+        """Sensor positions (..., 4, 3) and rotations (..., 4, 3, 3), of link poses (..., L, 4, 4)."""
         pose = np.asarray(link_pose)[..., self.sensor_link, :, :]
         rotation = pose[..., :3, :3] @ self.sensor_rotation
         position = (pose[..., :3, :3] @ self.sensor_position[:, :, None])[..., 0] + pose[..., :3, 3]
@@ -122,7 +122,7 @@ class Hand:
         return signed_distance(self.geom_kind[geom], self.geom_size[geom], local, self.geom_planes[geom])
 
     def signed_distance(self, points: np.ndarray, link_pose: np.ndarray, links=None) -> np.ndarray:
-        """Signed distance (N,) of points (N, 3) to the colliding geoms, negative inside; closed forms.
+        """Signed distance (N,) of points (N, 3) to the colliding geoms, negative inside: closed forms.
 
         link_pose: (L, 4, 4) in the points' frame. links: only the geoms of these links (default: all).
         """
@@ -136,7 +136,8 @@ class Hand:
     def adjacent_links(self) -> np.ndarray:
         """Which links never collide with each other, (L, L) bool: rigidly joined, or one hinge apart.
 
-        Links without colliding geoms (the joints of a body with several hinges) don't separate their neighbours.
+        Links without colliding geoms (the joints of a body with several hinges) don't separate their
+        neighbours.
         """
         count = len(self.link_names)
         solid = np.zeros(count, dtype=bool)
@@ -175,7 +176,7 @@ class Hand:
 
     @classmethod
     def from_arrays(cls, arrays: Mapping[str, np.ndarray]) -> "Hand":
-        """The hand that `to_arrays` wrote; `arrays` may be any mapping of array-likes (an HDF5 group, say)."""
+        """The hand that `to_arrays` wrote; `arrays` may be any mapping of array-likes (an HDF5 group)."""
         values = {}
         for field in fields(cls):
             value = np.asarray(arrays[field.name][...])

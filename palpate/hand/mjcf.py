@@ -26,13 +26,16 @@ def from_mjcf(path: Path | str, sensors: Mapping | Path | str) -> Hand:
     sensors: a mapping, or a YAML file that holds one, with the keys
 
     - `sensors`: four of `{site: name}` or `{body: name, position: [x, y, z], rotation: [roll, pitch, yaw]}`
-      (metres, radians, fixed axes); x points out of the gel, y along the columns and z along the rows of a reading.
+      (metres, radians, fixed axes); x points out of the gel, y along the columns and z along the rows of a
+      reading.
     - `palm` (optional): the palm's body; default: the first one. The hand is everything from it on.
-    - `anchor` (optional): a site on the palm's face, x its outward normal and z along the fingers, which is aimed
-      at the object; default: the face of the palm's collision geoms in +x, at y = z = 0 of the palm's body.
+    - `anchor` (optional): a site on the palm's face, x its outward normal and z along the fingers, which is
+      aimed at the object; default: the face of the palm's collision geoms in +x, at y = z = 0 of the palm's
+      body.
     - `open` (optional): joint positions of the open hand in radians; default: those of the file.
 
-    The palm's frame is that of its body. Every joint is driven by a servo of its own; its range is the file's.
+    The palm's frame is that of its body. Every joint is driven by a servo of its own; its range is the
+    file's.
 
     Raises ValueError, naming the file, for what a `Hand` can't be: joints other than hinges, coupled joints,
     unlimited joints, sensors other than four.

@@ -24,10 +24,10 @@ LEAST_MASS, LEAST_INERTIA = 1e-3, 1e-7
 
 
 def build_spec(hand: Hand, stiffness: float = STIFFNESS) -> mujoco.MjSpec:
-    """The hand as an `MjSpec`: body, hinge and servo names are those of the links; the palm is fixed to the world.
+    """The hand as an `MjSpec`; bodies, hinges and servos are named as their links.
 
-    The palm's pose is `model.body("palm's name").pos` and `.quat`, free to change between simulations. Links
-    never collide with their parents. `stiffness` is the servos' gain in N m / rad; they are critically damped
+    The palm is fixed to the world; its `pos` and `quat` in the model may change between simulations. Links
+    that are joined don't collide. `stiffness`: the servos' gain in N m / rad; they are critically damped
     against the armature.
     """
     spec = mujoco.MjSpec()

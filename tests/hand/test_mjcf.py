@@ -1,0 +1,137 @@
+"""A user's model file as a hand: the same kinematics as MuJoCo's, and clear errors."""
+
+import importlib.util
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+import yaml
+
+from palpate.hand import allegro, from_mjcf
+from palpate.hand.model import build_spec
+
+_spec = importlib.util.spec_from_file_location("grippers", Path(__file__).with_name("grippers.py"))
+grippers = importlib.util.module_from_spec(_spec)
+_spec.loader.exec_module(grippers)
+
+
+@pytest.fixture
+def model_file(tmp_path):
+    path = tmp_path / "gripper.xml"
+    path.write_text(grippers.two_fingers("radian"))
+    return path
+
+
+def test_kinematics_geoms_and_sensors_are_those_of_the_file(model_file):
+    hand = from_mjcf(model_file, grippers.SENSORS)
+    assert len(hand.joint_link) == 5 and len(hand.link_names) == 7
+    model = mujoco.MjModel.from_xml_path(str(model_file))
+    data = mujoco.MjData(model)
+    rng = np.random.default_rng(0)
+    hinges = [
+        model.joint(f"{name}").qposadr[0]
+        for name in ("left_turn", "left_bend", "left_curl", "right_bend", "right_curl")
+    ]
+    for _ in range(10):
+        joints = rng.uniform(*hand.joint_range.T)
+        data.qpos[hinges] = joints
+        data.qpos[:3] = rng.uniform(-1, 1, 3)
+        data.qpos[3:7] = rng.normal(size=4)
+        mujoco.mj_forward(model, data)
+        palm = np.eye(4)
+        palm[:3, 3], palm[:3, :3] = data.body("palm").xpos, data.body("palm").xmat.reshape(3, 3)
+        links = hand.forward(palm, joints)
+        geoms = hand.geom_poses(links)
+        np.testing.assert_allclose(geoms[:, :3, 3], data.geom_xpos, atol=1e-9)
+        np.testing.assert_allclose(geoms[:, :3, :3], data.geom_xmat.reshape(-1, 3, 3), atol=1e-9)
+        position, rotation = hand.sensor_frames(links)
+        for sensor, site in enumerate(("left_low", "left_high")):
+            np.testing.assert_allclose(position[sensor], data.site(site).xpos, atol=1e-9)
+            np.testing.assert_allclose(rotation[sensor].ravel(), data.site(site).xmat, atol=1e-9)
+
+
+def test_degrees_and_radians_give_the_same_hand(tmp_path):
+    hands = []
+    for angle in ("degree", "radian"):
+        (tmp_path / f"{angle}.xml").write_text(grippers.two_fingers(angle))
+        hands.append(from_mjcf(tmp_path / f"{angle}.xml", grippers.SENSORS))
+    np.testing.assert_allclose(hands[0].joint_range, hands[1].joint_range, atol=1e-9)
+    np.testing.assert_allclose(hands[0].joint_range[0], np.radians([-20, 20]), atol=1e-9)
+    np.testing.assert_allclose(hands[0].link_rotation, hands[1].link_rotation, atol=1e-9)
+
+
+def test_what_is_drawn_only_does_not_collide(model_file):
+    hand = from_mjcf(model_file, grippers.SENSORS)
+    assert list(hand.geom_collides).count(False) == 1
+    assert hand.geom_size[~hand.geom_collides, 0] == pytest.approx(0.2)
+    np.testing.assert_allclose(hand.geom_rgba[0], [0.6, 0.6, 0.7, 1])
+    np.testing.assert_allclose(hand.palm_anchor[:3, 3], [0.015, 0, 0.01])
+
+
+def test_model_built_from_the_hand_has_the_same_kinematics(model_file):
+    hand = from_mjcf(model_file, grippers.SENSORS)
+    model = build_spec(hand).compile()
+    data = mujoco.MjData(model)
+    data.qpos = np.random.default_rng(1).uniform(*hand.joint_range.T)
+    mujoco.mj_forward(model, data)
+    np.testing.assert_allclose(hand.forward(np.eye(4), data.qpos)[:, :3, 3], data.xpos[1:], atol=1e-12)
+
+
+def test_the_two_hinges_of_one_body_do_not_make_it_collide_with_its_parent(model_file):
+    hand = from_mjcf(model_file, grippers.SENSORS)
+    adjacent = hand.adjacent_links()
+    names = hand.link_names.index
+    assert adjacent[names("palm"), names("left")] and adjacent[names("left"), names("left_cap")]
+    assert not adjacent[names("palm"), names("left_end")]
+    assert not adjacent[names("left"), names("right")]
+
+
+def test_the_allegro_survives_the_way_through_a_file(tmp_path):
+    hand = allegro()
+    spec = build_spec(hand)
+    spec.compile()
+    (tmp_path / "allegro.xml").write_text(spec.to_xml())
+    sensors = [
+        {"body": hand.link_names[link], "position": hand.sensor_position[sensor].tolist()}
+        for sensor, link in enumerate(hand.sensor_link)
+    ]
+    (tmp_path / "sensors.yaml").write_text(
+        yaml.safe_dump({"sensors": sensors, "open": hand.open_joint_positions.tolist()})
+    )
+    again = from_mjcf(tmp_path / "allegro.xml", tmp_path / "sensors.yaml")
+    joints = np.random.default_rng(2).uniform(*hand.joint_range.T)
+    for one, other in zip(
+        hand.sensor_frames(hand.forward(np.eye(4), joints)),
+        again.sensor_frames(again.forward(np.eye(4), joints)),
+        strict=True,
+    ):
+        np.testing.assert_allclose(one, other, atol=1e-5)  # the file has six digits
+    np.testing.assert_allclose(hand.joint_range, again.joint_range, atol=1e-5)
+    assert again.palm_anchor[0, 3] == pytest.approx(0.0113, abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ('name="right_curl"', 'name="right_curl" type="slide"', "'right_curl' is not a hinge"),
+        ('name="right_bend"', 'name="right_bend" limited="false"', "'right_bend' has no range"),
+        (
+            "</worldbody>",
+            '</worldbody><equality><joint joint1="left_turn" joint2="left_bend"/></equality>',
+            "coupled",
+        ),
+    ],
+)
+def test_what_cannot_be_read_is_named_with_the_file(model_file, old, new, message):
+    model_file.write_text(model_file.read_text().replace(old, new))
+    with pytest.raises(ValueError, match=f"gripper.xml.*{message}"):
+        from_mjcf(model_file, grippers.SENSORS)
+
+
+def test_three_sensors_or_an_unknown_site_are_named_with_the_file(model_file):
+    sensors = grippers.SENSORS["sensors"]
+    with pytest.raises(ValueError, match="gripper.xml.*3 touch sensors"):
+        from_mjcf(model_file, {"sensors": sensors[:3]})
+    with pytest.raises(ValueError, match="gripper.xml.*nowhere"):
+        from_mjcf(model_file, {"sensors": [*sensors[:3], {"site": "nowhere"}]})
