@@ -13,17 +13,18 @@ from palpate.mesh import OBJECT_POSITION, load_visual
 from palpate.reports.page import FAINT, LABEL, PALE, TITLE, new_figure, save, save_sentence, styled
 from palpate.reports.surface_view import SITE_COLOURS, SurfaceView
 from palpate.store.dataset import Dataset, GraspRecord
-from palpate.touch import RESOLUTION, SENSOR_WIDTH
+from palpate.touch import SENSOR_WIDTH
 
 RING = 0.8  # radius of the ring about a site, in sensor widths
 WIDE = 1.5  # width of a surface's picture over its height: most objects are long
 EXAMPLES = 6  # objects on a sheet
-SHEET_DPI = 108
+SHEET_DPI = 100
 CANDIDATES = 60  # grasps looked at for the data point
-# What a data point had best be. With 3 successful touches an empty reading is shown as well; and the hand hides
-# some of the object, but not most of it: this share of it stays visible.
+# What a data point had best be. With 3 successful touches an empty reading is shown as well; and the hand
+# hides some of the object, but not most of it: this share of it stays visible.
 TOUCHES = (3, 4, 2, 1, 0)
 VISIBLE = 0.65
+FULL_RELIEF = 50.0  # standard deviation of a reading's pixels (0..255) beyond which it can't be told better
 
 
 @styled
@@ -109,8 +110,8 @@ def example_grasp(dataset: Dataset) -> GraspRecord | None:
     """A grasp that shows well what a data point is; None for a dataset without objects.
 
     Of those with the best number of `TOUCHES`: the object is large in its image, the hand leaves about
-    `VISIBLE` of it in sight, and every touching sensor feels much of the surface. Looks at no more than
-    `CANDIDATES` of them, taken evenly.
+    `VISIBLE` of it in sight, and there is something to see in every touching sensor's reading. Looks at no
+    more than `CANDIDATES` of them, taken evenly.
     """
     if not len(dataset):
         return None
@@ -126,9 +127,8 @@ def example_grasp(dataset: Dataset) -> GraspRecord | None:
     def merit(number: int) -> float:
         grasp = record(number)
         alone, held = (grasp.object.unoccluded_mask > 0).mean(), (grasp.occluded_mask > 0).mean()
-        felt = grasp.point_count[grasp.success] / RESOLUTION**2
-        smallest = felt.min() if len(felt) else 1
-        return np.sqrt(alone) * (1 - abs(held / max(alone, 1e-9) - VISIBLE)) * min(smallest, 0.5)
+        relief = grasp.reading[grasp.success].std(axis=(1, 2)).mean(axis=-1)
+        return np.sqrt(alone) * (1 - abs(held / max(alone, 1e-9) - VISIBLE)) * relief.min(initial=FULL_RELIEF)
 
     return record(max(candidates, key=merit))
 

@@ -34,10 +34,12 @@ STEPS = (
 PIXELS = 580
 SAMPLES = 32
 DISTANCE = 2.2  # m from the object to the camera
+TALLEST, WIDEST, NARROWEST = 3.2, 3.1, 2.7  # inches of a picture, of one, and of a step with its words
 MARGIN = 1.04  # of the field of view over what it must hold
 # Views that are looked at: degrees of azimuth and elevation.
 AZIMUTHS = range(0, 360, 15)
 ELEVATIONS = (15, 35)
+HAND_STRIDE = 5  # of the hand's vertices, those that are looked at
 BESIDE = 0.2  # m from the object to the palm that is loaded: the thumb sticks out by 0.15
 BELOW = 0.03  # m: the middle of the hand is above its palm's frame
 
@@ -52,7 +54,8 @@ def grasp_steps(dataset: Dataset, path: Path | str, threads: int = 1) -> None:
     grasp = example_grasp(dataset)
     if grasp is None:
         return save_sentence("No usable object in this run", path)
-    hand, towards = stored_hand(grasp), best_direction(grasp)
+    hand = stored_hand(grasp)
+    towards = best_direction(grasp, hand)
     opened = hand.open_joint_positions
     loaded = hand.forward(beside(grasp.object.points, towards), opened)
     placed = hand.forward(grasp.palm_pose, opened)
@@ -83,25 +86,25 @@ def stored_hand(grasp: GraspRecord) -> Hand:
     )
 
 
-def best_direction(grasp: GraspRecord) -> np.ndarray:
+def best_direction(grasp: GraspRecord, hand: Hand) -> np.ndarray:
     """(3,) unit vector from the object to the camera that sees the closing fingers best.
 
-    That is from the hand's side, where the fingers curl in the picture's plane, where the object hides few of
-    the touching sensors, and where the object is not seen end on.
+    The object hides little of the closed hand, and is not seen end on; and the view is from the hand's side,
+    where fingers curl in the picture's plane. The hand counts as much as the other two together.
     """
     scene = Scene(load_visual(grasp.object.mesh))
-    sensors = grasp.position[grasp.success] - OBJECT_POSITION
+    closed = hand_points(hand, grasp.link_pose)[::HAND_STRIDE] - OBJECT_POSITION
     across = grasp.palm_pose[:3, 1]
 
-    points = grasp.object.points
+    def seen(towards: np.ndarray) -> float:
+        return 1 - scene.blocked(closed, np.tile(3 * DIAGONAL * towards, (len(closed), 1)), reach=1).mean()
 
-    def merit(towards: np.ndarray) -> float:
-        way_out = np.tile(2 * DIAGONAL * towards, (len(sensors), 1))
-        seen = ~scene.blocked(sensors, way_out, reach=1)
-        width, height = np.ptp(points @ _picture_axes(towards).T, axis=0)
-        return seen.sum() + 2 * abs(towards @ across) + 2 * np.hypot(width, height) / DIAGONAL
+    def area(towards: np.ndarray) -> float:
+        return np.prod(np.ptp(grasp.object.points @ _picture_axes(towards).T, axis=0))
 
-    return max((_unit(*view) for view in itertools.product(AZIMUTHS, ELEVATIONS)), key=merit)
+    directions = [_unit(*view) for view in itertools.product(AZIMUTHS, ELEVATIONS)]
+    largest = max(map(area, directions))
+    return max(directions, key=lambda d: 2 * seen(d) + abs(d @ across) + area(d) / largest)
 
 
 def beside(points: np.ndarray, towards: np.ndarray) -> np.ndarray:
@@ -168,8 +171,9 @@ def _cropped(pictures: list[np.ndarray]) -> list[np.ndarray]:
 def _page(pictures: list[np.ndarray]) -> Figure:
     """The pictures in a row, a title under each."""
     rows, columns = pictures[0].shape[:2]
-    width, foot = 3.1, 0.5  # inches
-    picture = width * rows / columns
+    foot = 0.5  # inches, as are the others
+    inch = max(rows / TALLEST, columns / WIDEST)  # in pixels
+    width, picture = max(columns / inch, NARROWEST), rows / inch
     height = picture + foot
     figure = new_figure(len(pictures) * width, height)
     for number, (image, title) in enumerate(zip(pictures, STEPS, strict=True)):

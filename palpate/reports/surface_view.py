@@ -21,10 +21,10 @@ SITE_COLOURS = ((0.84, 0.37, 0.00), (0.00, 0.45, 0.70), (0.00, 0.62, 0.45), (0.8
 TOUCHED_WITHIN = 0.001  # m: a point of the picture this close to a local cloud is part of the site
 SUPERSAMPLING = 2
 LIGHT = (-0.35, -0.50, -0.79)  # towards the lamp, from behind the camera's shoulder: right, down, in
-AMBIENT = 0.45  # share of the light that comes from all around
+AMBIENT = 0.55  # share of the light that comes from all around
 OCCLUSION_RAYS = 10  # a sample; a pixel has SUPERSAMPLING^2 samples
 OCCLUSION_REACH = 0.12  # m: geometry further away casts no ambient shadow
-LIFT = 1e-4  # m: how far off the surface ambient rays start
+LIFT = 3e-4  # m: how far off the surface ambient rays start
 MARGIN = 0.04  # of the picture's edge left free on each side
 HIDDEN_BELOW = 0.15  # a site is hidden in a view that shows less than this share of its area
 # Views that are looked at for the one that shows most of the sites: azimuth about z and elevation in degrees.

@@ -1,8 +1,10 @@
 import io
+import shutil
 
 import numpy as np
 import pandas as pd
 import pytest
+import zarr
 
 from palpate.reports import tables
 from palpate.reports.tables import TOTAL, markdown, paper_values, write_table
@@ -132,3 +134,38 @@ def test_markdown_of_awkward_cells():
 def test_a_table_is_named_by_its_csv(tmp_path):
     with pytest.raises(ValueError, match="csv"):
         write_table(pd.DataFrame(), tmp_path / "table.md")
+
+
+def test_the_frames_of_a_run(run):
+    objects, rejected, grasps = tables.dataset_frames(run)
+    assert objects["object"].tolist() == ["bottle-0000", "bottle-0001", "knife-0000", "sock-0000"]
+    assert rejected[["object", "stage"]].to_numpy().tolist() == [["sock-0000", "grasps"]]
+    assert grasps["object"].tolist() == np.repeat(objects["object"][:3], 2).tolist()
+    assert grasps["class"].tolist() == ["bottle"] * 4 + ["knife"] * 2
+    depth = zarr.open_group(run / "touch" / "batch-0000.zarr", mode="r")["depth"][:]
+    touched = [sum(bool(np.isfinite(sensor).any()) for sensor in grasp) for grasp in depth]
+    assert grasps["successful_touches"].tolist() == touched
+    assert (grasps["attempts"] == 7).all() and (grasps["touches"] == 4).all()
+    assert grasps["penetration"].tolist() == pytest.approx([1e-4, 3e-4] * 3)
+    table = tables.dataset_statistics(objects, rejected, grasps).set_index("class")
+    assert table.loc["sock", ["attempted", "rejected", "objects"]].tolist() == [1, 1, 0]
+
+
+def test_the_tables_need_no_vision_store_and_no_meshes(run, tmp_path):
+    for name in ("catalogue.csv", "rejected.csv"):
+        shutil.copy(run / name, tmp_path)
+    for stage in ("grasps", "touch"):
+        shutil.copytree(run / stage, tmp_path / stage)
+    pd.testing.assert_frame_equal(tables.dataset_frames(tmp_path).grasps, tables.dataset_frames(run).grasps)
+
+
+def test_the_frames_of_a_run_in_which_everything_was_rejected(run, tmp_path):
+    shutil.copy(run / "catalogue.csv", tmp_path)
+    names = [line.split(",")[0] for line in (run / "catalogue.csv").read_text().splitlines()[1:]]
+    (tmp_path / "rejected.csv").write_text(
+        "object,stage,reason\n" + "".join(f"{n},meshes,x\n" for n in names)
+    )
+    frames = tables.dataset_frames(tmp_path)
+    assert len(frames.grasps) == 0
+    table = tables.dataset_statistics(*frames).set_index("class")
+    assert table.loc[TOTAL, ["attempted", "rejected", "objects"]].tolist() == [4, 4, 0]
