@@ -24,7 +24,7 @@ CANDIDATES = 60  # grasps looked at for the data point
 # hides some of the object, but not most of it: this share of it stays visible.
 TOUCHES = (3, 4, 2, 1, 0)
 VISIBLE = 0.65
-FULL_RELIEF = 50.0  # standard deviation of a reading's pixels (0..255) beyond which it can't be told better
+FULL_RELIEF = 50.0  # standard deviation of a reading's pixels (0..255); one that varies more is no better
 
 
 @styled
