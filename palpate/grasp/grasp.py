@@ -142,6 +142,10 @@ def grasp_object(
     if attempts < per_object:
         raise ValueError(f"grasps: attempts ({attempts}) must be at least per_object ({per_object})")
     own_points = np.asarray(surface_points, dtype=float) - OBJECT_POSITION
+    if np.abs(own_points - visual.bounds.mean(axis=0)).max() > visual.extents.max():
+        raise ValueError(
+            f"surface points are far from the object, give them in the world frame (object: {OBJECT_POSITION})"
+        )
     grasper = Grasper(visual, collision, own_points, hand, timestep, max_penetration, thumb_share)
     grasps, discarded = [], Counter()
     while len(grasps) < attempts and len(grasps) + discarded.total() < max_attempts:

@@ -8,32 +8,11 @@ little thickened inwards.
 import numpy as np
 import trimesh
 
+from palpate.grasp.triangles import split_long_edges
+
 CELL = 0.025  # metres
 THICKNESS = 0.001  # metres
 WELD = 1e-6  # metres: vertices of a patch this close are one
-
-
-def split_long_edges(triangles: np.ndarray, longest: float) -> np.ndarray:
-    """Halve triangles (T, 3, 3) at their longest edges until no edge exceeds `longest`. Returns (S, 3, 3).
-
-    The pieces cover the same surface; neighbours need not share vertices.
-    """
-    done = []
-    while len(triangles):
-        edges = np.linalg.norm(
-            np.roll(triangles, -1, axis=1) - triangles, axis=2
-        )  # edge i: corner i to i + 1
-        at = edges.argmax(axis=1)
-        fits = edges.max(axis=1) <= longest
-        done.append(triangles[fits])
-        triangles, at = triangles[~fits], at[~fits]
-        rows = np.arange(len(triangles))
-        start, end, tip = (triangles[rows, (at + shift) % 3] for shift in range(3))
-        middle = (start + end) / 2
-        triangles = np.concatenate(
-            [np.stack([start, middle, tip], axis=1), np.stack([middle, end, tip], axis=1)]
-        )
-    return np.concatenate(done) if done else triangles
 
 
 def surface_patches(

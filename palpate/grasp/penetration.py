@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 import trimesh
 
-from palpate.grasp.patches import split_long_edges
+from palpate.grasp.triangles import halved, split_long_edges
 from palpate.hand import Hand
 
 SPACING = 0.001  # metres between points of a surface where it is near a geom
@@ -30,15 +30,6 @@ def deepest(triangles: np.ndarray, distance: Callable[[np.ndarray], np.ndarray],
         # No two neighbouring points of a triangle of this radius, corners and centre, are farther apart.
         triangles = halved(triangles[radius > SPACING])
     return depth
-
-
-def halved(triangles: np.ndarray) -> np.ndarray:
-    """Triangles (T, 3, 3) cut in two at their longest edges: (2 T, 3, 3)."""
-    edges = np.linalg.norm(np.roll(triangles, -1, axis=1) - triangles, axis=2)
-    at, rows = edges.argmax(axis=1), np.arange(len(triangles))
-    start, end, tip = (triangles[rows, (at + shift) % 3] for shift in range(3))
-    middle = (start + end) / 2
-    return np.concatenate([np.stack([start, middle, tip], axis=1), np.stack([middle, end, tip], axis=1)])
 
 
 class PenetrationCheck:

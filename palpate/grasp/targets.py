@@ -12,8 +12,9 @@ DIRECTION_LENGTH = 0.03
 CONFIGURATIONS = 3000  # random joint positions by which a finger's workspace is known
 NEAREST = 64  # surface points nearest to the open finger's gel that it chooses from
 CANDIDATES = 4  # of them, those that inverse kinematics tries
-ITERATIONS = 8
-DAMPING = 1e-5  # m^2, of the least squares steps
+ITERATIONS = 5
+DAMPING = 1e-3  # m^2, of the first step; a step that gains divides it, another multiplies it, by the factor
+DAMPING_FACTOR = 4.0
 GEL_SEARCH = 0.05  # metres in front of the sensor's origin in which its gel is looked for
 THUMB = 3  # the sensor that may stay open
 
@@ -72,27 +73,37 @@ class Workspace:
     def solve(
         self, joints: np.ndarray, goal: np.ndarray, inward: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Inverse kinematics by damped least squares, within the joints' ranges, in the palm frame.
+        """Inverse kinematics by Levenberg-Marquardt, within the joints' ranges, in the palm frame.
 
         joints: (..., J) to start from; goal, inward: (..., 4, 3) where each gel shall be and look. Returns
         joint positions (..., J) and what is missed (..., 4) in metres, directions counting by
-        `DIRECTION_LENGTH`.
+        `DIRECTION_LENGTH`. Joints that move several sensors follow the last one that gains by it.
         """
-        hand = self.hand
-        low, high = hand.joint_range.T
+        low, high = self.hand.joint_range.T
+        damping = np.full(goal.shape[:-1], DAMPING)
+        error, jacobian = self._linearised(joints, goal, inward)
+        miss = np.linalg.norm(error, axis=-1)
         for _ in range(ITERATIONS):
-            pose = hand.forward(np.eye(4), joints)
-            apex, direction = self.apex(pose)
-            error = np.concatenate([goal - apex, DIRECTION_LENGTH * (inward - direction)], axis=-1)
-            jacobian = self.jacobian(pose, apex, direction)
-            square = jacobian @ np.swapaxes(jacobian, -1, -2) + DAMPING * np.eye(6)
-            step = np.swapaxes(jacobian, -1, -2) @ np.linalg.solve(square, error[..., None])
-            joints = np.clip(joints + step[..., 0].sum(axis=-2), low, high)
-        apex, direction = self.apex(hand.forward(np.eye(4), joints))
-        miss = np.sqrt(
-            ((goal - apex) ** 2).sum(axis=-1) + DIRECTION_LENGTH**2 * ((inward - direction) ** 2).sum(axis=-1)
-        )
+            transposed = np.swapaxes(jacobian, -1, -2)
+            square = jacobian @ transposed + damping[..., None, None] * np.eye(6)
+            step = (transposed @ np.linalg.solve(square, error[..., None]))[..., 0]
+            tried = np.clip(joints + step.sum(axis=-2), low, high)
+            error_tried, jacobian_tried = self._linearised(tried, goal, inward)
+            miss_tried = np.linalg.norm(error_tried, axis=-1)
+            better = miss_tried < miss
+            joints = np.where((better[..., None] & self.moves).any(axis=-2), tried, joints)
+            error = np.where(better[..., None], error_tried, error)
+            jacobian = np.where(better[..., None, None], jacobian_tried, jacobian)
+            miss = np.where(better, miss_tried, miss)
+            damping = np.where(better, damping / DAMPING_FACTOR, damping * DAMPING_FACTOR)
         return joints, miss
+
+    def _linearised(self, joints, goal, inward) -> tuple[np.ndarray, np.ndarray]:
+        """What each gel misses (..., 4, 6), place and direction, and the Jacobian."""
+        pose = self.hand.forward(np.eye(4), joints)
+        apex, direction = self.apex(pose)
+        error = np.concatenate([goal - apex, DIRECTION_LENGTH * (inward - direction)], axis=-1)
+        return error, self.jacobian(pose, apex, direction)
 
     def jacobian(self, pose: np.ndarray, apex: np.ndarray, direction: np.ndarray) -> np.ndarray:
         """Derivatives (..., 4, 6, J) of `solve`'s place and direction of each gel by the joints."""

@@ -126,7 +126,7 @@ def allegro() -> Hand:
 
 
 def thumb_links() -> tuple:
-    """Thumb links: place, then roll, pitch, yaw in the one before; joint axis and range; box centre, half size."""
+    """Thumb links: place and roll, pitch, yaw in the one before; axis, range; box centre, half extents."""
     return (
         (
             (-0.0182, -0.019333, -0.045987),
