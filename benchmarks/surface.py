@@ -20,9 +20,10 @@ import pandas as pd
 import trimesh
 from scipy.spatial.transform import Rotation
 
+from palpate.shapes import CLASSES, make
 from palpate.surface.depth_maps import VIEWS, sample_by_depth_maps
 from palpate.surface.embree import Scene
-from palpate.surface.rays import fibonacci_sphere, sample_by_rays
+from palpate.surface.rays import fibonacci_sphere, sample_by_area, sample_by_rays, sees_out
 
 COUNT = 10_000
 CELLS = 256
@@ -126,18 +127,47 @@ def spread(points: np.ndarray, reference: np.ndarray) -> float:
     return float(((observed - expected) ** 2 / expected).sum() / (cells - 1))
 
 
-def measure(shape: Shape, method, runs: int) -> dict[str, float]:
+def milliseconds(mesh: trimesh.Trimesh, method, runs: int) -> float:
     times = []
     for run in range(runs):
         start = time.process_time()
-        points = method(Scene(shape.mesh), COUNT, np.random.default_rng(run))
+        method(Scene(mesh), COUNT, np.random.default_rng(run))
         times.append(time.process_time() - start)
+    return 1e3 * float(np.median(times))
+
+
+def measure(shape: Shape, method, runs: int) -> dict[str, float]:
+    points = method(Scene(shape.mesh), COUNT, np.random.default_rng(0))
     candidates, face = trimesh.sample.sample_surface(shape.mesh, 400_000, seed=0)
     exterior = np.isin(
         shape.part(np.asarray(candidates)), [name for name, area in shape.area.items() if area]
     )
-    row = {"shape": shape.name, "faces": len(shape.mesh.faces), "ms": 1e3 * np.median(times)}
+    row = {"shape": shape.name, "faces": len(shape.mesh.faces), "ms": milliseconds(shape.mesh, method, runs)}
     return row | errors(shape, points) | {"spread": spread(points, np.asarray(candidates)[exterior])}
+
+
+def procedural_objects(runs: int) -> pd.DataFrame:
+    """Objects with hidden parts and narrow gaps; what is missing is measured against 1024 directions."""
+    rows = []
+    for class_name in CLASSES:
+        mesh = make(class_name, 1).to_geometry()
+        scene = Scene(mesh)
+        points, face = sample_by_area(scene, 2 * COUNT, np.random.default_rng(0))
+        exterior = sees_out(scene, points, face, 1024).mean()
+        for directions in (32, 64, 128):
+            method = functools.partial(sample_by_rays, directions=directions)
+            seen = sees_out(scene, points, face, directions).mean()
+            rows.append(
+                {
+                    "object": class_name,
+                    "faces": len(mesh.faces),
+                    "exterior, %": 100 * exterior,
+                    "directions": directions,
+                    "ms": milliseconds(mesh, method, runs),
+                    "missing, %": 100 * (1 - seen / exterior),
+                }
+            )
+    return pd.DataFrame(rows)
 
 
 def main() -> None:
@@ -159,7 +189,8 @@ def main() -> None:
         for name, method in methods.items()
     ]
     print(f"{COUNT} points, median of {runs} runs\n")
-    print(pd.DataFrame(rows).to_string(index=False, float_format=lambda number: f"{number:.3g}"))
+    for table in (pd.DataFrame(rows), procedural_objects(runs)):
+        print(table.to_string(index=False, float_format=lambda number: f"{number:.3g}"), "\n")
 
 
 if __name__ == "__main__":
