@@ -2,9 +2,9 @@
 
     python benchmarks/vision.py [--repeats 3] [--reference 512]
 
-One object of each procedural class, alone and in the hand, 256 x 256, one thread. Times are seconds of CPU a picture
-(the least of the repeats), all in: reading the object's file, both renders, EXR, arrays. Errors are root mean squares
-over the pixels that show something, in steps of the 8-bit image.
+One object of each procedural class, alone and in the hand, 256 x 256, one thread. Times are seconds of CPU a
+picture (the least of the repeats), all in: reading the object's file, both renders, EXR, arrays. Errors are
+root mean squares over the pixels that show something, in steps of the 8-bit image.
 """
 
 import argparse
@@ -15,10 +15,14 @@ from pathlib import Path
 
 import numpy as np
 
-from palpate.vision import Image, Renderer, renderer
-from palpate.hand import allegro  # isort: skip  (Blender comes first)
-from palpate import shapes  # isort: skip
-from palpate.mesh import DIAGONAL, OBJECT_POSITION  # isort: skip
+from palpate.vision import Image, blender
+
+blender.load()  # before trimesh
+
+from palpate import shapes  # noqa: E402
+from palpate.hand import allegro  # noqa: E402
+from palpate.mesh import DIAGONAL, OBJECT_POSITION  # noqa: E402
+from palpate.vision import Renderer, renderer  # noqa: E402
 
 SAMPLES = (1, 4, 8, 16, 32, 64, 128)
 GRASPS = 5  # an object, as in the dataset

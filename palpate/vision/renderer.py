@@ -57,6 +57,9 @@ OBJECT_POSE[:3, 3] = OBJECT_POSITION
 
 GPU_KINDS = ("OPTIX", "CUDA", "HIP", "ONEAPI", "METAL")
 
+VISIBLE = 0.01  # opacity from which a surface counts for mask and depth: glass does, a texture's holes don't
+ROOM_IN_MEMORY = 200e6  # bytes: an uncompressed picture of 2048 x 2048 takes 24 a pixel
+
 # Kinds of Blender's data that a file can bring, and that go with it.
 DATA = (
     "objects",
@@ -132,6 +135,8 @@ class Renderer:
         Raises Unusable where the file can't be read or holds no triangles; the next object renders all the
         same.
         """
+        if hand is None and len(link_poses):
+            raise ValueError(f"{len(link_poses)} link poses without a hand: give the hand they are of")
         self._take_hand(hand)
         name = name or Path(visual_glb).parent.name
         with _Guests():
@@ -141,7 +146,6 @@ class Renderer:
             for number, link_pose in enumerate(link_poses):
                 drawn = np.concatenate([points, self._pose_hand(link_pose)])
                 occluded.append(self._picture(self.camera, drawn, self.samples, f"{name}-grasp-{number}"))
-            self._hide_hand()
         return unoccluded.image(WHITE), [layers.image(WHITE) for layers in occluded]
 
     def render_scene(
@@ -177,20 +181,19 @@ class Renderer:
             if hand is not None:
                 drawn.append(self._pose_hand(link_pose))
             layers = self._picture(camera, np.concatenate(drawn), samples or self.samples)
-            self._hide_hand()
         return layers.image(background)
 
     def _take_hand(self, hand) -> None:
-        """Build the hand's meshes, unless they are there from the object before."""
+        """Build the hand's meshes, unless they are there from the object before; hidden until posed."""
         if Renderer._alive is None or Renderer._alive() is not self:
             raise RuntimeError("a newer Renderer has taken Blender's scene: use that one")
-        if hand is None or hand is self._hand:
-            return
-        bpy.data.batch_remove([block for _, body, _ in self._links for block in (body, body.data)])
-        self._hand, self._links = hand, _hand_objects(hand, self._plastic)
+        if hand is not None and hand is not self._hand:
+            bpy.data.batch_remove([block for _, body, _ in self._links for block in (body, body.data)])
+            self._hand, self._links = hand, _hand_objects(hand, self._plastic)
+            for _, body, _ in self._links:
+                _link(self._scene, body)
         for _, body, _ in self._links:
-            _link(self._scene, body)
-        self._hide_hand()
+            body.hide_render = True
 
     def _import(self, path: Path) -> np.ndarray:
         """Put an object's file into the scene; returns its vertices (n, 3) in the world."""
@@ -234,10 +237,6 @@ class Renderer:
             points.append(vertices @ pose[:3, :3].T + pose[:3, 3])
         return np.concatenate(points)
 
-    def _hide_hand(self) -> None:
-        for _, body, _ in self._links:
-            body.hide_render = True
-
     def _picture(self, camera: Camera, points: np.ndarray, samples: int, master: str | None = None) -> Layers:
         """Render what is in the scene, its vertices being `points`; keep it if masters are kept."""
         self._place_camera(camera)
@@ -265,7 +264,9 @@ class Renderer:
         scene.render.filepath = str(path)
         with blender.quiet():
             bpy.ops.render.render(write_still=True)
-        return read_layers(path)
+        layers = read_layers(path)
+        path.unlink()  # nothing is left in memory if the process is killed later
+        return layers
 
 
 class _Guests:
@@ -287,7 +288,8 @@ def _blocks() -> list:
 def _memory_folder() -> Path:
     """A new folder for what passes from Blender to numpy; in memory where the system has one there."""
     shared = Path("/dev/shm")
-    return Path(tempfile.mkdtemp(prefix="palpate-vision-", dir=shared if shared.is_dir() else None))
+    roomy = shared.is_dir() and shutil.disk_usage(shared).free > ROOM_IN_MEMORY
+    return Path(tempfile.mkdtemp(prefix="palpate-vision-", dir=shared if roomy else None))
 
 
 def _choose_device(device: str) -> str:
@@ -325,6 +327,7 @@ def _set_up_render(scene, threads: int, device: str) -> None:
     settings = render.image_settings
     settings.file_format, settings.color_depth, settings.exr_codec = "OPEN_EXR_MULTILAYER", "32", "NONE"
     layer.use_pass_z = layer.use_pass_object_index = True
+    layer.pass_alpha_threshold = VISIBLE
 
     cycles.device = device.upper()
     cycles.seed = SEED

@@ -152,6 +152,20 @@ def test_materials_and_texture_appear_and_row_0_is_at_the_top(write_glb):
     assert np.nonzero(green)[0].min() > np.nonzero(red)[0].max()
 
 
+@pytest.mark.parametrize(("opacity", "seen"), [(0.2, True), (0.0, False)])
+def test_transparent_parts_count_and_invisible_ones_do_not(write_glb, opacity, seen):
+    glass = painted(ball((0, 0, 0.1), 0.05), (0.1, 0.1, 0.1))
+    glass.visual.material.alphaMode = "BLEND"
+    glass.visual.material.baseColorFactor = [0.1, 0.1, 0.1, opacity]
+    opaque = painted(ball((0, 0, -0.1), 0.05), (0.1, 0.1, 0.1))
+    image, _ = Renderer(size=64, samples=4, device="cpu").render_object(write_glb("glass", glass, opaque))
+    points = np.array([[0, 0, 0.1], [0, 0, -0.1]]) + OBJECT_POSITION
+    column, row = np.floor(paper_camera(64).project(points)[0]).astype(int).T
+    assert_array_equal(image.mask[row, column] > 0, [seen, True])
+    assert_array_equal(np.isfinite(image.depth[row, column]), [seen, True])
+    assert (image.rgb[row[0], column[0]] > image.rgb[row[1], column[1]] + 60).all()
+
+
 def test_white_paint_under_the_lamp_is_bright_and_not_clipped(write_glb):
     path = write_glb("ball", painted(ball((0, 0, 0), 0.2), (0.8, 0.8, 0.8)))
     image, _ = Renderer(size=96, samples=32, device="cpu").render_object(path)
@@ -177,6 +191,8 @@ def test_the_hand_hides_what_is_behind_it_and_nothing_else(write_glb, hand):
         assert_array_equal(image.depth, np.minimum(bare.depth, alone.depth))
         hidden = (alone.mask > 0) & (image.mask == 0)
         assert 200 < hidden.sum() < (alone.mask > 0).sum()
+    with pytest.raises(ValueError, match="without a hand"):
+        renderer.render_object(path, None, poses)
     again, none = renderer.render_object(path)
     assert none == []
     assert_array_equal(again.rgb, alone.rgb)
