@@ -1,5 +1,6 @@
 """Closing the hand in MuJoCo: position targets ramp up while contact with the object stops the fingers."""
 
+import logging
 from typing import NamedTuple
 
 import mujoco
@@ -15,6 +16,10 @@ ITERATIONS = 20  # of the contact solver; fewer than 5 are too few
 # Contact softness: impedance, its width and the shape of its curve, by which fingers stop within 0.5 mm.
 SOLIMP = (0.95, 0.99, 0.0005, 0.5, 2.0)
 PALM = 0  # the palm is link 0
+
+# The engine would write its warnings to a file in the working folder.
+log = logging.getLogger(__name__)
+mujoco.set_mju_user_warning(lambda message: log.debug("MuJoCo: %s", message))
 
 
 class Closed(NamedTuple):

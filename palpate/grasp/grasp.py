@@ -144,7 +144,7 @@ def grasp_object(
     own_points = np.asarray(surface_points, dtype=float) - OBJECT_POSITION
     if np.abs(own_points - visual.bounds.mean(axis=0)).max() > visual.extents.max():
         raise ValueError(
-            f"surface points are far from the object, give them in the world frame (object: {OBJECT_POSITION})"
+            f"surface points are far from the object at {OBJECT_POSITION}: give them in the world frame"
         )
     grasper = Grasper(visual, collision, own_points, hand, timestep, max_penetration, thumb_share)
     grasps, discarded = [], Counter()
