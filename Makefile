@@ -17,7 +17,7 @@ test: env
 
 lint: env
 	$(BIN)/ruff check .
-	$(BIN)/ruff format --check .
+	$(BIN)/ruff format --check palpate tests workflow benchmarks
 	$(BIN)/snakefmt --check Snakefile workflow
 	$(BIN)/snakemake --lint
 
@@ -32,9 +32,12 @@ env: .venv/installed
 	$(BIN)/pip install --quiet --no-deps --editable .
 	touch $@
 
-# Resolve envs/requirements.in again: requirements.txt for pip, palpate.yaml for conda.
+# Resolve envs/requirements.in again: requirements.txt for pip, and from it palpate.yaml for conda.
 lock: env
 	$(BIN)/pip install --quiet uv==$(UV_VERSION)
-	printf '# Locked: made from requirements.in by `make lock`. Python 3.11, Linux.\n' > envs/requirements.txt
+	@printf '# Locked: made from requirements.in by `make lock`. Python 3.11, Linux.\n' > envs/requirements.txt
 	$(BIN)/uv pip compile --quiet --python-version 3.11 --no-header --no-annotate --no-emit-index-url \
 	  envs/requirements.in >> envs/requirements.txt
+	@{ printf '# Made from requirements.txt by `make lock`: the same list, for Snakemake with conda.\n'; \
+	  printf 'channels: [conda-forge, nodefaults]\ndependencies:\n  - python=3.11\n  - pip\n  - pip:\n'; \
+	  sed -n 's/^[a-z].*/      - &/p' envs/requirements.txt; } > envs/palpate.yaml

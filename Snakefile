@@ -67,7 +67,13 @@ rule all:
 
 # A run of its own (config/smoke.yaml, results/smoke/), whatever the config of this one.
 rule smoke:
+    log:
+        "logs/smoke.log",
+    conda:
+        CONDA
     threads: workflow.cores
+    params:
+        snakemake=f"{sys.executable} -m snakemake --snakefile {PROJECT}/Snakefile --directory {PROJECT}",
+        config=PROJECT / "config/smoke.yaml",
     shell:
-        "{sys.executable} -m snakemake --snakefile {PROJECT}/Snakefile --directory {PROJECT} --cores {threads}"
-        " --configfile {PROJECT}/config/smoke.yaml -- all validate"
+        "{params.snakemake} --cores {threads} all validate --configfile {params.config} 2>&1 | tee {log}"

@@ -10,6 +10,8 @@ rule catalogue:
         "logs/catalogue.log",
     benchmark:
         "benchmarks/catalogue.tsv"
+    conda:
+        CONDA
     threads: 1
     resources:
         mem_mb=1000,
@@ -34,6 +36,8 @@ rule rejected:
         "logs/rejected.log",
     benchmark:
         "benchmarks/rejected.tsv"
+    conda:
+        CONDA
     threads: 1
     resources:
         mem_mb=500,

@@ -1,11 +1,19 @@
 # What the config means for the workflow: checked first, then the run's folder, its objects and its batches.
+import os
+
 import yaml
 from snakemake.exceptions import WorkflowError
 
 from palpate import catalogue
 from palpate.catalogue.schema import Invalid, check
 
+# Jobs find Palpate in this checkout, also in an environment that has only its dependencies (envs/palpate.yaml).
+os.environ.setdefault("PYTHONPATH", str(PROJECT))
+# Jobs have one thread each. Snakemake limits OpenMP and BLAS by itself; libigl would take every core.
+os.environ.setdefault("IGL_NUM_THREADS", "1")
+
 SCHEMAS = PROJECT / "workflow/schemas"
+CONDA = str(PROJECT / "envs/palpate.yaml")
 STAGES = ["meshes", "surface", "grasps", "touch", "vision"]
 
 try:

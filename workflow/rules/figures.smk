@@ -19,6 +19,8 @@ rule data_point:
         "logs/data_point.log",
     benchmark:
         "benchmarks/data_point.tsv"
+    conda:
+        CONDA
     threads: 1
     resources:
         mem_mb=3000,
@@ -41,6 +43,8 @@ rule grasp_steps:
         "logs/grasp_steps.log",
     benchmark:
         "benchmarks/grasp_steps.tsv"
+    conda:
+        CONDA
     threads: 1
     resources:
         mem_mb=3000,
@@ -64,6 +68,8 @@ rule examples:
         "logs/examples_{name}.log",
     benchmark:
         "benchmarks/examples_{name}.tsv"
+    conda:
+        CONDA
     threads: 1
     resources:
         mem_mb=3000,

@@ -11,6 +11,8 @@ rule grasps:
         "logs/grasps/{batch}.log",
     benchmark:
         "benchmarks/grasps/{batch}.tsv"
+    conda:
+        CONDA
     threads: 1
     resources:
         mem_mb=3000,

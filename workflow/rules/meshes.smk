@@ -10,6 +10,8 @@ rule meshes:
         "logs/meshes/{batch}.log",
     benchmark:
         "benchmarks/meshes/{batch}.tsv"
+    conda:
+        CONDA
     threads: 1
     resources:
         mem_mb=4000,

@@ -6,6 +6,8 @@ rule shapes:
         "logs/shapes/{class}.log",
     benchmark:
         "benchmarks/shapes/{class}.tsv"
+    conda:
+        CONDA
     threads: 1
     resources:
         mem_mb=2000,

@@ -10,6 +10,8 @@ rule surface:
         "logs/surface/{batch}.log",
     benchmark:
         "benchmarks/surface/{batch}.tsv"
+    conda:
+        CONDA
     threads: 1
     resources:
         mem_mb=2000,

@@ -39,6 +39,8 @@ rule tables:
         "logs/tables.log",
     benchmark:
         "benchmarks/tables.tsv"
+    conda:
+        CONDA
     threads: 1
     resources:
         mem_mb=1000,

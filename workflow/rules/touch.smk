@@ -10,6 +10,8 @@ rule touch:
         "logs/touch/{batch}.log",
     benchmark:
         "benchmarks/touch/{batch}.tsv"
+    conda:
+        CONDA
     threads: 1
     resources:
         mem_mb=3000,

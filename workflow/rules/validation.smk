@@ -14,6 +14,8 @@ rule validate_batch:
         "logs/validate_batch/{batch}.log",
     benchmark:
         "benchmarks/validate_batch/{batch}.tsv"
+    conda:
+        CONDA
     threads: 1
     resources:
         mem_mb=4000,
@@ -39,6 +41,8 @@ rule validation:
         "logs/validation.log",
     benchmark:
         "benchmarks/validation.tsv"
+    conda:
+        CONDA
     threads: 1
     resources:
         mem_mb=1000,
@@ -53,5 +57,7 @@ rule validate:
         table="reports/validation.csv",
     log:
         "logs/validate.log",
+    conda:
+        CONDA
     script:
         "../scripts/validate.py"

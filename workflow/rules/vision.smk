@@ -11,6 +11,8 @@ rule vision:
         "logs/vision/{batch}.log",
     benchmark:
         "benchmarks/vision/{batch}.tsv"
+    conda:
+        CONDA
     threads: 1
     resources:
         mem_mb=4000,
