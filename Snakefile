@@ -73,7 +73,9 @@ rule smoke:
         CONDA
     threads: workflow.cores
     params:
-        snakemake=f"{sys.executable} -m snakemake --snakefile {PROJECT}/Snakefile --directory {PROJECT}",
+        project=PROJECT,
+        snakemake=f"{sys.executable} -m snakemake",
         config=PROJECT / "config/smoke.yaml",
     shell:
-        "{params.snakemake} --cores {threads} all validate --configfile {params.config} 2>&1 | tee {log}"
+        "log=$(realpath {log}); cd {params.project};"
+        " {params.snakemake} --cores {threads} all validate --configfile {params.config} 2>&1 | tee $log"
