@@ -40,7 +40,9 @@ def log_to(path: Path | str) -> None:
     Standard error stays on the terminal, for the progress bar and for the failure's message.
     """
     file = open(path, "w", buffering=1)  # noqa: SIM115 - it lives as long as the process
-    logging.basicConfig(stream=file, level=logging.INFO, format="%(asctime)s %(levelname)s %(message)s", force=True)
+    logging.basicConfig(
+        stream=file, level=logging.INFO, format="%(asctime)s %(levelname)s %(message)s", force=True
+    )
     logging.captureWarnings(True)
     sys.stdout.flush()
     os.dup2(file.fileno(), 1)

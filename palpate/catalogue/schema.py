@@ -38,4 +38,6 @@ def check(instance: Any, schema: Path | str, what: str) -> None:
     # A key that is wrong in several ways (a failed `required` names each missing key) is said once.
     lines = list(dict.fromkeys(line for error in errors for line in _say(error)))
     if lines:
-        raise Invalid(f"{what} does not fit {Path(schema).name}:\n" + "\n".join(f"  {line}" for line in lines))
+        raise Invalid(
+            f"{what} does not fit {Path(schema).name}:\n" + "\n".join(f"  {line}" for line in lines)
+        )

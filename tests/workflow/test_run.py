@@ -14,7 +14,7 @@ STORES = ("surface", "grasps", "touch", "vision")
 
 def planned(workflow, *targets: str) -> set[str]:
     """The rules that a dry run would run."""
-    result = workflow("--dry-run", "--quiet", "reason", *targets)
+    result = workflow(*targets, "--dry-run")
     assert result.returncode == 0, result.stderr
     return {
         line.split()[1].rstrip(":")

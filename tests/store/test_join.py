@@ -1,0 +1,50 @@
+"""From objects' results to a batch's arrays, and back."""
+
+import numpy as np
+
+from palpate.store import config_digest, join, read, write
+
+ATTRIBUTES = {"seed": 0, "config_digest": config_digest({})}
+
+
+def record(number: int, grasps: int) -> dict[str, np.ndarray]:
+    """Arrays of one object that are all `number`, except that grasps can be told apart."""
+    each = np.arange(grasps) + 10 * number
+    return {
+        "joint_positions": np.repeat(each[:, None], 16, axis=1),
+        "palm_pose": each[:, None, None] * np.ones((4, 4)),
+        "link_pose": each[:, None, None, None] * np.ones((3, 4, 4)),
+        "sensor_position": each[:, None, None] * np.ones((4, 3)),
+        "sensor_rotation": each[:, None, None, None] * np.ones((4, 3, 3)),
+        "touches": np.ones((grasps, 4), dtype=bool),
+        "penetration": each,
+        "attempts": number,
+        "discarded": {"not in": "the contract"},
+    }
+
+
+def test_grasps_follow_their_objects():
+    arrays = join("grasps", {"b": record(2, 3), "a": record(1, 3)})
+    assert arrays["object"].tolist() == ["b", "a"]
+    assert arrays["object_index"].tolist() == [0, 0, 0, 1, 1, 1]
+    assert arrays["grasp_index"].tolist() == [0, 1, 2, 0, 1, 2]
+    assert arrays["penetration"].tolist() == [20, 21, 22, 10, 11, 12]
+    assert arrays["attempts"].tolist() == [2, 1]
+    assert arrays["palm_pose"][4, 2, 2] == 11
+
+
+def test_what_is_joined_can_be_written_and_read(tmp_path):
+    for objects in (0, 1, 2):
+        arrays = join("grasps", {f"object-{number}": record(number, 5) for number in range(objects)})
+        path = tmp_path / f"batch-{objects}.h5"
+        write(path, "grasps", arrays, ATTRIBUTES)
+        found = read(path)
+        assert found.keys() == arrays.keys()
+        for name, array in arrays.items():
+            np.testing.assert_array_equal(found[name], array)
+            assert len(array) == (objects if name in ("object", "attempts") else 5 * objects)
+
+
+def test_the_digest_tells_configs_apart_and_not_their_order():
+    assert config_digest({"a": 1, "b": [2]}) == config_digest({"b": [2], "a": 1})
+    assert config_digest({"a": 1, "b": [2]}) != config_digest({"a": 1, "b": [3]})
