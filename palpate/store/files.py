@@ -233,8 +233,8 @@ class Store:
     def names(self) -> list[str]:
         """Names of all arrays, sorted; those in groups as `hand/<name>`."""
         with self._arrays() as arrays:
-            if isinstance(arrays, zarr.Group):
-                return sorted(arrays.array_keys())
+            if isinstance(arrays, zarr.Group):  # asking the group would warn of files that are not Zarr's
+                return sorted(metadata.parent.name for metadata in self.path.glob("*/zarr.json"))
             found: dict[str, object] = {}
             arrays.visititems(found.__setitem__)
             return sorted(name for name, item in found.items() if isinstance(item, h5py.Dataset))

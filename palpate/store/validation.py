@@ -71,6 +71,7 @@ class _Batch:
         self.run, self.name = run, name
         self.limits = {check: spec.limit for check, spec in CHECKS.items()}
         self.limits["penetration"] = np.float32(max_penetration)  # as it is stored
+        self.limits["in hand"] = max_penetration
         self.catalogue = [entry.object for entry in run.catalogue().values() if entry.batch == name]
         self.rejected = run.rejections(name)
         self.findings: list[Finding] = []

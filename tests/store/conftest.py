@@ -36,20 +36,29 @@ def surface_points(name: str) -> np.ndarray:
     return (points + OBJECT_POSITION).astype(np.float32)
 
 
-def grasp(name: str) -> dict[str, np.ndarray]:
-    """Hands put so that in grasp k sensor k sees the surface 15 mm ahead; the joints are drawn at random."""
-    hand, rng, mesh = allegro(), generator(0, name, "grasps"), shape(name)
-    palms, joints = [], []
-    points, faces = trimesh.sample.sample_surface(mesh, GRASPS, seed=rng)
-    for number in range(GRASPS):
+def free_hand(hand, mesh, number: int, surface: np.ndarray, rng) -> tuple[np.ndarray, np.ndarray]:
+    """Pose of a palm and joint positions, drawn at random until the hand is off the surface."""
+    for _ in range(1000):
+        (point,), (face,) = trimesh.sample.sample_surface(mesh, 1, seed=rng)
+        normal = mesh.face_normals[face]
+        side = np.cross(normal, rng.normal(size=3))
+        side /= np.linalg.norm(side)
+        axes = np.stack([-normal, side, np.cross(-normal, side)], axis=1)
         joint = rng.uniform(*hand.joint_range.T)
         position, rotation = hand.sensor_frames(hand.forward(np.eye(4), joint))
-        in_palm = pose(position[number], rotation[number])
-        normal = mesh.face_normals[faces[number]]
-        side = np.linalg.svd(normal[None])[2][1]
-        axes = np.stack([-normal, side, np.cross(-normal, side)], axis=1)
-        palms.append(pose(points[number] + 0.015 * normal + OBJECT_POSITION, axes) @ np.linalg.inv(in_palm))
-        joints.append(joint)
+        seen_from = pose(point + 0.022 * normal + OBJECT_POSITION, axes)
+        palm = seen_from @ np.linalg.inv(pose(position[number], rotation[number]))
+        if hand.signed_distance(surface, hand.forward(palm, joint)).min() > 0:
+            return palm, joint
+    raise AssertionError("no hand is off the surface")
+
+
+def grasp(name: str) -> dict[str, np.ndarray]:
+    """Hands that are off the surface; in grasp k sensor k sees it 22 mm ahead."""
+    hand, rng, mesh = allegro(), generator(0, name, "grasps"), shape(name)
+    surface = surface_points(name).astype(float)
+    drawn = [free_hand(hand, mesh, number, surface, rng) for number in range(GRASPS)]
+    palms, joints = zip(*drawn, strict=True)
     links = hand.forward(np.array(palms), np.array(joints))
     position, rotation = hand.sensor_frames(links)
     tracer = RayCaster(mesh, OBJECT_POSITION)

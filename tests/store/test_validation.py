@@ -91,6 +91,13 @@ def no_touch(arrays):
         arrays[name][1] = 0
 
 
+def push_hand_in(run):
+    """The first sensor of grasp 0 is 22 mm off the surface: move the hand on by 30 mm."""
+    rows = palpate.store.read(run / f"grasps/{BATCH}.h5", "sensor_rotation")
+    step = 3e-2 * rows["sensor_rotation"][0, 0, :, 0]
+    add("grasps", "link_pose", (0, slice(None), slice(0, 3), 3), step)(run)
+
+
 def mirror_palm(arrays):
     arrays["palm_pose"][:, :3, 1] *= -1
 
@@ -269,7 +276,7 @@ DAMAGES = {
         ("surface", put("surface", "points", (0, 7), [0, 0, 0.6])),
         ("touch", touched(move_points)),
     ],
-    "joint limits": [("grasps", put("grasps", "joint_positions", (1, 0), 0.5))],
+    "joint limits": [("grasps", put("grasps", "joint_positions", (1, 0), 0.53))],
     "kinematics": [
         ("grasps", add("grasps", "joint_positions", (0, 5), 1e-3)),
         ("grasps", add("grasps", "link_pose", (0, 5, 1, 3), 1e-5)),
@@ -279,6 +286,7 @@ DAMAGES = {
         ("grasps", put("grasps", "penetration", 1, 0.0011)),
         ("grasps", put("grasps", "penetration", 0, -1e-4)),
     ],
+    "in hand": [("grasps", push_hand_in)],
     "attempts": [("grasps", put("grasps", "attempts", 0, 1))],
     "sensor poses": [("touch", touched(move_sensor))],
     "touch depth": [
