@@ -6,12 +6,33 @@ Metres; the bottle stands on z = 0 around the z axis.
 import numpy as np
 from manifold3d import CrossSection, Manifold
 
-from palpate.shapes.materials import Material, around, choose, glass, label, metal, plastic, wood
-from palpate.shapes.materials import PLASTIC, across
+from palpate.shapes.materials import (
+    PLASTIC,
+    Material,
+    across,
+    around,
+    choose,
+    glass,
+    label,
+    metal,
+    plastic,
+    wood,
+)
 from palpate.shapes.scene import Part
 from palpate.shapes.solids import (
-    box, cut, filleted, fluted, lathe, rod, rounded_rectangle, superellipse, sweep, turned, union, upright,
-)  # fmt: skip
+    box,
+    cut,
+    filleted,
+    fluted,
+    lathe,
+    rod,
+    rounded_rectangle,
+    superellipse,
+    sweep,
+    turned,
+    union,
+    upright,
+)
 
 AROUND = 72
 # A label stands off the body by this much.
@@ -73,10 +94,19 @@ def wine(rng) -> list[Part]:
     neck, shoulder = rng.uniform(0.0135, 0.016), rng.uniform(0.55, 0.64) * height
     punt = rng.uniform(0.01, 0.03)
     profile = [
-        (0, punt), (radius * 0.72, 0), (radius * 0.93, 0), (radius, 0.005), (radius, shoulder),
-        (neck, shoulder + rng.uniform(0.03, 0.06)), (neck, height - 0.022), (neck + 0.0022, height - 0.022),
-        (neck + 0.0022, height - 0.012), (neck, height - 0.012), (neck, height), (0, height),
-    ]  # fmt: skip
+        (0, punt),
+        (radius * 0.72, 0),
+        (radius * 0.93, 0),
+        (radius, 0.005),
+        (radius, shoulder),
+        (neck, shoulder + rng.uniform(0.03, 0.06)),
+        (neck, height - 0.022),
+        (neck + 0.0022, height - 0.022),
+        (neck + 0.0022, height - 0.012),
+        (neck, height - 0.012),
+        (neck, height),
+        (0, height),
+    ]
     radii = [0, 0.02, 0.003, 0.006, 0.03, 0.04, 0, 0.001, 0.001, 0, 0.001, 0]
     parts = [Part(lathe(filleted(np.array(profile), radii), AROUND), glass(rng))]
     parts.append(
@@ -85,9 +115,12 @@ def wine(rng) -> list[Part]:
     if rng.uniform() < 0.3:
         return [*parts, Part(cork(neck, height), Material("cork", (196, 158, 110), 0, 0.8))]
     foil = [
-        (neck + 0.0006, height - rng.uniform(0.045, 0.075)), (neck + 0.0008, height - 0.026),
-        (neck + 0.003, height - 0.022), (neck + 0.003, height + 0.001), (0, height + 0.001),
-    ]  # fmt: skip
+        (neck + 0.0006, height - rng.uniform(0.045, 0.075)),
+        (neck + 0.0008, height - 0.026),
+        (neck + 0.003, height - 0.022),
+        (neck + 0.003, height + 0.001),
+        (0, height + 0.001),
+    ]
     capsule = choose(
         rng, PLASTIC, 0.6, 0.3, ["red-plastic", "black-plastic", "yellow-plastic", "green-plastic"]
     )
@@ -133,10 +166,19 @@ def beer(rng) -> list[Part]:
     radius, height = rng.uniform(0.029, 0.036), rng.uniform(0.17, 0.26)
     shoulder, neck = height * rng.uniform(0.45, 0.6), rng.uniform(0.0125, 0.0145)
     profile = [
-        (0, 0.004), (0.8 * radius, 0.001), (0.92 * radius, 0), (radius, 0.004), (radius, shoulder),
-        (neck + 0.004, shoulder + 0.25 * (height - shoulder)), (neck, height - 0.016), (neck + 0.001, height - 0.014),
-        (neck + 0.001, height - 0.009), (neck, height - 0.008), (neck, height), (0, height),
-    ]  # fmt: skip
+        (0, 0.004),
+        (0.8 * radius, 0.001),
+        (0.92 * radius, 0),
+        (radius, 0.004),
+        (radius, shoulder),
+        (neck + 0.004, shoulder + 0.25 * (height - shoulder)),
+        (neck, height - 0.016),
+        (neck + 0.001, height - 0.014),
+        (neck + 0.001, height - 0.009),
+        (neck, height - 0.008),
+        (neck, height),
+        (0, height),
+    ]
     radii = [0, 0, 0.002, 0.004, 0.03, 0.08, 0, 0.0005, 0.0005, 0, 0.002, 0]
     parts = [Part(lathe(filleted(np.array(profile), radii), AROUND), glass(rng))]
     parts.append(Part(crown_cap(neck, height), metal(rng) if rng.uniform() < 0.5 else plastic(rng)))
@@ -155,9 +197,13 @@ def water(rng) -> list[Part]:
     waist = rng.uniform(0, 0.12) * np.exp(-(((z / shoulder - 0.5) / 0.18) ** 2))
     body = np.column_stack([radius * (1 - rng.uniform(0.03, 0.07) * wave - waist), z])
     top = [
-        (neck + 0.001, height - 0.028), (neck + 0.001, height - 0.023), (neck + 0.004, height - 0.023),
-        (neck + 0.004, height - 0.021), (neck, height - 0.021), (neck, height - 0.002),
-    ]  # fmt: skip
+        (neck + 0.001, height - 0.028),
+        (neck + 0.001, height - 0.023),
+        (neck + 0.004, height - 0.023),
+        (neck + 0.004, height - 0.021),
+        (neck, height - 0.021),
+        (neck, height - 0.002),
+    ]
     radii = [0, 0.008, *[0] * (len(body) - 1), 0.035, 0.008, 0, 0.0005, 0.0005, 0, 0]
     outline = filleted(
         np.concatenate(
@@ -218,9 +264,18 @@ def squeeze(rng) -> list[Part]:
     wide, deep, height = rng.uniform(0.03, 0.038), rng.uniform(0.62, 0.85), rng.uniform(0.15, 0.22)
     shoulder = height * rng.uniform(0.7, 0.85)
     outline = filleted(
-        np.array([(0.5 * wide, 0), (wide, 0), (wide * rng.uniform(0.8, 0.95), 0.5 * shoulder), (wide, shoulder), (0.014, shoulder + 0.016), (0.014, shoulder + 0.03)]),
+        np.array(
+            [
+                (0.5 * wide, 0),
+                (wide, 0),
+                (wide * rng.uniform(0.8, 0.95), 0.5 * shoulder),
+                (wide, shoulder),
+                (0.014, shoulder + 0.016),
+                (0.014, shoulder + 0.03),
+            ]
+        ),
         [0, 0.006, 0.1, 0.025, 0.004, 0],
-    )  # fmt: skip
+    )
     exponent = rng.uniform(2, 3)
     section = superellipse(2, 2, exponent, AROUND)
     # From oval to round towards the neck.
@@ -251,9 +306,18 @@ def jug(rng) -> list[Part]:
     half, height = rng.uniform(0.05, 0.075), rng.uniform(0.2, 0.3)
     shoulder, neck = height * rng.uniform(0.55, 0.65), rng.uniform(0.016, 0.022)
     outline = filleted(
-        np.array([(0.6 * half, 0), (half, 0), (half, shoulder), (neck * 1.3, height - 0.03), (neck, height - 0.02), (neck, height)]),
+        np.array(
+            [
+                (0.6 * half, 0),
+                (half, 0),
+                (half, shoulder),
+                (neck * 1.3, height - 0.03),
+                (neck, height - 0.02),
+                (neck, height),
+            ]
+        ),
         [0, 0.012, 0.04, 0.02, 0.002, 0],
-    )  # fmt: skip
+    )
     aspect = rng.uniform(0.62, 1.0)
     blend = np.clip((outline[:, 1] - shoulder) / (height - 0.03 - shoulder), 0, 1)[:, None, None]
     square = superellipse(2, 2, rng.uniform(3.5, 6), AROUND) * [aspect, 1]
@@ -283,9 +347,20 @@ def spirit(rng) -> list[Part]:
     deep = rng.uniform(0.35, 0.6) if rng.uniform() < 0.5 else 1.0
     shoulder, neck = height * rng.uniform(0.55, 0.7), rng.uniform(0.012, 0.015)
     outline = filleted(
-        np.array([(0.6 * wide, 0), (wide, 0), (wide * rng.uniform(0.92, 1.08), shoulder), (neck, shoulder + rng.uniform(0.015, 0.03)), (neck, height - 0.014), (neck + 0.002, height - 0.014), (neck + 0.002, height), (0.5 * neck, height)]),
+        np.array(
+            [
+                (0.6 * wide, 0),
+                (wide, 0),
+                (wide * rng.uniform(0.92, 1.08), shoulder),
+                (neck, shoulder + rng.uniform(0.015, 0.03)),
+                (neck, height - 0.014),
+                (neck + 0.002, height - 0.014),
+                (neck + 0.002, height),
+                (0.5 * neck, height),
+            ]
+        ),
         [0, 0.005, 0.012, 0.012, 0, 0.001, 0.002, 0],
-    )  # fmt: skip
+    )
     square = superellipse(2, 2, rng.uniform(4, 9), AROUND) * [deep, 1]
     blend = np.clip((outline[:, 1] - shoulder + 0.008) / 0.016, 0, 1)[:, None, None]
     body = upright(outline, (1 - blend) * square + blend * superellipse(2, 2, 2, AROUND))
@@ -416,9 +491,14 @@ def spray(rng) -> list[Part]:
     body = upright(outline, (1 - blend) * oval + blend * superellipse(2, 2, 2, AROUND))
     h = height
     head = sweep(
-        filleted(np.array([(0, -0.034, h + 0.034), (0, 0.0, h + 0.042), (0, 0.045, h + 0.04), (0, 0.06, h + 0.038)]), 0.02),
+        filleted(
+            np.array(
+                [(0, -0.034, h + 0.034), (0, 0.0, h + 0.042), (0, 0.045, h + 0.04), (0, 0.06, h + 0.038)]
+            ),
+            0.02,
+        ),
         superellipse(0.022, 0.024, 3, 32),
-    )  # fmt: skip
+    )
     collar = screw_cap(0.0165, h - 0.012, 0.018, 36) + rod((0, 0, h), (0, 0, h + 0.036), 0.012)
     nozzle = turned(np.array([(0.0085, 0), (0.0075, 0.012)]), (0, 0.056, h + 0.038), (0, 1, 0), 24)
     path = filleted(
@@ -492,9 +572,21 @@ def growler(rng) -> list[Part]:
     radius, height = rng.uniform(0.05, 0.075), rng.uniform(0.2, 0.28)
     shoulder, neck = height * rng.uniform(0.5, 0.62), rng.uniform(0.015, 0.02)
     profile = filleted(
-        np.array([(0, 0.006), (0.8 * radius, 0.0), (radius, 0), (radius, shoulder), (neck, height * 0.84), (neck, height - 0.012), (neck + 0.004, height - 0.012), (neck + 0.004, height), (0, height)]),
+        np.array(
+            [
+                (0, 0.006),
+                (0.8 * radius, 0.0),
+                (radius, 0),
+                (radius, shoulder),
+                (neck, height * 0.84),
+                (neck, height - 0.012),
+                (neck + 0.004, height - 0.012),
+                (neck + 0.004, height),
+                (0, height),
+            ]
+        ),
         [0, 0, 0.008, 0.06, 0.02, 0.001, 0.003, 0.003, 0],
-    )  # fmt: skip
+    )
     ring = rng.uniform(0.022, 0.03)
     angle = np.linspace(-1.9, 1.9, 30)
     centre = np.array([0, neck + ring * 0.75, height * 0.84])
@@ -580,5 +672,20 @@ def perfume(rng) -> list[Part]:
 
 
 STYLES = (
-    wine, jug, beer, water, wine, spray, spirit, growler, squeeze, medicine, soap, champagne, soda, sports, carafe, perfume,
-)  # fmt: skip
+    wine,
+    jug,
+    beer,
+    water,
+    wine,
+    spray,
+    spirit,
+    growler,
+    squeeze,
+    medicine,
+    soap,
+    champagne,
+    soda,
+    sports,
+    carafe,
+    perfume,
+)

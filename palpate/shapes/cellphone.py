@@ -15,16 +15,22 @@ from palpate.shapes.solids import (
     lathe,
     prism,
     rod,
-    rounded_rectangle,
     slab,
     turned,
     union,
 )
 
 SHELLS = {
-    "graphite": (56, 56, 60), "silver": (196, 198, 202), "champagne": (212, 190, 156), "navy": (36, 54, 96),
-    "coral": (220, 104, 88), "mint": (160, 208, 186), "white": (234, 234, 232), "black": (26, 26, 28), "red": (176, 28, 36),
-}  # fmt: skip
+    "graphite": (56, 56, 60),
+    "silver": (196, 198, 202),
+    "champagne": (212, 190, 156),
+    "navy": (36, 54, 96),
+    "coral": (220, 104, 88),
+    "mint": (160, 208, 186),
+    "white": (234, 234, 232),
+    "black": (26, 26, 28),
+    "red": (176, 28, 36),
+}
 GLASS = Material("black-glass", (14, 14, 18), 0.0, 0.08)
 LENS = Material("lens", (16, 18, 30), 0.2, 0.05)
 # Glass and keys stand proud of the shell by so much.
@@ -235,20 +241,13 @@ def candy_bar(rng) -> list[Part]:
     width, height, thickness = rng.uniform(0.042, 0.05), rng.uniform(0.1, 0.125), rng.uniform(0.012, 0.021)
     front = thickness / 2
     waist = rng.uniform(0, 0.06)
+
+    def taper(vertices):
+        factor = 1 - waist * (1 - (2 * vertices[:, 2] / height) ** 2)
+        return vertices * np.column_stack([np.ones(len(vertices)), factor, np.ones(len(vertices))])
+
     body = slab((thickness, width, height), rng.uniform(0.006, 0.02), rng.uniform(0.2, 0.45) * thickness)
     body = cut(body, [*earpiece(front, height * 0.46), *holes(thickness, height)])
-    taper = lambda v: (
-        v
-        * np.column_stack(
-            [
-                np.ones(len(v)),
-                1
-                - waist * np.cos(2 * np.pi * v[:, 2] / height) ** 2 * 0
-                - waist * (1 - (2 * v[:, 2] / height) ** 2),
-                np.ones(len(v)),
-            ]
-        )
-    )  # noqa: E731
     inner = width * 0.8
     screen_height = rng.uniform(0.27, 0.36) * height
     screen_z = 0.4 * height - screen_height / 2
@@ -267,9 +266,13 @@ def candy_bar(rng) -> list[Part]:
     look, key_look = shell(rng), choose(rng, SHELLS, 0, 0.4, ["white", "silver", "black", "graphite"])
     camera = disc(-front, 0, 0.36 * height, 0.004, -1, 0.0006)
     return [
-        Part(body, look), Part(bezel, GLASS), screen, Part(union([keys, soft]), Material("keys", key_look.colour, 0, 0.4)),
-        Part(pad, metal(rng, ["aluminium", "steel"])), Part(camera, LENS),
-    ]  # fmt: skip
+        Part(body, look),
+        Part(bezel, GLASS),
+        screen,
+        Part(union([keys, soft]), Material("keys", key_look.colour, 0, 0.4)),
+        Part(pad, metal(rng, ["aluminium", "steel"])),
+        Part(camera, LENS),
+    ]
 
 
 def qwerty(rng) -> list[Part]:
@@ -293,8 +296,14 @@ def qwerty(rng) -> list[Part]:
     look = shell(rng)
     dark = choose(rng, SHELLS, 0, 0.4, ["black", "graphite", "white"])
     rails = slab((0.3 * thickness, width + 0.0012, height * 0.8), 0.01, 0.0005)
-    return [Part(body, look), Part(rails, metal(rng, ["aluminium", "steel"])), Part(bezel, GLASS), screen,
-        Part(union([keys, buttons]), Material("keys", dark.colour, 0, 0.35)), Part(ball, metal(rng, ["aluminium"]))]  # fmt: skip
+    return [
+        Part(body, look),
+        Part(rails, metal(rng, ["aluminium", "steel"])),
+        Part(bezel, GLASS),
+        screen,
+        Part(union([keys, buttons]), Material("keys", dark.colour, 0, 0.35)),
+        Part(ball, metal(rng, ["aluminium"])),
+    ]
 
 
 def hinge(width: float, radius: float, z: float, x: float = 0.0) -> Manifold:
@@ -340,11 +349,21 @@ def flip(rng) -> list[Part]:
     lid_look = look if rng.uniform() < 0.5 else Material("lid", shell(rng).colour, 0.3, 0.3)
     key_look = choose(rng, SHELLS, 0, 0.4, ["white", "silver", "black", "graphite"])
     parts = [
-        (Part(base, look), base_place), (Part(hinge(width, 0.35 * (lower + upper) / 2 + gap, 0), Material("hinge", tuple(int(c * 0.8) for c in look.colour), 0.3, 0.4)), lambda s: s),
-        (Part(lid, lid_look), lid_place), (Part(pad, metal(rng, ["aluminium", "steel"])), base_place),
-        (Part(union([keys, soft]), Material("keys", key_look.colour, 0, 0.4)), base_place), (Part(glass, GLASS), lid_place),
-        (Part(window, Material("window", (30, 34, 44), 0, 0.08)), lid_place), (Part(camera, LENS), lid_place),
-    ]  # fmt: skip
+        (Part(base, look), base_place),
+        (
+            Part(
+                hinge(width, 0.35 * (lower + upper) / 2 + gap, 0),
+                Material("hinge", tuple(int(c * 0.8) for c in look.colour), 0.3, 0.4),
+            ),
+            lambda s: s,
+        ),
+        (Part(lid, lid_look), lid_place),
+        (Part(pad, metal(rng, ["aluminium", "steel"])), base_place),
+        (Part(union([keys, soft]), Material("keys", key_look.colour, 0, 0.4)), base_place),
+        (Part(glass, GLASS), lid_place),
+        (Part(window, Material("window", (30, 34, 44), 0, 0.08)), lid_place),
+        (Part(camera, LENS), lid_place),
+    ]
     parts = [Part(place(p.solid), p.material) for p, place in parts]
     return [*parts, Part(lid_place(picture.solid), picture.material, along_plate)]
 
@@ -389,18 +408,27 @@ def slider(rng) -> list[Part]:
     rail = box((0.0012, 0.7 * width, half * 0.9), (base_face + 0.0002, 0, 0))
     look = shell(rng)
     key_look = choose(rng, SHELLS, 0, 0.4, ["white", "silver", "black", "graphite"])
-    return [Part(lid, look), Part(base + rail, Material("base", shell(rng).colour, 0.2, 0.4)), Part(glass, GLASS), picture,
-        Part(union([keys, soft]), Material("keys", key_look.colour, 0, 0.4)), Part(pad, metal(rng, ["aluminium", "steel"]))]  # fmt: skip
+    return [
+        Part(lid, look),
+        Part(base + rail, Material("base", shell(rng).colour, 0.2, 0.4)),
+        Part(glass, GLASS),
+        picture,
+        Part(union([keys, soft]), Material("keys", key_look.colour, 0, 0.4)),
+        Part(pad, metal(rng, ["aluminium", "steel"])),
+    ]
 
 
 def brick(rng) -> list[Part]:
     """The first portable phones: thick, long, a rod antenna, a window over many keys."""
     width, height, thickness = rng.uniform(0.046, 0.058), rng.uniform(0.15, 0.2), rng.uniform(0.03, 0.042)
     side = filleted(
-        np.array([(-0.5, -0.5), (0.36, -0.5), (0.5, -0.36), (0.42, 0.3), (0.5, 0.42), (0.42, 0.5), (-0.5, 0.5)]) * [thickness, height],
+        np.array(
+            [(-0.5, -0.5), (0.36, -0.5), (0.5, -0.36), (0.42, 0.3), (0.5, 0.42), (0.42, 0.5), (-0.5, 0.5)]
+        )
+        * [thickness, height],
         [0.005, 0.01, 0.02, 0.03, 0.008, 0.006, 0.006],
         closed=True,
-    )  # fmt: skip
+    )
     # The profile is drawn in x-z; a prism stands in y-z: turn it about z.
     body = prism(side, width, 0.004).rotate((0, 0, -90))
     front = 0.44 * thickness
@@ -425,8 +453,14 @@ def brick(rng) -> list[Part]:
         ["putty", "graphite", "black", "olive", "white"],
     )
     rubber = Material("rubber", (30, 30, 32), 0, 0.8)
-    return [Part(body, look), Part(rod_antenna, rubber), Part(bed, Material("bed", (58, 58, 60), 0, 0.6)), Part(window, GLASS), digits,
-        Part(keys, choose(rng, PLASTIC, 0, 0.4, ["white-plastic", "teal-plastic", "yellow-plastic"]))]  # fmt: skip
+    return [
+        Part(body, look),
+        Part(rod_antenna, rubber),
+        Part(bed, Material("bed", (58, 58, 60), 0, 0.6)),
+        Part(window, GLASS),
+        digits,
+        Part(keys, choose(rng, PLASTIC, 0, 0.4, ["white-plastic", "teal-plastic", "yellow-plastic"])),
+    ]
 
 
 def rugged(rng) -> list[Part]:
@@ -480,8 +514,19 @@ def rugged(rng) -> list[Part]:
         ]
     )
     island, lenses = camera_bump(rng, -front, width - 0.012, height - 0.03)
-    return [Part(body + island, shell(rng)), Part(bumper + lug, choose(rng, PLASTIC, 0, 0.7, ["yellow-plastic", "orange-plastic", "black-plastic", "red-plastic"])),
-        Part(glass, GLASS), picture, Part(union([bar, screws]), metal(rng, ["steel"])), Part(union(lenses), LENS)]  # fmt: skip
+    return [
+        Part(body + island, shell(rng)),
+        Part(
+            bumper + lug,
+            choose(
+                rng, PLASTIC, 0, 0.7, ["yellow-plastic", "orange-plastic", "black-plastic", "red-plastic"]
+            ),
+        ),
+        Part(glass, GLASS),
+        picture,
+        Part(union([bar, screws]), metal(rng, ["steel"])),
+        Part(union(lenses), LENS),
+    ]
 
 
 def swivel(rng) -> list[Part]:
@@ -511,8 +556,13 @@ def swivel(rng) -> list[Part]:
         return (flat - flat.min(axis=0)) / np.ptp(flat, axis=0)
 
     look = shell(rng)
-    return [Part(union([base, pin]), look), Part(turn(lid), Material("lid", shell(rng).colour, 0.3, 0.3)), Part(turn(glass), GLASS),
-        Part(low, picture.material, uv), Part(keys, choose(rng, PLASTIC, 0, 0.4, ["white-plastic", "black-plastic"]))]  # fmt: skip
+    return [
+        Part(union([base, pin]), look),
+        Part(turn(lid), Material("lid", shell(rng).colour, 0.3, 0.3)),
+        Part(turn(glass), GLASS),
+        Part(low, picture.material, uv),
+        Part(keys, choose(rng, PLASTIC, 0, 0.4, ["white-plastic", "black-plastic"])),
+    ]
 
 
 STYLES = (smart, candy_bar, flip, tablet_like, qwerty, slider, smart, brick, rugged, swivel)

@@ -8,8 +8,16 @@ import numpy as np
 from manifold3d import Manifold
 
 from palpate.shapes.materials import (
-    DARK_METAL, WOOD, Material, across, choose, dark_metal, metal, plastic, polymer, wood,
-)  # fmt: skip
+    DARK_METAL,
+    Material,
+    across,
+    choose,
+    dark_metal,
+    metal,
+    plastic,
+    polymer,
+    wood,
+)
 from palpate.shapes.scene import Part
 from palpate.shapes.solids import (
     along_y,
@@ -19,8 +27,8 @@ from palpate.shapes.solids import (
     loft,
     prism,
     rod,
-    sweep,
     superellipse,
+    sweep,
     turned,
     union,
 )
@@ -48,9 +56,15 @@ def blade(y, spine, edge, thickness, bevel: float = 0.5, double: bool = False) -
     if double:
         ground = back = (spine + edge) / 2
     columns = [
-        (spine_half, edge + height), (-spine_half, edge + height), (-thickness / 2, back), (-thickness / 2, ground - 1e-5),
-        (-sharp / 2, edge), (sharp / 2, edge), (thickness / 2, ground - 1e-5), (thickness / 2, back),
-    ]  # fmt: skip
+        (spine_half, edge + height),
+        (-spine_half, edge + height),
+        (-thickness / 2, back),
+        (-thickness / 2, ground - 1e-5),
+        (-sharp / 2, edge),
+        (sharp / 2, edge),
+        (thickness / 2, ground - 1e-5),
+        (thickness / 2, back),
+    ]
     return loft(np.stack([np.stack([x, y, z], -1) for x, z in columns], axis=1))
 
 
@@ -91,13 +105,24 @@ def rivets(positions, radius: float, half: float) -> Manifold:
 
 
 def scales(rng, length: float, height: float, width: float, drop: float = 0.0) -> tuple[Manifold, list]:
-    """A kitchen-knife handle behind y = 0: a filled outline with a swelling butt; and where its rivets sit."""
+    """A kitchen-knife handle behind y = 0, its butt swelling; and where its rivets sit."""
     belly, butt = rng.uniform(0.78, 0.92) * height, rng.uniform(1.05, 1.35) * height
     outline = filleted(
-        np.array([(0, 0), (-0.5 * length, -0.06 * height - 0.3 * drop), (-0.9 * length, -drop), (-length, -drop - 0.4 * butt), (-0.93 * length, -drop - butt), (-0.72 * length, -0.9 * height - 0.8 * drop), (-0.4 * length, -belly - 0.3 * drop), (0, -height)]),
+        np.array(
+            [
+                (0, 0),
+                (-0.5 * length, -0.06 * height - 0.3 * drop),
+                (-0.9 * length, -drop),
+                (-length, -drop - 0.4 * butt),
+                (-0.93 * length, -drop - butt),
+                (-0.72 * length, -0.9 * height - 0.8 * drop),
+                (-0.4 * length, -belly - 0.3 * drop),
+                (0, -height),
+            ]
+        ),
         [0.002, 0.1, 0.012, 0.008, 0.01, 0.03, 0.06, 0.002],
         closed=True,
-    )  # fmt: skip
+    )
     middle = [(-share * length, -0.47 * height - share * drop * 0.8) for share in (0.16, 0.48, 0.8)]
     return prism(outline, width, 0.3 * width), middle
 
@@ -113,7 +138,7 @@ def part(solid: Manifold, material: Material) -> Part:
 
 def kitchen_handle(rng, height: float, blade_steel: Manifold, bolster: bool) -> list[Part]:
     """Scales, rivets and perhaps a bolster, joined to a blade."""
-    length, width = rng.uniform(0.1, 0.13), rng.uniform(0.014, 0.02)
+    length, width = rng.uniform(0.1, 0.13), min(rng.uniform(0.014, 0.02), 0.85 * height)
     grip, pins = scales(rng, length, height, width, rng.uniform(0, 0.012))
     steel = [blade_steel, rivets(pins, rng.uniform(0.0028, 0.0042), width / 2 + 0.0002)]
     # The tang shows along the back of the handle.
@@ -227,9 +252,13 @@ def table(rng) -> list[Part]:
     solid = blade(y, spine, edge, 0.0022 * (1 - 0.3 * t), 0.8)
     grip, tall, wide = rng.uniform(0.09, 0.12), rng.uniform(0.013, 0.018), rng.uniform(0.006, 0.01)
     middle = -0.45 * height
-    stations = [(-grip, middle - 0.3 * tall, middle + 0.3 * tall, wide * 0.6), (-grip + 0.006, middle - tall / 2, middle + tall / 2, wide),
-        (-0.5 * grip, middle - 0.4 * tall, middle + 0.4 * tall, wide * 0.9), (-0.01, middle - 0.26 * tall, middle + 0.26 * tall, wide * 0.7),
-        (0.006, middle - 0.42 * height, middle + 0.42 * height, 0.0018)]  # fmt: skip
+    stations = [
+        (-grip, middle - 0.3 * tall, middle + 0.3 * tall, wide * 0.6),
+        (-grip + 0.006, middle - tall / 2, middle + tall / 2, wide),
+        (-0.5 * grip, middle - 0.4 * tall, middle + 0.4 * tall, wide * 0.9),
+        (-0.01, middle - 0.26 * tall, middle + 0.26 * tall, wide * 0.7),
+        (0.006, middle - 0.42 * height, middle + 0.42 * height, 0.0018),
+    ]
     handle = along_y(stations, rng.uniform(2, 3), 50, 32)
     if rng.uniform() < 0.6:
         return [Part(solid + handle, metal(rng, ["steel", "aluminium", "brass"]))]
@@ -265,14 +294,25 @@ def folder(rng) -> list[Part]:
         solid += rod((-0.006, 0.012, -0.3 * height), (0.006, 0.012, -0.3 * height), 0.0028)
     grip, tall = length * rng.uniform(1.15, 1.3), height * rng.uniform(0.95, 1.15)
     pivot = np.array([0, -0.01, -0.5 * height])
-    angle = 0.0 if rng.uniform() < 0.65 else rng.uniform(35, 100)
+    angle = 0.0 if rng.uniform() < 0.65 else rng.uniform(25, 65)
     solid = solid.translate(-pivot).rotate((angle, 0, 0)).translate(pivot)
     middle = -0.5 * height
     outline = filleted(
-        np.array([(0.002, middle + 0.5 * tall), (-0.5 * grip, middle + 0.42 * tall), (-grip, middle + 0.45 * tall), (-grip - 0.004, middle - 0.5 * tall), (-0.7 * grip, middle - 0.55 * tall), (-0.45 * grip, middle - 0.4 * tall), (-0.2 * grip, middle - 0.5 * tall), (0.002, middle - 0.5 * tall)]),
+        np.array(
+            [
+                (0.002, middle + 0.5 * tall),
+                (-0.5 * grip, middle + 0.42 * tall),
+                (-grip, middle + 0.45 * tall),
+                (-grip - 0.004, middle - 0.5 * tall),
+                (-0.7 * grip, middle - 0.55 * tall),
+                (-0.45 * grip, middle - 0.4 * tall),
+                (-0.2 * grip, middle - 0.5 * tall),
+                (0.002, middle - 0.5 * tall),
+            ]
+        ),
         [0.009, 0.1, 0.01, 0.012, 0.03, 0.03, 0.03, 0.009],
         closed=True,
-    )  # fmt: skip
+    )
     slot = box((0.0034, grip * 0.96, tall), (0, -0.46 * grip, middle - 0.2 * tall))
     width = rng.uniform(0.011, 0.014)
     body = prism(outline, width, 0.0025) - slot
@@ -509,10 +549,20 @@ def cutter(rng) -> list[Part]:
     """A utility knife: an angled plastic body, a segmented blade, a slider."""
     grip, tall, wide = rng.uniform(0.13, 0.16), rng.uniform(0.02, 0.03), rng.uniform(0.011, 0.016)
     outline = filleted(
-        np.array([(0, 0), (-0.3 * grip, 0.002), (-grip, -0.002), (-grip, -tall), (-0.6 * grip, -tall), (-0.3 * grip, -0.85 * tall), (-0.006, -0.8 * tall)]),
+        np.array(
+            [
+                (0, 0),
+                (-0.3 * grip, 0.002),
+                (-grip, -0.002),
+                (-grip, -tall),
+                (-0.6 * grip, -tall),
+                (-0.3 * grip, -0.85 * tall),
+                (-0.006, -0.8 * tall),
+            ]
+        ),
         [0.003, 0.03, 0.008, 0.008, 0.03, 0.03, 0.003],
         closed=True,
-    )  # fmt: skip
+    )
     body = prism(outline, wide, 0.003)
     slot = box((wide, 0.62 * grip, 0.006), (0.75 * wide, -0.4 * grip, -0.3 * tall))
     ridges = [
@@ -581,5 +631,18 @@ def machete(rng) -> list[Part]:
 
 
 STYLES = (
-    chef, folder, bread, hunting, cleaver, multitool, steak, combat, santoku, cutter, dagger, paring, machete, table,
-)  # fmt: skip
+    chef,
+    folder,
+    bread,
+    hunting,
+    cleaver,
+    multitool,
+    steak,
+    combat,
+    santoku,
+    cutter,
+    dagger,
+    paring,
+    machete,
+    table,
+)

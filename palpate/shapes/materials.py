@@ -41,7 +41,7 @@ class Material:
 
     def to_pbr(self) -> PBRMaterial:
         """The material as trimesh writes it to glTF."""
-        colour = (255, 255, 255) if self.picture is not None else self.colour
+        colour = (255, 255, 255) if self.picture is not None else linear(self.colour)
         return PBRMaterial(
             name=self.name,
             baseColorFactor=np.array([*colour, 255], dtype=np.uint8),
@@ -51,11 +51,18 @@ class Material:
         )
 
 
+def linear(colour: tuple[int, int, int]) -> np.ndarray:
+    """sRGB 0-255 as linear 0-255 (IEC 61966-2-1), in which glTF's and OBJ's colour factors are read."""
+    share = np.array(colour) / 255
+    share = np.where(share <= 0.04045, share / 12.92, ((share + 0.055) / 1.055) ** 2.4)
+    return np.round(255 * share).astype(np.uint8)
+
+
 def choose(rng: np.random.Generator, palette: dict, metallic=0.0, roughness=0.4, names=None) -> Material:
     """One of a palette's colours (or of `names` in it), a little lighter or darker, a little shifted."""
     names = list(palette) if names is None else names
     name = names[rng.integers(len(names))]
-    colour = np.array(palette[name]) * rng.uniform(0.85, 1.15) + rng.uniform(-8, 8, 3)
+    colour = np.array(palette[name]) * rng.uniform(0.85, 1.15) * rng.uniform(0.95, 1.05, 3)
     return Material(name, tuple(np.clip(colour, 8, 245).astype(int).tolist()), metallic, roughness)
 
 

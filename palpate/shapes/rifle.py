@@ -43,44 +43,28 @@ def barrel(start: float, end: float, thick: float, thin: float, steps: int = 0) 
 
 
 def muzzle(rng, end: float, radius: float, kind: int | None = None) -> Manifold:
-    """At the end of a barrel: a flash hider, a brake with ports, a suppressor, or just a crown."""
+    """At the end of a barrel: a flash hider, a brake with ports, a suppressor, or just a crown.
+
+    Its own bore is wider than the barrel's, so that no wall of one lies in a wall of the other.
+    """
     kind = int(rng.integers(4)) if kind is None else kind
+    tools = [rod((0, end - 0.05, 0), (0, end + 0.3, 0), 0.0047, segments=20)]
     if kind == 0:
-        cage = turned(
-            filleted(np.array([(radius + 0.003, 0), (radius + 0.004, 0.045), (0.005, 0.045)]), 0.001),
-            (0, end - 0.006, 0),
-            (0, 1, 0),
-            32,
-        )
-        slots = [box((0.002, 0.028, 0.03), (0, end + 0.016, 0)).rotate((0, a, 0)) for a in (0, 60, 120)]
-        return cut(cage, slots)
-    if kind == 1:
-        body = along_y(
-            [
-                (end - 0.008, -radius - 0.005, radius + 0.005, 2 * radius + 0.012),
-                (end + 0.055, -radius - 0.005, radius + 0.005, 2 * radius + 0.014),
-            ],
-            4,
-            6,
-            32,
-        )
-        ports = [box((0.06, 0.008, 1.3 * radius), (0, end + at, 0)) for at in (0.012, 0.028, 0.044)]
-        return cut(body, [*ports, rod((0, end, 0), (0, end + 0.1, 0), 0.0045, segments=20)])
-    if kind == 2:
+        profile = [(radius + 0.003, 0), (radius + 0.004, 0.045), (0.005, 0.045)]
+        body = turned(filleted(np.array(profile), 0.001), (0, end - 0.006, 0), (0, 1, 0))
+        tools += [box((0.002, 0.028, 0.03), (0, end + 0.016, 0)).rotate((0, a, 0)) for a in (0, 60, 120)]
+    elif kind == 1:
+        tall, wide = radius + 0.005, 2 * radius + 0.013
+        body = along_y([(end - 0.008, -tall, tall, wide), (end + 0.055, -tall, tall, wide)], 4, 6, 32)
+        tools += [box((0.06, 0.008, 1.3 * radius), (0, end + at, 0)) for at in (0.012, 0.028, 0.044)]
+    elif kind == 2:
         length, wide = rng.uniform(0.13, 0.2), rng.uniform(0.017, 0.022)
-        can = turned(
-            filleted(np.array([(wide * 0.8, 0), (wide, 0.008), (wide, length), (0.005, length)]), 0.002),
-            (0, end - 0.03, 0),
-            (0, 1, 0),
-            40,
-        )
-        return cut(can, [rod((0, end, 0), (0, end + length, 0), 0.005, segments=20)])
-    return turned(
-        filleted(np.array([(radius + 0.0015, 0), (radius + 0.0015, 0.016), (0.004, 0.016)]), 0.001),
-        (0, end - 0.014, 0),
-        (0, 1, 0),
-        32,
-    )
+        profile = [(wide * 0.8, 0), (wide, 0.008), (wide, length), (0.006, length)]
+        body = turned(filleted(np.array(profile), 0.002), (0, end - 0.03, 0), (0, 1, 0), 40)
+    else:
+        profile = [(radius + 0.0015, 0), (radius + 0.0015, 0.016), (0.005, 0.016)]
+        body = turned(filleted(np.array(profile), 0.001), (0, end - 0.014, 0), (0, 1, 0))
+    return cut(body, tools)
 
 
 def rail(start: float, end: float, z: float, width: float = 0.021) -> Manifold:
@@ -112,27 +96,27 @@ def scope(rng, y: float, z: float, length: float | None = None) -> list[Part]:
         (front, half - 0.06),
         (front, half),
     ]
-    body = turned(filleted(np.array(profile), 0.008), (0, y, z), (0, 1, 0), 44)
+    body = turned(filleted(np.array(profile), 0.008), (0, y, z), (0, 1, 0), 36)
     turret = filleted(np.array([(0.0115, 0), (0.0115, 0.026), (0, 0.026)]), 0.002)
     turrets = [
-        turned(turret, (0, y - 0.01, z), (0, 0, 1), 32),
-        turned(turret, (0, y - 0.01, z), (1, 0, 0), 32),
+        turned(turret, (0, y - 0.01, z), (0, 0, 1), 24),
+        turned(turret, (0, y - 0.01, z), (1, 0, 0), 24),
     ]
     if rng.uniform() < 0.5:
-        turrets.append(turned(turret, (0, y - 0.01, z), (-1, 0, 0), 32))
+        turrets.append(turned(turret, (0, y - 0.01, z), (-1, 0, 0), 24))
     cups = [
-        rod((0, y + s * (half - 0.006), z), (0, y + s * (half + 0.01), z), r - 0.003, segments=32)
+        rod((0, y + s * (half - 0.006), z), (0, y + s * (half + 0.01), z), r - 0.003, segments=24)
         for s, r in ((1, front), (-1, eye))
     ]
     mounts = []
     for at in (-0.25 * length + 0.005, 0.2 * length):
         ring = turned(
-            np.array([(tube + 0.0035, -0.009), (tube + 0.0035, 0.009)]), (0, y + at, z), (0, 1, 0), 32
+            np.array([(tube + 0.0035, -0.009), (tube + 0.0035, 0.009)]), (0, y + at, z), (0, 1, 0), 28
         )
         mounts += [ring, box((0.016, 0.018, 0.034), (0, y + at, z - 0.02))]
     glass = union(
         [
-            rod((0, y + s * (half - 0.02), z), (0, y + s * (half - 0.004), z), r - 0.0028, segments=32)
+            rod((0, y + s * (half - 0.02), z), (0, y + s * (half - 0.004), z), r - 0.0028, segments=24)
             for s, r in ((1, front), (-1, eye))
         ]
     )
@@ -240,7 +224,7 @@ def pistol_grip(rng, y: float, z: float, length: float | None = None) -> Manifol
 def box_magazine(
     rng, y: float, z: float, curve: float, length: float, width: float = 0.022, depth: float = 0.06
 ) -> Manifold:
-    """A magazine below (y, z): straight (curve 0) or bent forwards by `curve` radians over its length; ribbed."""
+    """A ribbed magazine below (y, z): straight, or bent forwards by `curve` radians over its length."""
     s = np.linspace(0, 1, 14)
     if curve > 0:
         radius = length / curve
@@ -249,8 +233,8 @@ def box_magazine(
         )
     else:
         path = np.column_stack([0 * s, y + 0.05 * length * s, z + 0.015 - length * s])
-    body = sweep(path, superellipse(width, depth, 7, 40))
-    groove = sweep(path[3:12], superellipse(0.004, 0.1 * depth, 2, 16))
+    body = sweep(path, superellipse(width, depth, 7, 32))
+    groove = sweep(path[3:12], superellipse(0.004, 0.1 * depth, 2, 12))
     sides = [
         groove.translate((side * width / 2, shift, 0))
         for side in (-1, 1)
@@ -260,7 +244,7 @@ def box_magazine(
     foot_dir = foot_dir / np.linalg.norm(foot_dir)
     foot = sweep(
         [foot_at - 0.004 * foot_dir, foot_at + 0.006 * foot_dir],
-        superellipse(width + 0.005, depth + 0.006, 6, 36),
+        superellipse(width + 0.005, depth + 0.006, 6, 32),
     )
     return cut(body, sides) + foot
 
@@ -300,11 +284,18 @@ def hunting_stock(rng, grip_y: float, fore_end: float, comb: float, cheek: bool)
     drop = rng.uniform(0.012, 0.03)
     toe = -drop - rng.uniform(0.115, 0.13)
     stations = [
-        (butt, toe + 0.006, -drop - 0.004, 0.034), (butt + 0.012, toe, -drop, 0.041), (butt + 0.12, 0.64 * toe - 0.004, -0.8 * drop + comb, 0.042),
-        (grip_y - 0.055, -0.094, -0.02 + comb * 0.3, 0.038), (grip_y, -0.066, -0.022, 0.036), (grip_y + 0.05, -0.047, -0.004, 0.044),
-        (grip_y + 0.17, -0.046, 0.0, 0.05), (0.55 * fore_end, -0.042, 0.001, 0.048), (fore_end - 0.02, -0.034, 0.0, 0.038), (fore_end, -0.026, -0.006, 0.024),
-    ]  # fmt: skip
-    body = along_y(stations, rng.uniform(2.3, 3.2), 90, 40)
+        (butt, toe + 0.006, -drop - 0.004, 0.034),
+        (butt + 0.012, toe, -drop, 0.041),
+        (butt + 0.12, 0.64 * toe - 0.004, -0.8 * drop + comb, 0.042),
+        (grip_y - 0.055, -0.094, -0.02 + comb * 0.3, 0.038),
+        (grip_y, -0.066, -0.022, 0.036),
+        (grip_y + 0.05, -0.047, -0.004, 0.044),
+        (grip_y + 0.17, -0.046, 0.0, 0.05),
+        (0.55 * fore_end, -0.042, 0.001, 0.048),
+        (fore_end - 0.02, -0.034, 0.0, 0.038),
+        (fore_end, -0.026, -0.006, 0.024),
+    ]
+    body = along_y(stations, rng.uniform(2.3, 3.2), 70, 36)
     if cheek:
         rest = along_y(
             [
@@ -323,22 +314,15 @@ def hunting_stock(rng, grip_y: float, fore_end: float, comb: float, cheek: bool)
 
 def butt_pad(stock: Manifold, thickness: float = 0.018) -> Manifold:
     """A rubber pad that continues a stock's butt backwards."""
-    (_, y, *_rest) = stock.bounding_box()
-    slab = stock.trim_by_plane((0, -1, 0), -(y + 0.03))
-    outline = slab.project() if False else None
-    del outline
-    low, high = slab.bounding_box()[2], slab.bounding_box()[5]
-    middle, tall = (low + high) / 2, high - low
-    return along_y(
-        [
-            (y - thickness, middle - 0.47 * tall, middle + 0.47 * tall, 0.03),
-            (y - thickness + 0.006, middle - 0.51 * tall, middle + 0.51 * tall, 0.043),
-            (y + 0.008, middle - 0.5 * tall, middle + 0.5 * tall, 0.0425),
-        ],
-        2.8,
-        14,
-        36,
-    )
+    butt = stock.bounding_box()[1]
+    end = stock.trim_by_plane((0, -1, 0), -(butt + 0.03)).bounding_box()
+    middle, tall = (end[2] + end[5]) / 2, end[5] - end[2]
+    stations = [
+        (butt - thickness, middle - 0.47 * tall, middle + 0.47 * tall, 0.03),
+        (butt - thickness + 0.006, middle - 0.51 * tall, middle + 0.51 * tall, 0.043),
+        (butt + 0.008, middle - 0.5 * tall, middle + 0.5 * tall, 0.0425),
+    ]
+    return along_y(stations, 2.8, 14, 36)
 
 
 def bolt_action(rng) -> list[Part]:
@@ -350,11 +334,18 @@ def bolt_action(rng) -> list[Part]:
     thin = 0.0105 if heavy else 0.0078
     end = 0.2 + length
     steel = [
-        turned(filleted(np.array([(0.012, 0), (0.0165, 0.006), (0.0165, 0.2), (0.015, 0.21)]), 0.004), (0, 0.0, 0.008), (0, 1, 0), 40),
+        turned(
+            filleted(np.array([(0.012, 0), (0.0165, 0.006), (0.0165, 0.2), (0.015, 0.21)]), 0.004),
+            (0, 0.0, 0.008),
+            (0, 1, 0),
+            40,
+        ),
         barrel(0.19, end, 0.0155, thin, int(rng.integers(0, 2))).translate((0, 0, 0.008)),
-        rod((0, -0.045, 0.008), (0, 0.02, 0.008), 0.0095), bolt_handle(0.02, 0.006), trigger(0.05, -0.044, 0.062),
+        rod((0, -0.045, 0.008), (0, 0.02, 0.008), 0.0095),
+        bolt_handle(0.02, 0.006),
+        trigger(0.05, -0.044, 0.062),
         along_y([(0.055, -0.052, -0.03, 0.028), (0.16, -0.051, -0.03, 0.028)], 6, 4, 28),
-    ]  # fmt: skip
+    ]
     if rng.uniform() < 0.4:
         steel.append(box_magazine(rng, 0.105, -0.045, 0, rng.uniform(0.03, 0.07), 0.02, 0.075))
     port = box((0.03, 0.075, 0.014), (-0.014, 0.1, 0.016))
@@ -461,28 +452,21 @@ def handguard(rng, start: float, end: float, radius: float) -> Manifold:
     """A handguard with slots or holes all round."""
     kind = int(rng.integers(3))
     if kind == 0:
-        body = turned(
-            filleted(
-                np.array(
-                    [
-                        (radius * 1.05, 0),
-                        (radius * 1.05, 0.02),
-                        (radius * 0.95, 0.03),
-                        (radius * 0.85, end - start),
-                    ]
-                ),
-                0.006,
-            ),
-            (0, start, 0),
-            (0, 1, 0),
-            44,
-        )
-        grooves = [
-            rod((0, start + 0.04 + 0.012 * k, 0), (0, start + 0.046 + 0.012 * k, 0), 1.2 * radius)
-            - rod((0, start, 0), (0, end, 0), 0.86 * radius)
-            for k in range(int((end - start - 0.06) / 0.012))
+        length = end - start
+        ribs = np.arange(0.03, length - 0.015, 0.012)
+        wave = [
+            (factor * radius, at + step)
+            for at in ribs
+            for factor, step in ((1, 0), (1, 0.006), (0.88, 0.007), (0.88, 0.011))
         ]
-        return cut(body, grooves)
+        profile = [
+            (radius * 1.08, 0),
+            (radius * 1.08, 0.02),
+            *wave,
+            (radius, length - 0.01),
+            (0.9 * radius, length),
+        ]
+        return turned(np.array(profile), (0, start, 0), (0, 1, 0), 44)
     flat = superellipse(2 * radius, 2 * radius, 4 if kind == 1 else 2.2, 40)
     body = sweep([(0, start, 0), (0, end, 0)], flat)
     slots = []
@@ -490,7 +474,7 @@ def handguard(rng, start: float, end: float, radius: float) -> Manifold:
         for angle in (0, 90, 45) if kind == 2 else (0, 90):
             slots.append(
                 sweep(
-                    [(-0.1, at, 0), (0.1, at, 0)], superellipse(0.028, 0.007, 5, 24), side=(0, 1, 0)
+                    [(-0.1, at, 0), (0.1, at, 0)], superellipse(0.028, 0.007, 5, 16), side=(0, 1, 0)
                 ).rotate((0, angle, 0))
             )
     core = rod((0, start, 0), (0, end, 0), 0.72 * radius)
@@ -498,7 +482,7 @@ def handguard(rng, start: float, end: float, radius: float) -> Manifold:
 
 
 def carbine(rng) -> list[Part]:
-    """An AR: flat-top receivers, buffer tube, pistol grip, handguard, curved magazine, optic or carry handle."""
+    """An AR: flat-top receiver, buffer tube, pistol grip, handguard, magazine, optic or carry handle."""
     guard_end = 0.2 + rng.uniform(0.17, 0.33)
     end = guard_end + rng.uniform(0.05, 0.22)
     receiver = plank(
@@ -518,10 +502,13 @@ def carbine(rng) -> list[Part]:
         0.004,
     )
     details = [
-        box((0.006, 0.06, 0.014), (-0.0145, 0.115, 0.004)), rod((-0.012, 0.045, 0.004), (-0.0225, 0.035, 0.004), 0.0065, segments=20),
-        rod((-0.0175, 0.03, -0.022), (0.0175, 0.03, -0.022), 0.004, segments=18), rod((-0.0175, 0.17, -0.02), (0.0175, 0.17, -0.02), 0.004, segments=18),
-        box((0.038, 0.012, 0.007), (0, -0.004, 0.017)), rail(0.004, 0.198, 0.026),
-    ]  # fmt: skip
+        box((0.006, 0.06, 0.014), (-0.0145, 0.115, 0.004)),
+        rod((-0.012, 0.045, 0.004), (-0.0225, 0.035, 0.004), 0.0065, segments=20),
+        rod((-0.0175, 0.03, -0.022), (0.0175, 0.03, -0.022), 0.004, segments=18),
+        rod((-0.0175, 0.17, -0.02), (0.0175, 0.17, -0.02), 0.004, segments=18),
+        box((0.038, 0.012, 0.007), (0, -0.004, 0.017)),
+        rail(0.004, 0.198, 0.026),
+    ]
     radius = rng.uniform(0.021, 0.026)
     steel = [
         receiver,
@@ -592,12 +579,18 @@ def kalashnikov(rng) -> list[Part]:
         0.006,
     )
     steel = [
-        receiver, barrel(0.25, end, 0.0105, 0.0078, 1), muzzle(rng, end, 0.0078, int(rng.choice([0, 1, 3]))), post(end - 0.03, 0.0, 0.058),
-        rod((0, 0.25, 0.026), (0, 0.47, 0.026), 0.009), box((0.022, 0.03, 0.05), (0, 0.472, 0.012)),
-        plank([(0.255, 0.02), (0.262, 0.052), (0.3, 0.056), (0.31, 0.02)], 0.003, 0.02, 0.002), trigger(0.075, -0.042, 0.055, 0.03),
-        box((0.004, 0.11, 0.012), (-0.017, 0.12, 0.012)), rod((-0.014, 0.16, 0.014), (-0.04, 0.165, 0.016), 0.004, segments=16),
+        receiver,
+        barrel(0.25, end, 0.0105, 0.0078, 1),
+        muzzle(rng, end, 0.0078, int(rng.choice([0, 1, 3]))),
+        post(end - 0.03, 0.0, 0.058),
+        rod((0, 0.25, 0.026), (0, 0.47, 0.026), 0.009),
+        box((0.022, 0.03, 0.05), (0, 0.472, 0.012)),
+        plank([(0.255, 0.02), (0.262, 0.052), (0.3, 0.056), (0.31, 0.02)], 0.003, 0.02, 0.002),
+        trigger(0.075, -0.042, 0.055, 0.03),
+        box((0.004, 0.11, 0.012), (-0.017, 0.12, 0.012)),
+        rod((-0.014, 0.16, 0.014), (-0.04, 0.165, 0.016), 0.004, segments=16),
         rod((0, 0.47, -0.012), (0, end - 0.02, -0.012), 0.0025, segments=12),
-    ]  # fmt: skip
+    ]
     lower = along_y(
         [
             (0.262, -0.036, 0.006, 0.034),
@@ -687,10 +680,15 @@ def lever_action(rng) -> list[Part]:
         0.001,
     )
     steel = [
-        barrel(0.15, end, 0.0125, 0.009).translate((0, 0, 0.008)), rod((0, 0.15, -0.016), (0, end - rng.uniform(0.01, 0.2), -0.016), 0.0085),
-        sweep(loop, superellipse(0.012, 0.005, 3, 20)), hammer, post(end - 0.02, 0.01, 0.036, False), trigger(0.05, -0.04, 0.045, 0.026),
-        plank([(0.17, 0.014), (0.175, 0.034), (0.184, 0.034), (0.2, 0.014)], 0.002, 0.012, 0.001), box((0.026, 0.012, 0.046), (0, end - 0.07, -0.004)),
-    ]  # fmt: skip
+        barrel(0.15, end, 0.0125, 0.009).translate((0, 0, 0.008)),
+        rod((0, 0.15, -0.016), (0, end - rng.uniform(0.01, 0.2), -0.016), 0.0085),
+        sweep(loop, superellipse(0.012, 0.005, 3, 20)),
+        hammer,
+        post(end - 0.02, 0.01, 0.036, False),
+        trigger(0.05, -0.04, 0.045, 0.026),
+        plank([(0.17, 0.014), (0.175, 0.034), (0.184, 0.034), (0.2, 0.014)], 0.002, 0.012, 0.001),
+        box((0.026, 0.012, 0.046), (0, end - 0.07, -0.004)),
+    ]
     butt = -rng.uniform(0.3, 0.36)
     stock = along_y(
         [
@@ -792,7 +790,10 @@ def bullpup(rng) -> list[Part]:
         steel += [
             *stem,
             turned(
-                filleted(np.array([(0.014, 0), (0.014, 0.24)]), 0.003), (0, 0.01, high + 0.042), (0, 1, 0), 36
+                filleted(np.array([(0.0143, 0), (0.0143, 0.24)]), 0.003),
+                (0, 0.01, high + 0.042),
+                (0, 1, 0),
+                36,
             ),
         ]
     else:
@@ -840,17 +841,58 @@ def sniper(rng) -> list[Part]:
     if rng.uniform() < 0.7:
         tube = cut(tube, flutes)
     steel = [
-        turned(filleted(np.array([(0.014, 0), (0.018, 0.006), (0.018, 0.22)]), 0.003), (0, 0, 0), (0, 1, 0), 40), tube,
-        muzzle(rng, end, thick, int(rng.choice([1, 1, 2]))), bolt_handle(0.03, 0.0), rail(0.005, 0.215, 0.016), trigger(0.065, -0.044, 0.055),
-    ]  # fmt: skip
+        turned(
+            filleted(np.array([(0.014, 0), (0.018, 0.006), (0.018, 0.22)]), 0.003), (0, 0, 0), (0, 1, 0), 40
+        ),
+        tube,
+        muzzle(rng, end, thick, int(rng.choice([1, 1, 2]))),
+        bolt_handle(0.03, 0.0),
+        rail(0.005, 0.215, 0.016),
+        trigger(0.065, -0.044, 0.055),
+    ]
     butt = -rng.uniform(0.27, 0.31)
     if rng.uniform() < 0.5:
         fore_end = rng.uniform(0.4, 0.5)
         body = [
-            plank([(-0.01, -0.046), (-0.01, -0.004), (fore_end, -0.004), (fore_end - 0.004, -0.036), (0.17, -0.05)], 0.006, 0.044, 0.006), pistol_grip(rng, 0.0, -0.044, 0.1),
-            plank([(0.0, -0.012), (butt, 0.0), (butt, -0.024), (0.0, -0.04)], 0.004, 0.03, 0.006), plank([(butt + 0.16, 0.034), (butt + 0.03, 0.036), (butt + 0.03, 0.004), (butt + 0.16, -0.002)], 0.01, 0.034, 0.01),
-            plank([(butt + 0.01, 0.024), (butt - 0.02, 0.022), (butt - 0.024, -0.12), (butt + 0.012, -0.12)], 0.008, 0.036, 0.008), plank([(butt + 0.012, -0.094), (butt + 0.006, -0.116), (-0.16, -0.062), (-0.1, -0.034), (-0.13, -0.034)], 0.006, 0.022, 0.005),
-        ]  # fmt: skip
+            plank(
+                [
+                    (-0.01, -0.046),
+                    (-0.01, -0.004),
+                    (fore_end, -0.004),
+                    (fore_end - 0.004, -0.036),
+                    (0.17, -0.05),
+                ],
+                0.006,
+                0.044,
+                0.006,
+            ),
+            pistol_grip(rng, 0.0, -0.044, 0.1),
+            plank([(0.0, -0.012), (butt, 0.0), (butt, -0.024), (0.0, -0.04)], 0.004, 0.03, 0.006),
+            plank(
+                [(butt + 0.16, 0.034), (butt + 0.03, 0.036), (butt + 0.03, 0.004), (butt + 0.16, -0.002)],
+                0.01,
+                0.034,
+                0.01,
+            ),
+            plank(
+                [(butt + 0.01, 0.024), (butt - 0.02, 0.022), (butt - 0.024, -0.12), (butt + 0.012, -0.12)],
+                0.008,
+                0.036,
+                0.008,
+            ),
+            plank(
+                [
+                    (butt + 0.012, -0.094),
+                    (butt + 0.006, -0.116),
+                    (-0.16, -0.062),
+                    (-0.1, -0.034),
+                    (-0.13, -0.034),
+                ],
+                0.006,
+                0.022,
+                0.005,
+            ),
+        ]
         slots = [
             sweep([(-0.1, y, -0.02), (0.1, y, -0.02)], superellipse(0.03, 0.008, 4, 24), side=(0, 1, 0))
             for y in np.arange(0.24, fore_end - 0.03, 0.045)
@@ -903,11 +945,30 @@ def battle_rifle(rng) -> list[Part]:
         32,
     )
     steel = [
-        plank([(-0.01, -0.016), (-0.006, 0.02), (0.03, 0.03), (0.09, 0.026), (0.1, 0.016), (0.2, 0.016), (0.21, 0.026), (0.25, 0.024), (0.25, -0.016)], 0.003, 0.03, 0.004),
-        barrel(0.23, end, 0.012, 0.0085, 2).translate((0, 0, 0.004)), post(end - 0.03, 0.002, 0.036), trigger(0.055, -0.044, 0.06),
-        rod((-0.014, 0.18, 0.01), (-0.036, 0.18, 0.012), 0.0045, segments=18), muzzle(rng, end, 0.0085, int(rng.choice([0, 3]))).translate((0, 0, 0.004)),
-        plank([(0.2, 0.02), (0.205, 0.042), (0.22, 0.042), (0.23, 0.02)], 0.002, 0.018, 0.001), rod((0, fore - 0.05, -0.012), (0, fore + 0.06, -0.012), 0.007),
-    ]  # fmt: skip
+        plank(
+            [
+                (-0.01, -0.016),
+                (-0.006, 0.02),
+                (0.03, 0.03),
+                (0.09, 0.026),
+                (0.1, 0.016),
+                (0.2, 0.016),
+                (0.21, 0.026),
+                (0.25, 0.024),
+                (0.25, -0.016),
+            ],
+            0.003,
+            0.03,
+            0.004,
+        ),
+        barrel(0.23, end, 0.012, 0.0085, 2).translate((0, 0, 0.004)),
+        post(end - 0.03, 0.002, 0.036),
+        trigger(0.055, -0.044, 0.06),
+        rod((-0.012, 0.18, 0.0083), (-0.036, 0.18, 0.0103), 0.0043, segments=18),
+        muzzle(rng, end, 0.0085, int(rng.choice([0, 3]))).translate((0, 0, 0.004)),
+        plank([(0.2, 0.02), (0.205, 0.042), (0.22, 0.042), (0.23, 0.02)], 0.002, 0.018, 0.001),
+        rod((0, fore - 0.05, -0.012), (0, fore + 0.06, -0.012), 0.007),
+    ]
     bands = [
         along_y([(at, -0.039, 0.024, 0.047), (at + 0.012, -0.038, 0.024, 0.046)], 2.5, 3, 36)
         for at in (0.62 * fore, fore - 0.035)

@@ -14,9 +14,9 @@ ARC_STEP = np.radians(7.5)
 def filleted(points: np.ndarray, radii: np.ndarray | float, closed: bool = False) -> np.ndarray:
     """A polyline with its corners rounded by tangent arcs.
 
-    points: (k, 2) or (k, 3), the last row not a copy of the first; radii: (k,) or one for all, 0 keeps a corner
-    sharp. Where an arc does not fit, it takes up to 49 % of the shorter neighbouring segment. The ends of
-    an open polyline stay as they are. Returns (n, 2) or (n, 3).
+    points: (k, 2) or (k, 3), the last row not a copy of the first; radii: (k,) or one for all, 0 keeps a
+    corner sharp. Where an arc does not fit, it takes up to 49 % of the shorter neighbouring segment. The ends
+    of an open polyline stay as they are. Returns (n, 2) or (n, 3).
     """
     points = np.asarray(points, dtype=float)
     radii = np.broadcast_to(np.asarray(radii, dtype=float), len(points))
@@ -247,7 +247,7 @@ def rod(start, end, radius: float, end_radius: float | None = None, segments: in
 
 
 def turned(profile: np.ndarray, start, direction, segments: int = 32) -> Manifold:
-    """A lathed solid whose axis runs from `start` along `direction`; profile as in `lathe`, z along the axis."""
+    """A lathed solid, its axis from `start` along `direction`; profile as in `lathe`, z along the axis."""
     direction = np.asarray(direction, float) / np.linalg.norm(direction)
     first = np.cross(np.eye(3)[np.argmin(np.abs(direction))], direction)
     first /= np.linalg.norm(first)

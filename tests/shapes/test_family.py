@@ -1,0 +1,115 @@
+"""What every procedural object must be: closed, distinct, in its pose, in bounds, the same every time."""
+
+import hashlib
+
+import numpy as np
+import pytest
+import trimesh
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from palpate.shapes import CLASSES, make
+from palpate.shapes.family import FAMILIES
+
+# Real objects' largest extent, metres.
+LARGEST = {"bottle": (0.05, 0.4), "knife": (0.1, 0.6), "cellphone": (0.08, 0.35), "rifle": (0.6, 1.7)}
+
+
+def digest(scene: trimesh.Scene) -> str:
+    total = hashlib.sha256()
+    for name, mesh in scene.geometry.items():
+        total.update(name.encode() + mesh.vertices.tobytes() + mesh.faces.tobytes())
+    return total.hexdigest()
+
+
+def check(class_name: str, scene: trimesh.Scene) -> None:
+    for name, mesh in scene.geometry.items():
+        assert mesh.is_watertight and mesh.is_winding_consistent, name
+        assert mesh.volume > 0, name
+        welded = trimesh.Trimesh(np.float32(mesh.vertices), mesh.faces, process=False)
+        welded.merge_vertices()
+        assert welded.is_watertight, name
+        assert np.isfinite(mesh.vertices).all() and np.isfinite(mesh.visual.uv).all(), name
+        assert mesh.visual.uv.shape == (len(mesh.vertices), 2), name
+        assert mesh.visual.uv.min() >= -1e-9 and mesh.visual.uv.max() <= 1 + 1e-9, name
+    assert 5_000 <= sum(len(mesh.faces) for mesh in scene.geometry.values()) <= 20_000
+    x, y, z = scene.extents
+    low, high = LARGEST[class_name]
+    assert low <= max(x, y, z) <= high
+    # Bottles and phones stand, knives and rifles lie along y on their edge.
+    assert {"bottle": z > max(x, y), "cellphone": z > max(x, y), "knife": y > z > x, "rifle": y > z > x}[
+        class_name
+    ]
+
+
+EVERY_STYLE = [(name, index) for name in CLASSES for index in range(len(FAMILIES[name].STYLES))]
+
+
+@pytest.mark.parametrize(("class_name", "index"), EVERY_STYLE)
+def test_every_style_is_closed_posed_and_in_bounds(class_name, index):
+    check(class_name, make(class_name, index))
+
+
+@given(st.sampled_from(CLASSES), st.integers(0, 5000), st.integers(0, 2**31))
+@settings(max_examples=60, deadline=None)
+def test_any_index_and_seed_gives_a_usable_object(class_name, index, seed):
+    check(class_name, make(class_name, index, seed))
+
+
+@pytest.mark.parametrize("class_name", CLASSES)
+def test_objects_of_a_class_are_distinct(class_name):
+    """Not only by a number's last digit: volumes and proportions of two objects of one style differ."""
+    count = len(FAMILIES[class_name].STYLES)
+    seen = set()
+    for index in (0, 1, count, count + 1, 2 * count, 2 * count + 1):
+        scene = make(class_name, index)
+        shape = scene.extents / np.linalg.norm(scene.extents)
+        seen.add(tuple(np.round([*shape, scene.volume * 1e6], 3)))
+    assert len(seen) == 6
+
+
+@pytest.mark.parametrize("class_name", CLASSES)
+def test_same_arguments_same_object_and_another_seed_another_object(class_name):
+    assert digest(make(class_name, 3, 7)) == digest(make(class_name, 3, 7))
+    assert digest(make(class_name, 3, 7)) != digest(make(class_name, 3, 8))
+
+
+@pytest.mark.parametrize("class_name", CLASSES)
+def test_several_materials_and_colours(class_name):
+    materials = [
+        [mesh.visual.material for mesh in make(class_name, index).geometry.values()] for index in range(12)
+    ]
+    assert np.median([len(found) for found in materials]) >= 2
+    assert len({tuple(m.baseColorFactor) for found in materials for m in found}) >= 8
+    assert any(m.baseColorTexture is not None for found in materials for m in found)
+
+
+def test_a_bottle_stands_on_the_ground_around_the_z_axis():
+    low, high = make("bottle", 0).bounds
+    assert abs(low[2]) < 0.002
+    assert np.allclose((low + high)[:2], 0, atol=1e-3)
+
+
+def test_a_knife_is_thin_where_it_cuts():
+    """Rays across the blade: it is under 6 mm thick in front of the handle, and thinner at the edge."""
+    scene = make("knife", 0)
+    steel = next(m for m in scene.geometry.values() if m.bounds[1, 1] > 0.1)
+    vertices = steel.vertices[(steel.vertices[:, 1] > 0.03) & (steel.vertices[:, 1] < 0.1)]
+    assert np.ptp(vertices[:, 0]) < 0.006
+    edge = vertices[vertices[:, 2] < vertices[:, 2].min() + 1e-4]
+    assert np.ptp(edge[:, 0]) < 0.001
+
+
+def test_a_phone_screen_faces_plus_x():
+    screen = make("cellphone", 0).geometry["screen"]
+    body = make("cellphone", 0).bounds
+    area_normal = screen.face_normals[:, 0] * screen.area_faces
+    seen = area_normal[(screen.triangles_center[:, 0] > body[1, 0] - 0.001)].sum()
+    assert seen == pytest.approx(screen.extents[1] * screen.extents[2], rel=0.02)
+
+
+def test_unknown_classes_and_negative_indices_are_refused():
+    with pytest.raises(ValueError, match="choose from bottle"):
+        make("spoon", 0)
+    with pytest.raises(ValueError, match="negative"):
+        make("bottle", -1)

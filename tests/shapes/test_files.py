@@ -1,0 +1,80 @@
+"""Objects as files: what is written is what a loader reads back."""
+
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+import trimesh
+
+from palpate.shapes import CLASSES, make, suffix, write
+
+
+def by_colour(scene: trimesh.Scene) -> dict:
+    """Faces, volume and picture size by the material's name."""
+    result = {}
+    for mesh in scene.geometry.values():
+        material = mesh.visual.material
+        pbr = material.to_pbr() if hasattr(material, "to_pbr") else material
+        picture = pbr.baseColorTexture
+        result[material.name] = (
+            len(mesh.faces),
+            mesh.volume * 1e6,
+            tuple(pbr.baseColorFactor[:3]),
+            None if picture is None else picture.size,
+        )
+    return result
+
+
+@pytest.mark.parametrize("class_name", CLASSES)
+@pytest.mark.parametrize("index", [0, 1, 2, 5])
+def test_round_trip(class_name, index, tmp_path):
+    path = write(class_name, index, tmp_path / f"{class_name}-{index:04d}")
+    assert path.suffix == suffix(index)
+    made, read = make(class_name, index), trimesh.load_scene(path)
+    expected, found = by_colour(made), by_colour(read)
+    assert all(mesh.is_watertight and mesh.is_winding_consistent for mesh in read.geometry.values())
+    assert np.allclose(read.bounds, made.bounds, atol=1e-6)
+    assert len(found) == len(expected)
+    for name, (faces, volume, colour, picture) in expected.items():
+        name = name if path.suffix == ".glb" else f"{path.stem}-{name}"
+        assert found[name][0] == faces
+        assert found[name][1] == pytest.approx(volume, rel=1e-3)
+        assert found[name][3] == picture
+        if picture is None:
+            assert np.allclose(found[name][2], colour, atol=1)
+
+
+def test_texture_coordinates_survive(tmp_path):
+    """The picture lies on the same points: texture coordinates by position, before and after."""
+    for name in ("cellphone.glb", "cellphone.obj"):
+        read = trimesh.load_scene(write("cellphone", 2, tmp_path / name))
+        screen = next(m for m in read.geometry.values() if m.visual.material.name.endswith("screen"))
+        made = make("cellphone", 2).geometry["screen"]
+        nearest = np.argmin(((made.vertices[None] - screen.vertices[:, None]) ** 2).sum(-1), axis=1)
+        assert np.allclose(made.visual.uv[nearest], screen.visual.uv, atol=1e-5)
+
+
+def test_same_bytes_in_another_process(tmp_path):
+    names = ("bottle.glb", "rifle.obj")
+    code = "import bpy\nfrom palpate.shapes import write\n"
+    for run in ("a", "b"):
+        (tmp_path / run).mkdir()
+        calls = "".join(f"write({n[:-4]!r}, 4, {str(tmp_path / run / n)!r}, 1)\n" for n in names)
+        subprocess.run([sys.executable, "-c", code + calls], check=True)
+    files = sorted(p.name for p in (tmp_path / "a").iterdir())
+    assert {"bottle.glb", "rifle.mtl", "rifle.obj"} <= set(files)
+    for name in files:
+        assert (tmp_path / "a" / name).read_bytes() == (tmp_path / "b" / name).read_bytes(), name
+
+
+def test_objects_share_a_folder_without_overwriting_each_other(tmp_path):
+    first = [write("bottle", index, tmp_path / f"bottle-{index:04d}.obj") for index in (0, 1, 2)]
+    text = [path.read_text() for path in first]
+    assert all(f"mtllib {path.stem}.mtl" in content for path, content in zip(first, text, strict=True))
+    assert all(p.name.startswith("bottle-000") for p in tmp_path.iterdir())
+
+
+def test_other_formats_are_refused(tmp_path):
+    with pytest.raises(ValueError, match=r"\.glb or \.obj"):
+        write("bottle", 0, tmp_path / "bottle.stl")
