@@ -12,7 +12,7 @@ SAMPLES = 8_000
 # found, or until this many triangles have been looked at.
 RELATIVE_GAP = 0.1
 ABSOLUTE_GAP = 5e-5
-WORK = 100_000
+WORK = 30_000
 
 
 class Surface:
@@ -22,6 +22,7 @@ class Surface:
         self.vertices = np.ascontiguousarray(vertices, dtype=np.float64)
         self.faces = np.ascontiguousarray(faces, dtype=np.int64)
         self.neighbours, self.opposite = topology.neighbours(self.faces)
+        self.fans = _fans(self.vertices, self.faces, self.neighbours)
         self.tree = igl.AABB()
         self.tree.init(self.vertices, self.faces)
 
@@ -76,7 +77,7 @@ def _bound(triangles: np.ndarray, target: Surface, largest: float) -> tuple[floa
         offset = triangles - centre[:, None]
         radius = np.sqrt(_dot(offset, offset).max(axis=1, initial=0.0))
         bound = found + radius
-        for better in (_bound_by_face, _bound_by_pair):
+        for better in (_bound_by_face, _bound_by_fan, _bound_by_pair):
             left = np.flatnonzero(bound > enough)
             bound[left] = np.minimum(bound[left], better(triangles[left], target, face[left]))
         left = bound > enough
@@ -112,6 +113,53 @@ def _bound_by_pair(triangles: np.ndarray, target: Surface, face: np.ndarray) -> 
     d = target.vertices[target.faces[neighbour, target.opposite[face, side]]]
     bound = np.minimum(own, across).max(axis=1, initial=0.0) + segment_distance(a, b, c, d)
     return np.where(neighbour >= 0, bound, np.inf)
+
+
+def _bound_by_fan(triangles: np.ndarray, target: Surface, face: np.ndarray) -> np.ndarray:
+    """Upper bound (k,) of the distance from triangles (k, 3, 3) to the faces around a corner of the given
+    face.
+
+    Seen along the corner's normal, these faces cover a disc around it (see `_fans`). A triangle over that
+    disc has, along the normal, a face above or below each of its points.
+    """
+    normals, radii, slopes = target.fans
+    corners = target.vertices[target.faces[face]]
+    offset = corners - triangles.mean(axis=1)[:, None]
+    vertex = target.faces[face, _dot(offset, offset).argmin(axis=1)]
+    offset = triangles - target.vertices[vertex][:, None]
+    normal = normals[vertex][:, None]
+    height = _dot(offset, normal)
+    beside = offset - height[..., None] * normal
+    reach = np.sqrt(_dot(beside, beside).max(axis=1, initial=0.0))
+    bound = np.abs(height).max(axis=1, initial=0.0) + slopes[vertex] * reach
+    return np.where(reach <= radii[vertex], bound, np.inf)
+
+
+def _fans(vertices, faces, neighbours):
+    """For each vertex: its normal (n, 3); the radius (n,) of the disc around it, perpendicular to the normal,
+    that the projection of its faces covers; and their greatest slope (n,) against that disc.
+
+    The radius is 0 where the faces do not go around the vertex once, or one of them is turned away.
+    """
+    count = len(vertices)
+    corner = vertices[faces]
+    normal = _cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
+    sums = [np.bincount(faces.ravel(), np.repeat(normal[:, axis], 3), minlength=count) for axis in range(3)]
+    normals = np.stack(sums, axis=1)
+    normals /= np.maximum(np.sqrt(_dot(normals, normals)), 1e-300)[:, None]
+    normal = normal / np.maximum(np.sqrt(_dot(normal, normal)), 1e-300)[:, None]
+    angle, radius, cosine = np.zeros(count), np.full(count, np.inf), np.ones(count)
+    for i in range(3):
+        at, up = faces[:, i], normals[faces[:, i]]
+        sides = [corner[:, (i + j) % 3] - corner[:, i] for j in (1, 2)]
+        a, b = (side - _dot(side, up)[:, None] * up for side in sides)
+        angle += np.bincount(at, np.arctan2(_dot(up, _cross(a, b)), _dot(a, b)), minlength=count)
+        whole = (neighbours[:, i] >= 0) & (neighbours[:, i - 1] >= 0)
+        np.minimum.at(radius, at, np.where(whole, _point_segment(np.zeros_like(a), a, b), 0))
+        np.minimum.at(cosine, at, _dot(normal, up))
+    around = (np.abs(angle - 2 * np.pi) < 1e-6) & (cosine > 0.1)
+    cosine = np.clip(cosine, 0.1, 1)
+    return normals, np.where(around, radius, 0), np.sqrt(1 - cosine**2) / cosine
 
 
 def _most_outside(points, triangles):

@@ -10,6 +10,7 @@ import time
 import numpy as np
 import pytest
 import trimesh
+from PIL import Image
 from scipy.spatial import cKDTree
 
 from palpate import mesh
@@ -158,6 +159,32 @@ def test_normals_of_the_source_survive(tmp_path):
     (part,) = trimesh.load_scene(tmp_path / "out/visual.glb", process=False).geometry.values()
     x, y, z = leaning.T
     assert np.allclose(part.vertex_normals, np.c_[x, -z, y], atol=1e-5)
+
+
+def test_jpeg_textures_keep_their_quality(tmp_path):
+    """A picture stored at quality 98 comes out as JPEG, several times nearer to it than at the usual 75."""
+    rng = np.random.default_rng(0)
+    picture = Image.fromarray(rng.integers(0, 255, (16, 16, 3), dtype=np.uint8)).resize((128, 128))
+    picture.save(tmp_path / "picture.jpg", quality=98, subsampling=0)
+    picture = Image.open(tmp_path / "picture.jpg")
+    ball = nasty.textured()
+    ball.visual.material.baseColorTexture = picture
+    (tmp_path / "ball.glb").write_bytes(ball.export(file_type="glb"))
+    usual = _texture_of(tmp_path / "ball.glb")  # trimesh writes it at the usual quality
+    (tmp_path / "ball.obj").write_text(
+        "mtllib ball.mtl\nusemtl picture\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 0 1\nf 1/1 2/2 3/3\n"
+    )
+    (tmp_path / "ball.mtl").write_text("newmtl picture\nmap_Kd picture.jpg\n")
+    mesh.prepare(tmp_path / "ball.obj", tmp_path / "out")
+    kept = _texture_of(tmp_path / "out/visual.glb")
+    assert kept.format == "JPEG"
+    error = [np.abs(np.asarray(image, float) - np.asarray(picture, float)).mean() for image in (kept, usual)]
+    assert error[0] < error[1] / 3
+
+
+def _texture_of(path):
+    (part,) = trimesh.load_scene(path, process=False).geometry.values()
+    return part.visual.material.baseColorTexture
 
 
 def crash():
