@@ -51,7 +51,7 @@ def test_every_style_is_closed_posed_and_in_bounds(class_name, index):
 
 
 @given(st.sampled_from(CLASSES), st.integers(0, 5000), st.integers(0, 2**31))
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=40, deadline=None)
 def test_any_index_and_seed_gives_a_usable_object(class_name, index, seed):
     check(class_name, make(class_name, index, seed))
 
