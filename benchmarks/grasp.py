@@ -1,8 +1,8 @@
 """What grasps cost, how wrong they are, what they leave out: `python benchmarks/grasp.py [table ...]`.
 
 Tables: stages, timestep, left_out, stability, statistics (default: all). Objects are procedural, `--objects`
-of each class. Times are processor time on one core; medians. Errors of time steps are against the same closing
-at a time step of 0.1 ms.
+of each class. Times are processor time on one core; medians. Errors of time steps are against the same
+closing at a time step of 0.1 ms.
 """
 
 import argparse
@@ -21,7 +21,7 @@ import trimesh
 from palpate import shapes
 from palpate.catalogue import generator
 from palpate.grasp.closing import TIMESTEP, GraspScene
-from palpate.grasp.grasp import UNSTABLE, Grasper, grasp_object, workspace_of
+from palpate.grasp.grasp import THUMB_SHARE, UNSTABLE, Grasper, grasp_object, workspace_of
 from palpate.grasp.patches import surface_patches
 from palpate.grasp.penetration import PenetrationCheck, deepest
 from palpate.hand import allegro
@@ -262,7 +262,7 @@ def statistics(count: int) -> pd.DataFrame:
             mesh = procedural(name, index)
             made[name].append((mesh, sample(mesh, 4000, generator(0, f"{name}-{index:04d}", "surface"))))
     for label, settings in {
-        "default: attempts 5, thumb_share 0.2": {},
+        f"default: attempts 5, thumb_share {THUMB_SHARE}": {},
         "thumb_share 0": {"thumb_share": 0.0},
         "thumb_share 1": {"thumb_share": 1.0},
         "attempts 10": {"attempts": 10},

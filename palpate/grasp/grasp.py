@@ -23,7 +23,7 @@ SURFACE_POINTS = 4000  # of the object's points, those that placement and target
 WORKSPACE_SEED = 0  # the workspace belongs to the hand: the same for every object and run
 
 # Share of the attempts in which the thumb closes too, calibrated to the paper's statistics (docs/grasps.md).
-THUMB_SHARE = 0.2
+THUMB_SHARE = 0.15
 
 # Why an attempt comes to nothing.
 BLOCKED = "no palm pose free of the object"
@@ -77,7 +77,10 @@ class Grasper:
         self.max_penetration, self.thumb_share = max_penetration, thumb_share
         self.workspace = workspace_of(hand)
         self.surface = with_normals(surface_points[:SURFACE_POINTS], visual)
-        self.scene = GraspScene(hand, surface_patches(collision), timestep)
+        patches = surface_patches(collision)
+        if not patches:
+            raise Unusable("the collision mesh has no surface that a finger could stop at")
+        self.scene = GraspScene(hand, patches, timestep)
         self.check = PenetrationCheck(hand, visual)
         self.caster = RayCaster(visual)
 

@@ -8,11 +8,12 @@ little thickened inwards.
 import numpy as np
 import trimesh
 
-from palpate.grasp.triangles import split_long_edges
+from palpate.grasp.triangles import edge_lengths, split_long_edges
 
 CELL = 0.025  # metres
 THICKNESS = 0.001  # metres
 WELD = 1e-6  # metres: vertices of a patch this close are one
+NARROWEST = 2e-5  # metres: a patch less wide is a hair that no hull is needed for, nor can well be made of
 
 
 def surface_patches(
@@ -22,32 +23,55 @@ def surface_patches(
 
     Triangles, cut to edges of at most half a cell, are grouped by the grid cell of their centre and the
     signed axis that their normal is nearest to; a group's vertices and a copy shifted inwards by `thickness`
-    make a patch.
+    make a patch. Faces without area and lone hairs of faces make none.
     """
     triangles = split_long_edges(np.asarray(mesh.triangles), cell / 2)
-    normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
-    length = np.linalg.norm(normals, axis=1)
-    triangles, normals, length = triangles[length > 0], normals[length > 0], length[length > 0]
-    normals /= length[:, None]
-    axis = np.abs(normals).argmax(axis=1)
-    side = normals[np.arange(len(normals)), axis] > 0
+    areas = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]) / 2
+    some = areas.any(axis=1)
+    triangles, areas = triangles[some], areas[some]
+    if not len(triangles):
+        return []
+    group = cell_and_side(triangles, areas, cell)
+    wide = is_wide(triangles, areas, group)
+    triangles, areas = triangles[wide], areas[wide]
+    group = np.unique(group[wide], return_inverse=True)[1].ravel()
+    if not len(triangles):
+        return []
+    points, owner = distinct_corners(triangles, group)
+    # The mean over the area: many small triangles on an edge don't turn it.
+    outwards = np.column_stack([np.bincount(group, weights=areas[:, axis]) for axis in range(3)])
+    outwards /= np.linalg.norm(outwards, axis=1, keepdims=True)
+    bounds = np.flatnonzero(np.diff(owner)) + 1
+    outer, inner = np.split(points, bounds), np.split(points - thickness * outwards[owner], bounds)
+    return [np.concatenate(pair) for pair in zip(outer, inner, strict=True)]
+
+
+def cell_and_side(triangles: np.ndarray, areas: np.ndarray, cell: float) -> np.ndarray:
+    """A number (T,) from 0 on for each combination of grid cell and signed dominant axis of the normal.
+
+    areas: (T, 3), the triangles' normals times their areas.
+    """
+    axis = np.abs(areas).argmax(axis=1)
+    side = areas[np.arange(len(areas)), axis] > 0
     cells = np.floor(triangles.mean(axis=1) / cell).astype(np.int64)
     cells -= cells.min(axis=0)
-    extent = cells.max(axis=0) + 1
-    group = np.ravel_multi_index((*cells.T, axis, side.astype(int)), (*extent, 3, 2))
-    _, group = np.unique(group, return_inverse=True)
-    group = group.ravel()
+    number = np.ravel_multi_index((*cells.T, axis, side.astype(int)), (*(cells.max(axis=0) + 1), 3, 2))
+    return np.unique(number, return_inverse=True)[1].ravel()
 
+
+def is_wide(triangles: np.ndarray, areas: np.ndarray, group: np.ndarray) -> np.ndarray:
+    """Whether each triangle's group has the area of something `NARROWEST` wide: (T,) bool."""
+    longest = np.zeros(group.max() + 1)
+    np.maximum.at(longest, group, edge_lengths(triangles).max(axis=1))
+    area = np.bincount(group, weights=np.linalg.norm(areas, axis=1))
+    return (area >= NARROWEST * longest)[group]
+
+
+def distinct_corners(triangles: np.ndarray, group: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The corners (N, 3) of each group's triangles, each once, and their groups (N,), ascending."""
     points, owner = triangles.reshape(-1, 3), np.repeat(group, 3)
     keys = np.round(points / WELD).astype(np.int64)
     order = np.lexsort((*keys.T, owner))
     keys, points, owner = keys[order], points[order], owner[order]
     fresh = np.concatenate([[True], (np.diff(owner) != 0) | (np.diff(keys, axis=0) != 0).any(axis=1)])
-    points, owner = points[fresh], owner[fresh]
-
-    # By area, so that many small triangles on an edge don't turn the direction.
-    mean = np.column_stack([np.bincount(group, weights=(normals * length[:, None])[:, k]) for k in range(3)])
-    inwards = -thickness * mean / np.linalg.norm(mean, axis=1, keepdims=True)
-    bounds = np.flatnonzero(np.diff(owner)) + 1
-    outer, inner = np.split(points, bounds), np.split(points + inwards[owner], bounds)
-    return [np.concatenate(pair) for pair in zip(outer, inner, strict=True)]
+    return points[fresh], owner[fresh]

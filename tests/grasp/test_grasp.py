@@ -121,6 +121,12 @@ def test_an_object_that_gives_too_few_grasps_is_unusable_with_the_reason():
         grasps_of(bottle(), max_attempts=3)
 
 
+def test_an_object_without_a_surface_is_unusable():
+    hair = trimesh.Trimesh([[-0.25, 0, 0], [0.25, 0, 0], [0, 1e-9, 0]], [[0, 1, 2]], process=False)
+    with pytest.raises(Unusable, match="no surface that a finger could stop at"):
+        grasp_object(hair, hair, np.tile(OBJECT_POSITION, (9, 1)), HAND, generator(0, "hair"))
+
+
 def test_no_grasp_above_the_allowed_penetration_is_kept():
     with pytest.raises(Unusable, match="penetrates too deep: [1-9]"):
         grasps_of(bottle(), max_penetration=-1.0, max_attempts=6)

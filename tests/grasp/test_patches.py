@@ -5,8 +5,10 @@ import pytest
 import trimesh
 from scipy.spatial import ConvexHull
 
+from palpate.grasp.closing import GraspScene
 from palpate.grasp.patches import CELL, THICKNESS, surface_patches
 from palpate.grasp.triangles import split_long_edges
+from palpate.hand import allegro
 
 
 def shapes():
@@ -71,6 +73,19 @@ def test_splitting_keeps_the_surface_and_shortens_the_edges():
     assert trimesh.triangles.area(pieces).sum() == pytest.approx(mesh.area)
     # Winding is kept: the normals enclose the same volume.
     assert trimesh.triangles.mass_properties(pieces)["volume"] == pytest.approx(mesh.volume)
+
+
+def test_a_hair_makes_no_patch_and_the_model_compiles():
+    box = trimesh.creation.box((0.05, 0.05, 0.05))
+    for width in (1e-3, 1e-6, 1e-12, 0.0):
+        hair = [[0.1, 0, 0], [0.11, 0, 0], [0.105, width, 0]]
+        both = trimesh.Trimesh(
+            np.vstack([box.vertices, hair]), np.vstack([box.faces, [[8, 9, 10]]]), process=False
+        )
+        patches = surface_patches(both)
+        assert len(patches) == len(surface_patches(box)) + (width == 1e-3)
+        assert GraspScene(allegro(), patches).model.nmesh == len(patches)
+    assert surface_patches(trimesh.Trimesh(hair, [[0, 1, 2]], process=False)) == []
 
 
 def test_degenerate_faces_make_no_patch():
