@@ -1,0 +1,106 @@
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import palpate.store
+from palpate import hand, touch, vision
+from palpate.store.contract import CONTRACT, SENSOR_NAMES, SYMBOLS, ArraySpec
+from palpate.store.document import renewed
+
+DOCUMENT = Path(__file__).parents[2] / "docs" / "dataset.md"
+
+# The table of the design: the arrays that users were promised.
+PROMISED = {
+    "surface": {"points": ((2, 10000, 3), "float32"), "object": ((2,), "string")},
+    "grasps": {
+        "joint_positions": ((10, 16), "float64"),
+        "palm_pose": ((10, 4, 4), "float64"),
+        "object_index": ((10,), "int32"),
+        "grasp_index": ((10,), "int32"),
+        "penetration": ((10,), "float32"),
+    },
+    "touch": {
+        "success": ((10, 4), "bool"),
+        "position": ((10, 4, 3), "float64"),
+        "rotation": ((10, 4, 3, 3), "float64"),
+        "depth": ((10, 4, 100, 100), "float32"),
+        "reading": ((10, 4, 100, 100, 3), "uint8"),
+        "points": ((10, 4, 10000, 3), "float32"),
+        "point_count": ((10, 4), "int32"),
+        "empty_reading": ((100, 100, 3), "uint8"),
+    },
+    "vision": {
+        "unoccluded": ((2, 256, 256, 3), "uint8"),
+        "occluded": ((10, 256, 256, 3), "uint8"),
+        "unoccluded_mask": ((2, 256, 256), "uint8"),
+        "occluded_mask": ((10, 256, 256), "uint8"),
+        "unoccluded_depth": ((2, 256, 256), "float16"),
+        "occluded_depth": ((10, 256, 256), "float16"),
+    },
+}
+SIZES = {"o": 2, "og": 10, "n": 10000, "j": 16, "r": 100, "rr": 10000, "p": 256}
+
+
+def test_the_contract_holds_what_was_promised():
+    for stage, arrays in PROMISED.items():
+        for name, (shape, dtype) in arrays.items():
+            spec = CONTRACT[stage].arrays[name]
+            assert spec.dtype == dtype
+            sizes = spec.sizes(shape)
+            assert sizes == {symbol: SIZES[symbol] for symbol in sizes}, (stage, name)
+
+
+def test_every_symbol_and_array_is_explained():
+    used = {
+        axis
+        for store in CONTRACT.values()
+        for spec in store.arrays.values()
+        for axis in spec.shape
+        if isinstance(axis, str)
+    }
+    assert used == set(SYMBOLS)
+    assert all(spec.meaning for store in CONTRACT.values() for spec in store.arrays.values())
+
+
+def test_what_users_read_is_the_contract():
+    text = DOCUMENT.read_text(encoding="utf-8")
+    assert text == renewed(text), "run: python -m palpate.store.document docs/dataset.md"
+
+
+def test_the_documents_example_runs(built, capsys):
+    example = DOCUMENT.read_text(encoding="utf-8").split("```python\n")[1].split("```")[0]
+    names = {}
+    exec(example.replace("results/default", str(built)).replace('"bottle"', '"ball"'), names)
+    assert "3 objects" in capsys.readouterr().out
+    assert names["cloud"].shape[1:] == (3,) and names["gels"].shape == (4, 100, 100, 3)
+    assert [len(site) > 0 for site in names["sites"]] == names["touched"].tolist()
+
+
+def test_sensors_and_sizes_are_those_of_the_rooms_that_make_the_data():
+    robot = hand.allegro()
+    assert tuple(robot.sensor_names) == SENSOR_NAMES
+    assert f"({len(robot.joint_link)})" in SYMBOLS["j"]
+    assert f"({touch.RESOLUTION})" in SYMBOLS["r"]
+    assert f"({vision.paper_camera().size})" in SYMBOLS["p"]
+
+
+@pytest.mark.parametrize("shape", [(2, 3), (2, 3, 4, 5), (2, 5, 3)])
+def test_shapes_that_disagree_are_refused(shape):
+    spec = ArraySpec("a", ("o", "p", "p"), "uint8", 1, 0, "", "")
+    with pytest.raises(ValueError, match=r"shape \(o, p, p\) expected"):
+        spec.sizes(shape)
+    assert spec.sizes((2, 3, 3)) == {"o": 2, "p": 3}
+
+
+def test_chunks_are_records():
+    spec = ArraySpec("a", ("og", 4, "r"), "float32", 2, np.inf, "", "")
+    assert spec.chunk((10, 4, 100)) == (1, 1, 100)
+    assert spec.chunk((0, 4, 0)) == (1, 1, 1)
+
+
+def test_the_package_offers_what_it_names():
+    for name in palpate.store.__all__:
+        assert getattr(palpate.store, name) is not None
+    with pytest.raises(AttributeError, match="palpate.store"):
+        palpate.store.nothing  # noqa: B018
