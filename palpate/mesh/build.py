@@ -149,7 +149,7 @@ def _write_levels(folder, vertices, faces, counts):
 
 def _distances(whole, vertices, faces):
     if len(faces) == len(whole.faces):
-        nothing = {"mean": 0.0, "max": 0.0, "max_bound": 0.0}
+        nothing = {"mean": 0.0, "max": 0.0}
         return {"source_to_level": nothing, "level_to_source": nothing}
     level = Surface(vertices, faces)
     return {"source_to_level": distance(whole, level), "level_to_source": distance(level, whole)}

@@ -1,5 +1,4 @@
-"""How far two surfaces are from each other, measured: mean, largest found, and a bound that holds
-everywhere."""
+"""How far two surfaces are from each other, measured: mean, largest found, and a bound that always holds."""
 
 import igl
 import numpy as np
@@ -8,11 +7,12 @@ from palpate.mesh import topology
 
 SAMPLES = 8_000
 
-# The bound is refined until it is within this share, or within this length (metres), of the largest distance
-# found, or until this many triangles have been looked at.
+# The search for the largest distance goes on so many times with so many triangles.
+ROUNDS, BEAM = 6, 250
+
+# A bound is refined until it is within this share, or this length (metres), of the largest distance found.
 RELATIVE_GAP = 0.1
 ABSOLUTE_GAP = 5e-5
-WORK = 30_000
 
 
 class Surface:
@@ -22,14 +22,15 @@ class Surface:
         self.vertices = np.ascontiguousarray(vertices, dtype=np.float64)
         self.faces = np.ascontiguousarray(faces, dtype=np.int64)
         self.neighbours, self.opposite = topology.neighbours(self.faces)
-        self.fans = _fans(self.vertices, self.faces, self.neighbours)
+        self.corners = self.vertices[np.unique(self.faces)]
         self.tree = igl.AABB()
         self.tree.init(self.vertices, self.faces)
 
-    def closest(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Exact distance (k,) of points (k, 3) to the surface, and the nearest face (k,)."""
-        squared, face, _ = self.tree.squared_distance(self.vertices, self.faces, np.ascontiguousarray(points))
-        return np.sqrt(squared), face
+    def closest(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Exact distance (k,) of points (k, 3) to the surface, its nearest face (k,) and point (k, 3)."""
+        points = np.ascontiguousarray(points)
+        squared, face, nearest = self.tree.squared_distance(self.vertices, self.faces, points)
+        return np.sqrt(squared), face, nearest
 
 
 def sample(vertices: np.ndarray, faces: np.ndarray, count: int) -> np.ndarray:
@@ -49,44 +50,62 @@ def sample(vertices: np.ndarray, faces: np.ndarray, count: int) -> np.ndarray:
     return corner[:, 0] + u * (corner[:, 1] - corner[:, 0]) + v * (corner[:, 2] - corner[:, 0])
 
 
-def distance(source: Surface, target: Surface, samples: int = SAMPLES) -> dict[str, float]:
-    """Distance from `source` to `target`: `mean` over the area (sampled), `max` (the largest that was found),
-    `max_bound` (no point of `source` is farther than this)."""
-    spread, _ = target.closest(sample(source.vertices, source.faces, samples))
-    corners, _ = target.closest(source.vertices)
-    used = np.unique(source.faces)
-    largest = max(spread.max(), corners[used].max())
-    largest, bound = _bound(source.vertices[source.faces], target, largest)
-    return {"mean": float(spread.mean()), "max": float(largest), "max_bound": float(bound)}
+def distance(source: Surface, target: Surface, samples: int = SAMPLES, work: int = 0) -> dict[str, float]:
+    """Distance from `source` to `target`: `mean` over the area (sampled) and `max`, the largest found.
+
+    Looked at are points spread evenly by area, the source's corners, the points of the source nearest to the
+    target's corners, and, finer and finer, the triangles whose middle is farthest.
+
+    With `work`, branch and bound over so many triangles refines `max` and adds `max_bound`: no point of the
+    source is farther than this.
+    """
+    spread, _, _ = target.closest(sample(source.vertices, source.faces, samples))
+    _, _, feet = source.closest(target.corners)
+    largest = max(spread.max(), target.closest(source.corners)[0].max(), target.closest(feet)[0].max())
+    largest = _climb(source.vertices[source.faces], target, largest)
+    record = {"mean": float(spread.mean()), "max": float(largest)}
+    if work:
+        largest, bound = _bound(source.vertices[source.faces], target, largest, work)
+        record |= {"max": float(largest), "max_bound": float(bound)}
+    return record
 
 
-def _bound(triangles: np.ndarray, target: Surface, largest: float) -> tuple[float, float]:
+def _climb(triangles: np.ndarray, target: Surface, largest: float) -> float:
+    """The largest distance found by cutting in four those triangles (f, 3, 3) whose middles are farthest."""
+    for _ in range(ROUNDS):
+        found, _, _ = target.closest(triangles.mean(axis=1))
+        largest = max(largest, found.max())
+        triangles = _quarter(triangles[np.argsort(-found, kind="stable")[:BEAM]])
+    return largest
+
+
+def _bound(triangles: np.ndarray, target: Surface, largest: float, work: int) -> tuple[float, float]:
     """Largest distance found and upper bound over triangles (f, 3, 3), by branch and bound.
 
     Triangles for which no bound shows that they can't beat the largest distance found are cut in four.
     """
-    work, closed = 0, 0.0
-    known, known_face = np.empty(0), np.empty(0, dtype=np.int64)
+    done, closed = 0, 0.0
+    known = np.empty(0), np.empty(0, dtype=np.int64)
     while True:
         centre = triangles.mean(axis=1)
-        found, face = target.closest(centre[: len(centre) - len(known)])
-        found, face = np.r_[found, known], np.r_[face, known_face]
+        asked = target.closest(centre[: len(centre) - len(known[0])])
+        found, face = (np.concatenate(pair) for pair in zip(asked[:2], known, strict=True))
         largest = max(largest, found.max(initial=0.0))
         enough = max(largest * (1 + RELATIVE_GAP), largest + ABSOLUTE_GAP)
         # The distance changes by no more than one moves.
         offset = triangles - centre[:, None]
         radius = np.sqrt(_dot(offset, offset).max(axis=1, initial=0.0))
         bound = found + radius
-        for better in (_bound_by_face, _bound_by_fan, _bound_by_pair):
+        for better in (_bound_by_face, _bound_by_pair):
             left = np.flatnonzero(bound > enough)
             bound[left] = np.minimum(bound[left], better(triangles[left], target, face[left]))
         left = bound > enough
         closed = max(closed, bound[~left].max(initial=0.0))
-        work += len(triangles)
-        if not left.any() or work + 4 * left.sum() > WORK:
+        done += len(triangles)
+        if not left.any() or done + 4 * left.sum() > work:
             return largest, max(largest, closed, bound.max(initial=0.0))
         triangles = _quarter(triangles[left])
-        known, known_face = found[left], face[left]  # a triangle's centre is that of its middle quarter
+        known = found[left], face[left]  # a triangle's centre is that of its middle quarter
 
 
 def _bound_by_face(triangles: np.ndarray, target: Surface, face: np.ndarray) -> np.ndarray:
@@ -113,53 +132,6 @@ def _bound_by_pair(triangles: np.ndarray, target: Surface, face: np.ndarray) -> 
     d = target.vertices[target.faces[neighbour, target.opposite[face, side]]]
     bound = np.minimum(own, across).max(axis=1, initial=0.0) + segment_distance(a, b, c, d)
     return np.where(neighbour >= 0, bound, np.inf)
-
-
-def _bound_by_fan(triangles: np.ndarray, target: Surface, face: np.ndarray) -> np.ndarray:
-    """Upper bound (k,) of the distance from triangles (k, 3, 3) to the faces around a corner of the given
-    face.
-
-    Seen along the corner's normal, these faces cover a disc around it (see `_fans`). A triangle over that
-    disc has, along the normal, a face above or below each of its points.
-    """
-    normals, radii, slopes = target.fans
-    corners = target.vertices[target.faces[face]]
-    offset = corners - triangles.mean(axis=1)[:, None]
-    vertex = target.faces[face, _dot(offset, offset).argmin(axis=1)]
-    offset = triangles - target.vertices[vertex][:, None]
-    normal = normals[vertex][:, None]
-    height = _dot(offset, normal)
-    beside = offset - height[..., None] * normal
-    reach = np.sqrt(_dot(beside, beside).max(axis=1, initial=0.0))
-    bound = np.abs(height).max(axis=1, initial=0.0) + slopes[vertex] * reach
-    return np.where(reach <= radii[vertex], bound, np.inf)
-
-
-def _fans(vertices, faces, neighbours):
-    """For each vertex: its normal (n, 3); the radius (n,) of the disc around it, perpendicular to the normal,
-    that the projection of its faces covers; and their greatest slope (n,) against that disc.
-
-    The radius is 0 where the faces do not go around the vertex once, or one of them is turned away.
-    """
-    count = len(vertices)
-    corner = vertices[faces]
-    normal = _cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
-    sums = [np.bincount(faces.ravel(), np.repeat(normal[:, axis], 3), minlength=count) for axis in range(3)]
-    normals = np.stack(sums, axis=1)
-    normals /= np.maximum(np.sqrt(_dot(normals, normals)), 1e-300)[:, None]
-    normal = normal / np.maximum(np.sqrt(_dot(normal, normal)), 1e-300)[:, None]
-    angle, radius, cosine = np.zeros(count), np.full(count, np.inf), np.ones(count)
-    for i in range(3):
-        at, up = faces[:, i], normals[faces[:, i]]
-        sides = [corner[:, (i + j) % 3] - corner[:, i] for j in (1, 2)]
-        a, b = (side - _dot(side, up)[:, None] * up for side in sides)
-        angle += np.bincount(at, np.arctan2(_dot(up, _cross(a, b)), _dot(a, b)), minlength=count)
-        whole = (neighbours[:, i] >= 0) & (neighbours[:, i - 1] >= 0)
-        np.minimum.at(radius, at, np.where(whole, _point_segment(np.zeros_like(a), a, b), 0))
-        np.minimum.at(cosine, at, _dot(normal, up))
-    around = (np.abs(angle - 2 * np.pi) < 1e-6) & (cosine > 0.1)
-    cosine = np.clip(cosine, 0.1, 1)
-    return normals, np.where(around, radius, 0), np.sqrt(1 - cosine**2) / cosine
 
 
 def _most_outside(points, triangles):
