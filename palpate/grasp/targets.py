@@ -86,7 +86,7 @@ class Workspace:
         for _ in range(ITERATIONS):
             transposed = np.swapaxes(jacobian, -1, -2)
             square = jacobian @ transposed + damping[..., None, None] * np.eye(6)
-            step = (transposed @ np.linalg.solve(square, error[..., None]))[..., 0]
+            step = (transposed @ solved(square, error)[..., None])[..., 0]
             tried = np.clip(joints + step.sum(axis=-2), low, high)
             error_tried, jacobian_tried = self._linearised(tried, goal, inward)
             miss_tried = np.linalg.norm(error_tried, axis=-1)
@@ -115,6 +115,24 @@ class Workspace:
             [np.cross(axis, arm), DIRECTION_LENGTH * np.cross(axis, direction[..., :, None, :])], axis=-1
         )
         return np.swapaxes(columns * self.moves[:, :, None], -1, -2)
+
+
+def solved(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
+    """The x (..., N) of matrix x = right, for symmetric positive definite matrices (..., N, N).
+
+    Gaussian elimination, which needs no pivots here. LAPACK's result depends on its number of threads, and
+    for many small systems it is slower.
+    """
+    matrix, x = matrix.copy(), right.copy()
+    size = matrix.shape[-1]
+    for row in range(size):
+        factor = matrix[..., row + 1 :, row] / matrix[..., row, row, None]
+        matrix[..., row + 1 :, row:] -= factor[..., None] * matrix[..., row, None, row:]
+        x[..., row + 1 :] -= factor * x[..., row, None]
+    for row in reversed(range(size)):
+        known = (matrix[..., row, row + 1 :] * x[..., row + 1 :]).sum(axis=-1)
+        x[..., row] = (x[..., row] - known) / matrix[..., row, row]
+    return x
 
 
 def sensor_joints(hand: Hand) -> np.ndarray:

@@ -1,6 +1,9 @@
 """Whole grasps: they face the surface, stay out of it, repeat, and end."""
 
 import importlib.util
+import os
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -92,6 +95,26 @@ def test_a_grasp_depends_on_seed_and_name_alone(on_bottle):
         np.testing.assert_array_equal(on_bottle.palm_pose, other.palm_pose)
     different = grasps_of(bottle(), "bottle-2")
     assert np.abs(different.palm_pose - on_bottle.palm_pose).max() > 0.01
+
+
+def test_grasps_do_not_depend_on_the_number_of_threads():
+    """In processes of their own, for the number of threads is fixed when numpy is loaded."""
+    script = """
+import sys, numpy as np, trimesh
+from palpate.catalogue import generator
+from palpate.grasp import grasp_object
+from palpate.hand import allegro
+mesh = trimesh.creation.cylinder(radius=0.04, height=0.4)
+points = trimesh.sample.sample_surface(mesh, 2000, seed=0)[0] + (0, 0, 0.6)
+found = grasp_object(mesh, mesh, points, allegro(), generator(0, "rod"), per_object=3, attempts=3)
+sys.stdout.buffer.write(found.joint_positions.tobytes() + found.penetration.tobytes())
+"""
+    outputs = []
+    for threads in "12":
+        environment = os.environ | {f"{library}_NUM_THREADS": threads for library in ("OMP", "OPENBLAS")}
+        run = subprocess.run([sys.executable, "-c", script], env=environment, capture_output=True, check=True)
+        outputs.append(run.stdout)
+    assert len(outputs[0]) == 3 * (16 * 8 + 4) and outputs[0] == outputs[1]
 
 
 def test_attempts_in_one_scene_do_not_remember_each_other():

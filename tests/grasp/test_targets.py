@@ -5,7 +5,7 @@ import pytest
 import trimesh
 
 from palpate.grasp.placement import GAP, Surface, palm_pose, with_normals
-from palpate.grasp.targets import DIRECTION_LENGTH, PRESS, Workspace, contact_distance, sensor_joints
+from palpate.grasp.targets import DIRECTION_LENGTH, PRESS, Workspace, contact_distance, sensor_joints, solved
 from palpate.hand import allegro
 
 
@@ -38,6 +38,16 @@ def test_jacobian_is_the_derivative(workspace):
             apex, direction = workspace.apex(hand.forward(np.eye(4), moved))
             ends.append(np.concatenate([apex, DIRECTION_LENGTH * direction], axis=-1))
         np.testing.assert_allclose(found[:, :, joint], (ends[0] - ends[1]) / (2 * step), atol=1e-8)
+
+
+def test_elimination_solves_what_lapack_solves():
+    rng = np.random.default_rng(4)
+    factors = rng.normal(size=(50, 4, 6, 16))
+    matrix = factors @ factors.swapaxes(-1, -2) + 1e-3 * np.eye(6)
+    right = rng.normal(size=(50, 4, 6))
+    np.testing.assert_allclose(
+        solved(matrix, right), np.linalg.solve(matrix, right[..., None])[..., 0], rtol=1e-8, atol=1e-12
+    )
 
 
 def test_inverse_kinematics_finds_back_what_forward_kinematics_made(workspace):
