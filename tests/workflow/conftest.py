@@ -64,14 +64,15 @@ def two_classes(root: Path) -> Path:
 
 @pytest.fixture(scope="session")
 def make_workflow(tmp_path_factory):
-    """A workflow on its own copy of the two classes; keyword arguments are config keys."""
+    """A workflow on the two classes with a results folder of its own; keyword arguments are config keys."""
+    meshes = two_classes(tmp_path_factory.mktemp("meshes"))
 
     def make(**config) -> Workflow:
         folder = tmp_path_factory.mktemp("workflow")
         settings = {
             "run": "run",
             "results": str(folder),
-            "source": {"kind": "folder", "path": str(two_classes(folder / "meshes"))},
+            "source": {"kind": "folder", "path": str(meshes)},
             "classes": "all",
             "vision": {"size": 64, "samples": 2, "device": "cpu"},
             **config,
