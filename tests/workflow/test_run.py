@@ -1,4 +1,4 @@
-"""The workflow as a whole, on a user's folder of meshes: what it builds, what it leaves out, how it resumes."""
+"""The workflow as a whole, on a folder of meshes: what it builds, what it leaves out, how it resumes."""
 
 import hashlib
 from pathlib import Path
@@ -8,6 +8,8 @@ import pandas as pd
 import pytest
 
 import palpate
+from palpate.mesh import FORMATS
+from tests.mesh import nasty
 
 STORES = ("surface", "grasps", "touch", "vision")
 
@@ -65,6 +67,23 @@ def test_what_cannot_be_used_is_rejected_with_stage_and_reason(finished):
     assert list(rejected.object) == ["brick-nested-broken"]
     assert list(rejected.stage) == ["meshes"]
     assert "nested/broken.glb" in rejected.reason[0]
+
+
+def test_nasty_meshes_go_through_every_stage_or_are_rejected(make_workflow, tmp_path):
+    """Nothing crashes or hangs, nothing is lost, and what comes out is valid: no silent garbage."""
+    expected = {}
+    for name, build in {"usable": nasty.usable, "unusable": nasty.unusable}.items():
+        (tmp_path / name).mkdir()
+        paths = build(tmp_path / name).values()
+        expected[name] = [path for path in paths if path.is_file() and path.suffix[1:] in FORMATS]
+    workflow = make_workflow(source={"kind": "folder", "path": str(tmp_path)})
+    result = workflow("dataset", "validate")
+    assert result.returncode == 0, result.stderr
+    rejected = pd.read_csv(workflow.run / "rejected.csv")
+    assert set(rejected.stage) == {"meshes"}
+    assert len(rejected) == len(expected["unusable"])
+    assert rejected.object.str.startswith("unusable-").all()
+    assert len(palpate.Dataset(workflow.run)) == len(expected["usable"])
 
 
 def test_nothing_is_left_to_do(finished):
