@@ -26,7 +26,7 @@ os.environ.setdefault("IGL_NUM_THREADS", "1")
 MAX_PENETRATION = 0.001  # metres; what grasps are accepted by, unless the run's config says otherwise
 ON_MESH = 1e-4  # metres
 EXACT = 1e-6  # metres, or per unit of a rotation: float32 coordinates below 1 m are good to 6e-8
-SOFT_LIMIT = 5e-2  # radians; MuJoCo's joint limits give way under load: 0.024 in 100 grasps of 20 objects
+SOFT_LIMIT = 1e-3  # radians; MuJoCo's joint limits give way under load: 0.0003 in 100 grasps of 20 objects
 DEPTH_STEP = 2.0**-10  # metres: the step of a float16 between 1 and 2
 HAND_REACH = 0.5  # metres: no part of a hand that touches an object is further from it
 NEAR = 1e-3  # metres around a cloud in which faces are looked at first
