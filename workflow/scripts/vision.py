@@ -25,7 +25,7 @@ grasps = store.read(snakemake.input.grasps)
 hand = Hand.from_arrays({key.removeprefix("hand/"): array for key, array in grasps.items()})
 
 with ExitStack() as outputs:
-    masters = outputs.enter_context(store.whole(snakemake.output.masters)) if settings["exr"] else None
+    masters = outputs.enter_context(store.whole(snakemake.output.masters[0])) if settings["exr"] else None
     renderer = Renderer(settings["size"], settings["samples"], settings["device"], snakemake.threads, masters)
 
     def render(name: str) -> dict[str, np.ndarray]:

@@ -1,0 +1,56 @@
+"""Every option that is not the default, in one run: another hand, tracing, surface method, sizes, EXR masters."""
+
+import numpy as np
+import pytest
+import yaml
+
+import palpate
+from palpate.store import read
+from palpate.vision.image import read_layers
+from tests.hand import grippers
+
+GRASPS, POINTS, SIZE = 2, 2000, 48
+
+
+@pytest.fixture(scope="module")
+def run(make_workflow, tmp_path_factory):
+    hand = tmp_path_factory.mktemp("a hand")  # paths may have spaces
+    (hand / "hand.xml").write_text(grippers.two_fingers("degree"))
+    (hand / "sensors.yaml").write_text(yaml.safe_dump(grippers.SENSORS))
+    workflow = make_workflow(
+        classes=[{"class": "can", "objects": "all"}],
+        surface={"method": "depth_maps", "points": POINTS},
+        grasps={
+            "per_object": GRASPS,
+            "attempts": GRASPS,
+            "thumb_share": 1.0,
+            "hand": {"mjcf": str(hand / "hand.xml"), "sensors": str(hand / "sensors.yaml")},
+        },
+        touch={"method": "sphere_tracing"},
+        vision={"size": SIZE, "samples": 2, "device": "cpu", "exr": True},
+        mesh={"collision_faces": 500, "levels": [200, 100]},
+    )
+    result = workflow("all", "validate")
+    assert result.returncode == 0, result.stderr
+    return workflow.run
+
+
+def test_sizes_are_those_of_the_config(run):
+    dataset = palpate.Dataset(run)
+    assert dataset.objects == ["can-nested-flat", "can-tall"]
+    assert dataset.array("surface", "points").shape == (2, POINTS, 3)
+    assert dataset.array("vision", "occluded").shape == (2 * GRASPS, SIZE, SIZE, 3)
+    assert dataset.array("grasps", "joint_positions").shape == (2 * GRASPS, 5)  # the gripper's hinges
+    names = {path.name for path in dataset[0].mesh.iterdir()}
+    assert names == {"visual.glb", "collision.ply", "level-200.ply", "level-100.ply", "mesh.json"}
+
+
+def test_masters_hold_what_the_store_holds(run):
+    stored = read(run / "vision/batch-0000.zarr")
+    assert len(list((run / "exr/batch-0000").glob("*.exr"))) == 2 * (1 + GRASPS)
+    for number, name in enumerate(stored["object"]):
+        image = read_layers(run / f"exr/batch-0000/{name}-unoccluded.exr").image((1, 1, 1))
+        np.testing.assert_array_equal(image.rgb, stored["unoccluded"][number])
+        for grasp in range(GRASPS):
+            image = read_layers(run / f"exr/batch-0000/{name}-grasp-{grasp}.exr").image((1, 1, 1))
+            np.testing.assert_array_equal(image.depth, stored["occluded_depth"][number * GRASPS + grasp])
