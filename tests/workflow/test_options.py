@@ -1,4 +1,4 @@
-"""Every option that is not the default, in one run: another hand, tracing, surface method, sizes, EXR masters."""
+"""Every option that is not the default, in one run: own hand, tracing, surface method, sizes, masters."""
 
 import numpy as np
 import pytest
