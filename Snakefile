@@ -71,7 +71,7 @@ rule smoke:
         "logs/smoke.log",
     conda:
         CONDA
-    threads: workflow.cores
+    threads: 2
     params:
         project=PROJECT,
         snakemake=f"{sys.executable} -m snakemake",
