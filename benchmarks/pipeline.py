@@ -2,8 +2,8 @@
 
     python benchmarks/pipeline.py results/small
 
-CPU seconds are those of all processes of a job; wall seconds are a job's own, two of which run at a time on two
-cores. `an object` divides by the objects in the catalogue.
+CPU seconds are those of all processes of a job; wall seconds are a job's own, two of which run at a time on
+two cores. `an object` divides by the objects in the catalogue.
 """
 
 import argparse

@@ -63,7 +63,7 @@ class GraspScene:
             geom.solref = [2 * timestep, 1]
             geom.solimp = SOLIMP
             geom.margin = 0
-        # As stiff as contact: with the engine's default a finger that is pushed leaves its range by 1.4 degrees.
+        # As stiff as contact: by the engine's default a pushed finger leaves its range by 1.4 degrees.
         for joint in spec.joints:
             joint.solref_limit = [2 * timestep, 1]
             joint.solimp_limit = SOLIMP
