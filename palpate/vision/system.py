@@ -1,4 +1,4 @@
-"""System libraries that Blender needs: `python -m palpate.vision.system` names what is missing.
+"""System libraries that Blender and MeshLab need: `python -m palpate.vision.system` names what is missing.
 
 With `--install` it installs them, where this user may (root, with apt). Nothing here imports Blender.
 """
@@ -11,7 +11,8 @@ import subprocess
 import sys
 
 # What `bpy` 4.5 links against besides the C and C++ runtimes and what it brings along (`ldd`), by Debian
-# package (`dpkg -S`); the packages' own dependencies come with them.
+# package (`dpkg -S`); the packages' own dependencies come with them. The last is `pymeshlab`'s: without it
+# most of its filters are not there.
 PACKAGES = {
     "libX11.so.6": "libx11-6",
     "libXrender.so.1": "libxrender1",
@@ -21,6 +22,7 @@ PACKAGES = {
     "libSM.so.6": "libsm6",
     "libICE.so.6": "libice6",
     "libGL.so.1": "libgl1",
+    "libOpenGL.so.0": "libopengl0",
 }
 
 
@@ -43,25 +45,23 @@ def _loads(library: str) -> bool:
 
 
 def main(arguments: list[str] | None = None) -> int:
-    parser = argparse.ArgumentParser(
-        description="Name the system libraries that Blender needs and are missing."
-    )
+    parser = argparse.ArgumentParser(description="Name the system libraries that are missing.")
     parser.add_argument("--install", action="store_true", help="install them, as root on a system with apt")
     install = parser.parse_args(arguments).install
     missing = missing_libraries()
     if not missing:
         if not install:
-            print("Blender's system libraries are all there.")
+            print("The system libraries of Blender and MeshLab are all there.")
         return 0
     command = install_command(missing.values())
     if install and os.geteuid() == 0 and shutil.which("apt-get"):
-        print(f"Blender needs {', '.join(missing)}: {command}", file=sys.stderr)
+        print(f"Blender and MeshLab need {', '.join(missing)}: {command}", file=sys.stderr)
         subprocess.run(["apt-get", "update", "--quiet"], check=False)
         subprocess.run(command.split(), check=False)
         missing = missing_libraries()
         if not missing:
             return 0
-    print(f"Blender needs {', '.join(missing)}. On Debian and Ubuntu, as root:", file=sys.stderr)
+    print(f"Blender and MeshLab need {', '.join(missing)}. On Debian and Ubuntu, as root:", file=sys.stderr)
     print(install_command(missing.values()))
     return 1
 

@@ -86,6 +86,17 @@ def test_nasty_meshes_go_through_every_stage_or_are_rejected(make_workflow, tmp_
     assert len(palpate.Dataset(workflow.run)) == len(expected["usable"])
 
 
+def test_a_run_in_which_nothing_can_be_used_is_whole_but_not_valid(make_workflow, tmp_path):
+    (tmp_path / "bad").mkdir()
+    (tmp_path / "bad/page.stl").write_text("no mesh")
+    workflow = make_workflow(source={"kind": "folder", "path": str(tmp_path)})
+    result = workflow("all", "validate")
+    assert result.returncode != 0
+    assert "none of 1 objects could be used" in result.stderr and "bad/page.stl" in result.stderr
+    assert (workflow.run / "tables/grasp_success.csv").exists()
+    assert len(palpate.Dataset(workflow.run)) == 0
+
+
 def test_nothing_is_left_to_do(finished):
     assert planned(finished, "all") == set()
 

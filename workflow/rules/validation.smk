@@ -51,10 +51,12 @@ rule validation:
         "../scripts/validation.py"
 
 
-# A target that fails if a check failed; the report stays, to be read.
+# A target that fails if a check failed or nothing could be used; the report stays, to be read.
 rule validate:
     input:
         table="reports/validation.csv",
+        catalogue="catalogue.csv",
+        rejected="rejected.csv",
     log:
         "logs/validate.log",
     conda:

@@ -1,4 +1,4 @@
-"""Fails, naming them, if a check in reports/validation.csv failed."""
+"""Fails, naming them, if a check in reports/validation.csv failed, or if no object could be used."""
 
 import sys
 
@@ -11,3 +11,7 @@ checks = pd.read_csv(snakemake.input.table)
 failed = checks[~checks.passed]
 if len(failed):
     sys.exit(f"{len(failed)} of {len(checks)} checks failed:\n{failed.to_string(index=False)}")
+
+catalogue, rejected = pd.read_csv(snakemake.input.catalogue), pd.read_csv(snakemake.input.rejected)
+if set(catalogue.object) <= set(rejected.object):
+    sys.exit(f"none of {len(catalogue)} objects could be used; the first: {rejected.reason[0]}")
