@@ -78,7 +78,7 @@ def make_workflow(tmp_path_factory):
             **config,
         }
         path = folder / "config.yaml"
-        path.write_text(yaml.safe_dump(settings))
+        path.write_text(yaml.safe_dump(settings, sort_keys=False))
         return Workflow(path, folder / "run")
 
     return make

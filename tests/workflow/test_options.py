@@ -24,7 +24,7 @@ def run(make_workflow, tmp_path_factory):
             "per_object": GRASPS,
             "attempts": GRASPS,
             "thumb_share": 1.0,
-            "hand": {"mjcf": str(hand / "hand.xml"), "sensors": str(hand / "sensors.yaml")},
+            "hand": {"sensors": str(hand / "sensors.yaml"), "mjcf": str(hand / "hand.xml")},
         },
         touch={"method": "sphere_tracing"},
         vision={"size": SIZE, "samples": 2, "device": "cpu", "exr": True},

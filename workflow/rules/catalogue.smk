@@ -1,5 +1,4 @@
-# Which objects the run has: class, split, batch, file, checksum. One file a batch beside the whole, so that a
-# new object re-runs its own batch and not the others.
+# Which objects the run has: class, split, batch, file, checksum; whole, and one file a batch.
 rule catalogue:
     input:
         sources=source_inputs(ENTRIES),

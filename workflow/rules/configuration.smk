@@ -39,6 +39,10 @@ try:
     ENTRIES = catalogue.scan(SOURCE, CLASS_COUNTS)
     BATCHES = catalogue.batch_names(len(ENTRIES), config["batch_size"])
     HAND = config["grasps"]["hand"]
+    if config["grasps"]["per_object"] > config["grasps"]["attempts"]:
+        raise Invalid("config grasps: attempts must be at least per_object")
+    if config["grasps"]["attempts"] > config["grasps"]["max_attempts"]:
+        raise Invalid("config grasps: max_attempts must be at least attempts")
     for path in (HAND or {}).values():
         if not (PROJECT / path).is_file():
             raise Invalid(f"config grasps.hand: {PROJECT / path}: no such file")

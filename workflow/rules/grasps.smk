@@ -3,7 +3,7 @@ rule grasps:
     input:
         meshes="meshes/{batch}",
         surface="surface/{batch}.zarr",
-        hand=[PROJECT / path for path in (HAND or {}).values()],
+        hand=[PROJECT / HAND[key] for key in ("mjcf", "sensors")] if HAND else [],
     output:
         grasps="grasps/{batch}.h5",
         rejected="rejected/grasps/{batch}.csv",
@@ -19,7 +19,6 @@ rule grasps:
         runtime=60,
     params:
         grasps=config["grasps"],
-        project=PROJECT,
         seed=config["seed"],
     script:
         "../scripts/grasps.py"
