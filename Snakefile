@@ -5,7 +5,6 @@
 #   snakemake --cores 2 tables/grasp_success.csv                  just what that table needs
 #   snakemake --cores 2 validate                                  the dataset, and every check of it
 #   snakemake --cores 2 smoke                                     one object, end to end
-import sys
 from pathlib import Path
 
 from snakemake.utils import min_version
@@ -47,13 +46,12 @@ rule dataset:
 include: "workflow/rules/validation.smk"
 include: "workflow/rules/tables.smk"
 include: "workflow/rules/figures.smk"
+include: "workflow/rules/smoke.smk"
 
 
 localrules:
     all,
     dataset,
-    smoke,
-    validate,
 
 
 rule all:
@@ -63,19 +61,3 @@ rule all:
         "reports/validation.csv",
         TABLES,
         FIGURES,
-
-
-# A run of its own (config/smoke.yaml, results/smoke/), whatever the config of this one.
-rule smoke:
-    log:
-        "logs/smoke.log",
-    conda:
-        CONDA
-    threads: 2
-    params:
-        project=PROJECT,
-        snakemake=f"{sys.executable} -m snakemake",
-        config=PROJECT / "config/smoke.yaml",
-    shell:
-        "log=$(realpath {log}); cd {params.project};"
-        " {params.snakemake} --cores {threads} all validate --configfile {params.config} 2>&1 | tee $log"

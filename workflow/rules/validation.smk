@@ -1,3 +1,7 @@
+localrules:
+    validate,
+
+
 # Every array of every store against the dataset contract.
 rule validate_batch:
     input:
