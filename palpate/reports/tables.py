@@ -35,10 +35,11 @@ class Frames(NamedTuple):
 
 
 def dataset_frames(run: Path | str) -> Frames:
-    """The frames of a run's folder: from its catalogue, its rejections, its grasps and touch stores."""
+    """The frames of a run's folder: from its catalogue, its grasps and touch stores, and the rejections up to
+    touch, so that the tables are the same whether images have been rendered or not."""
     run = Path(run)
     objects = pd.read_csv(run / "catalogue.csv", dtype=str, keep_default_na=False)
-    dataset = Dataset(run)
+    dataset = Dataset(run, stages=("meshes", "surface", "grasps", "touch"))
     rejected = pd.DataFrame(dataset.rejections(), columns=["object", "stage", "reason"])
     if not len(dataset):
         return Frames(objects, rejected, _grasp_frame([], [], np.zeros((0, SENSORS), bool), [], []))

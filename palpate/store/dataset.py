@@ -16,6 +16,8 @@ import numpy as np
 from palpate.store.contract import CONTRACT, SENSOR_NAMES
 from palpate.store.files import Store, StoreError
 
+STAGES = ("meshes", *CONTRACT)  # in the order in which an object goes through them
+
 
 class Entry(NamedTuple):
     """One object's row of `catalogue.csv`."""
@@ -44,10 +46,14 @@ class Run:
         self._objects: dict[tuple[str, str], dict[str, int]] = {}
 
     def __getstate__(self) -> dict[str, Any]:
-        return {"folder": self.folder, "_stores": {}, "_objects": self._objects}
+        return {**self.__dict__, "_stores": {}}
 
     def catalogue(self) -> dict[str, Entry]:
         """Rows of `catalogue.csv` by object, in its order. Raises StoreError if it is missing or broken."""
+        return self._catalogue
+
+    @cached_property
+    def _catalogue(self) -> dict[str, Entry]:
         path = self.folder / "catalogue.csv"
         if not path.exists():
             raise StoreError(f"{path} does not exist; name a run's folder, or build it with: snakemake")
@@ -59,18 +65,32 @@ class Run:
             ) from None
         return {entry.object: entry for entry in rows}
 
-    def rejections(self, batch: str = "*") -> list[dict[str, str]]:
-        """Rows object, stage, reason: of `rejected/<stage>/<batch>.csv`, or else of `rejected.csv`."""
-        paths = sorted(self.folder.glob(f"rejected/*/{batch}.csv")) or [self.folder / "rejected.csv"]
-        return [row for path in paths if path.exists() for row in read_rows(path)]
+    @cached_property
+    def batches(self) -> list[str]:
+        """Names of the catalogue's batches. Files of others are left from an earlier config."""
+        return list(dict.fromkeys(entry.batch for entry in self._catalogue.values()))
 
-    def rejected(self) -> set[str]:
-        """Objects rejected at any stage so far."""
-        return {row["object"] for row in self.rejections()}
+    def rejections(
+        self, batch: str | None = None, stages: Iterable[str] | None = None
+    ) -> list[dict[str, str]]:
+        """Rows object, stage, reason, of one batch or of all, at some stages or at any.
+
+        Of `rejected/<stage>/<batch>.csv`, or of `rejected.csv` if no stage has written its own yet.
+        """
+        found = sorted(path.name for path in self.folder.glob("rejected/*"))
+        batches = self.batches if batch is None else [batch]
+        paths = [self.folder / f"rejected/{stage}/{name}.csv" for stage in found for name in batches]
+        paths = [path for path in paths if path.exists()] or [self.folder / "rejected.csv"]
+        rows = [row for path in paths if path.exists() for row in read_rows(path)]
+        return rows if stages is None else [row for row in rows if row["stage"] in set(stages)]
+
+    def rejected(self, stages: Iterable[str] | None = None) -> set[str]:
+        """Objects rejected so far, at some stages or at any."""
+        return {row["object"] for row in self.rejections(stages=stages)}
 
     def has(self, stage: str) -> bool:
         """Whether any batch of this stage is there."""
-        return any((self.folder / stage).glob(f"batch-*{CONTRACT[stage].suffix}"))
+        return any((self.folder / CONTRACT[stage].path(batch)).exists() for batch in self.batches)
 
     def path(self, stage: str, batch: str) -> Path:
         """Path of one batch's store; StoreError if the run has nothing of this stage."""
@@ -85,48 +105,70 @@ class Run:
             self._stores[path] = Store(self.path(stage, batch))
         return self._stores[path]
 
+    def objects(self, stage: str, batch: str) -> dict[str, int]:
+        """Row of each object in one batch's store, remembered."""
+        key = (stage, batch)
+        if key not in self._objects:
+            names = self.store(*key).get("object")
+            self._objects[key] = {str(name): row for row, name in enumerate(names)}
+        return self._objects[key]
+
     def rows(self, stage: str, entry: Entry, name: str) -> range:
         """Rows of the object in array `name`: one, or one a grasp."""
-        key = (stage, entry.batch)
-        store = self.store(*key)
-        if key not in self._objects:
-            self._objects[key] = {str(found): row for row, found in enumerate(store.get("object"))}
-        objects = self._objects[key]
-        if entry.object not in objects:
-            raise StoreError(
-                f"{store.path} does not hold {entry.object}, which the catalogue puts in {entry.batch}; "
-                f"remove it and build it again with: snakemake {stage}/{store.path.name}"
-            )
-        per_object = store.header(name)[0][0] // len(objects)
-        row = objects[entry.object]
-        return range(row * per_object, (row + 1) * per_object)
+        objects = self.objects(stage, entry.batch)
+        store = self.store(stage, entry.batch)
+        if entry.object in objects:
+            per_object = store.header(name)[0][0] // len(objects)
+            row = objects[entry.object]
+            return range(row * per_object, (row + 1) * per_object)
+        for row in self.rejections(entry.batch):
+            if row["object"] == entry.object:
+                raise StoreError(
+                    f"{store.path} does not hold {entry.object}, which was rejected at {row['stage']}: "
+                    f"{row['reason']}; open the dataset with this stage to leave it out"
+                )
+        raise StoreError(
+            f"{store.path} does not hold {entry.object}, which the catalogue puts in {entry.batch}; "
+            f"remove it and build it again with: snakemake {stage}/{store.path.name}"
+        )
 
 
 class Dataset(Sequence):
     """The objects of a run, by name, number, split or class; nothing but their names is read on opening.
 
-    run: the run's folder, `results/<run>`. Stages that have not been built are simply absent; asking for one
-    of their arrays raises StoreError with the command that builds it. Rejected objects are left out.
+    run: the run's folder, `results/<run>`. stages: which of meshes, surface, grasps, touch and vision the
+    objects must have come through; all by default. An object is left out if one of these rejected it, or has
+    a store of its batch without it; what other stages could not use does not matter. Stages that have not
+    been built are simply absent; asking for one of their arrays raises StoreError with the command that
+    builds it. Raises ValueError for an unknown stage.
     """
 
-    def __init__(self, run: Path | str):
+    def __init__(self, run: Path | str, stages: Iterable[str] | None = None):
         self._run = Run(run)
+        self._asked = None if stages is None else tuple(stages)
+        if unknown := sorted(set(self._asked or ()) - set(STAGES)):
+            raise ValueError(f"no stage {', '.join(unknown)}: expected some of {', '.join(STAGES)}")
         self._entries = self._usable()
 
     def _usable(self) -> dict[str, Entry]:
-        """The catalogue less what was rejected, by `rejected.csv` and by what the stores hold."""
+        """The catalogue less what the stages asked for rejected, and less what their stores do not hold."""
         run = self._run
-        entries = run.catalogue()
-        stage = next((stage for stage in ("grasps", "surface") if run.has(stage)), None)
-        kept = set(entries) - run.rejected()
-        if stage:
-            batches = dict.fromkeys(entry.batch for entry in entries.values())
-            kept &= {str(name) for batch in batches for name in run.store(stage, batch).get("object")}
-        return {name: entry for name, entry in entries.items() if name in kept}
+        gone = run.rejected(self._asked)
+        asked = STAGES if self._asked is None else self._asked
+        stores = [(stage, spec) for stage, spec in CONTRACT.items() if stage in asked]
+
+        def held(entry: Entry) -> bool:
+            return all(
+                entry.object in run.objects(stage, entry.batch)
+                for stage, spec in stores
+                if (run.folder / spec.path(entry.batch)).exists()
+            )
+
+        return {name: entry for name, entry in run.catalogue().items() if name not in gone and held(entry)}
 
     def _view(self, entries: Iterable[Entry]) -> "Dataset":
         view = object.__new__(Dataset)
-        view._run = self._run
+        view._run, view._asked = self._run, self._asked
         view._entries = {entry.object: entry for entry in entries}
         return view
 
@@ -146,8 +188,8 @@ class Dataset(Sequence):
         return [stage for stage in CONTRACT if self._run.has(stage)]
 
     def rejections(self) -> list[dict[str, str]]:
-        """What the run could not use, of all classes and splits: object, stage, reason."""
-        return self._run.rejections()
+        """What these stages could not use, of all classes and splits: object, stage, reason."""
+        return self._run.rejections(stages=self._asked)
 
     def split(self, name: str) -> "Dataset":
         """The objects of one split: train, validation or test."""
@@ -170,7 +212,7 @@ class Dataset(Sequence):
     def _entry(self, name: str) -> Entry:
         if name in self._entries:
             return self._entries[name]
-        if name in self._run.rejected():
+        if name in self._run.rejected(self._asked):
             raise KeyError(f"{name!r} was rejected; {self._run.folder / 'rejected.csv'} has the reason")
         raise KeyError(f"{name!r} is not among the {len(self)} objects of {self!r}")
 
@@ -342,8 +384,10 @@ class ObjectRecord(_Rows):
 
     @cached_property
     def grasps(self) -> list["GraspRecord"]:
-        """Its grasps."""
-        rows = self._run.rows("grasps", self._entry, "palm_pose")
+        """Its grasps, as many as the first stage that has them says."""
+        names = _names("og")
+        name = next((name for name, stage in names.items() if self._run.has(stage)), "palm_pose")
+        rows = self._run.rows(names[name], self._entry, name)
         return [GraspRecord(self._run, self._entry, number) for number in range(len(rows))]
 
     def __repr__(self) -> str:

@@ -159,6 +159,18 @@ def test_the_tables_need_no_vision_store_and_no_meshes(run, tmp_path):
     pd.testing.assert_frame_equal(tables.dataset_frames(tmp_path).grasps, tables.dataset_frames(run).grasps)
 
 
+def test_the_tables_do_not_depend_on_what_vision_rejected(run, tmp_path):
+    whole = shutil.copytree(run, tmp_path / "run")
+    for name, stage in {"bottle-0000": "vision", "sock-0000": "grasps"}.items():
+        path = whole / f"rejected/{stage}/batch-0000.csv"
+        path.parent.mkdir(parents=True)
+        path.write_text(f"object,stage,reason\n{name},{stage},x\n")
+    frames = zip(tables.dataset_frames(whole), tables.dataset_frames(run), strict=True)
+    for found, expected in frames:
+        columns = [column for column in expected if column != "reason"]
+        pd.testing.assert_frame_equal(found[columns], expected[columns])
+
+
 def test_the_frames_of_a_run_in_which_everything_was_rejected(run, tmp_path):
     shutil.copy(run / "catalogue.csv", tmp_path)
     names = [line.split(",")[0] for line in (run / "catalogue.csv").read_text().splitlines()[1:]]

@@ -137,9 +137,11 @@ def test_an_object_that_a_store_lacks_is_an_error_not_another_object(run):
     attributes = palpate.store.open(path).attributes
     kept = {"object": arrays["object"][1:], "points": arrays["points"][1:]}
     palpate.store.write(path, "surface", kept, attributes)
-    dataset = palpate.Dataset(run)
+    assert palpate.Dataset(run).objects == OBJECTS[1:]
+    dataset = palpate.Dataset(run, stages=["grasps", "touch"])
+    assert dataset.objects == OBJECTS
     assert dataset["block-0000"].points.any()
-    with pytest.raises(StoreError, match=r"surface/batch-0000.zarr does not hold ball-0000"):
+    with pytest.raises(StoreError, match=r"surface/batch-0000.zarr does not hold ball-0000.*remove it and"):
         dataset["ball-0000"].points.any()
 
 
@@ -163,6 +165,66 @@ def test_objects_rejected_before_the_whole_list_is_made_are_left_out(run):
     (run / "rejected/surface").mkdir(parents=True)
     (run / "rejected/surface/batch-0000.csv").write_text("object,stage,reason\nblock-0000,surface,no area\n")
     assert palpate.Dataset(run).objects == ["ball-0000", "ball-0002"]
+
+
+def reject(run, stage, batch, name):
+    path = run / f"rejected/{stage}/{batch}.csv"
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(f"object,stage,reason\n{name},{stage},too thin\n")
+
+
+def test_batches_that_the_catalogue_does_not_name_are_not_read(run):
+    reject(run, "grasps", "batch-0001", "ball-0001")
+    reject(run, "meshes", "batch-0002", "ball-0000")  # left by a config with smaller batches
+    (run / "vision").rename(run / "kept")
+    (run / "vision").mkdir()
+    (run / "kept/batch-0000.zarr").rename(run / "vision/batch-0007.zarr")
+    dataset = palpate.Dataset(run)
+    assert dataset.objects == OBJECTS
+    assert [row["object"] for row in dataset.rejections()] == ["ball-0001"]
+    assert dataset.stages == ["surface", "grasps", "touch"]
+
+
+@pytest.mark.parametrize("written", ["by stage", "whole"])
+def test_what_a_stage_rejected_does_not_matter_to_those_who_do_not_ask_for_it(run, written):
+    """Nor whether its store is there yet."""
+    path = run / "vision/batch-0000.zarr"
+    arrays = palpate.store.read(path)
+    kept = {key: array[1:] for key, array in arrays.items() if not key.startswith("occluded")}
+    kept |= {key: array[GRASPS:] for key, array in arrays.items() if key.startswith("occluded")}
+    palpate.store.write(path, "vision", kept, palpate.store.open(path).attributes)
+    if written == "by stage":
+        reject(run, "vision", "batch-0000", "ball-0000")
+        reject(run, "grasps", "batch-0001", "ball-0001")
+    else:
+        with open(run / "rejected.csv", "a") as file:
+            file.write("ball-0000,vision,too thin\n")
+    whole, touch = palpate.Dataset(run), palpate.Dataset(run, stages=["meshes", "grasps", "touch"])
+    assert whole.objects == OBJECTS[1:] and touch.objects == OBJECTS
+    assert {row["stage"] for row in whole.rejections()} == {"grasps", "vision"}
+    assert {row["stage"] for row in touch.rejections()} == {"grasps"}
+    assert touch.split("train").rejections() == touch.rejections()
+    with pytest.raises(StoreError, match="ball-0000, which was rejected at vision: too thin; open"):
+        touch["ball-0000"].unoccluded.any()
+    shutil.rmtree(run / "vision")
+    assert palpate.Dataset(run, stages=["grasps", "touch"]).objects == OBJECTS
+    with pytest.raises(ValueError, match="no stage renders: expected some of meshes, surface, grasps"):
+        palpate.Dataset(run, stages=["touch", "renders"])
+
+
+def test_a_run_that_has_no_grasps_store_is_read_from_what_it_has(run):
+    """As when touch and images were not made here."""
+    expected = [[grasp.depth for grasp in record.grasps] for record in palpate.Dataset(run)]
+    shutil.rmtree(run / "grasps")
+    shutil.rmtree(run / "meshes")
+    (run / "rejected.csv").unlink()
+    dataset = palpate.Dataset(run)
+    assert dataset.objects == OBJECTS and dataset.stages == ["surface", "touch", "vision"]
+    assert palpate.Dataset(run, stages=["surface"]).objects == [*OBJECTS[:2], "ball-0001", OBJECTS[2]]
+    np.testing.assert_array_equal([[grasp.depth for grasp in record.grasps] for record in dataset], expected)
+    assert dataset[0].grasps[1].occluded.shape == (64, 64, 3)
+    shutil.rmtree(run / "touch")
+    assert len(palpate.Dataset(run)[0].grasps) == GRASPS
 
 
 def test_unknown_names_are_attribute_errors_that_list_the_arrays(built):
