@@ -1,0 +1,31 @@
+"""Charts: the atlas, the graph over charts, points on them, and the distance between clouds. Needs torch."""
+
+from palpate.charts.atlas import (
+    ATLAS_RADIUS,
+    Atlas,
+    TouchChart,
+    chart_faces,
+    sphere,
+    touch_chart,
+    vision_atlas,
+)
+from palpate.charts.chamfer import CHAMFER_SCALE, build_tree, chamfer_distance, nearest, one_sided_distance
+from palpate.charts.graph import Graph
+from palpate.charts.sample import sample_faces
+
+__all__ = [
+    "ATLAS_RADIUS",
+    "CHAMFER_SCALE",
+    "Atlas",
+    "Graph",
+    "TouchChart",
+    "build_tree",
+    "chamfer_distance",
+    "chart_faces",
+    "nearest",
+    "one_sided_distance",
+    "sample_faces",
+    "sphere",
+    "touch_chart",
+    "vision_atlas",
+]

@@ -1,0 +1,149 @@
+"""The graph of charts, and the sum over neighbourhoods that its layers are made of.
+
+The normalised adjacency is applied without being formed: a sparse part (edges within charts, joined boundary
+vertices, the vertices themselves), and the block between the touch charts' reference vertices and all
+boundary vertices of vision charts, which has rank two. docs/charts.md has the times of other ways.
+"""
+
+from typing import Any, Literal
+
+import torch
+from torch import Tensor, nn
+from torch.nn import functional
+
+from palpate.charts.atlas import TOUCH_VERTICES, chart_faces, sphere, touch_chart, vision_atlas
+
+Kind = Literal["charts", "no_comm", "sphere"]
+
+
+def mesh_edges(faces: Tensor) -> Tensor:
+    """Sides (3 f, 2) of the faces (f, 3), those of two faces twice."""
+    return faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
+
+
+class NeighbourhoodSum(torch.autograd.Function):
+    """A x for a symmetric A = sparse + block, with x of shape (V, n). A is its own transpose, so the gradient
+    is the same sum of the gradient, and can be differentiated again."""
+
+    @staticmethod
+    def forward(
+        ctx: Any, x: Tensor, neighbour: Tensor, start: Tensor, weight: Tensor, left: Tensor
+    ) -> Tensor:
+        ctx.save_for_backward(neighbour, start, weight, left)
+        # Weighted sums of rows; on a CPU twice as fast as a product with a sparse CSR tensor.
+        y = functional.embedding_bag(
+            neighbour, x, start, mode="sum", per_sample_weights=weight, include_last_offset=True
+        )
+        if len(left):
+            y.addmm_(left.T, left.flip(0) @ x)
+        return y
+
+    @staticmethod
+    def backward(ctx: Any, *gradients: Tensor) -> tuple[Tensor | None, ...]:
+        return NeighbourhoodSum.apply(gradients[0].contiguous(), *ctx.saved_tensors), None, None, None, None
+
+
+class Graph(nn.Module):
+    """Vertices of all charts and their neighbourhoods (paper, section 3).
+
+    Vertex order: vision charts 0 to 1823 as in `vision_atlas()`, then touch chart t at 1824 + 81 t.
+    Neighbours are the ends of a mesh edge within a chart, boundary vertices of different vision charts at
+    the same initial position, and each touch chart's reference vertex with all 1152 boundary vertices of
+    vision charts.
+
+    Args:
+        touch_charts: number of touch charts, 0 or more (4 a grasp).
+        kind: `charts`; `no_comm`, vision charts only (touch charts are copied into the prediction, but are
+            not in the graph); or `sphere`, the vertices and edges of `sphere()`.
+
+    Attributes:
+        vertices: V, number of vertices in the graph.
+        faces: (F, 3) int64 faces over them.
+
+    Raises ValueError for another kind or a negative number.
+    """
+
+    def __init__(self, touch_charts: int = 0, kind: Kind = "charts"):
+        super().__init__()
+        if kind not in ("charts", "no_comm", "sphere"):
+            raise ValueError(f"graph of kind {kind!r}; must be charts, no_comm or sphere")
+        if touch_charts < 0:
+            raise ValueError(f"{touch_charts} touch charts; must be 0 or more")
+        self.kind = kind
+        self.touch_charts = touch_charts if kind == "charts" else 0
+        atlas = vision_atlas()
+        if kind == "sphere":
+            faces, edges = sphere()[1], mesh_edges(sphere()[1])
+            self.vertices = len(sphere()[0])
+        else:
+            faces = chart_faces(self.touch_charts)
+            edges = torch.cat([mesh_edges(faces), atlas.joined])
+            self.vertices = len(atlas.vertices) + TOUCH_VERTICES * self.touch_charts
+        reference = (
+            len(atlas.vertices) + touch_chart().centre + TOUCH_VERTICES * torch.arange(self.touch_charts)
+        )
+        self.register_buffer("faces", faces, persistent=False)
+        self.register_buffer("reference", reference, persistent=False)
+        self._operator(edges, atlas.boundary)
+
+    def _operator(self, edges: Tensor, boundary: Tensor) -> None:
+        """Buffers of the normalised adjacency: sorted rows of the sparse part, factors of the rest."""
+        itself = torch.arange(self.vertices)[:, None].expand(-1, 2)
+        keys = torch.cat([edges, edges.flip(1), itself]) @ torch.tensor([self.vertices, 1])
+        row, neighbour = (keys := keys.unique()) // self.vertices, keys % self.vertices
+        count = torch.bincount(row, minlength=self.vertices)  # |N_u| + 1
+        start = torch.cat([torch.zeros(1, dtype=torch.int64), count.cumsum(0)])
+        if self.touch_charts:
+            count[boundary] += self.touch_charts
+            count[self.reference] += len(boundary)
+        scale = count.double().rsqrt()
+        left = torch.zeros(2 if self.touch_charts else 0, self.vertices, dtype=torch.float64)
+        if self.touch_charts:
+            left[0, boundary] = scale[boundary]
+            left[1, self.reference] = scale[self.reference]
+        self.register_buffer("neighbour", neighbour.int(), persistent=False)
+        self.register_buffer("start", start.int(), persistent=False)
+        self.register_buffer("weight", scale[row] * scale[neighbour], persistent=False)
+        self.register_buffer("left", left, persistent=False)
+
+    def aggregate(self, x: Tensor) -> Tensor:
+        """The symmetrically normalised sum over each vertex and its neighbours,
+        y_u = sum_v x_v / sqrt((|N_u| + 1) (|N_v| + 1)) (paper, equation 1).
+
+        Args:
+            x: (V, B, C) features, or (V, C), of any strides; float32 or float64, or bfloat16 or float16.
+
+        Returns: the same shape and type, contiguous. Differentiable any number of times.
+
+        Raises ValueError if x does not have V rows.
+        """
+        if x.ndim < 2 or len(x) != self.vertices:
+            raise ValueError(f"features of shape {tuple(x.shape)}; must be ({self.vertices}, ..., channels)")
+        rows = x.reshape(self.vertices, -1).contiguous()
+        with torch.autocast(x.device.type, enabled=False):
+            y = NeighbourhoodSum.apply(
+                rows, self.neighbour, self.start, self.weight.to(x.dtype), self.left.to(x.dtype)
+            )
+        return y.view(x.shape)
+
+    forward = aggregate
+
+    def dense(self) -> Tensor:
+        """The matrix (V, V) float64 that `aggregate` multiplies by, built edge by edge: to test against, and
+        for the straightforward implementation in the benchmarks."""
+        atlas = vision_atlas()
+        adjacent = torch.eye(self.vertices, dtype=torch.float64)
+        for a, b, c in self.faces.tolist():
+            for u, v in ((a, b), (b, c), (c, a)):
+                adjacent[u, v] = adjacent[v, u] = 1
+        if self.kind != "sphere":
+            where: dict[tuple[float, ...], list[int]] = {}
+            for vertex in atlas.boundary.tolist():
+                where.setdefault(tuple(atlas.vertices[vertex].tolist()), []).append(vertex)
+            for together in where.values():
+                for u in together:
+                    adjacent[u, together] = 1
+            for u in self.reference.tolist():
+                adjacent[u, atlas.boundary] = adjacent[atlas.boundary, u] = 1
+        degree = adjacent.sum(dim=1)
+        return adjacent / (degree[:, None] * degree[None]).sqrt()
