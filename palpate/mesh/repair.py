@@ -13,6 +13,9 @@ from palpate.mesh import topology
 # no area. Single precision, in which most formats store, resolves about 1e-7 of it.
 TOLERANCE = 1e-6
 
+# Coordinates whose difference is a smaller share of this tolerance are equal but for the arithmetic.
+ROUNDING = 1e-3
+
 # An open sheet is turned if this much more (as a share of the rays) escapes from its back than from its
 # front.
 VISIBILITY_MARGIN = 0.05
@@ -44,7 +47,7 @@ def repair(vertices: np.ndarray, faces: np.ndarray, part: np.ndarray) -> Repaire
     corners = vertices[first]
     keep = ~_collapsed(merged)
     collapsed = int((~keep).sum())
-    keep &= ~_repeated(merged, keep)
+    keep &= ~_doubled(vertices, faces, merged, keep, tolerance)
     duplicate = len(keep) - collapsed - int(keep.sum())
     thin = _droppable(corners, merged, keep, tolerance)
     keep &= ~thin
@@ -86,15 +89,51 @@ def _collapsed(faces):
     return (faces[:, 0] == faces[:, 1]) | (faces[:, 1] == faces[:, 2]) | (faces[:, 2] == faces[:, 0])
 
 
-def _repeated(faces, among):
-    """Faces (f,) bool with the same three vertices, in any order, as an earlier one of those `among`."""
+def _doubled(vertices, faces, merged, among, tolerance):
+    """Faces (f,) bool to drop of those `among` that have the same three merged vertices, in any order.
+
+    Of each set all but the earliest; and that too if the set is a fold, without which its shell has no border
+    and with one side of which it has one.
+    """
     index = np.flatnonzero(among)
-    corners = np.sort(faces[index], axis=1)
+    corners = np.sort(merged[index], axis=1)
     order = np.lexsort(corners.T)  # stable: of equal faces the earliest comes first
     same = (corners[order][1:] == corners[order][:-1]).all(axis=1)
-    repeated = np.zeros(len(faces), dtype=bool)
-    repeated[index[order[1:][same]]] = True
-    return repeated
+    doubled = np.zeros(len(faces), dtype=bool)
+    doubled[index[order[1:][same]]] = True
+    two = same & ~np.r_[False, same[:-1]] & ~np.r_[same[1:], False]
+    pairs = index[np.stack([order[:-1][two], order[1:][two]], axis=1)]
+    folds = pairs[_folded(vertices, faces[pairs], merged[pairs], tolerance), 0]
+    if not len(folds):
+        return doubled
+    kept = among & ~doubled
+    shell = np.zeros(len(faces), dtype=np.int64)
+    shell[kept] = topology.shells(merged[kept], int(merged.max()) + 1)
+    without = kept.copy()
+    without[folds] = False
+    count = int(shell.max()) + 1
+    rest = np.bincount(shell[without], minlength=count)
+    closing = (_border(merged[kept], shell[kept], count) > 0) & (rest > 0)
+    closing &= _border(merged[without], shell[without], count) == 0
+    doubled[folds] = closing[shell[folds]]
+    return doubled
+
+
+def _folded(vertices, faces, merged, tolerance):
+    """Which pairs of faces (k, 2, 3) bool are the two sides of a sliver that welding brought together: they
+    run opposite ways around the same merged vertices (k, 2, 3), and the source holds them apart."""
+    a, b, c = np.moveaxis(merged, 2, 0)
+    way = (a > b) ^ (b > c) ^ (a > c)
+    order = np.argsort(merged, axis=2)
+    place = vertices[np.take_along_axis(faces, order, axis=2)]
+    apart = np.abs(place[:, 0] - place[:, 1]).max(axis=(1, 2), initial=0)
+    return (way[:, 0] != way[:, 1]) & (apart > ROUNDING * tolerance)
+
+
+def _border(faces, group, count):
+    """How many sides of faces lie on an edge with an odd number of their group's faces: (count,)."""
+    odd = topology.edge_counts(faces, group).reshape(-1, 3) % 2
+    return np.bincount(group, weights=odd.sum(axis=1), minlength=count)
 
 
 def _droppable(vertices, faces, keep, tolerance):

@@ -1,0 +1,83 @@
+"""What repairing must not break: closed solids stay closed, and nothing that can be seen goes."""
+
+import numpy as np
+import pytest
+import trimesh
+
+from palpate import mesh, shapes
+from palpate.mesh import topology
+from palpate.mesh.repair import TOLERANCE, repair
+
+# Objects in which welding folds a sliver flat, and some of each class in which it does not.
+FOLDED = [("rifle", 4), ("rifle", 196), ("rifle", 326)]
+OTHERS = [("bottle", 3), ("bottle", 407), ("knife", 17), ("knife", 200), ("cellphone", 8), ("cellphone", 311),
+          ("rifle", 5), ("rifle", 242)]  # fmt: skip
+
+
+@pytest.mark.parametrize(("class_name", "index"), FOLDED + OTHERS)
+def test_closed_objects_stay_closed(class_name, index, tmp_path):
+    """Each part of the source is a closed solid, as trimesh sees it; so is what comes out, of the same
+    volume."""
+    source = shapes.write(class_name, index, tmp_path / "source")
+    parts = trimesh.load_scene(source, process=False).dump()
+    for part in parts:
+        part.merge_vertices(merge_tex=True, merge_norm=True, digits_vertex=12)
+    assert all(part.is_watertight for part in parts)
+    record = mesh.prepare(source, tmp_path / "out", collision_faces=10**6, levels=())
+    facts = record["visual.glb"]
+    assert facts["closed"]
+    assert facts["volume"] / record["scale"] ** 3 == pytest.approx(
+        sum(part.volume for part in parts), rel=1e-5
+    )
+    assert record["repairs"]["duplicate_faces_removed"] == 2 * ((class_name, index) in FOLDED)
+
+
+def ball_with_flap(gap):
+    """A ball with a flap of two faces on an edge ab: at a, its two sides are `gap` apart."""
+    ball = trimesh.creation.icosphere(subdivisions=1)
+    vertices, faces = ball.vertices, ball.faces.copy()
+    a, b, _ = faces[0]
+    across = next(face for face in faces if (b, a) in zip(face, np.roll(face, -1), strict=True))
+    d = next(corner for corner in across if corner not in (a, b))
+    across[across == a] = other = len(vertices)
+    tip = other + 1
+    flap = [(b, a, tip), (other, b, tip), (tip, a, other), (other, a, d)]
+    new = [vertices[a] + gap * (vertices[d] - vertices[a]), 1.3 * (vertices[a] + vertices[b]) / 2]
+    return np.r_[vertices, new], np.r_[faces, flap], len(faces)
+
+
+def repaired(vertices, faces):
+    return repair(vertices, faces, np.zeros(len(faces), dtype=int))
+
+
+def test_a_flap_that_welding_flattens_goes_with_both_its_sides():
+    vertices, faces, of_ball = ball_with_flap(0.3 * TOLERANCE)
+    assert topology.is_closed(faces)
+    found = repaired(vertices, faces)
+    assert np.array_equal(found.keep, np.arange(len(faces)) < of_ball)
+    assert topology.is_closed(found.faces[found.keep])
+
+
+def test_a_thicker_flap_stays_whole():
+    vertices, faces, _ = ball_with_flap(0.01)
+    found = repaired(vertices, faces)
+    assert found.keep.all()
+    assert topology.is_closed(found.faces)
+
+
+def test_a_fin_that_the_source_has_without_thickness_stays_as_one_face():
+    """It can be seen, so it is no artefact of welding, though the ball alone would be closed."""
+    vertices, faces, of_ball = ball_with_flap(0)
+    found = repaired(vertices, faces)
+    assert found.keep.sum() == of_ball + 1
+    assert found.keep[of_ball]
+
+
+def test_a_plate_thinner_than_the_tolerance_stays_as_a_sheet():
+    low = np.array([(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)])
+    sides = [(0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7)]
+    quads = np.array([(3, 2, 1, 0), (5, 6, 7, 4), *sides])
+    faces = np.r_[quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]]
+    found = repaired(np.r_[low, low + (0, 0, 0.1 * TOLERANCE)], faces)
+    sheet = trimesh.Trimesh(found.vertices, found.faces[found.keep], process=False)
+    assert sheet.area == pytest.approx(1)
