@@ -1,6 +1,7 @@
 """Runs of the real workflow on a small folder of meshes, in a temporary results folder."""
 
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -29,6 +30,16 @@ class Workflow:
         return subprocess.run(
             self.command(*arguments, cores=cores), cwd=PROJECT, capture_output=True, text=True, timeout=600
         )
+
+    def planned(self, *targets: str) -> dict[str, set[str]]:
+        """The rules that a dry run would run, with its reasons."""
+        result = self(*targets, "--dry-run")
+        assert result.returncode == 0, result.stderr
+        rules = {}
+        for job in re.split(r"^(?:local)?rule ", result.stdout, flags=re.MULTILINE)[1:]:
+            name, reason = job.partition(":")[0], re.search(r"^    reason: (.*)", job, re.MULTILINE)
+            rules.setdefault(name, set()).update(reason[1].split("; ") if reason else ())
+        return rules
 
     def kill_when(self, path: str, *arguments: str) -> None:
         """Start the workflow and kill it, with every process that it started, as soon as `path` exists."""

@@ -14,17 +14,6 @@ from tests.mesh import nasty
 STORES = ("surface", "grasps", "touch", "vision")
 
 
-def planned(workflow, *targets: str) -> set[str]:
-    """The rules that a dry run would run."""
-    result = workflow(*targets, "--dry-run")
-    assert result.returncode == 0, result.stderr
-    return {
-        line.split()[1].rstrip(":")
-        for line in result.stdout.splitlines()
-        if line.startswith(("rule ", "localrule "))
-    }
-
-
 def digests(run: Path) -> dict[str, str]:
     """SHA-256 of every file that a run made, but for records of how it went: times, logs, Snakemake's own."""
     return {
@@ -37,15 +26,15 @@ def digests(run: Path) -> dict[str, str]:
 
 
 def test_dry_run_on_a_fresh_folder_plans_every_stage(make_workflow):
-    rules = planned(make_workflow(), "all")
-    assert rules >= {"catalogue", "meshes", *STORES, "validation", "tables", "data_point", "grasp_steps"}
+    rules = make_workflow().planned("all")
+    assert set(rules) >= {"catalogue", "meshes", *STORES, "validation", "tables", "data_point", "grasp_steps"}
 
 
 def test_a_target_builds_just_what_it_needs(make_workflow):
     workflow = make_workflow()
-    assert "vision" not in planned(workflow, "tables/grasp_success.csv")
-    assert "touch" not in planned(workflow, "vision/batch-0000.zarr")
-    assert planned(workflow, "surface/batch-0000.zarr") == {"catalogue", "meshes", "surface"}
+    assert "vision" not in workflow.planned("tables/grasp_success.csv")
+    assert "touch" not in workflow.planned("vision/batch-0000.zarr")
+    assert set(workflow.planned("surface/batch-0000.zarr")) == {"catalogue", "meshes", "surface"}
 
 
 def test_the_run_is_whole_and_valid(finished):
@@ -98,7 +87,7 @@ def test_a_run_in_which_nothing_can_be_used_is_whole_but_not_valid(make_workflow
 
 
 def test_nothing_is_left_to_do(finished):
-    assert planned(finished, "all") == set()
+    assert finished.planned("all") == {}
 
 
 def test_a_killed_run_goes_on_and_ends_in_the_same_bytes(finished, make_workflow):

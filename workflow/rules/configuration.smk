@@ -14,6 +14,7 @@ os.environ.setdefault("IGL_NUM_THREADS", "1")
 
 SCHEMAS = PROJECT / "workflow/schemas"
 CONDA = str(PROJECT / "envs/palpate.yaml")
+CLASS_NAME = r"[A-Za-z0-9_][A-Za-z0-9_.-]*"  # as the schemas have it
 STAGES = ["meshes", "surface", "grasps", "touch", "vision"]
 
 try:
@@ -63,5 +64,5 @@ def batch_sources(wildcards):
 
 
 wildcard_constraints:
-    **{"class": r"[A-Za-z0-9_]+"},
+    **{"class": CLASS_NAME},
     batch=r"batch-\d+",

@@ -68,6 +68,8 @@ rule examples:
         "logs/examples_{name}.log",
     benchmark:
         "benchmarks/examples_{name}.tsv"
+    wildcard_constraints:
+        name=CLASS_NAME,
     conda:
         CONDA
     threads: 1
