@@ -1,0 +1,64 @@
+"""The networks' layers: the paper's, and those that the live modules really have."""
+
+from typing import Any
+
+_CONVOLUTIONS = {
+    "channels": [16, 32, 64, 128],
+    "layers": [5, 5, 5, 3],
+    "pool": [10, 15, 18],
+    "norm": "batch",
+    "padding": 0,
+}
+# As released: positions in metres, the published code's random numbers, also in the last layer.
+_AS_RELEASED = {"normalise_positions": False, "init": "paper", "last_layer_scale": 1.0}
+
+# The supplement's tables "Architecture for deforming charts with ...", by what the model sees and feels; the
+# number of graph layers by their indices. docs/models.md lists where the tables contradict themselves.
+PAPER_ARCHITECTURES: dict[str, dict[str, Any]] = {
+    "occluded_touch": {"encoder": _CONVOLUTIONS, "gcn": {"layers": 21, "width": 250}, **_AS_RELEASED},
+    "occluded": {"encoder": _CONVOLUTIONS, "gcn": {"layers": 21, "width": 200}, **_AS_RELEASED},
+    "unoccluded_touch": {"encoder": _CONVOLUTIONS, "gcn": {"layers": 26, "width": 200}, **_AS_RELEASED},
+    "unoccluded": {
+        "encoder": _CONVOLUTIONS | {"layers": [3, 3, 3, 3], "pool": [3, 6, 9, 12]},
+        "gcn": {"layers": 21, "width": 250},
+        **_AS_RELEASED,
+    },
+    "touch": {"gcn": {"layers": 15, "width": 250}, **_AS_RELEASED},
+    "single_image": {
+        "encoder": {
+            "channels": [16, 32, 64, 128, 256],
+            "layers": [5, 5, 5, 5, 5],
+            "pool": [19, 22, 25],
+            "norm": "instance",
+            "padding": 1,
+            "project": 250,
+        },
+        "gcn": {"layers": 25, "width": 250},
+        **_AS_RELEASED,
+    },
+}
+
+# For a laptop: few layers, positions and weights as they train best (docs/training.md).
+FAST: dict[str, Any] = {
+    "encoder": {
+        "channels": [16, 32, 64, 64],
+        "layers": [1, 1, 2, 2],
+        "pool": [2, 4, 6],
+        "norm": "batch",
+        "padding": 1,
+    },
+    "gcn": {"layers": 10, "width": 64},
+    "normalise_positions": True,
+    "init": "he",
+    "last_layer_scale": 0.01,
+}
+
+
+def paper_architecture(vision: str, touch: bool) -> dict[str, Any]:
+    """The paper's architecture for what it sees (`occluded`, `unoccluded`, `views`, `none`) and feels."""
+    if vision == "views":
+        return PAPER_ARCHITECTURES["single_image"]
+    name = "_".join([*([] if vision == "none" else [vision]), *(["touch"] if touch else [])])
+    if name not in PAPER_ARCHITECTURES:
+        raise ValueError(f"the paper has no architecture for vision {vision!r}, touch {touch}")
+    return PAPER_ARCHITECTURES[name]

@@ -1,0 +1,107 @@
+"""Convolutional networks that turn images and touch readings into features."""
+
+from collections.abc import Sequence
+
+import torch
+from torch import nn
+
+from palpate.models.layers import ConvolutionBlock
+
+KERNEL = 3
+
+
+class ImageEncoder(nn.Module):
+    """The CNN whose intermediate feature maps are pooled at the vertices (supplement, "Model Architecture").
+
+    channels: of each block. layers: how many convolutions each block has; the first of a block has stride 2.
+    pool: numbers of the layers whose maps are returned, counted from 1 over all blocks as in the paper's
+    tables. norm: `batch` or `instance`. padding: of every convolution (the paper: 0; single image: 1).
+    """
+
+    def __init__(
+        self,
+        channels: Sequence[int],
+        layers: Sequence[int],
+        pool: Sequence[int],
+        norm: str = "batch",
+        padding: int = 0,
+    ):
+        super().__init__()
+        if len(channels) != len(layers) or not all(count > 0 for count in [*channels, *layers]):
+            raise ValueError(
+                f"encoder: channels {list(channels)} and layers {list(layers)} must be as many, and positive"
+            )
+        total = sum(layers)
+        if not pool or sorted(set(pool)) != list(pool) or pool[0] < 1 or pool[-1] > total:
+            raise ValueError(f"encoder: pool {list(pool)} must rise within the layers 1 to {total}")
+        if pool[-1] != total:
+            raise ValueError(
+                f"encoder: layers {pool[-1] + 1} to {total} are read by nothing: pool {total}, or omit them"
+            )
+        self.pool = tuple(pool)
+        self.padding = padding
+        self.strides = [2 if first else 1 for count in layers for first in [True] + [False] * (count - 1)]
+        widths = [width for width, count in zip(channels, layers, strict=True) for _ in range(count)]
+        self.layers = nn.ModuleList(
+            ConvolutionBlock(inputs, outputs, KERNEL, stride, padding, norm)
+            for inputs, outputs, stride in zip([3, *widths], widths, self.strides, strict=False)
+        )
+        self.channels = [widths[number - 1] for number in pool]
+
+    def forward(self, image: torch.Tensor) -> list[torch.Tensor]:
+        """(B, 3, H, W) image in [0, 1] -> the pooled layers' maps, each (B, channels, h, w)."""
+        maps = []
+        for number, layer in enumerate(self.layers, start=1):
+            image = layer(image)
+            if number in self.pool:
+                maps.append(image)
+        return maps
+
+    def sizes(self, size: int) -> list[int]:
+        """Edge of each pooled map, in cells, for an image `size` x `size`; ValueError if too small."""
+        edges, edge = [], size
+        for number, stride in enumerate(self.strides, start=1):
+            edge = (edge + 2 * self.padding - KERNEL) // stride + 1
+            if edge < 1:
+                raise ValueError(
+                    f"an image of {size} x {size} is too small for the encoder's {len(self.strides)} layers: "
+                    f"nothing is left after layer {number}"
+                )
+            edges.append(edge)
+        return [edges[number - 1] for number in self.pool]
+
+    def centres(self) -> list[tuple[float, int]]:
+        """Where the cells of each pooled map look: (first, step) in pixels.
+
+        Cell i sees a square of the image around first + i step, the centre of its receptive field, in the
+        coordinates of `palpate.vision.camera` (pixel c's centre at c + 0.5).
+        """
+        looks, first, step = [], 0.5, 1
+        for stride in self.strides:
+            first += ((KERNEL - 1) / 2 - self.padding) * step
+            step *= stride
+            looks.append((first, step))
+        return [looks[number - 1] for number in self.pool]
+
+
+class ReadingEncoder(nn.Module):
+    """The simple CNN that makes features of a touch reading, for strategy `sphere` (section 5.1).
+
+    The paper doesn't give its layers. Here: four convolutions (3 x 3, stride 2) of 16, 32, 64, 64 channels,
+    the mean over the map, and a linear layer to `features`.
+    """
+
+    def __init__(self, features: int = 32, channels: Sequence[int] = (16, 32, 64, 64)):
+        super().__init__()
+        self.features = features
+        self.layers = nn.Sequential(
+            *(
+                ConvolutionBlock(inputs, outputs, stride=2, padding=1)
+                for inputs, outputs in zip((3, *channels), channels, strict=False)
+            )
+        )
+        self.linear = nn.Linear(channels[-1], features)
+
+    def forward(self, reading: torch.Tensor) -> torch.Tensor:
+        """(N, 3, 100, 100) readings in [0, 1] -> (N, features)."""
+        return torch.relu(self.linear(self.layers(reading).mean(dim=(2, 3))))

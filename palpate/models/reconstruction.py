@@ -1,0 +1,226 @@
+"""The reconstruction network: charts deformed three times by what the image and the touches say."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import torch
+from torch import nn
+
+from palpate.charts.atlas import ATLAS_RADIUS, TOUCH_VERTICES, chart_faces, sphere, vision_atlas
+from palpate.charts.graph import Graph
+from palpate.mesh import OBJECT_POSITION
+from palpate.models.encoder import ImageEncoder, ReadingEncoder
+from palpate.models.gcn import GraphNetwork
+from palpate.models.layers import Concatenate
+from palpate.models.pooling import PerceptualPooling, relative_camera
+from palpate.touch.sensor import RESOLUTION
+from palpate.vision.camera import IMAGE_SIZE, paper_camera
+
+STRATEGIES = ("charts", "no_copy", "no_comm", "sphere")
+SENSORS = 4  # touches of a grasp
+DEFORMATIONS = 3  # section 3.1
+# The mask feature. The supplement: 0 for vision charts; a binary feature for a successful touch; FACTS: the
+# unsuccessful are told apart from both.
+SUCCESSFUL, UNSUCCESSFUL = 1.0, -1.0
+
+
+class Reconstruction(nn.Module):
+    """From an image, touches, or both, to the vertices of a mesh (paper, section 3 and supplement).
+
+    Args:
+        strategy: `charts`, the paper's; `no_copy`: touch charts are deformed like the others; `no_comm`:
+            touch charts are no part of the graph, and only added to the mesh; `sphere`: a closed sphere is
+            deformed, each of its vertices knowing features of all touch readings (section 5.1).
+        vision: whether it sees an image.
+        touch: whether it feels touches.
+        grasps: how many grasps it feels, four touches each.
+        architecture: layers and options, see `palpate.models.architectures`.
+
+    Attributes:
+        faces: (F, 3) int64 faces of the mesh whose vertices `forward` gives; those of a touch chart without
+            success have no area in `no_comm`.
+        sensors: number of touches, 4 times the grasps, or 0.
+
+    Raises ValueError for a combination that can't be: nothing to see or to feel, no touch where the strategy
+    is about touch charts, no vision for `no_comm`.
+    """
+
+    def __init__(
+        self, strategy: str, vision: bool, touch: bool, grasps: int, architecture: Mapping[str, Any]
+    ):
+        super().__init__()
+        _check_experiment(strategy, vision, touch, grasps)
+        self.strategy, self.vision, self.touch = strategy, vision, touch
+        self.sensors = SENSORS * grasps if touch else 0
+        deformed = self.sensors if strategy in ("charts", "no_copy") else 0
+        kind = {"no_comm": "no_comm", "sphere": "sphere"}.get(strategy, "charts")
+        self.graph = Graph(deformed, kind)
+        self.scale = ATLAS_RADIUS if architecture["normalise_positions"] else 1.0
+        centre = OBJECT_POSITION if architecture["normalise_positions"] else (0.0, 0.0, 0.0)
+        self.register_buffer("centre", torch.tensor(centre), persistent=False)
+        start = sphere()[0] if strategy == "sphere" else vision_atlas().vertices
+        self.register_buffer("start", start.clone(), persistent=False)
+        copied = self.sensors if strategy == "no_comm" else 0
+        faces = chart_faces(copied) if copied else self.graph.faces
+        self.register_buffer("faces", faces.clone(), persistent=False)
+
+        inputs = 3
+        if vision:
+            inputs += self._see(dict(architecture["encoder"]))
+        if deformed:
+            inputs += 1
+        if strategy == "sphere" and touch:
+            self.reading_encoder = ReadingEncoder()
+            # Beside the reading's features: the sensor's position, rotation, and success.
+            inputs += self.sensors * (self.reading_encoder.features + 3 + 9 + 1)
+        self.concatenate = Concatenate(-1)
+        gcn = architecture["gcn"]
+        self.gcn = GraphNetwork(
+            inputs, gcn["width"], gcn["layers"], architecture["init"], architecture["last_layer_scale"]
+        )
+
+    def _see(self, options: dict[str, Any]) -> int:
+        """Builds what looks at the image; returns the number of features it gives a vertex."""
+        alignment, project = options.pop("alignment", "extent"), options.pop("project", None)
+        self.encoder = ImageEncoder(**options)
+        self.pooling = PerceptualPooling(alignment, self.encoder.centres())
+        camera = paper_camera()
+        matrix = torch.from_numpy(camera.intrinsics() @ camera.extrinsics()).float()
+        self.register_buffer("camera", relative_camera(matrix, IMAGE_SIZE), persistent=False)
+        features = sum(self.encoder.channels)
+        self.project = nn.Sequential(nn.Linear(features, project), nn.ReLU()) if project else None
+        return project or features
+
+    def forward(self, batch: Mapping[str, torch.Tensor]) -> torch.Tensor:
+        """Vertices (B, V, 3) of the final mesh, metres, world frame; its faces are `faces`.
+
+        batch, of what the experiment uses (T = 4 x grasps; all but the image in the world frame, metres):
+
+        | key | shape | for |
+        |---|---|---|
+        | `image` | (B, 3, S, S), float in [0, 1] | vision |
+        | `camera` | (B, 3, 4) world to homogeneous pixels; the dataset's if missing | vision |
+        | `success` | (B, T) bool | touch |
+        | `position` | (B, T, 3) of the sensors | touch |
+        | `charts` | (B, T, 81, 3), not read where success is False | touch, but for `sphere` |
+        | `rotation`, `reading` | (B, T, 3, 3), (B, T, 3, 100, 100) in [0, 1] | touch, `sphere` |
+
+        Raises ValueError if a key is missing or of another shape. `check` also looks at the values.
+        """
+        samples = self._check_shapes(batch)
+        positions = self.start[:, None].expand(-1, samples, -1)
+        given = []
+        if self.touch and self.strategy == "sphere":
+            given.append(self._touch_features(batch).expand(len(positions), -1, -1))
+        enforced = None
+        if self.graph.touch_charts:
+            charts, success = self._touch_charts(batch)
+            positions = torch.cat([positions, charts])
+            mask = torch.where(success, SUCCESSFUL, UNSUCCESSFUL).to(charts.dtype)
+            given.append(torch.cat([mask.new_zeros(len(self.start), samples, 1), mask]))
+            if self.strategy == "charts":
+                enforced = torch.cat([success.new_zeros(len(self.start), samples, 1), success])
+        maps, camera = self._look(batch)
+        for _ in range(DEFORMATIONS):
+            features = [*given]
+            if self.vision:
+                pooled = self.pooling(maps, positions, camera, batch["image"].shape[-1])
+                features.insert(0, self.project(pooled) if self.project else pooled)
+            relative = (positions - self.centre) / self.scale
+            features.insert(int(self.vision), relative)
+            moved = positions + self.scale * self.gcn(self.concatenate(*features), self.graph)
+            positions = moved if enforced is None else torch.where(enforced, positions, moved)
+        if self.touch and self.strategy == "no_comm":
+            positions = torch.cat([positions, self._touch_charts(batch)[0]])
+        return positions.transpose(0, 1).contiguous()
+
+    def check(self, batch: Mapping[str, torch.Tensor]) -> None:
+        """Raises ValueError if a key is missing, of another shape, or has NaN or infinite values.
+
+        For where data come in: it reads every value, which a training step should not wait for.
+        """
+        self._check_shapes(batch)
+        for key in self._shapes(batch):
+            values = batch[key]
+            if key == "charts":
+                values = values[batch["success"].bool()]
+            if not bool(torch.isfinite(values).all()):
+                where = "" if key != "charts" else " of a successful touch"
+                raise ValueError(f"{key}: NaN or infinite values{where}")
+
+    def _look(self, batch):
+        """The image's maps, and the camera relative to the image, or twice None."""
+        if not self.vision:
+            return None, None
+        image = batch["image"]
+        camera = self.camera
+        if batch.get("camera") is not None:
+            camera = relative_camera(batch["camera"], image.shape[-1])
+        return self.encoder(image), camera
+
+    def _touch_charts(self, batch) -> tuple[torch.Tensor, torch.Tensor]:
+        """Touch charts (81 T, B, 3), those without success all at the sensor; success (81 T, B, 1)."""
+        success = batch["success"].bool()[:, :, None, None].expand(-1, -1, TOUCH_VERTICES, -1)
+        charts = torch.where(success, batch["charts"], batch["position"][:, :, None])
+        return tuple(x.flatten(1, 2).transpose(0, 1) for x in (charts, success))
+
+    def _touch_features(self, batch) -> torch.Tensor:
+        """(B, features) of all touches: what each reading shows, whether, where and how it touches."""
+        success = batch["success"][..., None].to(batch["reading"].dtype)
+        felt = self.reading_encoder(batch["reading"].flatten(0, 1)).unflatten(0, success.shape[:2]) * success
+        position = (batch["position"] - self.centre) / self.scale
+        return torch.cat([felt, position, batch["rotation"].flatten(2), success], dim=2).flatten(1)
+
+    def _shapes(self, batch) -> dict[str, tuple[int | None, ...]]:
+        """The keys that are read, and their shapes after the first axis; None for a size that is free."""
+        shapes: dict[str, tuple[int | None, ...]] = {}
+        if self.vision:
+            shapes["image"] = (3, None, None)
+            if batch.get("camera") is not None:
+                shapes["camera"] = (3, 4)
+        if self.touch:
+            shapes |= {"success": (self.sensors,), "position": (self.sensors, 3)}
+            if self.strategy == "sphere":
+                shapes["rotation"] = (self.sensors, 3, 3)
+                shapes["reading"] = (self.sensors, 3, RESOLUTION, RESOLUTION)
+            else:
+                shapes["charts"] = (self.sensors, TOUCH_VERTICES, 3)
+        return shapes
+
+    def _check_shapes(self, batch) -> int:
+        """Number of samples in the batch; ValueError if something is missing or of another shape."""
+        shapes = self._shapes(batch)
+        missing = [key for key in shapes if batch.get(key) is None]
+        if missing:
+            raise ValueError(
+                f"the batch has no {', '.join(missing)}: this model has strategy {self.strategy}, "
+                f"vision {self.vision}, touch {self.touch}"
+            )
+        samples = len(batch[next(iter(shapes))])
+        for key, shape in shapes.items():
+            found = tuple(batch[key].shape)
+            fits = len(found) == 1 + len(shape) and found[0] == samples
+            if not fits or any(want not in (None, size) for want, size in zip(shape, found[1:], strict=True)):
+                wanted = ", ".join("S" if size is None else str(size) for size in (samples, *shape))
+                raise ValueError(f"{key} has shape {found}, expected ({wanted})")
+        if self.vision:
+            height, width = batch["image"].shape[2:]
+            if height != width:
+                raise ValueError(f"image is {height} x {width}, expected a square")
+            self.encoder.sizes(width)
+        return samples
+
+
+def _check_experiment(strategy: str, vision: bool, touch: bool, grasps: int) -> None:
+    if strategy not in STRATEGIES:
+        raise ValueError(f"strategy {strategy!r}: choose one of {list(STRATEGIES)}")
+    if not (vision or touch):
+        raise ValueError("a model needs vision, touch, or both")
+    if strategy in ("no_copy", "no_comm") and not touch:
+        raise ValueError(f"strategy {strategy} is about touch charts: it needs touch")
+    if strategy == "no_comm" and not vision:
+        raise ValueError(
+            "strategy no_comm without vision would deform the vision charts without knowing anything"
+        )
+    if grasps < 1:
+        raise ValueError(f"{grasps} grasps: at least 1")

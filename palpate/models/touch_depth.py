@@ -1,0 +1,65 @@
+"""From a touch reading to the depth of the impression: the supplement's U-Net."""
+
+import torch
+from torch import nn
+
+from palpate.models.layers import Concatenate, ConvolutionBlock
+from palpate.touch.sensor import RESOLUTION, SENSOR_RANGE
+
+# Metres of impression for one unit of the network's output. The gel stands 18 to 20 mm above the sensor plane
+# and is felt up to 25 mm: impressions are up to 7 mm deep.
+IMPRESSION = 0.005
+
+
+class TouchDepth(nn.Module):
+    """The U-Net of the supplement's table "U-Net style network": reading -> distance from the sensor plane.
+
+    width: channels of the first level (the paper's 64), doubled at each of the four levels below.
+
+    The network's output is the impression's depth D' in units of `IMPRESSION`, and the distance is
+    w - D' (supplement, "Simulating Touch"), so that an output of 0 is the far end of the sensor's range.
+    """
+
+    def __init__(self, width: int = 64):
+        super().__init__()
+        channels = [width * 2**level for level in range(5)]
+        self.down = nn.ModuleList()
+        self.pool = nn.ModuleList(nn.MaxPool2d(2) for _ in channels[1:])
+        inputs = 3
+        for outputs in channels:
+            self.down.append(nn.Sequential(_same(inputs, outputs), _same(outputs, outputs)))
+            inputs = outputs
+        self.raise_, self.concatenate, self.up = nn.ModuleList(), nn.ModuleList(), nn.ModuleList()
+        sizes = [RESOLUTION >> level for level in range(5)]
+        for level in (3, 2, 1, 0):
+            # 12 -> 25 needs one more row and column than twice as many.
+            missing = sizes[level] - 2 * sizes[level + 1]
+            self.raise_.append(
+                nn.ConvTranspose2d(2 * channels[level], channels[level], 2, 2, output_padding=missing)
+            )
+            self.concatenate.append(Concatenate(1))
+            self.up.append(_same(2 * channels[level], channels[level]))
+        self.depth = nn.Conv2d(width, 1, 1)
+
+    def forward(self, reading: torch.Tensor) -> torch.Tensor:
+        """(B, 3, 100, 100) reading in [0, 1] -> (B, 100, 100) metres from the sensor plane along its x.
+
+        Rows and columns are the reading's. Raises ValueError if the shape is another.
+        """
+        if reading.ndim != 4 or tuple(reading.shape[1:]) != (3, RESOLUTION, RESOLUTION):
+            raise ValueError(
+                f"reading has shape {tuple(reading.shape)}, expected (B, 3, {RESOLUTION}, {RESOLUTION})"
+            )
+        levels = []
+        x = reading
+        for level, down in enumerate(self.down):
+            x = down(self.pool[level - 1](x) if level else x)
+            levels.append(x)
+        levels.pop()
+        for raise_, concatenate, up in zip(self.raise_, self.concatenate, self.up, strict=True):
+            x = up(concatenate(raise_(x), levels.pop()))
+        return SENSOR_RANGE - IMPRESSION * self.depth(x)[:, 0]
+
+
+def _same(inputs: int, outputs: int) -> ConvolutionBlock:
+    return ConvolutionBlock(inputs, outputs, kernel=3, padding=1)
