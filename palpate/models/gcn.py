@@ -1,13 +1,51 @@
 """The graph network that moves the vertices: zero-neighbour layers, layout (vertex, sample, channel)."""
 
 import math
+from typing import Any
 
 import torch
-from torch import nn
+from torch import Tensor, nn
+from torch.autograd.function import once_differentiable
 
 from palpate.charts.graph import Graph
 
 INITS = ("paper", "he")
+
+
+class ZeroNeighbour(torch.autograd.Function):
+    """relu(A(X W) + b), where A sums the first `shared` channels over neighbourhoods, in few passes.
+
+    One matrix product with the bias in it, then the shared channels and the ReLU in place. Forward and
+    backward are the plain layer's (tests/models/test_gcn.py); docs/models.md has the times of both.
+    """
+
+    @staticmethod
+    def forward(ctx: Any, x: Tensor, weight: Tensor, bias: Tensor, graph: Graph, shared: int, relu: bool):
+        late = bias.clone()  # The bias of the shared channels comes after the sum.
+        late[:shared] = 0
+        y = torch.addmm(late, x.flatten(0, 1), weight).view(*x.shape[:2], -1)
+        if shared:
+            y[..., :shared] = graph.aggregate(y[..., :shared]).add_(bias[:shared])
+        if relu:
+            y.relu_()
+        ctx.save_for_backward(x, weight, y if relu else None)
+        ctx.graph, ctx.shared = graph, shared
+        return y
+
+    @staticmethod
+    @once_differentiable
+    def backward(ctx: Any, gradient: Tensor):
+        x, weight, y = ctx.saved_tensors
+        # A copy either way: what comes in must not be changed in place.
+        through = torch.ops.aten.threshold_backward
+        gradient = gradient.clone() if y is None else through(gradient, y, 0)
+        of_bias = gradient.sum(dim=(0, 1))
+        if ctx.shared:
+            # The operator is symmetric: its own transpose.
+            gradient[..., : ctx.shared] = ctx.graph.aggregate(gradient[..., : ctx.shared])
+        rows = gradient.flatten(0, 1)
+        of_x = (rows @ weight.T).view(x.shape) if ctx.needs_input_grad[0] else None
+        return of_x, x.flatten(0, 1).T @ rows, of_bias, None, None, None
 
 
 class ZeroNeighbourLayer(nn.Module):
@@ -43,11 +81,14 @@ class ZeroNeighbourLayer(nn.Module):
             raise ValueError(f"init {init!r}: choose one of {list(INITS)}")
         self.weight.mul_(scale)
 
-    def forward(self, x: torch.Tensor, graph: Graph) -> torch.Tensor:
+    def forward(self, x: Tensor, graph: Graph) -> Tensor:
         """(V, B, inputs) -> (V, B, outputs)."""
-        shared = graph.aggregate(x @ self.weight[:, : self.shared])
-        x = torch.cat([shared, x @ self.weight[:, self.shared :]], dim=-1) + self.bias
-        return torch.relu(x) if self.relu else x
+        weight, bias = self.weight, self.bias
+        device = x.device.type
+        if torch.is_autocast_enabled(device):
+            x, weight, bias = (tensor.to(torch.get_autocast_dtype(device)) for tensor in (x, weight, bias))
+        with torch.autocast(device, enabled=False):
+            return ZeroNeighbour.apply(x, weight, bias, graph, self.shared, self.relu)
 
 
 class GraphNetwork(nn.Module):
@@ -69,7 +110,7 @@ class GraphNetwork(nn.Module):
         for k, layer in enumerate(self.layers):
             layer.initialise(init, last_layer_scale if k == layers - 1 else 1.0)
 
-    def forward(self, x: torch.Tensor, graph: Graph) -> torch.Tensor:
+    def forward(self, x: Tensor, graph: Graph) -> Tensor:
         """(V, B, inputs) -> (V, B, 3)."""
         for layer in self.layers:
             x = layer(x, graph)
