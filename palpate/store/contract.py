@@ -21,6 +21,8 @@ SYMBOLS = {
     "r": "rows, and columns, of a reading (100)",
     "rr": "pixels of a reading (10000)",
     "p": "rows, and columns, of an image (256)",
+    "v": "views of an object (24)",
+    "q": "rows, and columns, of a view (137)",
 }
 UNITS = {"length": "metre", "angle": "radian", "colour": "sRGB, 8 bit"}
 FRAMES = {
@@ -103,4 +105,5 @@ CONTRACT = {
     "grasps": StoreSpec("grasps", ".h5", ("mujoco", "trimesh"), ("hand",), _arrays("grasps")),
     "touch": StoreSpec("touch", ".zarr", ("trimesh", "embreex"), (), _arrays("touch")),
     "vision": StoreSpec("vision", ".zarr", ("bpy",), (), _arrays("vision")),
+    "views": StoreSpec("views", ".zarr", ("bpy",), (), _arrays("views")),
 }

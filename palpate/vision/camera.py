@@ -44,6 +44,10 @@ class Camera:
         turn = IMAGE_FROM_CAMERA @ self.rotation.T
         return np.column_stack([turn, -turn @ self.position])
 
+    def matrix(self) -> np.ndarray:
+        """(3, 4) projection from homogeneous world coordinates to homogeneous pixels: the two multiplied."""
+        return self.intrinsics() @ self.extrinsics()
+
     def pose(self) -> np.ndarray:
         """(4, 4) pose in the world of the axes x right, y up, -z into the scene (Blender's, OpenGL's)."""
         pose = np.eye(4)
@@ -74,7 +78,7 @@ class Camera:
 
 def paper_camera(size: int = IMAGE_SIZE) -> Camera:
     """The paper's camera; another size keeps the field of view (34.95 degrees)."""
-    about_x, about_y, about_z = (_rotation(axis, np.radians(a)) for axis, a in enumerate(ROTATION))
+    about_x, about_y, about_z = (rotation_about(axis, np.radians(a)) for axis, a in enumerate(ROTATION))
     return Camera(np.array(POSITION), about_z @ about_y @ about_x, FOCAL_LENGTH * size / IMAGE_SIZE, size)
 
 
@@ -92,8 +96,8 @@ def looking_at(
     return Camera(position, rotation, size / 2 / np.tan(np.radians(field_of_view) / 2), size)
 
 
-def _rotation(axis: int, angle: float) -> np.ndarray:
-    """(3, 3) rotation by `angle` radians about coordinate axis 0, 1 or 2."""
+def rotation_about(axis: int, angle: float) -> np.ndarray:
+    """(3, 3) rotation of points by `angle` radians about coordinate axis 0, 1 or 2."""
     rotation = np.eye(3)
     first, second = (axis + 1) % 3, (axis + 2) % 3
     rotation[first, first] = rotation[second, second] = np.cos(angle)

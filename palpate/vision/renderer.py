@@ -113,7 +113,7 @@ class Renderer:
         self.device = _choose_device(device)
         self._scene = bpy.context.scene
         _set_up_render(self._scene, threads, self.device)
-        _add_light(self._scene)
+        self._lamp = _add_light(self._scene)
         self._camera = _link(self._scene, bpy.data.objects.new("camera", bpy.data.cameras.new("camera")))
         self._scene.camera = self._camera
         self._origin = _link(self._scene, bpy.data.objects.new("origin", None))
@@ -132,8 +132,8 @@ class Renderer:
         `palpate.hand.Hand`; link_poses: (g, L, 4, 4) poses of its links in the world. name: of the EXR files
         (default: the name of the file's folder).
 
-        Raises Unusable where the file can't be read or holds no triangles; the next object renders all the
-        same.
+        Raises Unusable where the file can't be read or holds no triangles, or where the image of the object
+        alone doesn't show it; the next object renders all the same.
         """
         if hand is None and len(link_poses):
             raise ValueError(f"{len(link_poses)} link poses without a hand: give the hand they are of")
@@ -142,11 +142,41 @@ class Renderer:
         with _Guests():
             points = self._import(Path(visual_glb))
             unoccluded = self._picture(self.camera, points, self.samples, f"{name}-unoccluded")
+            if not unoccluded.image(WHITE).mask.any():
+                size = self.camera.size
+                raise Unusable(
+                    f"{visual_glb}: no pixel of {size} x {size} shows the object: make its materials less "
+                    "transparent, or the object thicker"
+                )
             occluded = []
             for number, link_pose in enumerate(link_poses):
                 drawn = np.concatenate([points, self._pose_hand(link_pose)])
                 occluded.append(self._picture(self.camera, drawn, self.samples, f"{name}-grasp-{number}"))
         return unoccluded.image(WHITE), [layers.image(WHITE) for layers in occluded]
+
+    def render_views(self, visual_glb: Path | str, cameras: Sequence[Camera]) -> list[Image]:
+        """The object alone over white, from each of the cameras; its file is read once.
+
+        The lamp goes with the camera, so that no view looks at the dark side: it stands to each as it stands
+        to the paper's. visual_glb: as for `render_object`, and it raises the same. An image's size is its
+        camera's.
+        """
+        self._take_hand(None)
+        render = self._scene.render
+        from_camera = paper_camera().rotation.T @ SUN_POSITION
+        with _Guests():
+            points = self._import(Path(visual_glb))
+            layers = []
+            # Only camera and lamp move, so Cycles may keep what it made of the object (a third of the time).
+            render.use_persistent_data = True
+            try:
+                for camera in cameras:
+                    _point(self._lamp, camera.rotation @ from_camera)
+                    layers.append(self._picture(camera, points, self.samples))
+            finally:
+                render.use_persistent_data = False
+                _point(self._lamp, SUN_POSITION)
+        return [each.image(WHITE) for each in layers]
 
     def render_scene(
         self,
@@ -343,12 +373,12 @@ def _set_up_render(scene, threads: int, device: str) -> None:
     cycles.volume_bounces = 0
 
 
-def _add_light(scene) -> None:
+def _add_light(scene):
+    """The constant ambient light, and the lamp, which is returned."""
     lamp = bpy.data.lights.new("lamp", "SUN")
     lamp.energy, lamp.angle = SUN_STRENGTH, SUN_ANGLE
     body = _link(scene, bpy.data.objects.new("lamp", lamp))
-    towards = Vector(SUN_POSITION)
-    body.rotation_euler = towards.to_track_quat("Z", "Y").to_euler()
+    _point(body, SUN_POSITION)
     scene.world = bpy.data.worlds.new("ambient")
     scene.world.use_nodes = True
     background = scene.world.node_tree.nodes["Background"].inputs
@@ -356,6 +386,12 @@ def _add_light(scene) -> None:
     background["Strength"].default_value = AMBIENT
     # Of a constant light the surfaces' own samples are the better ones: they follow the cosine.
     scene.world.cycles.sampling_method = "NONE"
+    return body
+
+
+def _point(lamp, towards) -> None:
+    """Turn a sun so that it shines from the direction `towards` (3,), seen from the object."""
+    lamp.rotation_euler = Vector(towards).to_track_quat("Z", "Y").to_euler()
 
 
 def _matrix(pose: np.ndarray) -> Matrix:

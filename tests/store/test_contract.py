@@ -7,6 +7,7 @@ import palpate.store
 from palpate import hand, touch, vision
 from palpate.store.contract import CONTRACT, SENSOR_NAMES, SYMBOLS, ArraySpec
 from palpate.store.document import renewed
+from palpate.vision import views
 
 DOCUMENT = Path(__file__).parents[2] / "docs" / "dataset.md"
 
@@ -38,8 +39,13 @@ PROMISED = {
         "unoccluded_depth": ((2, 256, 256), "float16"),
         "occluded_depth": ((10, 256, 256), "float16"),
     },
+    "views": {
+        "image": ((2, 24, 137, 137, 3), "uint8"),
+        "mask": ((2, 24, 137, 137), "uint8"),
+        "camera": ((2, 24, 3, 4), "float64"),
+    },
 }
-SIZES = {"o": 2, "og": 10, "n": 10000, "j": 16, "r": 100, "rr": 10000, "p": 256}
+SIZES = {"o": 2, "og": 10, "n": 10000, "j": 16, "r": 100, "rr": 10000, "p": 256, "v": 24, "q": 137}
 
 
 def test_the_contract_holds_what_was_promised():
@@ -83,6 +89,7 @@ def test_sensors_and_sizes_are_those_of_the_rooms_that_make_the_data():
     assert f"({len(robot.joint_link)})" in SYMBOLS["j"]
     assert f"({touch.RESOLUTION})" in SYMBOLS["r"]
     assert f"({vision.paper_camera().size})" in SYMBOLS["p"]
+    assert f"({views.COUNT})" in SYMBOLS["v"] and f"({views.SIZE})" in SYMBOLS["q"]
 
 
 @pytest.mark.parametrize("shape", [(2, 3), (2, 3, 4, 5), (2, 5, 3)])

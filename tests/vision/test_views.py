@@ -1,0 +1,220 @@
+import numpy as np
+import pytest
+import trimesh
+from numpy.testing import assert_allclose, assert_array_equal
+from PIL import Image as PillowImage
+
+from palpate.catalogue import Unusable, generator
+from palpate.mesh import DIAGONAL, OBJECT_POSITION
+from palpate.vision import Renderer, looking_at, views
+from palpate.vision.views import Viewpoint, Views
+from tests.vision.scenes import painted
+
+
+def blocks():
+    """An object without symmetry, of the dataset's size: three boxes."""
+    parts = [
+        trimesh.creation.box(extents).apply_translation(centre)
+        for extents, centre in [
+            ((0.3, 0.1, 0.1), (0, 0, 0)),
+            ((0.06, 0.06, 0.16), (0.12, 0, 0.13)),
+            ((0.05, 0.14, 0.05), (-0.1, 0.1, 0)),
+        ]
+    ]
+    mesh = trimesh.util.concatenate(parts)
+    mesh.apply_translation(-mesh.bounds.mean(axis=0))
+    return mesh.apply_scale(DIAGONAL / np.linalg.norm(mesh.extents))
+
+
+def silhouette(mesh, matrix, size):
+    """(size, size) whether the ray through each pixel's centre meets the mesh, by a (3, 4) matrix."""
+    position = -np.linalg.solve(matrix[:, :3], matrix[:, 3])
+    column, row = np.meshgrid(np.arange(size) + 0.5, np.arange(size) + 0.5)
+    pixels = np.stack([column, row, np.ones_like(row)], axis=-1).reshape(-1, 3)
+    rays = np.linalg.solve(matrix[:, :3], pixels.T).T
+    return mesh.ray.intersects_any(np.broadcast_to(position, rays.shape), rays).reshape(size, size)
+
+
+def test_masks_are_what_rays_by_the_stored_cameras_meet(write_glb):
+    mesh = blocks()
+    path = write_glb("blocks", painted(mesh.copy(), (0.5, 0.2, 0.1)))
+    at = views.viewpoints(generator(0, "blocks", "views"), 4)
+    made = views.render(Renderer(samples=1, device="cpu"), path, at, 137)
+    assert made.image.shape == (4, 137, 137, 3) and made.image.dtype == np.uint8
+    assert made.camera.shape == (4, 3, 4) and made.camera.dtype == np.float64
+    there = mesh.copy().apply_translation(OBJECT_POSITION)
+    for image, mask, matrix in zip(*made, strict=True):
+        seen = silhouette(there, matrix, 137)
+        assert seen.sum() > 500
+        assert ((mask > 0) != seen).sum() <= 4  # rays that graze an edge
+        assert set(np.unique(mask)) == {0, 255}
+        shifts = [(down - 2, over - 2) for down, over in np.ndindex(5, 5)]
+        beside = ~np.any([np.roll(seen, shift, (0, 1)) for shift in shifts], axis=0)
+        assert (image[beside] == 255).all()
+
+
+def test_no_view_looks_at_the_dark_side(write_glb):
+    ball = trimesh.creation.icosphere(subdivisions=4, radius=DIAGONAL / np.sqrt(12))
+    path = write_glb("ball", painted(ball, (0.8, 0.8, 0.8)))
+    at = [Viewpoint(azimuth, 27.0, 0.0, 0.8) for azimuth in (0, 90, 180, 270)]
+    renderer = Renderer(samples=4, device="cpu")
+    made = views.render(renderer, path, at, 64)
+    brightness = [image[mask > 0].mean() for image, mask in zip(made.image, made.mask, strict=True)]
+    assert np.ptp(brightness) < 3
+    before = renderer.render_object(path)[0].rgb
+    assert_array_equal(Renderer(samples=4, device="cpu").render_object(path)[0].rgb, before)
+
+
+def test_the_first_views_do_not_depend_on_their_number_nor_on_what_came_before(write_glb):
+    path = write_glb("blocks", painted(blocks(), (0.5, 0.2, 0.1)))
+    other = write_glb("box", painted(trimesh.creation.box((0.1, 0.2, 0.3)), (0.1, 0.9, 0.1)))
+    at = views.viewpoints(generator(3, "blocks", "views"), 5)
+    assert at[:2] == views.viewpoints(generator(3, "blocks", "views"), 2)
+    renderer = Renderer(samples=2, device="cpu")
+    whole = views.render(renderer, path, at, 60)
+    views.render(renderer, other, at, 60)
+    again = views.render(renderer, path, at[1:2], 60)
+    for one, two in zip(whole, again, strict=True):
+        assert_array_equal(one[1], two[0])
+
+
+def test_viewpoints_are_drawn_from_the_published_ranges():
+    drawn = np.array(views.viewpoints(np.random.default_rng(0), 4000))
+    for column, (low, high) in zip((0, 1, 3), ((0, 360), (25, 30), (0.65, 0.95)), strict=True):
+        assert low <= drawn[:, column].min() < drawn[:, column].max() < high
+        assert_allclose(drawn[:, column].mean(), (low + high) / 2, rtol=0.02)
+    assert (drawn[:, 2] == 0).all()
+
+
+@pytest.mark.parametrize("azimuth", [0.0, 40.0, 170.0, 359.0])
+def test_the_camera_stands_where_the_formula_says_and_looks_at_the_object(azimuth):
+    viewpoint = Viewpoint(azimuth, 27.0, 0.0, 0.8)
+    a, e = np.radians([azimuth, 27.0])
+    towards = np.array([np.cos(e) * np.cos(a), -np.cos(e) * np.sin(a), np.sin(e)])
+    position = OBJECT_POSITION + 0.5 * 1.75 * 0.8 * towards
+    # 2.1875 is the first entry of Blender's projection matrix, that of a lens of 35 mm on 32 mm.
+    expected = looking_at(OBJECT_POSITION, position, 137, 2 * np.degrees(np.arctan(1 / 2.1875)))
+    assert_allclose(views.camera(viewpoint).matrix(), expected.matrix(), atol=1e-9)
+    centre, depth = views.camera(viewpoint).project(np.array(OBJECT_POSITION))
+    assert_allclose(centre, [68.5, 68.5], atol=1e-9)
+    assert_allclose(depth, 0.7)
+
+
+def test_roll_turns_the_image_about_its_centre():
+    straight, rolled = (views.camera(Viewpoint(50, 28, roll, 0.7)) for roll in (0, 30))
+    points = OBJECT_POSITION + np.random.default_rng(0).normal(size=(20, 3)) * 0.1
+    one, two = (camera.project(points)[0] - 68.5 for camera in (straight, rolled))
+    assert_allclose(np.linalg.norm(one, axis=1), np.linalg.norm(two, axis=1))
+    angle = np.degrees(np.arctan2(*two.T) - np.arctan2(*one.T)) % 360
+    assert_allclose(np.minimum(angle, 360 - angle), 30)
+    assert_allclose(straight.position, rolled.position)
+
+
+def test_a_camera_about_a_source_that_is_not_centred_sees_the_same_pixels():
+    viewpoint, centre, scale = Viewpoint(200, 26, 0, 0.9), np.array([0.1, -0.2, 0.05]), 0.7
+    points = np.random.default_rng(1).normal(size=(20, 3)) * 0.2  # in the source's frame
+    source, _ = views.camera(viewpoint, scale=1.0).project(points + OBJECT_POSITION)
+    world, _ = views.camera(viewpoint, 137, scale, centre).project(
+        (points - centre) * scale + OBJECT_POSITION
+    )
+    assert_allclose(world, source)
+
+
+@pytest.fixture
+def renderings(tmp_path, write_glb):
+    """Published renderings of the blocks, as a folder; and the views that they were written from."""
+    at = views.viewpoints(np.random.default_rng(7), 3)
+    path = write_glb("blocks", painted(blocks(), (0.5, 0.2, 0.1)))
+    made = views.render(Renderer(samples=2, device="cpu"), path, at, 137)
+    folder = tmp_path / "rendering"
+    folder.mkdir()
+    lines = [f"{a} {e} {r:.0f} {d} 25" for a, e, r, d in at]
+    (folder / "rendering_metadata.txt").write_text("\n".join(lines) + "\n")
+    for number, (image, mask) in enumerate(zip(made.image, made.mask, strict=True)):
+        PillowImage.fromarray(np.dstack([image, mask])).save(folder / f"{number:02d}.png")
+    return folder, made
+
+
+def record(mesh):
+    """As if the source had been twice as large."""
+    return {"scale": 0.5, "source": {"bounding_box": (2 * mesh.bounds).tolist()}}
+
+
+def points(mesh):
+    return mesh.triangles_center + OBJECT_POSITION
+
+
+def test_published_renderings_come_back_with_their_cameras(renderings):
+    folder, made = renderings
+    mesh = blocks()
+    found = views.published(folder, record(mesh), points(mesh), 3)
+    assert_array_equal(found.mask, made.mask)
+    assert_allclose(found.camera, made.camera, atol=1e-9)
+    shown = found.mask > 0
+    assert_array_equal(found.image[shown], made.image[shown])
+    assert (found.image[~shown] == 255).all()
+    assert views.published(folder, record(mesh), points(mesh), 2).image.shape == (2, 137, 137, 3)
+
+
+def test_half_transparent_pixels_are_mixed_with_white(renderings):
+    folder, _ = renderings
+    pixels = np.array(PillowImage.open(folder / "00.png"))
+    pixels[5, 7] = (10, 20, 30, 51)  # a fifth
+    PillowImage.fromarray(pixels).save(folder / "00.png")
+    found = views.published(folder, record(blocks()), points(blocks()), 1)
+    assert_array_equal(found.image[0, 5, 7], [206, 208, 210])
+    assert found.mask[0, 5, 7] == 0
+
+
+def test_renderings_of_another_mesh_are_refused(renderings):
+    folder, _ = renderings
+    mesh = blocks()
+    turned = points(
+        mesh.copy().apply_transform(trimesh.transformations.rotation_matrix(np.pi / 2, [0, 0, 1]))
+    )
+    with pytest.raises(Unusable, match="ShapeNetCore v1"):
+        views.published(folder, record(mesh), turned, 3)
+
+
+def test_agreement_counts_what_lands_within_a_pixel_of_the_mask():
+    mask = np.zeros((1, 137, 137), dtype=np.uint8)
+    mask[0, 60:70, 60:70] = 255
+    camera = views.camera(Viewpoint(0, 27, 0, 0.8))
+    rays = camera.rays()
+    at = [(60, 60), (65, 69), (59, 60), (70, 70), (58, 60), (65, 71), (100, 100)]
+    there = np.array([camera.position + rays[row, column] for row, column in at])
+    found = Views(np.zeros((1, 137, 137, 3)), mask, camera.matrix()[None])
+    assert views.silhouette_agreement(found, there) == pytest.approx(4 / 7)
+    behind = camera.position - rays[65, 65]
+    assert views.silhouette_agreement(found, behind[None]) == 0
+
+
+@pytest.mark.parametrize(
+    ("damage", "message"),
+    [
+        (lambda folder: (folder / "01.png").unlink(), r"01\.png: can't be read"),
+        (lambda folder: (folder / "01.png").write_bytes(b"\x89PNG"), r"01\.png: can't be read"),
+        (lambda folder: (folder / views.METADATA).unlink(), "no such file"),
+        (lambda folder: (folder / views.METADATA).write_text("1 2 3 4 5\n1 2 3\n"), "line 2 is '1 2 3'"),
+        (lambda folder: (folder / views.METADATA).write_text("1 2 3 4 5\n"), "1 views, but"),
+        (
+            lambda folder: PillowImage.new("RGBA", (64, 64)).save(folder / "00.png"),
+            "set views.size to 64",
+        ),
+    ],
+)
+def test_damaged_renderings_are_named(renderings, damage, message):
+    folder, _ = renderings
+    damage(folder)
+    with pytest.raises(Unusable, match=message):
+        views.published(folder, record(blocks()), points(blocks()), 3)
+
+
+def test_an_object_that_no_view_shows_is_unusable(write_glb):
+    glass = painted(blocks(), (1, 1, 1))
+    glass.visual.material.alphaMode = "BLEND"
+    glass.visual.material.baseColorFactor = [255, 255, 255, 0]
+    with pytest.raises(Unusable, match="no view shows"):
+        views.render(
+            Renderer(samples=1, device="cpu"), write_glb("glass", glass), [Viewpoint(0, 25, 0, 0.7)], 40
+        )

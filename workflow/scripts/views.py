@@ -1,0 +1,49 @@
+"""Views of a batch: small images of every object alone, from all around.
+
+views/<batch>.zarr    image     (o, 24, 137, 137, 3)    uint8      sRGB over white, row 0 at the top
+                      mask      (o, 24, 137, 137)       uint8      255: the object
+                      camera    (o, 24, 3, 4)           float64    world frame, m, to pixels; homogeneous
+rejected/views/<batch>.csv    object, stage, reason
+"""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from palpate.vision import Renderer  # Blender: before anything that loads embree
+
+from palpate import mesh, store  # isort: skip
+from palpate.catalogue import each_object, generator, log_to, write_rejections  # isort: skip
+from palpate.vision import views  # isort: skip
+
+log_to(snakemake.log[0])
+meshes, params = Path(snakemake.input.meshes), snakemake.params
+count, size = params.views["count"], params.views["size"]
+if not params.renderings:
+    renderer = Renderer(size, params.views["samples"], params.device, snakemake.threads)
+
+
+def look(name: str) -> dict[str, np.ndarray]:
+    if params.renderings:
+        # <synset>/<model>/model.obj shows in <synset>/<model>/rendering/.
+        folder = Path(params.renderings, *Path(sources[name]).parts[:2], "rendering")
+        record = json.loads((meshes / name / "mesh.json").read_text())
+        surface = mesh.load_visual(meshes / name).vertices + mesh.OBJECT_POSITION
+        return views.published(folder, record, surface, count, size)._asdict()
+    at = views.viewpoints(generator(params.seed, name, "views"), count)
+    return views.render(renderer, meshes / name / "visual.glb", at, size)._asdict()
+
+
+catalogue = pd.read_csv(snakemake.input.catalogue, dtype=str)
+sources = dict(zip(catalogue.object, catalogue.source, strict=True))
+seen, rejections = each_object([name for name in sources if (meshes / name).is_dir()], look, "views")
+with store.whole(snakemake.output.rejected) as rejected:
+    write_rejections(rejected, rejections)
+store.write(
+    snakemake.output.views,
+    "views",
+    store.join("views", seen),
+    {"seed": params.seed, "config_digest": store.config_digest(params.views)},
+)
