@@ -49,7 +49,8 @@ def build(
 
     folder.mkdir(parents=True, exist_ok=True)
     visual = trimesh.Scene([mesh for mesh in parts if len(mesh.faces)])
-    (folder / "visual.glb").write_bytes(visual.export(file_type="glb"))
+    glb = visual.export(file_type="glb")
+    (folder / "visual.glb").write_bytes(glb)
     record = {
         "source": {
             "file": source.name,
@@ -60,7 +61,7 @@ def build(
         },
         "scale": float(scale),
         "repairs": repaired.counts,
-        "visual.glb": _describe(vertices, faces),
+        "visual.glb": _describe(vertices, faces) | {"see_through": _see_through(glb)},
     }
     counts = {"collision.ply": collision_faces} | {f"level-{count}.ply": count for count in levels}
     record |= _write_levels(folder, vertices, faces, counts)
@@ -129,6 +130,13 @@ def _describe(vertices, faces):
         "volume": float(np.einsum("ij,ij->", corner[:, 0], cross) / 6) if closed else None,
         "bounding_box": [corner.min(axis=(0, 1)).tolist(), corner.max(axis=(0, 1)).tolist()],
     }
+
+
+def _see_through(glb):
+    """Whether a material of a binary glTF file lets through what is behind it (its `alphaMode`)."""
+    length = int.from_bytes(glb[12:16], "little")  # of the JSON chunk, which is the first (glTF 2.0, 4.4)
+    materials = json.loads(glb[20 : 20 + length]).get("materials", [])
+    return any(material.get("alphaMode", "OPAQUE") != "OPAQUE" for material in materials)
 
 
 def _write_levels(folder, vertices, faces, counts):

@@ -401,6 +401,25 @@ def test_only_the_stages_asked_for_are_needed(run):
     assert {finding.store for finding in findings} == {"meshes", "surface", "grasps"}
 
 
+@pytest.mark.parametrize("see_through", [True, False])
+@pytest.mark.parametrize(("shift", "fits"), [(np.inf, True), (0.02, True), (-0.02, False)])
+def test_a_transparent_mesh_may_show_what_is_behind_it_only(run, see_through, shift, fits):
+    """Some of the object's pixels show nothing, or something further off or nearer than its first face."""
+    record = {"visual.glb": {"see_through": see_through}}
+    (run / "meshes" / BATCH / OBJECT / "mesh.json").write_text(json.dumps(record))
+    window = (slice(None), slice(26, 38), slice(22, 30))  # on the object, left of what hides it
+
+    def change(arrays):
+        for name in ("unoccluded", "occluded"):
+            assert (arrays[f"{name}_mask"][window] == 255).all()
+            arrays[f"{name}_depth"][window] += np.float16(shift)
+            arrays[f"{name}_mask"][window] = 0 if shift == np.inf else 255
+
+    edit("vision", change)(run)
+    failed = {finding.check for finding in validate_batch(run, BATCH) if not finding.ok}
+    assert failed == (set() if fits and see_through else {"picture of mesh"})
+
+
 def test_the_limit_of_penetration_is_the_runs(run):
     put("grasps", "penetration", 0, 0.001)(run)  # stored as float32, a little over 0.001
     assert all(finding.ok for finding in validate_batch(run, BATCH))
