@@ -1,0 +1,267 @@
+"""What is learnt, as Lightning modules: the loss of a step, and that of the validation.
+
+A batch, for Lightning, is only the number of a step, or of a part of the validation: the module takes the samples
+from memory itself. All that is random in a step follows from the seed and the step's number, so that training
+goes on after an interruption as if there had been none.
+"""
+
+import copy
+import math
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import lightning.pytorch as lightning
+import torch
+from torch import Tensor
+
+from palpate.models import TouchDepth
+from palpate.training import checkpoints
+from palpate.training.data import Assembler, shuffled, spread, training_samples, windows
+from palpate.training.losses import Truth, reconstruction_loss, touch_depth_loss, touched
+from palpate.training.pack import Pack, PackError
+from palpate.training.touches import Touches
+
+WARM_UP = 0.1  # share of the steps in which one_cycle rises to the highest rate
+FIRST, LAST = 0.04, 1e-4  # of the highest rate: where one_cycle begins and ends
+VALIDATION_SEED = 1  # the same points in every validation of every model, so that their losses compare
+
+
+class Diverged(RuntimeError):
+    """The loss is NaN or infinite."""
+
+
+class Learner(lightning.LightningModule):
+    """A model and how it is trained. Subclasses say what is taken in a step.
+
+    Args:
+        model: whose weights are learnt.
+        settings: of the recipe.
+        seed: of the order of samples and of points.
+        samples: how many there are to train on; validated: to validate on.
+
+    Attributes:
+        evaluated: the model that validation, and the checkpoint, takes: `model`, or its moving average.
+        steps: how many are to be made; every: after how many a validation comes.
+        validation_loss: the last validation's.
+    """
+
+    kind: str
+
+    def __init__(
+        self, model: torch.nn.Module, settings: Mapping[str, Any], seed: int, samples: int, validated: int
+    ):
+        super().__init__()
+        self.model, self.settings, self.seed = model, settings, seed
+        self.averaged = copy.deepcopy(model).requires_grad_(False) if settings["ema"] else None
+        self.validated = validated
+        an_epoch = -(-samples // settings["batch"])
+        limits = [settings["steps"], settings["epochs"] and settings["epochs"] * an_epoch]
+        self.steps = min(limit for limit in limits if limit)
+        self.every = min(settings["evaluate_every"] or an_epoch, self.steps)
+        self.validation_loss = math.nan
+
+    @property
+    def evaluated(self) -> torch.nn.Module:
+        return self.model if self.averaged is None else self.averaged
+
+    def train_dataloader(self) -> "Rounds":
+        return Rounds(self)
+
+    def val_dataloader(self) -> range:
+        """Numbers of the parts, of as many samples as a step's."""
+        return range(-(-self.validated // self.settings["batch"]))
+
+    def configure_optimizers(self) -> dict[str, Any]:
+        kind = {"adam": torch.optim.Adam, "adamw": torch.optim.AdamW}[self.settings["optimiser"]]
+        optimiser = kind(
+            self.model.parameters(), lr=self.settings["rate"], weight_decay=self.settings["weight_decay"]
+        )
+        schedule = {"constant": lambda step: 1.0, "one_cycle": self._one_cycle}[self.settings["schedule"]]
+        scheduler = torch.optim.lr_scheduler.LambdaLR(optimiser, schedule)
+        return {"optimizer": optimiser, "lr_scheduler": {"scheduler": scheduler, "interval": "step"}}
+
+    def _one_cycle(self, step: int) -> float:
+        """Share of the highest rate: from `FIRST` up to 1 and down to `LAST`, each along half a cosine."""
+        risen = WARM_UP * self.steps
+        low, done = (
+            (FIRST, step / risen) if step < risen else (LAST, 1 - (step - risen) / (self.steps - risen))
+        )
+        return low + (1 - low) * (1 - math.cos(math.pi * max(done, 0.0))) / 2
+
+    def training_step(self, step: int, _: int) -> Tensor:
+        losses = self.losses(self.training_part(step), self._generator(self.seed, step), self.model)
+        return self._finite(losses.mean(), f"step {step}")
+
+    def on_train_batch_end(self, *_: Any) -> None:
+        if self.averaged is None:
+            return
+        # A short memory at first, so that the random first weights are forgotten.
+        decay = min(self.settings["ema"], self.global_step / (self.global_step + 10))
+        pairs = zip(self.averaged.state_dict().values(), self.model.state_dict().values(), strict=True)
+        for average, value in pairs:
+            if average.is_floating_point():
+                average.lerp_(value, 1 - decay)
+            else:
+                average.copy_(value)
+
+    def on_validation_epoch_start(self) -> None:
+        self._validation: list[Tensor] = []
+
+    def validation_step(self, part: int, _: int) -> None:
+        generator = self._generator(VALIDATION_SEED, part)
+        losses = self.losses(self.validation_part(part)[self._rank()], generator, self.evaluated, True)
+        self._validation.append(losses.detach().double())
+
+    def on_validation_epoch_end(self) -> None:
+        losses = torch.cat(self._validation)
+        total = torch.stack([losses.sum(), losses.new_tensor(float(len(losses)))])
+        total = self.all_gather(total).reshape(-1, 2).sum(dim=0)
+        mean = total[0] / total[1]
+        self.validation_loss = float(self._finite(mean, "validation"))
+
+    def _finite(self, loss: Tensor, where: str) -> Tensor:
+        if not torch.isfinite(loss):
+            raise Diverged(f"the loss is {float(loss)} in {where}")
+        return loss
+
+    def _rank(self) -> slice:
+        """The share of a list of samples that this process takes, of several on as many GPUs."""
+        return slice(self.global_rank, None, self.trainer.world_size)
+
+    def _generator(self, seed: int, step: int) -> torch.Generator:
+        number = ((seed << 32) + step) * 64 + self.global_rank
+        return torch.Generator().manual_seed(number % (1 << 63))
+
+    def training_part(self, step: int) -> Any:
+        """The samples of a step that this process takes."""
+        raise NotImplementedError
+
+    def validation_part(self, part: int) -> Any:
+        """The samples of a part of the validation, of all processes."""
+        raise NotImplementedError
+
+    def losses(
+        self, part: Any, generator: torch.Generator, model: torch.nn.Module, validation: bool = False
+    ) -> Tensor:
+        """(B,) the loss of each sample."""
+        raise NotImplementedError
+
+    def described(self) -> dict[str, Any]:
+        """What a checkpoint says of the model, beside its weights."""
+        raise NotImplementedError
+
+
+class Rounds:
+    """The numbers of the steps between two validations: an epoch, as Lightning calls it."""
+
+    def __init__(self, learner: Learner):
+        self.learner = learner
+
+    def __iter__(self) -> Iterator[int]:
+        first = self.learner.trainer.current_epoch * self.learner.every
+        return iter(range(first, min(first + self.learner.every, self.learner.steps)))
+
+
+class ReconstructionLearner(Learner):
+    """Learns to reconstruct the objects of a pack's train split, for a row of config/experiments.yaml."""
+
+    kind = "reconstruction"
+
+    def __init__(self, pack: Pack, experiment: Mapping[str, Any], settings: Mapping[str, Any], seed: int):
+        self.pack, self.experiment = pack, dict(experiment)
+        self.layers = checkpoints.architecture(experiment, settings)
+        train = pack.of_split("train")
+        found = spread(windows(pack, experiment, "validation"), settings["validation_samples"])
+        for split, number in {"train": len(train), "validation": len(found)}.items():
+            if not number:
+                raise PackError(f"{pack.path} has no object of the {split} split: more objects are needed")
+        self.validation_samples = found
+        with torch.random.fork_rng(devices=[]):
+            torch.manual_seed(seed)
+            model = checkpoints.build(experiment, self.layers)
+        super().__init__(model, settings, seed, len(train), len(found))
+
+    def on_fit_start(self) -> None:
+        self.assemble = Assembler(self.pack, self.device)
+        points = torch.from_numpy(self.pack["points"]).to(self.device)
+        self.truth = Truth(points.to(next(self.model.parameters()).dtype))
+
+    def training_part(self, step):
+        batch = self.settings["batch"]
+        return training_samples(self.pack, self.experiment, batch, self.seed, step)[self._rank()]
+
+    def validation_part(self, part):
+        first = part * self.settings["batch"]
+        return self.validation_samples[first : first + self.settings["batch"]]
+
+    def losses(self, part, generator, model, validation=False):
+        if not part:
+            return torch.empty(0, device=self.device)
+        dtype = self.truth.points.dtype
+        batch = {
+            key: value.to(dtype) if value.is_floating_point() else value
+            for key, value in self.assemble(part).items()
+        }
+        vertices = model(batch)
+        if not torch.isfinite(vertices).all():
+            raise Diverged("the model predicts NaN or infinite vertices")
+        points = self.settings["validation_points" if validation else "loss_points"]
+        with torch.autocast(self.device.type, enabled=False):
+            return reconstruction_loss(
+                vertices, model.faces, self.truth, [sample.object for sample in part], points, generator
+            )
+
+    def described(self):
+        return {"experiment": self.experiment, "architecture": self.layers, "pack": self.pack.digest}
+
+
+class TouchDepthLearner(Learner):
+    """Learns depth from touch readings, of the successful touches of the train split."""
+
+    kind = "touch_depth"
+
+    def __init__(self, train: Touches, validation: Touches, settings: Mapping[str, Any], seed: int):
+        with torch.random.fork_rng(devices=[]):
+            torch.manual_seed(seed)
+            model = TouchDepth(settings["width"])
+        count = min(settings["validation_samples"] or len(validation), len(validation))
+        # Evenly, not the first: touches come object by object.
+        chosen = torch.arange(count) * len(validation) // count
+        self.touches = {"train": train, "validation": validation}
+        super().__init__(model, settings, seed, len(train), count)
+        self.chosen = chosen
+
+    def on_fit_start(self) -> None:
+        self.on_device = {
+            name: Touches(*(tensor.to(self.device) for tensor in touches))
+            for name, touches in self.touches.items()
+        }
+
+    def training_part(self, step):
+        return shuffled(len(self.touches["train"]), self.settings["batch"], self.seed, step)[self._rank()]
+
+    def validation_part(self, part):
+        first = part * self.settings["batch"]
+        return self.chosen[first : first + self.settings["batch"]].numpy()
+
+    def losses(self, part, generator, model, validation=False):
+        if not len(part):
+            return torch.empty(0, device=self.device)
+        touches = self.on_device["validation" if validation else "train"]
+        rows = torch.as_tensor(part, device=self.device)
+        dtype = next(model.parameters()).dtype
+        reading, empty = touches.reading[rows].to(dtype) / 255, touches.empty.to(dtype) / 255
+        depth = model(reading)
+        if not torch.isfinite(depth).all():
+            raise Diverged("the model predicts NaN or infinite depths")
+        with torch.autocast(self.device.type, enabled=False):
+            return touch_depth_loss(
+                depth.to(dtype),
+                touched(reading, empty),
+                touches.depth[rows].to(dtype),
+                self.settings["loss_points"],
+                generator,
+            )
+
+    def described(self):
+        return {"width": self.settings["width"]}

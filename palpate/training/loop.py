@@ -1,0 +1,301 @@
+"""Training from start to end: it goes on where it was interrupted, and keeps the best model by validation."""
+
+import csv
+import hashlib
+import json
+import logging
+import math
+import shutil
+import sys
+import time
+import warnings
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import lightning.pytorch as lightning
+import torch
+from tqdm import tqdm
+
+from palpate import store
+from palpate.training import checkpoints
+from palpate.training.learners import Diverged, Learner
+
+log = logging.getLogger(__name__)
+
+HISTORY = ("step", "seconds", "train_loss", "validation_loss", "rate")
+LOG_EVERY = 10.0  # seconds between lines of progress in a log
+BEST, LAST = "best.ckpt", "last.ckpt"
+
+
+class Machine(NamedTuple):
+    """What a model is trained on.
+
+    Attributes:
+        device: `auto` (a GPU if there is one), `cpu` or `gpu`. devices: number of GPUs.
+        precision: as Lightning names it. threads: of the CPU.
+    """
+
+    device: str = "auto"
+    devices: int = 1
+    precision: str = "32-true"
+    threads: int = 1
+
+    def accelerator(self) -> str:
+        """Lightning's name of the device. Raises ValueError if a GPU is asked for and there is none."""
+        if self.device == "gpu" and not torch.cuda.is_available():
+            raise ValueError("config training.device is gpu, but torch finds none: set it to auto or cpu")
+        return "gpu" if self.device != "cpu" and torch.cuda.is_available() else "cpu"
+
+
+class Keeper(lightning.Callback):
+    """History, best checkpoint, last checkpoint, patience, and lines of progress.
+
+    folder: where the checkpoints are while training goes on.
+    """
+
+    def __init__(self, folder: Path, label: str):
+        self.folder, self.label = folder, label
+        self.history: list[dict[str, float]] = []
+        self.seconds = 0.0  # of training before this process
+        self.waited = 0  # evaluations since the best
+        self.finished = False
+
+    @property
+    def best(self) -> dict[str, float]:
+        """The row of the history with the lowest validation loss."""
+        return min(self.history, key=lambda row: row["validation_loss"])
+
+    def state_dict(self) -> dict[str, Any]:
+        return {
+            "history": self.history,
+            "seconds": self._now(),
+            "waited": self.waited,
+            "finished": self.finished,
+        }
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        self.history, self.seconds = list(state["history"]), state["seconds"]
+        self.waited, self.finished = state["waited"], state["finished"]
+
+    def _now(self) -> float:
+        return self.seconds + time.perf_counter() - self.start
+
+    def on_fit_start(self, trainer, learner) -> None:
+        self.start = self.said = time.perf_counter()
+
+    def on_train_start(self, trainer, learner) -> None:
+        self.began_at = trainer.global_step
+        self.bar = tqdm(
+            total=learner.steps,
+            initial=trainer.global_step,
+            desc=self.label,
+            unit="step",
+            disable=not sys.stderr.isatty(),
+        )
+
+    def on_train_epoch_start(self, trainer, learner) -> None:
+        self.losses: list[torch.Tensor] = []
+
+    def on_train_batch_end(self, trainer, learner, outputs, batch, batch_idx) -> None:
+        self.losses.append(outputs["loss"].detach())
+        self.bar.update()
+        if time.perf_counter() - self.said >= LOG_EVERY:
+            self._say(trainer, learner)
+
+    def _say(self, trainer, learner) -> None:
+        self.said = time.perf_counter()
+        done = trainer.global_step
+        rate = (done - self.began_at) / (self.said - self.start)
+        best = (
+            f", best validation {self.best['validation_loss']:.3f} at step {self.best['step']}"
+            if self.history
+            else ""
+        )
+        log.info(
+            "%s: step %d of %d, %.2f a second, loss %.3f%s",
+            *(self.label, done, learner.steps, rate, float(torch.stack(self.losses).mean()), best),
+        )
+
+    def on_validation_end(self, trainer, learner) -> None:
+        before = self.best["validation_loss"] if self.history else math.inf
+        self.history.append(
+            {
+                "step": trainer.global_step,
+                "seconds": round(self._now(), 2),
+                "train_loss": float(torch.stack(self.losses).double().mean()),
+                "validation_loss": learner.validation_loss,
+                "rate": trainer.optimizers[0].param_groups[0]["lr"],
+            }
+        )
+        better = learner.validation_loss < before
+        self.waited = 0 if better else self.waited + 1
+        if better and trainer.is_global_zero:
+            row = self.history[-1]
+            checkpoints.save(
+                self.folder / BEST,
+                learner.kind,
+                learner.evaluated,
+                {
+                    **learner.described(),
+                    "settings": dict(learner.settings),
+                    "seed": learner.seed,
+                    "step": row["step"],
+                    "validation_loss": row["validation_loss"],
+                },
+            )
+        self.bar.set_postfix_str(
+            f"validation {learner.validation_loss:.3f}, best {self.best['validation_loss']:.3f}"
+        )
+        patience = learner.settings["patience"]
+        if patience and self.waited >= patience:
+            log.info(
+                "%s: no better for %d evaluations: stopped at step %d",
+                self.label,
+                patience,
+                trainer.global_step,
+            )
+            trainer.should_stop = True
+        self.finished = trainer.should_stop or trainer.global_step >= learner.steps
+
+    def on_train_epoch_end(self, trainer, learner) -> None:
+        # All processes take part; each state is whole at the end of a round and only there.
+        partial = self.folder / f".partial-{LAST}"
+        trainer.save_checkpoint(partial)
+        if trainer.is_global_zero:
+            partial.replace(self.folder / LAST)
+
+    def on_train_end(self, trainer, learner) -> None:
+        self._say(trainer, learner)
+        self.bar.close()
+
+
+def train(
+    learner: Learner, folder: Path | str, checkpoint_folder: Path | str, machine: Machine, label: str
+) -> dict[str, Any]:
+    """Train a model, or go on where an interrupted training of the same stopped; the result is the same either way.
+
+    Args:
+        learner: what is learnt.
+        folder: gets `best.ckpt` (see `checkpoints`), `history.csv` (step, seconds, train_loss, validation_loss,
+            rate: a row an evaluation, losses in the tables' unit) and `training.json`.
+        checkpoint_folder: where the work in progress is kept, so that it survives; removed at the end. What is
+            there of another config or other data is not taken.
+        machine: what it runs on.
+        label: for progress.
+
+    Returns: what `training.json` says.
+
+    Raises Diverged, naming the last good checkpoint, if the loss becomes NaN or infinite.
+    """
+    folder, kept = Path(folder), Path(checkpoint_folder)
+    _quiet()
+    torch.set_num_threads(machine.threads)
+    accelerator = machine.accelerator()
+    identity = _identity(learner, machine)
+    keeper = Keeper(kept, label)
+    trainer = lightning.Trainer(
+        accelerator=accelerator,
+        devices=machine.devices if accelerator == "gpu" else 1,
+        precision=machine.precision,
+        max_epochs=-(-learner.steps // learner.every),
+        gradient_clip_val=learner.settings["clip"],
+        callbacks=[keeper],
+        num_sanity_val_steps=0,
+        reload_dataloaders_every_n_epochs=1,
+        logger=False,
+        enable_checkpointing=False,
+        enable_progress_bar=False,
+        enable_model_summary=False,
+        use_distributed_sampler=False,
+        default_root_dir=kept,
+    )
+    resume = _resumable(kept, identity)
+    if resume:
+        log.info("%s: goes on from %s", label, resume)
+        keeper.load_state_dict(torch.load(resume, weights_only=False)["callbacks"][keeper.state_key])
+    try:
+        if not keeper.finished:
+            trainer.fit(learner, ckpt_path=resume)
+    except Diverged as error:
+        best = f"; the best model so far is {kept / BEST}" if (kept / BEST).exists() else ""
+        raise Diverged(
+            f"{label}: {error}{best}. Lower the rate or clip the gradient (config training.override), "
+            "or take precision 32-true, and train again"
+        ) from None
+    summary = {**_summary(learner, keeper, machine, accelerator), "identity": identity}
+    if trainer.is_global_zero:
+        _write(folder, kept, keeper.history, summary)
+    return summary
+
+
+def _quiet() -> None:
+    """What Lightning says of itself, and its advice about loaders, which there are none of."""
+    for name in ("lightning.pytorch", "lightning.fabric", "lightning.pytorch.utilities.rank_zero"):
+        logging.getLogger(name).setLevel(logging.ERROR)
+    for pattern in (
+        "does not have many workers",
+        ".*IterableDataset",
+        ".*tensorboardX",
+        ".*LeafSpec",
+        ".*litlogger",
+    ):
+        warnings.filterwarnings("ignore", message=f".*{pattern}")
+
+
+def _identity(learner: Learner, machine: Machine) -> str:
+    """Digest of all that the weights follow from."""
+    said = {
+        "kind": learner.kind,
+        "settings": dict(learner.settings),
+        "seed": learner.seed,
+        "precision": machine.precision,
+        "schema": checkpoints.SCHEMA_VERSION,
+        **learner.described(),
+    }
+    return hashlib.sha256(json.dumps(said, sort_keys=True).encode()).hexdigest()
+
+
+def _resumable(kept: Path, identity: str) -> Path | None:
+    """The last checkpoint of an interrupted training of the same; what is of another is removed."""
+    marker, last = kept / "identity", kept / LAST
+    if last.exists() and marker.exists() and marker.read_text() == identity:
+        return last
+    if kept.exists():
+        log.info(
+            "%s is of another config or other data, or stopped before its first evaluation: begins anew", kept
+        )
+        shutil.rmtree(kept)
+    kept.mkdir(parents=True)
+    marker.write_text(identity)
+    return None
+
+
+def _summary(learner: Learner, keeper: Keeper, machine: Machine, accelerator: str) -> dict[str, Any]:
+    name = torch.cuda.get_device_name() if accelerator == "gpu" else "cpu"
+    return {
+        "kind": learner.kind,
+        **learner.described(),
+        "settings": dict(learner.settings),
+        "seed": learner.seed,
+        "parameters": sum(weights.numel() for weights in learner.model.parameters()),
+        "validated": learner.validated,
+        "steps": keeper.history[-1]["step"],
+        "best_step": keeper.best["step"],
+        "validation_loss": keeper.best["validation_loss"],
+        "seconds": keeper.history[-1]["seconds"],
+        "machine": {**machine._asdict(), "found": name, "torch": torch.__version__},
+    }
+
+
+def _write(folder: Path, kept: Path, history: list[dict[str, float]], summary: dict[str, Any]) -> None:
+    folder.mkdir(parents=True, exist_ok=True)
+    with store.whole(folder / "history.csv") as partial, open(partial, "w", newline="") as file:
+        writer = csv.DictWriter(file, HISTORY)
+        writer.writeheader()
+        writer.writerows(history)
+    with store.whole(folder / "training.json") as partial:
+        partial.write_text(json.dumps(summary, indent=2, sort_keys=True) + "\n")
+    with store.whole(folder / BEST) as partial:
+        shutil.copyfile(kept / BEST, partial)
+    shutil.rmtree(kept)

@@ -1,0 +1,101 @@
+"""The losses: Chamfer distances in the tables' unit (`palpate.charts.CHAMFER_SCALE` times square metres)."""
+
+from collections.abc import Sequence
+
+import torch
+from scipy.spatial import cKDTree
+from torch import Tensor
+
+from palpate.charts import CHAMFER_SCALE, build_tree, one_sided_distance, sample_faces
+from palpate.touch.sensor import PIXEL_CENTRES
+
+# Squared difference of a pixel to the untouched reading, summed over colours in [0, 1], above which it counts as
+# touched (supplement, "Optimization Details" of local touch charts).
+TOUCHED = 0.001
+
+
+class Truth:
+    """True surface points of objects (o, n, 3), with a k-d tree of each, built when it is first asked for."""
+
+    def __init__(self, points: Tensor):
+        self.points = points
+        self._trees: dict[int, cKDTree] = {}
+
+    def clouds(self, objects: Sequence[int]) -> list[Tensor]:
+        """The clouds of the numbered objects."""
+        return [self.points[number] for number in objects]
+
+    def trees(self, objects: Sequence[int]) -> list[cKDTree] | None:
+        """Their trees; None on a GPU, where neighbours are found without."""
+        if self.points.device.type != "cpu":
+            return None
+        for number in set(objects) - set(self._trees):
+            self._trees[number] = build_tree(self.points[number])
+        return [self._trees[number] for number in objects]
+
+
+def reconstruction_loss(
+    vertices: Tensor, faces: Tensor, truth: Truth, objects: Sequence[int], n: int, generator: torch.Generator
+) -> Tensor:
+    """Chamfer distance of each predicted mesh to its object (paper, equation 2).
+
+    Args:
+        vertices: (B, V, 3) metres, faces: (F, 3).
+        objects: B numbers of objects in `truth`.
+        n: points sampled on each mesh, and taken of the true ones. Each of the former looks for the nearest of
+            all true points, each of the latter for the nearest sampled one.
+        generator: of the random choices.
+
+    Returns: (B,), differentiable in the vertices.
+    """
+    points = sample_faces(vertices.to(truth.points.dtype), faces, n, generator)
+    clouds = truth.clouds(objects)
+    there = one_sided_distance(points, clouds, truth.trees(objects))
+    back = one_sided_distance([some(cloud, n, generator) for cloud in clouds], points)
+    return CHAMFER_SCALE * (there + back)
+
+
+def some(points: Tensor, n: int | None, generator: torch.Generator) -> Tensor:
+    """n rows, or all if there are no more or n is None, without repetition."""
+    if n is None or n >= len(points):
+        return points
+    order = torch.randperm(len(points), generator=generator, device=generator.device)[:n]
+    return points[order.to(points.device)]
+
+
+def touched(reading: Tensor, empty: Tensor) -> Tensor:
+    """Which pixels of readings (..., 3, r, r) in [0, 1] differ from the empty one (3, r, r): (..., r, r) bool."""
+    return (reading - empty).square().sum(dim=-3) > TOUCHED
+
+
+def sheet(depth: Tensor) -> Tensor:
+    """Depths (..., r, r) as points (..., r, r, 3) in the sensor's frame, metres: x the depth, y along columns, z
+    along rows."""
+    centres = torch.as_tensor(PIXEL_CENTRES, dtype=depth.dtype, device=depth.device)
+    z, y = torch.meshgrid(centres, centres, indexing="ij")
+    return torch.stack([depth, y.expand_as(depth), z.expand_as(depth)], dim=-1)
+
+
+def touch_depth_loss(
+    predicted: Tensor, valid: Tensor, depth: Tensor, n: int | None, generator: torch.Generator
+) -> Tensor:
+    """Chamfer distance between the predicted and the true local cloud of each touch (paper, section 3.2).
+
+    A distance between clouds does not depend on the frame: here it is the sensor's.
+
+    Args:
+        predicted: (B, r, r) metres from the sensor plane.
+        valid: (B, r, r) bool, the pixels whose prediction counts; at least one of each touch.
+        depth: (B, r, r) true depth, +inf where nothing is in range.
+        n: points of either cloud that look for the nearest of all in the other; None: all.
+
+    Returns: (B,), differentiable in `predicted`.
+
+    Raises ValueError if a touch has no valid pixel or nothing in range.
+    """
+    felt = torch.isfinite(depth)
+    clouds = [cloud[mask] for cloud, mask in zip(sheet(predicted.to(depth.dtype)), valid, strict=True)]
+    truths = [cloud[mask] for cloud, mask in zip(sheet(depth), felt, strict=True)]
+    there = one_sided_distance([some(cloud, n, generator) for cloud in clouds], truths)
+    back = one_sided_distance([some(truth, n, generator) for truth in truths], clouds)
+    return CHAMFER_SCALE * (there + back)

@@ -1,0 +1,78 @@
+"""Training recipes: one by its name with a run's overrides, and from it the settings of one model. No torch."""
+
+import copy
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from palpate.catalogue.schema import Invalid, check
+
+Settings = dict[str, Any]
+
+
+def merge(base: Mapping[str, Any], over: Mapping[str, Any]) -> Settings:
+    """`base` with the keys of `over`; where both hold a mapping, it is merged in turn. Neither is changed."""
+    merged = copy.deepcopy(dict(base))
+    for key, value in over.items():
+        inner = isinstance(value, Mapping) and isinstance(merged.get(key), Mapping)
+        merged[key] = merge(merged[key], value) if inner else copy.deepcopy(value)
+    return merged
+
+
+def resolve(recipes: Path | str, name: str, override: Mapping[str, Any], schema: Path | str) -> Settings:
+    """The recipe `name` of the file `recipes` with a run's `override` merged over it, checked.
+
+    Raises Invalid, naming the keys, if there is no such recipe, or the file or the result does not fit the schema
+    or says nothing of how long to train.
+    """
+    known = yaml.safe_load(Path(recipes).read_text())
+    check(known, schema, str(recipes))
+    if name not in known:
+        raise Invalid(f"config training.recipe: no recipe {name!r} in {recipes}; known: {', '.join(known)}")
+    recipe = merge(known[name], override)
+    check({name: recipe}, schema, f"recipe {name} with config training.override")
+    for path, settings in _each_schedule(recipe):
+        if settings["steps"] is None and settings["epochs"] is None:
+            raise Invalid(f"recipe {name}: {path} needs steps or epochs")
+    return recipe
+
+
+def _each_schedule(recipe: Settings):
+    yield "touch_depth", recipe["touch_depth"]
+    yield "reconstruction", recipe["reconstruction"]
+    for part in ("modalities", "strategies"):
+        for key, over in recipe[part].items():
+            yield f"{part}.{key}", merge(recipe["reconstruction"], over)
+
+
+def modality(experiment: Mapping[str, Any]) -> str:
+    """What a model of config/experiments.yaml sees, as recipes name it: `occluded_touch`, ..., `single_image`.
+
+    Raises Invalid for an experiment that sees nothing.
+    """
+    if experiment["vision"] == "views":
+        return "single_image"
+    seen = [experiment["vision"]] * (experiment["vision"] != "none") + ["touch"] * experiment["touch"]
+    if not seen:
+        raise Invalid("an experiment needs vision or touch, and this one has neither")
+    return "_".join(seen)
+
+
+def settings(recipe: Mapping[str, Any], experiment: Mapping[str, Any]) -> Settings:
+    """How to train one experiment: `reconstruction`, then what its modality and its strategy set otherwise."""
+    found = merge(recipe["reconstruction"], recipe["modalities"].get(modality(experiment), {}))
+    return merge(found, recipe["strategies"].get(experiment["strategy"], {}))
+
+
+def family(experiment: Mapping[str, Any]) -> str:
+    """The pack that an experiment is trained on: `<vision>-<touch>`, for example `occluded-charts`.
+
+    Strategy `sphere` takes touch readings as they are, the others take touch charts (paper, section 5.1).
+    """
+    modality(experiment)  # raises if it sees nothing
+    touch = (
+        ("readings" if experiment["strategy"] == "sphere" else "charts") if experiment["touch"] else "none"
+    )
+    return f"{experiment['vision']}-{touch}"
