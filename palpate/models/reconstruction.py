@@ -57,7 +57,7 @@ class Reconstruction(nn.Module):
         self.graph = Graph(deformed, kind)
         self.scale = ATLAS_RADIUS if architecture["normalise_positions"] else 1.0
         centre = OBJECT_POSITION if architecture["normalise_positions"] else (0.0, 0.0, 0.0)
-        self.register_buffer("centre", torch.tensor(centre), persistent=False)
+        self.register_buffer("centre", torch.tensor(centre, dtype=torch.float64), persistent=False)
         start = sphere()[0] if strategy == "sphere" else vision_atlas().vertices
         self.register_buffer("start", start.clone(), persistent=False)
         copied = self.sensors if strategy == "no_comm" else 0
@@ -85,7 +85,7 @@ class Reconstruction(nn.Module):
         self.encoder = ImageEncoder(**options)
         self.pooling = PerceptualPooling(alignment, self.encoder.centres())
         camera = paper_camera()
-        matrix = torch.from_numpy(camera.intrinsics() @ camera.extrinsics()).float()
+        matrix = torch.from_numpy(camera.intrinsics() @ camera.extrinsics())
         self.register_buffer("camera", relative_camera(matrix, IMAGE_SIZE), persistent=False)
         features = sum(self.encoder.channels)
         self.project = nn.Sequential(nn.Linear(features, project), nn.ReLU()) if project else None
@@ -126,8 +126,7 @@ class Reconstruction(nn.Module):
             if self.vision:
                 pooled = self.pooling(maps, positions, camera, batch["image"].shape[-1])
                 features.insert(0, self.project(pooled) if self.project else pooled)
-            relative = (positions - self.centre) / self.scale
-            features.insert(int(self.vision), relative)
+            features.insert(int(self.vision), self._relative(positions))
             moved = positions + self.scale * self.gcn(self.concatenate(*features), self.graph)
             positions = moved if enforced is None else torch.where(enforced, positions, moved)
         if self.touch and self.strategy == "no_comm":
@@ -148,14 +147,18 @@ class Reconstruction(nn.Module):
                 where = "" if key != "charts" else " of a successful touch"
                 raise ValueError(f"{key}: NaN or infinite values{where}")
 
+    def _relative(self, positions: torch.Tensor) -> torch.Tensor:
+        """Positions (..., 3) as the network sees them: around the object's centre, in radii of the atlas."""
+        return (positions - self.centre.to(positions.dtype)) / self.scale
+
     def _look(self, batch):
         """The image's maps, and the camera relative to the image, or twice None."""
         if not self.vision:
             return None, None
         image = batch["image"]
-        camera = self.camera
+        camera = self.camera.to(image.dtype)
         if batch.get("camera") is not None:
-            camera = relative_camera(batch["camera"], image.shape[-1])
+            camera = relative_camera(batch["camera"].to(image.dtype), image.shape[-1])
         return self.encoder(image), camera
 
     def _touch_charts(self, batch) -> tuple[torch.Tensor, torch.Tensor]:
@@ -168,7 +171,7 @@ class Reconstruction(nn.Module):
         """(B, features) of all touches: what each reading shows, whether, where and how it touches."""
         success = batch["success"][..., None].to(batch["reading"].dtype)
         felt = self.reading_encoder(batch["reading"].flatten(0, 1)).unflatten(0, success.shape[:2]) * success
-        position = (batch["position"] - self.centre) / self.scale
+        position = self._relative(batch["position"])
         return torch.cat([felt, position, batch["rotation"].flatten(2), success], dim=2).flatten(1)
 
     def _shapes(self, batch) -> dict[str, tuple[int | None, ...]]:

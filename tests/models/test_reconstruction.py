@@ -1,0 +1,249 @@
+"""The reconstruction against the straightforward implementation, and what must hold whatever its weights."""
+
+import pytest
+import torch
+
+from benchmarks import straightforward
+from palpate.charts import ATLAS_RADIUS, sphere, vision_atlas
+from palpate.mesh import OBJECT_POSITION
+from palpate.models import FAST, Reconstruction
+from palpate.vision.camera import paper_camera
+from tests.models.batches import SMALL, random_batch
+
+EXPERIMENTS = [
+    ("charts", True, True, 1),
+    ("charts", True, True, 2),
+    ("charts", True, False, 1),
+    ("charts", False, True, 5),
+    ("no_copy", True, True, 1),
+    ("no_comm", True, True, 1),
+    ("sphere", True, True, 1),
+    ("sphere", True, False, 1),
+]
+VISION = len(vision_atlas().vertices)
+
+
+def model_of(strategy, vision, touch, grasps, architecture=SMALL, seed=0):
+    torch.manual_seed(seed)
+    return Reconstruction(strategy, vision, touch, grasps, architecture).double()
+
+
+@pytest.mark.parametrize("experiment", EXPERIMENTS)
+@pytest.mark.parametrize("options", [{}, {"normalise_positions": False, "init": "paper"}])
+def test_same_vertices_and_gradients_as_the_straightforward_model(experiment, options):
+    model = model_of(*experiment, architecture=SMALL | options)
+    batch = random_batch(2, experiment[3])
+    adjacency = model.graph.dense()
+    direction = torch.randn(2, int(model.faces.max()) + 1, 3, dtype=torch.float64)
+    results = []
+    for reconstruct in (model, lambda batch: straightforward.reconstruct(model, batch, adjacency)):
+        model.zero_grad()
+        vertices = reconstruct(batch)
+        (vertices * direction).sum().backward()
+        results.append((vertices.detach(), {n: p.grad.clone() for n, p in model.named_parameters()}))
+    (fast, of_fast), (slow, of_slow) = results
+    torch.testing.assert_close(fast, slow, rtol=1e-9, atol=1e-12)
+    for name, gradient in of_slow.items():
+        assert gradient.abs().max() > 0, name
+        torch.testing.assert_close(
+            of_fast[name], gradient, rtol=1e-7, atol=1e-9, msg=lambda m, n=name: f"{n}: {m}"
+        )
+
+
+def test_gradient_by_finite_differences():
+    model = model_of("charts", True, True, 1).eval()
+    batch = random_batch(1, 1)
+
+    def vertices(image, charts):
+        return model(batch | {"image": image, "charts": charts})[:, ::100]
+
+    image, charts = batch["image"].requires_grad_(), batch["charts"].requires_grad_()
+    assert torch.autograd.gradcheck(vertices, (image, charts), fast_mode=True, atol=1e-6)
+
+
+def test_projected_encoder_is_the_straightforward_one():
+    options = SMALL | {"encoder": SMALL["encoder"] | {"norm": "instance", "padding": 1, "project": 7}}
+    model, batch = model_of("charts", True, False, 1, architecture=options), random_batch(2, 1)
+    slow = straightforward.reconstruct(model, batch, model.graph.dense())
+    torch.testing.assert_close(model(batch), slow, rtol=1e-9, atol=1e-12)
+
+
+@pytest.mark.parametrize("grasps", [1, 3])
+def test_enforced_charts_are_exactly_the_inputs(grasps):
+    model, batch = model_of("charts", True, True, grasps), random_batch(3, grasps)
+    charts = model(batch)[:, VISION:].unflatten(1, (4 * grasps, 81))
+    success = batch["success"]
+    assert torch.equal(charts[success], batch["charts"][success])
+    # The others start at the sensor and are moved from there.
+    assert (charts[~success] != batch["position"][~success][:, None]).any(dim=2).all()
+
+
+def test_without_copying_every_chart_moves():
+    model, batch = model_of("no_copy", True, True, 1), random_batch(2, 1)
+    charts = model(batch)[:, VISION:].unflatten(1, (4, 81))
+    assert (charts != batch["charts"]).any(dim=3).all()
+
+
+def test_unsuccessful_charts_are_never_read():
+    model, batch = model_of("charts", True, True, 1), random_batch(2, 1)
+    spoiled = batch["charts"].clone()
+    spoiled[~batch["success"]] = torch.nan
+    model.check(batch | {"charts": spoiled})
+    assert torch.equal(model(batch), model(batch | {"charts": spoiled}))
+
+
+def test_success_is_told_to_the_graph():
+    # A successful touch at the very place where an unsuccessful one would stand is another input.
+    model, batch = model_of("charts", False, True, 1), random_batch(1, 1)
+    batch["charts"] = batch["position"][:, :, None].expand(-1, -1, 81, -1)
+    other = batch | {"success": ~batch["success"]}
+    assert (model(batch)[:, :VISION] != model(other)[:, :VISION]).any()
+
+
+def test_touch_reaches_the_vision_charts_only_with_communication():
+    batch, other = random_batch(1, 1, seed=0), random_batch(1, 1, seed=1)
+    other["image"] = batch["image"]
+    for strategy, reached in (("charts", True), ("no_copy", True), ("no_comm", False)):
+        model = model_of(strategy, True, True, 1)
+        change = model(batch)[:, :VISION] - model(other)[:, :VISION]
+        assert bool(change.any()) is reached, strategy
+
+
+def test_no_comm_appends_the_charts():
+    model, batch = model_of("no_comm", True, True, 2), random_batch(2, 2)
+    vertices = model(batch)
+    charts = vertices[:, VISION:].unflatten(1, (8, 81))
+    success = batch["success"]
+    assert torch.equal(charts[success], batch["charts"][success])
+    assert torch.equal(charts[~success], batch["position"][~success][:, None].expand(-1, 81, -1))
+    # Faces: all vertices are used, and those of charts without success have no area.
+    assert model.faces.unique().tolist() == list(range(VISION + 8 * 81))
+    a, b, c = vertices[0][model.faces].unbind(1)
+    area = torch.linalg.norm(torch.linalg.cross(b - a, c - a), dim=1)
+    chart = (model.faces[:, 0] - VISION).div(81, rounding_mode="floor")
+    for sensor in range(8):
+        assert bool((area[chart == sensor] > 0).all()) is bool(success[0, sensor])
+
+
+@pytest.mark.parametrize("experiment", EXPERIMENTS[:-2])
+def test_samples_are_independent_and_permutable(experiment):
+    model, batch = model_of(*experiment).eval(), random_batch(3, experiment[3])
+    together = model(batch)
+    order = torch.tensor([2, 0, 1])
+    permuted = model({key: value[order] for key, value in batch.items()})
+    torch.testing.assert_close(permuted, together[order], rtol=0, atol=1e-12)
+    alone = model({key: value[1:2] for key, value in batch.items()})
+    torch.testing.assert_close(alone, together[1:2], rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("strategy", ["charts", "sphere"])
+def test_without_residuals_the_start_stays(strategy):
+    model = model_of(strategy, True, False, 1, architecture=SMALL | {"last_layer_scale": 0.0})
+    start = vision_atlas().vertices if strategy == "charts" else sphere()[0]
+    assert torch.equal(model(random_batch(2, 1))[1], start.double())
+
+
+def test_normalised_positions_are_a_change_of_unit():
+    # A residual of one unit in the network is one radius of the atlas in the world.
+    model = model_of("charts", True, False, 1, architecture=SMALL | {"last_layer_scale": 0.0})
+    with torch.no_grad():
+        model.gcn.layers[-1].bias.copy_(torch.tensor([0.5, 0.0, -1.0]))
+    moved = model(random_batch(1, 1))[0] - vision_atlas().vertices.double()
+    expected = 3 * ATLAS_RADIUS * torch.tensor([0.5, 0.0, -1.0], dtype=torch.float64)
+    torch.testing.assert_close(moved, expected.expand(VISION, 3), rtol=0, atol=1e-6)
+
+
+def test_the_default_camera_is_the_datasets_whatever_the_size():
+    model, batch = model_of("charts", True, False, 1), random_batch(2, 1, size=64)
+    camera = paper_camera(64)
+    matrix = torch.from_numpy(camera.intrinsics() @ camera.extrinsics()).expand(2, 3, 4)
+    torch.testing.assert_close(model(batch | {"camera": matrix}), model(batch), rtol=0, atol=1e-6)
+    turned = matrix.flip(0).clone()
+    turned[0, 0] *= 1.1
+    assert (model(batch | {"camera": turned})[0] != model(batch)[0]).any()
+    assert torch.equal(model(batch | {"camera": turned})[1], model(batch | {"camera": matrix})[1])
+
+
+def test_the_sphere_feels_position_rotation_success_and_reading():
+    model, batch = model_of("sphere", False, True, 1).eval(), random_batch(1, 1)
+    before = model(batch)
+    for key in ("position", "rotation", "reading"):
+        assert (model(batch | {key: batch[key].flip(1)}) != before).any(), key
+    # What an unsuccessful sensor reads doesn't matter: stores leave it out.
+    empty = batch["reading"] * batch["success"][:, :, None, None, None]
+    assert torch.equal(model(batch | {"reading": empty}), before)
+
+
+def test_no_vertex_in_front_of_the_camera_is_still_a_number():
+    model, batch = model_of("charts", True, False, 1), random_batch(1, 1)
+    with torch.no_grad():
+        model.start += 10 * (torch.tensor(paper_camera().position) - torch.tensor(OBJECT_POSITION))
+    vertices = model(batch)
+    vertices.square().sum().backward()
+    assert torch.isfinite(vertices).all()
+    assert all(torch.isfinite(p.grad).all() for p in model.parameters())
+
+
+def test_bfloat16_stays_close():
+    torch.manual_seed(0)
+    model = Reconstruction("charts", True, True, 1, FAST)
+    batch = random_batch(1, 1, size=64, dtype=torch.float32)
+    exact = model(batch)
+    with torch.autocast("cpu", torch.bfloat16):
+        rough = model(batch)
+    rough.float().sum().backward()
+    assert rough.dtype == torch.float32
+    assert (rough - exact).abs().max() < 0.05 * (exact - exact.mean(1)).abs().max()
+    assert all(p.grad is not None and p.grad.dtype == torch.float32 for p in model.parameters())
+
+
+@pytest.mark.parametrize(
+    ("strategy", "vision", "touch", "grasps", "message"),
+    [
+        ("cubes", True, True, 1, "strategy 'cubes'"),
+        ("charts", False, False, 1, "vision, touch"),
+        ("no_copy", True, False, 1, "needs touch"),
+        ("no_comm", False, True, 1, "no_comm without vision"),
+        ("charts", True, True, 0, "0 grasps"),
+    ],
+)
+def test_impossible_experiments(strategy, vision, touch, grasps, message):
+    with pytest.raises(ValueError, match=message):
+        Reconstruction(strategy, vision, touch, grasps, SMALL)
+
+
+@pytest.mark.parametrize("key", ["image", "success", "position", "charts"])
+def test_a_missing_key_is_named(key):
+    model, batch = model_of("charts", True, True, 1), random_batch(1, 1)
+    del batch[key]
+    with pytest.raises(ValueError, match=f"no {key}"):
+        model(batch)
+
+
+@pytest.mark.parametrize(
+    ("key", "shape", "message"),
+    [
+        ("image", (2, 40, 40, 3), r"image has shape \(2, 40, 40, 3\), expected \(2, 3, S, S\)"),
+        ("image", (2, 3, 40, 44), "image is 40 x 44"),
+        ("image", (2, 3, 8, 8), "too small"),
+        ("charts", (2, 8, 81, 3), r"charts has shape \(2, 8, 81, 3\), expected \(2, 4, 81, 3\)"),
+        ("success", (1, 4), r"success has shape \(1, 4\), expected \(2, 4\)"),
+        ("position", (2, 4), "position has shape"),
+        ("camera", (3, 4), "camera has shape"),
+    ],
+)
+def test_a_wrong_shape_is_named(key, shape, message):
+    model, batch = model_of("charts", True, True, 1), random_batch(2, 1)
+    with pytest.raises(ValueError, match=message):
+        model(batch | {key: torch.zeros(shape, dtype=torch.float64)})
+
+
+@pytest.mark.parametrize("key", ["image", "position", "charts"])
+@pytest.mark.parametrize("value", [torch.nan, torch.inf])
+def test_values_that_are_no_numbers_are_named(key, value):
+    model, batch = model_of("charts", True, True, 1), random_batch(2, 1)
+    model.check(batch)
+    batch[key] = batch[key].clone()
+    batch[key].flatten()[7] = value
+    with pytest.raises(ValueError, match=f"{key}: NaN or infinite"):
+        model.check(batch)
