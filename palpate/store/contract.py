@@ -23,6 +23,7 @@ SYMBOLS = {
     "p": "rows, and columns, of an image (256)",
     "v": "views of an object (24)",
     "q": "rows, and columns, of a view (137)",
+    "w": "rows, and columns, of the grid of the rings around a touch (100)",
 }
 UNITS = {"length": "metre", "angle": "radian", "colour": "sRGB, 8 bit"}
 FRAMES = {
@@ -104,6 +105,8 @@ CONTRACT = {
     "surface": StoreSpec("surface", ".zarr", ("trimesh", "embreex"), (), _arrays("surface")),
     "grasps": StoreSpec("grasps", ".h5", ("mujoco", "trimesh"), ("hand",), _arrays("grasps")),
     "touch": StoreSpec("touch", ".zarr", ("trimesh", "embreex"), (), _arrays("touch")),
+    "charts": StoreSpec("charts", ".zarr", ("torch",), (), _arrays("charts")),
     "vision": StoreSpec("vision", ".zarr", ("bpy",), (), _arrays("vision")),
     "views": StoreSpec("views", ".zarr", ("bpy",), (), _arrays("views")),
+    "rings": StoreSpec("rings", ".zarr", ("trimesh", "embreex"), (), _arrays("rings")),
 }
