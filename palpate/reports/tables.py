@@ -1,4 +1,4 @@
-"""The dataset's tables: each is one DataFrame, written as CSV and as Markdown.
+"""The dataset's tables: each is one DataFrame, written as CSV, as Markdown and as LaTeX.
 
 The statistics work on three plain frames, which `dataset_frames` reads from a run:
 
@@ -178,17 +178,24 @@ def penetration(objects: pd.DataFrame, grasps: pd.DataFrame) -> pd.DataFrame:
 
 
 def write_table(frame: pd.DataFrame, path: Path | str) -> None:
-    """Write `path` (.csv) and, beside it, the same table as Markdown (.md).
+    """Write `path` (.csv) and, beside it, the same table as Markdown (.md) and LaTeX (.tex).
 
-    The frame's `attrs["note"]`, if any, stands under the Markdown table; the CSV holds numbers only.
+    The frame's `attrs["note"]`, if any, stands under these two; the CSV holds numbers only.
     Raises ValueError if the path does not end in .csv.
     """
-    path = Path(path)
-    if path.suffix != ".csv":
-        raise ValueError(f"{path}: a table's path ends in .csv (its Markdown is written beside it)")
-    path.parent.mkdir(parents=True, exist_ok=True)
+    path = table_path(path)
     frame.to_csv(path, index=False, lineterminator="\n")
     path.with_suffix(".md").write_text(markdown(frame), encoding="utf-8")
+    path.with_suffix(".tex").write_text(latex(frame), encoding="utf-8")
+
+
+def table_path(path: Path | str) -> Path:
+    """The path, its folder made; ValueError if it does not end in .csv."""
+    path = Path(path)
+    if path.suffix != ".csv":
+        raise ValueError(f"{path}: a table's path ends in .csv (Markdown and LaTeX are written beside it)")
+    path.parent.mkdir(parents=True, exist_ok=True)
+    return path
 
 
 def markdown(frame: pd.DataFrame) -> str:
@@ -206,6 +213,41 @@ def markdown(frame: pd.DataFrame) -> str:
 
 def _cell(value) -> str:
     return "–" if pd.isna(value) else str(value).replace("|", r"\|")
+
+
+LATEX = {
+    **{letter: f"\\{letter}" for letter in "&%$#_{}"},
+    "\\": r"\textbackslash{}",
+    "~": r"\textasciitilde{}",
+    "^": r"\textasciicircum{}",
+    "–": "--",
+}
+
+
+def latex(frame: pd.DataFrame) -> str:
+    """The frame as a LaTeX tabular with the rules of package booktabs, numbers to the right, missing values
+    as a dash; then its note, as a comment."""
+    columns = "".join("r" if pd.api.types.is_numeric_dtype(frame[name]) else "l" for name in frame.columns)
+    header = [str(name).replace("_", " ") for name in frame.columns]
+    rows = [["–" if pd.isna(value) else value for value in row] for row in frame.itertuples(index=False)]
+    lines = [
+        " & ".join("".join(LATEX.get(letter, letter) for letter in str(value)) for value in row) + r" \\"
+        for row in (header, *rows)
+    ]
+    note = frame.attrs.get("note")
+    return "\n".join(
+        [
+            rf"\begin{{tabular}}{{{columns}}}",
+            r"\toprule",
+            lines[0],
+            r"\midrule",
+            *lines[1:],
+            r"\bottomrule",
+            r"\end{tabular}",
+            *([f"% {note}"] if note else []),
+            "",
+        ]
+    )
 
 
 def _classes(objects: pd.DataFrame, grasps: pd.DataFrame) -> Iterator[tuple[str, pd.DataFrame, pd.DataFrame]]:

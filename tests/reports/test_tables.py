@@ -7,7 +7,7 @@ import pytest
 import zarr
 
 from palpate.reports import tables
-from palpate.reports.tables import TOTAL, markdown, paper_values, write_table
+from palpate.reports.tables import TOTAL, latex, markdown, paper_values, write_table
 
 OBJECTS = pd.DataFrame(
     [
@@ -116,6 +116,22 @@ def test_csv_and_markdown_hold_the_same_cells(tmp_path):
     assert rows[0] == [column.replace("_", " ") for column in from_csv.columns]
     assert [["" if cell == "–" else cell for cell in row] for row in rows[2:]] == from_csv.to_numpy().tolist()
     assert lines[-1] == table.attrs["note"]
+
+
+def test_latex_holds_the_same_cells(tmp_path):
+    table = pd.DataFrame({"a_b": ["50 % & more", None, r"x_1^2 \{~"], "n": [1.5, np.nan, 2.0]})
+    table.attrs["note"] = "A note."
+    lines = latex(table).splitlines()
+    assert lines[:2] == [r"\begin{tabular}{lr}", r"\toprule"]
+    assert lines[2:4] == [r"a b & n \\", r"\midrule"]
+    assert lines[4:7] == [
+        r"50 \% \& more & 1.5 \\",
+        r"-- & -- \\",
+        r"x\_1\textasciicircum{}2 \textbackslash{}\{\textasciitilde{} & 2.0 \\",
+    ]
+    assert lines[7:] == [r"\bottomrule", r"\end{tabular}", "% A note."]
+    write_table(table, tmp_path / "a.csv")
+    assert (tmp_path / "a.tex").read_text() == latex(table)
 
 
 def test_a_written_table_reads_back(tmp_path):

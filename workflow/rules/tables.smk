@@ -1,7 +1,7 @@
 TABLES = expand(
     "tables/{table}.{form}",
     table=["dataset_statistics", "grasp_success", "penetration"],
-    form=["csv", "md"],
+    form=["csv", "md", "tex"],
 )
 
 
@@ -22,19 +22,22 @@ rule tables:
             caption="../report/dataset_statistics.rst",
             category="Dataset",
         ),
-        statistics_text="tables/dataset_statistics.md",
+        statistics_text=[
+            "tables/dataset_statistics.md",
+            "tables/dataset_statistics.tex",
+        ],
         success=report(
             "tables/grasp_success.csv",
             caption="../report/grasp_success.rst",
             category="Dataset",
         ),
-        success_text="tables/grasp_success.md",
+        success_text=["tables/grasp_success.md", "tables/grasp_success.tex"],
         penetration=report(
             "tables/penetration.csv",
             caption="../report/penetration.rst",
             category="Dataset",
         ),
-        penetration_text="tables/penetration.md",
+        penetration_text=["tables/penetration.md", "tables/penetration.tex"],
     log:
         "logs/tables.log",
     benchmark:

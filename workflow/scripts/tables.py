@@ -3,7 +3,7 @@
 tables/dataset_statistics.csv    objects, splits, grasps, touches, % successful, by class
 tables/grasp_success.csv         share of grasps with 1, 2, 3 and 4 successful touches
 tables/penetration.csv           how deep the hand is in the object or in itself, mm
-tables/*.md                      the same as Markdown
+tables/*.md, tables/*.tex        the same as Markdown and as LaTeX
 """
 
 from palpate.catalogue import log_to

@@ -1,0 +1,78 @@
+"""What a prediction is measured by: Chamfer distance and F1 scores between point clouds, exact neighbours.
+
+Clouds are in metres, in any frame that both share. The paper's tables hold `CHAMFER_SCALE` times the Chamfer
+distance in m^2.
+"""
+
+from typing import NamedTuple
+
+import torch
+from scipy.spatial import cKDTree
+from torch import Tensor
+
+from palpate.catalogue import generator
+from palpate.charts import CHAMFER_SCALE, nearest
+from palpate.mesh import DIAGONAL
+
+# Single images are judged as in Mesh R-CNN's published evaluation with Pixel2Mesh's protocol: meshes of
+# ShapeNet, whose bounding boxes have a diagonal of 1, are scaled by 0.57, distances squared and compared with
+# tau = 1e-4 and 2 tau. Ours have a diagonal of `DIAGONAL`, hence the factor.
+PIXEL2MESH_SCALE = 0.57 / DIAGONAL
+TAU = 1e-4
+# That protocol's tables print the Chamfer distance in thousandths (an F1 of 70 % at tau means distances
+# squared of about 1e-4; the tables say 0.4).
+PIXEL2MESH_CHAMFER = 1000.0
+
+
+class Score(NamedTuple):
+    """What one prediction scores: the paper's Chamfer distance (m^2 x 9000), and F1 at Pixel2Mesh's tau and
+    2 tau in percent."""
+
+    chamfer: float
+    f1_tau: float
+    f1_2tau: float
+
+
+def squared_distances(points: Tensor, others: Tensor, tree: cKDTree | None = None) -> Tensor:
+    """Squared distance of each point to the nearest of the others.
+
+    Args:
+        points: (n, 3), others: (m, 3), metres, on one device.
+        tree: `palpate.charts.build_tree(others)`, if it is there already.
+
+    Returns: (n,) float64 m^2. Raises ValueError if a cloud is empty or holds NaN or infinity.
+    """
+    index = nearest(points, others, tree)
+    return (points.double() - others[index].double()).square().sum(dim=1)
+
+
+def score(prediction: Tensor, truth: Tensor, tree: cKDTree | None = None) -> Score:
+    """All scores of a predicted cloud (n, 3) against the true one (m, 3); `tree` is the true one's.
+
+    The Chamfer distance is the mean squared distance each way, added (section 3.1, with means for sums). F1
+    is the harmonic mean of precision (share of predicted points with a true point nearer than the threshold)
+    and recall (the other way round), 0 if both are. Raises ValueError if a cloud is empty or not finite.
+    """
+    to_truth = squared_distances(prediction, truth, tree)
+    to_prediction = squared_distances(truth, prediction)
+    thresholds = [tau / PIXEL2MESH_SCALE**2 for tau in (TAU, 2 * TAU)]
+    return Score(
+        CHAMFER_SCALE * float(to_truth.mean() + to_prediction.mean()),
+        *(_f1(to_truth, to_prediction, threshold) for threshold in thresholds),
+    )
+
+
+def _f1(to_truth: Tensor, to_prediction: Tensor, threshold: float) -> float:
+    precision = float((to_truth < threshold).double().mean())
+    recall = float((to_prediction < threshold).double().mean())
+    return 200 * precision * recall / (precision + recall) if precision + recall else 0.0
+
+
+def pixel2mesh_chamfer(chamfer):
+    """Pixel2Mesh's Chamfer distance, from the paper's (m^2 x 9000): at its scale, in thousandths."""
+    return chamfer / CHAMFER_SCALE * PIXEL2MESH_SCALE**2 * PIXEL2MESH_CHAMFER
+
+
+def seeded(seed: int, *names: str) -> torch.Generator:
+    """Torch's random numbers that depend on the run's seed and on names (object, purpose) only."""
+    return torch.Generator().manual_seed(int(generator(seed, *names).integers(2**63)))

@@ -1,0 +1,124 @@
+"""Square rings of surface points around each touch, and how far a prediction is from them (section 5.3).
+
+A grid of 100 x 100 points, five times the sensor's size and centred on it, is projected along the sensor's x
+onto the true surface. Ring 1 is what lies within the sensor's own square; ring r what lies between the
+squares of r - 1 and r times its size. Grid, rings, and what happens to points that meet no surface (they
+are left out) are those of the published evaluation (its `calc_local_chamfer`), and so is the number of points
+that a prediction is sampled at.
+"""
+
+import numpy as np
+import torch
+import trimesh
+from scipy.spatial import cKDTree
+from torch import Tensor
+
+from palpate.charts import build_tree
+from palpate.evaluation.metrics import squared_distances
+from palpate.surface.embree import Scene
+from palpate.touch.sensor import SENSOR_RANGE, SENSOR_WIDTH
+
+RINGS = (1, 2, 3, 4, 5)
+GRID = 100  # points along a side of the grid
+SAMPLES = 30_000  # on a prediction: with 10,000, 0.2 m^2 of surface is 6e-6 m^2 from its nearest sample
+# Surface further than this from the sensor plane is another part of the object, not the touch's surroundings:
+# the sensor's range, and as much as the outermost ring is from the centre.
+REACH = SENSOR_RANGE + RINGS[-1] * SENSOR_WIDTH / 2
+# Neighbours of a point of a cloud (a mesh's stand-in) that its disc must reach for discs to leave no gaps:
+# with uniform points a ray passes between discs of this size once in 150 times (Poisson, e^-5).
+DISC_NEIGHBOURS = 5
+
+_SIDE = ((np.arange(GRID) + 0.5) / GRID - 0.5) * RINGS[-1] * SENSOR_WIDTH
+_Y, _Z = np.meshgrid(_SIDE, _SIDE)
+# (10000, 3) the grid on the sensor plane, sensor frame, row-major.
+PLANE = np.stack([np.zeros(GRID**2), _Y.ravel(), _Z.ravel()], axis=1)
+# (100, 100) the ring that each point of the grid belongs to.
+RING = np.ceil(2 * np.maximum(np.abs(_Y), np.abs(_Z)) / SENSOR_WIDTH).astype(int)
+
+
+class MeshSurface:
+    """A mesh that rings are projected onto, by ray casting."""
+
+    def __init__(self, mesh: trimesh.Trimesh, object_position=(0.0, 0.0, 0.0)):
+        """mesh: in its own frame, metres; object_position: (3,) of that frame's origin in the world.
+
+        Raises ValueError if no face has an area.
+        """
+        self._scene = Scene(mesh)
+        self._object_position = np.asarray(object_position, dtype=float)
+
+    def project(self, position: np.ndarray, rotation: np.ndarray) -> np.ndarray:
+        """(100, 100) float32 distance from the grid of a sensor at `position` (3,), `rotation` (3, 3), world,
+        to the first face of either orientation along its x; +inf where there is none within `REACH`."""
+        origin = np.asarray(position) - self._object_position
+        start = PLANE @ np.asarray(rotation).T + origin
+        direction = np.asarray(rotation)[:, 0]
+        face = self._scene.first_face(start, direction[None], REACH)
+        hit = face >= 0
+        corners, normal = self._scene.triangles[face[hit]], self._scene.normals[face[hit]]
+        with np.errstate(divide="ignore", invalid="ignore"):  # faces seen edge-on
+            along = np.einsum("ni,ni->n", corners[:, 0] - start[hit], normal) / (normal @ direction)
+        # Where a face is seen edge-on the plane says little; on the face the ray meets it, at any rate.
+        ahead = (corners - origin) @ direction
+        along = np.clip(np.nan_to_num(along, nan=0), ahead.min(axis=1), ahead.max(axis=1))
+        depth = np.full(len(face), np.inf)
+        depth[hit] = np.where((along >= 0) & (along <= REACH), along, np.inf)
+        return depth.reshape(GRID, GRID).astype(np.float32)
+
+
+class CloudSurface:
+    """A point cloud that rings are projected onto, for runs that have no meshes: each point is a small disc,
+    as wide as the cloud is apart, that faces the sensor."""
+
+    def __init__(self, points: np.ndarray):
+        """points: (n, 3) on the surface, world frame, metres. Raises ValueError for fewer than 6."""
+        self._points = np.asarray(points, dtype=float)
+        if len(self._points) <= DISC_NEIGHBOURS:
+            raise ValueError(f"a cloud of {len(self._points)} points is no surface to project rings onto")
+        apart = cKDTree(self._points).query(self._points, k=[DISC_NEIGHBOURS + 1])[0]
+        self.radius = float(np.median(apart))
+
+    def project(self, position: np.ndarray, rotation: np.ndarray) -> np.ndarray:
+        """As `MeshSurface.project`, to the first disc."""
+        local = (self._points - position) @ np.asarray(rotation)
+        half = RINGS[-1] * SENSOR_WIDTH / 2 + self.radius
+        near = (local[:, 0] >= 0) & (local[:, 0] <= REACH) & (np.abs(local[:, 1:]) <= half).all(axis=1)
+        depth = np.full(GRID**2, np.inf)
+        if near.any():
+            local = local[near]
+            rays, points = cKDTree(PLANE[:, 1:]), cKDTree(local[:, 1:])
+            pairs = points.sparse_distance_matrix(rays, self.radius, output_type="coo_matrix")
+            first, ahead = depth.copy(), local[pairs.row, 0]
+            np.minimum.at(first, pairs.col, ahead)
+            # Of the discs of the first layer, the one whose centre is nearest to the ray.
+            layer = np.flatnonzero(ahead <= first[pairs.col] + 2 * self.radius)
+            layer = layer[np.argsort(-pairs.data[layer], kind="stable")]
+            depth[pairs.col[layer]] = ahead[layer]
+        return depth.reshape(GRID, GRID).astype(np.float32)
+
+
+def ring_points(depth: np.ndarray, position: np.ndarray, rotation: np.ndarray) -> list[np.ndarray]:
+    """The surface points of each ring, from what `project` gave: five arrays (n, 3), world frame, metres."""
+    points = PLANE.copy()
+    points[:, 0] = depth.ravel()
+    found = np.isfinite(depth.ravel())
+    rings = RING.ravel()
+    return [points[found & (rings == ring)] @ np.asarray(rotation).T + position for ring in RINGS]
+
+
+def ring_distances(rings: list[np.ndarray], prediction: Tensor, tree: cKDTree | None = None) -> np.ndarray:
+    """Mean squared distance from the points of each ring to the nearest point of a prediction.
+
+    Args:
+        rings: five arrays (n, 3), prediction: (m, 3) points on it; metres, one frame.
+        tree: `palpate.charts.build_tree(prediction)`, if it is there already.
+
+    Returns: (5,) m^2, nan for a ring without points. Raises ValueError for a prediction that is empty or not
+    finite.
+    """
+    if tree is None and prediction.device.type == "cpu":
+        tree = build_tree(prediction)
+    clouds = [torch.as_tensor(points, dtype=torch.float32, device=prediction.device) for points in rings]
+    return np.array(
+        [float(squared_distances(c, prediction, tree).mean()) if len(c) else np.nan for c in clouds]
+    )
