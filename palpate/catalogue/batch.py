@@ -60,7 +60,9 @@ def each_object(
     """Apply `function` to every object of a batch; one that fails is rejected and the batch goes on.
 
     Returns the results by object, in order, and the rejections. `Unusable` gives its message as the reason;
-    any other exception is an error of ours or of an engine: its traceback goes to the log as well.
+    any other exception is an error of ours or of an engine: its traceback goes to the log as well. Raises
+    OSError and MemoryError as they come: a full disk says nothing about the object, which is tried again
+    when the stage is.
     """
     objects = list(objects)
     results, rejections = {}, []
@@ -72,6 +74,9 @@ def each_object(
         except Unusable as error:
             rejections.append(Rejection(name, stage, str(error)))
             log.warning("%s %d/%d: %s rejected: %s", stage, position, len(objects), name, error)
+        except (OSError, MemoryError):
+            log.error("%s %d/%d: %s was not finished", stage, position, len(objects), name)
+            raise
         except Exception as error:
             rejections.append(Rejection(name, stage, f"{type(error).__name__}: {error}"))
             log.exception("%s %d/%d: %s failed", stage, position, len(objects), name)

@@ -32,7 +32,8 @@ def prepare(
     centre at the origin, diagonal `DIAGONAL`), and `mesh.json`: what was repaired, and how far each level is
     from the source. Returns what `mesh.json` holds. `up` is the source's up axis, "x", "y" or "z".
 
-    Raises `Unusable` if the file can't be read or holds no surface, or takes more than `time_limit` seconds.
+    Raises `Unusable` if the file can't be read or holds no surface, or takes more than `time_limit` seconds;
+    OSError or MemoryError if the machine is at fault (a full disk, no memory).
     """
     source, folder = Path(source), Path(folder)
     # Imported here, in the parent of the child processes: stages that only load meshes need no pymeshlab.

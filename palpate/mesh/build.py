@@ -49,7 +49,13 @@ def build(
 
     folder.mkdir(parents=True, exist_ok=True)
     visual = trimesh.Scene([mesh for mesh in parts if len(mesh.faces)])
-    glb = visual.export(file_type="glb")
+    try:
+        glb = visual.export(file_type="glb")
+    except (OSError, SyntaxError) as error:  # PIL's: textures are decoded here, nothing is written yet
+        raise Unusable(
+            f"{source}: a texture can't be read ({type(error).__name__}: {error}): replace it, or remove it "
+            "from the material"
+        ) from error
     (folder / "visual.glb").write_bytes(glb)
     record = {
         "source": {

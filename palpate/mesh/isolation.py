@@ -12,8 +12,9 @@ from palpate.catalogue.batch import Unusable
 def isolated(function: Callable[..., Any], *arguments: Any, seconds: float) -> Any:
     """Call the function in a forked child process and return its (picklable) result.
 
-    Raises `Unusable` if it does, if the child dies (segmentation fault, out of memory) or takes more than
-    `seconds`; raises RuntimeError with the child's traceback for any other exception.
+    Raises `Unusable` if it does, if the child crashes (segmentation fault) or takes more than `seconds`.
+    Raises OSError or MemoryError if it does, and MemoryError if the child is killed, as systems do when
+    memory runs out; RuntimeError for any other exception. These carry the child's traceback.
     """
     context = multiprocessing.get_context("fork")  # no second start of Python and its libraries
     receiver, sender = context.Pipe(duplex=False)
@@ -23,9 +24,14 @@ def isolated(function: Callable[..., Any], *arguments: Any, seconds: float) -> A
     try:
         if not receiver.poll(seconds):
             raise Unusable(f"took more than {seconds:g} s: simplify the mesh, or raise the time limit")
-        kind, answer = receiver.recv()
+        error, answer = receiver.recv()
     except EOFError:
         child.join()
+        if child.exitcode == -signal.SIGKILL:
+            raise MemoryError(
+                "the process that prepares the mesh was killed, perhaps because memory ran out: run with "
+                "fewer cores, or remove the object"
+            ) from None
         raise Unusable(
             f"a mesh library crashed on it ({_death(child.exitcode)}): clean or simplify the mesh"
         ) from None
@@ -33,20 +39,20 @@ def isolated(function: Callable[..., Any], *arguments: Any, seconds: float) -> A
         child.kill()
         child.join()
         receiver.close()
-    if kind == "unusable":
-        raise Unusable(answer)
-    if kind == "error":
-        raise RuntimeError(f"in the process that prepares the mesh:\n{answer}")
+    if error is not None:
+        raise error(answer)
     return answer
 
 
 def _answer(sender, function, arguments):
+    """Send the class of the error to raise, or None, and its message, or the result."""
     try:
-        message = "result", function(*arguments)
+        message = None, function(*arguments)
     except Unusable as error:
-        message = "unusable", str(error)
-    except Exception:
-        message = "error", traceback.format_exc()
+        message = Unusable, str(error)
+    except Exception as error:
+        kind = next((kind for kind in (OSError, MemoryError) if isinstance(error, kind)), RuntimeError)
+        message = kind, f"in the process that prepares the mesh:\n{traceback.format_exc()}"
     sender.send(message)
     sender.close()
 

@@ -294,7 +294,10 @@ class Renderer:
         scene.render.filepath = str(path)
         with blender.quiet():
             bpy.ops.render.render(write_still=True)
-        layers = read_layers(path)
+        try:
+            layers = read_layers(path)
+        except Exception as error:  # Blender goes on after a failure to write
+            raise OSError(f"{path}: the picture was not written whole: is there space left?") from error
         path.unlink()  # nothing is left in memory if the process is killed later
         return layers
 

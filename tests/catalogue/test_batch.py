@@ -45,6 +45,16 @@ def test_one_object_that_fails_does_not_cost_the_batch(caplog):
     assert "halving 4/4: longer" in caplog.text
 
 
+@pytest.mark.parametrize("error", [OSError(28, "No space left on device"), MemoryError()])
+def test_what_the_machine_lacks_is_no_fault_of_the_object(error, caplog):
+    def stop(name: str) -> None:
+        raise error
+
+    with pytest.raises(type(error)):
+        each_object(["one"], stop, "writing")
+    assert "one was not finished" in caplog.text
+
+
 reasons = st.text(st.characters(codec="utf-8", exclude_characters="\r\x00"))
 
 

@@ -453,6 +453,19 @@ def _(path):
     path.write_text(json.dumps(tree))
 
 
+@_in(UNUSABLE, "cut_texture.obj")
+def _(path):
+    rng = np.random.default_rng(0)
+    picture = path.with_suffix(".png")
+    Image.fromarray(rng.integers(0, 255, (32, 32, 3), dtype=np.uint8)).save(picture)
+    picture.write_bytes(picture.read_bytes()[:2000])
+    path.write_text(
+        "mtllib cut_texture.mtl\nusemtl picture\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 0 1\n"
+        "f 1/1 2/2 3/3\n"
+    )
+    path.with_suffix(".mtl").write_text("newmtl picture\nmap_Kd cut_texture.png\n")
+
+
 @_in(UNUSABLE, "unknown.blend")
 def _(path):
     path.write_bytes(b"BLENDER-v300")

@@ -182,6 +182,7 @@ def test_unusable_meshes_are_rejected_with_the_file_and_a_reason(broken, file, t
         ("on_a_line", "area"),
         ("bad_index_ply", "vertex 7 of 3"),
         ("no_buffer", "gone.bin"),
+        ("cut_texture", "a texture can't be read"),
         ("missing", "no such file"),
         ("unknown", "ends in one of"),
         ("cut_glb", "can't be read"),

@@ -205,6 +205,27 @@ def test_a_crash_costs_only_its_object():
         isolated(crash, seconds=20)
 
 
+def kill():
+    os.kill(os.getpid(), signal.SIGKILL)
+
+
+def fill_disk():
+    with open("/dev/full", "w") as file:
+        file.write("x")
+
+
+def fill_memory():
+    np.zeros(2**62, dtype=np.uint8)
+
+
+@pytest.mark.parametrize(
+    ("failure", "error"), [(kill, MemoryError), (fill_memory, MemoryError), (fill_disk, OSError)]
+)
+def test_what_the_machine_lacks_is_no_fault_of_the_mesh(failure, error):
+    with pytest.raises(error):
+        isolated(failure, seconds=20)
+
+
 def test_a_hang_ends():
     start = time.monotonic()
     with pytest.raises(Unusable, match="more than 0.2 s"):

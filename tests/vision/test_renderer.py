@@ -272,6 +272,13 @@ def test_what_is_broken_is_unusable_and_the_next_object_renders(write_glb, tmp_p
         renderer.render_object(tmp_path / "nowhere" / "visual.glb")
 
 
+def test_a_full_disk_is_no_fault_of_the_object(write_glb):
+    renderer = Renderer(size=32, samples=1, device="cpu")
+    (renderer._folder / "picture.exr").symlink_to("/dev/full")
+    with pytest.raises(OSError, match="space left"):
+        renderer.render_object(write_glb("ball", ball((0, 0, 0), 0.1)))
+
+
 def test_an_older_renderer_and_an_unknown_device_are_refused(write_glb):
     path = write_glb("ball", ball((0, 0, 0), 0.1))
     old = Renderer(size=32, samples=1, device="cpu")
