@@ -32,3 +32,10 @@ class Concatenate(nn.Module):
 
     def forward(self, *tensors: torch.Tensor) -> torch.Tensor:
         return torch.cat(tensors, dim=self.dim)
+
+
+class LinearBlock(nn.Sequential):
+    """Linear layer and ReLU over the last axis."""
+
+    def __init__(self, inputs: int, outputs: int):
+        super().__init__(nn.Linear(inputs, outputs), nn.ReLU())

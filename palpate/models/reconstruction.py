@@ -11,7 +11,7 @@ from palpate.charts.graph import Graph
 from palpate.mesh import OBJECT_POSITION
 from palpate.models.encoder import ImageEncoder, ReadingEncoder
 from palpate.models.gcn import GraphNetwork
-from palpate.models.layers import Concatenate
+from palpate.models.layers import Concatenate, LinearBlock
 from palpate.models.pooling import PerceptualPooling, relative_camera
 from palpate.touch.sensor import RESOLUTION
 from palpate.vision.camera import IMAGE_SIZE, paper_camera
@@ -88,7 +88,7 @@ class Reconstruction(nn.Module):
         matrix = torch.from_numpy(camera.intrinsics() @ camera.extrinsics())
         self.register_buffer("camera", relative_camera(matrix, IMAGE_SIZE), persistent=False)
         features = sum(self.encoder.channels)
-        self.project = nn.Sequential(nn.Linear(features, project), nn.ReLU()) if project else None
+        self.project = LinearBlock(features, project) if project else None
         return project or features
 
     def forward(self, batch: Mapping[str, torch.Tensor]) -> torch.Tensor:
