@@ -1,0 +1,87 @@
+"""The image encoder: sizes and receptive fields against what a real pass gives, and its errors."""
+
+import pytest
+import torch
+
+from palpate.models import FAST, PAPER_ARCHITECTURES, ImageEncoder
+from palpate.models.encoder import ReadingEncoder
+
+
+@pytest.mark.parametrize("name", [name for name in PAPER_ARCHITECTURES if name != "touch"] + ["fast"])
+@pytest.mark.parametrize("size", [256, 137])
+def test_sizes_are_those_of_a_real_pass(name, size):
+    options = dict((FAST if name == "fast" else PAPER_ARCHITECTURES[name])["encoder"])
+    for key in ("project", "alignment"):
+        options.pop(key, None)
+    encoder = ImageEncoder(**options).eval()
+    try:
+        sizes = encoder.sizes(size)
+    except ValueError:
+        with pytest.raises(RuntimeError):
+            encoder(torch.rand(1, 3, size, size))
+        return
+    with torch.no_grad():
+        maps = encoder(torch.rand(1, 3, size, size))
+    assert [tuple(features.shape[1:]) for features in maps] == [
+        (channels, edge, edge) for channels, edge in zip(encoder.channels, sizes, strict=True)
+    ]
+
+
+@pytest.mark.parametrize("padding", [0, 1])
+def test_centres_are_those_of_the_pixels_a_cell_sees(padding):
+    # With equal positive weights a cell's gradient by the image is symmetric around its receptive field.
+    torch.manual_seed(0)
+    encoder = ImageEncoder([2, 3, 2], [1, 3, 2], [1, 4, 6], padding=padding).double().eval()
+    for layer in encoder.layers:
+        torch.nn.init.ones_(layer[0].weight)
+    image = torch.rand(1, 3, 121, 121, dtype=torch.float64, requires_grad=True)
+    for features, (first, step) in zip(encoder(image), encoder.centres(), strict=True):
+        row, column = features.shape[-1] // 2, features.shape[-1] // 2 - 1
+        seen = torch.autograd.grad(features[0, 0, row, column], image, retain_graph=True)[0][0, 0]
+        ticks = torch.arange(121, dtype=torch.float64) + 0.5
+        x = (seen.sum(0) @ ticks / seen.sum()).item()
+        y = (seen.sum(1) @ ticks / seen.sum()).item()
+        assert (x, y) == pytest.approx((first + column * step, first + row * step), abs=1e-9)
+
+
+def test_only_the_first_layer_of_a_block_has_a_stride():
+    encoder = ImageEncoder([4, 8], [3, 2], [3, 5])
+    assert [layer[0].stride[0] for layer in encoder.layers] == [2, 1, 1, 2, 1]
+    assert [layer[0].out_channels for layer in encoder.layers] == [4, 4, 4, 8, 8]
+
+
+@pytest.mark.parametrize(
+    ("channels", "layers", "pool", "message"),
+    [
+        ([4, 8], [3], [3], "must be as many"),
+        ([4, 0], [3, 1], [4], "positive"),
+        ([4], [3], [], "must rise within the layers 1 to 3"),
+        ([4], [3], [3, 2], "must rise"),
+        ([4], [3], [4], "must rise"),
+        ([4], [3], [2], "layers 3 to 3 are read by nothing"),
+    ],
+)
+def test_impossible_encoders(channels, layers, pool, message):
+    with pytest.raises(ValueError, match=message):
+        ImageEncoder(channels, layers, pool)
+
+
+def test_unknown_norm():
+    with pytest.raises(ValueError, match="norm 'layer'"):
+        ImageEncoder([4], [1], [1], norm="layer")
+
+
+def test_an_image_that_is_too_small_is_an_error():
+    encoder = ImageEncoder(**PAPER_ARCHITECTURES["occluded"]["encoder"])
+    with pytest.raises(ValueError, match="137 x 137 is too small .* nothing is left after layer 16"):
+        encoder.sizes(137)
+
+
+def test_readings_are_encoded_one_by_one():
+    torch.manual_seed(0)
+    encoder = ReadingEncoder(5).eval()
+    readings = torch.rand(3, 3, 100, 100)
+    features = encoder(readings)
+    assert features.shape == (3, 5)
+    torch.testing.assert_close(encoder(readings[1:2]), features[1:2])
+    assert (features[0] != features[1]).any()
