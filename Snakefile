@@ -47,6 +47,11 @@ include: "workflow/rules/validation.smk"
 include: "workflow/rules/tables.smk"
 include: "workflow/rules/figures.smk"
 include: "workflow/rules/smoke.smk"
+include: "workflow/rules/views.smk"
+include: "workflow/rules/touch_depth.smk"
+include: "workflow/rules/charts.smk"
+include: "workflow/rules/packs.smk"
+include: "workflow/rules/reconstruction.smk"
 
 
 localrules:

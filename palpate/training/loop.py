@@ -9,7 +9,6 @@ import shutil
 import sys
 import time
 import warnings
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -46,6 +45,10 @@ class Machine(NamedTuple):
         if self.device == "gpu" and not torch.cuda.is_available():
             raise ValueError("config training.device is gpu, but torch finds none: set it to auto or cpu")
         return "gpu" if self.device != "cpu" and torch.cuda.is_available() else "cpu"
+
+    def torch_device(self) -> torch.device:
+        """The device, for a model that runs without Lightning."""
+        return torch.device("cuda" if self.accelerator() == "gpu" else "cpu")
 
 
 class Keeper(lightning.Callback):

@@ -1,7 +1,6 @@
 """Packs: what a family of experiments is trained and measured on, in one file, and in memory as tensors.
 
-A family is `<vision>-<touch>`: vision one of occluded, unoccluded, views, none; touch one of charts, readings,
-none. Its pack holds the objects that all its stores have, and of these only the arrays that the family sees.
+A family's pack (see `families`) holds the objects that all its stores have, and only the arrays that it sees.
 
 | array | shape | type | in families |
 |---|---|---|---|
@@ -22,12 +21,12 @@ import csv
 import hashlib
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import NamedTuple
 
 import h5py
 import numpy as np
 
 from palpate import store
+from palpate.training.families import Source, sources, stages
 
 SCHEMA_VERSION = 1
 SPLITS = ("train", "validation", "test")
@@ -35,49 +34,6 @@ SPLITS = ("train", "validation", "test")
 
 class PackError(ValueError):
     """A pack can't be made or read; the message names the file and what to do."""
-
-
-class Source(NamedTuple):
-    """Where an array of a pack comes from: a stage's array, which has a row an object, or a row a grasp."""
-
-    stage: str
-    name: str
-    dtype: str
-
-
-POINTS = {"points": Source("surface", "points", "float32")}
-VISION = {
-    "none": {},
-    "unoccluded": {"unoccluded": Source("vision", "unoccluded", "uint8")},
-    "occluded": {"occluded": Source("vision", "occluded", "uint8")},
-    "views": {"views": Source("views", "image", "uint8"), "camera": Source("views", "camera", "float32")},
-}
-POSES = {
-    "success": Source("touch", "success", "bool"),
-    "position": Source("touch", "position", "float32"),
-    "rotation": Source("touch", "rotation", "float32"),
-}
-TOUCH = {
-    "none": {},
-    "charts": {**POSES, "charts": Source("charts", "vertices", "float32")},
-    "readings": {**POSES, "reading": Source("touch", "reading", "uint8")},
-}
-
-
-def sources(family: str) -> dict[str, Source]:
-    """The arrays of a family's pack by name. Raises PackError if there is no such family."""
-    vision, _, touch = family.partition("-")
-    if vision not in VISION or touch not in TOUCH or vision == touch == "none":
-        raise PackError(
-            f"no family {family!r}: <vision>-<touch> with vision one of {', '.join(VISION)} "
-            f"and touch one of {', '.join(TOUCH)}, not both none"
-        )
-    return {**POINTS, **VISION[vision], **TOUCH[touch]}
-
-
-def stages(family: str) -> list[str]:
-    """The stages whose stores a family's pack is made from."""
-    return list(dict.fromkeys(source.stage for source in sources(family).values()))
 
 
 def write(

@@ -64,15 +64,3 @@ def settings(recipe: Mapping[str, Any], experiment: Mapping[str, Any]) -> Settin
     """How to train one experiment: `reconstruction`, then what its modality and its strategy set otherwise."""
     found = merge(recipe["reconstruction"], recipe["modalities"].get(modality(experiment), {}))
     return merge(found, recipe["strategies"].get(experiment["strategy"], {}))
-
-
-def family(experiment: Mapping[str, Any]) -> str:
-    """The pack that an experiment is trained on: `<vision>-<touch>`, for example `occluded-charts`.
-
-    Strategy `sphere` takes touch readings as they are, the others take touch charts (paper, section 5.1).
-    """
-    modality(experiment)  # raises if it sees nothing
-    touch = (
-        ("readings" if experiment["strategy"] == "sphere" else "charts") if experiment["touch"] else "none"
-    )
-    return f"{experiment['vision']}-{touch}"

@@ -17,7 +17,7 @@ import palpate.store
 from palpate.store import CONTRACT, StoreError, join, read, write
 
 ATTRIBUTES = {"config_digest": "ab" * 32, "seed": 3}
-SIZES = {"n": 5, "j": 3, "l": 2, "r": 4, "rr": 16, "p": 6, "v": 2, "q": 3}
+SIZES = {"n": 5, "j": 3, "l": 2, "r": 4, "rr": 16, "p": 6, "v": 2, "q": 3, "w": 5}
 STAGES = tuple(CONTRACT)
 
 
@@ -74,7 +74,7 @@ def contents(draw):
     objects = draw(st.integers(0, 2))
     sizes = {"o": objects, "og": objects * draw(st.integers(1, 2))}
     sizes |= {"n": draw(st.integers(0, 3)), "j": 2, "l": 1, "r": 2, "rr": 4, "p": draw(st.integers(1, 3))}
-    sizes |= {"v": draw(st.integers(1, 2)), "q": 2}
+    sizes |= {"v": draw(st.integers(1, 2)), "q": 2, "w": 2}
     names = st.text(st.characters(codec="utf-8", exclude_characters="\0"), min_size=1, max_size=5)
     arrays = {}
     for name, spec in CONTRACT[stage].arrays.items():
@@ -103,8 +103,8 @@ def test_attributes_say_what_made_the_store_and_no_time(tmp_path, stage):
     assert attributes["schema_version"] == palpate.store.SCHEMA_VERSION
     assert (attributes["seed"], attributes["config_digest"]) == (3, "ab" * 32)
     assert (attributes["samples"], attributes["hand"]) == (16, None)
-    engines = {"surface": "embreex", "grasps": "mujoco", "touch": "embreex", "vision": "bpy", "views": "bpy"}
-    engine = engines[stage]
+    engines = {"grasps": "mujoco", "vision": "bpy", "views": "bpy", "charts": "torch"}
+    engine = engines.get(stage, "embreex")
     library = "h5py" if stage == "grasps" else "zarr"
     assert {"palpate", "numpy", library, engine} <= set(attributes["versions"])
     assert attributes["units"]["length"] == "metre" and "0.6" in attributes["frames"]["world"]

@@ -1,11 +1,15 @@
 # What the config means for the workflow: checked first, then the run's folder, its objects and its batches.
 import os
+import re
+from functools import cache
 
 import yaml
 from snakemake.exceptions import WorkflowError
+from snakemake.io import contains_wildcard
 
 from palpate import catalogue
 from palpate.catalogue.schema import Invalid, check
+from palpate.training import recipes
 
 # Jobs find Palpate in this checkout, also in an environment that has only its dependencies (envs/palpate.yaml).
 os.environ.setdefault("PYTHONPATH", str(PROJECT))
@@ -17,6 +21,16 @@ CONDA = str(PROJECT / "envs/palpate.yaml")
 CLASS_NAME = r"[A-Za-z0-9_][A-Za-z0-9_.-]*"  # as the schemas have it
 STAGES = ["meshes", "surface", "grasps", "touch", "vision"]
 
+
+def checked(path):
+    """The path, if Snakemake takes it as it is."""
+    if contains_wildcard(path) or re.search(r"<[a-z][a-z0-9_]*>", path):
+        raise Invalid(
+            f"{path}: Snakemake takes {{...}} and <...> in a path for placeholders: rename it"
+        )
+    return path
+
+
 try:
     check(
         config,
@@ -25,6 +39,12 @@ try:
     )
     EXPERIMENTS = yaml.safe_load((PROJECT / "config/experiments.yaml").read_text())
     check(EXPERIMENTS, SCHEMAS / "experiments.schema.yaml", "config/experiments.yaml")
+    RECIPE = recipes.resolve(
+        PROJECT / "config/recipes.yaml",
+        config["training"]["recipe"],
+        config["training"]["override"],
+        SCHEMAS / "recipes.schema.yaml",
+    )
     RUN_FOLDER = str(PROJECT / config["results"] / config["run"])
     SOURCE = {
         "kind": config["source"]["kind"],
@@ -38,6 +58,8 @@ try:
         else {row["class"]: row["objects"] for row in config["classes"]}
     )
     ENTRIES = catalogue.scan(SOURCE, CLASS_COUNTS)
+    for entry in ENTRIES:
+        checked(f"{SOURCE['path']}/{entry.source}")
     BATCHES = catalogue.batch_names(len(ENTRIES), config["batch_size"])
     HAND = config["grasps"]["hand"]
     if config["grasps"]["per_object"] > config["grasps"]["attempts"]:
@@ -47,15 +69,36 @@ try:
     for path in (HAND or {}).values():
         if not (PROJECT / path).is_file():
             raise Invalid(f"config grasps.hand: {PROJECT / path}: no such file")
+    TRAINING_MACHINE = {
+        key: config["training"][key] for key in ("device", "devices", "precision")
+    }
+    TRAINING_GPUS = (
+        0 if config["training"]["device"] == "cpu" else config["training"]["devices"]
+    )
 except (Invalid, catalogue.CatalogueError) as error:
     raise WorkflowError(str(error)) from None
+
+
+@cache
+def mesh_files(path):
+    """A mesh file with the materials, textures and buffers that it names: a change to any re-runs its batch.
+
+    Of a long OBJ only the head is read for them, at every start; the catalogue's checksums read all of it.
+    """
+    folder, names = Path(path).parent, catalogue.companions(Path(path), head=65536)
+    return [path, *(os.path.normpath(folder / name) for name in names)]
 
 
 def source_inputs(entries):
     """Files that a batch's meshes come from; procedural objects come as one folder a class."""
     if SOURCE["kind"] == "procedural":
         return sorted({f"sources/{entry.class_name}" for entry in entries})
-    return [f"{SOURCE['path']}/{entry.source}" for entry in entries]
+    files = [
+        file
+        for entry in entries
+        for file in mesh_files(f"{SOURCE['path']}/{entry.source}")
+    ]
+    return [checked(file) for file in dict.fromkeys(files)]
 
 
 def batch_sources(wildcards):

@@ -1,0 +1,26 @@
+# The U-Net from a touch reading to depth, trained on the successful touches of the train split.
+rule touch_depth:
+    input:
+        catalogue="catalogue.csv",
+        touch=expand("touch/{batch}.zarr", batch=BATCHES),
+    output:
+        model="models/touch_depth/best.ckpt",
+        history="models/touch_depth/history.csv",
+        summary="models/touch_depth/training.json",
+    log:
+        "logs/touch_depth.log",
+    benchmark:
+        "benchmarks/touch_depth.tsv"
+    conda:
+        CONDA
+    threads: config["training"]["threads"]
+    resources:
+        mem_mb=lambda wildcards, input: 4000 + 8 * input.size_mb,
+        runtime=720,
+        gpu=TRAINING_GPUS,
+    params:
+        settings=RECIPE["touch_depth"],
+        machine=TRAINING_MACHINE,
+        seed=config["seed"],
+    script:
+        "../scripts/touch_depth.py"

@@ -1,0 +1,24 @@
+"""One reconstruction model.
+
+models/<experiment>/seed-<k>/best.ckpt        the weights with the lowest validation loss, and how they were trained
+models/<experiment>/seed-<k>/history.csv      step, seconds, train_loss, validation_loss, rate: losses 9000 x Chamfer, m^2
+models/<experiment>/seed-<k>/training.json    experiment, architecture, settings, steps, best step and loss, seconds, machine
+
+Work in progress is in checkpoints/<experiment>/seed-<k>/, so that an interrupted training goes on.
+"""
+
+from pathlib import Path
+
+from palpate import training
+from palpate.catalogue import log_to
+
+log_to(snakemake.log[0])
+experiment, seed = snakemake.wildcards.experiment, int(snakemake.wildcards.seed)
+pack = training.Pack.read(snakemake.input.pack, ("train", "validation"))
+training.train(
+    training.ReconstructionLearner(pack, snakemake.params.experiment, snakemake.params.settings, seed),
+    Path(snakemake.output.model).parent,
+    f"checkpoints/{experiment}/seed-{seed}",
+    training.Machine(**snakemake.params.machine, threads=snakemake.threads),
+    f"{experiment} seed {seed}",
+)
