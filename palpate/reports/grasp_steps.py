@@ -40,8 +40,7 @@ MARGIN = 1.04  # of the field of view over what it must hold
 AZIMUTHS = range(0, 360, 15)
 ELEVATIONS = (15, 35)
 HAND_STRIDE = 5  # of the hand's vertices, those that are looked at
-BESIDE = 0.2  # m from the object to the palm that is loaded: the thumb sticks out by 0.15
-BELOW = 0.03  # m: the middle of the hand is above its palm's frame
+BESIDE = 0.05  # m between the object and the open hand that is loaded
 
 
 @styled
@@ -57,7 +56,7 @@ def grasp_steps(dataset: Dataset, path: Path | str, threads: int = 1) -> None:
     hand = stored_hand(grasp)
     towards = best_direction(grasp, hand)
     opened = hand.open_joint_positions
-    loaded = hand.forward(beside(grasp.object.points, towards), opened)
+    loaded = hand.forward(beside(grasp.object.points, towards, hand), opened)
     placed = hand.forward(grasp.palm_pose, opened)
     poses = (None, loaded, placed, grasp.link_pose)
     points = [grasp.object.points, *(hand_points(hand, pose) for pose in poses[1:])]
@@ -94,7 +93,7 @@ def best_direction(grasp: GraspRecord, hand: Hand) -> np.ndarray:
     """
     scene = Scene(load_visual(grasp.object.mesh))
     closed = hand_points(hand, grasp.link_pose)[::HAND_STRIDE] - OBJECT_POSITION
-    across = grasp.palm_pose[:3, 1]
+    across = (grasp.palm_pose @ hand.palm_anchor)[:3, 1]
 
     def seen(towards: np.ndarray) -> float:
         return 1 - scene.blocked(closed, np.tile(3 * DIAGONAL * towards, (len(closed), 1)), reach=1).mean()
@@ -107,16 +106,20 @@ def best_direction(grasp: GraspRecord, hand: Hand) -> np.ndarray:
     return max(directions, key=lambda d: 2 * seen(d) + abs(d @ across) + area(d) / largest)
 
 
-def beside(points: np.ndarray, towards: np.ndarray) -> np.ndarray:
-    """(4, 4) pose of the palm that is loaded: upright, to the right of the object, facing it.
+def beside(points: np.ndarray, towards: np.ndarray, hand: Hand) -> np.ndarray:
+    """(4, 4) pose of the palm that is loaded: its face upright, to the right of the object, facing it.
 
-    points: (n, 3) of the object. towards: (3,) from it to the camera, which says where right is.
+    The open hand is `BESIDE` off the object, its middle as high as the object's. points: (n, 3) of the
+    object. towards: (3,) from it to the camera, which says where right is.
     """
     right, _ = _picture_axes(towards)
-    pose = np.eye(4)
-    pose[:3, :3] = np.stack([-right, np.cross((0, 0, 1), -right), (0, 0, 1)], axis=1)
-    edge = ((points - OBJECT_POSITION) @ right).max()
-    pose[:3, 3] = OBJECT_POSITION + (edge + BESIDE) * right - (0, 0, BELOW)
+    face = np.eye(4)
+    face[:3, :3] = np.stack([-right, np.cross((0, 0, 1), -right), (0, 0, 1)], axis=1)
+    face[:3, 3] = OBJECT_POSITION
+    pose = face @ np.linalg.inv(hand.palm_anchor)
+    drawn = hand_points(hand, hand.forward(pose, hand.open_joint_positions))
+    pose[:3, 3] += ((points @ right).max() + BESIDE - (drawn @ right).min()) * right
+    pose[2, 3] += OBJECT_POSITION[2] - (drawn[:, 2].min() + drawn[:, 2].max()) / 2
     return pose
 
 

@@ -10,7 +10,8 @@ from dataclasses import dataclass
 from importlib import resources
 
 SCHEMA_VERSION = 1
-SENSOR_NAMES = ("index", "middle", "ring", "thumb")  # the order of every axis of length 4 that counts sensors
+# The order of every axis of length 4 that counts sensors; of an own hand it is that of `hand/sensor_names`.
+SENSOR_NAMES = ("index", "middle", "ring", "thumb")
 
 SYMBOLS = {
     "o": "objects of the batch",

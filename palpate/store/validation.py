@@ -72,6 +72,7 @@ class _Batch:
         self.limits = {check: spec.limit for check, spec in CHECKS.items()}
         self.limits["penetration"] = np.float32(max_penetration)  # as it is stored
         self.limits["in hand"] = max_penetration
+        self.sensor_names = SENSOR_NAMES
         self.catalogue = [entry.object for entry in run.catalogue().values() if entry.batch == name]
         self.rejected = run.rejections(name)
         self.findings: list[Finding] = []
@@ -118,7 +119,9 @@ class _Batch:
         store = self.stores["grasps"]
         names = [name for name in store.names() if name.startswith("hand/")]
         try:
-            return Hand.from_arrays({name.removeprefix("hand/"): store.get(name) for name in names})
+            hand = Hand.from_arrays({name.removeprefix("hand/"): store.get(name) for name in names})
+            self.sensor_names = hand.sensor_names
+            return hand
         except (KeyError, ValueError) as error:  # ValueError: StoreError, or a hand that makes no sense
             self.add("readable", "grasps", 1, where=f"hand: {type(error).__name__}: {error}")
             return None
@@ -200,18 +203,17 @@ class _Batch:
             values = np.asarray(values, dtype=float)
             values = np.where(np.isnan(values), np.inf, values)
             worst = values.max(initial=0)
-            self.add(check, store, worst, name, _first(values == worst) if worst > 0 else "")
+            self.add(check, store, worst, name, self.first(values == worst) if worst > 0 else "")
 
+    def first(self, wrong: np.ndarray) -> str:
+        """Where the first wrong value is: "grasp 2, sensor thumb"; nothing if there is none, or no axis.
 
-def _first(wrong: np.ndarray, axes: Sequence[str] = ("grasp", "sensor")) -> str:
-    """Where the first wrong value is: "grasp 2, sensor thumb"; nothing if there is none, or no axis."""
-    if not wrong.ndim or not wrong.any():
-        return ""
-    index = np.unravel_index(wrong.argmax(), wrong.shape)
-    parts = (
-        f"{axis} {SENSOR_NAMES[i] if axis == 'sensor' else i}" for axis, i in zip(axes, index, strict=False)
-    )
-    return ", ".join(parts)
+        wrong: bool, one value, or one a grasp, or one a grasp and sensor.
+        """
+        if not wrong.ndim or not wrong.any():
+            return ""
+        grasp, *sensor = np.unravel_index(wrong.argmax(), wrong.shape)
+        return ", ".join([f"grasp {grasp}", *(f"sensor {self.sensor_names[i]}" for i in sensor)])
 
 
 def validate_batch(

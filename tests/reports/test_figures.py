@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from palpate import Dataset
+from palpate import Dataset, store
 from palpate.reports import figures
 from palpate.reports.figures import data_point, example_grasp, examples
 
@@ -23,6 +23,21 @@ def test_a_data_point_shows_the_images_of_its_grasp(dataset, tmp_path):
     assert (picture[middle, 100] == 90).all()  # the fixture's occluded images, then its unoccluded ones
     assert (picture[middle, 480] == 200).all()
     assert (tmp_path / "figures" / "data_point.png").stat().st_size < LARGEST
+
+
+def test_sensors_have_the_names_of_the_runs_own_hand(run, tmp_path, monkeypatch):
+    names = ["left", "right", "high", "low"]
+    copy = shutil.copytree(run, tmp_path / "run")
+    path = copy / "grasps" / "batch-0000.h5"
+    arrays, attributes = store.read(path), store.open(path).attributes
+    store.write(path, "grasps", arrays | {"hand/sensor_names": np.array(names)}, attributes)
+    drawn = []
+    monkeypatch.setattr(figures, "save", lambda figure, path: drawn.append(figure))
+    data_point(Dataset(copy), tmp_path / "point.png")
+    examples(Dataset(copy), "bottle", tmp_path / "sheet.png")
+    point, sheet = drawn
+    assert [axes.get_title().split(":")[0] for axes in point.axes[2:6]] == names
+    assert [text.get_text() for text in sheet.texts[2:6]] == names
 
 
 def test_a_sheet_has_a_row_an_object_with_all_its_parts(dataset, tmp_path):

@@ -1,11 +1,15 @@
+from dataclasses import replace
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from PIL import Image
 
-from palpate.hand import allegro
+from palpate.hand import allegro, from_mjcf
 from palpate.mesh import OBJECT_POSITION, load_visual
 from palpate.reports import grasp_steps as steps
 from palpate.reports.figures import example_grasp
+from tests.hand import grippers
 
 
 @pytest.fixture
@@ -30,15 +34,41 @@ def test_drawn_points_are_on_the_hand(grasp):
 def test_the_loaded_hand_stands_clear_of_the_object_and_to_its_right(grasp, azimuth, elevation):
     towards = steps._unit(azimuth, elevation)
     points = grasp.object.points.astype(float)
-    palm = steps.beside(points, towards)
+    hand = allegro()
+    palm = steps.beside(points, towards, hand)
     np.testing.assert_allclose(palm[:3, :3] @ palm[:3, :3].T, np.eye(3), atol=1e-12)
     assert np.linalg.det(palm[:3, :3]) == pytest.approx(1)
-    hand = allegro()
     pose = hand.forward(palm, hand.open_joint_positions)
     assert hand.signed_distance(points, pose).min() > 0.02
     drawn = steps.hand_points(hand, pose)
     camera = steps.camera_holding(np.concatenate([points, drawn]), towards)
     assert camera.project(drawn)[0][:, 0].min() > camera.project(points)[0][:, 0].max()
+
+
+@pytest.mark.parametrize("turn", ["0 0 0", "0 90 0", "120 -40 60"])
+def test_an_own_hand_faces_the_object_with_its_palms_face(grasp, tmp_path, turn):
+    """However the palm's face lies in the palm's frame, it looks left in the picture, its fingers up."""
+    model = grippers.two_fingers("degree").replace('name="face"', f'name="face" euler="{turn}"')
+    (tmp_path / "hand.xml").write_text(model)
+    hand = from_mjcf(tmp_path / "hand.xml", grippers.SENSORS)
+    towards, points = steps._unit(130, 35), grasp.object.points
+    palm = steps.beside(points, towards, hand)
+    camera = steps.camera_holding(points, towards)
+    face = palm @ hand.palm_anchor
+    np.testing.assert_allclose(face[:3, 2], (0, 0, 1), atol=1e-12)
+    at, ahead = camera.project(face[:3, 3] + 0.01 * np.array([np.zeros(3), face[:3, 0]]))[0]
+    assert ahead[0] < at[0] - 1
+    drawn = steps.hand_points(hand, hand.forward(palm, hand.open_joint_positions))
+    assert camera.project(drawn)[0][:, 0].min() > camera.project(points)[0][:, 0].max()
+
+
+def test_the_best_view_does_not_depend_on_the_palms_frame(grasp):
+    """The same hand whose palm frame is turned about its face."""
+    hand, turn = allegro(), np.eye(4)
+    turn[:3, :3] = np.roll(np.eye(3), 1, axis=0)
+    turned = replace(hand, palm_anchor=turn.T @ hand.palm_anchor)
+    same = SimpleNamespace(object=grasp.object, link_pose=grasp.link_pose, palm_pose=grasp.palm_pose @ turn)
+    np.testing.assert_array_equal(steps.best_direction(same, turned), steps.best_direction(grasp, hand))
 
 
 def test_the_camera_holds_everything_and_no_more():

@@ -393,6 +393,13 @@ def test_failures_name_object_grasp_and_sensor(run):
     assert finite.where == "grasp 1, sensor ring"
 
 
+def test_sensors_have_the_names_of_the_runs_own_hand(run):
+    put("grasps", "hand/sensor_names", slice(None), ["left", "right", "high", "low"])(run)
+    put("touch", "points", (1, 2, 3), np.inf)(run)
+    failed = [finding for finding in validate_batch(run, BATCH) if not finding.ok]
+    assert {finding.where for finding in failed if finding.check == "finite"} == {"grasp 1, sensor high"}
+
+
 def test_only_the_stages_asked_for_are_needed(run):
     shutil.rmtree(run / "vision")
     shutil.rmtree(run / "touch")
