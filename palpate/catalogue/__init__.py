@@ -11,7 +11,7 @@ from palpate.catalogue.batch import (
 )
 from palpate.catalogue.sources import UP_AXIS, CatalogueError, Entry, all_classes, scan
 from palpate.catalogue.split import PAPER_SPLIT, assign_split
-from palpate.catalogue.table import COLUMNS, batch_names, build, checksum
+from palpate.catalogue.table import COLUMNS, batch_names, build, checksum, companions
 
 __all__ = [
     "COLUMNS",
@@ -22,16 +22,15 @@ __all__ = [
     "Rejection",
     "Unusable",
     "all_classes",
-    "all_classes",
     "assign_split",
     "batch_names",
     "build",
     "checksum",
+    "companions",
     "each_object",
     "generator",
     "log_to",
     "read_rejections",
-    "log_to",
     "scan",
     "write_rejections",
 ]

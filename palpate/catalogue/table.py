@@ -1,6 +1,7 @@
 """The catalogue: one row an object, with its split, its batch and the checksum of what it is made from."""
 
 import hashlib
+import io
 import json
 import logging
 import re
@@ -82,12 +83,16 @@ def _digest(path: Path) -> str:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
-def companions(path: Path) -> list[str]:
+def companions(path: Path, head: int = -1) -> list[str]:
     """The files, relative to the mesh's folder and sorted, that a mesh file names and that exist: an OBJ's
-    material libraries and their textures, a glTF's buffers and images, a COLLADA file's images."""
+    material libraries and their textures, a glTF's buffers and images, a COLLADA file's images.
+
+    head: read only so many bytes of an OBJ, which can be long and names its libraries at the top as a rule;
+    -1: all of it.
+    """
     suffix = path.suffix.lower()
     if suffix == ".obj":
-        libraries = _existing(path.parent, _obj_libraries(path))
+        libraries = _existing(path.parent, _obj_libraries(path, head))
         names = libraries + [name for library in libraries for name in _textures(path.parent / library)]
     elif suffix == ".gltf":
         names = _gltf_uris(path)
@@ -99,11 +104,11 @@ def companions(path: Path) -> list[str]:
     return sorted(set(_existing(path.parent, names)))
 
 
-def _obj_libraries(path: Path) -> list[str]:
+def _obj_libraries(path: Path, head: int) -> list[str]:
     with open(path, "rb") as file:
         return [
             line[7:].decode(errors="replace").strip()
-            for line in file
+            for line in (file if head < 0 else io.BytesIO(file.read(head)))
             if line.startswith((b"mtllib ", b"mtllib\t"))
         ]
 

@@ -1,12 +1,15 @@
 """The hand as plain data: kinematics, geoms with closed-form distances, sensors.
 
-MuJoCo is imported only to read a user's model (`from_mjcf`) and to build one (`palpate.hand.model`).
+MuJoCo is imported only to read a user's model (`from_mjcf`, `model_files`) and to build one
+(`palpate.hand.model`).
 """
+
+from pathlib import Path
 
 from palpate.hand.allegro import allegro
 from palpate.hand.hand import SENSORS, Hand
 
-__all__ = ["SENSORS", "Hand", "allegro", "from_mjcf"]
+__all__ = ["SENSORS", "Hand", "allegro", "from_mjcf", "model_files"]
 
 
 def from_mjcf(path, sensors) -> Hand:
@@ -14,3 +17,10 @@ def from_mjcf(path, sensors) -> Hand:
     from palpate.hand.mjcf import from_mjcf as read
 
     return read(path, sensors)
+
+
+def model_files(path) -> list[Path]:
+    """The files that a user's model file needs; see `palpate.hand.mjcf.model_files`."""
+    from palpate.hand.mjcf import model_files as find
+
+    return find(path)

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from pathlib import Path
+from xml.etree import ElementTree
 
 import mujoco
 import numpy as np
@@ -51,6 +52,26 @@ def from_mjcf(path: Path | str, sensors: Mapping | Path | str) -> Hand:
         raise ValueError(f"{path}: nothing of this name, or key missing: {error.args[0]}") from None
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from None
+
+
+def model_files(path: Path | str) -> list[Path]:
+    """The other files that a model file names and that exist, sorted: meshes, textures, included models.
+
+    Of a URDF its meshes, which MuJoCo looks up by name in the folder that its compiler element says (the
+    model's by default). None, if the file can't be read.
+    """
+    path = Path(path)
+    try:
+        files = {Path(name) for name in mujoco.mju_getXMLDependencies(str(path))}
+        root = ElementTree.parse(path).getroot()
+    except (mujoco.FatalError, ElementTree.ParseError, OSError):
+        return []
+    if root.tag == "robot":
+        folders = [element.get("meshdir", "") for element in root.iterfind("mujoco/compiler")] or [""]
+        names = [element.get("filename", "") for element in root.iter("mesh")]
+        for folder in folders:
+            files |= {path.parent / folder / tail for name in names for tail in (name, Path(name).name)}
+    return sorted(file for file in files if file.is_file() and file != path)
 
 
 class _Reader:

@@ -88,6 +88,8 @@ def test_companions_of_obj_with_options_and_missing_files(tmp_path):
     for name in ("wood grain.png", "bump.png", "n.png", "unused.png"):
         (tmp_path / name).write_bytes(b"")
     assert companions(tmp_path / "a.obj") == ["a b.mtl", "bump.png", "n.png", "wood grain.png"]
+    assert companions(tmp_path / "a.obj", head=16) == companions(tmp_path / "a.obj")
+    assert companions(tmp_path / "a.obj", head=3) == []
 
 
 def test_companions_of_gltf_and_collada(tmp_path):

@@ -1,7 +1,7 @@
 # Which objects the run has: class, split, batch, file, checksum; whole, and one file a batch.
 rule catalogue:
     input:
-        sources=source_inputs(ENTRIES),
+        sources=lambda wildcards: source_inputs(ENTRIES),
     output:
         catalogue="catalogue.csv",
         batches=expand("catalogue/{batch}.csv", batch=BATCHES),
