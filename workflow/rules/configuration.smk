@@ -101,9 +101,17 @@ def source_inputs(entries):
     return [checked(file) for file in dict.fromkeys(files)]
 
 
-def batch_sources(wildcards):
+def batch_entries(wildcards):
     first = BATCHES.index(wildcards.batch) * config["batch_size"]
-    return source_inputs(ENTRIES[first : first + config["batch_size"]])
+    return ENTRIES[first : first + config["batch_size"]]
+
+
+def batch_sources(wildcards):
+    return source_inputs(batch_entries(wildcards))
+
+
+def batch_objects(wildcards):
+    return {entry.object: entry.source for entry in batch_entries(wildcards)}
 
 
 wildcard_constraints:

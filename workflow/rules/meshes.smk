@@ -1,7 +1,7 @@
-# Load, repair, normalise and decimate the meshes of a batch.
+# Load, repair, normalise and decimate the meshes of a batch. Its objects are params and not the catalogue's rows, so
+# that another split, or another object's file, does not make it again.
 rule meshes:
     input:
-        catalogue="catalogue/{batch}.csv",
         sources=batch_sources,
     output:
         meshes=directory("meshes/{batch}"),
@@ -17,6 +17,7 @@ rule meshes:
         mem_mb=4000,
         runtime=60,
     params:
+        objects=batch_objects,
         source=SOURCE,
         mesh=config["mesh"],
     script:

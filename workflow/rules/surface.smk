@@ -1,7 +1,6 @@
 # Points on the exterior surface of every object.
 rule surface:
     input:
-        catalogue="catalogue/{batch}.csv",
         meshes="meshes/{batch}",
     output:
         surface=directory("surface/{batch}.zarr"),
@@ -17,6 +16,7 @@ rule surface:
         mem_mb=2000,
         runtime=30,
     params:
+        objects=batch_objects,
         surface=config["surface"],
         seed=config["seed"],
     script:

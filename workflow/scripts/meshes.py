@@ -10,15 +10,12 @@ rejected/meshes/<batch>.csv              object, stage, reason
 import shutil
 from pathlib import Path
 
-import pandas as pd
-
 from palpate import mesh
 from palpate.catalogue import each_object, log_to, write_rejections
 from palpate.store import whole
 
 log_to(snakemake.log[0])
-catalogue = pd.read_csv(snakemake.input.catalogue, dtype=str).set_index("object")
-settings, source = snakemake.params.mesh, snakemake.params.source
+objects, settings, source = snakemake.params.objects, snakemake.params.mesh, snakemake.params.source
 
 with whole(snakemake.output.meshes) as batch, whole(snakemake.output.rejected) as rejected:
     batch.mkdir()
@@ -27,7 +24,7 @@ with whole(snakemake.output.meshes) as batch, whole(snakemake.output.rejected) a
         folder = batch / name
         try:
             mesh.prepare(
-                Path(source["path"]) / catalogue.source[name],
+                Path(source["path"]) / objects[name],
                 folder,
                 up=source["up"],
                 collision_faces=settings["collision_faces"],
@@ -37,5 +34,5 @@ with whole(snakemake.output.meshes) as batch, whole(snakemake.output.rejected) a
             shutil.rmtree(folder, ignore_errors=True)
             raise
 
-    _, rejections = each_object(catalogue.index, prepare, "meshes")
+    _, rejections = each_object(objects, prepare, "meshes")
     write_rejections(rejected, rejections)

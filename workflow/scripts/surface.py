@@ -7,7 +7,6 @@ rejected/surface/<batch>.csv     object, stage, reason
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 
 from palpate import mesh, store, surface
 from palpate.catalogue import each_object, generator, log_to, write_rejections
@@ -26,8 +25,7 @@ def sample(name: str) -> dict[str, np.ndarray]:
     return {"points": points + mesh.OBJECT_POSITION}
 
 
-catalogue = pd.read_csv(snakemake.input.catalogue, dtype=str)
-usable = [name for name in catalogue.object if (meshes / name).is_dir()]
+usable = [name for name in snakemake.params.objects if (meshes / name).is_dir()]
 points, rejections = each_object(usable, sample, "surface")
 with store.whole(snakemake.output.rejected) as rejected:
     write_rejections(rejected, rejections)
