@@ -11,4 +11,8 @@ def __getattr__(name: str):
         from palpate.store import Dataset
 
         return Dataset
+    if name == "reconstruct":
+        from palpate.evaluation.reconstruct import reconstruct
+
+        return reconstruct
     raise AttributeError(f"module 'palpate' has no attribute {name!r}")

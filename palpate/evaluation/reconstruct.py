@@ -1,0 +1,432 @@
+"""Use a trained model: from an image and the touches of a grasp to a mesh.
+
+From Python, `palpate.reconstruct`; as a command, with what a run's dataset holds:
+
+    python -m palpate.evaluation.reconstruct results/default charts_occluded_touch bottle-0003 --output x.ply
+"""
+
+import argparse
+import sys
+import warnings
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from palpate.store import Dataset
+from palpate.touch.sensor import RESOLUTION
+
+if TYPE_CHECKING:
+    import trimesh
+
+CHECKPOINT = "best.ckpt"
+TOUCH_DEPTH = "touch_depth"  # the folder of the U-Net, beside those of the experiments
+SENSORS = 4  # of a grasp
+IMAGE_SIZE = 256  # of the dataset's images
+FORMATS = (".ply", ".glb", ".obj")  # that keep colours
+# sRGB; Okabe and Ito's sky blue, made paler, and vermilion: apart for colour-blind readers.
+VISION_COLOUR = (0.56, 0.76, 0.90)
+TOUCH_COLOUR = (0.84, 0.37, 0.00)
+
+
+class GraspTouches(NamedTuple):
+    """What the sensors of one grasp report: what a model needs of `palpate.Dataset`'s grasp records.
+
+    reading: (4, 100, 100, 3) uint8 images of the gels. position: (4, 3) metres and rotation: (4, 3, 3) of the
+    sensors in the world, columns of a rotation being the sensor's axes. success: (4,) bool, whether the
+    sensor touches the object.
+    """
+
+    reading: np.ndarray
+    position: np.ndarray
+    rotation: np.ndarray
+    success: np.ndarray
+
+
+class Shape(NamedTuple):
+    """A reconstruction in the world frame, metres: the object's centre is at `palpate.mesh.OBJECT_POSITION`.
+
+    vertices: (V, 3) float32. faces: (F, 3) int64. touch: (F,) bool, whether a face belongs to the chart of a
+    successful touch.
+    """
+
+    vertices: np.ndarray
+    faces: np.ndarray
+    touch: np.ndarray
+
+    def mesh(self) -> "trimesh.Trimesh":
+        """The charts as one mesh, not joined: touch charts in one colour, all else in another."""
+        import trimesh
+
+        colours = np.tile(_rgba(VISION_COLOUR), (len(self.vertices), 1))
+        colours[self.faces[self.touch].ravel()] = _rgba(TOUCH_COLOUR)
+        return trimesh.Trimesh(self.vertices, self.faces, vertex_colors=colours, process=False)
+
+
+class ReconstructionError(ValueError):
+    """A model can't be used on what is given; the message says what is missing or wrong, and what to do."""
+
+
+def reconstruct(
+    image: np.ndarray | None = None,
+    touches=None,
+    *,
+    model: Path | str,
+    camera: np.ndarray | None = None,
+    device: str = "cpu",
+) -> "trimesh.Trimesh":
+    """The mesh that a trained model predicts from one image, from touches, or from both.
+
+    image: (256, 256, 3) uint8 sRGB from the dataset's camera, row 0 at the top; of a size of its own for a
+    model of single views, with the view's `camera` (3, 4), from homogeneous world coordinates to pixels.
+    touches: one grasp, or a sequence of as many as the model feels: grasp records of `palpate.Dataset`, or
+    `GraspTouches`. What the model does not see or feel is not looked at. model: its folder,
+    `<run>/models/<experiment>/seed-<k>`, or the checkpoint in it; a model that takes touch charts also reads
+    the run's U-Net, `<run>/models/touch_depth`.
+
+    Returns a mesh in the world frame, metres (the object's centre at (0, 0, 0.6)): the charts as they are,
+    touch charts in another colour. `mesh.export("x.ply")` writes it. A grasp with no successful touch is
+    reconstructed, with a warning: the model knows only where its sensors are.
+
+    Raises ReconstructionError for a model that is not there, a missing image or touch, and values of another
+    shape or not finite. For many objects, make one `Reconstructor`.
+    """
+    return Reconstructor(model, device)(image, touches, camera).mesh()
+
+
+class Reconstructor:
+    """A trained model, loaded once, for as many grasps as there are: `model(image, touches) -> Shape`.
+
+    model: its folder or checkpoint, as `reconstruct` takes it. device: of torch. fit: how touch charts are
+    fitted, `direct` or `adam` (the config's `training.touch_charts`).
+
+    Attributes:
+        experiment: the row of config/experiments.yaml that it was trained for: `strategy`, `vision`, `touch`,
+            `grasps`.
+
+    Raises ReconstructionError if the model is not there (naming those that are), or its run has no U-Net;
+    `palpate.training.CheckpointError` if a checkpoint can't be read, is of another schema version, or its
+    weights are of another architecture.
+    """
+
+    def __init__(self, model: Path | str, device: str = "cpu", fit: str = "direct"):
+        self.path = checkpoint(model)
+        from palpate.training import checkpoints  # brings torch: after what can be wrong without it
+
+        self.experiment = checkpoints.read(self.path, "reconstruction")["experiment"]
+        self._model = checkpoints.load(self.path).to(device)
+        self._charts = None
+        if self.takes_charts:
+            touch_depth = self.path.parents[2] / TOUCH_DEPTH
+            if not (touch_depth / CHECKPOINT).is_file():
+                raise ReconstructionError(
+                    f"{touch_depth / CHECKPOINT} does not exist: the U-Net that turns readings into charts "
+                    "lies beside the run's experiments; train it with: snakemake models/touch_depth/best.ckpt"
+                )
+            self._charts = TouchCharts(touch_depth, device, fit)
+
+    @property
+    def name(self) -> str:
+        """The experiment's name."""
+        return self.path.parents[1].name
+
+    @property
+    def takes_charts(self) -> bool:
+        """Whether touches reach the model as charts: not in strategy `sphere`, which takes the readings."""
+        return self.experiment["touch"] and self.experiment["strategy"] != "sphere"
+
+    @property
+    def grasps(self) -> int:
+        """How many grasps it feels."""
+        return self.experiment["grasps"] if self.experiment["touch"] else 0
+
+    def __call__(
+        self, image: np.ndarray | None = None, touches=None, camera: np.ndarray | None = None
+    ) -> Shape:
+        """The prediction from one image and the touches of some grasps; see `reconstruct`."""
+        import torch
+
+        inputs: dict[str, np.ndarray] = {}
+        success = np.zeros(0, dtype=bool)
+        if self.experiment["vision"] != "none":
+            inputs |= self._seen(image, camera)
+        if self.experiment["touch"]:
+            felt = self._felt(touches)
+            success = felt.success
+            inputs |= self._touch_inputs(felt)
+        device = next(self._model.parameters()).device
+        batch = {name: torch.from_numpy(array)[None].to(device) for name, array in inputs.items()}
+        with torch.inference_mode():
+            vertices = self._model(batch)[0].cpu().numpy()
+        if not np.isfinite(vertices).all():
+            raise ReconstructionError(f"{self.path} predicts NaN or infinite vertices: train the model again")
+        return self._shape(vertices, success)
+
+    def _seen(self, image: np.ndarray | None, camera: np.ndarray | None) -> dict[str, np.ndarray]:
+        """The image, and for a single view its camera, as the model takes them."""
+        vision = self.experiment["vision"]
+        if image is None:
+            raise ReconstructionError(f"{self.name} sees ({vision} vision): give an image")
+        image = np.asarray(image)
+        size = None if vision == "views" else IMAGE_SIZE
+        square = image.ndim == 3 and image.shape[0] == image.shape[1] and image.shape[2] == 3
+        if not square or (size and len(image) != size):
+            wanted = f"({size}, {size}, 3)" if size else "(s, s, 3)"
+            raise ReconstructionError(f"the image has shape {image.shape}, expected {wanted}")
+        if image.dtype != np.uint8:
+            _check_finite("the image", image)
+            raise ReconstructionError(f"the image is of type {image.dtype}, expected uint8 (sRGB, 0 to 255)")
+        inputs = {"image": _channels_first(image)}
+        if vision == "views":
+            if np.shape(camera) != (3, 4):  # () of None
+                raise ReconstructionError(
+                    f"{self.name} sees views from all around: give the view's camera (3, 4), from "
+                    f"homogeneous world coordinates to pixels (found an array of shape {np.shape(camera)})"
+                )
+            _check_finite("the camera", np.asarray(camera))
+            inputs["camera"] = np.asarray(camera, dtype=np.float32)
+        return inputs
+
+    def _felt(self, touches) -> GraspTouches:
+        """All sensors of all grasps in one, checked."""
+        grasps = [] if touches is None else [touches] if hasattr(touches, "reading") else list(touches)
+        if len(grasps) != self.grasps:
+            raise ReconstructionError(
+                f"{self.name} feels {_counted(self.grasps)}, but touches of {len(grasps)} were given"
+            )
+        felt = GraspTouches(
+            *(np.concatenate([getattr(grasp, name) for grasp in grasps]) for name in GraspTouches._fields)
+        )
+        count = SENSORS * len(grasps)
+        shapes = {
+            "reading": (count, RESOLUTION, RESOLUTION, 3),
+            "position": (count, 3),
+            "rotation": (count, 3, 3),
+            "success": (count,),
+        }
+        for name, shape in shapes.items():
+            values = getattr(felt, name)
+            if values.shape != shape:
+                raise ReconstructionError(
+                    f"touches: {name} of {_counted(len(grasps))} has shape {values.shape}, expected {shape}"
+                )
+            _check_finite(f"touches: {name}", values)
+        if felt.reading.dtype != np.uint8:
+            raise ReconstructionError(f"touches: reading is of type {felt.reading.dtype}, expected uint8")
+        if not felt.success.any():
+            warnings.warn(
+                f"no sensor of {_counted(len(grasps))} touches the object: {self.name} is only told where "
+                "they are",
+                stacklevel=4,
+            )
+        return felt._replace(success=felt.success.astype(bool))
+
+    def _touch_inputs(self, felt: GraspTouches) -> dict[str, np.ndarray]:
+        """The touches as the model takes them: charts, or readings."""
+        poses = {name: getattr(felt, name).astype(np.float32) for name in ("position", "rotation")}
+        inputs = {"success": felt.success, **poses}
+        if self.takes_charts:
+            return inputs | {"charts": self._charts(felt)}
+        return inputs | {"reading": _channels_first(felt.reading)}
+
+    def _shape(self, vertices: np.ndarray, success: np.ndarray) -> Shape:
+        faces = self._model.faces.cpu().numpy()
+        if not self.takes_charts:
+            return Shape(vertices, faces, np.zeros(len(faces), dtype=bool))
+        from palpate.charts import touch_chart
+
+        of_charts = np.repeat(success, len(touch_chart().faces))
+        touch = np.concatenate([np.zeros(len(faces) - len(of_charts), dtype=bool), of_charts])
+        if self.experiment["strategy"] == "no_comm":  # charts without success are points there
+            kept = np.concatenate([np.ones(len(faces) - len(of_charts), dtype=bool), of_charts])
+            faces, touch = faces[kept], touch[kept]
+        return Shape(vertices, faces, touch)
+
+
+class TouchCharts:
+    """The run's U-Net and the fit of charts: `charts(touches) -> (k, 81, 3)` metres, world frame.
+
+    touch_depth: its folder or checkpoint. fit: `direct` or `adam`.
+    """
+
+    def __init__(self, touch_depth: Path | str, device: str = "cpu", fit: str = "direct"):
+        self.path = checkpoint(touch_depth)
+        from palpate.training import load_touch_depth
+
+        self.model = load_touch_depth(self.path).to(device)
+        self.fit = fit
+
+    def __call__(self, touches: GraspTouches) -> np.ndarray:
+        """Charts of k sensors; those of sensors that touch nothing are all at the sensor's position."""
+        from palpate.touch import empty_reading
+        from palpate.training import touch_charts
+
+        charts = touch_charts(
+            model=self.model,
+            empty=empty_reading(),
+            reading=np.asarray(touches.reading),
+            success=np.asarray(touches.success, dtype=bool),
+            position=np.asarray(touches.position),
+            rotation=np.asarray(touches.rotation),
+            method=self.fit,
+        )
+        _check_finite(f"touch charts predicted by {self.path}", charts)
+        return charts
+
+    def clouds(self, touches: GraspTouches) -> list[np.ndarray]:
+        """Predicted local clouds (n, 3) of the successful sensors, world frame; charts are fitted to them."""
+        import torch
+
+        from palpate.touch import empty_reading
+        from palpate.training.losses import sheet
+        from palpate.training.touches import channels_first, predict_depth
+
+        success = np.asarray(touches.success, dtype=bool)
+        device = next(self.model.parameters()).device
+        reading, empty = (channels_first(x).to(device) for x in (touches.reading[success], empty_reading()))
+        depth, valid = predict_depth(self.model, reading, empty)
+        return [
+            (points[mask].double() @ torch.from_numpy(turn).T + torch.from_numpy(origin)).numpy()
+            for points, mask, turn, origin in zip(
+                sheet(depth).cpu(),
+                valid.cpu(),
+                touches.rotation[success],
+                touches.position[success],
+                strict=True,
+            )
+        ]
+
+
+def checkpoint(model: Path | str) -> Path:
+    """The checkpoint of a model's folder, or the one named. Needs no torch.
+
+    Raises ReconstructionError, naming the models that its run has, if it is not there.
+    """
+    path = Path(model)
+    found = path if path.suffix == ".ckpt" else path / CHECKPOINT
+    if found.is_file():
+        return found
+    known = trained(next((folder for folder in found.parents if folder.name == "models"), path))
+    raise ReconstructionError(
+        f"{found} does not exist; trained are: {', '.join(known)}"
+        if known
+        else f"{found} does not exist, and nothing is trained there; train it with: "
+        f"snakemake {'/'.join(found.parts[-4:])}"
+    )
+
+
+def trained(models: Path | str) -> list[str]:
+    """Names `<experiment>/seed-<k>` of the models that a run's folder `models` has."""
+    models = Path(models)
+    return sorted(str(path.parent.relative_to(models)) for path in models.glob(f"*/seed-*/{CHECKPOINT}"))
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """The command; returns its exit status."""
+    parser = argparse.ArgumentParser(
+        prog="python -m palpate.evaluation.reconstruct",
+        description="Reconstruct an object of a run's dataset with one of the run's models.",
+    )
+    parser.add_argument("run", type=Path, help="the run's folder, for example results/default")
+    parser.add_argument("experiment", help="of config/experiments.yaml, for example charts_occluded_touch")
+    parser.add_argument("object", help="its name in catalogue.csv, for example bottle-0003")
+    parser.add_argument(
+        "--grasp", type=int, nargs="+", metavar="G", help="numbers of the grasps (default: the first ones)"
+    )
+    parser.add_argument("--view", type=int, default=0, help="the view, for models of single views")
+    parser.add_argument("--seed", type=int, help="of the trained model (default: the first there is)")
+    parser.add_argument("--device", default="cpu", help="of torch (default: cpu)")
+    parser.add_argument("--output", type=Path, required=True, help=f"mesh file: {', '.join(FORMATS)}")
+    asked = parser.parse_args(arguments)
+    try:
+        mesh = _reconstruct_from_run(asked)
+    except (ValueError, KeyError, FileNotFoundError) as error:
+        print(error.args[0] if isinstance(error, KeyError) else error, file=sys.stderr)
+        return 1
+    asked.output.parent.mkdir(parents=True, exist_ok=True)
+    mesh.export(asked.output)
+    print(f"{asked.output}: {len(mesh.vertices)} vertices, {len(mesh.faces)} faces, metres, world frame")
+    return 0
+
+
+def _reconstruct_from_run(asked: argparse.Namespace) -> "trimesh.Trimesh":
+    """The mesh that the command asks for; whatever can be wrong is checked before torch is loaded."""
+    if asked.output.suffix not in FORMATS:
+        raise ReconstructionError(f"{asked.output}: the name must end in one of {', '.join(FORMATS)}")
+    model = _named_model(asked.run / "models", asked.experiment, asked.seed)
+    record = Dataset(asked.run)[asked.object]
+    reconstructor = Reconstructor(model, asked.device)
+    image, touches, camera = of_object(record, reconstructor.experiment, asked.grasp, asked.view)
+    return reconstructor(image, touches, camera).mesh()
+
+
+def _named_model(models: Path, experiment: str, seed: int | None) -> Path:
+    if seed is not None:
+        return checkpoint(models / experiment / f"seed-{seed}")
+    known = trained(models)
+    seeds = sorted((name for name in known if name.split("/")[0] == experiment), key=_seed)
+    if not seeds:
+        raise ReconstructionError(
+            f"no experiment {experiment!r} is trained in {models}; "
+            + (f"trained are: {', '.join(known)}" if known else "nothing is: snakemake --cores 2 all")
+        )
+    return checkpoint(models / seeds[0])
+
+
+def _seed(name: str) -> int:
+    return int(name.rpartition("-")[2])
+
+
+def of_object(record, experiment, grasps: Sequence[int] | None = None, view: int = 0):
+    """What a model sees of an object of the dataset: image or None, grasp records, camera or None.
+
+    record: of `palpate.Dataset`. experiment: the model's. grasps: numbers of the grasps, as many as the
+    model feels; the first ones by default. An occluded image is that of the first of them. view: number of
+    the view, for a model of single views.
+
+    Raises ReconstructionError for a grasp or view that the object does not have.
+    """
+    numbers = list(range(experiment["grasps"])) if grasps is None else list(grasps)
+    uses_grasps = experiment["touch"] or experiment["vision"] == "occluded"
+    available = record.grasps if uses_grasps else []
+    if uses_grasps and (wrong := [number for number in numbers if not 0 <= number < len(available)]):
+        raise ReconstructionError(
+            f"{record.name} has no grasp {wrong[0]}: it has {len(available)}, numbered from 0"
+        )
+    touches = [available[number] for number in numbers] if experiment["touch"] else None
+    if experiment["vision"] == "views":
+        images = record.image
+        if not 0 <= view < len(images):
+            raise ReconstructionError(
+                f"{record.name} has no view {view}: it has {len(images)}, numbered from 0"
+            )
+        return images[view], touches, record.camera[view]
+    image = {
+        "none": lambda: None,
+        "unoccluded": lambda: record.unoccluded,
+        "occluded": lambda: available[numbers[0]].occluded,
+    }[experiment["vision"]]()
+    return image, touches, None
+
+
+def _counted(grasps: int) -> str:
+    return f"{grasps} grasp" if grasps == 1 else f"{grasps} grasps"
+
+
+def _channels_first(images: np.ndarray) -> np.ndarray:
+    """(..., s, s, 3) uint8 to (..., 3, s, s) float32 in [0, 1]."""
+    return np.ascontiguousarray(np.moveaxis(images, -1, -3)).astype(np.float32) / 255
+
+
+def _check_finite(what: str, values: np.ndarray) -> None:
+    if values.dtype.kind == "f" and not np.isfinite(values).all():
+        raise ReconstructionError(f"{what} has NaN or infinite values")
+
+
+def _rgba(colour: tuple[float, float, float]) -> np.ndarray:
+    return np.append(np.round(255 * np.array(colour)), 255).astype(np.uint8)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

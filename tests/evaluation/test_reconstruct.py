@@ -1,0 +1,329 @@
+"""Models used on records of a dataset, against the same models on the packs they are trained from."""
+
+import re
+import shutil
+
+import numpy as np
+import pytest
+import torch
+import trimesh
+import zarr
+
+import palpate
+from palpate import store, vision
+from palpate.evaluation import reconstruct
+from palpate.evaluation.reconstruct import GraspTouches, ReconstructionError, Reconstructor
+from palpate.models import FAST, TouchDepth
+from palpate.store import Dataset, StoreError
+from palpate.training import CheckpointError, checkpoints, families, pack, touch_charts
+from palpate.training.data import Assembler, Sample
+from tests.reports.conftest import ATTRIBUTES, BATCH, build_run
+
+ARCHITECTURE = FAST | {"gcn": {"layers": 3, "width": 12}, "last_layer_scale": 1.0}
+EXPERIMENTS = {
+    "charts_occluded_touch": {"strategy": "charts", "vision": "occluded", "touch": True, "grasps": 1},
+    "no_copy_unoccluded_touch": {"strategy": "no_copy", "vision": "unoccluded", "touch": True, "grasps": 1},
+    "no_comm_unoccluded_touch": {"strategy": "no_comm", "vision": "unoccluded", "touch": True, "grasps": 1},
+    "sphere_occluded_touch": {"strategy": "sphere", "vision": "occluded", "touch": True, "grasps": 1},
+    "charts_occluded": {"strategy": "charts", "vision": "occluded", "touch": False, "grasps": 1},
+    "charts_touch_2": {"strategy": "charts", "vision": "none", "touch": True, "grasps": 2},
+    "single_image": {"strategy": "charts", "vision": "views", "touch": False, "grasps": 1},
+}
+VIEWS, VIEW_SIZE = 2, 137
+
+
+def noisy_images(meshes, hand, grasp):
+    """Images of noise: models that see them right predict what they do on the pack's."""
+    rng = np.random.default_rng(len(str(meshes)))
+    count = len(grasp["palm_pose"])
+    return {
+        "unoccluded": rng.integers(0, 256, (256, 256, 3), np.uint8),
+        "occluded": rng.integers(0, 256, (count, 256, 256, 3), np.uint8),
+        "unoccluded_mask": np.zeros((256, 256), np.uint8),
+        "occluded_mask": np.zeros((count, 256, 256), np.uint8),
+        "unoccluded_depth": np.ones((256, 256), np.float16),
+        "occluded_depth": np.ones((count, 256, 256), np.float16),
+    }
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory):
+    """A run of two objects with untrained models, and the stores that packs are made of."""
+    folder = tmp_path_factory.mktemp("reconstruct") / "run"
+    build_run(folder, ["bottle-0000", "knife-0000"], vision=noisy_images)
+    torch.manual_seed(0)
+    unet = TouchDepth(width=4).eval()
+    checkpoints.save(folder / "models/touch_depth/best.ckpt", "touch_depth", unet, {"width": 4})
+    for name, experiment in EXPERIMENTS.items():
+        model = checkpoints.build(experiment, ARCHITECTURE)
+        described = {"experiment": experiment, "architecture": ARCHITECTURE}
+        checkpoints.save(folder / f"models/{name}/seed-0/best.ckpt", "reconstruction", model, described)
+    felt = store.read(folder / f"touch/{BATCH}.zarr")
+    flat = {name: felt[name].reshape(-1, *felt[name].shape[2:]) for name in felt if felt[name].ndim > 1}
+    charts = touch_charts(
+        model=unet,
+        empty=felt["empty_reading"],
+        **{name: flat[name] for name in ("reading", "success", "position", "rotation")},
+    )
+    charts = {"object": felt["object"], "vertices": charts.reshape(*felt["success"].shape, 81, 3)}
+    store.write(folder / f"charts/{BATCH}.zarr", "charts", charts, ATTRIBUTES)
+    rng, count = np.random.default_rng(0), len(felt["object"])
+    views = {
+        "object": felt["object"],
+        "image": rng.integers(0, 256, (count, VIEWS, VIEW_SIZE, VIEW_SIZE, 3), np.uint8),
+        "mask": np.zeros((count, VIEWS, VIEW_SIZE, VIEW_SIZE), np.uint8),
+        "camera": np.tile(camera_matrix(), (count, VIEWS, 1, 1)),
+    }
+    store.write(folder / f"views/{BATCH}.zarr", "views", views, ATTRIBUTES)
+    return folder
+
+
+def camera_matrix():
+    camera = vision.paper_camera(VIEW_SIZE)
+    return camera.intrinsics() @ camera.extrinsics()
+
+
+@pytest.fixture
+def dataset(run):
+    return Dataset(run)
+
+
+def folder_of(run, name):
+    return run / "models" / name / "seed-0"
+
+
+def of_pack(run, name, sample):
+    """Vertices and faces that the model predicts for a sample of its family's pack."""
+    experiment = EXPERIMENTS[name]
+    family = families.family(experiment)
+    path = run / "packs" / f"{family}.h5"
+    if not path.exists():
+        stores = {stage: [run / store.CONTRACT[stage].path(BATCH)] for stage in families.stages(family)}
+        pack.write(path, family, run / "catalogue.csv", stores)
+    model = checkpoints.load(folder_of(run, name) / "best.ckpt")
+    with torch.inference_mode():
+        return model(Assembler(pack.Pack.read(path))([sample]))[0].numpy(), model.faces.numpy()
+
+
+@pytest.mark.parametrize(
+    "name, grasps, view",
+    [
+        ("charts_occluded_touch", (1,), 0),
+        ("no_copy_unoccluded_touch", (0,), 0),
+        ("sphere_occluded_touch", (1,), 0),
+        ("charts_occluded", (1,), 0),
+        ("charts_touch_2", (1, 0), 0),
+        ("single_image", (), 1),
+    ],
+)
+def test_a_record_gives_what_its_pack_gives(run, dataset, name, grasps, view):
+    """Two ways from the stores to a prediction: by record and U-Net, and by charts store and pack."""
+    model = Reconstructor(folder_of(run, name))
+    record = dataset["knife-0000"]
+    shape = model(*reconstruct.of_object(record, model.experiment, grasps or None, view))
+    vertices, faces = of_pack(run, name, Sample(1, grasps, view))
+    np.testing.assert_allclose(shape.vertices, vertices, atol=1e-6)
+    np.testing.assert_array_equal(shape.faces, faces)
+    assert vertices.std(axis=0).min() > 0.01  # the prediction is a shape, and another object's is another
+    other, _ = of_pack(run, name, Sample(0, grasps, view))
+    assert np.abs(other - vertices).max() > 1e-4
+
+
+def test_charts_without_touch_are_left_out_where_they_are_only_copied(run, dataset):
+    name = "no_comm_unoccluded_touch"
+    grasp = next(g for g in dataset["knife-0000"].grasps if 0 < g.success.sum() < 4)
+    shape = Reconstructor(folder_of(run, name))(grasp.object.unoccluded, grasp)
+    vertices, faces = of_pack(run, name, Sample(1, (grasp.number,)))
+    np.testing.assert_allclose(shape.vertices, vertices, atol=1e-6)
+    triangles = vertices[faces]
+    normal = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+    gone = {tuple(face) for face in faces} - {tuple(face) for face in shape.faces}
+    assert gone and len(gone) == 128 * (4 - grasp.success.sum())
+    points = {tuple(face) for face in faces[(normal == 0).all(axis=1)]}
+    assert gone <= points
+
+
+def test_touch_faces_are_the_charts_at_the_touches(run, dataset):
+    """Where charts are enforced, the marked faces lie where sensors touched, and only these."""
+    grasp = max(dataset["bottle-0000"].grasps, key=lambda g: g.success.sum())
+    model = Reconstructor(folder_of(run, "charts_occluded_touch"))
+    shape = model(grasp.occluded, grasp)
+    assert shape.touch.sum() == 128 * grasp.success.sum() > 0
+    charts = reconstruct.TouchCharts(run / "models/touch_depth")(grasp)
+    marked = shape.vertices[np.unique(shape.faces[shape.touch])]
+    np.testing.assert_allclose(marked, charts[grasp.success].reshape(-1, 3), atol=1e-7)
+
+
+def test_predicted_clouds_lie_where_charts_do(run, dataset):
+    """Over the sensor's plane, and as far from it as the charts that are fitted to them."""
+    grasp = max(dataset["bottle-0000"].grasps, key=lambda g: g.success.sum())
+    predicted = reconstruct.TouchCharts(run / "models/touch_depth")
+    clouds, charts = predicted.clouds(grasp), predicted(grasp)[grasp.success]
+    poses = zip(grasp.position[grasp.success], grasp.rotation[grasp.success], strict=True)
+    assert len(clouds) == len(charts) > 0
+    for cloud, chart, (position, rotation) in zip(clouds, charts, poses, strict=True):
+        local = (cloud - position) @ rotation
+        assert np.abs(local[:, 1:]).max() < 0.01641 / 2
+        depth, of_chart = local[:, 0], ((chart - position) @ rotation)[:, 0]
+        assert depth.min() - 1e-4 < of_chart.min() <= of_chart.max() < depth.max() + 1e-4
+
+
+@pytest.mark.parametrize("suffix", reconstruct.FORMATS)
+def test_the_command_writes_the_mesh_with_its_colours(run, dataset, tmp_path, suffix, capsys):
+    path = tmp_path / "new" / f"x{suffix}"
+    arguments = [str(run), "charts_occluded_touch", "bottle-0000", "--grasp", "1", "--output", str(path)]
+    assert reconstruct.main(arguments) == 0
+    assert str(path) in capsys.readouterr().out
+    grasp = dataset["bottle-0000"].grasps[1]
+    expected = palpate.reconstruct(grasp.occluded, grasp, model=folder_of(run, "charts_occluded_touch"))
+    written = trimesh.load(path, process=False, force="mesh")
+    np.testing.assert_allclose(written.vertices, expected.vertices, atol=1e-6)
+    np.testing.assert_array_equal(written.faces, expected.faces)
+    colours = np.unique(np.asarray(written.visual.vertex_colors)[:, :3], axis=0)
+    np.testing.assert_array_equal(colours, [[143, 194, 230], [214, 94, 0]])
+    assert np.abs(np.median(written.vertices, axis=0) - (0, 0, 0.6)).max() < 0.3  # the world frame
+
+
+def test_a_grasp_that_touches_nothing_is_reconstructed_with_a_warning(run, dataset):
+    grasp = dataset["bottle-0000"].grasps[0]
+    nothing = GraspTouches(grasp.reading, grasp.position, grasp.rotation, np.zeros(4, bool))
+    with pytest.warns(UserWarning, match="no sensor of 1 grasp touches"):
+        shape = Reconstructor(folder_of(run, "charts_occluded_touch"))(grasp.occluded, nothing)
+    assert not shape.touch.any() and np.isfinite(shape.vertices).all()
+
+
+def test_a_model_that_is_not_there_is_answered_with_those_that_are(run):
+    with pytest.raises(
+        ReconstructionError, match=r"charts_tuch.*does not exist; trained are: charts_occluded/"
+    ):
+        Reconstructor(run / "models/charts_tuch/seed-0")
+    with pytest.raises(ReconstructionError, match="seed-7.*does not exist; trained are"):
+        Reconstructor(folder_of(run, "charts_occluded").parent / "seed-7")
+    with pytest.raises(ReconstructionError, match="nothing is trained there; train it with: snakemake"):
+        Reconstructor("nowhere/models/charts_touch/seed-0")
+
+
+@pytest.mark.parametrize(
+    "arguments, message",
+    [
+        (
+            ["charts_tuch", "bottle-0000", "--output", "x.ply"],
+            "'charts_tuch' is trained .* charts_occluded/seed-0",
+        ),
+        (["charts_occluded", "bottle-0000", "--seed", "3", "--output", "x.ply"], "seed-3.* trained are"),
+        (["charts_occluded", "teapot-0000", "--output", "x.ply"], "'teapot-0000' is not among"),
+        (["charts_occluded", "bottle-0000", "--grasp", "9", "--output", "x.ply"], "no grasp 9: it has 2"),
+        (
+            ["charts_touch_2", "bottle-0000", "--grasp", "0", "--output", "x.ply"],
+            "feels 2 grasps, .* of 1 were",
+        ),
+        (["single_image", "bottle-0000", "--view", "9", "--output", "x.ply"], "no view 9: it has 2"),
+        (["charts_occluded", "bottle-0000", "--output", "x.png"], "must end in one of .ply"),
+    ],
+)
+def test_the_command_says_what_is_wrong(run, arguments, message, capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert reconstruct.main([str(run), *arguments]) == 1
+    said = capsys.readouterr().err
+    assert re.search(message, said), said
+    assert said.count("\n") == 1 and not list(tmp_path.iterdir())
+
+
+def bad(array, value):
+    array = array.astype(float)
+    array.flat[-1] = value
+    return array
+
+
+@pytest.mark.parametrize(
+    "name, change, message",
+    [
+        ("charts_occluded_touch", {"image": None}, "sees .occluded vision.: give an image"),
+        ("charts_occluded_touch", {"touches": None}, "feels 1 grasp, but touches of 0"),
+        ("charts_occluded_touch", {"touches": lambda g: [g, g]}, "feels 1 grasp, but touches of 2"),
+        ("charts_occluded", {"image": lambda i: i[:200]}, r"shape \(200, 256, 3\), expected \(256, 256, 3\)"),
+        ("charts_occluded", {"image": lambda i: i[::2, ::2]}, r"shape \(128, 128, 3\)"),
+        ("charts_occluded", {"image": lambda i: i[..., :1]}, r"shape \(256, 256, 1\)"),
+        ("charts_occluded", {"image": lambda i: bad(i, np.nan)}, "the image has NaN"),
+        ("charts_occluded", {"image": lambda i: i / 255}, "type float64, expected uint8"),
+        ("charts_touch_2", {"position": lambda a: bad(a, np.nan)}, "touches: position has NaN"),
+        ("charts_touch_2", {"rotation": lambda a: bad(a, np.inf)}, "touches: rotation has NaN or infinite"),
+        ("charts_touch_2", {"reading": lambda a: bad(a, np.nan)}, "touches: reading has NaN"),
+        (
+            "charts_touch_2",
+            {"reading": lambda a: a[:, :50]},
+            r"reading of 2 grasps has shape \(8, 50, 100, 3\)",
+        ),
+        (
+            "charts_touch_2",
+            {"success": lambda a: a[:3]},
+            r"success of 2 grasps has shape \(6,\), expected \(8,\)",
+        ),
+        ("single_image", {"camera": None}, "give the view's camera"),
+        ("single_image", {"camera": lambda c: bad(c, np.nan)}, "the camera has NaN"),
+    ],
+)
+def test_what_is_missing_or_wrong_is_said(run, dataset, name, change, message):
+    model = Reconstructor(folder_of(run, name))
+    record = dataset["bottle-0000"]
+    image, touches, camera = reconstruct.of_object(record, model.experiment)
+    given = {"image": image, "touches": touches, "camera": camera}
+    ((key, how),) = change.items()
+    if key in given:
+        value = given[key][0] if key == "touches" else given[key]
+        given[key] = how if how is None else how(value)
+    else:
+        given["touches"] = [
+            GraspTouches(*(getattr(g, field) for field in GraspTouches._fields))._replace(
+                **{key: how(getattr(g, key))}
+            )
+            for g in touches
+        ]
+    with pytest.raises(ReconstructionError, match=message):
+        model(**given)
+
+
+def test_charts_that_are_not_finite_are_an_error(run, dataset):
+    model = Reconstructor(folder_of(run, "charts_touch_2"))
+    next(model._charts.model.parameters()).data.fill_(float("nan"))
+    with pytest.raises(ReconstructionError, match="touch charts predicted by .*best.ckpt has NaN"):
+        model(touches=dataset["bottle-0000"].grasps)
+
+
+def copy_of(run, tmp_path, name, **changes):
+    held = torch.load(folder_of(run, name) / "best.ckpt", weights_only=True)
+    path = tmp_path / "models" / name / "seed-0" / "best.ckpt"
+    path.parent.mkdir(parents=True)
+    torch.save({**held, **changes}, path)
+    return path
+
+
+def test_a_checkpoint_of_another_architecture_schema_or_kind_is_refused(run, tmp_path):
+    wider = ARCHITECTURE | {"gcn": {"layers": 3, "width": 15}}
+    with pytest.raises(CheckpointError, match="of another architecture"):
+        Reconstructor(copy_of(run, tmp_path / "a", "charts_occluded", architecture=wider))
+    with pytest.raises(CheckpointError, match="schema version 99"):
+        Reconstructor(copy_of(run, tmp_path / "b", "charts_occluded", schema_version=99))
+    with pytest.raises(CheckpointError, match="of kind touch_depth"):
+        Reconstructor(run / "models/touch_depth")
+
+
+def test_a_run_without_its_u_net_is_said_to_have_none(run, tmp_path):
+    with pytest.raises(ReconstructionError, match="touch_depth/best.ckpt does not exist: the U-Net"):
+        Reconstructor(copy_of(run, tmp_path, "charts_touch_2"))
+
+
+def test_a_model_that_takes_no_charts_needs_no_u_net(run, dataset, tmp_path):
+    path = copy_of(run, tmp_path, "sphere_occluded_touch")
+    grasp = dataset["bottle-0000"].grasps[0]
+    assert not Reconstructor(path)(grasp.occluded, grasp).touch.any()
+
+
+def test_a_dataset_of_another_schema_is_refused(run, tmp_path, capsys):
+    copy = shutil.copytree(run, tmp_path / "copy")
+    zarr.open_group(copy / f"touch/{BATCH}.zarr", mode="r+").attrs["schema_version"] = 99
+    with pytest.raises(StoreError, match="schema version 99"):
+        Dataset(copy)["bottle-0000"].grasps[0].reading  # noqa: B018
+    arguments = [str(copy), "charts_touch_2", "bottle-0000", "--output", str(tmp_path / "x.ply")]
+    assert reconstruct.main(arguments) == 1
+    assert "schema version 99" in capsys.readouterr().err
