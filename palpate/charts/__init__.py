@@ -1,4 +1,4 @@
-"""Charts: the atlas, the graph over charts, points on them, and the distance between clouds. Needs torch."""
+"""Charts: the atlas, the graph over charts, points on them, the distance between clouds, and fits. Needs torch."""
 
 from palpate.charts.atlas import (
     ATLAS_RADIUS,
@@ -10,6 +10,7 @@ from palpate.charts.atlas import (
     vision_atlas,
 )
 from palpate.charts.chamfer import CHAMFER_SCALE, build_tree, chamfer_distance, nearest, one_sided_distance
+from palpate.charts.fit import fit_adam, fit_direct
 from palpate.charts.graph import Graph
 from palpate.charts.sample import sample_faces
 
@@ -22,6 +23,8 @@ __all__ = [
     "build_tree",
     "chamfer_distance",
     "chart_faces",
+    "fit_adam",
+    "fit_direct",
     "nearest",
     "one_sided_distance",
     "sample_faces",

@@ -1,0 +1,116 @@
+"""Touch charts from local point clouds: directly, or by the paper's optimisation.
+
+docs/charts.md has the error and the time of both; the direct fit is the default.
+"""
+
+from collections.abc import Sequence
+
+import torch
+from torch import Tensor
+
+from palpate.charts.atlas import TOUCH_SIDE, touch_chart
+from palpate.charts.chamfer import CHAMFER_SCALE, build_tree, chamfer_distance
+from palpate.charts.sample import sample_faces
+from palpate.touch.sensor import SENSOR_WIDTH
+
+STOP = 0.0006 / CHAMFER_SCALE  # square metres: the supplement's loss to stop at, in the tables' unit
+
+
+def spread(valid: Tensor, count: int) -> Tensor:
+    """Which `count` of the true entries of each row (..., n) lie evenly over all of them, first to last.
+
+    Returns: (..., count) int64, ascending; entries repeat where fewer are true, and are 0 where none is.
+    """
+    rank = valid.cumsum(dim=-1)
+    total = rank[..., -1:]
+    share = torch.linspace(0, 1, count, dtype=torch.float64, device=valid.device)
+    wanted = (share * (total - 1).clamp(min=0)).round().long() + 1
+    found = torch.searchsorted(rank.contiguous(), wanted.contiguous())
+    return torch.where(total > 0, found, 0)
+
+
+def fit_direct(depth: Tensor, valid: Tensor, position: Tensor, rotation: Tensor) -> Tensor:
+    """Touch charts of height fields, by resampling: nine of the pixel rows that hold contact, evenly spread,
+    and in each of them nine of its pixels in contact. Every vertex is a point of the cloud.
+
+    Args:
+        depth: (k, r, r) metres from the sensor plane at the centres of pixels; used where valid.
+        valid: (k, r, r) bool, pixels in contact, one or more each.
+        position: (k, 3) metres and rotation: (k, 3, 3) of the sensors; columns are the frame's axes.
+
+    Returns: (k, 81, 3) in the frame and type of the positions, vertices ordered as in `touch_chart()`.
+
+    Raises ValueError if a chart has no valid pixel, or a valid depth is NaN or infinite.
+    """
+    k, resolution, _ = depth.shape
+    if not valid.flatten(1).any(dim=1).all():
+        raise ValueError("a depth map without valid pixels has no touch chart; leave it out")
+    if not torch.isfinite(depth[valid]).all():
+        raise ValueError("a depth map holds NaN or infinity at valid pixels")
+    row = spread(valid.any(dim=2), TOUCH_SIDE)  # (k, 9)
+    column = spread(valid.gather(1, row[..., None].expand(-1, -1, resolution)), TOUCH_SIDE)  # (k, 9, 9)
+    row = row[..., None].expand_as(column)
+    x = depth.flatten(1).gather(1, (row * resolution + column).flatten(1))
+    y, z = (((at + 0.5) / resolution - 0.5) * SENSOR_WIDTH for at in (column.flatten(1), row.flatten(1)))
+    return placed(torch.stack([x, y, z], dim=2), position, rotation)
+
+
+def placed(points: Tensor, position: Tensor, rotation: Tensor) -> Tensor:
+    """Points (k, n, 3) of the sensors' frames in the frame that their poses are given in."""
+    return points.to(position.dtype) @ rotation.to(position.dtype).mT + position[:, None]
+
+
+def fit_adam(
+    points: Sequence[Tensor],
+    position: Tensor,
+    rotation: Tensor,
+    steps: int = 300,
+    rate: float = 0.003,
+    stop: float = STOP,
+    samples: int = 2000,
+    generator: torch.Generator | None = None,
+) -> Tensor:
+    """Touch charts by the paper's optimisation (supplement, "Converting Point Clouds to Charts"), of all sensors
+    at once: a planar sheet in place of the sensor, its vertices moved by Adam to lower the Chamfer distance
+    between the cloud and points sampled on the sheet, until it falls below `stop`.
+
+    Args:
+        points: k local clouds (n_i, 3) metres, in the frame of the poses, one point or more each.
+        position: (k, 3) and rotation: (k, 3, 3) of the sensors.
+        steps: at most so many.
+        rate: Adam's learning rate, in metres.
+        stop: a chart is done when its loss falls below this many square metres.
+        samples: points on each sheet a step. Of so few that their own spacing exceeds `stop`, no chart is ever
+            done: 1,000 are too few for the supplement's (docs/charts.md).
+        generator: of the samples; the default one if None.
+
+    Returns: (k, 81, 3), vertices ordered as in `touch_chart()`; of the step with the lowest loss if it did
+    not fall below `stop`.
+
+    Raises ValueError if a cloud is empty or holds NaN or infinity, or there are not as many as poses.
+    """
+    if len(points) != len(position):
+        raise ValueError(f"{len(points)} point clouds for {len(position)} sensors; must be as many")
+    chart = touch_chart()
+    sheet = torch.cat([torch.zeros(len(chart.grid), 1), chart.grid], dim=1).to(position)
+    faces = chart.faces.to(position.device)
+    trees = [build_tree(cloud) for cloud in points] if position.device.type == "cpu" else [None] * len(points)
+    with torch.enable_grad():
+        vertices = placed(sheet.expand(len(position), -1, -1), position, rotation).detach().requires_grad_()
+        best = vertices.detach().clone()
+        lowest = torch.full((len(best),), torch.inf, dtype=best.dtype, device=best.device)
+        adam = torch.optim.Adam([vertices], lr=rate)
+        for _ in range(steps):
+            active = (lowest >= stop).nonzero()[:, 0]
+            if not len(active):
+                break
+            sampled = sample_faces(vertices[active], faces, samples, generator)
+            some = active.tolist()
+            loss = chamfer_distance(sampled, [points[i] for i in some], b_trees=[trees[i] for i in some])
+            better = active[loss.detach() < lowest[active]]
+            lowest[active] = torch.minimum(lowest[active], loss.detach())
+            best[better] = vertices.detach()[better]
+            adam.zero_grad()
+            loss.sum().backward()
+            adam.step()
+    return best
