@@ -7,16 +7,23 @@ are left out) are those of the published evaluation (its `calc_local_chamfer`), 
 that a prediction is sampled at.
 """
 
+import logging
+from collections.abc import Callable
+from pathlib import Path
+
 import numpy as np
 import torch
 import trimesh
 from scipy.spatial import cKDTree
 from torch import Tensor
 
+from palpate import store
 from palpate.charts import build_tree
 from palpate.evaluation.metrics import squared_distances
 from palpate.surface.embree import Scene
 from palpate.touch.sensor import SENSOR_RANGE, SENSOR_WIDTH
+
+log = logging.getLogger(__name__)
 
 RINGS = (1, 2, 3, 4, 5)
 GRID = 100  # points along a side of the grid
@@ -122,3 +129,25 @@ def ring_distances(rings: list[np.ndarray], prediction: Tensor, tree: cKDTree | 
     return np.array(
         [float(squared_distances(c, prediction, tree).mean()) if len(c) else np.nan for c in clouds]
     )
+
+
+def project_batch(
+    touch: Path | str, surface: Callable[[str], MeshSurface | CloudSurface]
+) -> dict[str, np.ndarray]:
+    """The arrays of a batch's rings store: rings around every successful touch.
+
+    touch: the batch's touch store; surface: from an object's name to what its rings are projected onto.
+    """
+    felt = store.read(touch, "object", "success", "position", "rotation")
+    success = felt["success"]
+    depth = np.full((*success.shape, GRID, GRID), np.inf, dtype=np.float32)
+    each = len(success) // max(len(felt["object"]), 1)
+    for place, name in enumerate(felt["object"]):
+        log.info("rings %d/%d: %s", place + 1, len(felt["object"]), name)
+        onto = surface(str(name))
+        for row in range(place * each, (place + 1) * each):
+            for sensor in np.flatnonzero(success[row]):
+                depth[row, sensor] = onto.project(
+                    felt["position"][row, sensor], felt["rotation"][row, sensor]
+                )
+    return {"object": felt["object"], "ring_depth": depth}

@@ -35,9 +35,8 @@ INTERVALS = (
     "several; none where a class has a single object."
 )
 
-Experiments = Mapping[
-    str, Mapping[str, Any]
-]  # name -> strategy, vision, touch, grasps: config/experiments.yaml
+# Name -> strategy, vision, touch, grasps, as in config/experiments.yaml.
+Experiments = Mapping[str, Mapping[str, Any]]
 
 
 def model_selection(
@@ -226,8 +225,9 @@ def single_image(
             }
         )
     note = (
-        f" Pixel2Mesh's protocol as in Mesh R-CNN's evaluation: meshes scaled by {PIXEL2MESH_SCALE:.2f} (0.57 for "
-        f"a bounding box of diagonal 1; here it is 0.5), squared distances, tau = {TAU:g}; Chamfer distance in "
+        " Pixel2Mesh's protocol as in Mesh R-CNN's evaluation: meshes scaled by "
+        f"{PIXEL2MESH_SCALE:.2f} (0.57 for a bounding box of diagonal 1; here it is 0.5), squared distances, "
+        f"tau = {TAU:g}; Chamfer distance in "
         "thousandths. The rows of the paper and those it cites are of ShapeNet's 13 classes and published "
         "renderings: not this run's objects."
     )

@@ -1,0 +1,87 @@
+"""Evaluations made up in the form that the rules write, with averages that are known."""
+
+import numpy as np
+import pandas as pd
+import yaml
+from pathlib import Path
+
+from palpate.evaluation.errors import COLUMNS, RING_COLUMNS, TOUCH_COLUMNS
+from palpate.evaluation.published import paper_values
+
+ROOT = Path(__file__).parents[2]
+CLASSES = ("bottle", "knife", "cellphone", "rifle")
+DECLARED = yaml.safe_load((ROOT / "config/experiments.yaml").read_text())
+EXPERIMENTS = DECLARED["experiments"]
+
+
+def of_table(table: str) -> dict:
+    """The experiments of a table, as the rules pass them."""
+    return {name: EXPERIMENTS[name] for name in DECLARED["tables"][table]["experiments"]}
+
+
+def objects(each: int, classes=CLASSES) -> list[tuple[str, str]]:
+    return [(f"{name}-{index:04d}", name) for name in classes for index in range(each)]
+
+
+def evaluations(means: dict[str, float], each=6, seeds=(0,), spread=0.02, windows=2, seed_spread=0.0, rng=0):
+    """Rows of evaluation files: `means[experiment]` is its error but for noise. All experiments share what
+    makes an object hard."""
+    rng = np.random.default_rng(rng)
+    rows = []
+    for split in ("validation", "test"):
+        names = [(f"{split}-{name}", kind) for name, kind in objects(each)]
+        hard = rng.normal(0, 0.1, len(names))
+        for experiment, mean in means.items():
+            for seed in seeds:
+                shift = rng.normal(0, seed_spread)
+                for (name, kind), harder in zip(names, hard, strict=True):
+                    for window in range(windows):
+                        error = mean + harder + shift + rng.normal(0, spread)
+                        rows.append(
+                            (experiment, seed, name, kind, split, window, error, 50.0, 70.0, 0.1, 700)
+                        )
+    return pd.DataFrame(rows, columns=COLUMNS)
+
+
+def rings(means: dict[tuple[str, int], float], each=6, spread=1e-6, rng=0):
+    rng = np.random.default_rng(rng)
+    rows = []
+    names = [(f"test-{name}", kind) for name, kind in objects(each)]
+    hard = rng.normal(1, 0.1, len(names))
+    for (experiment, ring), mean in means.items():
+        for (name, kind), harder in zip(names, hard, strict=True):
+            for grasp in range(2):
+                distance = mean * harder + rng.normal(0, spread)
+                rows.append(
+                    (experiment, 0, name, kind, "test", 0, grasp, 1, ring, 100 * ring, distance, 700)
+                )
+    return pd.DataFrame(rows, columns=RING_COLUMNS)
+
+
+def touches(cloud=0.01, chart=0.02, each=6, spread=0.001, rng=0):
+    rng = np.random.default_rng(rng)
+    rows = [
+        (
+            f"test-{name}", kind, "test", grasp, sensor,
+            cloud + rng.normal(0, spread), chart + rng.normal(0, spread), 400,
+        )
+        for name, kind in objects(each)
+        for grasp in range(2)
+        for sensor in range(3)
+    ]  # fmt: skip
+    return pd.DataFrame(rows, columns=TOUCH_COLUMNS)
+
+
+def published_means() -> dict[str, float]:
+    """The paper's averages: of the validation split where it has them."""
+    means = dict(paper_values("grasps")[["experiment", "value"]].itertuples(index=False))
+    for table in ("input_modalities", "model_selection"):
+        frame = paper_values(table)
+        frame = frame[frame["class"] == "average"]
+        means |= dict(frame[["experiment", "value"]].itertuples(index=False))
+    return means
+
+
+def published_rings() -> dict[tuple[str, int], float]:
+    frame = paper_values("extrapolation")
+    return {(row.experiment, row.ring): row.value for row in frame.itertuples()}
