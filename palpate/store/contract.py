@@ -46,6 +46,7 @@ class ArraySpec:
     fill: float | str
     unit: str
     meaning: str
+    optional: bool = False  # what a store that was not simulated here may lack
 
     @property
     def axes(self) -> str:
@@ -97,6 +98,7 @@ def _arrays(stage: str) -> dict[str, ArraySpec]:
             fill="" if row["type"] == "string" else float(row["fill"]),
             unit=row["unit"],
             meaning=row["meaning"],
+            optional=row["optional"] == "yes",
         )
         for row in rows
     }

@@ -14,7 +14,8 @@ from palpate.store.contract import CONTRACT, SYMBOLS
 def contract_table() -> str:
     """Every array of every store."""
     rows = [
-        f"| {stage} | `{name}` | {spec.axes} | {spec.dtype} | {spec.unit} | {spec.meaning} |"
+        f"| {stage} | `{name}` | {spec.axes} | {spec.dtype} | {spec.unit} | {spec.meaning}"
+        f"{'; optional' if spec.optional else ''} |"
         for stage, store in CONTRACT.items()
         for name, spec in store.arrays.items()
     ]

@@ -44,7 +44,8 @@ def write(
     """Write one batch's store, whole or not at all.
 
     path: `<run>/<stage>/<batch>.zarr`, or `.h5` for grasps. stage: a key of `CONTRACT`.
-    arrays: exactly the contract's arrays; a group that it allows is given as `hand/<name>`.
+    arrays: exactly the contract's arrays, optional ones or not; a group that it allows is given as
+    `hand/<name>`.
     attributes: `config_digest` and `seed`, and what else JSON can hold; versions, units and frames are added.
     The same arrays and attributes give the same bytes. Raises StoreError if a name, shape or type is wrong.
     """
@@ -60,7 +61,7 @@ def write(
     # In one order, whatever that of the arguments, for the bytes to be the same.
     arrays = {
         name: _text(path, name, arrays[name]) if arrays[name].dtype.kind in "UO" else arrays[name]
-        for name in [*spec.arrays, *sorted(set(arrays) - set(spec.arrays))]
+        for name in [*filter(arrays.__contains__, spec.arrays), *sorted(set(arrays) - set(spec.arrays))]
     }
     described = {**describe(spec), **attributes}
     with whole(path) as partial:
@@ -84,14 +85,20 @@ def describe(spec: StoreSpec) -> dict[str, Any]:
 Header = tuple[tuple[int, ...], np.dtype]  # of an array: shape and type
 
 
-def check_headers(path: Path, spec: StoreSpec, headers: Mapping[str, Header]) -> None:
-    """Raise StoreError, naming the first that is wrong, if names, shapes or types are not the contract's."""
+def check_headers(path: Path, spec: StoreSpec, headers: Mapping[str, Header], optional: bool = True) -> None:
+    """Raise StoreError, naming the first that is wrong, if names, shapes or types are not the contract's.
+
+    optional: whether the arrays that the contract calls so may be missing.
+    """
     given = {name for name in headers if name.split("/")[0] not in spec.groups}
-    if given != set(spec.arrays):
-        missing, unknown = sorted(set(spec.arrays) - given), sorted(given - set(spec.arrays))
+    needed = {name for name, array in spec.arrays.items() if not (optional and array.optional)}
+    missing, unknown = sorted(needed - given), sorted(given - set(spec.arrays))
+    if missing or unknown:
         raise StoreError(f"{path}: arrays of {spec.stage} missing: {missing}, unknown: {unknown}")
     sizes: dict[str, tuple[str, int]] = {}
     for name, array_spec in spec.arrays.items():
+        if name not in given:
+            continue
         shape, dtype = headers[name]
         right = dtype.kind in STRING_KINDS if array_spec.dtype == "string" else dtype == array_spec.dtype
         if not right:  # no silent conversion: the caller knows what the numbers mean
@@ -136,8 +143,8 @@ def _write_zarr(
     path: Path, spec: StoreSpec, arrays: dict[str, np.ndarray], attributes: dict[str, Any]
 ) -> None:
     group = zarr.create_group(path, attributes=attributes)
-    for name, array_spec in spec.arrays.items():
-        array = arrays[name]
+    for name in filter(arrays.__contains__, spec.arrays):
+        array, array_spec = arrays[name], spec.arrays[name]
         text = array_spec.dtype == "string"
         chunk = array_spec.chunk(array.shape)
         shard = tuple(max(length, 1) for length in array.shape)

@@ -13,13 +13,15 @@ from palpate.store.contract import CONTRACT
 def join(stage: str, records: Mapping[str, Mapping[str, np.ndarray]]) -> dict[str, np.ndarray]:
     """The arrays of a batch, from the named arrays of each of its objects, in the contract's types.
 
-    Arrays with one record an object are stacked, those with one a grasp are joined end to end. `object`, and
-    `object_index` and `grasp_index` where the contract has them, are made here. Axes of a batch without
-    objects have length 0.
+    Arrays with one record an object are stacked, those with one a grasp are joined end to end. Optional
+    arrays that no object has are left out. `object`, and `object_index` and `grasp_index` where the contract
+    has them, are made here. Axes of a batch without objects have length 0.
     """
     arrays = {"object": np.array(list(records), dtype=str)}
     for name, spec in CONTRACT[stage].arrays.items():
         if spec.shape[0] not in ("o", "og") or name in ("object", "object_index", "grasp_index"):
+            continue
+        if spec.optional and records and not any(name in record for record in records.values()):
             continue
         parts = [np.asarray(record[name], dtype=spec.dtype) for record in records.values()]
         if not parts:

@@ -52,8 +52,8 @@ SENSORS = 4
 NOTHING = 1.0  # m, their depth where nothing is in range: their loader cuts at 1
 SCENE = ("touch_success", "cam_pos", "cam_rot", "depth", "gel", "points")
 
-# The 25 vertices of a sheet on its grid, rows along z and columns along y, in the order of the initial sheet that
-# they publish.
+# The 25 vertices of a sheet on its grid, rows along z and columns along y, in the order of the initial sheet
+# that they publish.
 SHEET_ROWS = np.array([2, 1, 1, 3, 2, 1, 3, 2, 1, 0, 0, 2, 3, 4, 4, 3, 4, 3, 2, 1, 0, 0, 0, 4, 4])
 SHEET_COLUMNS = np.array([1, 2, 1, 1, 2, 3, 2, 3, 0, 1, 0, 0, 0, 1, 2, 3, 3, 4, 4, 4, 3, 4, 2, 0, 4])
 CHART = 9  # vertices along each edge of our touch charts: every second is one of a sheet

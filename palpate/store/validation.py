@@ -105,7 +105,8 @@ class _Batch:
             missing = sorted(expected - set(store.attributes))
             self.add("attributes", stage, len(missing), where=", ".join(missing))
             try:
-                check_headers(path, CONTRACT[stage], {name: store.header(name) for name in store.names()})
+                headers = {name: store.header(name) for name in store.names()}
+                check_headers(path, CONTRACT[stage], headers, optional=False)
             except StoreError as error:
                 self.add("arrays", stage, 1, where=str(error))
                 return

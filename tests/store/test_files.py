@@ -324,3 +324,26 @@ def test_reading_a_dataset_loads_no_engine():
     output = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     engines = {"bpy", "mujoco", "embreex", "igl", "trimesh", "torch", "pandas"}
     assert not engines & set(output.stdout.split())
+
+
+def test_optional_arrays_may_be_missing_and_others_may_not(tmp_path):
+    path, arrays = path_of(tmp_path, "vision"), arrays_of("vision", 2)
+    kept = {name: arrays[name] for name in ("object", "unoccluded", "occluded", "unoccluded_mask")}
+    write(path, "vision", kept, ATTRIBUTES)
+    assert_same(read(path), kept)
+    with pytest.raises(StoreError, match="no array 'occluded_depth'"):
+        read(path, "occluded_depth")
+    del kept["occluded"]
+    with pytest.raises(StoreError, match=r"missing: \['occluded'\]"):
+        write(path, "vision", kept, ATTRIBUTES)
+
+
+def test_arrays_that_no_object_has_are_left_out_if_they_are_optional():
+    record = {"unoccluded": np.zeros((2, 2, 3)), "occluded": np.zeros((3, 2, 2, 3))}
+    assert set(join("vision", {"a": record})) == {"object", "unoccluded", "occluded"}
+    assert "unoccluded_mask" in join("vision", {})
+    masked = record | {"unoccluded_mask": np.zeros((2, 2))}
+    with pytest.raises(KeyError, match="unoccluded_mask"):
+        join("vision", {"a": masked, "b": record})
+    with pytest.raises(KeyError, match="occluded"):
+        join("vision", {"a": {"unoccluded": np.zeros((2, 2, 3))}})
