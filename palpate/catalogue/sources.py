@@ -7,9 +7,12 @@ import hashlib
 import logging
 import os
 import re
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
+
+from palpate.catalogue.batch import Unusable
+from palpate.catalogue.released import ReleasedObject, read_released
 
 log = logging.getLogger(__name__)
 
@@ -28,7 +31,7 @@ PROCEDURAL = ("bottle", "knife", "cellphone", "rifle")
 SHAPENET_FILES = ("model.obj", "models/model_normalized.obj")
 
 # The up axis of a source whose config does not say it.
-UP_AXIS = {"procedural": "z", "folder": "z", "shapenet": "y", "abc": "z"}
+UP_AXIS = {"procedural": "z", "folder": "z", "shapenet": "y", "abc": "z", "released": "z"}
 
 Count = int | str
 
@@ -85,11 +88,14 @@ def scan(source: Mapping[str, Any], classes: Mapping[str, Count]) -> list[Entry]
 def all_classes(source: Mapping[str, Any]) -> dict[str, Count]:
     """Every class that a folder holds, whole: what `classes: all` stands for.
 
-    A class is a folder of the source's path that isn't hidden; ShapeNet's are named where a name is known.
+    A class is a folder of the source's path that isn't hidden and holds a mesh, at any depth (one that holds
+    none is left out with a warning); ShapeNet's are named where a name is known.
     Raises `CatalogueError` if the folder is missing or holds none, and for sources whose classes only the
     config knows.
     """
     kind, root = source["kind"], Path(source["path"])
+    if kind == "released":
+        return dict.fromkeys([each.class_name for each in _released_objects(root)], "all")
     if kind not in ("folder", "shapenet"):
         raise CatalogueError(
             f"classes: `all` means the folders of a folder or shapenet source; list those of {kind}"
@@ -99,11 +105,22 @@ def all_classes(source: Mapping[str, Any]) -> dict[str, Count]:
         entry.name for entry in os.scandir(root) if entry.is_dir() and not entry.name.startswith(".")
     )
     if kind == "shapenet":
-        names = {synset: name for name, synset in SYNSETS.items()}
-        folders = [names.get(folder, folder) for folder in folders if re.fullmatch(r"\d{8}", folder)]
-    if not folders:
+        folders = [folder for folder in folders if re.fullmatch(r"\d{8}", folder)]
+    empty = [folder for folder in folders if not _holds_mesh(root / folder, kind)]
+    if empty:
+        log.warning("%s: no mesh in %s: no classes", root, _listed(empty))
+    if len(empty) == len(folders):
         raise CatalogueError(f"{root}: no folder of a class in it: put meshes in {root}/<class>/")
-    return dict.fromkeys(folders, "all")
+    names = {synset: name for name, synset in SYNSETS.items()} if kind == "shapenet" else {}
+    return {names.get(folder, folder): "all" for folder in folders if folder not in empty}
+
+
+def _holds_mesh(folder: Path, kind: str) -> bool:
+    if kind == "shapenet":
+        return any(
+            (folder / model / file).is_file() for model in os.listdir(folder) for file in SHAPENET_FILES
+        )
+    return any(True for _ in _each_mesh(folder, MESH_SUFFIXES))
 
 
 def _check_folder(root: Path, kind: str) -> None:
@@ -165,25 +182,50 @@ def _shapenet(root: Path, name: str, count: Count) -> list[Entry]:
     return _chosen(entries, folder, name, count)
 
 
+def _released(root: Path, name: str, count: Count) -> list[Entry]:
+    objects = _released_objects(root)
+    entries = [Entry(_object(name, each.name), name, each.source) for each in objects if each.class_name == name]
+    if not entries:
+        present = dict.fromkeys(each.class_name for each in objects)
+        raise CatalogueError(f"{root}: no object of class {name}; it has {_listed(present)}")
+    return _chosen(entries, root / "surfaces" / name, name, count)
+
+
+def _released_objects(root: Path) -> list[ReleasedObject]:
+    try:
+        return read_released(root)
+    except Unusable as error:
+        raise CatalogueError(str(error)) from None
+
+
+def given_splits(source: Mapping[str, Any]) -> dict[str, str]:
+    """The splits that a source itself gives its objects, by name; empty where names decide."""
+    if source["kind"] != "released":
+        return {}
+    objects = _released_objects(Path(source["path"]))
+    return {_object(each.class_name, each.name): each.split for each in objects}
+
+
 _FINDERS: dict[str, Callable[[Path, str, Count], list[Entry]]] = {
     "procedural": _procedural,
     "folder": _folder,
     "shapenet": _shapenet,
     "abc": _abc,
+    "released": _released,
 }
 
 
 def _meshes(folder: Path, suffixes: tuple[str, ...]) -> list[str]:
     """Mesh files below the folder, relative to it, sorted; hidden files and folders are left out."""
-    found = []
+    return sorted(_each_mesh(folder, suffixes))
+
+
+def _each_mesh(folder: Path, suffixes: tuple[str, ...]) -> Iterator[str]:
     for place, folders, files in os.walk(folder):
         folders[:] = [name for name in folders if not name.startswith(".")]
-        found += [
-            (Path(place) / name).relative_to(folder).as_posix()
-            for name in files
-            if name.lower().endswith(suffixes) and not name.startswith(".")
-        ]
-    return sorted(found)
+        for name in files:
+            if name.lower().endswith(suffixes) and not name.startswith("."):
+                yield (Path(place) / name).relative_to(folder).as_posix()
 
 
 def _object(class_name: str, file: str) -> str:

@@ -6,6 +6,7 @@ import pytest
 
 from palpate import catalogue, mesh, shapes
 from palpate.catalogue import CatalogueError, all_classes, scan, sources
+from palpate.catalogue.schema import Invalid, class_counts
 
 
 def tree(root, *files):
@@ -107,6 +108,29 @@ def test_object_names_are_safe_and_differ(tmp_path):
 def test_all_classes(tmp_path):
     tree(tmp_path, "mug/a.obj", "pan/b.obj", ".git/c.obj", "readme.txt")
     assert all_classes({"kind": "folder", "path": tmp_path}) == {"mug": "all", "pan": "all"}
+
+
+@pytest.mark.parametrize(
+    ("kind", "mesh", "classes"),
+    [("folder", "mug/deep/a.obj", ["mug"]), ("shapenet", "03624134/a1/model.obj", ["knife"])],
+)
+def test_all_classes_leaves_out_folders_without_a_mesh(tmp_path, caplog, kind, mesh, classes):
+    tree(tmp_path, mesh, "notes/read.me", "02880940/b2/picture.png", "mug-licences/.hidden.obj")
+    source = {"kind": kind, "path": tmp_path}
+    assert list(all_classes(source)) == classes
+    assert "02880940" in caplog.text
+    assert scan(source, all_classes(source))
+
+
+def test_class_counts(tmp_path):
+    """As listed; the folders of the source for `all`; a class that is listed twice has no count."""
+    tree(tmp_path, "mug/a.obj")
+    source = {"kind": "folder", "path": tmp_path}
+    rows = [{"class": "pan", "objects": 2}, {"class": "mug", "objects": "all"}]
+    assert list(class_counts({"classes": rows}, source).items()) == [("pan", 2), ("mug", "all")]
+    assert class_counts({"classes": "all"}, source) == {"mug": "all"}
+    with pytest.raises(Invalid, match="config classes: pan listed more than once: keep one"):
+        class_counts({"classes": [*rows, {"class": "pan", "objects": 3}]}, source)
 
 
 @pytest.mark.parametrize(
