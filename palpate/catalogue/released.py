@@ -29,11 +29,11 @@ UNOCCLUDED = "unoccluded.png"
 
 
 class ReleasedObject(NamedTuple):
-    """One object: its class, its name within the class, and its split (train, validation or test)."""
+    """One object: its class, its name within the class, and its split (train, validation, test; or empty)."""
 
     class_name: str
     name: str
-    split: str
+    split: str = ""
 
     @property
     def source(self) -> str:

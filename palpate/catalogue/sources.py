@@ -184,7 +184,9 @@ def _shapenet(root: Path, name: str, count: Count) -> list[Entry]:
 
 def _released(root: Path, name: str, count: Count) -> list[Entry]:
     objects = _released_objects(root)
-    entries = [Entry(_object(name, each.name), name, each.source) for each in objects if each.class_name == name]
+    entries = [
+        Entry(_object(name, each.name), name, each.source) for each in objects if each.class_name == name
+    ]
     if not entries:
         present = dict.fromkeys(each.class_name for each in objects)
         raise CatalogueError(f"{root}: no object of class {name}; it has {_listed(present)}")

@@ -10,7 +10,8 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import unquote
 
-from palpate.catalogue.sources import CatalogueError, Count, scan
+from palpate.catalogue import released
+from palpate.catalogue.sources import CatalogueError, Count, given_splits, scan
 from palpate.catalogue.split import PAPER_SPLIT, assign_split
 
 log = logging.getLogger(__name__)
@@ -31,20 +32,21 @@ def build(
 ):
     """The catalogue as a pandas DataFrame with `COLUMNS`, a row an object in the order of `scan`.
 
-    `source` is the mesh file relative to the source's path, so that the table is the same on every machine.
+    Splits are those that the source gives, or else go by the names. `source` is the mesh file relative to the
+    source's path, so that the table is the same on every machine.
     Raises `CatalogueError` as `scan` does, and where a file that it lists does not exist (procedural objects
     must have been written).
     """
     import pandas  # slow to import, and the only place that needs it
 
     root = Path(source["path"])
-    entries = scan(source, classes)
+    entries, splits = scan(source, classes), given_splits(source)
     batches = batch_names(len(entries), batch_size)
     rows = [
         (
             entry.object,
             entry.class_name,
-            assign_split(entry.object, ratios),
+            splits.get(entry.object) or assign_split(entry.object, ratios),
             batches[position // batch_size],
             entry.source,
             checksum(root / entry.source),
@@ -85,7 +87,8 @@ def _digest(path: Path) -> str:
 
 def companions(path: Path, head: int = -1) -> list[str]:
     """The files, relative to the mesh's folder and sorted, that a mesh file names and that exist: an OBJ's
-    material libraries and their textures, a glTF's buffers and images, a COLLADA file's images.
+    material libraries and their textures, a glTF's buffers and images, a COLLADA file's images; of a released
+    surface the object's images and scenes.
 
     head: read only so many bytes of an OBJ, which can be long and names its libraries at the top as a rule;
     -1: all of it.
@@ -99,6 +102,8 @@ def companions(path: Path, head: int = -1) -> list[str]:
     elif suffix == ".dae":
         text = path.read_text(errors="replace")
         names = [unquote(name) for name in re.findall(r"<init_from>\s*(?:<ref>)?([^<]+?)\s*<", text)]
+    elif suffix == ".npy":
+        names = released.files(path)
     else:
         names = []
     return sorted(set(_existing(path.parent, names)))

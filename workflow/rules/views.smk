@@ -1,7 +1,6 @@
 # Small images of every object from all around, for single-image reconstruction: rendered, or Choy et al.'s own.
 rule views:
     input:
-        catalogue="catalogue/{batch}.csv",
         meshes="meshes/{batch}",
     output:
         views=directory("views/{batch}.zarr"),
@@ -17,6 +16,7 @@ rule views:
         mem_mb=3000,
         runtime=60,
     params:
+        objects=batch_objects,
         views=config["views"],
         # Relative paths are the project's.
         renderings=(

@@ -10,7 +10,6 @@ import json
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 
 from palpate.vision import Renderer  # Blender: before anything that loads embree
 
@@ -28,7 +27,7 @@ if not params.renderings:
 def look(name: str) -> dict[str, np.ndarray]:
     if params.renderings:
         # <synset>/<model>/model.obj shows in <synset>/<model>/rendering/.
-        folder = Path(params.renderings, *Path(sources[name]).parts[:2], "rendering")
+        folder = Path(params.renderings, *Path(params.objects[name]).parts[:2], "rendering")
         record = json.loads((meshes / name / "mesh.json").read_text())
         surface = mesh.load_visual(meshes / name).vertices + mesh.OBJECT_POSITION
         return views.published(folder, record, surface, count, size)._asdict()
@@ -36,9 +35,8 @@ def look(name: str) -> dict[str, np.ndarray]:
     return views.render(renderer, meshes / name / "visual.glb", at, size)._asdict()
 
 
-catalogue = pd.read_csv(snakemake.input.catalogue, dtype=str)
-sources = dict(zip(catalogue.object, catalogue.source, strict=True))
-seen, rejections = each_object([name for name in sources if (meshes / name).is_dir()], look, "views")
+usable = [name for name in params.objects if (meshes / name).is_dir()]
+seen, rejections = each_object(usable, look, "views")
 with store.whole(snakemake.output.rejected) as rejected:
     write_rejections(rejected, rejections)
 store.write(

@@ -1,0 +1,16 @@
+"""The run in the layout of the authors' released dataset (docs/released.md).
+
+released/surfaces/<class>/<object>.npy
+        /images/<class>/<object>/unoccluded.png, <grasp>.png
+        /scene_info/<class>/<object>/<grasp>.npy
+        /sheets/<class>/<object>/sheets_<grasp>_<sensor>.npy    if the run has touch charts
+        /split.npy, /empty_gel.npy
+"""
+
+import logging
+
+from palpate.catalogue import log_to
+from palpate.store.released import export_run
+
+log_to(snakemake.log[0])
+logging.info("%d objects written", export_run(".", snakemake.output.folder))

@@ -1,0 +1,44 @@
+"""A batch of the authors' released dataset, in our stores.
+
+surface/<batch>.zarr    points of the surface; drawn if the release has more
+touch/<batch>.zarr      poses, readings, clouds, and the depth that the clouds give
+vision/<batch>.zarr     images; without masks and depths, which the release does not have
+rejected/released/<batch>.csv    object, stage, reason
+"""
+
+from pathlib import Path
+
+import numpy as np
+
+from palpate import store
+from palpate.catalogue import each_object, generator, log_to, write_rejections
+from palpate.store import released
+
+log_to(snakemake.log[0])
+params = snakemake.params
+root, settings = Path(params.source), params.settings
+
+
+def read(name: str) -> dict[str, dict[str, np.ndarray]]:
+    surface = Path(params.objects[name])  # surfaces/<class>/<object>.npy
+    entry = released.ReleasedObject(surface.parent.name, surface.stem)
+    draw = generator(params.seed, name, "surface")
+    return {
+        "surface": released.read_surface(root, entry, settings["points"], draw),
+        "touch": released.read_touch(root, entry, settings["grasps"]),
+        "vision": released.read_vision(root, entry, settings["grasps"], settings["size"]),
+    }
+
+
+empty_reading = released.read_empty_reading(root)
+found, rejections = each_object(params.objects, read, "released")
+with store.whole(snakemake.output.rejected) as rejected:
+    write_rejections(rejected, rejections)
+for stage in ("surface", "touch", "vision"):
+    arrays = store.join(stage, {name: records[stage] for name, records in found.items()})
+    store.write(
+        snakemake.output[stage],
+        stage,
+        arrays | ({"empty_reading": empty_reading} if stage == "touch" else {}),
+        {"seed": params.seed, "config_digest": store.config_digest(settings), "source": "released"},
+    )
