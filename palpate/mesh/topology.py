@@ -28,21 +28,6 @@ def edge_counts(faces: np.ndarray, group: np.ndarray | None = None) -> np.ndarra
     return counts[inverse]
 
 
-def neighbours(faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The face (f, 3) across each side (from corner i to corner i + 1) of each face, and which of its corners
-    is opposite to that side (f, 3). -1 where a side has no other face, or several."""
-    keys = edge_keys(faces)
-    order = np.argsort(keys, kind="stable")
-    ordered = keys[order]
-    same = ordered[1:] == ordered[:-1]
-    pair = same & ~np.r_[False, same[:-1]] & ~np.r_[same[1:], False]
-    first, second = order[:-1][pair], order[1:][pair]
-    across = np.full(len(keys), -1)
-    across[first], across[second] = second, first
-    corner = np.where(across < 0, -1, (across % 3 + 2) % 3)
-    return np.where(across < 0, -1, across // 3).reshape(-1, 3), corner.reshape(-1, 3)
-
-
 def shells(faces: np.ndarray, vertex_count: int) -> np.ndarray:
     """The number of the connected component (by shared vertices) of each face (f,), counted from 0."""
     ones = np.ones(2 * len(faces), dtype=bool)
