@@ -1,4 +1,4 @@
-"""Charts: the atlas, the graph over charts, points on them, the distance between clouds, and fits. Needs torch."""
+"""Charts: atlas, graph, points on faces, distance between clouds, and fits to clouds. Needs torch."""
 
 from palpate.charts.atlas import (
     ATLAS_RADIUS,

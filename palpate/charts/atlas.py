@@ -154,6 +154,7 @@ def placed(directions: np.ndarray) -> Tensor:
 
 
 @cache
+@torch.inference_mode(False)  # kept for all later uses, whatever the first one
 def vision_atlas() -> Atlas:
     """The 96 vision charts as a closed sphere of radius `ATLAS_RADIUS` around `OBJECT_POSITION`."""
     directions, index = welded_patches()
@@ -176,6 +177,7 @@ def vision_atlas() -> Atlas:
 
 
 @cache
+@torch.inference_mode(False)  # kept for all later uses, whatever the first one
 def sphere() -> tuple[Tensor, Tensor]:
     """The same sphere as one closed mesh: vertices (1154, 3) float32 metres, world frame; faces (2304, 3)."""
     directions, index = welded_patches()
@@ -183,6 +185,7 @@ def sphere() -> tuple[Tensor, Tensor]:
 
 
 @cache
+@torch.inference_mode(False)  # kept for all later uses, whatever the first one
 def touch_chart() -> TouchChart:
     """The sheet of 9 x 9 vertices over the whole sensor plane."""
     line = torch.linspace(-SENSOR_WIDTH / 2, SENSOR_WIDTH / 2, TOUCH_SIDE)

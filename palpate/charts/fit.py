@@ -70,9 +70,10 @@ def fit_adam(
     samples: int = 2000,
     generator: torch.Generator | None = None,
 ) -> Tensor:
-    """Touch charts by the paper's optimisation (supplement, "Converting Point Clouds to Charts"), of all sensors
-    at once: a planar sheet in place of the sensor, its vertices moved by Adam to lower the Chamfer distance
-    between the cloud and points sampled on the sheet, until it falls below `stop`.
+    """Touch charts by the paper's optimisation (supplement, "Converting Point Clouds to Charts").
+
+    For all sensors at once: a planar sheet in place of the sensor, its vertices moved by Adam to lower the
+    Chamfer distance between the cloud and points sampled on the sheet, until it falls below `stop`.
 
     Args:
         points: k local clouds (n_i, 3) metres, in the frame of the poses, one point or more each.
@@ -80,8 +81,8 @@ def fit_adam(
         steps: at most so many.
         rate: Adam's learning rate, in metres.
         stop: a chart is done when its loss falls below this many square metres.
-        samples: points on each sheet a step. Of so few that their own spacing exceeds `stop`, no chart is ever
-            done: 1,000 are too few for the supplement's (docs/charts.md).
+        samples: points on each sheet a step. With so few that their own spacing exceeds `stop`, no chart is
+            ever done: 1,000 are too few for the supplement's (docs/charts.md).
         generator: of the samples; the default one if None.
 
     Returns: (k, 81, 3), vertices ordered as in `touch_chart()`; of the step with the lowest loss if it did
@@ -92,10 +93,13 @@ def fit_adam(
     if len(points) != len(position):
         raise ValueError(f"{len(points)} point clouds for {len(position)} sensors; must be as many")
     chart = touch_chart()
-    sheet = torch.cat([torch.zeros(len(chart.grid), 1), chart.grid], dim=1).to(position)
     faces = chart.faces.to(position.device)
     trees = [build_tree(cloud) for cloud in points] if position.device.type == "cpu" else [None] * len(points)
-    with torch.enable_grad():
+    # Tensors made in inference mode could not be differentiated: copies can.
+    with torch.inference_mode(False), torch.enable_grad():
+        points = [cloud.detach().clone() for cloud in points]
+        position, rotation = position.clone(), rotation.clone()
+        sheet = torch.cat([torch.zeros(len(chart.grid), 1), chart.grid], dim=1).to(position)
         vertices = placed(sheet.expand(len(position), -1, -1), position, rotation).detach().requires_grad_()
         best = vertices.detach().clone()
         lowest = torch.full((len(best),), torch.inf, dtype=best.dtype, device=best.device)

@@ -1,0 +1,171 @@
+"""Fits of touch charts against surfaces whose form is known."""
+
+import numpy as np
+import pytest
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from palpate.charts import CHAMFER_SCALE, chamfer_distance, fit_adam, fit_direct, sample_faces, touch_chart
+from palpate.charts.fit import spread
+from palpate.touch import PIXEL_CENTRES, SENSOR_WIDTH, local_points
+
+Y, Z = (torch.from_numpy(grid) for grid in np.meshgrid(PIXEL_CENTRES, PIXEL_CENTRES))
+ALL = torch.ones(100, 100, dtype=torch.bool)
+
+
+def poses(k, seed=0):
+    rotation = torch.from_numpy(Rotation.random(k, random_state=seed).as_matrix())
+    return torch.from_numpy(np.random.default_rng(seed).normal(size=(k, 3))), rotation
+
+
+def surfaces():
+    """Depths and masks: a slope, a ball, a thin slanted rod, a few pixels."""
+    slope = 0.02 + 0.1 * Y - 0.2 * Z
+    square = 0.02**2 - Y**2 - Z**2
+    ball = 0.035 - square.clamp(min=0).sqrt()
+    aslant = (Y - Z) / 2**0.5
+    rod = 0.022 - (0.003**2 - aslant**2).clamp(min=0).sqrt()
+    few = (Y.abs() < 3e-4) & (Z > 0.0078)
+    return torch.stack([slope, ball, rod, slope]), torch.stack(
+        [ALL, ball < 0.0215, aslant.abs() < 0.0028, few]
+    )
+
+
+def clouds(depth, valid, position, rotation):
+    """By the dataset's own function for clouds."""
+    depth = torch.where(valid, depth, torch.inf)
+    each = zip(depth.numpy(), position.numpy(), rotation.numpy(), strict=True)
+    return [torch.from_numpy(local_points(*one)).double() for one in each]
+
+
+def error(charts, truth, n=4000):
+    """In the tables' unit."""
+    sampled = sample_faces(charts, touch_chart().faces, n, torch.Generator().manual_seed(0))
+    return chamfer_distance(sampled, truth) * CHAMFER_SCALE
+
+
+def test_direct_fit_follows_known_surfaces():
+    depth, valid = surfaces()
+    position, rotation = poses(4)
+    charts = fit_direct(depth, valid, position, rotation)
+    assert charts.shape == (4, 81, 3) and charts.dtype == torch.float64
+    # 4,000 points leave about 0.0002 by themselves on a whole sensor plane, less on a smaller contact.
+    assert (error(charts, clouds(depth, valid, position, rotation)) < 0.0006).all()
+
+
+def test_vertices_of_the_direct_fit_are_points_of_the_cloud_in_the_charts_order():
+    depth, valid = surfaces()
+    position, rotation = poses(4, seed=1)
+    charts = fit_direct(depth, valid, position, rotation)
+    for chart, points in zip(charts, clouds(depth, valid, position, rotation), strict=True):
+        assert torch.cdist(chart, points).min(dim=1).values.max() < 1e-6
+    local = ((charts - position[:, None]) @ rotation).reshape(4, 9, 9, 3)
+    assert (local[:, :, :, 1].diff(dim=2) >= 0).all()  # y along columns
+    assert (local[:, :, :, 2].diff(dim=1) >= 0).all()  # z along rows
+    # Where the whole plane is in contact, the chart is the sheet, half a pixel smaller on each side.
+    sheet = touch_chart().grid.double().reshape(9, 9, 2)
+    assert (local[0, :, :, 1:] - sheet).abs().max() < SENSOR_WIDTH / 100 * 1.01
+
+
+def test_contact_without_a_gap_is_covered_to_its_ends():
+    depth, valid = surfaces()
+    position, rotation = (
+        torch.zeros(4, 3, dtype=torch.float64),
+        torch.eye(3, dtype=torch.float64).repeat(4, 1, 1),
+    )
+    charts = fit_direct(depth, valid, position, rotation)
+    for chart, points in zip(charts, clouds(depth, valid, position, rotation), strict=True):
+        torch.testing.assert_close(chart[:, 2].min().item(), points[:, 2].min().item(), atol=1e-6, rtol=0)
+        torch.testing.assert_close(chart[:, 2].max().item(), points[:, 2].max().item(), atol=1e-6, rtol=0)
+
+
+@settings(max_examples=60, deadline=None)
+@given(mask=st.lists(st.booleans(), min_size=1, max_size=30), count=st.integers(2, 12))
+def test_spread_is_even_over_the_true_entries(mask, count):
+    found = spread(torch.tensor(mask)[None], count)[0]
+    true = np.flatnonzero(mask)
+    if not len(true):
+        assert (found == 0).all()
+        return
+    expected = true[np.round(np.linspace(0, 1, count) * (len(true) - 1)).astype(int)]
+    assert found.tolist() == expected.tolist()
+
+
+@pytest.mark.parametrize("pixels", [[(0, 0)], [(99, 3)], [(5, 5), (90, 80)], [(50, c) for c in range(100)]])
+def test_a_few_pixels_do_not_break_either_fit(pixels):
+    depth, valid = torch.full((1, 100, 100), torch.nan), torch.zeros(1, 100, 100, dtype=torch.bool)
+    for row, column in pixels:
+        depth[0, row, column], valid[0, row, column] = 0.02, True
+    position, rotation = torch.zeros(1, 3), torch.eye(3)[None]
+    points = torch.tensor(
+        [[0.02, PIXEL_CENTRES[c], PIXEL_CENTRES[r]] for r, c in pixels], dtype=torch.float32
+    )
+    direct = fit_direct(depth, valid, position, rotation).double()
+    assert torch.cdist(direct[0], points.double()).min(dim=1).values.max() < 1e-6
+    assert torch.cdist(points.double(), direct[0]).min(dim=1).values.max() < 1e-3
+    adam = fit_adam([points], position, rotation, steps=5, samples=50)
+    assert torch.isfinite(adam).all()
+
+
+def test_charts_of_a_batch_do_not_depend_on_each_other():
+    depth, valid = surfaces()
+    position, rotation = poses(4)
+    together = fit_direct(depth, valid, position, rotation)
+    for i in range(4):
+        alone = fit_direct(depth[i : i + 1], valid[i : i + 1], position[i : i + 1], rotation[i : i + 1])
+        torch.testing.assert_close(alone[0], together[i])
+
+
+def test_adam_lowers_the_loss_and_stops_below_its_bound():
+    depth, valid = (values[:2, ::4, ::4] for values in surfaces())
+    position, rotation = poses(2)
+    points = [
+        torch.stack([d, y, z], dim=1)[v] @ r.T + p
+        for d, y, z, v, r, p in zip(
+            depth.flatten(1),
+            Y[::4, ::4].reshape(1, -1).expand(2, -1),
+            Z[::4, ::4].reshape(1, -1).expand(2, -1),
+            valid.flatten(1),
+            rotation,
+            position,
+            strict=True,
+        )
+    ]
+    plane = fit_adam(points, position, rotation, steps=1, samples=300)
+    sheet = torch.cat([torch.zeros(81, 1), touch_chart().grid], dim=1).double()
+    torch.testing.assert_close(plane, sheet @ rotation.mT + position[:, None])
+    stop = 0.02 / CHAMFER_SCALE
+    seeded = torch.Generator().manual_seed(0)
+    done = fit_adam(points, position, rotation, steps=60, stop=stop, samples=300, generator=seeded)
+    assert (error(plane, points) > 1).all()
+    assert (error(done, points) < 0.03).all()
+    # A lower bound makes it go on, and come closer.
+    seeded = torch.Generator().manual_seed(0)
+    further = fit_adam(points, position, rotation, steps=60, stop=0.0, samples=300, generator=seeded)
+    assert (error(further, points) < error(done, points)).all()
+
+
+def test_adam_works_where_gradients_are_off():
+    touch_chart.cache_clear()
+    with torch.inference_mode():
+        position, rotation = torch.zeros(1, 3), torch.eye(3)[None]
+        charts = fit_adam([torch.full((1, 3), 0.01)], position, rotation, steps=3, samples=20)
+    assert torch.isfinite(charts).all()
+
+
+def test_bad_input():
+    depth, valid = surfaces()
+    position, rotation = poses(4)
+    nothing = valid.clone()
+    nothing[2] = False
+    with pytest.raises(ValueError, match="without valid pixels"):
+        fit_direct(depth, nothing, position, rotation)
+    depth[0, 4, 4] = torch.nan
+    with pytest.raises(ValueError, match="NaN or infinity"):
+        fit_direct(depth, valid, position, rotation)
+    with pytest.raises(ValueError, match="1 point clouds for 4 sensors"):
+        fit_adam([torch.zeros(1, 3)], position, rotation)
+    with pytest.raises(ValueError, match="empty"):
+        fit_adam([torch.zeros(0, 3)], position[:1], rotation[:1])
