@@ -13,7 +13,7 @@ import pandas as pd
 
 from palpate.evaluation.bootstrap import RESAMPLES
 from palpate.evaluation.errors import AVERAGE, Errors, errors
-from palpate.evaluation.published import paper_values
+from palpate.evaluation.published import paper_values, published_experiments
 from palpate.evaluation.rings import RINGS
 from palpate.evaluation.tables import INTERVALS, ring_errors, ring_key, touch_errors
 
@@ -266,24 +266,14 @@ CLAIMS: tuple[Claim, ...] = (
 TABLES = ("model_selection", "input_modalities", "local_touch_charts", "grasps", "extrapolation")
 
 
-def experiments() -> list[str]:
-    """The experiments that the claims need."""
-    named = {name.split(" x")[0] for claim in CLAIMS for name in claim.experiments}
-    return sorted(named - {"cloud"})
-
-
-def ring_experiments() -> list[str]:
-    """The experiments whose errors in rings the claims need."""
-    return sorted({name.split(" x")[0] for claim in CLAIMS for name in claim.experiments if " x" in name})
-
-
 def decide(
     evaluations: pd.DataFrame, rings: pd.DataFrame, touches: pd.DataFrame, resamples: int = RESAMPLES
 ) -> pd.DataFrame:
     """What this run says about each claim: one row a claim.
 
     Args:
-        evaluations, rings, touches: rows of `errors.read` of the experiments that the claims name.
+        evaluations: rows of `errors.read` of `published_experiments()`; rings: of those of `extrapolation`;
+        touches: of `evaluations/touch_depth.csv`.
 
     Columns: claim, section, split, measured with its interval (`_low`, `_high`) and the same of the paper's
     numbers (`_paper`), unit, verdict, paper_agrees (whether the paper's numbers themselves are so: it states
@@ -320,9 +310,9 @@ def decide(
     counts = table["verdict"].value_counts()
     table.attrs["note"] = (
         f"{counts.get(HOLDS, 0)} of {len(table)} claims hold, {counts.get(FAILS, 0)} do not, "
-        f"{counts.get(UNDECIDED, 0)} are undecided by this run. A claim is that a number is negative (where it "
-        "names a bound: within it); it holds or not if the whole interval says so. Differences are taken object "
-        "by object. `paper agrees`: whether the paper's own numbers, without an interval, say so. "
+        f"{counts.get(UNDECIDED, 0)} are undecided by this run. A claim is that a number is negative (where "
+        "it names a bound: within it); it holds or not if the whole interval says so. Differences are taken "
+        "object by object. `paper agrees`: whether the paper's own numbers, without an interval, say so. "
         f"{INTERVALS} With one seed the interval knows nothing of the spread over seeds."
     )
     table.attrs["decimals"] = None
@@ -348,7 +338,7 @@ def _found(evaluations, rings, touches) -> dict[str, Errors]:
         "model_selection": errors(evaluations, needed["model_selection"], "validation"),
         "input_modalities": errors(evaluations, needed["input_modalities"], "test"),
         "grasps": errors(evaluations, needed["grasps"], "test"),
-        "extrapolation": ring_errors(rings, ring_experiments(), "test"),
+        "extrapolation": ring_errors(rings, published_experiments("extrapolation"), "test"),
     }
     found["local_touch_charts"] = _together(found["input_modalities"], touch_errors(touches, "test"))
     return found

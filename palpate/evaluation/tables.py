@@ -25,7 +25,7 @@ STRATEGY_NAMES = {
     "sphere": "sphere-based",
     "no_copy": "charts, no copying",
     "no_comm": "charts, no communication",
-    "charts": "charts (ours)",
+    "charts": "charts",
 }
 VISION_NAMES = {"occluded": "occluded", "unoccluded": "unoccluded", "views": "views", "none": "–"}
 PAPER_OBJECTS = {"validation": 258, "test": 175}  # supplement, Dataset Statistics
@@ -142,7 +142,8 @@ def setups(experiments: Experiments) -> dict[str, dict[int, str]]:
 
 def input_label(setup: Mapping[str, Any]) -> str:
     """What an experiment sees, in words: `unoccluded vision + touch`."""
-    vision = [] if setup["vision"] == "none" else [f"{setup['vision']} vision"]
+    names = {"none": [], "views": ["single view"]}
+    vision = names.get(setup["vision"], [f"{setup['vision']} vision"])
     return " + ".join([*vision, *(["touch"] if setup["touch"] else [])]) or "nothing"
 
 

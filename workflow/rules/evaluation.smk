@@ -1,0 +1,107 @@
+# Square rings of surface points around every successful touch (section 5.3).
+rule rings:
+    input:
+        touch="touch/{batch}.zarr",
+        # Of a source without meshes the surface points stand in for them.
+        meshes=[] if SOURCE["kind"] == "released" else "meshes/{batch}",
+        surface="surface/{batch}.zarr" if SOURCE["kind"] == "released" else [],
+    output:
+        rings=directory("rings/{batch}.zarr"),
+    log:
+        "logs/rings/{batch}.log",
+    benchmark:
+        "benchmarks/rings/{batch}.tsv"
+    conda:
+        CONDA
+    threads: 1
+    resources:
+        mem_mb=2000,
+        runtime=30,
+    params:
+        seed=config["seed"],
+    script:
+        "../scripts/rings.py"
+
+
+# One trained model on every object that it was not trained on.
+rule evaluate:
+    input:
+        pack=experiment_pack,
+        model="models/{experiment}/seed-{seed}/best.ckpt",
+        summary="models/{experiment}/seed-{seed}/training.json",
+    output:
+        table="evaluations/{experiment}/seed-{seed}.csv",
+    log:
+        "logs/evaluate/{experiment}-{seed}.log",
+    benchmark:
+        "benchmarks/evaluate/{experiment}-{seed}.tsv"
+    conda:
+        CONDA
+    threads: config["training"]["threads"]
+    resources:
+        mem_mb=lambda wildcards, input: 4000 + 2 * input.size_mb,
+        runtime=240,
+        gpu=min(TRAINING_GPUS, 1),
+    params:
+        experiment=lambda wildcards: EXPERIMENTS["experiments"][wildcards.experiment],
+        points=config["evaluation"]["points"],
+        device=config["training"]["device"],
+    script:
+        "../scripts/evaluate.py"
+
+
+rule evaluate_rings:
+    input:
+        pack=experiment_pack,
+        model="models/{experiment}/seed-{seed}/best.ckpt",
+        summary="models/{experiment}/seed-{seed}/training.json",
+        catalogue="catalogue.csv",
+        touch=expand("touch/{batch}.zarr", batch=BATCHES),
+        rings=expand("rings/{batch}.zarr", batch=BATCHES),
+    output:
+        table="evaluations/rings/{experiment}/seed-{seed}.csv",
+    log:
+        "logs/evaluate_rings/{experiment}-{seed}.log",
+    benchmark:
+        "benchmarks/evaluate_rings/{experiment}-{seed}.tsv"
+    conda:
+        CONDA
+    threads: config["training"]["threads"]
+    resources:
+        mem_mb=4000,
+        runtime=240,
+        gpu=min(TRAINING_GPUS, 1),
+    params:
+        experiment=lambda wildcards: EXPERIMENTS["experiments"][wildcards.experiment],
+        split=lambda wildcards: EXPERIMENTS["tables"]["extrapolation"]["split"],
+        device=config["training"]["device"],
+    script:
+        "../scripts/evaluate_rings.py"
+
+
+# The U-Net's clouds, and the charts fitted to them, at every touch that it was not trained on.
+rule evaluate_touch:
+    input:
+        model="models/touch_depth/best.ckpt",
+        summary="models/touch_depth/training.json",
+        catalogue="catalogue.csv",
+        touch=expand("touch/{batch}.zarr", batch=BATCHES),
+        charts=expand("charts/{batch}.zarr", batch=BATCHES),
+    output:
+        table="evaluations/touch_depth.csv",
+    log:
+        "logs/evaluate_touch.log",
+    benchmark:
+        "benchmarks/evaluate_touch.tsv"
+    conda:
+        CONDA
+    threads: config["training"]["threads"]
+    resources:
+        mem_mb=4000,
+        runtime=240,
+        gpu=min(TRAINING_GPUS, 1),
+    params:
+        points=config["evaluation"]["points"],
+        device=config["training"]["device"],
+    script:
+        "../scripts/evaluate_touch.py"

@@ -1,0 +1,28 @@
+"""One trained model, on every sample of the validation and test splits.
+
+evaluations/<experiment>/seed-<k>.csv    experiment, seed, object, class, split, window,
+                                         chamfer (m^2 x 9000), f1_tau, f1_2tau (%, Pixel2Mesh's protocol),
+                                         seconds (of the prediction), steps (of training)
+"""
+
+import torch
+
+from palpate import store, training
+from palpate.catalogue import log_to
+from palpate.evaluation import evaluate
+
+log_to(snakemake.log[0])
+torch.set_num_threads(snakemake.threads)
+device = training.Machine(snakemake.params.device).torch_device()
+experiment = snakemake.params.experiment
+trained = evaluate.Trained(
+    training.load(snakemake.input.model, experiment).to(device),
+    snakemake.wildcards.experiment,
+    experiment,
+    int(snakemake.wildcards.seed),
+    evaluate.training_steps(snakemake.input.summary),
+    device,
+)
+pack = training.Pack.read(snakemake.input.pack, evaluate.SPLITS)
+with store.whole(snakemake.output.table) as path:
+    evaluate.evaluate(trained, pack, snakemake.params.points).to_csv(path, index=False)

@@ -1,0 +1,25 @@
+"""The local predictions at every successful touch of the validation and test splits.
+
+evaluations/touch_depth.csv    object, class, split, grasp, sensor, cloud (Chamfer distance, m^2 x 9000, of the
+                               predicted local cloud), chart (of the chart fitted to it), steps (of training)
+"""
+
+import torch
+
+from palpate import store, training
+from palpate.catalogue import log_to
+from palpate.evaluation import evaluate
+
+log_to(snakemake.log[0])
+torch.set_num_threads(snakemake.threads)
+device = training.Machine(snakemake.params.device).torch_device()
+rows = evaluate.evaluate_touch(
+    training.load_touch_depth(snakemake.input.model).to(device),
+    evaluate.training_steps(snakemake.input.summary),
+    snakemake.input.catalogue,
+    snakemake.input.touch,
+    snakemake.input.charts,
+    snakemake.params.points,
+)
+with store.whole(snakemake.output.table) as path:
+    rows.to_csv(path, index=False)

@@ -1,0 +1,8 @@
+"""tables/model_selection.csv (.md, .tex): Chamfer distance (m^2 x 9000) of twelve models by class."""
+
+from palpate.catalogue import log_to
+from palpate.evaluation import errors, tables
+
+log_to(snakemake.log[0])
+evaluations = errors.read(snakemake.input.evaluations)
+tables.write_table(tables.model_selection(evaluations, **snakemake.params.setup), snakemake.output.table)
