@@ -26,11 +26,20 @@ workdir: RUN_FOLDER
 
 include: "workflow/rules/shapes.smk"
 include: "workflow/rules/catalogue.smk"
-include: "workflow/rules/meshes.smk"
-include: "workflow/rules/surface.smk"
-include: "workflow/rules/grasps.smk"
-include: "workflow/rules/touch.smk"
-include: "workflow/rules/vision.smk"
+
+
+if RELEASED:
+
+    include: "workflow/rules/released.smk"
+
+else:
+
+    include: "workflow/rules/meshes.smk"
+    include: "workflow/rules/surface.smk"
+    include: "workflow/rules/grasps.smk"
+    include: "workflow/rules/touch.smk"
+    include: "workflow/rules/vision.smk"
+    include: "workflow/rules/views.smk"
 
 
 rule dataset:
@@ -38,7 +47,7 @@ rule dataset:
         "catalogue.csv",
         "rejected.csv",
         expand("surface/{batch}.zarr", batch=BATCHES),
-        expand("grasps/{batch}.h5", batch=BATCHES),
+        expand("grasps/{batch}.h5", batch=[] if RELEASED else BATCHES),
         expand("touch/{batch}.zarr", batch=BATCHES),
         expand("vision/{batch}.zarr", batch=BATCHES),
 
@@ -47,7 +56,7 @@ include: "workflow/rules/validation.smk"
 include: "workflow/rules/tables.smk"
 include: "workflow/rules/figures.smk"
 include: "workflow/rules/smoke.smk"
-include: "workflow/rules/views.smk"
+include: "workflow/rules/export.smk"
 include: "workflow/rules/touch_depth.smk"
 include: "workflow/rules/charts.smk"
 include: "workflow/rules/packs.smk"
@@ -63,6 +72,6 @@ rule all:
     default_target: True
     input:
         rules.dataset.input,
-        "reports/validation.csv",
+        [] if RELEASED else "reports/validation.csv",
         TABLES,
         FIGURES,

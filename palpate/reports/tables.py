@@ -39,7 +39,8 @@ def dataset_frames(run: Path | str) -> Frames:
     touch, so that the tables are the same whether images have been rendered or not."""
     run = Path(run)
     objects = pd.read_csv(run / "catalogue.csv", dtype=str, keep_default_na=False)
-    dataset = Dataset(run, stages=("meshes", "surface", "grasps", "touch"))
+    dataset = Dataset(run, stages=("released", "meshes", "surface", "grasps", "touch"))
+    grasped = "grasps" in dataset.stages  # a released dataset comes without: nobody knows the attempts
     rejected = pd.DataFrame(dataset.rejections(), columns=["object", "stage", "reason"])
     if not len(dataset):
         return Frames(objects, rejected, _grasp_frame([], [], np.zeros((0, SENSORS), bool), [], []))
@@ -49,8 +50,8 @@ def dataset_frames(run: Path | str) -> Frames:
         np.repeat(dataset.objects, each),
         np.repeat([record.class_name for record in dataset], each),
         success,
-        np.repeat(dataset.array("grasps", "attempts")[:], each),
-        dataset.array("grasps", "penetration")[:],
+        np.repeat(dataset.array("grasps", "attempts")[:] if grasped else np.full(len(dataset), np.nan), each),
+        dataset.array("grasps", "penetration")[:] if grasped else np.full(len(success), np.nan),
     )
     return Frames(objects, rejected, grasps)
 
@@ -62,7 +63,7 @@ def _grasp_frame(names, classes, success: np.ndarray, attempts, penetration) -> 
             "class": np.asarray(classes, dtype=object),
             "successful_touches": success.sum(axis=1),
             "touches": np.full(len(success), SENSORS),
-            "attempts": np.asarray(attempts, dtype=int),
+            "attempts": np.asarray(attempts, dtype=float),
             "penetration": np.asarray(penetration, dtype=float),
         }
     )

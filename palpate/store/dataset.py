@@ -16,7 +16,8 @@ import numpy as np
 from palpate.store.contract import CONTRACT, SENSOR_NAMES
 from palpate.store.files import Store, StoreError
 
-STAGES = ("meshes", *CONTRACT)  # in the order in which an object goes through them
+# In the order in which an object goes through them; `released` reads a dataset that was not made here.
+STAGES = ("released", "meshes", *CONTRACT)
 
 
 class Entry(NamedTuple):

@@ -208,7 +208,7 @@ def test_what_a_stage_rejected_does_not_matter_to_those_who_do_not_ask_for_it(ru
         touch["ball-0000"].unoccluded.any()
     shutil.rmtree(run / "vision")
     assert palpate.Dataset(run, stages=["grasps", "touch"]).objects == OBJECTS
-    with pytest.raises(ValueError, match="no stage renders: expected some of meshes, surface, grasps"):
+    with pytest.raises(ValueError, match="no stage renders: expected some of released, meshes, surface, grasps"):
         palpate.Dataset(run, stages=["touch", "renders"])
 
 

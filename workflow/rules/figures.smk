@@ -1,8 +1,13 @@
-FIGURES = [
-    "figures/data_point.png",
-    "figures/grasp_steps.png",
-    *expand("figures/examples_{name}.png", name=CLASS_COUNTS),
-]
+# They show meshes and hands.
+FIGURES = (
+    []
+    if RELEASED
+    else [
+        "figures/data_point.png",
+        "figures/grasp_steps.png",
+        *expand("figures/examples_{name}.png", name=CLASS_COUNTS),
+    ]
+)
 
 
 rule data_point:

@@ -11,11 +11,11 @@ rule tables:
         catalogue="catalogue.csv",
         rejected=expand(
             "rejected/{stage}/{batch}.csv",
-            stage=["meshes", "surface", "grasps", "touch"],
+            stage=[stage for stage in STAGES if stage != "vision"],
             batch=BATCHES,
         ),
         touch=expand("touch/{batch}.zarr", batch=BATCHES),
-        grasps=expand("grasps/{batch}.h5", batch=BATCHES),
+        grasps=expand("grasps/{batch}.h5", batch=[] if RELEASED else BATCHES),
     output:
         statistics=report(
             "tables/dataset_statistics.csv",
