@@ -4,7 +4,7 @@ from palpate.store.atomic import whole
 from palpate.store.contract import CONTRACT, SCHEMA_VERSION
 from palpate.store.dataset import Dataset
 from palpate.store.files import Store, StoreError, open, read, write
-from palpate.store.join import config_digest, join
+from palpate.store.join import config_digest, join, write_batch
 
 VALIDATION = ("combine_validation", "validate_batch", "write_findings")
 
@@ -21,6 +21,7 @@ __all__ = [
     "read",
     "whole",
     "write",
+    "write_batch",
 ]
 
 

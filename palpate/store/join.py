@@ -1,13 +1,18 @@
-"""From the results of each object of a batch to the arrays of the batch's store."""
+"""From the results of each object of a batch to the batch's store."""
 
 import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 
+from palpate.catalogue.batch import Rejection, write_rejections
+from palpate.store.atomic import whole
 from palpate.store.contract import CONTRACT
+from palpate.store.files import write
 
 
 def join(stage: str, records: Mapping[str, Mapping[str, np.ndarray]]) -> dict[str, np.ndarray]:
@@ -34,6 +39,29 @@ def join(stage: str, records: Mapping[str, Mapping[str, np.ndarray]]) -> dict[st
         each = grasps // max(len(records), 1) or 1
         arrays["object_index"], arrays["grasp_index"] = index // each, index % each
     return arrays
+
+
+def write_batch(
+    path: Path | str,
+    stage: str,
+    records: Mapping[str, Mapping[str, np.ndarray]],
+    rejected: Path | str,
+    rejections: Iterable[Rejection],
+    seed: int,
+    config: Any,
+    more: Mapping[str, np.ndarray] = MappingProxyType({}),
+) -> None:
+    """Write what a stage made of a batch: the table of its rejections, then its store, each whole or not at
+    all.
+
+    path, stage: of the store, as for `write`; records: the objects' arrays, as for `join`, and `more` arrays
+    of the batch; rejected: path of the table (.csv); config: the part of the config that the store depends
+    on. Raises StoreError as `write` does.
+    """
+    with whole(rejected) as partial:
+        write_rejections(partial, rejections)
+    attributes = {"seed": seed, "config_digest": config_digest(config)}
+    write(path, stage, {**join(stage, records), **more}, attributes)
 
 
 def config_digest(config: Any) -> str:

@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from palpate.store import config_digest, join, read, write
+from palpate.catalogue import Rejection, read_rejections
+from palpate.store import Store, config_digest, join, read, write, write_batch
 
 ATTRIBUTES = {"seed": 0, "config_digest": config_digest({})}
 
@@ -43,6 +44,29 @@ def test_what_is_joined_can_be_written_and_read(tmp_path):
         for name, array in arrays.items():
             np.testing.assert_array_equal(found[name], array)
             assert len(array) == (objects if name in ("object", "attempts") else 5 * objects)
+
+
+def test_a_batch_has_its_store_and_its_rejections(tmp_path):
+    """In `more` are arrays of the batch; an object that was rejected is in the table only."""
+    rejections = [Rejection("b", "touch", "not felt")]
+    more = {"empty_reading": np.full((2, 2, 3), 7, np.uint8)}
+    felt = {
+        "success": np.ones((1, 4), bool),
+        "position": np.zeros((1, 4, 3)),
+        "rotation": np.zeros((1, 4, 3, 3)),
+        "depth": np.ones((1, 4, 2, 2)),
+        "reading": np.zeros((1, 4, 2, 2, 3), np.uint8),
+        "points": np.zeros((1, 4, 4, 3)),
+        "point_count": np.ones((1, 4), int),
+    }
+    path, table = tmp_path / "touch/batch-0000.zarr", tmp_path / "rejected/touch/batch-0000.csv"
+    write_batch(path, "touch", {"a": felt}, table, rejections, 3, {"method": "embree"}, more)
+    assert read_rejections([table]) == rejections
+    found = Store(path)
+    assert found["object"].tolist() == ["a"]
+    assert (found["empty_reading"] == 7).all() and (found["depth"] == 1).all()
+    assert found.attributes["seed"] == 3
+    assert found.attributes["config_digest"] == config_digest({"method": "embree"})
 
 
 def test_the_digest_tells_configs_apart_and_not_their_order():

@@ -15,7 +15,7 @@ rejected/grasps/<batch>.csv    object, stage, reason
 from pathlib import Path
 
 from palpate import grasp, hand, mesh, store
-from palpate.catalogue import each_object, generator, log_to, write_rejections
+from palpate.catalogue import each_object, generator, log_to
 
 log_to(snakemake.log[0])
 meshes, seed = Path(snakemake.input.meshes), snakemake.params.seed
@@ -40,11 +40,13 @@ def close_hand(name: str) -> dict:
 
 
 grasps, rejections = each_object(points, close_hand, "grasps")
-with store.whole(snakemake.output.rejected) as rejected:
-    write_rejections(rejected, rejections)
-store.write(
+store.write_batch(
     snakemake.output.grasps,
     "grasps",
-    store.join("grasps", grasps) | {f"hand/{key}": array for key, array in robot.to_arrays().items()},
-    {"seed": seed, "config_digest": store.config_digest(snakemake.params.grasps)},
+    grasps,
+    snakemake.output.rejected,
+    rejections,
+    seed,
+    snakemake.params.grasps,
+    {f"hand/{key}": array for key, array in robot.to_arrays().items()},
 )

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from palpate import mesh, store, surface
-from palpate.catalogue import each_object, generator, log_to, write_rejections
+from palpate.catalogue import each_object, generator, log_to
 
 log_to(snakemake.log[0])
 meshes, settings, seed = Path(snakemake.input.meshes), snakemake.params.surface, snakemake.params.seed
@@ -27,11 +27,12 @@ def sample(name: str) -> dict[str, np.ndarray]:
 
 usable = [name for name in snakemake.params.objects if (meshes / name).is_dir()]
 points, rejections = each_object(usable, sample, "surface")
-with store.whole(snakemake.output.rejected) as rejected:
-    write_rejections(rejected, rejections)
-store.write(
+store.write_batch(
     snakemake.output.surface,
     "surface",
-    store.join("surface", points),
-    {"seed": seed, "config_digest": store.config_digest(settings)},
+    points,
+    snakemake.output.rejected,
+    rejections,
+    seed,
+    settings,
 )

@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from palpate import mesh, store, touch
-from palpate.catalogue import each_object, log_to, write_rejections
+from palpate.catalogue import each_object, log_to
 
 TRACERS = {"embree": touch.RayCaster, "sphere_tracing": touch.SphereTracer}
 
@@ -37,11 +37,13 @@ def sense(name: str) -> dict[str, np.ndarray]:
 
 
 readings, rejections = each_object(grasps["object"], sense, "touch")
-with store.whole(snakemake.output.rejected) as rejected:
-    write_rejections(rejected, rejections)
-store.write(
+store.write_batch(
     snakemake.output.touch,
     "touch",
-    {**store.join("touch", readings), "empty_reading": touch.empty_reading()},
-    {"seed": snakemake.params.seed, "config_digest": store.config_digest(settings)},
+    readings,
+    snakemake.output.rejected,
+    rejections,
+    snakemake.params.seed,
+    settings,
+    {"empty_reading": touch.empty_reading()},
 )

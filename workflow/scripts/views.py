@@ -14,7 +14,7 @@ import numpy as np
 from palpate.vision import Renderer  # Blender: before anything that loads embree
 
 from palpate import mesh, store  # isort: skip
-from palpate.catalogue import each_object, generator, log_to, write_rejections  # isort: skip
+from palpate.catalogue import each_object, generator, log_to  # isort: skip
 from palpate.vision import views  # isort: skip
 
 log_to(snakemake.log[0])
@@ -37,11 +37,12 @@ def look(name: str) -> dict[str, np.ndarray]:
 
 usable = [name for name in params.objects if (meshes / name).is_dir()]
 seen, rejections = each_object(usable, look, "views")
-with store.whole(snakemake.output.rejected) as rejected:
-    write_rejections(rejected, rejections)
-store.write(
+store.write_batch(
     snakemake.output.views,
     "views",
-    store.join("views", seen),
-    {"seed": params.seed, "config_digest": store.config_digest(params.views)},
+    seen,
+    snakemake.output.rejected,
+    rejections,
+    params.seed,
+    params.views,
 )

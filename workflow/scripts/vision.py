@@ -16,7 +16,7 @@ import numpy as np
 from palpate.vision import Renderer  # Blender: before anything that loads embree
 
 from palpate import store  # isort: skip
-from palpate.catalogue import each_object, log_to, write_rejections  # isort: skip
+from palpate.catalogue import each_object, log_to  # isort: skip
 from palpate.hand import Hand  # isort: skip
 
 log_to(snakemake.log[0])
@@ -38,11 +38,12 @@ with ExitStack() as outputs:
 
     images, rejections = each_object(grasps["object"], render, "vision")
 
-with store.whole(snakemake.output.rejected) as rejected:
-    write_rejections(rejected, rejections)
-store.write(
+store.write_batch(
     snakemake.output.vision,
     "vision",
-    store.join("vision", images),
-    {"seed": snakemake.params.seed, "config_digest": store.config_digest(settings)},
+    images,
+    snakemake.output.rejected,
+    rejections,
+    snakemake.params.seed,
+    settings,
 )
