@@ -1,6 +1,6 @@
 """Networks: the U-Net of touch readings, and the reconstruction by deformed charts, with its baselines."""
 
-from palpate.models.architectures import FAST, PAPER_ARCHITECTURES, paper_architecture
+from palpate.models.architectures import PAPER_ARCHITECTURES, paper_architecture
 from palpate.models.encoder import ImageEncoder
 from palpate.models.gcn import GraphNetwork, ZeroNeighbourLayer
 from palpate.models.pooling import PerceptualPooling
@@ -8,7 +8,6 @@ from palpate.models.reconstruction import Reconstruction
 from palpate.models.touch_depth import TouchDepth
 
 __all__ = [
-    "FAST",
     "PAPER_ARCHITECTURES",
     "GraphNetwork",
     "ImageEncoder",

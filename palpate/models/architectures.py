@@ -1,4 +1,4 @@
-"""The networks' layers: the paper's, and those that the live modules really have."""
+"""The layers of the paper's networks, as `Reconstruction` takes them; others are in config/recipes.yaml."""
 
 from typing import Any
 
@@ -36,21 +36,6 @@ PAPER_ARCHITECTURES: dict[str, dict[str, Any]] = {
         "gcn": {"layers": 25, "width": 250},
         **_AS_RELEASED,
     },
-}
-
-# For a laptop: few layers, positions and weights as they train best (docs/training.md).
-FAST: dict[str, Any] = {
-    "encoder": {
-        "channels": [16, 32, 64, 64],
-        "layers": [1, 1, 2, 2],
-        "pool": [2, 4, 6],
-        "norm": "batch",
-        "padding": 1,
-    },
-    "gcn": {"layers": 10, "width": 64},
-    "normalise_positions": True,
-    "init": "he",
-    "last_layer_scale": 0.01,
 }
 
 

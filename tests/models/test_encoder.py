@@ -3,14 +3,15 @@
 import pytest
 import torch
 
-from palpate.models import FAST, PAPER_ARCHITECTURES, ImageEncoder
+from palpate.models import PAPER_ARCHITECTURES, ImageEncoder
 from palpate.models.encoder import ReadingEncoder
+from tests.models.batches import SMALL
 
 
-@pytest.mark.parametrize("name", [name for name in PAPER_ARCHITECTURES if name != "touch"] + ["fast"])
+@pytest.mark.parametrize("name", [name for name in PAPER_ARCHITECTURES if name != "touch"] + ["small"])
 @pytest.mark.parametrize("size", [256, 137])
 def test_sizes_are_those_of_a_real_pass(name, size):
-    options = dict((FAST if name == "fast" else PAPER_ARCHITECTURES[name])["encoder"])
+    options = dict((SMALL if name == "small" else PAPER_ARCHITECTURES[name])["encoder"])
     for key in ("project", "alignment"):
         options.pop(key, None)
     encoder = ImageEncoder(**options).eval()
