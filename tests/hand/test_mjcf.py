@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import yaml
 
-from palpate.hand import allegro, from_mjcf
+from palpate.hand import allegro, from_mjcf, model_files
 from palpate.hand.model import build_spec
 
 _spec = importlib.util.spec_from_file_location("grippers", Path(__file__).with_name("grippers.py"))
@@ -135,3 +135,30 @@ def test_three_sensors_or_an_unknown_site_are_named_with_the_file(model_file):
         from_mjcf(model_file, {"sensors": sensors[:3]})
     with pytest.raises(ValueError, match="gripper.xml.*nowhere"):
         from_mjcf(model_file, {"sensors": [*sensors[:3], {"site": "nowhere"}]})
+
+
+def test_files_that_a_model_names_are_found(tmp_path):
+    """Below its folders, through included models, in MJCF and URDF; those that exist."""
+    for name in ("my parts/a.stl", "my parts/b.stl", "skins/wood.png"):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_bytes(b"")
+    (tmp_path / "hand.xml").write_text(
+        '<mujoco><compiler meshdir="my parts" texturedir="skins"/><include file="finger.xml"/>'
+        '<asset><mesh file="a.stl"/><mesh file="gone.stl"/><texture type="2d" file="wood.png"/></asset>'
+        "</mujoco>"
+    )
+    (tmp_path / "finger.xml").write_text('<mujoco><asset><mesh file="b.stl"/></asset></mujoco>')
+    (tmp_path / "hand.urdf").write_text(
+        '<robot name="hand"><mujoco><compiler meshdir="my parts"/></mujoco><link name="palm"><visual>'
+        '<geometry><mesh filename="package://hand/a.stl"/></geometry></visual></link></robot>'
+    )
+    (tmp_path / "broken.xml").write_text("<mujoco>")
+    found = {
+        name: [path.relative_to(tmp_path).as_posix() for path in model_files(tmp_path / name)]
+        for name in ("hand.xml", "hand.urdf", "broken.xml")
+    }
+    assert found == {
+        "hand.xml": ["finger.xml", "my parts/a.stl", "my parts/b.stl", "skins/wood.png"],
+        "hand.urdf": ["my parts/a.stl"],
+        "broken.xml": [],
+    }

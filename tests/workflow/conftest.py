@@ -7,12 +7,21 @@ import subprocess
 import sys
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import pytest
 import trimesh
 import yaml
 
 PROJECT = Path(__file__).parents[2]
+
+
+class Job(NamedTuple):
+    """A job of a dry run."""
+
+    rule: str
+    inputs: list[str]
+    reason: str
 
 
 @dataclass(frozen=True)
@@ -31,15 +40,26 @@ class Workflow:
             self.command(*arguments, cores=cores), cwd=PROJECT, capture_output=True, text=True, timeout=600
         )
 
-    def planned(self, *targets: str) -> dict[str, set[str]]:
-        """The rules that a dry run would run, with its reasons."""
+    def jobs(self, *targets: str) -> list[Job]:
+        """The jobs that a dry run would run."""
         result = self(*targets, "--dry-run")
         assert result.returncode == 0, result.stderr
-        rules = {}
-        for job in re.split(r"^(?:local)?rule ", result.stdout, flags=re.MULTILINE)[1:]:
-            name, reason = job.partition(":")[0], re.search(r"^    reason: (.*)", job, re.MULTILINE)
-            rules.setdefault(name, set()).update(reason[1].split("; ") if reason else ())
-        return rules
+        found = []
+        for text in re.split(r"^(?:local)?rule ", result.stdout, flags=re.MULTILINE)[1:]:
+            fields = dict(re.findall(r"^    (input|reason): (.*)", text, re.MULTILINE))
+            inputs = [path for path in fields.get("input", "").split(", ") if path]
+            found.append(Job(text.partition(":")[0], inputs, fields.get("reason", "")))
+        return found
+
+    def planned(self, *targets: str) -> set[str]:
+        """The rules that a dry run would run."""
+        return {job.rule for job in self.jobs(*targets)}
+
+    def changed(self, **config) -> "Workflow":
+        """The same run with other values for some keys of its config."""
+        path = self.config.with_name("changed.yaml")
+        path.write_text(yaml.safe_dump(yaml.safe_load(self.config.read_text()) | config, sort_keys=False))
+        return Workflow(path, self.run)
 
     def kill_when(self, path: str, *arguments: str) -> None:
         """Start the workflow and kill it, with every process that it started, as soon as `path` exists."""

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+import trimesh
 import yaml
 
 import palpate
@@ -54,3 +55,17 @@ def test_masters_hold_what_the_store_holds(run):
         for grasp in range(GRASPS):
             image = read_layers(run / f"exr/batch-0000/{name}-grasp-{grasp}.exr").image((1, 1, 1))
             np.testing.assert_array_equal(image.depth, stored["occluded_depth"][number * GRASPS + grasp])
+
+
+def test_the_files_that_an_own_hand_names_are_inputs_of_its_grasps(make_workflow, tmp_path):
+    (tmp_path / "parts").mkdir()
+    trimesh.creation.box((0.01, 0.02, 0.03)).export(tmp_path / "parts/link.stl")
+    model = grippers.two_fingers("degree").replace(
+        "<asset>", '<asset><mesh name="link" file="parts/link.stl"/><mesh name="gone" file="gone.stl"/>'
+    )
+    (tmp_path / "hand.xml").write_text(model)
+    (tmp_path / "sensors.yaml").write_text(yaml.safe_dump(grippers.SENSORS))
+    hand = {"mjcf": str(tmp_path / "hand.xml"), "sensors": str(tmp_path / "sensors.yaml")}
+    jobs = make_workflow(grasps={"hand": hand}).jobs("grasps/batch-0000.h5")
+    (inputs,) = (job.inputs for job in jobs if job.rule == "grasps")
+    assert inputs[2:] == [*hand.values(), str(tmp_path / "parts/link.stl")]

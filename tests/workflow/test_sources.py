@@ -1,8 +1,16 @@
-"""Sources through the Snakefile: layouts, names, places."""
+"""Sources through the Snakefile: layouts, names, places, and the files that meshes name."""
 
+import os
+
+import numpy as np
 import pandas as pd
 import pytest
 import trimesh
+from PIL import Image
+
+from tests.workflow.conftest import PROJECT
+
+STAGES = {"catalogue", "meshes", "surface", "grasps", "touch", "vision"}
 
 
 def write_box(path):
@@ -10,21 +18,115 @@ def write_box(path):
     trimesh.creation.box((1, 2, 3)).export(path)
 
 
+def write_textured(folder):
+    """A box with a texture as OBJ and as glTF with its buffers and its image beside it."""
+    folder.mkdir(parents=True)
+    box = trimesh.creation.box((1, 2, 3))
+    image = Image.new("RGB", (4, 4), (200, 10, 10))
+    box.visual = trimesh.visual.TextureVisuals(uv=np.zeros((len(box.vertices), 2)), image=image)
+    box.export(folder / "a b.obj", mtl_name="paint.mtl")
+    for name, content in trimesh.exchange.gltf.export_gltf(trimesh.Scene(box)).items():
+        (folder / name).write_bytes(content)
+
+
+def catalogued(workflow):
+    result = workflow("catalogue.csv")
+    assert result.returncode == 0, result.stderr
+    return pd.read_csv(workflow.run / "catalogue.csv")
+
+
 @pytest.mark.parametrize("classes", ["all", [{"class": "coffee-mug", "objects": 1}]])
 def test_a_class_may_have_any_name_that_is_safe_in_a_path(make_workflow, tmp_path, classes):
     for name in ("coffee-mug", "_v1.2"):
         write_box(tmp_path / name / "a.stl")
     workflow = make_workflow(source={"kind": "folder", "path": str(tmp_path)}, classes=classes)
-    result = workflow("catalogue.csv")
-    assert result.returncode == 0, result.stderr
     expected = ["_v1.2", "coffee-mug"] if classes == "all" else ["coffee-mug"]
-    assert list(pd.read_csv(workflow.run / "catalogue.csv")["class"]) == expected
+    assert list(catalogued(workflow)["class"]) == expected
     assert "examples" in workflow.planned("figures/examples_coffee-mug.png")
 
 
-def test_a_class_whose_name_is_not_safe_is_one_message(make_workflow, tmp_path):
-    write_box(tmp_path / "coffee mug/a.stl")
+@pytest.mark.parametrize(
+    ("file", "said"),
+    [
+        ("coffee mug/a.stl", "class 'coffee mug': use letters, digits"),
+        (
+            "mug/b{1}.stl",
+            "mug/b{1}.stl: Snakemake takes {...} and <...> in a path for placeholders: rename it",
+        ),
+        ("mug/<results>/b.stl", "mug/<results>/b.stl: Snakemake takes {...} and <...> in a path"),
+    ],
+)
+def test_a_name_that_cannot_be_used_is_one_message(make_workflow, tmp_path, file, said):
+    write_box(tmp_path / file)
     result = make_workflow(source={"kind": "folder", "path": str(tmp_path)})("all")
     assert result.returncode != 0
-    assert "class 'coffee mug': use letters, digits" in result.stderr
+    assert said in result.stderr
     assert "Traceback" not in result.stderr
+
+
+def test_odd_names_that_can_be_used_are_used(make_workflow, tmp_path):
+    for name in ("b{", "{}", "{a b}", "*", "[x]", "$HOME", "'q", '"q', "~", " "):
+        write_box(tmp_path / "mug" / f"{name}.stl")
+    workflow = make_workflow(source={"kind": "folder", "path": str(tmp_path)})
+    assert len(catalogued(workflow)) == 10
+
+
+@pytest.mark.parametrize("model", ["model.obj", "models/model_normalized.obj"])
+def test_shapenet_in_the_layout_of_either_version(make_workflow, tmp_path, model):
+    for synset, name in {"02876657": "1a", "03624134": "2b", "99999999": "3c"}.items():
+        write_box(tmp_path / synset / name / model)
+    workflow = make_workflow(source={"kind": "shapenet", "path": str(tmp_path)})
+    table = catalogued(workflow)
+    assert list(table["class"]) == ["bottle", "knife", "99999999"]
+    assert list(table["object"]) == ["bottle-1a", "knife-2b", "99999999-3c"]
+    assert table["source"][0] == f"02876657/1a/{model}"
+    assert workflow.planned("dataset") >= STAGES - {"catalogue"}
+    only = workflow.changed(classes=[{"class": "knife", "objects": 1}])
+    (job,) = [job for job in only.jobs("meshes/batch-0000") if job.rule == "meshes"]
+    assert str(tmp_path / "03624134/2b" / model) in job.inputs and len(job.inputs) == 1
+
+
+def test_abc_in_its_layout(make_workflow, tmp_path):
+    for number in range(3):
+        write_box(tmp_path / f"0000000{number}" / f"0000000{number}_abc_trimesh_000.obj")
+    source = {"kind": "abc", "path": str(tmp_path)}
+    workflow = make_workflow(source=source, classes=[{"class": "part", "objects": "all"}])
+    table = catalogued(workflow)
+    assert list(table["class"]) == ["part"] * 3
+    assert table["source"][2] == "00000002/00000002_abc_trimesh_000.obj"
+    assert workflow.planned("dataset") >= STAGES - {"catalogue"}
+    result = make_workflow(source=source)("all")
+    assert result.returncode != 0 and "list those of abc" in result.stderr
+
+
+def test_a_relative_path_is_the_projects(make_workflow, tmp_path):
+    write_box(tmp_path / "mug/a.stl")
+    path = os.path.relpath(tmp_path, PROJECT)
+    workflow = make_workflow(source={"kind": "folder", "path": path})
+    result = workflow("meshes/batch-0000")
+    assert result.returncode == 0, result.stderr
+    assert (workflow.run / "meshes/batch-0000/mug-a/visual.glb").exists()
+
+
+def test_a_change_to_a_file_that_a_mesh_names_runs_its_batch_again(make_workflow, tmp_path):
+    write_textured(tmp_path / "mug")
+    write_box(tmp_path / "pan/c.stl")
+    workflow = make_workflow(source={"kind": "folder", "path": str(tmp_path)}, batch_size=1)
+    targets = ["catalogue.csv", *(f"meshes/batch-000{number}" for number in range(3))]
+    result = workflow(*targets)
+    assert result.returncode == 0, result.stderr
+    (texture,) = (path for path in (tmp_path / "mug").glob("*.png"))
+    for changed, mesh in {
+        texture: "a b.obj",
+        tmp_path / "mug/paint.mtl": "a b.obj",
+        next((tmp_path / "mug").glob("*.bin")): "model.gltf",
+    }.items():
+        content = changed.read_bytes()
+        changed.write_bytes(content + b"\n")
+        jobs = workflow.jobs(*targets)
+        assert sorted(job.rule for job in jobs) == ["catalogue", "meshes"]
+        assert all(f"Updated input files: {changed}" in job.reason for job in jobs)
+        (inputs,) = (job.inputs for job in jobs if job.rule == "meshes")
+        assert inputs[0] == str(tmp_path / "mug" / mesh)
+        changed.write_bytes(content)
+    assert workflow.planned(*targets) == set()  # later, but the same again
