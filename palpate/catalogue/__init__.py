@@ -10,12 +10,13 @@ from palpate.catalogue.batch import (
     write_rejections,
 )
 from palpate.catalogue.sources import UP_AXIS, CatalogueError, Entry, all_classes, scan
-from palpate.catalogue.split import PAPER_SPLIT, assign_split
+from palpate.catalogue.split import PAPER_SPLIT, SPLITS, assign_split
 from palpate.catalogue.table import COLUMNS, batch_names, build, checksum, companions
 
 __all__ = [
     "COLUMNS",
     "PAPER_SPLIT",
+    "SPLITS",
     "UP_AXIS",
     "CatalogueError",
     "Entry",

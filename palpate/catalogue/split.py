@@ -5,6 +5,7 @@ from collections.abc import Mapping
 
 # Objects of the paper's dataset in each split (Smith et al. 2020, supplement, Dataset Statistics).
 PAPER_SPLIT = {"train": 1298, "validation": 258, "test": 175}
+SPLITS = tuple(PAPER_SPLIT)
 
 # Any salt gives a valid split. Of 20,000 tried this one brings the procedural classes closest to
 # PAPER_SPLIT's proportions, class by class, at 20 and 60 objects a class and at the paper's counts.

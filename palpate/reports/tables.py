@@ -16,13 +16,13 @@ from typing import NamedTuple
 import numpy as np
 import pandas as pd
 
+from palpate.catalogue import SPLITS
+from palpate.hand import SENSORS
 from palpate.reports.statistics import ratio, ratio_interval
 from palpate.store import Dataset
 
 REFERENCE = Path(__file__).parent / "reference"
 TOTAL = "total"
-SPLITS = ("train", "validation", "test")
-SENSORS = 4
 MILLIMETRES = 1000.0
 
 

@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 import pandas as pd
 
+from palpate.catalogue import SPLITS
 from palpate.hand import Hand
 from palpate.store.atomic import whole
 from palpate.store.checks import (
@@ -30,7 +31,6 @@ from palpate.store.files import REQUIRED_ATTRIBUTES, Store, StoreError, check_he
 from palpate.touch import empty_reading
 
 NAMED = 5  # how many failures a row names
-SPLITS = ("train", "validation", "test")
 STAGES = ("surface", "grasps", "touch", "vision")  # what makes a dataset
 # An object rejected at one of these stages, or at one without a store (meshes), is not in the store.
 BEFORE = {
