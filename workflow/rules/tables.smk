@@ -1,6 +1,6 @@
 TABLES = expand(
     "tables/{table}.{form}",
-    table=["dataset_statistics", "grasp_success", "penetration"],
+    table=["dataset_statistics", "grasp_success", *[] if RELEASED else ["penetration"]],
     form=["csv", "md", "tex"],
 )
 
@@ -32,12 +32,18 @@ rule tables:
             category="Dataset",
         ),
         success_text=["tables/grasp_success.md", "tables/grasp_success.tex"],
-        penetration=report(
-            "tables/penetration.csv",
-            caption="../report/penetration.rst",
-            category="Dataset",
+        penetration=(
+            []
+            if RELEASED
+            else report(
+                "tables/penetration.csv",
+                caption="../report/penetration.rst",
+                category="Dataset",
+            )
         ),
-        penetration_text=["tables/penetration.md", "tables/penetration.tex"],
+        penetration_text=(
+            [] if RELEASED else ["tables/penetration.md", "tables/penetration.tex"]
+        ),
     log:
         "logs/tables.log",
     benchmark:
