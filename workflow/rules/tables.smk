@@ -1,6 +1,7 @@
 TABLES = expand(
     "tables/{table}.{form}",
-    table=["dataset_statistics", "grasp_success", *[] if RELEASED else ["penetration"]],
+    table=["dataset_statistics", "grasp_success"]
+    + ([] if RELEASED else ["penetration"]),
     form=["csv", "md", "tex"],
 )
 
