@@ -6,6 +6,8 @@ import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 from trimesh.visual.material import PBRMaterial
 
+from palpate.vision.image import linear
+
 GLASS = {
     "green-glass": (28, 84, 44), "olive-glass": (84, 92, 34), "amber-glass": (120, 58, 14),
     "clear-glass": (200, 220, 218), "blue-glass": (24, 62, 140), "rose-glass": (206, 120, 110),
@@ -41,21 +43,15 @@ class Material:
 
     def to_pbr(self) -> PBRMaterial:
         """The material as trimesh writes it to glTF."""
-        colour = (255, 255, 255) if self.picture is not None else linear(self.colour)
+        # glTF's and OBJ's colour factors are read as linear light.
+        colour = (1, 1, 1) if self.picture is not None else linear(np.array(self.colour) / 255)
         return PBRMaterial(
             name=self.name,
-            baseColorFactor=np.array([*colour, 255], dtype=np.uint8),
+            baseColorFactor=np.round(255 * np.array([*colour, 1])).astype(np.uint8),
             metallicFactor=float(self.metallic),
             roughnessFactor=float(self.roughness),
             baseColorTexture=self.picture,
         )
-
-
-def linear(colour: tuple[int, int, int]) -> np.ndarray:
-    """sRGB 0-255 as linear 0-255 (IEC 61966-2-1), in which glTF's and OBJ's colour factors are read."""
-    share = np.array(colour) / 255
-    share = np.where(share <= 0.04045, share / 12.92, ((share + 0.055) / 1.055) ** 2.4)
-    return np.round(255 * share).astype(np.uint8)
 
 
 def choose(rng: np.random.Generator, palette: dict, metallic=0.0, roughness=0.4, names=None) -> Material:

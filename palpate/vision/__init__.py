@@ -6,10 +6,10 @@ sees to it.
 """
 
 from palpate.vision.camera import Camera, looking_at, paper_camera
-from palpate.vision.image import Image, contact_sheet
+from palpate.vision.image import Image
 from palpate.vision.scene import Mesh, spheres
 
-__all__ = ["Camera", "Image", "Mesh", "Renderer", "contact_sheet", "looking_at", "paper_camera", "spheres"]
+__all__ = ["Camera", "Image", "Mesh", "Renderer", "looking_at", "paper_camera", "spheres"]
 
 
 def __getattr__(name: str):

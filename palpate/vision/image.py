@@ -1,6 +1,5 @@
 """What a render is: colours, mask and depth as arrays, and how they come out of Blender's EXR files."""
 
-from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -90,15 +89,3 @@ def over_background(combined: np.ndarray, background: tuple[float, float, float]
         return srgb(colour + (1 - alpha) * np.asarray(background, dtype=np.float32))
     straight = np.divide(colour, alpha, out=np.zeros_like(colour), where=alpha > 0)
     return np.concatenate([srgb(straight), (alpha * 255 + 0.5).clip(0, 255).astype(np.uint8)], axis=-1)
-
-
-def contact_sheet(images: Sequence[np.ndarray], columns: int, gap: int = 0) -> np.ndarray:
-    """Images of one shape (h, w, 3 or 4), row by row in so many columns, on white; `gap` in pixels."""
-    rows = -(-len(images) // columns)
-    height, width, channels = images[0].shape
-    step = height + gap, width + gap
-    sheet = np.full((rows * step[0] - gap, columns * step[1] - gap, channels), 255, dtype=images[0].dtype)
-    for number, image in enumerate(images):
-        row, column = divmod(number, columns)
-        sheet[row * step[0] :, column * step[1] :][:height, :width] = image
-    return sheet

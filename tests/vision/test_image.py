@@ -4,7 +4,6 @@ from numpy.testing import assert_array_equal
 
 from palpate.vision.image import (
     Layers,
-    contact_sheet,
     linear,
     over_background,
     read_layers,
@@ -42,11 +41,3 @@ def test_layers_survive_a_master(tmp_path):
 def test_empty_layers_show_nothing():
     image = Layers.empty(4).image((1, 1, 1))
     assert (image.rgb == 255).all() and not image.mask.any() and np.isposinf(image.depth).all()
-
-
-def test_contact_sheet_keeps_every_image_in_its_place():
-    images = [np.full((2, 3, 3), value, dtype=np.uint8) for value in range(5)]
-    sheet = contact_sheet(images, columns=2, gap=1)
-    assert sheet.shape == (8, 7, 3)
-    assert (sheet[3:5, 4:7] == 3).all() and (sheet[6:8, :3] == 4).all()
-    assert (sheet[6:8, 3:] == 255).all() and (sheet[2] == 255).all()
