@@ -61,6 +61,9 @@ include: "workflow/rules/touch_depth.smk"
 include: "workflow/rules/charts.smk"
 include: "workflow/rules/packs.smk"
 include: "workflow/rules/reconstruction.smk"
+include: "workflow/rules/evaluation.smk"
+include: "workflow/rules/model_tables.smk"
+include: "workflow/rules/model_figures.smk"
 
 
 localrules:

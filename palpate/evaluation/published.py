@@ -25,7 +25,7 @@ OF_EXPERIMENTS = ("model_selection", "input_modalities", "grasps", "extrapolatio
 
 
 def published_experiments(*tables: str) -> list[str]:
-    """The experiments that the paper has numbers of in these tables; by default in all of `OF_EXPERIMENTS`."""
+    """The experiments that the paper has numbers of in these tables (if none: `OF_EXPERIMENTS`)."""
     found: dict[str, None] = {}
     for table in tables or OF_EXPERIMENTS:
         with open(FOLDER / f"{table}.csv", newline="", encoding="utf-8") as file:

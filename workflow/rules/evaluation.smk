@@ -3,8 +3,8 @@ rule rings:
     input:
         touch="touch/{batch}.zarr",
         # Of a source without meshes the surface points stand in for them.
-        meshes=[] if SOURCE["kind"] == "released" else "meshes/{batch}",
-        surface="surface/{batch}.zarr" if SOURCE["kind"] == "released" else [],
+        meshes=[] if RELEASED else "meshes/{batch}",
+        surface="surface/{batch}.zarr" if RELEASED else [],
     output:
         rings=directory("rings/{batch}.zarr"),
     log:

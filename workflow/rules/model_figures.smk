@@ -1,16 +1,21 @@
-MODEL_FIGURES = {"grasps": "multi_grasp", "extrapolation": "error_over_rings"}
+FIGURE_OF_TABLE = {"grasps": "multi_grasp", "extrapolation": "error_over_rings"}
 # Every training that a table needs.
 TRAINED = sorted(
-    {name for table in EXPERIMENTS["tables"].values() for name in table["experiments"]}
+    {
+        name
+        for table, declared in EXPERIMENTS["tables"].items()
+        if f"tables/{table}.csv" in MODEL_TABLES
+        for name in declared["experiments"]
+    }
 )
 
-FIGURES += expand(
+MODEL_FIGURES = expand(
     "figures/{figure}.png",
     figure=[
         *(
-            MODEL_FIGURES[table]
+            FIGURE_OF_TABLE[table]
             for table in EXPERIMENTS["tables"]
-            if table in MODEL_FIGURES
+            if table in FIGURE_OF_TABLE
         ),
         "training_curves",
     ],

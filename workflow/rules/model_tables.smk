@@ -64,6 +64,14 @@ def table_setup(table):
     }
 
 
+def sees_views(table):
+    """Whether a model of the table is shown views of an object."""
+    return any(
+        EXPERIMENTS["experiments"][name]["vision"] == "views"
+        for name in EXPERIMENTS["tables"][table]["experiments"]
+    )
+
+
 def claims_decidable():
     """Whether all that the claims compare is defined."""
     return "extrapolation" in EXPERIMENTS["tables"] and set(
@@ -71,10 +79,15 @@ def claims_decidable():
     ) <= set(EXPERIMENTS["experiments"])
 
 
-TABLES += expand(
+# A released dataset has no views, which single images are taken from.
+MODEL_TABLES = expand(
     "tables/{table}.{form}",
     table=[
-        *EXPERIMENTS["tables"],
+        *(
+            name
+            for name in EXPERIMENTS["tables"]
+            if not (RELEASED and sees_views(name))
+        ),
         "local_touch_charts",
         *(["claims"] if claims_decidable() else []),
         *expand("architectures/{model}", model=ARCHITECTURES),
