@@ -30,14 +30,21 @@ class Workflow:
 
     config: Path
     run: Path
+    python_path: str = ""  # further places for Python to look in
 
     def command(self, *arguments: str, cores: int = 2) -> list[str]:
         snakemake = [sys.executable, "-m", "snakemake", "--snakefile", str(PROJECT / "Snakefile")]
         return [*snakemake, "--cores", str(cores), *arguments, "--configfile", str(self.config)]
 
     def __call__(self, *arguments: str, cores: int = 2) -> subprocess.CompletedProcess:
+        environment = os.environ | {"PYTHONPATH": f"{self.python_path}:{PROJECT}"}
         return subprocess.run(
-            self.command(*arguments, cores=cores), cwd=PROJECT, capture_output=True, text=True, timeout=600
+            self.command(*arguments, cores=cores),
+            cwd=PROJECT,
+            env=environment if self.python_path else None,
+            capture_output=True,
+            text=True,
+            timeout=600,
         )
 
     def jobs(self, *targets: str) -> list[Job]:

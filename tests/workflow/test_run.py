@@ -1,5 +1,6 @@
 """The workflow as a whole, on a folder of meshes: what it builds, what it leaves out, how it resumes."""
 
+import dataclasses
 import hashlib
 from pathlib import Path
 
@@ -12,6 +13,8 @@ from palpate.mesh import FORMATS
 from tests.mesh import nasty
 
 STORES = ("surface", "grasps", "touch", "vision")
+DATASET = ("dataset", "validate", "tables", "figures/examples_brick.png", "figures/data_point.png")
+USABLE = ["brick-millimetres", "can-nested-flat", "can-tall"]
 
 
 def digests(run: Path) -> dict[str, str]:
@@ -41,7 +44,7 @@ def test_the_run_is_whole_and_valid(finished):
     checks = pd.read_csv(finished.run / "reports/validation.csv")
     assert len(checks) and checks.passed.all()
     dataset = palpate.Dataset(finished.run)
-    assert dataset.objects == ["brick-millimetres", "can-nested-flat", "can-tall"]
+    assert dataset.objects == USABLE
     assert set(dataset.stages) == set(STORES)
     for item in dataset:
         assert len(item.grasps) == 5
@@ -56,6 +59,54 @@ def test_what_cannot_be_used_is_rejected_with_stage_and_reason(finished):
     assert list(rejected.object) == ["brick-nested-broken"]
     assert list(rejected.stage) == ["meshes"]
     assert "nested/broken.glb" in rejected.reason[0]
+
+
+# Python runs a sitecustomize when it starts: in every job, before its script.
+FAULTS = """
+import palpate.catalogue
+from palpate.catalogue import each_object
+
+FAULTS = {"touch": "brick-millimetres", "vision": "can-tall"}
+
+
+def failing(objects, function, stage):
+    def at_fault(name):
+        if FAULTS.get(stage) == name:
+            raise RuntimeError(f"{name} is too much for {stage}")
+        return function(name)
+
+    return each_object(objects, at_fault, stage)
+
+
+palpate.catalogue.each_object = failing
+"""
+
+
+def test_an_object_rejected_after_its_grasps_is_left_out_and_the_rest_is_valid(make_workflow, tmp_path):
+    """A class of one object, alone in its batch, is rejected at touch; one of two at vision."""
+    (tmp_path / "sitecustomize.py").write_text(FAULTS)
+    workflow = make_workflow(
+        batch_size=1,
+        surface={"points": 500},
+        grasps={"per_object": 1, "attempts": 1},
+        vision={"size": 32, "samples": 1, "device": "cpu"},
+    )
+    result = dataclasses.replace(workflow, python_path=str(tmp_path))(*DATASET)
+    assert result.returncode == 0, result.stderr
+    rejected = pd.read_csv(workflow.run / "rejected.csv").set_index("object")
+    assert rejected.stage.to_dict() == {
+        "brick-nested-broken": "meshes",
+        "brick-millimetres": "touch",
+        "can-tall": "vision",
+    }
+    assert rejected.reason["can-tall"] == "RuntimeError: can-tall is too much for vision"
+    assert palpate.Dataset(workflow.run).objects == ["can-nested-flat"]
+    assert palpate.Dataset(workflow.run, stages=["grasps"]).objects == USABLE
+    assert palpate.Dataset(workflow.run, stages=["touch"]).objects == USABLE[1:]
+    table = pd.read_csv(workflow.run / "tables/dataset_statistics.csv").set_index("class")
+    assert table.attempted.to_dict() == {"brick": 2, "can": 2, "total": 4}
+    assert table.objects.to_dict() == {"brick": 0, "can": 2, "total": 2}  # images do not count in it
+    assert (workflow.run / "figures/examples_brick.png").exists()
 
 
 def test_nasty_meshes_go_through_every_stage_or_are_rejected(make_workflow, tmp_path):
