@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from palpate.store import Dataset
+from palpate.store import CONTRACT, Dataset, Store
 from palpate.touch.sensor import RESOLUTION
 
 if TYPE_CHECKING:
@@ -255,36 +255,38 @@ class TouchCharts:
         from palpate.training import load_touch_depth
 
         self.model = load_touch_depth(self.path).to(device)
+        self.empty_reading = _empty_reading(self.path.parents[2])
         self.fit = fit
 
     def __call__(self, touches: GraspTouches) -> np.ndarray:
         """Charts of k sensors; those of sensors that touch nothing are all at the sensor's position."""
-        from palpate.touch import empty_reading
         from palpate.training import touch_charts
 
-        charts = touch_charts(
-            model=self.model,
-            empty=empty_reading(),
-            reading=np.asarray(touches.reading),
-            success=np.asarray(touches.success, dtype=bool),
-            position=np.asarray(touches.position),
-            rotation=np.asarray(touches.rotation),
-            method=self.fit,
-        )
-        _check_finite(f"touch charts predicted by {self.path}", charts)
-        return charts
+        try:
+            return touch_charts(
+                model=self.model,
+                empty=self.empty_reading,
+                reading=np.asarray(touches.reading),
+                success=np.asarray(touches.success, dtype=bool),
+                position=np.asarray(touches.position),
+                rotation=np.asarray(touches.rotation),
+                method=self.fit,
+            )
+        except ValueError as error:  # of the fit: NaN in the predicted cloud
+            raise ReconstructionError(f"no touch charts from what {self.path} predicts: {error}") from error
 
     def clouds(self, touches: GraspTouches) -> list[np.ndarray]:
         """Predicted local clouds (n, 3) of the successful sensors, world frame; charts are fitted to them."""
         import torch
 
-        from palpate.touch import empty_reading
         from palpate.training.losses import sheet
         from palpate.training.touches import channels_first, predict_depth
 
         success = np.asarray(touches.success, dtype=bool)
         device = next(self.model.parameters()).device
-        reading, empty = (channels_first(x).to(device) for x in (touches.reading[success], empty_reading()))
+        reading, empty = (
+            channels_first(x).to(device) for x in (touches.reading[success], self.empty_reading)
+        )
         depth, valid = predict_depth(self.model, reading, empty)
         return [
             (points[mask].double() @ torch.from_numpy(turn).T + torch.from_numpy(origin)).numpy()
@@ -296,6 +298,15 @@ class TouchCharts:
                 strict=True,
             )
         ]
+
+
+def _empty_reading(run: Path) -> np.ndarray:
+    """(100, 100, 3) uint8 reading of an untouched sensor: the run's, or the simulated one if it has none."""
+    for path in sorted(run.glob(CONTRACT["touch"].path("*"))):
+        return Store(path).get("empty_reading")
+    from palpate.touch import empty_reading
+
+    return empty_reading()
 
 
 def checkpoint(model: Path | str) -> Path:
