@@ -2,6 +2,9 @@
 
 import dataclasses
 import hashlib
+import shutil
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +14,7 @@ import pytest
 import palpate
 from palpate.mesh import FORMATS
 from tests.mesh import nasty
+from tests.workflow.conftest import PROJECT
 
 STORES = ("surface", "grasps", "touch", "vision")
 DATASET = ("dataset", "validate", "tables", "figures/examples_brick.png", "figures/data_point.png")
@@ -186,3 +190,20 @@ def test_a_mistake_in_the_config_is_one_message_before_anything_runs(make_workfl
     assert said in result.stderr
     assert "Traceback" not in result.stderr
     assert not (workflow.run / "catalogue.csv").exists()
+
+
+def test_smoke_runs_in_a_checkout_whose_path_has_a_space(tmp_path):
+    """As far as the nested workflow's check of its config, which fails: no need to build it."""
+    checkout = tmp_path / "my check'out"
+    checkout.mkdir()
+    for name in ("Snakefile", "config"):
+        copy = shutil.copytree if (PROJECT / name).is_dir() else shutil.copy
+        copy(PROJECT / name, checkout / name)
+    for name in ("palpate", "workflow", "profiles", "envs"):
+        (checkout / name).symlink_to(PROJECT / name)
+    with open(checkout / "config/smoke.yaml", "a") as file:
+        file.write("sede: 1\n")
+    command = [sys.executable, "-m", "snakemake", "--cores", "1", "smoke"]
+    result = subprocess.run(command, cwd=checkout, capture_output=True, text=True, timeout=600)
+    assert result.returncode != 0
+    assert "sede: unknown key" in (checkout / "results/default/logs/smoke.log").read_text(), result.stderr
