@@ -64,6 +64,7 @@ include: "workflow/rules/reconstruction.smk"
 include: "workflow/rules/evaluation.smk"
 include: "workflow/rules/model_tables.smk"
 include: "workflow/rules/model_figures.smk"
+include: "workflow/rules/reconstruction_figures.smk"
 
 
 localrules:
