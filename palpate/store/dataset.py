@@ -18,6 +18,8 @@ from palpate.store.files import Store, StoreError
 
 # In the order in which an object goes through them; `released` reads a dataset that was not made here.
 STAGES = ("released", "meshes", *CONTRACT)
+# What the target `dataset` builds: other stores are made from these, of all of their objects or of some.
+DATASET_STAGES = ("released", "meshes", "surface", "grasps", "touch", "vision")
 
 
 class Entry(NamedTuple):
@@ -137,17 +139,17 @@ class Run:
 class Dataset(Sequence):
     """The objects of a run, by name, number, split or class; nothing but their names is read on opening.
 
-    run: the run's folder, `results/<run>`. stages: which of meshes, surface, grasps, touch and vision the
-    objects must have come through; all by default. An object is left out if one of these rejected it, or has
-    a store of its batch without it; what other stages could not use does not matter. Stages that have not
-    been built are simply absent; asking for one of their arrays raises StoreError with the command that
-    builds it. Raises ValueError for an unknown stage.
+    run: the run's folder, `results/<run>`. stages: those that the objects must have come through (`meshes`,
+    or one with a store); by default what the target `dataset` builds. An object is left out if one of these
+    rejected it, or has a store of its batch without it; what other stages could not use does not matter.
+    Stages that have not been built are simply absent; asking for one of their arrays raises StoreError with
+    the command that builds it. Raises ValueError for an unknown stage.
     """
 
-    def __init__(self, run: Path | str, stages: Iterable[str] | None = None):
+    def __init__(self, run: Path | str, stages: Iterable[str] = DATASET_STAGES):
         self._run = Run(run)
-        self._asked = None if stages is None else tuple(stages)
-        if unknown := sorted(set(self._asked or ()) - set(STAGES)):
+        self._asked = tuple(stages)
+        if unknown := sorted(set(self._asked) - set(STAGES)):
             raise ValueError(f"no stage {', '.join(unknown)}: expected some of {', '.join(STAGES)}")
         self._entries = self._usable()
 
@@ -155,8 +157,7 @@ class Dataset(Sequence):
         """The catalogue less what the stages asked for rejected, and less what their stores do not hold."""
         run = self._run
         gone = run.rejected(self._asked)
-        asked = STAGES if self._asked is None else self._asked
-        stores = [(stage, spec) for stage, spec in CONTRACT.items() if stage in asked]
+        stores = [(stage, spec) for stage, spec in CONTRACT.items() if stage in self._asked]
 
         def held(entry: Entry) -> bool:
             return all(
@@ -185,7 +186,7 @@ class Dataset(Sequence):
 
     @property
     def stages(self) -> list[str]:
-        """The stages that this run has: some of surface, grasps, touch, vision."""
+        """The stages that this run has a store of."""
         return [stage for stage in CONTRACT if self._run.has(stage)]
 
     def rejections(self) -> list[dict[str, str]]:

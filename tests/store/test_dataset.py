@@ -208,8 +208,19 @@ def test_what_a_stage_rejected_does_not_matter_to_those_who_do_not_ask_for_it(ru
         touch["ball-0000"].unoccluded.any()
     shutil.rmtree(run / "vision")
     assert palpate.Dataset(run, stages=["grasps", "touch"]).objects == OBJECTS
-    with pytest.raises(ValueError, match="no stage renders: expected some of released, meshes, surface, grasps"):
+    with pytest.raises(
+        ValueError, match="no stage renders: expected some of released, meshes, surface, grasps"
+    ):
         palpate.Dataset(run, stages=["touch", "renders"])
+
+
+def test_what_is_made_from_the_dataset_does_not_change_it(run):
+    """Such as views: their rejections matter to those who ask for them."""
+    reject(run, "grasps", "batch-0001", "ball-0001")
+    reject(run, "views", "batch-0000", "ball-0000")
+    assert palpate.Dataset(run).objects == OBJECTS
+    assert [row["stage"] for row in palpate.Dataset(run).rejections()] == ["grasps"]
+    assert palpate.Dataset(run, stages=["grasps", "views"]).objects == OBJECTS[1:]
 
 
 def test_a_run_that_has_no_grasps_store_is_read_from_what_it_has(run):
