@@ -42,16 +42,7 @@ else:
     include: "workflow/rules/views.smk"
 
 
-rule dataset:
-    input:
-        "catalogue.csv",
-        "rejected.csv",
-        expand("surface/{batch}.zarr", batch=BATCHES),
-        expand("grasps/{batch}.h5", batch=[] if RELEASED else BATCHES),
-        expand("touch/{batch}.zarr", batch=BATCHES),
-        expand("vision/{batch}.zarr", batch=BATCHES),
-
-
+include: "workflow/rules/dataset.smk"
 include: "workflow/rules/validation.smk"
 include: "workflow/rules/tables.smk"
 include: "workflow/rules/figures.smk"
@@ -69,7 +60,6 @@ include: "workflow/rules/reconstruction_figures.smk"
 
 localrules:
     all,
-    dataset,
 
 
 rule all:
