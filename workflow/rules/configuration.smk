@@ -119,6 +119,18 @@ def batch_objects(wildcards):
     return {entry.object: entry.source for entry in batch_entries(wildcards)}
 
 
+@cache
+def own_hand_files():
+    from palpate.hand import model_files  # loads MuJoCo
+
+    return [checked(str(path)) for path in model_files(PROJECT / HAND["mjcf"])]
+
+
+def hand_files(wildcards):
+    """Meshes and whatever else the model file of an own hand names."""
+    return own_hand_files() if HAND else []
+
+
 wildcard_constraints:
     **{"class": CLASS_NAME},
     batch=r"batch-\d+",

@@ -1,15 +1,3 @@
-@cache
-def own_hand_files():
-    from palpate.hand import model_files  # loads MuJoCo
-
-    return [checked(str(path)) for path in model_files(PROJECT / HAND["mjcf"])]
-
-
-def hand_files(wildcards):
-    """Meshes and whatever else the model file of an own hand names."""
-    return own_hand_files() if HAND else []
-
-
 # The hand closes on every object, in MuJoCo.
 rule grasps:
     input:
