@@ -14,6 +14,8 @@ Their layout is in `palpate.catalogue.released`; what is in its files:
 """
 
 import logging
+import warnings
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -32,6 +34,7 @@ from palpate.store.files import Store, StoreError
 __all__ = [
     "ReleasedObject",
     "export_run",
+    "orientation_agreement",
     "read_charts",
     "read_empty_reading",
     "read_released",
@@ -189,6 +192,22 @@ def read_empty_reading(root: Path | str) -> np.ndarray:
     return _reading(path, "the empty gel", load_plain(path))
 
 
+def orientation_agreement(touch: Mapping[str, np.ndarray], empty_reading: np.ndarray) -> tuple[float, float]:
+    """Of a record of the touch store: how well readings lie on their depths, as they are and turned over.
+
+    The share of pixels that differ from the empty reading where something is in range and are the same where
+    nothing is; second, the same with rows and columns of the readings exchanged. Nothing published says which
+    axis of a gel's image is which (their network's grid does), so it should be looked at: if the second is
+    larger over many objects, they are exchanged. (nan, nan) if nothing was touched.
+    """
+    touched = touch["success"]
+    if not touched.any():
+        return float("nan"), float("nan")
+    pressed = (touch["reading"][touched] != empty_reading).any(axis=-1)
+    in_range = np.isfinite(touch["depth"][touched])
+    return float((pressed == in_range).mean()), float((pressed.swapaxes(1, 2) == in_range).mean())
+
+
 def read_vision(root: Path | str, entry: ReleasedObject, grasps: int, size: int) -> dict[str, np.ndarray]:
     """The record of the vision store: images (size, size, 3) uint8; there are no masks and no depths.
 
@@ -278,7 +297,7 @@ def _export_object(record: ObjectRecord, root: Path, name: str, charts: bool) ->
         scene = {
             "touch_success": grasp.success,
             "cam_pos": grasp.position,
-            "cam_rot": Rotation.from_matrix(grasp.rotation).as_euler("xyz"),
+            "cam_rot": _angles(grasp.rotation),
             "depth": list(depth.transpose(0, 2, 1)),
             "gel": list(grasp.reading.transpose(0, 2, 1, 3)),
             "points": list(grasp.points),
@@ -287,6 +306,15 @@ def _export_object(record: ObjectRecord, root: Path, name: str, charts: bool) ->
         for sensor in range(SENSORS) if charts else ():
             sheet = grasp.vertices[sensor][_IN_CHART] if grasp.success[sensor] else np.zeros(1)
             _save(sheets / f"sheets_{number}_{sensor}.npy", sheet)
+
+
+def _angles(rotation: np.ndarray) -> np.ndarray:
+    """Radians (..., 3) about fixed x, then y, then z, of rotations (..., 3, 3)."""
+    with (
+        warnings.catch_warnings()
+    ):  # of angles that are one of many with the same rotation, which is all right
+        warnings.simplefilter("ignore", UserWarning)
+        return Rotation.from_matrix(rotation).as_euler("xyz")
 
 
 def _save(path: Path, value: Any) -> None:

@@ -6,6 +6,7 @@ vision/<batch>.zarr     images; without masks and depths, which the release does
 rejected/released/<batch>.csv    object, stage, reason
 """
 
+import logging
 from pathlib import Path
 
 import numpy as np
@@ -32,6 +33,12 @@ def read(name: str) -> dict[str, dict[str, np.ndarray]]:
 
 empty_reading = released.read_empty_reading(root)
 found, rejections = each_object(params.objects, read, "released")
+agreement = [released.orientation_agreement(records["touch"], empty_reading) for records in found.values()]
+if agreement:
+    same, turned = 100 * np.nanmean(agreement, axis=0)
+    logging.info("readings lie on %.1f %% of their depths' pixels (%.1f %% if turned over)", same, turned)
+    if turned > same:
+        logging.warning("rows and columns of the readings look exchanged: the depths fit better turned over")
 with store.whole(snakemake.output.rejected) as rejected:
     write_rejections(rejected, rejections)
 for stage in ("surface", "touch", "vision"):
