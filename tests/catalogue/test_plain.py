@@ -79,6 +79,16 @@ def test_every_protocol_is_read(tmp_path, protocol, order):
     assert loaded["ordered"] == {"a": 1}
 
 
+def test_names_of_both_numpys_are_read(tmp_path):
+    saved = {"depth": np.arange(4.0), "n": np.float32(2)}
+    for name in (b"numpy.core.", b"numpy._core."):
+        path = tmp_path / "0.npy"
+        with path.open("wb") as file:
+            np.lib.format.write_array_header_1_0(file, {"descr": "|O", "fortran_order": False, "shape": ()})
+            file.write(pickle.dumps(np.array(saved, dtype=object), 0).replace(b"numpy.core.", name))
+        assert_same(load_plain(path), saved)
+
+
 def test_arrays_without_objects_are_read_too(tmp_path):
     np.save(tmp_path / "points.npy", np.arange(6.0).reshape(2, 3))
     np.testing.assert_array_equal(load_plain(tmp_path / "points.npy"), [[0, 1, 2], [3, 4, 5]])
