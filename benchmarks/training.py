@@ -7,7 +7,7 @@ Each variant of `VARIANTS` (default: all) changes some keys of the recipe. Its s
 as fit in the seconds of processor time, on one core; the schedule ends with the last. The run's packs must be there
 (snakemake packs/<family>.h5). With few objects the validation loss says little: --validate-on takes the validation
 objects of a larger run (of the same config but for its size), and the training objects of the first. Losses are on
-2,500 points, all windows; the best of the evaluations, as a run would keep it.
+2,500 points, one window of each object; the best of the evaluations, as a run would keep it.
 """
 
 import argparse
@@ -106,7 +106,9 @@ def main() -> None:
     options = parser.parse_args()
     logging.basicConfig(level=logging.WARNING)
 
-    experiment = yaml.safe_load((PROJECT / "config/experiments.yaml").read_text())["experiments"][options.experiment]
+    experiment = yaml.safe_load((PROJECT / "config/experiments.yaml").read_text())["experiments"][
+        options.experiment
+    ]
     recipe = recipes.resolve(
         PROJECT / "config/recipes.yaml", options.recipe, {}, PROJECT / "workflow/schemas/recipes.schema.yaml"
     )
@@ -117,16 +119,20 @@ def main() -> None:
         pack = combined(pack, Pack.read(options.validate_on / file, ("validation",)))
     torch.set_num_threads(1)
     counts = {split: len(pack.of_split(split)) for split in ("train", "validation")}
-    print(f"{options.experiment}, {options.seconds:.0f} s of one core, {counts['train']} objects to train on, "
-          f"{counts['validation']} to validate on, seeds {options.seeds}")
-    print("| variant | parameters | ms a step | steps | best validation loss | at step | last | training loss |")
+    print(
+        f"{options.experiment}, {options.seconds:.0f} s of one core, {counts['train']} objects to train on, "
+        f"{counts['validation']} to validate on, seeds {options.seeds}"
+    )
+    print(
+        "| variant | parameters | ms a step | steps | best validation loss | at step | last | training loss |"
+    )
     print("|---|---|---|---|---|---|---|---|", flush=True)
     for name in options.variants:
         for seed in options.seeds:
             settings = recipes.merge(base, VARIANTS.get(name) if name in VARIANTS else yaml.safe_load(name))
             seconds = step_seconds(pack, experiment, settings)
             steps = int(options.seconds / seconds)
-            settings |= {"steps": steps, "evaluate_every": -(-steps // EVALUATIONS), "validation_samples": None}
+            settings |= {"steps": steps, "evaluate_every": -(-steps // EVALUATIONS), "validation_samples": 1}
             settings |= {"validation_points": 2500, "epochs": None, "patience": None}
             with tempfile.TemporaryDirectory() as folder:
                 learner = training.ReconstructionLearner(pack, experiment, settings, seed)

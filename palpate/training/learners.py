@@ -121,7 +121,7 @@ class Learner(lightning.LightningModule):
 
     def _finite(self, loss: Tensor, where: str) -> Tensor:
         if not torch.isfinite(loss):
-            raise Diverged(f"the loss is {float(loss)} in {where}")
+            raise Diverged(f"the loss is {float(loss.detach())} in {where}")
         return loss
 
     def _rank(self) -> slice:

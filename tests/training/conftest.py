@@ -1,0 +1,75 @@
+"""Small things to train on: ellipsoids, their pictures and their touches, in memory."""
+
+import numpy as np
+import pytest
+
+from palpate.mesh import OBJECT_POSITION
+from palpate.training.pack import Pack
+
+SPLITS = ["train"] * 4 + ["validation"] * 2 + ["test"]
+ARCHITECTURE = {
+    "encoder": {"channels": [4, 6], "layers": [1, 1], "pool": [1, 2], "norm": "batch", "padding": 1},
+    "gcn": {"layers": 3, "width": 9},
+    "normalise_positions": True,
+    "init": "he",
+    "last_layer_scale": 0.01,
+}
+SETTINGS = {
+    "architecture": ARCHITECTURE,
+    "optimiser": "adam",
+    "rate": 3e-3,
+    "schedule": "one_cycle",
+    "weight_decay": 0,
+    "clip": 1.0,
+    "ema": None,
+    "batch": 2,
+    "steps": 8,
+    "epochs": None,
+    "evaluate_every": 2,
+    "patience": None,
+    "loss_points": 200,
+    "validation_points": 200,
+    "validation_samples": None,
+}
+OCCLUDED_TOUCH = {"strategy": "charts", "vision": "occluded", "touch": True, "grasps": 1}
+TOUCH_ONLY = {"strategy": "charts", "vision": "none", "touch": True, "grasps": 2}
+
+
+def made_up(vision: str = "occluded", touch: str = "charts", grasps: int = 3, seed: int = 0) -> Pack:
+    """A pack of seven ellipsoids, with random pixels."""
+    random = np.random.default_rng(seed)
+    o = len(SPLITS)
+    directions = random.standard_normal((o, 500, 3))
+    directions /= np.linalg.norm(directions, axis=2, keepdims=True)
+    points = directions * random.uniform(0.05, 0.2, (o, 1, 3)) + OBJECT_POSITION
+    arrays = {
+        "object": np.array([f"egg-{number}" for number in range(o)]),
+        "class": np.array(["egg"] * o),
+        "split": np.array(SPLITS),
+        "points": points.astype(np.float32),
+    }
+    if vision == "occluded":
+        arrays["occluded"] = random.integers(0, 256, (o, grasps, 24, 24, 3), dtype=np.uint8)
+    if vision == "unoccluded":
+        arrays["unoccluded"] = random.integers(0, 256, (o, 24, 24, 3), dtype=np.uint8)
+    if vision == "views":
+        arrays["views"] = random.integers(0, 256, (o, 5, 24, 24, 3), dtype=np.uint8)
+        arrays["camera"] = random.standard_normal((o, 5, 3, 4)).astype(np.float32)
+    if touch != "none":
+        arrays["success"] = random.random((o, grasps, 4)) < 0.7
+        arrays["position"] = (random.uniform(-0.1, 0.1, (o, grasps, 4, 3)) + OBJECT_POSITION).astype(
+            np.float32
+        )
+        arrays["rotation"] = np.broadcast_to(np.eye(3, dtype=np.float32), (o, grasps, 4, 3, 3)).copy()
+    if touch == "charts":
+        spread = random.uniform(-0.005, 0.005, (o, grasps, 4, 81, 3))
+        arrays["charts"] = (arrays["position"][:, :, :, None] + spread).astype(np.float32)
+    if touch == "readings":
+        arrays["reading"] = random.integers(0, 256, (o, grasps, 4, 100, 100, 3), dtype=np.uint8)
+        arrays["empty_reading"] = np.full((100, 100, 3), 90, np.uint8)
+    return Pack(arrays, f"{vision}-{touch}", "0" * 64)
+
+
+@pytest.fixture
+def pack() -> Pack:
+    return made_up()

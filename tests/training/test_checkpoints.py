@@ -1,0 +1,111 @@
+"""Trained models as files: what is written is loaded, and what can't be used is said."""
+
+import pytest
+import torch
+import yaml
+
+from palpate.models import PAPER_ARCHITECTURES, TouchDepth
+from palpate.training.checkpoints import CheckpointError, architecture, build, load, load_touch_depth, save
+from tests.training.conftest import ARCHITECTURE, OCCLUDED_TOUCH, TOUCH_ONLY
+
+
+@pytest.fixture
+def model():
+    return build(OCCLUDED_TOUCH, ARCHITECTURE)
+
+
+@pytest.fixture
+def path(tmp_path, model):
+    save(
+        tmp_path / "best.ckpt",
+        "reconstruction",
+        model,
+        {"experiment": OCCLUDED_TOUCH, "architecture": ARCHITECTURE},
+    )
+    return tmp_path / "best.ckpt"
+
+
+def changed(path, **values):
+    torch.save(torch.load(path, weights_only=True) | values, path)
+
+
+def test_what_is_written_is_loaded(path, model):
+    found = load(path, OCCLUDED_TOUCH)
+    assert not found.training and (found.strategy, found.vision, found.touch, found.sensors) == (
+        "charts",
+        True,
+        True,
+        4,
+    )
+    expected = model.state_dict()
+    assert all(torch.equal(value, expected[key]) for key, value in found.state_dict().items())
+
+
+def test_the_unet(tmp_path):
+    model = TouchDepth(2)
+    save(tmp_path / "best.ckpt", "touch_depth", model, {"width": 2})
+    found, reading = load_touch_depth(tmp_path / "best.ckpt"), torch.rand(1, 3, 100, 100)
+    torch.testing.assert_close(found(reading), model.eval()(reading))
+
+
+def test_the_same_model_gives_the_same_bytes(path, model):
+    before = path.read_bytes()
+    save(path, "reconstruction", model, {"experiment": OCCLUDED_TOUCH, "architecture": ARCHITECTURE})
+    assert path.read_bytes() == before
+
+
+def test_of_another_experiment(path):
+    with pytest.raises(CheckpointError, match="was trained for .*occluded.*is asked for"):
+        load(path, TOUCH_ONLY)
+
+
+def test_of_another_architecture(path):
+    changed(path, architecture=ARCHITECTURE | {"gcn": {"layers": 3, "width": 12}})
+    with pytest.raises(CheckpointError, match="weights are of another architecture .*gcn.layers.0.weight"):
+        load(path)
+
+
+def test_of_another_schema_version(path):
+    changed(path, schema_version=7)
+    with pytest.raises(CheckpointError, match="schema version 7, but this palpate reads version 1"):
+        load(path)
+
+
+def test_of_another_kind(path):
+    with pytest.raises(CheckpointError, match="kind reconstruction, expected touch_depth"):
+        load_touch_depth(path)
+
+
+class Code:
+    def __reduce__(self):
+        return print, ("run",)
+
+
+def test_no_checkpoint(tmp_path, capsys):
+    run = tmp_path / "models/charts_touch/seed-0/best.ckpt"
+    with pytest.raises(
+        CheckpointError, match="train the model with: snakemake models/charts_touch/seed-0/best.ckpt"
+    ):
+        load(run)
+    run.parent.mkdir(parents=True)
+    for content in (b"", b"no checkpoint"):
+        run.write_bytes(content)
+        with pytest.raises(CheckpointError, match="is no checkpoint of Palpate"):
+            load(run)
+    torch.save({"schema_version": 1, "kind": Code()}, run)
+    with pytest.raises(CheckpointError, match="is no checkpoint"):
+        load(run)
+    assert "run" not in capsys.readouterr().out
+
+
+def test_the_papers_architecture_is_that_of_what_the_model_sees():
+    with open("config/experiments.yaml") as file:
+        experiments = yaml.safe_load(file)["experiments"]
+    for name, key in {
+        "sphere_occluded_touch": "occluded_touch",
+        "charts_unoccluded": "unoccluded",
+        "charts_touch_3": "touch",
+        "single_image": "single_image",
+    }.items():
+        assert architecture(experiments[name], {"architecture": "paper"}) == PAPER_ARCHITECTURES[key]
+    assert architecture(TOUCH_ONLY, {"architecture": ARCHITECTURE}) == ARCHITECTURE

@@ -1,0 +1,296 @@
+"""Training as a whole, on a few ellipsoids: it resumes to the same bytes, keeps the best, and stops when it must."""
+
+import csv
+import json
+import logging
+import math
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+import torch
+
+from palpate.training.checkpoints import load
+from palpate.training.learners import Diverged, ReconstructionLearner
+from palpate.training.loop import Machine, train
+from palpate.training.pack import PackError
+from tests.training.conftest import ARCHITECTURE, OCCLUDED_TOUCH, SETTINGS, TOUCH_ONLY, made_up
+
+CPU = Machine("cpu")
+
+
+def run(folder, seed=0, experiment=OCCLUDED_TOUCH, **settings):
+    """Train on made-up data; returns what it says and the model that was kept."""
+    learner = ReconstructionLearner(made_up(), experiment, SETTINGS | settings, seed)
+    said = train(learner, folder / "model", folder / "checkpoints", CPU, "test")
+    return said, load(folder / "model/best.ckpt", experiment)
+
+
+def history(folder):
+    with open(folder / "model/history.csv", newline="") as file:
+        return [{key: float(value) for key, value in row.items()} for row in csv.DictReader(file)]
+
+
+def weights(folder):
+    return torch.load(folder / "model/best.ckpt", weights_only=True)["weights"]
+
+
+def same(a, b):
+    return a.keys() == b.keys() and all(torch.equal(a[key], b[key]) for key in a)
+
+
+@pytest.fixture(scope="module")
+def trained(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("trained")
+    return folder, *run(folder)
+
+
+def test_outputs(trained):
+    folder, said, model = trained
+    rows = history(folder)
+    assert [row["step"] for row in rows] == [2, 4, 6, 8]
+    assert list(rows[0]) == ["step", "seconds", "train_loss", "validation_loss", "rate"]
+    assert all(0 < a["seconds"] <= b["seconds"] for a, b in zip(rows, rows[1:], strict=False))
+    best = min(rows, key=lambda row: row["validation_loss"])
+    assert (said["best_step"], said["validation_loss"]) == (best["step"], best["validation_loss"])
+    assert (
+        json.loads((folder / "model/training.json").read_text())["validation_loss"] == best["validation_loss"]
+    )
+    assert not model.training and not (folder / "checkpoints").exists()
+    assert said["validated"] == 2 * 3  # objects of the split, windows of each
+
+
+def test_it_learns(trained):
+    rows = history(trained[0])
+    assert rows[-1]["validation_loss"] < 0.95 * rows[0]["validation_loss"]
+
+
+def test_the_same_seed_gives_the_same_weights_and_another_others(trained, tmp_path):
+    run(tmp_path)
+    assert same(weights(tmp_path), weights(trained[0]))
+    run(tmp_path, seed=1)
+    assert not same(weights(tmp_path), weights(trained[0]))
+
+
+KILLED = """
+import sys
+from pathlib import Path
+from tests.training.test_loop import run
+run(Path(sys.argv[1]), **eval(sys.argv[2]))
+"""
+
+
+def test_a_killed_training_goes_on_to_the_same_weights(tmp_path):
+    """Killed after its first evaluation, with every process of its session, as the workflow's tests kill."""
+    whole, killed = tmp_path / "whole", tmp_path / "killed"
+    settings = {"ema": 0.9, "evaluate_every": 3, "steps": 31}
+    process = subprocess.Popen(
+        [sys.executable, "-c", KILLED, str(killed), repr(settings)], start_new_session=True, cwd="."
+    )
+    until = time.monotonic() + 120
+    last = killed / "checkpoints/last.ckpt"
+    while not last.exists() and process.poll() is None and time.monotonic() < until:
+        time.sleep(0.01)
+    os.killpg(process.pid, signal.SIGKILL)
+    process.wait()
+    assert last.exists() and not (killed / "model").exists()
+    held = torch.load(last, weights_only=False)
+    assert 0 < held["global_step"] < 31
+    said, _ = run(killed, **settings)
+    expected, _ = run(whole, **settings)
+    assert same(weights(killed), weights(whole))
+    assert said["validation_loss"] == expected["validation_loss"]
+    kept = ("step", "train_loss", "validation_loss", "rate")
+    assert [[row[key] for key in kept] for row in history(killed)] == [
+        [row[key] for key in kept] for row in history(whole)
+    ]
+
+
+class Stop(Exception):
+    pass
+
+
+def interrupted(folder, monkeypatch, at, **settings):
+    """Train until a step, where it breaks off."""
+    step = ReconstructionLearner.training_step
+
+    def stop(self, number, part):
+        if number == at:
+            raise Stop
+        return step(self, number, part)
+
+    monkeypatch.setattr(ReconstructionLearner, "training_step", stop)
+    with pytest.raises(Stop):
+        run(folder, **settings)
+    monkeypatch.undo()
+
+
+def test_work_in_progress_of_another_config_is_not_taken(trained, tmp_path, monkeypatch):
+    interrupted(tmp_path, monkeypatch, 5, rate=1e-4)
+    assert (tmp_path / "checkpoints/last.ckpt").exists()
+    run(tmp_path)
+    assert same(weights(tmp_path), weights(trained[0]))
+
+
+def test_interrupted_before_its_first_evaluation_it_begins_anew(trained, tmp_path, monkeypatch):
+    interrupted(tmp_path, monkeypatch, 1)
+    run(tmp_path)
+    assert same(weights(tmp_path), weights(trained[0]))
+
+
+def test_finished_but_not_written_out_it_is_not_trained_further(trained, tmp_path, monkeypatch):
+    from palpate.training import loop
+
+    def stop(*_):
+        raise Stop
+
+    monkeypatch.setattr(loop, "_write", stop)
+    with pytest.raises(Stop):
+        run(tmp_path)
+    monkeypatch.undo()
+    monkeypatch.setattr(ReconstructionLearner, "training_step", stop)
+    run(tmp_path)
+    assert same(weights(tmp_path), weights(trained[0]))
+
+
+def losses_of(monkeypatch, values):
+    """Validations find these losses, one after the other."""
+    left = iter(values)
+    end = ReconstructionLearner.on_validation_epoch_end
+
+    def found(self):
+        end(self)
+        self.validation_loss = next(left)
+
+    monkeypatch.setattr(ReconstructionLearner, "on_validation_epoch_end", found)
+
+
+def test_patience(tmp_path, monkeypatch):
+    losses_of(monkeypatch, [5.0, 4.0, 4.5, 4.0, 3.0, 3.5, 9.0, 1.0])
+    said, _ = run(tmp_path, steps=16, patience=2)
+    assert [row["validation_loss"] for row in history(tmp_path)] == [5.0, 4.0, 4.5, 4.0]
+    assert (said["best_step"], said["validation_loss"], said["steps"]) == (4, 4.0, 8)
+
+
+def test_the_best_is_kept_not_the_last(tmp_path, monkeypatch):
+    losses_of(monkeypatch, [5.0, 4.0, 4.5, 6.0])
+    said, _ = run(tmp_path)
+    held = torch.load(tmp_path / "model/best.ckpt", weights_only=True)
+    assert (held["step"], held["validation_loss"], said["steps"]) == (4, 4.0, 8)
+    monkeypatch.undo()
+    shorter = tmp_path / "shorter"
+    run(shorter, steps=4, schedule="constant")
+    longer = tmp_path / "longer"
+    losses_of(monkeypatch, [5.0, 4.0, 4.5, 6.0])
+    run(longer, schedule="constant")
+    assert same(weights(longer), weights(shorter))
+
+
+def test_a_loss_that_is_nan_stops_with_a_message_and_keeps_what_was_good(tmp_path, monkeypatch):
+    losses = ReconstructionLearner.losses
+
+    def poisoned(self, part, generator, model, validation=False):
+        found = losses(self, part, generator, model, validation)
+        return found * math.nan if self.global_step == 5 and not validation else found
+
+    monkeypatch.setattr(ReconstructionLearner, "losses", poisoned)
+    with pytest.raises(
+        Diverged, match=r"loss is nan in step 5; the best model so far is .*best.ckpt. Lower the rate"
+    ):
+        run(tmp_path)
+    assert load(tmp_path / "checkpoints/best.ckpt")
+    assert not (tmp_path / "model").exists()
+
+
+def test_weights_that_explode_stop_it(tmp_path):
+    with pytest.raises(Diverged, match="NaN or infinite vertices|loss is"):
+        run(tmp_path, rate=1e30, clip=None)
+
+
+def test_the_average_is_a_recursion_over_the_steps(tmp_path):
+    """Of a model that is trained with constant settings: its weights after each step, averaged by hand."""
+    learner = ReconstructionLearner(made_up(), TOUCH_ONLY, SETTINGS | {"ema": 0.9}, 0)
+    seen = [{key: value.clone() for key, value in learner.model.state_dict().items()}]
+    step = learner.on_train_batch_end
+
+    def note(*arguments):
+        seen.append({key: value.clone() for key, value in learner.model.state_dict().items()})
+        step(*arguments)
+
+    learner.on_train_batch_end = note
+    train(learner, tmp_path / "model", tmp_path / "checkpoints", CPU, "test")
+    name = "gcn.layers.0.weight"
+    average = seen[0][name].double()
+    for number, state in enumerate(seen[1:], start=1):
+        decay = min(0.9, number / (number + 10))
+        average = decay * average + (1 - decay) * state[name].double()
+    torch.testing.assert_close(learner.averaged.state_dict()[name].double(), average, rtol=1e-5, atol=1e-7)
+
+
+def test_the_rate_follows_one_cycle(tmp_path):
+    learner = ReconstructionLearner(made_up(), TOUCH_ONLY, SETTINGS | {"steps": 100}, 0)
+    rates = [learner._one_cycle(step) for step in range(101)]
+    assert (
+        rates[0] == pytest.approx(0.04)
+        and rates[10] == pytest.approx(1)
+        and rates[100] == pytest.approx(1e-4)
+    )
+    assert rates[5] == pytest.approx(0.52) and rates[55] == pytest.approx(0.50005)
+    assert max(rates) == rates[10]
+
+
+def test_an_epoch_is_every_object_once(tmp_path):
+    said, _ = run(tmp_path, steps=None, epochs=3, evaluate_every=None, batch=3)
+    assert said["steps"] == 6 and [row["step"] for row in history(tmp_path)] == [2, 4, 6]
+
+
+def test_an_empty_split_is_said():
+    pack = made_up()
+    pack.splits = ["train"] * len(pack)
+    with pytest.raises(PackError, match="no object of the validation split"):
+        ReconstructionLearner(pack, OCCLUDED_TOUCH, SETTINGS, 0)
+
+
+def test_progress_is_a_few_lines(tmp_path, caplog, capfd):
+    with caplog.at_level(logging.INFO):
+        run(tmp_path)
+    assert len(caplog.records) <= 2
+    assert "step 8 of 8" in caplog.text
+    assert capfd.readouterr() == ("", "")
+    assert not list(tmp_path.glob("**/lightning_logs"))
+
+
+@pytest.mark.skipif(torch.cuda.is_available(), reason="there is a GPU")
+def test_a_gpu_that_is_not_there_is_said():
+    with pytest.raises(ValueError, match="config training.device is gpu"):
+        Machine("gpu").accelerator()
+    assert Machine("auto").accelerator() == "cpu"
+
+
+def test_double_precision(tmp_path):
+    learner = ReconstructionLearner(made_up(), TOUCH_ONLY, SETTINGS | {"steps": 2}, 0)
+    train(learner, tmp_path / "model", tmp_path / "checkpoints", Machine("cpu", precision="64-true"), "test")
+    assert weights(tmp_path)["gcn.layers.0.weight"].dtype == torch.float64
+
+
+@pytest.mark.parametrize(
+    ("strategy", "vision", "touch", "reads"),
+    [
+        ("sphere", "occluded", True, "readings"),
+        ("no_copy", "unoccluded", True, "charts"),
+        ("no_comm", "occluded", True, "charts"),
+        ("charts", "views", False, "none"),
+        ("sphere", "unoccluded", False, "none"),
+        ("charts", "none", True, "charts"),
+    ],
+)
+def test_every_kind_of_experiment(tmp_path, strategy, vision, touch, reads):
+    experiment = {"strategy": strategy, "vision": vision, "touch": touch, "grasps": 1}
+    learner = ReconstructionLearner(made_up(vision, reads), experiment, SETTINGS | {"steps": 2}, 0)
+    said = train(learner, tmp_path / "model", tmp_path / "checkpoints", CPU, "test")
+    assert math.isfinite(said["validation_loss"])
+    assert said["architecture"] == ARCHITECTURE
+    assert load(tmp_path / "model/best.ckpt", experiment).strategy == strategy

@@ -1,0 +1,119 @@
+"""Recipes: the shipped ones, what a run sets otherwise, and what is said of mistakes."""
+
+from pathlib import Path
+
+import pytest
+import yaml
+
+from palpate.catalogue.schema import Invalid
+from palpate.training import recipes
+from palpate.training.families import family, sources, stages
+
+PROJECT = Path(__file__).parents[2]
+FILE = PROJECT / "config/recipes.yaml"
+SCHEMA = PROJECT / "workflow/schemas/recipes.schema.yaml"
+EXPERIMENTS = yaml.safe_load((PROJECT / "config/experiments.yaml").read_text())["experiments"]
+
+
+def resolve(override, name="fast", file=FILE):
+    return recipes.resolve(file, name, override, SCHEMA)
+
+
+def test_the_papers_numbers():
+    """Supplement, "Optimization Details" of local and of global charts, and "Single Image ..."."""
+    recipe = resolve({}, "paper")
+    depth = recipe["touch_depth"]
+    assert (depth["rate"], depth["batch"], depth["epochs"], depth["width"]) == (5e-5, 32, 114, 64)
+    for experiment in EXPERIMENTS.values():
+        found = recipes.settings(recipe, experiment)
+        assert found["architecture"] == "paper" and found["optimiser"] == "adam"
+        schedule = found["rate"], found["batch"], found["epochs"], found["patience"]
+        single = experiment["vision"] == "views"
+        assert schedule == ((1e-5, 64, 40, None) if single else (3e-5, 16, 260, 70))
+
+
+def test_every_experiment_has_settings_and_a_family():
+    recipe = resolve({})
+    for name, experiment in EXPERIMENTS.items():
+        assert recipes.settings(recipe, experiment)["batch"] >= 1, name
+        assert "surface" in stages(family(experiment)), name
+
+
+def test_an_override_is_merged_deeply_and_the_file_left_as_it_is():
+    before = resolve({})
+    changed = resolve({"reconstruction": {"rate": 0.5, "architecture": {"gcn": {"layers": 2}}}})
+    assert changed["reconstruction"]["rate"] == 0.5
+    assert changed["reconstruction"]["architecture"]["gcn"]["layers"] == 2
+    for key in ("width",):
+        assert (
+            changed["reconstruction"]["architecture"]["gcn"][key]
+            == before["reconstruction"]["architecture"]["gcn"][key]
+        )
+    assert changed["reconstruction"]["batch"] == before["reconstruction"]["batch"]
+    assert changed["touch_depth"] == before["touch_depth"]
+    assert resolve({}) == before
+
+
+def test_modality_then_strategy():
+    recipe = resolve(
+        {
+            "reconstruction": {"batch": 3, "rate": 0.1, "clip": 7.0},
+            "modalities": {"occluded_touch": {"batch": 5, "rate": 0.2}},
+            "strategies": {"sphere": {"rate": 0.3}},
+        }
+    )
+    found = recipes.settings(recipe, EXPERIMENTS["sphere_occluded_touch"])
+    assert (found["batch"], found["rate"], found["clip"]) == (5, 0.3, 7.0)
+    found = recipes.settings(recipe, EXPERIMENTS["charts_occluded_touch"])
+    assert (found["batch"], found["rate"]) == (5, 0.2)
+    found = recipes.settings(recipe, EXPERIMENTS["charts_unoccluded_touch"])
+    assert (found["batch"], found["rate"]) == (3, 0.1)
+
+
+@pytest.mark.parametrize(
+    ("override", "said"),
+    [
+        ({"reconstruction": {"raet": 1}}, "fast.reconstruction.raet: unknown key; did you mean 'rate'?"),
+        ({"modalities": {"ocluded": {}}}, "fast.modalities.ocluded: unknown key; did you mean 'occluded'?"),
+        (
+            {"modalities": {"touch": {"stesp": 1}}},
+            "fast.modalities.touch.stesp: unknown key; did you mean 'steps'?",
+        ),
+        ({"touch_depth": {"batch": 0}}, "fast.touch_depth.batch: 0 is less than the minimum"),
+        ({"reconstruction": {"schedule": "cosine"}}, "fast.reconstruction.schedule: 'cosine' is not one of"),
+        ({"reconstruction": {"architecture": {"gcn": {"depth": 1}}}}, "gcn.depth: unknown key"),
+        ({"epochs": 3}, "fast.epochs: unknown key"),
+        ({"reconstruction": {"steps": None, "epochs": None}}, "reconstruction needs steps or epochs"),
+        ({"modalities": {"touch": {"steps": None}}}, "modalities.touch needs steps or epochs"),
+    ],
+)
+def test_each_mistake_is_one_clear_line(override, said):
+    with pytest.raises(Invalid) as error:
+        resolve(override)
+    assert said in str(error.value)
+    assert "training.override" in str(error.value) or "needs" in str(error.value)
+
+
+def test_a_recipe_that_does_not_exist():
+    with pytest.raises(Invalid, match="no recipe 'slow' .*known: fast, paper"):
+        resolve({}, "slow")
+
+
+def test_families_of_the_paper():
+    found = {name: family(EXPERIMENTS[name]) for name in EXPERIMENTS}
+    assert found["sphere_occluded_touch"] == "occluded-readings"
+    assert found["no_comm_unoccluded_touch"] == found["charts_unoccluded_touch_5"] == "unoccluded-charts"
+    assert found["charts_touch_3"] == "none-charts"
+    assert found["sphere_unoccluded"] == found["charts_unoccluded"] == "unoccluded-none"
+    assert found["single_image"] == "views-none"
+
+
+def test_a_family_needs_no_more_stages_than_it_sees():
+    assert stages("unoccluded-none") == ["surface", "vision"]
+    assert stages("none-charts") == ["surface", "touch", "charts"]
+    assert stages("occluded-readings") == ["surface", "vision", "touch"]
+    assert stages("views-none") == ["surface", "views"]
+    assert "reading" not in sources("occluded-charts") and "charts" not in sources("none-readings")
+    for wrong in ("none-none", "occluded", "charts-none"):
+        with pytest.raises(Invalid, match="no family"):
+            sources(wrong)
