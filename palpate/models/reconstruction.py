@@ -105,7 +105,7 @@ class Reconstruction(nn.Module):
         | `charts` | (B, T, 81, 3), not read where success is False | touch, but for `sphere` |
         | `rotation`, `reading` | (B, T, 3, 3), (B, T, 3, 100, 100) in [0, 1] | touch, `sphere` |
 
-        Raises ValueError if a key is missing or of another shape. `check` also looks at the values.
+        Raises ValueError if a key is missing, of another shape or type. `check` also looks at the values.
         """
         samples = self._check_shapes(batch)
         positions = self.start[:, None].expand(-1, samples, -1)
@@ -206,6 +206,8 @@ class Reconstruction(nn.Module):
             if not fits or any(want not in (None, size) for want, size in zip(shape, found[1:], strict=True)):
                 wanted = ", ".join("S" if size is None else str(size) for size in (samples, *shape))
                 raise ValueError(f"{key} has shape {found}, expected ({wanted})")
+            if key != "success" and not batch[key].is_floating_point():
+                raise ValueError(f"{key} is {batch[key].dtype}, expected floating point")
         if self.vision:
             height, width = batch["image"].shape[2:]
             if height != width:

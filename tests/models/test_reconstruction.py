@@ -238,6 +238,12 @@ def test_a_wrong_shape_is_named(key, shape, message):
         model(batch | {key: torch.zeros(shape, dtype=torch.float64)})
 
 
+def test_bytes_are_no_image():
+    model, batch = model_of("charts", True, True, 1), random_batch(2, 1)
+    with pytest.raises(ValueError, match="image is torch.uint8, expected floating point"):
+        model(batch | {"image": (255 * batch["image"]).byte()})
+
+
 @pytest.mark.parametrize("key", ["image", "position", "charts"])
 @pytest.mark.parametrize("value", [torch.nan, torch.inf])
 def test_values_that_are_no_numbers_are_named(key, value):
