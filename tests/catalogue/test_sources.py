@@ -171,4 +171,10 @@ def test_all_classes_needs_folders(tmp_path):
 
 
 def test_up_axis_of_every_kind():
-    assert catalogue.UP_AXIS == {"procedural": "z", "folder": "z", "shapenet": "y", "abc": "z", "released": "z"}
+    assert catalogue.UP_AXIS == {
+        "procedural": "z",
+        "folder": "z",
+        "shapenet": "y",
+        "abc": "z",
+        "released": "z",
+    }
