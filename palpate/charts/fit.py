@@ -81,8 +81,8 @@ def fit_adam(
         steps: at most so many.
         rate: Adam's learning rate, in metres.
         stop: a chart is done when its loss falls below this many square metres.
-        samples: points on each sheet a step. With so few that their own spacing exceeds `stop`, no chart is
-            ever done: 1,000 are too few for the supplement's (docs/charts.md).
+        samples: points on each sheet a step. With so few that their own spacing exceeds `stop`, it is
+            never reached: 1,000 are too few for the supplement's (docs/charts.md).
         generator: of the samples; the default one if None.
 
     Returns: (k, 81, 3), vertices ordered as in `touch_chart()`; of the step with the lowest loss if it did
