@@ -37,8 +37,8 @@ STRIDE = 7  # of a cloud's points, those that are drawn: 10,000 hide one another
 POINT, VERTEX = 0.004, 0.006  # m, radii as drawn
 SEGMENTS = 1  # of a point as a sphere: a few pixels across, it needs no more
 TRUE_COLOUR = (0.5, 0.5, 0.5)  # sRGB: clay is too pale for points
-PIXELS = 260
-SAMPLES = 32
+PIXELS = 240
+SAMPLES = 16
 TOWARDS = (0.0, -0.75, 1.0)  # from the site to the camera, in the frame of `upright`
 DISTANCE, FIELD_OF_VIEW = 1.5, 19.0  # m, degrees
 

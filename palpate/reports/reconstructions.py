@@ -42,8 +42,8 @@ EXPERIMENTS = tuple(experiment for experiment, *_ in SETUPS)
 STAGES = ("surface", "touch", "vision")  # whose objects can be drawn
 
 POINT = 0.004  # m, radius of a surface point, where there is no mesh
-SAMPLES = 32
-PIXELS = 260
+SAMPLES = 16
+PIXELS = 240
 # The paper's camera with a narrower field of view: objects, 0.5 m across at most, fill its image to two
 # thirds, and predictions can be as large as the initial sphere.
 ZOOM = 1.3
@@ -117,6 +117,11 @@ def shared_camera(size: int) -> Camera:
     return replace(camera, focal_length=ZOOM * camera.focal_length)
 
 
+def frame(size: int) -> tuple[float, float]:
+    """From which to which pixel coordinate, both ways, `shared_camera` sees an image of the dataset."""
+    return 0.5 * size * (1 - 1 / ZOOM), 0.5 * size * (1 + 1 / ZOOM)
+
+
 def _page(records: list[ObjectRecord], setups: list[tuple], cells: dict, path: Path | str) -> None:
     cell, gap, between, left, head = 1.3, 0.02, 0.14, 0.3, 0.5  # inches
     columns = [("image", "Input images", "occluded"), ("image", "Input images", "unoccluded")]
@@ -156,9 +161,9 @@ def _page(records: list[ObjectRecord], setups: list[tuple], cells: dict, path: P
         for column, image in enumerate((record.grasps[0].occluded, record.unoccluded)):
             panel = axes(row, column)
             panel.imshow(image, interpolation="antialiased")
-            size = len(image)
-            seen = (0.5 * size * (1 - 1 / ZOOM), 0.5 * size * (1 + 1 / ZOOM))  # of `shared_camera`
-            panel.set(xlim=np.subtract(seen, 0.5), ylim=np.subtract(seen[::-1], 0.5))
+            low, high = frame(len(image))
+            # Matplotlib has the middle of the first pixel at 0.
+            panel.set(xlim=(low - 0.5, high - 0.5), ylim=(high - 0.5, low - 0.5))
         for column, (name, *_) in enumerate(columns[2:], start=2):
             axes(row, column).imshow(cells[row, name], interpolation="antialiased")
     save(figure, path)

@@ -27,11 +27,7 @@ rule reconstructions:
     input:
         catalogue="catalogue.csv",
         # Of a source without meshes the surface points stand in for them.
-        meshes=(
-            []
-            if SOURCE["kind"] == "released"
-            else expand("meshes/{batch}", batch=BATCHES)
-        ),
+        meshes=[] if RELEASED else expand("meshes/{batch}", batch=BATCHES),
         surface=expand("surface/{batch}.zarr", batch=BATCHES),
         touch=expand("touch/{batch}.zarr", batch=BATCHES),
         vision=expand("vision/{batch}.zarr", batch=BATCHES),
