@@ -1,14 +1,18 @@
 """What grasps cost, how wrong they are, what they leave out: `python benchmarks/grasp.py [table ...]`.
 
 Tables: stages, timestep, left_out, stability, statistics (default: all). Objects are procedural, `--objects`
-of each class. Times are processor time on one core; medians. Errors of time steps are against the same
-closing at a time step of 0.1 ms.
+of each class, with the meshes and surface points that the workflow gives them by default: the first row of
+the statistics is that of a default run. Times are processor time on one core; medians. Errors of time steps
+are against the same closing at a time step of 0.1 ms.
 """
 
 import argparse
 import os
+import tempfile
 import time
 from collections import Counter
+from functools import cache
+from pathlib import Path
 from typing import NamedTuple
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")
@@ -25,13 +29,14 @@ from palpate.grasp.grasp import THUMB_SHARE, UNSTABLE, Grasper, grasp_object, wo
 from palpate.grasp.patches import surface_patches
 from palpate.grasp.penetration import PenetrationCheck, deepest
 from palpate.hand import allegro
-from palpate.mesh import DIAGONAL, OBJECT_POSITION
+from palpate.mesh import OBJECT_POSITION, load_collision, load_visual, prepare
 from palpate.surface import sample
 
 HAND = allegro()
 REFERENCE = 1e-4  # s
 TIMESTEPS = (0.0005, 0.001, 0.002, 0.004, 0.005, 0.01)
 CASES = 3  # closings an object
+POINTS = 10_000  # of an object's surface, as in config/config.yaml
 PAPER = {"bottle": 71.8, "knife": 54.1, "cellphone": 67.2, "rifle": 53.6}
 
 
@@ -42,38 +47,49 @@ class Case(NamedTuple):
     targets: np.ndarray
 
 
-class Object(NamedTuple):
+class Shape(NamedTuple):
+    """An object: every face and the decimated mesh in its own frame, surface points (N, 3) in the world."""
+
     name: str
-    mesh: trimesh.Trimesh
+    visual: trimesh.Trimesh
+    collision: trimesh.Trimesh
     points: np.ndarray
+
+
+class Subject(NamedTuple):
+    """An object with what grasps it, and the closings that are compared."""
+
+    shape: Shape
     grasper: Grasper
     cases: list[Case]
 
 
-def procedural(class_name: str, index: int) -> trimesh.Trimesh:
-    mesh = shapes.make(class_name, index).to_mesh()
-    mesh.apply_translation(-mesh.bounds.mean(axis=0))
-    mesh.apply_scale(DIAGONAL / np.linalg.norm(mesh.extents))
-    return mesh
+@cache
+def procedural(class_name: str, index: int) -> Shape:
+    """An object as the workflow's stages make it."""
+    name = f"{class_name}-{index:04d}"
+    with tempfile.TemporaryDirectory() as folder:
+        source = shapes.write(class_name, index, Path(folder) / name)
+        prepare(source, Path(folder) / "meshes", levels=())
+        visual, collision = load_visual(Path(folder) / "meshes"), load_collision(Path(folder) / "meshes")
+    points = sample(visual, POINTS, generator(0, name, "surface")) + OBJECT_POSITION
+    return Shape(name, visual, collision, points.astype(np.float32))  # as it is stored
 
 
-def objects(count: int):
-    for class_name in shapes.CLASSES:
-        for index in range(count):
-            yield prepared(f"{class_name}-{index:04d}", procedural(class_name, index))
+def subjects_of(count: int) -> list[Subject]:
+    return [subject(procedural(name, index)) for name in shapes.CLASSES for index in range(count)]
 
 
-def prepared(name: str, mesh: trimesh.Trimesh, points=None) -> Object:
-    if points is None:
-        points = sample(mesh, 4000, generator(0, name, "surface"))
-    grasper = Grasper(mesh, mesh, points, HAND, max_penetration=np.inf)
-    rng, cases = generator(0, name, "benchmark"), []
+def subject(shape: Shape) -> Subject:
+    points = shape.points.astype(float) - OBJECT_POSITION
+    grasper = Grasper(shape.visual, shape.collision, points, HAND, max_penetration=np.inf)
+    rng, cases = generator(0, shape.name, "benchmark"), []
     while len(cases) < CASES:
         pose = grasper.free_palm_pose(rng)
         if pose is None:
             break
         cases.append(Case(pose, grasper.workspace.targets(pose, grasper.surface)))
-    return Object(name, mesh, points, grasper, cases)
+    return Subject(shape, grasper, cases)
 
 
 def closed(scene: GraspScene, case: Case):
@@ -116,7 +132,7 @@ def compared(scenes, subjects, reference) -> dict:
 
 
 def reference_closings(subjects) -> list:
-    scenes = [GraspScene(HAND, surface_patches(each.mesh), REFERENCE) for each in subjects]
+    scenes = [GraspScene(HAND, surface_patches(each.shape.collision), REFERENCE) for each in subjects]
     return [
         [closed(scene, case)[0] for case in each.cases] for scene, each in zip(scenes, subjects, strict=True)
     ]
@@ -126,7 +142,7 @@ def timestep(subjects) -> pd.DataFrame:
     reference = reference_closings(subjects)
     rows = {}
     for step in TIMESTEPS:
-        scenes = [GraspScene(HAND, surface_patches(each.mesh), step) for each in subjects]
+        scenes = [GraspScene(HAND, surface_patches(each.shape.collision), step) for each in subjects]
         rows[f"{1e3 * step:g} ms"] = compared(scenes, subjects, reference)
     return pd.DataFrame(rows).T
 
@@ -171,7 +187,7 @@ def left_out(subjects) -> pd.DataFrame:
     }.items():
         scenes = []
         for each in subjects:
-            scene = GraspScene(HAND, surface_patches(each.mesh))
+            scene = GraspScene(HAND, surface_patches(each.shape.collision))
             change(scene.model)
             scenes.append(scene)
         rows[label] = compared(scenes, subjects, reference)
@@ -183,7 +199,7 @@ def compared_near(subjects, reference) -> dict:
     """As `compared`, with the patches only that the hand can reach at each palm pose: a scene a closing."""
     rows = []
     for each, expected in zip(subjects, reference, strict=True):
-        patches = surface_patches(each.mesh)
+        patches = surface_patches(each.shape.collision)
         reach = np.linalg.norm(HAND.sensor_position, axis=1).max() + 0.25
         for case, right in zip(each.cases, expected, strict=True):
             near = [p for p in patches if np.linalg.norm(p - case.pose[:3, 3], axis=1).min() < reach]
@@ -201,7 +217,7 @@ def no_refsafe(model):
 
 def stability(attempts: int = 15) -> pd.DataFrame:
     """Extreme objects and settings: what becomes of `attempts` attempts each, and how deep they end."""
-    bottle = procedural("bottle", 0)
+    bottle = procedural("bottle", 0).visual
     soup = bottle.copy()
     soup.update_faces(np.random.default_rng(0).random(len(soup.faces)) < 0.9)
     soup.unmerge_vertices()
@@ -256,11 +272,7 @@ def sheet():
 def statistics(count: int) -> pd.DataFrame:
     """The default's grasps, and those with the thumb in every attempt or the best of more attempts."""
     rows = {}
-    made = {name: [] for name in shapes.CLASSES}
-    for name in shapes.CLASSES:
-        for index in range(count):
-            mesh = procedural(name, index)
-            made[name].append((mesh, sample(mesh, 4000, generator(0, f"{name}-{index:04d}", "surface"))))
+    made = {name: [procedural(name, index) for index in range(count)] for name in shapes.CLASSES}
     for label, settings in {
         f"default: attempts 5, thumb_share {THUMB_SHARE}": {},
         "thumb_share 0": {"thumb_share": 0.0},
@@ -269,12 +281,12 @@ def statistics(count: int) -> pd.DataFrame:
         "attempts 20, thumb_share 1": {"attempts": 20, "thumb_share": 1.0},
     }.items():
         touches, spent = {}, []
-        for name, meshes in made.items():
+        for name, members in made.items():
             found = []
-            for index, (mesh, points) in enumerate(meshes):
+            for each in members:
                 start = time.process_time()
-                rng = generator(0, f"{name}-{index:04d}", "grasps")
-                found.append(grasp_object(mesh, mesh, points + OBJECT_POSITION, HAND, rng, **settings))
+                rng = generator(0, each.name, "grasps")
+                found.append(grasp_object(each.visual, each.collision, each.points, HAND, rng, **settings))
                 spent.append(1e3 * (time.process_time() - start))
             touches[name] = np.concatenate([each.touches for each in found])
         together = np.concatenate(list(touches.values()))
@@ -302,11 +314,11 @@ def stages(subjects) -> pd.DataFrame:
             spent[name] = spent.get(name, 0) + 1e3 * (time.process_time() - start)
             return result
 
-        patches = timed("patches", surface_patches, each.mesh)
+        patches = timed("patches", surface_patches, each.shape.collision)
         scene = timed("compiled model", GraspScene, HAND, patches, TIMESTEP)
-        check = timed("penetration check, set-up", PenetrationCheck, HAND, each.mesh)
+        check = timed("penetration check, set-up", PenetrationCheck, HAND, each.shape.visual)
         grasper = each.grasper
-        rng = generator(1, each.name)
+        rng = generator(1, each.shape.name)
         pose = timed("placement", grasper.free_palm_pose, rng)
         targets = timed("inverse kinematics", grasper.workspace.targets, pose, grasper.surface)
         scene.place(pose, HAND.open_joint_positions)
@@ -339,7 +351,7 @@ def main() -> None:
     arguments = parser.parse_args()
     workspace_of(HAND)
     chosen = arguments.tables or tables
-    subjects = list(objects(arguments.objects)) if set(chosen) & {"stages", "timestep", "left_out"} else []
+    subjects = subjects_of(arguments.objects) if set(chosen) & {"stages", "timestep", "left_out"} else []
     for name in chosen:
         if name == "stability":
             table = stability()
