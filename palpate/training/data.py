@@ -68,7 +68,9 @@ def spread(samples: Sequence[Sample], an_object: int | None) -> list[Sample]:
     kept = []
     for order, found in enumerate(by_object.values()):
         count = min(an_object or len(found), len(found))
-        kept += [found[k] for k in sorted((order + j * len(found) // count) % len(found) for j in range(count))]
+        kept += [
+            found[k] for k in sorted((order + j * len(found) // count) % len(found) for j in range(count))
+        ]
     return kept
 
 

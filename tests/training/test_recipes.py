@@ -6,7 +6,8 @@ import pytest
 import yaml
 
 from palpate.catalogue.schema import Invalid
-from palpate.training import recipes
+from palpate.models import PAPER_ARCHITECTURES
+from palpate.training import recipes, tuning
 from palpate.training.families import family, sources, stages
 
 PROJECT = Path(__file__).parents[2]
@@ -117,3 +118,41 @@ def test_a_family_needs_no_more_stages_than_it_sees():
     for wrong in ("none-none", "occluded", "charts-none"):
         with pytest.raises(Invalid, match="no family"):
             sources(wrong)
+
+
+def test_the_supplements_grid():
+    points = tuning.grid(PROJECT / "config/tuning.yaml", "paper")
+    assert len(points) == len({tuple(point.values()) for point in points}) == 3**4
+    assert {point["rate"] for point in points} == {1e-4, 3e-5, 1e-5}
+    assert {point["cnn_layers"] for point in points} == {12, 15, 18}
+    assert {point["gcn_layers"] for point in points} == {15, 20, 25}
+    assert {point["width"] for point in points} == {150, 200, 250}
+    with pytest.raises(Invalid, match="no grid 'huge' .*known: small, paper"):
+        tuning.grid(PROJECT / "config/tuning.yaml", "huge")
+
+
+def test_points_lay_their_layers_as_the_papers_tables_do():
+    settings = resolve({}, "paper")["reconstruction"]
+    base = PAPER_ARCHITECTURES["occluded_touch"]
+    point = {"rate": 3e-5, "cnn_layers": 18, "gcn_layers": 21, "width": 250}
+    found = tuning.point_settings(settings, base, point, None)
+    assert found["architecture"] == base and found == settings | {"architecture": base}
+    point = {"rate": 1e-4, "cnn_layers": 12, "gcn_layers": 15, "width": 150}
+    found = tuning.point_settings(settings, base, point, 40)
+    assert (
+        found["architecture"]["encoder"]["layers"] == PAPER_ARCHITECTURES["unoccluded"]["encoder"]["layers"]
+    )
+    assert found["architecture"]["encoder"]["pool"] == [6, 9, 12]
+    assert found["architecture"]["gcn"] == {"layers": 15, "width": 150}
+    assert (found["rate"], found["steps"], found["epochs"]) == (1e-4, 40, 260)
+    assert tuning.layers_of_blocks(15) == [4, 4, 4, 3]
+    with pytest.raises(Invalid, match="6 CNN layers"):
+        tuning.layers_of_blocks(6)
+
+
+def test_the_table_of_a_grid_has_the_best_first():
+    points = [{"rate": 1.0}, {"rate": 2.0}]
+    said = {"best_step": 5, "steps": 9, "seconds": 3.0, "parameters": 7, "kind": "x"}
+    rows = tuning.summary(points, [said | {"validation_loss": 4.0}, said | {"validation_loss": 2.0}])
+    assert [row["rate"] for row in rows] == [2.0, 1.0]
+    assert "kind" not in rows[0] and rows[0]["seconds"] == 3.0
