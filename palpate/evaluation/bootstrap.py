@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
-from scipy.stats import norm, t
+from scipy.stats import t
 
 LEVEL = 0.95
 RESAMPLES = 2000
@@ -42,12 +42,12 @@ def interval(
 
     Objects are drawn within their class, the same for all experiments; seeds within their experiment. Of n
     objects (or k seeds) n - 1 are drawn, which makes the variance of a mean of few unbiased (McCarthy and
-    Snowden 1985, The Bootstrap and Finite Population Sampling); the percentile interval is then stretched
-    about the estimate by Student's t over the normal quantile (Hesterberg 2015, What Teachers Should Know
-    About the Bootstrap, section 5.3), with the degrees of freedom of Welch and Satterthwaite. An experiment
-    with one seed shows no spread over seeds; a class with one object shows none at all, and the interval is
-    (nan, nan). Drawing objects and seeds separately errs, if at all, towards too wide (Owen 2007, The
-    Pigeonhole Bootstrap).
+    Snowden 1985, The Bootstrap and Finite Population Sampling). The interval is Student's on the bootstrap's
+    standard error (Efron and Tibshirani 1993, An Introduction to the Bootstrap, section 12.2), with the
+    degrees of freedom of Welch and Satterthwaite: percentiles of a few objects or seeds are too narrow. An
+    experiment with one seed shows no spread over seeds; a class with one object shows none at all, and the
+    interval is (nan, nan). Drawing objects and seeds separately errs, if at all, towards too wide (Owen 2007,
+    The Pigeonhole Bootstrap).
 
     Raises ValueError if the arrays do not fit each other, hold no object, or are not finite.
     """
@@ -58,10 +58,8 @@ def interval(
     if np.isnan(freedom):
         return Estimate(value, np.nan, np.nan)
     replicates = statistic(_replicates(values, classes, resamples, np.random.default_rng(seed)))
-    tail = (1 - LEVEL) / 2
-    stretch = t.ppf(1 - tail, freedom) / norm.ppf(1 - tail)
-    low, high = value + stretch * (np.quantile(replicates, [tail, 1 - tail]) - value)
-    return Estimate(value, float(low), float(high))
+    half = float(t.ppf((1 + LEVEL) / 2, freedom) * replicates.std(ddof=1))
+    return Estimate(value, value - half, value + half)
 
 
 def _checked(values, classes) -> tuple[list[np.ndarray], np.ndarray]:

@@ -1,9 +1,10 @@
 """Evaluations made up in the form that the rules write, with averages that are known."""
 
+from pathlib import Path
+
 import numpy as np
 import pandas as pd
 import yaml
-from pathlib import Path
 
 from palpate.evaluation.errors import COLUMNS, RING_COLUMNS, TOUCH_COLUMNS
 from palpate.evaluation.published import paper_values
@@ -52,9 +53,7 @@ def rings(means: dict[tuple[str, int], float], each=6, spread=1e-6, rng=0):
         for (name, kind), harder in zip(names, hard, strict=True):
             for grasp in range(2):
                 distance = mean * harder + rng.normal(0, spread)
-                rows.append(
-                    (experiment, 0, name, kind, "test", 0, grasp, 1, ring, 100 * ring, distance, 700)
-                )
+                rows.append((experiment, 0, name, kind, "test", 0, grasp, 1, ring, 100 * ring, distance, 700))
     return pd.DataFrame(rows, columns=RING_COLUMNS)
 
 

@@ -21,10 +21,11 @@ from palpate.touch import SENSOR_WIDTH, RayCaster, empty_reading, sense
 
 RADIUS = 0.08
 OBLIQUE = Rotation.from_euler("xyz", [0.4, -0.9, 0.2]).as_matrix()
+STRAIGHT = np.eye(3)
 POSITION = np.array([0.03, -0.01, 0.6])
 
 
-def slab(distance: float, width: float, rotation=np.eye(3), position=np.zeros(3)) -> trimesh.Trimesh:
+def slab(distance: float, width: float, rotation=STRAIGHT, position=(0, 0, 0)) -> trimesh.Trimesh:
     """A thin square plate, `distance` ahead of a sensor and perpendicular to its x."""
     mesh = trimesh.creation.box((0.002, width, width))
     mesh.apply_translation((distance + 0.001, 0, 0))
@@ -34,8 +35,8 @@ def slab(distance: float, width: float, rotation=np.eye(3), position=np.zeros(3)
 
 
 def test_rings_are_bands_between_squares():
-    """Ring r holds the points between the squares of r - 1 and r sensor widths, the first the sensor itself."""
-    counts = [int((RING == ring).sum()) for ring in RINGS]
+    """Ring r: the points between the squares of r - 1 and r sensor widths; ring 1: the sensor itself."""
+    counts = [int((ring == RING).sum()) for ring in RINGS]
     assert counts == [400 * (2 * ring - 1) for ring in RINGS] and sum(counts) == GRID**2
     y, z = PLANE[:, 1:].T
     for ring in RINGS:
@@ -91,7 +92,7 @@ def test_what_is_behind_the_sensor_is_left_out():
 
 
 def test_in_the_sensors_own_square_rings_are_the_touch_depth():
-    """Ray casting of the touch room, in double precision, at the grid's points that are its pixels' corners."""
+    """By the ray casting of the touch room, in double precision, at the grid's points that are pixels."""
     ball = trimesh.creation.icosphere(subdivisions=4, radius=0.02)
     centre = np.array([0.025, 0.003, -0.002])
     touch = RayCaster(ball, centre).trace(np.zeros((1, 3)), np.eye(3)[None])[0]

@@ -1,0 +1,232 @@
+"""Small models that were never trained, on a run of spheres: what is measured of them is known otherwise."""
+
+import json
+
+import numpy as np
+import pandas as pd
+import pytest
+import torch
+import trimesh
+
+from palpate import Dataset, store
+from palpate.charts import build_tree, sample_faces, touch_chart
+from palpate.evaluation import evaluate as room
+from palpate.evaluation.errors import COLUMNS, RING_COLUMNS, TOUCH_COLUMNS, EvaluationError
+from palpate.evaluation.evaluate import Trained, evaluate, evaluate_rings, evaluate_touch, training_steps
+from palpate.evaluation.metrics import score, seeded
+from palpate.evaluation.rings import MeshSurface, project_batch, ring_points
+from palpate.mesh import OBJECT_POSITION
+from palpate.models import Reconstruction, TouchDepth
+from palpate.touch import RayCaster, empty_reading, sense
+from palpate.training import Pack
+from tests.models.batches import SMALL
+
+SPLITS = {"ball-0000": "train", "ball-0001": "validation", "ball-0002": "test", "ball-0003": "test"}
+RADII = dict(zip(SPLITS, (0.05, 0.06, 0.07, 0.08), strict=True))
+GRASPS = 2
+ATTRIBUTES = {"seed": 0, "config_digest": ""}
+OCCLUDED_TOUCH = {"strategy": "charts", "vision": "occluded", "touch": True, "grasps": 1}
+UNOCCLUDED = {"strategy": "charts", "vision": "unoccluded", "touch": False, "grasps": 1}
+MODEL_SEED = 7
+
+
+def ball(name: str) -> trimesh.Trimesh:
+    return trimesh.creation.icosphere(subdivisions=3, radius=RADII[name])
+
+
+def poses(name: str) -> tuple[np.ndarray, np.ndarray]:
+    """Sensors (g, 4) around a sphere that look at it; the last of each grasp is too far off."""
+    rng = np.random.default_rng(len(name) + int(1000 * RADII[name]))
+    forward = rng.normal(size=(GRASPS, 4, 3))
+    forward /= np.linalg.norm(forward, axis=2, keepdims=True)
+    gap = np.array([0.02, 0.019, 0.021, 0.06])[None, :, None]
+    position = np.array(OBJECT_POSITION) - forward * (RADII[name] + gap)
+    up = np.cross(forward, forward[..., ::-1] + [0.1, 0, 0])
+    up /= np.linalg.norm(up, axis=2, keepdims=True)
+    return position, np.stack([forward, up, np.cross(forward, up)], axis=3)
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("evaluation")
+    rows = [f"{name},ball,{split},batch-0000" for name, split in SPLITS.items()]
+    (folder / "catalogue.csv").write_text("object,class,split,batch\n" + "\n".join(rows) + "\n")
+    (folder / "rejected.csv").write_text("object,stage,reason\n")
+    touch = {}
+    for name in SPLITS:
+        position, rotation = poses(name)
+        tracer = RayCaster(ball(name), OBJECT_POSITION)
+        felt = [sense(tracer, *pose) for pose in zip(position, rotation, strict=True)]
+        touch[name] = {key: np.stack([getattr(each, key) for each in felt]) for key in felt[0]._fields}
+        touch[name] |= {"position": position, "rotation": rotation}
+    path = folder / "touch" / "batch-0000.zarr"
+    arrays = store.join("touch", touch) | {"empty_reading": empty_reading()}
+    store.write(path, "touch", arrays, ATTRIBUTES)
+    rings = project_batch(path, lambda name: MeshSurface(ball(name), OBJECT_POSITION))
+    store.write(folder / "rings" / "batch-0000.zarr", "rings", rings, ATTRIBUTES)
+    # Each chart is the sensor's own square: its points are on the sensor plane.
+    grid = np.concatenate([np.zeros((81, 1)), touch_chart().grid.numpy()], axis=1)
+    charts = arrays["position"][:, :, None] + np.einsum("vi,gsji->gsvj", grid, arrays["rotation"])
+    held = {"object": arrays["object"], "vertices": charts.astype(np.float32)}
+    store.write(folder / "charts" / "batch-0000.zarr", "charts", held, ATTRIBUTES)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def pack(run) -> Pack:
+    """What both experiments see of the run, in memory."""
+    touch = store.read(run / "touch" / "batch-0000.zarr")
+    charts = store.read(run / "charts" / "batch-0000.zarr")["vertices"]
+    rng = np.random.default_rng(0)
+    points = np.stack([trimesh.sample.sample_surface(ball(name), 2000, seed=1)[0] for name in SPLITS])
+    of_grasps = {
+        "success": touch["success"],
+        "position": touch["position"].astype(np.float32),
+        "rotation": touch["rotation"].astype(np.float32),
+        "charts": charts,
+    }
+    arrays = {key: value.reshape(len(SPLITS), GRASPS, *value.shape[1:]) for key, value in of_grasps.items()}
+    arrays |= {
+        "object": np.array(list(SPLITS)),
+        "class": np.array(["ball"] * len(SPLITS)),
+        "split": np.array(list(SPLITS.values())),
+        "points": (points + OBJECT_POSITION).astype(np.float32),
+        "occluded": rng.integers(0, 256, (len(SPLITS), GRASPS, 256, 256, 3), dtype=np.uint8),
+    }
+    return Pack(arrays, "occluded-charts", "")
+
+
+@pytest.fixture(scope="module")
+def unoccluded_pack(pack) -> Pack:
+    arrays = {name: np.array(getattr(pack, attribute)) for name, attribute in
+              (("object", "objects"), ("class", "classes"), ("split", "splits"))}  # fmt: skip
+    arrays |= {"points": pack["points"], "unoccluded": pack["occluded"][:, 0]}
+    return Pack(arrays, "unoccluded-none", "")
+
+
+def untrained(experiment, name="model") -> Trained:
+    torch.manual_seed(MODEL_SEED)
+    vision = experiment["vision"] != "none"
+    model = Reconstruction("charts", vision, experiment["touch"], experiment["grasps"], SMALL).eval()
+    return Trained(model, name, experiment, 3, 700)
+
+
+def test_every_sample_is_scored_against_its_own_object(pack):
+    """The mesh as the model itself gives it, one sample at a time, and the naive score of its points."""
+    trained = untrained(OCCLUDED_TOUCH)
+    table = evaluate(trained, pack, points=300)
+    assert list(table.columns) == list(COLUMNS)
+    assert len(table) == 3 * GRASPS and set(table["split"]) == {"validation", "test"}
+    assert (table[["experiment", "seed", "steps", "class"]] == ["model", 3, 700, "ball"]).all(axis=None)
+    assert (table["seconds"] > 0).all()
+    for row in table.to_dict("records"):
+        number, grasp = pack.objects.index(row["object"]), row["window"]
+        of_touch = {key: torch.from_numpy(pack[key][number, grasp])[None] for key in
+                    ("success", "position", "rotation", "charts")}  # fmt: skip
+        image = torch.from_numpy(pack["occluded"][number, grasp]).permute(2, 0, 1)[None].float() / 255
+        with torch.inference_mode():
+            vertices = trained.model(of_touch | {"image": image})
+        points = sample_faces(vertices, trained.model.faces, 300, seeded(0, row["object"], "evaluation"))[0]
+        pairs = torch.cdist(points.double(), torch.from_numpy(pack["points"][number]).double()) ** 2
+        naive = 9000 * (pairs.amin(dim=0).mean() + pairs.amin(dim=1).mean())
+        assert row["chamfer"] == pytest.approx(float(naive), rel=1e-3)
+
+
+def test_it_does_not_depend_on_how_many_are_predicted_together(pack, monkeypatch):
+    trained = untrained(OCCLUDED_TOUCH)
+    together = evaluate(trained, pack, points=300)
+    monkeypatch.setattr(room, "AT_ONCE", 1)
+    alone = evaluate(trained, pack, points=300)
+    scores = ["chamfer", "f1_tau", "f1_2tau"]
+    np.testing.assert_allclose(alone[scores], together[scores], rtol=1e-3, atol=0.3)
+
+
+def test_a_model_that_sees_no_grasp_has_one_sample_an_object(unoccluded_pack):
+    table = evaluate(untrained(UNOCCLUDED), unoccluded_pack, points=300)
+    assert table["object"].tolist() == list(SPLITS)[1:] and (table["window"] == 0).all()
+
+
+def test_rings_are_those_of_the_samples_own_touches(run, pack):
+    trained = untrained(OCCLUDED_TOUCH)
+    table = evaluate_rings(trained, pack, Dataset(run), "test", points=500)
+    assert list(table.columns) == list(RING_COLUMNS) and set(table["object"]) == {"ball-0002", "ball-0003"}
+    # Three of four sensors touch, in every grasp; each has five rings.
+    assert len(table) == 2 * GRASPS * 3 * 5 and (table["window"] == table["grasp"]).all()
+    row = table[(table["object"] == "ball-0003") & (table["grasp"] == 1) & (table["sensor"] == 2)].iloc[2]
+    position, rotation = (array[1, 2] for array in poses("ball-0003"))
+    depth = MeshSurface(ball("ball-0003"), OBJECT_POSITION).project(position, rotation)
+    points = ring_points(depth, position, rotation)[2]
+    assert row["ring"] == 3 and row["points"] == len(points)
+    predictions = {
+        (pack.objects[sample.object], sample.window): vertices
+        for sample, vertices, _ in room.predictions(trained, pack, ["test"])
+    }
+    draw = seeded(0, "ball-0003", "evaluation")
+    predicted = sample_faces(predictions["ball-0003", 1][None], trained.model.faces, 500, draw)[0].numpy()
+    pairs = ((points[:, None] - predicted[None]) ** 2).sum(axis=2)
+    assert row["distance"] == pytest.approx(pairs.min(axis=1).mean(), rel=1e-4)
+
+
+def test_without_touch_rings_are_around_all_touches_of_the_object(run, unoccluded_pack):
+    table = evaluate_rings(untrained(UNOCCLUDED), unoccluded_pack, Dataset(run), "test", points=500)
+    assert len(table) == 2 * GRASPS * 3 * 5 and (table["window"] == 0).all()
+    assert set(table["grasp"]) == {0, 1}
+
+
+def test_touch_charts_and_clouds_are_scored_where_they_are(run):
+    torch.manual_seed(0)
+    model = TouchDepth(width=4).eval()
+    stores = [[run / stage / "batch-0000.zarr"] for stage in ("touch", "charts")]
+    table = evaluate_touch(model, 30, run / "catalogue.csv", *stores, points=1000)
+    assert list(table.columns) == list(TOUCH_COLUMNS)
+    assert len(table) == 3 * GRASPS * 3 and (table["steps"] == 30).all()
+    assert sorted(set(table["object"])) == sorted(SPLITS)[1:] and set(table["sensor"]) == {0, 1, 2}
+    touch = store.read(run / "touch" / "batch-0000.zarr")
+    row = table[(table["object"] == "ball-0002") & (table["grasp"] == 1) & (table["sensor"] == 1)].iloc[0]
+    index = (list(SPLITS).index("ball-0002") * GRASPS + 1, 1)
+    true = touch["points"][index][: touch["point_count"][index]].astype(float)
+    # The cloud, put into the world by hand: pixels that differ from the empty gel, at the predicted depth.
+    reading = torch.from_numpy(touch["reading"][index]).permute(2, 0, 1)[None].float() / 255
+    with torch.inference_mode():
+        depth = model(reading)[0].numpy()
+    change = ((touch["reading"][index] / 255.0 - touch["empty_reading"] / 255.0) ** 2).sum(axis=2)
+    rows, columns = np.nonzero(change > 0.001)
+    side = ((np.arange(100) + 0.5) / 100 - 0.5) * 0.01641
+    local = np.stack([depth[rows, columns], side[columns], side[rows]], axis=1)
+    cloud = local @ touch["rotation"][index].T + touch["position"][index]
+    found = score(torch.from_numpy(cloud), torch.from_numpy(true), build_tree(torch.from_numpy(true)))
+    assert row["cloud"] == pytest.approx(found.chamfer, rel=1e-3)
+    # The chart is the sensor plane: from the true surface to it is the depth, from it to the surface is more.
+    felt = touch["depth"][index][np.isfinite(touch["depth"][index])].astype(float)
+    assert row["chart"] == pytest.approx(9000 * 2 * (felt**2).mean(), rel=0.1)
+
+
+def test_a_split_without_objects_is_an_error(pack, run):
+    arrays = {"object": np.array(["a"]), "class": np.array(["b"]), "split": np.array(["train"])}
+    arrays |= {"points": pack["points"][:1], "unoccluded": pack["occluded"][:1, 0]}
+    alone = Pack(arrays, "unoccluded-none", "")
+    with pytest.raises(EvaluationError, match="no object in validation or test"):
+        evaluate(untrained(UNOCCLUDED), alone)
+    stores = [[run / stage / "batch-0000.zarr"] for stage in ("touch", "charts")]
+    with pytest.raises(EvaluationError, match="no successful touch in nonsense"):
+        evaluate_touch(TouchDepth(width=4).eval(), 1, run / "catalogue.csv", *stores, splits=["nonsense"])
+
+
+def test_a_prediction_that_is_not_finite_names_the_object(unoccluded_pack):
+    trained = untrained(UNOCCLUDED)
+    with torch.no_grad():
+        for parameter in trained.model.gcn.parameters():
+            parameter.fill_(float("nan"))
+    with pytest.raises(EvaluationError, match="model seed 3: the prediction for ball-0001 is not finite"):
+        evaluate(trained, unoccluded_pack)
+
+
+def test_the_steps_are_those_of_the_training(tmp_path):
+    (tmp_path / "training.json").write_text(json.dumps({"steps": 450, "best_step": 300}))
+    assert training_steps(tmp_path / "training.json") == 450
+
+
+def test_what_is_measured_is_read_back(tmp_path, unoccluded_pack):
+    table = evaluate(untrained(UNOCCLUDED), unoccluded_pack, points=300)
+    table.to_csv(tmp_path / "seed-3.csv", index=False)
+    pd.testing.assert_frame_equal(pd.read_csv(tmp_path / "seed-3.csv"), table)
