@@ -26,7 +26,7 @@ def rotation(seed):
 
 @pytest.mark.parametrize("seed", range(3))
 def test_a_site_is_seen_from_the_sensor_as_its_reading_shows_it(seed):
-    """Columns of the reading go right, rows to the front; what is near to the sensor is near to the camera."""
+    """The reading's columns go right, its rows to the front; near to the sensor is near to the camera."""
     turn, camera = rotation(seed), figure.site_camera(200)
 
     def seen(x, y, z):
