@@ -38,7 +38,7 @@ def test_lines_go_where_their_numbers_say(tmp_path, evaluations):
     """Both start at 0; that of touch alone falls to -59 %, far below the other."""
     figures.multi_grasp(evaluations, synthetic.of_table("grasps"), tmp_path / "a.png", resamples=50)
     vision, touch = (rows_of(tmp_path / "a.png", colour) for colour in figures.COLOURS[:2])
-    assert abs(vision.min() - touch.min()) <= 2
+    assert abs(vision.min() - touch.min()) <= 8  # a marker is drawn over the other
     assert touch.max() - touch.min() > 300 and touch.max() > vision.max() + 100
 
 
@@ -46,9 +46,7 @@ def test_the_same_numbers_give_the_same_bytes(tmp_path, evaluations):
     rings = synthetic.rings(synthetic.published_rings(), each=4)
     setup = synthetic.of_table("grasps")
     for name in ("a", "b"):
-        figures.multi_grasp(
-            evaluations, synthetic.of_table("grasps"), tmp_path / f"{name}1.png", resamples=50
-        )
+        figures.multi_grasp(evaluations, setup, tmp_path / f"{name}1.png", resamples=50)
         figures.error_over_rings(
             rings, synthetic.of_table("extrapolation"), tmp_path / f"{name}2.png", resamples=50
         )
