@@ -116,7 +116,7 @@ def predictions(
     assemble = Assembler(pack, trained.device)
     label = f"{trained.name} seed {trained.seed}"
     bar = tqdm(total=len(samples), desc=label, unit="sample", disable=not sys.stderr.isatty())
-    left = iter(samples)
+    left, done = iter(samples), 0
     while part := list(islice(left, AT_ONCE)):
         start = time.perf_counter()
         with torch.inference_mode():
@@ -131,7 +131,8 @@ def predictions(
                 )
             yield sample, predicted, seconds
         bar.update(len(part))
-        log.info("%s: %d of %d samples", label, bar.n, len(samples))
+        done += len(part)
+        log.info("%s: %d of %d samples", label, done, len(samples))
     bar.close()
 
 

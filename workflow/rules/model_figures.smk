@@ -9,7 +9,7 @@ TRAINED = sorted(
     }
 )
 
-MODEL_FIGURES = expand(
+FIGURES += expand(
     "figures/{figure}.png",
     figure=[
         *(

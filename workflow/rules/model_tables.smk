@@ -94,6 +94,7 @@ MODEL_TABLES = expand(
     ],
     form=FORMS,
 )
+TABLES += MODEL_TABLES
 
 
 rule model_selection:
