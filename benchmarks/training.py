@@ -3,11 +3,12 @@
     python benchmarks/training.py results/<run> [--experiment charts_occluded_touch] [--seconds 200]
         [--validate-on results/<larger run>] [--seeds 0 1] [--recipe fast] [--variants NAME ...]
 
-Each variant of `VARIANTS` (default: all) changes some keys of the recipe. Its steps are timed first, and as many made
-as fit in the seconds of processor time, on one core; the schedule ends with the last. The run's packs must be there
-(snakemake packs/<family>.h5). With few objects the validation loss says little: --validate-on takes the validation
-objects of a larger run (of the same config but for its size), and the training objects of the first. Losses are on
-2,500 points, one window of each object; the best of the evaluations, as a run would keep it.
+Each variant of `VARIANTS` (default: all), or one given as YAML, changes some keys of the recipe. Its steps
+are timed first, and as many made as fit in the seconds of processor time, on one core; the schedule ends with
+the last. The run's packs must be there (snakemake packs/<family>.h5). With few objects the validation loss
+says little: --validate-on takes the validation objects of a larger run (of the same config but for its size),
+and the training objects of the first. Losses are on 2,500 points, one window of each object; the best of the
+evaluations, as a run would keep it.
 """
 
 import argparse
@@ -140,8 +141,9 @@ def main() -> None:
                 found = training.train(learner, f"{folder}/model", f"{folder}/checkpoints", machine, name)
                 rows = np.genfromtxt(f"{folder}/model/history.csv", delimiter=",", names=True)
             print(
-                f"| {name} | {found['parameters']:,} | {1e3 * seconds:.0f} | {steps} | {found['validation_loss']:.2f} "
-                f"| {found['best_step']} | {rows['validation_loss'][-1]:.2f} | {rows['train_loss'][-1]:.2f} |",
+                f"| {name} | {found['parameters']:,} | {1e3 * seconds:.0f} | {steps} "
+                f"| {found['validation_loss']:.2f} | {found['best_step']} "
+                f"| {rows['validation_loss'][-1]:.2f} | {rows['train_loss'][-1]:.2f} |",
                 flush=True,
             )
 

@@ -35,16 +35,17 @@ def build(experiment: Mapping[str, Any], layers: Mapping[str, Any]) -> Reconstru
 
 
 def save(path: Path | str, kind: str, model: torch.nn.Module, described: Mapping[str, Any]) -> None:
-    """Write a checkpoint, whole or not at all. kind: `reconstruction` or `touch_depth`. described: what `load` needs
-    to build the model (`experiment` and `architecture`, or `width`), and anything else that JSON can hold."""
+    """Write a checkpoint, whole or not at all. kind: `reconstruction` or `touch_depth`. described: what
+    `load` needs to build the model (`experiment` and `architecture`, or `width`), and anything else that JSON
+    can hold."""
     weights = {name: value.detach().cpu() for name, value in model.state_dict().items()}
     with store.whole(path) as partial:
         torch.save({"schema_version": SCHEMA_VERSION, "kind": kind, **described, "weights": weights}, partial)
 
 
 def read(path: Path | str, kind: str) -> dict[str, Any]:
-    """What a checkpoint holds. Raises CheckpointError if it is missing, can't be read, of another schema version, or
-    of another kind of model."""
+    """What a checkpoint holds. Raises CheckpointError if it is missing, can't be read, of another schema
+    version, or of another kind of model."""
     target = "/".join(Path(path).parts[-4:])
     if not Path(path).exists():
         raise CheckpointError(f"{path} does not exist; train the model with: snakemake {target}")
@@ -53,7 +54,7 @@ def read(path: Path | str, kind: str) -> dict[str, Any]:
         version, found = held["schema_version"], held["kind"]
     except Exception as error:
         raise CheckpointError(
-            f"{path} is no checkpoint of Palpate ({type(error).__name__}); remove it and train the model again"
+            f"{path} is no checkpoint of Palpate ({type(error).__name__}); remove it and train again"
         ) from error
     if version != SCHEMA_VERSION:
         raise CheckpointError(
@@ -68,9 +69,9 @@ def read(path: Path | str, kind: str) -> dict[str, Any]:
 def load(path: Path | str, experiment: Mapping[str, Any] | None = None) -> Reconstruction:
     """A trained reconstruction model in evaluation mode, on the CPU.
 
-    path: `<run>/models/<experiment>/seed-<k>/best.ckpt`. experiment: the row of config/experiments.yaml that it must
-    be of, if given. Raises CheckpointError, before anything runs, if the file is missing, of another schema
-    version, of another experiment, or its weights don't fit the architecture it names.
+    path: `<run>/models/<experiment>/seed-<k>/best.ckpt`. experiment: the row of config/experiments.yaml that
+    it must be of, if given. Raises CheckpointError, before anything runs, if the file is missing, of another
+    schema version, of another experiment, or its weights don't fit the architecture it names.
     """
     held = read(path, "reconstruction")
     if experiment is not None and dict(experiment) != held["experiment"]:

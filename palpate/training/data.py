@@ -27,13 +27,13 @@ class Sample(NamedTuple):
 
 
 def _seen_grasps(pack: Pack, experiment: Mapping[str, Any]) -> int:
-    """How many grasps a sample has: 0 if the model sees nothing of a grasp. Raises PackError if there are fewer."""
+    """How many grasps a sample has: 0 if the model sees none. Raises PackError if there are fewer."""
     if not (experiment["touch"] or experiment["vision"] == "occluded"):
         return 0
     if experiment["grasps"] > pack.grasps:
         raise PackError(
-            f"{pack.path} has {pack.grasps} grasps an object, but the experiment needs {experiment['grasps']}: "
-            "raise grasps.per_object in the config"
+            f"{pack.path} has {pack.grasps} grasps an object, but the experiment needs "
+            f"{experiment['grasps']}: raise grasps.per_object in the config"
         )
     return experiment["grasps"]
 
@@ -41,9 +41,9 @@ def _seen_grasps(pack: Pack, experiment: Mapping[str, Any]) -> int:
 def windows(pack: Pack, experiment: Mapping[str, Any], *splits: str) -> list[Sample]:
     """The samples that an evaluation on some splits has, object by object.
 
-    Grasps g to g + n - 1, modulo the number of grasps, for every g (once if n is all of them); every view for a
-    model that sees views; one sample for a model that sees neither touch nor occluded vision. The paper leaves
-    open which grasps it measures on.
+    Grasps g to g + n - 1, modulo the number of grasps, for every g (once if n is all of them); every view for
+    a model that sees views; one sample for a model that sees neither touch nor occluded vision. The paper
+    leaves open which grasps it measures on.
     """
     n, total = _seen_grasps(pack, experiment), pack.grasps
     if experiment["vision"] == "views":
@@ -75,7 +75,7 @@ def spread(samples: Sequence[Sample], an_object: int | None) -> list[Sample]:
 
 
 def shuffled(count: int, size: int, seed: int, step: int) -> np.ndarray:
-    """(size,) numbers below `count` that step `step` (from 0) takes: every number once before any comes again.
+    """(size,) numbers below `count` that step `step` (from 0) takes: each once before any again.
 
     It depends on nothing but the arguments, so that training can go on at any step.
     """
@@ -88,8 +88,8 @@ def shuffled(count: int, size: int, seed: int, step: int) -> np.ndarray:
 def training_samples(
     pack: Pack, experiment: Mapping[str, Any], size: int, seed: int, step: int
 ) -> list[Sample]:
-    """The samples of one training step: objects of the train split in random order, each with a random subset of its
-    grasps, in random order, or a random view."""
+    """The samples of one training step: objects of the train split in random order, each with a random subset
+    of its grasps, in random order, or a random view."""
     objects = pack.of_split("train")
     n = _seen_grasps(pack, experiment)
     # A stream of its own; `shuffled` seeds its streams with two numbers.

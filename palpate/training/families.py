@@ -1,6 +1,7 @@
 """Families of experiments: those that see the same things are trained on the same pack. No torch, no stores.
 
-A family is `<vision>-<touch>`: vision one of occluded, unoccluded, views, none; touch one of charts, readings, none.
+A family is `<vision>-<touch>`: vision one of occluded, unoccluded, views, none; touch one of charts,
+readings, none.
 """
 
 from collections.abc import Mapping

@@ -1,8 +1,8 @@
 """What is learnt, as Lightning modules: the loss of a step, and that of the validation.
 
-A batch, for Lightning, is only the number of a step, or of a part of the validation: the module takes the samples
-from memory itself. All that is random in a step follows from the seed and the step's number, so that training
-goes on after an interruption as if there had been none.
+A batch, for Lightning, is only the number of a step, or of a part of the validation: the module takes the
+samples from memory itself. All that is random in a step follows from the seed and the step's number, so that
+training goes on after an interruption as if there had been none.
 """
 
 import copy

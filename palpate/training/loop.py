@@ -176,14 +176,15 @@ class Keeper(lightning.Callback):
 def train(
     learner: Learner, folder: Path | str, checkpoint_folder: Path | str, machine: Machine, label: str
 ) -> dict[str, Any]:
-    """Train a model, or go on where an interrupted training of the same stopped; the result is the same either way.
+    """Train a model, or go on where an interrupted training of the same stopped; the result is the same
+    either way.
 
     Args:
         learner: what is learnt.
-        folder: gets `best.ckpt` (see `checkpoints`), `history.csv` (step, seconds, train_loss, validation_loss,
-            rate: a row an evaluation, losses in the tables' unit) and `training.json`.
-        checkpoint_folder: where the work in progress is kept, so that it survives; removed at the end. What is
-            there of another config or other data is not taken.
+        folder: gets `best.ckpt` (see `checkpoints`), `training.json`, and `history.csv` (step, seconds,
+            train_loss, validation_loss, rate: a row an evaluation, losses in the tables' unit).
+        checkpoint_folder: where the work in progress is kept, so that it survives; removed at the end. What
+            is there of another config or other data is not taken.
         machine: what it runs on.
         label: for progress.
 

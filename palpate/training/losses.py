@@ -9,8 +9,8 @@ from torch import Tensor
 from palpate.charts import CHAMFER_SCALE, build_tree, one_sided_distance, sample_faces
 from palpate.touch.sensor import PIXEL_CENTRES
 
-# Squared difference of a pixel to the untouched reading, summed over colours in [0, 1], above which it counts as
-# touched (supplement, "Optimization Details" of local touch charts).
+# Squared difference of a pixel to the untouched reading, summed over colours in [0, 1], above which it counts
+# as touched (supplement, "Optimization Details" of local touch charts).
 TOUCHED = 0.001
 
 
@@ -42,8 +42,8 @@ def reconstruction_loss(
     Args:
         vertices: (B, V, 3) metres, faces: (F, 3).
         objects: B numbers of objects in `truth`.
-        n: points sampled on each mesh, and taken of the true ones. Each of the former looks for the nearest of
-            all true points, each of the latter for the nearest sampled one.
+        n: points sampled on each mesh, and taken of the true ones. Each of the former looks for the nearest
+            of all true points, each of the latter for the nearest sampled one.
         generator: of the random choices.
 
     Returns: (B,), differentiable in the vertices.
@@ -64,13 +64,16 @@ def some(points: Tensor, n: int | None, generator: torch.Generator) -> Tensor:
 
 
 def touched(reading: Tensor, empty: Tensor) -> Tensor:
-    """Which pixels of readings (..., 3, r, r) in [0, 1] differ from the empty one (3, r, r): (..., r, r) bool."""
+    """Which pixels of readings (..., 3, r, r) in [0, 1] differ from the empty one (3, r, r).
+
+    Returns: (..., r, r) bool.
+    """
     return (reading - empty).square().sum(dim=-3) > TOUCHED
 
 
 def sheet(depth: Tensor) -> Tensor:
-    """Depths (..., r, r) as points (..., r, r, 3) in the sensor's frame, metres: x the depth, y along columns, z
-    along rows."""
+    """Depths (..., r, r) as points (..., r, r, 3) in the sensor's frame, metres: x the depth, y along
+    columns, z along rows."""
     centres = torch.as_tensor(PIXEL_CENTRES, dtype=depth.dtype, device=depth.device)
     z, y = torch.meshgrid(centres, centres, indexing="ij")
     return torch.stack([depth, y.expand_as(depth), z.expand_as(depth)], dim=-1)

@@ -9,7 +9,8 @@ A family's pack (see `families`) holds the objects that all its stores have, and
 | `unoccluded` | (o, p, p, 3) | uint8 | unoccluded |
 | `occluded` | (o, g, p, p, 3) | uint8 | occluded |
 | `views`, `camera` | (o, v, q, q, 3), (o, v, 3, 4) to pixels | uint8, float32 | views |
-| `success`, `position`, `rotation` | (o, g, 4), (o, g, 4, 3) m, (o, g, 4, 3, 3) | bool, float32 | charts, readings |
+| `success` | (o, g, 4) | bool | charts, readings |
+| `position`, `rotation` | (o, g, 4, 3) m, (o, g, 4, 3, 3) | float32 | charts, readings |
 | `charts` | (o, g, 4, 81, 3) m | float32 | charts |
 | `reading` (that of an untouched sensor is `empty_reading`) | (o, g, 4, 100, 100, 3) | uint8 | readings |
 | `empty_reading` | (100, 100, 3) | uint8 | readings |
@@ -26,7 +27,7 @@ import h5py
 import numpy as np
 
 from palpate import store
-from palpate.training.families import Source, sources, stages
+from palpate.training.families import Source, sources
 
 SCHEMA_VERSION = 1
 SPLITS = ("train", "validation", "test")
@@ -58,7 +59,7 @@ def write(
     names = [name for batch in chosen for name in batch]
     if not names:
         raise PackError(
-            f"{path}: no object is in all of {', '.join(stores)}; rejected.csv says what was wrong with each"
+            f"{path}: no object is in all of {', '.join(stores)}; rejected.csv says why"
         )
     digest = hashlib.sha256()
     with store.whole(path) as partial, h5py.File(partial, "w") as file:
@@ -77,8 +78,8 @@ def write(
                     file.create_dataset(name, (len(names), *values.shape[1:]), source.dtype)
                 if values.shape[1:] != file[name].shape[1:]:
                     raise PackError(
-                        f"{batch[source.stage].path}: {source.name} of an object is {values.shape[1:]}, of others "
-                        f"{file[name].shape[1:]}; remove the stores and build them again from one config"
+                        f"{batch[source.stage].path}: {source.name} of an object is {values.shape[1:]}, "
+                        f"of others {file[name].shape[1:]}; build both again from one config"
                     )
                 file[name][start : start + len(objects)] = values
                 digest.update(values.tobytes())
@@ -141,8 +142,8 @@ class Pack:
 
     @classmethod
     def read(cls, path: Path | str, splits: Iterable[str] = SPLITS) -> "Pack":
-        """The objects of some splits of a pack. Raises PackError, naming the file and the remedy, if it is missing,
-        can't be read, or is of another schema version."""
+        """The objects of some splits of a pack. Raises PackError, naming the file and the remedy, if it is
+        missing, can't be read, or is of another schema version."""
         target = "/".join(Path(path).parts[-2:])
         if not Path(path).exists():
             raise PackError(f"{path} does not exist; build it with: snakemake {target}")
@@ -151,7 +152,7 @@ class Pack:
                 version = file.attrs.get("schema_version")
                 if version != SCHEMA_VERSION:
                     raise PackError(
-                        f"{path} has schema version {version}, but this palpate reads version {SCHEMA_VERSION}; "
+                        f"{path} has schema version {version}, but this palpate reads {SCHEMA_VERSION}; "
                         f"remove it and build it with: snakemake {target}"
                     )
                 split = np.char.decode(file["split"][:].astype("S"), "utf-8")

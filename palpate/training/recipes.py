@@ -1,4 +1,4 @@
-"""Training recipes: one by its name with a run's overrides, and from it the settings of one model. No torch."""
+"""Training recipes: one by its name with a run's overrides, and from it the settings of one model."""
 
 import copy
 from collections.abc import Mapping
@@ -24,8 +24,8 @@ def merge(base: Mapping[str, Any], over: Mapping[str, Any]) -> Settings:
 def resolve(recipes: Path | str, name: str, override: Mapping[str, Any], schema: Path | str) -> Settings:
     """The recipe `name` of the file `recipes` with a run's `override` merged over it, checked.
 
-    Raises Invalid, naming the keys, if there is no such recipe, or the file or the result does not fit the schema
-    or says nothing of how long to train.
+    Raises Invalid, naming the keys, if there is no such recipe, or the file or the result does not fit the
+    schema or says nothing of how long to train.
     """
     known = yaml.safe_load(Path(recipes).read_text())
     check(known, schema, str(recipes))
@@ -48,7 +48,7 @@ def _each_schedule(recipe: Settings):
 
 
 def modality(experiment: Mapping[str, Any]) -> str:
-    """What a model of config/experiments.yaml sees, as recipes name it: `occluded_touch`, ..., `single_image`.
+    """What a model of config/experiments.yaml sees, in the recipes' words: `occluded_touch`, `single_image`.
 
     Raises Invalid for an experiment that sees nothing.
     """
@@ -61,6 +61,6 @@ def modality(experiment: Mapping[str, Any]) -> str:
 
 
 def settings(recipe: Mapping[str, Any], experiment: Mapping[str, Any]) -> Settings:
-    """How to train one experiment: `reconstruction`, then what its modality and its strategy set otherwise."""
+    """How to train one experiment: `reconstruction` with what its modality, then its strategy, change."""
     found = merge(recipe["reconstruction"], recipe["modalities"].get(modality(experiment), {}))
     return merge(found, recipe["strategies"].get(experiment["strategy"], {}))

@@ -89,7 +89,7 @@ def touch_charts(
         success: (k,) bool. position: (k, 3) m, rotation: (k, 3, 3) of the sensors, world frame.
         method: `direct` or `adam`, see `palpate.charts.fit`.
 
-    Returns: (k, 81, 3) float32 metres, world frame; those of unsuccessful touches are all at the sensor's position.
+    Returns: (k, 81, 3) float32 metres, world frame; all at the sensor's position for a touch without success.
     """
     charts = np.repeat(position[:, None].astype(np.float32), 81, axis=1)
     felt = np.flatnonzero(success)

@@ -29,8 +29,8 @@ def grid(file: Path | str, name: str) -> list[dict[str, Any]]:
 
 
 def layers_of_blocks(count: int) -> list[int]:
-    """How the paper lays so many convolutions into four blocks: the last takes what is left (18: 5, 5, 5, 3; 12: 3,
-    3, 3, 3). Raises Invalid if nothing is left for it."""
+    """How the paper lays so many convolutions into four blocks: the last takes what is left (18: 5, 5, 5, 3;
+    12: 3, 3, 3, 3). Raises Invalid if nothing is left for it."""
     each = -(-count // BLOCKS)
     layers = [each] * (BLOCKS - 1) + [count - (BLOCKS - 1) * each]
     if layers[-1] < 1:
@@ -43,9 +43,9 @@ def point_settings(
 ) -> Settings:
     """The settings of one training of the grid.
 
-    settings: of the experiment, from the run's recipe. architecture: its layers, with what a point does not say.
-    Maps are pooled after the last three blocks, as in the paper's tables. steps: at most so many; None: as the
-    settings say.
+    settings: of the experiment, from the run's recipe. architecture: its layers, with what a point does not
+    say. Maps are pooled after the last three blocks, as in the paper's tables. steps: at most so many; None:
+    as the settings say.
     """
     layers = layers_of_blocks(point["cnn_layers"])
     ends = list(itertools.accumulate(layers))[1:]

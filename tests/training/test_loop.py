@@ -1,4 +1,4 @@
-"""Training as a whole, on a few ellipsoids: it resumes to the same bytes, keeps the best, and stops when it must."""
+"""Training as a whole, on a few ellipsoids: it resumes to the same bytes, and keeps the best."""
 
 import csv
 import json

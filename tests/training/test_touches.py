@@ -44,8 +44,8 @@ def bump(y, z, radius=0.006):
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory):
-    """A run of two batches, an object each, two grasps; of each grasp the third sensor touches nothing, and of the
-    very first also the first only grazes: in range, but its reading shows nothing."""
+    """A run of two batches, an object each, two grasps. The third sensor of each touches nothing; the first
+    of the very first only grazes: in range, but its reading shows nothing."""
     folder = tmp_path_factory.mktemp("run")
     random = np.random.default_rng(0)
     for number in range(2):

@@ -1,7 +1,7 @@
 """Touch charts of a batch.
 
-charts/<batch>.zarr    vertices    (og, 4, 81, 3)    float32    m, world frame; all at the sensor where it felt nothing
-                       object      (o,)              string
+charts/<batch>.zarr   vertices   (og, 4, 81, 3)   float32   m, world frame; at the sensor if it felt nothing
+                      object     (o,)             string
 """
 
 import logging

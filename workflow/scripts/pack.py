@@ -1,21 +1,21 @@
-"""What a family of experiments is trained and measured on, in one file.
+"""What a family of experiments is trained and measured on, in one file; of these arrays, those that it sees.
 
-packs/<family>.h5    points                           (o, n, 3)               float32    m, world frame
-                     object, class, split             (o,)                    string
-                     unoccluded                       (o, p, p, 3)            uint8      of the family's, these:
-                     occluded                         (o, g, p, p, 3)         uint8
-                     views                            (o, v, q, q, 3)         uint8
-                     camera                           (o, v, 3, 4)            float32    world, m, to pixels
-                     success                          (o, g, 4)               bool
-                     position, rotation               (o, g, 4, 3 (, 3))      float32    m, world frame
-                     charts                           (o, g, 4, 81, 3)        float32    m, world frame
-                     reading                          (o, g, 4, r, r, 3)      uint8
-                     empty_reading                    (r, r, 3)               uint8
+packs/<family>.h5    object, class, split    (o,)                      string
+                     points                  (o, n, 3)                 float32    m, world frame
+                     unoccluded              (o, p, p, 3)              uint8
+                     occluded                (o, g, p, p, 3)           uint8
+                     views                   (o, v, q, q, 3)           uint8
+                     camera                  (o, v, 3, 4)              float32    world, m, to pixels
+                     success                 (o, g, 4)                 bool
+                     position, rotation      (o, g, 4, 3 (, 3))        float32    m, world frame
+                     charts                  (o, g, 4, 81, 3)          float32    m, world frame
+                     reading                 (o, g, 4, r, r, 3)        uint8
+                     empty_reading           (r, r, 3)                 uint8
 """
 
 from palpate.catalogue import log_to
-from palpate.training import pack
+from palpate.training import pack, stages
 
 log_to(snakemake.log[0])
-stores = {stage: snakemake.input[stage] for stage in pack.stages(snakemake.wildcards.family)}
+stores = {stage: snakemake.input[stage] for stage in stages(snakemake.wildcards.family)}
 pack.write(snakemake.output.pack, snakemake.wildcards.family, snakemake.input.catalogue, stores)

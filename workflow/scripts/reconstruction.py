@@ -1,8 +1,8 @@
 """One reconstruction model.
 
-models/<experiment>/seed-<k>/best.ckpt        the weights with the lowest validation loss, and how they were trained
-models/<experiment>/seed-<k>/history.csv      step, seconds, train_loss, validation_loss, rate: losses 9000 x Chamfer, m^2
-models/<experiment>/seed-<k>/training.json    experiment, architecture, settings, steps, best step and loss, seconds, machine
+models/<experiment>/seed-<k>/best.ckpt        the weights with the lowest validation loss, and their settings
+models/<experiment>/seed-<k>/history.csv      step, seconds, train_loss, validation_loss, rate (9000 x m^2)
+models/<experiment>/seed-<k>/training.json    experiment, architecture, settings, steps, losses, machine
 
 Work in progress is in checkpoints/<experiment>/seed-<k>/, so that an interrupted training goes on.
 """

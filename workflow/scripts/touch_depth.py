@@ -1,8 +1,10 @@
 """The U-Net from a touch reading to depth.
 
-models/touch_depth/best.ckpt        the weights with the lowest validation loss, and what they were trained with
-models/touch_depth/history.csv      step, seconds, train_loss, validation_loss, rate: losses 9000 x Chamfer, m^2
-models/touch_depth/training.json    settings, steps, best step and loss, seconds, machine
+models/touch_depth/best.ckpt        the weights with the lowest validation loss, and their settings
+models/touch_depth/history.csv      step, seconds, train_loss, validation_loss, rate (9000 x m^2)
+models/touch_depth/training.json    settings, steps, losses, machine
+
+Work in progress is in checkpoints/touch_depth/, so that an interrupted training goes on.
 """
 
 from pathlib import Path

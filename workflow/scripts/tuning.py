@@ -1,7 +1,7 @@
 """The grid of hyperparameters: what each of its points came to, the best first.
 
-tables/tuning.csv, .md, .tex    rate, cnn_layers, gcn_layers, width, validation_loss (9000 x Chamfer, m^2), best_step,
-                                steps, seconds, parameters
+tables/tuning.csv, .md, .tex    rate, cnn_layers, gcn_layers, width, validation_loss (9000 x Chamfer, m^2),
+                                best_step, steps, seconds, parameters
 """
 
 import json
@@ -18,6 +18,7 @@ trained = [json.loads(Path(path).read_text()) for path in snakemake.input.points
 table = pd.DataFrame(tuning.summary(snakemake.params.points, trained))
 machines = sorted({said["machine"]["found"] for said in trained})
 table.attrs["note"] = (
-    f"Validation loss of {trained[0]['validated']} samples, the best of all evaluations; on {', '.join(machines)}."
+    f"Validation loss of {trained[0]['validated']} samples, the best of all evaluations; "
+    f"on {', '.join(machines)}."
 )
 write_table(table, snakemake.output.table)
