@@ -2,7 +2,7 @@
 
 From Python, `palpate.reconstruct`; as a command, with what a run's dataset holds:
 
-    python -m palpate.evaluation.reconstruct results/default charts_occluded_touch bottle-0003 --output x.ply
+    python -m palpate.evaluation.reconstruct results/default charts_occluded_touch bottle-0011 --output x.ply
 """
 
 import argparse
@@ -341,7 +341,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     )
     parser.add_argument("run", type=Path, help="the run's folder, for example results/default")
     parser.add_argument("experiment", help="of config/experiments.yaml, for example charts_occluded_touch")
-    parser.add_argument("object", help="its name in catalogue.csv, for example bottle-0003")
+    parser.add_argument("object", help="its name in catalogue.csv, for example bottle-0011")
     parser.add_argument(
         "--grasp", type=int, nargs="+", metavar="G", help="numbers of the grasps (default: the first ones)"
     )
