@@ -12,7 +12,6 @@ from matplotlib.patches import Circle
 from palpate.mesh import OBJECT_POSITION, load_visual
 from palpate.reports.page import FAINT, LABEL, PALE, TITLE, new_figure, save, save_sentence, styled
 from palpate.reports.surface_view import SITE_COLOURS, SurfaceView
-from palpate.store import CONTRACT, read
 from palpate.store.dataset import Dataset, GraspRecord
 from palpate.touch import SENSOR_WIDTH
 
@@ -53,7 +52,7 @@ def data_point(dataset: Dataset, path: Path | str) -> None:
     _image(place(left[0], head, cell, cell), grasp.occluded)
     _image(place(left[1], head, cell, cell), grasp.object.unoccluded)
     small = (cell - label) / 2
-    for sensor, name in enumerate(sensor_names(grasp)):
+    for sensor, name in enumerate(grasp.sensors):
         row, column = divmod(sensor, 2)
         axes = place(left[2] + column * (cell - small), head + row * (cell - small), small, small)
         _reading(axes, grasp, sensor)
@@ -75,7 +74,7 @@ def examples(dataset: Dataset, class_name: str, path: Path | str) -> None:
     if not objects:
         return save_sentence(f"No usable object of class {class_name} in this run", path)
     chosen = [objects[number] for number in _evenly(len(objects), EXAMPLES)]
-    sensors = sensor_names(dataset[chosen[0]].grasps[0])
+    sensors = dataset[chosen[0]].grasps[0].sensors
     titles = ("unoccluded", "occluded", *sensors, "touch sites")
     cell, gap, label, head = 1.55, 0.06, 0.24, 0.3  # inches
     left = gap + np.arange(len(titles)) * (cell + gap)
@@ -105,13 +104,6 @@ def examples(dataset: Dataset, class_name: str, path: Path | str) -> None:
             _reading(axes[2 + sensor], grasp, sensor)
         _surface(axes[-1], grasp)
     save(figure, path)
-
-
-def sensor_names(grasp: GraspRecord) -> tuple[str, ...]:
-    """Names of the four sensors of the hand that made a grasp, as its batch's store has it."""
-    record = grasp.object
-    path = record.mesh.parents[2] / CONTRACT["grasps"].path(record.batch)
-    return tuple(read(path, "hand/sensor_names")["hand/sensor_names"].tolist())
 
 
 def example_grasp(dataset: Dataset) -> GraspRecord | None:

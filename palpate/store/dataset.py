@@ -405,7 +405,6 @@ class GraspRecord(_Rows):
     """
 
     axis = "og"
-    sensors = SENSOR_NAMES
 
     def __init__(self, run: Run, entry: Entry, number: int):
         super().__init__(run, entry)
@@ -415,6 +414,14 @@ class GraspRecord(_Rows):
     def object(self) -> ObjectRecord:
         """The object that is grasped."""
         return ObjectRecord(self._run, self._entry)
+
+    @cached_property
+    def sensors(self) -> tuple[str, ...]:
+        """Names of the hand's sensors; the Allegro's for a dataset that came without its hands."""
+        if not self._run.has("grasps"):
+            return SENSOR_NAMES
+        names = self._run.store("grasps", self._entry.batch).get("hand/sensor_names")
+        return tuple(str(name) for name in names)
 
     @cached_property
     def reading(self) -> np.ndarray:
