@@ -73,10 +73,10 @@ def sees_views(table):
 
 
 def claims_decidable():
-    """Whether all that the claims compare is defined."""
-    return "extrapolation" in EXPERIMENTS["tables"] and set(
-        published_experiments()
-    ) <= set(EXPERIMENTS["experiments"])
+    """Whether all that the claims compare is defined, and rings are measured where they look."""
+    rings = EXPERIMENTS["tables"].get("extrapolation", {"split": None})
+    defined = set(published_experiments()) <= set(EXPERIMENTS["experiments"])
+    return defined and rings["split"] == "test"
 
 
 # A released dataset has no views, which single images are taken from.

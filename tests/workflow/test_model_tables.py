@@ -1,0 +1,96 @@
+"""What the tables' rules ask for, by dry runs of the real Snakefile with experiments of another kind."""
+
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+import yaml
+
+PROJECT = Path(__file__).parents[2]
+
+
+@pytest.fixture
+def project(tmp_path):
+    """A copy of the workflow, whose config may be changed."""
+    for name in ("Snakefile", "workflow", "config", "envs"):
+        source = PROJECT / name
+        (shutil.copytree if source.is_dir() else shutil.copy)(source, tmp_path / name)
+    (tmp_path / "palpate").symlink_to(PROJECT / "palpate")
+    return tmp_path
+
+
+def declared(project, change) -> None:
+    """Apply a function to what config/experiments.yaml says."""
+    path = project / "config/experiments.yaml"
+    held = yaml.safe_load(path.read_text())
+    change(held)
+    path.write_text(yaml.safe_dump(held, sort_keys=False))
+
+
+def dry_run(project, *targets) -> subprocess.CompletedProcess:
+    command = [sys.executable, "-m", "snakemake", "--cores", "1", "--dry-run", *targets]
+    return subprocess.run(command, cwd=project, capture_output=True, text=True, timeout=300)
+
+
+def counts(project, *targets) -> dict[str, int]:
+    """How many jobs of each rule a dry run would run."""
+    result = dry_run(project, *targets)
+    assert result.returncode == 0, result.stderr
+    stats = re.search(r"^job +count\n-.*?\n(.*?)^total", result.stdout, re.MULTILINE | re.DOTALL)
+    return {line.split()[0]: int(line.split()[1]) for line in stats[1].splitlines()}
+
+
+def test_a_table_trains_and_measures_just_its_experiments(project):
+    table = counts(project, "tables/model_selection.csv")
+    assert (table["reconstruction"], table["evaluate"], table["model_selection"]) == (12, 12, 1)
+    assert not {"views", "rings", "evaluate_touch"} & set(table)
+    local = counts(project, "tables/local_touch_charts.csv")
+    assert not {"vision", "views", "reconstruction"} & set(local) and local["evaluate_touch"] == 1
+    single = counts(project, "tables/single_image.csv")
+    assert not {"grasps", "touch", "vision"} & set(single) and single["reconstruction"] == 1
+    assert set(counts(project, "tables/architectures/occluded.csv")) == {"architectures"}
+
+
+def test_every_seed_is_trained_and_measured(project):
+    more = project / "more.yaml"
+    more.write_text("training: {seeds: [0, 3]}\n")
+    table = counts(project, "tables/extrapolation.csv", "--configfile", str(more))
+    assert table["evaluate_rings"] == table["reconstruction"] == 8
+
+
+def test_a_table_that_is_not_declared_is_not_built(project):
+    def grasps_only(held):
+        held["tables"] = {"grasps": held["tables"]["grasps"]}
+        names = held["tables"]["grasps"]["experiments"]
+        held["experiments"] = {name: held["experiments"][name] for name in names}
+
+    declared(project, grasps_only)
+    # Of `all`, figures of models that are not declared are not the tables' matter: ask for the tables.
+    found = counts(project, "tables/grasps.csv", "figures/multi_grasp.png", "figures/training_curves.png")
+    assert found["reconstruction"] == 10
+    for target, message in (
+        ("tables/claims.csv", "is needed, but config/experiments.yaml does not define it"),
+        ("tables/input_modalities.csv", "defines no table input_modalities"),
+    ):
+        result = dry_run(project, target)
+        assert result.returncode and message in result.stdout + result.stderr
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda held: held["tables"].update(grasp=held["tables"].pop("grasps")), "no table is called grasp;"),
+        (
+            lambda held: held["tables"]["grasps"]["experiments"].append("charts_smell"),
+            "table grasps has experiment charts_smell, which is not defined",
+        ),
+        (lambda held: held["tables"]["grasps"].update(split="train"), "measured on validation or test"),
+    ],
+)
+def test_a_declaration_that_makes_no_sense_is_an_error_before_anything_runs(project, change, message):
+    declared(project, change)
+    result = dry_run(project, "tables/model_selection.csv")
+    assert result.returncode and message in result.stdout + result.stderr
