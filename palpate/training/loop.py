@@ -23,7 +23,9 @@ from palpate.training.learners import Diverged, Learner
 log = logging.getLogger(__name__)
 
 HISTORY = ("step", "seconds", "train_loss", "validation_loss", "rate")
-LOG_EVERY = 10.0  # seconds between lines of progress in a log
+# Between lines of progress in a log: seconds, and a share of the time so far. Few lines, however long it
+# takes.
+LOG_EVERY, LOG_SHARE = 10.0, 0.02
 BEST, LAST = "best.ckpt", "last.ckpt"
 
 
@@ -103,7 +105,8 @@ class Keeper(lightning.Callback):
     def on_train_batch_end(self, trainer, learner, outputs, batch, batch_idx) -> None:
         self.losses.append(outputs["loss"].detach())
         self.bar.update()
-        if time.perf_counter() - self.said >= LOG_EVERY:
+        now = time.perf_counter()
+        if now - self.said >= max(LOG_EVERY, LOG_SHARE * (now - self.start)):
             self._say(trainer, learner)
 
     def _say(self, trainer, learner) -> None:

@@ -58,9 +58,7 @@ def write(
     chosen = [_common(batch, rows) for batch in batches]
     names = [name for batch in chosen for name in batch]
     if not names:
-        raise PackError(
-            f"{path}: no object is in all of {', '.join(stores)}; rejected.csv says why"
-        )
+        raise PackError(f"{path}: no object is in all of {', '.join(stores)}; rejected.csv says why")
     digest = hashlib.sha256()
     with store.whole(path) as partial, h5py.File(partial, "w") as file:
         for column in ("object", "class", "split"):

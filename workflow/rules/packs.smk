@@ -1,18 +1,3 @@
-from palpate.training import families
-
-
-def pack_stores(wildcards):
-    """The stores of all batches, of the stages that the family sees."""
-    return {
-        stage: expand(f"{stage}/{{batch}}.zarr", batch=BATCHES)
-        for stage in families.stages(wildcards.family)
-    }
-
-
-wildcard_constraints:
-    family=r"(occluded|unoccluded|views|none)-(charts|readings|none)",
-
-
 # What a family of experiments is trained and measured on, in one file; made of just the stores that it sees.
 rule pack:
     input:

@@ -1,7 +1,7 @@
 import pandas
 from snakemake.utils import Paramspace
 
-from palpate.training import recipes, tuning
+from palpate.training import tuning
 
 TUNED = "charts_occluded_touch"
 try:
