@@ -77,10 +77,13 @@ class Errors(NamedTuple):
         return self._replace(objects=self.objects[chosen], classes=self.classes[chosen], values=values)
 
     def estimate(self, experiments: Sequence[str], statistic=None, resamples: int = RESAMPLES) -> Estimate:
-        """A statistic of the averages of some experiments (by default the first's), with its interval."""
-        arguments = {} if statistic is None else {"statistic": statistic}
+        """A statistic of the averages of some experiments, with its interval; by default the first's average,
+        whose interval ends at 0, because errors are not negative."""
         values = [self.values[name] for name in experiments]
-        return interval(values, self.classes, resamples=resamples, **arguments)
+        if statistic is not None:
+            return interval(values, self.classes, statistic, resamples)
+        found = interval(values, self.classes, resamples=resamples)
+        return found._replace(low=np.maximum(found.low, 0.0))
 
 
 def errors(

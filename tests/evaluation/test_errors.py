@@ -23,6 +23,17 @@ def test_errors_are_means_over_windows_seed_by_seed():
     assert found.steps["charts_touch"] == (700, 700)
 
 
+def test_the_interval_of_an_error_ends_at_0():
+    frame = synthetic.evaluations({"charts_touch": 0.1, "charts_occluded": 0.1}, each=2, spread=0.2)
+    found = errors(frame, ["charts_touch", "charts_occluded"], "test").of_class("rifle")
+    average = found.estimate(["charts_touch"], resamples=100)
+    assert average.low == 0 < average.high
+    difference = found.estimate(
+        ["charts_touch", "charts_occluded"], lambda means: means[..., 0] - means[..., 1]
+    )
+    assert difference.low < 0 < difference.high
+
+
 def test_unknown_classes_come_after_the_papers():
     frame = synthetic.evaluations(MEANS, each=2)
     frame["class"] = frame["class"].replace({"bottle": "anvil", "rifle": "zebra"})
