@@ -3,8 +3,9 @@
 #   snakemake --cores 2 all                                       the default run
 #   snakemake --cores 2 all --configfile config/small.yaml        another size, in results/small/
 #   snakemake --cores 2 tables/grasp_success.csv                  just what that table needs
-#   snakemake --cores 2 validate                                  the dataset, and every check of it
-#   snakemake --cores 2 smoke                                     one object, end to end
+#   snakemake --cores 2 dataset                                   the data, their tables and figures; no model
+#   snakemake --cores 2 validate                                  every array of every store against the contract
+#   snakemake --cores 2 smoke                                     one object a split, end to end
 from pathlib import Path
 
 from snakemake.utils import min_version
@@ -42,10 +43,10 @@ else:
     include: "workflow/rules/views.smk"
 
 
-include: "workflow/rules/dataset.smk"
 include: "workflow/rules/validation.smk"
 include: "workflow/rules/tables.smk"
 include: "workflow/rules/figures.smk"
+include: "workflow/rules/dataset.smk"
 include: "workflow/rules/smoke.smk"
 include: "workflow/rules/export.smk"
 include: "workflow/rules/touch_depth.smk"
@@ -66,7 +67,7 @@ localrules:
 rule all:
     default_target: True
     input:
-        rules.dataset.input,
+        STORES,
         [] if RELEASED else "reports/validation.csv",
         TABLES,
         FIGURES,

@@ -124,8 +124,8 @@ def make_workflow(tmp_path_factory):
 
 @pytest.fixture(scope="session")
 def finished(make_workflow):
-    """A run that has been built whole."""
+    """A dataset that has been built whole."""
     workflow = make_workflow()
-    result = workflow("all", "validate")
+    result = workflow("dataset", "validate")
     assert result.returncode == 0, result.stderr
     return workflow

@@ -24,7 +24,7 @@ def test_a_change_runs_again_what_depends_on_it(finished, tmp_path, config, firs
         for name in ("mjcf", "sensors"):
             (tmp_path / name).write_text("<mujoco/>")
             config["grasps"]["hand"][name] = str(tmp_path / name)
-    jobs = finished.changed(**config).jobs("all")
+    jobs = finished.changed(**config).jobs("dataset")
     reasons = {job.rule: job.reason for job in jobs if job.rule in STAGES}
     assert set(reasons) == {first, *others}, reasons
     assert {rule for rule, reason in reasons.items() if "by another job" not in reason} == {first}, reasons

@@ -31,7 +31,7 @@ def run(make_workflow, tmp_path_factory):
         vision={"size": SIZE, "samples": 2, "device": "cpu", "exr": True},
         mesh={"collision_faces": 500, "levels": [200, 100]},
     )
-    result = workflow("all", "validate")
+    result = workflow("dataset", "validate")
     assert result.returncode == 0, result.stderr
     return workflow.run
 

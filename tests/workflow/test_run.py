@@ -17,7 +17,6 @@ from tests.mesh import nasty
 from tests.workflow.conftest import PROJECT
 
 STORES = ("surface", "grasps", "touch", "vision")
-DATASET = ("dataset", "validate", "tables", "figures/examples_brick.png", "figures/data_point.png")
 USABLE = ["brick-millimetres", "can-nested-flat", "can-tall"]
 
 
@@ -95,7 +94,7 @@ def test_an_object_rejected_after_its_grasps_is_left_out_and_the_rest_is_valid(m
         grasps={"per_object": 1, "attempts": 1},
         vision={"size": 32, "samples": 1, "device": "cpu"},
     )
-    result = dataclasses.replace(workflow, python_path=str(tmp_path))(*DATASET)
+    result = dataclasses.replace(workflow, python_path=str(tmp_path))("dataset", "validate")
     assert result.returncode == 0, result.stderr
     rejected = pd.read_csv(workflow.run / "rejected.csv").set_index("object")
     assert rejected.stage.to_dict() == {
@@ -134,7 +133,7 @@ def test_a_run_in_which_nothing_can_be_used_is_whole_but_not_valid(make_workflow
     (tmp_path / "bad").mkdir()
     (tmp_path / "bad/page.stl").write_text("no mesh")
     workflow = make_workflow(source={"kind": "folder", "path": str(tmp_path)})
-    result = workflow("all", "validate")
+    result = workflow("dataset", "validate")
     assert result.returncode != 0
     assert "none of 1 objects could be used" in result.stderr and "bad/page.stl" in result.stderr
     assert (workflow.run / "tables/grasp_success.csv").exists()
@@ -142,16 +141,16 @@ def test_a_run_in_which_nothing_can_be_used_is_whole_but_not_valid(make_workflow
 
 
 def test_nothing_is_left_to_do(finished):
-    assert finished.planned("all") == set()
+    assert finished.planned("dataset") == set()
 
 
 def test_a_killed_run_goes_on_and_ends_in_the_same_bytes(finished, make_workflow):
     workflow = make_workflow()
     # Between stages, and in the middle of one: its log is there, its store not yet.
     for path in ("meshes/batch-0000", "logs/grasps/batch-0000.log", "logs/vision/batch-0000.log"):
-        workflow.kill_when(path, "all")
+        workflow.kill_when(path, "dataset")
     assert not (workflow.run / "vision/batch-0000.zarr").exists()
-    result = workflow("all")
+    result = workflow("dataset")
     assert result.returncode == 0, result.stderr
     assert digests(workflow.run) == digests(finished.run)
 
@@ -185,7 +184,7 @@ def test_data_do_not_depend_on_batch_size_or_cores(finished, make_workflow):
 )
 def test_a_mistake_in_the_config_is_one_message_before_anything_runs(make_workflow, config, said):
     workflow = make_workflow(**config)
-    result = workflow("all")
+    result = workflow("dataset")
     assert result.returncode != 0
     assert said in result.stderr
     assert "Traceback" not in result.stderr

@@ -157,3 +157,14 @@ wildcard_constraints:
     family=r"(occluded|unoccluded|views|none)-(charts|readings|none)",
     experiment="|".join(map(re.escape, EXPERIMENTS["experiments"])),
     seed=r"\d+",
+
+
+# What everything else is made from.
+STORES = [
+    "catalogue.csv",
+    "rejected.csv",
+    *expand("surface/{batch}.zarr", batch=BATCHES),
+    *expand("grasps/{batch}.h5", batch=[] if RELEASED else BATCHES),
+    *expand("touch/{batch}.zarr", batch=BATCHES),
+    *expand("vision/{batch}.zarr", batch=BATCHES),
+]

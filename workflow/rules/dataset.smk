@@ -2,12 +2,10 @@ localrules:
     dataset,
 
 
-# The stores that everything else is made from.
+# The data and all that is told of them: nothing is trained.
 rule dataset:
     input:
-        "catalogue.csv",
-        "rejected.csv",
-        expand("surface/{batch}.zarr", batch=BATCHES),
-        expand("grasps/{batch}.h5", batch=[] if RELEASED else BATCHES),
-        expand("touch/{batch}.zarr", batch=BATCHES),
-        expand("vision/{batch}.zarr", batch=BATCHES),
+        STORES,
+        [] if RELEASED else "reports/validation.csv",
+        TABLES,
+        FIGURES,

@@ -5,7 +5,7 @@ localrules:
 # The dataset in the layout that the authors released theirs in, for their code; with sheets if charts were made.
 rule export_released:
     input:
-        rules.dataset.input,
+        STORES,
     output:
         folder=directory("released"),
     log:

@@ -12,7 +12,7 @@ FIGURES = (
 
 rule data_point:
     input:
-        rules.dataset.input,
+        STORES,
         meshes=expand("meshes/{batch}", batch=BATCHES),
     output:
         figure=report(
@@ -36,7 +36,7 @@ rule data_point:
 
 rule grasp_steps:
     input:
-        rules.dataset.input,
+        STORES,
         meshes=expand("meshes/{batch}", batch=BATCHES),
     output:
         figure=report(
@@ -60,7 +60,7 @@ rule grasp_steps:
 
 rule examples:
     input:
-        rules.dataset.input,
+        STORES,
         meshes=expand("meshes/{batch}", batch=BATCHES),
     output:
         figure=report(
