@@ -23,7 +23,7 @@ from palpate.evaluation.tables import (
     ring_key,
     setups,
 )
-from palpate.reports.page import FAINT, LABEL, PALE, TITLE, new_figure, save, styled
+from palpate.reports.page import LABEL, PALE, TITLE, new_figure, save, styled
 
 # Okabe and Ito's colours, apart for colour-blind readers too.
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
@@ -54,7 +54,7 @@ def multi_grasp(
             )
             for count in counts
         ]
-        _line(axes, counts, estimates, colour, label)
+        _line(axes, counts, np.maximum(estimates, -1), colour, label)  # errors are not negative
         known = [count for count in counts if members[count] in published.index]
         if known and first in published.index:
             paper = [published[members[count]] / published[first] - 1 for count in known]
@@ -101,15 +101,16 @@ def training_curves(histories: Mapping[tuple[str, int], Path | str], experiments
     histories: (experiment, seed) -> its `history.csv`. Raises EvaluationError, naming the file, if one is
     missing or lacks a column.
     """
-    panels: dict[str, list[tuple[str, pd.DataFrame, str]]] = {}
-    for (name, seed), file in histories.items():
-        panel, label = _panel(experiments[name], experiments)
-        panels.setdefault(panel, []).append((label, _history(file), "" if seed == 0 else f" seed {seed}"))
-    losses = [history[list(HISTORY[2:])] for curves in panels.values() for _, history, _ in curves]
-    bottom, top = (
-        min(part.min(axis=None) for part in losses) / 1.2,
-        max(part.max(axis=None) for part in losses),
-    )
+    panels: dict[str, list[tuple[str, str, pd.DataFrame, bool]]] = {}
+    losses, named = [], set()
+    for (name, _), file in histories.items():
+        panel, label, colour = _panel(experiments[name])
+        history = _history(file)
+        losses.append(history[list(HISTORY[2:])])
+        panels.setdefault(panel, []).append((label, colour, history, name not in named))
+        named.add(name)
+    bottom = min(part.min(axis=None) for part in losses) / 1.2
+    top = max(part.max(axis=None) for part in losses) * 1.2
     columns = min(COLUMNS, len(panels))
     lines = -(-len(panels) // columns)
     width, height = 3.1 * columns + 0.2, 2.5 * lines + 0.3
@@ -124,9 +125,7 @@ def training_curves(histories: Mapping[tuple[str, int], Path | str], experiments
                 1.9 / height,
             )
         )
-        colours = dict(zip(dict.fromkeys(label for label, *_ in curves), COLOURS, strict=False))
-        for label, history, seed in curves:
-            colour = colours.get(label, FAINT)
+        for label, colour, history, first in curves:
             minutes = history["seconds"] / 60
             axes.plot(minutes, history["train_loss"], color=colour, lw=0.8, alpha=0.35)
             axes.plot(
@@ -136,7 +135,7 @@ def training_curves(histories: Mapping[tuple[str, int], Path | str], experiments
                 lw=1.3,
                 marker="o" if len(history) == 1 else None,
                 ms=3,
-                label=None if seed else label,
+                label=label if first else None,
             )
         axes.set_yscale("log")
         axes.set_ylim(bottom, top)
@@ -148,12 +147,14 @@ def training_curves(histories: Mapping[tuple[str, int], Path | str], experiments
     save(figure, path)
 
 
-def _panel(setup: Mapping, experiments: Experiments) -> tuple[str, str]:
-    """The panel that an experiment's curve is in, and its name there: its strategy, or how many grasps."""
-    label = input_label(setup)
-    if setup["grasps"] > 1:
-        return f"{label}, more grasps", f"{setup['grasps']} grasps"
-    return label, STRATEGY_NAMES[setup["strategy"]]
+def _panel(setup: Mapping) -> tuple[str, str, str]:
+    """The panel that an experiment's curve is in, its name there (its strategy, or how many grasps), its
+    colour."""
+    label, grasps = input_label(setup), setup["grasps"]
+    if grasps > 1:
+        return f"{label}, more grasps", f"{grasps} grasps", COLOURS[grasps % len(COLOURS)]
+    number = list(STRATEGY_NAMES).index(setup["strategy"])
+    return label, STRATEGY_NAMES[setup["strategy"]], COLOURS[number]
 
 
 def _history(path: Path | str) -> pd.DataFrame:
