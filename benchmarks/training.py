@@ -37,25 +37,26 @@ EVALUATIONS = 8
 VARIANTS = yaml.safe_load(
     """
 recipe: {}
-width 32: {architecture: {gcn: {width: 32}}}
+4 layers: {architecture: {gcn: {layers: 4}}}
+10 layers: {architecture: {gcn: {layers: 10}}}
+width 48: {architecture: {gcn: {width: 48}}}
 width 96: {architecture: {gcn: {width: 96}}}
-width 128: {architecture: {gcn: {width: 128}}}
-6 layers: {architecture: {gcn: {layers: 6}}}
-15 layers: {architecture: {gcn: {layers: 15}}}
-batch 2: {batch: 2}
+small encoder: {architecture: {encoder: {channels: [16, 32, 64, 64], layers: [1, 1, 2, 2], pool: [2, 4, 6]}}}
+large encoder: {architecture: {encoder: {channels: [16, 32, 64, 128, 256], layers: [1, 2, 2, 3, 3], pool: [5, 8, 11]}}}
+instance norm: {architecture: {encoder: {norm: instance}}}
+batch 1: {batch: 1}
+batch 4: {batch: 4}
 batch 8: {batch: 8}
 1000 points: {loss_points: 1000}
 2500 points: {loss_points: 2500}
 rate 1e-3: {rate: 1.0e-3}
-rate 6e-3: {rate: 6.0e-3}
+rate 3e-3: {rate: 3.0e-3}
 metres: {architecture: {normalise_positions: false}}
 paper init: {architecture: {init: paper, last_layer_scale: 1.0}}
 no clipping: {clip: null}
 constant: {schedule: constant}
-ema 0.98: {ema: 0.98}
-ema 0.995: {ema: 0.995}
+ema 0.99: {ema: 0.99}
 adamw: {optimiser: adamw, weight_decay: 0.01}
-instance norm: {architecture: {encoder: {norm: instance}}}
 """
 )
 
