@@ -1,7 +1,8 @@
 """The local predictions at every successful touch of the validation and test splits.
 
-evaluations/touch_depth.csv    object, class, split, grasp, sensor, cloud (Chamfer distance of the predicted local
-                               cloud, m^2 x 9000), chart (of the chart fitted to it), steps (of training)
+evaluations/touch_depth.csv    object, class, split, grasp, sensor,
+                               cloud (Chamfer distance of the predicted local cloud, m^2 x 9000),
+                               chart (that of the chart fitted to it), steps (of training)
 """
 
 import torch
