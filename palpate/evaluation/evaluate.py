@@ -15,14 +15,14 @@ import torch
 from torch import Tensor
 from tqdm import tqdm
 
-from palpate import store
+from palpate import store, training
 from palpate.charts import CHAMFER_SCALE, build_tree, chamfer_distance, sample_faces, touch_chart
 from palpate.evaluation.errors import COLUMNS, RING_COLUMNS, SPLITS, TOUCH_COLUMNS, EvaluationError
 from palpate.evaluation.metrics import score, seeded
 from palpate.evaluation.rings import RINGS, SAMPLES, ring_distances, ring_points
 from palpate.models import Reconstruction, TouchDepth
 from palpate.store import Dataset
-from palpate.training import Assembler, Pack, Sample, windows
+from palpate.training import Assembler, Machine, Pack, Sample, windows
 from palpate.training.losses import sheet
 from palpate.training.touches import channels_first, predict_depth
 
@@ -41,6 +41,18 @@ class Trained(NamedTuple):
     seed: int
     steps: int
     device: torch.device = torch.device("cpu")
+
+
+def load(
+    model: Path | str, summary: Path | str, name: str, experiment: Mapping[str, Any], seed: int, device: str
+) -> Trained:
+    """A model from its `best.ckpt` and `training.json`; device: `auto`, `cpu` or `gpu`.
+
+    Raises what `palpate.training.load` raises for a checkpoint of another experiment or schema version.
+    """
+    on = Machine(device).torch_device()
+    trained = training.load(model, experiment).to(on)
+    return Trained(trained, name, experiment, seed, training_steps(summary), on)
 
 
 def training_steps(summary: Path | str) -> int:

@@ -13,15 +13,13 @@ from palpate.evaluation import evaluate
 
 log_to(snakemake.log[0])
 torch.set_num_threads(snakemake.threads)
-device = training.Machine(snakemake.params.device).torch_device()
-experiment = snakemake.params.experiment
-trained = evaluate.Trained(
-    training.load(snakemake.input.model, experiment).to(device),
+trained = evaluate.load(
+    snakemake.input.model,
+    snakemake.input.summary,
     snakemake.wildcards.experiment,
-    experiment,
+    snakemake.params.experiment,
     int(snakemake.wildcards.seed),
-    evaluate.training_steps(snakemake.input.summary),
-    device,
+    snakemake.params.device,
 )
 pack = training.Pack.read(snakemake.input.pack, evaluate.SPLITS)
 with store.whole(snakemake.output.table) as path:
