@@ -42,7 +42,8 @@ recipe: {}
 width 48: {architecture: {gcn: {width: 48}}}
 width 96: {architecture: {gcn: {width: 96}}}
 small encoder: {architecture: {encoder: {channels: [16, 32, 64, 64], layers: [1, 1, 2, 2], pool: [2, 4, 6]}}}
-large encoder: {architecture: {encoder: {channels: [16, 32, 64, 128, 256], layers: [1, 2, 2, 3, 3], pool: [5, 8, 11]}}}
+large encoder:
+  architecture: {encoder: {channels: [16, 32, 64, 128, 256], layers: [1, 2, 2, 3, 3], pool: [5, 8, 11]}}
 instance norm: {architecture: {encoder: {norm: instance}}}
 batch 1: {batch: 1}
 batch 4: {batch: 4}
