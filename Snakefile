@@ -19,6 +19,7 @@ configfile: PROJECT / "config/config.yaml"
 
 
 include: "workflow/rules/configuration.smk"
+include: "workflow/rules/experiments.smk"
 
 
 # Absolute, so that a cluster's jobs don't nest it, and so that `tables/x.csv` means the run's.
