@@ -7,6 +7,7 @@ import pytest
 import yaml
 from snakemake.utils import update_config
 
+from palpate.catalogue import assign_split
 from palpate.catalogue.schema import Invalid, check
 
 PROJECT = Path(__file__).parents[2]
@@ -27,11 +28,17 @@ def test_shipped_configs_are_valid(name):
     counts = {row["class"]: row["objects"] for row in config["classes"]}
     expected = {
         "config": [20, 20, 20, 20],
-        "smoke": [1],
+        "smoke": [1, 1, 1],
         "small": [60, 60, 60, 60],
         "paper": [487, 416, 493, 335],  # supplement, table of per-class statistics
     }
     assert list(counts.values()) == expected[name]
+
+
+def test_smoke_has_an_object_of_every_split():
+    config = overlaid(yaml.safe_load((PROJECT / "config/smoke.yaml").read_text()))
+    splits = [assign_split(f"{row['class']}-0000", config["split"]) for row in config["classes"]]
+    assert sorted(splits) == ["test", "train", "validation"]
 
 
 @pytest.mark.parametrize(
