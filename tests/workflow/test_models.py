@@ -1,0 +1,68 @@
+"""A model through the whole workflow: killed while it trains, it ends as if it had not been."""
+
+import json
+import subprocess
+import sys
+
+import pandas as pd
+import trimesh
+
+MODEL = "models/charts_touch/seed-0"
+EVALUATION = "evaluations/charts_touch/seed-0.csv"
+STEPS = 40
+
+
+def tiny(make_workflow):
+    """One object a split (see config/smoke.yaml), one grasp each, a few steps of training."""
+    return make_workflow(
+        source={"kind": "procedural", "path": None},
+        classes=[{"class": name, "objects": 1} for name in ("bottle", "knife", "cellphone")],
+        surface={"points": 1000},
+        grasps={"per_object": 1, "attempts": 1},
+        training={
+            "device": "cpu",
+            "override": {
+                "touch_depth": {"width": 4, "steps": 4, "evaluate_every": 2, "batch": 2},
+                "reconstruction": {
+                    "steps": STEPS,
+                    "evaluate_every": 10,
+                    "batch": 1,
+                    "loss_points": 200,
+                    "validation_points": 200,
+                },
+            },
+        },
+        evaluation={"points": 1000, "bootstrap": 100},
+    )
+
+
+def test_a_training_that_was_killed_goes_on_to_the_same_model(make_workflow):
+    whole, killed = tiny(make_workflow), tiny(make_workflow)
+    result = whole(EVALUATION)
+    assert result.returncode == 0, result.stderr
+    assert not (whole.run / "vision").exists() and not (whole.run / "views").exists()
+
+    killed.kill_when("checkpoints/charts_touch/seed-0/last.ckpt", EVALUATION)
+    assert not (killed.run / MODEL / "best.ckpt").exists()
+    result = killed(EVALUATION)
+    assert result.returncode == 0, result.stderr
+    assert "goes on from" in (killed.run / "logs/reconstruction/charts_touch-0.log").read_text()
+
+    for name in ("best.ckpt", "history.csv"):
+        ours, theirs = (run.run / MODEL / name for run in (whole, killed))
+        if name == "history.csv":
+            frames = [pd.read_csv(path).drop(columns="seconds") for path in (ours, theirs)]
+            pd.testing.assert_frame_equal(*frames, check_exact=True)
+            assert frames[0].step.max() == STEPS
+        else:
+            assert ours.read_bytes() == theirs.read_bytes()
+    errors = [pd.read_csv(run.run / EVALUATION).drop(columns="seconds") for run in (whole, killed)]
+    pd.testing.assert_frame_equal(*errors, check_exact=True)
+    assert set(errors[0].split) == {"validation", "test"}
+    assert json.loads((killed.run / MODEL / "training.json").read_text())["steps"] == STEPS
+
+    mesh = killed.run / "bottle.ply"
+    command = [sys.executable, "-m", "palpate.evaluation.reconstruct", str(killed.run), "charts_touch"]
+    done = subprocess.run([*command, "bottle-0000", "--output", str(mesh)], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert len(trimesh.load(mesh).faces) >= 96 * 24
