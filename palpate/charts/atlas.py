@@ -17,7 +17,7 @@ from torch import Tensor
 from palpate.mesh import OBJECT_POSITION
 from palpate.touch.sensor import SENSOR_WIDTH
 
-ATLAS_RADIUS = 0.26  # m, around the object's centre (FACTS: initial atlas)
+ATLAS_RADIUS = 0.26  # m, around the object's centre (the published atlas)
 VISION_CHARTS = 96
 CHART_VERTICES = 19
 CHART_BOUNDARY = 12

@@ -11,7 +11,7 @@ import torch
 from scipy.spatial import cKDTree
 from torch import Tensor
 
-CHAMFER_SCALE = 9000  # the tables' factor (FACTS: Chamfer distance in the tables)
+CHAMFER_SCALE = 9000  # the tables' factor (the published evaluation)
 BLOCK_PAIRS = 1 << 24  # pairs of a query and a point held at a time on a GPU: 64 MiB of float32 distances
 LEAF_SIZE = 64  # points in a leaf of a k-d tree, chosen in docs/charts.md
 

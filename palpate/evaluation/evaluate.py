@@ -29,7 +29,7 @@ from palpate.training.touches import channels_first, predict_depth
 log = logging.getLogger(__name__)
 
 AT_ONCE = 8  # samples that a model predicts together
-POINTS = 10_000  # on a prediction, and on the truth (FACTS: Chamfer distance in the tables)
+POINTS = 10_000  # on a prediction, and on the truth (the published evaluation)
 
 
 class Trained(NamedTuple):

@@ -52,7 +52,7 @@ class ZeroNeighbourLayer(nn.Module):
     """X W; the first third of the output channels summed over the neighbourhood; bias; ReLU.
 
     The graph operation is `Graph.aggregate`, the normalised sum of section 3's equation over a vertex and its
-    neighbours. It works on `outputs // 3` channels only, the others pass (FACTS of the published code; a
+    neighbours. It works on `outputs // 3` channels only, the others pass (the published code; a
     zero-neighbour layer is GEOMetrics'). relu: False for the last layer of a network.
     """
 

@@ -19,7 +19,7 @@ from palpate.vision.camera import IMAGE_SIZE, paper_camera
 STRATEGIES = ("charts", "no_copy", "no_comm", "sphere")
 SENSORS = 4  # touches of a grasp
 DEFORMATIONS = 3  # section 3.1
-# The mask feature. The supplement: 0 for vision charts; a binary feature for a successful touch; FACTS: the
+# The mask feature. The supplement: 0 for vision charts; a binary feature for a successful touch; in the published code the
 # unsuccessful are told apart from both.
 SUCCESSFUL, UNSUCCESSFUL = 1.0, -1.0
 
