@@ -19,8 +19,8 @@ from palpate.vision.camera import IMAGE_SIZE, paper_camera
 STRATEGIES = ("charts", "no_copy", "no_comm", "sphere")
 SENSORS = 4  # touches of a grasp
 DEFORMATIONS = 3  # section 3.1
-# The mask feature. The supplement: 0 for vision charts; a binary feature for a successful touch; in the published code the
-# unsuccessful are told apart from both.
+# The mask feature. The supplement: 0 for vision charts, a binary feature for a successful touch; the published
+# code tells unsuccessful touches apart from both.
 SUCCESSFUL, UNSUCCESSFUL = 1.0, -1.0
 
 
