@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from palpate.hand import SENSORS
 from palpate.store import CONTRACT, Dataset, Store
 from palpate.touch.sensor import RESOLUTION
 
@@ -22,7 +23,6 @@ if TYPE_CHECKING:
 
 CHECKPOINT = "best.ckpt"
 TOUCH_DEPTH = "touch_depth"  # the folder of the U-Net, beside those of the experiments
-SENSORS = 4  # of a grasp
 IMAGE_SIZE = 256  # of the dataset's images
 FORMATS = (".ply", ".glb", ".obj")  # that keep colours
 # sRGB; Okabe and Ito's sky blue, made paler, and vermilion: apart for colour-blind readers.

@@ -8,6 +8,7 @@ from torch import nn
 
 from palpate.charts.atlas import ATLAS_RADIUS, TOUCH_VERTICES, chart_faces, sphere, vision_atlas
 from palpate.charts.graph import Graph
+from palpate.hand import SENSORS
 from palpate.mesh import OBJECT_POSITION
 from palpate.models.encoder import ImageEncoder, ReadingEncoder
 from palpate.models.gcn import GraphNetwork
@@ -17,10 +18,9 @@ from palpate.touch.sensor import RESOLUTION
 from palpate.vision.camera import IMAGE_SIZE, paper_camera
 
 STRATEGIES = ("charts", "no_copy", "no_comm", "sphere")
-SENSORS = 4  # touches of a grasp
 DEFORMATIONS = 3  # section 3.1
-# The mask feature. The supplement: 0 for vision charts, a binary feature for a successful touch; the published
-# code tells unsuccessful touches apart from both.
+# The mask feature. The supplement: 0 for vision charts, a binary feature for a successful touch; the
+# published code tells unsuccessful touches apart from both.
 SUCCESSFUL, UNSUCCESSFUL = 1.0, -1.0
 
 

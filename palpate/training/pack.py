@@ -27,10 +27,10 @@ import h5py
 import numpy as np
 
 from palpate import store
+from palpate.catalogue import SPLITS
 from palpate.training.families import Source, sources
 
 SCHEMA_VERSION = 1
-SPLITS = ("train", "validation", "test")
 
 
 class PackError(ValueError):
