@@ -14,6 +14,7 @@ from torch.nn import functional
 from palpate.charts.atlas import TOUCH_VERTICES, chart_faces, sphere, touch_chart, vision_atlas
 
 Kind = Literal["charts", "no_comm", "sphere"]
+Normalisation = Literal["symmetric", "mean"]
 
 
 def mesh_edges(faces: Tensor) -> Tensor:
@@ -22,25 +23,29 @@ def mesh_edges(faces: Tensor) -> Tensor:
 
 
 class NeighbourhoodSum(torch.autograd.Function):
-    """A x for a symmetric A = sparse + block, with x of shape (V, n). A is its own transpose, so the gradient
-    is the same sum of the gradient, and can be differentiated again."""
+    """A x for A = sparse + block, with x of shape (V, n). Neighbourhoods are mutual, so the transpose of A
+    has the same neighbours, and the gradient is a sum of the same kind, which can be differentiated again.
+
+    weights: those of A's entries, and of its transpose's; ends: the block's two factors.
+    """
 
     @staticmethod
-    def forward(
-        ctx: Any, x: Tensor, neighbour: Tensor, start: Tensor, weight: Tensor, left: Tensor
-    ) -> Tensor:
-        ctx.save_for_backward(neighbour, start, weight, left)
+    def forward(ctx: Any, x: Tensor, neighbour: Tensor, start: Tensor, *factors: Tensor) -> Tensor:
+        ctx.save_for_backward(neighbour, start, *factors)
+        weight, _, left, right = factors
         # Weighted sums of rows; on a CPU twice as fast as a product with a sparse CSR tensor.
         y = functional.embedding_bag(
             neighbour, x, start, mode="sum", per_sample_weights=weight, include_last_offset=True
         )
         if len(left):
-            y.addmm_(left.T, left.flip(0) @ x)
+            y.addmm_(left.T, right.flip(0) @ x)
         return y
 
     @staticmethod
     def backward(ctx: Any, *gradients: Tensor) -> tuple[Tensor | None, ...]:
-        return NeighbourhoodSum.apply(gradients[0].contiguous(), *ctx.saved_tensors), None, None, None, None
+        neighbour, start, weight, transposed, left, right = ctx.saved_tensors
+        factors = transposed, weight, right, left
+        return NeighbourhoodSum.apply(gradients[0].contiguous(), neighbour, start, *factors), *[None] * 6
 
 
 class Graph(nn.Module):
@@ -55,21 +60,26 @@ class Graph(nn.Module):
         touch_charts: number of touch charts, 0 or more (4 a grasp).
         kind: `charts`; `no_comm`, vision charts only (touch charts are copied into the prediction, but are
             not in the graph); or `sphere`, the vertices and edges of `sphere()`.
+        normalisation: `symmetric`, the paper's equation 1; or `mean`, as in the published code.
 
     Attributes:
         vertices: V, number of vertices in the graph.
         faces: (F, 3) int64 faces over them.
 
-    Raises ValueError for another kind or a negative number.
+    Raises ValueError for another kind or normalisation, or a negative number.
     """
 
-    def __init__(self, touch_charts: int = 0, kind: Kind = "charts"):
+    def __init__(
+        self, touch_charts: int = 0, kind: Kind = "charts", normalisation: Normalisation = "symmetric"
+    ):
         super().__init__()
+        if normalisation not in ("symmetric", "mean"):
+            raise ValueError(f"normalisation {normalisation!r}; must be symmetric or mean")
         if kind not in ("charts", "no_comm", "sphere"):
             raise ValueError(f"graph of kind {kind!r}; must be charts, no_comm or sphere")
         if touch_charts < 0:
             raise ValueError(f"{touch_charts} touch charts; must be 0 or more")
-        self.kind = kind
+        self.kind, self.normalisation = kind, normalisation
         self.touch_charts = touch_charts if kind == "charts" else 0
         atlas = vision_atlas()
         if kind == "sphere":
@@ -96,22 +106,29 @@ class Graph(nn.Module):
         if self.touch_charts:
             count[boundary] += self.touch_charts
             count[self.reference] += len(boundary)
-        scale = count.double().rsqrt()
-        left = torch.zeros(2 if self.touch_charts else 0, self.vertices, dtype=torch.float64)
+        # The weight of v in the sum of u is out_u in_v.
+        if self.normalisation == "symmetric":
+            out = into = count.double().rsqrt()
+        else:
+            out, into = count.double().reciprocal(), torch.ones(self.vertices, dtype=torch.float64)
+        ends = torch.zeros(2 if self.touch_charts else 0, self.vertices, dtype=torch.float64)
         if self.touch_charts:
-            left[0, boundary] = scale[boundary]
-            left[1, self.reference] = scale[self.reference]
+            ends[0, boundary] = ends[1, self.reference] = 1
         self.register_buffer("neighbour", neighbour.int(), persistent=False)
         self.register_buffer("start", start.int(), persistent=False)
-        self.register_buffer("weight", scale[row] * scale[neighbour], persistent=False)
-        self.register_buffer("left", left, persistent=False)
+        self.register_buffer("weight", out[row] * into[neighbour], persistent=False)
+        self.register_buffer("transposed", into[row] * out[neighbour], persistent=False)
+        self.register_buffer("left", ends * out, persistent=False)
+        self.register_buffer("right", ends * into, persistent=False)
 
-    def aggregate(self, x: Tensor) -> Tensor:
-        """The symmetrically normalised sum over each vertex and its neighbours,
-        y_u = sum_v x_v / sqrt((|N_u| + 1) (|N_v| + 1)) (paper, equation 1).
+    def aggregate(self, x: Tensor, transpose: bool = False) -> Tensor:
+        """The normalised sum over each vertex and its neighbours: `symmetric`,
+        y_u = sum_v x_v / sqrt((|N_u| + 1) (|N_v| + 1)) (paper, equation 1), or their `mean`,
+        y_u = sum_v x_v / (|N_u| + 1).
 
         Args:
             x: (V, B, C) features, or (V, C), of any strides; float32 or float64, or bfloat16 or float16.
+            transpose: by the transposed matrix, as gradients are.
 
         Returns: the same shape and type, contiguous. Differentiable any number of times.
 
@@ -121,9 +138,11 @@ class Graph(nn.Module):
             raise ValueError(f"features of shape {tuple(x.shape)}; must be ({self.vertices}, ..., channels)")
         rows = x.reshape(self.vertices, -1).contiguous()
         with torch.autocast(x.device.type, enabled=False):
-            y = NeighbourhoodSum.apply(
-                rows, self.neighbour, self.start, self.weight.to(x.dtype), self.left.to(x.dtype)
-            )
+            factors = self.weight, self.transposed, self.left, self.right
+            if transpose:
+                factors = self.transposed, self.weight, self.right, self.left
+            factors = [factor.to(x.dtype) for factor in factors]
+            y = NeighbourhoodSum.apply(rows, self.neighbour, self.start, *factors)
         return y.view(x.shape)
 
     forward = aggregate
@@ -146,4 +165,6 @@ class Graph(nn.Module):
             for u in self.reference.tolist():
                 adjacent[u, atlas.boundary] = adjacent[atlas.boundary, u] = 1
         degree = adjacent.sum(dim=1)
+        if self.normalisation == "mean":
+            return adjacent / degree[:, None]
         return adjacent / (degree[:, None] * degree[None]).sqrt()

@@ -41,8 +41,8 @@ class ZeroNeighbour(torch.autograd.Function):
         gradient = gradient.clone() if y is None else through(gradient, y, 0)
         of_bias = gradient.sum(dim=(0, 1))
         if ctx.shared:
-            # The operator is symmetric: its own transpose.
-            gradient[..., : ctx.shared] = ctx.graph.aggregate(gradient[..., : ctx.shared])
+            shared = gradient[..., : ctx.shared]
+            gradient[..., : ctx.shared] = ctx.graph.aggregate(shared, transpose=True)
         rows = gradient.flatten(0, 1)
         of_x = (rows @ weight.T).view(x.shape) if ctx.needs_input_grad[0] else None
         return of_x, x.flatten(0, 1).T @ rows, of_bias, None, None, None

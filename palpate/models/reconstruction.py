@@ -54,7 +54,7 @@ class Reconstruction(nn.Module):
         self.sensors = SENSORS * grasps if touch else 0
         deformed = self.sensors if strategy in ("charts", "no_copy") else 0
         kind = {"no_comm": "no_comm", "sphere": "sphere"}.get(strategy, "charts")
-        self.graph = Graph(deformed, kind)
+        self.graph = Graph(deformed, kind, architecture["gcn"].get("normalisation", "symmetric"))
         self.scale = ATLAS_RADIUS if architecture["normalise_positions"] else 1.0
         centre = OBJECT_POSITION if architecture["normalise_positions"] else (0.0, 0.0, 0.0)
         self.register_buffer("centre", torch.tensor(centre, dtype=torch.float64), persistent=False)

@@ -38,6 +38,19 @@ def equation_one(graph, x):
     return y
 
 
+def means(graph, x):
+    """The mean over each vertex and its neighbours."""
+    return torch.stack([x[[u, *graph[u]]].mean(dim=0) for u in sorted(graph)])
+
+
+@pytest.mark.parametrize(("touch_charts", "kind"), GRAPHS)
+def test_mean_is_the_neighbourhoods_mean(touch_charts, kind):
+    graph = Graph(touch_charts, kind, "mean")
+    x = torch.randn(graph.vertices, 2, 3, dtype=torch.float64)
+    expected = means(networkx_graph(touch_charts, kind), x)
+    torch.testing.assert_close(graph.aggregate(x), expected, rtol=1e-12, atol=1e-12)
+
+
 @pytest.mark.parametrize(("touch_charts", "kind"), GRAPHS)
 def test_is_the_papers_sum(touch_charts, kind):
     graph = Graph(touch_charts, kind)
@@ -47,9 +60,10 @@ def test_is_the_papers_sum(touch_charts, kind):
     torch.testing.assert_close(graph.aggregate(x), equation_one(other, x), rtol=1e-12, atol=1e-12)
 
 
+@pytest.mark.parametrize("normalisation", ["symmetric", "mean"])
 @pytest.mark.parametrize(("touch_charts", "kind"), GRAPHS)
-def test_agrees_with_the_dense_matrix_forward_and_backward(touch_charts, kind):
-    graph = Graph(touch_charts, kind)
+def test_agrees_with_the_dense_matrix_forward_and_backward(touch_charts, kind, normalisation):
+    graph = Graph(touch_charts, kind, normalisation)
     dense = graph.dense()
     x = torch.randn(graph.vertices, 2, 3, dtype=torch.float64, requires_grad=True)
     gradient = torch.randn(x.shape, dtype=torch.float64)
@@ -59,10 +73,13 @@ def test_agrees_with_the_dense_matrix_forward_and_backward(touch_charts, kind):
     (by_sum,) = torch.autograd.grad(y, x, gradient)
     torch.testing.assert_close(y, expected, rtol=1e-12, atol=1e-12)
     torch.testing.assert_close(by_sum, by_matrix, rtol=1e-12, atol=1e-12)
+    by_transpose = torch.einsum("uv,ubc->vbc", dense, gradient)
+    torch.testing.assert_close(graph.aggregate(gradient, transpose=True), by_transpose)
 
 
-def test_first_and_second_derivative():
-    graph = Graph(1)
+@pytest.mark.parametrize("normalisation", ["symmetric", "mean"])
+def test_first_and_second_derivative(normalisation):
+    graph = Graph(1, normalisation=normalisation)
     # Full matrices of derivatives would take minutes: some of the vertices, of all sorts.
     some = torch.tensor([0, 3, 12, 18, 19, 1800, 1824, 1864, 1904])
 
@@ -130,6 +147,8 @@ def test_touch_reaches_every_chart_only_where_charts_communicate():
 def test_bad_input():
     with pytest.raises(ValueError, match="must be charts, no_comm or sphere"):
         Graph(4, "cube")
+    with pytest.raises(ValueError, match="symmetric or mean"):
+        Graph(4, normalisation="none")
     with pytest.raises(ValueError, match="0 or more"):
         Graph(-1)
     with pytest.raises(ValueError, match=r"must be \(2148"):

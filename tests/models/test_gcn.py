@@ -18,13 +18,14 @@ def plain_layer(layer, x, adjacency):
     return y.clamp(min=0) if layer.relu else y
 
 
+@pytest.mark.parametrize("normalisation", ["symmetric", "mean"])
 @pytest.mark.parametrize("kind", ["charts", "sphere"])
 @pytest.mark.parametrize(
     ("samples", "inputs", "outputs", "relu"), [(1, 5, 7, True), (3, 4, 3, False), (2, 1, 2, True)]
 )
-def test_layer_is_the_plain_one(kind, samples, inputs, outputs, relu):
+def test_layer_is_the_plain_one(kind, normalisation, samples, inputs, outputs, relu):
     torch.manual_seed(0)
-    graph = Graph(3 if kind == "charts" else 0, kind)
+    graph = Graph(3 if kind == "charts" else 0, kind, normalisation)
     layer = ZeroNeighbourLayer(inputs, outputs, relu).double()
     layer.initialise("paper")
     x = torch.randn(graph.vertices, samples, inputs, dtype=torch.float64, requires_grad=True)
