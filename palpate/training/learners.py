@@ -7,6 +7,7 @@ training goes on after an interruption as if there had been none.
 
 import copy
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping
 from typing import Any
 
@@ -30,7 +31,7 @@ class Diverged(RuntimeError):
     """The loss is NaN or infinite."""
 
 
-class Learner(lightning.LightningModule):
+class Learner(lightning.LightningModule, ABC):
     """A model and how it is trained. Subclasses say what is taken in a step.
 
     Args:
@@ -132,23 +133,23 @@ class Learner(lightning.LightningModule):
         number = ((seed << 32) + step) * 64 + self.global_rank
         return torch.Generator().manual_seed(number % (1 << 63))
 
+    @abstractmethod
     def training_part(self, step: int) -> Any:
         """The samples of a step that this process takes."""
-        raise NotImplementedError
 
+    @abstractmethod
     def validation_part(self, part: int) -> Any:
         """The samples of a part of the validation, of all processes."""
-        raise NotImplementedError
 
+    @abstractmethod
     def losses(
         self, part: Any, generator: torch.Generator, model: torch.nn.Module, validation: bool = False
     ) -> Tensor:
         """(B,) the loss of each sample."""
-        raise NotImplementedError
 
+    @abstractmethod
     def described(self) -> dict[str, Any]:
         """What a checkpoint says of the model, beside its weights."""
-        raise NotImplementedError
 
 
 class Rounds:
