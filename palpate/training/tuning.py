@@ -5,6 +5,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import yaml
 
 from palpate.catalogue.schema import Invalid
@@ -47,6 +48,7 @@ def point_settings(
     say. Maps are pooled after the last three blocks, as in the paper's tables. steps: at most so many; None:
     as the settings say.
     """
+    point = {key: np.asarray(value).item() for key, value in point.items()}  # a data frame's are numpy's
     layers = layers_of_blocks(point["cnn_layers"])
     ends = list(itertools.accumulate(layers))[1:]
     changed = {

@@ -1,7 +1,9 @@
 """Recipes: the shipped ones, what a run sets otherwise, and what is said of mistakes."""
 
+import json
 from pathlib import Path
 
+import numpy as np
 import pytest
 import yaml
 
@@ -145,6 +147,9 @@ def test_points_lay_their_layers_as_the_papers_tables_do():
     assert found["architecture"]["encoder"]["pool"] == [6, 9, 12]
     assert found["architecture"]["gcn"] == {"layers": 15, "width": 150}
     assert (found["rate"], found["steps"], found["epochs"]) == (1e-4, 40, 260)
+    # As they come out of Snakemake's parameter space; a checkpoint's settings are written as JSON.
+    of_frame = {key: np.asarray(value)[()] for key, value in point.items()}
+    assert json.dumps(tuning.point_settings(settings, base, of_frame, 40)) == json.dumps(found)
     assert tuning.layers_of_blocks(15) == [4, 4, 4, 3]
     with pytest.raises(Invalid, match="6 CNN layers"):
         tuning.layers_of_blocks(6)
