@@ -72,7 +72,8 @@ def reconstruct(model: Reconstruction, batch: dict, adjacency: torch.Tensor) -> 
         success = batch["success"].to(dtype).repeat_interleave(81, dim=1)
         vision = torch.zeros(samples, len(start), dtype=dtype)
         mask = torch.cat([vision, 2 * success - 1], dim=1)[..., None]
-        fixed = torch.cat([vision, success], dim=1)[..., None] == 1
+        stays = torch.ones_like(success) if model.held else success
+        fixed = torch.cat([vision, stays], dim=1)[..., None] == 1
         positions = torch.cat([positions, touch], dim=1)
     scale = torch.tensor(model.scale, dtype=dtype)
     centre = torch.tensor(OBJECT_POSITION if model.scale == ATLAS_RADIUS else (0.0, 0.0, 0.0), dtype=dtype)

@@ -14,12 +14,19 @@ from torch.nn import functional
 from palpate.charts.atlas import TOUCH_VERTICES, chart_faces, sphere, touch_chart, vision_atlas
 
 Kind = Literal["charts", "no_comm", "sphere"]
-Normalisation = Literal["symmetric", "mean"]
+Normalisation = Literal["symmetric", "mean", "separate"]
 
 
 def mesh_edges(faces: Tensor) -> Tensor:
     """Sides (3 f, 2) of the faces (f, 3), those of two faces twice."""
     return faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
+
+
+def _factors(count: Tensor, symmetric: bool) -> tuple[Tensor, Tensor]:
+    """out and into (V,): v weighs out_u into_v in the sum of u, which has `count` summands."""
+    if symmetric:
+        return (count.double().rsqrt(),) * 2
+    return count.double().reciprocal(), torch.ones(len(count), dtype=torch.float64)
 
 
 class NeighbourhoodSum(torch.autograd.Function):
@@ -60,7 +67,9 @@ class Graph(nn.Module):
         touch_charts: number of touch charts, 0 or more (4 a grasp).
         kind: `charts`; `no_comm`, vision charts only (touch charts are copied into the prediction, but are
             not in the graph); or `sphere`, the vertices and edges of `sphere()`.
-        normalisation: `symmetric`, the paper's equation 1; or `mean`, as in the published code.
+        normalisation: `symmetric`, the paper's equation 1; `mean`, as in the published code; or `separate`:
+            equation 1 over the neighbours that there are without touch, and the weights of the mean between
+            reference and boundary vertices, so that touch takes nothing from the others' sum.
 
     Attributes:
         vertices: V, number of vertices in the graph.
@@ -73,8 +82,8 @@ class Graph(nn.Module):
         self, touch_charts: int = 0, kind: Kind = "charts", normalisation: Normalisation = "symmetric"
     ):
         super().__init__()
-        if normalisation not in ("symmetric", "mean"):
-            raise ValueError(f"normalisation {normalisation!r}; must be symmetric or mean")
+        if normalisation not in ("symmetric", "mean", "separate"):
+            raise ValueError(f"normalisation {normalisation!r}; must be symmetric, mean or separate")
         if kind not in ("charts", "no_comm", "sphere"):
             raise ValueError(f"graph of kind {kind!r}; must be charts, no_comm or sphere")
         if touch_charts < 0:
@@ -101,16 +110,15 @@ class Graph(nn.Module):
         itself = torch.arange(self.vertices)[:, None].expand(-1, 2)
         keys = torch.cat([edges, edges.flip(1), itself]) @ torch.tensor([self.vertices, 1])
         row, neighbour = (keys := keys.unique()) // self.vertices, keys % self.vertices
-        count = torch.bincount(row, minlength=self.vertices)  # |N_u| + 1
-        start = torch.cat([torch.zeros(1, dtype=torch.int64), count.cumsum(0)])
+        near = torch.bincount(row, minlength=self.vertices)  # Neighbours but for those by touch, and itself.
+        start = torch.cat([torch.zeros(1, dtype=torch.int64), near.cumsum(0)])
+        count = near.clone()  # |N_u| + 1
         if self.touch_charts:
             count[boundary] += self.touch_charts
             count[self.reference] += len(boundary)
-        # The weight of v in the sum of u is out_u in_v.
-        if self.normalisation == "symmetric":
-            out = into = count.double().rsqrt()
-        else:
-            out, into = count.double().reciprocal(), torch.ones(self.vertices, dtype=torch.float64)
+        out, into = block_out, block_into = _factors(count, self.normalisation == "symmetric")
+        if self.normalisation == "separate":
+            out, into = _factors(near, True)
         ends = torch.zeros(2 if self.touch_charts else 0, self.vertices, dtype=torch.float64)
         if self.touch_charts:
             ends[0, boundary] = ends[1, self.reference] = 1
@@ -118,8 +126,8 @@ class Graph(nn.Module):
         self.register_buffer("start", start.int(), persistent=False)
         self.register_buffer("weight", out[row] * into[neighbour], persistent=False)
         self.register_buffer("transposed", into[row] * out[neighbour], persistent=False)
-        self.register_buffer("left", ends * out, persistent=False)
-        self.register_buffer("right", ends * into, persistent=False)
+        self.register_buffer("left", ends * block_out, persistent=False)
+        self.register_buffer("right", ends * block_into, persistent=False)
 
     def aggregate(self, x: Tensor, transpose: bool = False) -> Tensor:
         """The normalised sum over each vertex and its neighbours: `symmetric`,
@@ -164,7 +172,13 @@ class Graph(nn.Module):
                     adjacent[u, together] = 1
             for u in self.reference.tolist():
                 adjacent[u, atlas.boundary] = adjacent[atlas.boundary, u] = 1
-        degree = adjacent.sum(dim=1)
+        mean = adjacent / adjacent.sum(dim=1)[:, None]
         if self.normalisation == "mean":
-            return adjacent / degree[:, None]
-        return adjacent / (degree[:, None] * degree[None]).sqrt()
+            return mean
+        by_touch = torch.zeros_like(adjacent)
+        if self.normalisation == "separate":
+            for u in self.reference.tolist():
+                by_touch[u, atlas.boundary] = by_touch[atlas.boundary, u] = 1
+        near = adjacent - by_touch
+        degree = near.sum(dim=1)
+        return near / (degree[:, None] * degree[None]).sqrt() + mean * by_touch

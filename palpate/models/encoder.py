@@ -88,15 +88,17 @@ class ReadingEncoder(nn.Module):
     """The simple CNN that makes features of a touch reading, for strategy `sphere` (section 5.1).
 
     The paper doesn't give its layers. Here: four convolutions (3 x 3, stride 2) of 16, 32, 64, 64 channels,
-    the mean over the map, and a linear layer to `features`.
+    the mean over the map, and a linear layer to `features`. norm: `batch` or `instance`.
     """
 
-    def __init__(self, features: int = 32, channels: Sequence[int] = (16, 32, 64, 64)):
+    def __init__(
+        self, features: int = 32, channels: Sequence[int] = (16, 32, 64, 64), norm: str = "batch"
+    ):
         super().__init__()
         self.features = features
         self.layers = nn.Sequential(
             *(
-                ConvolutionBlock(inputs, outputs, stride=2, padding=1)
+                ConvolutionBlock(inputs, outputs, stride=2, padding=1, norm=norm)
                 for inputs, outputs in zip((3, *channels), channels, strict=False)
             )
         )

@@ -55,6 +55,7 @@ class Reconstruction(nn.Module):
         deformed = self.sensors if strategy in ("charts", "no_copy") else 0
         kind = {"no_comm": "no_comm", "sphere": "sphere"}.get(strategy, "charts")
         self.graph = Graph(deformed, kind, architecture["gcn"].get("normalisation", "symmetric"))
+        self.held = architecture.get("unsuccessful", "free") == "held"  # Charts of unsuccessful touches stay.
         self.scale = ATLAS_RADIUS if architecture["normalise_positions"] else 1.0
         centre = OBJECT_POSITION if architecture["normalise_positions"] else (0.0, 0.0, 0.0)
         self.register_buffer("centre", torch.tensor(centre, dtype=torch.float64), persistent=False)
@@ -70,7 +71,8 @@ class Reconstruction(nn.Module):
         if deformed:
             inputs += 1
         if strategy == "sphere" and touch:
-            self.reading_encoder = ReadingEncoder()
+            norm = architecture["encoder"]["norm"] if vision else "batch"
+            self.reading_encoder = ReadingEncoder(norm=norm)
             # Beside the reading's features: the sensor's position, rotation, and success.
             inputs += self.sensors * (self.reading_encoder.features + 3 + 9 + 1)
         self.concatenate = Concatenate(-1)
@@ -119,7 +121,8 @@ class Reconstruction(nn.Module):
             mask = torch.where(success, SUCCESSFUL, UNSUCCESSFUL).to(charts.dtype)
             given.append(torch.cat([mask.new_zeros(len(self.start), samples, 1), mask]))
             if self.strategy == "charts":
-                enforced = torch.cat([success.new_zeros(len(self.start), samples, 1), success])
+                stays = torch.ones_like(success) if self.held else success
+                enforced = torch.cat([success.new_zeros(len(self.start), samples, 1), stays])
         maps, camera = self._look(batch)
         for _ in range(DEFORMATIONS):
             features = [*given]

@@ -29,7 +29,14 @@ def model_of(strategy, vision, touch, grasps, architecture=SMALL, seed=0):
 
 
 @pytest.mark.parametrize("experiment", EXPERIMENTS)
-@pytest.mark.parametrize("options", [{}, {"normalise_positions": False, "init": "paper"}])
+@pytest.mark.parametrize(
+    "options",
+    [
+        {},
+        {"normalise_positions": False, "init": "paper"},
+        {"unsuccessful": "held", "gcn": SMALL["gcn"] | {"normalisation": "separate"}},
+    ],
+)
 def test_same_vertices_and_gradients_as_the_straightforward_model(experiment, options):
     model = model_of(*experiment, architecture=SMALL | options)
     batch = random_batch(2, experiment[3])
@@ -76,6 +83,18 @@ def test_enforced_charts_are_exactly_the_inputs(grasps):
     assert torch.equal(charts[success], batch["charts"][success])
     # The others start at the sensor and are moved from there.
     assert (charts[~success] != batch["position"][~success][:, None]).any(dim=2).all()
+
+
+def test_held_charts_of_unsuccessful_touches_stay_at_the_sensor():
+    model = model_of("charts", True, True, 1, architecture=SMALL | {"unsuccessful": "held"})
+    batch = random_batch(3, 1)
+    vertices = model(batch)
+    charts, success = vertices[:, VISION:].unflatten(1, (4, 81)), batch["success"]
+    assert torch.equal(charts[success], batch["charts"][success])
+    assert torch.equal(charts[~success], batch["position"][~success][:, None].expand(-1, 81, -1))
+    # They still inform: where they are changes the other charts.
+    moved = model(batch | {"position": batch["position"] + 0.01})
+    assert (moved[:, :VISION] != vertices[:, :VISION]).any()
 
 
 def test_without_copying_every_chart_moves():
