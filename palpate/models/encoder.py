@@ -91,9 +91,7 @@ class ReadingEncoder(nn.Module):
     the mean over the map, and a linear layer to `features`. norm: `batch` or `instance`.
     """
 
-    def __init__(
-        self, features: int = 32, channels: Sequence[int] = (16, 32, 64, 64), norm: str = "batch"
-    ):
+    def __init__(self, features: int = 32, channels: Sequence[int] = (16, 32, 64, 64), norm: str = "batch"):
         super().__init__()
         self.features = features
         self.layers = nn.Sequential(
