@@ -33,18 +33,17 @@ def resolve(recipes: Path | str, name: str, override: Mapping[str, Any], schema:
         raise Invalid(f"config training.recipe: no recipe {name!r} in {recipes}; known: {', '.join(known)}")
     recipe = merge(known[name], override)
     check({name: recipe}, schema, f"recipe {name} with config training.override")
-    for path, settings in _each_schedule(recipe):
+    parts = {"touch_depth": recipe["touch_depth"], "reconstruction": recipe["reconstruction"]}
+    for part in ("modalities", "strategies"):
+        for key, over in recipe[part].items():
+            parts[f"{part}.{key}"] = whole = merge(recipe["reconstruction"], over)
+            # What is said of a part of the models is complete only with what is said of all.
+            complete = recipe | {"reconstruction": whole, "modalities": {}, "strategies": {}}
+            check({name: complete}, schema, f"recipe {name}, {part}.{key}")
+    for path, settings in parts.items():
         if settings["steps"] is None and settings["epochs"] is None:
             raise Invalid(f"recipe {name}: {path} needs steps or epochs")
     return recipe
-
-
-def _each_schedule(recipe: Settings):
-    yield "touch_depth", recipe["touch_depth"]
-    yield "reconstruction", recipe["reconstruction"]
-    for part in ("modalities", "strategies"):
-        for key, over in recipe[part].items():
-            yield f"{part}.{key}", merge(recipe["reconstruction"], over)
 
 
 def modality(experiment: Mapping[str, Any]) -> str:

@@ -97,6 +97,16 @@ def test_each_mistake_is_one_clear_line(override, said):
     assert "training.override" in str(error.value) or "needs" in str(error.value)
 
 
+def test_a_part_of_an_architecture_is_merged_into_the_whole():
+    override = {"modalities": {"occluded": {"architecture": {"gcn": {"layers": 2}}}}}
+    whole = resolve({})["reconstruction"]["architecture"]
+    found = recipes.settings(resolve(override), EXPERIMENTS["charts_occluded"])["architecture"]
+    assert found == whole | {"gcn": whole["gcn"] | {"layers": 2}}
+    with pytest.raises(Invalid, match="recipe paper, modalities.occluded does not fit") as error:
+        resolve(override, "paper")
+    assert "gcn.width: missing" in str(error.value)
+
+
 def test_a_recipe_that_does_not_exist():
     with pytest.raises(Invalid, match="no recipe 'slow' .*known: fast, paper"):
         resolve({}, "slow")
