@@ -1,14 +1,15 @@
 """Which recipe reaches the lowest validation loss in a given time.
 
-    python benchmarks/training.py results/<run> [--experiment charts_occluded_touch] [--seconds 200]
-        [--validate-on results/<larger run>] [--seeds 0 1] [--recipe fast] [--variants NAME ...]
+    python benchmarks/training.py results/<run> [--experiment charts_occluded_touch] [--recipe fast]
+        [--seconds 200 | --steps 1000] [--windows 1] [--validate-on results/<larger run>] [--seeds 0 1]
+        [--variants NAME ...]
 
 Each variant of `VARIANTS` (default: all), or one given as YAML, changes some keys of the recipe. Its steps
-are timed first, and as many made as fit in the seconds of processor time, on one core; the schedule ends with
-the last. The run's packs must be there (snakemake packs/<family>.h5). With few objects the validation loss
-says little: --validate-on takes the validation objects of a larger run (of the same config but for its size),
-and the training objects of the first. Losses are on 2,500 points, one window of each object; the best of the
-evaluations, as a run would keep it.
+are timed first, and as many made as fit in the seconds of processor time, on one core (or --steps, whatever
+they take); the schedule ends with the last. The run's packs must be there (snakemake packs/<family>.h5).
+With few objects the validation loss says little: --validate-on takes the validation objects of a larger run
+(of the same config but for its size), and the training objects of the first. Losses are on 2,500 points,
+--windows windows of each object; the best of the evaluations, as a run would keep it.
 """
 
 import argparse
@@ -44,14 +45,18 @@ width 96: {architecture: {gcn: {width: 96}}}
 small encoder: {architecture: {encoder: {channels: [16, 32, 64, 64], layers: [1, 1, 2, 2], pool: [2, 4, 6]}}}
 large encoder:
   architecture: {encoder: {channels: [16, 32, 64, 128, 256], layers: [1, 2, 2, 3, 3], pool: [5, 8, 11]}}
-instance norm: {architecture: {encoder: {norm: instance}}}
-batch 1: {batch: 1}
+batch norm, batch 2: {batch: 2, architecture: {encoder: {norm: batch}}}
+batch norm, batch 2, rate 6e-3: {batch: 2, rate: 6.0e-3, architecture: {encoder: {norm: batch}}}
+symmetric: {architecture: {gcn: {normalisation: symmetric}}}
+mean: {architecture: {gcn: {normalisation: mean}}}
+symmetric, free: {architecture: {unsuccessful: free, gcn: {normalisation: symmetric}}}
+batch 2: {batch: 2}
 batch 4: {batch: 4}
-batch 8: {batch: 8}
 1000 points: {loss_points: 1000}
 2500 points: {loss_points: 2500}
 rate 1e-3: {rate: 1.0e-3}
-rate 3e-3: {rate: 3.0e-3}
+rate 2e-3: {rate: 2.0e-3}
+rate 6e-3: {rate: 6.0e-3}
 metres: {architecture: {normalise_positions: false}}
 paper init: {architecture: {init: paper, last_layer_scale: 1.0}}
 no clipping: {clip: null}
@@ -102,6 +107,8 @@ def main() -> None:
     parser.add_argument("run", type=Path)
     parser.add_argument("--experiment", default="charts_occluded_touch")
     parser.add_argument("--seconds", type=float, default=200)
+    parser.add_argument("--steps", type=int)
+    parser.add_argument("--windows", type=int, default=1)
     parser.add_argument("--validate-on", type=Path)
     parser.add_argument("--seeds", type=int, nargs="+", default=[0])
     parser.add_argument("--recipe", default="fast")
@@ -123,7 +130,8 @@ def main() -> None:
     torch.set_num_threads(1)
     counts = {split: len(pack.of_split(split)) for split in ("train", "validation")}
     print(
-        f"{options.experiment}, {options.seconds:.0f} s of one core, {counts['train']} objects to train on, "
+        f"{options.experiment}, {f'{options.steps} steps' if options.steps else f'{options.seconds:.0f} s'} "
+        f"of one core, {counts['train']} objects to train on, "
         f"{counts['validation']} to validate on, seeds {options.seeds}"
     )
     print(
@@ -134,9 +142,10 @@ def main() -> None:
         for seed in options.seeds:
             settings = recipes.merge(base, VARIANTS.get(name) if name in VARIANTS else yaml.safe_load(name))
             seconds = step_seconds(pack, experiment, settings)
-            steps = int(options.seconds / seconds)
-            settings |= {"steps": steps, "evaluate_every": -(-steps // EVALUATIONS), "validation_samples": 1}
-            settings |= {"validation_points": 2500, "epochs": None, "patience": None}
+            steps = options.steps or int(options.seconds / seconds)
+            settings |= {"steps": steps, "evaluate_every": -(-steps // EVALUATIONS)}
+            settings |= {"validation_samples": options.windows, "validation_points": 2500}
+            settings |= {"epochs": None, "patience": None}
             with tempfile.TemporaryDirectory() as folder:
                 learner = training.ReconstructionLearner(pack, experiment, settings, seed)
                 machine = training.Machine("cpu")
