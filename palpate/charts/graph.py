@@ -68,8 +68,8 @@ class Graph(nn.Module):
         kind: `charts`; `no_comm`, vision charts only (touch charts are copied into the prediction, but are
             not in the graph); or `sphere`, the vertices and edges of `sphere()`.
         normalisation: `symmetric`, the paper's equation 1; `mean`, as in the published code; or `separate`:
-            equation 1 over the neighbours that there are without touch, and the weights of the mean between
-            reference and boundary vertices, so that touch takes nothing from the others' sum.
+            equation 1 as if there were no touch charts, to which a boundary vertex adds the reference vertices
+            with their weight in the mean; a reference vertex takes the mean.
 
     Attributes:
         vertices: V, number of vertices in the graph.
@@ -116,23 +116,27 @@ class Graph(nn.Module):
         if self.touch_charts:
             count[boundary] += self.touch_charts
             count[self.reference] += len(boundary)
-        out, into = block_out, block_into = _factors(count, self.normalisation == "symmetric")
+        out, into = _factors(count, self.normalisation == "symmetric")
+        weight, transposed = out[row] * into[neighbour], into[row] * out[neighbour]
         if self.normalisation == "separate":
-            out, into = _factors(near, True)
+            alone, _ = _factors(near, True)
+            for receiver, weights in ((row, weight), (neighbour, transposed)):
+                chart = ~torch.isin(receiver, self.reference)
+                weights[chart] = (alone[row] * alone[neighbour])[chart]
         ends = torch.zeros(2 if self.touch_charts else 0, self.vertices, dtype=torch.float64)
         if self.touch_charts:
             ends[0, boundary] = ends[1, self.reference] = 1
         self.register_buffer("neighbour", neighbour.int(), persistent=False)
         self.register_buffer("start", start.int(), persistent=False)
-        self.register_buffer("weight", out[row] * into[neighbour], persistent=False)
-        self.register_buffer("transposed", into[row] * out[neighbour], persistent=False)
-        self.register_buffer("left", ends * block_out, persistent=False)
-        self.register_buffer("right", ends * block_into, persistent=False)
+        self.register_buffer("weight", weight, persistent=False)
+        self.register_buffer("transposed", transposed, persistent=False)
+        self.register_buffer("left", ends * out, persistent=False)
+        self.register_buffer("right", ends * into, persistent=False)
 
     def aggregate(self, x: Tensor, transpose: bool = False) -> Tensor:
         """The normalised sum over each vertex and its neighbours: `symmetric`,
-        y_u = sum_v x_v / sqrt((|N_u| + 1) (|N_v| + 1)) (paper, equation 1), or their `mean`,
-        y_u = sum_v x_v / (|N_u| + 1).
+        y_u = sum_v x_v / sqrt((|N_u| + 1) (|N_v| + 1)) (paper, equation 1), their `mean`,
+        y_u = sum_v x_v / (|N_u| + 1), or both, `separate`.
 
         Args:
             x: (V, B, C) features, or (V, C), of any strides; float32 or float64, or bfloat16 or float16.
@@ -181,4 +185,7 @@ class Graph(nn.Module):
                 by_touch[u, atlas.boundary] = by_touch[atlas.boundary, u] = 1
         near = adjacent - by_touch
         degree = near.sum(dim=1)
-        return near / (degree[:, None] * degree[None]).sqrt() + mean * by_touch
+        dense = near / (degree[:, None] * degree[None]).sqrt() + mean * by_touch
+        if self.normalisation == "separate":
+            dense[self.reference] = mean[self.reference]
+        return dense
