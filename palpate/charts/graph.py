@@ -68,8 +68,8 @@ class Graph(nn.Module):
         kind: `charts`; `no_comm`, vision charts only (touch charts are copied into the prediction, but are
             not in the graph); or `sphere`, the vertices and edges of `sphere()`.
         normalisation: `symmetric`, the paper's equation 1; `mean`, as in the published code; or `separate`:
-            equation 1 as if there were no touch charts, to which a boundary vertex adds the reference vertices
-            with their weight in the mean; a reference vertex takes the mean.
+            equation 1 as if there were no touch charts, to which a boundary vertex adds the reference
+            vertices with their weight in the mean; a reference vertex takes the mean.
 
     Attributes:
         vertices: V, number of vertices in the graph.
