@@ -92,7 +92,7 @@ def test_touch_depth_against_all_pairs():
     tensors = [torch.from_numpy(array)[None] for array in (predicted, valid, depth)]
     tensors[0].requires_grad_()
     found = touch_depth_loss(*tensors, None, torch.Generator())
-    assert float(found) == pytest.approx(all_pairs(a, b) + all_pairs(b, a), rel=1e-9)
+    assert float(found.detach()) == pytest.approx(all_pairs(a, b) + all_pairs(b, a), rel=1e-9)
     found.sum().backward()
     assert not tensors[0].grad[0][~torch.from_numpy(valid)].any()
     # A step against the gradient lowers it.
