@@ -98,7 +98,7 @@ def test_touch_depth_against_all_pairs():
     # A step against the gradient lowers it.
     with torch.no_grad():
         lower = touch_depth_loss(tensors[0] - 1e-6 * tensors[0].grad, *tensors[1:], None, torch.Generator())
-    assert float(lower) < float(found)
+    assert float(lower.detach()) < float(found.detach())
     sampled = [
         float(touch_depth_loss(tensors[0].detach(), *tensors[1:], 100, torch.Generator().manual_seed(k)))
         for k in range(40)
