@@ -91,19 +91,20 @@ def test_touch_depth_against_all_pairs():
     b = np.stack([depth, y, z], 2)[np.isfinite(depth)]
     tensors = [torch.from_numpy(array)[None] for array in (predicted, valid, depth)]
     tensors[0].requires_grad_()
-    found = touch_depth_loss(*tensors, None, torch.Generator())
-    assert float(found.detach()) == pytest.approx(all_pairs(a, b) + all_pairs(b, a), rel=1e-9)
-    found.sum().backward()
+    losses = touch_depth_loss(*tensors, None, torch.Generator())
+    losses.sum().backward()
+    found = float(losses.detach())
+    assert found == pytest.approx(all_pairs(a, b) + all_pairs(b, a), rel=1e-9)
     assert not tensors[0].grad[0][~torch.from_numpy(valid)].any()
     # A step against the gradient lowers it.
     with torch.no_grad():
         lower = touch_depth_loss(tensors[0] - 1e-6 * tensors[0].grad, *tensors[1:], None, torch.Generator())
-    assert float(lower.detach()) < float(found.detach())
+    assert float(lower) < found
     sampled = [
         float(touch_depth_loss(tensors[0].detach(), *tensors[1:], 100, torch.Generator().manual_seed(k)))
         for k in range(40)
     ]
-    assert np.mean(sampled) == pytest.approx(float(found), rel=0.1)
+    assert np.mean(sampled) == pytest.approx(found, rel=0.1)
 
 
 def test_a_touch_without_pixels_raises():
