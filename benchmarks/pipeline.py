@@ -20,6 +20,8 @@ def cost_by_stage(run: Path) -> pd.DataFrame:
     rows = []
     for path in sorted((run / "benchmarks").iterdir()):
         files = sorted(path.glob("*.tsv")) if path.is_dir() else [path]
+        if not files:  # Jobs that have begun and not ended.
+            continue
         jobs = pd.concat([pd.read_csv(file, sep="\t", na_values="-") for file in files])
         rows.append(
             {
