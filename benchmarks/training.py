@@ -54,9 +54,9 @@ batch 2: {batch: 2}
 batch 4: {batch: 4}
 1000 points: {loss_points: 1000}
 2500 points: {loss_points: 2500}
-rate 1e-3: {rate: 1.0e-3}
+rate 5e-4: {rate: 5.0e-4}
 rate 2e-3: {rate: 2.0e-3}
-rate 6e-3: {rate: 6.0e-3}
+rate 3e-3: {rate: 3.0e-3}
 metres: {architecture: {normalise_positions: false}}
 paper init: {architecture: {init: paper, last_layer_scale: 1.0}}
 no clipping: {clip: null}

@@ -34,15 +34,17 @@ class Reconstruction(nn.Module):
         vision: whether it sees an image.
         touch: whether it feels touches.
         grasps: how many grasps it feels, four touches each.
-        architecture: layers and options, see `palpate.models.architectures`.
+        architecture: layers and options, as in `palpate.models.architectures` and config/recipes.yaml. Of the
+            options, `unsuccessful` says whether the vertices of unsuccessful touch charts are deformed
+            (`free`, the paper's, if it is missing) or stay at the fingertip (`held`).
 
     Attributes:
         faces: (F, 3) int64 faces of the mesh whose vertices `forward` gives; those of a touch chart without
             success have no area in `no_comm`.
         sensors: number of touches, 4 times the grasps, or 0.
 
-    Raises ValueError for a combination that can't be: nothing to see or to feel, no touch where the strategy
-    is about touch charts, no vision for `no_comm`.
+    Raises ValueError for an option that is not known, or a combination that can't be: nothing to see or to
+    feel, no touch where the strategy is about touch charts, no vision for `no_comm`.
     """
 
     def __init__(
@@ -55,7 +57,10 @@ class Reconstruction(nn.Module):
         deformed = self.sensors if strategy in ("charts", "no_copy") else 0
         kind = {"no_comm": "no_comm", "sphere": "sphere"}.get(strategy, "charts")
         self.graph = Graph(deformed, kind, architecture["gcn"].get("normalisation", "symmetric"))
-        self.held = architecture.get("unsuccessful", "free") == "held"  # Charts of unsuccessful touches stay.
+        unsuccessful = architecture.get("unsuccessful", "free")
+        if unsuccessful not in ("free", "held"):
+            raise ValueError(f"unsuccessful {unsuccessful!r}; must be free or held")
+        self.held = unsuccessful == "held"
         self.scale = ATLAS_RADIUS if architecture["normalise_positions"] else 1.0
         centre = OBJECT_POSITION if architecture["normalise_positions"] else (0.0, 0.0, 0.0)
         self.register_buffer("centre", torch.tensor(centre, dtype=torch.float64), persistent=False)

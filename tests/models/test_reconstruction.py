@@ -97,6 +97,11 @@ def test_held_charts_of_unsuccessful_touches_stay_at_the_sensor():
     assert (moved[:, :VISION] != vertices[:, :VISION]).any()
 
 
+def test_an_option_that_is_not_known():
+    with pytest.raises(ValueError, match="'kept'; must be free or held"):
+        model_of("charts", True, True, 1, architecture=SMALL | {"unsuccessful": "kept"})
+
+
 def test_without_copying_every_chart_moves():
     model, batch = model_of("no_copy", True, True, 1), random_batch(2, 1)
     charts = model(batch)[:, VISION:].unflatten(1, (4, 81))
