@@ -1,0 +1,96 @@
+"""The plan of a scene: which parts its engine is given, which it leaves out, and why.
+
+Engines are built from a plan, so that what the plan says is what happens; `Plan.including` puts a part back
+in, by which the report `left_out` and the tests show that the result is the same.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
+
+
+class Part(NamedTuple):
+    """A part of a kind of scene.
+
+    why: the reason for which it is left out. keeps: given the facts of a scene, the reason for which it
+    stays in this one; None to leave it out.
+    """
+
+    why: str
+    keeps: Callable[[Mapping[str, Any]], str | None] = lambda facts: None
+
+
+def _stays(why: str) -> Part:
+    """A part that is always in: leaving it out would change the result."""
+    return Part("", lambda facts: why)
+
+
+# By kind of scene: its parts that an engine can go without.
+SCENES: dict[str, dict[str, Part]] = {}
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What one scene is made of.
+
+    Attributes:
+        scene: its kind, a key of `SCENES`.
+        left_out: parts that are left out, and why; kept: parts that could be, and why they are not.
+    """
+
+    scene: str
+    left_out: Mapping[str, str]
+    kept: Mapping[str, str]
+
+    def needs(self, part: str) -> bool:
+        """Whether a part is in. Raises KeyError for a part that scenes of this kind don't have."""
+        if part not in SCENES[self.scene]:
+            raise KeyError(f"{self.scene} has no part {part!r}: it has {', '.join(SCENES[self.scene])}")
+        return part not in self.left_out
+
+    def including(self, *parts: str) -> "Plan":
+        """The same plan with some parts put back in; with all of them if none is named."""
+        for part in parts:
+            self.needs(part)
+        back = set(parts or self.left_out)
+        return replace(
+            self,
+            left_out={part: why for part, why in self.left_out.items() if part not in back},
+            kept={**self.kept, **{part: "asked for" for part in back if part in self.left_out}},
+        )
+
+    def without(self, *parts: str) -> "Plan":
+        """The same plan with more parts left out, which may change the result."""
+        more = {part: "asked to" for part in parts if self.needs(part)}
+        return replace(
+            self,
+            left_out={**self.left_out, **more},
+            kept={part: why for part, why in self.kept.items() if part not in more},
+        )
+
+    def __str__(self) -> str:
+        lines = [f"plan of {self.scene}:"]
+        lines += [f"  left out: {part} ({why})" for part, why in self.left_out.items()]
+        lines += [f"  kept: {part} ({why})" for part, why in self.kept.items()]
+        return "\n".join(lines)
+
+
+def plan(scene: str, **facts: Any) -> Plan:
+    """The plan of a scene.
+
+    Args:
+        scene: a kind of scene, a key of `SCENES`.
+        facts: of this one, where a part depends on them.
+
+    Raises KeyError for an unknown kind.
+    """
+    if scene not in SCENES:
+        raise KeyError(f"no scene {scene!r}: one of {', '.join(SCENES)}")
+    left_out, kept = {}, {}
+    for name, part in SCENES[scene].items():
+        reason = part.keeps(facts)
+        if reason is None:
+            left_out[name] = part.why
+        else:
+            kept[name] = reason
+    return Plan(scene, left_out, kept)

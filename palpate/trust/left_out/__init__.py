@@ -1,0 +1,1 @@
+"""What scenes leave out: each module has `leavings(run, subjects, settings)`."""

@@ -1,0 +1,1 @@
+"""Stiff and extreme cases: each module has `CASES`, a `palpate.trust.cases.Cases`."""

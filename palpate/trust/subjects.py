@@ -1,0 +1,53 @@
+"""The objects of a run that reports look at."""
+
+import logging
+from collections.abc import Sequence
+from itertools import chain, zip_longest
+from pathlib import Path
+from typing import NamedTuple
+
+log = logging.getLogger(__name__)
+
+
+class Subject(NamedTuple):
+    """One object of a run. folder: its meshes, `meshes/<batch>/<object>`."""
+
+    name: str
+    class_name: str
+    batch: str
+    folder: Path
+
+
+def pick(run: Path | str, objects: int, batches: Sequence[str] | None = None) -> list[Subject]:
+    """The first usable objects of a run, one of each class in turn.
+
+    Args:
+        run: its folder.
+        objects: how many at most; fewer if the run has fewer.
+        batches: those to look in; None for all in `catalogue/`.
+
+    Raises ValueError if no object is usable, with what to do about it.
+    """
+    run = Path(run)
+    tables = sorted((run / "catalogue").glob("*.csv"))
+    tables = [table for table in tables if batches is None or table.stem in batches]
+    rejected = {
+        row["object"]
+        for table in tables
+        for path in (run / "rejected").glob(f"*/{table.name}")
+        for row in csv.DictReader(path.open(newline=""))
+    }
+    classes: dict[str, list[Subject]] = {}
+    for table in tables:
+        for row in csv.DictReader(table.open(newline="")):
+            folder = run / "meshes" / table.stem / row["object"]
+            if row["object"] in rejected or not (folder / "mesh.json").is_file():
+                continue
+            classes.setdefault(row["class"], []).append(
+                Subject(row["object"], row["class"], table.stem, folder)
+            )
+    picked = [each for each in chain(*zip_longest(*classes.values())) if each is not None][:objects]
+    if not picked:
+        raise ValueError(f"{run}: no usable object for a report: see {run / 'rejected'}")
+    log.info("objects: %s", ", ".join(each.name for each in picked))
+    return picked
