@@ -1,5 +1,6 @@
 """The objects of a run that reports look at."""
 
+import csv
 import logging
 from collections.abc import Sequence
 from itertools import chain, zip_longest
