@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from palpate.trust.study import ALL, COLUMNS, Method, Study, measure
+from palpate.trust.timing import timing
 
 
 class Sums(Study):
@@ -57,24 +58,18 @@ def test_errors_front_and_means():
     assert table["chosen"].groupby("method").all().to_dict() == {"exact": True, "half": False, "bad": False}
 
 
-def test_methods_whose_times_can_not_be_ranked_are_noisy(caplog):
-    class Alike(Sums):
-        units = {"sum": "m"}
-
-        def methods(self):
-            # As fast as each other; the first errs more: both are on the front if it happens to be faster.
-            return [Method("a", "k", 1, np.sum), Method("b", "k", 1, np.sum)]
-
-        def errors(self, case, result):
-            return {"sum": next(self.error)}
-
-    for _ in range(20):
-        study = Alike()
-        study.error = iter((1.0, 0.0, 1.0, 0.0))
-        table = measure(study, rounds=2)
-        both = table[(table["object"] == ALL) & table["front"]]
-        if len(both) == 2 and both["noisy"].all():
-            break
-    else:
-        pytest.fail("equal methods were ranked in all of 20 tries")
-    assert "too noisy to rank" in caplog.text
+def test_methods_whose_times_can_not_be_ranked_are_noisy(caplog, monkeypatch):
+    """Fast and bad, slow and exact; whether the rounds tell one from the other is the only difference."""
+    fast = [1.0, 2.0, 1.5, 1.2, 1.1]
+    slow = {True: [1.1, 1.9, 1.6, 1.3, 1.1], False: [2.1, 3.9, 3.1, 2.4, 2.2]}
+    for doubtful, rounds in slow.items():
+        monkeypatch.setattr(
+            "palpate.trust.study.interleaved",
+            lambda calls, *_, rounds=rounds, **__: {0: timing(rounds), 1: timing(fast), 2: timing(rounds)},
+        )
+        caplog.clear()
+        table = measure(Sums()).set_index(["object", "measure", "method"]).sort_index()
+        on_ramp = table.loc["ramp", "sum"]
+        assert on_ramp["front"].to_dict() == {"exact": True, "half": True, "bad": False}
+        assert on_ramp["noisy"].to_dict() == {"exact": doubtful, "half": doubtful, "bad": False}
+        assert ("too noisy to rank" in caplog.text) == doubtful
