@@ -4,29 +4,15 @@ Engines are built from a plan, so that what the plan says is what happens; `Plan
 in, by which the report `left_out` and the tests show that the result is the same.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import Any
 
-
-class Part(NamedTuple):
-    """A part of a kind of scene.
-
-    why: the reason for which it is left out. keeps: given the facts of a scene, the reason for which it
-    stays in this one; None to leave it out.
-    """
-
-    why: str
-    keeps: Callable[[Mapping[str, Any]], str | None] = lambda facts: None
-
-
-def _stays(why: str) -> Part:
-    """A part that is always in: leaving it out would change the result."""
-    return Part("", lambda facts: why)
-
+from palpate.scene import data, images, models
+from palpate.scene.part import Part
 
 # By kind of scene: its parts that an engine can go without.
-SCENES: dict[str, dict[str, Part]] = {}
+SCENES: dict[str, dict[str, Part]] = {**data.SCENES, **images.SCENES, **models.SCENES}
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,8 @@
 import pytest
 
 from palpate.scene import plans
-from palpate.scene.plans import Part, _stays, plan
+from palpate.scene.part import Part, stays
+from palpate.scene.plans import plan
 
 
 @pytest.fixture(autouse=True)
@@ -11,7 +12,7 @@ def scenes(monkeypatch):
     parts = {
         "hand": Part("no grasp", lambda facts: "a grasp" if facts.get("grasps") else None),
         "gravity": Part("the object can't move"),
-        "self-collision": _stays("fingers meet"),
+        "self-collision": stays("fingers meet"),
     }
     monkeypatch.setattr(plans, "SCENES", {"image": parts})
 

@@ -1,0 +1,20 @@
+"""A part that scenes of a kind can go without."""
+
+from collections.abc import Callable, Mapping
+from typing import Any, NamedTuple
+
+
+class Part(NamedTuple):
+    """A part of a kind of scene.
+
+    why: the reason for which it is left out. keeps: given the facts of a scene, the reason for which it
+    stays in this one; None to leave it out.
+    """
+
+    why: str
+    keeps: Callable[[Mapping[str, Any]], str | None] = lambda facts: None
+
+
+def stays(why: str) -> Part:
+    """A part that is always in: leaving it out would change the result."""
+    return Part("", lambda facts: why)
