@@ -2,12 +2,13 @@
 
 import csv
 import logging
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from itertools import chain, zip_longest
 from pathlib import Path
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 log = logging.getLogger(__name__)
+Item = TypeVar("Item")
 
 
 class Subject(NamedTuple):
@@ -17,6 +18,14 @@ class Subject(NamedTuple):
     class_name: str
     batch: str
     folder: Path
+
+
+def in_turn(items: Iterable[Item], class_of: Callable[[Item], str]) -> list[Item]:
+    """One of each class in turn, classes and their items in the order in which they come."""
+    classes: dict[str, list[Item]] = {}
+    for item in items:
+        classes.setdefault(class_of(item), []).append(item)
+    return [item for item in chain(*zip_longest(*classes.values())) if item is not None]
 
 
 def pick(run: Path | str, objects: int, batches: Sequence[str] | None = None) -> list[Subject]:
@@ -38,16 +47,13 @@ def pick(run: Path | str, objects: int, batches: Sequence[str] | None = None) ->
         for path in (run / "rejected").glob(f"*/{table.name}")
         for row in csv.DictReader(path.open(newline=""))
     }
-    classes: dict[str, list[Subject]] = {}
+    usable = []
     for table in tables:
         for row in csv.DictReader(table.open(newline="")):
             folder = run / "meshes" / table.stem / row["object"]
-            if row["object"] in rejected or not (folder / "mesh.json").is_file():
-                continue
-            classes.setdefault(row["class"], []).append(
-                Subject(row["object"], row["class"], table.stem, folder)
-            )
-    picked = [each for each in chain(*zip_longest(*classes.values())) if each is not None][:objects]
+            if row["object"] not in rejected and (folder / "mesh.json").is_file():
+                usable.append(Subject(row["object"], row["class"], table.stem, folder))
+    picked = in_turn(usable, lambda subject: subject.class_name)[:objects]
     if not picked:
         raise ValueError(f"{run}: no usable object for a report: see {run / 'rejected'}")
     log.info("objects: %s", ", ".join(each.name for each in picked))

@@ -1,0 +1,163 @@
+"""The reports' figures: fronts of error and time, margins of extreme cases, savings of what is left out."""
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+
+from palpate.reports.page import FAINT, INK, LABEL, PALE, TITLE, new_figure, save, styled
+from palpate.trust.cases import FAILS, HOLDS, REJECTED
+from palpate.trust.leaving import SAME
+from palpate.trust.study import ALL
+
+# Okabe and Ito's colours, apart for colour-blind readers too.
+COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#F0E442", "#000000")
+VERDICT_COLOURS = {HOLDS: "#009E73", REJECTED: "#0072B2", FAILS: "#D55E00"}
+ACROSS = 3  # panels beside each other
+PANEL, MARGIN = (4.2, 3.0), 0.35  # inches
+
+
+@styled
+def fronts(table: pd.DataFrame, path: Path | str) -> None:
+    """Error against seconds, a panel a stage: the first measure of its study, all objects together.
+
+    Methods with their knobs are named on the front; the line is the front; a ring marks what the config
+    chooses; a hollow mark is a method on the front that the machine's noise does not let rank.
+    """
+    stages = list(dict.fromkeys(table["stage"]))
+    columns = min(ACROSS, len(stages))
+    lines = -(-len(stages) // columns)
+    figure = new_figure(columns * PANEL[0] + MARGIN, lines * PANEL[1] + MARGIN)
+    grid = figure.subplots(lines, columns, squeeze=False)
+    for axes, stage in zip(grid.flat, stages, strict=False):
+        _front(axes, _drawn(table[table["stage"] == stage]))
+    for axes in grid.flat[len(stages) :]:
+        axes.set_axis_off()
+    figure.tight_layout(rect=(0, 0, 1, 1 - 0.25 / figure.get_figheight()))
+    legend = "line: front    ring: the config's    hollow: not ranked, too noisy"
+    figure.text(0.5, 1 - 0.18 / figure.get_figheight(), legend, ha="center", fontsize=LABEL, color=FAINT)
+    save(figure, path)
+
+
+def _drawn(rows: pd.DataFrame) -> pd.DataFrame:
+    """What a stage's panel shows: its first measure, and the means over objects if there are several."""
+    rows = rows[rows["measure"] == rows["measure"].iloc[0]]
+    objects = rows["object"]
+    return rows[objects == (ALL if (objects == ALL).any() else objects.iloc[0])]
+
+
+def _front(axes: Axes, rows: pd.DataFrame) -> None:
+    seconds = rows["seconds"].to_numpy(dtype=float)
+    errors = rows["error"].to_numpy(dtype=float)
+    positive = errors[np.isfinite(errors) & (errors > 0)]
+    least = positive.min() / 3 if len(positive) else 1.0  # where an error of 0 is drawn
+    shown = np.where(errors == 0, least, errors)
+    spread = np.abs(rows[["seconds_low", "seconds_high"]].to_numpy(dtype=float).T - seconds)
+    on, noisy, chosen = (rows[key].to_numpy(dtype=bool) for key in ("front", "noisy", "chosen"))
+    for colour, method in zip(_colours(), dict.fromkeys(rows["method"]), strict=False):
+        own = (rows["method"] == method).to_numpy()
+        bars = {"fmt": "none", "ecolor": colour, "lw": 0.7, "alpha": 0.5}
+        axes.errorbar(seconds[own], shown[own], xerr=spread[:, own], **bars)
+        axes.scatter(seconds[own], shown[own], s=14, color=colour, label=method)
+        hollow = own & noisy
+        axes.scatter(seconds[hollow], shown[hollow], s=6, color="white", zorder=3)
+    order = np.argsort(seconds[on])
+    axes.plot(seconds[on][order], shown[on][order], color=PALE, lw=1, zorder=0)
+    axes.scatter(seconds[chosen], shown[chosen], s=70, facecolor="none", edgecolor=INK, lw=1, zorder=4)
+    beside = {"xytext": (3, 3), "textcoords": "offset points", "fontsize": LABEL - 4}
+    for place in np.flatnonzero(on | chosen):
+        knob = f"{rows['knob'].iloc[place]} {rows['value'].iloc[place]}"
+        axes.annotate(knob, (seconds[place], shown[place]), **beside)
+    axes.set_xscale("log")
+    axes.set_yscale("log")
+    first = rows.iloc[0]
+    zero = ", lowest: 0" if (errors == 0).any() else ""
+    axes.set_title(first["stage"].replace("_", " "), fontsize=TITLE)
+    axes.set_xlabel("seconds", fontsize=LABEL - 1)
+    axes.set_ylabel(f"{first['measure']}, {first['unit']}{zero}", fontsize=LABEL - 1)
+    axes.tick_params(labelsize=LABEL - 2, which="both")
+    axes.spines[["top", "right"]].set_visible(False)
+    axes.legend(fontsize=LABEL - 3, frameon=False)
+
+
+def _colours():
+    while True:
+        yield from COLOURS
+
+
+@styled
+def margins(table: pd.DataFrame, path: Path | str) -> None:
+    """Every finding of the extreme cases: its value in units of its bound; left of 1 it holds."""
+    rows = table.reset_index(drop=True)
+    height = 0.165 * len(rows) + 1.0
+    figure = new_figure(10, height)
+    axes = figure.add_axes((0.52, 0.5 / height, 0.46, 1 - 1.0 / height))
+    left = {"transform": axes.get_yaxis_transform(), "ha": "right", "va": "center", "fontsize": LABEL - 3}
+    for place, row in rows.iterrows():
+        axes.plot(_margin(row), -place, "o", ms=4, color=VERDICT_COLOURS[row["verdict"]])
+        axes.text(-0.01, -place, _line(row), **left)
+    for start in rows.index[rows["part"] != rows["part"].shift()][1:]:
+        axes.axhline(0.5 - start, color=PALE, lw=0.6)
+    axes.axvline(1, color=INK, lw=0.8)
+    axes.set_xscale("log")
+    axes.set_yticks([])
+    axes.set_ylim(-len(rows), 1)
+    axes.set_xlabel("value / bound", fontsize=LABEL)
+    axes.tick_params(labelsize=LABEL - 1)
+    axes.spines[["top", "right", "left"]].set_visible(False)
+    counts = rows["verdict"].value_counts()
+    for place, (verdict, colour) in enumerate(VERDICT_COLOURS.items()):
+        said = {"x": 0.6 + 0.12 * place, "y": 1 - 0.3 / height, "color": colour, "fontsize": TITLE}
+        figure.text(s=f"{counts.get(verdict, 0)} {verdict}", **said)
+    save(figure, path)
+
+
+def _line(row: pd.Series) -> str:
+    text = f"{row['case']}: {row['quantity']}"
+    return text if len(text) <= 95 else f"{text[:94]}…"
+
+
+def _margin(row: pd.Series, least: float = 1e-6) -> float:
+    """How much of its bound a finding uses up: below 1 where it holds; `least` if there is no such number."""
+    found = re.fullmatch(r"(<=|>=) (\S+)", str(row["bound"]))
+    try:
+        value, bound = float(row["value"]), float(found[2]) if found else np.nan
+    except ValueError:
+        return least
+    if not (np.isfinite(bound) and np.isfinite(value)):
+        return least if row["verdict"] != FAILS else 1 / least
+    used, whole = (value, bound) if found[1] == "<=" else (bound, value)
+    return float(np.clip(used / whole if whole else float(used > 0), least, 1 / least))
+
+
+@styled
+def savings(table: pd.DataFrame, path: Path | str) -> None:
+    """Seconds and bytes without each part as a share of those with it, all objects together."""
+    totals = dict.fromkeys(("seconds_with", "seconds_without", "bytes_with", "bytes_without"), "sum")
+    rows = table.groupby(["scene", "part"], sort=False).agg(
+        totals | {"noisy": "all", "left_out": "all", "verdict": lambda verdicts: set(verdicts) == {SAME}}
+    )
+    height = 0.26 * len(rows) + 1.0
+    figure = new_figure(9, height)
+    axes = figure.add_axes((0.42, 0.5 / height, 0.4, 1 - 0.8 / height))
+    text = {"va": "center", "fontsize": LABEL - 1, "transform": axes.get_yaxis_transform()}
+    for place, ((scene, part), row) in enumerate(rows.iterrows()):
+        seconds = row["seconds_without"] / row["seconds_with"]
+        colour = COLOURS[0] if row["left_out"] else FAINT
+        axes.barh(-place, seconds, height=0.55, color=colour, alpha=0.35 if row["noisy"] else 0.9)
+        if row["bytes_with"]:
+            axes.plot(row["bytes_without"] / row["bytes_with"], -place, "D", ms=4, color=COLOURS[1])
+        said = ("same" if row["verdict"] else "differs") + ("" if row["left_out"] else ", stays in")
+        axes.text(-0.02, -place, f"{scene}: {part}", ha="right", **text)
+        axes.text(1.02, -place, said, ha="left", color=INK if row["verdict"] else COLOURS[1], **text)
+    axes.axvline(1, color=INK, lw=0.8)
+    axes.set_yticks([])
+    axes.set_ylim(-len(rows) + 0.3, 0.7)
+    axes.set_xlim(0, 1.15)
+    label = "without / with: seconds (bars; pale: within the noise), bytes (diamonds)"
+    axes.set_xlabel(label, fontsize=LABEL)
+    axes.tick_params(labelsize=LABEL - 1)
+    axes.spines[["top", "right"]].set_visible(False)
+    save(figure, path)

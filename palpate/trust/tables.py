@@ -1,0 +1,20 @@
+"""The files of reports."""
+
+from collections.abc import Iterable
+from pathlib import Path
+
+import pandas as pd
+
+from palpate.store.atomic import whole
+
+
+def write(table: pd.DataFrame, path: Path | str) -> None:
+    """Write a report as CSV, whole or not at all."""
+    with whole(path) as partial:
+        table.to_csv(partial, index=False)
+
+
+def read(paths: Iterable[Path | str]) -> pd.DataFrame:
+    """The tables of a report's parts, one below the other; only an empty field is no value."""
+    parts = [pd.read_csv(path, keep_default_na=False, na_values=[""]) for path in paths]
+    return pd.concat(parts, ignore_index=True)
