@@ -94,9 +94,7 @@ def test_savings(tmp_path):
             "verdict": "differs" if k == 2 else "same",
             "noisy": k == 1,
         }
-        for k, (part, share, size) in enumerate(
-            [("faces", 0.1, np.nan), ("rows", 0.97, 8.0), ("hand", 0.5, 1)]
-        )
+        for k, (part, share, size) in enumerate(parts)
     ]
     figures.savings(pd.DataFrame(rows), tmp_path / "savings.png")
     assert (imread(tmp_path / "savings.png")[..., :3].min(axis=2) < 0.9).mean() > 0.01

@@ -1,0 +1,80 @@
+"""Reports are made of just what the config asks for, and from just the stores that they need."""
+
+import pandas as pd
+import pytest
+
+ALWAYS = {"reports"}
+STUDY = {"study", "error_vs_runtime"}
+STABILITY = {"extreme_cases", "stability"}
+LEFT_OUT = {"leavings", "left_out"}
+
+
+def report_files(jobs) -> set[str]:
+    """The parts that the joined reports ask for."""
+    return {
+        path for job in jobs for path in job.inputs if path.startswith("reports/") and path.count("/") == 2
+    }
+
+
+@pytest.mark.parametrize(
+    ("stages", "rules", "files"),
+    [
+        (
+            ["touch"],
+            STUDY | STABILITY | LEFT_OUT,
+            {"error_vs_runtime/touch", "stability/rays", "left_out/touch"},
+        ),
+        (["shading"], STUDY | STABILITY, {"error_vs_runtime/shading", "stability/rays"}),
+        (
+            ["renders", "decimation"],
+            STUDY | STABILITY | LEFT_OUT,
+            {
+                "error_vs_runtime/renders",
+                "error_vs_runtime/decimation",
+                "stability/geometry",
+                "left_out/renders",
+                "left_out/meshes",
+            },
+        ),
+    ],
+)
+def test_a_subset_of_stages(finished, stages, rules, files):
+    jobs = finished.changed(reports={"stages": stages}).jobs("reports")
+    assert {job.rule for job in jobs} == ALWAYS | rules
+    assert report_files(jobs) == {f"reports/{file}.csv" for file in files}
+
+
+def test_all_stages_and_what_they_are_made_from(make_workflow):
+    jobs = make_workflow().jobs("reports")
+    assert len(report_files(jobs)) == 9 + 4 + 5
+    assert {"meshes", "surface", "grasps", "touch", "pack"} <= {job.rule for job in jobs}
+    of_touch = make_workflow(reports={"stages": ["touch"]}).planned("reports")
+    assert {"meshes", "surface", "grasps"} <= of_touch and not {"touch", "vision", "pack"} & of_touch
+
+
+def test_reports_are_no_part_of_a_run(finished):
+    assert not (STUDY | STABILITY | LEFT_OUT) & finished.planned("all")
+
+
+@pytest.mark.parametrize("reports", [{"stages": ["tuoch"]}, {"rounds": 1}, {"stages": []}])
+def test_a_mistake_in_the_config_is_an_error(make_workflow, reports):
+    result = make_workflow(reports=reports)("reports", "--dry-run")
+    assert result.returncode and f"reports.{next(iter(reports))}" in result.stdout + result.stderr
+
+
+def test_reports_on_a_folder_of_meshes(finished):
+    """One stage, for real: the parts joined, every method timed on every object."""
+    workflow = finished.changed(reports={"stages": ["touch"], "objects": 2})
+    result = workflow("reports")
+    assert result.returncode == 0, result.stderr
+    reports = workflow.run / "reports"
+    table = pd.read_csv(reports / "error_vs_runtime.csv")
+    assert set(table["object"]) == {"brick-millimetres", "can-nested-flat", "all"}
+    assert table.groupby("object").size().nunique() == 1 and table["chosen"].any()
+    verdicts = pd.read_csv(reports / "stability.csv")
+    assert set(verdicts["part"]) == {"rays"} and "fails" not in set(verdicts["verdict"])
+    left_out = pd.read_csv(reports / "left_out.csv")
+    assert (left_out.loc[left_out["left_out"], "verdict"] == "same").all()
+    assert all(
+        (reports / f"{name}.png").stat().st_size for name in ("error_vs_runtime", "stability", "left_out")
+    )
