@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from palpate.reports.page import FAINT, INK, LABEL, PALE, TITLE, new_figure, save, styled
 from palpate.trust.cases import FAILS, HOLDS, REJECTED
 from palpate.trust.leaving import SAME
-from palpate.trust.study import ALL
+from palpate.trust.study import over_objects
 
 # Okabe and Ito's colours, apart for colour-blind readers too.
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#F0E442", "#000000")
@@ -26,26 +26,21 @@ def fronts(table: pd.DataFrame, path: Path | str) -> None:
     Methods with their knobs are named on the front; the line is the front; a ring marks what the config
     chooses; a hollow mark is a method on the front that the machine's noise does not let rank.
     """
+    table = over_objects(table)
     stages = list(dict.fromkeys(table["stage"]))
     columns = min(ACROSS, len(stages))
     lines = -(-len(stages) // columns)
     figure = new_figure(columns * PANEL[0] + MARGIN, lines * PANEL[1] + MARGIN)
     grid = figure.subplots(lines, columns, squeeze=False)
     for axes, stage in zip(grid.flat, stages, strict=False):
-        _front(axes, _drawn(table[table["stage"] == stage]))
+        rows = table[table["stage"] == stage]
+        _front(axes, rows[rows["measure"] == rows["measure"].iloc[0]])
     for axes in grid.flat[len(stages) :]:
         axes.set_axis_off()
     figure.tight_layout(rect=(0, 0, 1, 1 - 0.25 / figure.get_figheight()))
     legend = "line: front    ring: the config's    hollow: not ranked, too noisy"
     figure.text(0.5, 1 - 0.18 / figure.get_figheight(), legend, ha="center", fontsize=LABEL, color=FAINT)
     save(figure, path)
-
-
-def _drawn(rows: pd.DataFrame) -> pd.DataFrame:
-    """What a stage's panel shows: its first measure, and the means over objects if there are several."""
-    rows = rows[rows["measure"] == rows["measure"].iloc[0]]
-    objects = rows["object"]
-    return rows[objects == (ALL if (objects == ALL).any() else objects.iloc[0])]
 
 
 def _front(axes: Axes, rows: pd.DataFrame) -> None:

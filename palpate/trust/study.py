@@ -100,6 +100,12 @@ def measure(study: Study, rounds: int = ROUNDS) -> pd.DataFrame:
     return table
 
 
+def over_objects(table: pd.DataFrame) -> pd.DataFrame:
+    """Of each stage the rows that stand for all of its objects; its only object's where it has one."""
+    together = set(table.loc[table["object"] == ALL, "stage"])
+    return table[(table["object"] == ALL) | ~table["stage"].isin(together)]
+
+
 def _together(parts: list, units: Mapping[str, str]) -> tuple[dict[str, float], float, Timing]:
     """One method on several objects: mean errors, the largest memory, the mean time round by round."""
     errors = {key: float(np.mean([errors[key] for errors, _, _ in parts])) for key in units}

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pandas as pd
 
+from palpate.reports.tables import markdown
 from palpate.store.atomic import whole
 
 
@@ -12,6 +13,12 @@ def write(table: pd.DataFrame, path: Path | str) -> None:
     """Write a report as CSV, whole or not at all."""
     with whole(path) as partial:
         table.to_csv(partial, index=False)
+
+
+def write_text(summary: pd.DataFrame, path: Path | str) -> None:
+    """Write a summary as Markdown, whole or not at all."""
+    with whole(path) as partial:
+        partial.write_text(markdown(summary))
 
 
 def read(paths: Iterable[Path | str]) -> pd.DataFrame:

@@ -7,7 +7,7 @@ from matplotlib.image import imread
 
 from palpate.trust import figures
 from palpate.trust.cases import Cases, at_least, at_most, equal, rejects, report
-from palpate.trust.study import ALL
+from palpate.trust.study import ALL, over_objects
 
 
 def study_rows(stage: str, errors, seconds, chosen: int, objects=("a", ALL)) -> list[dict]:
@@ -42,8 +42,8 @@ def test_fronts(tmp_path):
     figures.fronts(table, tmp_path / "fronts.png")
     picture = imread(tmp_path / "fronts.png")
     assert (picture[..., :3].min(axis=2) < 0.9).mean() > 0.01
-    drawn = figures._drawn(table[table["stage"] == "touch"])
-    assert set(drawn["object"]) == {ALL} and set(drawn["measure"]) == {"depth"} and len(drawn) == 4
+    drawn = over_objects(table).groupby("stage")["object"].unique().map(list).to_dict()
+    assert drawn == {**dict.fromkeys(stages, [ALL]), "one object, all exact or unknown": ["a"]}
 
 
 @pytest.mark.parametrize(

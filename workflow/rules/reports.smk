@@ -38,6 +38,7 @@ rule error_vs_runtime:
             caption="../report/error_vs_runtime.rst",
             category="Reports",
         ),
+        text="reports/error_vs_runtime.md",
         figure=report(
             "reports/error_vs_runtime.png",
             caption="../report/error_vs_runtime.rst",
@@ -88,6 +89,7 @@ rule stability:
             caption="../report/stability.rst",
             category="Reports",
         ),
+        text="reports/stability.md",
         figure=report(
             "reports/stability.png",
             caption="../report/stability.rst",
@@ -141,6 +143,7 @@ rule left_out:
             caption="../report/left_out.rst",
             category="Reports",
         ),
+        text="reports/left_out.md",
         figure=report(
             "reports/left_out.png",
             caption="../report/left_out.rst",
@@ -166,5 +169,5 @@ rule reports:
             f"reports/{name}.{form}"
             for name, parts in REPORT_STAGES.items()
             if parts
-            for form in ("csv", "png")
+            for form in ("csv", "md", "png")
         ],
