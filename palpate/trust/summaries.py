@@ -20,12 +20,8 @@ def fronts(table: pd.DataFrame) -> pd.DataFrame:
     """
     rows = over_objects(table)
     rows = rows[rows["front"] | rows["chosen"]]
-    order = {
-        key: place
-        for place, key in enumerate(dict.fromkeys(zip(rows["stage"], rows["measure"], strict=True)))
-    }
-    places = [order[key] for key in zip(rows["stage"], rows["measure"], strict=True)]
-    rows = rows.assign(place=places).sort_values(["place", "seconds"], kind="stable")
+    groups = rows.groupby(["stage", "measure"], sort=False)
+    rows = pd.concat([group.sort_values("seconds") for _, group in groups])
     spread = [
         f"{_number(1e3 * middle)} ({_number(1e3 * low)} to {_number(1e3 * high)}){'?' if noisy else ''}"
         for middle, low, high, noisy in zip(
@@ -73,7 +69,7 @@ def verdicts(table: pd.DataFrame) -> pd.DataFrame:
 
 
 def savings(table: pd.DataFrame) -> pd.DataFrame:
-    """A row a part: time and bytes with it and without it, means over the objects, and the worst difference."""
+    """A row a part: time and bytes with and without it, means over the objects, and the worst difference."""
     rows = []
     for (scene, part), of in table.groupby(["scene", "part"], sort=False):
         same = set(of["verdict"]) == {SAME}
