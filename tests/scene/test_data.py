@@ -226,6 +226,23 @@ def test_a_mesh_that_is_small_already_is_not_decimated_unless_asked_to():
     assert len(decimate(vertices, faces, len(faces) // 2)[1]) <= len(faces) // 2
 
 
+@pytest.mark.parametrize("seed", range(6))
+def test_decimating_an_untidy_mesh_to_all_its_faces_changes_nothing(seed):
+    """Holes, faces folded back, and faces across the solid: edges with three faces and more."""
+    rng = np.random.default_rng(seed)
+    ball = trimesh.creation.icosphere(subdivisions=2)
+    faces = ball.faces[rng.random(len(ball.faces)) < 0.8]
+    across = rng.permuted(np.tile(np.arange(len(ball.vertices)), (10, 1)), axis=1)[:, :3]
+    faces = np.concatenate([faces, faces[:5, ::-1], across])
+    used, faces = np.unique(faces, return_inverse=True)
+    vertices = np.float32(ball.vertices[used]).astype(float)
+    faces = faces.reshape(-1, 3).astype(np.int64)
+    for count in (len(faces), 2 * len(faces)):
+        found = decimate(vertices, faces, count, plan("mesh"))
+        np.testing.assert_array_equal(found[0], vertices)
+        np.testing.assert_array_equal(found[1], faces)
+
+
 def test_levels_that_are_the_mesh_itself_are_named(tmp_path):
     solid = rod().subdivide()
     solid.export(tmp_path / "rod.ply")
