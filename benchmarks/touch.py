@@ -17,11 +17,9 @@ from scipy.spatial.transform import Rotation
 
 from palpate.touch import RESOLUTION, SENSOR_RANGE, RayCaster, SphereTracer, local_points, sense, shade
 from palpate.touch.sensor import SENSOR_PLANE
-from palpate.touch.tracing import Block
 
 # Where the surface meets the gel: about 19 mm from the sensor plane.
 CONTACT = 0.019
-EVERYTHING = Block(slice(0, RESOLUTION), slice(0, RESOLUTION))
 
 
 def bumpy_sphere() -> trimesh.Trimesh:
@@ -123,9 +121,6 @@ def whole_grasp(mesh, runs: int) -> pd.DataFrame:
     away = position - 0.03 * rotation[:, :, 0]
     depth = caster.trace(position, rotation)
 
-    def everything(position):
-        return [caster._in_range(p, r, EVERYTHING) for p, r in zip(position, rotation, strict=True)]
-
     def first_trace():
         RayCaster(mesh).trace(position[:1], rotation[:1])
 
@@ -133,12 +128,10 @@ def whole_grasp(mesh, runs: int) -> pd.DataFrame:
         "search tree, once an object": first_trace,
         "four sensors, all: depth, points, readings": lambda: sense(caster, position, rotation),
         "  depth": lambda: caster.trace(position, rotation),
-        "  depth, nothing left out": lambda: everything(position),
         "  points": lambda: [local_points(*args) for args in zip(depth, position, rotation, strict=True)],
         "  readings": lambda: shade(depth),
         "success only": lambda: caster.succeeds(position, rotation),
         "four sensors that touch nothing": lambda: sense(caster, away, rotation),
-        "  depth, nothing left out ": lambda: everything(away),
     }
     return pd.DataFrame([{"step": name, "ms": milliseconds(step, runs)} for name, step in steps.items()])
 

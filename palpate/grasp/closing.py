@@ -5,9 +5,13 @@ from typing import NamedTuple
 
 import mujoco
 import numpy as np
+import trimesh
 
+from palpate.grasp import parts
+from palpate.grasp.reach import Reach
 from palpate.hand import Hand
-from palpate.hand.model import build_spec, quaternion
+from palpate.hand.model import PLAN, build_spec, quaternion
+from palpate.scene import Plan
 
 TIMESTEP = 0.004  # s
 DURATION = 0.4  # s
@@ -15,7 +19,6 @@ RAMP = 0.6  # share of the duration in which the targets move from the open hand
 ITERATIONS = 20  # of the contact solver; fewer than 5 are too few
 # Contact softness: impedance, its width and the shape of its curve, by which fingers stop within 0.5 mm.
 SOLIMP = (0.95, 0.99, 0.0005, 0.5, 2.0)
-PALM = 0  # the palm is link 0
 
 # The engine would write its warnings to a file in the working folder.
 log = logging.getLogger(__name__)
@@ -39,26 +42,24 @@ class GraspScene:
         patches: list[np.ndarray],
         timestep: float = TIMESTEP,
         duration: float = DURATION,
+        plan: Plan = PLAN,
+        visual: trimesh.Trimesh | None = None,
         **spec_options,
     ):
         """Compile the model once; it serves all attempts.
 
-        patches: `surface_patches`. timestep, duration: seconds, of the simulation. `spec_options` go to
+        patches: `surface_patches`. timestep, duration: seconds, of the simulation. plan: of a scene "grasp".
+        visual: the object's visual mesh, which only a plan with visual geometry needs. `spec_options` go to
         `palpate.hand.model.build_spec`.
         """
-        spec = build_spec(hand, **spec_options)
+        spec = build_spec(hand, plan=plan, **spec_options)
         option = spec.option
         option.timestep = timestep
         option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
         option.cone = mujoco.mjtCone.mjCONE_PYRAMIDAL
         option.iterations = ITERATIONS
-        option.gravity = [0, 0, 0]
-        body = spec.worldbody.add_body(name="object")
-        for number, vertices in enumerate(patches):
-            name = f"patch_{number}"
-            mesh = spec.add_mesh(name=name, uservert=vertices.ravel())
-            mesh.inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL  # a sheet has no volume
-            body.add_geom(type=mujoco.mjtGeom.mjGEOM_MESH, meshname=name, condim=1)
+        parts.add_object(spec, patches)
+        parts.put_in(spec, plan, hand, visual, timestep)
         for geom in spec.geoms:
             geom.solref = [2 * timestep, 1]
             geom.solimp = SOLIMP
@@ -71,14 +72,18 @@ class GraspScene:
         self.model = spec.compile()
         self.data = mujoco.MjData(self.model)
         self.steps = max(1, round(duration / timestep))
-        self._palm = self.model.body(hand.link_names[PALM]).id
+        self._palm = self.model.body(hand.link_names[parts.PALM]).id
+        self._joints = slice(len(hand.joint_link))  # in qpos, before those that a free object has
+        self._reach = None if plan.needs("patches out of reach") else Reach(hand, patches, self.model)
 
     def place(self, palm_pose: np.ndarray, joint_positions: np.ndarray) -> None:
         """Put the palm at `palm_pose` (4, 4) and the joints at `joint_positions` (J,), at rest."""
         mujoco.mj_resetData(self.model, self.data)
         self.model.body_pos[self._palm] = palm_pose[:3, 3]
         self.model.body_quat[self._palm] = quaternion(palm_pose[:3, :3])
-        self.data.qpos[:] = joint_positions
+        if self._reach is not None:
+            self._reach.leave_out(self.model, palm_pose[:3, 3])
+        self.data.qpos[self._joints] = joint_positions
         self.data.ctrl[:] = joint_positions
         mujoco.mj_forward(self.model, self.data)
 
@@ -89,11 +94,12 @@ class GraspScene:
     def close(self, targets: np.ndarray) -> Closed:
         """Move the servos' targets from the present joint positions to `targets` (J,), then hold."""
         model, data = self.model, self.data
-        start = data.qpos.copy()
+        start = data.qpos[self._joints].copy()
         ramp = np.minimum(1.0, np.arange(1, self.steps + 1) / (RAMP * self.steps))
         for share in ramp:
             data.ctrl[:] = start + share * (targets - start)
             mujoco.mj_step(model, data)
         # A NaN resets the state silently; only the warnings tell.
         warnings = int(sum(warning.number for warning in data.warning))
-        return Closed(data.qpos.copy(), warnings == 0 and bool(np.isfinite(data.qpos).all()), warnings)
+        finite = warnings == 0 and bool(np.isfinite(data.qpos).all())
+        return Closed(data.qpos[self._joints].copy(), finite, warnings)

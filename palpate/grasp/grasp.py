@@ -1,7 +1,7 @@
 """Grasps of one object: attempts until enough of them touch, then the best."""
 
 from collections import Counter
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -10,12 +10,15 @@ import trimesh
 
 from palpate.catalogue.batch import Unusable
 from palpate.grasp.closing import TIMESTEP, GraspScene
+from palpate.grasp.parts import left_out
 from palpate.grasp.patches import surface_patches
 from palpate.grasp.penetration import PenetrationCheck
 from palpate.grasp.placement import palm_pose, with_normals
 from palpate.grasp.targets import Workspace
 from palpate.hand import Hand
+from palpate.hand.model import PLAN
 from palpate.mesh import OBJECT_POSITION
+from palpate.scene import Plan
 from palpate.touch import RayCaster
 
 MAX_PLACEMENTS = 50  # random palm poses for one attempt
@@ -57,6 +60,7 @@ class GraspSet:
     penetration: np.ndarray  # (g,) float32: the hand in the object, or in itself
     attempts: int  # made in all
     discarded: dict[str, int]  # how many of them came to nothing, by reason
+    left_out: dict[str, int] = field(default_factory=dict)  # how much of what the plan left out of the scene
 
 
 class Grasper:
@@ -71,6 +75,7 @@ class Grasper:
         timestep: float = TIMESTEP,
         max_penetration: float = 0.001,
         thumb_share: float = THUMB_SHARE,
+        plan: Plan = PLAN,
     ):
         """surface_points: (N, 3) on the object's exterior; the other arguments are `grasp_object`'s."""
         self.hand = hand
@@ -80,8 +85,9 @@ class Grasper:
         patches = surface_patches(collision)
         if not patches:
             raise Unusable("the collision mesh has no surface that a finger could stop at")
-        self.scene = GraspScene(hand, patches, timestep)
-        self.check = PenetrationCheck(hand, visual)
+        self.scene = GraspScene(hand, patches, timestep, plan=plan, visual=visual)
+        self.left_out = left_out(plan, hand, len(patches), len(visual.faces))
+        self.check = PenetrationCheck(hand, visual, plan)
         self.caster = RayCaster(visual)
 
     def attempt(self, rng: np.random.Generator) -> Grasp | str:
@@ -129,6 +135,7 @@ def grasp_object(
     timestep: float = TIMESTEP,
     max_penetration: float = 0.001,
     thumb_share: float = THUMB_SHARE,
+    plan: Plan = PLAN,
 ) -> GraspSet:
     """Grasp an object: `attempts` grasps with at least one touch are made, the best `per_object` are kept.
 
@@ -138,7 +145,7 @@ def grasp_object(
     earlier. attempts: valid grasps made before the best are kept: the more, the better the grasps.
     max_attempts: bound on all attempts. timestep: seconds. max_penetration: metres; a deeper grasp is not
     accepted. thumb_share: share of the attempts in which the thumb closes too; with 1 more sensors touch than
-    in the paper's dataset.
+    in the paper's dataset. plan: of a scene "grasp", what the scene is made of.
 
     Raises `Unusable` if `max_attempts` attempts don't give `per_object` valid grasps.
     """
@@ -149,7 +156,7 @@ def grasp_object(
         raise ValueError(
             f"surface points are far from the object at {OBJECT_POSITION}: give them in the world frame"
         )
-    grasper = Grasper(visual, collision, own_points, hand, timestep, max_penetration, thumb_share)
+    grasper = Grasper(visual, collision, own_points, hand, timestep, max_penetration, thumb_share, plan)
     grasps, discarded = [], Counter()
     while len(grasps) < attempts and len(grasps) + discarded.total() < max_attempts:
         result = grasper.attempt(rng)
@@ -161,10 +168,12 @@ def grasp_object(
         reasons = ", ".join(f"{reason}: {count}" for reason, count in sorted(discarded.items()))
         raise Unusable(f"{len(grasps)} of {per_object} grasps found in {max_attempts} attempts ({reasons})")
     best = sorted(grasps, key=lambda grasp: -grasp.touches.sum())[:per_object]
-    return in_world(best, len(grasps) + discarded.total(), dict(discarded))
+    return in_world(best, len(grasps) + discarded.total(), dict(discarded), grasper.left_out)
 
 
-def in_world(grasps: list[Grasp], attempts: int, discarded: dict[str, int]) -> GraspSet:
+def in_world(
+    grasps: list[Grasp], attempts: int, discarded: dict[str, int], left_out: dict[str, int]
+) -> GraspSet:
     """Grasps of an object in its own frame, stacked, in the world frame."""
     joints, palms, links, positions, rotations, touches, depths = (
         np.stack(part) for part in zip(*grasps, strict=True)
@@ -173,7 +182,16 @@ def in_world(grasps: list[Grasp], attempts: int, discarded: dict[str, int]) -> G
     links[:, :, :3, 3] += OBJECT_POSITION
     positions += OBJECT_POSITION
     return GraspSet(
-        joints, palms, links, positions, rotations, touches, depths.astype(np.float32), attempts, discarded
+        joint_positions=joints,
+        palm_pose=palms,
+        link_pose=links,
+        sensor_position=positions,
+        sensor_rotation=rotations,
+        touches=touches,
+        penetration=depths.astype(np.float32),
+        attempts=attempts,
+        discarded=discarded,
+        left_out=left_out,
     )
 
 

@@ -7,6 +7,8 @@ import trimesh
 
 from palpate.grasp.triangles import halved, split_long_edges
 from palpate.hand import Hand
+from palpate.hand.model import PLAN
+from palpate.scene import Plan
 
 SPACING = 0.001  # metres between points of a surface where it is near a geom
 COARSE = 0.016  # metres: longest edge of the triangles that are first sorted out by their place
@@ -35,9 +37,10 @@ def deepest(triangles: np.ndarray, distance: Callable[[np.ndarray], np.ndarray],
 class PenetrationCheck:
     """The depth of one hand in one object, and in itself. Frames: the object's own."""
 
-    def __init__(self, hand: Hand, mesh: trimesh.Trimesh):
-        """mesh: the object's visual mesh, every face; it need not be closed."""
+    def __init__(self, hand: Hand, mesh: trimesh.Trimesh, plan: Plan = PLAN):
+        """mesh: the object's visual mesh, every face; it need not be closed. plan: of a scene "grasp"."""
         self.hand = hand
+        self.every_face, self.every_pair = plan.needs("faces out of the hand"), plan.needs("links apart")
         self.triangles = split_long_edges(np.asarray(mesh.triangles, dtype=float), COARSE)
         self.low, self.high = self.triangles.min(axis=1).T.copy(), self.triangles.max(axis=1).T.copy()
         self.geoms = np.flatnonzero(hand.geom_collides)
@@ -77,7 +80,8 @@ class PenetrationCheck:
             for geom, surface in self.surfaces.items()
         }
         depth = 0.0
-        for one, other in self.pairs[~self._apart(poses, surfaces)]:
+        pairs = self.pairs if self.every_pair else self.pairs[~self._apart(poses, surfaces)]
+        for one, other in pairs:
             for inner, outer in ((one, other), (other, one)):
                 depth = deepest(
                     surfaces[inner],
@@ -105,7 +109,7 @@ class PenetrationCheck:
     def _within(self, low, high, among=slice(None)) -> np.ndarray:
         """Indices, into `among`, of the triangles whose bounding boxes meet the box from `low` to `high`."""
         meets = np.ones(self.low[0, among].shape, dtype=bool)
-        for axis in range(3):
+        for axis in range(0 if self.every_face else 3):
             meets &= (self.low[axis, among] < high[axis]) & (self.high[axis, among] > low[axis])
         return np.flatnonzero(meets)
 

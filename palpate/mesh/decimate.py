@@ -4,6 +4,7 @@ import numpy as np
 import pymeshlab
 
 from palpate.mesh import topology
+from palpate.scene import Plan, plan
 
 # An open mesh that keeps more than this many times the faces asked for is tried again with borders that may
 # move.
@@ -17,14 +18,21 @@ BORDER_WEIGHT = 10.0
 PLANAR_WEIGHT = 1e-6
 
 
-def decimate(vertices: np.ndarray, faces: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
+def plan_of(faces: np.ndarray, count: int) -> Plan:
+    """The plan of a level of at most `count` faces of a mesh with these faces (k, 3)."""
+    return plan("mesh", faces=len(faces), target=count)
+
+
+def decimate(
+    vertices: np.ndarray, faces: np.ndarray, count: int, plan: Plan | None = None
+) -> tuple[np.ndarray, np.ndarray]:
     """Vertices (m, 3), rounded to float32, and faces (k, 3) of the mesh with about `count` faces.
 
     A mesh that has no more than `count` faces comes back as it is. A closed mesh stays closed, and the pieces
     of any mesh stay apart and keep their holes, if need be with more faces than asked for. Borders stay where
-    they are, unless that keeps too many faces.
+    they are, unless that keeps too many faces. plan: of a scene "mesh"; default: `plan_of` the mesh.
     """
-    if len(faces) <= count:
+    if not (plan or plan_of(faces, count)).needs("decimation"):
         return vertices, faces
     closed = topology.is_closed(faces)
     level = _collapse(vertices, faces, count, fixed_borders=True)

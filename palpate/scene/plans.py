@@ -5,7 +5,7 @@ in, by which the report `left_out` and the tests show that the result is the sam
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from palpate.scene import data, images, models
@@ -22,27 +22,28 @@ class Plan:
     Attributes:
         scene: its kind, a key of `SCENES`.
         left_out: parts that are left out, and why; kept: parts that could be, and why they are not.
+        unmodelled: parts that the model goes without by choice, and why; with them the result is another.
     """
 
     scene: str
     left_out: Mapping[str, str]
     kept: Mapping[str, str]
+    unmodelled: Mapping[str, str] = field(default_factory=dict)
 
     def needs(self, part: str) -> bool:
         """Whether a part is in. Raises KeyError for a part that scenes of this kind don't have."""
         if part not in SCENES[self.scene]:
             raise KeyError(f"{self.scene} has no part {part!r}: it has {', '.join(SCENES[self.scene])}")
-        return part not in self.left_out
+        return part not in self.left_out and part not in self.unmodelled
 
     def including(self, *parts: str) -> "Plan":
-        """The same plan with some parts put back in; with all of them if none is named."""
-        for part in parts:
-            self.needs(part)
-        back = set(parts or self.left_out)
+        """The same plan with some parts put back in; with all that are left out if none is named."""
+        back = [part for part in parts or self.left_out if not self.needs(part)]
         return replace(
             self,
             left_out={part: why for part, why in self.left_out.items() if part not in back},
-            kept={**self.kept, **{part: "asked for" for part in back if part in self.left_out}},
+            kept={**self.kept, **dict.fromkeys(back, "asked for")},
+            unmodelled={part: why for part, why in self.unmodelled.items() if part not in back},
         )
 
     def without(self, *parts: str) -> "Plan":
@@ -58,6 +59,7 @@ class Plan:
         lines = [f"plan of {self.scene}:"]
         lines += [f"  left out: {part} ({why})" for part, why in self.left_out.items()]
         lines += [f"  kept: {part} ({why})" for part, why in self.kept.items()]
+        lines += [f"  not modelled: {part} ({why})" for part, why in self.unmodelled.items()]
         return "\n".join(lines)
 
 
@@ -72,11 +74,13 @@ def plan(scene: str, **facts: Any) -> Plan:
     """
     if scene not in SCENES:
         raise KeyError(f"no scene {scene!r}: one of {', '.join(SCENES)}")
-    left_out, kept = {}, {}
+    left_out, kept, unmodelled = {}, {}, {}
     for name, part in SCENES[scene].items():
         reason = part.keeps(facts)
-        if reason is None:
+        if reason is not None:
+            kept[name] = reason
+        elif part.modelled:
             left_out[name] = part.why
         else:
-            kept[name] = reason
-    return Plan(scene, left_out, kept)
+            unmodelled[name] = part.why
+    return Plan(scene, left_out, kept, unmodelled)

@@ -19,6 +19,7 @@ import zarr
 from zarr.codecs import BloscCodec, Crc32cCodec
 
 import palpate
+from palpate.scene import Plan, plan
 from palpate.store.atomic import whole
 from palpate.store.contract import CONTRACT, FRAMES, SCHEMA_VERSION, UNITS, ArraySpec, StoreSpec
 
@@ -32,6 +33,7 @@ numcodecs.blosc.use_threads = False
 COMPRESSION = {"cname": "zstd", "clevel": 1, "shuffle": "shuffle"}
 STRING_KINDS = "UOST"  # numpy's kinds of types that hold text
 REQUIRED_ATTRIBUTES = ("config_digest", "seed")
+PLAN = plan("store")
 
 
 class StoreError(ValueError):
@@ -39,7 +41,11 @@ class StoreError(ValueError):
 
 
 def write(
-    path: Path | str, stage: str, arrays: Mapping[str, np.ndarray], attributes: Mapping[str, Any]
+    path: Path | str,
+    stage: str,
+    arrays: Mapping[str, np.ndarray],
+    attributes: Mapping[str, Any],
+    plan: Plan = PLAN,
 ) -> None:
     """Write one batch's store, whole or not at all.
 
@@ -47,6 +53,7 @@ def write(
     arrays: exactly the contract's arrays, optional ones or not; a group that it allows is given as
     `hand/<name>`.
     attributes: `config_digest` and `seed`, and what else JSON can hold; versions, units and frames are added.
+    plan: of a scene "store".
     The same arrays and attributes give the same bytes. Raises StoreError if a name, shape or type is wrong.
     """
     path = Path(path)
@@ -65,8 +72,10 @@ def write(
     }
     described = {**describe(spec), **attributes}
     with whole(path) as partial:
-        writer = _write_zarr if path.suffix == ".zarr" else _write_hdf5
-        writer(partial, spec, arrays, described)
+        if path.suffix == ".zarr":
+            _write_zarr(partial, spec, arrays, described, plan)
+        else:
+            _write_hdf5(partial, spec, arrays, described)
 
 
 def describe(spec: StoreSpec) -> dict[str, Any]:
@@ -140,7 +149,7 @@ def _text(path: Path, name: str, array: np.ndarray) -> np.ndarray:
 
 
 def _write_zarr(
-    path: Path, spec: StoreSpec, arrays: dict[str, np.ndarray], attributes: dict[str, Any]
+    path: Path, spec: StoreSpec, arrays: dict[str, np.ndarray], attributes: dict[str, Any], plan: Plan
 ) -> None:
     group = zarr.create_group(path, attributes=attributes)
     for name in filter(arrays.__contains__, spec.arrays):
@@ -157,6 +166,7 @@ def _write_zarr(
             compressors=[Crc32cCodec()] if text else [BloscCodec(**COMPRESSION), Crc32cCodec()],
             fill_value=array_spec.fill if text else array.dtype.type(array_spec.fill),
             attributes={"meaning": array_spec.meaning, "unit": array_spec.unit},
+            config={"write_empty_chunks": plan.needs("empty chunks")},
         )
         if array.size:
             target[...] = array

@@ -10,7 +10,8 @@ from palpate.touch.tracing import Tracer
 
 
 class TouchReading(NamedTuple):
-    """What k sensors feel. All but `success` and `depth` is computed for successful sensors only, else 0.
+    """What k sensors feel. All but `success` and `depth` is computed for successful sensors only, else 0
+    (if the tracer's plan leaves it out).
 
     Attributes:
         success: (k,) bool, whether anything is in range of the sensor.
@@ -31,7 +32,7 @@ def sense(tracer: Tracer, position: np.ndarray, rotation: np.ndarray) -> TouchRe
     """Simulate k touch sensors on one object.
 
     Args:
-        tracer: the object, a `RayCaster` or a `SphereTracer`.
+        tracer: the object, a `RayCaster` or a `SphereTracer`; its plan says what is made.
         position: (k, 3), rotation: (k, 3, 3) of the sensors; columns of a rotation are the frame's axes.
     """
     depth = tracer.trace(position, rotation)
@@ -40,8 +41,11 @@ def sense(tracer: Tracer, position: np.ndarray, rotation: np.ndarray) -> TouchRe
     reading = np.zeros((k, RESOLUTION, RESOLUTION, 3), dtype=np.uint8)
     points = np.zeros((k, RESOLUTION**2, 3), dtype=np.float32)
     point_count = np.zeros(k, dtype=np.int32)
-    for sensor in np.flatnonzero(success):
+    every_reading = tracer.plan.needs("readings of sensors that touched nothing")
+    every_cloud = tracer.plan.needs("points of sensors that touched nothing")
+    for sensor in np.flatnonzero(success | every_reading):
         reading[sensor] = shade(depth[sensor])
+    for sensor in np.flatnonzero(success | every_cloud):
         cloud = local_points(depth[sensor], position[sensor], rotation[sensor])
         points[sensor, : len(cloud)] = cloud
         point_count[sensor] = len(cloud)

@@ -3,8 +3,9 @@
 import igl
 import numpy as np
 
+from palpate.scene import Plan
 from palpate.touch.sensor import SENSOR_PLANE, SENSOR_RANGE
-from palpate.touch.tracing import Block, Tracer
+from palpate.touch.tracing import PLAN, Block, Tracer
 
 # A point this close to the surface has arrived, metres.
 TOLERANCE = 1e-5
@@ -24,9 +25,16 @@ class SphereTracer(Tracer):
     `tolerance` of an edge counts as a hit. Error against time: docs/touch.md.
     """
 
-    def __init__(self, mesh, object_position=(0.0, 0.0, 0.0), tolerance=TOLERANCE, max_steps=MAX_STEPS):
+    def __init__(
+        self,
+        mesh,
+        object_position=(0.0, 0.0, 0.0),
+        tolerance=TOLERANCE,
+        max_steps=MAX_STEPS,
+        plan: Plan = PLAN,
+    ):
         """As for `Tracer`; `tolerance` in metres and `max_steps` trade error for time."""
-        super().__init__(mesh, object_position)
+        super().__init__(mesh, object_position, plan)
         self._tolerance, self._max_steps = tolerance, max_steps
         self._vertices = np.ascontiguousarray(self._scene.triangles.reshape(-1, 3))
         self._faces = self._without_needles()

@@ -6,11 +6,14 @@ from typing import NamedTuple
 import numpy as np
 import trimesh
 
+from palpate.scene import Plan, plan
 from palpate.surface.embree import Scene
 from palpate.touch.sensor import PIXEL, RESOLUTION, SENSOR_RANGE, SENSOR_WIDTH
 
 # Margin of the conservative tests in metres, far above their rounding errors.
 _MARGIN = 1e-5
+
+PLAN = plan("touch")
 
 
 class Block(NamedTuple):
@@ -20,6 +23,9 @@ class Block(NamedTuple):
     columns: slice
 
 
+EVERYTHING = Block(slice(0, RESOLUTION), slice(0, RESOLUTION))
+
+
 class Tracer(ABC):
     """Orthographic depth maps of one object, seen from touch sensors.
 
@@ -27,15 +33,17 @@ class Tracer(ABC):
     either orientation (a mesh need not be closed); +inf where there is none within `SENSOR_RANGE`.
     """
 
-    def __init__(self, mesh: trimesh.Trimesh, object_position=(0.0, 0.0, 0.0)):
+    def __init__(self, mesh: trimesh.Trimesh, object_position=(0.0, 0.0, 0.0), plan: Plan = PLAN):
         """Build the object's search tree, once for all its grasps.
 
         Args:
             mesh: the object in its own frame, metres.
             object_position: (3,) where the origin of that frame is in the frame of the sensors' poses.
+            plan: of a scene "touch".
 
         Raises ValueError if no face has an area.
         """
+        self.plan = plan
         self._scene = Scene(mesh)
         self._object_position = np.asarray(object_position, dtype=np.float64)
         # (3, f), so that a test of one coordinate reads memory in order.
@@ -67,11 +75,22 @@ class Tracer(ABC):
         for k, origin in enumerate(np.asarray(position, dtype=np.float64) - self._object_position):
             block = self._felt_block(origin, rotation[k])
             if block is not None:
+                every = self.plan.needs("pixels after the first in range")
                 success[k] = any(
                     np.isfinite(self._in_range(origin, rotation[k], part)).any()
-                    for part in _coarse_to_fine(block)
+                    for part in ([block] if every else _coarse_to_fine(block))
                 )
         return success
+
+    def felt_faces(self, position: np.ndarray, rotation: np.ndarray) -> np.ndarray:
+        """Which faces some of k sensors may feel, (f,) bool: those that meet a box around a sensor's reach.
+
+        position, rotation: as for `trace`. f: the faces that have an area.
+        """
+        felt = np.zeros(self._low.shape[1], dtype=bool)
+        for origin, frame in zip(position - self._object_position, rotation, strict=True):
+            felt[self._faces_in_box(origin, frame)] = True
+        return felt
 
     def _in_range(self, origin, rotation, block: Block) -> np.ndarray:
         depth = self._depth(origin, rotation, block)
@@ -94,6 +113,8 @@ class Tracer(ABC):
         Conservative: the faces whose bounding boxes meet the bounding box of the sensor's reach, then their
         extent in the sensor's frame. Leaving the rest out does not change a single depth.
         """
+        if self.plan.needs("pixels outside the felt block"):
+            return EVERYTHING
         faces = self._near_faces(origin, rotation)
         if not len(faces):
             return None
@@ -110,6 +131,12 @@ class Tracer(ABC):
         return Block(rows=slice(first[1], last[1]), columns=slice(first[0], last[0]))
 
     def _near_faces(self, origin, rotation) -> np.ndarray:
+        """Indices of the faces that are looked at: those in the box, or all if the plan has them in."""
+        if self.plan.needs("faces outside the swept box"):
+            return np.arange(self._low.shape[1])
+        return self._faces_in_box(origin, rotation)
+
+    def _faces_in_box(self, origin, rotation) -> np.ndarray:
         """Indices of the faces whose bounding box meets the bounding box of what the sensor can feel."""
         half = np.array([SENSOR_RANGE, SENSOR_WIDTH, SENSOR_WIDTH]) / 2
         centre = origin + rotation[:, 0] * half[0]

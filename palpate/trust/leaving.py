@@ -28,7 +28,8 @@ class Leaving(NamedTuple):
         difference: the largest difference between the two results, in `unit`.
         bound: what it may be at most; 0 for bit-equal.
         size: bytes of a result on disk or in memory, where leaving out saves any.
-        left_out: whether the plan leaves it out; what changes the result stays in.
+        left_out: whether the plan leaves it out; what changes the result stays in, or is a choice of the
+            model (`Plan.unmodelled`).
     """
 
     scene: str

@@ -3,7 +3,7 @@
 import pytest
 
 from palpate.scene import plans
-from palpate.scene.part import Part, stays
+from palpate.scene.part import Part, stays, unmodelled
 from palpate.scene.plans import plan
 
 
@@ -13,6 +13,7 @@ def scenes(monkeypatch):
         "hand": Part("no grasp", lambda facts: "a grasp" if facts.get("grasps") else None),
         "gravity": Part("the object can't move"),
         "self-collision": stays("fingers meet"),
+        "friction": unmodelled("fingers slide"),
     }
     monkeypatch.setattr(plans, "SCENES", {"image": parts})
 
@@ -47,3 +48,14 @@ def test_unknown_scenes_and_parts_are_errors():
 def test_the_text_names_every_part_with_its_reason():
     text = str(plan("image", grasps=5))
     assert "left out: gravity (the object can't move)" in text and "kept: hand (a grasp)" in text
+    assert "not modelled: friction (fingers slide)" in text
+
+
+def test_what_is_not_modelled_is_no_saving_and_comes_in_by_name_only():
+    alone = plan("image")
+    assert alone.unmodelled == {"friction": "fingers slide"}
+    assert not alone.needs("friction") and "friction" not in alone.left_out
+    assert not alone.including().needs("friction")
+    asked = alone.including("friction")
+    assert asked.needs("friction") and not asked.unmodelled and asked.kept["friction"] == "asked for"
+    assert asked.left_out == alone.left_out

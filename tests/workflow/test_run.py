@@ -2,6 +2,7 @@
 
 import dataclasses
 import hashlib
+import re
 import shutil
 import subprocess
 import sys
@@ -54,6 +55,22 @@ def test_the_run_is_whole_and_valid(finished):
         assert all(grasp.success.any() for grasp in item.grasps)
     for figure in ("data_point", "grasp_steps", "examples_can", "examples_brick"):
         assert (finished.run / f"figures/{figure}.png").stat().st_size > 10_000
+
+
+def test_logs_say_what_scenes_leave_out_and_why(finished):
+    logs = {
+        stage: (finished.run / f"logs/{stage}/batch-0000.log").read_text()
+        for stage in ("meshes", "grasps", "touch")
+    }
+    for stage, scene in (("meshes", "mesh"), ("grasps", "grasp"), ("touch", "touch"), ("touch", "store")):
+        assert f"plan of {scene}:" in logs[stage]
+    assert "left out: gravity (" in logs["grasps"] and "not modelled: friction (" in logs["grasps"]
+    for name in USABLE:
+        assert f"{name}: left out: decimation to collision.ply" in logs["meshes"]
+        assert re.search(rf"{name}: left out: .*pairs of object patches", logs["grasps"])
+        assert re.search(
+            rf"{name}: left out: .* faces outside the swept boxes; \d+ of 20 sensors", logs["touch"]
+        )
 
 
 def test_what_cannot_be_used_is_rejected_with_stage_and_reason(finished):

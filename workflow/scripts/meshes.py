@@ -7,14 +7,17 @@ meshes/<batch>/<object>/visual.glb       full resolution, materials and textures
 rejected/meshes/<batch>.csv              object, stage, reason
 """
 
+import logging
 import shutil
 from pathlib import Path
 
-from palpate import mesh
+from palpate import mesh, scene
 from palpate.catalogue import each_object, log_to, write_rejections
 from palpate.store import whole
 
 log_to(snakemake.log[0])
+log = logging.getLogger("meshes")
+log.info(scene.plan("mesh"))
 objects, settings, source = snakemake.params.objects, snakemake.params.mesh, snakemake.params.source
 
 with whole(snakemake.output.meshes) as batch, whole(snakemake.output.rejected) as rejected:
@@ -23,7 +26,7 @@ with whole(snakemake.output.meshes) as batch, whole(snakemake.output.rejected) a
     def prepare(name: str) -> None:
         folder = batch / name
         try:
-            mesh.prepare(
+            record = mesh.prepare(
                 Path(source["path"]) / objects[name],
                 folder,
                 up=source["up"],
@@ -33,6 +36,8 @@ with whole(snakemake.output.meshes) as batch, whole(snakemake.output.rejected) a
         except BaseException:
             shutil.rmtree(folder, ignore_errors=True)
             raise
+        for level, faces in mesh.not_decimated(record).items():
+            log.info("%s: left out: decimation to %s: the mesh has %s faces", name, level, f"{faces:,}")
 
     _, rejections = each_object(objects, prepare, "meshes")
     write_rejections(rejected, rejections)

@@ -11,16 +11,21 @@ touch/<batch>.zarr    success         (og, 4)                  bool       whethe
 rejected/touch/<batch>.csv    object, stage, reason
 """
 
+import logging
 from pathlib import Path
 
 import numpy as np
 
-from palpate import mesh, store, touch
+from palpate import mesh, scene, store, touch
 from palpate.catalogue import each_object, log_to
 
 TRACERS = {"embree": touch.RayCaster, "sphere_tracing": touch.SphereTracer}
 
 log_to(snakemake.log[0])
+log = logging.getLogger("touch")
+plan = scene.plan("touch")
+log.info(plan)
+log.info(scene.plan("store"))
 meshes, settings = Path(snakemake.input.meshes), snakemake.params.touch
 grasps = store.read(snakemake.input.grasps, "object", "object_index", "sensor_position", "sensor_rotation")
 
@@ -28,8 +33,14 @@ grasps = store.read(snakemake.input.grasps, "object", "object_index", "sensor_po
 def sense(name: str) -> dict[str, np.ndarray]:
     rows = grasps["object"][grasps["object_index"]] == name
     position, rotation = grasps["sensor_position"][rows], grasps["sensor_rotation"][rows]
-    tracer = TRACERS[settings["method"]](mesh.load_visual(meshes / name), mesh.OBJECT_POSITION)
-    felt = touch.sense(tracer, position.reshape(-1, 3), rotation.reshape(-1, 3, 3))
+    tracer = TRACERS[settings["method"]](mesh.load_visual(meshes / name), mesh.OBJECT_POSITION, plan=plan)
+    sensors = position.reshape(-1, 3), rotation.reshape(-1, 3, 3)
+    felt = touch.sense(tracer, *sensors)
+    faces = tracer.felt_faces(*sensors)
+    log.info(
+        "%s: left out: %s of %s faces outside the swept boxes; %d of %d sensors touched nothing",
+        name, f"{(~faces).sum():,}", f"{len(faces):,}", (~felt.success).sum(), len(felt.success),
+    )  # fmt: skip
     felt = {
         key: array.reshape(*position.shape[:2], *array.shape[1:]) for key, array in felt._asdict().items()
     }
