@@ -103,8 +103,8 @@ def test_an_option_that_is_not_known():
 
 
 def test_deformations_follow_each_other():
-    twice = model_of("charts", True, True, 1, architecture=SMALL | {"unsuccessful": "held", "deformations": 2})
-    once = model_of("charts", True, True, 1, architecture=SMALL | {"unsuccessful": "held", "deformations": 1})
+    held = SMALL | {"unsuccessful": "held"}
+    twice, once = (model_of("charts", True, True, 1, held | {"deformations": count}) for count in (2, 1))
     once.load_state_dict(twice.state_dict())
     batch = random_batch(1, 1)
     middle = once(batch)
