@@ -114,7 +114,7 @@ class TouchCharts(Study):
     stage = "touch charts"
     units = {"Chamfer distance, root mean square": "mm", "largest distance": "mm"}
     reference = (
-        f"the object's faces that the sensor sees, by {FINE} x {FINE} exact rays a pixel in double precision; "
+        f"the object's faces that the sensor sees, {FINE} x {FINE} exact rays a pixel in double precision; "
         f"distances both ways, to the chart's triangles exact. Seconds are for {TOUCHES} touches"
     )
 
