@@ -1,4 +1,4 @@
-"""The reconstruction network: charts deformed three times by what the image and the touches say."""
+"""The reconstruction network: charts deformed several times by what the image and the touches say."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -36,7 +36,8 @@ class Reconstruction(nn.Module):
         grasps: how many grasps it feels, four touches each.
         architecture: layers and options, as in `palpate.models.architectures` and config/recipes.yaml. Of the
             options, `unsuccessful` says whether the vertices of unsuccessful touch charts are deformed
-            (`free`, the paper's, if it is missing) or stay at the fingertip (`held`).
+            (`free`, the paper's, if it is missing) or stay at the fingertip (`held`), and `deformations` how
+            often the charts are deformed (3 times, as in the paper, if it is missing).
 
     Attributes:
         faces: (F, 3) int64 faces of the mesh whose vertices `forward` gives; those of a touch chart without
@@ -61,6 +62,9 @@ class Reconstruction(nn.Module):
         if unsuccessful not in ("free", "held"):
             raise ValueError(f"unsuccessful {unsuccessful!r}; must be free or held")
         self.held = unsuccessful == "held"
+        self.deformations = architecture.get("deformations", DEFORMATIONS)
+        if self.deformations < 1:
+            raise ValueError(f"{self.deformations} deformations: at least 1")
         self.scale = ATLAS_RADIUS if architecture["normalise_positions"] else 1.0
         centre = OBJECT_POSITION if architecture["normalise_positions"] else (0.0, 0.0, 0.0)
         self.register_buffer("centre", torch.tensor(centre, dtype=torch.float64), persistent=False)
@@ -129,7 +133,7 @@ class Reconstruction(nn.Module):
                 stays = torch.ones_like(success) if self.held else success
                 enforced = torch.cat([success.new_zeros(len(self.start), samples, 1), stays])
         maps, camera = self._look(batch)
-        for _ in range(DEFORMATIONS):
+        for _ in range(self.deformations):
             features = [*given]
             if self.vision:
                 pooled = self.pooling(maps, positions, camera, batch["image"].shape[-1])

@@ -102,6 +102,19 @@ def test_an_option_that_is_not_known():
         model_of("charts", True, True, 1, architecture=SMALL | {"unsuccessful": "kept"})
 
 
+def test_deformations_follow_each_other():
+    held = SMALL | {"unsuccessful": "held"}
+    twice, once = (model_of("charts", True, True, 1, held | {"deformations": count}) for count in (2, 1))
+    once.load_state_dict(twice.state_dict())
+    batch = random_batch(1, 1)
+    middle = once(batch)
+    assert (middle[0] != twice(batch)[0]).any()
+    once.start = middle[0, :VISION].detach()
+    torch.testing.assert_close(once(batch), twice(batch))
+    with pytest.raises(ValueError, match="0 deformations"):
+        model_of("charts", True, True, 1, architecture=SMALL | {"deformations": 0})
+
+
 def test_without_copying_every_chart_moves():
     model, batch = model_of("no_copy", True, True, 1), random_batch(2, 1)
     charts = model(batch)[:, VISION:].unflatten(1, (4, 81))
