@@ -4,12 +4,14 @@ A picture is two renders of Cycles. The first makes the colours: many samples a 
 filter. The second makes mask and depth: one sample exactly at every pixel's centre, because Cycles takes
 these from a pixel's first sample, which the filter of the first render moves by up to 0.75 pixels. Blender
 writes both as EXR files into memory (a `Viewer` node stays empty without a window), where OpenEXR reads them.
+
+What a picture is made of is said by the plan of its kind of scene (`palpate.scene`).
 """
 
 import shutil
 import tempfile
 import weakref
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -23,13 +25,38 @@ from mathutils import Matrix, Vector  # noqa: E402  (Blender comes before anythi
 
 from palpate.catalogue.batch import Unusable  # noqa: E402
 from palpate.mesh import OBJECT_POSITION  # noqa: E402
+from palpate.scene import Plan, plan  # noqa: E402
+from palpate.scene.images import SCENES  # noqa: E402
 from palpate.vision import geom  # noqa: E402
 from palpate.vision.camera import IMAGE_SIZE, Camera, paper_camera  # noqa: E402
 from palpate.vision.image import Image, Layers, linear, read_layers, write_layers  # noqa: E402
 from palpate.vision.scene import Mesh  # noqa: E402
 
 SAMPLES = 16
-SEED = 0
+# What a scene of CAD parts under one lamp needs of Cycles, and no more, by Blender's names.
+CYCLES = {
+    "seed": 0,
+    "use_denoising": False,
+    "use_adaptive_sampling": False,
+    "use_light_tree": False,
+    "use_auto_tile": False,
+    "caustics_reflective": False,
+    "caustics_refractive": False,
+    "max_bounces": 6,
+    "diffuse_bounces": 1,
+    "glossy_bounces": 1,
+    "transmission_bounces": 6,
+    "transparent_max_bounces": 8,
+    "volume_bounces": 0,
+}
+# What else, or instead, with a part in that a plan leaves out, and without one that it keeps.
+CYCLES_WITH = {
+    "further bounces of light": {"diffuse_bounces": 12, "glossy_bounces": 12},
+    "paths of more than 6 bounces": {"max_bounces": 12, "transmission_bounces": 12},
+    "caustics": {"caustics_reflective": True, "caustics_refractive": True},
+    "tree of lights": {"use_light_tree": True},
+}
+CYCLES_WITHOUT = {"first bounce of light": {"diffuse_bounces": 0, "glossy_bounces": 0}}
 
 # The light: one lamp, a sun, whose direction is fixed in the world (from the camera's upper left), and a
 # constant ambient light. A white diffuse surface that faces the lamp comes out at 0.8 * (SUN / pi + AMBIENT)
@@ -56,6 +83,8 @@ OBJECT_POSE[:3, :3] = [[1, 0, 0], [0, 0, 1], [0, -1, 0]]
 OBJECT_POSE[:3, 3] = OBJECT_POSITION
 
 GPU_KINDS = ("OPTIX", "CUDA", "HIP", "ONEAPI", "METAL")
+
+OUT_OF_SIGHT = (0.0, 0.0, -1000.0)  # m: where a hand is that a picture doesn't show
 
 VISIBLE = 0.01  # opacity from which a surface counts for mask and depth: glass does, a texture's holes don't
 ROOM_IN_MEMORY = 200e6  # bytes: an uncompressed picture of 2048 x 2048 takes 24 a pixel
@@ -85,7 +114,11 @@ class Renderer:
 
     size: width and height of images in pixels. samples: Cycles' samples a pixel for the colours. device:
     "cpu", "gpu", or "auto": a GPU if Cycles finds one. threads: of the CPU. exr: a folder that keeps every
-    image as a multilayer EXR file with 32 bit floats (see `palpate.vision.image`); none keeps nothing.
+    image as a multilayer EXR file with 32 bit floats (see `palpate.vision.image`); none keeps nothing. plans:
+    of kinds of scenes of `palpate.scene.images` that are to be made otherwise than `palpate.scene.plan` says.
+
+    Between pictures the attributes `camera` (of `render_object`), `samples`, `plans` (by kind of scene) and
+    `cycles` (settings of Cycles other than `CYCLES`, by Blender's names) may be changed.
 
     Blender has one scene a process: a new Renderer takes the place of the one before.
     """
@@ -99,9 +132,13 @@ class Renderer:
         device: str = "auto",
         threads: int = 1,
         exr: Path | str | None = None,
+        plans: Iterable[Plan] = (),
     ):
         self.camera = paper_camera(size)
         self.samples = samples
+        self.cycles: Mapping[str, Any] = {}
+        self.plans = {kind: plan(kind, exr=exr is not None) for kind in SCENES}
+        self.plans |= {each.scene: each for each in plans}
         self.exr = None if exr is None else Path(exr)
         if self.exr is not None:
             self.exr.mkdir(parents=True, exist_ok=True)
@@ -137,11 +174,15 @@ class Renderer:
         """
         if hand is None and len(link_poses):
             raise ValueError(f"{len(link_poses)} link poses without a hand: give the hand they are of")
-        self._take_hand(hand)
+        alone, held = self.plans["unoccluded image"], self.plans["occluded image"]
+        self._take_hand(hand, held.needs("hand's meshes for every object"))
         name = name or Path(visual_glb).parent.name
         with _Guests():
-            points = self._import(Path(visual_glb))
-            unoccluded = self._picture(self.camera, points, self.samples, f"{name}-unoccluded")
+            points = self._import(Path(visual_glb), alone)
+            if alone.needs("hand") and len(link_poses):
+                self._pose_hand(link_poses[0], OUT_OF_SIGHT)
+            for _ in range(max(1, len(link_poses)) if alone.needs("render for every grasp") else 1):
+                unoccluded = self._picture(alone, self.camera, points, self.samples, f"{name}-unoccluded")
             if not unoccluded.image(WHITE).mask.any():
                 size = self.camera.size
                 raise Unusable(
@@ -150,8 +191,11 @@ class Renderer:
                 )
             occluded = []
             for number, link_pose in enumerate(link_poses):
-                drawn = np.concatenate([points, self._pose_hand(link_pose)])
-                occluded.append(self._picture(self.camera, drawn, self.samples, f"{name}-grasp-{number}"))
+                drawn = points
+                if held.needs("hand"):
+                    drawn = np.concatenate([points, self._pose_hand(link_pose)])
+                master = f"{name}-grasp-{number}"
+                occluded.append(self._picture(held, self.camera, drawn, self.samples, master))
         return unoccluded.image(WHITE), [layers.image(WHITE) for layers in occluded]
 
     def render_views(self, visual_glb: Path | str, cameras: Sequence[Camera]) -> list[Image]:
@@ -162,17 +206,16 @@ class Renderer:
         camera's.
         """
         self._take_hand(None)
-        render = self._scene.render
+        render, made_of = self._scene.render, self.plans["view"]
         from_camera = paper_camera().rotation.T @ SUN_POSITION
         with _Guests():
-            points = self._import(Path(visual_glb))
+            points = self._import(Path(visual_glb), made_of)
             layers = []
-            # Only camera and lamp move, so Cycles may keep what it made of the object (a third of the time).
-            render.use_persistent_data = True
+            render.use_persistent_data = not made_of.needs("scene for every view")
             try:
                 for camera in cameras:
                     _point(self._lamp, camera.rotation @ from_camera)
-                    layers.append(self._picture(camera, points, self.samples))
+                    layers.append(self._picture(made_of, camera, points, self.samples))
             finally:
                 render.use_persistent_data = False
                 _point(self._lamp, SUN_POSITION)
@@ -200,24 +243,28 @@ class Renderer:
         """
         self._take_hand(hand)
         camera = self.camera if camera is None else camera
+        made_of = self.plans["figure"]
         with _Guests():
             drawn = [np.zeros((0, 3))]
             if visual_glb is not None:
-                drawn.append(self._import(Path(visual_glb)))
+                drawn.append(self._import(Path(visual_glb), made_of))
             for number, mesh in enumerate(meshes):
                 body = _link(self._scene, _blender_object(f"mesh-{number}", mesh, self._plastic))
                 body.pass_index = OBJECT_INDEX
                 drawn.append(np.asarray(mesh.vertices, dtype=float))
             if hand is not None:
                 drawn.append(self._pose_hand(link_pose))
-            layers = self._picture(camera, np.concatenate(drawn), samples or self.samples)
+            layers = self._picture(made_of, camera, np.concatenate(drawn), samples or self.samples)
         return layers.image(background)
 
-    def _take_hand(self, hand) -> None:
-        """Build the hand's meshes, unless they are there from the object before; hidden until posed."""
+    def _take_hand(self, hand, again: bool = False) -> None:
+        """Build the hand's meshes, unless they are there from the object before; hidden until posed.
+
+        again: even then.
+        """
         if Renderer._alive is None or Renderer._alive() is not self:
             raise RuntimeError("a newer Renderer has taken Blender's scene: use that one")
-        if hand is not None and hand is not self._hand:
+        if hand is not None and (again or hand is not self._hand):
             bpy.data.batch_remove([block for _, body, _ in self._links for block in (body, body.data)])
             self._hand, self._links = hand, _hand_objects(hand, self._plastic)
             for _, body, _ in self._links:
@@ -225,14 +272,16 @@ class Renderer:
         for _, body, _ in self._links:
             body.hide_render = True
 
-    def _import(self, path: Path) -> np.ndarray:
+    def _import(self, path: Path, made_of: Plan) -> np.ndarray:
         """Put an object's file into the scene; returns its vertices (n, 3) in the world."""
         if not path.is_file():
             raise FileNotFoundError(f"{path} does not exist: expected an object's visual.glb")
         before = set(bpy.data.objects)
+        # Blender's importer fails to read unused materials of a file that has no image.
+        unused = made_of.needs("materials of no triangle") and b'"images"' in path.read_bytes()
         try:
             with blender.quiet():
-                bpy.ops.import_scene.gltf(filepath=str(path), loglevel=50)
+                bpy.ops.import_scene.gltf(filepath=str(path), loglevel=50, import_unused_materials=unused)
         except Exception as error:
             reason = str(error).strip().splitlines()[-1]
             raise Unusable(f"{path}: Blender can't read it as glTF ({reason})") from error
@@ -242,8 +291,8 @@ class Renderer:
                 body.parent = self._origin
             if body.type == "MESH" and len(body.data.polygons):
                 bodies.append(body)
-            elif body.type != "EMPTY":
-                body.hide_render = True  # cameras and lamps of the file
+            elif body.type != "EMPTY" and not made_of.needs("cameras and lamps of the file"):
+                body.hide_render = True
         self._origin.matrix_world = _matrix(OBJECT_POSE)
         bpy.context.view_layer.update()
         points = [np.zeros((0, 3))]
@@ -257,27 +306,42 @@ class Renderer:
             )
         return points
 
-    def _pose_hand(self, link_pose: np.ndarray) -> np.ndarray:
-        """Show the hand with its links at poses (L, 4, 4); returns its vertices (n, 3) in the world."""
+    def _pose_hand(self, link_pose: np.ndarray, shift: Sequence[float] = (0.0, 0.0, 0.0)) -> np.ndarray:
+        """Show the hand, its links at poses (L, 4, 4), shifted; returns its vertices (n, 3) in the world."""
         points = [np.zeros((0, 3))]
         for link, body, vertices in self._links:
-            pose = np.asarray(link_pose[link], dtype=float)
+            pose = np.array(link_pose[link], dtype=float)
+            pose[:3, 3] += shift
             body.matrix_world = _matrix(pose)
             body.hide_render = False
             points.append(vertices @ pose[:3, :3].T + pose[:3, 3])
         return np.concatenate(points)
 
-    def _picture(self, camera: Camera, points: np.ndarray, samples: int, master: str | None = None) -> Layers:
+    def _picture(
+        self, made_of: Plan, camera: Camera, points: np.ndarray, samples: int, master: str | None = None
+    ) -> Layers:
         """Render what is in the scene, its vertices being `points`; keep it if masters are kept."""
         self._place_camera(camera)
-        if not _crop(self._scene.render, camera, points):
+        self._light(made_of)
+        whole = made_of.needs("pixels around what is drawn")
+        if not _crop(self._scene.render, camera, points, whole):
             return Layers.empty(camera.size)
         colour = self._render(samples, PIXEL_FILTER)
-        point = self._render(1, POINT_FILTER)
+        point = self._render(samples if made_of.needs("samples of mask and depth") else 1, POINT_FILTER)
         layers = Layers(colour.combined, point.depth, point.index)
-        if master is not None and self.exr is not None:
+        if master is not None and made_of.needs("EXR master"):
+            if self.exr is None:
+                raise ValueError("the plan keeps EXR masters: give the Renderer a folder for them (exr)")
             write_layers(self.exr / f"{master}.exr", layers)
         return layers
+
+    def _light(self, made_of: Plan) -> None:
+        """Set lamps and Cycles up as a plan says."""
+        self._lamp.hide_render = not made_of.needs("lamp")
+        ambient = self._scene.world.node_tree.nodes["Background"].inputs["Strength"]
+        ambient.default_value = AMBIENT if made_of.needs("ambient light") else 0.0
+        for name, value in {**CYCLES, **_cycles(made_of), **self.cycles}.items():
+            setattr(self._scene.cycles, name, value)
 
     def _place_camera(self, camera: Camera) -> None:
         render, lens = self._scene.render, self._camera.data
@@ -348,8 +412,8 @@ def _choose_device(device: str) -> str:
 
 
 def _set_up_render(scene, threads: int, device: str) -> None:
-    """The settings that stay: what a scene of CAD parts under one lamp needs, and no more."""
-    render, cycles, layer = scene.render, scene.cycles, scene.view_layers[0]
+    """The settings that stay."""
+    render, layer = scene.render, scene.view_layers[0]
     render.engine = "CYCLES"
     render.resolution_percentage = 100
     render.threads_mode, render.threads = "FIXED", threads
@@ -362,18 +426,17 @@ def _set_up_render(scene, threads: int, device: str) -> None:
     layer.use_pass_z = layer.use_pass_object_index = True
     layer.pass_alpha_threshold = VISIBLE
 
-    cycles.device = device.upper()
-    cycles.seed = SEED
-    cycles.use_denoising = False
-    cycles.use_adaptive_sampling = False
-    cycles.use_light_tree = False
-    cycles.use_auto_tile = False
-    cycles.caustics_reflective = cycles.caustics_refractive = False
-    cycles.max_bounces = 6
-    cycles.diffuse_bounces = cycles.glossy_bounces = 1
-    cycles.transmission_bounces = 6
-    cycles.transparent_max_bounces = 8
-    cycles.volume_bounces = 0
+    scene.cycles.device = device.upper()
+
+
+def _cycles(made_of: Plan) -> dict[str, Any]:
+    """Settings of Cycles for what a plan puts back in, or leaves out besides."""
+    found: dict[str, Any] = {}
+    for changes, needed in ((CYCLES_WITH, True), (CYCLES_WITHOUT, False)):
+        for part, settings in changes.items():
+            if made_of.needs(part) == needed:
+                found |= settings
+    return found
 
 
 def _add_light(scene):
@@ -386,7 +449,6 @@ def _add_light(scene):
     scene.world.use_nodes = True
     background = scene.world.node_tree.nodes["Background"].inputs
     background["Color"].default_value = (1, 1, 1, 1)
-    background["Strength"].default_value = AMBIENT
     # Of a constant light the surfaces' own samples are the better ones: they follow the cosine.
     scene.world.cycles.sampling_method = "NONE"
     return body
@@ -492,19 +554,19 @@ def _world_vertices(body) -> np.ndarray:
     return vertices.reshape(-1, 3) @ pose[:3, :3].T + pose[:3, 3]
 
 
-def _crop(render, camera: Camera, points: np.ndarray) -> bool:
+def _crop(render, camera: Camera, points: np.ndarray, whole: bool = False) -> bool:
     """Render only the rectangle in which `points` lie; False where they are all outside the image.
 
     The other pixels can only show background. Cycles draws the same random numbers for a pixel whatever the
-    rectangle, so the picture is the same.
+    rectangle, so the picture is the same. whole: render the whole image instead.
     """
     pixels, depth = camera.project(points)
     low, high = np.zeros(2), np.full(2, camera.size)
-    if len(points) and (depth > 0).all():
+    if not whole and not (depth > 0).any():
+        return False
+    if not whole and (depth > 0).all():
         low = np.clip(np.floor(pixels.min(axis=0)) - MARGIN, 0, camera.size)
         high = np.clip(np.ceil(pixels.max(axis=0)) + MARGIN, 0, camera.size)
-    elif not (depth > 0).any():
-        return False
     if (low >= high).any():
         return False
     inside = 0.1  # pixels: Blender rounds down

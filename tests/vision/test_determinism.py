@@ -30,19 +30,6 @@ def test_images_do_not_depend_on_threads_order_or_what_came_before(write_glb, ha
     assert not np.array_equal(a[0].rgb, b[0].rgb)
 
 
-def test_rendering_only_the_rectangle_that_shows_something_changes_nothing(write_glb, hand, monkeypatch):
-    first, _ = objects(write_glb)
-    poses = grasp_poses(hand)
-    cropped = Renderer(size=96, samples=4, device="cpu").render_object(first, hand, poses)
-
-    def whole_frame(render, camera, points):
-        render.use_border = False
-        return True
-
-    monkeypatch.setattr(renderer, "_crop", whole_frame)
-    assert_same(Renderer(size=96, samples=4, device="cpu").render_object(first, hand, poses), cropped)
-
-
 def test_the_rectangle_holds_everything_drawn():
     camera = paper_camera(100)
     points = np.array([[0.1, 0.1, 0.7], [-0.1, 0.0, 0.5], [0.0, -0.1, 0.6]])

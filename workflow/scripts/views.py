@@ -7,6 +7,7 @@ rejected/views/<batch>.csv    object, stage, reason
 """
 
 import json
+import logging
 from pathlib import Path
 
 import numpy as np
@@ -22,6 +23,7 @@ meshes, params = Path(snakemake.input.meshes), snakemake.params
 count, size = params.views["count"], params.views["size"]
 if not params.renderings:
     renderer = Renderer(size, params.views["samples"], params.device, snakemake.threads)
+    logging.getLogger(__name__).info("%s", renderer.plans["view"])
 
 
 def look(name: str) -> dict[str, np.ndarray]:

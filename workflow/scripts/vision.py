@@ -8,6 +8,7 @@ exr/<batch>/           multilayer EXR masters, if the config keeps them
 rejected/vision/<batch>.csv    object, stage, reason
 """
 
+import logging
 from contextlib import ExitStack
 from pathlib import Path
 
@@ -27,6 +28,8 @@ hand = Hand.from_arrays({key.removeprefix("hand/"): array for key, array in gras
 with ExitStack() as outputs:
     masters = outputs.enter_context(store.whole(snakemake.output.masters[0])) if settings["exr"] else None
     renderer = Renderer(settings["size"], settings["samples"], settings["device"], snakemake.threads, masters)
+    for kind in ("unoccluded image", "occluded image"):
+        logging.getLogger(__name__).info("%s", renderer.plans[kind])
 
     def render(name: str) -> dict[str, np.ndarray]:
         poses = grasps["link_pose"][grasps["object"][grasps["object_index"]] == name]
