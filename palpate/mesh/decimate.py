@@ -17,7 +17,9 @@ BORDER_WEIGHT = 10.0
 PLANAR_WEIGHT = 1e-6
 
 
-def decimate(vertices: np.ndarray, faces: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
+def decimate(
+    vertices: np.ndarray, faces: np.ndarray, count: int, planar_weight: float = PLANAR_WEIGHT
+) -> tuple[np.ndarray, np.ndarray]:
     """Vertices (m, 3), rounded to float32, and faces (k, 3) of the mesh with about `count` faces.
 
     A mesh that has no more than `count` faces comes back as it is. A closed mesh stays closed, and the pieces
@@ -27,17 +29,16 @@ def decimate(vertices: np.ndarray, faces: np.ndarray, count: int) -> tuple[np.nd
     if len(faces) <= count:
         return vertices, faces
     closed = topology.is_closed(faces)
-    level = _collapse(vertices, faces, count, fixed_borders=True)
+    level = _collapse(vertices, faces, count, planar_weight, fixed_borders=True)
     if not closed and len(level[1]) > EXCESS * count:
-        level = min(
-            level, _collapse(vertices, faces, count, fixed_borders=False), key=lambda each: len(each[1])
-        )
+        looser = _collapse(vertices, faces, count, planar_weight, fixed_borders=False)
+        level = min(level, looser, key=lambda each: len(each[1]))
     if not len(level[1]) or (closed and not topology.is_closed(level[1])):
         return vertices, faces
     return level
 
 
-def _collapse(vertices, faces, count, fixed_borders):
+def _collapse(vertices, faces, count, planar_weight, fixed_borders):
     meshes = pymeshlab.MeshSet(verbose=False)
     meshes.add_mesh(pymeshlab.Mesh(vertices, faces))
     # All parameters: pymeshlab takes those left out from the call before, and results would depend on it.
@@ -51,7 +52,7 @@ def _collapse(vertices, faces, count, fixed_borders):
         preservetopology=True,
         optimalplacement=True,
         planarquadric=True,
-        planarweight=PLANAR_WEIGHT,
+        planarweight=planar_weight,
         qualityweight=False,
         autoclean=False,  # it would drop what collapsed to nothing, and so open closed meshes
         selected=False,
