@@ -48,7 +48,7 @@ class Decimation(Study):
     stage = "decimation"
     units = {"distance": "mm", "mean distance": "mm", "faces": "faces"}
     reference = (
-        "the source: exact distances (libigl's tree of boxes) both ways, at corners, at 8,000 points by area, "
+        "the source: exact distances (libigl's tree of boxes) both ways, at corners, at 8,000 points by area "
         "and where they are largest (palpate.mesh.distance): the largest, and the mean of both ways"
     )
 

@@ -123,8 +123,10 @@ def _taken_by_rays(directions: int, case: Case) -> np.ndarray:
 def visible(
     mesh: trimesh.Trimesh, points: np.ndarray, face: np.ndarray, directions: np.ndarray
 ) -> np.ndarray:
-    """Whether a ray from each point (n, 3) of a face (n,) meets nothing in any of the directions (d, 3):
-    (n,), in double precision."""
+    """Whether each point (n, 3) of a face (n,) sees out in any of the directions (d, 3): (n,) bool.
+
+    In double precision; a face seen edge-on is not seen.
+    """
     # libigl takes rays for parallel to faces whose area is small in absolute terms.
     scale = 1e6 / mesh.extents.max()
     vertices, faces = np.ascontiguousarray(scale * mesh.vertices), np.ascontiguousarray(mesh.faces)
@@ -133,12 +135,12 @@ def visible(
     normal = mesh.face_normals[face]
     hidden = np.arange(len(points))
     for direction in directions:
-        along = normal[hidden] * np.sign(normal[hidden] @ direction)[:, None]
-        start = scale * points[hidden] + 1e-3 * along
+        cosine = normal[hidden] @ direction
+        start = scale * points[hidden] + 1e-3 * np.sign(cosine)[:, None] * normal[hidden]
         met, _, _ = tree.intersect_ray_first(
             vertices, faces, start, np.tile(direction, (len(hidden), 1)), np.inf
         )
-        hidden = hidden[met >= 0]
+        hidden = hidden[(met >= 0) | (np.abs(cosine) < 1e-6)]
     return ~np.isin(np.arange(len(points)), hidden)
 
 
