@@ -24,7 +24,11 @@ def plan_of(faces: np.ndarray, count: int) -> Plan:
 
 
 def decimate(
-    vertices: np.ndarray, faces: np.ndarray, count: int, plan: Plan | None = None
+    vertices: np.ndarray,
+    faces: np.ndarray,
+    count: int,
+    plan: Plan | None = None,
+    planar_weight: float = PLANAR_WEIGHT,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Vertices (m, 3), rounded to float32, and faces (k, 3) of the mesh with about `count` faces.
 
@@ -35,17 +39,16 @@ def decimate(
     if not (plan or plan_of(faces, count)).needs("decimation"):
         return vertices, faces
     closed = topology.is_closed(faces)
-    level = _collapse(vertices, faces, count, fixed_borders=True)
+    level = _collapse(vertices, faces, count, planar_weight, fixed_borders=True)
     if not closed and len(level[1]) > EXCESS * count:
-        level = min(
-            level, _collapse(vertices, faces, count, fixed_borders=False), key=lambda each: len(each[1])
-        )
+        looser = _collapse(vertices, faces, count, planar_weight, fixed_borders=False)
+        level = min(level, looser, key=lambda each: len(each[1]))
     if not len(level[1]) or (closed and not topology.is_closed(level[1])):
         return vertices, faces
     return level
 
 
-def _collapse(vertices, faces, count, fixed_borders):
+def _collapse(vertices, faces, count, planar_weight, fixed_borders):
     meshes = pymeshlab.MeshSet(verbose=False)
     meshes.add_mesh(pymeshlab.Mesh(vertices, faces))
     # All parameters: pymeshlab takes those left out from the call before, and results would depend on it.
@@ -59,7 +62,7 @@ def _collapse(vertices, faces, count, fixed_borders):
         preservetopology=True,
         optimalplacement=True,
         planarquadric=True,
-        planarweight=PLANAR_WEIGHT,
+        planarweight=planar_weight,
         qualityweight=False,
         autoclean=False,  # it would drop what collapsed to nothing, and so open closed meshes
         selected=False,

@@ -49,7 +49,11 @@ def shade(depth: np.ndarray) -> np.ndarray:
         (..., 100, 100, 3) uint8; a channel is lambda n . l of its light, 0 where the surface faces away.
     """
     height = impression(np.asarray(depth, dtype=np.float32))
-    normal = normals(height)
+    return lit(height, normals(height))
+
+
+def lit(height: np.ndarray, normal: np.ndarray) -> np.ndarray:
+    """Readings of impressions (..., 100, 100) float32 with the normals (..., 100, 100, 3): as `shade`."""
     reading = np.empty((*height.shape, 3), dtype=np.uint8)
     for channel, light in enumerate(LIGHTS.astype(np.float32)):
         y = light[0] - PIXEL_CENTRES.astype(np.float32)[None, :]
