@@ -1,4 +1,4 @@
-"""The reference of the study of touch against closed forms and longer arithmetic; its errors on a small run."""
+"""The study of touch: its reference against closed forms and longer arithmetic; its errors on a small run."""
 
 import numpy as np
 import pytest
