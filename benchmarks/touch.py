@@ -1,7 +1,7 @@
-"""What touch costs and how wrong it is: `python benchmarks/touch.py [--runs N]`.
+"""What the steps of touch cost: `python benchmarks/touch.py [--runs N]`.
 
 Four sensors press on a 20,480-face object, as in a grasp. Times are processor time (all threads added up, as
-on one core), medians over the runs; errors are against every ray tested with every face, in double precision.
+on one core), medians over the runs. Errors against time: `palpate.trust.studies.touch`.
 """
 
 import argparse
@@ -15,8 +15,7 @@ import pandas as pd
 import trimesh
 from scipy.spatial.transform import Rotation
 
-from palpate.touch import RESOLUTION, SENSOR_RANGE, RayCaster, SphereTracer, local_points, sense, shade
-from palpate.touch.sensor import SENSOR_PLANE
+from palpate.touch import RESOLUTION, RayCaster, local_points, sense, shade
 
 # Where the surface meets the gel: about 19 mm from the sensor plane.
 CONTACT = 0.019
@@ -52,69 +51,6 @@ def milliseconds(function, runs: int) -> float:
     return 1e3 * float(np.median(times))
 
 
-def trimesh_depth(mesh, position, rotation) -> np.ndarray:
-    """The same depth maps by trimesh's wrapper around Embree."""
-    depth = np.full((len(position), RESOLUTION**2), np.inf)
-    for k in range(len(position)):
-        start = SENSOR_PLANE.reshape(-1, 3) @ rotation[k].T + position[k]
-        direction = np.tile(rotation[k, :, 0], (len(start), 1))
-        place, ray, _ = mesh.ray.intersects_location(start, direction, multiple_hits=False)
-        depth[k, ray] = (place - start[ray]) @ rotation[k, :, 0]
-    depth[depth > SENSOR_RANGE] = np.inf
-    return depth.reshape(-1, RESOLUTION, RESOLUTION)
-
-
-def exact_depth(mesh, position, rotation, pixels) -> np.ndarray:
-    """(k, n) depth of the flat `pixels` (n,) of each sensor: every ray, every face (Moeller and Trumbore)."""
-    a, b, c = np.asarray(mesh.triangles).transpose(1, 0, 2)
-    depth = np.full((len(position), len(pixels)), np.inf)
-    for k in range(len(position)):
-        across = np.cross(rotation[k, :, 0], c - a)
-        determinant = np.einsum("fi,fi->f", b - a, across)
-        for i, pixel in enumerate(SENSOR_PLANE.reshape(-1, 3)[pixels]):
-            away = position[k] + rotation[k] @ pixel - a
-            turned = np.cross(away, b - a)
-            u = np.einsum("fi,fi->f", away, across) / determinant
-            v = turned @ rotation[k, :, 0] / determinant
-            t = np.einsum("fi,fi->f", turned, c - a) / determinant
-            inside = (u >= 0) & (v >= 0) & (u + v <= 1) & (t >= 0) & (t <= SENSOR_RANGE)
-            depth[k, i] = t[inside].min(initial=np.inf)
-    return depth
-
-
-def compare_methods(mesh, runs: int) -> pd.DataFrame:
-    position, rotation = four_contacts(mesh, seed=0)
-    pixels = np.random.default_rng(0).choice(RESOLUTION**2, 200, replace=False)
-    exact = exact_depth(mesh, position, rotation, pixels)
-    caster = RayCaster(mesh)
-    mesh.ray.intersects_any(position, rotation[:, :, 0])
-    methods = {"embree": (lambda: caster.trace(position, rotation), runs)}
-    methods["trimesh's wrapper"] = (lambda: trimesh_depth(mesh, position, rotation), runs)
-    for tolerance in (1e-3, 1e-4, 1e-5, 1e-6, 1e-7):
-        tracer = SphereTracer(mesh, tolerance=tolerance)
-        methods[f"sphere tracing, {tolerance:.0e} m"] = (
-            lambda tracer=tracer: tracer.trace(position, rotation),
-            max(3, runs // 10),
-        )
-    rows = []
-    for name, (function, repeats) in methods.items():
-        depth = function().reshape(4, -1)[:, pixels]
-        both = np.isfinite(depth) & np.isfinite(exact)
-        error = np.abs(depth[both] - exact[both])
-        rows.append(
-            {
-                "depth of four sensors": name,
-                "ms": milliseconds(function, repeats),
-                "median error, m": np.median(error),
-                "worst error, m": error.max(),
-                "wrong hits or misses, %": 100 * (np.isfinite(depth) != np.isfinite(exact)).mean(),
-            }
-        )
-    table = pd.DataFrame(rows)
-    table.insert(2, "times embree", table["ms"] / table["ms"][0])
-    return table
-
-
 def whole_grasp(mesh, runs: int) -> pd.DataFrame:
     caster = RayCaster(mesh)
     position, rotation = four_contacts(mesh, seed=0)
@@ -142,8 +78,7 @@ def main() -> None:
     runs = parser.parse_args().runs
     mesh = bumpy_sphere()
     print(f"{len(mesh.faces)} faces, median of {runs} runs\n")
-    for table in (whole_grasp(mesh, runs), compare_methods(mesh, runs)):
-        print(table.to_string(index=False, float_format=lambda number: f"{number:.3g}"), "\n")
+    print(whole_grasp(mesh, runs).to_string(index=False, float_format=lambda number: f"{number:.3g}"))
 
 
 if __name__ == "__main__":
