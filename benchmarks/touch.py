@@ -15,7 +15,7 @@ import pandas as pd
 import trimesh
 from scipy.spatial.transform import Rotation
 
-from palpate.touch import RESOLUTION, RayCaster, local_points, sense, shade
+from palpate.touch import RayCaster, local_points, sense, shade
 
 # Where the surface meets the gel: about 19 mm from the sensor plane.
 CONTACT = 0.019

@@ -14,6 +14,9 @@ RESOLUTION = 100
 # w: the depth of the sensor in metres; what lies further from the sensor plane is not felt.
 SENSOR_RANGE = 0.025
 
+# Metres from the origin within which points in single precision are right to a micrometre.
+FURTHEST = 16.0
+
 PIXEL = SENSOR_WIDTH / RESOLUTION
 
 # (RESOLUTION,) centres of the pixels on the sensor plane: y of the columns, and z of the rows.
@@ -34,7 +37,14 @@ def local_points(depth: np.ndarray, position: np.ndarray, rotation: np.ndarray) 
 
     Returns:
         (n, 3) float32, one point for each finite pixel, row-major, in the frame of position and rotation.
+
+    Raises ValueError if the sensor is so far from the origin that single precision is too coarse for points.
     """
+    if not np.abs(position).max() <= FURTHEST:
+        raise ValueError(
+            f"a sensor at {np.asarray(position).tolist()} m is too far from the origin for points in single "
+            f"precision, at most {FURTHEST:g} m: give poses in a frame whose origin is near the object"
+        )
     felt = np.flatnonzero(np.isfinite(depth.ravel()))
     points = SENSOR_PLANE.reshape(-1, 3)[felt]
     points[:, 0] = depth.ravel()[felt]

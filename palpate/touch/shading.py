@@ -47,8 +47,13 @@ def shade(depth: np.ndarray) -> np.ndarray:
 
     Returns:
         (..., 100, 100, 3) uint8; a channel is lambda n . l of its light, 0 where the surface faces away.
+
+    Raises ValueError for a depth that is NaN or minus infinity.
     """
-    height = impression(np.asarray(depth, dtype=np.float32))
+    depth = np.asarray(depth, dtype=np.float32)
+    if not (depth > -np.inf).all():
+        raise ValueError("expected depths in metres, +inf where nothing is in range, got NaN or -inf")
+    height = impression(depth)
     return lit(height, normals(height))
 
 

@@ -9,8 +9,6 @@ from palpate.touch.tracing import PLAN, Block, Tracer
 
 # A point this close to the surface has arrived, metres.
 TOLERANCE = 1e-5
-# Steps after which a ray that has neither arrived nor left the range is given up as a miss.
-MAX_STEPS = 200
 # A face whose height is less than this share of its longest edge is traced as that edge: libigl's distance to
 # such needles is wrong (by centimetres at 1e-6), while the edge is at most this share of its length off.
 _NEEDLE = 1e-4
@@ -30,12 +28,18 @@ class SphereTracer(Tracer):
         mesh,
         object_position=(0.0, 0.0, 0.0),
         tolerance=TOLERANCE,
-        max_steps=MAX_STEPS,
+        max_steps=None,
         plan: Plan = PLAN,
     ):
-        """As for `Tracer`; `tolerance` in metres and `max_steps` trade error for time."""
+        """As for `Tracer`; `tolerance` in metres and `max_steps` trade error for time.
+
+        A ray that is still on its way after `max_steps` is given up as a miss. By default none is: each step
+        is longer than the tolerance, so that after `SENSOR_RANGE` / `tolerance` of them it has left the
+        range.
+        """
         super().__init__(mesh, object_position, plan)
-        self._tolerance, self._max_steps = tolerance, max_steps
+        self._tolerance = tolerance
+        self._max_steps = int(SENSOR_RANGE / tolerance) + 2 if max_steps is None else max_steps
         self._vertices = np.ascontiguousarray(self._scene.triangles.reshape(-1, 3))
         self._faces = self._without_needles()
         self._tree = igl.AABB()

@@ -12,6 +12,8 @@ from palpate.touch.sensor import PIXEL, RESOLUTION, SENSOR_RANGE, SENSOR_WIDTH
 
 # Margin of the conservative tests in metres, far above their rounding errors.
 _MARGIN = 1e-5
+# Dot products of a sensor's axes are right to this: more than single precision's rounding.
+_ORTHONORMAL = 1e-5
 
 PLAN = plan("touch")
 
@@ -58,9 +60,12 @@ class Tracer(ABC):
 
         Returns:
             (k, 100, 100) float32 metres.
+
+        Raises ValueError for a pose that is not one.
         """
-        depth = np.full((len(position), RESOLUTION, RESOLUTION), np.inf, dtype=np.float32)
-        for k, origin in enumerate(np.asarray(position, dtype=np.float64) - self._object_position):
+        origins, rotation = self._in_object_frame(position, rotation)
+        depth = np.full((len(origins), RESOLUTION, RESOLUTION), np.inf, dtype=np.float32)
+        for k, origin in enumerate(origins):
             block = self._felt_block(origin, rotation[k])
             if block is not None:
                 depth[k, block.rows, block.columns] = self._in_range(origin, rotation[k], block)
@@ -71,8 +76,9 @@ class Tracer(ABC):
 
         Cheaper, for ranking many grasps: pixels are looked at from coarse to fine until one is in range.
         """
-        success = np.zeros(len(position), dtype=bool)
-        for k, origin in enumerate(np.asarray(position, dtype=np.float64) - self._object_position):
+        origins, rotation = self._in_object_frame(position, rotation)
+        success = np.zeros(len(origins), dtype=bool)
+        for k, origin in enumerate(origins):
             block = self._felt_block(origin, rotation[k])
             if block is not None:
                 every = self.plan.needs("pixels after the first in range")
@@ -91,6 +97,19 @@ class Tracer(ABC):
         for origin, frame in zip(position - self._object_position, rotation, strict=True):
             felt[self._faces_in_box(origin, frame)] = True
         return felt
+
+    def _in_object_frame(self, position, rotation) -> tuple[np.ndarray, np.ndarray]:
+        """Poses of sensors, float64, in the object's own frame; ValueError if one is no pose."""
+        position, rotation = np.asarray(position, dtype=np.float64), np.asarray(rotation, dtype=np.float64)
+        for k, (origin, axes) in enumerate(zip(position, rotation, strict=True)):
+            if not np.isfinite(origin).all():
+                raise ValueError(f"the position of sensor {k} is not finite: {origin}")
+            frame = np.isfinite(axes).all() and np.abs(axes.T @ axes - np.eye(3)).max() <= _ORTHONORMAL
+            if not frame or np.linalg.det(axes) < 0:
+                raise ValueError(
+                    f"the axes of sensor {k} are not a right-handed frame of unit vectors: {axes.tolist()}"
+                )
+        return position - self._object_position, rotation
 
     def _in_range(self, origin, rotation, block: Block) -> np.ndarray:
         depth = self._depth(origin, rotation, block)

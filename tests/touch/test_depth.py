@@ -369,3 +369,77 @@ def test_a_mesh_without_area_is_refused():
     points = trimesh.Trimesh([[0, 0, 0], [1, 0, 0], [2, 0, 0]], [[0, 1, 2]], process=False)
     with pytest.raises(ValueError, match="area"):
         RayCaster(points)
+
+
+@pytest.mark.parametrize("ahead", [0.0, 1e-12, 1e-9, 1e-8])
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_a_surface_on_the_sensor_plane_has_no_holes(ahead, seed):
+    pose = Rotation.random(random_state=seed).as_matrix()
+    position = np.random.default_rng(seed).uniform(-0.2, 0.2, (1, 3))
+    square = sheet(ahead)
+    placed = trimesh.Trimesh(square.vertices @ pose.T + position, square.faces, process=False)
+    np.testing.assert_allclose(RayCaster(placed).trace(position, pose[None])[0], ahead, atol=1e-12)
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_a_surface_just_behind_the_sensor_plane_hides_nothing(seed):
+    pose = Rotation.random(random_state=seed).as_matrix()
+    both = trimesh.util.concatenate([sheet(-1e-9), sheet(0.01)])
+    placed = trimesh.Trimesh(both.vertices @ pose.T, both.faces, process=False)
+    np.testing.assert_allclose(RayCaster(placed).trace(ORIGIN, pose[None])[0], 0.01, atol=1e-9)
+
+
+def test_a_wall_edge_on_through_the_sensor_plane_is_felt_at_its_front():
+    wall = trimesh.creation.box((0.01, 2 * abs(PIXEL_CENTRES[30]), 0.008))
+    for seed in range(3):
+        pose = Rotation.random(random_state=seed).as_matrix()
+        placed = trimesh.Trimesh(wall.vertices @ pose.T, wall.faces, process=False)
+        depth = RayCaster(placed).trace(ORIGIN, pose[None])[0]
+        np.testing.assert_allclose(depth[np.isfinite(depth)], 0.005, atol=1e-8)
+
+
+def test_a_steep_plain_larger_than_single_precision_resolves():
+    # 50 m long: Embree's rounding alone would move its depths by centimetres, behind the sensor plane too.
+    slope = 1000.0
+    for seed in range(3):
+        pose = Rotation.random(random_state=seed).as_matrix()
+        plain = sheet(0.0125, 0.8 * slope, 0.6 * slope)
+        placed = trimesh.Trimesh(plain.vertices @ pose.T, plain.faces, process=False)
+        expected = 0.0125 + slope * (0.8 * Y + 0.6 * Z)
+        expected[(expected < 0) | (expected > SENSOR_RANGE)] = np.inf
+        depth = RayCaster(placed).trace(ORIGIN, pose[None])[0]
+        np.testing.assert_allclose(depth, expected, atol=1e-8)
+
+
+def test_sphere_tracing_gives_no_ray_up():
+    # At 89.4 degrees to the sensor plane a ray comes nearer by a hundredth of its distance a step.
+    steep = sheet(0.0125, 80.0, 60.0)
+    expected = 0.0125 + 80 * Y + 60 * Z
+    inside = (expected > 0) & (expected < SENSOR_RANGE)
+    depth = SphereTracer(steep).trace(ORIGIN, IDENTITY)[0]
+    assert inside.sum() > 100
+    assert ((depth - expected)[inside] <= 0).all()
+    assert ((expected - depth)[inside] <= 1e-5 * np.hypot(1, 100) * 1.001).all()
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_poses_that_are_none_are_refused(method):
+    tracer = method(sheet(0.01))
+    broken = IDENTITY.copy()
+    broken[0, 1, 2] = np.inf
+    for call in (tracer.trace, tracer.succeeds):
+        for position in ([[np.nan, 0, 0]], [[0, -np.inf, 0]]):
+            with pytest.raises(ValueError, match="position of sensor 0 is not finite"):
+                call(np.array(position), IDENTITY)
+        for rotation in (broken, np.nan * IDENTITY, -IDENTITY, 2 * IDENTITY):
+            with pytest.raises(ValueError, match="axes of sensor 0"):
+                call(ORIGIN, rotation)
+        call(ORIGIN, IDENTITY.astype(np.float32))
+
+
+def test_points_too_far_out_for_single_precision_are_refused():
+    depth = np.full((RESOLUTION, RESOLUTION), 0.01)
+    for away in (17.0, -1e6, np.nan):
+        with pytest.raises(ValueError, match="too far from the origin"):
+            local_points(depth, np.array([0, away, 0]), np.eye(3))
+    assert np.abs(local_points(depth, np.array([0, 16.0, 0]), np.eye(3))[0, 1] - 16 - PIXEL_CENTRES[0]) < 1e-6

@@ -153,3 +153,11 @@ def test_sense_is_deterministic_and_sensors_are_independent(grasp):
     second = sense(RayCaster(mesh, (0, 0, 0.6)), position[::-1], rotation[::-1])
     for a, b in zip(first, second, strict=True):
         np.testing.assert_array_equal(a, b[::-1])
+
+
+@pytest.mark.parametrize("value", [np.nan, -np.inf])
+def test_a_depth_that_is_none_is_refused(value):
+    depth = np.full((100, 100), 0.02)
+    depth[3, 4] = value
+    with pytest.raises(ValueError, match="NaN or -inf"):
+        shade(depth)
