@@ -22,8 +22,9 @@ def sample_faces(vertices: Tensor, faces: Tensor, n: int, generator: torch.Gener
     """
     corners = vertices[:, faces]  # (B, F, 3, 3)
     with torch.no_grad():
-        first, second, third = corners.detach().unbind(dim=2)
-        areas = torch.linalg.cross(second - first, third - first).norm(dim=2).double()
+        # In double precision: products of single ones are lost on a mesh below 1e-19 m, and on long slivers.
+        first, second, third = corners.detach().double().unbind(dim=2)
+        areas = torch.linalg.cross(second - first, third - first).norm(dim=2)
         reached = areas.cumsum(dim=1)
         total = reached[:, -1:]
         if not torch.isfinite(total).all():
