@@ -104,6 +104,7 @@ class Graph(nn.Module):
             faces = chart_faces(self.touch_charts)
             edges = torch.cat([mesh_edges(faces), atlas.joined])
             self.vertices = len(atlas.vertices) + TOUCH_VERTICES * self.touch_charts
+        self.spare = spare
         for _ in range(spare):
             edges = torch.cat([edges, mesh_edges(touch_chart().faces) + self.vertices])
             self.vertices += TOUCH_VERTICES
@@ -173,7 +174,8 @@ class Graph(nn.Module):
         for the straightforward implementation in the benchmarks."""
         atlas = vision_atlas()
         adjacent = torch.eye(self.vertices, dtype=torch.float64)
-        for a, b, c in self.faces.tolist():
+        unused = torch.arange(self.vertices - TOUCH_VERTICES * self.spare, self.vertices, TOUCH_VERTICES)
+        for a, b, c in torch.cat([self.faces, *(touch_chart().faces + first for first in unused)]).tolist():
             for u, v in ((a, b), (b, c), (c, a)):
                 adjacent[u, v] = adjacent[v, u] = 1
         if self.kind != "sphere":

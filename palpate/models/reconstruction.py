@@ -47,6 +47,7 @@ class Reconstruction(nn.Module):
         faces: (F, 3) int64 faces of the mesh whose vertices `forward` gives; those of a touch chart without
             success have no area in `no_comm`.
         sensors: number of touches, 4 times the grasps, or 0.
+        pooled: number of features that the image gives a vertex.
 
     Raises ValueError for an option that is not known, or a combination that can't be: nothing to see or to
     feel, no touch where the strategy is about touch charts, no vision for `no_comm`.
@@ -85,9 +86,8 @@ class Reconstruction(nn.Module):
         faces = chart_faces(copied) if copied else self.graph.faces
         self.register_buffer("faces", faces.clone(), persistent=False)
 
-        inputs = 3
-        if self.vision:
-            inputs += self._see(dict(architecture["encoder"]))
+        self.pooled = self._see(dict(architecture["encoder"])) if self.vision else 0
+        inputs = self.pooled + 3
         if deformed:
             inputs += 1
         self.readings = self.sensors if needs("reading encoder") else 0

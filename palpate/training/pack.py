@@ -177,7 +177,7 @@ class Pack:
             ) from error
 
     def _check(self) -> None:
-        """Raises PackError, naming the object, if a value is NaN, infinite, or out of `LIMITS`, or if an array
+        """Raises PackError, naming the object, if a value is NaN, infinite, or out of `LIMITS`, or an array
         has another number of objects than the others."""
         again = f"remove it and build it with: snakemake {'/'.join(Path(self.path).parts[-2:])}"
         for name, values in self.arrays.items():
