@@ -6,6 +6,7 @@ training goes on after an interruption as if there had been none.
 """
 
 import copy
+import logging
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping
@@ -23,8 +24,11 @@ from palpate.training.losses import Truth, reconstruction_loss, touch_depth_loss
 from palpate.training.pack import Pack, PackError
 from palpate.training.touches import Touches
 
+log = logging.getLogger(__name__)
+
 WARM_UP = 0.1  # share of the steps in which one_cycle rises to the highest rate
 FIRST, LAST = 0.04, 1e-4  # of the highest rate: where one_cycle begins and ends
+SPIKE = 1000  # a gradient that is so many times as large as any before is worth a warning
 VALIDATION_SEED = 1  # the same points in every validation of every model, so that their losses compare
 
 
@@ -61,6 +65,7 @@ class Learner(lightning.LightningModule, ABC):
         self.steps = min(limit for limit in limits if limit)
         self.every = min(settings["evaluate_every"] or an_epoch, self.steps)
         self.validation_loss = math.nan
+        self.largest = 0.0  # norm of a gradient in this process
 
     @property
     def evaluated(self) -> torch.nn.Module:
@@ -103,8 +108,17 @@ class Learner(lightning.LightningModule, ABC):
         if self.trainer.precision == "16-mixed":
             return
         gradients = [weights.grad for weights in self.model.parameters() if weights.grad is not None]
-        if not torch.stack([torch.isfinite(gradient).all() for gradient in gradients]).all():
+        norm = float(torch.nn.utils.get_total_norm(gradients))
+        if not math.isfinite(norm):
             raise Diverged(f"the gradient is NaN or infinite in {self.taken}")
+        if not self.settings["clip"] and norm > SPIKE * self.largest > 0:
+            log.warning(
+                "the gradient is %.0f times as large as any before in %s; the optimiser's averages stay off "
+                "for thousands of steps: look at the sample, or clip the gradient (config training.override)",
+                norm / self.largest,
+                self.taken,
+            )
+        self.largest = max(self.largest, norm)
 
     def on_train_batch_end(self, *_: Any) -> None:
         if self.averaged is None:

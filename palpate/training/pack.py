@@ -168,6 +168,12 @@ class Pack:
                         f"remove it and build it with: snakemake {target}"
                     )
                 split = np.char.decode(file["split"][:].astype("S"), "utf-8")
+                lengths = {name: len(file[name]) for name in file if name != "empty_reading"}
+                if len(set(lengths.values())) > 1:
+                    raise PackError(
+                        f"{path} has arrays of different numbers of objects ({lengths}); "
+                        f"remove it and build it with: snakemake {target}"
+                    )
                 rows = np.flatnonzero(np.isin(split, list(splits)))
                 arrays = {name: _read(file[name], rows) for name in file}
                 return cls(arrays, str(file.attrs["family"]), str(file.attrs["digest"]), str(path))
@@ -177,16 +183,11 @@ class Pack:
             ) from error
 
     def _check(self) -> None:
-        """Raises PackError, naming the object, if a value is NaN, infinite, or out of `LIMITS`, or an array
-        has another number of objects than the others."""
+        """Raises PackError, naming the object, if a value is NaN, infinite, or out of `LIMITS`."""
         again = f"remove it and build it with: snakemake {'/'.join(Path(self.path).parts[-2:])}"
         for name, values in self.arrays.items():
             if name == "empty_reading":
                 continue
-            if len(values) != len(self.objects):
-                raise PackError(
-                    f"{self.path} has {len(self.objects)} objects, but {name} of {len(values)}; {again}"
-                )
             if values.dtype.kind != "f":
                 continue
             limit = LIMITS.get(name, np.inf)
