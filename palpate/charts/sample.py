@@ -3,6 +3,8 @@
 import torch
 from torch import Tensor
 
+ROUNDING = 8 * torch.finfo(torch.float64).eps  # of a product of two sides, in shares of it
+
 
 def sample_faces(vertices: Tensor, faces: Tensor, n: int, generator: torch.Generator | None = None) -> Tensor:
     """Random points on each mesh of a batch, uniform by area (Osada et al. 2002, "Shape Distributions").
@@ -22,8 +24,12 @@ def sample_faces(vertices: Tensor, faces: Tensor, n: int, generator: torch.Gener
     """
     corners = vertices[:, faces]  # (B, F, 3, 3)
     with torch.no_grad():
-        first, second, third = corners.detach().unbind(dim=2)
-        areas = torch.linalg.cross(second - first, third - first).norm(dim=2).double()
+        # In double precision: products of single ones are lost on a mesh below 1e-19 m, and on long slivers.
+        first, second, third = corners.detach().double().unbind(dim=2)
+        one, other = second - first, third - first
+        areas = torch.linalg.cross(one, other).norm(dim=2)
+        # What rounding leaves of the product of parallel sides is no area.
+        areas[areas <= ROUNDING * one.norm(dim=2) * other.norm(dim=2)] = 0
         reached = areas.cumsum(dim=1)
         total = reached[:, -1:]
         if not torch.isfinite(total).all():

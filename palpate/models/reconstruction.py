@@ -6,6 +6,7 @@ from typing import Any
 import torch
 from torch import nn
 
+from palpate import scene
 from palpate.charts.atlas import ATLAS_RADIUS, TOUCH_VERTICES, chart_faces, sphere, vision_atlas
 from palpate.charts.graph import Graph
 from palpate.hand import SENSORS
@@ -14,6 +15,8 @@ from palpate.models.encoder import ImageEncoder, ReadingEncoder
 from palpate.models.gcn import GraphNetwork
 from palpate.models.layers import Concatenate, LinearBlock
 from palpate.models.pooling import PerceptualPooling, relative_camera
+from palpate.scene import Plan
+from palpate.scene.models import GRASPS
 from palpate.touch.sensor import RESOLUTION
 from palpate.vision.camera import IMAGE_SIZE, paper_camera
 
@@ -38,26 +41,39 @@ class Reconstruction(nn.Module):
             options, `unsuccessful` says whether the vertices of unsuccessful touch charts are deformed
             (`free`, the paper's, if it is missing) or stay at the fingertip (`held`), and `deformations` how
             often the charts are deformed (3 times, as in the paper, if it is missing).
+        plan: what it is built of, of a scene of kind `experiment`; that of the arguments above if None. Parts
+            that are put back in give the network more inputs, or its graph more vertices.
 
     Attributes:
         faces: (F, 3) int64 faces of the mesh whose vertices `forward` gives; those of a touch chart without
             success have no area in `no_comm`.
         sensors: number of touches, 4 times the grasps, or 0.
+        pooled: number of features that the image gives a vertex.
 
     Raises ValueError for an option that is not known, or a combination that can't be: nothing to see or to
     feel, no touch where the strategy is about touch charts, no vision for `no_comm`.
     """
 
     def __init__(
-        self, strategy: str, vision: bool, touch: bool, grasps: int, architecture: Mapping[str, Any]
+        self,
+        strategy: str,
+        vision: bool,
+        touch: bool,
+        grasps: int,
+        architecture: Mapping[str, Any],
+        plan: Plan | None = None,
     ):
         super().__init__()
         _check_experiment(strategy, vision, touch, grasps)
-        self.strategy, self.vision, self.touch = strategy, vision, touch
+        seen = "unoccluded" if vision else "none"  # which image it is makes no difference here
+        facts = {"strategy": strategy, "vision": seen, "touch": touch, "grasps": grasps}
+        needs = (plan or scene.plan("experiment", **facts)).needs
+        self.strategy, self.vision, self.touch = strategy, needs("image encoder"), touch
         self.sensors = SENSORS * grasps if touch else 0
         deformed = self.sensors if strategy in ("charts", "no_copy") else 0
         kind = {"no_comm": "no_comm", "sphere": "sphere"}.get(strategy, "charts")
-        self.graph = Graph(deformed, kind, architecture["gcn"].get("normalisation", "symmetric"))
+        spare = SENSORS * GRASPS - deformed if needs("spare touch charts") else 0
+        self.graph = Graph(deformed, kind, architecture["gcn"].get("normalisation", "symmetric"), spare)
         unsuccessful = architecture.get("unsuccessful", "free")
         if unsuccessful not in ("free", "held"):
             raise ValueError(f"unsuccessful {unsuccessful!r}; must be free or held")
@@ -74,16 +90,16 @@ class Reconstruction(nn.Module):
         faces = chart_faces(copied) if copied else self.graph.faces
         self.register_buffer("faces", faces.clone(), persistent=False)
 
-        inputs = 3
-        if vision:
-            inputs += self._see(dict(architecture["encoder"]))
+        self.pooled = self._see(dict(architecture["encoder"])) if self.vision else 0
+        inputs = self.pooled + 3
         if deformed:
             inputs += 1
-        if strategy == "sphere" and touch:
+        self.readings = self.sensors if needs("reading encoder") else 0
+        if self.readings:
             norm = architecture["encoder"]["norm"] if vision else "batch"
             self.reading_encoder = ReadingEncoder(norm=norm)
             # Beside the reading's features: the sensor's position, rotation, and success.
-            inputs += self.sensors * (self.reading_encoder.features + 3 + 9 + 1)
+            inputs += self.readings * (self.reading_encoder.features + 3 + 9 + 1)
         self.concatenate = Concatenate(-1)
         gcn = architecture["gcn"]
         self.gcn = GraphNetwork(
@@ -121,8 +137,6 @@ class Reconstruction(nn.Module):
         samples = self._check_shapes(batch)
         positions = self.start[:, None].expand(-1, samples, -1)
         given = []
-        if self.touch and self.strategy == "sphere":
-            given.append(self._touch_features(batch).expand(len(positions), -1, -1))
         enforced = None
         if self.graph.touch_charts:
             charts, success = self._touch_charts(batch)
@@ -132,6 +146,11 @@ class Reconstruction(nn.Module):
             if self.strategy == "charts":
                 stays = torch.ones_like(success) if self.held else success
                 enforced = torch.cat([success.new_zeros(len(self.start), samples, 1), stays])
+        moving = len(positions)
+        if self.graph.vertices > moving:
+            positions, enforced, given = self._with_spare(positions, enforced, given)
+        if self.readings:
+            given.append(self._touch_features(batch).expand(len(positions), -1, -1))
         maps, camera = self._look(batch)
         for _ in range(self.deformations):
             features = [*given]
@@ -141,6 +160,7 @@ class Reconstruction(nn.Module):
             features.insert(int(self.vision), self._relative(positions))
             moved = positions + self.scale * self.gcn(self.concatenate(*features), self.graph)
             positions = moved if enforced is None else torch.where(enforced, positions, moved)
+        positions = positions[:moving]
         if self.touch and self.strategy == "no_comm":
             positions = torch.cat([positions, self._touch_charts(batch)[0]])
         return positions.transpose(0, 1).contiguous()
@@ -158,6 +178,15 @@ class Reconstruction(nn.Module):
             if not bool(torch.isfinite(values).all()):
                 where = "" if key != "charts" else " of a successful touch"
                 raise ValueError(f"{key}: NaN or infinite values{where}")
+
+    def _with_spare(self, positions, enforced, given):
+        """The same with rows for touch charts that no touch fills: in the centre, without features."""
+        more = self.graph.vertices - len(positions)
+        resting = self.centre.to(positions.dtype).expand(more, positions.shape[1], 3)
+        if enforced is not None:
+            enforced = torch.cat([enforced, enforced.new_zeros(more, *enforced.shape[1:])])
+        given = [torch.cat([values, values.new_zeros(more, *values.shape[1:])]) for values in given]
+        return torch.cat([positions, resting]), enforced, given
 
     def _relative(self, positions: torch.Tensor) -> torch.Tensor:
         """Positions (..., 3) as the network sees them: around the object's centre, in radii of the atlas."""
@@ -195,10 +224,10 @@ class Reconstruction(nn.Module):
                 shapes["camera"] = (3, 4)
         if self.touch:
             shapes |= {"success": (self.sensors,), "position": (self.sensors, 3)}
-            if self.strategy == "sphere":
+            if self.readings:
                 shapes["rotation"] = (self.sensors, 3, 3)
                 shapes["reading"] = (self.sensors, 3, RESOLUTION, RESOLUTION)
-            else:
+            if self.strategy != "sphere":
                 shapes["charts"] = (self.sensors, TOUCH_VERTICES, 3)
         return shapes
 

@@ -6,8 +6,9 @@ from typing import Any
 
 import torch
 
-from palpate import store
+from palpate import scene, store
 from palpate.models import Reconstruction, TouchDepth, paper_architecture
+from palpate.scene import Plan
 
 SCHEMA_VERSION = 1
 
@@ -23,14 +24,18 @@ def architecture(experiment: Mapping[str, Any], settings: Mapping[str, Any]) -> 
     return dict(settings["architecture"])
 
 
-def build(experiment: Mapping[str, Any], layers: Mapping[str, Any]) -> Reconstruction:
-    """The untrained model of a row of config/experiments.yaml."""
+def build(
+    experiment: Mapping[str, Any], layers: Mapping[str, Any], plan: Plan | None = None
+) -> Reconstruction:
+    """The untrained model of a row of config/experiments.yaml; plan: the experiment's own if None."""
+    plan = plan or scene.plan("experiment", **experiment)
     return Reconstruction(
         experiment["strategy"],
         experiment["vision"] != "none",
         experiment["touch"],
         experiment["grasps"],
         layers,
+        plan,
     )
 
 

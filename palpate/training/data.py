@@ -7,6 +7,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from palpate.training.families import sources
 from palpate.training.pack import Pack, PackError
 
 
@@ -97,13 +98,14 @@ def training_samples(
     samples = []
     for place in shuffled(len(objects), size, seed, step):
         grasps = tuple(int(g) for g in random.permutation(pack.grasps)[:n]) if n else ()
-        view = int(random.integers(pack.views)) if pack.views else 0
+        view = int(random.integers(pack.views)) if experiment["vision"] == "views" else 0
         samples.append(Sample(objects[place], grasps, view))
     return samples
 
 
 class Assembler:
-    """Batches of a pack's samples as tensors on a device; the pack stays there whole, bytes as bytes.
+    """Batches of a pack's samples as tensors on a device; what its family sees stays there whole, bytes as
+    bytes.
 
     `assembler(samples)` is what `palpate.models.Reconstruction` takes:
 
@@ -121,8 +123,8 @@ class Assembler:
 
     def __init__(self, pack: Pack, device: torch.device | str = "cpu"):
         self.pack, self.device = pack, torch.device(device)
-        kept = (*self.IMAGES, "camera", *self.OF_TOUCH)
-        self.tensors = {name: torch.from_numpy(pack[name]).to(device) for name in kept if name in pack}
+        kept = [name for name in sources(pack.family) if name != "points" and name in pack]
+        self.tensors = {name: torch.from_numpy(pack[name]).to(device) for name in kept}
 
     def __call__(self, samples: Sequence[Sample]) -> dict[str, Tensor]:
         objects = self._index([sample.object for sample in samples])

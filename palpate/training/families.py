@@ -1,13 +1,16 @@
 """Families of experiments: those that see the same things are trained on the same pack. No torch, no stores.
 
 A family is `<vision>-<touch>`: vision one of occluded, unoccluded, views, none; touch one of charts,
-readings, none.
+readings, none. What its pack holds, and which stages it is made from, its plan says (`palpate.scene.models`).
 """
 
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 from palpate.catalogue.schema import Invalid
+from palpate.scene import Plan, plan
+
+VISION, TOUCH = ("none", "unoccluded", "occluded", "views"), ("none", "charts", "readings")
 
 
 class Source(NamedTuple):
@@ -18,39 +21,44 @@ class Source(NamedTuple):
     dtype: str
 
 
+# Arrays by the part of the plan that they are; `points`, the truth, are in every pack.
 POINTS = {"points": Source("surface", "points", "float32")}
-VISION = {
-    "none": {},
-    "unoccluded": {"unoccluded": Source("vision", "unoccluded", "uint8")},
-    "occluded": {"occluded": Source("vision", "occluded", "uint8")},
+PARTS = {
+    "unoccluded renders": {"unoccluded": Source("vision", "unoccluded", "uint8")},
+    "occluded renders": {"occluded": Source("vision", "occluded", "uint8")},
     "views": {"views": Source("views", "image", "uint8"), "camera": Source("views", "camera", "float32")},
-}
-POSES = {
-    "success": Source("touch", "success", "bool"),
-    "position": Source("touch", "position", "float32"),
-    "rotation": Source("touch", "rotation", "float32"),
-}
-TOUCH = {
-    "none": {},
-    "charts": {**POSES, "charts": Source("charts", "vertices", "float32")},
-    "readings": {**POSES, "reading": Source("touch", "reading", "uint8")},
+    "touch": {
+        "success": Source("touch", "success", "bool"),
+        "position": Source("touch", "position", "float32"),
+        "rotation": Source("touch", "rotation", "float32"),
+    },
+    "touch charts": {"charts": Source("charts", "vertices", "float32")},
+    "touch readings": {"reading": Source("touch", "reading", "uint8")},
 }
 
 
-def sources(family: str) -> dict[str, Source]:
-    """The arrays of a family's pack by name. Raises Invalid if there is no such family."""
+def scene(family: str) -> Plan:
+    """The plan of a family's data. Raises Invalid if there is no such family."""
     vision, _, touch = family.partition("-")
     if vision not in VISION or touch not in TOUCH or vision == touch == "none":
         raise Invalid(
             f"no family {family!r}: <vision>-<touch> with vision one of {', '.join(VISION)} "
             f"and touch one of {', '.join(TOUCH)}, not both none"
         )
-    return {**POINTS, **VISION[vision], **TOUCH[touch]}
+    strategy = "sphere" if touch == "readings" else "charts"
+    return plan("experiment", strategy=strategy, vision=vision, touch=touch != "none", grasps=1)
 
 
-def stages(family: str) -> list[str]:
-    """The stages whose stores a family's pack is made from."""
-    return list(dict.fromkeys(source.stage for source in sources(family).values()))
+def sources(family: str, plan: Plan | None = None) -> dict[str, Source]:
+    """The arrays of a family's pack by name; plan: the family's own if None."""
+    needs = (plan or scene(family)).needs
+    needed = [arrays for part, arrays in PARTS.items() if needs(part)]
+    return {name: source for arrays in (POINTS, *needed) for name, source in arrays.items()}
+
+
+def stages(family: str, plan: Plan | None = None) -> list[str]:
+    """The stages whose stores a family's pack is made from; plan: the family's own if None."""
+    return list(dict.fromkeys(source.stage for source in sources(family, plan).values()))
 
 
 def family(experiment: Mapping[str, Any]) -> str:
@@ -58,7 +66,6 @@ def family(experiment: Mapping[str, Any]) -> str:
 
     Strategy `sphere` takes touch readings as they are, the others take touch charts (paper, section 5.1).
     """
-    touch = (
-        ("readings" if experiment["strategy"] == "sphere" else "charts") if experiment["touch"] else "none"
-    )
+    needs = plan("experiment", **experiment).needs
+    touch = "charts" if needs("touch charts") else "readings" if needs("touch readings") else "none"
     return f"{experiment['vision']}-{touch}"

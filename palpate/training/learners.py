@@ -6,6 +6,7 @@ training goes on after an interruption as if there had been none.
 """
 
 import copy
+import logging
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping
@@ -16,19 +17,23 @@ import torch
 from torch import Tensor
 
 from palpate.models import TouchDepth
+from palpate.scene import Plan
 from palpate.training import checkpoints
 from palpate.training.data import Assembler, shuffled, spread, training_samples, windows
 from palpate.training.losses import Truth, reconstruction_loss, touch_depth_loss, touched
 from palpate.training.pack import Pack, PackError
 from palpate.training.touches import Touches
 
+log = logging.getLogger(__name__)
+
 WARM_UP = 0.1  # share of the steps in which one_cycle rises to the highest rate
 FIRST, LAST = 0.04, 1e-4  # of the highest rate: where one_cycle begins and ends
+SPIKE = 1000  # a gradient that is so many times as large as any before is worth a warning
 VALIDATION_SEED = 1  # the same points in every validation of every model, so that their losses compare
 
 
 class Diverged(RuntimeError):
-    """The loss is NaN or infinite."""
+    """A prediction, the loss, or its gradient is NaN or infinite; the message names the sample."""
 
 
 class Learner(lightning.LightningModule, ABC):
@@ -60,6 +65,7 @@ class Learner(lightning.LightningModule, ABC):
         self.steps = min(limit for limit in limits if limit)
         self.every = min(settings["evaluate_every"] or an_epoch, self.steps)
         self.validation_loss = math.nan
+        self.largest = 0.0  # norm of a gradient in this process
 
     @property
     def evaluated(self) -> torch.nn.Module:
@@ -90,8 +96,29 @@ class Learner(lightning.LightningModule, ABC):
         return low + (1 - low) * (1 - math.cos(math.pi * max(done, 0.0))) / 2
 
     def training_step(self, step: int, _: int) -> Tensor:
-        losses = self.losses(self.training_part(step), self._generator(self.seed, step), self.model)
-        return self._finite(losses.mean(), f"step {step}")
+        part = self.training_part(step)
+        self.taken = f"step {step}: {self.named(part)}"
+        losses = self.losses(part, self._generator(self.seed, step), self.model)
+        self.finite("the loss", losses, part, f"step {step}")
+        return losses.mean()
+
+    def on_before_optimizer_step(self, _: torch.optim.Optimizer) -> None:
+        # One such gradient would turn every weight into NaN. In float16 Lightning looks itself: it lowers the
+        # loss's scale and leaves out the step.
+        if self.trainer.precision == "16-mixed":
+            return
+        gradients = [weights.grad for weights in self.model.parameters() if weights.grad is not None]
+        norm = float(torch.nn.utils.get_total_norm(gradients))
+        if not math.isfinite(norm):
+            raise Diverged(f"the gradient is NaN or infinite in {self.taken}")
+        if not self.settings["clip"] and norm > SPIKE * self.largest > 0:
+            log.warning(
+                "the gradient is %.0f times as large as any before in %s; the optimiser's averages stay off "
+                "for thousands of steps: look at the sample, or clip the gradient (config training.override)",
+                norm / self.largest,
+                self.taken,
+            )
+        self.largest = max(self.largest, norm)
 
     def on_train_batch_end(self, *_: Any) -> None:
         if self.averaged is None:
@@ -109,21 +136,24 @@ class Learner(lightning.LightningModule, ABC):
         self._validation: list[Tensor] = []
 
     def validation_step(self, part: int, _: int) -> None:
-        generator = self._generator(VALIDATION_SEED, part)
-        losses = self.losses(self.validation_part(part)[self._rank()], generator, self.evaluated, True)
+        samples = self.validation_part(part)[self._rank()]
+        losses = self.losses(samples, self._generator(VALIDATION_SEED, part), self.evaluated, True)
+        self.finite("the loss", losses, samples, "the validation")
         self._validation.append(losses.detach().double())
 
     def on_validation_epoch_end(self) -> None:
         losses = torch.cat(self._validation)
         total = torch.stack([losses.sum(), losses.new_tensor(float(len(losses)))])
         total = self.all_gather(total).reshape(-1, 2).sum(dim=0)
-        mean = total[0] / total[1]
-        self.validation_loss = float(self._finite(mean, "validation"))
+        self.validation_loss = float(total[0] / total[1])
 
-    def _finite(self, loss: Tensor, where: str) -> Tensor:
-        if not torch.isfinite(loss):
-            raise Diverged(f"the loss is {float(loss.detach())} in {where}")
-        return loss
+    def finite(self, what: str, values: Tensor, part: Any, where: str = "") -> None:
+        """Raises Diverged, naming the first sample of the part whose values (B, ...) are not finite."""
+        fine = torch.isfinite(values.detach()).flatten(1).all(dim=1) if values.ndim > 1 else values.isfinite()
+        if not fine.all():
+            first = int((~fine).nonzero()[0])
+            of = f"{where}, " * bool(where) + self.named(part[first : first + 1])
+            raise Diverged(f"{what} is NaN or infinite: {of}")
 
     def _rank(self) -> slice:
         """The share of a list of samples that this process takes, of several on as many GPUs."""
@@ -140,6 +170,10 @@ class Learner(lightning.LightningModule, ABC):
     @abstractmethod
     def validation_part(self, part: int) -> Any:
         """The samples of a part of the validation, of all processes."""
+
+    @abstractmethod
+    def named(self, part: Any) -> str:
+        """What the samples of a part are, for a message."""
 
     @abstractmethod
     def losses(
@@ -164,11 +198,19 @@ class Rounds:
 
 
 class ReconstructionLearner(Learner):
-    """Learns to reconstruct the objects of a pack's train split, for a row of config/experiments.yaml."""
+    """Learns to reconstruct the objects of a pack's train split, for a row of config/experiments.yaml. plan:
+    what the model is built of; the experiment's own if None."""
 
     kind = "reconstruction"
 
-    def __init__(self, pack: Pack, experiment: Mapping[str, Any], settings: Mapping[str, Any], seed: int):
+    def __init__(
+        self,
+        pack: Pack,
+        experiment: Mapping[str, Any],
+        settings: Mapping[str, Any],
+        seed: int,
+        plan: Plan | None = None,
+    ):
         self.pack, self.experiment = pack, dict(experiment)
         self.layers = checkpoints.architecture(experiment, settings)
         train = pack.of_split("train")
@@ -179,7 +221,7 @@ class ReconstructionLearner(Learner):
         self.validation_samples = found
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(seed)
-            model = checkpoints.build(experiment, self.layers)
+            model = checkpoints.build(experiment, self.layers, plan)
         super().__init__(model, settings, seed, len(train), len(found))
 
     def on_fit_start(self) -> None:
@@ -195,6 +237,12 @@ class ReconstructionLearner(Learner):
         first = part * self.settings["batch"]
         return self.validation_samples[first : first + self.settings["batch"]]
 
+    def named(self, part):
+        return ", ".join(
+            f"{self.pack.objects[sample.object]} grasps {list(sample.grasps)} view {sample.view}"
+            for sample in part
+        )
+
     def losses(self, part, generator, model, validation=False):
         if not part:
             return torch.empty(0, device=self.device)
@@ -204,8 +252,7 @@ class ReconstructionLearner(Learner):
             for key, value in self.assemble(part).items()
         }
         vertices = model(batch)
-        if not torch.isfinite(vertices).all():
-            raise Diverged("the model predicts NaN or infinite vertices")
+        self.finite("the prediction", vertices, part)
         points = self.settings["validation_points" if validation else "loss_points"]
         with torch.autocast(self.device.type, enabled=False):
             return reconstruction_loss(
@@ -245,6 +292,9 @@ class TouchDepthLearner(Learner):
         first = part * self.settings["batch"]
         return self.chosen[first : first + self.settings["batch"]].numpy()
 
+    def named(self, part):
+        return "touches " + ", ".join(str(int(row)) for row in part)
+
     def losses(self, part, generator, model, validation=False):
         if not len(part):
             return torch.empty(0, device=self.device)
@@ -253,8 +303,7 @@ class TouchDepthLearner(Learner):
         dtype = next(model.parameters()).dtype
         reading, empty = touches.reading[rows].to(dtype) / 255, touches.empty.to(dtype) / 255
         depth = model(reading)
-        if not torch.isfinite(depth).all():
-            raise Diverged("the model predicts NaN or infinite depths")
+        self.finite("the prediction", depth, part)
         with torch.autocast(self.device.type, enabled=False):
             return touch_depth_loss(
                 depth.to(dtype),

@@ -28,9 +28,13 @@ import numpy as np
 
 from palpate import store
 from palpate.catalogue import SPLITS
+from palpate.scene import Plan
 from palpate.training.families import Source, sources
 
 SCHEMA_VERSION = 1
+# Greatest coordinate of the world, metres: what is farther is in another unit, or broken.
+FAR = 10.0
+LIMITS = {"points": FAR, "position": FAR, "charts": FAR, "rotation": 1.001}
 
 
 class PackError(ValueError):
@@ -38,17 +42,22 @@ class PackError(ValueError):
 
 
 def write(
-    path: Path | str, family: str, catalogue: Path | str, stores: Mapping[str, Sequence[Path | str]]
+    path: Path | str,
+    family: str,
+    catalogue: Path | str,
+    stores: Mapping[str, Sequence[Path | str]],
+    plan: Plan | None = None,
 ) -> None:
     """Make a pack, whole or not at all.
 
     path: `<run>/packs/<family>.h5`. catalogue: the run's `catalogue.csv`. stores: of each of `stages(family)`
-    the stores of all batches, in one order. Objects are those that all of a batch's stores have.
+    the stores of all batches, in one order. Objects are those that all of a batch's stores have. plan: what
+    the pack holds; the family's own if None. Every row has a checksum, which reading looks at.
 
     Raises PackError if no object is left, a store has another shape than the others, or a value that must be
     finite is not, naming the object.
     """
-    arrays = sources(family)
+    arrays = sources(family, plan)
     with open(catalogue, newline="", encoding="utf-8") as file:
         rows = {row["object"]: row for row in csv.DictReader(file)}
     batches = [
@@ -63,7 +72,8 @@ def write(
     with store.whole(path) as partial, h5py.File(partial, "w") as file:
         for column in ("object", "class", "split"):
             text = [rows[name][column] for name in names]
-            file[column] = np.array(text, dtype=h5py.string_dtype("utf-8", max(map(len, text))))
+            values = np.array(text, dtype=h5py.string_dtype("utf-8", max(map(len, text))))
+            file.create_dataset(column, data=values, fletcher32=True)
             digest.update("\0".join(text).encode())
         for name, source in arrays.items():
             start = 0
@@ -73,7 +83,10 @@ def write(
                     continue
                 _check_finite(path, source, objects, values)
                 if name not in file:
-                    file.create_dataset(name, (len(names), *values.shape[1:]), source.dtype)
+                    shape = values.shape[1:]
+                    file.create_dataset(
+                        name, (len(names), *shape), source.dtype, chunks=(1, *shape), fletcher32=True
+                    )
                 if values.shape[1:] != file[name].shape[1:]:
                     raise PackError(
                         f"{batch[source.stage].path}: {source.name} of an object is {values.shape[1:]}, "
@@ -130,6 +143,7 @@ class Pack:
             list(arrays.pop(key)) for key in ("object", "class", "split")
         )
         self.arrays = arrays
+        self._check()
         of_grasps = next((key for key in ("success", "occluded") if key in arrays), None)
         self.grasps = arrays[of_grasps].shape[1] if of_grasps else 0
         self.views = arrays["views"].shape[1] if "views" in arrays else 0
@@ -154,6 +168,12 @@ class Pack:
                         f"remove it and build it with: snakemake {target}"
                     )
                 split = np.char.decode(file["split"][:].astype("S"), "utf-8")
+                lengths = {name: len(file[name]) for name in file if name != "empty_reading"}
+                if len(set(lengths.values())) > 1:
+                    raise PackError(
+                        f"{path} has arrays of different numbers of objects ({lengths}); "
+                        f"remove it and build it with: snakemake {target}"
+                    )
                 rows = np.flatnonzero(np.isin(split, list(splits)))
                 arrays = {name: _read(file[name], rows) for name in file}
                 return cls(arrays, str(file.attrs["family"]), str(file.attrs["digest"]), str(path))
@@ -161,6 +181,26 @@ class Pack:
             raise PackError(
                 f"{path} can't be read ({error}); remove it and build it with: snakemake {target}"
             ) from error
+
+    def _check(self) -> None:
+        """Raises PackError, naming the object, if a value is NaN, infinite, or out of `LIMITS`."""
+        again = f"remove it and build it with: snakemake {'/'.join(Path(self.path).parts[-2:])}"
+        for name, values in self.arrays.items():
+            if name == "empty_reading":
+                continue
+            if values.dtype.kind != "f":
+                continue
+            limit = LIMITS.get(name, np.inf)
+            # NaN compares false.
+            wrong = ~((np.abs(values) <= limit) & (np.abs(values) < np.inf)).reshape(len(values), -1).all(
+                axis=1
+            )
+            if wrong.any():
+                number = int(np.flatnonzero(wrong)[0])
+                raise PackError(
+                    f"{self.path}: {name} of {self.objects[number]} is NaN, infinite or "
+                    f"above {limit:g}; {again}"
+                )
 
     def __getitem__(self, name: str) -> np.ndarray:
         if name not in self.arrays:

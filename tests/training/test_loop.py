@@ -14,6 +14,7 @@ import pytest
 import torch
 
 from palpate.training.checkpoints import load
+from palpate.training.data import windows
 from palpate.training.learners import Diverged, ReconstructionLearner
 from palpate.training.loop import Machine, train
 from palpate.training.pack import PackError
@@ -198,7 +199,8 @@ def test_a_loss_that_is_nan_stops_with_a_message_and_keeps_what_was_good(tmp_pat
 
     monkeypatch.setattr(ReconstructionLearner, "losses", poisoned)
     with pytest.raises(
-        Diverged, match=r"loss is nan in step 5; the best model so far is .*best.ckpt. Lower the rate"
+        Diverged,
+        match=r"loss is NaN or infinite: step 5, egg-\d grasps .*; the best .*best.ckpt. Lower",
     ):
         run(tmp_path)
     assert load(tmp_path / "checkpoints/best.ckpt")
@@ -206,8 +208,76 @@ def test_a_loss_that_is_nan_stops_with_a_message_and_keeps_what_was_good(tmp_pat
 
 
 def test_weights_that_explode_stop_it(tmp_path):
-    with pytest.raises(Diverged, match="NaN or infinite vertices|loss is"):
+    with pytest.raises(Diverged, match="the (prediction|loss|gradient) is NaN or infinite"):
         run(tmp_path, rate=1e30, clip=None)
+
+
+class Gradient(torch.autograd.Function):
+    """The loss as it is, its gradient times a factor."""
+
+    @staticmethod
+    def forward(ctx, losses, factor):
+        ctx.factor = factor
+        return losses.clone()
+
+    @staticmethod
+    def backward(ctx, gradient):
+        return gradient * ctx.factor, None
+
+
+def with_gradient(monkeypatch, factor, at):
+    losses = ReconstructionLearner.losses
+
+    def changed(self, part, generator, model, validation=False):
+        found = losses(self, part, generator, model, validation)
+        return Gradient.apply(found, factor) if self.global_step == at and not validation else found
+
+    monkeypatch.setattr(ReconstructionLearner, "losses", changed)
+
+
+@pytest.mark.parametrize("clip", [1.0, None])
+@pytest.mark.parametrize("at", [5, 7])
+def test_an_infinite_gradient_stops_it_before_a_weight_changes(tmp_path, monkeypatch, clip, at):
+    """Also in the last step before a validation, and where clipping would make NaN of it."""
+    with_gradient(monkeypatch, math.inf, at)
+    with pytest.raises(Diverged, match=rf"the gradient is NaN or infinite in step {at}: egg-\d grasps"):
+        run(tmp_path, clip=clip)
+    for name in ("best.ckpt", "last.ckpt"):
+        held = torch.load(tmp_path / "checkpoints" / name, weights_only=False)
+        values = held["weights" if name == "best.ckpt" else "state_dict"].values()
+        assert all(torch.isfinite(value).all() for value in values if value.is_floating_point())
+
+
+@pytest.mark.parametrize(
+    ("clip", "factor", "warns"), [(None, 1e6, True), (None, 10.0, False), (1.0, 1e6, False)]
+)
+def test_a_spike_of_the_gradient_is_said_where_it_is_not_clipped(
+    tmp_path, monkeypatch, caplog, clip, factor, warns
+):
+    with_gradient(monkeypatch, factor, 4)
+    with caplog.at_level(logging.WARNING):
+        run(tmp_path, clip=clip)
+    said = [record for record in caplog.records if "times as large as any before in step 4" in record.message]
+    assert len(said) == warns and all("egg-" in record.message for record in said)
+
+
+@pytest.mark.parametrize("precision", ["bf16-true", "16-true"])
+def test_weights_below_float32_are_refused(tmp_path, precision):
+    learner = ReconstructionLearner(made_up(), TOUCH_ONLY, SETTINGS, 0)
+    with pytest.raises(ValueError, match="choose one of 32-true"):
+        train(learner, tmp_path / "model", tmp_path / "checkpoints", Machine("cpu", precision=precision), "t")
+
+
+def test_a_prediction_that_is_not_finite_names_its_sample(monkeypatch):
+    learner = ReconstructionLearner(made_up(), OCCLUDED_TOUCH, SETTINGS, 0)
+    samples = windows(learner.pack, OCCLUDED_TOUCH, "train")[2:5]
+    values = torch.zeros(3, 7, 3)
+    values[1, 4, 2] = torch.nan
+    learner.finite("the prediction", values[:1], samples[:1])
+    with pytest.raises(
+        Diverged, match=r"the prediction is NaN or infinite: step 9, egg-1 grasps \[0\] view 0"
+    ):
+        learner.finite("the prediction", values, samples, "step 9")
 
 
 def test_the_average_is_a_recursion_over_the_steps(tmp_path):

@@ -26,6 +26,8 @@ def arrays_of(stage, names, seed):
     for name, spec in store.CONTRACT[stage].arrays.items():
         shape = [axis if isinstance(axis, int) else sizes[axis] for axis in spec.shape]
         values = random.integers(0, 2 if spec.dtype == "bool" else 200, shape)
+        if spec.dtype.startswith("float"):
+            values = values / 256  # exact in float32, and not far out of the world
         found[name] = values.astype("U8" if spec.dtype == "string" else spec.dtype)
     found["object"] = np.array(names, dtype=str)
     return found
@@ -155,6 +157,45 @@ def test_no_object_left(run):
     (run[0] / "catalogue.csv").write_text("object,class,split,batch\n")
     with pytest.raises(PackError, match="no object is in all of surface, vision"):
         make(run, "unoccluded-none", "surface", "vision")
+
+
+def test_a_changed_bit_is_noticed(run):
+    path = make(run, "none-charts", "surface", "touch", "charts")
+    whole, held = path.read_bytes(), Pack.read(path)
+    for name in ("points", "charts", "success"):
+        # A row is one piece of the file.
+        place = whole.index(held[name][0].tobytes())
+        changed = bytearray(whole)
+        changed[place + 3] ^= 1
+        path.write_bytes(changed)
+        with pytest.raises(PackError, match="none-charts.h5 can't be read"):
+            Pack.read(path)
+    path.write_bytes(whole[:-200])
+    with pytest.raises(PackError, match="none-charts.h5 can't be read"):
+        Pack.read(path)
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [("points", np.nan), ("charts", np.inf), ("position", 600.0), ("rotation", 1.5), ("charts", -600.0)],
+)
+def test_values_that_cannot_be_are_noticed_and_named(run, name, value):
+    path = make(run, "none-charts", "surface", "touch", "charts")
+    with h5py.File(path, "a") as file:
+        file[name][(2, *[0] * (file[name].ndim - 1))] = value
+    with pytest.raises(PackError, match=rf"none-charts.h5: {name} of b-0 is NaN, infinite or above .*remove"):
+        Pack.read(path)
+    assert len(Pack.read(path, ["validation"])) == 1  # what is not read is not looked at
+
+
+def test_arrays_of_different_lengths_are_noticed(run):
+    path = make(run, "none-charts", "surface", "touch", "charts")
+    with h5py.File(path, "a") as file:
+        values = file["points"][:]
+        del file["points"]
+        file["points"] = np.concatenate([values, values])
+    with pytest.raises(PackError, match="different numbers of objects .*'points': 8"):
+        Pack.read(path)
 
 
 def test_files_that_cannot_be_read(run):

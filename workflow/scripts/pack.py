@@ -13,9 +13,15 @@ packs/<family>.h5    object, class, split    (o,)                      string
                      empty_reading           (r, r, 3)                 uint8
 """
 
-from palpate.catalogue import log_to
-from palpate.training import pack, stages
+import logging
 
+from palpate.catalogue import log_to
+from palpate.training import families, pack
+
+log = logging.getLogger(__name__)
 log_to(snakemake.log[0])
-stores = {stage: snakemake.input[stage] for stage in stages(snakemake.wildcards.family)}
-pack.write(snakemake.output.pack, snakemake.wildcards.family, snakemake.input.catalogue, stores)
+family = snakemake.wildcards.family
+plan = families.scene(family)
+log.info("%s", plan)
+stores = {stage: snakemake.input[stage] for stage in families.stages(family, plan)}
+pack.write(snakemake.output.pack, family, snakemake.input.catalogue, stores, plan)

@@ -7,16 +7,20 @@ models/<experiment>/seed-<k>/training.json    experiment, architecture, settings
 Work in progress is in checkpoints/<experiment>/seed-<k>/, so that an interrupted training goes on.
 """
 
+import logging
 from pathlib import Path
 
-from palpate import training
+from palpate import scene, training
 from palpate.catalogue import log_to
 
+log = logging.getLogger(__name__)
 log_to(snakemake.log[0])
 experiment, seed = snakemake.wildcards.experiment, int(snakemake.wildcards.seed)
+plan = scene.plan("experiment", **snakemake.params.experiment)
+log.info("%s", plan)
 pack = training.Pack.read(snakemake.input.pack, ("train", "validation"))
 training.train(
-    training.ReconstructionLearner(pack, snakemake.params.experiment, snakemake.params.settings, seed),
+    training.ReconstructionLearner(pack, snakemake.params.experiment, snakemake.params.settings, seed, plan),
     Path(snakemake.output.model).parent,
     f"checkpoints/{experiment}/seed-{seed}",
     training.Machine(**snakemake.params.machine, threads=snakemake.threads),
