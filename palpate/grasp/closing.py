@@ -1,6 +1,7 @@
 """Closing the hand in MuJoCo: position targets ramp up while contact with the object stops the fingers."""
 
 import logging
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import mujoco
@@ -16,6 +17,12 @@ ITERATIONS = 20  # of the contact solver; fewer than 5 are too few
 # Contact softness: impedance, its width and the shape of its curve, by which fingers stop within 0.5 mm.
 SOLIMP = (0.95, 0.99, 0.0005, 0.5, 2.0)
 PALM = 0  # the palm is link 0
+# The contact is as stiff as the time step lets it be: at 16 ms fingers end 1 mm deep in the object, at 20 ms 3 mm
+# and 6 mm in each other. Below the least a closing takes minutes.
+LEAST_TIMESTEP, LARGEST_TIMESTEP = 1e-5, 0.01  # s
+# Joint speed at the end, as a share of that of the targets' ramp, above which the hand isn't at rest. What is left
+# of a free finger's speed after the hold is a twentieth; one that slips off an edge meanwhile has an eighth.
+SETTLED = 0.25
 
 # The engine would write its warnings to a file in the working folder.
 log = logging.getLogger(__name__)
@@ -28,6 +35,7 @@ class Closed(NamedTuple):
     joint_positions: np.ndarray  # (J,)
     finite: bool  # False if the engine warned or gave NaN: not to be used
     warnings: int  # of the engine, NaN and infinity among them
+    settled: bool  # False if the hand still moves at a speed that its servos can't mean
 
 
 class GraspScene:
@@ -45,7 +53,14 @@ class GraspScene:
 
         patches: `surface_patches`. timestep, duration: seconds, of the simulation. `spec_options` go to
         `palpate.hand.model.build_spec`.
+
+        Raises ValueError for a time step at which closing isn't stable, or would not end.
         """
+        if not LEAST_TIMESTEP <= timestep <= LARGEST_TIMESTEP:
+            raise ValueError(
+                f"grasps: a time step of {1e3 * timestep:g} ms is not between {1e3 * LEAST_TIMESTEP:g} and"
+                f" {1e3 * LARGEST_TIMESTEP:g} ms: fingers would sink into the object, or never get there"
+            )
         spec = build_spec(hand, **spec_options)
         option = spec.option
         option.timestep = timestep
@@ -71,7 +86,10 @@ class GraspScene:
         self.model = spec.compile()
         self.data = mujoco.MjData(self.model)
         self.steps = max(1, round(duration / timestep))
+        # Of each step, how far the targets have moved from the open hand to their end.
+        self.ramp = np.minimum(1.0, np.arange(1, self.steps + 1) / (RAMP * self.steps))
         self._palm = self.model.body(hand.link_names[PALM]).id
+        self._object = self.model.body("object").id
 
     def place(self, palm_pose: np.ndarray, joint_positions: np.ndarray) -> None:
         """Put the palm at `palm_pose` (4, 4) and the joints at `joint_positions` (J,), at rest."""
@@ -83,17 +101,29 @@ class GraspScene:
         mujoco.mj_forward(self.model, self.data)
 
     def in_contact(self) -> bool:
-        """Whether any geoms touch in the present state."""
-        return self.data.ncon > 0
+        """Whether the hand touches the object in the present state; whether it touches itself doesn't matter."""
+        bodies = self.model.geom_bodyid[self.data.contact.geom[: self.data.ncon]]
+        return bool((bodies == self._object).any())
 
     def close(self, targets: np.ndarray) -> Closed:
         """Move the servos' targets from the present joint positions to `targets` (J,), then hold."""
-        model, data = self.model, self.data
+        data = self.data
         start = data.qpos.copy()
-        ramp = np.minimum(1.0, np.arange(1, self.steps + 1) / (RAMP * self.steps))
-        for share in ramp:
-            data.ctrl[:] = start + share * (targets - start)
-            mujoco.mj_step(model, data)
+        for _ in self.closing(targets):
+            pass
         # A NaN resets the state silently; only the warnings tell.
         warnings = int(sum(warning.number for warning in data.warning))
-        return Closed(data.qpos.copy(), warnings == 0 and bool(np.isfinite(data.qpos).all()), warnings)
+        finite = warnings == 0 and bool(np.isfinite(data.qpos).all())
+        # Over the whole closing, of which the ramp is a part: of its speed a share of RAMP.
+        swept = np.abs(targets - start).max(initial=0) / (self.steps * self.model.opt.timestep)
+        settled = bool(np.abs(data.qvel).max(initial=0) <= SETTLED * swept / RAMP)
+        return Closed(data.qpos.copy(), finite, warnings, settled)
+
+    def closing(self, targets: np.ndarray) -> Iterator[mujoco.MjData]:
+        """The state after each step of `close`; it is the scene's own and changes with the next step."""
+        model, data = self.model, self.data
+        start = data.qpos.copy()
+        for share in self.ramp:
+            data.ctrl[:] = start + share * (targets - start)
+            mujoco.mj_step(model, data)
+            yield data

@@ -28,6 +28,7 @@ THUMB_SHARE = 0.15
 # Why an attempt comes to nothing.
 BLOCKED = "no palm pose free of the object"
 UNSTABLE = "simulation warned or gave NaN"
+UNSETTLED = "still moving at the end"
 UNTOUCHED = "no sensor touches"
 PENETRATING = "penetrates too deep"
 
@@ -72,7 +73,10 @@ class Grasper:
         max_penetration: float = 0.001,
         thumb_share: float = THUMB_SHARE,
     ):
-        """surface_points: (N, 3) on the object's exterior; the other arguments are `grasp_object`'s."""
+        """surface_points: (N, 3) on the object's exterior; the other arguments are `grasp_object`'s.
+
+        Raises ValueError for a hand that is in itself when it is open, `Unusable` for an object of no surface.
+        """
         self.hand = hand
         self.max_penetration, self.thumb_share = max_penetration, thumb_share
         self.workspace = workspace_of(hand)
@@ -82,6 +86,12 @@ class Grasper:
             raise Unusable("the collision mesh has no surface that a finger could stop at")
         self.scene = GraspScene(hand, patches, timestep)
         self.check = PenetrationCheck(hand, visual)
+        depth = self.check.in_itself(hand.forward(np.eye(4), hand.open_joint_positions))
+        if depth > max(0.0, max_penetration):
+            raise ValueError(
+                f"hand {hand.name!r}: open, its links are {1e3 * depth:.1f} mm deep in each other, and no grasp"
+                f" may be deeper than {1e3 * max_penetration:g} mm: change `open`, or the geoms"
+            )
         self.caster = RayCaster(visual)
 
     def attempt(self, rng: np.random.Generator) -> Grasp | str:
@@ -93,6 +103,8 @@ class Grasper:
         closed = self.scene.close(self.workspace.targets(pose, self.surface, thumb))
         if not closed.finite:
             return UNSTABLE
+        if not closed.settled:
+            return UNSETTLED
         links = self.hand.forward(pose, closed.joint_positions)
         position, rotation = self.hand.sensor_frames(links)
         touches = self.caster.succeeds(position, rotation)

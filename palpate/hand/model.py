@@ -19,6 +19,9 @@ STIFFNESS = 1.0  # N m / rad
 MAX_TORQUE = 0.5  # N m
 ARMATURE = 5e-4  # kg m^2
 DAMPING = 0.01  # N m s / rad
+# Of the links about a hinge, the open hand's: three times the armature. Heavier links would swing through their
+# targets and still move at the end of a closing, as those of a hand of twice the Allegro's size did.
+LARGEST_INERTIA = 1.5e-3  # kg m^2
 # Links that have no volume of their own (a second hinge of one body) still need some inertia.
 LEAST_MASS, LEAST_INERTIA = 1e-3, 1e-7
 
@@ -28,7 +31,8 @@ def build_spec(hand: Hand, stiffness: float = STIFFNESS) -> mujoco.MjSpec:
 
     The palm is fixed to the world; its `pos` and `quat` in the model may change between simulations. Links
     that are joined don't collide. `stiffness`: the servos' gain in N m / rad; they are critically damped
-    against the armature.
+    against the armature. Links have the density of water, or less where the servos couldn't stop them in time
+    (`LARGEST_INERTIA`): masses, gains and armature of a user's model file play no part.
     """
     spec = mujoco.MjSpec()
     # The default is True: ranges in radians would silently become limits 57 times as narrow.
@@ -58,7 +62,19 @@ def build_spec(hand: Hand, stiffness: float = STIFFNESS) -> mujoco.MjSpec:
         add_servo(spec, hand.link_names[link], stiffness)
     for geom in np.flatnonzero(hand.geom_collides):
         add_geom(spec, bodies[hand.geom_link[geom]], hand, geom)
+    lighten(spec, hand.open_joint_positions)
     return spec
+
+
+def lighten(spec: mujoco.MjSpec, joint_positions: np.ndarray) -> None:
+    """Take as much density off all geoms that no hinge has to turn more than `LARGEST_INERTIA`."""
+    model = spec.compile()
+    model.qpos0[:] = joint_positions
+    mujoco.mj_setConst(model, mujoco.MjData(model))
+    inertia = (model.dof_M0 - model.dof_armature).max(initial=0)
+    if inertia > LARGEST_INERTIA:
+        for geom in spec.geoms:
+            geom.density *= LARGEST_INERTIA / inertia
 
 
 def add_servo(spec: mujoco.MjSpec, joint: str, stiffness: float) -> None:
