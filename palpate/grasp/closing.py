@@ -17,12 +17,13 @@ ITERATIONS = 20  # of the contact solver; fewer than 5 are too few
 # Contact softness: impedance, its width and the shape of its curve, by which fingers stop within 0.5 mm.
 SOLIMP = (0.95, 0.99, 0.0005, 0.5, 2.0)
 PALM = 0  # the palm is link 0
-# The contact is as stiff as the time step lets it be: at 16 ms fingers end 1 mm deep in the object, at 20 ms 3 mm
-# and 6 mm in each other. Below the least a closing takes minutes.
+# The contact is as stiff as the time step lets it be: at 16 ms fingers end 1 mm deep in the object, at 20 ms
+# 3 mm, and 6 mm in each other. Below the least a closing takes minutes.
 LEAST_TIMESTEP, LARGEST_TIMESTEP = 1e-5, 0.01  # s
-# Joint speed at the end, as a share of that of the targets' ramp, above which the hand isn't at rest. What is left
-# of a free finger's speed after the hold is a twentieth; one that slips off an edge meanwhile has an eighth.
-SETTLED = 0.25
+# Of the work that the servos did, what may be left as motion at the end; else the hand isn't at rest, for its
+# contacts chatter or it swings. A finger that just slips off an edge has a fifth of it.
+SETTLED = 0.01
+NO_WORK = 1e-6  # J: as good as none, such as where targets are where the hand is
 
 # The engine would write its warnings to a file in the working folder.
 log = logging.getLogger(__name__)
@@ -35,7 +36,7 @@ class Closed(NamedTuple):
     joint_positions: np.ndarray  # (J,)
     finite: bool  # False if the engine warned or gave NaN: not to be used
     warnings: int  # of the engine, NaN and infinity among them
-    settled: bool  # False if the hand still moves at a speed that its servos can't mean
+    settled: bool  # False if the hand isn't at rest
 
 
 class GraspScene:
@@ -101,22 +102,22 @@ class GraspScene:
         mujoco.mj_forward(self.model, self.data)
 
     def in_contact(self) -> bool:
-        """Whether the hand touches the object in the present state; whether it touches itself doesn't matter."""
+        """Whether the hand touches the object in the present state; itself it may touch."""
         bodies = self.model.geom_bodyid[self.data.contact.geom[: self.data.ncon]]
         return bool((bodies == self._object).any())
 
     def close(self, targets: np.ndarray) -> Closed:
         """Move the servos' targets from the present joint positions to `targets` (J,), then hold."""
-        data = self.data
-        start = data.qpos.copy()
+        model, data = self.model, self.data
+        work, before = 0.0, data.qvel.copy()
         for _ in self.closing(targets):
-            pass
+            work += data.qfrc_actuator @ (before + data.qvel) / 2 * model.opt.timestep
+            before = data.qvel.copy()
+        mujoco.mj_energyVel(model, data)
         # A NaN resets the state silently; only the warnings tell.
         warnings = int(sum(warning.number for warning in data.warning))
         finite = warnings == 0 and bool(np.isfinite(data.qpos).all())
-        # Over the whole closing, of which the ramp is a part: of its speed a share of RAMP.
-        swept = np.abs(targets - start).max(initial=0) / (self.steps * self.model.opt.timestep)
-        settled = bool(np.abs(data.qvel).max(initial=0) <= SETTLED * swept / RAMP)
+        settled = bool(data.energy[1] <= SETTLED * max(work, NO_WORK))
         return Closed(data.qpos.copy(), finite, warnings, settled)
 
     def closing(self, targets: np.ndarray) -> Iterator[mujoco.MjData]:

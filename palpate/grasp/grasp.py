@@ -75,7 +75,8 @@ class Grasper:
     ):
         """surface_points: (N, 3) on the object's exterior; the other arguments are `grasp_object`'s.
 
-        Raises ValueError for a hand that is in itself when it is open, `Unusable` for an object of no surface.
+        Raises ValueError for a hand that is in itself when it is open, `Unusable` for an object without a
+        surface.
         """
         self.hand = hand
         self.max_penetration, self.thumb_share = max_penetration, thumb_share
@@ -89,8 +90,8 @@ class Grasper:
         depth = self.check.in_itself(hand.forward(np.eye(4), hand.open_joint_positions))
         if depth > max(0.0, max_penetration):
             raise ValueError(
-                f"hand {hand.name!r}: open, its links are {1e3 * depth:.1f} mm deep in each other, and no grasp"
-                f" may be deeper than {1e3 * max_penetration:g} mm: change `open`, or the geoms"
+                f"hand {hand.name!r}: open, its links are {1e3 * depth:.1f} mm deep in each other, and no"
+                f" grasp may be deeper than {1e3 * max_penetration:g} mm: change `open`, or the geoms"
             )
         self.caster = RayCaster(visual)
 
@@ -100,7 +101,14 @@ class Grasper:
         if pose is None:
             return BLOCKED
         thumb = rng.random() < self.thumb_share
-        closed = self.scene.close(self.workspace.targets(pose, self.surface, thumb))
+        return self.closed_at(pose, self.workspace.targets(pose, self.surface, thumb))
+
+    def closed_at(self, pose: np.ndarray, targets: np.ndarray) -> Grasp | str:
+        """The grasp that closing towards `targets` (J,) gives, or the reason why there is none.
+
+        pose: (4, 4), at which the scene has been placed.
+        """
+        closed = self.scene.close(targets)
         if not closed.finite:
             return UNSTABLE
         if not closed.settled:

@@ -82,12 +82,12 @@ class Hand:
         object.__setattr__(self, "joint_of_link", joint_of_link)
         if not SMALLEST <= self.length() <= LARGEST:
             raise ValueError(
-                f"hand {self.name!r} is {self.length():.3g} m from end to end, not {SMALLEST:g} to {LARGEST:g} m:"
-                " give all lengths in metres"
+                f"hand {self.name!r} is {self.length():.3g} m from end to end, not {SMALLEST:g} to"
+                f" {LARGEST:g} m: give all lengths in metres"
             )
 
     def length(self) -> float:
-        """The open hand's extent along the palm's axes, the largest, of geoms' centres and sensors, metres."""
+        """The open hand's largest extent along an axis of the palm, by geoms' centres and sensors, metres."""
         links = self.forward(np.eye(4), self.open_joint_positions)
         places = [self.geom_poses(links)[self.geom_collides, :3, 3], self.sensor_frames(links)[0]]
         return float(np.ptp(np.concatenate(places), axis=0).max())

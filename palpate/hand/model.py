@@ -19,8 +19,8 @@ STIFFNESS = 1.0  # N m / rad
 MAX_TORQUE = 0.5  # N m
 ARMATURE = 5e-4  # kg m^2
 DAMPING = 0.01  # N m s / rad
-# Of the links about a hinge, the open hand's: three times the armature. Heavier links would swing through their
-# targets and still move at the end of a closing, as those of a hand of twice the Allegro's size did.
+# Of the links about a hinge, the open hand's: three times the armature. Heavier links would swing through
+# their targets and still move at the end of a closing: a hand of twice the Allegro's size, by 7 degrees.
 LARGEST_INERTIA = 1.5e-3  # kg m^2
 # Links that have no volume of their own (a second hinge of one body) still need some inertia.
 LEAST_MASS, LEAST_INERTIA = 1e-3, 1e-7
