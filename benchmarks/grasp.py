@@ -25,7 +25,7 @@ import trimesh
 from palpate import shapes
 from palpate.catalogue import generator
 from palpate.grasp.closing import TIMESTEP, GraspScene
-from palpate.grasp.grasp import THUMB_SHARE, UNSTABLE, Grasper, grasp_object, workspace_of
+from palpate.grasp.grasp import THUMB_SHARE, Grasper, grasp_object, workspace_of
 from palpate.grasp.patches import surface_patches
 from palpate.grasp.penetration import PenetrationCheck
 from palpate.hand import allegro

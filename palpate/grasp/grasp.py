@@ -31,6 +31,7 @@ THUMB_SHARE = 0.15
 # Why an attempt comes to nothing.
 BLOCKED = "no palm pose free of the object"
 UNSTABLE = "simulation warned or gave NaN"
+UNSETTLED = "still moving at the end"
 UNTOUCHED = "no sensor touches"
 PENETRATING = "penetrates too deep"
 
@@ -77,7 +78,11 @@ class Grasper:
         thumb_share: float = THUMB_SHARE,
         plan: Plan = PLAN,
     ):
-        """surface_points: (N, 3) on the object's exterior; the other arguments are `grasp_object`'s."""
+        """surface_points: (N, 3) on the object's exterior; the other arguments are `grasp_object`'s.
+
+        Raises ValueError for a hand that is in itself when it is open, `Unusable` for an object without a
+        surface.
+        """
         self.hand = hand
         self.max_penetration, self.thumb_share = max_penetration, thumb_share
         self.workspace = workspace_of(hand)
@@ -88,6 +93,12 @@ class Grasper:
         self.scene = GraspScene(hand, patches, timestep, plan=plan, visual=visual)
         self.left_out = left_out(plan, hand, len(patches), len(visual.faces))
         self.check = PenetrationCheck(hand, visual, plan)
+        depth = self.check.in_itself(hand.forward(np.eye(4), hand.open_joint_positions))
+        if depth > max(0.0, max_penetration):
+            raise ValueError(
+                f"hand {hand.name!r}: open, its links are {1e3 * depth:.1f} mm deep in each other, and no"
+                f" grasp may be deeper than {1e3 * max_penetration:g} mm: change `open`, or the geoms"
+            )
         self.caster = RayCaster(visual)
 
     def attempt(self, rng: np.random.Generator) -> Grasp | str:
@@ -96,9 +107,18 @@ class Grasper:
         if pose is None:
             return BLOCKED
         thumb = rng.random() < self.thumb_share
-        closed = self.scene.close(self.workspace.targets(pose, self.surface, thumb))
+        return self.closed_at(pose, self.workspace.targets(pose, self.surface, thumb))
+
+    def closed_at(self, pose: np.ndarray, targets: np.ndarray) -> Grasp | str:
+        """The grasp that closing towards `targets` (J,) gives, or the reason why there is none.
+
+        pose: (4, 4), at which the scene has been placed.
+        """
+        closed = self.scene.close(targets)
         if not closed.finite:
             return UNSTABLE
+        if not closed.settled:
+            return UNSETTLED
         links = self.hand.forward(pose, closed.joint_positions)
         position, rotation = self.hand.sensor_frames(links)
         touches = self.caster.succeeds(position, rotation)

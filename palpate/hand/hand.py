@@ -11,6 +11,7 @@ import numpy as np
 from palpate.hand.distance import GEOM_KINDS, half_spaces, signed_distance
 
 SENSORS = 4  # the dataset contract: four touch sensors a grasp
+SMALLEST, LARGEST = 0.01, 1.0  # m, from end to end: others are in other units, and close in no stable way
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,6 +80,17 @@ class Hand:
         joint_of_link = np.full(len(self.link_names), -1)
         joint_of_link[self.joint_link] = np.arange(len(self.joint_link))
         object.__setattr__(self, "joint_of_link", joint_of_link)
+        if not SMALLEST <= self.length() <= LARGEST:
+            raise ValueError(
+                f"hand {self.name!r} is {self.length():.3g} m from end to end, not {SMALLEST:g} to"
+                f" {LARGEST:g} m: give all lengths in metres"
+            )
+
+    def length(self) -> float:
+        """The open hand's largest extent along an axis of the palm, by geoms' centres and sensors, metres."""
+        links = self.forward(np.eye(4), self.open_joint_positions)
+        places = [self.geom_poses(links)[self.geom_collides, :3, 3], self.sensor_frames(links)[0]]
+        return float(np.ptp(np.concatenate(places), axis=0).max())
 
     def forward(self, palm_pose: np.ndarray, joint_positions: np.ndarray) -> np.ndarray:
         """Pose of every link in the world.

@@ -20,6 +20,9 @@ STIFFNESS = 1.0  # N m / rad
 MAX_TORQUE = 0.5  # N m
 ARMATURE = 5e-4  # kg m^2
 DAMPING = 0.01  # N m s / rad
+# Of the links about a hinge, the open hand's: three times the armature. Heavier links would swing through
+# their targets and still move at the end of a closing: a hand of twice the Allegro's size, by 7 degrees.
+LARGEST_INERTIA = 1.5e-3  # kg m^2
 # Links that have no volume of their own (a second hinge of one body) still need some inertia.
 LEAST_MASS, LEAST_INERTIA = 1e-3, 1e-7
 PLAN = plan("grasp")
@@ -31,7 +34,9 @@ def build_spec(hand: Hand, stiffness: float = STIFFNESS, plan: Plan = PLAN) -> m
 
     The palm is fixed to the world; its `pos` and `quat` in the model may change between simulations. Links
     that are joined don't collide. `stiffness`: the servos' gain in N m / rad; they are critically damped
-    against the armature. `plan`: of a scene "grasp".
+    against the armature. Links have the density of water, or less where the servos couldn't stop them in time
+    (`LARGEST_INERTIA`): masses, gains and armature of a user's model file play no part. `plan`: of a scene
+    "grasp".
     """
     spec = mujoco.MjSpec()
     # The default is True: ranges in radians would silently become limits 57 times as narrow.
@@ -64,7 +69,19 @@ def build_spec(hand: Hand, stiffness: float = STIFFNESS, plan: Plan = PLAN) -> m
         add_servo(spec, hand.link_names[link], stiffness)
     for geom in np.flatnonzero(hand.geom_collides | plan.needs("visual geometry")):
         add_geom(spec, bodies[hand.geom_link[geom]], hand, geom)
+    lighten(spec, hand.open_joint_positions)
     return spec
+
+
+def lighten(spec: mujoco.MjSpec, joint_positions: np.ndarray) -> None:
+    """Take as much density off all geoms that no hinge has to turn more than `LARGEST_INERTIA`."""
+    model = spec.compile()
+    model.qpos0[:] = joint_positions
+    mujoco.mj_setConst(model, mujoco.MjData(model))
+    inertia = (model.dof_M0 - model.dof_armature).max(initial=0)
+    if inertia > LARGEST_INERTIA:
+        for geom in spec.geoms:
+            geom.density *= LARGEST_INERTIA / inertia
 
 
 def add_servo(spec: mujoco.MjSpec, joint: str, stiffness: float) -> None:

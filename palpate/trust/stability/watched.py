@@ -1,0 +1,160 @@
+"""Closings watched step by step: what the servos put in, what moves, how deep fingers are."""
+
+import copy
+from collections.abc import Callable, Iterable, Iterator
+from functools import lru_cache
+from typing import NamedTuple
+
+import mujoco
+import numpy as np
+import trimesh
+
+from palpate.grasp.closing import GraspScene
+from palpate.grasp.grasp import Grasp, Grasper
+from palpate.hand import Hand, allegro
+from palpate.mesh import load_collision, load_visual
+from palpate.trust.cases import Finding, at_most, equal
+from palpate.trust.subjects import Subject
+
+HAND = allegro()
+CLOSINGS = 3
+POINTS = 4000
+HOLD = (
+    1.0  # s after a closing in which even a creeping finger comes to rest: 18 of the servos' time constants
+)
+TOUCHED = "closed"  # what becomes of a closing that the grasper takes
+ALLOWED = 0.001  # m, `max_penetration` of config/config.yaml
+NEAREST_BASE = 0.14  # m from the base of an Allegro's finger to its gel
+JOINT = ALLOWED / NEAREST_BASE  # rad, by which a finger's tip moves by what it may be deep: 0.4 degrees
+
+
+class Closing(NamedTuple):
+    """A palm pose (4, 4), clear of the object, and the servos' targets (J,)."""
+
+    pose: np.ndarray
+    targets: np.ndarray
+
+
+class Watched(NamedTuple):
+    """One closing. kinetic, work: (S,) J after each step; work: what servos put in, not what they took."""
+
+    label: str
+    joints: np.ndarray  # (J,)
+    warnings: int
+    kinetic: np.ndarray
+    work: np.ndarray
+    speed: float  # rad/s at the end, of the fastest joint
+    depth: float  # m at the end, of the hand in the object or in itself, by their true surfaces
+    outcome: str  # `TOUCHED`, or the grasper's reason
+
+    @property
+    def gain(self) -> float:
+        """Kinetic energy as a share of the servos' work until then, at worst: over 1 it came from nowhere."""
+        moving = self.kinetic > 0
+        return float((self.kinetic[moving] / np.maximum(self.work[moving], 1e-12)).max(initial=0))
+
+
+class Setting(NamedTuple):
+    """An object of the run, its grasper, and the closings that all cases look at."""
+
+    grasper: Grasper
+    closings: list[Closing]
+
+    def watch(
+        self,
+        change: Callable[[GraspScene], None] | None = None,
+        label: str = "",
+        scene: GraspScene | None = None,
+    ) -> list[Watched]:
+        """All closings, in a copy of the scene (or of `scene`) that `change` has had."""
+        scene = variant(scene or self.grasper.scene, change)
+        return [watch(self.grasper, scene, each, label) for each in self.closings]
+
+
+@lru_cache(maxsize=1)
+def setting(subject: Subject) -> Setting:
+    """Grasper and closings of an object; the palm poses are random, the same every time."""
+    visual, collision = load_visual(subject.folder), load_collision(subject.folder)
+    points = trimesh.sample.sample_surface(visual, POINTS, seed=0)[0]
+    grasper = Grasper(visual, collision, points, HAND)
+    rng, closings = np.random.default_rng(0), []
+    for _ in range(CLOSINGS):
+        pose = grasper.free_palm_pose(rng)
+        if pose is None:
+            raise ValueError(f"{subject.name}: {CLOSINGS} palm poses free of the object were not found")
+        closings.append(Closing(pose, grasper.workspace.targets(pose, grasper.surface)))
+    return Setting(grasper, closings)
+
+
+def variant(scene: GraspScene, change: Callable[[GraspScene], None] | None = None) -> GraspScene:
+    """A copy of a scene with a model of its own, which `change` may edit."""
+    scene = copy.copy(scene)
+    scene.model = copy.deepcopy(scene.model)
+    if change is not None:
+        change(scene)
+    scene.data = mujoco.MjData(scene.model)
+    return scene
+
+
+def held(scene: GraspScene) -> None:
+    """Let a scene hold the targets for `HOLD` more."""
+    more = round(HOLD / scene.model.opt.timestep)
+    scene.ramp = np.concatenate([scene.ramp, np.ones(more)])
+    scene.steps += more
+
+
+def watch(
+    grasper: Grasper, scene: GraspScene, closing: Closing, label: str = "", start: np.ndarray | None = None
+) -> Watched:
+    """Close in `scene`, twice: once looking at every step, once as the grasper does it."""
+    hand: Hand = scene.hand
+    start = hand.open_joint_positions if start is None else start
+    model, data = scene.model, scene.data
+    scene.place(closing.pose, start)
+    kinetic, work, before = [], [], data.qvel.copy()
+    for _ in scene.closing(closing.targets):
+        power = data.qfrc_actuator * (before + data.qvel) / 2
+        work.append(np.maximum(power, 0).sum() * model.opt.timestep)
+        before = data.qvel.copy()
+        mujoco.mj_energyVel(model, data)
+        kinetic.append(data.energy[1])
+    warnings = int(sum(warning.number for warning in data.warning))
+    joints, speed = data.qpos.copy(), float(np.abs(data.qvel).max())
+    links = hand.forward(closing.pose, joints)
+    depth = max(grasper.check.in_object(links), grasper.check.in_itself(links))
+    judge = copy.copy(grasper)
+    judge.scene = scene
+    scene.place(closing.pose, start)
+    result = judge.closed_at(closing.pose, closing.targets)
+    outcome = TOUCHED if isinstance(result, Grasp) else result
+    return Watched(label, joints, warnings, np.array(kinetic), np.cumsum(work), speed, depth, outcome)
+
+
+def sound(watched: Iterable[Watched], depth: float = ALLOWED, what: str = "") -> Iterator[Finding]:
+    """Findings of closings that should go as the mild ones do: the worst of each quantity.
+
+    The engine warns of nothing; from rest and without gravity kinetic energy comes from the servos alone, for
+    contacts and dampers only take; no surface is deeper than allowed.
+    """
+    watched, what = list(watched), f"{what}: " if what else ""
+    warned = {each.label for each in watched if each.warnings}
+    yield equal(f"{what}engine's warnings", sum(each.warnings for each in watched), 0, note=", ".join(warned))
+    worst = max(watched, key=lambda each: each.gain)
+    yield at_most(f"{what}kinetic energy over the servos' work", worst.gain, 1, note=worst.label)
+    worst = max(watched, key=lambda each: each.depth)
+    yield at_most(f"{what}depth by true surfaces", 1e3 * worst.depth, 1e3 * depth, "mm", worst.label)
+
+
+def agree(
+    watched: Iterable[Watched], mild: Iterable[Watched], bound: float = JOINT, what: str = "joints' change"
+) -> Finding:
+    """That joints end where the mild case's do, in the median closing, for a finger may slip off an edge."""
+    changes = [change(one, other) for one, other in zip(watched, mild, strict=True)]
+    return at_most(
+        what, float(np.median(changes)), bound, "rad", f"median of closings; worst {max(changes):.2g}"
+    )
+
+
+def change(one: Watched, other: Watched) -> float:
+    """The largest difference of the joints at the end, rad."""
+    return float(np.abs(one.joints - other.joints).max())
