@@ -50,11 +50,11 @@ class Sampled(NamedTuple):
 
 
 def study(run: Path, subjects: list[Subject], settings: Mapping[str, Any]) -> "Surface":
-    """Surface sampling of the first three subjects and of two shapes whose exterior is known.
+    """Surface sampling of the first two subjects and of two shapes whose exterior is known.
 
     settings: the section `surface` of the config.
     """
-    return Surface(subjects[:3], settings["surface"]["points"], settings["surface"]["method"])
+    return Surface(subjects[:2], settings["surface"]["points"], settings["surface"]["method"])
 
 
 class Surface(Study):
