@@ -17,6 +17,9 @@ BORDER_WEIGHT = 10.0
 # edges: at 1,000 faces a knife is 3.5 mm off with it and 0.2 mm without.
 PLANAR_WEIGHT = 1e-6
 
+# Shapes of triangles that are no worse than this (1 for equilateral) count as equally good: pymeshlab's own.
+QUALITY = 0.3
+
 
 def plan_of(faces: np.ndarray, count: int) -> Plan:
     """The plan of a level of at most `count` faces of a mesh with these faces (k, 3)."""
@@ -29,6 +32,7 @@ def decimate(
     count: int,
     plan: Plan | None = None,
     planar_weight: float = PLANAR_WEIGHT,
+    quality: float = QUALITY,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Vertices (m, 3), rounded to float32, and faces (k, 3) of the mesh with about `count` faces.
 
@@ -39,23 +43,23 @@ def decimate(
     if not (plan or plan_of(faces, count)).needs("decimation"):
         return vertices, faces
     closed = topology.is_closed(faces)
-    level = _collapse(vertices, faces, count, planar_weight, fixed_borders=True)
+    level = _collapse(vertices, faces, count, planar_weight, quality, fixed_borders=True)
     if not closed and len(level[1]) > EXCESS * count:
-        looser = _collapse(vertices, faces, count, planar_weight, fixed_borders=False)
+        looser = _collapse(vertices, faces, count, planar_weight, quality, fixed_borders=False)
         level = min(level, looser, key=lambda each: len(each[1]))
     if not len(level[1]) or (closed and not topology.is_closed(level[1])):
         return vertices, faces
     return level
 
 
-def _collapse(vertices, faces, count, planar_weight, fixed_borders):
+def _collapse(vertices, faces, count, planar_weight, quality, fixed_borders):
     meshes = pymeshlab.MeshSet(verbose=False)
     meshes.add_mesh(pymeshlab.Mesh(vertices, faces))
     # All parameters: pymeshlab takes those left out from the call before, and results would depend on it.
     meshes.meshing_decimation_quadric_edge_collapse(
         targetfacenum=count,
         targetperc=0.0,
-        qualitythr=0.3,
+        qualitythr=quality,
         preserveboundary=fixed_borders,
         boundaryweight=BORDER_WEIGHT,
         preservenormal=True,

@@ -9,7 +9,7 @@ import manifold3d
 import numpy as np
 import pymeshlab
 
-from palpate.mesh.decimate import PLANAR_WEIGHT, decimate
+from palpate.mesh.decimate import PLANAR_WEIGHT, QUALITY, decimate
 from palpate.mesh.distance import Surface, distance
 from palpate.mesh.load import load_parts
 from palpate.mesh.repair import repair
@@ -17,7 +17,8 @@ from palpate.trust.study import Method, Study
 from palpate.trust.subjects import Subject
 
 FACES = (250, 500, 1000, 2000, 4000, 8000)
-PLANAR_WEIGHTS = (0.0, PLANAR_WEIGHT, 1e-4, 1e-3)  # 0.001 is pymeshlab's own
+PLANAR_WEIGHTS = (0.0, PLANAR_WEIGHT, 1e-3)  # 0.001 is pymeshlab's own
+QUALITIES = (0.03, 0.1, QUALITY)
 TOLERANCES = (0.05, 0.2, 0.8)  # mm
 CELLS = (0.25, 0.5, 1.0)  # % of the diagonal
 
@@ -68,6 +69,10 @@ class Decimation(Study):
             *(
                 Method(quadric, "planar weight", w, _with(decimate, chosen, w), w == PLANAR_WEIGHT)
                 for w in PLANAR_WEIGHTS
+            ),
+            *(
+                Method(quadric, "quality", q, _with(decimate, chosen, PLANAR_WEIGHT, q), q == QUALITY)
+                for q in QUALITIES
             ),
             *(Method("quadric collapse (libigl)", "faces", n, _with(_by_libigl, n)) for n in faces),
             *(

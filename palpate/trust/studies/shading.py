@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy import interpolate, ndimage, signal
+from scipy import integrate, interpolate, ndimage, signal
 
 from palpate.touch.sensor import PIXEL, PIXEL_CENTRES, SENSOR_RANGE, SENSOR_WIDTH
 from palpate.touch.shading import DIFFUSE, LIGHTS, impression, lit, normals
@@ -49,6 +49,10 @@ class Shading(Study):
 
     A reading is rounded to whole grey levels, which alone is 0.25 on average and 0.5 at worst. What is
     `worst` is at an edge, where the true normal jumps and a difference takes pixels of both sides.
+
+    `height` is how far the impression that the slopes add up to, from the border along each row of pixels, is
+    from the true one: what can be told of the surface from its reading. Limited differences are nearest to
+    the true normals at edges, and for that reason lose steps: neither side of a vertical wall is tilted.
     """
 
     stage = "shading"
@@ -57,6 +61,7 @@ class Shading(Study):
         "worst away from edges": "grey levels",
         "worst": "grey levels",
         "normal": "degrees",
+        "height": "mm",
     }
     reference = "normals and shading of spheres, cylinders, planes and steps in closed form, double precision"
 
@@ -98,7 +103,16 @@ class Shading(Study):
             "worst away from edges": float(off[case.inside].max()),
             "worst": float(off.max()),
             "normal": float(np.degrees(angle).mean()),
+            "height": 1e3 * _height_lost(case, normal),
         }
+
+
+def _height_lost(case: Press, normal: np.ndarray) -> float:
+    """Mean difference, metres, of the slopes' sum along the rows (trapezia) and the impression's height."""
+    slope = -normal[..., 0].astype(np.float64) / normal[..., 2]
+    height = impression(case.depth.astype(np.float64))
+    rise = integrate.cumulative_trapezoid(slope, dx=PIXEL, axis=-1, initial=0)
+    return float(np.abs(rise - (height - height[..., :1])).mean())
 
 
 def _reading_by(normals_of: Callable[[np.ndarray], np.ndarray]) -> Callable[[Press], tuple]:

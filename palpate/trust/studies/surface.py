@@ -22,7 +22,7 @@ COUNTS = (16, 32, 64, 128, 256)  # directions of rays
 RESOLUTIONS = (64, 128, 256, 512)  # pixels along a depth map
 MORE_VIEWS = np.concatenate([VIEWS, fibonacci_sphere(14)])
 
-# Directions of the reference: with four times as many it says the same of every point of the run's objects.
+# Directions of the reference: four times as many find 0.1 % more of the places on eight objects to see out.
 REFERENCE = 1024
 # Places looked at: on shapes whose exterior is known in closed form, and on the run's objects.
 KNOWN, TRACED = 20_000, 2_000
@@ -50,11 +50,11 @@ class Sampled(NamedTuple):
 
 
 def study(run: Path, subjects: list[Subject], settings: Mapping[str, Any]) -> "Surface":
-    """Surface sampling of the first three subjects and of two shapes whose exterior is known.
+    """Surface sampling of the first two subjects and of two shapes whose exterior is known.
 
     settings: the section `surface` of the config.
     """
-    return Surface(subjects[:3], settings["surface"]["points"], settings["surface"]["method"])
+    return Surface(subjects[:2], settings["surface"]["points"], settings["surface"]["method"])
 
 
 class Surface(Study):
@@ -164,11 +164,12 @@ def overlapping_spheres() -> Case:
     ]
     mesh = trimesh.util.concatenate(balls)
     points, face = _places(mesh)
-    exterior = np.zeros(len(points), dtype=bool)
+    exterior = np.ones(len(points), dtype=bool)
     for k, other in enumerate(reversed(balls)):
-        mine = np.flatnonzero(face // len(other.faces) == k)
+        away = np.linalg.norm(points - other.center_mass, axis=1)
+        near = np.flatnonzero((face // len(other.faces) == k) & (away < 0.1))
         height = np.einsum("fi,fi->f", other.face_normals, other.triangles[:, 0])
-        exterior[mine] = (points[mine] @ other.face_normals.T > height).any(axis=1)
+        exterior[near] = [(other.face_normals @ point > height).any() for point in points[near]]
     return Case(mesh, points, face, exterior)
 
 

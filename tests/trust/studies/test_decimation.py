@@ -39,6 +39,7 @@ def test_what_is_chosen_is_the_collision_mesh_of_the_run(subject):
     assert name == subject.name and [(m.knob, m.value) for m in chosen] == [
         ("faces", FACES),
         ("planar weight", 1e-6),
+        ("quality", 0.3),
     ]
     expected = mesh.load_collision(subject.folder)
     for method in chosen:

@@ -127,11 +127,30 @@ def test_errors_of_known_answers():
     assert right["normal"] == pytest.approx(0, abs=1e-6)
     # Turned by a degree, and three levels too bright where nothing is at an edge.
     angle = np.radians(1)
-    turn = np.array([[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1]])
-    flat = np.zeros_like(case.normal) + [1.0, 0, 0]
+    turn = np.array([[1, 0, 0], [0, np.cos(angle), -np.sin(angle)], [0, np.sin(angle), np.cos(angle)]])
+    flat = np.zeros_like(case.normal) + [0, 0, 1.0]
     wrong = MADE.errors(
         case._replace(normal=flat), (flat @ turn.T, case.reading + 3 * case.inside[..., None])
     )
     assert wrong["normal"] == pytest.approx(1) and wrong["worst"] == pytest.approx(3)
     assert wrong["worst away from edges"] == pytest.approx(3)
     assert wrong["mean"] == pytest.approx(3 * case.inside.mean())
+
+
+def test_height_that_slopes_add_up_to():
+    """Normals of a slope in metres over a plane of the same slope lose nothing; flat ones all of it."""
+    height = 0.004 + 0.3 * PIXEL_CENTRES
+    plane = shading.Press(
+        np.broadcast_to(SENSOR_RANGE - height, (1, 100, 100)), *(np.zeros(0) for _ in range(3))
+    )
+    tilted = np.broadcast_to(np.array([-0.3, 0, 1]) / np.sqrt(1.09), (1, 100, 100, 3))
+    assert shading._height_lost(plane, tilted) == pytest.approx(0, abs=1e-12)
+    flat = np.broadcast_to([0.0, 0, 1], (1, 100, 100, 3))
+    assert shading._height_lost(plane, flat) == pytest.approx((height - height[0]).mean())
+
+
+def test_central_differences_keep_a_step_and_limited_ones_lose_it():
+    lost = {name: MADE.errors(CASES["step"], METHODS[name].run(CASES["step"])) for name in METHODS}
+    central, limited = (lost[f"{name} differences, order 2"] for name in ("central", "limited"))
+    assert limited["mean"] < central["mean"] / 2
+    assert limited["height"] > 10 * central["height"]
