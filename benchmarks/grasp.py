@@ -1,9 +1,9 @@
-"""What grasps cost, how wrong they are, what they leave out: `python benchmarks/grasp.py [table ...]`.
+"""What grasps cost, what they leave out, what they stand: `python benchmarks/grasp.py [table ...]`.
 
-Tables: stages, timestep, left_out, stability, statistics (default: all). Objects are procedural, `--objects`
-of each class, with the meshes and surface points that the workflow gives them by default: the first row of
-the statistics is that of a default run. Times are processor time on one core; medians. Errors of time steps
-are against the same closing at a time step of 0.1 ms.
+Tables: stages, left_out, stability, statistics (default: all). Objects are procedural, `--objects` of each
+class, with the meshes and surface points that the workflow gives them by default: the first row of the
+statistics is that of a default run. Times are processor time on one core; medians. Errors against time:
+`palpate.trust.studies.grasps`.
 """
 
 import argparse
@@ -33,8 +33,6 @@ from palpate.mesh import OBJECT_POSITION, load_collision, load_visual, prepare
 from palpate.surface import sample
 
 HAND = allegro()
-REFERENCE = 1e-4  # s
-TIMESTEPS = (0.0005, 0.001, 0.002, 0.004, 0.005, 0.01)
 CASES = 3  # closings an object
 POINTS = 10_000  # of an object's surface, as in config/config.yaml
 PAPER = {"bottle": 71.8, "knife": 54.1, "cellphone": 67.2, "rifle": 53.6}
@@ -129,22 +127,6 @@ def compared(scenes, subjects, reference) -> dict:
         "penetration max, mm": np.max(depths),
         "NaN": unstable,
     }
-
-
-def reference_closings(subjects) -> list:
-    scenes = [GraspScene(HAND, surface_patches(each.shape.collision), REFERENCE) for each in subjects]
-    return [
-        [closed(scene, case)[0] for case in each.cases] for scene, each in zip(scenes, subjects, strict=True)
-    ]
-
-
-def timestep(subjects) -> pd.DataFrame:
-    reference = reference_closings(subjects)
-    rows = {}
-    for step in TIMESTEPS:
-        scenes = [GraspScene(HAND, surface_patches(each.shape.collision), step) for each in subjects]
-        rows[f"{1e3 * step:g} ms"] = compared(scenes, subjects, reference)
-    return pd.DataFrame(rows).T
 
 
 def gravity(model):
@@ -345,13 +327,13 @@ def everywhere(check: PenetrationCheck, link_pose) -> float:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    tables = ("stages", "timestep", "left_out", "stability", "statistics")
+    tables = ("stages", "left_out", "stability", "statistics")
     parser.add_argument("tables", nargs="*", metavar="table", help=", ".join(tables))
     parser.add_argument("--objects", type=int, default=2, help="of each class (default 2)")
     arguments = parser.parse_args()
     workspace_of(HAND)
     chosen = arguments.tables or tables
-    subjects = subjects_of(arguments.objects) if set(chosen) & {"stages", "timestep", "left_out"} else []
+    subjects = subjects_of(arguments.objects) if set(chosen) & {"stages", "left_out"} else []
     for name in chosen:
         if name == "stability":
             table = stability()
