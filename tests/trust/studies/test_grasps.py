@@ -8,7 +8,7 @@ import trimesh
 from scipy.integrate import solve_ivp
 
 from palpate import mesh, store
-from palpate.grasp.closing import RAMP, GraspScene
+from palpate.grasp.closing import DURATION, RAMP, GraspScene
 from palpate.grasp.patches import surface_patches
 from palpate.hand import allegro, from_mjcf
 from palpate.hand.model import ARMATURE, DAMPING, MAX_TORQUE, STIFFNESS
@@ -223,7 +223,7 @@ def test_same_motion_is_compared_only_where_it_is_the_same(rows):
         if (knob, value) == ("iterations", 1):  # so few that the engine may warn
             continue
         other = (
-            (knob == "closing time, s" and value != 0.4)
+            (knob == "closing time, s" and value != DURATION)
             or (knob.startswith("ramp") and value != RAMP)
             or (knob.startswith("cell") and value != 25)
         )
