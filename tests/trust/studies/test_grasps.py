@@ -8,7 +8,7 @@ import trimesh
 from scipy.integrate import solve_ivp
 
 from palpate import mesh, store
-from palpate.grasp.closing import RAMP, GraspScene
+from palpate.grasp.closing import DURATION, RAMP, GraspScene
 from palpate.grasp.patches import surface_patches
 from palpate.hand import allegro, from_mjcf
 from palpate.hand.model import ARMATURE, DAMPING, MAX_TORQUE, STIFFNESS
@@ -212,16 +212,18 @@ def test_a_knob_that_tightens_errs_less(rows):
     assert same == sorted(same, reverse=True) and same[-1] < 1e-3 < 1e-2 < same[0]
     time = [rows["closing", "closing time, s", value]["joint"] for value in (0.1, 0.2, 0.4, 0.8)]
     assert time == sorted(time, reverse=True) and time[-1] < time[0] / 20
-    for solver in ("newton", "cg", "pgs"):
-        name = f"closing, solver {solver}"
-        few, many = (rows[name, "iterations", value]["joint, same motion"] for value in (20, 100))
-        assert few == pytest.approx(many, abs=1e-3)
+    converged = rows["closing, solver newton", "iterations", 100]["joint, same motion"]
+    for solver in ("newton", "cg", "pgs"):  # three ways to the same minimum
+        found = rows[f"closing, solver {solver}", "iterations", 20]["joint, same motion"]
+        assert found == pytest.approx(converged, abs=1e-3)
 
 
 def test_same_motion_is_compared_only_where_it_is_the_same(rows):
     for (_, knob, value), errors in rows.items():
+        if (knob, value) == ("iterations", 1):  # so few that the engine may warn
+            continue
         other = (
-            (knob == "closing time, s" and value != 0.4)
+            (knob == "closing time, s" and value != DURATION)
             or (knob.startswith("ramp") and value != RAMP)
             or (knob.startswith("cell") and value != 25)
         )
