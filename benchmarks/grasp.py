@@ -1,6 +1,6 @@
 """What grasps cost, how wrong they are, what they leave out: `python benchmarks/grasp.py [table ...]`.
 
-Tables: stages, timestep, left_out, stability, statistics (default: all). Objects are procedural, `--objects`
+Tables: stages, timestep, left_out, statistics (default: all). Objects are procedural, `--objects`
 of each class, with the meshes and surface points that the workflow gives them by default: the first row of
 the statistics is that of a default run. Times are processor time on one core; medians. Errors of time steps
 are against the same closing at a time step of 0.1 ms.
@@ -10,7 +10,6 @@ import argparse
 import os
 import tempfile
 import time
-from collections import Counter
 from functools import cache
 from pathlib import Path
 from typing import NamedTuple
@@ -210,65 +209,6 @@ def compared_near(subjects, reference) -> dict:
     )
 
 
-def no_refsafe(model):
-    model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_REFSAFE
-    model.geom_solref[:, 0] = 0.001
-
-
-def stability(attempts: int = 15) -> pd.DataFrame:
-    """Extreme objects and settings: what becomes of `attempts` attempts each, and how deep they end."""
-    bottle = procedural("bottle", 0).visual
-    soup = bottle.copy()
-    soup.update_faces(np.random.default_rng(0).random(len(soup.faces)) < 0.9)
-    soup.unmerge_vertices()
-    flipped = bottle.copy()
-    flipped.faces[::2] = flipped.faces[::2, ::-1]
-    subjects = {
-        "bottle": (bottle, {}, unchanged),
-        "blade of 0.5 mm": (trimesh.creation.box((0.06, 0.49, 0.0005)), {}, unchanged),
-        "blade of 0.05 mm": (trimesh.creation.box((0.06, 0.49, 0.00005)), {}, unchanged),
-        "one-sided sheet": (trimesh.Trimesh(*sheet()), {}, unchanged),
-        "needle of 2 mm": (trimesh.creation.cylinder(radius=0.001, height=0.5), {}, unchanged),
-        "triangle soup, 10 % missing": (soup, {}, unchanged),
-        "every other face flipped": (flipped, {}, unchanged),
-        "bottle, diagonal 2 m": (bottle.copy().apply_scale(4), {}, unchanged),
-        "bottle, diagonal 5 cm": (bottle.copy().apply_scale(0.1), {}, unchanged),
-        "kp 10": (bottle, {"stiffness": 10.0}, unchanged),
-        "kp 100": (bottle, {"stiffness": 100.0}, unchanged),
-        "time step 10 ms": (bottle, {"timestep": 0.01}, unchanged),
-        "kp 100, time step 10 ms": (bottle, {"stiffness": 100.0, "timestep": 0.01}, unchanged),
-        "refsafe off, solref 1 ms": (bottle, {}, no_refsafe),
-    }
-    rows = {}
-    for label, (mesh, options, change) in subjects.items():
-        points = trimesh.sample.sample_surface(mesh, 3000, seed=0)[0]
-        grasper = Grasper(mesh, mesh, points, HAND, max_penetration=np.inf)
-        patches = surface_patches(mesh)
-        grasper.scene = GraspScene(HAND, patches, **options)
-        change(grasper.scene.model)
-        rng, results = generator(0, label), []
-        for _ in range(attempts):
-            results.append(grasper.attempt(rng))
-        grasps = [each for each in results if not isinstance(each, str)]
-        reasons = Counter(each for each in results if isinstance(each, str))
-        depths = 1e3 * np.array([each.penetration for each in grasps])
-        rows[label] = {
-            "patches": len(patches),
-            "attempts": attempts,
-            "NaN or warning": reasons.pop(UNSTABLE, 0),
-            "not touching or blocked": reasons.total(),
-            "touching": len(grasps),
-            "of them over 1 mm": int((depths > 1).sum()),
-            "penetration p50, mm": np.median(depths) if len(depths) else np.nan,
-            "penetration max, mm": depths.max(initial=0),
-        }
-    return pd.DataFrame(rows).T
-
-
-def sheet():
-    return [[-0.2, -0.15, 0], [0.2, -0.15, 0], [0.2, 0.15, 0], [-0.2, 0.15, 0]], [[0, 1, 2], [0, 2, 3]]
-
-
 def statistics(count: int) -> pd.DataFrame:
     """The default's grasps, and those with the thumb in every attempt or the best of more attempts."""
     rows = {}
@@ -345,7 +285,7 @@ def everywhere(check: PenetrationCheck, link_pose) -> float:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    tables = ("stages", "timestep", "left_out", "stability", "statistics")
+    tables = ("stages", "timestep", "left_out", "statistics")
     parser.add_argument("tables", nargs="*", metavar="table", help=", ".join(tables))
     parser.add_argument("--objects", type=int, default=2, help="of each class (default 2)")
     arguments = parser.parse_args()
@@ -353,12 +293,7 @@ def main() -> None:
     chosen = arguments.tables or tables
     subjects = subjects_of(arguments.objects) if set(chosen) & {"stages", "timestep", "left_out"} else []
     for name in chosen:
-        if name == "stability":
-            table = stability()
-        elif name == "statistics":
-            table = statistics(arguments.objects)
-        else:
-            table = globals()[name](subjects)
+        table = statistics(arguments.objects) if name == "statistics" else globals()[name](subjects)
         print(f"\n{name}\n{table.round(3).to_string()}", flush=True)
 
 
