@@ -36,6 +36,7 @@ from palpate.trust.stability.watched import (
     Watched,
     agree,
     change,
+    deepest,
     held,
     setting,
     sound,
@@ -50,6 +51,7 @@ IMPOSSIBLE = """
   <inertial pos="0 0 0" {}/><joint range="0 1"/><geom size=".1"/>
 </body></worldbody></mujoco>
 """
+HALF_A_LINK = 0.0098  # m, of the thickness of the Allegro's links: at less, contact pushes them back
 Change = Callable[[GraspScene], None]
 
 
@@ -155,6 +157,12 @@ def converges(ends: Sequence[Sequence[Watched]], what: str, order: int = 1) -> F
     note = ", ".join(f"{each:.1e}" for each in middle) + " rad"
     bound = 2 * 0.5 ** (order * (len(middle) - 1))
     return at_most(f"{what}: last change over first", middle[-1] / middle[0], bound, note=note)
+
+
+def on_the_way(on: Setting, watched: Sequence[Watched], what: str) -> Finding:
+    """That no link is half in the object while it closes, from where the contact would push it through."""
+    depth = deepest(on.grasper, on.closings[0], watched[0])
+    return at_most(f"{what}: depth on the way", 1e3 * depth, 1e3 * HALF_A_LINK, "mm", "the first closing")
 
 
 @CASES.case("solref at the time step and below", STAGE)
@@ -283,6 +291,7 @@ def timesteps(subject) -> Iterator[Finding]:
         yield agree(at[step], at[TIMESTEPS[-1]], bound, f"{1e3 * step:g} ms: joints' change to 0.5 ms")
         yield from sound(at[step], what=f"{1e3 * step:g} ms")
     yield converges([at[step] for step in TIMESTEPS], "time step")
+    yield on_the_way(on, at[0.004], "4 ms")
     yield rejects("20 ms", lambda: GraspScene(HAND, patches, 0.02), ValueError, "not between")
     yield rejects("1 ns", lambda: GraspScene(HAND, patches, 1e-9), ValueError, "not between")
 
@@ -294,7 +303,9 @@ def ten_times_faster(subject) -> Iterator[Finding]:
     mild, sooner = on.watch(held), all_of(faster(10), held)
     yield agree(on.watch(sooner), mild, GEL)
     yield agree(plate.watch(sooner), plate.watch(held), what="joints' change on a plate")
-    yield from sound(on.watch(faster(10)))
+    fast = on.watch(faster(10))
+    yield from sound(fast)
+    yield on_the_way(on, fast, "10 times")
     swept = [np.abs(each.targets - HAND.open_joint_positions).max() for each in on.closings]
     kept = [change(*pair) for pair in zip(on.watch(), mild, strict=True)]
     lag = (2 * np.sqrt(STIFFNESS * ARMATURE) + DAMPING) / STIFFNESS  # s

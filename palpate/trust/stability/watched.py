@@ -44,6 +44,7 @@ class Watched(NamedTuple):
     warnings: int
     kinetic: np.ndarray
     work: np.ndarray
+    path: np.ndarray  # (S, J) joints after each step
     depth: float  # m at the end, of the hand in the object or in itself, by their true surfaces
     outcome: str  # `TOUCHED`, or the grasper's reason
 
@@ -87,11 +88,11 @@ def setting(subject: Subject) -> Setting:
 
 
 class Recorded(GraspScene):
-    """A scene that keeps, in J, the kinetic energy after each step and what the servos put in during it."""
+    """A scene that keeps kinetic energy (J) and joints after each step, and what servos put in by it (J)."""
 
     def __init__(self, scene: GraspScene):
         vars(self).update(vars(scene))
-        self.kinetic, self.work = [], []
+        self.kinetic, self.work, self.path = [], [], []
 
     def closing(self, targets: np.ndarray) -> Iterator[mujoco.MjData]:
         before = self.data.qvel.copy()
@@ -101,6 +102,7 @@ class Recorded(GraspScene):
             before = data.qvel.copy()
             mujoco.mj_energyVel(self.model, data)
             self.kinetic.append(data.energy[1])
+            self.path.append(data.qpos.copy())
             yield data
 
 
@@ -137,7 +139,22 @@ def watch(
         links = hand.forward(closing.pose, joints)
         outcome, depth = result, max(grasper.check.in_object(links), grasper.check.in_itself(links))
     warnings = int(sum(warning.number for warning in seen.data.warning))
-    return Watched(label, joints, warnings, np.array(seen.kinetic), np.cumsum(seen.work), depth, outcome)
+    return Watched(
+        label,
+        joints,
+        warnings,
+        np.array(seen.kinetic),
+        np.cumsum(seen.work),
+        np.array(seen.path),
+        depth,
+        outcome,
+    )
+
+
+def deepest(grasper: Grasper, closing: Closing, watched: Watched, every: int = 3) -> float:
+    """Depth in the object at any time of a closing, looked at after every so many steps: metres."""
+    links = grasper.hand.forward(closing.pose, watched.path[::every])
+    return max(map(grasper.check.in_object, links))
 
 
 def sound(watched: Iterable[Watched], depth: float = ALLOWED, what: str = "") -> Iterator[Finding]:
