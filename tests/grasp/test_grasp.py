@@ -4,6 +4,7 @@ import importlib.util
 import os
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +14,7 @@ import trimesh
 from palpate.catalogue import Unusable, generator
 from palpate.grasp import grasp_object
 from palpate.grasp.closing import GraspScene
-from palpate.grasp.grasp import Grasper
+from palpate.grasp.grasp import UNSETTLED, Grasper
 from palpate.grasp.patches import surface_patches
 from palpate.grasp.penetration import PenetrationCheck
 from palpate.hand import allegro, from_mjcf
@@ -226,3 +227,52 @@ def test_a_users_hand_grasps_end_to_end(tmp_path):
     hand = from_mjcf(tmp_path / "gripper.xml", grippers.SENSORS)
     found = grasps_of(bottle(), hand=hand, thumb_share=1.0)
     assert found.joint_positions.shape == (5, 5) and found.touches.any(axis=1).all()
+
+
+@pytest.mark.parametrize("timestep", [0.0, -0.004, float("nan"), 1e-9, 0.011])
+def test_time_steps_that_cannot_work_are_errors(timestep):
+    with pytest.raises(ValueError, match="time step of .* is not between"):
+        GraspScene(HAND, surface_patches(blade(0.02)), timestep)
+
+
+def fist(deep):
+    """A hand whose index and middle finger are in each other when it is open, or bent side by side."""
+    joints = HAND.open_joint_positions.copy()
+    joints[[1, 5]] = 1.2
+    if deep:
+        joints[[0, 4]] = 0.25, -0.25
+    return replace(HAND, open_joint_positions=joints)
+
+
+def test_a_hand_that_is_in_itself_when_open_is_an_error_and_not_one_of_the_object():
+    with pytest.raises(ValueError, match="hand 'allegro': open, its links are 1.* mm deep in each other"):
+        grasps_of(bottle(), hand=fist(deep=True))
+    assert len(grasps_of(bottle(), hand=fist(deep=False), per_object=1, attempts=1).touches) == 1
+
+
+def test_a_pose_is_free_of_the_object_though_the_hand_touches_itself():
+    scene = GraspScene(fist(deep=True), surface_patches(blade(0.02)))
+    far, near = np.eye(4), np.eye(4)
+    far[0, 3], near[:3, 3] = 2.0, (-0.05, 0, -0.05)
+    scene.place(far, scene.hand.open_joint_positions)
+    assert scene.data.ncon > 0 and not scene.in_contact()
+    scene.place(near, scene.hand.open_joint_positions)
+    assert scene.in_contact()
+
+
+def test_a_hand_that_swings_is_not_settled_and_its_attempt_is_none():
+    points, _ = trimesh.sample.sample_surface(bottle(), 500, seed=0)
+    grasper = Grasper(bottle(), bottle(), points, HAND)
+    scene, targets = grasper.scene, HAND.open_joint_positions.copy()
+    targets[[1, 5, 9]] = 1.0
+    away = np.eye(4)
+    away[0, 3] = 2.0
+    scene.place(away, HAND.open_joint_positions)
+    assert scene.close(targets).settled
+    scene.place(away, HAND.open_joint_positions)
+    assert scene.close(HAND.open_joint_positions).settled
+    scene.model.dof_armature[:] = 0.05  # a hundred times as slow to stop
+    scene.place(away, HAND.open_joint_positions)
+    closed = scene.close(targets)
+    assert closed.finite and not closed.settled
+    assert grasper.attempt(np.random.default_rng(0)) == UNSETTLED

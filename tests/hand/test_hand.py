@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from palpate.hand import Hand, allegro
-from palpate.hand.model import build_spec, quaternion
+from palpate.hand.model import LARGEST_INERTIA, build_spec, quaternion
 
 
 def random_pose(rng):
@@ -118,3 +118,43 @@ def test_the_contract_has_four_sensors(hand):
 def test_joint_positions_of_the_wrong_number_are_named(hand):
     with pytest.raises(ValueError, match="expected 16 joint positions"):
         hand.forward(np.eye(4), np.zeros(12))
+
+
+def resized(hand, size):
+    """The hand at `size` times its lengths."""
+    anchor = hand.palm_anchor.copy()
+    anchor[:3, 3] *= size
+    lengths = ("link_position", "geom_size", "geom_position", "sensor_position")
+    return replace(hand, palm_anchor=anchor, **{name: size * getattr(hand, name) for name in lengths})
+
+
+def inertia(model, joint_positions):
+    """Inertia of the links about each hinge (J,), without armature, by the kinetic energy of its turning."""
+    data = mujoco.MjData(model)
+    energies = []
+    for joint in range(model.nv):
+        data.qpos[:], data.qvel[:] = joint_positions, 0
+        data.qvel[joint] = 1
+        mujoco.mj_forward(model, data)
+        mujoco.mj_energyVel(model, data)
+        energies.append(2 * data.energy[1] - model.dof_armature[joint])
+    return np.array(energies)
+
+
+@pytest.mark.parametrize("size", [0.1, 1, 1.5, 4])
+def test_no_hinge_turns_more_than_its_servo_can_stop(hand, size):
+    model = build_spec(resized(hand, size)).compile()
+    found = inertia(model, hand.open_joint_positions)
+    assert found.max() <= 1.02 * LARGEST_INERTIA  # the lightest a link may be adds a little
+    water = 1000 * (8 * np.prod(size * hand.geom_size, axis=1)).sum()
+    if size <= 1:
+        assert model.body_mass.sum() == pytest.approx(water, abs=1e-3 * model.nbody)
+    else:
+        assert found.max() == pytest.approx(LARGEST_INERTIA, rel=0.02)
+        assert model.body_mass.sum() < 0.7 * water
+
+
+@pytest.mark.parametrize("size", [0.001, 10, 1000])
+def test_a_hand_in_other_units_is_an_error(hand, size):
+    with pytest.raises(ValueError, match="from end to end, not 0.01 to 1 m: give all lengths in metres"):
+        resized(hand, size)

@@ -162,3 +162,9 @@ def test_files_that_a_model_names_are_found(tmp_path):
         "hand.urdf": ["my parts/a.stl"],
         "broken.xml": [],
     }
+
+
+def test_a_hand_in_millimetres_is_named_with_the_file(model_file):
+    model_file.write_text(model_file.read_text().replace('pos="0 .04 .035"', 'pos="0 40 35"'))
+    with pytest.raises(ValueError, match="gripper.xml.* m from end to end.*lengths in metres"):
+        from_mjcf(model_file, grippers.SENSORS)

@@ -20,6 +20,15 @@ def far() -> trimesh.Trimesh:
     return trimesh.creation.icosphere(subdivisions=2, radius=0.02).apply_translation((0.5, 0, 0.1))
 
 
+def louvre() -> tuple[trimesh.Trimesh, np.ndarray]:
+    """Sheets 15 mm apart that face upwards, and points (N, 3) on the lowest one: no palm fits above it."""
+    corners, faces = [(-1, -1, 0), (1, -1, 0), (1, 1, 0), (-1, 1, 0)], [(0, 1, 2), (0, 2, 3)]
+    sheet = trimesh.Trimesh(0.15 * np.array(corners), faces)
+    sheets = [sheet.copy().apply_translation((0, 0, 0.015 * number)) for number in range(8)]
+    points = np.random.default_rng(0).uniform(-0.02, 0.02, (100, 3)) * (1, 1, 0)
+    return trimesh.util.concatenate(sheets), points
+
+
 def plate(width: float = 0.06) -> trimesh.Trimesh:
     """The top is at z = 0, as with all shapes here; in its middle, or at its tip, is the origin."""
     return trimesh.creation.box((width, 0.06, 0.01)).apply_translation((0, 0, -0.005))
@@ -98,9 +107,8 @@ def facing(shape: trimesh.Trimesh, joints: np.ndarray, deep: float = PRESS, at=(
 def reach() -> float:
     """Metres from the sensor's origin to the face of its gel."""
     on_tip = HAND.geom_link == HAND.sensor_link[FINGER]
-    return float(
-        (HAND.geom_position[on_tip, 0] + HAND.geom_size[on_tip, 0]).max() - HAND.sensor_position[FINGER, 0]
-    )
+    faces = HAND.geom_position[on_tip, 0] + HAND.geom_size[on_tip, 0]
+    return float(faces.max() - HAND.sensor_position[FINGER, 0])
 
 
 def alone(mesh: trimesh.Trimesh, targets: np.ndarray | None = None) -> Setting:

@@ -11,7 +11,7 @@ import trimesh
 
 from palpate.grasp.closing import GraspScene
 from palpate.grasp.grasp import Grasp, Grasper
-from palpate.hand import Hand, allegro
+from palpate.hand import allegro
 from palpate.mesh import load_collision, load_visual
 from palpate.trust.cases import Finding, at_most, equal
 from palpate.trust.subjects import Subject
@@ -26,6 +26,7 @@ TOUCHED = "closed"  # what becomes of a closing that the grasper takes
 ALLOWED = 0.001  # m, `max_penetration` of config/config.yaml
 NEAREST_BASE = 0.14  # m from the base of an Allegro's finger to its gel
 JOINT = ALLOWED / NEAREST_BASE  # rad, by which a finger's tip moves by what it may be deep: 0.4 degrees
+GEL = 0.0032 / NEAREST_BASE  # rad, by which it moves by its gel's thickness: 1.3 degrees
 
 
 class Closing(NamedTuple):
@@ -43,7 +44,7 @@ class Watched(NamedTuple):
     warnings: int
     kinetic: np.ndarray
     work: np.ndarray
-    speed: float  # rad/s at the end, of the fastest joint
+    path: np.ndarray  # (S, J) joints after each step
     depth: float  # m at the end, of the hand in the object or in itself, by their true surfaces
     outcome: str  # `TOUCHED`, or the grasper's reason
 
@@ -86,6 +87,25 @@ def setting(subject: Subject) -> Setting:
     return Setting(grasper, closings)
 
 
+class Recorded(GraspScene):
+    """A scene that keeps kinetic energy (J) and joints after each step, and what servos put in by it (J)."""
+
+    def __init__(self, scene: GraspScene):
+        vars(self).update(vars(scene))
+        self.kinetic, self.work, self.path = [], [], []
+
+    def closing(self, targets: np.ndarray) -> Iterator[mujoco.MjData]:
+        before = self.data.qvel.copy()
+        for data in super().closing(targets):
+            power = data.qfrc_actuator * (before + data.qvel) / 2
+            self.work.append(np.maximum(power, 0).sum() * self.model.opt.timestep)
+            before = data.qvel.copy()
+            mujoco.mj_energyVel(self.model, data)
+            self.kinetic.append(data.energy[1])
+            self.path.append(data.qpos.copy())
+            yield data
+
+
 def variant(scene: GraspScene, change: Callable[[GraspScene], None] | None = None) -> GraspScene:
     """A copy of a scene with a model of its own, which `change` may edit."""
     scene = copy.copy(scene)
@@ -106,28 +126,35 @@ def held(scene: GraspScene) -> None:
 def watch(
     grasper: Grasper, scene: GraspScene, closing: Closing, label: str = "", start: np.ndarray | None = None
 ) -> Watched:
-    """Close in `scene`, twice: once looking at every step, once as the grasper does it."""
-    hand: Hand = scene.hand
-    start = hand.open_joint_positions if start is None else start
-    model, data = scene.model, scene.data
-    scene.place(closing.pose, start)
-    kinetic, work, before = [], [], data.qvel.copy()
-    for _ in scene.closing(closing.targets):
-        power = data.qfrc_actuator * (before + data.qvel) / 2
-        work.append(np.maximum(power, 0).sum() * model.opt.timestep)
-        before = data.qvel.copy()
-        mujoco.mj_energyVel(model, data)
-        kinetic.append(data.energy[1])
-    warnings = int(sum(warning.number for warning in data.warning))
-    joints, speed = data.qpos.copy(), float(np.abs(data.qvel).max())
-    links = hand.forward(closing.pose, joints)
-    depth = max(grasper.check.in_object(links), grasper.check.in_itself(links))
-    judge = copy.copy(grasper)
-    judge.scene = scene
-    scene.place(closing.pose, start)
+    """What the grasper makes of a closing in `scene`, from joint positions (J,) `start` (default: open)."""
+    hand = scene.hand
+    seen, judge = Recorded(scene), copy.copy(grasper)
+    judge.scene = seen
+    seen.place(closing.pose, hand.open_joint_positions if start is None else start)
     result = judge.closed_at(closing.pose, closing.targets)
-    outcome = TOUCHED if isinstance(result, Grasp) else result
-    return Watched(label, joints, warnings, np.array(kinetic), np.cumsum(work), speed, depth, outcome)
+    joints = seen.data.qpos.copy()
+    if isinstance(result, Grasp):
+        outcome, depth = TOUCHED, result.penetration
+    else:
+        links = hand.forward(closing.pose, joints)
+        outcome, depth = result, max(grasper.check.in_object(links), grasper.check.in_itself(links))
+    warnings = int(sum(warning.number for warning in seen.data.warning))
+    return Watched(
+        label,
+        joints,
+        warnings,
+        np.array(seen.kinetic),
+        np.cumsum(seen.work),
+        np.array(seen.path),
+        depth,
+        outcome,
+    )
+
+
+def deepest(grasper: Grasper, closing: Closing, watched: Watched, every: int = 3) -> float:
+    """Depth in the object at any time of a closing, looked at after every so many steps: metres."""
+    links = grasper.hand.forward(closing.pose, watched.path[::every])
+    return max(map(grasper.check.in_object, links))
 
 
 def sound(watched: Iterable[Watched], depth: float = ALLOWED, what: str = "") -> Iterator[Finding]:
