@@ -1,8 +1,8 @@
 """What grasps cost, and their statistics: `python benchmarks/grasp.py [table ...]`.
 
 Tables: stages, statistics (default: both). Objects are procedural, `--objects` of each class, with the meshes
-and surface points that the workflow gives them by default: the first row of the statistics is that of a default
-run. Times are processor time on one core; medians. Errors against time: `snakemake reports`.
+and surface points that the workflow gives them by default: the first row of the statistics is that of a
+default run. Times are processor time on one core; medians. Errors against time: `snakemake reports`.
 """
 
 import argparse

@@ -16,7 +16,7 @@ from palpate.scene import Plan
 
 TIMESTEP = 0.004  # s
 DURATION = 0.4  # s
-RAMP = 0.6  # share of the duration in which the targets move from the open hand to their end
+RAMP = 0.4  # share of the duration in which the targets move from the open hand to their end
 ITERATIONS = 20  # of the contact solver; fewer than 5 are too few
 # Contact softness: impedance, its width and the shape of its curve, by which fingers stop within 0.5 mm.
 SOLIMP = (0.95, 0.99, 0.0005, 0.5, 2.0)

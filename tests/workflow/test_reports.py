@@ -46,7 +46,7 @@ def test_a_subset_of_stages(finished, stages, rules, files):
 
 def test_all_stages_and_what_they_are_made_from(make_workflow):
     jobs = make_workflow().jobs("reports")
-    assert len(report_files(jobs)) == 9 + 4 + 5
+    assert len(report_files(jobs)) == 10 + 4 + 5
     assert {"meshes", "surface", "grasps", "touch", "pack"} <= {job.rule for job in jobs}
     of_touch = make_workflow(reports={"stages": ["touch"]}).planned("reports")
     assert {"meshes", "surface", "grasps"} <= of_touch and not {"touch", "vision", "pack"} & of_touch

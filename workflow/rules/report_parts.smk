@@ -19,7 +19,8 @@ REPORT_PARTS = {
     "error_vs_runtime": {
         "decimation": (["meshes"], ["mesh"], ["decimation"]),
         "surface": (["meshes"], ["surface"], ["surface"]),
-        "grasps": (["meshes", "surface"], ["grasps"], ["grasps"]),
+        "grasps": (["meshes", "surface", "grasps"], ["grasps"], ["grasps"]),
+        "patches": (["meshes", "surface", "grasps"], ["grasps"], ["grasps"]),
         "touch": (["meshes", "grasps"], ["touch", "mesh"], ["touch"]),
         "shading": (["meshes"], [], ["shading"]),
         "renders": (["meshes", "grasps"], ["vision"], ["renders"]),
@@ -35,7 +36,7 @@ REPORT_PARTS = {
     },
     "left_out": {
         "meshes": (["meshes"], ["mesh"], ["decimation"]),
-        "grasps": (["meshes", "surface"], ["grasps"], ["grasps"]),
+        "grasps": (["meshes", "surface", "grasps"], ["grasps"], ["grasps"]),
         "touch": (["meshes", "grasps"], ["touch"], ["touch"]),
         "renders": (["meshes", "grasps"], ["vision"], ["renders"]),
         "models": (["pack"], ["training"], ["reconstruction"]),
