@@ -35,7 +35,7 @@ FULL = {
     "caustics_reflective": True,
     "caustics_refractive": True,
 }
-MIDDLE = 0.375  # of a picture's side: the part of it that the reference is of, for its time
+MIDDLE = 0.3125  # of a picture's side: the part of it that the reference is of, for its time
 SAMPLES = (1, 4, 8, 32, 64)
 BOUNCES = (0, 4, 12)
 DENOISED = (0.25, 0.5, 1.0)  # of the run's samples

@@ -51,7 +51,7 @@ def test_the_reference_of_a_matte_ball_is_the_closed_form(tmp_path):
     size = 64
     made = Renders(tmp_path, [], {**VISION, "size": size})
     seen = made.true_pictures(matte_ball(tmp_path), samples=512)[0]
-    camera = replace(paper_camera(size), size=24)
+    camera = replace(paper_camera(size), size=20)
     rays, out = camera.rays(), camera.position - OBJECT_POSITION
     a, b, c = (rays**2).sum(-1), rays @ out, out @ out - 0.2**2
     root = np.sqrt(np.maximum(b**2 - a * c, 0))
@@ -80,9 +80,9 @@ def test_the_reference_is_converged(bottle):
 def test_the_reference_shows_the_middle_of_the_picture(bottle):
     made, case = bottle
     for whole, truth in zip(made.rendered(case, samples=64), case.truth, strict=True):
-        assert truth.shape == (24, 24, 3) and whole.shape == (64, 64, 3)
-        right = rms(middle(whole, 24), truth)
-        beside = [rms(middle(np.roll(whole, 1, axis), 24), truth) for axis in (0, 1)]
+        assert truth.shape == (20, 20, 3) and whole.shape == (64, 64, 3)
+        right = rms(middle(whole, 20), truth)
+        beside = [rms(middle(np.roll(whole, 1, axis), 20), truth) for axis in (0, 1)]
         assert right < 0.5 * min(beside)
 
 
