@@ -31,6 +31,7 @@ ALONE, HELD, VIEW = "unoccluded image", "occluded image", "view"
 # other random numbers, but for the bounces, which are missed. A picture of 16 samples is off by 4.
 BOUND = 1.5
 BOUNCES_BOUND = 3.0
+VIEWS = 8  # that are rendered
 TEXTURE = 1024  # pixels, the side of the texture that is added and used by nothing
 
 
@@ -85,8 +86,9 @@ class _Pictures:
         return self.renderer.render_object(self.file, self.hand, self.poses[:1])[1]
 
     def views(self) -> list[Image]:
-        count, size = self.settings["views"]["count"], self.settings["views"]["size"]
-        at = views.viewpoints(generator(self.settings["seed"], self.subject.name, "views"), count)
+        """The first of the object's views."""
+        size = self.settings["views"]["size"]
+        at = views.viewpoints(generator(self.settings["seed"], self.subject.name, "views"), VIEWS)
         self.renderer.samples = self.settings["views"]["samples"]
         try:
             return self.renderer.render_views(self.file, [views.camera(each, size) for each in at])
@@ -120,8 +122,7 @@ class _Pictures:
             (HELD, "hand's meshes for every object", "always but for the first", self.in_the_hand, {}),
             (HELD, "pixels around what is drawn", always, self.in_the_hand, {}),
             (HELD, "paths of more than 6 bounces", always, self.in_the_hand, {}),
-            (VIEW, "scene for every view", always, self.views, {}),
-            (VIEW, "pixels around what is drawn", always, self.views, {}),
+            (VIEW, "scene for every view", f"always; here of {VIEWS} views", self.views, {}),
         ):  # fmt: skip
             same = {"difference": largest, "unit": "grey levels"}
             yield self._leaving(kind, part, when, make, **same | options)

@@ -11,7 +11,7 @@ from palpate.trust.left_out.renders import leavings, rewritten
 SETTINGS = {
     "seed": 0,
     "vision": {"size": 64, "samples": 8, "device": "cpu"},
-    "views": {"count": 2, "size": 40, "samples": 2},
+    "views": {"size": 40, "samples": 2},
 }
 
 
