@@ -43,20 +43,23 @@ CYCLES = {
     "caustics_reflective": False,
     "caustics_refractive": False,
     "max_bounces": 6,
-    "diffuse_bounces": 1,
-    "glossy_bounces": 1,
+    "diffuse_bounces": 4,
+    "glossy_bounces": 4,
     "transmission_bounces": 6,
     "transparent_max_bounces": 8,
     "volume_bounces": 0,
 }
 # What else, or instead, with a part in that a plan leaves out, and without one that it keeps.
 CYCLES_WITH = {
-    "further bounces of light": {"diffuse_bounces": 12, "glossy_bounces": 12},
+    "bounces of light after the fourth": {"diffuse_bounces": 12, "glossy_bounces": 12},
     "paths of more than 6 bounces": {"max_bounces": 12, "transmission_bounces": 12},
     "caustics": {"caustics_reflective": True, "caustics_refractive": True},
     "tree of lights": {"use_light_tree": True},
 }
-CYCLES_WITHOUT = {"first bounce of light": {"diffuse_bounces": 0, "glossy_bounces": 0}}
+CYCLES_WITHOUT = {
+    "second to fourth bounce of light": {"diffuse_bounces": 1, "glossy_bounces": 1},
+    "first bounce of light": {"diffuse_bounces": 0, "glossy_bounces": 0},
+}
 
 # The light: one lamp, a sun, whose direction is fixed in the world (from the camera's upper left), and a
 # constant ambient light. A white diffuse surface that faces the lamp comes out at 0.8 * (SUN / pi + AMBIENT)

@@ -19,7 +19,7 @@ from palpate.vision import Renderer, looking_at
 from tests.vision.scenes import grasp_poses, painted
 
 # These change a picture, but by less than its noise.
-BOUNDED = {"further bounces of light", "caustics", "tree of lights"}
+BOUNDED = {"bounces of light after the fourth", "caustics", "tree of lights"}
 EXACT = [
     (kind, part)
     for kind in ("unoccluded image", "occluded image", "view")

@@ -27,10 +27,9 @@ from palpate.trust.pictures import held, rms  # noqa: E402
 from palpate.trust.subjects import Subject  # noqa: E402
 
 ALONE, HELD, VIEW = "unoccluded image", "occluded image", "view"
-# Grey levels (RMS of the pixels that show something) by which a picture may be another one without a part: by
-# other random numbers, but for the bounces, which are missed. A picture of 16 samples is off by 4.
+# Grey levels (RMS of the pixels that show something) by which a picture may be another one without a part,
+# mostly by other random numbers. A picture of 16 samples is off by 4.
 BOUND = 1.5
-BOUNCES_BOUND = 3.0
 VIEWS = 8  # that are rendered
 TEXTURE = 1024  # pixels, the side of the texture that is added and used by nothing
 
@@ -130,10 +129,11 @@ class _Pictures:
     def of_light(self) -> Iterator[Leaving]:
         """Parts that change the paths of light: those within a bound are left out, the others stay."""
         for part, bound, left_out in (
-            ("further bounces of light", BOUNCES_BOUND, True),
+            ("bounces of light after the fourth", BOUND, True),
             ("caustics", BOUND, True),
             ("tree of lights", BOUND, True),
             ("first bounce of light", BOUND, False),
+            ("second to fourth bounce of light", BOUND, False),
             ("hand", BOUND, False),
         ):
             yield self._leaving(
