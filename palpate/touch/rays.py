@@ -2,8 +2,9 @@
 
 import numpy as np
 
+from palpate.scene import Plan
 from palpate.touch.sensor import PIXEL, SENSOR_PLANE, SENSOR_RANGE
-from palpate.touch.tracing import Block, Tracer
+from palpate.touch.tracing import PLAN, Block, Tracer
 
 # How much further than the range, and how far behind the sensor plane, Embree looks: more than its rounding,
 # so that double precision decides.
@@ -28,9 +29,9 @@ class RayCaster(Tracer):
     and decided in double precision against every face in range; so are all of an object larger than 2 m.
     """
 
-    def __init__(self, mesh, object_position=(0.0, 0.0, 0.0)):
+    def __init__(self, mesh, object_position=(0.0, 0.0, 0.0), plan: Plan = PLAN):
         """As for `Tracer`."""
-        super().__init__(mesh, object_position)
+        super().__init__(mesh, object_position, plan)
         low, high = self._low.min(axis=1), self._high.max(axis=1)
         self._large = (high - low).max() > _LARGEST
         # Coordinates far from the origin are rounded more.
