@@ -52,7 +52,8 @@ def write(
 
     path: `<run>/packs/<family>.h5`. catalogue: the run's `catalogue.csv`. stores: of each of `stages(family)`
     the stores of all batches, in one order. Objects are those that all of a batch's stores have. plan: what
-    the pack holds; the family's own if None. Every row has a checksum, which reading looks at.
+    the pack holds, of a `pack` or an `experiment`; the family's own if None. Every row has a checksum, which
+    reading looks at.
 
     Raises PackError if no object is left, a store has another shape than the others, or a value that must be
     finite is not, naming the object.
