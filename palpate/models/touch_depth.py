@@ -58,7 +58,10 @@ class TouchDepth(nn.Module):
         levels.pop()
         for raise_, concatenate, up in zip(self.raise_, self.concatenate, self.up, strict=True):
             x = up(concatenate(raise_(x), levels.pop()))
-        return SENSOR_RANGE - IMPRESSION * self.depth(x)[:, 0]
+        impression = self.depth(x)[:, 0]
+        # In float32 at least: in bfloat16 a depth of 20 mm is good to 0.06 mm.
+        impression = impression.to(torch.promote_types(impression.dtype, torch.float32))
+        return SENSOR_RANGE - IMPRESSION * impression
 
 
 def _same(inputs: int, outputs: int) -> ConvolutionBlock:

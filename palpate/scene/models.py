@@ -1,7 +1,8 @@
 """Scenes that models see: an experiment each, a row of config/experiments.yaml.
 
-Facts of one: `strategy`, `vision`, `touch`, `grasps`, as there. Parts are what its model is built of and what
-its pack holds, and with the pack the stages that the workflow runs for it.
+Facts of one: `strategy`, `vision`, `touch`, `grasps`, as there. Parts are what its pack holds, and with that
+the stages that the workflow runs for it, and what its model is built of. A pack, which experiments that see
+the same share, has a plan of its own.
 """
 
 from collections.abc import Callable, Mapping
@@ -39,16 +40,17 @@ def _fills_all_charts(facts: Mapping[str, Any]) -> str | None:
     return f"all {GRASPS} grasps are felt" if joined and facts["grasps"] >= GRASPS else None
 
 
-SCENES: dict[str, dict[str, Part]] = {
-    "experiment": {
-        "unoccluded renders": Part("no unoccluded image is seen", _sees("unoccluded")),
-        "occluded renders": Part("no occluded image is seen", _sees("occluded")),
-        "views": Part("no single image from all around is seen", _sees("views")),
-        "image encoder": Part("there is no image to encode", _encodes),
-        "touch": Part("nothing is felt: neither hand nor sensors are needed", _feels),
-        "touch charts": Part("no touch comes as a chart: nor is the U-Net needed", _feels_charts),
-        "touch readings": Part("no touch comes as a reading", _feels_readings),
-        "reading encoder": Part("there is no reading to encode", _feels_readings),
-        "spare touch charts": Part("vertices and edges that no touch fills", _fills_all_charts),
-    }
+OF_PACKS = {
+    "unoccluded renders": Part("no unoccluded image is seen", _sees("unoccluded")),
+    "occluded renders": Part("no occluded image is seen", _sees("occluded")),
+    "views": Part("no single image from all around is seen", _sees("views")),
+    "touch": Part("nothing is felt", _feels),
+    "touch charts": Part("no touch comes as a chart: the U-Net is not needed for it either", _feels_charts),
+    "touch readings": Part("no touch comes as a reading", _feels_readings),
 }
+OF_MODELS = {
+    "image encoder": Part("there is no image to encode", _encodes),
+    "reading encoder": Part("there is no reading to encode", _feels_readings),
+    "spare touch charts": Part("vertices and edges that no touch fills", _fills_all_charts),
+}
+SCENES: dict[str, dict[str, Part]] = {"pack": OF_PACKS, "experiment": {**OF_PACKS, **OF_MODELS}}

@@ -38,7 +38,7 @@ PARTS = {
 
 
 def scene(family: str) -> Plan:
-    """The plan of a family's data. Raises Invalid if there is no such family."""
+    """The plan of a family's pack. Raises Invalid if there is no such family."""
     vision, _, touch = family.partition("-")
     if vision not in VISION or touch not in TOUCH or vision == touch == "none":
         raise Invalid(
@@ -46,7 +46,7 @@ def scene(family: str) -> Plan:
             f"and touch one of {', '.join(TOUCH)}, not both none"
         )
     strategy = "sphere" if touch == "readings" else "charts"
-    return plan("experiment", strategy=strategy, vision=vision, touch=touch != "none", grasps=1)
+    return plan("pack", strategy=strategy, vision=vision, touch=touch != "none")
 
 
 def sources(family: str, plan: Plan | None = None) -> dict[str, Source]:

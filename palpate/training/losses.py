@@ -97,6 +97,10 @@ def touch_depth_loss(
     Raises ValueError if a touch has no valid pixel or nothing in range.
     """
     felt = torch.isfinite(depth)
+    for what, pixels in (("valid pixel", valid), ("pixel in range", felt)):
+        without = ~pixels.flatten(1).any(dim=1)
+        if without.any():
+            raise ValueError(f"touch {int(without.nonzero()[0])} of the batch has no {what}: leave it out")
     clouds = [cloud[mask] for cloud, mask in zip(sheet(predicted.to(depth.dtype)), valid, strict=True)]
     truths = [cloud[mask] for cloud, mask in zip(sheet(depth), felt, strict=True)]
     there = one_sided_distance([some(cloud, n, generator) for cloud in clouds], truths)

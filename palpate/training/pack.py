@@ -34,6 +34,7 @@ from palpate.training.families import Source, sources
 SCHEMA_VERSION = 1
 # Greatest coordinate of the world, metres: what is farther is in another unit, or broken.
 FAR = 10.0
+IN_MEMORY = "the pack"  # in messages
 LIMITS = {"points": FAR, "position": FAR, "charts": FAR, "rotation": 1.001}
 
 
@@ -52,7 +53,8 @@ def write(
 
     path: `<run>/packs/<family>.h5`. catalogue: the run's `catalogue.csv`. stores: of each of `stages(family)`
     the stores of all batches, in one order. Objects are those that all of a batch's stores have. plan: what
-    the pack holds; the family's own if None. Every row has a checksum, which reading looks at.
+    the pack holds, of a `pack` or an `experiment`; the family's own if None. Every row has a checksum, which
+    reading looks at.
 
     Raises PackError if no object is left, a store has another shape than the others, or a value that must be
     finite is not, naming the object.
@@ -137,7 +139,7 @@ class Pack:
         names. grasps: g, grasps an object, 0 where the family sees none of a grasp. views: v, 0 likewise.
     """
 
-    def __init__(self, arrays: dict[str, np.ndarray], family: str, digest: str, path: str = "the pack"):
+    def __init__(self, arrays: dict[str, np.ndarray], family: str, digest: str, path: str = IN_MEMORY):
         self.path, self.family, self.digest = path, family, digest
         self.objects, self.classes, self.splits = (
             list(arrays.pop(key)) for key in ("object", "class", "split")
@@ -184,7 +186,8 @@ class Pack:
 
     def _check(self) -> None:
         """Raises PackError, naming the object, if a value is NaN, infinite, or out of `LIMITS`."""
-        again = f"remove it and build it with: snakemake {'/'.join(Path(self.path).parts[-2:])}"
+        target = "/".join(Path(self.path).parts[-2:])
+        again = "" if self.path == IN_MEMORY else f"; remove it and build it with: snakemake {target}"
         for name, values in self.arrays.items():
             if name == "empty_reading":
                 continue
@@ -199,7 +202,7 @@ class Pack:
                 number = int(np.flatnonzero(wrong)[0])
                 raise PackError(
                     f"{self.path}: {name} of {self.objects[number]} is NaN, infinite or "
-                    f"above {limit:g}; {again}"
+                    f"above {limit:g}{again}"
                 )
 
     def __getitem__(self, name: str) -> np.ndarray:

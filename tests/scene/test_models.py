@@ -44,7 +44,7 @@ def test_the_pack_has_what_the_model_reads_and_no_stage_more(name):
         EXPERIMENTS[name]["vision"] in ("unoccluded", "occluded")
     )
     assert touch == EXPERIMENTS[name]["touch"]
-    # An experiment's plan and its family's name the same data.
+    # An experiment's plan and its pack's name the same data.
     assert arrays == families.sources(family, plan("experiment", **EXPERIMENTS[name]))
 
 

@@ -110,6 +110,9 @@ def test_touch_depth_against_all_pairs():
 def test_a_touch_without_pixels_raises():
     depth = torch.full((1, 100, 100), torch.inf)
     valid = torch.ones(1, 100, 100, dtype=torch.bool)
-    for arguments in [(depth * 0, valid, depth), (depth * 0 + 0.02, ~valid, depth * 0 + 0.02)]:
-        with pytest.raises(ValueError):
+    for what, arguments in [
+        ("pixel in range", (depth * 0, valid, depth)),
+        ("valid pixel", (depth * 0 + 0.02, ~valid, depth * 0 + 0.02)),
+    ]:
+        with pytest.raises(ValueError, match=f"touch 0 of the batch has no {what}"):
             touch_depth_loss(*arguments, None, torch.Generator())
