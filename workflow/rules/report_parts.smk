@@ -12,6 +12,11 @@ STORE_OF = {
     "surface": "surface/{batch}.zarr",
     "grasps": "grasps/{batch}.h5",
     "touch": "touch/{batch}.zarr",
+    "charts": "charts/{batch}.zarr",
+    "vision": "vision/{batch}.zarr",
+    "views": "views/{batch}.zarr",
+    "touch_depth": "models/touch_depth/best.ckpt",
+    "pack": "packs/unoccluded-none.h5",
 }
 # A part of a report: what it reads of the run, the sections of the config that it depends on, and the stages of
 # `reports.stages` that it belongs to.
@@ -25,8 +30,12 @@ REPORT_PARTS = {
         "shading": (["meshes"], [], ["shading"]),
         "renders": (["meshes", "grasps"], ["vision"], ["renders"]),
         "touch_charts": (["meshes", "touch"], ["training"], ["touch_charts"]),
-        "chamfer": (["meshes", "surface"], ["training", "evaluation"], ["chamfer"]),
-        "reconstruction": (["pack"], ["training", "evaluation"], ["reconstruction"]),
+        "chamfer": (["meshes"], ["surface", "recipe", "evaluation"], ["chamfer"]),
+        "reconstruction": (
+            ["meshes", "pack"],
+            ["recipe", "training", "evaluation"],
+            ["reconstruction"],
+        ),
     },
     "stability": {
         "contact": (["meshes"], [], ["grasps"]),
@@ -38,8 +47,12 @@ REPORT_PARTS = {
         "meshes": (["meshes"], ["mesh"], ["decimation"]),
         "grasps": (["meshes", "surface", "grasps"], ["grasps"], ["grasps"]),
         "touch": (["meshes", "grasps"], ["touch"], ["touch"]),
-        "renders": (["meshes", "grasps"], ["vision"], ["renders"]),
-        "models": (["pack"], ["training"], ["reconstruction"]),
+        "renders": (["meshes", "grasps"], ["vision", "views", "seed"], ["renders"]),
+        "models": (
+            ["surface", "touch", "charts", "vision", "views", "touch_depth"],
+            ["recipe", "training"],
+            ["reconstruction"],
+        ),
     },
 }
 REPORT_STAGES = {
@@ -61,12 +74,7 @@ def report_inputs(report_name):
         return {
             "catalogue": expand("catalogue/{batch}.csv", batch=REPORT_BATCHES),
             **{
-                store: (
-                    "packs/unoccluded-charts.h5"
-                    if store == "pack"
-                    else expand(STORE_OF[store], batch=REPORT_BATCHES)
-                )
-                for store in stores
+                store: expand(STORE_OF[store], batch=REPORT_BATCHES) for store in stores
             },
         }
 
@@ -74,12 +82,14 @@ def report_inputs(report_name):
 
 
 def report_settings(report_name):
-    """The sections of the config that a part depends on; the recipe with its overrides for what trains."""
+    """The sections of the config that a part depends on; `recipe` is the run's, with its overrides."""
 
     def settings(wildcards):
         _, sections, _ = REPORT_PARTS[report_name][wildcards.part]
-        found = {section: config[section] for section in sections}
-        return found | ({"recipe": RECIPE} if "training" in sections else {})
+        return {
+            section: RECIPE if section == "recipe" else config[section]
+            for section in sections
+        }
 
     return settings
 

@@ -19,7 +19,6 @@ from palpate.training.touches import touch_charts
 from palpate.trust.leaving import Leaving
 from palpate.trust.subjects import Subject
 
-PROJECT = Path(__file__).parents[3]
 SEES = {"strategy": "charts", "vision": "unoccluded", "touch": False, "grasps": 1}
 FEELS = {"strategy": "charts", "vision": "none", "touch": True, "grasps": 1}
 BOTH = SEES | {"touch": True}
@@ -60,18 +59,11 @@ def leavings(run: Path, subjects: list[Subject], settings: Mapping[str, Any]) ->
     recipe says the models' layers.
     """
     subject = subjects[0]
-    recipe = recipe_of(settings["training"])
     for part, experiment, when in DATA:
         if (run / stage_of(part)).is_dir():
             yield of_pack(run, subject, part, experiment, when, settings["training"]["touch_charts"])
     for part, experiment, when in PARTS:
-        yield of_model(run, subject, part, experiment, when, recipe)
-
-
-def recipe_of(training: Mapping[str, Any]) -> Mapping[str, Any]:
-    """The recipe of a run's config."""
-    schema = PROJECT / "workflow/schemas/recipes.schema.yaml"
-    return recipes.resolve(PROJECT / "config/recipes.yaml", training["recipe"], training["override"], schema)
+        yield of_model(run, subject, part, experiment, when, settings["recipe"])
 
 
 def stage_of(part: str) -> str:
