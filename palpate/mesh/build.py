@@ -23,8 +23,8 @@ UP = {
 }
 
 
-# Largest rounding of a source's coordinates, as a share of its diagonal, by which it is not yet spoilt: 0.05 mm
-# of an object of 0.5 m, a third of a pixel of touch.
+# Largest rounding of a source's coordinates, as a share of its diagonal, by which it is not yet spoilt: 0.05
+# mm of an object of 0.5 m, a third of a pixel of touch.
 COARSEST = 1e-4
 
 
@@ -104,9 +104,9 @@ def _joined(parts, source):
     rounding = _single_rounding(vertices[used])
     if rounding > COARSEST * diagonal:
         raise Unusable(
-            f"{source}: {np.abs(vertices[used]).max():g} from the origin its coordinates are rounded by up to "
-            f"{rounding:g} (single precision), {rounding / diagonal:.2g} of its size: move it to the origin and "
-            "export it again"
+            f"{source}: {np.abs(vertices[used]).max():g} from the origin, its coordinates are rounded by up "
+            f"to {rounding:g} (single precision), {rounding / diagonal:.2g} of its size: move it to the "
+            "origin and export it again"
         )
     vertices[~np.isfinite(vertices).all(axis=1)] = vertices[used[0]]  # of stray vertices, which are dropped
     return vertices, faces, part

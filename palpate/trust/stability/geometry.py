@@ -216,7 +216,7 @@ def with_slivers(box: trimesh.Trimesh, share: float) -> trimesh.Trimesh:
 
 @CASES.case("slivers of aspect 1e6", "meshes, surface, grasps, touch")
 def slivers(subject):
-    """A third of the faces are hardly wider than single precision: the box stays closed and feels the same."""
+    """A third of the faces are as thin as rounding: the box stays closed and feels the same."""
     box = fine_box((0.4, 0.2, 0.1))
     area = 2 * (0.4 * 0.2 + 0.4 * 0.1 + 0.2 * 0.1)
     plain, made = prepared(box), prepared(with_slivers(box, 2e-6))
@@ -281,7 +281,7 @@ def offset(subject):
 def a_million_faces(subject):
     """A ball of 1.3 million faces: its decimated levels are as near as balls of so many faces can be."""
     ball = trimesh.creation.icosphere(subdivisions=8)
-    made = prepared(ball)
+    made = prepared(ball, "ply")
     radius = DIAGONAL / np.linalg.norm((2, 2, 2))
     area = made.record["visual.glb"]["area"] / (4 * np.pi * radius**2)
     # The sagitta of a face of a ball, as a share of the radius, is about 2 pi / (3 sqrt(3) f) 2.
@@ -367,7 +367,7 @@ def narrow_hole(subject):
     scale = DIAGONAL / np.linalg.norm(tube.extents)
     bore = 0.005 * scale
     axis = np.column_stack([np.zeros((50, 2)), np.linspace(-0.23, 0.23, 50)])
-    # A patch spans a quarter of the bore's round, and the chord of a quarter is cos(45 deg) of the radius off.
+    # A patch spans a quarter of the bore's round: its chord is cos(45 deg) of the radius off the axis.
     free = clearance(surface_patches(made.collision), axis)
     yield at_least("axis of the bore clear of contact geometry", free, 0.95 * bore * np.cos(np.pi / 4), "m")
     depth = looked_at(made.visual, 2, 1, 0.24 * scale + 0.005)

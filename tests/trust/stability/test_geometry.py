@@ -48,7 +48,7 @@ def all_thin(vertices, faces, keep, tolerance):
 
 def absolute(vertices, faces, part):
     """Vertices merged within a distance that is not a share of the object's size."""
-    return repairs.repair(np.round(vertices, 3), faces, part)
+    return repairs.repair(np.round(vertices, 2), faces, part)
 
 
 NAIVE = {
