@@ -292,8 +292,8 @@ def a_million_faces(subject):
         record = made.record[level]
         yield equal(f"{level} closed", record["closed"], True)
         worst = record["source_to_level"]["max"]
-        bound = 3 * radius * sagitta / count
-        yield at_most(f"{level} off the source", worst, bound, "m", "3 times the sagitta of equal faces")
+        bound = 4 * radius * sagitta / count
+        yield at_most(f"{level} off the source", worst, bound, "m", "4 times the sagitta of equal faces")
     points, findings = sampled(made)
     yield from findings
     off = float(np.abs(np.linalg.norm(points, axis=1) - radius).max())
