@@ -276,9 +276,11 @@ def check_together(item: Item) -> Measured:
 def _borderline(item: Item, position: np.ndarray, rotation: np.ndarray) -> bool:
     """Whether a sensor that moves by `BORDER` along an axis of its own would begin, or cease, to touch."""
     shifts = BORDER * np.concatenate([np.eye(3), np.zeros((1, 3)), -np.eye(3)]) @ rotation.T
-    if not np.isfinite(shifts + position).all():
+    caster = RayCaster(item.mesh)
+    try:
+        touches = caster.succeeds(position + shifts, np.tile(rotation, (len(shifts), 1, 1)))
+    except ValueError:  # no pose at all
         return False
-    touches = RayCaster(item.mesh).succeeds(position + shifts, np.tile(rotation, (len(shifts), 1, 1)))
     return bool(touches.any() and not touches.all())
 
 
@@ -301,12 +303,15 @@ def _each_sensor(rows: dict[str, np.ndarray], error: Callable) -> np.ndarray:
 
 
 def _points_error(depth, position, rotation, points, reading) -> float:
-    expected = local_points(depth, position, rotation)
+    try:
+        expected = local_points(depth, position, rotation)
+    except ValueError:  # no position at all, or one that no point can be stored at
+        return np.inf
     return np.abs(points[: len(expected)] - expected).max(initial=0)
 
 
 def _reading_error(depth, position, rotation, points, reading) -> float:
-    return np.inf if np.isnan(depth).any() else np.abs(shade(depth).astype(int) - reading).max()
+    return np.inf if not (depth > -np.inf).all() else np.abs(shade(depth).astype(int) - reading).max()
 
 
 def _cloud_distance(item: Item) -> np.ndarray:

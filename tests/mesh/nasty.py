@@ -397,6 +397,12 @@ def _(path):
     _save(path, vertices, sphere().faces)
 
 
+@_in(UNUSABLE, "far_single.ply")
+def _(path):
+    """So far from the origin that single precision has rounded its shape away, by 1 % of its size."""
+    _save(path, sphere().vertices + (1e6, 0, 0), sphere().faces)
+
+
 @_in(UNUSABLE, "overflowing.obj")
 def _(path):
     _obj(path, sphere().vertices * 1e200, sphere().faces)

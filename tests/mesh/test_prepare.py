@@ -239,3 +239,33 @@ def test_errors_come_back_from_the_child():
         isolated(refuse, seconds=20)
     with pytest.raises(RuntimeError, match="a fault of ours"):
         isolated(fail, seconds=20)
+
+
+@pytest.mark.parametrize(("suffix", "away", "usable"), [
+    ("ply", 1e3, True), ("ply", 1e5, False), ("stl", 1e6, False), ("glb", 1e6, False), ("off", 1e6, True),
+])  # fmt: skip
+def test_an_object_far_from_the_origin_keeps_its_shape_or_is_refused(tmp_path, suffix, away, usable):
+    """Text has all digits, binary formats single precision: 1e5 diameters out that is off by 0.4 %."""
+    ball = trimesh.creation.icosphere(subdivisions=2)
+    far = trimesh.Trimesh(ball.vertices + (away, -away, 0), ball.faces, process=False)
+    path = tmp_path / f"far.{suffix}"
+    exported = far.export(file_type=suffix, **({"digits": 12} if suffix == "off" else {}))
+    path.write_bytes(exported.encode() if isinstance(exported, str) else exported)
+    if usable:
+        mesh.prepare(path, tmp_path / "out")
+        radius = np.linalg.norm(mesh.load_visual(tmp_path / "out").vertices, axis=1)
+        expected = mesh.DIAGONAL / np.linalg.norm(ball.extents)
+        assert np.abs(radius - expected).max() < 1e-5
+    else:
+        with pytest.raises(Unusable, match=r"rounded by up to .* \(single precision\)"):
+            mesh.prepare(path, tmp_path / "out")
+
+
+def test_whole_numbers_far_from_the_origin_are_kept(tmp_path):
+    """Single precision holds 1000001 exactly: nothing was rounded."""
+    box = trimesh.creation.box((4, 2, 2))
+    far = trimesh.Trimesh(box.vertices + 1e6, box.faces, process=False)
+    (tmp_path / "far.stl").write_bytes(far.export(file_type="stl"))
+    mesh.prepare(tmp_path / "far.stl", tmp_path / "out")
+    expected = np.array((4, 2, 2)) * mesh.DIAGONAL / np.sqrt(24)
+    np.testing.assert_allclose(mesh.load_visual(tmp_path / "out").extents, expected, atol=1e-7)

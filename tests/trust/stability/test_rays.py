@@ -44,7 +44,7 @@ def few_steps(self, mesh, object_position=(0.0, 0.0, 0.0)):
 
 careful = sphere_tracing.SphereTracer.__init__
 NAIVE = {
-    "grazing sensor, Embree": (caster, "_LARGEST", np.inf),
+    "grazing sensor, Embree": (caster, "_NO_WIDTH", 0.1),
     "grazing sensor, sphere tracing": (sphere_tracing.SphereTracer, "__init__", few_steps),
     "rays through vertices and along edges": (
         caster,
