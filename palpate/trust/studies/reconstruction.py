@@ -98,9 +98,9 @@ class ReconstructionStudy(Study):
         self.base = Variant(
             gcn["width"], gcn["layers"], deformations, machine["precision"], settings["batch"], SEEDS[0]
         )
-        # A short training wants a higher rate (docs/training.md).
+        # A short training wants a higher rate (docs/training.md), but is the more a matter of chance at it.
         whole = ReconstructionLearner(pack, EXPERIMENT, settings, SEEDS[0]).steps * settings["batch"]
-        self.rate = settings["rate"] * max(1.0, whole / SAMPLES) ** 0.5
+        self.rate = settings["rate"] * max(1.0, whole / SAMPLES) ** 0.25
         self.samples = windows(pack, EXPERIMENT, "validation")
         self._trained: dict[Variant, tuple[Reconstruction, Step]] = {}
         self._results: dict[Variant, np.ndarray] = {}

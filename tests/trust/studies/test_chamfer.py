@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import torch
+import trimesh
 
 from palpate.charts import CHAMFER_SCALE
 from palpate.mesh.distance import Surface, sample
@@ -89,6 +90,13 @@ def test_an_approximate_search_keeps_its_promise():
         found = distance[np.arange(300), chamfer._approximate(error, query, points)]
         assert (found <= (1 + error) * distance.min(axis=1) + 1e-12).all()
     assert (chamfer._all_pairs(query, points) == distance.argmin(axis=1)).all()
+
+
+def test_what_is_inside_does_not_count():
+    outer, inner = trimesh.creation.icosphere(2, 0.2), trimesh.creation.box((0.1, 0.1, 0.1))
+    mesh = trimesh.util.concatenate([outer, inner])
+    faces = chamfer.outer_faces(mesh)
+    assert set(map(tuple, faces)) == set(map(tuple, outer.faces))
 
 
 def test_bias_and_spread_of_vectors():
