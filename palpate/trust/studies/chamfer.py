@@ -28,12 +28,12 @@ from palpate.training.losses import some
 from palpate.trust.study import Method, Study
 from palpate.trust.subjects import Subject
 
-DRAWS = 16  # of which bias and spread are taken
+DRAWS = 12  # of which bias and spread are taken
 SHRUNK = 0.95  # of the way from the atlas to the object: about as far off as the models of the default run
 SEEN = 100_000  # exterior points that say which faces of an object are seen from outside
 POINTS_ON_TRUTH = 200_000  # of the reference
 CUTS = 9  # of each side of a predicted face, into 81 triangles: 187,000 points of the reference
-LOSS_POINTS, EVALUATION_POINTS = (500, 1000, 2500, 5000, 10_000), (1000, 3000, 30_000)
+LOSS_POINTS, EVALUATION_POINTS = (500, 1000, 2500, 5000, 10_000), (1000, 3000, 20_000)
 ERRORS_OF_SEARCH = (
     0.1,
     0.5,
