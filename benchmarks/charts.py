@@ -1,8 +1,9 @@
 """Error and time of what charts are computed with: `python benchmarks/charts.py [--only part] [--threads 2]`.
 
-Sums over neighbourhoods, Chamfer distances and fits of touch charts, each beside the other ways that were
-tried, their runs taken in turn. Clouds and touches are those of a dataset. Times are medians: of processor
-time with one thread (what else the machine does hardly shows), of wall time with several.
+Sums over neighbourhoods and Chamfer distances, each beside the other ways that were tried, their runs taken
+in turn. Clouds are those of a dataset. Times are medians: of processor time with one thread (what else the
+machine does hardly shows), of wall time with several. Fits of touch charts, and how the error of a Chamfer
+distance follows from its points, are in the report of error against run time (`palpate.trust`).
 """
 
 import argparse
@@ -18,18 +19,13 @@ from torch.nn import functional
 
 import palpate
 from palpate.charts import (
-    CHAMFER_SCALE,
     Graph,
     build_tree,
     chamfer_distance,
-    fit_adam,
-    fit_direct,
     sample_faces,
-    touch_chart,
     vision_atlas,
 )
 from palpate.charts.chamfer import nearest_in_blocks
-from palpate.touch import PIXEL_CENTRES, local_points
 
 
 def medians(ways: dict[str, Callable[[], object]], runs: int) -> dict[str, float]:
@@ -162,100 +158,18 @@ def chamfer(dataset: palpate.Dataset, runs: int) -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
-def touches(dataset: palpate.Dataset, count: int) -> tuple[Tensor, Tensor, Tensor, Tensor, list[Tensor]]:
-    """Depth, mask, position, rotation and cloud of random successful touches."""
-    arrays = [dataset.array("touch", name) for name in ("success", "depth", "position", "rotation")]
-    chosen = []
-    for grasp in np.random.default_rng(0).permutation(len(arrays[0])):
-        success, *values = (np.asarray(array[int(grasp)]) for array in arrays)
-        chosen += [[value[sensor] for value in values] for sensor in np.flatnonzero(success)]
-        if len(chosen) >= count:
-            break
-    depth, position, rotation = (
-        torch.from_numpy(np.stack(part[:count])) for part in zip(*chosen, strict=True)
-    )
-    clouds = [
-        torch.from_numpy(local_points(*one))
-        for one in zip(depth.numpy(), position.numpy(), rotation.numpy(), strict=True)
-    ]
-    return depth, torch.isfinite(depth), position.float(), rotation.float(), clouds
-
-
-def fit_nearest(depth: Tensor, valid: Tensor, position: Tensor, rotation: Tensor) -> Tensor:
-    """The other direct fit: the sensor's own grid, each vertex moved to the nearest pixel in contact."""
-    y, z = torch.meshgrid(*2 * [torch.from_numpy(PIXEL_CENTRES).float()], indexing="xy")
-    pixels = torch.stack([y, z], dim=2).reshape(-1, 2)
-    distance = torch.cdist(touch_chart().grid, pixels).expand(len(depth), -1, -1)
-    at = distance.masked_fill(~valid.flatten(1)[:, None], torch.inf).argmin(dim=2)
-    local = torch.cat([depth.flatten(1).gather(1, at)[..., None], pixels[at]], dim=2)
-    return local @ rotation.mT + position[:, None]
-
-
-def chart_errors(charts: Tensor, clouds: list[Tensor]) -> Tensor:
-    """Chamfer distance (k,) in the tables' unit, 10,000 points a chart; of its vertices if it has no area."""
-    errors = []
-    seeded = torch.Generator().manual_seed(0)
-    for chart, cloud in zip(charts, clouds, strict=True):
-        try:
-            points = sample_faces(chart[None], touch_chart().faces, 10000, seeded)
-        except ValueError:
-            points = chart[None]
-        errors.append(chamfer_distance(points, [cloud])[0] * CHAMFER_SCALE)
-    return torch.stack(errors)
-
-
-def fits(dataset: palpate.Dataset, count: int, runs: int) -> pd.DataFrame:
-    """Error and time of fits to the true local clouds."""
-    depth, valid, position, rotation, clouds = touches(dataset, count)
-    fields = depth, valid, position, rotation
-    seeded = torch.Generator().manual_seed(0)
-
-    def adam(**options: float) -> Callable[[], Tensor]:
-        return lambda: fit_adam(clouds, position, rotation, generator=seeded, **options)
-
-    ways: dict[str, tuple[Callable[[], Tensor], int]] = {
-        "direct, rows stretched": (lambda: fit_direct(*fields), runs),
-        "direct, to nearest contact": (lambda: fit_nearest(*fields), runs),
-        "Adam 0.003, at most 50 steps": (adam(steps=50), 1),
-        "Adam 0.003, at most 100 steps": (adam(steps=100), 1),
-        "Adam 0.003, 100 steps, no stop": (adam(steps=100, stop=0.0), 1),
-        "Adam 0.001, at most 100 steps": (adam(steps=100, rate=0.001), 1),
-        "Adam 0.003, 1,000 samples, at most 100 steps": (adam(steps=100, samples=1000), 1),
-    }
-    clock = time.process_time if torch.get_num_threads() == 1 else time.perf_counter
-    rows = []
-    for name, (way, repeats) in ways.items():
-        taken = []
-        for _ in range(repeats):
-            start = clock()
-            charts = way()
-            taken.append(1e3 * (clock() - start) / count)
-        error = chart_errors(charts, clouds)
-        worst = error.max().item()
-        rows.append([name, error.mean().item(), error.median().item(), worst, float(np.median(taken))])
-        print(rows[-1], flush=True)
-    # What the 10,000 points' own spacing leaves: a flat sheet against the pixels on it.
-    flat = torch.zeros(1, 100, 100)
-    sheet = fit_direct(flat, flat == 0, torch.zeros(1, 3), torch.eye(3)[None])
-    floor = chart_errors(sheet, [torch.from_numpy(local_points(flat[0].numpy(), np.zeros(3), np.eye(3)))])
-    rows.append(["(floor: a flat sheet against its own pixels)", *3 * [floor.item()], np.nan])
-    return pd.DataFrame(rows, columns=["fit", "mean error", "median", "worst", "ms a chart"])
-
-
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--only", choices=["aggregate", "chamfer", "fits"])
+    parser.add_argument("--only", choices=["aggregate", "chamfer"])
     parser.add_argument("--run", default="results/default", help="folder of the dataset")
     parser.add_argument("--threads", type=int, default=1)
     parser.add_argument("--runs", type=int, default=15)
-    parser.add_argument("--charts", type=int, default=32, help="touches to fit")
     arguments = parser.parse_args()
     torch.set_num_threads(arguments.threads)
     dataset = None if arguments.only == "aggregate" else palpate.Dataset(arguments.run)
     parts = {
         "aggregate": lambda: aggregate(arguments.runs).set_index(["V", "B", "C"]).T,
         "chamfer": lambda: chamfer(dataset, arguments.runs).set_index(["points", "prediction"]).T,
-        "fits": lambda: fits(dataset, arguments.charts, arguments.runs).set_index("fit"),
     }
     for name in [arguments.only] if arguments.only else parts:
         print(f"\n{name}, ms, {arguments.threads} thread(s)\n{parts[name]().to_string()}", flush=True)

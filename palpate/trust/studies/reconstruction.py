@@ -1,7 +1,7 @@
-"""Models of other sizes than the run's, trained alike: error against the time of predictions, and of training.
+"""Models of other sizes than the run's, trained alike: error against the time to predict, and to train.
 
-Every model is trained anew, on equally many samples, for a much shorter time than the run's: what a larger one
-wins in a long training is more. On the CPU, whatever the run is trained on.
+Every model is trained anew, on equally many samples, for a much shorter time than the run's: what a larger
+one wins in a long training is more. On the CPU, whatever the run is trained on.
 """
 
 import copy
@@ -98,9 +98,9 @@ class ReconstructionStudy(Study):
         self.base = Variant(
             gcn["width"], gcn["layers"], deformations, machine["precision"], settings["batch"], SEEDS[0]
         )
-        # A short training wants a higher rate (docs/training.md).
+        # A short training wants a higher rate (docs/training.md), but is the more a matter of chance at it.
         whole = ReconstructionLearner(pack, EXPERIMENT, settings, SEEDS[0]).steps * settings["batch"]
-        self.rate = settings["rate"] * max(1.0, whole / SAMPLES) ** 0.5
+        self.rate = settings["rate"] * max(1.0, whole / SAMPLES) ** 0.25
         self.samples = windows(pack, EXPERIMENT, "validation")
         self._trained: dict[Variant, tuple[Reconstruction, Step]] = {}
         self._results: dict[Variant, np.ndarray] = {}
@@ -108,10 +108,10 @@ class ReconstructionStudy(Study):
     @property
     def reference(self) -> str:
         return (
-            f"the true points of {len(self.samples)} validation samples, against {self.points} spread evenly on "
-            "each prediction, by scipy's k-d trees in double precision; for rounding the same model in float64. "
-            f"Each model was trained on {SAMPLES} samples, with one seed: the rows of the knob seed say what is "
-            f"chance. Seconds are for {len(self.samples)} predictions, or for training on "
+            f"the true points of {len(self.samples)} validation samples, and {self.points} points spread "
+            "evenly on each, by scipy's k-d trees in double precision; for rounding the same model in "
+            f"float64. Each model was trained on {SAMPLES} samples, with one seed: the rows of the knob seed "
+            f"say what is chance. Seconds are for {len(self.samples)} predictions, or for training on "
             f"{self.timed_samples} samples"
         )
 
