@@ -21,21 +21,20 @@ PANEL, MARGIN = (4.2, 3.0), 0.35  # inches
 
 @styled
 def fronts(table: pd.DataFrame, path: Path | str) -> None:
-    """Error against seconds, a panel a stage: the first measure of its study, all objects together.
+    """Error against seconds, a panel for each measure that a stage's study draws, all objects together.
 
     Methods with their knobs are named on the front; the line is the front; a ring marks what the config
     chooses; a hollow mark is a method on the front that the machine's noise does not let rank.
     """
-    table = over_objects(table)
-    stages = list(dict.fromkeys(table["stage"]))
-    columns = min(ACROSS, len(stages))
-    lines = -(-len(stages) // columns)
+    table = over_objects(table[table["drawn"]])
+    panels = [rows for _, rows in table.groupby(["stage", "measure"], sort=False)]
+    columns = min(ACROSS, len(panels))
+    lines = -(-len(panels) // columns)
     figure = new_figure(columns * PANEL[0] + MARGIN, lines * PANEL[1] + MARGIN)
     grid = figure.subplots(lines, columns, squeeze=False)
-    for axes, stage in zip(grid.flat, stages, strict=False):
-        rows = table[table["stage"] == stage]
-        _front(axes, rows[rows["measure"] == rows["measure"].iloc[0]])
-    for axes in grid.flat[len(stages) :]:
+    for axes, rows in zip(grid.flat, panels, strict=False):
+        _front(axes, rows[rows["error"].notna()])
+    for axes in grid.flat[len(panels) :]:
         axes.set_axis_off()
     figure.tight_layout(rect=(0, 0, 1, 1 - 0.25 / figure.get_figheight()))
     legend = "line: front    ring: the config's    hollow: not ranked, too noisy"

@@ -18,7 +18,7 @@ from palpate.trust.timing import ROUNDS, Timing, interleaved, timing, told_apart
 log = logging.getLogger(__name__)
 
 COLUMNS = (
-    "stage", "object", "method", "knob", "value", "chosen", "measure", "error", "unit", "reference",
+    "stage", "object", "method", "knob", "value", "chosen", "measure", "drawn", "error", "unit", "reference",
     "seconds", "seconds_low", "seconds_high", "rounds", "peak_mib", "front", "noisy",
 )  # fmt: skip
 ALL = "all"  # the object of rows that stand for all objects together
@@ -45,13 +45,15 @@ class Study(ABC):
 
     Attributes:
         stage: its name in the report.
-        units: the measures of error and their units; the first is the one that the figure draws.
+        units: the measures of error and their units.
+        panels: how many of them, from the first, the figure draws.
         reference: what errors are against, in words.
     """
 
     stage: str
     units: Mapping[str, str]
     reference: str
+    panels: int = 1
 
     @abstractmethod
     def cases(self) -> Iterable[tuple[str, Any]]:
@@ -115,7 +117,7 @@ def _together(parts: list, units: Mapping[str, str]) -> tuple[dict[str, float], 
 
 def _rows(study: Study, name: str, found: Mapping[Method, tuple], rounds: int) -> list[dict[str, Any]]:
     rows = []
-    for measured, unit in study.units.items():
+    for number, (measured, unit) in enumerate(study.units.items()):
         methods = list(found)
         times = [found[m][2] for m in methods]
         best = front([t.seconds for t in times], [found[m][0][measured] for m in methods])
@@ -131,6 +133,7 @@ def _rows(study: Study, name: str, found: Mapping[Method, tuple], rounds: int) -
                     "value": method.value,
                     "chosen": method.chosen,
                     "measure": measured,
+                    "drawn": number < study.panels,
                     "error": errors[measured],
                     "unit": unit,
                     "reference": study.reference,

@@ -20,6 +20,7 @@ def study_rows(stage: str, errors, seconds, chosen: int, objects=("a", ALL)) -> 
             "value": k,
             "chosen": k == chosen,
             "measure": measure,
+            "drawn": measure == "depth",
             "error": error,
             "unit": "mm",
             "seconds": time,

@@ -39,6 +39,7 @@ def test_every_method_object_and_measure_has_a_row():
     assert tuple(table.columns) == COLUMNS
     assert len(table) == 3 * 2 * (2 + 1)
     assert not table.duplicated(["object", "method", "measure"]).any()
+    assert (table["drawn"] == (table["measure"] == "sum")).all()
     assert (table["seconds_low"] <= table["seconds"]).all() and (
         table["seconds"] <= table["seconds_high"]
     ).all()

@@ -86,6 +86,7 @@ class ReconstructionStudy(Study):
         "Chamfer distance, of training": "m^2 x 9000",
         "rounding": "mm",
     }
+    panels = 2
 
     def __init__(self, pack: Pack, settings: Mapping[str, Any], machine: Mapping[str, Any], points: int):
         """settings: of the experiment, from the run's recipe. machine: the config's `training`. points: of an

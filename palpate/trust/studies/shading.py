@@ -10,7 +10,7 @@ from scipy import integrate, interpolate, ndimage, signal
 
 from palpate.touch.sensor import PIXEL, PIXEL_CENTRES, SENSOR_RANGE, SENSOR_WIDTH
 from palpate.touch.shading import DIFFUSE, LIGHTS, impression, lit, normals
-from palpate.touch.sphere_tracing import MAX_STEPS, TOLERANCE
+from palpate.touch.sphere_tracing import TOLERANCE
 from palpate.trust.study import Method, Study
 from palpate.trust.subjects import Subject
 
@@ -18,6 +18,7 @@ PRESSES = 8  # of each shape
 DEEPEST = 0.006  # m, an impression; shallowest a sixth of it
 # Pixels nearer than this to another piece of surface are at an edge: as far as the widest stencil reaches.
 REACH = 3
+STEPS = 200  # of sphere tracing: more than any of its rays takes
 
 # Weights of the pixels to the right, times the pixel's width; to the left the same with the other sign.
 STENCILS = {2: (1 / 2,), 4: (2 / 3, -1 / 12), 6: (3 / 4, -3 / 20, 1 / 60)}
@@ -260,7 +261,7 @@ def _traced_sphere(radius: float, random: np.random.Generator) -> Surface:
     radius *= random.uniform(0.8, 1.2)
     ball = _round(np.stack([Y - y, Z - z]), radius, deep)
     centre, reached = SENSOR_RANGE - deep + radius, np.zeros_like(Y)
-    for _ in range(MAX_STEPS):
+    for _ in range(STEPS):
         gap = np.hypot(np.hypot(Y - y, Z - z), centre - reached) - radius
         reached += np.where(gap > TOLERANCE, gap, 0)
     return ball._replace(short=np.where(ball.piece, SENSOR_RANGE - ball.height - reached, 0))

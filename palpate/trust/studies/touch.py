@@ -16,13 +16,14 @@ from trimesh.ray.ray_pyembree import RayMeshIntersector
 from palpate import mesh, store
 from palpate.touch import RESOLUTION, SENSOR_RANGE, SENSOR_WIDTH, RayCaster, SphereTracer, shade
 from palpate.touch.sensor import SENSOR_PLANE
-from palpate.touch.sphere_tracing import MAX_STEPS, TOLERANCE
+from palpate.touch.sphere_tracing import TOLERANCE
 from palpate.trust.study import Method, Study
 from palpate.trust.subjects import Subject
 
 TOUCHES = 4  # of an object: the first that its grasps have
 TOLERANCES = (1e-3, 1e-4, 1e-5, 1e-6)  # m
-STEPS = (5, 10, 20, 50)  # at most; by default 200
+STEPS = (5, 10, 20, 50)  # at most; by default as many as a ray can take
+MOST_STEPS = 200  # on a grid, more than any ray takes
 CELLS = (6, 12, 20)  # along each side of the box in front of a sensor
 TRACERS = {"embree": RayCaster, "sphere_tracing": SphereTracer}
 
@@ -134,7 +135,7 @@ def _traced(distance: RegularGridInterpolator) -> np.ndarray:
     """
     points = SENSOR_PLANE.reshape(-1, 3).copy()
     side, moving = np.sign(distance(points)), np.arange(len(points))
-    for _ in range(MAX_STEPS):
+    for _ in range(MOST_STEPS):
         step = side[moving] * distance(points[moving])
         moving, step = moving[np.abs(step) > TOLERANCE], step[np.abs(step) > TOLERANCE]
         points[moving, 0] = np.maximum(points[moving, 0] + step, 0)
