@@ -187,13 +187,16 @@ class Hand:
         return arrays
 
     @classmethod
-    def from_arrays(cls, arrays: Mapping[str, np.ndarray]) -> "Hand":
-        """The hand that `to_arrays` wrote; `arrays` may be any mapping of array-likes (an HDF5 group)."""
+    def from_arrays(cls, arrays: Mapping[str, np.ndarray], prefix: str = "") -> "Hand":
+        """The hand that `to_arrays` wrote; `arrays` may be any mapping of array-likes (an HDF5 group).
+
+        prefix: of its arrays' names, which other arrays may have without it (a grasps store has "hand/").
+        """
         values = {}
         for field in fields(cls):
-            value = np.asarray(arrays[field.name][...])
+            value = np.asarray(arrays[f"{prefix}{field.name}"][...])
             if field.name in ("geom_vertices", "geom_faces"):
-                ends = np.cumsum(np.asarray(arrays[f"{field.name}_count"][...]))
+                ends = np.cumsum(np.asarray(arrays[f"{prefix}{field.name}_count"][...]))
                 values[field.name] = tuple(np.split(value, ends[:-1]))
             elif value.dtype.kind in "SUO":
                 names = tuple(n.decode() if isinstance(n, bytes) else str(n) for n in value.tolist())

@@ -187,7 +187,7 @@ def _write_levels(folder, vertices, faces, counts, plan):
     whole = Surface(vertices, faces)
     said = {}
     for name, count in sorted(counts.items(), key=lambda item: -item[1]):
-        vertices, faces = decimate(vertices, faces, count, plan)
+        vertices, faces = decimate(vertices, faces, count, plan=plan)
         mesh = trimesh.Trimesh(vertices, faces, process=False, validate=False)
         (folder / name).write_bytes(mesh.export(file_type="ply", vertex_normal=False))
         said[name] = {"asked": count} | _describe(vertices, faces) | _distances(whole, vertices, faces, plan)

@@ -30,9 +30,9 @@ def decimate(
     vertices: np.ndarray,
     faces: np.ndarray,
     count: int,
-    plan: Plan | None = None,
     planar_weight: float = PLANAR_WEIGHT,
     quality: float = QUALITY,
+    plan: Plan | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Vertices (m, 3), rounded to float32, and faces (k, 3) of the mesh with about `count` faces.
 

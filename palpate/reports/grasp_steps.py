@@ -79,10 +79,7 @@ def stored_hand(grasp: GraspRecord) -> Hand:
     """The hand that made a grasp, as its batch's store has it."""
     record = grasp.object
     arrays = read(record.mesh.parents[2] / "grasps" / f"{record.batch}.h5")
-    prefix = "hand/"
-    return Hand.from_arrays(
-        {name.removeprefix(prefix): array for name, array in arrays.items() if name.startswith(prefix)}
-    )
+    return Hand.from_arrays(arrays, prefix="hand/")
 
 
 def best_direction(grasp: GraspRecord, hand: Hand) -> np.ndarray:

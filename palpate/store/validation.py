@@ -118,9 +118,8 @@ class _Batch:
         if "grasps" not in self.stores:
             return None
         store = self.stores["grasps"]
-        names = [name for name in store.names() if name.startswith("hand/")]
         try:
-            hand = Hand.from_arrays({name.removeprefix("hand/"): store.get(name) for name in names})
+            hand = Hand.from_arrays(store, prefix="hand/")
             self.sensor_names = hand.sensor_names
             return hand
         except (KeyError, ValueError) as error:  # ValueError: StoreError, or a hand that makes no sense

@@ -19,11 +19,8 @@ LARGEST = 255.0  # grey level
 def held(run: Path, subject: Subject) -> tuple[Hand, np.ndarray]:
     """The hand of a run, and the poses of its links in the grasps of an object: (g, L, 4, 4)."""
     arrays = store.read(run / "grasps" / f"{subject.batch}.h5")
-    of_hand = {
-        name.removeprefix("hand/"): array for name, array in arrays.items() if name.startswith("hand/")
-    }
     mine = arrays["object"][arrays["object_index"]] == subject.name
-    return Hand.from_arrays(of_hand), arrays["link_pose"][mine]
+    return Hand.from_arrays(arrays, prefix="hand/"), arrays["link_pose"][mine]
 
 
 def rms(one: np.ndarray, other: np.ndarray) -> float:

@@ -23,7 +23,7 @@ from palpate.hand import Hand  # isort: skip
 log_to(snakemake.log[0])
 meshes, settings = Path(snakemake.input.meshes), snakemake.params.vision
 grasps = store.read(snakemake.input.grasps)
-hand = Hand.from_arrays({key.removeprefix("hand/"): array for key, array in grasps.items()})
+hand = Hand.from_arrays(grasps, prefix="hand/")
 
 with ExitStack() as outputs:
     masters = outputs.enter_context(store.whole(snakemake.output.masters[0])) if settings["exr"] else None

@@ -76,8 +76,7 @@ def scene_of(run: Path, subject: Subject, timestep: float) -> Scene:
     surface = store.read(run / f"surface/{subject.batch}.zarr", "object", "points")
     points = surface["points"][list(surface["object"]).index(subject.name)] - np.array(OBJECT_POSITION)
     grasps = store.open(run / f"grasps/{subject.batch}.h5")
-    names = [name for name in grasps.names() if name.startswith("hand/")]
-    hand = Hand.from_arrays({name.removeprefix("hand/"): grasps[name] for name in names})
+    hand = Hand.from_arrays(grasps, prefix="hand/")
     grasper = Grasper(visual, collision, points, hand, timestep)
     rng, closings = generator(0, subject.name, "left out"), []
     for _ in range(CLOSINGS):

@@ -278,8 +278,7 @@ def placements(grasper: Grasper, rng: np.random.Generator) -> tuple[np.ndarray, 
 def _hand(run: Path, batch: str) -> Hand:
     """The hand that made a run's grasps."""
     arrays = store.read(run / f"grasps/{batch}.h5")
-    prefix = "hand/"
-    return Hand.from_arrays({k.removeprefix(prefix): v for k, v in arrays.items() if k.startswith(prefix)})
+    return Hand.from_arrays(arrays, prefix="hand/")
 
 
 def study(run: Path, subjects: Sequence[Subject], settings: Mapping[str, Any]) -> GraspStudy:

@@ -86,7 +86,7 @@ def test_depth_at_a_time_step_of_20_ms_is_why_it_is_rejected(subject):
 
     watched = setting(subject).watch(slow)
     assert [finding.verdict for finding in sound(watched)][-1] == FAILS
-    assert {each.outcome for each in watched} <= {PENETRATING, UNSETTLED}
+    assert {PENETRATING, UNSETTLED} & {each.outcome for each in watched}
     with pytest.raises(ValueError, match="not between"):
         GraspScene(HAND, surface_patches(load_collision(subject.folder)), 0.02)
 
