@@ -285,12 +285,14 @@ def armature_to_zero(subject) -> Iterator[Finding]:
 
 @CASES.case("time steps to 20 ms", STAGE, short=False)
 def timesteps(subject) -> Iterator[Finding]:
+    """Joints' changes are of first order from the default's step on; at twice of it they are not yet."""
     on, patches = setting(subject), surface_patches(load_collision(subject.folder))
-    at = {step: on.watch(scene=GraspScene(HAND, patches, step)) for step in (0.01, *TIMESTEPS)}
+    halved = (*TIMESTEPS[1:], TIMESTEPS[-1] / 2)
+    at = {step: on.watch(scene=GraspScene(HAND, patches, step)) for step in (0.01, 0.008, *halved)}
     for step, bound in ((0.01, GEL), (0.008, GEL), (0.004, JOINT)):
         yield agree(at[step], at[TIMESTEPS[-1]], bound, f"{1e3 * step:g} ms: joints' change to 0.5 ms")
         yield from sound(at[step], what=f"{1e3 * step:g} ms")
-    yield converges([at[step] for step in TIMESTEPS], "time step")
+    yield converges([at[step] for step in halved], "time step")
     yield on_the_way(on, at[0.004], "4 ms")
     yield rejects("20 ms", lambda: GraspScene(HAND, patches, 0.02), ValueError, "not between")
     yield rejects("1 ns", lambda: GraspScene(HAND, patches, 1e-9), ValueError, "not between")
