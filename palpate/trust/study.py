@@ -93,7 +93,7 @@ def measure(study: Study, rounds: int = ROUNDS) -> pd.DataFrame:
         found[ALL] = {m: _together([of[m] for of in found.values()], study.units) for m in methods}
     rows = [row for name, of in found.items() for row in _rows(study, name, of, rounds)]
     table = pd.DataFrame(rows, columns=list(COLUMNS))
-    for row in table[table["noisy"] & (table["object"] == ALL)].itertuples():
+    for row in table[table["noisy"] & table["drawn"] & (table["object"] == ALL)].itertuples():
         log.warning(
             "%s, %s: this machine is too noisy to rank %s %s %s against its neighbour on the front in "
             "%d rounds: raise reports.rounds, or leave the machine alone",

@@ -14,12 +14,12 @@ def _number(value: float) -> str:
 
 
 def fronts(table: pd.DataFrame) -> pd.DataFrame:
-    """Of every stage and measure what is on the front or chosen, the means over all objects, by time.
+    """Of every stage what is on the front or chosen, the means over all objects, by time.
 
     `ms` with the quartiles of the rounds; a `?` after it: the machine was too noisy to rank it.
     """
     rows = over_objects(table)
-    rows = rows[rows["front"] | rows["chosen"]]
+    rows = rows[rows["drawn"] & rows["error"].notna() & (rows["front"] | rows["chosen"])]
     groups = rows.groupby(["stage", "measure"], sort=False)
     rows = pd.concat([group.sort_values("seconds") for _, group in groups])
     spread = [

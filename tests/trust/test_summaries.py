@@ -12,9 +12,9 @@ def test_fronts_hold_what_is_best_or_chosen():
     def row(name, value, error, seconds, front, chosen, noisy=False):
         return {
             "stage": "touch", "object": name, "method": "rays", "knob": "steps", "value": value,
-            "chosen": chosen, "measure": "depth", "error": error, "unit": "mm", "seconds": seconds,
-            "seconds_low": seconds, "seconds_high": 2 * seconds, "peak_mib": float("nan"), "front": front,
-            "noisy": noisy,
+            "chosen": chosen, "measure": "depth", "drawn": True, "error": error, "unit": "mm",
+            "seconds": seconds, "seconds_low": seconds, "seconds_high": 2 * seconds, "rounds": 5,
+            "peak_mib": float("nan"), "front": front, "noisy": noisy,
         }  # fmt: skip
 
     rows = [row("a", 1, 9.0, 9.0, True, True)]
