@@ -6,10 +6,11 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
+from matplotlib.ticker import FormatStrFormatter, LogLocator, NullFormatter
 
 from palpate.reports.page import FAINT, INK, LABEL, PALE, TITLE, new_figure, save, styled
 from palpate.trust.cases import FAILS, HOLDS, REJECTED
-from palpate.trust.leaving import SAME
+from palpate.trust.leaving import SAME, in_words
 from palpate.trust.study import over_objects
 
 # Okabe and Ito's colours, apart for colour-blind readers too.
@@ -23,8 +24,8 @@ PANEL, MARGIN = (4.2, 3.0), 0.35  # inches
 def fronts(table: pd.DataFrame, path: Path | str) -> None:
     """Error against seconds, a panel for each measure that a stage's study draws, all objects together.
 
-    Methods with their knobs are named on the front; the line is the front; a ring marks what the config
-    chooses; a hollow mark is a method on the front that the machine's noise does not let rank.
+    The line is the front, whose methods are named by their knobs; rings mark what the config has; a hollow
+    mark is a method on the front that the machine's noise does not let rank.
     """
     table = over_objects(table[table["drawn"]])
     panels = [rows for _, rows in table.groupby(["stage", "measure"], sort=False)]
@@ -61,11 +62,14 @@ def _front(axes: Axes, rows: pd.DataFrame) -> None:
     axes.plot(seconds[on][order], shown[on][order], color=PALE, lw=1, zorder=0)
     axes.scatter(seconds[chosen], shown[chosen], s=70, facecolor="none", edgecolor=INK, lw=1, zorder=4)
     beside = {"xytext": (3, 3), "textcoords": "offset points", "fontsize": LABEL - 4}
-    for place in np.flatnonzero(on | chosen):
+    for place in np.flatnonzero(on & ~chosen):
         knob = f"{rows['knob'].iloc[place]} {rows['value'].iloc[place]}"
         axes.annotate(knob, (seconds[place], shown[place]), **beside)
-    axes.set_xscale("log")
-    axes.set_yscale("log")
+    for set_scale, axis in ((axes.set_xscale, axes.xaxis), (axes.set_yscale, axes.yaxis)):
+        set_scale("log")
+        axis.set_major_locator(LogLocator(subs=(1, 2, 5), numticks=8))
+        axis.set_major_formatter(FormatStrFormatter("%g"))
+        axis.set_minor_formatter(NullFormatter())
     first = rows.iloc[0]
     zero = ", lowest: 0" if (errors == 0).any() else ""
     axes.set_title(first["stage"].replace("_", " "), fontsize=TITLE)
@@ -143,7 +147,7 @@ def savings(table: pd.DataFrame, path: Path | str) -> None:
         axes.barh(-place, seconds, height=0.55, color=colour, alpha=0.35 if row["noisy"] else 0.9)
         if row["bytes_with"]:
             axes.plot(row["bytes_without"] / row["bytes_with"], -place, "D", ms=4, color=COLOURS[1])
-        said = ("same" if row["verdict"] else "differs") + ("" if row["left_out"] else ", stays in")
+        said = in_words(scene, part, row["verdict"], row["left_out"])
         axes.text(-0.02, -place, f"{scene}: {part}", ha="right", **text)
         axes.text(1.02, -place, said, ha="left", color=INK if row["verdict"] else COLOURS[1], **text)
     axes.axvline(1, color=INK, lw=0.8)

@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 
 import pandas as pd
 
+from palpate.scene import SCENES
 from palpate.trust.timing import ROUNDS, interleaved, told_apart
 
 log = logging.getLogger(__name__)
@@ -81,6 +82,14 @@ def compare(leaving: Leaving, rounds: int = ROUNDS) -> dict[str, Any]:
             leaving.scene, leaving.object, leaving.part, difference, leaving.unit, leaving.bound,
         )  # fmt: skip
     return row
+
+
+def in_words(scene: str, part: str, same: bool, left_out: bool) -> str:
+    """Whether the result is the same without a part, and what becomes of one that is not left out."""
+    said = SAME if same else DIFFERS
+    if left_out:
+        return said
+    return f"{said}, {'stays in' if SCENES[scene][part].modelled else 'not modelled'}"
 
 
 def report(leavings: Iterable[Leaving], rounds: int = ROUNDS) -> pd.DataFrame:

@@ -3,7 +3,7 @@
 import pandas as pd
 
 from palpate.trust.cases import FAILS, HOLDS, REJECTED
-from palpate.trust.leaving import SAME
+from palpate.trust.leaving import SAME, in_words
 from palpate.trust.study import over_objects
 
 DIGITS = 3
@@ -84,7 +84,7 @@ def savings(table: pd.DataFrame) -> pd.DataFrame:
                 "KiB with": _number(of["bytes_with"].mean() / 1024),
                 "KiB without": _number(of["bytes_without"].mean() / 1024),
                 "largest difference": f"{_number(of['difference'].max())} {of['unit'].iloc[0]}",
-                "verdict": ("same" if same else "differs") + ("" if of["left_out"].all() else ", stays in"),
+                "verdict": in_words(scene, part, same, of["left_out"].all()),
             }
         )
     return pd.DataFrame(rows)

@@ -82,10 +82,10 @@ def test_margins(tmp_path):
 
 
 def test_savings(tmp_path):
-    parts = [("faces", 0.1, np.nan), ("rows", 0.97, 8.0), ("hand", 0.5, 1)]
+    parts = [("gravity", 0.1, np.nan), ("visual geometry", 0.97, 8.0), ("friction", 0.5, 1)]
     rows = [
         {
-            "scene": "touch",
+            "scene": "grasp",
             "part": part,
             "left_out": k != 2,
             "seconds_with": 1.0,

@@ -51,18 +51,24 @@ def test_verdicts_show_what_fails_first(tmp_path):
 def test_savings_are_means_and_the_worst_difference():
     def row(part, difference, verdict, left_out, noisy):
         return {
-            "scene": "touch", "part": part, "when": "always", "left_out": left_out, "seconds_with": 0.2,
+            "scene": "grasp", "part": part, "when": "always", "left_out": left_out, "seconds_with": 0.2,
             "seconds_without": 0.1, "bytes_with": 2048.0, "bytes_without": 1024.0, "difference": difference,
             "unit": "mm", "verdict": verdict, "noisy": noisy,
         }  # fmt: skip
 
-    rows = [row("faces", 0.0, "same", True, False), row("faces", 0.5, "same", True, True)]
-    rows += [row("friction", 3.0, "differs", False, True)]
+    rows = [row("gravity", 0.0, "same", True, False), row("gravity", 0.5, "same", True, True)]
+    rows += [
+        row("friction", 3.0, "differs", False, True),
+        row("self-collision", 1.0, "differs", False, False),
+    ]
     summary = summaries.savings(pd.DataFrame(rows)).set_index("part")
     assert (
-        summary.loc["faces", "largest difference"] == "0.5 mm" and summary.loc["faces", "verdict"] == "same"
+        summary.loc["gravity", "largest difference"] == "0.5 mm"
+        and summary.loc["gravity", "verdict"] == "same"
     )
-    assert summary["ms without"].to_dict() == {"faces": "100", "friction": "100?"}
+    assert summary["ms without"].to_dict() == {"gravity": "100", "friction": "100?", "self-collision": "100"}
     assert (
-        summary.loc["friction", "verdict"] == "differs, stays in" and summary.loc["faces", "KiB with"] == "2"
+        summary.loc["friction", "verdict"] == "differs, not modelled"
+        and summary.loc["gravity", "KiB with"] == "2"
     )
+    assert summary.loc["self-collision", "verdict"] == "differs, stays in"
