@@ -18,6 +18,8 @@ COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#F
 VERDICT_COLOURS = {HOLDS: "#009E73", REJECTED: "#0072B2", FAILS: "#D55E00"}
 ACROSS = 3  # panels beside each other
 PANEL, MARGIN = (4.2, 3.0), 0.35  # inches
+NEAR = 0.06  # of a panel: points nearer than this share a name
+WIDE = 300.0  # an axis over this ratio shows powers of ten only
 
 
 @styled
@@ -62,14 +64,11 @@ def _front(axes: Axes, rows: pd.DataFrame) -> None:
     axes.plot(seconds[on][order], shown[on][order], color=PALE, lw=1, zorder=0)
     axes.scatter(seconds[chosen], shown[chosen], s=70, facecolor="none", edgecolor=INK, lw=1, zorder=4)
     beside = {"xytext": (3, 3), "textcoords": "offset points", "fontsize": LABEL - 4}
-    for place in np.flatnonzero(on & ~chosen):
+    for place in _apart(seconds, shown, on & ~chosen, chosen):
         knob = f"{rows['knob'].iloc[place]} {rows['value'].iloc[place]}"
         axes.annotate(knob, (seconds[place], shown[place]), **beside)
-    for set_scale, axis in ((axes.set_xscale, axes.xaxis), (axes.set_yscale, axes.yaxis)):
-        set_scale("log")
-        axis.set_major_locator(LogLocator(subs=(1, 2, 5), numticks=8))
-        axis.set_major_formatter(FormatStrFormatter("%g"))
-        axis.set_minor_formatter(NullFormatter())
+    for axis, drawn in (("x", seconds), ("y", shown)):
+        _logarithmic(axes, axis, drawn)
     first = rows.iloc[0]
     zero = ", lowest: 0" if (errors == 0).any() else ""
     axes.set_title(first["stage"].replace("_", " "), fontsize=TITLE)
@@ -78,6 +77,29 @@ def _front(axes: Axes, rows: pd.DataFrame) -> None:
     axes.tick_params(labelsize=LABEL - 2, which="both")
     axes.spines[["top", "right"]].set_visible(False)
     axes.legend(fontsize=LABEL - 3, frameon=False)
+
+
+def _apart(x: np.ndarray, y: np.ndarray, named: np.ndarray, taken: np.ndarray) -> list[int]:
+    """Of the points to be named those that are not too near to one that is, or to those that are `taken`."""
+    logs = np.log(np.stack([x, y], axis=1))
+    span = np.ptp(logs, axis=0)
+    place = logs / np.where(span > 0, span, 1)
+    used, found = list(np.flatnonzero(taken)), []
+    for point in sorted(np.flatnonzero(named), key=lambda k: x[k]):
+        if all(np.linalg.norm(place[point] - place[other]) > NEAR for other in used):
+            used.append(point)
+            found.append(int(point))
+    return found
+
+
+def _logarithmic(axes: Axes, name: str, drawn: np.ndarray) -> None:
+    """Set the scale of an axis, with numbers that have room."""
+    axes.set(**{f"{name}scale": "log"})
+    few = np.nanmax(drawn) > WIDE * np.nanmin(drawn)
+    axis = getattr(axes, f"{name}axis")
+    axis.set_major_locator(LogLocator(subs=(1,) if few else (1, 2, 5), numticks=8))
+    axis.set_major_formatter(FormatStrFormatter("%g"))
+    axis.set_minor_formatter(NullFormatter())
 
 
 def _colours():
