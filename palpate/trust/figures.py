@@ -11,7 +11,7 @@ from matplotlib.ticker import FormatStrFormatter, LogLocator, NullFormatter
 from palpate.reports.page import FAINT, INK, LABEL, PALE, TITLE, new_figure, save, styled
 from palpate.trust.cases import FAILS, HOLDS, REJECTED
 from palpate.trust.leaving import SAME, in_words
-from palpate.trust.study import over_objects
+from palpate.trust.study import over_objects, setting
 
 # Okabe and Ito's colours, apart for colour-blind readers too.
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#F0E442", "#000000")
@@ -65,8 +65,8 @@ def _front(axes: Axes, rows: pd.DataFrame) -> None:
     axes.scatter(seconds[chosen], shown[chosen], s=70, facecolor="none", edgecolor=INK, lw=1, zorder=4)
     beside = {"xytext": (3, 3), "textcoords": "offset points", "fontsize": LABEL - 4}
     for place in _apart(seconds, shown, on & ~chosen, chosen):
-        knob = f"{rows['knob'].iloc[place]} {rows['value'].iloc[place]}"
-        axes.annotate(knob, (seconds[place], shown[place]), **beside)
+        name = setting(rows["knob"].iloc[place], rows["value"].iloc[place])
+        axes.annotate(name, (seconds[place], shown[place]), **beside)
     for axis, drawn in (("x", seconds), ("y", shown)):
         _logarithmic(axes, axis, drawn)
     first = rows.iloc[0]

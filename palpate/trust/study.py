@@ -102,6 +102,14 @@ def measure(study: Study, rounds: int = ROUNDS) -> pd.DataFrame:
     return table
 
 
+def setting(knob: str, value: Any) -> str:
+    """A knob and its value, as it is read: numbers without needless digits."""
+    try:
+        return f"{knob} {float(value):g}"
+    except ValueError:
+        return f"{knob} {value}"
+
+
 def over_objects(table: pd.DataFrame) -> pd.DataFrame:
     """Of each stage the rows that stand for all of its objects; its only object's where it has one."""
     together = set(table.loc[table["object"] == ALL, "stage"])

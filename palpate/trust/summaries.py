@@ -4,7 +4,7 @@ import pandas as pd
 
 from palpate.trust.cases import FAILS, HOLDS, REJECTED
 from palpate.trust.leaving import SAME, in_words
-from palpate.trust.study import over_objects
+from palpate.trust.study import over_objects, setting
 
 DIGITS = 3
 
@@ -33,7 +33,7 @@ def fronts(table: pd.DataFrame) -> pd.DataFrame:
             "stage": rows["stage"],
             "measure": rows["measure"] + ", " + rows["unit"],
             "method": rows["method"],
-            "knob": rows["knob"] + " " + rows["value"].astype(str),
+            "knob": [setting(*each) for each in zip(rows["knob"], rows["value"], strict=True)],
             "error": rows["error"].map(_number),
             "ms": spread,
             "MiB": rows["peak_mib"].map(_number),

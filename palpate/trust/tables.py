@@ -10,9 +10,9 @@ from palpate.store.atomic import whole
 
 
 def write(table: pd.DataFrame, path: Path | str) -> None:
-    """Write a report as CSV, whole or not at all."""
+    """Write a report as CSV, numbers to six digits, whole or not at all."""
     with whole(path) as partial:
-        table.to_csv(partial, index=False)
+        table.to_csv(partial, index=False, float_format="%.6g")
 
 
 def write_text(summary: pd.DataFrame, path: Path | str) -> None:

@@ -37,7 +37,7 @@ FULL = {
 }
 MIDDLE = 0.3125  # of a picture's side: the part of it that the reference is of, for its time
 SAMPLES = (1, 4, 8, 32, 64)
-BOUNCES = (0, 4, 12)
+BOUNCES = (0, 1, 4, 12)
 DENOISED = (0.25, 0.5, 1.0)  # of the run's samples
 # The quickest of its settings; the others took twice to five times as long, and erred as much.
 DENOISER = {"use_denoising": True, "denoising_quality": "FAST", "denoising_prefilter": "NONE"}
