@@ -109,34 +109,34 @@ def _colours():
 
 @styled
 def margins(table: pd.DataFrame, path: Path | str) -> None:
-    """Every finding of the extreme cases: its value in units of its bound; left of 1 it holds."""
-    rows = table.reset_index(drop=True)
-    height = 0.165 * len(rows) + 1.0
-    figure = new_figure(10, height)
-    axes = figure.add_axes((0.52, 0.5 / height, 0.46, 1 - 1.0 / height))
-    left = {"transform": axes.get_yaxis_transform(), "ha": "right", "va": "center", "fontsize": LABEL - 3}
-    for place, row in rows.iterrows():
-        axes.plot(_margin(row), -place, "o", ms=4, color=VERDICT_COLOURS[row["verdict"]])
-        axes.text(-0.01, -place, _line(row), **left)
-    for start in rows.index[rows["part"] != rows["part"].shift()][1:]:
-        axes.axhline(0.5 - start, color=PALE, lw=0.6)
+    """A line a case: its findings in units of their bounds; left of 1 they hold. Coloured by verdict."""
+    cases = list(table.groupby(["part", "case"], sort=False))
+    height = 0.17 * len(cases) + 1.0
+    figure = new_figure(9, height)
+    axes = figure.add_axes((0.47, 0.5 / height, 0.5, 1 - 1.0 / height))
+    left = {"transform": axes.get_yaxis_transform(), "ha": "right", "va": "center", "fontsize": LABEL - 2}
+    for place, ((_, case), findings) in enumerate(cases):
+        axes.axhline(-place, color=PALE, lw=0.3, zorder=0)
+        used = [_margin(row) for _, row in findings.iterrows()]
+        colours = [VERDICT_COLOURS[verdict] for verdict in findings["verdict"]]
+        axes.scatter(used, [-place] * len(used), s=12, c=colours, alpha=0.7, linewidths=0)
+        axes.text(-0.01, -place, case, **left)
+    parts = [part for (part, _), _ in cases]
+    for place in range(1, len(parts)):
+        if parts[place] != parts[place - 1]:
+            axes.axhline(0.5 - place, color=INK, lw=0.6)
     axes.axvline(1, color=INK, lw=0.8)
     axes.set_xscale("log")
     axes.set_yticks([])
-    axes.set_ylim(-len(rows), 1)
-    axes.set_xlabel("value / bound", fontsize=LABEL)
+    axes.set_ylim(-len(cases), 1)
+    axes.set_xlabel("value / bound (at the left end: 0, or no number)", fontsize=LABEL)
     axes.tick_params(labelsize=LABEL - 1)
     axes.spines[["top", "right", "left"]].set_visible(False)
-    counts = rows["verdict"].value_counts()
+    counts = table["verdict"].value_counts()
     for place, (verdict, colour) in enumerate(VERDICT_COLOURS.items()):
-        said = {"x": 0.6 + 0.12 * place, "y": 1 - 0.3 / height, "color": colour, "fontsize": TITLE}
+        said = {"x": 0.5 + 0.14 * place, "y": 1 - 0.3 / height, "color": colour, "fontsize": TITLE}
         figure.text(s=f"{counts.get(verdict, 0)} {verdict}", **said)
     save(figure, path)
-
-
-def _line(row: pd.Series) -> str:
-    text = f"{row['case']}: {row['quantity']}"
-    return text if len(text) <= 95 else f"{text[:94]}…"
 
 
 def _margin(row: pd.Series, least: float = 1e-6) -> float:
