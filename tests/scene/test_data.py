@@ -219,7 +219,7 @@ def test_a_mesh_that_is_small_already_is_not_decimated_unless_asked_to():
     vertices, faces = np.float32(solid.vertices).astype(float), np.asarray(solid.faces, dtype=np.int64)
     same = decimate(vertices, faces, len(faces))
     assert same[0] is vertices and same[1] is faces
-    collapsed = decimate(vertices, faces, len(faces), plan("mesh"))
+    collapsed = decimate(vertices, faces, len(faces), plan=plan("mesh"))
     assert collapsed[0] is not vertices
     np.testing.assert_array_equal(collapsed[0], vertices)
     np.testing.assert_array_equal(collapsed[1], faces)
@@ -238,7 +238,7 @@ def test_decimating_an_untidy_mesh_to_all_its_faces_changes_nothing(seed):
     vertices = np.float32(ball.vertices[used]).astype(float)
     faces = faces.reshape(-1, 3).astype(np.int64)
     for count in (len(faces), 2 * len(faces)):
-        found = decimate(vertices, faces, count, plan("mesh"))
+        found = decimate(vertices, faces, count, plan=plan("mesh"))
         np.testing.assert_array_equal(found[0], vertices)
         np.testing.assert_array_equal(found[1], faces)
 
