@@ -1,7 +1,11 @@
 """Reports are made of just what the config asks for, and from just the stores that they need."""
 
+import shutil
+
 import pandas as pd
 import pytest
+
+from tests.workflow.conftest import Workflow
 
 ALWAYS = {"reports"}
 STUDY = {"study", "error_vs_runtime"}
@@ -62,9 +66,11 @@ def test_a_mistake_in_the_config_is_an_error(make_workflow, reports):
     assert result.returncode and f"reports.{next(iter(reports))}" in result.stdout + result.stderr
 
 
-def test_reports_on_a_folder_of_meshes(finished):
-    """One stage, for real: the parts joined, every method timed on every object."""
-    workflow = finished.changed(reports={"stages": ["touch"], "objects": 2})
+def test_reports_on_a_folder_of_meshes(finished, tmp_path):
+    """One stage, for real: the parts joined, every method timed on every object; in a copy of the run."""
+    shutil.copytree(finished.run, tmp_path / finished.run.name)
+    config = {"results": str(tmp_path), "reports": {"stages": ["touch"], "objects": 2}}
+    workflow = Workflow(finished.changed(**config).config, tmp_path / finished.run.name)
     result = workflow("reports")
     assert result.returncode == 0, result.stderr
     reports = workflow.run / "reports"
