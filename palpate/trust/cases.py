@@ -11,6 +11,7 @@ A part of the stability report is a module with `CASES`:
 
 import logging
 import re
+import tempfile
 import time
 import traceback
 import warnings
@@ -117,8 +118,14 @@ def examine(part: str, case: Case, subject: Any) -> list[dict[str, Any]]:
         log.info("  %s: %s %s, %s: %s", *(getattr(finding, key) for key in LOGGED))
     return [
         {"part": part, "case": case.name, "stage": case.stage, **finding._asdict(), "seconds": seconds}
+        | {"note": without_folders(finding.note)}
         for finding in findings
     ]
+
+
+def without_folders(note: str) -> str:
+    """A note without the temporary folders in it, which are others in every run."""
+    return re.sub(rf"{re.escape(tempfile.gettempdir())}/[^/\s]+/", "", note)
 
 
 def report(part: str, cases: Iterable[Case], subject: Any) -> pd.DataFrame:

@@ -1,5 +1,8 @@
 """Verdicts, and what becomes of errors and warnings in a case."""
 
+import tempfile
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -73,3 +76,15 @@ def test_report_holds_every_finding_error_and_warning():
     assert "boom" in table.set_index("quantity").loc["runs to its end", "note"].iloc[0]
     assert "divide by zero" in table.set_index("quantity").loc["numerical warnings", "note"]
     assert [case.short for case in cases] == [True, False, True, True]
+
+
+def test_notes_name_files_without_their_temporary_folder(tmp_path_factory):
+    cases = Cases()
+
+    @cases.case("a file", "meshes")
+    def case(subject):
+        with tempfile.TemporaryDirectory() as folder:
+            yield rejects("mesh", (Path(folder) / "source.ply").read_bytes, OSError, "No such file")
+
+    (note,) = report("geometry", cases, None)["note"]
+    assert note.endswith("'source.ply'")
