@@ -16,8 +16,10 @@ def _number(value: float) -> str:
 def fronts(table: pd.DataFrame) -> pd.DataFrame:
     """Of every stage what is on the front or chosen, the means over all objects, by time.
 
-    `ms` with the quartiles of the rounds; a `?` after it: the machine was too noisy to rank it.
+    `ms` with the quartiles of the rounds; a `?` after it: the machine was too noisy to rank it. The note says
+    what each stage's errors are against.
     """
+    references = table.groupby("stage", sort=False)["reference"].first()
     rows = over_objects(table)
     rows = rows[rows["drawn"] & rows["error"].notna() & (rows["front"] | rows["chosen"])]
     groups = rows.groupby(["stage", "measure"], sort=False)
@@ -28,7 +30,7 @@ def fronts(table: pd.DataFrame) -> pd.DataFrame:
             rows["seconds"], rows["seconds_low"], rows["seconds_high"], rows["noisy"], strict=True
         )
     ]
-    return pd.DataFrame(
+    summary = pd.DataFrame(
         {
             "stage": rows["stage"],
             "measure": rows["measure"] + ", " + rows["unit"],
@@ -41,6 +43,9 @@ def fronts(table: pd.DataFrame) -> pd.DataFrame:
             "chosen": rows["chosen"].map({True: "chosen", False: ""}),
         }
     ).reset_index(drop=True)
+    said = "\n".join(f"- {stage}: {reference}" for stage, reference in references.items())
+    summary.attrs["note"] = f"Errors are against:\n\n{said}"
+    return summary
 
 
 def verdicts(table: pd.DataFrame) -> pd.DataFrame:

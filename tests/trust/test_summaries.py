@@ -12,7 +12,8 @@ def test_fronts_hold_what_is_best_or_chosen():
     def row(name, value, error, seconds, front, chosen, noisy=False):
         return {
             "stage": "touch", "object": name, "method": "rays", "knob": "steps", "value": value,
-            "chosen": chosen, "measure": "depth", "drawn": True, "error": error, "unit": "mm",
+            "chosen": chosen, "measure": "depth", "reference": "every ray", "drawn": True,
+            "error": error, "unit": "mm",
             "seconds": seconds, "seconds_low": seconds, "seconds_high": 2 * seconds, "rounds": 5,
             "peak_mib": float("nan"), "front": front, "noisy": noisy,
         }  # fmt: skip
@@ -25,6 +26,7 @@ def test_fronts_hold_what_is_best_or_chosen():
     assert summary["ms"].tolist() == ["100 (100 to 200)", "150 (150 to 300)", "200 (200 to 400)?"]
     assert summary["error"].tolist() == ["0.5", "1", "0.1"] and set(summary["MiB"]) == {"–"}
     assert summary["chosen"].tolist() == ["", "chosen", ""]
+    assert "- touch: every ray" in summary.attrs["note"]
 
 
 def test_verdicts_show_what_fails_first(tmp_path):
