@@ -7,6 +7,8 @@ from itertools import chain, zip_longest
 from pathlib import Path
 from typing import NamedTuple, TypeVar
 
+from palpate.catalogue import read_rejections
+
 log = logging.getLogger(__name__)
 Item = TypeVar("Item")
 
@@ -41,12 +43,8 @@ def pick(run: Path | str, objects: int, batches: Sequence[str] | None = None) ->
     run = Path(run)
     tables = sorted((run / "catalogue").glob("*.csv"))
     tables = [table for table in tables if batches is None or table.stem in batches]
-    rejected = {
-        row["object"]
-        for table in tables
-        for path in (run / "rejected").glob(f"*/{table.name}")
-        for row in csv.DictReader(path.open(newline=""))
-    }
+    paths = [path for table in tables for path in (run / "rejected").glob(f"*/{table.name}")]
+    rejected = {rejection.object for rejection in read_rejections(paths)}
     usable = []
     for table in tables:
         for row in csv.DictReader(table.open(newline="")):

@@ -1,8 +1,6 @@
 """Pictures with what their plans leave out put back in."""
 
 import base64
-import json
-import struct
 from io import BytesIO
 
 import bpy
@@ -15,6 +13,7 @@ from PIL import Image as PillowImage
 from palpate.hand import allegro
 from palpate.mesh import OBJECT_POSITION
 from palpate.scene import plan
+from palpate.trust.left_out.renders import rewritten
 from palpate.vision import Renderer, looking_at
 from tests.vision.scenes import grasp_poses, painted
 
@@ -122,20 +121,6 @@ def test_masters_are_kept_as_asked(torus, tmp_path):
     assert not any(tmp_path.iterdir())
 
 
-def with_more(path, out, change):
-    """A copy of a glb file whose JSON is changed in place by a function."""
-    content = path.read_bytes()
-    length = struct.unpack_from("<I", content, 12)[0]
-    tree = json.loads(content[20 : 20 + length])
-    change(tree)
-    text = json.dumps(tree).encode()
-    text += b" " * (-len(text) % 4)
-    rest = content[20 + length :]
-    head = struct.pack("<4sIIII", b"glTF", 2, 20 + len(text) + len(rest), len(text), 0x4E4F534A)
-    out.write_bytes(head + text + rest)
-    return out
-
-
 def blocks_seen(monkeypatch):
     """Names of images and materials in Blender at every render."""
     seen = []
@@ -160,7 +145,8 @@ def test_textures_of_no_triangle_are_not_read(torus, tmp_path, monkeypatch, hand
         tree["materials"].append({"name": "unused", "pbrMetallicRoughness": {"baseColorTexture": texture}})
 
     seen = blocks_seen(monkeypatch)
-    path = with_more(torus, tmp_path / "more.glb", more)
+    path = tmp_path / "more.glb"
+    path.write_bytes(rewritten(torus.read_bytes(), more))
     back = plan("unoccluded image").including("materials of no triangle")
     without = Renderer(size=32, samples=2, device="cpu").render_object(path)[0]
     with_it = Renderer(size=32, samples=2, device="cpu", plans=[back]).render_object(path)[0]
@@ -180,7 +166,8 @@ def test_a_lamp_of_the_file_shines_only_if_asked_to(torus, tmp_path):
         )
         tree["scenes"][0]["nodes"].append(len(tree["nodes"]) - 1)
 
-    path = with_more(torus, tmp_path / "lamp.glb", more)
+    path = tmp_path / "lamp.glb"
+    path.write_bytes(rewritten(torus.read_bytes(), more))
     back = plan("unoccluded image").including("cameras and lamps of the file")
     plain, lit, dark = (
         Renderer(size=32, samples=2, device="cpu", plans=plans).render_object(file)[0]

@@ -6,16 +6,10 @@ import pytest
 from palpate.grasp.closing import GraspScene
 from palpate.scene import SCENES, plan
 from palpate.trust.left_out import grasps as left_out
-from tests.trust.left_out.small_run import SETTINGS, build
+from tests.trust.left_out.small_run import SETTINGS
 
 DEFAULT = plan("grasp")
 FINGERS_CHANGE = {*DEFAULT.unmodelled, "self-collision"}
-
-
-@pytest.fixture(scope="module")
-def run(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("run")
-    return folder, build(folder)
 
 
 @pytest.fixture(scope="module")

@@ -5,13 +5,13 @@ import pytest
 
 from palpate.scene import SCENES, plan
 from palpate.trust.left_out.meshes import Level, apart, leavings, misstated
-from tests.trust.left_out.small_run import SETTINGS, build
+from tests.trust.left_out.small_run import SETTINGS
 
 
 @pytest.fixture(scope="module")
-def found(tmp_path_factory):
-    run = tmp_path_factory.mktemp("run")
-    return {each.part: each for each in leavings(run, [build(run)], SETTINGS)}
+def found(run):
+    folder, subject = run
+    return {each.part: each for each in leavings(folder, [subject], SETTINGS)}
 
 
 def test_every_part_has_a_leaving(found):

@@ -6,13 +6,7 @@ import pytest
 from palpate import touch
 from palpate.scene import SCENES
 from palpate.trust.left_out import touch as left_out
-from tests.trust.left_out.small_run import SETTINGS, build
-
-
-@pytest.fixture(scope="module")
-def run(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("run")
-    return folder, build(folder)
+from tests.trust.left_out.small_run import SETTINGS
 
 
 @pytest.fixture(scope="module")
