@@ -17,7 +17,7 @@ test: env
 
 lint: env
 	$(BIN)/ruff check .
-	$(BIN)/ruff format --check palpate tests workflow benchmarks
+	$(BIN)/ruff format --check palpate tests workflow studies
 	$(BIN)/snakefmt --check Snakefile workflow
 	$(BIN)/snakemake --lint
 

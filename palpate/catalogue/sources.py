@@ -11,8 +11,8 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from palpate.catalogue.batch import Unusable
-from palpate.catalogue.released import ReleasedObject, read_released
+from palpate.batch import UnusableObject
+from palpate.released.layout import ReleasedObject, read_released
 
 log = logging.getLogger(__name__)
 
@@ -65,22 +65,16 @@ def scan(source: Mapping[str, Any], classes: Mapping[str, Count]) -> list[Entry]
     if not classes:
         raise CatalogueError("no classes: name at least one, with a number of objects or `all`")
     if kind == "abc" and len(classes) != 1:
-        raise CatalogueError(
-            f"source abc has one class, the config has {', '.join(classes)}: keep one of them"
-        )
+        raise CatalogueError(f"source abc has one class, the config has {', '.join(classes)}: keep one of them")
     root = Path(source["path"])
     if kind != "procedural":
         _check_folder(root, kind)
     entries = []
     for name, count in classes.items():
         if _safe(name) != name:
-            raise CatalogueError(
-                f"class {name!r}: use letters, digits, '_', '.' and '-', beginning with no '.' or '-'"
-            )
+            raise CatalogueError(f"class {name!r}: use letters, digits, '_', '.' and '-', beginning with no '.' or '-'")
         if count != "all" and (isinstance(count, bool) or not isinstance(count, int) or count < 1):
-            raise CatalogueError(
-                f"class {name}: expected a number of objects from 1 up, or `all`, not {count!r}"
-            )
+            raise CatalogueError(f"class {name}: expected a number of objects from 1 up, or `all`, not {count!r}")
         entries += _FINDERS[kind](root, name, count)
     return entries
 
@@ -97,13 +91,9 @@ def all_classes(source: Mapping[str, Any]) -> dict[str, Count]:
     if kind == "released":
         return dict.fromkeys([each.class_name for each in _released_objects(root)], "all")
     if kind not in ("folder", "shapenet"):
-        raise CatalogueError(
-            f"classes: `all` means the folders of a folder or shapenet source; list those of {kind}"
-        )
+        raise CatalogueError(f"classes: `all` means the folders of a folder or shapenet source; list those of {kind}")
     _check_folder(root, kind)
-    folders = sorted(
-        entry.name for entry in os.scandir(root) if entry.is_dir() and not entry.name.startswith(".")
-    )
+    folders = sorted(entry.name for entry in os.scandir(root) if entry.is_dir() and not entry.name.startswith("."))
     if kind == "shapenet":
         folders = [folder for folder in folders if re.fullmatch(r"\d{8}", folder)]
     empty = [folder for folder in folders if not _holds_mesh(root / folder, kind)]
@@ -117,9 +107,7 @@ def all_classes(source: Mapping[str, Any]) -> dict[str, Count]:
 
 def _holds_mesh(folder: Path, kind: str) -> bool:
     if kind == "shapenet":
-        return any(
-            (folder / model / file).is_file() for model in os.listdir(folder) for file in SHAPENET_FILES
-        )
+        return any((folder / model / file).is_file() for model in os.listdir(folder) for file in SHAPENET_FILES)
     return any(True for _ in _each_mesh(folder, MESH_SUFFIXES))
 
 
@@ -150,9 +138,7 @@ def _folder(root: Path, name: str, count: Count) -> list[Entry]:
             f"{folder}: no such folder: the class {name} has its meshes there; {root} has {_listed(present)}"
         )
     files = _meshes(folder, MESH_SUFFIXES)
-    return _chosen(
-        [Entry(_object(name, file), name, f"{name}/{file}") for file in files], folder, name, count
-    )
+    return _chosen([Entry(_object(name, file), name, f"{name}/{file}") for file in files], folder, name, count)
 
 
 def _abc(root: Path, name: str, count: Count) -> list[Entry]:
@@ -184,9 +170,7 @@ def _shapenet(root: Path, name: str, count: Count) -> list[Entry]:
 
 def _released(root: Path, name: str, count: Count) -> list[Entry]:
     objects = _released_objects(root)
-    entries = [
-        Entry(_object(name, each.name), name, each.source) for each in objects if each.class_name == name
-    ]
+    entries = [Entry(_object(name, each.name), name, each.source) for each in objects if each.class_name == name]
     if not entries:
         present = dict.fromkeys(each.class_name for each in objects)
         raise CatalogueError(f"{root}: no object of class {name}; it has {_listed(present)}")
@@ -196,7 +180,7 @@ def _released(root: Path, name: str, count: Count) -> list[Entry]:
 def _released_objects(root: Path) -> list[ReleasedObject]:
     try:
         return read_released(root)
-    except Unusable as error:
+    except UnusableObject as error:
         raise CatalogueError(str(error)) from None
 
 
@@ -251,9 +235,7 @@ def _safe(name: str) -> str:
 def _chosen(entries: list[Entry], folder: Path, name: str, count: Count) -> list[Entry]:
     """`count` of the entries, sorted by name, after checking that there are enough and that names differ."""
     if not entries:
-        raise CatalogueError(
-            f"{folder}: no mesh found for class {name}: expected files {', '.join(MESH_SUFFIXES)}"
-        )
+        raise CatalogueError(f"{folder}: no mesh found for class {name}: expected files {', '.join(MESH_SUFFIXES)}")
     by_name: dict[str, Entry] = {}
     for entry in entries:
         twin = by_name.setdefault(entry.object, entry)

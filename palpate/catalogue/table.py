@@ -10,9 +10,9 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import unquote
 
-from palpate.catalogue import released
 from palpate.catalogue.sources import CatalogueError, Count, given_splits, scan
 from palpate.catalogue.split import PAPER_SPLIT, assign_split
+from palpate.released import layout
 
 log = logging.getLogger(__name__)
 
@@ -69,9 +69,7 @@ def checksum(path: Path) -> str:
     """SHA-256 of a mesh file, as `sha256sum` gives it; where the file names others that it needs (materials,
     textures, buffers) and they exist, that of the lines `<sha256>  <name>` of them all, the mesh first."""
     if not path.is_file():
-        raise CatalogueError(
-            f"{path}: no such file, though the source lists it: was it moved, or not yet written?"
-        )
+        raise CatalogueError(f"{path}: no such file, though the source lists it: was it moved, or not yet written?")
     names = companions(path)
     own = _digest(path)
     if not names:
@@ -103,7 +101,7 @@ def companions(path: Path, head: int = -1) -> list[str]:
         text = path.read_text(errors="replace")
         names = [unquote(name) for name in re.findall(r"<init_from>\s*(?:<ref>)?([^<]+?)\s*<", text)]
     elif suffix == ".npy":
-        names = released.files(path)
+        names = layout.files(path)
     else:
         names = []
     return sorted(set(_existing(path.parent, names)))

@@ -108,9 +108,7 @@ class Graph(nn.Module):
         for _ in range(spare):
             edges = torch.cat([edges, mesh_edges(touch_chart().faces) + self.vertices])
             self.vertices += TOUCH_VERTICES
-        reference = (
-            len(atlas.vertices) + touch_chart().centre + TOUCH_VERTICES * torch.arange(self.touch_charts)
-        )
+        reference = len(atlas.vertices) + touch_chart().centre + TOUCH_VERTICES * torch.arange(self.touch_charts)
         self.register_buffer("faces", faces, persistent=False)
         self.register_buffer("reference", reference, persistent=False)
         self._operator(edges, atlas.boundary)

@@ -1,1 +1,1 @@
-"""Evaluation: how well models do, in tables beside the paper's values, in figures, and claim by claim."""
+"""Evaluation: how far predictions of trained models are from the truth; and `palpate.reconstruct`."""

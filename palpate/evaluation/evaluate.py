@@ -17,11 +17,11 @@ from tqdm import tqdm
 
 from palpate import store, training
 from palpate.charts import CHAMFER_SCALE, build_tree, chamfer_distance, sample_faces, touch_chart
-from palpate.evaluation.errors import COLUMNS, RING_COLUMNS, SPLITS, TOUCH_COLUMNS, EvaluationError
+from palpate.dataset import Dataset
 from palpate.evaluation.metrics import score, seeded
 from palpate.evaluation.rings import RINGS, SAMPLES, ring_distances, ring_points
 from palpate.models import Reconstruction, TouchDepth
-from palpate.store import Dataset
+from palpate.results.errors import COLUMNS, RING_COLUMNS, SPLITS, TOUCH_COLUMNS, EvaluationError
 from palpate.training import Assembler, Machine, Pack, Sample, windows
 from palpate.training.losses import sheet
 from palpate.training.touches import channels_first, predict_depth
@@ -60,9 +60,7 @@ def training_steps(summary: Path | str) -> int:
     return int(json.loads(Path(summary).read_text())["steps"])
 
 
-def evaluate(
-    trained: Trained, pack: Pack, points: int = POINTS, splits: Sequence[str] = SPLITS
-) -> pd.DataFrame:
+def evaluate(trained: Trained, pack: Pack, points: int = POINTS, splits: Sequence[str] = SPLITS) -> pd.DataFrame:
     """Score every sample of some splits: `errors.COLUMNS`, a row a sample.
 
     A sample is an object with a window of its grasps, or a view of it (see `palpate.training.windows`).
@@ -78,15 +76,11 @@ def evaluate(
         if last != sample.object:
             tree, last = build_tree(cloud) if cloud.device.type == "cpu" else None, sample.object
         predicted = _sampled(trained, vertices, points, name)
-        rows.append(
-            _row(trained, pack, sample) | score(predicted, cloud, tree)._asdict() | {"seconds": seconds}
-        )
+        rows.append(_row(trained, pack, sample) | score(predicted, cloud, tree)._asdict() | {"seconds": seconds})
     return pd.DataFrame(rows, columns=COLUMNS)
 
 
-def evaluate_rings(
-    trained: Trained, pack: Pack, dataset: Dataset, split: str, points: int = SAMPLES
-) -> pd.DataFrame:
+def evaluate_rings(trained: Trained, pack: Pack, dataset: Dataset, split: str, points: int = SAMPLES) -> pd.DataFrame:
     """How far the true surface in the rings around each touch is from the predictions of one split:
     `errors.RING_COLUMNS`, a row a sample, successful touch and ring.
 
@@ -113,9 +107,7 @@ def evaluate_rings(
     return pd.DataFrame(rows, columns=RING_COLUMNS)
 
 
-def predictions(
-    trained: Trained, pack: Pack, splits: Sequence[str]
-) -> Iterator[tuple[Sample, Tensor, float]]:
+def predictions(trained: Trained, pack: Pack, splits: Sequence[str]) -> Iterator[tuple[Sample, Tensor, float]]:
     """Each sample of some splits with the vertices (V, 3) that the model predicts, and the seconds it took.
 
     Raises EvaluationError if there is no object, or a vertex is not finite.
@@ -205,9 +197,7 @@ def evaluate_touch(
                     rows.append((name, entry["class"], entry["split"], number, sensor, cloud, chart, steps))
         log.info("%s: %d touches so far", paths[0], len(rows))
     if not rows:
-        raise EvaluationError(
-            f"no successful touch in {' or '.join(splits)}: more objects are needed (config classes)"
-        )
+        raise EvaluationError(f"no successful touch in {' or '.join(splits)}: more objects are needed (config classes)")
     return pd.DataFrame(rows, columns=TOUCH_COLUMNS)
 
 

@@ -10,7 +10,7 @@ import torch
 from scipy.spatial import cKDTree
 from torch import Tensor
 
-from palpate.catalogue import generator
+from palpate.batch import generator
 from palpate.charts import CHAMFER_SCALE, nearest
 from palpate.mesh import DIAGONAL
 

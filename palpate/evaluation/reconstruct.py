@@ -14,8 +14,9 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from palpate.dataset import Dataset
 from palpate.hand import SENSORS
-from palpate.store import CONTRACT, Dataset, Store
+from palpate.store import CONTRACT, Store
 from palpate.touch.sensor import RESOLUTION
 
 if TYPE_CHECKING:
@@ -141,9 +142,7 @@ class Reconstructor:
         """How many grasps it feels."""
         return self.experiment["grasps"] if self.experiment["touch"] else 0
 
-    def __call__(
-        self, image: np.ndarray | None = None, touches=None, camera: np.ndarray | None = None
-    ) -> Shape:
+    def __call__(self, image: np.ndarray | None = None, touches=None, camera: np.ndarray | None = None) -> Shape:
         """The prediction from one image and the touches of some grasps; see `reconstruct`."""
         import torch
 
@@ -216,8 +215,7 @@ class Reconstructor:
             raise ReconstructionError(f"touches: reading is of type {felt.reading.dtype}, expected uint8")
         if not felt.success.any():
             warnings.warn(
-                f"no sensor of {_counted(len(grasps))} touches the object: {self.name} is only told where "
-                "they are",
+                f"no sensor of {_counted(len(grasps))} touches the object: {self.name} is only told where they are",
                 stacklevel=4,
             )
         return felt._replace(success=felt.success.astype(bool))
@@ -284,9 +282,7 @@ class TouchCharts:
 
         success = np.asarray(touches.success, dtype=bool)
         device = next(self.model.parameters()).device
-        reading, empty = (
-            channels_first(x).to(device) for x in (touches.reading[success], self.empty_reading)
-        )
+        reading, empty = (channels_first(x).to(device) for x in (touches.reading[success], self.empty_reading))
         depth, valid = predict_depth(self.model, reading, empty)
         return [
             (points[mask].double() @ torch.from_numpy(turn).T + torch.from_numpy(origin)).numpy()
@@ -402,16 +398,12 @@ def of_object(record, experiment, grasps: Sequence[int] | None = None, view: int
     uses_grasps = experiment["touch"] or experiment["vision"] == "occluded"
     available = record.grasps if uses_grasps else []
     if uses_grasps and (wrong := [number for number in numbers if not 0 <= number < len(available)]):
-        raise ReconstructionError(
-            f"{record.name} has no grasp {wrong[0]}: it has {len(available)}, numbered from 0"
-        )
+        raise ReconstructionError(f"{record.name} has no grasp {wrong[0]}: it has {len(available)}, numbered from 0")
     touches = [available[number] for number in numbers] if experiment["touch"] else None
     if experiment["vision"] == "views":
         images = record.image
         if not 0 <= view < len(images):
-            raise ReconstructionError(
-                f"{record.name} has no view {view}: it has {len(images)}, numbered from 0"
-            )
+            raise ReconstructionError(f"{record.name} has no view {view}: it has {len(images)}, numbered from 0")
         return images[view], touches, record.camera[view]
     image = {
         "none": lambda: None,

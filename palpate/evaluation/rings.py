@@ -126,14 +126,10 @@ def ring_distances(rings: list[np.ndarray], prediction: Tensor, tree: cKDTree | 
     if tree is None and prediction.device.type == "cpu":
         tree = build_tree(prediction)
     clouds = [torch.as_tensor(points, dtype=torch.float32, device=prediction.device) for points in rings]
-    return np.array(
-        [float(squared_distances(c, prediction, tree).mean()) if len(c) else np.nan for c in clouds]
-    )
+    return np.array([float(squared_distances(c, prediction, tree).mean()) if len(c) else np.nan for c in clouds])
 
 
-def project_batch(
-    touch: Path | str, surface: Callable[[str], MeshSurface | CloudSurface]
-) -> dict[str, np.ndarray]:
+def project_batch(touch: Path | str, surface: Callable[[str], MeshSurface | CloudSurface]) -> dict[str, np.ndarray]:
     """The arrays of a batch's rings store: rings around every successful touch.
 
     touch: the batch's touch store; surface: from an object's name to what its rings are projected onto.
@@ -147,7 +143,5 @@ def project_batch(
         onto = surface(str(name))
         for row in range(place * each, (place + 1) * each):
             for sensor in np.flatnonzero(success[row]):
-                depth[row, sensor] = onto.project(
-                    felt["position"][row, sensor], felt["rotation"][row, sensor]
-                )
+                depth[row, sensor] = onto.project(felt["position"][row, sensor], felt["rotation"][row, sensor])
     return {"object": felt["object"], "ring_depth": depth}

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 import trimesh
 
-from palpate.catalogue.batch import Unusable
+from palpate.batch import UnusableObject
 from palpate.grasp.closing import TIMESTEP, GraspScene
 from palpate.grasp.parts import left_out
 from palpate.grasp.patches import surface_patches
@@ -80,7 +80,7 @@ class Grasper:
     ):
         """surface_points: (N, 3) on the object's exterior; the other arguments are `grasp_object`'s.
 
-        Raises ValueError for a hand that is in itself when it is open, `Unusable` for an object without a
+        Raises ValueError for a hand that is in itself when it is open, `UnusableObject` for an object without a
         surface.
         """
         self.hand = hand
@@ -89,7 +89,7 @@ class Grasper:
         self.surface = with_normals(surface_points[:SURFACE_POINTS], visual)
         patches = surface_patches(collision)
         if not patches:
-            raise Unusable("the collision mesh has no surface that a finger could stop at")
+            raise UnusableObject("the collision mesh has no surface that a finger could stop at")
         self.scene = GraspScene(hand, patches, timestep, plan=plan, visual=visual)
         self.left_out = left_out(plan, hand, len(patches), len(visual.faces))
         self.check = PenetrationCheck(hand, visual, plan)
@@ -167,15 +167,13 @@ def grasp_object(
     accepted. thumb_share: share of the attempts in which the thumb closes too; with 1 more sensors touch than
     in the paper's dataset. plan: of a scene "grasp", what the scene is made of.
 
-    Raises `Unusable` if `max_attempts` attempts don't give `per_object` valid grasps.
+    Raises `UnusableObject` if `max_attempts` attempts don't give `per_object` valid grasps.
     """
     if attempts < per_object:
         raise ValueError(f"grasps: attempts ({attempts}) must be at least per_object ({per_object})")
     own_points = np.asarray(surface_points, dtype=float) - OBJECT_POSITION
     if np.abs(own_points - visual.bounds.mean(axis=0)).max() > visual.extents.max():
-        raise ValueError(
-            f"surface points are far from the object at {OBJECT_POSITION}: give them in the world frame"
-        )
+        raise ValueError(f"surface points are far from the object at {OBJECT_POSITION}: give them in the world frame")
     grasper = Grasper(visual, collision, own_points, hand, timestep, max_penetration, thumb_share, plan)
     grasps, discarded = [], Counter()
     while len(grasps) < attempts and len(grasps) + discarded.total() < max_attempts:
@@ -186,18 +184,14 @@ def grasp_object(
             grasps.append(result)
     if len(grasps) < per_object:
         reasons = ", ".join(f"{reason}: {count}" for reason, count in sorted(discarded.items()))
-        raise Unusable(f"{len(grasps)} of {per_object} grasps found in {max_attempts} attempts ({reasons})")
+        raise UnusableObject(f"{len(grasps)} of {per_object} grasps found in {max_attempts} attempts ({reasons})")
     best = sorted(grasps, key=lambda grasp: -grasp.touches.sum())[:per_object]
     return in_world(best, len(grasps) + discarded.total(), dict(discarded), grasper.left_out)
 
 
-def in_world(
-    grasps: list[Grasp], attempts: int, discarded: dict[str, int], left_out: dict[str, int]
-) -> GraspSet:
+def in_world(grasps: list[Grasp], attempts: int, discarded: dict[str, int], left_out: dict[str, int]) -> GraspSet:
     """Grasps of an object in its own frame, stacked, in the world frame."""
-    joints, palms, links, positions, rotations, touches, depths = (
-        np.stack(part) for part in zip(*grasps, strict=True)
-    )
+    joints, palms, links, positions, rotations, touches, depths = (np.stack(part) for part in zip(*grasps, strict=True))
     palms[:, :3, 3] += OBJECT_POSITION
     links[:, :, :3, 3] += OBJECT_POSITION
     positions += OBJECT_POSITION

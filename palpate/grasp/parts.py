@@ -19,9 +19,7 @@ GYRATION = 0.14  # m: the object's radius of gyration
 WELD_SOLIMP = (0.9999, 0.9999, 0.001, 0.5, 2.0)
 
 
-def put_in(
-    spec: mujoco.MjSpec, plan: Plan, hand: Hand, visual: trimesh.Trimesh | None, timestep: float
-) -> None:
+def put_in(spec: mujoco.MjSpec, plan: Plan, hand: Hand, visual: trimesh.Trimesh | None, timestep: float) -> None:
     """All that the plan has besides the hand and the object's patches.
 
     visual: the object's visual mesh, if there is one to put in; timestep: seconds.

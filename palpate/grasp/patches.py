@@ -16,9 +16,7 @@ WELD = 1e-6  # metres: vertices of a patch this close are one
 NARROWEST = 2e-5  # metres: a patch less wide is a hair that no hull is needed for, nor can well be made of
 
 
-def surface_patches(
-    mesh: trimesh.Trimesh, cell: float = CELL, thickness: float = THICKNESS
-) -> list[np.ndarray]:
+def surface_patches(mesh: trimesh.Trimesh, cell: float = CELL, thickness: float = THICKNESS) -> list[np.ndarray]:
     """Point sets (V, 3) whose convex hulls together are a thin shell on the inner side of the mesh's surface.
 
     Triangles, cut to edges of at most half a cell, are grouped by the grid cell of their centre and the

@@ -45,9 +45,7 @@ class PenetrationCheck:
         self.low, self.high = self.triangles.min(axis=1).T.copy(), self.triangles.max(axis=1).T.copy()
         self.geoms = np.flatnonzero(hand.geom_collides)
         self.surfaces = {geom: geom_surface(hand, geom) for geom in self.geoms}
-        self.reach = {
-            geom: np.linalg.norm(s.reshape(-1, 3), axis=1).max() for geom, s in self.surfaces.items()
-        }
+        self.reach = {geom: np.linalg.norm(s.reshape(-1, 3), axis=1).max() for geom, s in self.surfaces.items()}
         self.pairs = self_collision_pairs(hand, self.geoms)
 
     def in_object(self, link_pose: np.ndarray) -> float:
@@ -58,9 +56,7 @@ class PenetrationCheck:
         """
         poses = self.hand.geom_poses(link_pose)
         half = np.array([self.reach[geom] for geom in self.geoms])[:, None]
-        near = self._within(
-            (poses[self.geoms, :3, 3] - half).min(0), (poses[self.geoms, :3, 3] + half).max(0)
-        )
+        near = self._within((poses[self.geoms, :3, 3] - half).min(0), (poses[self.geoms, :3, 3] + half).max(0))
         depth = 0.0
         for geom in self.geoms:
             centre, reach = poses[geom, :3, 3], self.reach[geom]
@@ -76,8 +72,7 @@ class PenetrationCheck:
         """Depth in metres of the deepest point of a link's surface in another link, not joined to it."""
         poses = self.hand.geom_poses(link_pose)
         surfaces = {
-            geom: surface @ poses[geom, :3, :3].T + poses[geom, :3, 3]
-            for geom, surface in self.surfaces.items()
+            geom: surface @ poses[geom, :3, :3].T + poses[geom, :3, 3] for geom, surface in self.surfaces.items()
         }
         depth = 0.0
         pairs = self.pairs if self.every_pair else self.pairs[~self._apart(poses, surfaces)]

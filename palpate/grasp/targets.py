@@ -70,9 +70,7 @@ class Workspace:
             targets[moved] = joints[miss[:, sensor].argmin(), moved]
         return targets
 
-    def solve(
-        self, joints: np.ndarray, goal: np.ndarray, inward: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
+    def solve(self, joints: np.ndarray, goal: np.ndarray, inward: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Inverse kinematics by Levenberg-Marquardt, within the joints' ranges, in the palm frame.
 
         joints: (..., J) to start from; goal, inward: (..., 4, 3) where each gel shall be and look. Returns

@@ -50,9 +50,7 @@ class Hand:
     sensor_position: np.ndarray  # (4, 3) in the link's frame
     sensor_rotation: np.ndarray  # (4, 3, 3) in the link's frame; x out of the gel, y columns, z rows
     open_joint_positions: np.ndarray  # (J,)
-    palm_anchor: (
-        np.ndarray
-    )  # (4, 4) in the palm frame: on the palm's face, x its outward normal, z to the fingers
+    palm_anchor: np.ndarray  # (4, 4) in the palm frame: on the palm's face, x its outward normal, z to the fingers
 
     def __post_init__(self) -> None:
         if len(self.sensor_link) != SENSORS:
@@ -68,9 +66,7 @@ class Hand:
                 f"hand {self.name!r} has geoms of kind {sorted(unknown)}: use one of {', '.join(GEOM_KINDS)}"
             )
         if not self.geom_collides.any():
-            raise ValueError(
-                f"hand {self.name!r} has no geom that collides: its fingers would pass through objects"
-            )
+            raise ValueError(f"hand {self.name!r} has no geom that collides: its fingers would pass through objects")
         # Half spaces of mesh geoms, once: (P, 4) outward normal and offset, empty for the other kinds.
         planes = tuple(
             half_spaces(vertices) if kind == "mesh" else np.zeros((0, 4))

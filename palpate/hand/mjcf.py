@@ -80,9 +80,7 @@ class _Reader:
     def __init__(self, model: mujoco.MjModel, name: str):
         self.model, self.name = model, name
         if (model.eq_type == mujoco.mjtEq.mjEQ_JOINT).any():
-            raise ValueError(
-                "joints coupled by an equality can't be read: each hinge needs a servo of its own"
-            )
+            raise ValueError("joints coupled by an equality can't be read: each hinge needs a servo of its own")
         self.links, self.joints, self.reference = [], [], []
         self.link_of_body: dict[int, int] = {}
         self.origin_of_body: dict[int, np.ndarray] = {}  # the body frame's origin in its link's frame
@@ -100,9 +98,7 @@ class _Reader:
         joint_range = np.array([joint[2] for joint in self.joints], dtype=float).reshape(-1, 2)
         start = np.asarray(description.get("open", self.reference), dtype=float)
         if start.shape != (len(self.joints),):
-            raise ValueError(
-                f"`open` has {start.size} joint positions, the hand has {len(self.joints)} joints"
-            )
+            raise ValueError(f"`open` has {start.size} joint positions, the hand has {len(self.joints)} joints")
         kinds, vertices, faces = zip(*(self._geom_shape(geom) for geom in geoms), strict=True)
         hand = Hand(
             name=self.name,
@@ -201,9 +197,7 @@ class _Reader:
         model = self.model
         kind = GEOM_KIND.get(mujoco.mjtGeom(model.geom_type[geom]))
         if kind is None:
-            raise ValueError(
-                f"geom {geom} ({model.geom(geom).name!r}) is a plane or a field: no part of a hand"
-            )
+            raise ValueError(f"geom {geom} ({model.geom(geom).name!r}) is a plane or a field: no part of a hand")
         if kind != "mesh":
             return kind, np.zeros((0, 3)), np.zeros((0, 3), dtype=int)
         mesh = model.geom_dataid[geom]

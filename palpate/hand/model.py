@@ -45,9 +45,7 @@ def build_spec(hand: Hand, stiffness: float = STIFFNESS, plan: Plan = PLAN) -> m
     bodies = []
     for link, name in enumerate(hand.link_names):
         parent = spec.worldbody if link == 0 else bodies[hand.link_parent[link]]
-        body = parent.add_body(
-            name=name, pos=hand.link_position[link], quat=quaternion(hand.link_rotation[link])
-        )
+        body = parent.add_body(name=name, pos=hand.link_position[link], quat=quaternion(hand.link_rotation[link]))
         bodies.append(body)
         joint = hand.joint_of_link[link]
         if joint >= 0:

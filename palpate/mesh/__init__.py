@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import trimesh
 
-from palpate.catalogue.batch import Unusable
+from palpate.batch import UnusableObject
 from palpate.mesh.isolation import isolated
 from palpate.mesh.load import FORMATS
 from palpate.scene import Plan
@@ -43,7 +43,7 @@ def prepare(
     from the source. Returns what `mesh.json` holds. `up` is the source's up axis, "x", "y" or "z".
     `plan` is of a scene "mesh"; by default a mesh that has no more faces than a level asks for is that level.
 
-    Raises `Unusable` if the file can't be read or holds no surface, or takes more than `time_limit` seconds;
+    Raises `UnusableObject` if the file can't be read or holds no surface, or takes more than `time_limit` seconds;
     OSError or MemoryError if the machine is at fault (a full disk, no memory).
     """
     source, folder = Path(source), Path(folder)
@@ -52,9 +52,9 @@ def prepare(
 
     try:
         return isolated(build, source, folder, up, collision_faces, tuple(levels), plan, seconds=time_limit)
-    except Unusable as error:
+    except UnusableObject as error:
         message = str(error)
-        raise Unusable(message if str(source) in message else f"{source}: {message}") from None
+        raise UnusableObject(message if str(source) in message else f"{source}: {message}") from None
 
 
 def not_decimated(record: Mapping[str, Any]) -> dict[str, int]:

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import trimesh
 
-from palpate.catalogue.batch import Unusable
+from palpate.batch import UnusableObject
 from palpate.mesh import DIAGONAL, topology
 from palpate.mesh.decimate import decimate, plan_of
 from palpate.mesh.distance import Surface, distance
@@ -46,9 +46,7 @@ def build(
     vertices = vertices @ UP[up].T
     repaired = repair(vertices, faces, part)
     if not repaired.keep.any():
-        raise Unusable(
-            f"{source}: none of its {len(repaired.faces)} triangles has an area: export its surface"
-        )
+        raise UnusableObject(f"{source}: none of its {len(repaired.faces)} triangles has an area: export its surface")
     faces = repaired.faces[repaired.keep]
     box = repaired.vertices[faces].min(axis=(0, 1)), repaired.vertices[faces].max(axis=(0, 1))
     centre, scale = (box[0] + box[1]) / 2, DIAGONAL / np.linalg.norm(box[1] - box[0])
@@ -66,7 +64,7 @@ def build(
     try:
         glb = visual.export(file_type="glb")
     except (OSError, SyntaxError) as error:  # PIL's: textures are decoded here, nothing is written yet
-        raise Unusable(
+        raise UnusableObject(
             f"{source}: a texture can't be read ({type(error).__name__}: {error}): replace it, or remove it "
             "from the material"
         ) from error
@@ -93,26 +91,24 @@ def _joined(parts, source):
     """Vertices (n, 3), faces (f, 3) and the part's number (f,) of all parts together, all finite."""
     start = np.cumsum([0] + [len(mesh.vertices) for mesh in parts])
     vertices = np.concatenate([mesh.vertices for mesh in parts]).astype(np.float64)
-    faces = np.concatenate([mesh.faces + first for mesh, first in zip(parts, start, strict=False)]).astype(
-        np.int64
-    )
+    faces = np.concatenate([mesh.faces + first for mesh, first in zip(parts, start, strict=False)]).astype(np.int64)
     part = np.repeat(np.arange(len(parts)), [len(mesh.faces) for mesh in parts])
     used = np.unique(faces)
     bad = int((~np.isfinite(vertices[used]).all(axis=1)).sum())
     if bad:
-        raise Unusable(
+        raise UnusableObject(
             f"{source}: {bad} of {len(used)} vertices are not finite (NaN or infinite): export it again"
         )
     with np.errstate(over="ignore"):
         diagonal = np.linalg.norm(np.ptp(vertices[used], axis=0))
     if not 1e-150 < diagonal < 1e150:  # so that areas and volumes neither vanish nor overflow
-        raise Unusable(
+        raise UnusableObject(
             f"{source}: its bounding box has a diagonal of {diagonal:g}, so it has no size to scale: "
             "export an object that has an extent"
         )
     rounding = _single_rounding(vertices[used])
     if rounding > COARSEST * diagonal:
-        raise Unusable(
+        raise UnusableObject(
             f"{source}: {np.abs(vertices[used]).max():g} from the origin, its coordinates are rounded by up "
             f"to {rounding:g} (single precision), {rounding / diagonal:.2g} of its size: move it to the "
             "origin and export it again"

@@ -6,13 +6,13 @@ import traceback
 from collections.abc import Callable
 from typing import Any
 
-from palpate.catalogue.batch import Unusable
+from palpate.batch import UnusableObject
 
 
 def isolated(function: Callable[..., Any], *arguments: Any, seconds: float) -> Any:
     """Call the function in a forked child process and return its (picklable) result.
 
-    Raises `Unusable` if it does, if the child crashes (segmentation fault) or takes more than `seconds`.
+    Raises `UnusableObject` if it does, if the child crashes (segmentation fault) or takes more than `seconds`.
     Raises OSError or MemoryError if it does, and MemoryError if the child is killed, as systems do when
     memory runs out; RuntimeError for any other exception. These carry the child's traceback.
     """
@@ -23,7 +23,7 @@ def isolated(function: Callable[..., Any], *arguments: Any, seconds: float) -> A
     sender.close()
     try:
         if not receiver.poll(seconds):
-            raise Unusable(f"took more than {seconds:g} s: simplify the mesh, or raise the time limit")
+            raise UnusableObject(f"took more than {seconds:g} s: simplify the mesh, or raise the time limit")
         error, answer = receiver.recv()
     except EOFError:
         child.join()
@@ -32,7 +32,7 @@ def isolated(function: Callable[..., Any], *arguments: Any, seconds: float) -> A
                 "the process that prepares the mesh was killed, perhaps because memory ran out: run with "
                 "fewer cores, or remove the object"
             ) from None
-        raise Unusable(
+        raise UnusableObject(
             f"a mesh library crashed on it ({_death(child.exitcode)}): clean or simplify the mesh"
         ) from None
     finally:
@@ -48,8 +48,8 @@ def _answer(sender, function, arguments):
     """Send the class of the error to raise, or None, and its message, or the result."""
     try:
         message = None, function(*arguments)
-    except Unusable as error:
-        message = Unusable, str(error)
+    except UnusableObject as error:
+        message = UnusableObject, str(error)
     except Exception as error:
         kind = next((kind for kind in (OSError, MemoryError) if isinstance(error, kind)), RuntimeError)
         message = kind, f"in the process that prepares the mesh:\n{traceback.format_exc()}"

@@ -7,7 +7,7 @@ import numpy as np
 import trimesh
 import trimesh.path
 
-from palpate.catalogue.batch import Unusable
+from palpate.batch import UnusableObject
 
 FORMATS = ("obj", "glb", "gltf", "stl", "ply", "off", "dae", "3mf")
 
@@ -18,29 +18,27 @@ def load_parts(path: Path | str) -> list[trimesh.Trimesh]:
     A geometry that the scene shows several times comes several times. Nothing is merged or repaired here. The
     order is that of the scene's node names, so it does not change from run to run.
 
-    Raises `Unusable` if the file can't be read, or holds no triangles, or refers to vertices that it lacks.
+    Raises `UnusableObject` if the file can't be read, or holds no triangles, or refers to vertices that it lacks.
     """
     path = Path(path)
     if path.suffix.lower().lstrip(".") not in FORMATS:
-        raise Unusable(
-            f"{path}: a mesh file ends in one of .{', .'.join(FORMATS)}: convert it to one of these"
-        )
+        raise UnusableObject(f"{path}: a mesh file ends in one of .{', .'.join(FORMATS)}: convert it to one of these")
     if not path.is_file():
-        raise Unusable(f"{path}: there is no such file: correct the path or remove the object")
+        raise UnusableObject(f"{path}: there is no such file: correct the path or remove the object")
     try:
         scene = trimesh.load_scene(path, process=False)
     except Exception as error:  # the readers raise whatever a broken file makes them trip over
-        raise Unusable(
+        raise UnusableObject(
             f"{path}: can't be read as {path.suffix.lower()} ({type(error).__name__}: {error}): "
             "export it again, or remove the object"
         ) from error
     parts = [_placed(scene, node) for node in sorted(scene.graph.nodes_geometry) if _is_mesh(scene, node)]
     parts = [part for part in parts if len(part.faces)]
     if not parts:
-        raise Unusable(f"{path}: holds {_contents(scene)}, no triangles: export the object's faces")
+        raise UnusableObject(f"{path}: holds {_contents(scene)}, no triangles: export the object's faces")
     for part in parts:
         if part.faces.min() < 0 or part.faces.max() >= len(part.vertices):
-            raise Unusable(
+            raise UnusableObject(
                 f"{path}: a face refers to vertex {part.faces.max()} of {len(part.vertices)}: "
                 "the file is damaged, export it again"
             )

@@ -150,9 +150,7 @@ def _droppable(vertices, faces, keep, tolerance):
     shell = np.zeros(len(faces), dtype=np.int64)
     shell[keep] = topology.shells(faces[keep], len(vertices))
     closed = topology.closed_groups(faces[keep], shell[keep])
-    flat = (
-        np.bincount(shell[keep], weights=~thin[keep]) == 0
-    )  # nothing but thin faces: no shell worth keeping
+    flat = np.bincount(shell[keep], weights=~thin[keep]) == 0  # nothing but thin faces: no shell worth keeping
     return thin & (~closed | flat)[shell]
 
 
@@ -189,9 +187,7 @@ def _inside_out(vertices, faces, patch, closed):
     """
     origin = vertices.mean(axis=0)
     corner = vertices[faces] - origin
-    volume = np.bincount(
-        patch, weights=np.einsum("ij,ij->i", corner[:, 0], np.cross(corner[:, 1], corner[:, 2]))
-    )
+    volume = np.bincount(patch, weights=np.einsum("ij,ij->i", corner[:, 0], np.cross(corner[:, 1], corner[:, 2])))
     negative = closed & (volume < 0)
     if not negative.any():
         return negative
@@ -202,12 +198,7 @@ def _inside_out(vertices, faces, patch, closed):
     extent = np.linalg.norm(high - low, axis=1)
     wrong = negative.copy()
     for this in np.flatnonzero(closed):
-        around = (
-            closed
-            & (low <= low[this]).all(axis=1)
-            & (high >= high[this]).all(axis=1)
-            & (extent > extent[this])
-        )
+        around = closed & (low <= low[this]).all(axis=1) & (high >= high[this]).all(axis=1) & (extent > extent[this])
         point = corner[groups[this][0], :1]
         for other in sorted(np.flatnonzero(around), key=lambda number: -extent[number]):
             shell = faces[groups[other]].astype(np.int64)

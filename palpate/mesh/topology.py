@@ -31,9 +31,7 @@ def edge_counts(faces: np.ndarray, group: np.ndarray | None = None) -> np.ndarra
 def shells(faces: np.ndarray, vertex_count: int) -> np.ndarray:
     """The number of the connected component (by shared vertices) of each face (f,), counted from 0."""
     ones = np.ones(2 * len(faces), dtype=bool)
-    graph = coo_matrix(
-        (ones, (np.tile(faces[:, 0], 2), faces[:, 1:].T.ravel())), shape=(vertex_count, vertex_count)
-    )
+    graph = coo_matrix((ones, (np.tile(faces[:, 0], 2), faces[:, 1:].T.ravel())), shape=(vertex_count, vertex_count))
     _, label = connected_components(graph, directed=False)
     return np.unique(label[faces[:, 0]], return_inverse=True)[1]
 

@@ -97,9 +97,7 @@ class GraphNetwork(nn.Module):
     init, last_layer_scale: see `ZeroNeighbourLayer.initialise`; the scale is the last layer's weights'.
     """
 
-    def __init__(
-        self, inputs: int, width: int, layers: int, init: str = "he", last_layer_scale: float = 0.01
-    ):
+    def __init__(self, inputs: int, width: int, layers: int, init: str = "he", last_layer_scale: float = 0.01):
         super().__init__()
         if layers < 1 or width < 3:
             raise ValueError(f"gcn: {layers} layers of width {width}: at least 1 layer, of width 3")

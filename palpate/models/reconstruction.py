@@ -265,8 +265,6 @@ def _check_experiment(strategy: str, vision: bool, touch: bool, grasps: int) -> 
     if strategy in ("no_copy", "no_comm") and not touch:
         raise ValueError(f"strategy {strategy} is about touch charts: it needs touch")
     if strategy == "no_comm" and not vision:
-        raise ValueError(
-            "strategy no_comm without vision would deform the vision charts without knowing anything"
-        )
+        raise ValueError("strategy no_comm without vision would deform the vision charts without knowing anything")
     if grasps < 1:
         raise ValueError(f"{grasps} grasps: at least 1")

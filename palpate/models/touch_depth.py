@@ -34,9 +34,7 @@ class TouchDepth(nn.Module):
         for level in (3, 2, 1, 0):
             # 12 -> 25 needs one more row and column than twice as many.
             missing = sizes[level] - 2 * sizes[level + 1]
-            self.raise_.append(
-                nn.ConvTranspose2d(2 * channels[level], channels[level], 2, 2, output_padding=missing)
-            )
+            self.raise_.append(nn.ConvTranspose2d(2 * channels[level], channels[level], 2, 2, output_padding=missing))
             self.concatenate.append(Concatenate(1))
             self.up.append(_same(2 * channels[level], channels[level]))
         self.depth = nn.Conv2d(width, 1, 1)
@@ -47,9 +45,7 @@ class TouchDepth(nn.Module):
         Rows and columns are the reading's. Raises ValueError if the shape is another.
         """
         if reading.ndim != 4 or tuple(reading.shape[1:]) != (3, RESOLUTION, RESOLUTION):
-            raise ValueError(
-                f"reading has shape {tuple(reading.shape)}, expected (B, 3, {RESOLUTION}, {RESOLUTION})"
-            )
+            raise ValueError(f"reading has shape {tuple(reading.shape)}, expected (B, 3, {RESOLUTION}, {RESOLUTION})")
         levels = []
         x = reading
         for level, down in enumerate(self.down):

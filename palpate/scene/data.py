@@ -28,9 +28,7 @@ GRASP = {
     "faces out of the hand": Part("the check of penetration: none of their points can be inside a link"),
     "links apart": Part("the check of penetration: a plane is between the two links"),
     "pairs of joined links": unmodelled("their boxes overlap at the hinge, where the links themselves don't"),
-    "friction": unmodelled(
-        "fingers slide to where their servos want them; with it they stick where they touch first"
-    ),
+    "friction": unmodelled("fingers slide to where their servos want them; with it they stick where they touch first"),
     "sag under gravity": unmodelled("servos without compensation end below their targets"),
     "loose object": unmodelled("the first finger would push it away, and its pose would not be known"),
     "self-collision": stays("fingers would pass through each other"),

@@ -21,9 +21,7 @@ FILE = {
     "cameras and lamps of the file": Part("the dataset has its own; a prepared file has none"),
 }
 MASTER = {
-    "EXR master": Part(
-        "the run doesn't keep them", lambda facts: "the run keeps them" if facts.get("exr") else None
-    ),
+    "EXR master": Part("the run doesn't keep them", lambda facts: "the run keeps them" if facts.get("exr") else None),
 }
 
 SCENES: dict[str, dict[str, Part]] = {
@@ -42,9 +40,7 @@ SCENES: dict[str, dict[str, Part]] = {
         **PICTURE,
     },
     "view": {
-        "scene for every view": Part(
-            "only the camera and the lamp move: Cycles keeps what it made of the object"
-        ),
+        "scene for every view": Part("only the camera and the lamp move: Cycles keeps what it made of the object"),
         **FILE,
         **PICTURE,
     },

@@ -30,9 +30,7 @@ def _feels_charts(facts: Mapping[str, Any]) -> str | None:
 
 
 def _feels_readings(facts: Mapping[str, Any]) -> str | None:
-    return (
-        "the sphere's touch comes as readings" if facts["touch"] and facts["strategy"] == "sphere" else None
-    )
+    return "the sphere's touch comes as readings" if facts["touch"] and facts["strategy"] == "sphere" else None
 
 
 def _fills_all_charts(facts: Mapping[str, Any]) -> str | None:

@@ -52,16 +52,12 @@ def flat_label(rng, body: Manifold, width: float, low: float, high: float) -> Pa
     (x0, y0, z0, x1, y1, z1) = body.bounding_box()
     grow = [1 + 2 * PAPER / (x1 - x0), 1 + 2 * PAPER / (y1 - y0), 1]
     window = box((x1, width, high - low), (x1 / 2 + 0.3 * x1, 0, (low + high) / 2))
-    return Part(
-        (body.scale(grow) ^ window) - body.scale((1 - 4 * PAPER / (x1 - x0), 1, 1)), label(rng), across
-    )
+    return Part((body.scale(grow) ^ window) - body.scale((1 - 4 * PAPER / (x1 - x0), 1, 1)), label(rng), across)
 
 
 def screw_cap(radius: float, low: float, height: float, ribs: int) -> Manifold:
     """A knurled cap with a rounded top."""
-    profile = filleted(
-        np.array([(radius, low), (radius, low + height), (0, low + height)]), [0, 0.15 * height, 0]
-    )
+    profile = filleted(np.array([(radius, low), (radius, low + height), (0, low + height)]), [0, 0.15 * height, 0])
     profile = profile[profile[:, 0] > 1e-4]
     return upright(profile, fluted(0.05, ribs, 4 * ribs))
 
@@ -83,9 +79,7 @@ def cork(neck: float, top: float) -> Manifold:
 
 def bore(body: Manifold, radius: float, top: float, depth: float) -> Manifold:
     """Open the mouth."""
-    return body - lathe(
-        filleted(np.array([(radius, top + 0.01), (radius, top - depth), (0, top - depth)]), 0.004), 48
-    )
+    return body - lathe(filleted(np.array([(radius, top + 0.01), (radius, top - depth), (0, top - depth)]), 0.004), 48)
 
 
 def wine(rng) -> list[Part]:
@@ -109,9 +103,7 @@ def wine(rng) -> list[Part]:
     ]
     radii = [0, 0.02, 0.003, 0.006, 0.03, 0.04, 0, 0.001, 0.001, 0, 0.001, 0]
     parts = [Part(lathe(filleted(np.array(profile), radii), AROUND), glass(rng))]
-    parts.append(
-        wrapped_label(rng, radius, shoulder * rng.uniform(0.15, 0.3), shoulder * rng.uniform(0.7, 0.9))
-    )
+    parts.append(wrapped_label(rng, radius, shoulder * rng.uniform(0.15, 0.3), shoulder * rng.uniform(0.7, 0.9)))
     if rng.uniform() < 0.3:
         return [*parts, Part(cork(neck, height), Material("cork", (196, 158, 110), 0, 0.8))]
     foil = [
@@ -121,9 +113,7 @@ def wine(rng) -> list[Part]:
         (neck + 0.003, height + 0.001),
         (0, height + 0.001),
     ]
-    capsule = choose(
-        rng, PLASTIC, 0.6, 0.3, ["red-plastic", "black-plastic", "yellow-plastic", "green-plastic"]
-    )
+    capsule = choose(rng, PLASTIC, 0.6, 0.3, ["red-plastic", "black-plastic", "yellow-plastic", "green-plastic"])
     return [*parts, Part(lathe(filleted(np.array(foil), 0.001), AROUND), capsule)]
 
 
@@ -191,9 +181,7 @@ def water(rng) -> list[Part]:
     neck, shoulder = 0.0125, height * rng.uniform(0.66, 0.76)
     ribs = int(rng.integers(3, 9))
     z = np.linspace(0.012, shoulder, 12 * ribs)
-    wave = np.clip(
-        np.cos(2 * np.pi * ribs * (z - 0.012) / (shoulder - 0.012)) - rng.uniform(-0.2, 0.5), 0, None
-    )
+    wave = np.clip(np.cos(2 * np.pi * ribs * (z - 0.012) / (shoulder - 0.012)) - rng.uniform(-0.2, 0.5), 0, None)
     waist = rng.uniform(0, 0.12) * np.exp(-(((z / shoulder - 0.5) / 0.18) ** 2))
     body = np.column_stack([radius * (1 - rng.uniform(0.03, 0.07) * wave - waist), z])
     top = [
@@ -206,16 +194,12 @@ def water(rng) -> list[Part]:
     ]
     radii = [0, 0.008, *[0] * (len(body) - 1), 0.035, 0.008, 0, 0.0005, 0.0005, 0, 0]
     outline = filleted(
-        np.concatenate(
-            [[(0.6 * radius, 0), (0.94 * radius, 0)], body[1:], [(radius * 0.9, shoulder + 0.01)], top]
-        ),
+        np.concatenate([[(0.6 * radius, 0), (0.94 * radius, 0)], body[1:], [(radius * 0.9, shoulder + 0.01)], top]),
         radii,
     )
     depth = rng.uniform(0.05, 0.16) * np.exp(-outline[:, 1] / 0.008)
     solid = upright(outline, np.stack([fluted(d, 5, 80) for d in depth]))
-    tint = choose(
-        rng, {"clear-pet": (190, 215, 228), "blue-pet": (90, 150, 205), "green-pet": (110, 180, 120)}, 0, 0.1
-    )
+    tint = choose(rng, {"clear-pet": (190, 215, 228), "blue-pet": (90, 150, 205), "green-pet": (110, 180, 120)}, 0, 0.1)
     return [Part(solid, tint), Part(screw_cap(0.0155, height - 0.019, 0.02, 36), plastic(rng))]
 
 
@@ -247,11 +231,7 @@ def soda(rng) -> list[Part]:
     depth = rng.uniform(0.02, 0.06) * belly
     section = np.stack([fluted(d, flutes, count) for d in depth])
     solid = upright(np.column_stack([curve, t * height]), section)
-    tint = (
-        glass(rng)
-        if rng.uniform() < 0.6
-        else choose(rng, {"cola": (58, 26, 16), "lemon": (190, 196, 90)}, 0, 0.1)
-    )
+    tint = glass(rng) if rng.uniform() < 0.6 else choose(rng, {"cola": (58, 26, 16), "lemon": (190, 196, 90)}, 0, 0.1)
     cap = crown_cap(neck, height) if rng.uniform() < 0.5 else screw_cap(0.0155, height - 0.014, 0.016, 30)
     return [
         Part(solid, tint),
@@ -285,9 +265,7 @@ def squeeze(rng) -> list[Part]:
     top = shoulder + 0.02
     cap = screw_cap(0.018, top, 0.018, 32)
     if rng.uniform() < 0.6:
-        nozzle = np.array(
-            [(0.008, top + 0.016), (0.003, top + 0.016 + rng.uniform(0.02, 0.035)), (0, top + 0.055)]
-        )
+        nozzle = np.array([(0.008, top + 0.016), (0.003, top + 0.016 + rng.uniform(0.02, 0.035)), (0, top + 0.055)])
         cap += lathe(filleted(nozzle[:2], 0), 32)
     else:
         cap += upright(
@@ -330,9 +308,7 @@ def jug(rng) -> list[Part]:
         (0, reach, shoulder * 0.72),
         (0, half * 0.7, shoulder * 0.55),
     ]
-    recess = sweep(
-        [(0, half * 1.2, shoulder * 0.5), (0, half * 1.2, height)], superellipse(0.06, 0.9 * half, 3, 32)
-    )
+    recess = sweep([(0, half * 1.2, shoulder * 0.5), (0, half * 1.2, height)], superellipse(0.06, 0.9 * half, 3, 32))
     handle = sweep(filleted(np.array(path), 0.025), superellipse(2 * grip, 1.5 * grip, 2.5, 28))
     body = cut(body, [recess]) + handle
     parts = [Part(body, plastic(rng)), Part(screw_cap(neck + 0.004, height - 0.014, 0.018, 40), plastic(rng))]
@@ -420,9 +396,7 @@ def medicine(rng) -> list[Part]:
             (neck * 0.5, top + 0.034),
             (0, top + 0.036),
         ]
-        parts.append(
-            Part(lathe(filleted(np.array(bulb), 0.006), 48), Material("rubber", (40, 38, 38), 0, 0.8))
-        )
+        parts.append(Part(lathe(filleted(np.array(bulb), 0.006), 48), Material("rubber", (40, 38, 38), 0, 0.8)))
     parts.append(Part(cap, plastic(rng, ["white-plastic", "black-plastic"])))
     return [*parts, wrapped_label(rng, radius, 0.15 * shoulder, 0.85 * shoulder)]
 
@@ -452,9 +426,7 @@ def soap(rng) -> list[Part]:
         [
             screw_cap(0.0165, height + 0.001, 0.016, 36),
             rod((0, 0, height + 0.01), (0, 0, top), 0.0045),
-            lathe(
-                filleted(np.array([(0.011, top - 0.004), (0.011, top + 0.008), (0, top + 0.008)]), 0.002), 36
-            ),
+            lathe(filleted(np.array([(0.011, top - 0.004), (0.011, top + 0.008), (0, top + 0.008)]), 0.002), 36),
             sweep(filleted(np.array(spout), 0.008), superellipse(0.011, 0.008, 2.5, 24)),
         ]
     )
@@ -462,11 +434,7 @@ def soap(rng) -> list[Part]:
         Part(body, plastic(rng) if rng.uniform() < 0.6 else glass(rng)),
         Part(pump, plastic(rng, ["white-plastic", "black-plastic"])),
     ]
-    return (
-        [*parts, flat_label(rng, body, 1.2 * wide, 0.2 * height, 0.7 * height)]
-        if rng.uniform() < 0.6
-        else parts
-    )
+    return [*parts, flat_label(rng, body, 1.2 * wide, 0.2 * height, 0.7 * height)] if rng.uniform() < 0.6 else parts
 
 
 def spray(rng) -> list[Part]:
@@ -492,9 +460,7 @@ def spray(rng) -> list[Part]:
     h = height
     head = sweep(
         filleted(
-            np.array(
-                [(0, -0.034, h + 0.034), (0, 0.0, h + 0.042), (0, 0.045, h + 0.04), (0, 0.06, h + 0.038)]
-            ),
+            np.array([(0, -0.034, h + 0.034), (0, 0.0, h + 0.042), (0, 0.045, h + 0.04), (0, 0.06, h + 0.038)]),
             0.02,
         ),
         superellipse(0.022, 0.024, 3, 32),
@@ -519,9 +485,7 @@ def sports(rng) -> list[Part]:
     radius, height = rng.uniform(0.032, 0.04), rng.uniform(0.19, 0.27)
     neck = radius * rng.uniform(0.62, 0.85)
     outline = filleted(
-        np.array(
-            [(0.8 * radius, 0), (radius, 0), (radius, height * 0.82), (neck, height * 0.9), (neck, height)]
-        ),
+        np.array([(0.8 * radius, 0), (radius, 0), (radius, height * 0.82), (neck, height * 0.9), (neck, height)]),
         [0, 0.003, 0.03, 0.01, 0],
     )
     body = lathe(outline, AROUND)
@@ -659,9 +623,7 @@ def perfume(rng) -> list[Part]:
     collar = lathe(np.array([(0.009, height - 0.002), (0.009, height + 0.006)]), 40)
     low, cap_height = height + 0.004, rng.uniform(0.018, 0.034)
     if rng.uniform() < 0.5:
-        cap = lathe(
-            filleted(np.array([(0.013, low), (0.0125, low + cap_height), (0, low + cap_height)]), 0.002), 56
-        )
+        cap = lathe(filleted(np.array([(0.013, low), (0.0125, low + cap_height), (0, low + cap_height)]), 0.002), 56)
     else:
         cap = upright(
             filleted(np.array([(1, low), (0.9, low + cap_height), (0.6, low + cap_height)]), [0, 0.003, 0]),

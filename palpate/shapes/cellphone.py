@@ -43,9 +43,7 @@ def shell(rng) -> Material:
 
 def disc(x: float, y: float, z: float, radius: float, towards: float, height: float = 0.0006) -> Manifold:
     """A button or lens on the face at x, standing out along x by `height` (towards = 1 front, -1 back)."""
-    profile = filleted(
-        np.array([(radius, -0.0015), (radius, height), (0, height)]), min(0.0004, 0.4 * height)
-    )
+    profile = filleted(np.array([(radius, -0.0015), (radius, height), (0, height)]), min(0.0004, 0.4 * height))
     return turned(profile, (x, y, z), (towards, 0, 0), 40)
 
 
@@ -56,9 +54,7 @@ def plate(x, y, z, width, height, corner, out=PROUD, deep=0.0012, fillet=0.0002,
 
 def lit(rng, x, y, z, width, height, old=False) -> Part:
     """A lit screen on the face at x."""
-    return Part(
-        plate(x, y, z, width, height, 0.0015, PROUD * 1.5), interface(rng, height / width, old), across
-    )
+    return Part(plate(x, y, z, width, height, 0.0015, PROUD * 1.5), interface(rng, height / width, old), across)
 
 
 def side_buttons(rng, thickness, width, height) -> list[Manifold]:
@@ -67,9 +63,7 @@ def side_buttons(rng, thickness, width, height) -> list[Manifold]:
     keys = [(side, 0.22, 0.011), (-side, 0.3, 0.006), (-side, 0.2, 0.009), (-side, 0.1, 0.009)]
     chosen = keys[: int(rng.integers(2, 5))]
     return [
-        slab(
-            (0.35 * thickness, 0.003, 2 * half), 0.0012, 0.0004, (0, s * (width / 2 - 0.0009), share * height)
-        )
+        slab((0.35 * thickness, 0.003, 2 * half), 0.0012, 0.0004, (0, s * (width / 2 - 0.0009), share * height))
         for s, share, half in chosen
     ]
 
@@ -90,9 +84,7 @@ def camera_bump(rng, back: float, width: float, height: float) -> tuple[Manifold
     top = height / 2
     corner_y, corner_z = -width / 2 + 0.018, top - 0.02
     if kind == 0:
-        island = slab(
-            (0.003 + rise, 0.029, 0.031), 0.008, 0.0008, (back + (0.003 - rise) / 2, corner_y, corner_z)
-        )
+        island = slab((0.003 + rise, 0.029, 0.031), 0.008, 0.0008, (back + (0.003 - rise) / 2, corner_y, corner_z))
         spots = [
             (corner_y - 0.0068, corner_z + 0.007),
             (corner_y - 0.0068, corner_z - 0.007),
@@ -108,24 +100,18 @@ def camera_bump(rng, back: float, width: float, height: float) -> tuple[Manifold
         )
         spots = [(corner_y - 0.004, corner_z - 0.008 + dz) for dz in (0.0138, 0, -0.0138)]
     elif kind == 2:
-        island = slab(
-            (0.003 + rise, width * 0.94, 0.018), 0.0088, 0.0008, (back + (0.003 - rise) / 2, 0, top - 0.026)
-        )
+        island = slab((0.003 + rise, width * 0.94, 0.018), 0.0088, 0.0008, (back + (0.003 - rise) / 2, 0, top - 0.026))
         spots = [(y, top - 0.026) for y in (-0.016, 0.0, 0.013)]
     elif kind == 3:
         middle = (0, top - 0.032)
         profile = filleted(np.array([(0.024, -0.003), (0.024, rise), (0, rise)]), 0.001)
         island = turned(profile, (back, *middle), (-1, 0, 0), 64)
-        spots = [
-            (0.0115 * np.cos(a), middle[1] + 0.0115 * np.sin(a)) for a in np.pi / 4 + np.pi / 2 * np.arange(4)
-        ]
+        spots = [(0.0115 * np.cos(a), middle[1] + 0.0115 * np.sin(a)) for a in np.pi / 4 + np.pi / 2 * np.arange(4)]
     else:
         spots = [(corner_y - 0.004, top - 0.014 - 0.016 * k) for k in range(int(rng.integers(2, 4)))]
         island = union([disc(back, y, z, lens + 0.0012, -1, rise) for y, z in spots])
     lenses = [disc(back - rise, y, z, lens, -1, 0.0009) for y, z in spots]
-    lenses.append(
-        disc(back - (rise if kind in (0, 2) else 0), spots[0][0] + 0.0125, spots[0][1], 0.0022, -1, 0.0004)
-    )
+    lenses.append(disc(back - (rise if kind in (0, 2) else 0), spots[0][0] + 0.0125, spots[0][1], 0.0022, -1, 0.0004))
     return island, lenses
 
 
@@ -172,9 +158,7 @@ def tablet_like(rng) -> list[Part]:
             front + PROUD + 0.0005, 0, low, 0.0042, 1, 0.0002
         )
     else:
-        button = union(
-            [plate(front + PROUD, y, low, 0.011, 0.0045, 0.002, 0.0005) for y in (-0.015, 0, 0.015)]
-        )
+        button = union([plate(front + PROUD, y, low, 0.011, 0.0045, 0.002, 0.0005) for y in (-0.015, 0, 0.015)])
     ear = plate(front + PROUD, 0, high, 0.012, 0.0018, 0.0008, 0.0002)
     look = shell(rng)
     camera = union(
@@ -192,9 +176,7 @@ def tablet_like(rng) -> list[Part]:
     return [*parts, Part(button + ear, metal(rng, ["steel", "aluminium"])), Part(camera, LENS)]
 
 
-def keypad(
-    rng, front, z_low, z_high, width, rows=4, columns=3, gap=0.0012, round_keys=False, out=0.0009
-) -> Manifold:
+def keypad(rng, front, z_low, z_high, width, rows=4, columns=3, gap=0.0012, round_keys=False, out=0.0009) -> Manifold:
     """Keys in a grid between two heights."""
     pitch_y, pitch_z = width / columns, (z_high - z_low) / rows
     keys = []
@@ -204,9 +186,7 @@ def keypad(
             wide, tall = pitch_y - gap, pitch_z - gap
             if round_keys:
                 wide = tall = min(wide, tall)
-            keys.append(
-                plate(front, y, z, wide, tall, 0.49 * tall if round_keys else 0.3 * tall, out, 0.001, 0.0004)
-            )
+            keys.append(plate(front, y, z, wide, tall, 0.49 * tall if round_keys else 0.3 * tall, out, 0.001, 0.0004))
     return union(keys)
 
 
@@ -214,9 +194,7 @@ def navigation(rng, front, z, width, out=0.001) -> tuple[Manifold, Manifold]:
     """A direction pad with its middle key, and soft keys beside it."""
     radius = rng.uniform(0.15, 0.2) * width
     if rng.uniform() < 0.5:
-        pad = disc(front, 0, z, radius, 1, out) - disc(
-            front + 0.4 * out + 0.0012, 0, z, 0.62 * radius, 1, out
-        )
+        pad = disc(front, 0, z, radius, 1, out) - disc(front + 0.4 * out + 0.0012, 0, z, 0.62 * radius, 1, out)
         middle = disc(front, 0, z, 0.5 * radius, 1, out)
     else:
         pad = plate(front, 0, z, 2.2 * radius, 1.7 * radius, 0.4 * radius, out) - plate(
@@ -289,9 +267,7 @@ def qwerty(rng) -> list[Part]:
     screen = lit(rng, front + PROUD, 0, screen_z, 0.76 * width, screen_height, old=rng.uniform() < 0.5)
     z = screen_z - screen_height / 2 - 0.0085
     ball = disc(front, 0, z, 0.0042, 1, 0.0018)
-    buttons = union(
-        [plate(front, y, z, 0.011, 0.006, 0.002, 0.0007) for y in (-0.021, -0.0085, 0.0085, 0.021)]
-    )
+    buttons = union([plate(front, y, z, 0.011, 0.006, 0.002, 0.0007) for y in (-0.021, -0.0085, 0.0085, 0.021)])
     keys = keypad(rng, front, -0.46 * height, z - 0.0065, 0.86 * width, 4, 10, 0.0009, out=0.0008)
     look = shell(rng)
     dark = choose(rng, SHELLS, 0, 0.4, ["black", "graphite", "white"])
@@ -310,9 +286,7 @@ def hinge(width: float, radius: float, z: float, x: float = 0.0) -> Manifold:
     """Knuckles across the phone's width."""
     pins = []
     for low, high in ((-0.48, -0.3), (-0.28, 0.28), (0.3, 0.48)):
-        profile = filleted(
-            np.array([(radius, 0), (radius, (high - low) * width), (0, (high - low) * width)]), 0.0006
-        )
+        profile = filleted(np.array([(radius, 0), (radius, (high - low) * width), (0, (high - low) * width)]), 0.0006)
         pins.append(turned(profile, (x, low * width, z), (0, 1, 0), 36))
     pins.append(rod((x, -0.45 * width, z), (x, 0.45 * width, z), 0.75 * radius))
     return union(pins)
@@ -422,9 +396,7 @@ def brick(rng) -> list[Part]:
     """The first portable phones: thick, long, a rod antenna, a window over many keys."""
     width, height, thickness = rng.uniform(0.046, 0.058), rng.uniform(0.15, 0.2), rng.uniform(0.03, 0.042)
     side = filleted(
-        np.array(
-            [(-0.5, -0.5), (0.36, -0.5), (0.5, -0.36), (0.42, 0.3), (0.5, 0.42), (0.42, 0.5), (-0.5, 0.5)]
-        )
+        np.array([(-0.5, -0.5), (0.36, -0.5), (0.5, -0.36), (0.42, 0.3), (0.5, 0.42), (0.42, 0.5), (-0.5, 0.5)])
         * [thickness, height],
         [0.005, 0.01, 0.02, 0.03, 0.008, 0.006, 0.006],
         closed=True,
@@ -433,8 +405,7 @@ def brick(rng) -> list[Part]:
     body = prism(side, width, 0.004).rotate((0, 0, -90))
     front = 0.44 * thickness
     grille = [
-        plate(front + 0.002, 0, 0.4 * height - 0.0035 * k, 0.5 * width, 0.0014, 0.0005, 0.004, 0.004)
-        for k in range(5)
+        plate(front + 0.002, 0, 0.4 * height - 0.0035 * k, 0.5 * width, 0.0014, 0.0005, 0.004, 0.004) for k in range(5)
     ]
     body = cut(body, grille)
     keys = keypad(rng, front, -0.36 * height, 0.06 * height, 0.78 * width, 5, 3, 0.0022, out=0.002)
@@ -485,13 +456,11 @@ def rugged(rng) -> list[Part]:
         for z in np.arange(-0.25, 0.26, 0.05) * height
     ]
     well = box((0.01, width - 0.012, height - 0.016), (front + 0.005, 0, 0))
-    bumper = cut(
-        union([*rims, *ribs]), [well, slab((thickness - 0.002, width - 0.006, height - 0.006), 0.006, 0.001)]
-    )
+    bumper = cut(union([*rims, *ribs]), [well, slab((thickness - 0.002, width - 0.006, height - 0.006), 0.006, 0.001)])
     eye = np.array([(0, 0.008), (0.008, 0.006), (0.008, -0.006), (0, -0.008)])
-    lug = prism(
-        filleted(np.column_stack([eye[:, 1], eye[:, 0]]), 0.003, closed=True), 0.006, 0.001
-    ).translate((0, -0.3 * width, height / 2 - 0.001))
+    lug = prism(filleted(np.column_stack([eye[:, 1], eye[:, 0]]), 0.003, closed=True), 0.006, 0.001).translate(
+        (0, -0.3 * width, height / 2 - 0.001)
+    )
     lug -= rod(
         (-0.01, -0.3 * width, height / 2 + 0.003),
         (0.01, -0.3 * width, height / 2 + 0.003),
@@ -500,27 +469,16 @@ def rugged(rng) -> list[Part]:
     )
     glass = plate(front, 0, 0, width - 0.014, height - 0.018, 0.003)
     picture = lit(rng, front + PROUD, 0, 0.004, width - 0.02, height - 0.04)
-    bar = union(
-        [
-            plate(front + PROUD, y, -height / 2 + 0.015, 0.012, 0.005, 0.002, 0.0008)
-            for y in (-0.016, 0, 0.016)
-        ]
-    )
+    bar = union([plate(front + PROUD, y, -height / 2 + 0.015, 0.012, 0.005, 0.002, 0.0008) for y in (-0.016, 0, 0.016)])
     screws = union(
-        [
-            disc(-front, sy * 0.4 * width, sz * 0.25 * height, 0.0028, -1, 0.0005)
-            for sy in (-1, 1)
-            for sz in (-1, 1)
-        ]
+        [disc(-front, sy * 0.4 * width, sz * 0.25 * height, 0.0028, -1, 0.0005) for sy in (-1, 1) for sz in (-1, 1)]
     )
     island, lenses = camera_bump(rng, -front, width - 0.012, height - 0.03)
     return [
         Part(body + island, shell(rng)),
         Part(
             bumper + lug,
-            choose(
-                rng, PLASTIC, 0, 0.7, ["yellow-plastic", "orange-plastic", "black-plastic", "red-plastic"]
-            ),
+            choose(rng, PLASTIC, 0, 0.7, ["yellow-plastic", "orange-plastic", "black-plastic", "red-plastic"]),
         ),
         Part(glass, GLASS),
         picture,

@@ -3,7 +3,7 @@
 import numpy as np
 import trimesh
 
-from palpate.catalogue.batch import generator
+from palpate.batch import generator
 from palpate.shapes import bottle, cellphone, knife, rifle
 from palpate.shapes.scene import Part, assemble
 

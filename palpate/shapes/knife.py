@@ -74,9 +74,7 @@ def ends(length: float, heel: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
     return heel + t * (length - heel), t
 
 
-def teeth(
-    y0: float, y1: float, pitch: float, depth: float, height, radius_factor: float = 0.75
-) -> list[Manifold]:
+def teeth(y0: float, y1: float, pitch: float, depth: float, height, radius_factor: float = 0.75) -> list[Manifold]:
     """Tools that cut scallops into an edge; height(y) is where the edge lies."""
     count = max(2, int((y1 - y0) / pitch))
     radius = radius_factor * pitch
@@ -93,9 +91,7 @@ def saw(y0: float, y1: float, pitch: float, depth: float, height) -> list[Manifo
     tools = []
     for y in y0 + (np.arange(count) + 0.5) * (y1 - y0) / count:
         z = float(height(y))
-        tools.append(
-            prism([(y - 0.42 * pitch, z + 0.002), (y, z - depth), (y + 0.42 * pitch, z + 0.002)], 0.02)
-        )
+        tools.append(prism([(y - 0.42 * pitch, z + 0.002), (y, z - depth), (y + 0.42 * pitch, z + 0.002)], 0.02))
     return tools
 
 
@@ -237,9 +233,7 @@ def steak(rng) -> list[Part]:
     edge = -height + 0.08 * height * t
     pitch = rng.uniform(0.003, 0.0045)
     solid = blade(y, spine, edge, 0.0016, 0.5)
-    solid = cut(
-        solid, teeth(0.2 * length, 0.92 * length, pitch, 0.3 * pitch, lambda at: np.interp(at, y, edge))
-    )
+    solid = cut(solid, teeth(0.2 * length, 0.92 * length, pitch, 0.3 * pitch, lambda at: np.interp(at, y, edge)))
     return kitchen_handle(rng, rng.uniform(0.014, 0.018), solid, rng.uniform() < 0.3)
 
 
@@ -284,9 +278,7 @@ def folder(rng) -> list[Part]:
     solid += box((0.003, 0.03, 0.75 * height), (0, -0.012, -0.45 * height))
     if rng.uniform() < 0.4:
         pitch = 0.0045
-        solid = cut(
-            solid, teeth(0.004, 0.45 * length, pitch, 0.35 * pitch, lambda at: np.interp(at, y, edge))
-        )
+        solid = cut(solid, teeth(0.004, 0.45 * length, pitch, 0.35 * pitch, lambda at: np.interp(at, y, edge)))
     if rng.uniform() < 0.5:
         hole = rod((-0.01, 0.016, -0.28 * height), (0.01, 0.016, -0.28 * height), 0.0042)
         solid -= hole
@@ -344,15 +336,11 @@ def multitool(rng) -> list[Part]:
     """A Swiss pocket knife: red or coloured scales, a blade out, often a second tool."""
     grip, tall = rng.uniform(0.083, 0.095), rng.uniform(0.02, 0.026)
     width = rng.uniform(0.013, 0.022)
-    stadium = filleted(
-        np.array([(0, 0.5), (0, -0.5), (-1, -0.5), (-1, 0.5)]) * [grip, tall], 0.49 * tall, closed=True
-    )
+    stadium = filleted(np.array([(0, 0.5), (0, -0.5), (-1, -0.5), (-1, 0.5)]) * [grip, tall], 0.49 * tall, closed=True)
     red = Material("red-scales", (170, 20, 26), 0, 0.25)
     look = red if rng.uniform() < 0.5 else plastic(rng)
     core = width - 0.007
-    shells = [
-        prism(stadium, 0.0042, 0.0015).translate((side * (width / 2 - 0.0021), 0, 0)) for side in (1, -1)
-    ]
+    shells = [prism(stadium, 0.0042, 0.0015).translate((side * (width / 2 - 0.0021), 0, 0)) for side in (1, -1)]
     liner = cut(
         prism(stadium, core),
         [
@@ -370,14 +358,10 @@ def multitool(rng) -> list[Part]:
     tools = [main, liner, rivets([(-0.01, 0), (-grip + 0.01, 0)], 0.0026, width / 2 - 0.001)]
     if rng.uniform() < 0.7:
         driver = prism(
-            filleted(
-                np.array([(0, 0.004), (0.035, 0.0025), (0.037, -0.0025), (0, -0.004)]), 0.001, closed=True
-            ),
+            filleted(np.array([(0, 0.004), (0.035, 0.0025), (0.037, -0.0025), (0, -0.004)]), 0.001, closed=True),
             0.0022,
         )
-        driver = driver.rotate((180 - rng.uniform(50, 130), 0, 0)).translate(
-            (-0.25 * core, -grip + 0.008, 0.2 * tall)
-        )
+        driver = driver.rotate((180 - rng.uniform(50, 130), 0, 0)).translate((-0.25 * core, -grip + 0.008, 0.2 * tall))
         tools.append(driver)
     if rng.uniform() < 0.6:
         turn = np.linspace(0, 2 * np.pi, 30)[:-1]
@@ -533,9 +517,7 @@ def dagger(rng) -> list[Part]:
         [-grip * s, middle - wide * swell / 2 * 1.15, middle + wide * swell / 2 * 1.15, wide * swell]
     )
     handle = along_y(rings[::-1], 2.1, 110, 28)
-    ball = filleted(
-        np.array([(0.006, 0), (0.013, 0.006), (0.013, 0.014), (0.005, 0.022), (0.0, 0.022)]), 0.005
-    )
+    ball = filleted(np.array([(0.006, 0), (0.013, 0.006), (0.013, 0.014), (0.005, 0.022), (0.0, 0.022)]), 0.005)
     pommel = turned(ball, (0, -grip + 0.004, middle), (0, -1, 0), 40)
     fittings = metal(rng, ["brass", "steel", "copper"])
     return [
@@ -588,9 +570,7 @@ def cutter(rng) -> list[Part]:
         0.0008,
     )
     grooves = [
-        box((0.001, 0.0003, high * 1.4), (0.0006, 0, 0))
-        .rotate((-20, 0, 0))
-        .translate((0, at, -0.75 * tall + high / 2))
+        box((0.001, 0.0003, high * 1.4), (0.0006, 0, 0)).rotate((-20, 0, 0)).translate((0, at, -0.75 * tall + high / 2))
         for at in np.arange(0.004, out - 0.008, 0.006)
     ]
     steel = cut(steel, grooves)

@@ -92,9 +92,7 @@ def wood(rng) -> Material:
         for k in range(1, 5)
     )
     rings = np.sin(2 * np.pi * (rng.uniform(5, 11) * v + 0.25 * waves))
-    fibre = (
-        rng.normal(size=(height, 1)) * 0.25 + rng.normal(size=(height, width // 32)).repeat(32, axis=1) * 0.15
-    )
+    fibre = rng.normal(size=(height, 1)) * 0.25 + rng.normal(size=(height, width // 32)).repeat(32, axis=1) * 0.15
     shade = 1 + 0.14 * rings + 0.12 * fibre
     pixels = np.clip(np.array(base.colour) * shade[..., None], 0, 255).astype(np.uint8)
     return Material(base.name, base.colour, 0.0, 0.5, Image.fromarray(pixels))
@@ -163,12 +161,8 @@ def interface(rng: np.random.Generator, aspect: float, old: bool = False) -> Mat
             if rng.uniform() < 0.25:
                 continue
             x, y = 12 + 41 * column, 76 + 42 * row
-            draw.rounded_rectangle(
-                (x, y, x + 30, y + 30), 8, fill=tuple(int(c) for c in rng.integers(30, 250, 3))
-            )
-    draw.rounded_rectangle(
-        (6, height - 44, width - 6, height - 6), 12, fill=tuple(int(c) for c in (top + 30) % 256)
-    )
+            draw.rounded_rectangle((x, y, x + 30, y + 30), 8, fill=tuple(int(c) for c in rng.integers(30, 250, 3)))
+    draw.rounded_rectangle((6, height - 44, width - 6, height - 6), 12, fill=tuple(int(c) for c in (top + 30) % 256))
     return Material("screen", (90, 110, 140), 0.0, 0.12, picture)
 
 

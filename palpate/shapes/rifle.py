@@ -110,9 +110,7 @@ def scope(rng, y: float, z: float, length: float | None = None) -> list[Part]:
     ]
     mounts = []
     for at in (-0.25 * length + 0.005, 0.2 * length):
-        ring = turned(
-            np.array([(tube + 0.0035, -0.009), (tube + 0.0035, 0.009)]), (0, y + at, z), (0, 1, 0), 28
-        )
+        ring = turned(np.array([(tube + 0.0035, -0.009), (tube + 0.0035, 0.009)]), (0, y + at, z), (0, 1, 0), 28)
         mounts += [ring, box((0.016, 0.018, 0.034), (0, y + at, z - 0.02))]
     glass = union(
         [
@@ -142,9 +140,7 @@ def red_dot(y: float, z: float, tall: bool) -> list[Part]:
         )
         frame = cut(frame, [box((0.024, 0.12, 0.026), (0, y, z + 0.034))])
         return [Part(frame, OPTIC), Part(box((0.0245, 0.002, 0.027), (0, y + 0.028, z + 0.034)), GLASS)]
-    body = turned(
-        filleted(np.array([(0.017, -0.035), (0.017, 0.035)]), 0.002), (0, y, z + 0.032), (0, 1, 0), 40
-    )
+    body = turned(filleted(np.array([(0.017, -0.035), (0.017, 0.035)]), 0.002), (0, y, z + 0.032), (0, 1, 0), 40)
     body = body - rod((0, y - 0.05, z + 0.032), (0, y + 0.05, z + 0.032), 0.0145, segments=32)
     base = box((0.02, 0.05, 0.024), (0, y, z + 0.007)) + turned(
         np.array([(0.007, 0), (0.007, 0.022)]), (0, y + 0.01, z + 0.034), (1, 0, 0), 24
@@ -228,17 +224,13 @@ def box_magazine(
     s = np.linspace(0, 1, 14)
     if curve > 0:
         radius = length / curve
-        path = np.column_stack(
-            [0 * s, y + radius * (1 - np.cos(curve * s)), z + 0.015 - radius * np.sin(curve * s)]
-        )
+        path = np.column_stack([0 * s, y + radius * (1 - np.cos(curve * s)), z + 0.015 - radius * np.sin(curve * s)])
     else:
         path = np.column_stack([0 * s, y + 0.05 * length * s, z + 0.015 - length * s])
     body = sweep(path, superellipse(width, depth, 7, 32))
     groove = sweep(path[3:12], superellipse(0.004, 0.1 * depth, 2, 12))
     sides = [
-        groove.translate((side * width / 2, shift, 0))
-        for side in (-1, 1)
-        for shift in (-0.18 * depth, 0.12 * depth)
+        groove.translate((side * width / 2, shift, 0)) for side in (-1, 1) for shift in (-0.18 * depth, 0.12 * depth)
     ]
     foot_at, foot_dir = path[-1], path[-1] - path[-2]
     foot_dir = foot_dir / np.linalg.norm(foot_dir)
@@ -273,9 +265,9 @@ def bipod(rng, y: float, z: float) -> Manifold:
 def bolt_handle(y: float, z: float) -> Manifold:
     """A turned-down bolt handle with a knob, on the right (-x) side."""
     path = filleted(np.array([(0, y, z), (-0.03, y - 0.004, z - 0.004), (-0.05, y - 0.02, z - 0.03)]), 0.015)
-    return sweep(path, superellipse(0.009, 0.009, 2, 20), side=(0, 1, 0)) + Manifold.sphere(
-        0.0095, 28
-    ).translate((-0.052, y - 0.021, z - 0.033))
+    return sweep(path, superellipse(0.009, 0.009, 2, 20), side=(0, 1, 0)) + Manifold.sphere(0.0095, 28).translate(
+        (-0.052, y - 0.021, z - 0.033)
+    )
 
 
 def hunting_stock(rng, grip_y: float, fore_end: float, comb: float, cheek: bool) -> Manifold:
@@ -473,9 +465,9 @@ def handguard(rng, start: float, end: float, radius: float) -> Manifold:
     for at in np.arange(start + 0.03, end - 0.03, 0.042):
         for angle in (0, 90, 45) if kind == 2 else (0, 90):
             slots.append(
-                sweep(
-                    [(-0.1, at, 0), (0.1, at, 0)], superellipse(0.028, 0.007, 5, 16), side=(0, 1, 0)
-                ).rotate((0, angle, 0))
+                sweep([(-0.1, at, 0), (0.1, at, 0)], superellipse(0.028, 0.007, 5, 16), side=(0, 1, 0)).rotate(
+                    (0, angle, 0)
+                )
             )
     core = rod((0, start, 0), (0, end, 0), 0.72 * radius)
     return cut(body, slots) + core
@@ -602,9 +594,7 @@ def kalashnikov(rng) -> list[Part]:
         30,
         36,
     )
-    upper = along_y(
-        [(0.3, 0.01, 0.04, 0.03), (0.37, 0.01, 0.044, 0.034), (0.448, 0.01, 0.04, 0.028)], 2.6, 20, 32
-    )
+    upper = along_y([(0.3, 0.01, 0.04, 0.03), (0.37, 0.01, 0.044, 0.034), (0.448, 0.01, 0.04, 0.028)], 2.6, 20, 32)
     woodwork = [lower, upper, pistol_grip(rng, 0.018, -0.04, 0.095)]
     kind = int(rng.choice([1, 1, 3, 2]))
     if kind == 1:
@@ -631,9 +621,7 @@ def kalashnikov(rng) -> list[Part]:
     extras: list[Part] = []
     if rng.uniform() < 0.3:
         steel.append(rail(0.02, 0.2, 0.029))
-        extras = (
-            red_dot(0.1, 0.037, rng.uniform() < 0.5) if rng.uniform() < 0.6 else scope(rng, 0.1, 0.075, 0.25)
-        )
+        extras = red_dot(0.1, 0.037, rng.uniform() < 0.5) if rng.uniform() < 0.6 else scope(rng, 0.1, 0.075, 0.25)
     dark = dark_metal(rng)
     magazine_look = Material(
         "magazine",
@@ -752,18 +740,14 @@ def bullpup(rng) -> list[Part]:
         shell,
         [
             box((0.03, 0.08, 0.02), (-0.028, -0.09, 0.01)),
-            *[
-                box((0.008, 0.006, 0.04), (s * 0.026, y, 0))
-                for s in (-1, 1)
-                for y in np.arange(0.2, 0.32, 0.016)
-            ],
+            *[box((0.008, 0.006, 0.04), (s * 0.026, y, 0)) for s in (-1, 1) for y in np.arange(0.2, 0.32, 0.016)],
         ],
     )
     grip = pistol_grip(rng, 0.055, low + 0.004, 0.09)
     if rng.uniform() < 0.5:
-        hole = sweep(
-            [(-0.1, 0.0, 0), (0.1, 0.0, 0)], superellipse(0.035, 0.02, 3, 28), side=(0, 1, 0)
-        ).translate((0, butt + 0.075, low - 0.012))
+        hole = sweep([(-0.1, 0.0, 0), (0.1, 0.0, 0)], superellipse(0.035, 0.02, 3, 28), side=(0, 1, 0)).translate(
+            (0, butt + 0.075, low - 0.012)
+        )
         shell -= hole
     steel = [
         barrel(0.3, end, 0.0115, 0.009),
@@ -841,9 +825,7 @@ def sniper(rng) -> list[Part]:
     if rng.uniform() < 0.7:
         tube = cut(tube, flutes)
     steel = [
-        turned(
-            filleted(np.array([(0.014, 0), (0.018, 0.006), (0.018, 0.22)]), 0.003), (0, 0, 0), (0, 1, 0), 40
-        ),
+        turned(filleted(np.array([(0.014, 0), (0.018, 0.006), (0.018, 0.22)]), 0.003), (0, 0, 0), (0, 1, 0), 40),
         tube,
         muzzle(rng, end, thick, int(rng.choice([1, 1, 2]))),
         bolt_handle(0.03, 0.0),
@@ -900,9 +882,7 @@ def sniper(rng) -> list[Part]:
         stock = cut(union(body), slots)
     else:
         stock = hunting_stock(rng, -0.02, rng.uniform(0.42, 0.5), 0.014, True)
-        hole = sweep(
-            [(-0.1, -0.055, -0.05), (0.1, -0.055, -0.05)], superellipse(0.05, 0.032, 2.4, 32), side=(0, 1, 0)
-        )
+        hole = sweep([(-0.1, -0.055, -0.05), (0.1, -0.055, -0.05)], superellipse(0.05, 0.032, 2.4, 32), side=(0, 1, 0))
         stock = (
             stock
             + along_y(
@@ -974,9 +954,7 @@ def battle_rifle(rng) -> list[Part]:
         for at in (0.62 * fore, fore - 0.035)
     ]
     if rng.uniform() < 0.6:
-        steel.append(
-            box_magazine(rng, 0.11, -0.04, rng.choice([0.0, 0.25]), rng.uniform(0.05, 0.12), 0.026, 0.07)
-        )
+        steel.append(box_magazine(rng, 0.11, -0.04, rng.choice([0.0, 0.25]), rng.uniform(0.05, 0.12), 0.026, 0.07))
     if rng.uniform() < 0.3:
         blade = plank(
             [(end + 0.0, -0.02), (end + 0.22, -0.014), (end + 0.24, -0.008), (end + 0.0, 0.0)],

@@ -43,9 +43,7 @@ def filleted(points: np.ndarray, radii: np.ndarray | float, closed: bool = False
         end = (corner + tangent * after - centre) / radius
         t = np.linspace(0, 1, count)[:, None]
         # Spherical interpolation between the two radii of the arc.
-        result.append(
-            centre + radius * (np.sin((1 - t) * turn) * start + np.sin(t * turn) * end) / np.sin(turn)
-        )
+        result.append(centre + radius * (np.sin((1 - t) * turn) * start + np.sin(t * turn) * end) / np.sin(turn))
     return np.concatenate(result)
 
 
@@ -133,9 +131,7 @@ def slab(size: tuple[float, float, float], corner: float, fillet: float, centre=
     thickness, width, height = size
     fillet = min(fillet, 0.499 * thickness)
     # A key's small radii need fewer points than a shell's.
-    steps, corner_points = (
-        round(float(np.clip(r / 0.0008, 3, most))) for r, most in ((fillet, 5), (corner, 9))
-    )
+    steps, corner_points = (round(float(np.clip(r / 0.0008, 3, most))) for r, most in ((fillet, 5), (corner, 9)))
     angle = np.linspace(0, np.pi / 2, steps)
     inset = fillet * np.concatenate([1 - np.sin(angle), 1 - np.cos(angle)])
     x = fillet * np.concatenate([1 - np.cos(angle), np.sin(angle) - 1])
@@ -177,9 +173,7 @@ def inward_normals(outline: np.ndarray) -> np.ndarray:
     return 2 * mean / np.maximum((mean**2).sum(axis=1, keepdims=True), 1.0)
 
 
-def sweep(
-    path: np.ndarray, section: np.ndarray, scale: np.ndarray | None = None, side=(1.0, 0.0, 0.0)
-) -> Manifold:
+def sweep(path: np.ndarray, section: np.ndarray, scale: np.ndarray | None = None, side=(1.0, 0.0, 0.0)) -> Manifold:
     """Move a section along a path.
 
     path: (k, 3); section: (m, 2), its first coordinate along `side`, its second across the path; scale:
@@ -191,11 +185,7 @@ def sweep(
     across = np.cross(tangent, np.broadcast_to(side, path.shape))
     across /= np.linalg.norm(across, axis=1, keepdims=True)
     first = np.cross(across, tangent)
-    scale = (
-        np.ones((len(path), 2))
-        if scale is None
-        else np.broadcast_to(np.asarray(scale, float).T, (2, len(path))).T
-    )
+    scale = np.ones((len(path), 2)) if scale is None else np.broadcast_to(np.asarray(scale, float).T, (2, len(path))).T
     rings = (
         path[:, None]
         + first[:, None] * (section[None, :, :1] * scale[:, None, :1])

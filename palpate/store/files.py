@@ -19,8 +19,8 @@ import zarr
 from zarr.codecs import BloscCodec, Crc32cCodec
 
 import palpate
+from palpate.atomic import atomic_write
 from palpate.scene import Plan, plan
-from palpate.store.atomic import whole
 from palpate.store.contract import CONTRACT, FRAMES, SCHEMA_VERSION, UNITS, ArraySpec, StoreSpec
 
 # Batches are worked on in parallel, never the chunks of one store: one thread a process, unless the user says
@@ -29,7 +29,7 @@ if zarr.config.get("threading.max_workers") is None:
     zarr.config.set({"threading.max_workers": 1})
 numcodecs.blosc.use_threads = False
 
-# Chosen in benchmarks/store.py; lossless.
+# Chosen in studies/benchmarks/store.py; lossless.
 COMPRESSION = {"cname": "zstd", "clevel": 1, "shuffle": "shuffle"}
 STRING_KINDS = "UOST"  # numpy's kinds of types that hold text
 REQUIRED_ATTRIBUTES = ("config_digest", "seed")
@@ -71,7 +71,7 @@ def write(
         for name in [*filter(arrays.__contains__, spec.arrays), *sorted(set(arrays) - set(spec.arrays))]
     }
     described = {**describe(spec), **attributes}
-    with whole(path) as partial:
+    with atomic_write(path) as partial:
         if path.suffix == ".zarr":
             _write_zarr(partial, spec, arrays, described, plan)
         else:
@@ -115,9 +115,7 @@ def check_headers(path: Path, spec: StoreSpec, headers: Mapping[str, Header], op
         check_shape(path, array_spec, shape, sizes)
 
 
-def check_shape(
-    path: Path, spec: ArraySpec, shape: tuple[int, ...], sizes: dict[str, tuple[str, int]]
-) -> None:
+def check_shape(path: Path, spec: ArraySpec, shape: tuple[int, ...], sizes: dict[str, tuple[str, int]]) -> None:
     """Check one shape against the contract and against the arrays before it, whose symbols are in `sizes`."""
     try:
         found = spec.sizes(shape)
@@ -134,9 +132,7 @@ def check_shape(
             )
     values = {symbol: length for symbol, (_, length) in sizes.items()}
     if "rr" in found and "r" in values and values["rr"] != values["r"] ** 2:
-        raise StoreError(
-            f"{path}: array {spec.name!r}: {values['rr']} rows, but readings have {values['r']} rows"
-        )
+        raise StoreError(f"{path}: array {spec.name!r}: {values['rr']} rows, but readings have {values['r']} rows")
     if "og" in found and "o" in values and (values["og"] % values["o"] if values["o"] else values["og"]):
         raise StoreError(f"{path}: array {spec.name!r}: {values['og']} grasps for {values['o']} objects")
 
@@ -172,9 +168,7 @@ def _write_zarr(
             target[...] = array
 
 
-def _write_hdf5(
-    path: Path, spec: StoreSpec, arrays: dict[str, np.ndarray], attributes: dict[str, Any]
-) -> None:
+def _write_hdf5(path: Path, spec: StoreSpec, arrays: dict[str, np.ndarray], attributes: dict[str, Any]) -> None:
     with h5py.File(path, "w") as file:
         file.attrs.update({name: json.dumps(value, sort_keys=True) for name, value in attributes.items()})
         for name, array in arrays.items():

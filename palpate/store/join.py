@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from palpate.catalogue.batch import Rejection, write_rejections
-from palpate.store.atomic import whole
+from palpate.atomic import atomic_write
+from palpate.batch import Rejection, write_rejections
 from palpate.store.contract import CONTRACT
 from palpate.store.files import write
 
@@ -58,7 +58,7 @@ def write_batch(
     of the batch; rejected: path of the table (.csv); config: the part of the config that the store depends
     on. Raises StoreError as `write` does.
     """
-    with whole(rejected) as partial:
+    with atomic_write(rejected) as partial:
         write_rejections(partial, rejections)
     attributes = {"seed": seed, "config_digest": config_digest(config)}
     write(path, stage, {**join(stage, records), **more}, attributes)

@@ -33,9 +33,7 @@ class Scene:
         # Written so that it is false for NaN and infinity too.
         self.face = np.flatnonzero((area > 0) & (area < np.inf))
         if not len(self.face):
-            raise ValueError(
-                f"expected a mesh with at least one face of non-zero area, got {len(area)} faces, none"
-            )
+            raise ValueError(f"expected a mesh with at least one face of non-zero area, got {len(area)} faces, none")
         self.triangles = triangles[self.face]
         self.normals = normals[self.face]
         self._centre = (self.triangles.min(axis=(0, 1)) + self.triangles.max(axis=(0, 1))) / 2
@@ -50,9 +48,7 @@ class Scene:
         used[faces] = True
         return vertices[used], (np.cumsum(used) - 1)[faces]
 
-    def first_face(
-        self, origins: np.ndarray, directions: np.ndarray, reach: float | None = None
-    ) -> np.ndarray:
+    def first_face(self, origins: np.ndarray, directions: np.ndarray, reach: float | None = None) -> np.ndarray:
         """The face that each ray meets first, from either side.
 
         Args:

@@ -23,9 +23,7 @@ def fibonacci_sphere(count: int) -> np.ndarray:
     return np.stack([radius * np.cos(angle), radius * np.sin(angle), height], axis=1)
 
 
-def sample_by_rays(
-    scene: Scene, count: int, rng: np.random.Generator, directions: int = DIRECTIONS
-) -> np.ndarray:
+def sample_by_rays(scene: Scene, count: int, rng: np.random.Generator, directions: int = DIRECTIONS) -> np.ndarray:
     """(count, 3) float64 points, uniform by area on the exterior: of candidates on all faces, those that see
     out.
 

@@ -54,9 +54,7 @@ class RayCaster(Tracer):
             doubtful |= _pits(depth.reshape(plane.shape[:2])).ravel()
         settled = np.zeros(len(pixels), dtype=bool)
         while doubtful.any():
-            depth[doubtful] = np.minimum(
-                depth[doubtful], self._exact_depth(pixels[doubtful, 1:], origin, rotation)
-            )
+            depth[doubtful] = np.minimum(depth[doubtful], self._exact_depth(pixels[doubtful, 1:], origin, rotation))
             settled |= doubtful
             # One pit may have hidden the next.
             doubtful = _pits(depth.reshape(plane.shape[:2])).ravel() & ~settled

@@ -6,7 +6,8 @@ from typing import Any
 
 import torch
 
-from palpate import scene, store
+from palpate import scene
+from palpate.atomic import atomic_write
 from palpate.models import Reconstruction, TouchDepth, paper_architecture
 from palpate.scene import Plan
 
@@ -24,9 +25,7 @@ def architecture(experiment: Mapping[str, Any], settings: Mapping[str, Any]) -> 
     return dict(settings["architecture"])
 
 
-def build(
-    experiment: Mapping[str, Any], layers: Mapping[str, Any], plan: Plan | None = None
-) -> Reconstruction:
+def build(experiment: Mapping[str, Any], layers: Mapping[str, Any], plan: Plan | None = None) -> Reconstruction:
     """The untrained model of a row of config/experiments.yaml; plan: the experiment's own if None."""
     plan = plan or scene.plan("experiment", **experiment)
     return Reconstruction(
@@ -44,7 +43,7 @@ def save(path: Path | str, kind: str, model: torch.nn.Module, described: Mapping
     `load` needs to build the model (`experiment` and `architecture`, or `width`), and anything else that JSON
     can hold."""
     weights = {name: value.detach().cpu() for name, value in model.state_dict().items()}
-    with store.whole(path) as partial:
+    with atomic_write(path) as partial:
         torch.save({"schema_version": SCHEMA_VERSION, "kind": kind, **described, "weights": weights}, partial)
 
 

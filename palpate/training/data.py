@@ -69,9 +69,7 @@ def spread(samples: Sequence[Sample], an_object: int | None) -> list[Sample]:
     kept = []
     for order, found in enumerate(by_object.values()):
         count = min(an_object or len(found), len(found))
-        kept += [
-            found[k] for k in sorted((order + j * len(found) // count) % len(found) for j in range(count))
-        ]
+        kept += [found[k] for k in sorted((order + j * len(found) // count) % len(found) for j in range(count))]
     return kept
 
 
@@ -86,9 +84,7 @@ def shuffled(count: int, size: int, seed: int, step: int) -> np.ndarray:
     return np.array([epochs[int(place) // count][int(place) % count] for place in places])
 
 
-def training_samples(
-    pack: Pack, experiment: Mapping[str, Any], size: int, seed: int, step: int
-) -> list[Sample]:
+def training_samples(pack: Pack, experiment: Mapping[str, Any], size: int, seed: int, step: int) -> list[Sample]:
     """The samples of one training step: objects of the train split in random order, each with a random subset
     of its grasps, in random order, or a random view."""
     objects = pack.of_split("train")

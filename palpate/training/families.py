@@ -7,7 +7,7 @@ readings, none. What its pack holds, and which stages it is made from, its plan 
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
-from palpate.catalogue.schema import Invalid
+from palpate.configuration import ConfigError
 from palpate.scene import Plan, plan
 
 VISION, TOUCH = ("none", "unoccluded", "occluded", "views"), ("none", "charts", "readings")
@@ -38,10 +38,10 @@ PARTS = {
 
 
 def scene(family: str) -> Plan:
-    """The plan of a family's pack. Raises Invalid if there is no such family."""
+    """The plan of a family's pack. Raises ConfigError if there is no such family."""
     vision, _, touch = family.partition("-")
     if vision not in VISION or touch not in TOUCH or vision == touch == "none":
-        raise Invalid(
+        raise ConfigError(
             f"no family {family!r}: <vision>-<touch> with vision one of {', '.join(VISION)} "
             f"and touch one of {', '.join(TOUCH)}, not both none"
         )

@@ -53,9 +53,7 @@ class Learner(lightning.LightningModule, ABC):
 
     kind: str
 
-    def __init__(
-        self, model: torch.nn.Module, settings: Mapping[str, Any], seed: int, samples: int, validated: int
-    ):
+    def __init__(self, model: torch.nn.Module, settings: Mapping[str, Any], seed: int, samples: int, validated: int):
         super().__init__()
         self.model, self.settings, self.seed = model, settings, seed
         self.averaged = copy.deepcopy(model).requires_grad_(False) if settings["ema"] else None
@@ -80,9 +78,7 @@ class Learner(lightning.LightningModule, ABC):
 
     def configure_optimizers(self) -> dict[str, Any]:
         kind = {"adam": torch.optim.Adam, "adamw": torch.optim.AdamW}[self.settings["optimiser"]]
-        optimiser = kind(
-            self.model.parameters(), lr=self.settings["rate"], weight_decay=self.settings["weight_decay"]
-        )
+        optimiser = kind(self.model.parameters(), lr=self.settings["rate"], weight_decay=self.settings["weight_decay"])
         schedule = {"constant": lambda step: 1.0, "one_cycle": self._one_cycle}[self.settings["schedule"]]
         scheduler = torch.optim.lr_scheduler.LambdaLR(optimiser, schedule)
         return {"optimizer": optimiser, "lr_scheduler": {"scheduler": scheduler, "interval": "step"}}
@@ -90,9 +86,7 @@ class Learner(lightning.LightningModule, ABC):
     def _one_cycle(self, step: int) -> float:
         """Share of the highest rate: from `FIRST` up to 1 and down to `LAST`, each along half a cosine."""
         risen = WARM_UP * self.steps
-        low, done = (
-            (FIRST, step / risen) if step < risen else (LAST, 1 - (step - risen) / (self.steps - risen))
-        )
+        low, done = (FIRST, step / risen) if step < risen else (LAST, 1 - (step - risen) / (self.steps - risen))
         return low + (1 - low) * (1 - math.cos(math.pi * max(done, 0.0))) / 2
 
     def training_step(self, step: int, _: int) -> Tensor:
@@ -176,9 +170,7 @@ class Learner(lightning.LightningModule, ABC):
         """What the samples of a part are, for a message."""
 
     @abstractmethod
-    def losses(
-        self, part: Any, generator: torch.Generator, model: torch.nn.Module, validation: bool = False
-    ) -> Tensor:
+    def losses(self, part: Any, generator: torch.Generator, model: torch.nn.Module, validation: bool = False) -> Tensor:
         """(B,) the loss of each sample."""
 
     @abstractmethod
@@ -239,8 +231,7 @@ class ReconstructionLearner(Learner):
 
     def named(self, part):
         return ", ".join(
-            f"{self.pack.objects[sample.object]} grasps {list(sample.grasps)} view {sample.view}"
-            for sample in part
+            f"{self.pack.objects[sample.object]} grasps {list(sample.grasps)} view {sample.view}" for sample in part
         )
 
     def losses(self, part, generator, model, validation=False):
@@ -248,8 +239,7 @@ class ReconstructionLearner(Learner):
             return torch.empty(0, device=self.device)
         dtype = self.truth.points.dtype
         batch = {
-            key: value.to(dtype) if value.is_floating_point() else value
-            for key, value in self.assemble(part).items()
+            key: value.to(dtype) if value.is_floating_point() else value for key, value in self.assemble(part).items()
         }
         vertices = model(batch)
         self.finite("the prediction", vertices, part)
@@ -281,8 +271,7 @@ class TouchDepthLearner(Learner):
 
     def on_fit_start(self) -> None:
         self.on_device = {
-            name: Touches(*(tensor.to(self.device) for tensor in touches))
-            for name, touches in self.touches.items()
+            name: Touches(*(tensor.to(self.device) for tensor in touches)) for name, touches in self.touches.items()
         }
 
     def training_part(self, step):

@@ -16,7 +16,7 @@ import lightning.pytorch as lightning
 import torch
 from tqdm import tqdm
 
-from palpate import store
+from palpate.atomic import atomic_write
 from palpate.training import checkpoints
 from palpate.training.learners import Diverged, Learner
 
@@ -118,9 +118,7 @@ class Keeper(lightning.Callback):
         done = trainer.global_step
         rate = (done - self.began_at) / (self.said - self.start)
         best = (
-            f", best validation {self.best['validation_loss']:.3f} at step {self.best['step']}"
-            if self.history
-            else ""
+            f", best validation {self.best['validation_loss']:.3f} at step {self.best['step']}" if self.history else ""
         )
         log.info(
             "%s: step %d of %d, %.2f a second, loss %.3f%s",
@@ -154,9 +152,7 @@ class Keeper(lightning.Callback):
                     "validation_loss": row["validation_loss"],
                 },
             )
-        self.bar.set_postfix_str(
-            f"validation {learner.validation_loss:.3f}, best {self.best['validation_loss']:.3f}"
-        )
+        self.bar.set_postfix_str(f"validation {learner.validation_loss:.3f}, best {self.best['validation_loss']:.3f}")
         patience = learner.settings["patience"]
         if patience and self.waited >= patience:
             log.info(
@@ -277,9 +273,7 @@ def _resumable(kept: Path, identity: str) -> Path | None:
     if last.exists() and marker.exists() and marker.read_text() == identity:
         return last
     if kept.exists():
-        log.info(
-            "%s is of another config or other data, or stopped before its first evaluation: begins anew", kept
-        )
+        log.info("%s is of another config or other data, or stopped before its first evaluation: begins anew", kept)
         shutil.rmtree(kept)
     kept.mkdir(parents=True)
     marker.write_text(identity)
@@ -305,12 +299,12 @@ def _summary(learner: Learner, keeper: Keeper, machine: Machine, accelerator: st
 
 def _write(folder: Path, kept: Path, history: list[dict[str, float]], summary: dict[str, Any]) -> None:
     folder.mkdir(parents=True, exist_ok=True)
-    with store.whole(folder / "history.csv") as partial, open(partial, "w", newline="") as file:
+    with atomic_write(folder / "history.csv") as partial, open(partial, "w", newline="") as file:
         writer = csv.DictWriter(file, HISTORY)
         writer.writeheader()
         writer.writerows(history)
-    with store.whole(folder / "training.json") as partial:
+    with atomic_write(folder / "training.json") as partial:
         partial.write_text(json.dumps(summary, indent=2, sort_keys=True) + "\n")
-    with store.whole(folder / BEST) as partial:
+    with atomic_write(folder / BEST) as partial:
         shutil.copyfile(kept / BEST, partial)
     shutil.rmtree(kept)

@@ -27,6 +27,7 @@ import h5py
 import numpy as np
 
 from palpate import store
+from palpate.atomic import atomic_write
 from palpate.catalogue import SPLITS
 from palpate.scene import Plan
 from palpate.training.families import Source, sources
@@ -71,7 +72,7 @@ def write(
     if not names:
         raise PackError(f"{path}: no object is in all of {', '.join(stores)}; rejected.csv says why")
     digest = hashlib.sha256()
-    with store.whole(path) as partial, h5py.File(partial, "w") as file:
+    with atomic_write(path) as partial, h5py.File(partial, "w") as file:
         for column in ("object", "class", "split"):
             text = [rows[name][column] for name in names]
             values = np.array(text, dtype=h5py.string_dtype("utf-8", max(map(len, text))))
@@ -86,9 +87,7 @@ def write(
                 _check_finite(path, source, objects, values)
                 if name not in file:
                     shape = values.shape[1:]
-                    file.create_dataset(
-                        name, (len(names), *shape), source.dtype, chunks=(1, *shape), fletcher32=True
-                    )
+                    file.create_dataset(name, (len(names), *shape), source.dtype, chunks=(1, *shape), fletcher32=True)
                 if values.shape[1:] != file[name].shape[1:]:
                     raise PackError(
                         f"{batch[source.stage].path}: {source.name} of an object is {values.shape[1:]}, "
@@ -141,9 +140,7 @@ class Pack:
 
     def __init__(self, arrays: dict[str, np.ndarray], family: str, digest: str, path: str = IN_MEMORY):
         self.path, self.family, self.digest = path, family, digest
-        self.objects, self.classes, self.splits = (
-            list(arrays.pop(key)) for key in ("object", "class", "split")
-        )
+        self.objects, self.classes, self.splits = (list(arrays.pop(key)) for key in ("object", "class", "split"))
         self.arrays = arrays
         self._check()
         of_grasps = next((key for key in ("success", "occluded") if key in arrays), None)
@@ -195,14 +192,11 @@ class Pack:
                 continue
             limit = LIMITS.get(name, np.inf)
             # NaN compares false.
-            wrong = ~((np.abs(values) <= limit) & (np.abs(values) < np.inf)).reshape(len(values), -1).all(
-                axis=1
-            )
+            wrong = ~((np.abs(values) <= limit) & (np.abs(values) < np.inf)).reshape(len(values), -1).all(axis=1)
             if wrong.any():
                 number = int(np.flatnonzero(wrong)[0])
                 raise PackError(
-                    f"{self.path}: {name} of {self.objects[number]} is NaN, infinite or "
-                    f"above {limit:g}{again}"
+                    f"{self.path}: {name} of {self.objects[number]} is NaN, infinite or above {limit:g}{again}"
                 )
 
     def __getitem__(self, name: str) -> np.ndarray:
@@ -228,8 +222,4 @@ def _read(dataset: h5py.Dataset, rows: np.ndarray) -> np.ndarray:
         return np.char.decode(dataset[:].astype("S"), "utf-8")[rows]
     if len(rows) == len(dataset):
         return dataset[:]
-    return (
-        np.stack([dataset[row] for row in rows])
-        if len(rows)
-        else np.empty((0, *dataset.shape[1:]), dataset.dtype)
-    )
+    return np.stack([dataset[row] for row in rows]) if len(rows) else np.empty((0, *dataset.shape[1:]), dataset.dtype)

@@ -7,7 +7,7 @@ from typing import Any
 
 import yaml
 
-from palpate.catalogue.schema import Invalid, check
+from palpate.configuration import ConfigError, check
 
 Settings = dict[str, Any]
 
@@ -24,13 +24,13 @@ def merge(base: Mapping[str, Any], over: Mapping[str, Any]) -> Settings:
 def resolve(recipes: Path | str, name: str, override: Mapping[str, Any], schema: Path | str) -> Settings:
     """The recipe `name` of the file `recipes` with a run's `override` merged over it, checked.
 
-    Raises Invalid, naming the keys, if there is no such recipe, or the file or the result does not fit the
+    Raises ConfigError, naming the keys, if there is no such recipe, or the file or the result does not fit the
     schema or says nothing of how long to train.
     """
     known = yaml.safe_load(Path(recipes).read_text())
     check(known, schema, str(recipes))
     if name not in known:
-        raise Invalid(f"config training.recipe: no recipe {name!r} in {recipes}; known: {', '.join(known)}")
+        raise ConfigError(f"config training.recipe: no recipe {name!r} in {recipes}; known: {', '.join(known)}")
     recipe = merge(known[name], override)
     check({name: recipe}, schema, f"recipe {name} with config training.override")
     parts = {"touch_depth": recipe["touch_depth"], "reconstruction": recipe["reconstruction"]}
@@ -42,20 +42,20 @@ def resolve(recipes: Path | str, name: str, override: Mapping[str, Any], schema:
             check({name: complete}, schema, f"recipe {name}, {part}.{key}")
     for path, settings in parts.items():
         if settings["steps"] is None and settings["epochs"] is None:
-            raise Invalid(f"recipe {name}: {path} needs steps or epochs")
+            raise ConfigError(f"recipe {name}: {path} needs steps or epochs")
     return recipe
 
 
 def modality(experiment: Mapping[str, Any]) -> str:
     """What a model of config/experiments.yaml sees, in the recipes' words: `occluded_touch`, `single_image`.
 
-    Raises Invalid for an experiment that sees nothing.
+    Raises ConfigError for an experiment that sees nothing.
     """
     if experiment["vision"] == "views":
         return "single_image"
     seen = [experiment["vision"]] * (experiment["vision"] != "none") + ["touch"] * experiment["touch"]
     if not seen:
-        raise Invalid("an experiment needs vision or touch, and this one has neither")
+        raise ConfigError("an experiment needs vision or touch, and this one has neither")
     return "_".join(seen)
 
 

@@ -50,9 +50,7 @@ def read_touches(stores: Sequence[Path | str], catalogue: Path | str, *splits: s
         readings.append(opened["reading"][chosen])
         depths.append(opened["depth"][chosen])
     if not readings or not sum(map(len, readings)):
-        raise PackError(
-            f"{catalogue}: no object of {' or '.join(splits)} was touched: more objects are needed"
-        )
+        raise PackError(f"{catalogue}: no object of {' or '.join(splits)} was touched: more objects are needed")
     touches = Touches(
         channels_first(np.concatenate(readings)),
         torch.from_numpy(np.concatenate(depths)),
@@ -95,9 +93,7 @@ def touch_charts(
     felt = np.flatnonzero(success)
     device = next(model.parameters()).device
     for some in np.array_split(felt, -(-len(felt) // PREDICTED_AT_ONCE)) if len(felt) else []:
-        depth, valid = predict_depth(
-            model, channels_first(reading[some]).to(device), channels_first(empty).to(device)
-        )
+        depth, valid = predict_depth(model, channels_first(reading[some]).to(device), channels_first(empty).to(device))
         pose = [torch.from_numpy(array[some]).float() for array in (position, rotation)]
         charts[some] = fit_charts(depth.cpu(), valid.cpu(), *pose, method).numpy()
     return charts

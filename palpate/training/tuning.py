@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import yaml
 
-from palpate.catalogue.schema import Invalid
+from palpate.configuration import ConfigError
 from palpate.training.recipes import Settings, merge
 
 KEYS = ("rate", "cnn_layers", "gcn_layers", "width")
@@ -18,24 +18,24 @@ BLOCKS = 4  # of an image encoder, in the paper's models
 def grid(file: Path | str, name: str) -> list[dict[str, Any]]:
     """The points of a grid of `config/tuning.yaml`, each a value of every one of `KEYS`.
 
-    Raises Invalid if there is no such grid or it does not have these keys.
+    Raises ConfigError if there is no such grid or it does not have these keys.
     """
     grids = yaml.safe_load(Path(file).read_text())
     if name not in grids:
-        raise Invalid(f"config tuning.grid: no grid {name!r} in {file}; known: {', '.join(grids)}")
+        raise ConfigError(f"config tuning.grid: no grid {name!r} in {file}; known: {', '.join(grids)}")
     if set(grids[name]) != set(KEYS):
-        raise Invalid(f"{file}: grid {name} must have {', '.join(KEYS)}, but it has {', '.join(grids[name])}")
+        raise ConfigError(f"{file}: grid {name} must have {', '.join(KEYS)}, but it has {', '.join(grids[name])}")
     values = (grids[name][key] for key in KEYS)
     return [dict(zip(KEYS, point, strict=True)) for point in itertools.product(*values)]
 
 
 def layers_of_blocks(count: int) -> list[int]:
     """How the paper lays so many convolutions into four blocks: the last takes what is left (18: 5, 5, 5, 3;
-    12: 3, 3, 3, 3). Raises Invalid if nothing is left for it."""
+    12: 3, 3, 3, 3). Raises ConfigError if nothing is left for it."""
     each = -(-count // BLOCKS)
     layers = [each] * (BLOCKS - 1) + [count - (BLOCKS - 1) * each]
     if layers[-1] < 1:
-        raise Invalid(f"tuning: {count} CNN layers can't be laid into {BLOCKS} blocks as the paper's")
+        raise ConfigError(f"tuning: {count} CNN layers can't be laid into {BLOCKS} blocks as the paper's")
     return layers
 
 
@@ -59,12 +59,8 @@ def point_settings(
     return found | ({"steps": steps} if steps else {})
 
 
-def summary(
-    points: Sequence[Mapping[str, Any]], trained: Sequence[Mapping[str, Any]]
-) -> list[dict[str, Any]]:
+def summary(points: Sequence[Mapping[str, Any]], trained: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
     """Rows of the table: a point, and what `training.json` says of it; the lowest validation loss first."""
     told = ("validation_loss", "best_step", "steps", "seconds", "parameters")
-    rows = [
-        {**point, **{key: said[key] for key in told}} for point, said in zip(points, trained, strict=True)
-    ]
+    rows = [{**point, **{key: said[key] for key in told}} for point, said in zip(points, trained, strict=True)]
     return sorted(rows, key=lambda row: row["validation_loss"])

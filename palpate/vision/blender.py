@@ -39,9 +39,7 @@ def _advice(error: ImportError) -> str:
             f"Blender can't start after a library that brings its own embree (trimesh does): call"
             f" palpate.vision.blender.load() before importing it ({error})"
         )
-    return (
-        f"Blender can't start: {error}. Expected the package bpy 4.5 for Python 3.11 (envs/requirements.txt)"
-    )
+    return f"Blender can't start: {error}. Expected the package bpy 4.5 for Python 3.11 (envs/requirements.txt)"
 
 
 @contextmanager

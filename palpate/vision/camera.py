@@ -82,9 +82,7 @@ def paper_camera(size: int = IMAGE_SIZE) -> Camera:
     return Camera(np.array(POSITION), about_z @ about_y @ about_x, FOCAL_LENGTH * size / IMAGE_SIZE, size)
 
 
-def looking_at(
-    target, position, size: int = IMAGE_SIZE, field_of_view: float = 34.95, up=(0.0, 0.0, 1.0)
-) -> Camera:
+def looking_at(target, position, size: int = IMAGE_SIZE, field_of_view: float = 34.95, up=(0.0, 0.0, 1.0)) -> Camera:
     """A camera at `position` (3,) that looks at `target` (3,) with `up` upwards; field of view in degrees."""
     position = np.asarray(position, dtype=float)
     back = position - np.asarray(target, dtype=float)

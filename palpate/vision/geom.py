@@ -43,9 +43,7 @@ def triangles(kind: str, size, vertices=None, faces=None) -> Triangles:
         return rounded_cylinder(size[0], size[1], bevel(size[:2]), CYLINDER_SECTORS, EDGE_SEGMENTS)
     if kind == "mesh":
         return _hull_or_mesh(np.asarray(vertices, dtype=float), np.asarray(faces))
-    raise ValueError(
-        f"can't draw a geom of kind {kind!r}: expected box, sphere, capsule, cylinder, ellipsoid or mesh"
-    )
+    raise ValueError(f"can't draw a geom of kind {kind!r}: expected box, sphere, capsule, cylinder, ellipsoid or mesh")
 
 
 def _hull_or_mesh(vertices: np.ndarray, faces: np.ndarray) -> Triangles:
@@ -123,9 +121,7 @@ def rounded_box(half_extents: np.ndarray, radius: float, segments: int) -> Trian
     return np.concatenate(vertices), np.concatenate(faces), np.concatenate(normals)
 
 
-def rounded_cylinder(
-    radius: float, half_length: float, edge: float, sectors: int, segments: int
-) -> Triangles:
+def rounded_cylinder(radius: float, half_length: float, edge: float, sectors: int, segments: int) -> Triangles:
     """A cylinder about z whose two rims are rounded with radius `edge`."""
     angle = np.linspace(0, np.pi / 2, 2 * segments + 1)
     # The profile from the middle of the bottom to the middle of the top: distance from the axis, height,

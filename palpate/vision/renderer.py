@@ -23,7 +23,7 @@ bpy = blender.load()
 
 from mathutils import Matrix, Vector  # noqa: E402  (Blender comes before anything else)
 
-from palpate.catalogue.batch import Unusable  # noqa: E402
+from palpate.batch import UnusableObject  # noqa: E402
 from palpate.mesh import OBJECT_POSITION  # noqa: E402
 from palpate.scene import Plan, plan  # noqa: E402
 from palpate.scene.images import SCENES  # noqa: E402
@@ -172,7 +172,7 @@ class Renderer:
         `palpate.hand.Hand`; link_poses: (g, L, 4, 4) poses of its links in the world. name: of the EXR files
         (default: the name of the file's folder).
 
-        Raises Unusable where the file can't be read or holds no triangles, or where the image of the object
+        Raises UnusableObject where the file can't be read or holds no triangles, or where the image of the object
         alone doesn't show it; the next object renders all the same.
         """
         if hand is None and len(link_poses):
@@ -188,7 +188,7 @@ class Renderer:
                 unoccluded = self._picture(alone, self.camera, points, self.samples, f"{name}-unoccluded")
             if not unoccluded.image(WHITE).mask.any():
                 size = self.camera.size
-                raise Unusable(
+                raise UnusableObject(
                     f"{visual_glb}: no pixel of {size} x {size} shows the object: make its materials less "
                     "transparent, or the object thicker"
                 )
@@ -287,7 +287,7 @@ class Renderer:
                 bpy.ops.import_scene.gltf(filepath=str(path), loglevel=50, import_unused_materials=unused)
         except Exception as error:
             reason = str(error).strip().splitlines()[-1]
-            raise Unusable(f"{path}: Blender can't read it as glTF ({reason})") from error
+            raise UnusableObject(f"{path}: Blender can't read it as glTF ({reason})") from error
         bodies = []
         for body in [body for body in bpy.data.objects if body not in before]:
             if body.parent is None:
@@ -304,9 +304,7 @@ class Renderer:
             points.append(_world_vertices(body))
         points = np.concatenate(points)
         if not len(points) or not np.isfinite(points).all():
-            raise Unusable(
-                f"{path}: expected triangles with finite coordinates, found {len(points)} vertices"
-            )
+            raise UnusableObject(f"{path}: expected triangles with finite coordinates, found {len(points)} vertices")
         return points
 
     def _pose_hand(self, link_pose: np.ndarray, shift: Sequence[float] = (0.0, 0.0, 0.0)) -> np.ndarray:
@@ -506,9 +504,7 @@ def _link_mesh(hand, link: int) -> Mesh:
         )
         for g in mine
     ]
-    boxes = [
-        g for g in mine if hand.geom_kind[g] == "box" and np.array_equal(hand.geom_rotation[g], np.eye(3))
-    ]
+    boxes = [g for g in mine if hand.geom_kind[g] == "box" and np.array_equal(hand.geom_rotation[g], np.eye(3))]
     for colour in np.unique(hand.geom_rgba[boxes], axis=0):
         same = [g for g in boxes if np.array_equal(hand.geom_rgba[g], colour)]
         for size, position in geom.bridges(hand.geom_size[same], hand.geom_position[same]):

@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from PIL import Image as PillowImage
 
-from palpate.catalogue.batch import Unusable
+from palpate.batch import UnusableObject
 from palpate.mesh import DIAGONAL, OBJECT_POSITION
 from palpate.vision.camera import Camera, rotation_about
 
@@ -90,12 +90,12 @@ def camera(
 def render(renderer, visual_glb: Path | str, at: Iterable[Viewpoint], size: int = SIZE) -> Views:
     """Views of an object's file by a `palpate.vision.Renderer`.
 
-    Raises what its `render_views` raises, and Unusable if no view shows the object.
+    Raises what its `render_views` raises, and UnusableObject if no view shows the object.
     """
     cameras = [camera(viewpoint, size) for viewpoint in at]
     images = renderer.render_views(visual_glb, cameras)
     if not any(image.mask.any() for image in images):
-        raise Unusable(f"{visual_glb}: no view shows the object: make its materials less transparent")
+        raise UnusableObject(f"{visual_glb}: no view shows the object: make its materials less transparent")
     return Views(
         np.stack([image.rgb for image in images]),
         np.stack([image.mask for image in images]),
@@ -115,14 +115,14 @@ def published(
     record: what the object's `mesh.json` says (where its box lay in the source, and the scale from there).
     points: (n, 3) of its surface in the world, against which the silhouettes are checked.
 
-    Raises Unusable naming the file if images or metadata are missing or not as expected, or if the images do
+    Raises UnusableObject naming the file if images or metadata are missing or not as expected, or if the images do
     not show this mesh (they were made of ShapeNetCore v1: those of v2 are turned).
     """
     folder = Path(folder)
     centre = np.mean(record["source"]["bounding_box"], axis=0)
     at = read_metadata(folder / METADATA)
     if len(at) < count:
-        raise Unusable(f"{folder / METADATA}: {len(at)} views, but the config asks for {count}")
+        raise UnusableObject(f"{folder / METADATA}: {len(at)} views, but the config asks for {count}")
     made = []
     for number, viewpoint in enumerate(at[:count]):
         image, mask = _read_image(folder / f"{number:02d}.png", size)
@@ -130,7 +130,7 @@ def published(
     views = Views(*(np.stack(arrays) for arrays in zip(*made, strict=True)))
     within = silhouette_agreement(views, points)
     if within < AGREEMENT:
-        raise Unusable(
+        raise UnusableObject(
             f"{folder}: only {within:.0%} of the object's surface lies within the silhouettes of its"
             " published images: they are of ShapeNetCore v1; take its meshes, or set views.renderings to null"
         )
@@ -140,19 +140,18 @@ def published(
 def read_metadata(path: Path | str) -> list[Viewpoint]:
     """The viewpoints in a `rendering_metadata.txt`: azimuth, elevation, roll, distance, field of view a line.
 
-    Raises Unusable naming the file, and the line that is not five numbers.
+    Raises UnusableObject naming the file, and the line that is not five numbers.
     """
     path = Path(path)
     if not path.is_file():
-        raise Unusable(f"{path}: no such file: expected the published renderings of the object there")
+        raise UnusableObject(f"{path}: no such file: expected the published renderings of the object there")
     found = []
     for number, line in enumerate(path.read_text(errors="replace").splitlines(), start=1):
         try:
             azimuth, elevation, roll, distance, _ = (float(word) for word in line.split())
         except ValueError:
-            raise Unusable(
-                f"{path}: line {number} is {line!r}: expected azimuth, elevation, roll, distance, and field"
-                " of view"
+            raise UnusableObject(
+                f"{path}: line {number} is {line!r}: expected azimuth, elevation, roll, distance, and field of view"
             ) from None
         found.append(Viewpoint(azimuth, elevation, roll, distance))
     return found
@@ -182,10 +181,10 @@ def _read_image(path: Path, size: int) -> tuple[np.ndarray, np.ndarray]:
         with PillowImage.open(path) as file:
             pixels = np.asarray(file.convert("RGBA"))
     except OSError as error:
-        raise Unusable(f"{path}: can't be read as an image ({error}): unpack the renderings again") from None
+        raise UnusableObject(f"{path}: can't be read as an image ({error}): unpack the renderings again") from None
     if pixels.shape != (size, size, 4):
         height, width = pixels.shape[:2]
-        raise Unusable(f"{path}: {width} x {height} pixels: set views.size to {width}")
+        raise UnusableObject(f"{path}: {width} x {height} pixels: set views.size to {width}")
     alpha = pixels[..., 3:].astype(np.float64) / 255
     image = (pixels[..., :3] * alpha + 255 * (1 - alpha) + 0.5).astype(np.uint8)
     return image, np.where(pixels[..., 3] >= OPAQUE, 255, 0).astype(np.uint8)

@@ -6,7 +6,7 @@ import pytest
 
 from palpate import catalogue, mesh, shapes
 from palpate.catalogue import CatalogueError, all_classes, scan, sources
-from palpate.catalogue.schema import Invalid, class_counts
+from palpate.configuration import ConfigError, class_counts
 
 
 def tree(root, *files):
@@ -57,9 +57,7 @@ def test_folder(tmp_path):
         "other/b.obj",
     )
     entries = scan({"kind": "folder", "path": tmp_path}, {"mug": "all"})
-    assert names(entries) == sorted(
-        [f"mug-{suffix[1:]}" for suffix in sources.MESH_SUFFIXES] + ["mug-deep-er-a"]
-    )
+    assert names(entries) == sorted([f"mug-{suffix[1:]}" for suffix in sources.MESH_SUFFIXES] + ["mug-deep-er-a"])
     assert all((tmp_path / entry.source).is_file() for entry in entries)
 
 
@@ -129,7 +127,7 @@ def test_class_counts(tmp_path):
     rows = [{"class": "pan", "objects": 2}, {"class": "mug", "objects": "all"}]
     assert list(class_counts({"classes": rows}, source).items()) == [("pan", 2), ("mug", "all")]
     assert class_counts({"classes": "all"}, source) == {"mug": "all"}
-    with pytest.raises(Invalid, match="config classes: pan listed more than once: keep one"):
+    with pytest.raises(ConfigError, match="config classes: pan listed more than once: keep one"):
         class_counts({"classes": [*rows, {"class": "pan", "objects": 3}]}, source)
 
 

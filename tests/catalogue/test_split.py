@@ -10,9 +10,7 @@ from scipy.stats import binom
 from palpate.catalogue import PAPER_SPLIT, assign_split, scan
 
 PAPER_COUNTS = {"bottle": 487, "knife": 416, "cellphone": 493, "rifle": 335}
-ratios = st.fixed_dictionaries(dict.fromkeys(PAPER_SPLIT, st.integers(0, 50))).filter(
-    lambda each: sum(each.values())
-)
+ratios = st.fixed_dictionaries(dict.fromkeys(PAPER_SPLIT, st.integers(0, 50))).filter(lambda each: sum(each.values()))
 
 
 @given(name=st.text(min_size=1), ratios=ratios)

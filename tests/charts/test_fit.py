@@ -28,9 +28,7 @@ def surfaces():
     aslant = (Y - Z) / 2**0.5
     rod = 0.022 - (0.003**2 - aslant**2).clamp(min=0).sqrt()
     few = (Y.abs() < 3e-4) & (Z > 0.0078)
-    return torch.stack([slope, ball, rod, slope]), torch.stack(
-        [ALL, ball < 0.0215, aslant.abs() < 0.0028, few]
-    )
+    return torch.stack([slope, ball, rod, slope]), torch.stack([ALL, ball < 0.0215, aslant.abs() < 0.0028, few])
 
 
 def clouds(depth, valid, position, rotation):
@@ -99,9 +97,7 @@ def test_a_few_pixels_do_not_break_either_fit(pixels):
     for row, column in pixels:
         depth[0, row, column], valid[0, row, column] = 0.02, True
     position, rotation = torch.zeros(1, 3), torch.eye(3)[None]
-    points = torch.tensor(
-        [[0.02, PIXEL_CENTRES[c], PIXEL_CENTRES[r]] for r, c in pixels], dtype=torch.float32
-    )
+    points = torch.tensor([[0.02, PIXEL_CENTRES[c], PIXEL_CENTRES[r]] for r, c in pixels], dtype=torch.float32)
     direct = fit_direct(depth, valid, position, rotation).double()
     assert torch.cdist(direct[0], points.double()).min(dim=1).values.max() < 1e-6
     assert torch.cdist(points.double(), direct[0]).min(dim=1).values.max() < 1e-3

@@ -7,9 +7,7 @@ import torch
 from palpate.charts import sample_faces, sphere
 
 SQUARES = torch.tensor([[[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [5, 5, 5], [8, 5, 5], [5, 8, 5.0]]])
-FACES = torch.tensor(
-    [[4, 4, 5], [0, 1, 2], [0, 2, 3], [4, 5, 5], [4, 5, 6], [1, 1, 1]]
-)  # areas 0 .5 .5 0 4.5 0
+FACES = torch.tensor([[4, 4, 5], [0, 1, 2], [0, 2, 3], [4, 5, 5], [4, 5, 6], [1, 1, 1]])  # areas 0 .5 .5 0 4.5 0
 
 
 def seeded(seed=0):

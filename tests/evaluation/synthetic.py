@@ -6,8 +6,8 @@ import numpy as np
 import pandas as pd
 import yaml
 
-from palpate.evaluation.errors import COLUMNS, RING_COLUMNS, TOUCH_COLUMNS
-from palpate.evaluation.published import paper_values
+from palpate.results.errors import COLUMNS, RING_COLUMNS, TOUCH_COLUMNS
+from palpate.results.published import paper_values
 
 ROOT = Path(__file__).parents[2]
 CLASSES = ("bottle", "knife", "cellphone", "rifle")
@@ -38,9 +38,7 @@ def evaluations(means: dict[str, float], each=6, seeds=(0,), spread=0.02, window
                 for (name, kind), harder in zip(names, hard, strict=True):
                     for window in range(windows):
                         error = mean + harder + shift + rng.normal(0, spread)
-                        rows.append(
-                            (experiment, seed, name, kind, split, window, error, 50.0, 70.0, 0.1, 700)
-                        )
+                        rows.append((experiment, seed, name, kind, split, window, error, 50.0, 70.0, 0.1, 700))
     return pd.DataFrame(rows, columns=COLUMNS)
 
 

@@ -11,12 +11,12 @@ import trimesh
 from palpate import Dataset, store
 from palpate.charts import build_tree, sample_faces, touch_chart
 from palpate.evaluation import evaluate as room
-from palpate.evaluation.errors import COLUMNS, RING_COLUMNS, TOUCH_COLUMNS, EvaluationError
 from palpate.evaluation.evaluate import Trained, evaluate, evaluate_rings, evaluate_touch, training_steps
 from palpate.evaluation.metrics import score, seeded
 from palpate.evaluation.rings import MeshSurface, project_batch, ring_points
 from palpate.mesh import OBJECT_POSITION
 from palpate.models import Reconstruction, TouchDepth
+from palpate.results.errors import COLUMNS, RING_COLUMNS, TOUCH_COLUMNS, EvaluationError
 from palpate.touch import RayCaster, empty_reading, sense
 from palpate.training import Pack
 from tests.models.batches import SMALL

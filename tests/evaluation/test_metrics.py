@@ -79,7 +79,6 @@ def test_clouds_that_are_empty_or_not_finite_are_errors():
 
 def test_random_numbers_depend_on_the_names_only():
     first, again, other = (
-        torch.rand(4, generator=seeded(0, name, "evaluation"))
-        for name in ("bottle-1", "bottle-1", "bottle-2")
+        torch.rand(4, generator=seeded(0, name, "evaluation")) for name in ("bottle-1", "bottle-1", "bottle-2")
     )
     assert torch.equal(first, again) and not torch.equal(first, other)

@@ -11,14 +11,15 @@ import zarr
 
 import palpate
 from palpate import store, vision
+from palpate.dataset import Dataset
 from palpate.evaluation import reconstruct
 from palpate.evaluation.reconstruct import GraspTouches, ReconstructionError, Reconstructor
 from palpate.models import TouchDepth
-from palpate.store import Dataset, StoreError
+from palpate.store import StoreError
 from palpate.training import CheckpointError, checkpoints, families, pack, touch_charts
 from palpate.training.data import Assembler, Sample
 from tests.models.batches import SMALL
-from tests.reports.conftest import ATTRIBUTES, BATCH, build_run
+from tests.results.conftest import ATTRIBUTES, BATCH, build_run
 
 ARCHITECTURE = SMALL | {"gcn": {"layers": 3, "width": 12}, "last_layer_scale": 1.0}
 EXPERIMENTS = {
@@ -194,9 +195,7 @@ def test_a_grasp_that_touches_nothing_is_reconstructed_with_a_warning(run, datas
 
 
 def test_a_model_that_is_not_there_is_answered_with_those_that_are(run):
-    with pytest.raises(
-        ReconstructionError, match=r"charts_tuch.*does not exist; trained are: charts_occluded/"
-    ):
+    with pytest.raises(ReconstructionError, match=r"charts_tuch.*does not exist; trained are: charts_occluded/"):
         Reconstructor(run / "models/charts_tuch/seed-0")
     with pytest.raises(ReconstructionError, match="seed-7.*does not exist; trained are"):
         Reconstructor(folder_of(run, "charts_occluded").parent / "seed-7")
@@ -275,9 +274,7 @@ def test_what_is_missing_or_wrong_is_said(run, dataset, name, change, message):
         given[key] = how if how is None else how(value)
     else:
         given["touches"] = [
-            GraspTouches(*(getattr(g, field) for field in GraspTouches._fields))._replace(
-                **{key: how(getattr(g, key))}
-            )
+            GraspTouches(*(getattr(g, field) for field in GraspTouches._fields))._replace(**{key: how(getattr(g, key))})
             for g in touches
         ]
     with pytest.raises(ReconstructionError, match=message):

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from palpate.catalogue import Unusable, generator
+from palpate.batch import UnusableObject, generator
 from palpate.grasp import grasp_object
 from palpate.grasp.closing import GraspScene
 from palpate.grasp.grasp import UNSETTLED, Grasper
@@ -102,7 +102,7 @@ def test_grasps_do_not_depend_on_the_number_of_threads():
     """In processes of their own, for the number of threads is fixed when numpy is loaded."""
     script = """
 import sys, numpy as np, trimesh
-from palpate.catalogue import generator
+from palpate.batch import generator
 from palpate.grasp import grasp_object
 from palpate.hand import allegro
 mesh = trimesh.creation.cylinder(radius=0.04, height=0.4)
@@ -139,20 +139,20 @@ def test_more_attempts_keep_better_grasps():
 def test_an_object_that_gives_too_few_grasps_is_unusable_with_the_reason():
     # Nothing of 2 mm can be touched with the palm 5 mm away or more, but by chance.
     crumb = trimesh.creation.icosphere(subdivisions=2, radius=0.001)
-    with pytest.raises(Unusable, match=r"of 5 grasps found in 8 attempts .*no sensor touches: \d"):
+    with pytest.raises(UnusableObject, match=r"of 5 grasps found in 8 attempts .*no sensor touches: \d"):
         grasps_of(crumb, max_attempts=8)
-    with pytest.raises(Unusable, match="found in 3 attempts"):
+    with pytest.raises(UnusableObject, match="found in 3 attempts"):
         grasps_of(bottle(), max_attempts=3)
 
 
 def test_an_object_without_a_surface_is_unusable():
     hair = trimesh.Trimesh([[-0.25, 0, 0], [0.25, 0, 0], [0, 1e-9, 0]], [[0, 1, 2]], process=False)
-    with pytest.raises(Unusable, match="no surface that a finger could stop at"):
+    with pytest.raises(UnusableObject, match="no surface that a finger could stop at"):
         grasp_object(hair, hair, np.tile(OBJECT_POSITION, (9, 1)), HAND, generator(0, "hair"))
 
 
 def test_no_grasp_above_the_allowed_penetration_is_kept():
-    with pytest.raises(Unusable, match="penetrates too deep: [1-9]"):
+    with pytest.raises(UnusableObject, match="penetrates too deep: [1-9]"):
         grasps_of(bottle(), max_penetration=-1.0, max_attempts=6)
 
 
@@ -180,9 +180,7 @@ def test_an_open_mesh_and_a_soup_are_grasped():
     soup = bottle()
     rng = np.random.default_rng(0)
     soup.update_faces(rng.random(len(soup.faces)) < 0.95)
-    soup = trimesh.Trimesh(
-        soup.triangles.reshape(-1, 3), np.arange(3 * len(soup.faces)).reshape(-1, 3), process=False
-    )
+    soup = trimesh.Trimesh(soup.triangles.reshape(-1, 3), np.arange(3 * len(soup.faces)).reshape(-1, 3), process=False)
     assert not soup.is_watertight
     assert grasps_of(soup).touches.any(axis=1).all()
 

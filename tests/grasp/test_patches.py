@@ -79,9 +79,7 @@ def test_a_hair_makes_no_patch_and_the_model_compiles():
     box = trimesh.creation.box((0.05, 0.05, 0.05))
     for width in (1e-3, 1e-6, 1e-12, 0.0):
         hair = [[0.1, 0, 0], [0.11, 0, 0], [0.105, width, 0]]
-        both = trimesh.Trimesh(
-            np.vstack([box.vertices, hair]), np.vstack([box.faces, [[8, 9, 10]]]), process=False
-        )
+        both = trimesh.Trimesh(np.vstack([box.vertices, hair]), np.vstack([box.faces, [[8, 9, 10]]]), process=False)
         patches = surface_patches(both)
         assert len(patches) == len(surface_patches(box)) + (width == 1e-3)
         assert GraspScene(allegro(), patches).model.nmesh == len(patches)

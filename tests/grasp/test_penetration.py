@@ -69,9 +69,7 @@ def test_a_wall_in_the_gel_is_as_deep_as_it_was_put(hand):
 def test_an_open_surface_counts_as_well(hand):
     links = hand.forward(np.eye(4), hand.open_joint_positions)
     # One triangle, 1 mm below the face of the palm.
-    sheet = trimesh.Trimesh(
-        [[0.0103, 0.01, -0.08], [0.0103, 0.04, -0.08], [0.0103, 0.02, -0.06]], [[0, 1, 2]]
-    )
+    sheet = trimesh.Trimesh([[0.0103, 0.01, -0.08], [0.0103, 0.04, -0.08], [0.0103, 0.02, -0.06]], [[0, 1, 2]])
     assert PenetrationCheck(hand, sheet).in_object(links) == pytest.approx(0.001, abs=1e-9)
 
 
@@ -99,7 +97,5 @@ def test_self_check_misses_no_pair(hand):
         for one, other in check.pairs:
             for inner, outer in ((one, other), (other, one)):
                 surface = geom_surface(hand, inner) @ poses[inner, :3, :3].T + poses[inner, :3, 3]
-                brute = deepest(
-                    surface, lambda p, g=outer, at=poses[outer]: hand.geom_distance(g, p, at), brute
-                )
+                brute = deepest(surface, lambda p, g=outer, at=poses[outer]: hand.geom_distance(g, p, at), brute)
         assert check.in_itself(links) == pytest.approx(brute, abs=1e-12)

@@ -61,16 +61,12 @@ def test_limits_in_the_model_are_radians(hand):
 def test_sensors_look_out_of_the_gel_along_x(hand):
     links = hand.forward(np.eye(4), hand.open_joint_positions)
     position, rotation = hand.sensor_frames(links)
-    np.testing.assert_allclose(
-        rotation @ rotation.swapaxes(-1, -2), np.tile(np.eye(3), (4, 1, 1)), atol=1e-12
-    )
+    np.testing.assert_allclose(rotation @ rotation.swapaxes(-1, -2), np.tile(np.eye(3), (4, 1, 1)), atol=1e-12)
     # The open fingers look where the palm looks.
     assert (rotation[:3, 0, 0] > 0.99).all()
     # The sensor's origin is in the DIGIT's body, its range of 25 mm ends beyond the gel's apex.
     for sensor in range(4):
-        inside, apex, beyond = (
-            position[sensor] + np.array([[0.0], [0.0192], [0.0194]]) * rotation[sensor, :, 0]
-        )
+        inside, apex, beyond = position[sensor] + np.array([[0.0], [0.0192], [0.0194]]) * rotation[sensor, :, 0]
         distances = hand.signed_distance(np.stack([inside, apex, beyond]), links)
         assert distances[0] < 0 and distances[1] < 0 < distances[2]
 

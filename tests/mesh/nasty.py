@@ -84,9 +84,7 @@ def _(path):
 @_in(USABLE, "inner_wall.stl")
 def _(path):
     """Two boxes side by side in one piece, with a single wall between them: its sides have three faces."""
-    boxes = trimesh.util.concatenate(
-        [trimesh.creation.box().apply_translation((x, 0, 0)) for x in (-0.5, 0.5)]
-    )
+    boxes = trimesh.util.concatenate([trimesh.creation.box().apply_translation((x, 0, 0)) for x in (-0.5, 0.5)])
     walls = np.flatnonzero((np.abs(boxes.triangles[:, :, 0]) < 1e-9).all(axis=1))
     boxes.update_faces(np.delete(np.arange(len(boxes.faces)), walls[:2]))
     path.write_bytes(boxes.export(file_type="stl"))
@@ -466,8 +464,7 @@ def _(path):
     Image.fromarray(rng.integers(0, 255, (32, 32, 3), dtype=np.uint8)).save(picture)
     picture.write_bytes(picture.read_bytes()[:2000])
     path.write_text(
-        "mtllib cut_texture.mtl\nusemtl picture\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 0 1\n"
-        "f 1/1 2/2 3/3\n"
+        "mtllib cut_texture.mtl\nusemtl picture\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 0 1\nf 1/1 2/2 3/3\n"
     )
     path.with_suffix(".mtl").write_text("newmtl picture\nmap_Kd cut_texture.png\n")
 

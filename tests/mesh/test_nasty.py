@@ -8,7 +8,7 @@ import pytest
 import trimesh
 
 from palpate import mesh
-from palpate.catalogue import Unusable
+from palpate.batch import UnusableObject
 from tests.mesh import nasty
 
 FACES = 300
@@ -95,9 +95,7 @@ def test_what_was_repaired_is_recorded(prepared, name, repair, count):
 def test_voids_stay_voids(prepared):
     """Outer ball minus inner ball of half the radius: 7/8 of the volume, however turned."""
     for name in ("void", "flipped_void"):
-        assert record(prepared[name])["visual.glb"]["volume"] == pytest.approx(
-            ball_volume() * 7 / 8, rel=1e-4
-        )
+        assert record(prepared[name])["visual.glb"]["volume"] == pytest.approx(ball_volume() * 7 / 8, rel=1e-4)
 
 
 def test_open_surfaces_face_outwards(prepared):
@@ -140,9 +138,7 @@ def test_textures_are_kept(prepared, name):
 
 def test_materials_and_colours_are_kept(prepared):
     scene = trimesh.load_scene(prepared["materials"] / "visual.glb", process=False)
-    colours = {
-        tuple(part.visual.material.main_color[:3]): len(part.faces) for part in scene.geometry.values()
-    }
+    colours = {tuple(part.visual.material.main_color[:3]): len(part.faces) for part in scene.geometry.values()}
     assert colours == {(255, 0, 0): 6, (0, 0, 255): 6}
     (part,) = trimesh.load_scene(prepared["vertex_colours"] / "visual.glb").geometry.values()
     unit = part.vertices / np.linalg.norm(part.vertices, axis=1, keepdims=True)
@@ -164,7 +160,7 @@ def broken(tmp_path_factory):
 @pytest.mark.parametrize("file", nasty.UNUSABLE)
 def test_unusable_meshes_are_rejected_with_the_file_and_a_reason(broken, file, tmp_path):
     path = broken[file.rsplit(".", 1)[0]]
-    with pytest.raises(Unusable) as caught:
+    with pytest.raises(UnusableObject) as caught:
         mesh.prepare(path, tmp_path / "out")
     assert str(path) in str(caught.value)
     assert not (tmp_path / "out" / "mesh.json").exists()
@@ -189,5 +185,5 @@ def test_unusable_meshes_are_rejected_with_the_file_and_a_reason(broken, file, t
     ],
 )
 def test_the_reason_says_what_is_wrong(broken, name, says, tmp_path):
-    with pytest.raises(Unusable, match=says):
+    with pytest.raises(UnusableObject, match=says):
         mesh.prepare(broken[name], tmp_path / "out")

@@ -14,7 +14,7 @@ from PIL import Image
 from scipy.spatial import cKDTree
 
 from palpate import mesh
-from palpate.catalogue import Unusable
+from palpate.batch import UnusableObject
 from palpate.mesh import topology
 from palpate.mesh.decimate import decimate
 from palpate.mesh.isolation import isolated
@@ -66,9 +66,7 @@ def test_levels_have_the_faces_asked_for_and_stay_closed(knotted):
         assert level.euler_number == 0  # still a torus
         assert level.volume == pytest.approx(record[name]["volume"], rel=1e-5)
         assert level.volume == pytest.approx(record["visual.glb"]["volume"], rel=0.02)
-    errors = [
-        record[f"{name}.ply"]["level_to_source"]["mean"] for name in ("collision", "level-1000", "level-500")
-    ]
+    errors = [record[f"{name}.ply"]["level_to_source"]["mean"] for name in ("collision", "level-1000", "level-500")]
     assert errors == sorted(errors)
 
 
@@ -121,14 +119,12 @@ def test_pose_is_kept_and_the_up_axis_turned_once(tmp_path):
 def test_y_up_fronts_face_as_in_blender(tmp_path):
     """The point (x, y, z) of a y-up file is (x, -z, y) in the object's frame, as Blender turns it."""
     path = tmp_path / "tetrahedron.off"
-    trimesh.Trimesh(
-        [(0, 0, 0), (1, 0, 0), (0, 2, 0), (0, 0, 4)], [(0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3)]
-    ).export(path)
+    trimesh.Trimesh([(0, 0, 0), (1, 0, 0), (0, 2, 0), (0, 0, 4)], [(0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3)]).export(
+        path
+    )
     record = mesh.prepare(path, tmp_path / "out", up="y")
     visual = mesh.load_visual(tmp_path / "out")
-    corners = np.unique(
-        np.round((visual.vertices - visual.vertices.min(axis=0)) / record["scale"], 4), axis=0
-    )
+    corners = np.unique(np.round((visual.vertices - visual.vertices.min(axis=0)) / record["scale"], 4), axis=0)
     assert {tuple(corner) for corner in corners} == {(0, 4, 0), (1, 4, 0), (0, 4, 2), (0, 0, 0)}
 
 
@@ -193,7 +189,7 @@ def crash():
 
 
 def refuse():
-    raise Unusable("not this one")
+    raise UnusableObject("not this one")
 
 
 def fail():
@@ -201,7 +197,7 @@ def fail():
 
 
 def test_a_crash_costs_only_its_object():
-    with pytest.raises(Unusable, match="SIGSEGV"):
+    with pytest.raises(UnusableObject, match="SIGSEGV"):
         isolated(crash, seconds=20)
 
 
@@ -218,9 +214,7 @@ def fill_memory():
     np.zeros(2**62, dtype=np.uint8)
 
 
-@pytest.mark.parametrize(
-    ("failure", "error"), [(kill, MemoryError), (fill_memory, MemoryError), (fill_disk, OSError)]
-)
+@pytest.mark.parametrize(("failure", "error"), [(kill, MemoryError), (fill_memory, MemoryError), (fill_disk, OSError)])
 def test_what_the_machine_lacks_is_no_fault_of_the_mesh(failure, error):
     with pytest.raises(error):
         isolated(failure, seconds=20)
@@ -228,14 +222,14 @@ def test_what_the_machine_lacks_is_no_fault_of_the_mesh(failure, error):
 
 def test_a_hang_ends():
     start = time.monotonic()
-    with pytest.raises(Unusable, match="more than 0.2 s"):
+    with pytest.raises(UnusableObject, match="more than 0.2 s"):
         isolated(time.sleep, 60, seconds=0.2)
     assert time.monotonic() - start < 30
 
 
 def test_errors_come_back_from_the_child():
     assert isolated(divmod, 7, 3, seconds=20) == (2, 1)
-    with pytest.raises(Unusable, match="not this one"):
+    with pytest.raises(UnusableObject, match="not this one"):
         isolated(refuse, seconds=20)
     with pytest.raises(RuntimeError, match="a fault of ours"):
         isolated(fail, seconds=20)
@@ -257,7 +251,7 @@ def test_an_object_far_from_the_origin_keeps_its_shape_or_is_refused(tmp_path, s
         expected = mesh.DIAGONAL / np.linalg.norm(ball.extents)
         assert np.abs(radius - expected).max() < 1e-5
     else:
-        with pytest.raises(Unusable, match=r"rounded by up to .* \(single precision\)"):
+        with pytest.raises(UnusableObject, match=r"rounded by up to .* \(single precision\)"):
             mesh.prepare(path, tmp_path / "out")
 
 

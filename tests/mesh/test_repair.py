@@ -26,9 +26,7 @@ def test_closed_objects_stay_closed(class_name, index, tmp_path):
     record = mesh.prepare(source, tmp_path / "out", collision_faces=10**6, levels=())
     facts = record["visual.glb"]
     assert facts["closed"]
-    assert facts["volume"] / record["scale"] ** 3 == pytest.approx(
-        sum(part.volume for part in parts), rel=1e-5
-    )
+    assert facts["volume"] / record["scale"] ** 3 == pytest.approx(sum(part.volume for part in parts), rel=1e-5)
     assert record["repairs"]["duplicate_faces_removed"] == 2 * ((class_name, index) in FOLDED)
 
 

@@ -20,9 +20,7 @@ def plain_layer(layer, x, adjacency):
 
 @pytest.mark.parametrize("normalisation", ["symmetric", "mean", "separate"])
 @pytest.mark.parametrize("kind", ["charts", "sphere"])
-@pytest.mark.parametrize(
-    ("samples", "inputs", "outputs", "relu"), [(1, 5, 7, True), (3, 4, 3, False), (2, 1, 2, True)]
-)
+@pytest.mark.parametrize(("samples", "inputs", "outputs", "relu"), [(1, 5, 7, True), (3, 4, 3, False), (2, 1, 2, True)])
 def test_layer_is_the_plain_one(kind, normalisation, samples, inputs, outputs, relu):
     torch.manual_seed(0)
     graph = Graph(3 if kind == "charts" else 0, kind, normalisation)

@@ -22,12 +22,8 @@ def matrix_of(camera):
 def positions():
     """(50, 2, 3) in a ball as large as the atlas."""
     random = torch.Generator().manual_seed(0)
-    direction = torch.nn.functional.normalize(
-        torch.randn(50, 2, 3, generator=random, dtype=torch.float64), dim=2
-    )
-    return 0.26 * torch.rand(50, 2, 1, generator=random) ** (1 / 3) * direction + torch.tensor(
-        OBJECT_POSITION
-    )
+    direction = torch.nn.functional.normalize(torch.randn(50, 2, 3, generator=random, dtype=torch.float64), dim=2)
+    return 0.26 * torch.rand(50, 2, 1, generator=random) ** (1 / 3) * direction + torch.tensor(OBJECT_POSITION)
 
 
 def ramp(first, step, count):
@@ -39,9 +35,7 @@ def ramp(first, step, count):
 @pytest.mark.parametrize("count", [256, 51, 4])
 def test_extent_maps_cover_the_image_edge_to_edge(positions, count):
     cell = SIZE / count
-    pooled = PerceptualPooling("extent")(
-        [ramp(cell / 2, cell, count)], positions, matrix_of(paper_camera()), SIZE
-    )
+    pooled = PerceptualPooling("extent")([ramp(cell / 2, cell, count)], positions, matrix_of(paper_camera()), SIZE)
     pixels, _ = paper_camera().project(positions.numpy())
     # Beyond the centres of the outer cells there is nothing to interpolate: the edge's value holds.
     expected = np.clip(pixels, cell / 2, SIZE - cell / 2)

@@ -3,11 +3,11 @@
 import pytest
 import torch
 
-from benchmarks import straightforward
 from palpate.charts import ATLAS_RADIUS, sphere, vision_atlas
 from palpate.mesh import OBJECT_POSITION
 from palpate.models import Reconstruction
 from palpate.vision.camera import paper_camera
+from studies.benchmarks import straightforward
 from tests.models.batches import SMALL, random_batch
 
 EXPERIMENTS = [
@@ -52,9 +52,7 @@ def test_same_vertices_and_gradients_as_the_straightforward_model(experiment, op
     torch.testing.assert_close(fast, slow, rtol=1e-9, atol=1e-12)
     for name, gradient in of_slow.items():
         assert gradient.abs().max() > 0, name
-        torch.testing.assert_close(
-            of_fast[name], gradient, rtol=1e-7, atol=1e-9, msg=lambda m, n=name: f"{n}: {m}"
-        )
+        torch.testing.assert_close(of_fast[name], gradient, rtol=1e-7, atol=1e-9, msg=lambda m, n=name: f"{n}: {m}")
 
 
 def test_gradient_by_finite_differences():

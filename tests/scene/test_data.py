@@ -247,13 +247,9 @@ def test_levels_that_are_the_mesh_itself_are_named(tmp_path):
     solid = rod().subdivide()
     solid.export(tmp_path / "rod.ply")
     faces = len(solid.faces)
-    record = mesh.prepare(
-        tmp_path / "rod.ply", tmp_path / "a", collision_faces=faces, levels=(faces // 2, faces - 1)
-    )
+    record = mesh.prepare(tmp_path / "rod.ply", tmp_path / "a", collision_faces=faces, levels=(faces // 2, faces - 1))
     assert mesh.not_decimated(record) == {"collision.ply": faces}
-    everything = mesh.prepare(
-        tmp_path / "rod.ply", tmp_path / "b", collision_faces=faces, levels=(), plan=plan("mesh")
-    )
+    everything = mesh.prepare(tmp_path / "rod.ply", tmp_path / "b", collision_faces=faces, levels=(), plan=plan("mesh"))
     assert (tmp_path / "a/collision.ply").read_bytes() == (tmp_path / "b/collision.ply").read_bytes()
     # It was measured, and what is measured of a surface against itself is rounding.
     assert 0 < everything["collision.ply"]["source_to_level"]["max"] < 1e-9

@@ -13,8 +13,8 @@ from PIL import Image as PillowImage
 from palpate.hand import allegro
 from palpate.mesh import OBJECT_POSITION
 from palpate.scene import plan
-from palpate.trust.left_out.renders import rewritten
 from palpate.vision import Renderer, looking_at
+from studies.omitted.renders import rewritten
 from tests.vision.scenes import grasp_poses, painted
 
 # These change a picture, but by less than its noise.
@@ -161,9 +161,7 @@ def test_a_lamp_of_the_file_shines_only_if_asked_to(torus, tmp_path):
         tree["extensionsUsed"] = ["KHR_lights_punctual"]
         lamp = {"type": "point", "intensity": 1000.0}
         tree["extensions"] = {"KHR_lights_punctual": {"lights": [lamp]}}
-        tree["nodes"].append(
-            {"translation": [0.5, 0, 0.5], "extensions": {"KHR_lights_punctual": {"light": 0}}}
-        )
+        tree["nodes"].append({"translation": [0.5, 0, 0.5], "extensions": {"KHR_lights_punctual": {"light": 0}}})
         tree["scenes"][0]["nodes"].append(len(tree["nodes"]) - 1)
 
     path = tmp_path / "lamp.glb"

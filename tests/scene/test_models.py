@@ -40,9 +40,7 @@ def test_the_pack_has_what_the_model_reads_and_no_stage_more(name):
     reads = set(model_of(EXPERIMENTS[name])._shapes({})) - {"image"}
     assert reads <= set(arrays)
     touch = "touch" in families.stages(family)
-    assert ("vision" in families.stages(family)) == (
-        EXPERIMENTS[name]["vision"] in ("unoccluded", "occluded")
-    )
+    assert ("vision" in families.stages(family)) == (EXPERIMENTS[name]["vision"] in ("unoccluded", "occluded"))
     assert touch == EXPERIMENTS[name]["touch"]
     # An experiment's plan and its pack's name the same data.
     assert arrays == families.sources(family, plan("experiment", **EXPERIMENTS[name]))

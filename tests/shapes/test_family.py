@@ -37,9 +37,7 @@ def check(class_name: str, scene: trimesh.Scene) -> None:
     low, high = LARGEST[class_name]
     assert low <= max(x, y, z) <= high
     # Bottles and phones stand, knives and rifles lie along y on their edge.
-    assert {"bottle": z > max(x, y), "cellphone": z > max(x, y), "knife": y > z > x, "rifle": y > z > x}[
-        class_name
-    ]
+    assert {"bottle": z > max(x, y), "cellphone": z > max(x, y), "knife": y > z > x, "rifle": y > z > x}[class_name]
 
 
 EVERY_STYLE = [(name, index) for name in CLASSES for index in range(len(FAMILIES[name].STYLES))]
@@ -76,9 +74,7 @@ def test_same_arguments_same_object_and_another_seed_another_object(class_name):
 
 @pytest.mark.parametrize("class_name", CLASSES)
 def test_several_materials_and_colours(class_name):
-    materials = [
-        [mesh.visual.material for mesh in make(class_name, index).geometry.values()] for index in range(12)
-    ]
+    materials = [[mesh.visual.material for mesh in make(class_name, index).geometry.values()] for index in range(12)]
     assert np.median([len(found) for found in materials]) >= 2
     assert len({tuple(m.baseColorFactor) for found in materials for m in found}) >= 8
     assert any(m.baseColorTexture is not None for found in materials for m in found)

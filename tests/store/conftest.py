@@ -8,7 +8,7 @@ import pytest
 import trimesh
 
 import palpate.store
-from palpate.catalogue import generator
+from palpate.batch import generator
 from palpate.hand import allegro
 from palpate.mesh import DIAGONAL, OBJECT_POSITION
 from palpate.touch import RayCaster, empty_reading, sense
@@ -119,9 +119,7 @@ def build(folder: Path) -> None:
         for name in names
     ]
     folder.mkdir(parents=True, exist_ok=True)
-    (folder / "catalogue.csv").write_text(
-        "object,class,split,batch,source,checksum\n" + "\n".join(rows) + "\n"
-    )
+    (folder / "catalogue.csv").write_text("object,class,split,batch,source,checksum\n" + "\n".join(rows) + "\n")
     (folder / "rejected.csv").write_text(f"object,stage,reason\n{REJECTED},grasps,too few grasps\n")
     hand = {f"hand/{key}": array for key, array in allegro().to_arrays().items()}
     for batch, names in BATCHES.items():
@@ -132,9 +130,7 @@ def build(folder: Path) -> None:
         kept = [name for name in names if name != REJECTED]
         grasps = {name: grasp(name) for name in kept}
         arrays = {
-            "surface": palpate.store.join(
-                "surface", {name: {"points": surface_points(name)} for name in names}
-            ),
+            "surface": palpate.store.join("surface", {name: {"points": surface_points(name)} for name in names}),
             "grasps": palpate.store.join("grasps", grasps) | hand,
             "touch": palpate.store.join("touch", {name: touch(name, grasps[name]) for name in kept})
             | {"empty_reading": empty_reading()},

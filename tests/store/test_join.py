@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from palpate.catalogue import Rejection, read_rejections
+from palpate.batch import Rejection, read_rejections
 from palpate.store import Store, config_digest, join, read, write, write_batch
 
 ATTRIBUTES = {"seed": 0, "config_digest": config_digest({})}

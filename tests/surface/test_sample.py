@@ -32,9 +32,7 @@ def open_cup(radius, depth):
         [np.column_stack([ring, np.zeros(64)]), np.column_stack([ring, np.full(64, depth)]), [[0, 0, 0]]]
     )
     here, there = np.arange(64), (np.arange(64) + 1) % 64
-    wall = np.concatenate(
-        [np.column_stack([here, there, 64 + here]), np.column_stack([there, 64 + there, 64 + here])]
-    )
+    wall = np.concatenate([np.column_stack([here, there, 64 + here]), np.column_stack([there, 64 + there, 64 + here])])
     return trimesh.Trimesh(vertices, np.concatenate([wall, np.column_stack([np.full(64, 128), there, here])]))
 
 
@@ -123,9 +121,7 @@ def test_moments_of_a_sphere_a_torus_and_a_cylinder(method, n, share):
     np.testing.assert_allclose((sphere**2).mean(axis=0), 0.25**2 / 3, atol=4.5 * sigma + share * 0.25**2 / 3)
     np.testing.assert_allclose(sphere.mean(axis=0), 0, atol=4.5 * 0.25 / np.sqrt(3 * n))
 
-    ring = sample(
-        trimesh.creation.torus(0.2, 0.06, major_sections=128, minor_sections=64), n, random(4), method
-    )
+    ring = sample(trimesh.creation.torus(0.2, 0.06, major_sections=128, minor_sections=64), n, random(4), method)
     assert (ring[:, 2] ** 2).mean() == pytest.approx(0.06**2 / 2, rel=0.02 + share)
     assert (ring[:, :2] ** 2).sum(axis=1).mean() == pytest.approx(0.2**2 + 1.5 * 0.06**2, rel=0.01 + share)
 
@@ -165,9 +161,7 @@ def test_what_is_seen_through_an_opening_is_exterior_and_a_sealed_cavity_is_not(
     outer, core = fine_box(0.2), fine_box(0.05)
     sealed = trimesh.util.concatenate([outer, core])
     lid = outer.triangles_center[:, 2] > 0.0999
-    opened = trimesh.util.concatenate(
-        [trimesh.Trimesh(outer.vertices, outer.faces[~lid], process=False), core]
-    )
+    opened = trimesh.util.concatenate([trimesh.Trimesh(outer.vertices, outer.faces[~lid], process=False), core])
     assert (np.abs(sample(sealed, COUNT, random())).max(axis=1) > 0.09).all()
     on_core = np.abs(sample(opened, COUNT, random())).max(axis=1) < 0.03
     # 6 x 0.05^2 of 5 x 0.2^2 + 6 x 0.05^2: the core is seen on all sides (off the walls) but perhaps below.
@@ -198,9 +192,7 @@ def test_a_defective_mesh_gives_the_points_of_its_sound_faces(method):
     n = len(box.vertices)
     bad = [[0, 0, 1], [2, 2, 2], [0, 1, n], [n + 1, 2, 3]]
     doubled = np.concatenate([bad, box.faces, box.faces[::2, ::-1]])
-    points = sample(
-        trimesh.Trimesh(vertices, doubled, process=False, validate=False), COUNT, random(), method
-    )
+    points = sample(trimesh.Trimesh(vertices, doubled, process=False, validate=False), COUNT, random(), method)
     np.testing.assert_allclose(np.abs(points).max(axis=1), 0.1, atol=1e-9)
 
 

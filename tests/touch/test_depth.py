@@ -128,9 +128,7 @@ def test_cylinder_across_the_sensor(method):
 @pytest.mark.parametrize("method", METHODS)
 def test_edge_of_a_box(method):
     width = 0.02
-    mesh = turned(
-        trimesh.creation.box((width, width, 0.1)), (0, 0, 45), (0.018 + width / np.sqrt(2), 0.001, 0)
-    )
+    mesh = turned(trimesh.creation.box((width, width, 0.1)), (0, 0, 45), (0.018 + width / np.sqrt(2), 0.001, 0))
     depth = method(mesh).trace(ORIGIN, IDENTITY)[0]
     expected = 0.018 + np.abs(Y - 0.001)
     clear = np.abs(expected - SENSOR_RANGE) > 1e-5
@@ -307,10 +305,7 @@ def test_local_points_lie_on_the_mesh(seed, thin):
 @settings(max_examples=40, deadline=None)
 @given(seed=st.integers(0, 10_000), gap=st.floats(-0.04, 0.06))
 def test_leaving_out_far_faces_and_pixels_changes_nothing(seed, gap):
-    parts = [
-        turned(trimesh.creation.box((0.01, 0.002, 0.03)), (20 * i, 50 * i, 0), (0.02 * i, 0, 0))
-        for i in range(4)
-    ]
+    parts = [turned(trimesh.creation.box((0.01, 0.002, 0.03)), (20 * i, 50 * i, 0), (0.02 * i, 0, 0)) for i in range(4)]
     mesh = trimesh.util.concatenate(parts)
     position, rotation = poses_near(mesh, 1, seed=seed, gap=(gap, gap))
     for method in METHODS:

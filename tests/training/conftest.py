@@ -57,9 +57,7 @@ def made_up(vision: str = "occluded", touch: str = "charts", grasps: int = 3, se
         arrays["camera"] = random.standard_normal((o, 5, 3, 4)).astype(np.float32)
     if touch != "none":
         arrays["success"] = random.random((o, grasps, 4)) < 0.7
-        arrays["position"] = (random.uniform(-0.1, 0.1, (o, grasps, 4, 3)) + OBJECT_POSITION).astype(
-            np.float32
-        )
+        arrays["position"] = (random.uniform(-0.1, 0.1, (o, grasps, 4, 3)) + OBJECT_POSITION).astype(np.float32)
         arrays["rotation"] = np.broadcast_to(np.eye(3, dtype=np.float32), (o, grasps, 4, 3, 3)).copy()
     if touch == "charts":
         spread = random.uniform(-0.005, 0.005, (o, grasps, 4, 81, 3))

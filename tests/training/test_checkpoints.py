@@ -83,9 +83,7 @@ class Code:
 
 def test_no_checkpoint(tmp_path, capsys):
     run = tmp_path / "models/charts_touch/seed-0/best.ckpt"
-    with pytest.raises(
-        CheckpointError, match="train the model with: snakemake models/charts_touch/seed-0/best.ckpt"
-    ):
+    with pytest.raises(CheckpointError, match="train the model with: snakemake models/charts_touch/seed-0/best.ckpt"):
         load(run)
     run.parent.mkdir(parents=True)
     for content in (b"", b"no checkpoint"):

@@ -92,9 +92,7 @@ def test_a_batch_sample_by_sample():
 def test_a_batch_of_readings_and_of_views():
     pack = made_up("none", "readings")
     batch = Assembler(pack)([Sample(1, (2,))])
-    np.testing.assert_allclose(
-        batch["reading"][0], pack["reading"][1, 2].transpose(0, 3, 1, 2) / 255, atol=1e-7
-    )
+    np.testing.assert_allclose(batch["reading"][0], pack["reading"][1, 2].transpose(0, 3, 1, 2) / 255, atol=1e-7)
     pack = made_up("views", "none")
     batch = Assembler(pack)([Sample(0, (), 3), Sample(6, (), 1)])
     np.testing.assert_array_equal(batch["camera"], np.stack([pack["camera"][0, 3], pack["camera"][6, 1]]))

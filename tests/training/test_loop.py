@@ -57,9 +57,7 @@ def test_outputs(trained):
     assert all(0 < a["seconds"] <= b["seconds"] for a, b in zip(rows, rows[1:], strict=False))
     best = min(rows, key=lambda row: row["validation_loss"])
     assert (said["best_step"], said["validation_loss"]) == (best["step"], best["validation_loss"])
-    assert (
-        json.loads((folder / "model/training.json").read_text())["validation_loss"] == best["validation_loss"]
-    )
+    assert json.loads((folder / "model/training.json").read_text())["validation_loss"] == best["validation_loss"]
     assert not model.training and not (folder / "checkpoints").exists()
     assert said["validated"] == 2 * 3  # objects of the split, windows of each
 
@@ -248,12 +246,8 @@ def test_an_infinite_gradient_stops_it_before_a_weight_changes(tmp_path, monkeyp
         assert all(torch.isfinite(value).all() for value in values if value.is_floating_point())
 
 
-@pytest.mark.parametrize(
-    ("clip", "factor", "warns"), [(None, 1e6, True), (None, 10.0, False), (1.0, 1e6, False)]
-)
-def test_a_spike_of_the_gradient_is_said_where_it_is_not_clipped(
-    tmp_path, monkeypatch, caplog, clip, factor, warns
-):
+@pytest.mark.parametrize(("clip", "factor", "warns"), [(None, 1e6, True), (None, 10.0, False), (1.0, 1e6, False)])
+def test_a_spike_of_the_gradient_is_said_where_it_is_not_clipped(tmp_path, monkeypatch, caplog, clip, factor, warns):
     with_gradient(monkeypatch, factor, 4)
     with caplog.at_level(logging.WARNING):
         run(tmp_path, clip=clip)
@@ -274,9 +268,7 @@ def test_a_prediction_that_is_not_finite_names_its_sample(monkeypatch):
     values = torch.zeros(3, 7, 3)
     values[1, 4, 2] = torch.nan
     learner.finite("the prediction", values[:1], samples[:1])
-    with pytest.raises(
-        Diverged, match=r"the prediction is NaN or infinite: step 9, egg-1 grasps \[0\] view 0"
-    ):
+    with pytest.raises(Diverged, match=r"the prediction is NaN or infinite: step 9, egg-1 grasps \[0\] view 0"):
         learner.finite("the prediction", values, samples, "step 9")
 
 
@@ -303,11 +295,7 @@ def test_the_average_is_a_recursion_over_the_steps(tmp_path):
 def test_the_rate_follows_one_cycle(tmp_path):
     learner = ReconstructionLearner(made_up(), TOUCH_ONLY, SETTINGS | {"steps": 100}, 0)
     rates = [learner._one_cycle(step) for step in range(101)]
-    assert (
-        rates[0] == pytest.approx(0.04)
-        and rates[10] == pytest.approx(1)
-        and rates[100] == pytest.approx(1e-4)
-    )
+    assert rates[0] == pytest.approx(0.04) and rates[10] == pytest.approx(1) and rates[100] == pytest.approx(1e-4)
     assert rates[5] == pytest.approx(0.52) and rates[55] == pytest.approx(0.50005)
     assert max(rates) == rates[10]
 

@@ -35,9 +35,7 @@ def test_reconstruction_on_a_truth_of_its_own_points_is_small_and_moves_with_the
     corners = torch.tensor([[[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0]]], dtype=torch.float64)
     faces = torch.tensor([[0, 1, 2], [1, 3, 2]])
     grid = torch.linspace(0.005, 0.995, 100, dtype=torch.float64)
-    plane = torch.stack(
-        [*torch.meshgrid(grid, grid, indexing="ij"), torch.zeros(100, 100, dtype=torch.float64)], 2
-    )
+    plane = torch.stack([*torch.meshgrid(grid, grid, indexing="ij"), torch.zeros(100, 100, dtype=torch.float64)], 2)
     truth = Truth(plane.reshape(1, -1, 3))
     vertices = corners.clone().requires_grad_()
     shift = 0.3

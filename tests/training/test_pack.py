@@ -40,11 +40,7 @@ def run(tmp_path):
     held = {}
     for stage in ("surface", "touch", "charts", "vision", "views"):
         for seed, (batch, rows) in enumerate(BATCHES.items()):
-            names = [
-                name
-                for name, _, _ in rows
-                if name not in lost.get("touch" if stage == "charts" else stage, ())
-            ]
+            names = [name for name, _, _ in rows if name not in lost.get("touch" if stage == "charts" else stage, ())]
             held[stage, batch] = arrays_of(stage, names, seed)
             store.write(tmp_path / store.CONTRACT[stage].path(batch), stage, held[stage, batch], ATTRIBUTES)
     with (tmp_path / "catalogue.csv").open("w", newline="") as file:
@@ -72,9 +68,7 @@ def row(run, stage, name, array, grasp=None):
 
 def test_objects_that_all_its_stores_have(run):
     found = Pack.read(make(run, "occluded-charts", "surface", "vision", "touch", "charts"))
-    assert (
-        found.objects == ["a-0", "b-0"] and found.classes == ["a", "b"] and found.splits == ["train", "test"]
-    )
+    assert found.objects == ["a-0", "b-0"] and found.classes == ["a", "b"] and found.splits == ["train", "test"]
     assert Pack.read(make(run, "unoccluded-none", "surface", "vision")).objects == ["a-0", "b-0", "b-1"]
     assert Pack.read(make(run, "none-charts", "surface", "touch", "charts")).objects == [
         "a-0",
@@ -97,9 +91,7 @@ def test_rows_are_those_of_the_stores(run):
                 ("position", "touch", "position"),
                 ("rotation", "touch", "rotation"),
             ]:
-                np.testing.assert_array_equal(
-                    found[ours][number, grasp], row(run, stage, name, theirs, grasp)
-                )
+                np.testing.assert_array_equal(found[ours][number, grasp], row(run, stage, name, theirs, grasp))
     assert "reading" not in found and "unoccluded" not in found
 
 
@@ -118,9 +110,7 @@ def test_an_untouched_sensor_reads_the_empty_gel(run):
         for grasp in range(GRASPS):
             for sensor, success in enumerate(found["success"][number, grasp]):
                 stored = row(run, "touch", name, "reading", grasp)[sensor]
-                np.testing.assert_array_equal(
-                    found["reading"][number, grasp, sensor], stored if success else empty
-                )
+                np.testing.assert_array_equal(found["reading"][number, grasp, sensor], stored if success else empty)
                 seen.add(bool(success))
     assert seen == {True, False}
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import yaml
 
-from palpate.catalogue.schema import Invalid
+from palpate.configuration import ConfigError
 from palpate.models import PAPER_ARCHITECTURES
 from palpate.training import recipes, tuning
 from palpate.training.families import family, sources, stages
@@ -91,7 +91,7 @@ def test_modality_then_strategy():
     ],
 )
 def test_each_mistake_is_one_clear_line(override, said):
-    with pytest.raises(Invalid) as error:
+    with pytest.raises(ConfigError) as error:
         resolve(override)
     assert said in str(error.value)
     assert "training.override" in str(error.value) or "needs" in str(error.value)
@@ -102,13 +102,13 @@ def test_a_part_of_an_architecture_is_merged_into_the_whole():
     whole = resolve({})["reconstruction"]["architecture"]
     found = recipes.settings(resolve(override), EXPERIMENTS["charts_occluded"])["architecture"]
     assert found == whole | {"gcn": whole["gcn"] | {"layers": 2}}
-    with pytest.raises(Invalid, match="recipe paper, modalities.occluded does not fit") as error:
+    with pytest.raises(ConfigError, match="recipe paper, modalities.occluded does not fit") as error:
         resolve(override, "paper")
     assert "gcn.width: missing" in str(error.value)
 
 
 def test_a_recipe_that_does_not_exist():
-    with pytest.raises(Invalid, match="no recipe 'slow' .*known: fast, paper"):
+    with pytest.raises(ConfigError, match="no recipe 'slow' .*known: fast, paper"):
         resolve({}, "slow")
 
 
@@ -128,7 +128,7 @@ def test_a_family_needs_no_more_stages_than_it_sees():
     assert stages("views-none") == ["surface", "views"]
     assert "reading" not in sources("occluded-charts") and "charts" not in sources("none-readings")
     for wrong in ("none-none", "occluded", "charts-none"):
-        with pytest.raises(Invalid, match="no family"):
+        with pytest.raises(ConfigError, match="no family"):
             sources(wrong)
 
 
@@ -139,7 +139,7 @@ def test_the_supplements_grid():
     assert {point["cnn_layers"] for point in points} == {12, 15, 18}
     assert {point["gcn_layers"] for point in points} == {15, 20, 25}
     assert {point["width"] for point in points} == {150, 200, 250}
-    with pytest.raises(Invalid, match="no grid 'huge' .*known: small, paper"):
+    with pytest.raises(ConfigError, match="no grid 'huge' .*known: small, paper"):
         tuning.grid(PROJECT / "config/tuning.yaml", "huge")
 
 
@@ -151,9 +151,7 @@ def test_points_lay_their_layers_as_the_papers_tables_do():
     assert found["architecture"] == base and found == settings | {"architecture": base}
     point = {"rate": 1e-4, "cnn_layers": 12, "gcn_layers": 15, "width": 150}
     found = tuning.point_settings(settings, base, point, 40)
-    assert (
-        found["architecture"]["encoder"]["layers"] == PAPER_ARCHITECTURES["unoccluded"]["encoder"]["layers"]
-    )
+    assert found["architecture"]["encoder"]["layers"] == PAPER_ARCHITECTURES["unoccluded"]["encoder"]["layers"]
     assert found["architecture"]["encoder"]["pool"] == [6, 9, 12]
     assert found["architecture"]["gcn"] == {"layers": 15, "width": 150}
     assert (found["rate"], found["steps"], found["epochs"]) == (1e-4, 40, 260)
@@ -161,7 +159,7 @@ def test_points_lay_their_layers_as_the_papers_tables_do():
     of_frame = {key: np.asarray(value)[()] for key, value in point.items()}
     assert json.dumps(tuning.point_settings(settings, base, of_frame, 40)) == json.dumps(found)
     assert tuning.layers_of_blocks(15) == [4, 4, 4, 3]
-    with pytest.raises(Invalid, match="6 CNN layers"):
+    with pytest.raises(ConfigError, match="6 CNN layers"):
         tuning.layers_of_blocks(6)
 
 

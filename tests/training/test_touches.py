@@ -125,9 +125,7 @@ def test_charts_lie_on_the_true_local_surface(run, method):
         if arrays[name].ndim > 1 and name != "empty_reading"
     }
     # Sensors that were not touched must not be asked for.
-    model = Truth(
-        flat["reading"][flat["success"]], np.nan_to_num(flat["depth"][flat["success"]], posinf=SENSOR_RANGE)
-    )
+    model = Truth(flat["reading"][flat["success"]], np.nan_to_num(flat["depth"][flat["success"]], posinf=SENSOR_RANGE))
     used = slice(0, 3)
     charts = touch_charts(
         model,

@@ -6,9 +6,9 @@ import pytest
 import trimesh
 from PIL import Image as PillowImage
 
-from palpate.catalogue import Unusable
+from palpate.batch import UnusableObject
+from palpate.dataset.checks import CHECKS, Item, check_vision
 from palpate.mesh import prepare
-from palpate.store.checks import CHECKS, Item, check_vision
 from palpate.vision import Renderer
 from tests.vision.scenes import painted
 
@@ -64,5 +64,5 @@ def test_an_object_that_cannot_be_seen_is_unusable(write_glb):
     nothing = painted(trimesh.creation.box((0.3, 0.3, 0.3)), (0.5, 0.5, 0.5))
     nothing.visual.material.alphaMode = "BLEND"
     nothing.visual.material.baseColorFactor = [0.5, 0.5, 0.5, 0.0]
-    with pytest.raises(Unusable, match="visual.glb: no pixel of 96 x 96 shows the object"):
+    with pytest.raises(UnusableObject, match="visual.glb: no pixel of 96 x 96 shows the object"):
         Renderer(size=SIZE, samples=1, device="cpu").render_object(write_glb("nothing", nothing))

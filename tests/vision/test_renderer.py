@@ -5,7 +5,7 @@ import trimesh
 from numpy.testing import assert_array_equal
 from PIL import Image as PillowImage
 
-from palpate.catalogue import Unusable
+from palpate.batch import UnusableObject
 from palpate.mesh import OBJECT_POSITION
 from palpate.vision import Mesh, Renderer, looking_at, paper_camera, spheres
 from palpate.vision.image import read_layers
@@ -13,9 +13,7 @@ from tests.vision.scenes import ball, grasp_poses, painted
 
 # Half a step of float16 between 1 and 2: what a stored depth is off by.
 HALF_STEP = 2.0**-11
-MARKERS = np.array(
-    [[0.0, 0, 0.2], [0.1, 0.02, -0.15], [-0.05, 0.17, 0.1], [0.03, -0.19, 0.03], [0.12, 0.1, 0]]
-)
+MARKERS = np.array([[0.0, 0, 0.2], [0.1, 0.02, -0.15], [-0.05, 0.17, 0.1], [0.03, -0.19, 0.03], [0.12, 0.1, 0]])
 
 
 def centroid(weights, around, reach=8):
@@ -43,9 +41,7 @@ def test_known_points_of_an_object_land_on_their_pixels(write_glb):
 def test_known_points_of_a_scene_land_on_their_pixels_at_other_sizes_and_views(size):
     points = MARKERS + OBJECT_POSITION
     camera = looking_at(OBJECT_POSITION, (-0.4, 0.9, 1.1), size)
-    image = Renderer(samples=32, device="cpu").render_scene(
-        [spheres(points, 0.008, (0.1, 0.1, 0.1))], camera=camera
-    )
+    image = Renderer(samples=32, device="cpu").render_scene([spheres(points, 0.008, (0.1, 0.1, 0.1))], camera=camera)
     assert image.rgb.shape == (size, size, 3)
     assert_markers_at(image, camera.project(points)[0])
 
@@ -81,9 +77,7 @@ def test_depth_of_a_plane_is_the_closed_form():
     across = np.cross(normal, [0, 0, 1])
     sides = 0.6 * np.stack([across, np.cross(normal, across)])
     corners = np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]]) @ sides + OBJECT_POSITION
-    image = Renderer(size=128, samples=1, device="cpu").render_scene(
-        [Mesh(corners, np.array([[0, 1, 2], [0, 2, 3]]))]
-    )
+    image = Renderer(size=128, samples=1, device="cpu").render_scene([Mesh(corners, np.array([[0, 1, 2], [0, 2, 3]]))])
     rays = camera.rays()
     expected = (np.array(OBJECT_POSITION) - camera.position) @ normal / (rays @ normal)
     shown = image.mask > 0
@@ -115,9 +109,7 @@ def test_mask_and_depth_are_those_of_rays_through_pixel_centres(write_glb):
     camera = paper_camera(size)
     rays = camera.rays().reshape(-1, 3)
     mesh.apply_translation(OBJECT_POSITION)
-    where, ray, _ = mesh.ray.intersects_location(
-        np.tile(camera.position, (len(rays), 1)), rays, multiple_hits=False
-    )
+    where, ray, _ = mesh.ray.intersects_location(np.tile(camera.position, (len(rays), 1)), rays, multiple_hits=False)
     depth = np.full(len(rays), np.inf)
     depth[ray] = camera.project(where)[1]
     hit = np.isfinite(depth).reshape(size, size)
@@ -260,13 +252,13 @@ def test_what_is_broken_is_unusable_and_the_next_object_renders(write_glb, tmp_p
     for name, content in broken.items():
         path = tmp_path / f"{name}.glb"
         path.write_bytes(content)
-        with pytest.raises(Unusable, match=f"{name}.glb"):
+        with pytest.raises(UnusableObject, match=f"{name}.glb"):
             renderer.render_object(path)
         image, _ = renderer.render_object(good)
         assert_array_equal(image.rgb, expected.rgb)
     points = tmp_path / "points.glb"
     points.write_bytes(trimesh.Scene(trimesh.PointCloud(MARKERS)).export(file_type="glb"))
-    with pytest.raises(Unusable, match="triangles"):
+    with pytest.raises(UnusableObject, match="triangles"):
         renderer.render_object(points)
     with pytest.raises(FileNotFoundError, match="visual.glb"):
         renderer.render_object(tmp_path / "nowhere" / "visual.glb")

@@ -7,9 +7,7 @@ from palpate.vision import system
 
 
 def python(code, **environment):
-    return subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, env=environment or None
-    )
+    return subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=environment or None)
 
 
 def test_nothing_is_missing_where_blender_runs():

@@ -4,7 +4,7 @@ import trimesh
 from numpy.testing import assert_allclose, assert_array_equal
 from PIL import Image as PillowImage
 
-from palpate.catalogue import Unusable, generator
+from palpate.batch import UnusableObject, generator
 from palpate.mesh import DIAGONAL, OBJECT_POSITION
 from palpate.vision import Renderer, looking_at, views
 from palpate.vision.views import Viewpoint, Views
@@ -114,9 +114,7 @@ def test_a_camera_about_a_source_that_is_not_centred_sees_the_same_pixels():
     viewpoint, centre, scale = Viewpoint(200, 26, 0, 0.9), np.array([0.1, -0.2, 0.05]), 0.7
     points = np.random.default_rng(1).normal(size=(20, 3)) * 0.2  # in the source's frame
     source, _ = views.camera(viewpoint, scale=1.0).project(points + OBJECT_POSITION)
-    world, _ = views.camera(viewpoint, 137, scale, centre).project(
-        (points - centre) * scale + OBJECT_POSITION
-    )
+    world, _ = views.camera(viewpoint, 137, scale, centre).project((points - centre) * scale + OBJECT_POSITION)
     assert_allclose(world, source)
 
 
@@ -169,10 +167,8 @@ def test_half_transparent_pixels_are_mixed_with_white(renderings):
 def test_renderings_of_another_mesh_are_refused(renderings):
     folder, _ = renderings
     mesh = blocks()
-    turned = points(
-        mesh.copy().apply_transform(trimesh.transformations.rotation_matrix(np.pi / 2, [0, 0, 1]))
-    )
-    with pytest.raises(Unusable, match="ShapeNetCore v1"):
+    turned = points(mesh.copy().apply_transform(trimesh.transformations.rotation_matrix(np.pi / 2, [0, 0, 1])))
+    with pytest.raises(UnusableObject, match="ShapeNetCore v1"):
         views.published(folder, record(mesh), turned, 3)
 
 
@@ -206,7 +202,7 @@ def test_agreement_counts_what_lands_within_a_pixel_of_the_mask():
 def test_damaged_renderings_are_named(renderings, damage, message):
     folder, _ = renderings
     damage(folder)
-    with pytest.raises(Unusable, match=message):
+    with pytest.raises(UnusableObject, match=message):
         views.published(folder, record(blocks()), points(blocks()), 3)
 
 
@@ -214,7 +210,5 @@ def test_an_object_that_no_view_shows_is_unusable(write_glb):
     glass = painted(blocks(), (1, 1, 1))
     glass.visual.material.alphaMode = "BLEND"
     glass.visual.material.baseColorFactor = [255, 255, 255, 0]
-    with pytest.raises(Unusable, match="no view shows"):
-        views.render(
-            Renderer(samples=1, device="cpu"), write_glb("glass", glass), [Viewpoint(0, 25, 0, 0.7)], 40
-        )
+    with pytest.raises(UnusableObject, match="no view shows"):
+        views.render(Renderer(samples=1, device="cpu"), write_glb("glass", glass), [Viewpoint(0, 25, 0, 0.7)], 40)

@@ -5,8 +5,8 @@ import pandas as pd
 import pytest
 
 import palpate
-from palpate.store.released import read_empty_reading, read_released, read_surface
-from tests.store.test_released import save, write_tree
+from palpate.released.arrays import read_empty_reading, read_released, read_surface
+from tests.released.test_arrays import save, write_tree
 
 SMALL = {
     "surface": {"points": 50},

@@ -15,9 +15,7 @@ LEFT_OUT = {"leavings", "left_out"}
 
 def report_files(jobs) -> set[str]:
     """The parts that the joined reports ask for."""
-    return {
-        path for job in jobs for path in job.inputs if path.startswith("reports/") and path.count("/") == 2
-    }
+    return {path for job in jobs for path in job.inputs if path.startswith("reports/") and path.count("/") == 2}
 
 
 @pytest.mark.parametrize(
@@ -81,6 +79,4 @@ def test_reports_on_a_folder_of_meshes(finished, tmp_path):
     assert set(verdicts["part"]) == {"rays"} and "fails" not in set(verdicts["verdict"])
     left_out = pd.read_csv(reports / "left_out.csv")
     assert (left_out.loc[left_out["left_out"], "verdict"] == "same").all()
-    assert all(
-        (reports / f"{name}.png").stat().st_size for name in ("error_vs_runtime", "stability", "left_out")
-    )
+    assert all((reports / f"{name}.png").stat().st_size for name in ("error_vs_runtime", "stability", "left_out"))

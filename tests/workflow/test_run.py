@@ -59,8 +59,7 @@ def test_the_run_is_whole_and_valid(finished):
 
 def test_logs_say_what_scenes_leave_out_and_why(finished):
     logs = {
-        stage: (finished.run / f"logs/{stage}/batch-0000.log").read_text()
-        for stage in ("meshes", "grasps", "touch")
+        stage: (finished.run / f"logs/{stage}/batch-0000.log").read_text() for stage in ("meshes", "grasps", "touch")
     }
     for stage, scene in (("meshes", "mesh"), ("grasps", "grasp"), ("touch", "touch"), ("touch", "store")):
         assert f"plan of {scene}:" in logs[stage]
@@ -68,9 +67,7 @@ def test_logs_say_what_scenes_leave_out_and_why(finished):
     for name in USABLE:
         assert f"{name}: left out: decimation to collision.ply" in logs["meshes"]
         assert re.search(rf"{name}: left out: .*pairs of object patches", logs["grasps"])
-        assert re.search(
-            rf"{name}: left out: .* faces outside the swept boxes; \d+ of 20 sensors", logs["touch"]
-        )
+        assert re.search(rf"{name}: left out: .* faces outside the swept boxes; \d+ of 20 sensors", logs["touch"])
 
 
 def test_what_cannot_be_used_is_rejected_with_stage_and_reason(finished):
@@ -83,8 +80,8 @@ def test_what_cannot_be_used_is_rejected_with_stage_and_reason(finished):
 
 # Python runs a sitecustomize when it starts: in every job, before its script.
 FAULTS = """
-import palpate.catalogue
-from palpate.catalogue import each_object
+import palpate.batch
+from palpate.batch import each_object
 
 FAULTS = {"touch": "brick-millimetres", "vision": "can-tall"}
 
@@ -98,7 +95,7 @@ def failing(objects, function, stage):
     return each_object(objects, at_fault, stage)
 
 
-palpate.catalogue.each_object = failing
+palpate.batch.each_object = failing
 """
 
 

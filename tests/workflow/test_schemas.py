@@ -8,7 +8,7 @@ import yaml
 from snakemake.utils import update_config
 
 from palpate.catalogue import assign_split
-from palpate.catalogue.schema import Invalid, check
+from palpate.configuration import ConfigError, check
 
 PROJECT = Path(__file__).parents[2]
 SCHEMA = PROJECT / "workflow/schemas/config.schema.yaml"
@@ -61,7 +61,7 @@ def test_smoke_has_an_object_of_every_split():
     ],
 )
 def test_each_mistake_is_one_clear_line(overlay, said):
-    with pytest.raises(Invalid) as error:
+    with pytest.raises(ConfigError) as error:
         check(overlaid(overlay), SCHEMA, "config.yaml")
     lines = str(error.value).splitlines()
     assert lines[0] == "config.yaml does not fit config.schema.yaml:"
@@ -70,7 +70,7 @@ def test_each_mistake_is_one_clear_line(overlay, said):
 
 
 def test_all_mistakes_are_said_at_once():
-    with pytest.raises(Invalid) as error:
+    with pytest.raises(ConfigError) as error:
         check(overlaid({"seed": "x", "surface": {"method": "magic"}}), SCHEMA, "config.yaml")
     assert len(str(error.value).splitlines()) == 3
 

@@ -8,7 +8,7 @@ from snakemake.exceptions import WorkflowError
 from snakemake.io import contains_wildcard
 
 from palpate import catalogue
-from palpate.catalogue.schema import Invalid, check, class_counts
+from palpate.configuration import ConfigError, check, class_counts
 from palpate.training import families, recipes
 
 # Jobs find Palpate in this checkout, also in an environment that has only its dependencies (envs/palpate.yaml).
@@ -24,7 +24,7 @@ CLASS_NAME = r"[A-Za-z0-9_][A-Za-z0-9_.-]*"  # as the schemas have it
 def checked(path):
     """The path, if Snakemake takes it as it is."""
     if contains_wildcard(path) or re.search(r"<[a-z][a-z0-9_]*>", path):
-        raise Invalid(
+        raise ConfigError(
             f"{path}: Snakemake takes {{...}} and <...> in a path for placeholders: rename it"
         )
     return path
@@ -58,19 +58,19 @@ try:
     BATCHES = catalogue.batch_names(len(ENTRIES), config["batch_size"])
     HAND = config["grasps"]["hand"]
     if config["grasps"]["per_object"] > config["grasps"]["attempts"]:
-        raise Invalid("config grasps: attempts must be at least per_object")
+        raise ConfigError("config grasps: attempts must be at least per_object")
     if config["grasps"]["attempts"] > config["grasps"]["max_attempts"]:
-        raise Invalid("config grasps: max_attempts must be at least attempts")
+        raise ConfigError("config grasps: max_attempts must be at least attempts")
     for path in (HAND or {}).values():
         if not (PROJECT / path).is_file():
-            raise Invalid(f"config grasps.hand: {PROJECT / path}: no such file")
+            raise ConfigError(f"config grasps.hand: {PROJECT / path}: no such file")
     TRAINING_MACHINE = {
         key: config["training"][key] for key in ("device", "devices", "precision")
     }
     TRAINING_GPUS = (
         0 if config["training"]["device"] == "cpu" else config["training"]["devices"]
     )
-except (Invalid, catalogue.CatalogueError) as error:
+except (ConfigError, catalogue.CatalogueError) as error:
     raise WorkflowError(str(error)) from None
 
 # The authors' dataset is read and not simulated: it comes without meshes and grasps.

@@ -1,5 +1,5 @@
 # What config/experiments.yaml means for the workflow: its tables, checked, and the evaluations that each needs.
-from palpate.evaluation.published import published_experiments
+from palpate.results.published import published_experiments
 
 # The tables of models that config/experiments.yaml may define, each by its list of experiments and its split.
 EXPERIMENT_TABLES = (

@@ -1,4 +1,4 @@
-# What models predict, rendered. Columns of figures/reconstructions.png: palpate/reports/reconstructions.py.
+# What models predict, rendered. Columns of figures/reconstructions.png: palpate/results/reconstructions.py.
 DRAWN = [
     name
     for name in [

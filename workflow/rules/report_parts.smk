@@ -1,5 +1,5 @@
 # What each part of the reports reads, and which parts the config asks for.
-from palpate.trust.subjects import in_turn
+from studies.subjects import in_turn
 
 REPORT_OBJECTS = in_turn(ENTRIES, lambda entry: entry.class_name)[
     : config["reports"]["objects"]

@@ -10,7 +10,7 @@ try:
             tuning.grid(PROJECT / "config/tuning.yaml", config["tuning"]["grid"])
         )
     )
-except Invalid as error:
+except ConfigError as error:
     raise WorkflowError(str(error)) from None
 
 

@@ -2,8 +2,8 @@
 
 from pathlib import Path
 
-from palpate.catalogue import log_to
-from palpate.models.layer_tables import write_tables
+from palpate.batch import log_to
+from palpate.results.architectures import write_tables
 
 log_to(snakemake.log[0])
 write_tables(Path(snakemake.output.tables[0]).parent)

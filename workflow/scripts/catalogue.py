@@ -4,16 +4,16 @@ catalogue.csv            object, class, split, batch, source (from the source's 
 catalogue/<batch>.csv    the same rows, of one batch
 """
 
-from palpate import catalogue
-from palpate.catalogue import log_to, schema
-from palpate.store import whole
+from palpate import catalogue, configuration
+from palpate.atomic import atomic_write
+from palpate.batch import log_to
 
 log_to(snakemake.log[0])
 params = snakemake.params
 table = catalogue.build(params.source, params.classes, params.split, params.batch_size)
-schema.check(table.to_dict("records"), params.schema, "catalogue.csv")
+configuration.check(table.to_dict("records"), params.schema, "catalogue.csv")
 for (_, rows), path in zip(table.groupby("batch"), snakemake.output.batches, strict=True):
-    with whole(path) as partial:
+    with atomic_write(path) as partial:
         rows.to_csv(partial, index=False)
-with whole(snakemake.output.catalogue) as partial:
+with atomic_write(snakemake.output.catalogue) as partial:
     table.to_csv(partial, index=False)

@@ -10,15 +10,13 @@ import numpy as np
 import torch
 
 from palpate import store, training
-from palpate.catalogue import log_to
+from palpate.batch import log_to
 
 log = logging.getLogger(__name__)
 log_to(snakemake.log[0])
 torch.set_num_threads(snakemake.threads)
 device = training.Machine(snakemake.params.device).torch_device()
-felt = store.read(
-    snakemake.input.touch, "object", "success", "position", "rotation", "reading", "empty_reading"
-)
+felt = store.read(snakemake.input.touch, "object", "success", "position", "rotation", "reading", "empty_reading")
 model = training.load_touch_depth(snakemake.input.model).to(device)
 each = len(felt["success"]) // max(len(felt["object"]), 1)
 shape = felt["success"].shape

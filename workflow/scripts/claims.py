@@ -1,7 +1,8 @@
 """tables/claims.csv (.md, .tex): what this run says about each claim of the paper that a number decides."""
 
-from palpate.catalogue import log_to
-from palpate.evaluation import claims, errors, tables
+from palpate.batch import log_to
+from palpate.results import claims, errors
+from palpate.results import model_tables as tables
 
 log_to(snakemake.log[0])
 decided = claims.decide(

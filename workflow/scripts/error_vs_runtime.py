@@ -5,13 +5,13 @@ reports/error_vs_runtime.md     what of it is to be read, and the references, on
 reports/error_vs_runtime.png    their picture
 """
 
-from palpate.catalogue import log_to
-from palpate.store import whole
-from palpate.trust import figures, summaries, tables
+from palpate.atomic import atomic_write
+from palpate.batch import log_to
+from studies import figures, summaries, tables
 
 log_to(snakemake.log[0])
 table = tables.read(snakemake.input.parts)
 tables.write(table.drop(columns="reference"), snakemake.output.table)
 tables.write_text(summaries.fronts(table), snakemake.output.text)
-with whole(snakemake.output.figure) as path:
+with atomic_write(snakemake.output.figure) as path:
     figures.fronts(table, path)

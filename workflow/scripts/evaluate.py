@@ -7,8 +7,9 @@ evaluations/<experiment>/seed-<k>.csv    experiment, seed, object, class, split,
 
 import torch
 
-from palpate import store, training
-from palpate.catalogue import log_to
+from palpate import training
+from palpate.atomic import atomic_write
+from palpate.batch import log_to
 from palpate.evaluation import evaluate
 
 log_to(snakemake.log[0])
@@ -22,5 +23,5 @@ trained = evaluate.load(
     snakemake.params.device,
 )
 pack = training.Pack.read(snakemake.input.pack, evaluate.SPLITS)
-with store.whole(snakemake.output.table) as path:
+with atomic_write(snakemake.output.table) as path:
     evaluate.evaluate(trained, pack, snakemake.params.points).to_csv(path, index=False)

@@ -7,8 +7,9 @@ evaluations/rings/<experiment>/seed-<k>.csv    experiment, seed, object, class, 
 
 import torch
 
-from palpate import Dataset, store, training
-from palpate.catalogue import log_to
+from palpate import Dataset, training
+from palpate.atomic import atomic_write
+from palpate.batch import log_to
 from palpate.evaluation import evaluate
 
 log_to(snakemake.log[0])
@@ -22,6 +23,6 @@ trained = evaluate.load(
     snakemake.params.device,
 )
 pack = training.Pack.read(snakemake.input.pack, [snakemake.params.split])
-with store.whole(snakemake.output.table) as path:
+with atomic_write(snakemake.output.table) as path:
     rows = evaluate.evaluate_rings(trained, pack, Dataset(".", ["touch", "rings"]), snakemake.params.split)
     rows.to_csv(path, index=False)

@@ -7,8 +7,9 @@ evaluations/touch_depth.csv    object, class, split, grasp, sensor,
 
 import torch
 
-from palpate import store, training
-from palpate.catalogue import log_to
+from palpate import training
+from palpate.atomic import atomic_write
+from palpate.batch import log_to
 from palpate.evaluation import evaluate
 
 log_to(snakemake.log[0])
@@ -22,5 +23,5 @@ rows = evaluate.evaluate_touch(
     snakemake.input.charts,
     snakemake.params.points,
 )
-with store.whole(snakemake.output.table) as path:
+with atomic_write(snakemake.output.table) as path:
     rows.to_csv(path, index=False)

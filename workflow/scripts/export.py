@@ -9,8 +9,8 @@ released/surfaces/<class>/<object>.npy
 
 import logging
 
-from palpate.catalogue import log_to
-from palpate.store.released import export_run
+from palpate.batch import log_to
+from palpate.released.arrays import export_run
 
 log_to(snakemake.log[0])
 logging.info("%d objects written", export_run(".", snakemake.output.folder))

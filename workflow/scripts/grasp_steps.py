@@ -3,10 +3,10 @@
 from palpate.vision import Renderer  # noqa: F401 - Blender: before anything that loads embree
 
 from palpate import Dataset  # isort: skip
-from palpate.catalogue import log_to  # isort: skip
-from palpate.reports.grasp_steps import grasp_steps  # isort: skip
-from palpate.store import whole  # isort: skip
+from palpate.batch import log_to  # isort: skip
+from palpate.results.grasp_steps import grasp_steps  # isort: skip
+from palpate.atomic import atomic_write  # isort: skip
 
 log_to(snakemake.log[0])
-with whole(snakemake.output.figure) as path:
+with atomic_write(snakemake.output.figure) as path:
     grasp_steps(Dataset("."), path, snakemake.threads)

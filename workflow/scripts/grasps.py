@@ -16,7 +16,7 @@ import logging
 from pathlib import Path
 
 from palpate import grasp, hand, mesh, scene, store
-from palpate.catalogue import each_object, generator, log_to
+from palpate.batch import each_object, generator, log_to
 
 log_to(snakemake.log[0])
 log = logging.getLogger("grasps")

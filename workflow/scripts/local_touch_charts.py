@@ -1,7 +1,8 @@
 """tables/local_touch_charts.csv (.md, .tex): Chamfer distance (m^2 x 9000) of local predictions, by class."""
 
-from palpate.catalogue import log_to
-from palpate.evaluation import errors, tables
+from palpate.batch import log_to
+from palpate.results import errors
+from palpate.results import model_tables as tables
 
 log_to(snakemake.log[0])
 touches = errors.read([snakemake.input.touches], errors.TOUCH_COLUMNS)

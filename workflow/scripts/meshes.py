@@ -12,15 +12,15 @@ import shutil
 from pathlib import Path
 
 from palpate import mesh, scene
-from palpate.catalogue import each_object, log_to, write_rejections
-from palpate.store import whole
+from palpate.atomic import atomic_write
+from palpate.batch import each_object, log_to, write_rejections
 
 log_to(snakemake.log[0])
 log = logging.getLogger("meshes")
 log.info(scene.plan("mesh"))
 objects, settings, source = snakemake.params.objects, snakemake.params.mesh, snakemake.params.source
 
-with whole(snakemake.output.meshes) as batch, whole(snakemake.output.rejected) as rejected:
+with atomic_write(snakemake.output.meshes) as batch, atomic_write(snakemake.output.rejected) as rejected:
     batch.mkdir()
 
     def prepare(name: str) -> None:

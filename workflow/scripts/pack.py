@@ -15,7 +15,7 @@ packs/<family>.h5    object, class, split    (o,)                      string
 
 import logging
 
-from palpate.catalogue import log_to
+from palpate.batch import log_to
 from palpate.training import families, pack
 
 log = logging.getLogger(__name__)

@@ -11,7 +11,7 @@ import logging
 from pathlib import Path
 
 from palpate import scene, training
-from palpate.catalogue import log_to
+from palpate.batch import log_to
 
 log = logging.getLogger(__name__)
 log_to(snakemake.log[0])

@@ -3,9 +3,9 @@
 rejected.csv    object, stage, reason
 """
 
-from palpate.catalogue import log_to, read_rejections, write_rejections
-from palpate.store import whole
+from palpate.atomic import atomic_write
+from palpate.batch import log_to, read_rejections, write_rejections
 
 log_to(snakemake.log[0])
-with whole(snakemake.output.table) as path:
+with atomic_write(snakemake.output.table) as path:
     write_rejections(path, read_rejections(snakemake.input.parts))

@@ -12,8 +12,9 @@ from pathlib import Path
 import numpy as np
 
 from palpate import store
-from palpate.catalogue import each_object, generator, log_to, write_rejections
-from palpate.store import released
+from palpate.atomic import atomic_write
+from palpate.batch import each_object, generator, log_to, write_rejections
+from palpate.released import arrays as released
 
 log_to(snakemake.log[0])
 params = snakemake.params
@@ -39,7 +40,7 @@ if agreement:
     logging.info("readings lie on %.1f %% of their depths' pixels (%.1f %% if turned over)", same, turned)
     if turned > same:
         logging.warning("rows and columns of the readings look exchanged: the depths fit better turned over")
-with store.whole(snakemake.output.rejected) as rejected:
+with atomic_write(snakemake.output.rejected) as rejected:
     write_rejections(rejected, rejections)
 for stage in ("surface", "touch", "vision"):
     arrays = store.join(stage, {name: records[stage] for name, records in found.items()})

@@ -7,7 +7,7 @@ rings/<batch>.zarr    object        (o,)                string
 from pathlib import Path
 
 from palpate import mesh, store
-from palpate.catalogue import log_to
+from palpate.batch import log_to
 from palpate.evaluation import rings
 
 log_to(snakemake.log[0])

@@ -7,13 +7,14 @@ import sys
 
 from tqdm import tqdm
 
-from palpate import shapes, store
-from palpate.catalogue import log_to
+from palpate import shapes
+from palpate.atomic import atomic_write
+from palpate.batch import log_to
 
 log_to(snakemake.log[0])
 name, count, seed = snakemake.params.name, snakemake.params.objects, snakemake.params.seed
 
-with store.whole(snakemake.output.folder) as folder:
+with atomic_write(snakemake.output.folder) as folder:
     folder.mkdir()
     for index in tqdm(range(count), desc=f"shapes: {name}", unit="object", disable=not sys.stderr.isatty()):
         shapes.write(name, index, folder / f"{name}-{index:04d}", seed)

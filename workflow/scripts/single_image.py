@@ -1,7 +1,8 @@
 """tables/single_image.csv (.md, .tex): reconstruction from single images, Pixel2Mesh's protocol."""
 
-from palpate.catalogue import log_to
-from palpate.evaluation import errors, tables
+from palpate.batch import log_to
+from palpate.results import errors
+from palpate.results import model_tables as tables
 
 log_to(snakemake.log[0])
 evaluations = errors.read(snakemake.input.evaluations)

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from palpate import mesh, store, surface
-from palpate.catalogue import each_object, generator, log_to
+from palpate.batch import each_object, generator, log_to
 
 log_to(snakemake.log[0])
 meshes, settings, seed = Path(snakemake.input.meshes), snakemake.params.surface, snakemake.params.seed

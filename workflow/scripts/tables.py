@@ -6,8 +6,8 @@ tables/penetration.csv           how deep the hand is in the object or in itself
 tables/*.md, tables/*.tex        the same as Markdown and as LaTeX
 """
 
-from palpate.catalogue import log_to
-from palpate.reports import tables
+from palpate.batch import log_to
+from palpate.results import dataset_tables as tables
 
 log_to(snakemake.log[0])
 frames = tables.dataset_frames(".")

@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from palpate import mesh, scene, store, touch
-from palpate.catalogue import each_object, log_to
+from palpate.batch import each_object, log_to
 
 TRACERS = {"embree": touch.RayCaster, "sphere_tracing": touch.SphereTracer}
 
@@ -41,9 +41,7 @@ def sense(name: str) -> dict[str, np.ndarray]:
         "%s: left out: %s of %s faces outside the swept boxes; %d of %d sensors touched nothing",
         name, f"{(~faces).sum():,}", f"{len(faces):,}", (~felt.success).sum(), len(felt.success),
     )  # fmt: skip
-    felt = {
-        key: array.reshape(*position.shape[:2], *array.shape[1:]) for key, array in felt._asdict().items()
-    }
+    felt = {key: array.reshape(*position.shape[:2], *array.shape[1:]) for key, array in felt._asdict().items()}
     return {"position": position, "rotation": rotation, **felt}
 
 

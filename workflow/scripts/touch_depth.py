@@ -10,12 +10,11 @@ Work in progress is in checkpoints/touch_depth/, so that an interrupted training
 from pathlib import Path
 
 from palpate import training
-from palpate.catalogue import log_to
+from palpate.batch import log_to
 
 log_to(snakemake.log[0])
 read = [
-    training.read_touches(snakemake.input.touch, snakemake.input.catalogue, split)
-    for split in ("train", "validation")
+    training.read_touches(snakemake.input.touch, snakemake.input.catalogue, split) for split in ("train", "validation")
 ]
 training.train(
     training.TouchDepthLearner(*read, snakemake.params.settings, snakemake.params.seed),

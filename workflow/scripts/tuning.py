@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pandas as pd
 
-from palpate.catalogue import log_to
-from palpate.reports.tables import write_table
+from palpate.batch import log_to
+from palpate.results.dataset_tables import write_table
 from palpate.training import tuning
 
 log_to(snakemake.log[0])
@@ -18,7 +18,6 @@ trained = [json.loads(Path(path).read_text()) for path in snakemake.input.points
 table = pd.DataFrame(tuning.summary(snakemake.params.points, trained))
 machines = sorted({said["machine"]["found"] for said in trained})
 table.attrs["note"] = (
-    f"Validation loss of {trained[0]['validated']} samples, the best of all evaluations; "
-    f"on {', '.join(machines)}."
+    f"Validation loss of {trained[0]['validated']} samples, the best of all evaluations; on {', '.join(machines)}."
 )
 write_table(table, snakemake.output.table)

@@ -8,15 +8,13 @@ tuning/<point>/training.json    settings, steps, best step and loss, seconds, ma
 from pathlib import Path
 
 from palpate import training
-from palpate.catalogue import log_to
+from palpate.batch import log_to
 from palpate.training import checkpoints, tuning
 
 log_to(snakemake.log[0])
 experiment, folder = snakemake.params.experiment, Path(snakemake.output.model).parent
 layers = checkpoints.architecture(experiment, snakemake.params.settings)
-settings = tuning.point_settings(
-    snakemake.params.settings, layers, snakemake.params.point, snakemake.params.steps
-)
+settings = tuning.point_settings(snakemake.params.settings, layers, snakemake.params.point, snakemake.params.steps)
 pack = training.Pack.read(snakemake.input.pack, ("train", "validation"))
 training.train(
     training.ReconstructionLearner(pack, experiment, settings, snakemake.params.seed),

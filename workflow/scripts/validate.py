@@ -4,7 +4,7 @@ import sys
 
 import pandas as pd
 
-from palpate.catalogue import log_to
+from palpate.batch import log_to
 
 log_to(snakemake.log[0])
 checks = pd.read_csv(snakemake.input.table)

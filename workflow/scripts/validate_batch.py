@@ -3,9 +3,9 @@
 reports/validation/<batch>.csv    check, store, batch, object, where, value, limit
 """
 
-from palpate import store
-from palpate.catalogue import log_to
+from palpate.batch import log_to
+from palpate.dataset import validation
 
 log_to(snakemake.log[0])
-findings = store.validate_batch(".", snakemake.wildcards.batch, snakemake.params.max_penetration)
-store.write_findings(snakemake.output.table, findings)
+findings = validation.validate_batch(".", snakemake.wildcards.batch, snakemake.params.max_penetration)
+validation.write_findings(snakemake.output.table, findings)

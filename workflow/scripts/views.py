@@ -15,7 +15,7 @@ import numpy as np
 from palpate.vision import Renderer  # Blender: before anything that loads embree
 
 from palpate import mesh, store  # isort: skip
-from palpate.catalogue import each_object, generator, log_to  # isort: skip
+from palpate.batch import each_object, generator, log_to  # isort: skip
 from palpate.vision import views  # isort: skip
 
 log_to(snakemake.log[0])

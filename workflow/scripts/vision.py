@@ -14,10 +14,11 @@ from pathlib import Path
 
 import numpy as np
 
+from palpate.atomic import atomic_write
 from palpate.vision import Renderer  # Blender: before anything that loads embree
 
 from palpate import store  # isort: skip
-from palpate.catalogue import each_object, log_to  # isort: skip
+from palpate.batch import each_object, log_to  # isort: skip
 from palpate.hand import Hand  # isort: skip
 
 log_to(snakemake.log[0])
@@ -26,7 +27,7 @@ grasps = store.read(snakemake.input.grasps)
 hand = Hand.from_arrays(grasps, prefix="hand/")
 
 with ExitStack() as outputs:
-    masters = outputs.enter_context(store.whole(snakemake.output.masters[0])) if settings["exr"] else None
+    masters = outputs.enter_context(atomic_write(snakemake.output.masters[0])) if settings["exr"] else None
     renderer = Renderer(settings["size"], settings["samples"], settings["device"], snakemake.threads, masters)
     for kind in ("unoccluded image", "occluded image"):
         logging.getLogger(__name__).info("%s", renderer.plans[kind])

@@ -1,0 +1,98 @@
+"""What every stage shares when it works through a batch of objects: seeds, rejection, progress."""
+
+import csv
+import hashlib
+import logging
+import os
+import sys
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from tqdm import tqdm
+
+log = logging.getLogger(__name__)
+
+
+class UnusableObject(ValueError):
+    """Raised by a stage for an object that it cannot use; the message is the reason in `rejected.csv`."""
+
+
+class Rejection(NamedTuple):
+    object: str
+    stage: str
+    reason: str
+
+
+def generator(seed: int, *names: str) -> np.random.Generator:
+    """A random generator that depends on the run's seed and on names (object, stage, ...) only.
+
+    So a result does not change with the batch size, the number of cores or the order of objects.
+    """
+    digest = hashlib.sha256("\0".join((str(seed), *names)).encode()).digest()
+    return np.random.default_rng(np.frombuffer(digest, dtype=np.uint32))
+
+
+def log_to(path: Path | str) -> None:
+    """Send a job's log lines, what engines print, and the traceback of a failure to its log file.
+
+    Standard error stays on the terminal, for the progress bar and for the failure's message.
+    """
+    file = open(path, "w", buffering=1)  # noqa: SIM115 - it lives as long as the process
+    logging.basicConfig(stream=file, level=logging.INFO, format="%(asctime)s %(levelname)s %(message)s", force=True)
+    logging.captureWarnings(True)
+    sys.stdout.flush()
+    os.dup2(file.fileno(), 1)
+
+    def excepthook(kind, error, traceback):
+        log.critical("stopped", exc_info=(kind, error, traceback))
+        sys.__excepthook__(kind, error, traceback)
+
+    sys.excepthook = excepthook
+
+
+def each_object(
+    objects: Iterable[str], function: Callable[[str], Any], stage: str
+) -> tuple[dict[str, Any], list[Rejection]]:
+    """Apply `function` to every object of a batch; one that fails is rejected and the batch goes on.
+
+    Returns the results by object, in order, and the rejections. `UnusableObject` gives its message as the reason;
+    any other exception is an error of ours or of an engine: its traceback goes to the log as well. Raises
+    OSError and MemoryError as they come: a full disk says nothing about the object, which is tried again
+    when the stage is.
+    """
+    objects = list(objects)
+    results, rejections = {}, []
+    bar = tqdm(objects, desc=stage, unit="object", disable=not sys.stderr.isatty())
+    for position, name in enumerate(bar, start=1):
+        try:
+            results[name] = function(name)
+            log.info("%s %d/%d: %s", stage, position, len(objects), name)
+        except UnusableObject as error:
+            rejections.append(Rejection(name, stage, str(error)))
+            log.warning("%s %d/%d: %s rejected: %s", stage, position, len(objects), name, error)
+        except (OSError, MemoryError):
+            log.error("%s %d/%d: %s was not finished", stage, position, len(objects), name)
+            raise
+        except Exception as error:
+            rejections.append(Rejection(name, stage, f"{type(error).__name__}: {error}"))
+            log.exception("%s %d/%d: %s failed", stage, position, len(objects), name)
+    return results, rejections
+
+
+def read_rejections(paths: Iterable[Path | str]) -> list[Rejection]:
+    """The rejections in files that `write_rejections` wrote, in their order."""
+    rejections = []
+    for path in paths:
+        with open(path, newline="") as file:
+            rejections += [Rejection(**row) for row in csv.DictReader(file)]
+    return rejections
+
+
+def write_rejections(path: Path | str, rejections: Iterable[Rejection]) -> None:
+    """Write the columns object, stage, reason; the header is there even if nothing was rejected."""
+    with open(path, "w", newline="") as file:
+        writer = csv.writer(file)
+        writer.writerow(Rejection._fields)
+        writer.writerows(rejections)

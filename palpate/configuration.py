@@ -1,0 +1,62 @@
+"""Config files and tables are checked against a JSON schema before anything runs."""
+
+import difflib
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import jsonschema
+import yaml
+
+from palpate.catalogue.sources import Count, all_classes
+
+
+class ConfigError(ValueError):
+    """A config, catalogue or experiment that does not fit its schema; the message lists every misfit."""
+
+
+def _say(error: jsonschema.ValidationError) -> Iterator[str]:
+    where = ".".join(str(step) for step in error.absolute_path)
+    if error.validator == "additionalProperties" and error.validator_value is False:
+        known = list(error.schema["properties"])
+        for key in sorted(set(error.instance) - set(known)):
+            close = difflib.get_close_matches(str(key), known, n=1)
+            hint = f"did you mean {close[0]!r}?" if close else f"known keys: {', '.join(known)}"
+            yield f"{f'{where}.' if where else ''}{key}: unknown key; {hint}"
+    elif error.validator == "required":
+        for key in sorted(set(error.validator_value) - set(error.instance)):
+            yield f"{f'{where}.' if where else ''}{key}: missing"
+    else:
+        yield f"{where or 'top level'}: {error.message}"
+
+
+def check(instance: Any, schema: Path | str, what: str) -> None:
+    """Raise `ConfigError` with one line for each misfit of `instance` to the schema file.
+
+    `what` names the thing in the message, e.g. the config files that were read.
+    """
+    validator = jsonschema.Draft202012Validator(yaml.safe_load(Path(schema).read_text()))
+    errors = sorted(validator.iter_errors(instance), key=lambda error: list(map(str, error.absolute_path)))
+    # A key that is wrong in several ways (a failed `required` names each missing key) is said once.
+    lines = list(dict.fromkeys(line for error in errors for line in _say(error)))
+    if lines:
+        raise ConfigError(f"{what} does not fit {Path(schema).name}:\n" + "\n".join(f"  {line}" for line in lines))
+
+
+def class_counts(config: Mapping[str, Any], source: Mapping[str, Any]) -> dict[str, Count]:
+    """The number of objects, or "all", of each class that a checked config asks for, in its order.
+
+    `source` is as for `palpate.catalogue.scan`: `classes: all` means its folders. Raises `ConfigError` for a
+    class that is listed twice, and `CatalogueError` as `all_classes` does.
+    """
+    if config["classes"] == "all":
+        return all_classes(source)
+    times = Counter(row["class"] for row in config["classes"])
+    twice = [name for name, count in times.items() if count > 1]
+    if twice:
+        raise ConfigError(
+            f"config classes: {', '.join(twice)} listed more than once: keep one entry of each class, "
+            "with the number of objects that it shall have"
+        )
+    return {row["class"]: row["objects"] for row in config["classes"]}

@@ -1,0 +1,8 @@
+"""The dataset of a run: all its stores read as one (`Dataset`), and their validation (`validation`).
+
+Reading needs no engine; `palpate.dataset.validation` loads the packages that made the data, and Embree.
+"""
+
+from palpate.dataset.reader import Dataset
+
+__all__ = ["Dataset"]

@@ -1,0 +1,364 @@
+"""What is checked of one object: every array of its rows, against the contract, the mesh and each other.
+
+Each check is a number that must not exceed its limit: a distance, or how many values are wrong. `CHECKS` says
+what each measures.
+"""
+
+import json
+import os
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import trimesh
+
+from palpate.hand import Hand
+from palpate.mesh import DIAGONAL, OBJECT_POSITION, load_visual
+from palpate.surface.embree import Scene
+from palpate.touch import SENSOR_RANGE, RayCaster, local_points, shade
+from palpate.vision import paper_camera
+
+# libigl would use every core for one batch, but batches are what is done in parallel. Read at its first use.
+os.environ.setdefault("IGL_NUM_THREADS", "1")
+
+MAX_PENETRATION = 0.001  # metres; what grasps are accepted by, unless the run's config says otherwise
+ON_MESH = 1e-4  # metres
+EXACT = 1e-6  # metres, or per unit of a rotation: float32 coordinates below 1 m are good to 6e-8
+SOFT_LIMIT = 1e-3  # radians; MuJoCo's joint limits give way under load: 0.0003 in 100 grasps of 20 objects
+DEPTH_STEP = 2.0**-10  # metres: the step of a float16 between 1 and 2
+HAND_REACH = 0.5  # metres: no part of a hand that touches an object is further from it
+NEAR = 1e-3  # metres around a cloud in which faces are looked at first
+BORDER = 1e-4  # metres: this close to the edge of what a sensor feels, tracers need not agree whether it does
+OUTLINE = 0.01  # share of pixels: one whose centre lies on an outline may fall on either side of it
+OUTLINE_PIXELS = 5  # so many may do so in any picture: of a small or thin object they are a larger share
+
+
+class Check(NamedTuple):
+    """What a check measures; it passes if that is at most `limit`."""
+
+    limit: float
+    measures: str
+
+
+CHECKS = {
+    # Of every store.
+    "readable": Check(0, "stores, arrays or meshes that are missing or can't be read"),
+    "arrays": Check(0, "1 if an array's name, shape or type is not the contract's"),
+    "attributes": Check(0, "attributes that are missing: config digest, seed, versions, units, frames"),
+    "objects": Check(0, "objects neither in the store nor rejected, or in it though rejected or not in the batch"),
+    "order": Check(0, "1 if the objects are not in the catalogue's order"),
+    "grasp rows": Check(0, "rows whose object or grasp index is wrong; rows that other stores have not"),
+    "finite": Check(0, "values that are NaN or infinite and must not be"),
+    "rotation": Check(EXACT, "distance of rotations from orthonormal with determinant +1"),
+    # Of the meshes and the surface.
+    "scale": Check(EXACT, "m that the mesh's bounding box is off its centre or the diagonal of 0.5 m"),
+    "inside box": Check(EXACT, "m that a surface point lies outside the object's bounding box"),
+    "on mesh": Check(ON_MESH, "m between a point (of the surface, or of a local cloud) and the mesh"),
+    # Of the grasps.
+    "joint limits": Check(SOFT_LIMIT, "rad that a joint is out of its range"),
+    "kinematics": Check(EXACT, "m between links or sensors and the hand's kinematics at the joint positions"),
+    "penetration": Check(MAX_PENETRATION, "m of penetration; inf if negative"),
+    "in hand": Check(MAX_PENETRATION, "m that a surface point is inside the hand"),
+    "attempts": Check(0, "grasps of the object beyond those that were tried"),
+    # Of touch.
+    "sensor poses": Check(0, "difference between the poses in touch and in grasps"),
+    "touch depth": Check(0, "pixels neither in (0, the sensor's range] nor +inf"),
+    "success": Check(0, "sensors whose success is not whether a pixel is in range"),
+    "touches": Check(
+        0,
+        "sensors whose success is not what the grasp said, though no edge of touch is within 0.1 mm",
+    ),
+    "one touch": Check(0, "grasps without a successful touch"),
+    "point count": Check(0, "difference between the point count and the pixels in range"),
+    "padding": Check(0, "rows of local clouds past the point count that are not 0"),
+    "points": Check(EXACT, "m between a local cloud and the sensor's pose applied to its depth"),
+    "reading": Check(1, "grey levels between a reading and the shading of its depth"),
+    "untouched": Check(0, "sensors that touched nothing and whose stored reading is not 0"),
+    "empty reading": Check(0, "grey levels between the empty reading and that of a sensor that touches nothing"),
+    # Of vision.
+    "mask values": Check(0, "mask pixels neither 0 nor 255"),
+    "image depth": Check(0, "depth pixels that are NaN or out of the scene, or finite where the object's mask is 0"),
+    "seen": Check(0, "images that are of one colour, and unoccluded masks without a pixel"),
+    "picture of mesh": Check(
+        OUTLINE,
+        "share of the object's pixels where rays cast at the mesh differ (see-through materials: may show "
+        "what is behind); of 500 pixels if it has fewer",
+    ),
+    "occlusion": Check(
+        OUTLINE,
+        "share of the object's pixels where both images don't fit: seen but not there "
+        "without the hand or at another depth, or hidden by nothing nearer; of 500 pixels if it has fewer",
+    ),
+    # Of the whole run.
+    "unique": Check(0, "rows of the catalogue whose object it has already"),
+    "one split": Check(0, "objects in two splits, or in none of train, validation and test"),
+    "batches": Check(0, "batches of the catalogue without a report"),
+    "rejections": Check(0, "rejections of unknown objects or without a reason"),
+}
+
+
+@dataclass
+class Item:
+    """One object of a batch: its rows of every store that has it, its mesh, and the hand."""
+
+    rows: dict[str, dict[str, np.ndarray]]  # stage -> array -> the object's row, or its rows one a grasp
+    folder: Path
+    hand: Hand | None = None
+
+    @cached_property
+    def mesh(self) -> trimesh.Trimesh:
+        """The visual mesh in the world."""
+        mesh = load_visual(self.folder)
+        mesh.vertices = mesh.vertices + OBJECT_POSITION
+        return mesh
+
+    @cached_property
+    def see_through(self) -> bool:
+        """Whether the mesh has materials that let through what is behind them; not, if nothing says so."""
+        try:
+            return json.loads((self.folder / "mesh.json").read_text())["visual.glb"]["see_through"]
+        except (OSError, ValueError, LookupError, TypeError):
+            return False
+
+    @cached_property
+    def _triangles(self) -> np.ndarray:
+        return np.asarray(self.mesh.triangles, dtype=np.float64)
+
+    @cached_property
+    def _bounds(self) -> tuple[np.ndarray, np.ndarray]:
+        return self._triangles.min(axis=1), self._triangles.max(axis=1)
+
+    @cached_property
+    def _tree(self) -> Callable:
+        return distance_tree(self._triangles)
+
+    def distance(self, points: np.ndarray) -> np.ndarray:
+        """Exact distance (n,) from points (n, 3) in the world to the mesh; NaN for one that is not finite."""
+        points = np.asarray(points, dtype=np.float64)
+        finite = np.isfinite(points).all(axis=1)
+        distance = np.full(len(points), np.nan)
+        if finite.any():
+            distance[finite] = self._distance(points[finite])
+        return distance
+
+    def _distance(self, points: np.ndarray) -> np.ndarray:
+        """`distance` of finite points; for a local cloud a tree of the faces near it alone is far faster."""
+        low, high = points.min(axis=0) - NEAR, points.max(axis=0) + NEAR
+        near = ((self._bounds[0] <= high) & (self._bounds[1] >= low)).all(axis=1)
+        if not near.any() or near.mean() > 0.5:
+            return self._tree(points)
+        distance = distance_tree(self._triangles[near])(points)
+        far = distance > NEAR  # another face may be nearer
+        if far.any():
+            distance[far] = self._tree(points[far])
+        return distance
+
+
+def distance_tree(triangles: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
+    """A function from points (n, 3) to their exact distances (n,) to triangles (f, 3, 3)."""
+    from igl import AABB
+
+    tree, vertices = AABB(), triangles.reshape(-1, 3)
+    faces = np.arange(len(vertices)).reshape(-1, 3)
+    tree.init(vertices, faces)
+    return lambda points: np.sqrt(tree.squared_distance(vertices, faces, points)[0])
+
+
+# A check's name and what it measured: one number, or one a grasp, or one a grasp and sensor.
+Measured = Iterator[tuple[str, np.ndarray | float]]
+
+
+def check_mesh(item: Item) -> Measured:
+    """Whether the mesh keeps the contract's frame."""
+    low, high = item.mesh.bounds
+    off_centre = np.abs((low + high) / 2 - OBJECT_POSITION).max()
+    yield "scale", max(off_centre, abs(np.linalg.norm(high - low) - DIAGONAL))
+
+
+def check_surface(item: Item) -> Measured:
+    """The surface points of one object."""
+    points = item.rows["surface"]["points"]
+    yield "finite", np.sum(~np.isfinite(points))
+    low, high = item.mesh.bounds
+    yield "inside box", np.maximum(low - points, points - high).max(initial=0)
+    yield "on mesh", item.distance(points).max(initial=0)
+
+
+def check_grasps(item: Item) -> Measured:
+    """The grasps of one object."""
+    rows, hand = item.rows["grasps"], item.hand
+    number = len(rows["palm_pose"])
+    numeric = [rows[name].reshape(number, -1) for name in rows if name not in ("attempts", "object")]
+    yield "finite", sum(np.sum(~np.isfinite(values), axis=1) for values in numeric)
+    poses = np.concatenate([rows["palm_pose"][:, None], rows["link_pose"]], axis=1)
+    affine = np.abs(poses[..., 3, :] - [0, 0, 0, 1]).max(axis=(1, 2))
+    rotations = np.concatenate([poses[..., :3, :3], rows["sensor_rotation"]], axis=1)
+    yield "rotation", np.maximum(rotation_error(rotations).max(axis=1), affine)
+    low, high = hand.joint_range.T
+    joints = rows["joint_positions"]
+    yield "joint limits", np.maximum(low - joints, joints - high).max(axis=1).clip(0)
+    links = hand.forward(rows["palm_pose"], joints)
+    position, rotation = hand.sensor_frames(links)
+    pairs = (
+        (links, rows["link_pose"]),
+        (position, rows["sensor_position"]),
+        (rotation, rows["sensor_rotation"]),
+    )
+    yield "kinematics", np.max([np.abs(a - b).reshape(number, -1).max(axis=1) for a, b in pairs], axis=0)
+    yield "penetration", np.where(rows["penetration"] >= 0, rows["penetration"], np.inf)
+    if "surface" in item.rows:
+        points = item.rows["surface"]["points"]
+        yield "in hand", np.array([_depth_in_hand(hand, pose, points) for pose in rows["link_pose"]])
+    yield "attempts", max(number - int(rows["attempts"]), 0)
+
+
+def check_touch(item: Item) -> Measured:
+    """What the sensors of one object felt."""
+    rows = item.rows["touch"]
+    depth, success, count = rows["depth"], rows["success"], rows["point_count"]
+    shape = success.shape
+    numeric = [rows[name].reshape(*shape, -1) for name in ("position", "rotation", "points")]
+    yield "finite", sum(np.sum(~np.isfinite(values), axis=2) for values in numeric)
+    yield "rotation", rotation_error(rows["rotation"])
+    in_range = (depth > 0) & (depth <= SENSOR_RANGE)
+    yield "touch depth", np.sum(~in_range & (depth != np.inf), axis=(2, 3))
+    felt = np.isfinite(depth)
+    yield "success", success != felt.any(axis=(2, 3))
+    yield "one touch", ~success.any(axis=1)
+    yield "point count", np.abs(count - felt.sum(axis=(2, 3)))
+    past = np.arange(rows["points"].shape[2]) >= count[..., None]
+    yield "padding", np.sum(past & rows["points"].any(axis=3), axis=2)
+    yield "untouched", ~success & rows["reading"].any(axis=(2, 3, 4))
+    yield "points", _each_sensor(rows, _points_error)
+    yield "reading", _each_sensor(rows, _reading_error)
+    yield "on mesh", _cloud_distance(item)
+
+
+def check_vision(item: Item) -> Measured:
+    """The images of one object."""
+    rows = item.rows["vision"]
+    alone = rows["unoccluded_mask"] == 255, rows["unoccluded_depth"].astype(np.float32)
+    masks = np.concatenate([rows["unoccluded_mask"][None], rows["occluded_mask"]])
+    yield "mask values", np.sum((masks != 0) & (masks != 255))
+    depths = np.concatenate([rows["unoccluded_depth"][None], rows["occluded_depth"]])
+    centre = np.linalg.norm(paper_camera().position - OBJECT_POSITION)
+    off = np.abs(depths.astype(np.float32) - centre) > DIAGONAL / 2 + HAND_REACH
+    wrong = np.isnan(depths) | (off & (depths != np.inf))
+    yield "image depth", np.sum(wrong) + np.sum(alone[0] != np.isfinite(alone[1]))
+    images = np.concatenate([rows["unoccluded"][None], rows["occluded"]])
+    flat = (images == images[:, :1, :1]).all(axis=(1, 2, 3))
+    yield "seen", int(flat.sum()) + int(not alone[0].any())
+    yield "picture of mesh", _picture_error(item, *alone)
+    yield "occlusion", _occlusion_error(rows, *alone)
+
+
+def check_together(item: Item) -> Measured:
+    """What touch says against what the grasps say."""
+    grasps, touch = item.rows["grasps"], item.rows["touch"]
+    position = np.abs(grasps["sensor_position"] - touch["position"]).max(axis=2)
+    rotation = np.abs(grasps["sensor_rotation"] - touch["rotation"]).max(axis=(2, 3))
+    yield "sensor poses", np.maximum(position, rotation)
+    wrong = grasps["touches"] != touch["success"]
+    for index in zip(*np.nonzero(wrong), strict=True):
+        wrong[index] = not _borderline(item, touch["position"][index], touch["rotation"][index])
+    yield "touches", wrong
+
+
+def _borderline(item: Item, position: np.ndarray, rotation: np.ndarray) -> bool:
+    """Whether a sensor that moves by `BORDER` along an axis of its own would begin, or cease, to touch."""
+    shifts = BORDER * np.concatenate([np.eye(3), np.zeros((1, 3)), -np.eye(3)]) @ rotation.T
+    caster = RayCaster(item.mesh)
+    try:
+        touches = caster.succeeds(position + shifts, np.tile(rotation, (len(shifts), 1, 1)))
+    except ValueError:  # no pose at all
+        return False
+    return bool(touches.any() and not touches.all())
+
+
+def rotation_error(rotations: np.ndarray) -> np.ndarray:
+    """Largest element of |R'R - 1|, or |det R - 1| if that is larger, of rotations (..., 3, 3)."""
+    product = np.swapaxes(rotations, -1, -2) @ rotations
+    orthonormal = np.abs(product - np.eye(3)).max(axis=(-1, -2))
+    return np.maximum(orthonormal, np.abs(np.linalg.det(rotations) - 1))
+
+
+SENSED = ("depth", "position", "rotation", "points", "reading")  # of one sensor
+
+
+def _each_sensor(rows: dict[str, np.ndarray], error: Callable) -> np.ndarray:
+    """`error` of each successful sensor; 0 for the others."""
+    result = np.zeros(rows["success"].shape)
+    for index in zip(*np.nonzero(rows["success"]), strict=True):
+        result[index] = error(*(rows[name][index] for name in SENSED))
+    return result
+
+
+def _points_error(depth, position, rotation, points, reading) -> float:
+    try:
+        expected = local_points(depth, position, rotation)
+    except ValueError:  # no position at all, or one that no point can be stored at
+        return np.inf
+    return np.abs(points[: len(expected)] - expected).max(initial=0)
+
+
+def _reading_error(depth, position, rotation, points, reading) -> float:
+    return np.inf if not (depth > -np.inf).all() else np.abs(shade(depth).astype(int) - reading).max()
+
+
+def _cloud_distance(item: Item) -> np.ndarray:
+    """Furthest point of each local cloud from the mesh: (g, 4)."""
+    rows = item.rows["touch"]
+    distance = np.zeros(rows["point_count"].shape)
+    for index in zip(*np.nonzero(rows["point_count"] > 0), strict=True):
+        distance[index] = item.distance(rows["points"][index][: rows["point_count"][index]]).max()
+    return distance
+
+
+def _depth_in_hand(hand: Hand, link_pose: np.ndarray, points: np.ndarray) -> float:
+    """How deep the deepest of points (n, 3) is in the hand's colliding geoms; 0 if none is inside."""
+    centres = hand.geom_poses(link_pose)[:, :3, 3]
+    vertices = [np.linalg.norm(corners, axis=1).max(initial=0) for corners in hand.geom_vertices]
+    reach = np.maximum(hand.geom_size.sum(axis=1), vertices)[:, None]  # no less than the geom's radius
+    near = (points > (centres - reach).min(axis=0)) & (points < (centres + reach).max(axis=0))
+    points = np.asarray(points[near.all(axis=1)], dtype=np.float64)
+    return max(-hand.signed_distance(points, link_pose).min(initial=0), 0)
+
+
+def _picture_error(item: Item, mask: np.ndarray, depth: np.ndarray) -> float:
+    """Share of pixels where mask or depth differ from rays cast at the mesh through the pixels' centres.
+
+    Where the mesh is transparent, they may show what lies behind it, or nothing.
+    """
+    camera = paper_camera(len(mask))
+    rays = camera.rays().reshape(-1, 3)
+    scene = Scene(item.mesh)
+    face = scene.first_face(np.broadcast_to(camera.position, rays.shape), rays)
+    hit = face >= 0
+    normal, corner = scene.normals[face[hit]], scene.triangles[face[hit], 0]
+    ahead = np.einsum("ni,ni->n", normal, rays[hit])
+    first = np.full(len(rays), np.inf)
+    with np.errstate(divide="ignore", invalid="ignore"):  # faces seen edge-on
+        first[hit] = np.einsum("ni,ni->n", normal, corner - camera.position) / ahead
+    seen, found = mask.ravel(), depth.ravel()
+    with np.errstate(invalid="ignore"):  # inf - inf
+        differs = (hit != seen) | (hit & ~(np.abs(first - found) <= DEPTH_STEP))
+    if item.see_through:
+        differs &= ~(hit & (found > first))
+    return _share(differs.sum(), hit.sum())
+
+
+def _occlusion_error(rows: dict[str, np.ndarray], mask: np.ndarray, depth: np.ndarray) -> np.ndarray:
+    """Share of the object's pixels that don't fit the image without the hand, for each grasp: (g,)."""
+    seen, nearest = rows["occluded_mask"] == 255, rows["occluded_depth"].astype(np.float32)
+    with np.errstate(invalid="ignore"):  # inf - inf
+        same = np.abs(nearest - depth) <= DEPTH_STEP
+    wrong = (seen & ~(mask & same)) | (mask & ~seen & ~(nearest < depth))
+    return _share(wrong.sum(axis=(1, 2)), mask.sum())
+
+
+def _share(wrong: np.ndarray, pixels: int) -> np.ndarray:
+    """Share of an object's pixels that are wrong; that of `OUTLINE_PIXELS` never exceeds `OUTLINE`."""
+    return wrong / max(pixels, OUTLINE_PIXELS / OUTLINE)

@@ -1,0 +1,307 @@
+"""Validation of a run: batch by batch, so that a workflow can do it in parallel, then joined to one table."""
+
+import csv
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import pandas as pd
+
+from palpate.atomic import atomic_write
+from palpate.catalogue import SPLITS
+from palpate.dataset.checks import (
+    CHECKS,
+    MAX_PENETRATION,
+    Item,
+    Measured,
+    check_grasps,
+    check_mesh,
+    check_surface,
+    check_together,
+    check_touch,
+    check_vision,
+)
+from palpate.dataset.reader import Run, read_rows
+from palpate.hand import Hand
+from palpate.store.contract import CONTRACT, SENSOR_NAMES
+from palpate.store.files import REQUIRED_ATTRIBUTES, Store, StoreError, check_headers, describe
+from palpate.touch import empty_reading
+
+NAMED = 5  # how many failures a row names
+STAGES = ("surface", "grasps", "touch", "vision")  # what makes a dataset
+# An object rejected at one of these stages, or at one without a store (meshes), is not in the store.
+BEFORE = {
+    "surface": ("surface",),
+    "grasps": ("surface", "grasps"),
+    "touch": ("surface", "grasps", "touch"),
+    "vision": ("surface", "grasps", "vision"),
+}
+OF_OBJECT: dict[str, Callable] = {
+    "surface": check_surface,
+    "grasps": check_grasps,
+    "touch": check_touch,
+    "vision": check_vision,
+}
+
+
+class Finding(NamedTuple):
+    """What one check found: in an object, or in a whole store (no object), or in the whole run (no batch)."""
+
+    check: str
+    store: str
+    batch: str
+    object: str
+    where: str
+    value: float
+    limit: float
+
+    @property
+    def ok(self) -> bool:
+        """Whether the check passed; NaN fails."""
+        return self.value <= self.limit
+
+
+class _Batch:
+    """One batch under validation: what could be opened, and the findings so far."""
+
+    def __init__(self, run: Run, name: str, stages: Sequence[str], max_penetration: float):
+        self.run, self.name = run, name
+        self.limits = {check: spec.limit for check, spec in CHECKS.items()}
+        self.limits["penetration"] = np.float32(max_penetration)  # as it is stored
+        self.limits["in hand"] = max_penetration
+        self.sensor_names = SENSOR_NAMES
+        self.catalogue = [entry.object for entry in run.catalogue().values() if entry.batch == name]
+        self.rejected = run.rejections(name)
+        self.findings: list[Finding] = []
+        self.stores: dict[str, Store] = {}
+        self.objects: dict[str, list[str]] = {}
+        for stage in stages:
+            self.open(stage)
+
+    def add(self, check: str, store: str, value: float, object: str = "", where: str = "") -> None:
+        """Note one finding."""
+        value, limit = float(value), float(self.limits[check])
+        self.findings.append(Finding(check, store, self.name, object, where, value, limit))
+
+    @contextmanager
+    def reading(self, stage: str, object: str = "") -> Iterator[None]:
+        """Note a store that can't be read in the block, which ends there."""
+        try:
+            yield
+        except StoreError as error:
+            self.add("readable", stage, 1, object, str(error))
+
+    def open(self, stage: str) -> None:
+        """Open the store, if it keeps the contract's names, shapes and types; else what is wrong is noted."""
+        path = self.run.folder / CONTRACT[stage].path(self.name)
+        with self.reading(stage):
+            store = Store(path)
+            objects = store.get("object").tolist()
+            self.add("readable", stage, 0)
+            expected = {*describe(CONTRACT[stage]), *REQUIRED_ATTRIBUTES}
+            missing = sorted(expected - set(store.attributes))
+            self.add("attributes", stage, len(missing), where=", ".join(missing))
+            try:
+                headers = {name: store.header(name) for name in store.names()}
+                check_headers(path, CONTRACT[stage], headers, optional=False)
+            except StoreError as error:
+                self.add("arrays", stage, 1, where=str(error))
+                return
+            self.add("arrays", stage, 0)
+            self.stores[stage], self.objects[stage] = store, objects
+
+    def hand(self) -> Hand | None:
+        """The hand that the grasps store carries; None, and noted, if it is not whole."""
+        if "grasps" not in self.stores:
+            return None
+        store = self.stores["grasps"]
+        try:
+            hand = Hand.from_arrays(store, prefix="hand/")
+            self.sensor_names = hand.sensor_names
+            return hand
+        except (KeyError, ValueError) as error:  # ValueError: StoreError, or a hand that makes no sense
+            self.add("readable", "grasps", 1, where=f"hand: {type(error).__name__}: {error}")
+            return None
+
+    def check_objects(self, stage: str) -> None:
+        """Nothing is lost: the store's objects are the catalogue's less the rejected, in order."""
+        gone = {row["object"] for row in self.rejected if row["stage"] not in STAGES or row["stage"] in BEFORE[stage]}
+        expected = [name for name in self.catalogue if name not in gone]
+        found = self.objects[stage]
+        odd = set(expected) ^ set(found) | {name for name, count in Counter(found).items() if count > 1}
+        self.add("objects", stage, len(odd), where=", ".join(sorted(odd)))
+        known = [name for name in found if name in self.catalogue]
+        self.add("order", stage, known != sorted(known, key=self.catalogue.index))
+
+    def grasps_per_object(self, stage: str) -> int:
+        """Rows an object has in the store's arrays of grasps; 0 if there are none."""
+        specs = CONTRACT[stage].arrays.values()
+        name = next((spec.name for spec in specs if spec.shape[0] == "og"), None)
+        if name is None or not self.objects[stage]:
+            return 0
+        return self.stores[stage].header(name)[0][0] // len(self.objects[stage])
+
+    def check_grasp_rows(self) -> None:
+        """Rows are object-major, and as many an object in every store."""
+        if "grasps" not in self.stores:
+            return
+        each = self.grasps_per_object("grasps")
+        row = np.arange(each * len(self.objects["grasps"]))
+        expected = {"object_index": row // max(each, 1), "grasp_index": row % max(each, 1)}
+        with self.reading("grasps"):
+            wrong = np.sum([self.stores["grasps"].get(name) != index for name, index in expected.items()])
+            self.add("grasp rows", "grasps", wrong)
+        for stage in ("touch", "vision"):
+            if stage in self.stores and self.objects[stage]:
+                self.add("grasp rows", stage, abs(self.grasps_per_object(stage) - each))
+
+    def check_empty_reading(self) -> None:
+        """The untouched gel looks as the sensor's model says."""
+        if "touch" not in self.stores:
+            return
+        with self.reading("touch"):
+            stored, expected = self.stores["touch"].get("empty_reading").astype(int), empty_reading()
+            same = stored.shape == expected.shape
+            self.add("empty reading", "touch", np.abs(stored - expected).max() if same else np.inf)
+
+    def rows(self, stage: str, name: str) -> dict[str, np.ndarray]:
+        """The object's row, or its rows one a grasp, of every array of the store."""
+        position, each = self.objects[stage].index(name), self.grasps_per_object(stage)
+        index = {"o": position, "og": slice(position * each, (position + 1) * each)}
+        axes = {key: spec.shape[0] for key, spec in CONTRACT[stage].arrays.items() if key != "object"}
+        return {key: self.stores[stage].get(key, index[axis]) for key, axis in axes.items() if axis in index}
+
+    def check_object(self, name: str, hand: Hand | None) -> None:
+        """Everything about one object."""
+        item = Item({}, self.run.folder / "meshes" / self.name / name, hand)
+        try:
+            self.measure("meshes", name, check_mesh(item))
+        except Exception as error:  # the reader raises whatever a broken file makes it trip over
+            self.add("readable", "meshes", 1, name, f"{item.folder}: {type(error).__name__}: {error}")
+            return
+        self.add("readable", "meshes", 0, name)
+        for stage in self.stores:
+            if name in self.objects[stage] and not (stage == "grasps" and hand is None):
+                with self.reading(stage, name):
+                    item.rows[stage] = self.rows(stage, name)
+                    self.measure(stage, name, OF_OBJECT[stage](item))
+        if {"grasps", "touch"} <= set(item.rows) and (
+            self.grasps_per_object("grasps") == self.grasps_per_object("touch")
+        ):
+            self.measure("touch", name, check_together(item))
+
+    def measure(self, store: str, name: str, measured: Measured) -> None:
+        """Note the worst of what each check measured; NaN counts as infinite."""
+        for check, values in measured:
+            values = np.asarray(values, dtype=float)
+            values = np.where(np.isnan(values), np.inf, values)
+            worst = values.max(initial=0)
+            self.add(check, store, worst, name, self.first(values == worst) if worst > 0 else "")
+
+    def first(self, wrong: np.ndarray) -> str:
+        """Where the first wrong value is: "grasp 2, sensor thumb"; nothing if there is none, or no axis.
+
+        wrong: bool, one value, or one a grasp, or one a grasp and sensor.
+        """
+        if not wrong.ndim or not wrong.any():
+            return ""
+        grasp, *sensor = np.unravel_index(wrong.argmax(), wrong.shape)
+        return ", ".join([f"grasp {grasp}", *(f"sensor {self.sensor_names[i]}" for i in sensor)])
+
+
+def validate_batch(
+    run: Path | str,
+    batch: str,
+    max_penetration: float = MAX_PENETRATION,
+    stages: Sequence[str] = STAGES,
+) -> list[Finding]:
+    """Check every array of every store of one batch.
+
+    run: the run's folder. max_penetration: metres, by which the run's grasps were accepted. stages: whose
+    stores are checked; one that is missing fails. Needs `catalogue.csv` and the meshes. What is wrong with
+    a store or a mesh never raises: it is a finding.
+    """
+    checked = _Batch(Run(run), batch, stages, max_penetration)
+    for stage in checked.stores:
+        checked.check_objects(stage)
+    checked.check_grasp_rows()
+    checked.check_empty_reading()
+    hand = checked.hand()
+    held = {name for objects in checked.objects.values() for name in objects}
+    for name in [name for name in checked.catalogue if name in held]:
+        checked.check_object(name, hand)
+    return checked.findings
+
+
+def write_findings(path: Path | str, findings: Iterable[Finding]) -> None:
+    """Write a batch's findings as a table with the columns of `Finding`."""
+    with atomic_write(path) as partial, partial.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file)
+        writer.writerow(Finding._fields)
+        writer.writerows(findings)
+
+
+def read_findings(path: Path | str) -> list[Finding]:
+    """The findings that `write_findings` wrote."""
+    return [
+        Finding(**{**row, "value": float(row["value"]), "limit": float(row["limit"])}) for row in read_rows(Path(path))
+    ]
+
+
+def combine_validation(batches: Iterable[Path | str], catalogue: Path | str, rejected: Path | str) -> pd.DataFrame:
+    """One row a check, store and batch, after the checks that need the whole run.
+
+    batches: tables of `write_findings`. catalogue, rejected: the run's tables.
+    Columns: check, store, batch, objects (how many were checked; 0 for a check of a whole store), worst,
+    limit, passed, where (what failed: object, grasp, sensor).
+    """
+    findings = [finding for path in batches for finding in read_findings(path)]
+    validated = {finding.batch for finding in findings}
+    findings = [*_check_run(read_rows(Path(catalogue)), read_rows(Path(rejected)), validated), *findings]
+    groups: dict[tuple[str, str, str], list[Finding]] = {}
+    for finding in findings:
+        groups.setdefault((finding.check, finding.store, finding.batch), []).append(finding)
+    rows = [
+        {
+            **dict(zip(("check", "store", "batch"), key, strict=True)),
+            "objects": sum(bool(finding.object) for finding in group),
+            "worst": max(finding.value for finding in group),
+            "limit": group[0].limit,
+            "passed": all(finding.ok for finding in group),
+            "where": _where(group),
+        }
+        for key, group in groups.items()
+    ]
+    return pd.DataFrame(rows)
+
+
+def _where(group: list[Finding]) -> str:
+    """What failed, at most `NAMED` of it by name; nothing if all passed."""
+    failed = [": ".join(filter(None, (finding.object, finding.where))) for finding in group if not finding.ok]
+    more = [f"and {len(failed) - NAMED} more"] if len(failed) > NAMED else []
+    return "; ".join([*failed[:NAMED], *more])
+
+
+def _check_run(catalogue: list[dict], rejected: list[dict], validated: set[str]) -> Iterator[Finding]:
+    """What only the whole run can tell."""
+
+    def finding(check: str, store: str, wrong: Iterable[str]) -> Finding:
+        wrong = sorted(wrong)
+        return Finding(check, store, "", "", ", ".join(wrong[:NAMED]), len(wrong), CHECKS[check].limit)
+
+    names = [row["object"] for row in catalogue]
+    splits: dict[str, set[str]] = {}
+    for row in catalogue:
+        splits.setdefault(row["object"], set()).add(row["split"])
+    yield finding("unique", "catalogue", (name for name, count in Counter(names).items() if count > 1))
+    yield finding(
+        "one split",
+        "catalogue",
+        (name for name, found in splits.items() if len(found) > 1 or found - set(SPLITS)),
+    )
+    yield finding("batches", "catalogue", {row["batch"] for row in catalogue} - validated)
+    unexplained = (row for row in rejected if row["object"] not in splits or not row["reason"].strip())
+    yield finding("rejections", "rejected", (row["object"] for row in unexplained))

@@ -1,0 +1,310 @@
+"""The authors' released dataset, object by object as arrays of our stores, and a run in their layout.
+
+Their layout is in `palpate.released.layout`; what is in its files:
+
+- a surface is (n, 3) points of the object centred at the origin with a diagonal of 1: in the world, half of
+  that and 0.6 m up;
+- a scene is a dictionary with `touch_success` (4,), `cam_pos` (4, 3) in the world, m, `cam_rot` (4, 3) in
+  radians about fixed x, then y, then z, and for each sensor `depth` (100, 100), `gel` (100, 100, 3) in 0..255
+  and `points` (k, 3), the local cloud in the world, m;
+- the first axis of `depth` and `gel` is the sensor's y and the second its z: the other way round than here;
+- a sheet is (25, 3) vertices in the world, m, or one number where nothing was touched.
+
+`split.npy` and scenes are pickles; they are read by `palpate.released.pickles`, which runs nothing.
+"""
+
+import logging
+import warnings
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from PIL import Image
+from scipy.spatial.transform import Rotation
+
+from palpate.atomic import atomic_write
+from palpate.batch import UnusableObject
+from palpate.dataset.reader import Dataset, ObjectRecord
+from palpate.released.layout import EMPTY_READING, SPLITS, UNOCCLUDED, ReleasedObject, read_released
+from palpate.released.pickles import load_plain
+from palpate.store.contract import CONTRACT
+from palpate.store.files import Store, StoreError
+
+__all__ = [
+    "ReleasedObject",
+    "export_run",
+    "orientation_agreement",
+    "read_charts",
+    "read_empty_reading",
+    "read_released",
+    "read_surface",
+    "read_touch",
+    "read_vision",
+]
+
+log = logging.getLogger(__name__)
+
+# From the surfaces' coordinates to the world (the published data loader's numbers).
+SCALE = 0.5
+SHIFT = np.array([0.0, 0.0, 0.6])  # m
+
+RESOLUTION = 100
+WIDTH = 0.01641  # m, of the sensor plane: `palpate.touch.SENSOR_WIDTH`, which would load Embree
+SENSORS = 4
+NOTHING = 1.0  # m, their depth where nothing is in range: their loader cuts at 1
+SCENE = ("touch_success", "cam_pos", "cam_rot", "depth", "gel", "points")
+
+# The 25 vertices of a sheet on its grid, rows along z and columns along y, in the order of the initial sheet
+# that they publish.
+SHEET_ROWS = np.array([2, 1, 1, 3, 2, 1, 3, 2, 1, 0, 0, 2, 3, 4, 4, 3, 4, 3, 2, 1, 0, 0, 0, 4, 4])
+SHEET_COLUMNS = np.array([1, 2, 1, 1, 2, 3, 2, 3, 0, 1, 0, 0, 0, 1, 2, 3, 3, 4, 4, 4, 3, 4, 2, 0, 4])
+CHART = 9  # vertices along each edge of our touch charts: every second is one of a sheet
+_IN_CHART = 2 * SHEET_ROWS * CHART + 2 * SHEET_COLUMNS
+
+
+def read_surface(root: Path | str, entry: ReleasedObject, count: int, generator) -> dict[str, np.ndarray]:
+    """The record of the surface store: `points` (count, 3) in the world, m; drawn if there are more.
+
+    Points keep their order; `generator` draws which. Raises UnusableObject if there are fewer, or not finite ones.
+    """
+    path = Path(root) / entry.source
+    points = _floats(path, "points", load_plain(path), (None, 3))
+    if len(points) < count:
+        raise UnusableObject(f"{path}: {len(points)} points: set surface.points to as many, not to {count}")
+    if len(points) > count:
+        points = points[np.sort(generator.choice(len(points), count, replace=False))]
+    return {"points": (points * SCALE + SHIFT).astype(np.float32)}
+
+
+def read_touch(root: Path | str, entry: ReleasedObject, grasps: int) -> dict[str, np.ndarray]:
+    """The record of the touch store, of the first so many grasps.
+
+    `depth` is made from the points, which have one position each on the sensor's grid: it does not depend on
+    what a distance was measured from. A sensor that touched nothing, or has no points, is unsuccessful.
+    Raises UnusableObject, naming file and field, if a scene is missing or something else.
+    """
+    sensed = [_sensor(path, sensor, scene) for path, scene in _scenes(root, entry, grasps) for sensor in range(SENSORS)]
+    return {
+        name: np.stack([each[name] for each in sensed]).reshape(grasps, SENSORS, *sensed[0][name].shape)
+        for name in sensed[0]
+    }
+
+
+def _scenes(root: Path | str, entry: ReleasedObject, grasps: int) -> list[tuple[Path, dict[str, Any]]]:
+    folder = Path(root) / "scene_info" / entry.class_name / entry.name
+    found = []
+    for grasp in range(grasps):
+        path = folder / f"{grasp}.npy"
+        if not path.is_file():
+            raise UnusableObject(f"{path}: no such file, but grasps.per_object is {grasps}: the object has {grasp}")
+        scene = load_plain(path)
+        missing = [key for key in SCENE if key not in scene] if isinstance(scene, dict) else list(SCENE)
+        if missing:
+            raise UnusableObject(f"{path}: no {', '.join(missing)} in it: expected a dictionary with {SCENE}")
+        found.append((path, scene))
+    return found
+
+
+def _sensor(path: Path, sensor: int, scene: dict[str, Any]) -> dict[str, np.ndarray]:
+    """What one sensor of a scene felt, by our names."""
+    position = _floats(path, "cam_pos", scene["cam_pos"], (SENSORS, 3))[sensor]
+    angles = _floats(path, "cam_rot", scene["cam_rot"], (SENSORS, 3))[sensor]
+    rotation = Rotation.from_euler("xyz", angles).as_matrix()
+    made = {
+        "success": np.array(False),
+        "position": position,
+        "rotation": rotation,
+        "depth": np.full((RESOLUTION, RESOLUTION), np.inf, dtype=np.float32),
+        "reading": np.zeros((RESOLUTION, RESOLUTION, 3), dtype=np.uint8),
+        "points": np.zeros((RESOLUTION**2, 3), dtype=np.float32),
+        "point_count": np.array(0, dtype=np.int32),
+    }
+    where = f"of sensor {sensor}"
+    if len(scene["points"]) != SENSORS or np.size(scene["touch_success"]) != SENSORS:
+        raise UnusableObject(f"{path}: expected touch_success and points of {SENSORS} sensors")
+    if not np.ravel(scene["touch_success"])[sensor] or not np.size(scene["points"][sensor]):
+        return made
+    points = _floats(path, f"points {where}", scene["points"][sensor], (None, 3))
+    if len(points) > RESOLUTION**2:
+        raise UnusableObject(f"{path}: {len(points)} points {where}, more than the {RESOLUTION**2} pixels that it has")
+    local = (points - position) @ rotation
+    row, column = (_pixel(local[:, axis]) for axis in (2, 1))
+    order = np.lexsort((column, row))
+    row, column, local, points = row[order], column[order], local[order], points[order]
+    inside = (row >= 0) & (row < RESOLUTION) & (column >= 0) & (column < RESOLUTION)
+    np.minimum.at(made["depth"], (row[inside], column[inside]), local[inside, 0].astype(np.float32))
+    if np.isfinite(made["depth"]).sum() != len(points):
+        log.warning("%s: the points %s are not on a grid of the sensor plane, one a pixel", path, where)
+    made["points"][: len(points)] = points
+    made["reading"] = _reading(path, f"gel {where}", scene["gel"][sensor])
+    return made | {"success": np.array(True), "point_count": np.array(len(points), dtype=np.int32)}
+
+
+def _pixel(along: np.ndarray) -> np.ndarray:
+    """Rows or columns (k,) of points from their coordinate along the sensor plane, m.
+
+    A grid's points are where its pixels are, but nobody says whether in their middles (as here) or at a
+    corner (as the authors' network has them): where in a pixel they are is seen from them, by circular mean.
+    """
+    place = along / WIDTH * RESOLUTION + RESOLUTION / 2
+    turn = np.angle(np.exp(2j * np.pi * place).mean()) / (2 * np.pi)  # in [-0.5, 0.5]
+    within = turn if turn >= -0.25 else turn + 1
+    return np.rint(place - within).astype(int)
+
+
+def _floats(path: Path, name: str, values: Any, shape: tuple[int | None, ...]) -> np.ndarray:
+    """Values as float64, of a shape in which None is any length; UnusableObject if they are not finite numbers."""
+    try:
+        array = np.asarray(values, dtype=np.float64)
+    except (TypeError, ValueError):
+        array = None
+    fits = array is not None and len(array.shape) == len(shape)
+    if not fits or any(b not in (None, a) for a, b in zip(array.shape, shape, strict=True)):
+        found = "something else" if array is None else f"shape {array.shape}"
+        raise UnusableObject(f"{path}: {name}: expected numbers of shape {shape}, found {found}")
+    if not np.isfinite(array).all():
+        raise UnusableObject(f"{path}: {name}: not all finite")
+    return array
+
+
+def _reading(path: Path, name: str, gel: Any) -> np.ndarray:
+    """A gel's image as ours: uint8, rows along the sensor's z."""
+    values = _floats(path, name, gel, (RESOLUTION, RESOLUTION, 3))
+    if values.min() < 0 or values.max() > 255:
+        raise UnusableObject(f"{path}: {name}: values from {values.min():g} to {values.max():g}: expected 0 to 255")
+    return np.rint(values).astype(np.uint8).transpose(1, 0, 2)
+
+
+def read_empty_reading(root: Path | str) -> np.ndarray:
+    """(100, 100, 3) uint8: what an untouched sensor reads; `empty_gel.npy`, in the repository's `data/`."""
+    path = Path(root) / EMPTY_READING
+    if not path.is_file():
+        raise UnusableObject(f"{path}: no such file: copy it there from the `data` folder of the authors' repository")
+    return _reading(path, "the empty gel", load_plain(path))
+
+
+def orientation_agreement(touch: Mapping[str, np.ndarray], empty_reading: np.ndarray) -> tuple[float, float]:
+    """Of a record of the touch store: how well readings lie on their depths, as they are and turned over.
+
+    The share of pixels that differ from the empty reading where something is in range and are the same where
+    nothing is; second, the same with rows and columns of the readings exchanged. Nothing published says which
+    axis of a gel's image is which (their network's grid does), so it should be looked at: if the second is
+    larger over many objects, they are exchanged. (nan, nan) if nothing was touched.
+    """
+    touched = touch["success"]
+    if not touched.any():
+        return float("nan"), float("nan")
+    pressed = (touch["reading"][touched] != empty_reading).any(axis=-1)
+    in_range = np.isfinite(touch["depth"][touched])
+    return float((pressed == in_range).mean()), float((pressed.swapaxes(1, 2) == in_range).mean())
+
+
+def read_vision(root: Path | str, entry: ReleasedObject, grasps: int, size: int) -> dict[str, np.ndarray]:
+    """The record of the vision store: images (size, size, 3) uint8; there are no masks and no depths.
+
+    Images of another size are resized, as the authors' loader does; transparent ones are put over white.
+    Raises UnusableObject, naming the file, if an image is missing or can't be read.
+    """
+    folder = Path(root) / "images" / entry.class_name / entry.name
+    return {
+        "unoccluded": _image(folder / UNOCCLUDED, size),
+        "occluded": np.stack([_image(folder / f"{grasp}.png", size) for grasp in range(grasps)]),
+    }
+
+
+def _image(path: Path, size: int) -> np.ndarray:
+    try:
+        with Image.open(path) as file:
+            image = file.convert("RGBA")
+    except OSError as error:
+        raise UnusableObject(f"{path}: can't be read as an image ({error}): unpack it again") from None
+    if image.size != (size, size):
+        image = image.resize((size, size), Image.Resampling.BILINEAR)
+    return np.asarray(Image.alpha_composite(Image.new("RGBA", image.size, "white"), image))[..., :3]
+
+
+def read_charts(root: Path | str, entry: ReleasedObject, grasps: int) -> dict[str, np.ndarray]:
+    """The record of the charts store from their sheets: `vertices` (grasps, 4, 81, 3) in the world, m.
+
+    A sheet has 5 x 5 vertices where our charts have 9 x 9: those between are put in the middle of their
+    neighbours. All vertices are at the sensor where nothing was touched, or the sheet is one number.
+    """
+    charts = []
+    for path, scene in _scenes(root, entry, grasps):
+        position = _floats(path, "cam_pos", scene["cam_pos"], (SENSORS, 3))
+        for sensor in range(SENSORS):
+            folder = Path(root) / "sheets" / entry.class_name / entry.name
+            sheet = load_plain(folder / f"sheets_{path.stem}_{sensor}.npy")
+            if not np.ravel(scene["touch_success"])[sensor] or np.size(sheet) == 1:
+                charts.append(np.broadcast_to(position[sensor], (CHART**2, 3)))
+            else:
+                charts.append(_refined(_floats(folder, f"sheet of sensor {sensor}", sheet, (len(_IN_CHART), 3))))
+    return {"vertices": np.stack(charts).reshape(grasps, SENSORS, CHART**2, 3).astype(np.float32)}
+
+
+def _refined(sheet: np.ndarray) -> np.ndarray:
+    """A chart (81, 3) of a sheet (25, 3)."""
+    grid = np.empty((CHART, CHART, 3))
+    grid.reshape(-1, 3)[_IN_CHART] = sheet
+    grid[::2, 1::2] = (grid[::2, :-2:2] + grid[::2, 2::2]) / 2
+    grid[1::2] = (grid[:-2:2] + grid[2::2]) / 2
+    return grid.reshape(-1, 3)
+
+
+def export_run(run: Path | str, folder: Path | str) -> int:
+    """Write a run's surfaces, images and touches in the layout of the released dataset; how many objects.
+
+    The folder is written whole or not at all. Sheets are written if the run has touch charts. Raises
+    StoreError if surface, touch or vision have not been built.
+    """
+    dataset = Dataset(run, stages=("surface", "touch", "vision"))
+    if not len(dataset):
+        raise StoreError(f"{run}: no object with surface, touch and vision: nothing to export")
+    with atomic_write(Path(folder)) as root:
+        splits: dict[str, list[str]] = {name: [] for name in SPLITS}
+        theirs = {ours: name for name, ours in SPLITS.items()}
+        for record in dataset:
+            name = record.name.removeprefix(f"{record.class_name}-")
+            _export_object(record, root, name, "charts" in dataset.stages)
+            splits[theirs[record.split]].append(name + record.class_name)
+        _save(root / "split.npy", splits)
+        touch = Store(Path(run) / CONTRACT["touch"].path(dataset[0].batch))
+        _save(root / EMPTY_READING, touch["empty_reading"].transpose(1, 0, 2))
+    return len(dataset)
+
+
+def _export_object(record: ObjectRecord, root: Path, name: str, charts: bool) -> None:
+    """Write one object's files below `root`."""
+    at = Path(record.class_name)
+    images, scenes, sheets = (root / kind / at / name for kind in ("images", "scene_info", "sheets"))
+    _save(root / "surfaces" / at / f"{name}.npy", (record.points.astype(np.float64) - SHIFT) / SCALE)
+    images.mkdir(parents=True)
+    Image.fromarray(record.unoccluded).save(images / UNOCCLUDED)
+    for number, grasp in enumerate(record.grasps):
+        Image.fromarray(grasp.occluded).save(images / f"{number}.png")
+        depth = np.where(np.isfinite(grasp.depth), grasp.depth, np.float32(NOTHING))
+        scene = {
+            "touch_success": grasp.success,
+            "cam_pos": grasp.position,
+            "cam_rot": _angles(grasp.rotation),
+            "depth": list(depth.transpose(0, 2, 1)),
+            "gel": list(grasp.reading.transpose(0, 2, 1, 3)),
+            "points": list(grasp.points),
+        }
+        _save(scenes / f"{number}.npy", scene)
+        for sensor in range(SENSORS) if charts else ():
+            sheet = grasp.vertices[sensor][_IN_CHART] if grasp.success[sensor] else np.zeros(1)
+            _save(sheets / f"sheets_{number}_{sensor}.npy", sheet)
+
+
+def _angles(rotation: np.ndarray) -> np.ndarray:
+    """Radians (..., 3) about fixed x, then y, then z, of rotations (..., 3, 3)."""
+    with warnings.catch_warnings():  # of angles that are one of many with the same rotation, which is all right
+        warnings.simplefilter("ignore", UserWarning)
+        return Rotation.from_matrix(rotation).as_euler("xyz")
+
+
+def _save(path: Path, value: Any) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    np.save(path, value)

@@ -1,0 +1,95 @@
+"""What a copy of the authors' released dataset holds: objects, classes and splits, in their layout.
+
+    surfaces/<class>/<object>.npy          points of the surface
+    images/<class>/<object>/<k>.png        grasp k, and unoccluded.png
+    scene_info/<class>/<object>/<k>.npy    what the sensors of grasp k felt, and their poses
+    sheets/<class>/<object>/sheets_<k>_<sensor>.npy    touch charts
+    split.npy                              dictionary: train, valid, test -> list of <object><class>
+    empty_gel.npy                          the reading of an untouched sensor
+
+As the data loaders of facebookresearch/3D-Vision-and-Touch read it. (The released data are of ABC's objects.)
+Listing folders and one small file: no data are opened.
+"""
+
+import logging
+import os
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from palpate.batch import UnusableObject
+from palpate.released.pickles import load_plain
+
+log = logging.getLogger(__name__)
+
+SPLITS = {"train": "train", "valid": "validation", "test": "test"}  # their names and ours
+EMPTY_READING = "empty_gel.npy"
+UNOCCLUDED = "unoccluded.png"
+
+
+class ReleasedObject(NamedTuple):
+    """One object: its class, its name within the class, and its split (train, validation, test; or empty)."""
+
+    class_name: str
+    name: str
+    split: str = ""
+
+    @property
+    def source(self) -> str:
+        """Its surface, relative to the root: the file that the catalogue names."""
+        return f"surfaces/{self.class_name}/{self.name}.npy"
+
+
+def read_released(root: Path | str) -> list[ReleasedObject]:
+    """The objects of a released dataset that have surface, images, scene info and a split; by class and name.
+
+    Objects that lack one of these are left out, as the authors' loaders do, and named in a warning. Raises
+    UnusableObject, naming file and remedy, if a folder or `split.npy` is missing, or `split.npy` is something else.
+    """
+    root = Path(root)
+    for folder in ("surfaces", "images", "scene_info"):
+        if not (root / folder).is_dir():
+            raise UnusableObject(
+                f"{root / folder}: no such folder: set source.path to the folder that holds surfaces, images,"
+                " scene_info and split.npy"
+            )
+    splits = read_splits(root / "split.npy")
+    found, without = [], []
+    for class_name in _folders(root / "images"):
+        for name in _folders(root / "images" / class_name):
+            each = ReleasedObject(class_name, name, splits.get(name + class_name, ""))
+            whole = (root / each.source).is_file() and (root / "scene_info" / class_name / name).is_dir()
+            (found if whole and each.split else without).append(each)
+    if without:
+        named = ", ".join(f"{each.class_name}/{each.name}" for each in without[:10])
+        log.warning("%s: %d objects without surface, scene info or split: %s", root, len(without), named)
+    return found
+
+
+def read_splits(path: Path | str) -> dict[str, str]:
+    """`split.npy`: our split of each `<object><class>`. Raises UnusableObject if it is something else."""
+    lists = load_plain(path)
+    if not isinstance(lists, dict) or not lists or not set(lists) <= set(SPLITS):
+        keys = ", ".join(map(str, lists)) if isinstance(lists, dict) else type(lists).__name__
+        raise UnusableObject(f"{path}: expected a dictionary with {', '.join(SPLITS)}, found {keys or 'nothing'}")
+    found = {}
+    for split, names in lists.items():
+        for name in np.asarray(list(names), dtype=str).ravel().tolist():
+            if found.setdefault(name, SPLITS[split]) != SPLITS[split]:
+                raise UnusableObject(f"{path}: {name} is in {found[name]} and in {SPLITS[split]}")
+    return found
+
+
+def files(path: Path) -> list[str]:
+    """The other files of an object, relative to the folder of its surface `path`; those that exist."""
+    root, class_name, name = path.parents[2], path.parent.name, path.stem
+    return [
+        f"../../{kind}/{class_name}/{name}/{file}"
+        for kind in ("images", "scene_info")
+        for file in sorted(os.listdir(root / kind / class_name / name))
+    ]
+
+
+def _folders(folder: Path) -> list[str]:
+    return sorted(each.name for each in os.scandir(folder) if each.is_dir() and not each.name.startswith("."))

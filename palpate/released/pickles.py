@@ -1,0 +1,197 @@
+"""Reading `.npy` files that hold pickled dictionaries, without running what a pickle may bring along.
+
+A pickle is a program: `np.load(allow_pickle=True)` runs whatever the file says. Here a name in a pickle never
+reaches the thing that it names: it stands for one of the few stand-ins below, which only take notes, and
+arrays are made from the notes afterwards, by shapes, plain types and bytes that have been looked at.
+"""
+
+import collections
+import io
+import pickle
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from palpate.batch import UnusableObject
+
+KINDS = "biufcSU"  # numpy's kinds of types that are plain values: bool, numbers, strings
+
+
+class UnsafePickle(UnusableObject):
+    """A file asks for more than numpy arrays, numbers, strings and plain containers."""
+
+
+def load_plain(path: Path | str) -> Any:
+    """What `np.load(path, allow_pickle=True)` gives if it is harmless; of an array (0 axes) its one element.
+
+    So a dictionary that was saved with `np.save` comes back as a dictionary.
+
+    Raises `UnsafePickle` if the file asks for anything but arrays, numbers, strings and plain containers, and
+    `UnusableObject` if it is missing or can't be read; the messages name the file.
+    """
+    path = Path(path)
+    try:
+        with path.open("rb") as file:
+            return _load(file)
+    except FileNotFoundError:
+        raise UnusableObject(f"{path}: no such file") from None
+    except _Refused as refused:
+        raise UnsafePickle(
+            f"{path}: asks for {refused}, which is refused, for a pickle can run any code: expected numpy"
+            " arrays, numbers, strings and plain containers only"
+        ) from None
+    except Exception as error:  # a damaged pickle makes the reader trip over anything, also MemoryError
+        raise UnusableObject(
+            f"{path}: can't be read as .npy ({type(error).__name__}: {error}): unpack it again"
+        ) from None
+
+
+class _Refused(Exception):
+    """The name that a pickle asked for."""
+
+
+def _load(file: io.BufferedIOBase) -> Any:
+    version = np.lib.format.read_magic(file)
+    read = {1: np.lib.format.read_array_header_1_0, 2: np.lib.format.read_array_header_2_0}
+    if version[0] not in read:
+        raise ValueError(f"format version {version[0]}.{version[1]}")
+    shape, fortran, dtype = read[version[0]](file)
+    if not dtype.hasobject:
+        file.seek(0)
+        array = np.load(file, allow_pickle=False)
+    else:
+        array = np.asarray(_plain(_Reader(file).load()))
+        if array.shape != shape:
+            raise ValueError(f"shape {shape} in the header, {array.shape} in the pickle")
+    return array.item() if array.shape == () else array
+
+
+class _Reader(pickle.Unpickler):
+    """A pickle machine that knows `_STAND_INS` and nothing else."""
+
+    def __init__(self, file):
+        super().__init__(file, encoding="latin1")  # of Python 2's strings, which held arrays' bytes
+
+    def find_class(self, module: str, name: str) -> Any:
+        if (module, name) not in _STAND_INS:
+            raise _Refused(f"{module}.{name}")
+        return _Call(_STAND_INS[module, name])
+
+    def persistent_load(self, pid: Any) -> Any:
+        raise _Refused("a persistent object")
+
+
+class _Call:
+    """A name in a pickle: it can be called, and has nothing else that a pickle could get at or change."""
+
+    __slots__ = ("_function",)
+
+    def __init__(self, function):
+        object.__setattr__(self, "_function", function)
+
+    def __call__(self, *arguments):
+        return self._function(*arguments)
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        raise _Refused(f"a change of {name!r}")
+
+
+class _Dtype:
+    """Notes of a numpy type; of its state only the byte order counts."""
+
+    def __init__(self, spec: Any, align: Any = False, copy: Any = False):
+        self.dtype = np.dtype(spec) if isinstance(spec, str) else None
+        if self.dtype is None or self.dtype.fields or self.dtype.kind not in KINDS + "O":
+            raise _Refused(f"the type {spec!r}")
+
+    def __setstate__(self, state: Any) -> None:
+        if any(part is not None for part in state[2:5]):
+            raise _Refused("a type with parts")
+        if state[1] in ("<", ">"):
+            self.dtype = self.dtype.newbyteorder(state[1])
+
+
+class _Array:
+    """Notes of an array."""
+
+    def __init__(self, shape: Any = (), dtype: Any = None, data: Any = None, order: str = "C"):
+        self.shape, self.dtype, self.data, self.order = shape, dtype, data, order
+
+    def __setstate__(self, state: Any) -> None:
+        _, self.shape, self.dtype, fortran, self.data = state
+        self.order = "F" if fortran else "C"
+
+    def array(self) -> np.ndarray:
+        """The array itself; ValueError if data and shape do not fit."""
+        shape, dtype = tuple(int(length) for length in self.shape), self.dtype.dtype
+        if dtype.kind == "O":
+            array = np.empty(len(self.data), dtype=object)
+            for place, element in enumerate(self.data):
+                array[place] = _plain(element)
+        else:
+            data = self.data.encode("latin1") if isinstance(self.data, str) else bytes(self.data)
+            # numpy refuses buffers of strings without letters
+            array = np.frombuffer(data, dtype) if dtype.itemsize else np.zeros(shape, dtype)
+            array = array.astype(dtype.newbyteorder("="))
+        return array.reshape(shape, order=self.order)
+
+
+class _Scalar(_Array):
+    """Notes of one number or string of numpy's."""
+
+    def __init__(self, dtype: Any, data: Any = b""):
+        super().__init__((), dtype, data)
+
+
+def _encoded(text: Any, encoding: Any = "latin1") -> bytes:
+    """Bytes, as pickles of the protocol 2 write them."""
+    if encoding != "latin1" or not isinstance(text, str):
+        raise _Refused(f"the encoding {encoding!r}")
+    return text.encode("latin1")
+
+
+def _bytes(data: Any = b"", *_: Any) -> bytes:
+    """Bytes of bytes, not of a number, which would be as many as it says."""
+    if not isinstance(data, bytes | bytearray | str):
+        raise _Refused(f"bytes of {type(data).__name__}")
+    return data.encode("latin1") if isinstance(data, str) else bytes(data)
+
+
+def _never(*_):
+    raise _Refused("an array without contents")
+
+
+_STAND_INS = {
+    ("collections", "OrderedDict"): collections.OrderedDict,
+    ("_codecs", "encode"): _encoded,
+    ("numpy", "dtype"): _Dtype,
+    ("numpy", "ndarray"): _never,  # named as the kind of array to make, not called
+    **{
+        (f"numpy.{core}.{module}", name): function
+        for core in ("core", "_core")
+        for module, name, function in (
+            ("multiarray", "_reconstruct", lambda *_: _Array()),
+            ("multiarray", "scalar", _Scalar),
+            ("numeric", "_frombuffer", lambda data, dtype, shape, order: _Array(shape, dtype, data, order)),
+        )
+    },
+    **{
+        (builtins, name): kind
+        for builtins in ("builtins", "__builtin__")
+        for name, kind in (("set", set), ("frozenset", frozenset), ("bytes", _bytes), ("bytearray", _bytes))
+    },
+}
+
+
+def _plain(value: Any) -> Any:
+    """What the notes stand for, within plain containers too."""
+    if isinstance(value, _Array):
+        return value.array()[()] if isinstance(value, _Scalar) else value.array()
+    if isinstance(value, dict):
+        return {_plain(key): _plain(each) for key, each in value.items()}
+    if isinstance(value, list | tuple | set | frozenset):
+        return type(value)(_plain(each) for each in value)
+    if isinstance(value, _Call | _Dtype):
+        raise _Refused("a name as a value")
+    return value

@@ -1,0 +1,211 @@
+"""The layers that a live module really has, read off with hooks, beside the rows of the paper's tables."""
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+import torch
+from torch import Tensor, nn
+
+from palpate.mesh import OBJECT_POSITION
+from palpate.models.architectures import PAPER_ARCHITECTURES
+from palpate.models.gcn import ZeroNeighbourLayer
+from palpate.models.layers import Concatenate, ConvolutionBlock, LinearBlock
+from palpate.models.pooling import PerceptualPooling
+from palpate.models.reconstruction import Reconstruction
+from palpate.models.touch_depth import TouchDepth
+from palpate.touch.sensor import RESOLUTION
+
+PAPER = Path(__file__).parent / "paper"
+FIELDS = ["input", "operation", "shape"]
+VERTICES = "Vertex Input"
+
+
+def _convolution(layer: nn.Conv2d | nn.ConvTranspose2d | nn.MaxPool2d, name: str, stride: int) -> str:
+    size = layer.kernel_size if isinstance(layer.kernel_size, tuple) else (layer.kernel_size,) * 2
+    real = layer.stride if isinstance(layer.stride, int) else layer.stride[0]
+    return f"{name} ({size[0]} x {size[1]})" + ("" if real == stride else f" (stride {real})")
+
+
+def _block(block: nn.Sequential) -> str:
+    """What a block of layers does, in the words of the paper's tables."""
+    words = {nn.BatchNorm2d: "BN", nn.InstanceNorm2d: "IN", nn.ReLU: "ReLU", nn.Linear: "Linear"}
+    return " + ".join(
+        _convolution(layer, "Conv", 1) if isinstance(layer, nn.Conv2d) else words[type(layer)]
+        for layer in block
+    )
+
+
+# What is a row of a table, and how it is called there. Only what these hold is not looked into.
+OPERATIONS: dict[type[nn.Module], Callable[[Any], str]] = {
+    ConvolutionBlock: _block,
+    LinearBlock: _block,
+    nn.Conv2d: lambda layer: _convolution(layer, "Conv", 1),
+    nn.ConvTranspose2d: lambda layer: _convolution(layer, "DeConv", 2),
+    nn.MaxPool2d: lambda layer: _convolution(layer, "MaxPooling", 2),
+    Concatenate: lambda layer: "Concatenate",
+    PerceptualPooling: lambda layer: "perceptual feature pooling",
+    ZeroNeighbourLayer: lambda layer: "GCN Layer",
+}
+
+
+class _Recorder:
+    """Writes down each row as it is computed for the first time (a deformation repeats the first one's)."""
+
+    def __init__(self, image: Tensor | None, image_name: str):
+        self.rows: list[dict[str, str]] = []
+        self.names: dict[int, str] = {}
+        self.kept: list[Tensor] = []  # An id stays a tensor's own as long as the tensor lives.
+        self.seen: set[nn.Module] = set()
+        if image is not None:
+            self.call(image, image_name)
+            self.row("image", "", image_name, image)
+
+    def call(self, tensor: Tensor, name: str) -> None:
+        self.kept.append(tensor)
+        self.names[id(tensor)] = name
+
+    def row(self, index: str, sources: str, operation: str, output: Tensor) -> None:
+        # Images are (B, C, H, W), vertices (V, B, C).
+        shape = output.shape[1:] if output.ndim == 4 else ["|V|", output.shape[-1]]
+        row = {"index": index, "input": sources, "operation": operation}
+        self.rows.append(row | {"shape": " x ".join(map(str, shape))})
+
+    def __call__(self, module: nn.Module, inputs: tuple, output: Tensor) -> None:
+        if module in self.seen:
+            return
+        self.seen.add(module)
+        given = [tensor for each in inputs for tensor in (each if isinstance(each, list) else [each])]
+        given = [tensor for tensor in given if isinstance(tensor, Tensor)]
+        if isinstance(module, PerceptualPooling):
+            given = inputs[0]
+        if isinstance(module, Concatenate):
+            vertices = [tensor for tensor in given if id(tensor) not in self.names]
+            if vertices:
+                self.row("vertices", "", VERTICES, torch.cat(vertices, dim=-1))
+            if len(vertices) == len(given):
+                self.call(output, VERTICES)
+                return
+        sources = " ".join(dict.fromkeys(self.names.get(id(tensor), VERTICES) for tensor in given))
+        index = str(1 + sum(row["index"].isdigit() for row in self.rows))
+        self.row(index, sources, OPERATIONS[type(module)](module), output)
+        self.call(output, f"({index})")
+
+
+@torch.no_grad()
+def read_off(module: nn.Module, inputs: Tensor | Mapping[str, Tensor]) -> list[dict[str, str]]:
+    """Runs the module on its inputs and reads its layers off: rows of index, input, operation, shape.
+
+    The words are those of the supplement's tables. `index` counts from 1; two rows before name the inputs,
+    `image` and `vertices`. Shapes are a sample's: C x H x W, or |V| x C.
+    """
+    image = inputs.get("image") if isinstance(inputs, Mapping) else inputs
+    recorder = _Recorder(image, "Image Input" if isinstance(inputs, Mapping) else "Input")
+    hooks = []
+
+    def watch(part: nn.Module) -> None:
+        if type(part) in OPERATIONS:
+            hooks.append(part.register_forward_hook(recorder))
+        else:
+            for child in part.children():
+                watch(child)
+
+    watch(module)
+    try:
+        module(inputs)
+    finally:
+        for hook in hooks:
+            hook.remove()
+    return sorted(recorder.rows, key=lambda row: row["index"].isdigit())
+
+
+def paper_rows(model: str) -> list[dict[str, str]]:
+    """The rows of the supplement's table of a model, "..." written out."""
+    table = _read("architectures.csv", model)
+    rows: list[dict[str, str]] = []
+    for row, following in zip(table, [*table[1:], None], strict=True):
+        if row["index"] != "...":
+            rows.append(row)
+            continue
+        assert following is not None
+        for index in range(int(rows[-1]["index"]) + 1, int(following["index"])):
+            rows.append(rows[-1] | {"index": str(index), "input": f"({index - 1})"})
+    return rows
+
+
+def compare(model: str, rows: list[dict[str, str]]) -> pd.DataFrame:
+    """The paper's table of a model beside the rows read off a live module, a verdict for each.
+
+    Columns: index; input, operation, shape, of the module and (`_paper`) of the paper; `verdict`: `agrees`,
+    `contradiction` (the paper contradicts itself: `note` says how, and the module is as it says), or
+    `differs`. `attrs["note"]` counts them.
+    """
+    paper = {row["index"]: row for row in paper_rows(model)}
+    known = {row["index"]: row for row in _read("contradictions.csv", model)}
+    live = {row["index"]: row for row in rows}
+    table = []
+    for index in [*paper, *(index for index in live if index not in paper)]:
+        published, measured = paper.get(index), live.get(index)
+        line: dict[str, str | None] = {"index": index}
+        for field in FIELDS:
+            line[f"{field}_paper"] = published[field] if published else None
+            line[field] = measured[field] if measured else None
+        remark = known.get(index)
+        line |= {"verdict": "differs", "note": ""}
+        if published and measured:
+            taken = published | {key: value for key, value in (remark or {}).items() if value}
+            if _same(published, measured):
+                line |= {"verdict": "agrees", "note": remark["note"] if remark else ""}
+            elif remark and _same(taken, measured):
+                line |= {"verdict": "contradiction", "note": remark["note"]}
+        table.append(line)
+    frame = pd.DataFrame(table)
+    counts = frame["verdict"].value_counts()
+    frame.attrs["note"] = (
+        f"{counts.get('agrees', 0)} of {len(frame)} rows agree with the paper's table; in "
+        f"{counts.get('contradiction', 0)} the paper contradicts itself; {counts.get('differs', 0)} differ. "
+        "Read off the live module on one sample, at the first of three deformations."
+    )
+    return frame
+
+
+def architecture_tables() -> dict[str, pd.DataFrame]:
+    """`compare` for the U-Net and for each of the paper's architectures, by name."""
+    tables = {"touch_depth": compare("touch_depth", read_off(TouchDepth().eval(), _image(RESOLUTION)))}
+    for name, architecture in PAPER_ARCHITECTURES.items():
+        model = Reconstruction("charts", "encoder" in architecture, "touch" in name, 1, architecture).eval()
+        # Choy et al.'s views are 137 pixels wide.
+        batch = {"image": _image(137 if name == "single_image" else 256)} if model.vision else {}
+        if model.touch:
+            position = torch.tensor(OBJECT_POSITION).expand(1, model.sensors, 3)
+            batch |= {"success": torch.ones(1, model.sensors, dtype=torch.bool), "position": position}
+            batch["charts"] = position[:, :, None].expand(-1, -1, 81, -1)
+        tables[name] = compare(name, read_off(model, batch))
+    return tables
+
+
+def write_tables(folder: Path | str) -> None:
+    """Writes `architecture_tables` to `folder`/<model>.csv, with .md and .tex beside."""
+    # A later room; imported by those who write tables only.
+    from palpate.results.dataset_tables import write_table
+
+    for name, table in architecture_tables().items():
+        write_table(table, Path(folder) / f"{name}.csv")
+
+
+def _image(size: int) -> Tensor:
+    return torch.rand(1, 3, size, size, generator=torch.Generator().manual_seed(0))
+
+
+def _read(file: str, model: str) -> list[dict[str, str]]:
+    table = pd.read_csv(PAPER / file, dtype=str, keep_default_na=False)
+    rows = table[table["model"] == model].drop(columns="model").to_dict("records")
+    if not rows:
+        raise ValueError(f"{PAPER / file} has no model {model!r}: {sorted(set(table['model']))}")
+    return rows
+
+
+def _same(one: Mapping[str, str], other: Mapping[str, str]) -> bool:
+    """Whether two rows say the same; the order of the inputs doesn't matter."""
+    return all(sorted(one[field].split()) == sorted(other[field].split()) for field in FIELDS)

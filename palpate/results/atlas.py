@@ -1,0 +1,76 @@
+"""Figure of the atlas: the vision charts as they start, a closed sphere, each moved out slightly.
+
+After the paper's figure "Initial positions of vision charts in a closed sphere". It depends on no run.
+"""
+
+from pathlib import Path
+
+import numpy as np
+from matplotlib.collections import PolyCollection
+
+from palpate.charts import ATLAS_RADIUS, vision_atlas
+from palpate.mesh import OBJECT_POSITION
+from palpate.results.page import new_figure, save, styled
+
+APART = 0.055  # how far charts are moved out, in radii
+TOWARDS_CAMERA = np.array([-0.62, -0.66, 0.42])  # from the sphere's centre, world frame
+LIGHT = np.array([-0.75, -0.25, 0.62])  # towards the lamp, world frame
+AMBIENT = 0.45  # share of the light that comes from all around
+# Okabe and Ito's colours, mixed with white: neighbours differ, for colour-blind readers too.
+COLOURS = np.array(
+    [(0.34, 0.71, 0.91), (0.90, 0.62, 0.00), (0.00, 0.62, 0.45), (0.80, 0.47, 0.65), (0.94, 0.89, 0.26)]
+)
+WHITE = 0.25  # share of white in them
+EDGE = (0.15, 0.15, 0.18)  # RGB of the faces' sides
+SIZE = 4.5  # inches
+
+
+@styled
+def draw(path: Path | str) -> None:
+    """Draw the 96 vision charts, every face of them, each chart in one colour, seen from the side."""
+    atlas = vision_atlas()
+    vertices = atlas.vertices.double().numpy() - OBJECT_POSITION
+    chart, faces = atlas.chart.numpy(), atlas.faces.numpy()
+    middle = np.stack([vertices[chart == number].mean(axis=0) for number in range(chart.max() + 1)])
+    out = middle / np.linalg.norm(middle, axis=1, keepdims=True)
+    corners = (vertices + APART * ATLAS_RADIUS * out[chart])[faces]
+
+    depth = unit(TOWARDS_CAMERA)
+    right = unit(np.cross([0, 0, 1], depth))
+    up = np.cross(depth, right)
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    lit = AMBIENT + (1 - AMBIENT) * np.maximum(normal @ unit(LIGHT), 0)
+    paint = COLOURS * (1 - WHITE) + WHITE
+    colour = lit[:, None] * paint[chart_colours(chart, atlas.joined.numpy())[chart[faces[:, 0]]]]
+    # From the back to the front; what faces away is hidden but for slits between charts, and left out.
+    shown = np.argsort(corners.mean(axis=1) @ depth)
+    shown = shown[normal[shown] @ depth > 0]
+
+    figure = new_figure(SIZE, SIZE)
+    axes = figure.add_axes((0, 0, 1, 1))
+    flat = np.stack([corners @ right, corners @ up], axis=2)[shown]
+    axes.add_collection(PolyCollection(flat, facecolors=colour[shown], edgecolors=EDGE, linewidths=0.35))
+    reach = 1.02 * (1 + APART) * ATLAS_RADIUS
+    axes.set(xlim=(-reach, reach), ylim=(-reach, reach), aspect="equal")
+    axes.set_axis_off()
+    save(figure, path)
+
+
+def unit(vector: np.ndarray) -> np.ndarray:
+    """The vector at length 1."""
+    return vector / np.linalg.norm(vector)
+
+
+def chart_colours(chart: np.ndarray, joined: np.ndarray) -> np.ndarray:
+    """A number of a colour for each chart (96,), different for charts that share a side."""
+    pairs, shared = np.unique(np.sort(chart[joined], axis=1), axis=0, return_counts=True)
+    sides = pairs[shared > 1]  # charts that only meet at a corner share one vertex
+    colours = np.full(chart.max() + 1, -1)
+    for number in range(len(colours)):
+        beside = sides[(sides == number).any(axis=1)]
+        taken = set(colours[beside].ravel())
+        # In turn over the colours, so that all of them are used.
+        order = (np.arange(len(COLOURS)) + number) % len(COLOURS)
+        colours[number] = next(colour for colour in order if colour not in taken)
+    return colours

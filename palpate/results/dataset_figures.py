@@ -1,0 +1,182 @@
+"""Figures of a run's dataset: one data point, and sheets of examples. They need no display and no renderer.
+
+The same dataset gives the same bytes. A dataset, or a class, without objects gives a figure that says so.
+"""
+
+from pathlib import Path
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.patches import Circle
+
+from palpate.mesh import OBJECT_POSITION, load_visual
+from palpate.results.page import FAINT, LABEL, PALE, TITLE, new_figure, save, save_sentence, styled
+from palpate.results.surface_view import SITE_COLOURS, SurfaceView
+from palpate.dataset.reader import Dataset, GraspRecord
+from palpate.touch import SENSOR_WIDTH
+
+RING = 0.8  # radius of the ring about a site, in sensor widths
+WIDE = 1.5  # width of a surface's picture over its height: most objects are long
+EXAMPLES = 6  # objects on a sheet
+SHEET_DPI = 100
+CANDIDATES = 60  # grasps looked at for the data point
+# What a data point had best be. With 3 successful touches an empty reading is shown as well; and the hand
+# hides some of the object, but not most of it: this share of it stays visible.
+TOUCHES = (3, 4, 2, 1, 0)
+VISIBLE = 0.65
+FULL_RELIEF = 50.0  # standard deviation of a reading's pixels (0..255); one that varies more is no better
+
+
+@styled
+def data_point(dataset: Dataset, path: Path | str) -> None:
+    """Draw one data point as the paper's figure of its dataset: images, readings, surface with touch sites.
+
+    The grasp is the one that `example_grasp` picks.
+    """
+    grasp = example_grasp(dataset)
+    if grasp is None:
+        return save_sentence("No usable object in this run", path)
+    cell, gap, label, head = 2.8, 0.1, 0.22, 0.5  # inches
+    widths = np.array([cell, cell, cell, WIDE * cell])
+    left = gap + np.concatenate([[0], np.cumsum(widths + gap)[:-1]])
+    width, height = left[-1] + widths[-1], head + cell + gap
+    figure = new_figure(width, height)
+
+    def place(x: float, y: float, across: float, down: float) -> Axes:
+        return figure.add_axes((x / width, 1 - (y + down) / height, across / width, down / height))
+
+    titles = ("Occluded image", "Unoccluded image", "Touch readings", "Surface and touch sites")
+    for start, extent, title in zip(left, widths, titles, strict=True):
+        x, y = (start + extent / 2) / width, 1 - 0.14 / height
+        figure.text(x, y, title, ha="center", va="center", fontsize=TITLE)
+    _image(place(left[0], head, cell, cell), grasp.occluded)
+    _image(place(left[1], head, cell, cell), grasp.object.unoccluded)
+    small = (cell - label) / 2
+    for sensor, name in enumerate(grasp.sensors):
+        row, column = divmod(sensor, 2)
+        axes = place(left[2] + column * (cell - small), head + row * (cell - small), small, small)
+        _reading(axes, grasp, sensor)
+        touched = grasp.success[sensor]
+        colour = SITE_COLOURS[sensor] if touched else FAINT
+        axes.set_title(name if touched else f"{name}: no touch", fontsize=LABEL, pad=3, color=colour)
+    _surface(place(left[3], head, widths[3], cell), grasp)
+    save(figure, path)
+
+
+@styled
+def examples(dataset: Dataset, class_name: str, path: Path | str) -> None:
+    """Draw a sheet of examples of one class: a row an object, with images, readings and touch sites.
+
+    Objects are taken evenly from the class, each with another of its grasps (the first object's first, the
+    second's second, ...): a sample of the dataset, not a choice of its best.
+    """
+    objects = dataset.of_class(class_name).objects if class_name in dataset.classes else []
+    if not objects:
+        return save_sentence(f"No usable object of class {class_name} in this run", path)
+    chosen = [objects[number] for number in _evenly(len(objects), EXAMPLES)]
+    sensors = dataset[chosen[0]].grasps[0].sensors
+    titles = ("unoccluded", "occluded", *sensors, "touch sites")
+    cell, gap, label, head = 1.55, 0.06, 0.24, 0.3  # inches
+    left = gap + np.arange(len(titles)) * (cell + gap)
+    widths = np.append(np.full(len(titles) - 1, cell), WIDE * cell)
+    width, height = left[-1] + widths[-1] + gap, head + len(chosen) * (label + cell) + gap
+    figure = new_figure(width, height, SHEET_DPI)
+
+    def text(x: float, y: float, words: str, **style) -> None:
+        figure.text(x / width, 1 - y / height, words, va="center", **style)
+
+    for start, extent, title in zip(left, widths, titles, strict=True):
+        text(start + extent / 2, head / 2, title, ha="center", fontsize=TITLE)
+    for row, name in enumerate(chosen):
+        record = dataset[name]
+        grasp = record.grasps[row % len(record.grasps)]
+        top = head + row * (label + cell)
+        words = f"{name}, grasp {grasp.number}: {int(grasp.success.sum())} of {len(sensors)} touches"
+        text(gap, top + label / 2, words, fontsize=LABEL, color=FAINT)
+        bottom = 1 - (top + label + cell) / height
+        axes = [
+            figure.add_axes((start / width, bottom, extent / width, cell / height))
+            for start, extent in zip(left, widths, strict=True)
+        ]
+        _image(axes[0], record.unoccluded)
+        _image(axes[1], grasp.occluded)
+        for sensor in range(len(sensors)):
+            _reading(axes[2 + sensor], grasp, sensor)
+        _surface(axes[-1], grasp)
+    save(figure, path)
+
+
+def example_grasp(dataset: Dataset) -> GraspRecord | None:
+    """A grasp that shows well what a data point is; None for a dataset without objects.
+
+    Of those with the best number of `TOUCHES`: the object is large in its image, the hand leaves about
+    `VISIBLE` of it in sight, and there is something to see in every touching sensor's reading. Looks at no
+    more than `CANDIDATES` of them, taken evenly.
+    """
+    if not len(dataset):
+        return None
+    touches = np.asarray(dataset.array("touch", "success")[:]).sum(axis=1)
+    rank = np.array([TOUCHES.index(count) for count in touches])
+    best = np.flatnonzero(rank == rank.min())
+    candidates = best[_evenly(len(best), CANDIDATES)]
+    grasps_each = len(touches) // len(dataset)
+
+    def record(number: int) -> GraspRecord:
+        return dataset[int(number) // grasps_each].grasps[number % grasps_each]
+
+    def merit(number: int) -> float:
+        grasp = record(number)
+        alone, held = (grasp.object.unoccluded_mask > 0).mean(), (grasp.occluded_mask > 0).mean()
+        relief = grasp.reading[grasp.success].std(axis=(1, 2)).mean(axis=-1)
+        return np.sqrt(alone) * (1 - abs(held / max(alone, 1e-9) - VISIBLE)) * relief.min(initial=FULL_RELIEF)
+
+    return record(max(candidates, key=merit))
+
+
+def _evenly(count: int, most: int) -> np.ndarray:
+    """At most `most` of the numbers 0 ... count - 1, evenly spaced, in order."""
+    return np.arange(count) if count <= most else np.linspace(0, count - 1, most).round().astype(int)
+
+
+def _frame(axes: Axes, colour=PALE, width: float = 0.8) -> None:
+    axes.set_xticks([])
+    axes.set_yticks([])
+    for spine in axes.spines.values():
+        spine.set(color=colour, linewidth=width)
+
+
+def _image(axes: Axes, image: np.ndarray) -> None:
+    axes.imshow(image, interpolation="antialiased")
+    _frame(axes)
+
+
+def _reading(axes: Axes, grasp: GraspRecord, sensor: int) -> None:
+    """The sensor's image, framed in its site's colour; an untouched one is faded and struck through."""
+    touched = grasp.success[sensor]
+    axes.imshow(grasp.reading[sensor], interpolation="antialiased", alpha=1 if touched else 0.5)
+    _frame(axes, SITE_COLOURS[sensor] if touched else PALE, 2.2 if touched else 0.8)
+    if not touched:
+        axes.plot([0, 1], [0, 1], color=FAINT, linewidth=0.8, transform=axes.transAxes)
+
+
+def _surface(axes: Axes, grasp: GraspRecord) -> None:
+    """The object from its best side, a ring about every site: dashed if the object hides it."""
+    sites = [cloud - np.array(OBJECT_POSITION) for cloud in grasp.points]
+    surface = SurfaceView(load_visual(grasp.object.mesh), sites)
+    box = axes.get_window_extent()
+    view = surface.best_view((round(box.height), round(box.width)))
+    picture = surface.draw(view)
+    axes.imshow(np.clip(picture.image, 0, 1), interpolation="antialiased")
+    for centre, hidden, colour in zip(picture.centres, picture.hidden, SITE_COLOURS, strict=True):
+        if np.isfinite(centre).all():
+            ring = Circle(
+                centre,
+                RING * SENSOR_WIDTH / view.scale,
+                fill=False,
+                color=colour,
+                linewidth=1.2,
+                linestyle=(0, (2, 1.5)) if hidden else "solid",
+                clip_on=False,
+            )
+            axes.add_patch(ring)
+    axes.set_axis_off()

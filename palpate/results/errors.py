@@ -1,0 +1,136 @@
+"""The evaluations of a run's experiments, read back: errors by seed and object, ready to be averaged."""
+
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import pandas as pd
+
+from palpate.results.bootstrap import RESAMPLES, Estimate, interval
+
+AVERAGE = "average"
+PAPER_CLASSES = ("bottle", "knife", "cellphone", "rifle")  # in its tables' order
+SPLITS = ("validation", "test")
+
+# A row a sample: one object with one window of its grasps, or one image of it.
+_SAMPLE = ("experiment", "seed", "object", "class", "split", "window")
+COLUMNS = (*_SAMPLE, "chamfer", "f1_tau", "f1_2tau", "seconds", "steps")
+# A row a sample, successful touch and ring.
+RING_COLUMNS = (*_SAMPLE, "grasp", "sensor", "ring", "points", "distance", "steps")
+# A row a successful touch.
+TOUCH_COLUMNS = ("object", "class", "split", "grasp", "sensor", "cloud", "chart", "steps")
+
+
+class EvaluationError(ValueError):
+    """An evaluation is missing or not what it must be; the message names the file or the experiment."""
+
+
+def read(paths: Iterable[Path | str], columns: Sequence[str] = COLUMNS) -> pd.DataFrame:
+    """The rows of evaluation files, one after the other.
+
+    Raises EvaluationError naming the first file that does not exist, lacks a column, or holds an error that
+    is not a number.
+    """
+    frames = []
+    for path in map(Path, paths):
+        target = "/".join(path.parts[-3:])
+        if not path.exists():
+            raise EvaluationError(f"{path} does not exist; build it with: snakemake {target}")
+        frame = pd.read_csv(path, dtype={"object": str, "class": str})
+        missing = [name for name in columns if name not in frame.columns]
+        if missing:
+            raise EvaluationError(
+                f"{path} has no columns {missing}; remove it and build it with: snakemake {target}"
+            )
+        frames.append(frame[list(columns)])
+    if not frames:
+        raise EvaluationError("no evaluations were given")
+    return pd.concat(frames, ignore_index=True)
+
+
+class Errors(NamedTuple):
+    """Errors of some experiments on the objects of one split.
+
+    objects, classes: (n,) names. values: experiment -> (k, n), its error with each of its k seeds for each
+    object, the mean over the object's windows. steps: experiment -> training steps of its best seeds, least
+    and greatest.
+    """
+
+    objects: np.ndarray
+    classes: np.ndarray
+    values: dict[str, np.ndarray]
+    steps: dict[str, tuple[int, int]]
+
+    @property
+    def class_names(self) -> list[str]:
+        """The classes, the paper's first and in its order."""
+        found = sorted(set(self.classes))
+        return [name for name in PAPER_CLASSES if name in found] + [
+            name for name in found if name not in PAPER_CLASSES
+        ]
+
+    def of_class(self, name: str) -> "Errors":
+        """The errors on the objects of one class."""
+        chosen = self.classes == name
+        values = {experiment: array[:, chosen] for experiment, array in self.values.items()}
+        return self._replace(objects=self.objects[chosen], classes=self.classes[chosen], values=values)
+
+    def estimate(self, experiments: Sequence[str], statistic=None, resamples: int = RESAMPLES) -> Estimate:
+        """A statistic of the averages of some experiments, with its interval; by default the first's average,
+        whose interval ends at 0, because errors are not negative."""
+        values = [self.values[name] for name in experiments]
+        if statistic is not None:
+            return interval(values, self.classes, statistic, resamples)
+        found = interval(values, self.classes, resamples=resamples)
+        return found._replace(low=np.maximum(found.low, 0.0))
+
+
+def errors(
+    frame: pd.DataFrame,
+    experiments: Sequence[str],
+    split: str,
+    column: str = "chamfer",
+    key: str = "experiment",
+) -> Errors:
+    """The errors of experiments on one split, object by object.
+
+    Args:
+        frame: rows of `read`; `column` holds the error, `key` names the experiment.
+
+    Raises EvaluationError if an experiment has no rows, experiments were measured on different objects, one
+    was measured twice, or an error is not finite.
+    """
+    frame = frame[frame["split"] == split]
+    known = set(frame[key])
+    for name in experiments:
+        if name not in known:
+            raise EvaluationError(
+                f"no evaluation of experiment {name!r} on the {split} split; there are {sorted(known)}"
+            )
+    frame = frame[frame[key].isin(experiments)]
+    if not np.isfinite(frame[column]).all():
+        bad = frame[~np.isfinite(frame[column])].iloc[0]
+        raise EvaluationError(f"{bad[key]!r}, seed {bad['seed']}, {bad['object']}: {column} is {bad[column]}")
+    _once(frame, key)
+    classes = frame.drop_duplicates("object").set_index("object")["class"].sort_index()
+    values, steps = {}, {}
+    for name in experiments:
+        rows = frame[frame[key] == name]
+        table = rows.pivot_table(index="seed", columns="object", values=column, aggfunc="mean")
+        if len(table.columns) != len(classes) or table.isna().any(axis=None):
+            odd = sorted(set(classes.index) - set(table.dropna(axis=1).columns))
+            raise EvaluationError(
+                f"experiment {name!r} was not measured on {odd[:3]} of the {split} split with every seed, "
+                "but others were: evaluate all of them on the same dataset"
+            )
+        values[name] = table.to_numpy()
+        steps[name] = (int(rows["steps"].min()), int(rows["steps"].max()))
+    return Errors(classes.index.to_numpy(), classes.to_numpy(), values, steps)
+
+
+def _once(frame: pd.DataFrame, key: str) -> None:
+    names = [name for name in (key, "seed", "object", "window", "grasp", "sensor", "ring") if name in frame]
+    twice = frame[frame.duplicated(names)]
+    if len(twice):
+        raise EvaluationError(f"measured twice: {twice.iloc[0][names].to_dict()}")

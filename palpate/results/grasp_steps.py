@@ -1,0 +1,188 @@
+"""The figure of the four steps of a grasp, rendered by Blender.
+
+Import it before anything that loads embree (trimesh does), because it loads Blender.
+"""
+
+import itertools
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from palpate.vision import blender
+
+blender.load()
+
+from palpate.hand import Hand  # noqa: E402  (Blender comes before what loads embree)
+from palpate.mesh import DIAGONAL, OBJECT_POSITION, load_visual  # noqa: E402
+from palpate.results.dataset_figures import example_grasp  # noqa: E402
+from palpate.results.page import TITLE, new_figure, save, save_sentence, styled  # noqa: E402
+from palpate.dataset import Dataset  # noqa: E402
+from palpate.store import read  # noqa: E402
+from palpate.dataset.reader import GraspRecord  # noqa: E402
+from palpate.surface.embree import Scene  # noqa: E402
+from palpate.vision import Renderer  # noqa: E402
+from palpate.vision.camera import Camera, looking_at  # noqa: E402
+from palpate.vision.geom import triangles  # noqa: E402
+
+STEPS = (
+    "1  The object",
+    "2  The hand is loaded, open",
+    "3  The palm is placed tangent\nto a random point of the surface",
+    "4  The fingers close until\nthe surface stops them",
+)
+PIXELS = 580
+SAMPLES = 32
+DISTANCE = 2.2  # m from the object to the camera
+TALLEST, WIDEST, NARROWEST = 3.2, 3.1, 2.7  # inches of a picture, of one, and of a step with its words
+MARGIN = 1.04  # of the field of view over what it must hold
+# Views that are looked at: degrees of azimuth and elevation.
+AZIMUTHS = range(0, 360, 15)
+ELEVATIONS = (15, 35)
+HAND_STRIDE = 5  # of the hand's vertices, those that are looked at
+BESIDE = 0.05  # m between the object and the open hand that is loaded
+
+
+@styled
+def grasp_steps(dataset: Dataset, path: Path | str, threads: int = 1) -> None:
+    """Draw the steps of one grasp as the paper's figure of them; the grasp is the data point's.
+
+    Steps 1 and 2 show where a simulation starts; 3 is the stored pose of the palm with the hand open, 4 the
+    stored grasp. threads: of the CPU, for the renderer.
+    """
+    grasp = example_grasp(dataset)
+    if grasp is None:
+        return save_sentence("No usable object in this run", path)
+    hand = stored_hand(grasp)
+    towards = best_direction(grasp, hand)
+    opened = hand.open_joint_positions
+    loaded = hand.forward(beside(grasp.object.points, towards, hand), opened)
+    placed = hand.forward(grasp.palm_pose, opened)
+    poses = (None, loaded, placed, grasp.link_pose)
+    points = [grasp.object.points, *(hand_points(hand, pose) for pose in poses[1:])]
+    camera = camera_holding(np.concatenate(points), towards)
+    renderer = Renderer(size=PIXELS, samples=SAMPLES, threads=threads)
+    pictures = [
+        renderer.render_scene(
+            visual_glb=grasp.object.mesh / "visual.glb",
+            hand=None if pose is None else hand,
+            link_pose=pose,
+            camera=camera,
+            background=None,
+        ).rgb
+        for pose in poses
+    ]
+    save(_page(_cropped(pictures)), path)
+
+
+def stored_hand(grasp: GraspRecord) -> Hand:
+    """The hand that made a grasp, as its batch's store has it."""
+    record = grasp.object
+    arrays = read(record.mesh.parents[2] / "grasps" / f"{record.batch}.h5")
+    return Hand.from_arrays(arrays, prefix="hand/")
+
+
+def best_direction(grasp: GraspRecord, hand: Hand) -> np.ndarray:
+    """(3,) unit vector from the object to the camera that sees the closing fingers best.
+
+    The object hides little of the closed hand, and is not seen end on; and the view is from the hand's side,
+    where fingers curl in the picture's plane. The hand counts as much as the other two together.
+    """
+    scene = Scene(load_visual(grasp.object.mesh))
+    closed = hand_points(hand, grasp.link_pose)[::HAND_STRIDE] - OBJECT_POSITION
+    across = (grasp.palm_pose @ hand.palm_anchor)[:3, 1]
+
+    def seen(towards: np.ndarray) -> float:
+        return 1 - scene.blocked(closed, np.tile(3 * DIAGONAL * towards, (len(closed), 1)), reach=1).mean()
+
+    def area(towards: np.ndarray) -> float:
+        return np.prod(np.ptp(grasp.object.points @ _picture_axes(towards).T, axis=0))
+
+    directions = [_unit(*view) for view in itertools.product(AZIMUTHS, ELEVATIONS)]
+    largest = max(map(area, directions))
+    return max(directions, key=lambda d: 2 * seen(d) + abs(d @ across) + area(d) / largest)
+
+
+def beside(points: np.ndarray, towards: np.ndarray, hand: Hand) -> np.ndarray:
+    """(4, 4) pose of the palm that is loaded: its face upright, to the right of the object, facing it.
+
+    The open hand is `BESIDE` off the object, its middle as high as the object's. points: (n, 3) of the
+    object. towards: (3,) from it to the camera, which says where right is.
+    """
+    right, _ = _picture_axes(towards)
+    face = np.eye(4)
+    face[:3, :3] = np.stack([-right, np.cross((0, 0, 1), -right), (0, 0, 1)], axis=1)
+    face[:3, 3] = OBJECT_POSITION
+    pose = face @ np.linalg.inv(hand.palm_anchor)
+    drawn = hand_points(hand, hand.forward(pose, hand.open_joint_positions))
+    pose[:3, 3] += ((points @ right).max() + BESIDE - (drawn @ right).min()) * right
+    pose[2, 3] += OBJECT_POSITION[2] - (drawn[:, 2].min() + drawn[:, 2].max()) / 2
+    return pose
+
+
+def hand_points(hand: Hand, link_pose: np.ndarray) -> np.ndarray:
+    """(n, 3) vertices of the drawn hand in the world."""
+    points = []
+    for number, pose in enumerate(hand.geom_poses(link_pose)):
+        vertices, _, _ = triangles(
+            hand.geom_kind[number],
+            hand.geom_size[number],
+            hand.geom_vertices[number],
+            hand.geom_faces[number],
+        )
+        points.append(vertices @ pose[:3, :3].T + pose[:3, 3])
+    return np.concatenate(points)
+
+
+def camera_holding(points: np.ndarray, towards: np.ndarray) -> Camera:
+    """A camera that looks from direction `towards` (3,) at the middle of points (n, 3) and holds them all."""
+    middle = (points.min(axis=0) + points.max(axis=0)) / 2
+    camera = looking_at(middle, middle + DISTANCE * towards, PIXELS)
+    pixels, _ = camera.project(points)
+    reach = np.abs(pixels - PIXELS / 2).max()
+    return replace(camera, focal_length=camera.focal_length * PIXELS / 2 / (MARGIN * reach))
+
+
+def _picture_axes(towards: np.ndarray) -> np.ndarray:
+    """(2, 3) directions to the right and up in the picture of a camera in direction `towards` (3,)."""
+    right = np.cross((0, 0, 1), towards)
+    right /= np.linalg.norm(right)
+    return np.stack([right, np.cross(towards, right)])
+
+
+def _unit(azimuth: float, elevation: float) -> np.ndarray:
+    turn, tilt = np.radians([azimuth, elevation])
+    return np.array([np.cos(turn) * np.cos(tilt), np.sin(turn) * np.cos(tilt), np.sin(tilt)])
+
+
+def _cropped(pictures: list[np.ndarray]) -> list[np.ndarray]:
+    """The pictures (RGBA) cut to one size: the rows that any of them uses, each about its own middle."""
+    used = [np.nonzero(picture[..., 3]) for picture in pictures]
+    top, bottom = min(rows.min() for rows, _ in used), max(rows.max() for rows, _ in used) + 1
+    width = round(1.06 * max(np.ptp(columns) for _, columns in used))
+    cut = []
+    for picture, (_, columns) in zip(pictures, used, strict=True):
+        picture = np.pad(picture, ((0, 0), (width, width), (0, 0)))
+        left = width + (columns.min() + columns.max() + 1 - width) // 2
+        cut.append(picture[top:bottom, left : left + width])
+    return cut
+
+
+def _page(pictures: list[np.ndarray]) -> Figure:
+    """The pictures in a row, a title under each."""
+    rows, columns = pictures[0].shape[:2]
+    foot = 0.5  # inches, as are the others
+    inch = max(rows / TALLEST, columns / WIDEST)  # in pixels
+    width, picture = max(columns / inch, NARROWEST), rows / inch
+    height = picture + foot
+    figure = new_figure(len(pictures) * width, height)
+    for number, (image, title) in enumerate(zip(pictures, STEPS, strict=True)):
+        left = number / len(pictures)
+        axes = figure.add_axes((left, foot / height, 1 / len(pictures), picture / height))
+        axes.imshow(image, interpolation="antialiased")
+        axes.set_axis_off()
+        figure.text(
+            left + 0.5 / len(pictures), foot / 2 / height, title, ha="center", va="center", fontsize=TITLE - 1
+        )
+    return figure

@@ -1,0 +1,149 @@
+"""The figure of local predictions: what touches read, the surface there, the prediction, and its chart.
+
+Import it before anything that loads embree (trimesh does), because it loads Blender.
+"""
+
+from pathlib import Path
+
+import numpy as np
+from matplotlib.axes import Axes
+
+from palpate.vision import blender
+
+blender.load()
+
+from palpate.charts.atlas import touch_chart  # noqa: E402  (Blender comes before embree)
+from palpate.evaluation.reconstruct import (  # noqa: E402
+    TOUCH_COLOUR,
+    VISION_COLOUR,
+    GraspTouches,
+    TouchCharts,
+)
+from palpate.mesh import OBJECT_POSITION  # noqa: E402
+from palpate.results.page import FAINT, LABEL, TITLE, new_figure, save, save_sentence, styled  # noqa: E402
+from palpate.results.reconstructions import test_objects  # noqa: E402
+from palpate.dataset import Dataset  # noqa: E402
+from palpate.dataset.reader import GraspRecord, ObjectRecord  # noqa: E402
+from palpate.touch import SENSOR_WIDTH  # noqa: E402
+from palpate.vision import Mesh, Renderer, looking_at, spheres  # noqa: E402
+from palpate.vision.camera import Camera  # noqa: E402
+
+STAGES = ("touch",)  # whose objects can be drawn
+HEADINGS = ("reading", "true cloud", "predicted cloud", "touch chart")
+TOUCHES = 2  # of every object
+# Touches are drawn far larger than they are: Blender's rays start a fixed distance off a surface.
+DRAWN_WIDTH = 0.4  # m, of a sensor
+STRIDE = 7  # of a cloud's points, those that are drawn: 10,000 hide one another; 7 does not divide a row
+POINT, VERTEX = 0.004, 0.006  # m, radii as drawn
+SEGMENTS = 1  # of a point as a sphere: a few pixels across, it needs no more
+TRUE_COLOUR = (0.5, 0.5, 0.5)  # sRGB: clay is too pale for points
+PIXELS = 240
+SAMPLES = 16
+TOWARDS = (0.0, -0.75, 1.0)  # from the site to the camera, in the frame of `upright`
+DISTANCE, FIELD_OF_VIEW = 1.5, 19.0  # m, degrees
+
+# Rows: the axes in which a touch is drawn, in the sensor's frame. Right is the reading's right; the reading's
+# top is at the back; and up is from the object to the sensor.
+UPRIGHT = np.array([[0, 1, 0], [0, 0, -1], [-1, 0, 0]], dtype=float)
+
+
+@styled
+def local_predictions(
+    dataset: Dataset, touch_depth: Path | str, path: Path | str, fit: str = "direct", threads: int = 1
+) -> None:
+    """Draw touches of the first test object of every class: reading, true cloud, predicted cloud, chart.
+
+    touch_depth: the trained U-Net's folder. fit: how charts are fitted, `direct` or `adam`. An object's
+    touches are those of `touches`. threads: of the CPU, for the renderer.
+    """
+    drawn = [(record, touches(record)) for record in test_objects(dataset)]
+    drawn = [(record, chosen) for record, chosen in drawn if chosen]
+    if not drawn:
+        return save_sentence("No test object with a successful touch in this run", path)
+    charts = TouchCharts(touch_depth, fit=fit)
+    renderer = Renderer(size=PIXELS, samples=SAMPLES, threads=threads)
+    camera = site_camera(PIXELS)
+    figure, axes = _page(drawn)
+    for row, (_, chosen) in enumerate(drawn):
+        for place, (grasp, sensor) in enumerate(chosen):
+            felt = GraspTouches(*(getattr(grasp, name)[[sensor]] for name in GraspTouches._fields))
+            meshes = site(grasp, sensor, charts.clouds(felt)[0], charts(felt)[0])
+            pictures = [grasp.reading[sensor]]
+            pictures += [renderer.render_scene(part, camera=camera).rgb for part in meshes]
+            for column, picture in enumerate(pictures):
+                axes(row, place, column).imshow(picture, interpolation="antialiased")
+    save(figure, path)
+
+
+def touches(record: ObjectRecord) -> list[tuple[GraspRecord, int]]:
+    """Grasp and sensor of the widest touch of each of the object's first grasps that have one."""
+    widest = [(grasp, int(np.argmax([len(cloud) for cloud in grasp.points]))) for grasp in record.grasps]
+    return [(grasp, sensor) for grasp, sensor in widest if grasp.success[sensor]][:TOUCHES]
+
+
+def site(grasp: GraspRecord, sensor: int, points: np.ndarray, vertices: np.ndarray) -> list[list[Mesh]]:
+    """What is drawn of one touch: the true cloud, the predicted cloud, and the chart with its vertices.
+
+    points: (n, 3) predicted, vertices: (81, 3) of the chart, in the world. All three share one frame: before
+    the middle of the sensor, as far from it as the true cloud.
+    """
+    true = grasp.points[sensor].astype(float)
+    out = grasp.rotation[sensor][:, 0]
+    middle = grasp.position[sensor] + np.median((true - grasp.position[sensor]) @ out) * out
+
+    def place(cloud: np.ndarray) -> np.ndarray:
+        return upright(cloud - middle, grasp.rotation[sensor])
+
+    chart = place(vertices)
+    return [
+        [spheres(place(true[::STRIDE]), POINT, TRUE_COLOUR, SEGMENTS)],
+        [spheres(place(points[::STRIDE]), POINT, VISION_COLOUR, SEGMENTS)],
+        [Mesh(chart, touch_chart().faces.numpy(), TOUCH_COLOUR), spheres(chart, VERTEX, (0.3, 0.1, 0.0))],
+    ]
+
+
+def upright(offsets: np.ndarray, rotation: np.ndarray) -> np.ndarray:
+    """Offsets (n, 3) in the world from a site's middle, as drawn: seen from the sensor's side, enlarged."""
+    return OBJECT_POSITION + DRAWN_WIDTH / SENSOR_WIDTH * offsets @ rotation @ UPRIGHT.T
+
+
+def site_camera(size: int) -> Camera:
+    """The camera of all touches."""
+    towards = np.array(TOWARDS) / np.linalg.norm(TOWARDS)
+    return looking_at(OBJECT_POSITION, OBJECT_POSITION + DISTANCE * towards, size, FIELD_OF_VIEW)
+
+
+def _page(drawn: list[tuple[ObjectRecord, list]]):
+    """A page, and the function (row, touch, column) -> axes."""
+    cell, gap, between, left, head, label = 1.35, 0.04, 0.22, 0.3, 0.32, 0.2  # inches
+    block = len(HEADINGS) * (cell + gap)
+    width = left + TOUCHES * block + (TOUCHES - 1) * between
+    height = head + len(drawn) * (cell + label)
+    figure = new_figure(width, height)
+
+    def corner(place: int, column: int) -> float:
+        return left + place * (block + between) + column * (cell + gap)
+
+    def axes(row: int, place: int, column: int) -> Axes:
+        bottom = height - head - (row + 1) * (cell + label)
+        size = cell * (0.72 if column == 0 else 1)  # a reading is flat
+        inset = (cell - size) / 2
+        made = figure.add_axes(
+            ((corner(place, column) + inset) / width, (bottom + inset) / height, size / width, size / height)
+        )
+        made.set_axis_off()
+        return made
+
+    def text(x: float, y: float, words: str, **style) -> None:
+        figure.text(x / width, 1 - y / height, words, ha="center", va="center", **style)
+
+    for place in range(TOUCHES):
+        for column, heading in enumerate(HEADINGS):
+            text(corner(place, column) + cell / 2, head / 2, heading, fontsize=TITLE - 1)
+    for row, (record, chosen) in enumerate(drawn):
+        top = head + row * (cell + label)
+        text(left / 2, top + label + cell / 2, record.name, rotation=90, fontsize=LABEL, color=FAINT)
+        for place, (grasp, sensor) in enumerate(chosen):
+            words = f"grasp {grasp.number}, {grasp.sensors[sensor]}"
+            text(corner(place, 0) + block / 2, top + label / 2, words, fontsize=LABEL, color=FAINT)
+    return figure, axes

@@ -1,0 +1,330 @@
+"""The models' tables: measured averages with their intervals, the paper's values beside.
+
+Each function gives a DataFrame of numbers. A measured column `x` is followed by `x_low` and `x_high`, its
+95 % interval, and `x_paper` where the paper states it. `write_table` writes it as CSV, and for reading as
+Markdown and LaTeX, where a number and its interval share a cell. The frame's `attrs["note"]` says what it
+stands on.
+"""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from palpate.charts import CHAMFER_SCALE
+from palpate.results.bootstrap import RESAMPLES, Estimate
+from palpate.results.errors import AVERAGE, Errors, EvaluationError, errors
+from palpate.evaluation.metrics import PIXEL2MESH_SCALE, TAU, pixel2mesh_chamfer
+from palpate.results.published import paper_values
+from palpate.evaluation.rings import RINGS
+from palpate.results import dataset_tables as files
+
+STRATEGY_NAMES = {
+    "sphere": "sphere-based",
+    "no_copy": "charts, no copying",
+    "no_comm": "charts, no communication",
+    "charts": "charts",
+}
+VISION_NAMES = {"occluded": "occluded", "unoccluded": "unoccluded", "views": "views", "none": "–"}
+PAPER_OBJECTS = {"validation": 258, "test": 175}  # supplement, Dataset Statistics
+TOUCH_PARTS = {"cloud": "local point cloud", "chart": "touch chart"}
+INTERVALS = (
+    "In brackets: 95 % bootstrap interval over objects, within classes, and over seeds where there are "
+    "several; none where a class has a single object."
+)
+
+# Name -> strategy, vision, touch, grasps, as in config/experiments.yaml.
+Experiments = Mapping[str, Mapping[str, Any]]
+
+
+def model_selection(
+    evaluations: pd.DataFrame, experiments: Experiments, split: str = "validation", resamples: int = RESAMPLES
+) -> pd.DataFrame:
+    """Chamfer distance (m^2 x 9000) of each experiment, by class and on average (table "Model selection").
+
+    evaluations: rows of `errors.read`; experiments: those of the table, in its order.
+    Raises EvaluationError if one is missing.
+    """
+    found = errors(evaluations, list(experiments), split)
+    published = paper_values("model_selection").set_index(["experiment", "class"])["value"]
+    rows = []
+    for number, (name, setup) in enumerate(experiments.items(), start=1):
+        row = {
+            "row": number,
+            "experiment": name,
+            "model": STRATEGY_NAMES[setup["strategy"]],
+            "vision": VISION_NAMES[setup["vision"]],
+            "touch": "yes" if setup["touch"] else "no",
+        }
+        rows.append(row | _by_class(found, name, published, resamples) | _size(found, name))
+    return _finish(rows, split, found, _steps_note())
+
+
+def input_modalities(
+    evaluations: pd.DataFrame, experiments: Experiments, split: str = "test", resamples: int = RESAMPLES
+) -> pd.DataFrame:
+    """Chamfer distance (m^2 x 9000) with different inputs, by class and on average (table "Test set
+    results"); the paper states averages only."""
+    found = errors(evaluations, list(experiments), split)
+    published = paper_values("input_modalities").set_index(["experiment", "class"])["value"]
+    rows = []
+    for name, setup in experiments.items():
+        row = {
+            "experiment": name,
+            "vision": VISION_NAMES[setup["vision"]],
+            "touch": "yes" if setup["touch"] else "no",
+        }
+        rows.append(row | _by_class(found, name, published, resamples) | _size(found, name))
+    return _finish(rows, split, found, _steps_note())
+
+
+def local_touch_charts(
+    touches: pd.DataFrame, split: str = "test", resamples: int = RESAMPLES
+) -> pd.DataFrame:
+    """Chamfer distance (m^2 x 9000) of local predictions to the true local cloud, by class and on average
+    (table "Chamfer distance per class for local point cloud prediction"): the predicted cloud's, and that of
+    the chart fitted to it, of which the paper states nothing.
+
+    touches: rows of `errors.read` with `TOUCH_COLUMNS`.
+    """
+    found = touch_errors(touches, split)
+    published = paper_values("local_touch_charts").assign(part="cloud").set_index(["part", "class"])["value"]
+    rows = [
+        {"prediction": label} | _by_class(found, part, published, resamples) | _size(found, part)
+        for part, label in TOUCH_PARTS.items()
+    ]
+    counts = touches[touches["split"] == split]
+    note = f" {len(counts)} successful touches; an object's error is the mean over its touches."
+    return _finish(rows, split, found, note, decimals=5)
+
+
+def touch_errors(touches: pd.DataFrame, split: str) -> Errors:
+    """Errors of local predictions as of two experiments, `cloud` and `chart`."""
+    long = touches.assign(seed=0).melt(
+        [name for name in (*touches.columns, "seed") if name not in TOUCH_PARTS],
+        list(TOUCH_PARTS),
+        var_name="part",
+        value_name="chamfer",
+    )
+    return errors(long, list(TOUCH_PARTS), split, key="part")
+
+
+def grasps(
+    evaluations: pd.DataFrame, experiments: Experiments, split: str = "test", resamples: int = RESAMPLES
+) -> pd.DataFrame:
+    """Chamfer distance (m^2 x 9000) against the number of grasps, a row a set-up (supplement, table "Chamfer
+    distance when increasing the number of grasps").
+
+    A set-up is what experiments share but for their number of grasps. Raises EvaluationError if one is
+    missing.
+    """
+    found = errors(evaluations, list(experiments), split)
+    published = paper_values("grasps").set_index("experiment")["value"]
+    rows = []
+    for label, members in setups(experiments).items():
+        row: dict[str, Any] = {"input": label}
+        for count, name in sorted(members.items()):
+            row |= _columns(f"grasps_{count}", found.estimate([name], resamples=resamples))
+            row[f"grasps_{count}_paper"] = published.get(name, np.nan)
+        rows.append(row | _size(found, *members.values()))
+    return _finish(rows, split, found, _steps_note())
+
+
+def setups(experiments: Experiments) -> dict[str, dict[int, str]]:
+    """Experiments by what they see: label -> {number of grasps: name}, in the order given."""
+    found: dict[str, dict[int, str]] = {}
+    for name, setup in experiments.items():
+        found.setdefault(input_label(setup), {})[setup["grasps"]] = name
+    return found
+
+
+def input_label(setup: Mapping[str, Any]) -> str:
+    """What an experiment sees, in words: `unoccluded vision + touch`."""
+    names = {"none": [], "views": ["single view"]}
+    vision = names.get(setup["vision"], [f"{setup['vision']} vision"])
+    return " + ".join([*vision, *(["touch"] if setup["touch"] else [])]) or "nothing"
+
+
+def extrapolation(
+    rings: pd.DataFrame, experiments: Experiments, split: str = "test", resamples: int = RESAMPLES
+) -> pd.DataFrame:
+    """Mean squared distance from the true surface in square rings around each touch to the prediction
+    (supplement, table "Local Chamfer distance in increasingly large square rings"): in m^2 as there, and
+    multiplied by 9000 as everywhere else.
+
+    rings: rows of `errors.read` with `RING_COLUMNS`.
+    """
+    found = ring_errors(rings, list(experiments), split)
+    published = paper_values("extrapolation").set_index(["experiment", "ring"])["value"]
+    rows = []
+    for unit, scale in (("m^2", 1.0), ("m^2 x 9000", CHAMFER_SCALE)):
+        for name, setup in experiments.items():
+            row: dict[str, Any] = {"input": input_label(setup), "unit": unit}
+            for ring in RINGS:
+                estimate = found.estimate([ring_key(name, ring)], resamples=resamples)
+                row |= _columns(f"x{ring}", Estimate(*(scale * number for number in estimate)))
+                row[f"x{ring}_paper"] = scale * published.get((name, ring), np.nan)
+            rows.append(row | _size(found, *(ring_key(name, ring) for ring in RINGS)))
+    note = (
+        " One direction: from the true surface to the prediction. The published evaluation averages over all "
+        "touches; here an object's error is the mean over its touches, and classes have the same share."
+    )
+    return _finish(rows, split, found, note, decimals=None)
+
+
+def ring_key(experiment: str, ring: int) -> str:
+    """Name under which `ring_errors` keeps an experiment's errors in one ring."""
+    return f"{experiment} x{ring}"
+
+
+def ring_errors(rings: pd.DataFrame, experiments: Sequence[str], split: str) -> Errors:
+    """Errors in rings as of so many experiments, named by `ring_key`. An object that has no surface in one of
+    the rings around any of its touches is left out of all."""
+    known = set(rings.loc[rings["split"] == split, "experiment"])
+    for name in experiments:
+        if name not in known:
+            raise EvaluationError(
+                f"no ring evaluation of experiment {name!r} on the {split} split; there are {sorted(known)}"
+            )
+    rings = rings[rings["experiment"].isin(experiments) & (rings["split"] == split)]
+    by_object = rings.groupby(["object", "experiment", "seed", "ring"])["distance"].mean()
+    empty = by_object[by_object.isna()].index.get_level_values("object").unique()
+    rings = rings[~rings["object"].isin(empty)].dropna(subset="distance")
+    keys = [ring_key(name, ring) for name in experiments for ring in RINGS]
+    named = rings.assign(key=rings["experiment"] + " x" + rings["ring"].astype(str))
+    return errors(named, keys, split, column="distance", key="key")
+
+
+def single_image(
+    evaluations: pd.DataFrame, experiments: Experiments, split: str = "test", resamples: int = RESAMPLES
+) -> pd.DataFrame:
+    """Single-image reconstruction by Pixel2Mesh's protocol (supplement, table "Single image 3D shape
+    reconstructing results"): measured rows first, then the paper's own, then those that it cites.
+
+    `chamfer` is in thousandths at the protocol's scale, `f1_tau` and `f1_2tau` in percent.
+    """
+    rows = []
+    for name in experiments:
+        row: dict[str, Any] = {"method": name, "from": "this run"}
+        for column in ("chamfer", "f1_tau", "f1_2tau"):
+            found = errors(evaluations, [name], split, column)
+            estimate = found.estimate([name], resamples=resamples)
+            if column == "chamfer":
+                estimate = Estimate(*(pixel2mesh_chamfer(number) for number in estimate))
+            row |= _columns(column, estimate)
+        rows.append(row | _size(found, name))
+    published = paper_values("single_image").sort_values("cited_by_the_paper", kind="stable")
+    for record in published.to_dict("records"):
+        cited = record["cited_by_the_paper"] == "yes"
+        rows.append(
+            {
+                "method": record["method"],
+                "from": "cited by the paper" if cited else "the paper",
+                **{column: record[column] for column in ("chamfer", "f1_tau", "f1_2tau")},
+            }
+        )
+    note = (
+        " Pixel2Mesh's protocol as in Mesh R-CNN's evaluation: meshes scaled by "
+        f"{PIXEL2MESH_SCALE:.2f} (0.57 for a bounding box of diagonal 1; here it is 0.5), squared distances, "
+        f"tau = {TAU:g}; Chamfer distance in "
+        "thousandths. The rows of the paper and those it cites are of ShapeNet's 13 classes and published "
+        "renderings: not this run's objects."
+    )
+    return _finish(rows, split, found, note, decimals=2, exact={"chamfer": 3})
+
+
+def _by_class(found: Errors, name: str, published: pd.Series, resamples: int) -> dict[str, float]:
+    """An experiment's measured and published columns: each class, then the average."""
+    row = {}
+    for label in (*found.class_names, AVERAGE):
+        part = found if label == AVERAGE else found.of_class(label)
+        row |= _columns(label, part.estimate([name], resamples=resamples))
+        row[f"{label}_paper"] = published.get((name, label), np.nan)
+    return row
+
+
+def _columns(label: str, estimate: Estimate) -> dict[str, float]:
+    return {label: estimate.value, f"{label}_low": estimate.low, f"{label}_high": estimate.high}
+
+
+def _size(found: Errors, *names: str) -> dict[str, Any]:
+    """What the numbers of a row stand on."""
+    low = min(found.steps[name][0] for name in names)
+    high = max(found.steps[name][1] for name in names)
+    return {
+        "objects": len(found.objects),
+        "seeds": min(len(found.values[name]) for name in names),
+        "steps": str(low) if low == high else f"{low} to {high}",
+    }
+
+
+def _steps_note() -> str:
+    return " The paper trained for at most 260 epochs in batches of 16."
+
+
+def _finish(
+    rows: list[dict],
+    split: str,
+    found: Errors,
+    note: str,
+    decimals: int | None = 3,
+    exact: dict[str, int] | None = None,
+) -> pd.DataFrame:
+    """The frame, with its note and how its numbers are printed; no columns of values that nobody states."""
+    table = pd.DataFrame(rows)
+    empty = [name for name in table if name.endswith("_paper") and table[name].isna().all()]
+    table = table.drop(columns=empty).astype({"objects": "Int64", "seeds": "Int64"})
+    classes = ", ".join(f"{np.sum(found.classes == name)} {name}" for name in found.class_names)
+    table.attrs["note"] = (
+        f"This run: {len(found.objects)} objects of the {split} split ({classes}); the paper: "
+        f"{PAPER_OBJECTS[split]}.{note} {INTERVALS}"
+    )
+    table.attrs["decimals"] = decimals
+    table.attrs["exact"] = exact or {}
+    return table
+
+
+def write_table(table: pd.DataFrame, path: Path | str) -> None:
+    """Write `path` (.csv) with all numbers in their own columns, and beside it the same for reading: as
+    Markdown (.md) and LaTeX (.tex). Raises ValueError if the path does not end in .csv."""
+    path = files.table_path(path)
+    table.to_csv(path, index=False, lineterminator="\n", float_format="%.6g")
+    shown = display(table)
+    path.with_suffix(".md").write_text(files.markdown(shown), encoding="utf-8")
+    path.with_suffix(".tex").write_text(files.latex(shown), encoding="utf-8")
+
+
+def display(table: pd.DataFrame) -> pd.DataFrame:
+    """The table as it is read: text cells, each number with its interval in brackets."""
+    shown = {}
+    for name in table:
+        if name.endswith(("_low", "_high")) and name.rsplit("_", 1)[0] in table:
+            continue
+        if f"{name}_low" in table:
+            parts = zip(*(table[column] for column in (name, f"{name}_low", f"{name}_high")), strict=True)
+            shown[name] = [_bracketed(table, name, *numbers) for numbers in parts]
+        elif pd.api.types.is_float_dtype(table[name]):
+            shown[name] = [_number(table, name, number) for number in table[name]]
+        else:
+            shown[name] = ["–" if pd.isna(value) else str(value) for value in table[name]]
+    result = pd.DataFrame(shown)
+    result.attrs["note"] = table.attrs.get("note")
+    return result
+
+
+def _bracketed(table: pd.DataFrame, name: str, value: float, low: float, high: float) -> str:
+    text = _number(table, name, value)
+    if np.isnan(low) or np.isnan(high):
+        return text
+    return f"{text} [{_number(table, name, low)}, {_number(table, name, high)}]"
+
+
+def _number(table: pd.DataFrame, name: str, value: float) -> str:
+    """With the table's decimals; with three significant digits where it has none."""
+    if pd.isna(value):
+        return "–"
+    stem = name.removesuffix("_paper")
+    decimals = table.attrs.get("exact", {}).get(stem, table.attrs.get("decimals", 3))
+    return f"{value:.3g}" if decimals is None else f"{value:.{decimals}f}"

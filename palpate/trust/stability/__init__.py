@@ -1,1 +1,0 @@
-"""Stiff and extreme cases: each module has `CASES`, a `palpate.trust.cases.Cases`."""

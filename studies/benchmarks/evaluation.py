@@ -1,0 +1,154 @@
+"""How wrong evaluations are, at what cost.
+
+    python studies/benchmarks/evaluation.py results/small [--objects N]
+
+Prints, for objects of a run that has been built: what a perfect prediction (the true mesh) scores, which is
+the error of sampling, against the points sampled, for the Chamfer distance and for rings; the time of both;
+and how often the 95 % intervals hold the truth in simulated runs, by objects a class and seeds.
+"""
+
+import argparse
+import os
+import time
+
+os.environ.setdefault("OMP_NUM_THREADS", "1")
+
+import numpy as np
+import pandas as pd
+import torch
+
+from palpate import Dataset
+from palpate.charts import build_tree, sample_faces
+from palpate.evaluation.metrics import score, seeded
+from palpate.evaluation.rings import RINGS, CloudSurface, MeshSurface, ring_distances, ring_points
+from palpate.mesh import OBJECT_POSITION, load_visual
+from palpate.results.bootstrap import interval
+
+POINTS = (1_000, 3_000, 10_000, 30_000)
+RUNS = 400  # simulated, behind each coverage
+
+
+def picked(run: str, number: int) -> list:
+    """The same number of objects of each class, evenly over it."""
+    dataset = Dataset(run)
+    items = []
+    for name in dataset.classes:
+        members = dataset.of_class(name)
+        items += [members[i * len(members) // number] for i in range(number)]
+    return items
+
+
+def surface(item) -> tuple[torch.Tensor, torch.Tensor]:
+    """Vertices (1, V, 3), world frame, and faces (F, 3) of an object's mesh."""
+    mesh = load_visual(item.mesh)
+    vertices = torch.from_numpy(np.asarray(mesh.vertices) + OBJECT_POSITION).float()
+    return vertices[None], torch.from_numpy(np.asarray(mesh.faces)).long()
+
+
+def sampling(items: list) -> pd.DataFrame:
+    """What the true cloud scores against the mesh's own points, by their number: mean over objects."""
+    rows = []
+    for item in items:
+        # Interior faces of a mesh are no part of its surface: the cloud stands for both sides.
+        truth = torch.from_numpy(item.points)
+        shuffled = truth[torch.randperm(len(truth), generator=seeded(0, item.name))]
+        half = shuffled[: len(truth) // 2]
+        mesh = surface(item)
+        for count in POINTS:
+            draw = sample_faces(*mesh, count, seeded(0, item.name, "benchmark"))[0]
+            start = time.perf_counter()
+            chamfer = score(draw, truth, build_tree(truth)).chamfer
+            seconds = time.perf_counter() - start
+            rows.append({"class": item.class_name, "points": count, "chamfer": chamfer, "ms": 1000 * seconds})
+        floor = score(half, shuffled[len(half) :]).chamfer / 2  # of half the points: twice the floor of all
+        rows.append({"class": item.class_name, "points": 0, "chamfer": floor, "ms": np.nan})
+    table = pd.DataFrame(rows).groupby("points")[["chamfer", "ms"]].mean()
+    return table.rename(index={0: "cloud against cloud, 10000"})
+
+
+def rings(items: list) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """What the true mesh scores in rings, by the points sampled on it; and mesh and cloud as surfaces."""
+    rows, surfaces = [], []
+    for item in items:
+        mesh, cloud = MeshSurface(load_visual(item.mesh), OBJECT_POSITION), CloudSurface(item.points)
+        predictions = {n: sample_faces(*surface(item), n, seeded(0, item.name))[0] for n in POINTS}
+        trees = {count: build_tree(points) for count, points in predictions.items()}
+        for grasp in item.grasps:
+            for sensor in np.flatnonzero(grasp.success):
+                pose = grasp.position[sensor], grasp.rotation[sensor]
+                start = time.perf_counter()
+                depth = mesh.project(*pose)
+                middle = time.perf_counter()
+                other = cloud.project(*pose)
+                end = time.perf_counter()
+                both = np.isfinite(depth) & np.isfinite(other)
+                surfaces.append(
+                    {
+                        "mesh ms": 1000 * (middle - start),
+                        "cloud ms": 1000 * (end - middle),
+                        "median difference, mm": 1000 * np.median(np.abs(depth[both] - other[both])),
+                        "met, mesh": np.isfinite(depth).mean(),
+                        "met, cloud": np.isfinite(other).mean(),
+                    }
+                )
+                points = ring_points(depth, *pose)
+                for count in POINTS:
+                    found = ring_distances(points, predictions[count], trees[count])
+                    rows.append({"points": count, **dict(zip(RINGS, found, strict=True))})
+    return pd.DataFrame(rows).groupby("points").mean(), pd.DataFrame(surfaces).mean().to_frame("mean")
+
+
+def coverage() -> pd.DataFrame:
+    """How often the interval of a difference holds the truth, and its mean width, in simulated runs.
+
+    Errors are the sum of what makes an object hard (deviation 1, the same for both models), what it is for
+    one model (0.2), and, with several seeds, of a shift of each training (0.2) and of each training on each
+    object (0.2).
+    """
+    rows = []
+    rng = np.random.default_rng(0)
+    for shape in ("normal", "lognormal"):
+        for each, seeds in ((2, 1), (4, 1), (10, 1), (40, 1), (10, 2), (10, 3), (40, 3)):
+            classes = np.repeat(np.arange(4), each)
+            estimates = [_simulated(rng, shape, classes, seeds, run) for run in range(RUNS)]
+            inside = np.mean([estimate.low <= 0 <= estimate.high for estimate in estimates])
+            width = np.mean([estimate.high - estimate.low for estimate in estimates])
+            rows.append((shape, each, seeds, 100 * inside, width))
+    return pd.DataFrame(rows, columns=["errors", "objects a class", "seeds", "inside, %", "width"])
+
+
+def _simulated(rng, shape: str, classes: np.ndarray, seeds: int, run: int):
+    count = len(classes)
+
+    def own():
+        return 0.2 * (rng.normal(size=count) if shape == "normal" else rng.lognormal(size=count) - np.exp(0.5))
+
+    hard = rng.normal(size=count)
+    spread = 0.2 if seeds > 1 else 0.0
+
+    def model():
+        return hard + own() + rng.normal(0, spread, (seeds, 1)) + rng.normal(0, spread, (seeds, count))
+
+    return interval([model(), model()], classes, lambda m: m[..., 0] - m[..., 1], resamples=500, seed=run)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("run")
+    parser.add_argument("--objects", type=int, default=3, help="a class")
+    arguments = parser.parse_args()
+    torch.set_num_threads(1)
+    items = picked(arguments.run, arguments.objects)
+    print(f"{len(items)} objects of {arguments.run}\n\nThe true mesh as the prediction, m^2 x 9000:")
+    print(sampling(items).round(4).to_string())
+    error, surfaces = rings(items)
+    print("\nThe true mesh in rings, m^2:")
+    print(error.to_string(float_format="%.2e"))
+    print("\nA touch's rings on a mesh and on a cloud:")
+    print(surfaces.round(3).to_string())
+    print("\nIntervals in simulated runs:")
+    print(coverage().round(2).to_string(index=False))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,135 @@
+"""What grasps cost, and their statistics: `python studies/benchmarks/grasp.py [table ...]`.
+
+Tables: stages, statistics (default: both). Objects are procedural, `--objects` of each class, with the meshes
+and surface points that the workflow gives them by default: the first row of the statistics is that of a
+default run. Times are processor time on one core; medians. Errors against time: `snakemake reports`.
+"""
+
+import argparse
+import os
+import tempfile
+import time
+from functools import cache
+from pathlib import Path
+from typing import NamedTuple
+
+os.environ.setdefault("OMP_NUM_THREADS", "1")
+
+import numpy as np
+import pandas as pd
+import trimesh
+
+from palpate import shapes
+from palpate.batch import generator
+from palpate.grasp.closing import TIMESTEP, GraspScene
+from palpate.grasp.grasp import THUMB_SHARE, Grasper, grasp_object, workspace_of
+from palpate.grasp.patches import surface_patches
+from palpate.grasp.penetration import PenetrationCheck
+from palpate.hand import allegro
+from palpate.mesh import OBJECT_POSITION, load_collision, load_visual, prepare
+from palpate.surface import sample
+
+HAND = allegro()
+POINTS = 10_000  # of an object's surface, as in config/config.yaml
+PAPER = {"bottle": 71.8, "knife": 54.1, "cellphone": 67.2, "rifle": 53.6}
+
+
+class Shape(NamedTuple):
+    """An object: every face and the decimated mesh in its own frame, surface points (N, 3) in the world."""
+
+    name: str
+    visual: trimesh.Trimesh
+    collision: trimesh.Trimesh
+    points: np.ndarray
+
+
+@cache
+def procedural(class_name: str, index: int) -> Shape:
+    """An object as the workflow's stages make it."""
+    name = f"{class_name}-{index:04d}"
+    with tempfile.TemporaryDirectory() as folder:
+        source = shapes.write(class_name, index, Path(folder) / name)
+        prepare(source, Path(folder) / "meshes", levels=())
+        visual, collision = load_visual(Path(folder) / "meshes"), load_collision(Path(folder) / "meshes")
+    points = sample(visual, POINTS, generator(0, name, "surface")) + OBJECT_POSITION
+    return Shape(name, visual, collision, points.astype(np.float32))  # as it is stored
+
+
+def statistics(count: int) -> pd.DataFrame:
+    """The default's grasps, and those with the thumb in every attempt or the best of more attempts."""
+    rows = {}
+    made = {name: [procedural(name, index) for index in range(count)] for name in shapes.CLASSES}
+    for label, settings in {
+        f"default: attempts 5, thumb_share {THUMB_SHARE}": {},
+        "thumb_share 0": {"thumb_share": 0.0},
+        "thumb_share 1": {"thumb_share": 1.0},
+        "attempts 10": {"attempts": 10},
+        "attempts 20, thumb_share 1": {"attempts": 20, "thumb_share": 1.0},
+    }.items():
+        touches, spent = {}, []
+        for name, members in made.items():
+            found = []
+            for each in members:
+                start = time.process_time()
+                rng = generator(0, each.name, "grasps")
+                found.append(grasp_object(each.visual, each.collision, each.points, HAND, rng, **settings))
+                spent.append(1e3 * (time.process_time() - start))
+            touches[name] = np.concatenate([each.touches for each in found])
+        together = np.concatenate(list(touches.values()))
+        shares = np.bincount(together.sum(axis=1), minlength=5)[1:] / len(together)
+        rows[label] = (
+            {name: 100 * values.mean() for name, values in touches.items()}
+            | {"mean": 100 * together.mean()}
+            | {f"{number} touches, %": 100 * share for number, share in enumerate(shares, start=1)}
+            | {"ms an object": np.median(spent)}
+        )
+    shares = {f"{number} touches, %": value for number, value in enumerate((9.47, 26.08, 53.83, 10.61), 1)}
+    rows["paper"] = PAPER | {"mean": 62.4} | shares
+    return pd.DataFrame(rows).T
+
+
+def stages(count: int) -> pd.DataFrame:
+    """Where the time of an object goes, in ms of processor time."""
+    rows = []
+    for shape in [procedural(name, index) for name in shapes.CLASSES for index in range(count)]:
+        spent = {}
+
+        def timed(name, function, *arguments, spent=spent):
+            start = time.process_time()
+            result = function(*arguments)
+            spent[name] = spent.get(name, 0) + 1e3 * (time.process_time() - start)
+            return result
+
+        patches = timed("patches", surface_patches, shape.collision)
+        scene = timed("compiled model", GraspScene, HAND, patches, TIMESTEP)
+        check = timed("penetration check, set-up", PenetrationCheck, HAND, shape.visual)
+        own_points = shape.points.astype(float) - OBJECT_POSITION
+        grasper = Grasper(shape.visual, shape.collision, own_points, HAND, max_penetration=np.inf)
+        rng = generator(1, shape.name)
+        pose = timed("placement", grasper.free_palm_pose, rng)
+        targets = timed("inverse kinematics", grasper.workspace.targets, pose, grasper.surface)
+        scene.place(pose, HAND.open_joint_positions)
+        joints = timed("closing", scene.close, targets).joint_positions
+        links = HAND.forward(pose, joints)
+        timed("touches", grasper.caster.succeeds, *HAND.sensor_frames(links))
+        timed("penetration, object", check.in_object, links)
+        timed("penetration, itself", check.in_itself, links)
+        rows.append(spent)
+    table = pd.DataFrame(rows)
+    return pd.DataFrame({"median, ms": table.median(), "max, ms": table.max()})
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    tables = {"stages": stages, "statistics": statistics}
+    parser.add_argument("tables", nargs="*", metavar="table", help=", ".join(tables))
+    parser.add_argument("--objects", type=int, default=2, help="of each class (default 2)")
+    arguments = parser.parse_args()
+    workspace_of(HAND)
+    for name in arguments.tables or tables:
+        table = tables[name](arguments.objects)
+        print(f"\n{name}\n{table.round(3).to_string()}", flush=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,116 @@
+"""The model as one would write it down first: what the fast one is tested against, and compared with in time.
+
+Layout (sample, vertex, channel); a dense vertex-by-vertex adjacency; the image encoded again at each
+deformation; pooling by reading the four cells around each vertex; all pairs of points for the Chamfer
+distance. It reads the weights of a `palpate.models.Reconstruction`, and none of its code but the
+convolutions.
+"""
+
+import torch
+
+from palpate.charts import ATLAS_RADIUS, sphere, vision_atlas
+from palpate.mesh import OBJECT_POSITION
+from palpate.models import Reconstruction
+from palpate.vision.camera import FOCAL_LENGTH, IMAGE_SIZE, paper_camera
+
+
+def pixels(positions: torch.Tensor) -> torch.Tensor:
+    """(B, V, 3) in the world -> (B, V, 2) column and row of the dataset's image, over its size."""
+    camera = paper_camera()
+    right, up, back = torch.from_numpy(camera.rotation).to(positions).T
+    away = positions - torch.from_numpy(camera.position).to(positions)
+    depth = -(away @ back)
+    column = FOCAL_LENGTH * (away @ right) / depth + IMAGE_SIZE / 2
+    row = -FOCAL_LENGTH * (away @ up) / depth + IMAGE_SIZE / 2
+    return torch.stack([column, row], dim=-1) / IMAGE_SIZE
+
+
+def pool(features: torch.Tensor, place: torch.Tensor) -> torch.Tensor:
+    """(B, C, n, n) map, (B, V, 2) place in [0, 1] over it -> (B, V, C): the four cells, weighed."""
+    samples, _, size, _ = features.shape
+    cell = (place * size - 0.5).clamp(0, size - 1)
+    low = cell.detach().floor().long().clamp(max=size - 2)
+    share = cell - low
+    which = torch.arange(samples)[:, None]
+    pooled = 0
+    for down in (0, 1):
+        for right in (0, 1):
+            weight = torch.ones_like(share[..., 0])
+            weight = weight * (share[..., 0] if right else 1 - share[..., 0])
+            weight = weight * (share[..., 1] if down else 1 - share[..., 1])
+            pooled = pooled + weight[..., None] * features[which, :, low[..., 1] + down, low[..., 0] + right]
+    return pooled
+
+
+def graph_network(model: Reconstruction, features: torch.Tensor, adjacency: torch.Tensor) -> torch.Tensor:
+    """(B, V, C) -> (B, V, 3), every neighbourhood a row of the dense adjacency."""
+    for k, layer in enumerate(model.gcn.layers):
+        features = features @ layer.weight
+        shared = features.shape[-1] // 3
+        summed = adjacency @ features[..., :shared]
+        features = torch.cat([summed, features[..., shared:]], dim=-1) + layer.bias
+        if k < len(model.gcn.layers) - 1:
+            features = torch.relu(features)
+    return features
+
+
+def reconstruct(model: Reconstruction, batch: dict, adjacency: torch.Tensor) -> torch.Tensor:
+    """What `model(batch)` computes: (B, V, 3) vertices. adjacency: `model.graph.dense()`."""
+    samples = len(next(iter(batch.values())))
+    dtype = next(model.parameters()).dtype
+    start = sphere()[0] if model.strategy == "sphere" else vision_atlas().vertices
+    positions = start.to(dtype).expand(samples, -1, -1)
+    touch = fixed = mask = None
+    if model.touch and model.strategy != "sphere":
+        touch = batch["charts"].clone()
+        for sample in range(samples):
+            for sensor in range(model.sensors):
+                if not batch["success"][sample, sensor]:
+                    touch[sample, sensor] = batch["position"][sample, sensor]
+        touch = touch.flatten(1, 2)
+    if model.strategy in ("charts", "no_copy") and model.touch:
+        success = batch["success"].to(dtype).repeat_interleave(81, dim=1)
+        vision = torch.zeros(samples, len(start), dtype=dtype)
+        mask = torch.cat([vision, 2 * success - 1], dim=1)[..., None]
+        stays = torch.ones_like(success) if model.held else success
+        fixed = torch.cat([vision, stays], dim=1)[..., None] == 1
+        positions = torch.cat([positions, touch], dim=1)
+    scale = torch.tensor(model.scale, dtype=dtype)
+    centre = torch.tensor(OBJECT_POSITION if model.scale == ATLAS_RADIUS else (0.0, 0.0, 0.0), dtype=dtype)
+    for _ in range(3):
+        features = []
+        if model.vision:
+            pooled = [pool(each, pixels(positions)) for each in model.encoder(batch["image"])]
+            features.append(torch.cat(pooled, dim=-1))
+            if model.project:
+                features[0] = model.project(features[0])
+        features.append((positions - centre) / scale)
+        if model.strategy == "sphere" and model.touch:
+            felt = []
+            for sensor in range(model.sensors):
+                success = batch["success"][:, sensor].to(dtype)[:, None]
+                place = (batch["position"][:, sensor] - centre) / scale
+                felt.append((sensor, success, place, batch["rotation"][:, sensor].flatten(1)))
+            shown = model.reading_encoder(batch["reading"].flatten(0, 1)).unflatten(0, (samples, -1))
+            rows = [torch.cat([shown[:, k] * s, p, r, s], dim=1) for k, s, p, r in felt]
+            features.append(torch.cat(rows, dim=1)[:, None].expand(-1, positions.shape[1], -1))
+        if mask is not None:
+            features.append(mask)
+        moved = positions + scale * graph_network(model, torch.cat(features, dim=-1), adjacency)
+        if fixed is not None and model.strategy == "charts":
+            moved = torch.where(fixed, positions, moved)
+        positions = moved
+    if model.strategy == "no_comm":
+        positions = torch.cat([positions, touch], dim=1)
+    return positions
+
+
+def chamfer_distance(a: torch.Tensor, b: torch.Tensor) -> torch.Tensor:
+    """(B, n, 3), (B, m, 3) -> (B,): mean squared distance both ways, by all pairs."""
+    distances = []
+    for one, other in zip(a, b, strict=True):
+        with torch.no_grad():
+            pairs = torch.cdist(one, other, compute_mode="donot_use_mm_for_euclid_dist")
+            to_other, to_one = pairs.argmin(dim=1), pairs.argmin(dim=0)
+        distances.append((one - other[to_other]).square().sum(1).mean() + (other - one[to_one]).square().sum(1).mean())
+    return torch.stack(distances)

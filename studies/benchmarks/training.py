@@ -1,0 +1,159 @@
+"""Which recipe reaches the lowest validation loss in a given time.
+
+    python studies/benchmarks/training.py results/<run> [--experiment charts_occluded_touch] [--recipe fast]
+        [--seconds 200 | --steps 1000] [--windows 1] [--validate-on results/<larger run>] [--seeds 0 1]
+        [--variants NAME ...]
+
+Each variant of `VARIANTS` (default: all), or one given as YAML, changes some keys of the recipe. Its steps
+are timed first, and as many made as fit in the seconds of processor time, on one core (or --steps, whatever
+they take); the schedule ends with the last. The run's packs must be there (snakemake packs/<family>.h5).
+With few objects the validation loss says little: --validate-on takes the validation objects of a larger run
+(of the same config but for its size), and the training objects of the first. Losses are on 2,500 points,
+--windows windows of each object; the best of the evaluations, as a run would keep it.
+"""
+
+import argparse
+import logging
+import os
+import statistics
+import tempfile
+import time
+from pathlib import Path
+
+os.environ.setdefault("OMP_NUM_THREADS", "1")
+
+import numpy as np
+import torch
+import yaml
+
+from palpate import training
+from palpate.training import recipes
+from palpate.training.pack import Pack
+
+PROJECT = Path(__file__).parents[1]
+TIMED = 6  # steps, after as many that are not
+EVALUATIONS = 8
+
+# What differs from the recipe, by name: keys of `reconstruction`, merged over it.
+VARIANTS = yaml.safe_load(
+    """
+recipe: {}
+4 layers: {architecture: {gcn: {layers: 4}}}
+10 layers: {architecture: {gcn: {layers: 10}}}
+width 48: {architecture: {gcn: {width: 48}}}
+width 96: {architecture: {gcn: {width: 96}}}
+small encoder: {architecture: {encoder: {channels: [16, 32, 64, 64], layers: [1, 1, 2, 2], pool: [2, 4, 6]}}}
+large encoder:
+  architecture: {encoder: {channels: [16, 32, 64, 128, 256], layers: [1, 2, 2, 3, 3], pool: [5, 8, 11]}}
+batch norm, batch 2: {batch: 2, architecture: {encoder: {norm: batch}}}
+batch norm, batch 2, rate 6e-3: {batch: 2, rate: 6.0e-3, architecture: {encoder: {norm: batch}}}
+symmetric: {architecture: {gcn: {normalisation: symmetric}}}
+mean: {architecture: {gcn: {normalisation: mean}}}
+symmetric, free: {architecture: {unsuccessful: free, gcn: {normalisation: symmetric}}}
+batch 2: {batch: 2}
+batch 4: {batch: 4}
+1000 points: {loss_points: 1000}
+2500 points: {loss_points: 2500}
+rate 5e-4: {rate: 5.0e-4}
+rate 2e-3: {rate: 2.0e-3}
+rate 3e-3: {rate: 3.0e-3}
+metres: {architecture: {normalise_positions: false}}
+paper init: {architecture: {init: paper, last_layer_scale: 1.0}}
+no clipping: {clip: null}
+constant: {schedule: constant}
+ema 0.99: {ema: 0.99}
+adamw: {optimiser: adamw, weight_decay: 0.01}
+"""
+)
+
+
+def combined(own: Pack, larger: Pack) -> Pack:
+    """The training objects of one pack and the validation objects of the other."""
+    parts = [(own, own.of_split("train")), (larger, larger.of_split("validation"))]
+    arrays = {
+        name: np.concatenate([pack[name][rows] for pack, rows in parts])
+        for name in own.arrays
+        if name != "empty_reading"
+    }
+    if "empty_reading" in own:
+        arrays["empty_reading"] = own["empty_reading"]
+    for name, column in {"object": "objects", "class": "classes", "split": "splits"}.items():
+        arrays[name] = np.array([getattr(pack, column)[row] for pack, rows in parts for row in rows])
+    return Pack(arrays, own.family, own.digest + larger.digest)
+
+
+def step_seconds(pack: Pack, experiment: dict, settings: dict) -> float:
+    """Processor time of a training step."""
+    learner = training.ReconstructionLearner(pack, experiment, settings, 0)
+    learner.on_fit_start()
+    optimiser = learner.configure_optimizers()["optimizer"]
+    times = []
+    for step in range(2 * TIMED):
+        start = time.process_time()
+        optimiser.zero_grad()
+        losses = learner.losses(
+            training.data.training_samples(pack, experiment, settings["batch"], 0, step),
+            torch.Generator().manual_seed(step),
+            learner.model,
+        )
+        losses.mean().backward()
+        optimiser.step()
+        times.append(time.process_time() - start)
+    return statistics.median(times[TIMED:])
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("run", type=Path)
+    parser.add_argument("--experiment", default="charts_occluded_touch")
+    parser.add_argument("--seconds", type=float, default=200)
+    parser.add_argument("--steps", type=int)
+    parser.add_argument("--windows", type=int, default=1)
+    parser.add_argument("--validate-on", type=Path)
+    parser.add_argument("--seeds", type=int, nargs="+", default=[0])
+    parser.add_argument("--recipe", default="fast")
+    parser.add_argument("--variants", nargs="+", default=list(VARIANTS), help="names of VARIANTS, or YAML")
+    options = parser.parse_args()
+    logging.basicConfig(level=logging.WARNING)
+
+    experiment = yaml.safe_load((PROJECT / "config/experiments.yaml").read_text())["experiments"][options.experiment]
+    recipe = recipes.resolve(
+        PROJECT / "config/recipes.yaml", options.recipe, {}, PROJECT / "workflow/schemas/recipes.schema.yaml"
+    )
+    base = recipes.settings(recipe, experiment)
+    file = f"packs/{training.family(experiment)}.h5"
+    pack = Pack.read(options.run / file, ("train", "validation"))
+    if options.validate_on:
+        pack = combined(pack, Pack.read(options.validate_on / file, ("validation",)))
+    torch.set_num_threads(1)
+    counts = {split: len(pack.of_split(split)) for split in ("train", "validation")}
+    print(
+        f"{options.experiment}, {f'{options.steps} steps' if options.steps else f'{options.seconds:.0f} s'} "
+        f"of one core, {counts['train']} objects to train on, "
+        f"{counts['validation']} to validate on, seeds {options.seeds}"
+    )
+    print("| variant | parameters | ms a step | steps | best validation loss | at step | last | training loss |")
+    print("|---|---|---|---|---|---|---|---|", flush=True)
+    for name in options.variants:
+        for seed in options.seeds:
+            settings = recipes.merge(base, VARIANTS.get(name) if name in VARIANTS else yaml.safe_load(name))
+            seconds = step_seconds(pack, experiment, settings)
+            steps = options.steps or int(options.seconds / seconds)
+            settings |= {"steps": steps, "evaluate_every": -(-steps // EVALUATIONS)}
+            settings |= {"validation_samples": options.windows, "validation_points": 2500}
+            settings |= {"epochs": None, "patience": None}
+            with tempfile.TemporaryDirectory() as folder:
+                learner = training.ReconstructionLearner(pack, experiment, settings, seed)
+                machine = training.Machine("cpu")
+                found = training.train(learner, f"{folder}/model", f"{folder}/checkpoints", machine, name)
+                rows = np.genfromtxt(f"{folder}/model/history.csv", delimiter=",", names=True)
+            print(
+                f"| {name} | {found['parameters']:,} | {1e3 * seconds:.0f} | {steps} "
+                f"| {found['validation_loss']:.2f} | {found['best_step']} "
+                f"| {rows['validation_loss'][-1]:.2f} | {rows['train_loss'][-1]:.2f} |",
+                flush=True,
+            )
+
+
+if __name__ == "__main__":
+    main()

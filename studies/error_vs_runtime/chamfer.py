@@ -1,0 +1,301 @@
+"""The Chamfer distance: how far loss and gradient are from those between whole surfaces, and the time.
+
+A loss takes some points of either surface, so it changes from draw to draw, and it is too large: to the
+nearest of n points it is further than to the surface, by about area / (pi n) in the mean square each way.
+"""
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import partial
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import igl
+import numpy as np
+import torch
+import trimesh
+from scipy.spatial import cKDTree
+from torch import Tensor
+from trimesh.triangles import points_to_barycentric
+
+from palpate.charts import CHAMFER_SCALE, build_tree, sample_faces, vision_atlas
+from palpate.charts.chamfer import nearest_in_blocks
+from palpate.evaluation.metrics import score
+from palpate.mesh import OBJECT_POSITION, load_visual
+from palpate.mesh.distance import Surface, sample
+from palpate.surface import sample as exterior
+from palpate.training import Truth, reconstruction_loss
+from palpate.training.losses import some
+from studies.error_vs_runtime.study import Method, Study
+from studies.subjects import Subject
+
+DRAWS = 12  # of which bias and spread are taken
+SHRUNK = 0.95  # of the way from the atlas to the object: about as far off as the models of the default run
+SEEN = 100_000  # exterior points that say which faces of an object are seen from outside
+POINTS_ON_TRUTH = 200_000  # of the reference
+CUTS = 9  # of each side of a predicted face, into 81 triangles: 187,000 points of the reference
+LOSS_POINTS, EVALUATION_POINTS = (500, 1000, 2500, 5000, 10_000), (1000, 3000, 20_000)
+ERRORS_OF_SEARCH = (
+    0.1,
+    0.5,
+    1.0,
+)  # a neighbour found is at most so much further, relatively, than the nearest
+
+Search = Callable[[np.ndarray, np.ndarray], np.ndarray]  # (n, 3), (m, 3) -> (n,), which of m is taken
+
+
+class Pair(NamedTuple):
+    """A prediction and an object; metres, world frame.
+
+    vertices: (V, 3) float32, faces: (F, 3). truth: points of the object as training holds them.
+    loss: m^2 x 9000, gradient: (V, 3), per metre, of the loss by the vertices: the reference's.
+    """
+
+    vertices: Tensor
+    faces: Tensor
+    truth: Truth
+    loss: float
+    gradient: np.ndarray
+
+
+class Draw(NamedTuple):
+    """A loss (m^2 x 9000) and its gradient (V, 3), of one draw of the points; None if it has no gradient."""
+
+    loss: float
+    gradient: np.ndarray | None
+
+
+class Drawn(NamedTuple):
+    """One draw, and the way to others: from a seed to a draw."""
+
+    one: Draw
+    another: Callable[[int], Draw]
+
+
+def exact(vertices: np.ndarray, faces: np.ndarray, points: np.ndarray, surface: Surface) -> tuple[float, np.ndarray]:
+    """The Chamfer distance (m^2 x 9000) between two surfaces, and its gradient (V, 3) by the vertices of one.
+
+    To the triangles themselves, by libigl in double precision; the means over surfaces by many points: on
+    predicted faces the middles of equal small triangles. As in training, the density of points does not count
+    in the gradient.
+
+    Args:
+        vertices: (V, 3), faces: (F, 3) of the prediction. points: (n, 3), evenly on the true surface.
+        surface: the true one.
+    """
+    weights, middle = _small_triangles(CUTS)
+    corners = vertices[faces]
+    area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+    share = np.repeat(area / area.sum() / len(weights), len(weights))
+    face, bary = np.repeat(np.arange(len(faces)), len(weights)), np.tile(middle, (len(faces), 1))
+    on = np.einsum("nk,nkd->nd", bary, corners[face])
+    there = on - surface.closest(on)[1]
+    tree = igl.AABB()
+    tree.init(vertices, faces)
+    _, nearest, foot = tree.squared_distance(vertices, faces, points)
+    back, at = foot - points, points_to_barycentric(corners[nearest], foot)
+    gradient = np.zeros_like(vertices)
+    for k in range(3):
+        np.add.at(gradient, faces[face, k], (2 * share * bary[:, k])[:, None] * there)
+        np.add.at(gradient, faces[nearest, k], (2 * at[:, k] / len(points))[:, None] * back)
+    loss = share @ (there**2).sum(axis=1) + (back**2).sum(axis=1).mean()
+    return CHAMFER_SCALE * float(loss), CHAMFER_SCALE * gradient
+
+
+def _small_triangles(cuts: int) -> tuple[np.ndarray, np.ndarray]:
+    """Barycentric coordinates of the middles of the cuts^2 equal triangles that a triangle is cut into."""
+    up = [(i + 1 / 3, j + 1 / 3) for i in range(cuts) for j in range(cuts - i)]
+    down = [(i + 2 / 3, j + 2 / 3) for i in range(cuts) for j in range(cuts - i - 1)]
+    two = np.array(up + down) / cuts
+    return two, np.column_stack([1 - two.sum(axis=1), two])
+
+
+def outer_faces(mesh: trimesh.Trimesh) -> np.ndarray:
+    """Faces (f, 3) of a mesh on which there are points of its exterior."""
+    surface = Surface(mesh.vertices, mesh.faces)
+    points = exterior(mesh, SEEN, np.random.default_rng(0))
+    _, face, _ = surface.tree.squared_distance(surface.vertices, surface.faces, points)
+    return surface.faces[np.unique(face)]
+
+
+def shrunk(surface: Surface, share: float) -> np.ndarray:
+    """Vertices (1824, 3) of the atlas, moved so much of the way to the nearest points of a surface."""
+    start = vision_atlas().vertices.double().numpy()
+    return start + share * (surface.closest(start)[1] - start)
+
+
+class Chamfer(Study):
+    """A prediction of the form of a trained model's, against the faces of each object seen from outside.
+
+    The object's points stay the same from draw to draw, as in training: what their choice does is bias.
+    """
+
+    stage = "chamfer distance"
+    units = {
+        "loss: root mean square": "%",
+        "loss: bias": "%",
+        "loss: spread": "%",
+        "gradient: bias": "%",
+        "gradient: spread": "%",
+        "score: bias": "%",
+        "score: spread": "%",
+    }
+    reference = (
+        "between the surfaces themselves: exact distances to triangles by libigl, from 187,000 and 200,000 "
+        f"points, in double precision; {DRAWS} draws of each method"
+    )
+
+    def __init__(self, subjects: Sequence[Subject], points: int, loss_points: int, evaluation_points: int):
+        self.subjects, self.points = subjects, points
+        self.loss_points, self.evaluation_points = loss_points, evaluation_points
+
+    def cases(self) -> Iterable[tuple[str, Pair]]:
+        for subject in self.subjects:
+            mesh = load_visual(subject.folder)
+            faces = outer_faces(mesh)
+            yield subject.name, pair(mesh.vertices + np.array(OBJECT_POSITION), faces, self.points)
+
+    def methods(self) -> list[Method]:
+        n = self.loss_points
+        loss = [
+            Method("loss of training", "points", k, partial(training_loss, k), k == n)
+            for k in sorted({*LOSS_POINTS, n})
+        ]
+        evaluation = [
+            Method("evaluation", "points", k, partial(evaluated, k), k == self.evaluation_points)
+            for k in sorted({*EVALUATION_POINTS, self.evaluation_points})
+        ]
+        searches: dict[str, Search] = {
+            "k-d tree of the library's defaults": lambda a, b: cKDTree(b).query(a)[1],
+            "all pairs": _all_pairs,
+            **{f"k-d tree, up to {error:.0%} further": partial(_approximate, error) for error in ERRORS_OF_SEARCH},
+        }
+        other = [
+            Method("loss of training", "search", name, partial(other_loss, n, search=search))
+            for name, search in searches.items()
+        ]
+        types = [
+            Method("loss of training", "precision", str(t)[6:], partial(other_loss, n, dtype=t))
+            for t in (torch.float64, torch.bfloat16, torch.float16)
+        ]
+        few = Method("loss of training", "true points", n, partial(other_loss, n, few=True))
+        return [*loss, *evaluation, *other, *types, few]
+
+    def errors(self, case: Pair, result: Drawn) -> dict[str, float]:
+        draws = [result.one, *(result.another(seed) for seed in range(1, DRAWS))]
+        off = 100 * (np.array([draw.loss for draw in draws]) / case.loss - 1)
+        bias, spread = abs(float(off.mean())), float(off.std(ddof=1))
+        found = dict.fromkeys(self.units, float("nan"))
+        if result.one.gradient is None:
+            return found | {"score: bias": bias, "score: spread": spread}
+        found |= {"loss: bias": bias, "loss: spread": spread}
+        found["loss: root mean square"] = float(np.sqrt(np.mean(off**2)))
+        of_gradient = _bias_and_spread(np.stack([draw.gradient for draw in draws]) - case.gradient)
+        scale = 100 / np.linalg.norm(case.gradient)
+        return found | {
+            key: float(scale * value)
+            for key, value in zip(("gradient: bias", "gradient: spread"), of_gradient, strict=True)
+        }
+
+
+def _bias_and_spread(off: np.ndarray) -> tuple[float, float]:
+    """Lengths of the mean and of the standard deviation of vectors (n, ...).
+
+    Of the mean without its own chance: the product of the means of two halves; 0 if chance makes it negative.
+    """
+    halves = off[::2].mean(axis=0), off[1::2].mean(axis=0)
+    return max(float((halves[0] * halves[1]).sum()), 0.0) ** 0.5, float(off.var(axis=0, ddof=1).sum()) ** 0.5
+
+
+def pair(vertices: np.ndarray, faces: np.ndarray, count: int) -> Pair:
+    """The case of one object: vertices (n, 3) m in the world, faces (f, 3); `count` points are its truth."""
+    surface = Surface(vertices, faces)
+    atlas = vision_atlas()
+    predicted = torch.from_numpy(shrunk(surface, SHRUNK)).float()
+    loss, gradient = exact(
+        predicted.double().numpy(),
+        atlas.faces.numpy(),
+        sample(surface.vertices, surface.faces, POINTS_ON_TRUTH),
+        surface,
+    )
+    mesh = torch.from_numpy(surface.vertices)[None].float(), torch.from_numpy(surface.faces)
+    truth = Truth(sample_faces(*mesh, count, torch.Generator().manual_seed(0)))
+    truth.trees([0])
+    return Pair(predicted, atlas.faces, truth, loss, gradient)
+
+
+def drawn(function: Callable[[Tensor, torch.Generator], Tensor], case: Pair) -> Drawn:
+    """Draws of a loss of vertices (1, V, 3), with its gradient if it has one."""
+
+    def another(seed: int) -> Draw:
+        vertices = case.vertices[None].clone().requires_grad_()
+        loss = function(vertices, torch.Generator().manual_seed(seed))
+        if not loss.requires_grad:
+            return Draw(float(loss), None)
+        loss.backward()
+        return Draw(float(loss.detach()), vertices.grad[0].double().numpy())
+
+    return Drawn(another(0), another)
+
+
+def training_loss(n: int, case: Pair) -> Drawn:
+    """The loss of a training step, and its gradient."""
+    return drawn(lambda v, g: reconstruction_loss(v, case.faces, case.truth, [0], n, g).sum(), case)
+
+
+def evaluated(n: int, case: Pair) -> Drawn:
+    """The Chamfer distance of an evaluation."""
+
+    def chamfer(vertices: Tensor, generator: torch.Generator) -> Tensor:
+        with torch.no_grad():
+            points = sample_faces(vertices, case.faces, n, generator)[0]
+        return torch.tensor(score(points, case.truth.points[0], case.truth.trees([0])[0]).chamfer)
+
+    return drawn(chamfer, case)
+
+
+def other_loss(
+    n: int,
+    case: Pair,
+    search: Search | None = None,
+    dtype: torch.dtype = torch.float32,
+    few: bool = False,
+) -> Drawn:
+    """The loss of training, with one thing changed.
+
+    search: which of some points is the nearest; None: as in training. dtype: of clouds and of sums; nearest
+    neighbours are found in double precision all the same. few: of the true points, too, only n are looked at.
+    """
+
+    def loss(vertices: Tensor, generator: torch.Generator) -> Tensor:
+        points = sample_faces(vertices, case.faces, n, generator)[0].to(dtype)
+        cloud = case.truth.points[0].to(dtype)
+        chosen = some(cloud, n, generator)
+        there = _mean(points, chosen if few else cloud, search, None if few else case.truth.trees([0])[0])
+        return CHAMFER_SCALE * (there + _mean(chosen, points, search, None))
+
+    return drawn(loss, case)
+
+
+def _mean(query: Tensor, points: Tensor, search: Search | None, tree: cKDTree | None) -> Tensor:
+    q, p = (cloud.detach().double().numpy() for cloud in (query, points))
+    index = search(q, p) if search else (tree or build_tree(torch.from_numpy(p))).query(q)[1]
+    return (query - points[torch.from_numpy(index)]).square().sum(dim=1).mean()
+
+
+def _all_pairs(query: np.ndarray, points: np.ndarray) -> np.ndarray:
+    return nearest_in_blocks(torch.from_numpy(query).float(), torch.from_numpy(points).float()).numpy()
+
+
+def _approximate(error: float, query: np.ndarray, points: np.ndarray) -> np.ndarray:
+    return build_tree(torch.from_numpy(points)).query(query, eps=error)[1]
+
+
+def study(run: Path, subjects: Sequence[Subject], settings: Mapping[str, Any]) -> Chamfer:
+    """The study of a run; of its settings `surface.points`, `evaluation.points` and `recipe`, the resolved
+    recipe, are read; of its files the meshes."""
+    return Chamfer(
+        subjects,
+        settings["surface"]["points"],
+        settings["recipe"]["reconstruction"]["loss_points"],
+        settings["evaluation"]["points"],
+    )

@@ -1,0 +1,129 @@
+"""Decimation: how far a mesh with fewer faces is from its source, against the time it takes to make."""
+
+from collections.abc import Callable, Iterable, Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import igl
+import manifold3d
+import numpy as np
+import pymeshlab
+
+from palpate.mesh.decimate import PLANAR_WEIGHT, QUALITY, decimate
+from palpate.mesh.distance import Surface, distance
+from palpate.mesh.load import load_parts
+from palpate.mesh.repair import repair
+from studies.error_vs_runtime.study import Method, Study
+from studies.subjects import Subject
+
+FACES = (250, 500, 1000, 2000, 4000, 8000)
+PLANAR_WEIGHTS = (0.0, PLANAR_WEIGHT, 1e-3)  # 0.001 is pymeshlab's own
+QUALITIES = (0.03, 0.1, QUALITY)
+TOLERANCES = (0.05, 0.2, 0.8)  # mm
+CELLS = (0.25, 0.5, 1.0)  # % of the diagonal
+
+Mesh = tuple[np.ndarray, np.ndarray]  # vertices (n, 3), m, and faces (f, 3)
+
+
+class Source(NamedTuple):
+    """The mesh that is decimated, and what measures distances to it."""
+
+    vertices: np.ndarray
+    faces: np.ndarray
+    surface: Surface
+
+
+def study(run: Path, subjects: list[Subject], settings: Mapping[str, Any]) -> "Decimation":
+    """Decimation of the visual meshes of all subjects. settings: the section `mesh` of the config."""
+    return Decimation(subjects, settings["mesh"]["collision_faces"])
+
+
+class Decimation(Study):
+    """Palpate's quadric collapse (pymeshlab's) beside libigl's, and two cruder methods.
+
+    The measure `faces`, how many are left, is no error: methods compare at equal faces. A mesh that is as
+    small as asked for already has no error, not zero: it is not decimated. Nor has one that the method
+    refuses (libigl's and manifold3d's take closed manifolds only).
+    """
+
+    stage = "decimation"
+    units = {"distance": "mm", "mean distance": "mm", "faces": "faces"}
+    reference = (
+        "the source: exact distances (libigl's tree of boxes) both ways, at corners, at 8,000 points by area "
+        "and where they are largest (palpate.mesh.distance): the largest, and the mean of both ways"
+    )
+
+    def __init__(self, subjects: list[Subject], chosen: int):
+        """chosen: the faces of a collision mesh."""
+        self._subjects, self._chosen = subjects, chosen
+
+    def cases(self) -> Iterable[tuple[str, Source]]:
+        for subject in self._subjects:
+            yield subject.name, source(subject.folder)
+
+    def methods(self) -> list[Method]:
+        faces = sorted({*FACES, self._chosen})
+        quadric, chosen = "quadric collapse (pymeshlab)", self._chosen
+        return [
+            *(Method(quadric, "faces", n, _with(decimate, n), n == chosen) for n in faces),
+            *(
+                Method(quadric, "planar weight", w, _with(decimate, chosen, w), w == PLANAR_WEIGHT)
+                for w in PLANAR_WEIGHTS
+            ),
+            *(
+                Method(quadric, "quality", q, _with(decimate, chosen, PLANAR_WEIGHT, q), q == QUALITY)
+                for q in QUALITIES
+            ),
+            *(Method("quadric collapse (libigl)", "faces", n, _with(_by_libigl, n)) for n in faces),
+            *(Method("collapse within a tolerance (manifold3d)", "mm", t, _with(_within, t)) for t in TOLERANCES),
+            *(Method("clusters (pymeshlab)", "% of diagonal", c, _with(_clusters, c)) for c in CELLS),
+        ]
+
+    def errors(self, case: Source, result: Mesh | None) -> dict[str, float]:
+        if result is None or not 0 < len(result[1]) < len(case.faces):
+            return dict.fromkeys(self.units, float("nan"))
+        level = Surface(*result)
+        there, back = distance(case.surface, level), distance(level, case.surface)
+        return {
+            "distance": 1e3 * max(there["max"], back["max"]),
+            "mean distance": 1e3 * (there["mean"] + back["mean"]) / 2,
+            "faces": len(result[1]),
+        }
+
+
+def source(folder: Path) -> Source:
+    """The visual mesh in a folder, its seams merged, as its levels were made from it."""
+    parts = load_parts(folder / "visual.glb")
+    start = np.cumsum([0] + [len(part.vertices) for part in parts])
+    vertices = np.concatenate([part.vertices for part in parts]).astype(np.float64)
+    faces = np.concatenate([part.faces + first for part, first in zip(parts, start, strict=False)])
+    merged = repair(vertices, faces, np.repeat(np.arange(len(parts)), [len(part.faces) for part in parts]))
+    faces = merged.faces[merged.keep].astype(np.int64)
+    return Source(merged.vertices, faces, Surface(merged.vertices, faces))
+
+
+def _with(decimated: Callable[..., Mesh | None], *knobs: float) -> Callable[[Source], Mesh | None]:
+    return lambda case: decimated(case.vertices, case.faces, *knobs)
+
+
+def _by_libigl(vertices: np.ndarray, faces: np.ndarray, count: int) -> Mesh | None:
+    """Quadric collapse by libigl's `qslim`: no faces if it refuses the mesh, None if it has nothing to do."""
+    return igl.qslim(vertices, faces, count)[:2] if len(faces) > count else None
+
+
+def _within(vertices: np.ndarray, faces: np.ndarray, tolerance: float) -> Mesh | None:
+    """manifold3d's collapse of what stays within a tolerance, mm; None if it refuses the mesh."""
+    solid = manifold3d.Manifold(manifold3d.Mesh64(vertices, faces.astype(np.uint64)))
+    if solid.status() != manifold3d.Error.NoError:
+        return None
+    mesh = solid.simplify(1e-3 * tolerance).to_mesh64()
+    return np.array(mesh.vert_properties[:, :3]), np.array(mesh.tri_verts, dtype=np.int64)
+
+
+def _clusters(vertices: np.ndarray, faces: np.ndarray, cell: float) -> Mesh:
+    """The vertices of each cell of a grid made one; cell in % of the bounding box's diagonal."""
+    meshes = pymeshlab.MeshSet(verbose=False)
+    meshes.add_mesh(pymeshlab.Mesh(vertices, faces))
+    meshes.meshing_decimation_clustering(threshold=pymeshlab.PercentageValue(cell))
+    mesh = meshes.current_mesh()
+    return mesh.vertex_matrix(), mesh.face_matrix().astype(np.int64)

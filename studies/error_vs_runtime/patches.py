@@ -1,0 +1,72 @@
+"""What the hand collides with: pieces of the object's surface, and what the engine's model of them costs.
+
+The closings and errors of `studies.error_vs_runtime.grasps`, timed with all that is made for an object.
+"""
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import trimesh
+
+from palpate.grasp.closing import GraspScene
+from palpate.grasp.patches import CELL, THICKNESS, surface_patches
+from studies.error_vs_runtime.grasps import (
+    AT_REST,
+    TRUE_SURFACE,
+    Case,
+    Closings,
+    GraspStudy,
+    close,
+    face_pieces,
+)
+from studies.error_vs_runtime.study import Method
+from studies.subjects import Subject
+
+CELLS = (0.015, 0.025, 0.05, 0.1, 0.2)  # m
+OBJECTS = 2
+
+
+class PatchStudy(GraspStudy):
+    """Ways to cut an object's surface into convex pieces: pieces, model and closings.
+
+    A run makes the model once for all attempts of an object, which are a few more than the closings here. Of
+    the subjects only the first `OBJECTS`: models take long.
+    """
+
+    stage = "collision patches"
+    units = {key: unit for key, unit in GraspStudy.units.items() if key != "joint, same motion"}
+    reference = f"{AT_REST}; {TRUE_SURFACE}"
+
+    def __init__(self, run: Path, subjects: Sequence[Subject], settings: Mapping[str, Any]):
+        super().__init__(run, subjects[:OBJECTS], settings)
+
+    def methods(self) -> list[Method]:
+        def run(pieces: Callable[[trimesh.Trimesh], list[np.ndarray]]) -> Callable[[Case], Closings]:
+            def closed(case: Case) -> Closings:
+                scene = GraspScene(case.hand, pieces(case.collision), self.default.timestep)
+                return close(scene, case.poses, case.targets, self.default)
+
+            return closed
+
+        found = []
+        for cell in sorted({*CELLS, CELL}):
+            cut = run(lambda collision, cell=cell: surface_patches(collision, cell))
+            found.append(Method("patches", "cell, mm", round(1e3 * cell, 6), cut, cell == CELL))
+        every_face = run(lambda collision: face_pieces(collision, THICKNESS))
+        found.append(Method("a piece a face", "pieces", "faces", every_face))
+        found.append(Method("convex hull", "pieces", "1", run(lambda collision: [collision.vertices])))
+        return found
+
+    def errors(self, case: Case, result: Closings) -> dict[str, float]:
+        return {key: value for key, value in super().errors(case, result).items() if key in self.units}
+
+    def _knobs(self) -> Iterable:
+        """None: models are made as they are timed."""
+        return ()
+
+
+def study(run: Path, subjects: Sequence[Subject], settings: Mapping[str, Any]) -> PatchStudy:
+    """The study of a run; `settings`: `grasps` of the config."""
+    return PatchStudy(run, subjects, settings)

@@ -1,0 +1,229 @@
+"""Models of other sizes than the run's, trained alike: error against the time to predict, and to train.
+
+Every model is trained anew, on equally many samples, for a much shorter time than the run's: what a larger
+one wins in a long training is more. On the CPU, whatever the run is trained on.
+"""
+
+import copy
+import tempfile
+from collections.abc import Iterable, Mapping, Sequence
+from functools import partial
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import lightning
+import numpy as np
+import torch
+from scipy.spatial import cKDTree
+
+from palpate import training
+from palpate.charts import CHAMFER_SCALE
+from palpate.evaluation.evaluate import AT_ONCE
+from palpate.mesh.distance import sample
+from palpate.models import Reconstruction
+from palpate.models.reconstruction import DEFORMATIONS
+from palpate.training import Assembler, Machine, Pack, ReconstructionLearner, Sample, recipes, windows
+from palpate.training.checkpoints import architecture
+from studies.error_vs_runtime.study import ALL, Method, Study
+from studies.subjects import Subject
+
+# The quickest to train of those that see: one image an object.
+EXPERIMENT = {"strategy": "charts", "vision": "unoccluded", "touch": False, "grasps": 1}
+SAMPLES = 200  # that each model is trained on
+SEEDS = (0, 1)
+TYPES = {"float64": torch.float64, "float32": torch.float32, "bfloat16": torch.bfloat16}
+
+
+class Variant(NamedTuple):
+    """A model and its training. width, layers: of the graph network. precision: of the training, as Lightning
+    names it. batch: samples a step."""
+
+    width: int
+    layers: int
+    deformations: int
+    precision: str
+    batch: int
+    seed: int
+
+
+class Result(NamedTuple):
+    """Predictions (n, V, 3) m of the validation samples, and the model that they are of; timed: whether they
+    were made in the time that was taken, or are what a training that was timed leads to."""
+
+    vertices: np.ndarray
+    variant: Variant
+    timed: bool
+
+
+class Step:
+    """Steps of a training, from its end on: what is timed of it."""
+
+    def __init__(self, learner: ReconstructionLearner, precision: str):
+        self.learner = learner
+        self.optimiser = learner.configure_optimizers()["optimizer"]
+        self.fabric = lightning.Fabric(accelerator="cpu", devices=1, precision=precision)
+
+    def __call__(self, samples: int) -> None:
+        """As many steps as this number of samples takes."""
+        learner = self.learner
+        for step in range(samples // learner.settings["batch"]):
+            generator = torch.Generator().manual_seed(step)
+            with self.fabric.autocast():
+                loss = learner.losses(learner.training_part(step), generator, learner.model).mean()
+            self.optimiser.zero_grad()
+            loss.backward()
+            if learner.settings["clip"]:
+                torch.nn.utils.clip_grad_norm_(learner.model.parameters(), learner.settings["clip"])
+            self.optimiser.step()
+
+
+class ReconstructionStudy(Study):
+    """All validation objects of the run together: the report's `objects` does not count here."""
+
+    stage = "reconstruction"
+    units = {
+        "Chamfer distance, of inference": "m^2 x 9000",
+        "Chamfer distance, of training": "m^2 x 9000",
+        "rounding": "mm",
+    }
+    panels = 2
+
+    def __init__(self, pack: Pack, settings: Mapping[str, Any], machine: Mapping[str, Any], points: int):
+        """settings: of the experiment, from the run's recipe. machine: the config's `training`. points: of an
+        evaluation."""
+        self.pack, self.machine, self.points = pack, machine, points
+        self.layers = architecture(EXPERIMENT, settings)
+        self.settings = settings
+        gcn = self.layers["gcn"]
+        deformations = self.layers.get("deformations", DEFORMATIONS)
+        self.base = Variant(
+            gcn["width"], gcn["layers"], deformations, machine["precision"], settings["batch"], SEEDS[0]
+        )
+        # A short training wants a higher rate (docs/training.md), but is the more a matter of chance at it.
+        whole = ReconstructionLearner(pack, EXPERIMENT, settings, SEEDS[0]).steps * settings["batch"]
+        self.rate = settings["rate"] * max(1.0, whole / SAMPLES) ** 0.25
+        self.samples = windows(pack, EXPERIMENT, "validation")
+        self._trained: dict[Variant, tuple[Reconstruction, Step]] = {}
+        self._results: dict[Variant, np.ndarray] = {}
+
+    @property
+    def reference(self) -> str:
+        return (
+            f"the true points of {len(self.samples)} validation samples, and {self.points} points spread "
+            "evenly on each, by scipy's k-d trees in double precision; for rounding the same model in "
+            f"float64. Each model was trained on {SAMPLES} samples, with one seed: the rows of the knob seed "
+            f"say what is chance. Seconds are for {len(self.samples)} predictions, or for training on "
+            f"{self.timed_samples} samples"
+        )
+
+    @property
+    def timed_samples(self) -> int:
+        return max(value for knob, value in self._knobs() if knob == "batch")
+
+    def cases(self) -> Iterable[tuple[str, list[Sample]]]:
+        yield ALL, self.samples
+
+    def _knobs(self) -> list[tuple[str, Any]]:
+        base = self.base
+        values = {
+            "width": (base.width // 2, 2 * base.width),
+            "layers": (max(1, base.layers // 2), 2 * base.layers),
+            "deformations": (1, 2, 3, 4),
+            "precision": ("32-true", "bf16-mixed"),
+            "batch": (2 * base.batch,),
+            "seed": SEEDS,
+        }
+        return [(knob, value) for knob, of in values.items() for value in sorted({*of, getattr(base, knob)})]
+
+    def methods(self) -> list[Method]:
+        found = []
+        for knob, value in self._knobs():
+            variant, own = self.base._replace(**{knob: value}), getattr(self.base, knob) == value
+            found.append(Method("training", knob, value, partial(self._train, variant), own))
+            if knob in ("width", "layers", "deformations"):
+                found.append(Method("inference", knob, value, partial(self._predict, variant), own))
+        for count in sorted({1, AT_ONCE, 4 * AT_ONCE}):
+            run = partial(self._predict, self.base, at_once=count)
+            found.append(Method("inference", "batch", count, run, count == AT_ONCE))
+        for name, dtype in TYPES.items():
+            run = partial(self._predict, self.base, dtype=dtype)
+            found.append(Method("inference", "precision", name, run, dtype == torch.float32))
+        return found
+
+    def errors(self, case: list[Sample], result: Result) -> dict[str, float]:
+        found = dict.fromkeys(self.units, float("nan"))
+        chamfer = np.mean([self._chamfer(v, s, result.variant) for v, s in zip(result.vertices, case, strict=True)])
+        if not result.timed:
+            return found | {"Chamfer distance, of training": float(chamfer)}
+        exact = self._exact(result.variant, case)
+        apart = np.square(result.vertices - exact).sum(axis=2).mean()
+        return found | {"Chamfer distance, of inference": float(chamfer), "rounding": 1e3 * float(apart**0.5)}
+
+    def _chamfer(self, vertices: np.ndarray, seen: Sample, variant: Variant) -> float:
+        faces = self.trained(variant)[0].faces.numpy()
+        return chamfer(vertices.astype(np.float64), faces, self.pack["points"][seen.object], self.points)
+
+    def _exact(self, variant: Variant, case: list[Sample]) -> np.ndarray:
+        if variant not in self._results:
+            self._results[variant] = self._predict(variant, case, dtype=torch.float64).vertices
+        return self._results[variant]
+
+    def trained(self, variant: Variant) -> tuple[Reconstruction, Step]:
+        """The trained model, on the CPU, in float32, and its training; trained when it is first asked for."""
+        if variant not in self._trained:
+            gcn = {"width": variant.width, "layers": variant.layers}
+            changed = {
+                "architecture": recipes.merge(self.layers, {"gcn": gcn, "deformations": variant.deformations}),
+                "batch": variant.batch,
+                "rate": self.rate,
+                "steps": -(-SAMPLES // variant.batch),
+                **dict.fromkeys(("epochs", "evaluate_every", "patience")),
+                "validation_samples": 1,
+            }
+            changed["evaluate_every"] = changed["steps"]
+            learner = ReconstructionLearner(self.pack, EXPERIMENT, {**self.settings, **changed}, variant.seed)
+            machine = Machine("cpu", precision=variant.precision, threads=self.machine["threads"])
+            with tempfile.TemporaryDirectory() as folder:
+                training.train(learner, f"{folder}/model", f"{folder}/checkpoints", machine, str(variant))
+            model = copy.deepcopy(learner.evaluated).float().eval()
+            self._trained[variant] = model, Step(learner.train(), variant.precision)
+        return self._trained[variant]
+
+    def _train(self, variant: Variant, case: list[Sample]) -> Result:
+        _, step = self.trained(variant)
+        step(self.timed_samples)
+        return Result(self._exact(variant, case), variant, False)
+
+    def _predict(
+        self,
+        variant: Variant,
+        case: list[Sample],
+        at_once: int = AT_ONCE,
+        dtype: torch.dtype = torch.float32,
+    ) -> Result:
+        """Predictions in batches; bfloat16 as Lightning mixes it, the others throughout."""
+        model, mixed = self.trained(variant)[0], dtype == torch.bfloat16
+        kept = torch.float32 if mixed else dtype
+        model = model if kept == torch.float32 else copy.deepcopy(model).to(kept)
+        assemble, parts = Assembler(self.pack), []
+        with torch.inference_mode(), torch.autocast("cpu", torch.bfloat16, enabled=mixed):
+            for start in range(0, len(case), at_once):
+                batch = assemble(case[start : start + at_once])
+                batch = {k: v.to(kept) if v.is_floating_point() else v for k, v in batch.items()}
+                parts.append(model(batch).to(kept))
+        return Result(torch.cat(parts).double().numpy(), variant, True)
+
+
+def chamfer(vertices: np.ndarray, faces: np.ndarray, truth: np.ndarray, count: int) -> float:
+    """Chamfer distance (m^2 x 9000) of a mesh, by `count` points spread evenly on it, to a cloud (n, 3)."""
+    points, truth = sample(vertices, faces, count), truth.astype(np.float64)
+    there, back = cKDTree(truth).query(points)[0], cKDTree(points).query(truth)[0]
+    return CHAMFER_SCALE * float(np.mean(there**2) + np.mean(back**2))
+
+
+def study(run: Path, subjects: Sequence[Subject], settings: Mapping[str, Any]) -> ReconstructionStudy:
+    """The study of a run; of its settings `recipe` (the resolved recipe), `training` (precision, threads) and
+    `evaluation.points` are read, of its files `packs/unoccluded-none.h5`; the subjects are not."""
+    pack = Pack.read(Path(run) / "packs" / f"{training.family(EXPERIMENT)}.h5", ("train", "validation"))
+    how = recipes.settings(settings["recipe"], EXPERIMENT)
+    return ReconstructionStudy(pack, how, settings["training"], settings["evaluation"]["points"])

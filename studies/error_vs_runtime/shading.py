@@ -1,0 +1,290 @@
+"""Shading: a reading from finite differences beside that of the surface's true normals, against time."""
+
+from collections.abc import Callable, Iterable, Mapping
+from functools import partial
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy import integrate, interpolate, ndimage, signal
+
+from palpate.touch.sensor import PIXEL, PIXEL_CENTRES, SENSOR_RANGE, SENSOR_WIDTH
+from palpate.touch.shading import DIFFUSE, LIGHTS, impression, lit, normals
+from palpate.touch.sphere_tracing import TOLERANCE
+from studies.error_vs_runtime.study import Method, Study
+from studies.subjects import Subject
+
+PRESSES = 8  # of each shape
+DEEPEST = 0.006  # m, an impression; shallowest a sixth of it
+# Pixels nearer than this to another piece of surface are at an edge: as far as the widest stencil reaches.
+REACH = 3
+STEPS = 200  # of sphere tracing: more than any of its rays takes
+
+# Weights of the pixels to the right, times the pixel's width; to the left the same with the other sign.
+STENCILS = {2: (1 / 2,), 4: (2 / 3, -1 / 12), 6: (3 / 4, -3 / 20, 1 / 60)}
+
+Y, Z = np.meshgrid(PIXEL_CENTRES, PIXEL_CENTRES)
+Slopes = Callable[[np.ndarray, int], np.ndarray]  # of impressions along an axis
+
+
+class Press(NamedTuple):
+    """Surfaces pressed into the gel, k of them.
+
+    depth: (k, 100, 100) float32, as a depth map has it. normal: (k, 100, 100, 3), true. reading: the same
+    shape, grey levels of the true normal, not rounded. inside: (k, 100, 100) bool, away from edges.
+    """
+
+    depth: np.ndarray
+    normal: np.ndarray
+    reading: np.ndarray
+    inside: np.ndarray
+
+
+def study(run: Path, subjects: list[Subject], settings: Mapping[str, Any]) -> "Shading":
+    """Readings of spheres, cylinders, planes and steps; neither the subjects nor the config matter."""
+    return Shading()
+
+
+class Shading(Study):
+    """Finite differences of several orders, smoothed and limited ones, and splines.
+
+    A reading is rounded to whole grey levels, which alone is 0.25 on average and 0.5 at worst. What is
+    `worst` is at an edge, where the true normal jumps and a difference takes pixels of both sides.
+
+    `height` is how far the impression that the slopes add up to, from the border along each row of pixels, is
+    from the true one: what can be told of the surface from its reading. Limited differences are nearest to
+    the true normals at edges, and for that reason lose steps: neither side of a vertical wall is tilted.
+    """
+
+    stage = "shading"
+    units = {
+        "mean": "grey levels",
+        "worst away from edges": "grey levels",
+        "worst": "grey levels",
+        "normal": "degrees",
+        "height": "mm",
+    }
+    reference = "normals and shading of spheres, cylinders, planes and steps in closed form, double precision"
+
+    def cases(self) -> Iterable[tuple[str, Press]]:
+        random = np.random.default_rng(0)
+        for radius in (0.003, 0.01, 0.03):
+            yield f"sphere {1e3 * radius:g} mm", press(partial(_sphere, radius), random)
+        for radius in (0.005, 0.02):
+            yield f"cylinder {1e3 * radius:g} mm", press(partial(_cylinder, radius), random)
+        yield "plane", press(_plane, random)
+        yield "step", press(_step, random)
+        yield "sphere 10 mm, sphere-traced", press(partial(_traced_sphere, 0.01), random)
+
+    def methods(self) -> list[Method]:
+        """What the library does is second-order, first-order at the border, in single precision."""
+        central = "central differences"
+        return [
+            Method(central, "order", 2, _reading_by(normals), chosen=True),
+            *(Method(central, "order", n, _by(partial(_central, n))) for n in (4, 6)),
+            Method(central, "order at the border", 1, _reading_by(normals), chosen=True),
+            Method(central, "order at the border", 2, _by(_gradient)),
+            Method(central, "precision", "float32", _reading_by(normals), chosen=True),
+            Method(central, "precision", "float64", _reading_by(_in_double_precision)),
+            Method("one-sided differences", "order", 1, _by(_one_sided)),
+            Method("limited differences", "order", 1, _by(_less_steep)),
+            Method("limited differences", "order", 2, _by(_limited)),
+            Method("Sobel", "pixels", 3, _by(_sobel)),
+            *(Method("Savitzky-Golay, parabola", "pixels", n, _by(partial(_parabola, n))) for n in (5, 7)),
+            *(Method("spline", "degree", n, _by(partial(_spline, n))) for n in (3, 5)),
+        ]
+
+    def errors(self, case: Press, result: tuple[np.ndarray, np.ndarray]) -> dict[str, float]:
+        normal, reading = result
+        off = np.abs(reading - case.reading)
+        sine = np.linalg.norm(np.cross(normal, case.normal), axis=-1)
+        angle = np.arctan2(sine, np.einsum("...i,...i->...", normal, case.normal))
+        return {
+            "mean": float(off.mean()),
+            "worst away from edges": float(off[case.inside].max()),
+            "worst": float(off.max()),
+            "normal": float(np.degrees(angle).mean()),
+            "height": 1e3 * _height_lost(case, normal),
+        }
+
+
+def _height_lost(case: Press, normal: np.ndarray) -> float:
+    """Mean difference, metres, of the slopes' sum along the rows (trapezia) and the impression's height."""
+    slope = -normal[..., 0].astype(np.float64) / normal[..., 2]
+    height = impression(case.depth.astype(np.float64))
+    rise = integrate.cumulative_trapezoid(slope, dx=PIXEL, axis=-1, initial=0)
+    return float(np.abs(rise - (height - height[..., :1])).mean())
+
+
+def _reading_by(normals_of: Callable[[np.ndarray], np.ndarray]) -> Callable[[Press], tuple]:
+    def run(case: Press) -> tuple[np.ndarray, np.ndarray]:
+        height = impression(case.depth)
+        normal = normals_of(height)
+        return normal, lit(height, normal)
+
+    return run
+
+
+def _by(slopes: Slopes) -> Callable[[Press], tuple]:
+    def normals_of(height: np.ndarray) -> np.ndarray:
+        return _normals(slopes(height, -1), slopes(height, -2))
+
+    return _reading_by(normals_of)
+
+
+def _normals(along_columns: np.ndarray, along_rows: np.ndarray) -> np.ndarray:
+    length = np.sqrt(along_columns**2 + along_rows**2 + 1)
+    return np.stack([-along_columns / length, -along_rows / length, 1 / length], axis=-1)
+
+
+def _in_double_precision(height: np.ndarray) -> np.ndarray:
+    along_rows, along_columns = np.gradient(height.astype(np.float64), PIXEL, axis=(-2, -1))
+    return _normals(along_columns, along_rows)
+
+
+def _gradient(height: np.ndarray, axis: int) -> np.ndarray:
+    return np.gradient(height, np.float32(PIXEL), axis=axis, edge_order=2)
+
+
+def _central(order: int, height: np.ndarray, axis: int) -> np.ndarray:
+    """Where the stencil doesn't fit, at the border: of second order."""
+    right = np.array(STENCILS[order], dtype=np.float32) / np.float32(PIXEL)
+    slope = ndimage.correlate1d(height, np.concatenate([-right[::-1], [0], right]), axis)
+    border = np.moveaxis(slope, axis, -1)
+    fallback = np.moveaxis(_gradient(height, axis), axis, -1)
+    for side in (np.s_[..., : len(right)], np.s_[..., -len(right) :]):
+        border[side] = fallback[side]
+    return slope
+
+
+def _one_sided(height: np.ndarray, axis: int) -> np.ndarray:
+    """To the next pixel; at the last one, to the one before."""
+    return _sides(height, axis)[1]
+
+
+def _less_steep(height: np.ndarray, axis: int) -> np.ndarray:
+    """The less steep of the two one-sided differences: it does not reach across a jump."""
+    before, after = _sides(height, axis)
+    return np.where(np.abs(before) < np.abs(after), before, after)
+
+
+def _limited(height: np.ndarray, axis: int) -> np.ndarray:
+    """The central difference, but at most twice as steep as the less steep side (van Leer 1977)."""
+    before, after = _sides(height, axis)
+    middle = (before + after) / 2
+    limit = 2 * np.minimum(np.abs(before), np.abs(after))
+    return np.clip(middle, -limit, limit)
+
+
+def _sides(height: np.ndarray, axis: int) -> tuple[np.ndarray, np.ndarray]:
+    """Differences to the pixel before and to the one after; at the border both to the only one there is."""
+    step = np.diff(height, axis=axis) / np.float32(PIXEL)
+    first, last = np.take(step, [0], axis), np.take(step, [-1], axis)
+    return np.concatenate([first, step], axis), np.concatenate([step, last], axis)
+
+
+def _sobel(height: np.ndarray, axis: int) -> np.ndarray:
+    """Second-order differences, averaged with weights 1, 2, 1 over the rows or columns beside."""
+    beside = -3 - axis
+    return ndimage.correlate1d(_gradient(height, axis), [0.25, 0.5, 0.25], beside, mode="nearest")
+
+
+def _parabola(pixels: int, height: np.ndarray, axis: int) -> np.ndarray:
+    return signal.savgol_filter(height, pixels, 2, deriv=1, delta=PIXEL, axis=axis)
+
+
+def _spline(degree: int, height: np.ndarray, axis: int) -> np.ndarray:
+    spline = interpolate.make_interp_spline(PIXEL_CENTRES, height, k=degree, axis=axis % height.ndim)
+    return spline.derivative()(PIXEL_CENTRES)
+
+
+class Surface(NamedTuple):
+    """A surface over the pixels: (100, 100) each.
+
+    height: above the undeformed gel, also where it does not reach it. slope: (2, 100, 100), along the columns
+    (y) and the rows (z). piece: numbers of its smooth pieces. short: how far depth maps stop short of it.
+    """
+
+    height: np.ndarray
+    slope: np.ndarray
+    piece: np.ndarray
+    short: np.ndarray | float = 0.0
+
+
+def press(shape: Callable[[np.random.Generator], Surface], random: np.random.Generator) -> Press:
+    """A shape pressed at random places and depths."""
+    surfaces = [shape(random) for _ in range(PRESSES)]
+    exact = np.stack([SENSOR_RANGE - each.height for each in surfaces])
+    felt = exact <= SENSOR_RANGE
+    depth = np.stack([SENSOR_RANGE - each.height - each.short for each in surfaces])
+    slope = np.where(felt[:, None], np.stack([each.slope for each in surfaces]), 0)
+    normal = _normals(slope[:, 0], slope[:, 1])
+    piece = np.where(felt, np.stack([each.piece for each in surfaces]), -1)
+    around = (1, 2 * REACH + 1, 2 * REACH + 1)
+    inside = ndimage.minimum_filter(piece, around) == ndimage.maximum_filter(piece, around)
+    reading = _true_reading(np.where(felt, SENSOR_RANGE - exact, 0), normal)
+    return Press(np.where(depth <= SENSOR_RANGE, depth, np.inf).astype(np.float32), normal, reading, inside)
+
+
+def _true_reading(height: np.ndarray, normal: np.ndarray) -> np.ndarray:
+    """Grey levels of the supplement's equation, not rounded: (k, 100, 100, 3)."""
+    place = np.stack(np.broadcast_arrays(Y, Z, height), axis=-1)
+    towards = LIGHTS - place[..., None, :]
+    towards /= np.linalg.norm(towards, axis=-1, keepdims=True)
+    return DIFFUSE * np.maximum(np.einsum("...i,...li->...l", normal, towards), 0)
+
+
+def _place(random: np.random.Generator) -> tuple[np.ndarray, np.ndarray, float]:
+    """A point in the middle of the sensor (2,), a direction (2,), and how deep it is pressed, metres."""
+    angle = random.uniform(0, 2 * np.pi)
+    centre = random.uniform(-SENSOR_WIDTH / 3, SENSOR_WIDTH / 3, 2)
+    return centre, np.array([np.cos(angle), np.sin(angle)]), random.uniform(DEEPEST / 6, DEEPEST)
+
+
+def _round(across: np.ndarray, radius: float, deep: float) -> Surface:
+    """A ball or a rod: across (2, 100, 100) is the way from its centre or axis; its lower half is felt."""
+    square = radius**2 - (across**2).sum(axis=0)
+    hit = square > 0
+    rise = np.sqrt(np.where(hit, square, 1))
+    height = np.where(hit, deep - radius + rise, -np.inf)
+    return Surface(height, np.where(hit, -across / rise, 0), hit.astype(int))
+
+
+def _sphere(radius: float, random: np.random.Generator) -> Surface:
+    (y, z), _, deep = _place(random)
+    return _round(np.stack([Y - y, Z - z]), radius * random.uniform(0.8, 1.2), deep)
+
+
+def _traced_sphere(radius: float, random: np.random.Generator) -> Surface:
+    """As sphere tracing feels it: each ray stops as soon as it is nearer than its tolerance."""
+    (y, z), _, deep = _place(random)
+    radius *= random.uniform(0.8, 1.2)
+    ball = _round(np.stack([Y - y, Z - z]), radius, deep)
+    centre, reached = SENSOR_RANGE - deep + radius, np.zeros_like(Y)
+    for _ in range(STEPS):
+        gap = np.hypot(np.hypot(Y - y, Z - z), centre - reached) - radius
+        reached += np.where(gap > TOLERANCE, gap, 0)
+    return ball._replace(short=np.where(ball.piece, SENSOR_RANGE - ball.height - reached, 0))
+
+
+def _cylinder(radius: float, random: np.random.Generator) -> Surface:
+    """Its axis is parallel to the gel."""
+    (y, z), (u, v), deep = _place(random)
+    off = (Y - y) * u + (Z - z) * v
+    return _round(np.stack([off * u, off * v]), radius * random.uniform(0.8, 1.2), deep)
+
+
+def _plane(random: np.random.Generator) -> Surface:
+    """Tilted by up to 60 degrees."""
+    (y, z), (u, v), deep = _place(random)
+    steep = np.tan(random.uniform(0, np.radians(60)))
+    slope = steep * np.array([u, v])[:, None, None] * np.ones_like(Y)
+    return Surface(deep + steep * ((Y - y) * u + (Z - z) * v), slope, np.zeros(Y.shape, dtype=int))
+
+
+def _step(random: np.random.Generator) -> Surface:
+    """Two levels with a vertical wall between them."""
+    (y, z), (u, v), deep = _place(random)
+    up = (Y - y) * u + (Z - z) * v > 0
+    low = random.uniform(0, deep)
+    return Surface(np.where(up, deep, low), np.zeros((2, *Y.shape)), up.astype(int))

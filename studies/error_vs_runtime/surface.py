@@ -1,0 +1,179 @@
+"""Surface sampling: which area points are spread over and how evenly, against the time it takes."""
+
+from collections.abc import Callable, Iterable, Mapping
+from functools import partial
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import igl
+import numpy as np
+import trimesh
+from scipy.spatial import cKDTree
+from scipy.stats import qmc
+
+from palpate.mesh import load_visual
+from palpate.surface.depth_maps import RESOLUTION, VIEWS, sample_by_depth_maps
+from palpate.surface.embree import Scene
+from palpate.surface.rays import DIRECTIONS, fibonacci_sphere, sample_by_rays, sees_out
+from studies.error_vs_runtime.study import Method, Study
+from studies.subjects import Subject
+
+COUNTS = (16, 32, 64, 128, 256)  # directions of rays
+RESOLUTIONS = (64, 128, 256, 512)  # pixels along a depth map
+MORE_VIEWS = np.concatenate([VIEWS, fibonacci_sphere(14)])
+
+# Directions of the reference: four times as many find 0.1 % more of the places on eight objects to see out.
+REFERENCE = 1024
+# Places looked at: on shapes whose exterior is known in closed form, and on the run's objects.
+KNOWN, TRACED = 20_000, 2_000
+# Not the methods': from the same numbers trimesh would draw the very points that they draw.
+PLACES_SEED = 1
+
+
+class Case(NamedTuple):
+    """A mesh, and places on it, uniform by area.
+
+    points: (n, 3). face: (n,) of `mesh.faces`. exterior: (n,) bool, whether a straight line leads out.
+    """
+
+    mesh: trimesh.Trimesh
+    points: np.ndarray
+    face: np.ndarray
+    exterior: np.ndarray
+
+
+class Sampled(NamedTuple):
+    """What a method gives: (k, 3) points, and whether it takes the places of a case for exterior, (n,)."""
+
+    points: np.ndarray
+    takes: Callable[[Case], np.ndarray]
+
+
+def study(run: Path, subjects: list[Subject], settings: Mapping[str, Any]) -> "Surface":
+    """Surface sampling of the first two subjects and of two shapes whose exterior is known.
+
+    settings: the section `surface` of the config.
+    """
+    return Surface(subjects[:2], settings["surface"]["points"], settings["surface"]["method"])
+
+
+class Surface(Study):
+    """Visibility rays and depth maps.
+
+    `misclassified` is the area that gets points and is hidden, and the area that gets none and is not. For
+    depth maps that is what no map faces, whatever their resolution: each pixel looks at a random spot of its
+    square. Coarse maps are wrong otherwise: they see fewer spots than there are points, and know worse how
+    many maps see a spot. That shows in the Chamfer distance, which is not zero for exact samples either.
+    """
+
+    stage = "surface"
+    units = {"misclassified": "% of the exterior", "Chamfer distance": "mm"}
+    reference = (
+        "shapes: the exterior in closed form, 20,000 places; objects: 2,000 places by area (trimesh), each "
+        f"seeing out in any of {REFERENCE} Sobol directions (libigl's tree of boxes, double precision)"
+    )
+
+    def __init__(self, subjects: list[Subject], points: int, chosen: str):
+        """points: how many are drawn. chosen: the run's method."""
+        self._subjects, self._points, self._chosen = subjects, points, chosen
+
+    def cases(self) -> Iterable[tuple[str, Case]]:
+        yield "overlapping spheres", overlapping_spheres()
+        yield "cup 4 radii deep", cup(4)
+        for subject in self._subjects:
+            yield subject.name, traced(load_visual(subject.folder))
+
+    def methods(self) -> list[Method]:
+        rays, maps = self._chosen == "rays", self._chosen == "depth_maps"
+        return [
+            *(Method("rays", "directions", n, partial(self._rays, n), rays and n == DIRECTIONS) for n in COUNTS),
+            *(
+                Method("6 depth maps", "pixels", n, partial(self._maps, n, VIEWS), maps and n == RESOLUTION)
+                for n in RESOLUTIONS
+            ),
+            Method("20 depth maps", "pixels", 128, partial(self._maps, 128, MORE_VIEWS)),
+        ]
+
+    def errors(self, case: Case, result: Sampled) -> dict[str, float]:
+        exact = case.points[case.exterior]
+        there, back = cKDTree(result.points).query(exact)[0], cKDTree(exact).query(result.points)[0]
+        return {
+            "misclassified": 100 * (result.takes(case) != case.exterior).sum() / len(exact),
+            "Chamfer distance": 1e3 * (there.mean() + back.mean()),
+        }
+
+    def _rays(self, directions: int, case: Case) -> Sampled:
+        points = sample_by_rays(Scene(case.mesh), self._points, np.random.default_rng(0), directions)
+        return Sampled(points, partial(_taken_by_rays, directions))
+
+    def _maps(self, resolution: int, views: np.ndarray, case: Case) -> Sampled:
+        random = np.random.default_rng(0)
+        points = sample_by_depth_maps(Scene(case.mesh), self._points, random, resolution, views)
+        return Sampled(points, lambda case: visible(case.mesh, case.points, case.face, -views))
+
+
+def _taken_by_rays(directions: int, case: Case) -> np.ndarray:
+    scene = Scene(case.mesh)
+    return sees_out(scene, case.points, np.searchsorted(scene.face, case.face), directions)
+
+
+def visible(mesh: trimesh.Trimesh, points: np.ndarray, face: np.ndarray, directions: np.ndarray) -> np.ndarray:
+    """Whether each point (n, 3) of a face (n,) sees out in any of the directions (d, 3): (n,) bool.
+
+    In double precision; a face seen edge-on is not seen.
+    """
+    # libigl takes rays for parallel to faces whose area is small in absolute terms.
+    scale = 1e6 / mesh.extents.max()
+    vertices, faces = np.ascontiguousarray(scale * mesh.vertices), np.ascontiguousarray(mesh.faces)
+    tree = igl.AABB()
+    tree.init(vertices, faces)
+    normal = mesh.face_normals[face]
+    hidden = np.arange(len(points))
+    for direction in directions:
+        cosine = normal[hidden] @ direction
+        start = scale * points[hidden] + 1e-3 * np.sign(cosine)[:, None] * normal[hidden]
+        met, _, _ = tree.intersect_ray_first(vertices, faces, start, np.tile(direction, (len(hidden), 1)), np.inf)
+        hidden = hidden[(met >= 0) | (np.abs(cosine) < 1e-6)]
+    return ~np.isin(np.arange(len(points)), hidden)
+
+
+def traced(mesh: trimesh.Trimesh, count: int = TRACED, directions: int = REFERENCE) -> Case:
+    """A case of any mesh: its exterior is what sees out in some direction."""
+    points, face = _places(mesh, count)
+    return Case(mesh, points, face, visible(mesh, points, face, sobol_sphere(directions)))
+
+
+def sobol_sphere(count: int) -> np.ndarray:
+    """(count, 3) unit vectors spread evenly over the sphere (Sobol sequence, scrambled); 2^k of them."""
+    u, v = qmc.Sobol(2, rng=0).random(count).T
+    radius, angle = np.sqrt(1 - (2 * u - 1) ** 2), 2 * np.pi * v
+    return np.stack([radius * np.cos(angle), radius * np.sin(angle), 2 * u - 1], axis=1)
+
+
+def overlapping_spheres() -> Case:
+    """Two convex polyhedra of 0.1 m radius, 0.1 m apart: what is inside the other one is hidden."""
+    balls = [trimesh.creation.icosphere(subdivisions=4, radius=0.1).apply_translation((x, 0, 0)) for x in (0, 0.1)]
+    mesh = trimesh.util.concatenate(balls)
+    points, face = _places(mesh)
+    exterior = np.ones(len(points), dtype=bool)
+    for k, other in enumerate(reversed(balls)):
+        away = np.linalg.norm(points - other.center_mass, axis=1)
+        near = np.flatnonzero((face // len(other.faces) == k) & (away < 0.1))
+        height = np.einsum("fi,fi->f", other.face_normals, other.triangles[:, 0])
+        exterior[near] = [(other.face_normals @ point > height).any() for point in points[near]]
+    return Case(mesh, points, face, exterior)
+
+
+def cup(depth: float) -> Case:
+    """A cup `depth` radii (50 mm) deep with walls of 1 mm: all of it is exterior, the floor just so."""
+    radius, inner = 0.05, 0.049
+    height = radius * depth
+    profile = np.array([[0, 0], [radius, 0], [radius, height], [inner, height], [inner, 0.001], [0, 0.001]])
+    mesh = trimesh.creation.revolve(profile, sections=96).subdivide().subdivide()
+    points, face = _places(mesh)
+    return Case(mesh, points, face, np.ones(len(points), dtype=bool))
+
+
+def _places(mesh: trimesh.Trimesh, count: int = KNOWN) -> tuple[np.ndarray, np.ndarray]:
+    points, face = trimesh.sample.sample_surface(mesh, count, seed=PLACES_SEED)
+    return np.asarray(points), np.asarray(face)

@@ -1,0 +1,184 @@
+"""Fits of touch charts to what a sensor sees: how far from the true surface the chart is, and the time.
+
+Charts are fitted to true depth maps, so that the error is the fit's and not the U-Net's.
+"""
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import partial
+from inspect import signature
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import torch
+from scipy.spatial import cKDTree
+from torch import Tensor
+
+from palpate.charts import TouchChart, fit_adam, fit_direct, touch_chart
+from palpate.charts.fit import placed
+from palpate.dataset import Dataset
+from palpate.mesh import OBJECT_POSITION, load_visual
+from palpate.mesh.distance import Surface, sample
+from palpate.touch import PIXEL_CENTRES, RESOLUTION, SENSOR_RANGE, SENSOR_WIDTH, local_points
+from palpate.training.losses import some
+from studies.error_vs_runtime.study import Method, Study
+from studies.subjects import Subject
+
+OBJECTS, TOUCHES = 2, 2  # that are looked at, and of each object
+FINE = 4  # rays of the true surface along each side of a pixel
+ON_CHART = 20_000  # points on a chart
+AT_MOST = 100  # steps of the paper's optimisation, where the run does not use it
+CLOUD = 2000  # points, of the up to 10,000 of a local cloud
+# What differs from the fit with `fit_adam`'s own options.
+TRIED = {"steps": (50,), "samples": (500,), "rate": (0.01,), "points of the cloud": (CLOUD,)}
+
+
+class Touches(NamedTuple):
+    """k touches of one object.
+
+    Attributes:
+        depth: (k, 100, 100) m, valid: (k, 100, 100), position: (k, 3) m and rotation: (k, 3, 3) in the world:
+            what `fit_direct` takes. clouds: k local clouds, what `fit_adam` takes.
+        truth: k times points (n, 3) of the true surface, dense, and a tree of them.
+    """
+
+    depth: Tensor
+    valid: Tensor
+    position: Tensor
+    rotation: Tensor
+    clouds: list[Tensor]
+    truth: list[tuple[np.ndarray, cKDTree]]
+
+
+def seen_surface(triangles: np.ndarray, position: np.ndarray, rotation: np.ndarray, fine: int) -> np.ndarray:
+    """Points (n, 3) where `fine` x `fine` parallel rays from each pixel of a sensor first meet the surface.
+
+    In double precision, triangle by triangle: the rays inside each, by barycentric coordinates, and of all
+    that a ray meets within the sensor's range the nearest. triangles: (f, 3, 3) m, in the frame of the pose.
+    """
+    corners = (triangles - position) @ rotation
+    side = RESOLUTION * fine
+    low, high = corners.min(axis=1), corners.max(axis=1)
+    first = np.ceil((low[:, 1:] / SENSOR_WIDTH + 0.5) * side - 0.5).clip(0).astype(int)
+    last = np.floor((high[:, 1:] / SENSOR_WIDTH + 0.5) * side - 0.5).clip(max=side - 1).astype(int)
+    near = (first <= last).all(axis=1) & (high[:, 0] >= 0) & (low[:, 0] <= SENSOR_RANGE)
+    centres = ((np.arange(side) + 0.5) / side - 0.5) * SENSOR_WIDTH
+    depth = np.full((side, side), np.inf)
+    for (a, b, c), start, stop in zip(corners[near], first[near], last[near] + 1, strict=True):
+        block = np.s_[start[1] : stop[1], start[0] : stop[0]]
+        y, z = centres[None, block[1]], centres[block[0], None]
+        area = _cross(b[1:] - a[1:], c[1:] - a[1:])
+        if area == 0:
+            continue
+        of_b = ((y - a[1]) * (c[2] - a[2]) - (z - a[2]) * (c[1] - a[1])) / area
+        of_c = ((z - a[2]) * (b[1] - a[1]) - (y - a[1]) * (b[2] - a[2])) / area
+        x = a[0] + of_b * (b[0] - a[0]) + of_c * (c[0] - a[0])
+        inside = (of_b >= 0) & (of_c >= 0) & (of_b + of_c <= 1) & (x >= 0) & (x <= SENSOR_RANGE)
+        depth[block] = np.where(inside, np.minimum(depth[block], x), depth[block])
+    row, column = np.nonzero(np.isfinite(depth))
+    return np.stack([depth[row, column], centres[column], centres[row]], axis=1) @ rotation.T + position
+
+
+def _cross(one: np.ndarray, other: np.ndarray) -> float:
+    return float(one[0] * other[1] - one[1] * other[0])
+
+
+def distances(chart: np.ndarray, truth: np.ndarray, tree: cKDTree) -> tuple[np.ndarray, np.ndarray]:
+    """Distances (n,) of the true points to the chart's faces, exact, and (m,) of points spread evenly on the
+    chart to the nearest true point; metres. chart: (81, 3); of a chart without area, its vertices."""
+    faces = touch_chart().faces.numpy()
+    corners = chart[faces]
+    area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+    faces = faces[area > 0]
+    if not len(faces):
+        return cKDTree(chart).query(truth)[0], tree.query(chart)[0]
+    to_chart, _ = Surface(chart, faces).closest(truth)
+    return to_chart, tree.query(sample(chart, faces, ON_CHART))[0]
+
+
+def fit_to_nearest(depth: Tensor, valid: Tensor, position: Tensor, rotation: Tensor) -> Tensor:
+    """Another direct fit: the sensor's own grid, each vertex moved to the nearest pixel in contact."""
+    chart: TouchChart = touch_chart()
+    z, y = torch.meshgrid(*2 * [torch.from_numpy(PIXEL_CENTRES).float()], indexing="ij")
+    pixels = torch.stack([y, z], dim=2).reshape(-1, 2)
+    far = torch.cdist(chart.grid, pixels).expand(len(depth), -1, -1)
+    at = far.masked_fill(~valid.flatten(1)[:, None], torch.inf).argmin(dim=2)
+    return placed(torch.cat([depth.flatten(1).gather(1, at)[..., None], pixels[at]], dim=2), position, rotation)
+
+
+class TouchCharts(Study):
+    """Touches of at most two objects, two of each: the paper's optimisation is slow."""
+
+    stage = "touch charts"
+    units = {"Chamfer distance, root mean square": "mm", "largest distance": "mm"}
+    reference = (
+        f"the object's faces that the sensor sees, {FINE} x {FINE} exact rays a pixel in double precision; "
+        f"distances both ways, to the chart's triangles exact. Seconds are for {TOUCHES} touches"
+    )
+
+    def __init__(self, run: Path, subjects: Sequence[Subject], fit: str):
+        self.dataset, self.subjects, self.fit = Dataset(run, ("meshes", "touch")), subjects, fit
+
+    def cases(self) -> Iterable[tuple[str, Touches]]:
+        for subject in self.subjects:
+            touches = self._touches(subject)
+            if touches is not None:
+                yield subject.name, touches
+
+    def _touches(self, subject: Subject) -> Touches | None:
+        """`TOUCHES` of the object's successful touches, evenly over them all; None if it has none."""
+        felt = [
+            (grasp, sensor) for grasp in self.dataset[subject.name].grasps for sensor in np.flatnonzero(grasp.success)
+        ]
+        chosen = [felt[k * len(felt) // TOUCHES] for k in range(min(TOUCHES, len(felt)))]
+        if not chosen:
+            return None
+        triangles = load_visual(subject.folder).triangles.astype(np.float64) + OBJECT_POSITION
+        arrays = [
+            np.stack([getattr(grasp, name)[sensor] for grasp, sensor in chosen])
+            for name in ("depth", "position", "rotation")
+        ]
+        points = [seen_surface(triangles, place, turn, FINE) for place, turn in zip(*arrays[1:], strict=True)]
+        depth, position, rotation = (torch.from_numpy(array).float() for array in arrays)
+        clouds = [torch.from_numpy(local_points(*each)) for each in zip(*arrays, strict=True)]
+        trees = [(each, cKDTree(each)) for each in points]
+        return Touches(depth, torch.isfinite(depth), position, rotation, clouds, trees)
+
+    def methods(self) -> list[Method]:
+        own = signature(fit_adam).parameters["steps"].default
+        steps = own if self.fit == "adam" else AT_MOST
+        return [
+            Method("direct", "rows", "over the contact", partial(_direct, fit_direct), self.fit == "direct"),
+            Method("direct", "rows", "to the nearest contact", partial(_direct, fit_to_nearest)),
+            Method("Adam", "steps", steps, partial(_adam, {"steps": steps}), self.fit == "adam"),
+            *(
+                Method("Adam", knob, value, partial(_adam, {"steps": steps, knob: value}))
+                for knob, values in TRIED.items()
+                for value in values
+            ),
+        ]
+
+    def errors(self, case: Touches, result: Tensor) -> dict[str, float]:
+        found = [distances(chart, *truth) for chart, truth in zip(result.double().numpy(), case.truth, strict=True)]
+        square = [(np.mean(there**2) + np.mean(back**2)) / 2 for there, back in found]
+        largest = [max(there.max(), back.max()) for there, back in found]
+        values = 1e3 * np.sqrt(np.mean(square)), 1e3 * np.max(largest)
+        return dict(zip(self.units, map(float, values), strict=True))
+
+
+def _direct(fit: Callable[..., Tensor], case: Touches) -> Tensor:
+    return fit(case.depth, case.valid, case.position, case.rotation)
+
+
+def _adam(options: Mapping[str, Any], case: Touches) -> Tensor:
+    options, clouds = dict(options), case.clouds
+    generator = torch.Generator().manual_seed(0)
+    if count := options.pop("points of the cloud", None):
+        clouds = [some(cloud, count, generator) for cloud in clouds]
+    return fit_adam(clouds, case.position, case.rotation, generator=generator, **options)
+
+
+def study(run: Path, subjects: Sequence[Subject], settings: Mapping[str, Any]) -> TouchCharts:
+    """The study of a run; of its settings `training.touch_charts` is read, of its files the meshes and the
+    store of touch."""
+    return TouchCharts(run, subjects[:OBJECTS], settings["training"]["touch_charts"])

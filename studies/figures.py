@@ -1,0 +1,183 @@
+"""The reports' figures: fronts of error and time, margins of extreme cases, savings of what is left out."""
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.ticker import FormatStrFormatter, LogLocator, NullFormatter
+
+from palpate.results.page import FAINT, INK, LABEL, PALE, TITLE, new_figure, save, styled
+from studies.error_vs_runtime.study import over_objects, setting
+from studies.omitted.omission import SAME, in_words
+from studies.stability.cases import FAILS, HOLDS, REJECTED
+
+# Okabe and Ito's colours, apart for colour-blind readers too.
+COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#F0E442", "#000000")
+VERDICT_COLOURS = {HOLDS: "#009E73", REJECTED: "#0072B2", FAILS: "#D55E00"}
+ACROSS = 3  # panels beside each other
+PANEL, MARGIN = (4.2, 3.0), 0.35  # inches
+NEAR = 0.06  # of a panel: points nearer than this share a name
+WIDE = 300.0  # an axis over this ratio shows powers of ten only
+
+
+@styled
+def fronts(table: pd.DataFrame, path: Path | str) -> None:
+    """Error against seconds, a panel for each measure that a stage's study draws, all objects together.
+
+    The line is the front, whose methods are named by their knobs; rings mark what the config has; a hollow
+    mark is a method on the front that the machine's noise does not let rank.
+    """
+    table = over_objects(table[table["drawn"]])
+    panels = [rows for _, rows in table.groupby(["stage", "measure"], sort=False)]
+    columns = min(ACROSS, len(panels))
+    lines = -(-len(panels) // columns)
+    figure = new_figure(columns * PANEL[0] + MARGIN, lines * PANEL[1] + MARGIN)
+    grid = figure.subplots(lines, columns, squeeze=False)
+    for axes, rows in zip(grid.flat, panels, strict=False):
+        _front(axes, rows[rows["error"].notna()])
+    for axes in grid.flat[len(panels) :]:
+        axes.set_axis_off()
+    figure.tight_layout(rect=(0, 0, 1, 1 - 0.25 / figure.get_figheight()))
+    legend = "line: front    ring: the config's    hollow: not ranked, too noisy"
+    figure.text(0.5, 1 - 0.18 / figure.get_figheight(), legend, ha="center", fontsize=LABEL, color=FAINT)
+    save(figure, path)
+
+
+def _front(axes: Axes, rows: pd.DataFrame) -> None:
+    seconds = rows["seconds"].to_numpy(dtype=float)
+    errors = rows["error"].to_numpy(dtype=float)
+    positive = errors[np.isfinite(errors) & (errors > 0)]
+    least = positive.min() / 3 if len(positive) else 1.0  # where an error of 0 is drawn
+    shown = np.where(errors == 0, least, errors)
+    spread = np.abs(rows[["seconds_low", "seconds_high"]].to_numpy(dtype=float).T - seconds)
+    on, noisy, chosen = (rows[key].to_numpy(dtype=bool) for key in ("front", "noisy", "chosen"))
+    for colour, method in zip(_colours(), dict.fromkeys(rows["method"]), strict=False):
+        own = (rows["method"] == method).to_numpy()
+        bars = {"fmt": "none", "ecolor": colour, "lw": 0.7, "alpha": 0.5}
+        axes.errorbar(seconds[own], shown[own], xerr=spread[:, own], **bars)
+        axes.scatter(seconds[own], shown[own], s=14, color=colour, label=method)
+        hollow = own & noisy
+        axes.scatter(seconds[hollow], shown[hollow], s=6, color="white", zorder=3)
+    order = np.argsort(seconds[on])
+    axes.plot(seconds[on][order], shown[on][order], color=PALE, lw=1, zorder=0)
+    axes.scatter(seconds[chosen], shown[chosen], s=70, facecolor="none", edgecolor=INK, lw=1, zorder=4)
+    beside = {"xytext": (3, 3), "textcoords": "offset points", "fontsize": LABEL - 4}
+    for place in _apart(seconds, shown, on & ~chosen, chosen):
+        name = setting(rows["knob"].iloc[place], rows["value"].iloc[place])
+        axes.annotate(name, (seconds[place], shown[place]), **beside)
+    for axis, drawn in (("x", seconds), ("y", shown)):
+        _logarithmic(axes, axis, drawn)
+    first = rows.iloc[0]
+    zero = ", lowest: 0" if (errors == 0).any() else ""
+    axes.set_title(first["stage"].replace("_", " "), fontsize=TITLE)
+    axes.set_xlabel("seconds", fontsize=LABEL - 1)
+    axes.set_ylabel(f"{first['measure']}, {first['unit']}{zero}", fontsize=LABEL - 1)
+    axes.tick_params(labelsize=LABEL - 2, which="both")
+    axes.spines[["top", "right"]].set_visible(False)
+    axes.legend(fontsize=LABEL - 3, frameon=False)
+
+
+def _apart(x: np.ndarray, y: np.ndarray, named: np.ndarray, taken: np.ndarray) -> list[int]:
+    """Of the points to be named those that are not too near to one that is, or to those that are `taken`."""
+    logs = np.log(np.stack([x, y], axis=1))
+    span = np.ptp(logs, axis=0)
+    place = logs / np.where(span > 0, span, 1)
+    used, found = list(np.flatnonzero(taken)), []
+    for point in sorted(np.flatnonzero(named), key=lambda k: x[k]):
+        if all(np.linalg.norm(place[point] - place[other]) > NEAR for other in used):
+            used.append(point)
+            found.append(int(point))
+    return found
+
+
+def _logarithmic(axes: Axes, name: str, drawn: np.ndarray) -> None:
+    """Set the scale of an axis, with numbers that have room."""
+    axes.set(**{f"{name}scale": "log"})
+    few = np.nanmax(drawn) > WIDE * np.nanmin(drawn)
+    axis = getattr(axes, f"{name}axis")
+    axis.set_major_locator(LogLocator(subs=(1,) if few else (1, 2, 5), numticks=8))
+    axis.set_major_formatter(FormatStrFormatter("%g"))
+    axis.set_minor_formatter(NullFormatter())
+
+
+def _colours():
+    while True:
+        yield from COLOURS
+
+
+@styled
+def margins(table: pd.DataFrame, path: Path | str) -> None:
+    """A line a case: its findings in units of their bounds; left of 1 they hold. Coloured by verdict."""
+    cases = list(table.groupby(["part", "case"], sort=False))
+    height = 0.17 * len(cases) + 1.0
+    figure = new_figure(9, height)
+    axes = figure.add_axes((0.47, 0.5 / height, 0.5, 1 - 1.0 / height))
+    left = {"transform": axes.get_yaxis_transform(), "ha": "right", "va": "center", "fontsize": LABEL - 2}
+    for place, ((_, case), findings) in enumerate(cases):
+        axes.axhline(-place, color=PALE, lw=0.3, zorder=0)
+        used = [_margin(row) for _, row in findings.iterrows()]
+        colours = [VERDICT_COLOURS[verdict] for verdict in findings["verdict"]]
+        axes.scatter(used, [-place] * len(used), s=12, c=colours, alpha=0.7, linewidths=0)
+        axes.text(-0.01, -place, case, **left)
+    parts = [part for (part, _), _ in cases]
+    for place in range(1, len(parts)):
+        if parts[place] != parts[place - 1]:
+            axes.axhline(0.5 - place, color=INK, lw=0.6)
+    axes.axvline(1, color=INK, lw=0.8)
+    axes.set_xscale("log")
+    axes.set_yticks([])
+    axes.set_ylim(-len(cases), 1)
+    axes.set_xlabel("value / bound (at the left end: 0, or no number)", fontsize=LABEL)
+    axes.tick_params(labelsize=LABEL - 1)
+    axes.spines[["top", "right", "left"]].set_visible(False)
+    counts = table["verdict"].value_counts()
+    for place, (verdict, colour) in enumerate(VERDICT_COLOURS.items()):
+        said = {"x": 0.5 + 0.14 * place, "y": 1 - 0.3 / height, "color": colour, "fontsize": TITLE}
+        figure.text(s=f"{counts.get(verdict, 0)} {verdict}", **said)
+    save(figure, path)
+
+
+def _margin(row: pd.Series, least: float = 1e-6) -> float:
+    """How much of its bound a finding uses up: below 1 where it holds; `least` if there is no such number."""
+    found = re.fullmatch(r"(<=|>=) (\S+)", str(row["bound"]))
+    try:
+        value, bound = float(row["value"]), float(found[2]) if found else np.nan
+    except ValueError:
+        return least
+    if not (np.isfinite(bound) and np.isfinite(value)):
+        return least if row["verdict"] != FAILS else 1 / least
+    used, whole = (value, bound) if found[1] == "<=" else (bound, value)
+    return float(np.clip(used / whole if whole else float(used > 0), least, 1 / least))
+
+
+@styled
+def savings(table: pd.DataFrame, path: Path | str) -> None:
+    """Seconds and bytes without each part as a share of those with it, all objects together."""
+    totals = dict.fromkeys(("seconds_with", "seconds_without", "bytes_with", "bytes_without"), "sum")
+    rows = table.groupby(["scene", "part"], sort=False).agg(
+        totals | {"noisy": "all", "left_out": "all", "verdict": lambda verdicts: set(verdicts) == {SAME}}
+    )
+    height = 0.26 * len(rows) + 1.0
+    figure = new_figure(9, height)
+    axes = figure.add_axes((0.42, 0.5 / height, 0.4, 1 - 0.8 / height))
+    text = {"va": "center", "fontsize": LABEL - 1, "transform": axes.get_yaxis_transform()}
+    for place, ((scene, part), row) in enumerate(rows.iterrows()):
+        seconds = row["seconds_without"] / row["seconds_with"]
+        colour = COLOURS[0] if row["left_out"] else FAINT
+        axes.barh(-place, seconds, height=0.55, color=colour, alpha=0.35 if row["noisy"] else 0.9)
+        if row["bytes_with"]:
+            axes.plot(row["bytes_without"] / row["bytes_with"], -place, "D", ms=4, color=COLOURS[1])
+        said = in_words(scene, part, row["verdict"], row["left_out"])
+        axes.text(-0.02, -place, f"{scene}: {part}", ha="right", **text)
+        axes.text(1.02, -place, said, ha="left", color=INK if row["verdict"] else COLOURS[1], **text)
+    axes.axvline(1, color=INK, lw=0.8)
+    axes.set_yticks([])
+    axes.set_ylim(-len(rows) + 0.3, 0.7)
+    axes.set_xlim(0, 1.15)
+    label = "without / with: seconds (bars; pale: within the noise), bytes (diamonds)"
+    axes.set_xlabel(label, fontsize=LABEL)
+    axes.tick_params(labelsize=LABEL - 1)
+    axes.spines[["top", "right"]].set_visible(False)
+    save(figure, path)

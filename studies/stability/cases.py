@@ -1,0 +1,136 @@
+"""Stiff and extreme cases: what is looked at in each, within which bound, and the verdict.
+
+A part of the stability report is a module with `CASES`:
+
+    CASES = Cases("grasps")
+
+    @CASES.case("solref equal to the time step")
+    def solref_at_the_time_step(subject):
+        yield at_most("penetration", depth, 1e-3, "m")
+"""
+
+import logging
+import re
+import tempfile
+import time
+import traceback
+import warnings
+from collections.abc import Callable, Iterable
+from typing import Any, NamedTuple
+
+import pandas as pd
+
+log = logging.getLogger(__name__)
+
+COLUMNS = ("part", "case", "stage", "quantity", "bound", "value", "unit", "verdict", "note", "seconds")
+LOGGED = ("quantity", "value", "unit", "bound", "verdict")
+HOLDS, REJECTED, FAILS = "holds", "rejected", "fails"
+
+
+class Finding(NamedTuple):
+    """One quantity of a case. verdict: `holds`, `rejected` (cleanly, the note says why) or `fails`."""
+
+    quantity: str
+    bound: str
+    value: Any
+    unit: str
+    verdict: str
+    note: str = ""
+
+
+class Case(NamedTuple):
+    """One extreme case. short: whether it is quick enough (a second or two) for the tests as well."""
+
+    name: str
+    stage: str
+    examine: Callable[[Any], Iterable[Finding]]
+    short: bool
+
+    def __str__(self) -> str:
+        return self.name
+
+
+class Cases(list):
+    """The cases of one part, in order."""
+
+    def case(self, name: str, stage: str, short: bool = True) -> Callable[[Callable], Callable]:
+        """Add the function below as a case; it is given a `Subject` and yields findings."""
+
+        def add(function: Callable) -> Callable:
+            self.append(Case(name, stage, function, short))
+            return function
+
+        return add
+
+
+def at_most(quantity: str, value: float, bound: float, unit: str = "", note: str = "") -> Finding:
+    """Holds if the value is a number and no more than the bound."""
+    return Finding(quantity, f"<= {bound:g}", value, unit, HOLDS if value <= bound else FAILS, note)
+
+
+def at_least(quantity: str, value: float, bound: float, unit: str = "", note: str = "") -> Finding:
+    """Holds if the value is a number and no less than the bound."""
+    return Finding(quantity, f">= {bound:g}", value, unit, HOLDS if value >= bound else FAILS, note)
+
+
+def equal(quantity: str, value: Any, expected: Any, unit: str = "", note: str = "") -> Finding:
+    """Holds if the two are equal."""
+    return Finding(quantity, f"== {expected}", value, unit, HOLDS if value == expected else FAILS, note)
+
+
+def rejects(quantity: str, function: Callable[[], Any], errors: type[Exception] | tuple, reason: str) -> Finding:
+    """Rejected if the function raises one of the errors with a message in which the pattern is found."""
+    expected = f"rejected: {reason}"
+    try:
+        result = function()
+    except errors as error:
+        found = re.search(reason, str(error)) is not None
+        return Finding(quantity, expected, "rejected", "", REJECTED if found else FAILS, str(error))
+    return Finding(quantity, expected, f"accepted: {result!r:.80}", "", FAILS)
+
+
+def examine(part: str, case: Case, subject: Any) -> list[dict[str, Any]]:
+    """Rows of one case, with the columns `COLUMNS`: its findings, and what Python or numpy warned of.
+
+    An error that the case does not expect is a finding that fails.
+    """
+    log.info("%s: %s", part, case.name)
+    start = time.perf_counter()
+    findings: list[Finding] = []
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", RuntimeWarning)
+        try:
+            findings.extend(case.examine(subject))
+            if not findings:
+                raise ValueError("the case looks at nothing")
+        except Exception as error:
+            log.exception("%s: %s stopped", part, case.name)
+            where = traceback.extract_tb(error.__traceback__)[-1]
+            note = f"{type(error).__name__}: {error} ({where.name}, line {where.lineno})"
+            findings.append(Finding("runs to its end", "no error", "error", "", FAILS, note))
+    noted = "; ".join(sorted({str(each.message) for each in caught if each.category is RuntimeWarning}))
+    if noted:
+        findings.append(Finding("numerical warnings", "none", len(caught), "", FAILS, noted))
+    seconds = time.perf_counter() - start
+    for finding in findings:
+        log.info("  %s: %s %s, %s: %s", *(getattr(finding, key) for key in LOGGED))
+    return [
+        {"part": part, "case": case.name, "stage": case.stage, **finding._asdict(), "seconds": seconds}
+        | {"note": without_folders(finding.note)}
+        for finding in findings
+    ]
+
+
+def without_folders(note: str) -> str:
+    """A note without the temporary folders in it, which are others in every run."""
+    return re.sub(rf"{re.escape(tempfile.gettempdir())}/[^/\s]+/", "", note)
+
+
+def report(part: str, cases: Iterable[Case], subject: Any) -> pd.DataFrame:
+    """All cases of a part on one object of the run: the part's rows of `reports/stability.csv`."""
+    rows = [row for case in cases for row in examine(part, case, subject)]
+    table = pd.DataFrame(rows, columns=list(COLUMNS))
+    for row in table[table["verdict"] == FAILS].itertuples():
+        of = f"{part}, {row.case}: {row.quantity}"
+        log.warning("%s is %s, not %s: %s", of, row.value, row.bound, row.note)
+    return table

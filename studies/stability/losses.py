@@ -1,0 +1,744 @@
+"""Losses and training where they are degenerate: clouds, charts, meshes, touches, batches, scales."""
+
+import csv
+import logging
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import h5py
+import numpy as np
+import torch
+from torch import Tensor
+
+from palpate import store
+from palpate.charts import chamfer_distance, fit_adam, fit_direct, sample_faces, touch_chart
+from palpate.charts.fit import placed
+from palpate.mesh import OBJECT_POSITION, load_collision
+from palpate.models import Reconstruction, TouchDepth
+from palpate.models.pooling import PerceptualPooling
+from palpate.touch.sensor import RESOLUTION, SENSOR_WIDTH
+from palpate.training import pack
+from palpate.training.data import Assembler, Sample
+from palpate.training.learners import Diverged, ReconstructionLearner
+from palpate.training.loop import Machine, train
+from palpate.training.losses import Truth, reconstruction_loss, touch_depth_loss
+from palpate.training.touches import predict_depth, read_touches
+from studies.stability.cases import Cases, Finding, at_least, at_most, equal, rejects
+from studies.subjects import Subject
+
+CASES = Cases()
+ROUNDING = 1e-5  # relative, of sums of thousands of numbers in float32
+GRASPS = 5
+EXPERIMENT = {"strategy": "charts", "vision": "unoccluded", "touch": True, "grasps": GRASPS}
+SETTINGS = {
+    "architecture": {
+        "encoder": {"channels": [8, 16], "layers": [1, 2], "pool": [1, 3], "norm": "instance", "padding": 1},
+        "gcn": {"layers": 4, "width": 32, "normalisation": "separate"},
+        "unsuccessful": "held",
+        "normalise_positions": True,
+        "init": "he",
+        "last_layer_scale": 0.01,
+    },
+    "optimiser": "adam",
+    "rate": 1e-3,
+    "schedule": "constant",
+    "weight_decay": 0,
+    "clip": 1.0,
+    "ema": None,
+    "batch": 1,
+    "steps": 12,
+    "epochs": None,
+    "evaluate_every": 4,
+    "patience": None,
+    "loss_points": 500,
+    "validation_points": 500,
+    "validation_samples": 1,
+}
+
+
+def seeded(seed: int = 0) -> torch.Generator:
+    """Random numbers, the same every time."""
+    return torch.Generator().manual_seed(seed)
+
+
+def mesh_of(subject: Subject) -> tuple[Tensor, Tensor]:
+    """The object where it stands in the world: vertices (V, 3) float32 metres, faces (F, 3)."""
+    mesh = load_collision(subject.folder)
+    vertices = torch.tensor(mesh.vertices + np.array(OBJECT_POSITION), dtype=torch.float32)
+    return vertices, torch.tensor(np.asarray(mesh.faces), dtype=torch.int64)
+
+
+def cloud_of(subject: Subject, n: int = 2000, seed: int = 0) -> Tensor:
+    """n points (n, 3) of its surface."""
+    vertices, faces = mesh_of(subject)
+    return sample_faces(vertices[None], faces, n, seeded(seed))[0]
+
+
+def brute_force(a: Tensor, b: Tensor) -> float:
+    """Chamfer distance of two clouds from all pairs, in double precision."""
+    distances = np.square(a.double().numpy()[:, None] - b.double().numpy()[None]).sum(axis=2)
+    return float(distances.min(axis=1).mean() + distances.min(axis=0).mean())
+
+
+def chamfer(a: Tensor, b: Tensor) -> tuple[float, Tensor]:
+    """Chamfer distance of two clouds and its gradient in the first."""
+    a = a.detach().clone().requires_grad_()
+    distance = chamfer_distance([a], [b])[0]
+    distance.backward()
+    return float(distance.detach()), a.grad
+
+
+def relative(value: float, expected: float) -> float:
+    """Difference in shares of what is expected."""
+    return abs(value - expected) / abs(expected)
+
+
+def finite(*tensors: Tensor) -> int:
+    """How many numbers are NaN or infinite."""
+    return sum(int((~torch.isfinite(tensor)).sum()) for tensor in tensors)
+
+
+def gradients(model: torch.nn.Module) -> Tensor:
+    """All gradients of a model in one row."""
+    return torch.cat([weights.grad.flatten() for weights in model.parameters() if weights.grad is not None])
+
+
+def sensors(cloud: Tensor, seed: int = 0) -> tuple[Tensor, Tensor, Tensor]:
+    """Twenty sensors 2 cm from points of a cloud, looking at them: position (g, 4, 3), rotation (g, 4, 3, 3),
+    planar charts (g, 4, 81, 3) at the points."""
+    places = cloud[torch.randperm(len(cloud), generator=seeded(seed))[: 4 * GRASPS]]
+    away = torch.nn.functional.normalize(places - cloud.mean(dim=0), dim=1)
+    position = places + 0.02 * away
+    side = torch.nn.functional.normalize(torch.linalg.cross(away, away.roll(1, dims=1) + 0.1), dim=1)
+    rotation = torch.stack([-away, side, torch.linalg.cross(-away, side)], dim=2)
+    grid = touch_chart().grid
+    sheet = torch.cat([torch.full((len(grid), 1), 0.02), grid], dim=1)
+    charts = placed(sheet.expand(len(places), -1, -1), position, rotation)
+    return tuple(values.unflatten(0, (GRASPS, 4)) for values in (position, rotation, charts))
+
+
+def picture(cloud: Tensor, pixels: int = 32) -> np.ndarray:
+    """How many points of a cloud lie behind each pixel, seen along y: (p, p, 3) uint8."""
+    counts = np.histogram2d(*(cloud[:, [2, 0]] - torch.tensor([0.6, 0])).T.numpy(), pixels, [[-0.3, 0.3]] * 2)
+    return np.repeat((255 * np.minimum(counts[0] / 8, 1)).astype(np.uint8)[..., None], 3, axis=2)
+
+
+def small_pack(subject: Subject, successful: bool = True, **changed: np.ndarray) -> pack.Pack:
+    """The object in three sizes, two to train on; in memory. changed: arrays that are others."""
+    centre = torch.tensor(OBJECT_POSITION)
+    clouds = [(cloud_of(subject, seed=k) - centre) * size + centre for k, size in enumerate((1.0, 0.8, 0.9))]
+    position, rotation, charts = (torch.stack(values).numpy() for values in zip(*map(sensors, clouds), strict=True))
+    success = np.full(position.shape[:3], successful)
+    if not successful:
+        charts = np.repeat(position[..., None, :], 81, axis=3)
+    arrays = {
+        "object": np.array([f"{subject.name}-{number}" for number in range(3)]),
+        "class": np.array([subject.class_name] * 3),
+        "split": np.array(["train", "train", "validation"]),
+        "points": torch.stack(clouds).numpy(),
+        "unoccluded": np.stack([picture(cloud) for cloud in clouds]),
+        "success": success,
+        "position": position,
+        "rotation": rotation,
+        "charts": charts,
+    }
+    return pack.Pack(arrays | changed, "unoccluded-charts", "0" * 64)
+
+
+def model_and_batch(
+    subject: Subject, successful: bool = True, last_layer_scale: float = 0.1
+) -> tuple[Reconstruction, dict[str, Tensor], Truth]:
+    """An untrained model whose vertices move by centimetres, a batch of two objects, and their points."""
+    held = small_pack(subject, successful)
+    torch.manual_seed(0)
+    layers = SETTINGS["architecture"] | {"last_layer_scale": last_layer_scale}
+    batch = Assembler(held)([Sample(number, tuple(range(GRASPS))) for number in (0, 1)])
+    model = Reconstruction("charts", True, True, GRASPS, layers)
+    return model, batch, Truth(torch.from_numpy(held["points"]))
+
+
+def loss_of(model: Reconstruction, vertices: Tensor, truth: Truth, n: int = 1000) -> Tensor:
+    """The training loss of the batch of `model_and_batch`."""
+    return reconstruction_loss(vertices, model.faces, truth, [0, 1], n, seeded()).mean()
+
+
+class Disturbed(ReconstructionLearner):
+    """Training in which one step's loss is put through a function, or every step's."""
+
+    def __init__(self, held: pack.Pack, settings: Mapping, change: Callable[[Tensor], Tensor], step: int | None):
+        super().__init__(held, EXPERIMENT, settings, seed=0)
+        self.change, self.step = change, step
+
+    def losses(self, part, generator, model, validation=False):
+        found = super().losses(part, generator, model, validation)
+        now = self.step is None or self.global_step == self.step
+        return self.change(found) if now and not validation else found
+
+
+def trained(
+    folder: Path,
+    subject: Subject,
+    change: Callable[[Tensor], Tensor] = lambda losses: losses,
+    step: int | None = None,
+    held: pack.Pack | None = None,
+    precision: str = "32-true",
+    **settings: Any,
+) -> tuple[dict[str, Any], list[float], Tensor]:
+    """A short training: what it says of itself, its validation losses, and its best weights in one row."""
+    return fit(Disturbed(held or small_pack(subject), SETTINGS | settings, change, step), folder, precision)
+
+
+def fit(learner: Disturbed, folder: Path, precision: str = "32-true") -> tuple[dict[str, Any], list[float], Tensor]:
+    """The same, of a learner."""
+    said = train(learner, folder / "model", folder / "work", Machine("cpu", precision=precision), "trust")
+    with (folder / "model/history.csv").open(newline="") as file:
+        history = [float(row["validation_loss"]) for row in csv.DictReader(file)]
+    return said, history, weights_of(folder / "model/best.ckpt")
+
+
+def weights_of(path: Path) -> Tensor:
+    """All weights of a checkpoint in one row."""
+    weights = torch.load(path, weights_only=True)["weights"]
+    return torch.cat([values.flatten().double() for values in weights.values()])
+
+
+@CASES.case("coincident points", "chamfer")
+def coincident_points(subject: Subject) -> Iterator[Finding]:
+    """Every point three times; all points in one place."""
+    cloud, other = cloud_of(subject, 600), cloud_of(subject, 500, seed=1)
+    expected = brute_force(cloud, other)
+    value, gradient = chamfer(cloud.repeat(3, 1), other)
+    yield at_most("threefold cloud: relative error", relative(value, expected), ROUNDING)
+    alone = chamfer(cloud, other)[1]
+    threefold = gradient.unflatten(0, (3, -1)).sum(dim=0)
+    # Of the three copies any one may be the nearest of the other cloud's points.
+    error = float((threefold - alone).abs().max() / alone.abs().max())
+    yield at_most("gradient of the copies together: relative error", error, ROUNDING)
+    heap = cloud[:1].repeat(1000, 1)
+    value, gradient = chamfer(heap, other)
+    yield at_most("heap: relative error", relative(value, brute_force(heap[:1], other)), ROUNDING)
+    yield equal("heap: NaN or infinite gradients", finite(gradient), 0)
+
+
+@CASES.case("identical clouds", "chamfer")
+def identical_clouds(subject: Subject) -> Iterator[Finding]:
+    """Zero distance, where a square root would have no derivative."""
+    cloud = cloud_of(subject)
+    value, gradient = chamfer(cloud, cloud[torch.randperm(len(cloud), generator=seeded())])
+    yield equal("distance", value, 0.0, "m^2")
+    yield equal("largest gradient", float(gradient.abs().max()), 0.0)
+
+
+@CASES.case("a cloud of one point", "chamfer")
+def one_point(subject: Subject) -> Iterator[Finding]:
+    """Against the closed form: mean of squares, and the sum of all the other cloud's pulls."""
+    cloud = cloud_of(subject, 10000)
+    point = torch.tensor([[0.3, -0.2, 0.9]])
+    value, gradient = chamfer(point, cloud)
+    apart = point.double() - cloud.double()
+    squared = apart.square().sum(dim=1)
+    yield at_most("relative error", relative(value, float(squared.min() + squared.mean())), ROUNDING)
+    expected = 2 * (apart[squared.argmin()] + apart.mean(dim=0))
+    error = float((gradient[0].double() - expected).norm() / expected.norm())
+    yield at_most("gradient: relative error", error, ROUNDING)
+    yield at_most("point on point", abs(chamfer(point, point)[0]), 0.0, "m^2")
+
+
+@CASES.case("two points equally near", "chamfer")
+def ties(subject: Subject) -> Iterator[Finding]:
+    """The distance has a kink: its gradient must be that to one of the two points."""
+    low, high = mesh_of(subject)[0].double().aminmax(dim=0)
+    ends = torch.stack([low, high])
+    middle = (low + high)[None] / 2
+    value, gradient = chamfer(middle, ends)
+    # One of the two as the nearest, and both of them pulling.
+    pulls = 2 * (middle - ends) + 2 * (middle - ends).mean(dim=0)
+    yield equal("NaN or infinite gradients", finite(gradient), 0)
+    yield at_most("off the nearer of the two gradients", float((pulls - gradient).norm(dim=1).min()), 1e-12)
+    steps = 1e-3 * torch.randn(64, 1, 3, dtype=torch.float64, generator=seeded())
+    above = max(
+        chamfer(middle + step, ends)[0] - value - float((gradient * step).sum()) - 2 * float(step.square().sum())
+        for step in steps
+    )
+    yield at_most("of 64 steps, farthest above the gradient's paraboloid", above, 1e-12, "m^2")
+
+
+@CASES.case("clouds in bfloat16 and float16", "chamfer")
+def half_clouds(subject: Subject) -> Iterator[Finding]:
+    """Against all pairs of the same rounded points, in double precision."""
+    for dtype in (torch.bfloat16, torch.float16):
+        cloud, other = (cloud_of(subject, 500, seed).to(dtype) for seed in (0, 1))
+        value, gradient = chamfer(cloud, other)
+        name = str(dtype).removeprefix("torch.")
+        yield at_most(f"{name}: relative error", relative(value, brute_force(cloud, other)), ROUNDING)
+        yield equal(f"{name}: NaN or infinite gradients", finite(gradient), 0)
+    near = cloud_of(subject, 500).half()
+    shifted = (near.double() + 1e-4 * torch.tensor([1.0, 1, 1])).half()
+    value = chamfer(near, shifted)[0]
+    expected = brute_force(near, shifted)
+    yield at_most("float16, 0.1 mm apart: relative error", relative(value, expected), ROUNDING)
+
+
+@CASES.case("clouds far from the origin and of any size", "chamfer")
+def offsets_and_sizes(subject: Subject) -> Iterator[Finding]:
+    """Float32 clouds 1 km away, and 1e-6 to 1e6 times as large; against all pairs of the same points."""
+    cloud, other = cloud_of(subject, 500), cloud_of(subject, 500, seed=1)
+    moved = [points + 1000 for points in (cloud, other)]
+    value, gradient = chamfer(*moved)
+    yield at_most("1 km away: relative error", relative(value, brute_force(*moved)), ROUNDING)
+    yield equal("1 km away: NaN or infinite gradients", finite(gradient), 0)
+    for size in (1e-6, 1e6):
+        scaled = [points * size for points in (cloud, other)]
+        error = relative(chamfer(*scaled)[0], brute_force(*scaled))
+        yield at_most(f"times {size:g}: relative error", error, ROUNDING)
+
+
+@CASES.case("empty, NaN and infinite clouds", "chamfer")
+def bad_clouds(subject: Subject) -> Iterator[Finding]:
+    """Refused before anything is looked up."""
+    cloud = cloud_of(subject, 50)
+    for value in (torch.nan, torch.inf):
+        bad = cloud.clone()
+        bad[7, 1] = value
+        yield rejects(f"{value} among points", lambda bad=bad: chamfer(bad, cloud), ValueError, "NaN or inf")
+    yield rejects("no points", lambda: chamfer(cloud[:0], cloud), ValueError, "empty point cloud")
+
+
+@CASES.case("faces without area", "sampling")
+def faces_without_area(subject: Subject) -> Iterator[Finding]:
+    """As many faces that are a point or a line as there are real ones, among them."""
+    vertices, faces = mesh_of(subject)
+    flat = torch.stack([faces[:, 0], faces[:, 1], faces[:, 1]], dim=1)
+    points, lines = faces[:, :1].expand(-1, 3), flat
+    mixed = torch.stack([points, faces, lines], dim=1).flatten(0, 1)
+    plain = sample_faces(vertices[None], faces, 3000, seeded())
+    yield at_most(
+        "samples that move",
+        float((sample_faces(vertices[None], mixed, 3000, seeded()) - plain).abs().max()),
+        1e-6,
+        "m",
+        note="the same random numbers with and without faces that have no area",
+    )
+    moving = vertices[None].clone().requires_grad_()
+    sample_faces(moving, mixed, 3000, seeded()).square().sum().backward()
+    yield equal("NaN or infinite gradients", finite(moving.grad), 0)
+    yield rejects("no face with area", lambda: sample_faces(vertices[None], flat, 10), ValueError, "zero area")
+
+
+@CASES.case("slivers of aspect 1e6", "sampling")
+def slivers(subject: Subject) -> Iterator[Finding]:
+    """Half of a square of the object's size in slivers: they get half of the points."""
+    size = float((mesh_of(subject)[0].amax(dim=0) - mesh_of(subject)[0].amin(dim=0)).max())
+    count, width = 500, size * 1e-6
+    along = torch.arange(count, dtype=torch.float64) * width
+    low = torch.stack([along, torch.zeros(count), torch.zeros(count)], dim=1)
+    step, up = torch.tensor([width, 0, 0]), torch.tensor([0, size, 0.0])
+    thin = torch.stack([low, low + step, low + up], dim=1).flatten(0, 1)
+    area = 0.5 * width * size * count
+    fat = torch.tensor([[0, 0, 0], [2 * area, 0, 0], [0, 1.0, 0]], dtype=torch.float64)
+    fat = fat + torch.tensor([0, 0, 1.0])
+    vertices = torch.cat([thin, fat]).float()
+    faces = torch.arange(len(vertices)).view(-1, 3)
+    corners = vertices[faces].numpy().astype(np.longdouble)
+    areas = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+    expected = float(areas[:-1].sum() / areas.sum())
+    n = 40000
+    share = float((sample_faces(vertices[None], faces, n, seeded())[..., 2] < 0.5).double().mean())
+    deviation = abs(share - expected) / np.sqrt(expected * (1 - expected) / n)
+    yield at_most("share of the slivers: standard deviations off", deviation, 4.0)
+
+
+@CASES.case("meshes of 1e-18 to 1e18 times the size", "sampling")
+def sizes_of_meshes(subject: Subject) -> Iterator[Finding]:
+    """Sampled with the same random numbers, the points are the same in any unit that is a power of two."""
+    vertices, faces = mesh_of(subject)
+    plain = sample_faces(vertices[None], faces, 2000, seeded())
+    for power in (-60, 60):
+        scaled = sample_faces(vertices[None] * 2.0**power, faces, 2000, seeded()) / 2.0**power
+        yield equal(f"times 2^{power}: samples that move", int((scaled != plain).sum()), 0)
+    broken = vertices.clone()
+    broken[int(faces[0, 0])] = torch.nan
+    yield rejects("a NaN vertex", lambda: sample_faces(broken[None], faces, 5), ValueError, "NaN or infinite")
+
+
+@CASES.case("collinear charts", "charts")
+def collinear_charts(subject: Subject) -> Iterator[Finding]:
+    """Touches of one pixel, one row, one column: charts without area, alone and in the model's loss."""
+    depth = torch.full((3, RESOLUTION, RESOLUTION), 0.019)
+    valid = torch.zeros(3, RESOLUTION, RESOLUTION, dtype=torch.bool)
+    valid[0, 40, 60], valid[1, 10], valid[2, :, 99] = True, True, True
+    position, rotation = (values[0, :3] for values in sensors(cloud_of(subject))[:2])
+    charts = fit_direct(depth, valid, position, rotation)
+    yield equal("direct fit: NaN or infinite vertices", finite(charts), 0)
+    off = ((charts - position[:, None]) @ rotation)[..., 0] - 0.019
+    yield at_most("direct fit: vertices off the sheet they touch", float(off.abs().max()), 1e-6, "m")
+    reach = float((charts - charts.mean(dim=1, keepdim=True)).norm(dim=2).max())
+    yield at_most("direct fit: half the length of a line", reach, SENSOR_WIDTH / 2, "m")
+
+    model, batch, truth = model_and_batch(subject)
+    batch["charts"][:, :3] = charts
+    vertices = model(batch)
+    loss = loss_of(model, vertices, truth)
+    loss.backward()
+    yield equal("model and loss: NaN or infinite", finite(vertices.detach(), loss, gradients(model)), 0)
+
+
+@CASES.case("collinear clouds", "charts")
+def collinear_clouds(subject: Subject) -> Iterator[Finding]:
+    """The paper's fit by Adam to one point and to a line, until the sheet shrinks onto them."""
+    position, rotation = (values[0, :2] for values in sensors(cloud_of(subject))[:2])
+    spread = torch.linspace(-0.01, 0.01, 200)[:, None]
+    local = torch.cat([torch.full((200, 1), 0.019), spread, torch.zeros(200, 1)], dim=1)
+    clouds = list(placed(torch.stack([local * torch.tensor([1.0, 0, 0]), local]), position, rotation))
+    charts = fit_adam(clouds, position, rotation, steps=120, samples=500, generator=seeded())
+    yield equal("NaN or infinite vertices", finite(charts), 0)
+    faces = touch_chart().faces
+    for name, chart, cloud in zip(("one point", "a line"), charts, clouds, strict=True):
+        found = float(chamfer_distance(sample_faces(chart[None], faces, 500, seeded(1)), [cloud])[0])
+        yield at_most(f"{name}: root of the Chamfer distance", found**0.5 * 1e3, 2.0, "mm")
+
+
+@CASES.case("all twenty touches unsuccessful", "models")
+def nothing_felt(subject: Subject) -> Iterator[Finding]:
+    """Five grasps of nothing: what would be the charts must not be read, and vision goes on."""
+    model, batch, truth = model_and_batch(subject, successful=False)
+    vertices = model(batch)
+    unread = model(batch | {"charts": torch.full_like(batch["charts"], torch.nan)})
+    yield equal("coordinates that change with what is in the charts", int((vertices != unread).sum()), 0)
+    fingertips = batch["position"].repeat_interleave(81, dim=1)
+    off = float((vertices[:, -fingertips.shape[1] :] - fingertips).abs().max().detach())
+    yield equal("held charts off the fingertip", off, 0.0, "m")
+    loss = loss_of(model, vertices, truth)
+    loss.backward()
+    yield equal("NaN or infinite", finite(vertices.detach(), loss, gradients(model)), 0)
+    alone = sample_faces(vertices, model.faces, 2000, seeded()).detach()
+    at_tips = (alone[:, :, None] == batch["position"][:, None]).all(dim=3).sum()
+    yield equal("samples on charts without area", int(at_tips), 0)
+
+
+@CASES.case("readings that show nothing", "models")
+def faint_readings(subject: Subject) -> Iterator[Finding]:
+    """A touch that left no mark, or one below the threshold, is still a touch: it gets a chart. It has no
+    place in the loss of the U-Net."""
+    torch.manual_seed(0)
+    model = TouchDepth(8).eval()
+    empty = torch.full((3, RESOLUTION, RESOLUTION), 90, dtype=torch.uint8)
+    readings = empty.repeat(3, 1, 1, 1)
+    readings[1, 0, 20, 30] += 2
+    readings[2] = 255
+    depth, valid = predict_depth(model, readings, empty)
+    yield equal("pixels felt", valid.flatten(1).sum(dim=1).tolist(), [1, 1, RESOLUTION**2])
+    yield equal("the pixel that differs is it", bool(valid[1, 20, 30]), True)
+    position, rotation = (values[0, :3] for values in sensors(cloud_of(subject))[:2])
+    yield equal("NaN or infinite charts", finite(fit_direct(depth, valid, position, rotation)), 0)
+    nowhere = torch.full_like(depth, torch.inf)
+    yield rejects(
+        "loss where nothing is in range",
+        lambda: touch_depth_loss(depth, valid, nowhere, None, seeded()),
+        ValueError,
+        "touch 0 of the batch has no pixel in range",
+    )
+    yield rejects(
+        "loss where no pixel is felt",
+        lambda: touch_depth_loss(depth, valid & False, depth, None, seeded()),
+        ValueError,
+        "touch 0 of the batch has no valid pixel",
+    )
+
+
+@CASES.case("packs in which nothing was felt", "training")
+def pack_without_touches(subject: Subject) -> Iterator[Finding]:
+    """Training goes on without them; the U-Net has nothing to learn from and says so."""
+    with TemporaryDirectory() as name:
+        folder = Path(name)
+        held = small_pack(subject, successful=False)
+        said, history, weights = trained(folder, subject, held=held, steps=8)
+        yield equal("NaN or infinite losses and weights", finite(torch.tensor(history), weights), 0)
+        yield at_most("validation loss, of the first", said["validation_loss"] / history[0], 1.0)
+        catalogue = stores(folder, subject, "touch")
+        yield rejects(
+            "U-Net",
+            lambda: read_touches([folder / store.CONTRACT["touch"].path("batch-0000")], catalogue, "train"),
+            pack.PackError,
+            "was touched: more objects are needed",
+        )
+
+
+@CASES.case("an image and readings of one colour", "models")
+def one_colour(subject: Subject) -> Iterator[Finding]:
+    """Maps without variance, by which normalisation divides."""
+    plain, batch, truth = model_and_batch(subject)
+    batch |= {"image": torch.full_like(batch["image"], 1.0)}
+    batch["reading"] = torch.full((2, 4 * GRASPS, 3, RESOLUTION, RESOLUTION), 0.3)
+    torch.manual_seed(0)
+    layers = SETTINGS["architecture"]
+    for model in (plain, Reconstruction("sphere", True, True, GRASPS, layers)):
+        vertices = model(batch)
+        loss = loss_of(model, vertices, truth)
+        loss.backward()
+        wrong = finite(vertices.detach(), loss, gradients(model))
+        yield equal(f"{model.strategy}: NaN or infinite", wrong, 0)
+
+
+@CASES.case("vertices at the camera and behind it", "models")
+def at_the_camera(subject: Subject) -> Iterator[Finding]:
+    """Perspective divides by the distance; a vertex may wander anywhere early in training."""
+    model = model_and_batch(subject)[0]
+    centre = -torch.linalg.solve(model.camera[:, :3], model.camera[:, 3])
+    ahead = torch.linalg.solve(model.camera[:, :3], torch.tensor([0, 0, 1.0], dtype=torch.float64))
+    steps = torch.tensor([0, 1e-12, -1e-12, -1.0, 1e6, -1e6], dtype=torch.float64)
+    places = (centre + steps[:, None] * ahead).float()[:, None].requires_grad_()
+    maps = [torch.rand(1, 4, 16, 16, generator=seeded())]
+    features = PerceptualPooling()(maps, places, model.camera.float(), 256)
+    features.sum().backward()
+    yield equal("NaN or infinite features and gradients", finite(features.detach(), places.grad), 0)
+    yield at_most("largest feature", float(features.detach().abs().max()), 1.0)
+
+
+@CASES.case("bfloat16", "training")
+def bfloat16(subject: Subject) -> Iterator[Finding]:
+    """Autocast, forward and backward, against float32; and a training in it."""
+    model, batch, truth = model_and_batch(subject)
+    found = {}
+    for enabled in (False, True):
+        model.zero_grad()
+        with torch.autocast("cpu", dtype=torch.bfloat16, enabled=enabled):
+            vertices = model(batch).float()
+        loss = loss_of(model, vertices, truth)
+        loss.backward()
+        found[enabled] = vertices.detach(), float(loss.detach()), gradients(model)
+    (plain, loss, gradient), (half, half_loss, half_gradient) = found[False], found[True]
+    yield equal("NaN or infinite", finite(half, half_gradient), 0)
+    yield at_most(
+        "root mean square of vertices moved",
+        1e3 * float((half - plain).norm(dim=2).square().mean().sqrt()),
+        1.0,
+        "mm",
+    )
+    yield at_most("loss: relative error", relative(half_loss, loss), 0.02)
+    yield at_least("cosine of the gradients", float(torch.cosine_similarity(half_gradient, gradient, dim=0)), 0.95)
+    torch.manual_seed(0)
+    network, reading = TouchDepth(8).eval(), torch.rand(2, 3, RESOLUTION, RESOLUTION, generator=seeded())
+    with torch.inference_mode():
+        depth = network(reading)
+        with torch.autocast("cpu", dtype=torch.bfloat16):
+            error = 1e3 * float((network(reading).float() - depth).abs().mean())
+    yield at_most("U-Net: mean error of the depth", error, 0.02, "mm")
+    with TemporaryDirectory() as name:
+        refused = lambda: trained(Path(name), subject, precision="bf16-true")  # noqa: E731
+        yield rejects("weights in bfloat16", refused, ValueError, "choose one of 32-true")
+
+
+@CASES.case("bfloat16: a short training", "training", short=False)
+def trained_in_bfloat16(subject: Subject) -> Iterator[Finding]:
+    """40 steps in autocast go as far as in float32. Where exactly two trainings end is chance: rounding, and
+    with it which faces are sampled, makes a tenth of the last loss."""
+    with TemporaryDirectory() as name:
+        plain, half = (
+            trained(Path(name) / precision, subject, precision=precision, steps=40)[1]
+            for precision in ("32-true", "bf16-mixed")
+        )
+    share = (plain[0] - min(half)) / (plain[0] - min(plain))
+    yield at_least("fall of the validation loss, of float32's", share, 0.95)
+
+
+@CASES.case("loss times 1e-6 to 1e6: its gradient", "training")
+def scaled_gradients(subject: Subject) -> Iterator[Finding]:
+    """By powers of two every product is exact, unless a number leaves float32's range."""
+    model, batch, truth = model_and_batch(subject)
+    loss = loss_of(model, model(batch), truth)
+
+    def of(scale: float) -> Tensor:
+        model.zero_grad()
+        (scale * loss).backward(retain_graph=True)
+        return gradients(model)
+
+    plain = of(1.0)
+    for power in (-20, 20):
+        changed = int((of(2.0**power) / 2.0**power != plain).sum())
+        yield equal(f"times 2^{power}: gradients that change, of {len(plain)}", changed, 0)
+    yield at_least("smallest gradient that is not 0", float(plain[plain != 0].abs().min()), 2.0**-106)
+
+
+class Scaled(Disturbed):
+    """Training on the loss times a number, and on Adam's epsilon times that as well."""
+
+    def __init__(self, held: pack.Pack, settings: Mapping, scale: float, epsilon: float):
+        super().__init__(held, settings, lambda losses: scale * losses, None)
+        self.epsilon = epsilon
+
+    def configure_optimizers(self) -> dict[str, Any]:
+        found = super().configure_optimizers()
+        found["optimizer"].param_groups[0]["eps"] *= self.epsilon
+        return found
+
+
+@CASES.case("loss times 1e-6 to 1e6: what is learnt", "training", short=False)
+def scaled_training(subject: Subject) -> Iterator[Finding]:
+    """Adam divides the scale out, but for its epsilon of 1e-8. Without clipping, which does so wholly."""
+    settings = {"steps": 24, "evaluate_every": 24, "clip": None}
+    one, down, up = 1.0, 2.0**-20, 2.0**20
+    reached = {}
+    with TemporaryDirectory() as name:
+        for scale, epsilon in ((one, one), (down, one), (2.0**-10, one), (up, one), (down, down), (up, up)):
+            learner = Scaled(small_pack(subject), SETTINGS | settings, scale, epsilon)
+            reached[scale, epsilon] = fit(learner, Path(name) / f"{scale:g} {epsilon:g}")
+    loss, weights = reached[one, one][0]["validation_loss"], reached[one, one][2]
+    for (scale, epsilon), (said, _, found) in reached.items():
+        if scale == one:
+            continue
+        what = f"times 2^{np.log2(scale):.0f}"
+        if epsilon != one:
+            largest = float((found - weights).abs().max())
+            yield at_most(f"{what}, and epsilon with it: largest change of a weight", largest, 1e-6)
+        else:
+            # Where small gradients are no longer far above epsilon, what is learnt is another, but no worse.
+            yield at_most(f"{what}: validation loss, of that at 1", said["validation_loss"] / loss, 1.25)
+
+
+class Heard(logging.Handler):
+    """What is said while it listens to a logger."""
+
+    def __init__(self, name: str):
+        super().__init__(logging.WARNING)
+        self.said: list[str] = []
+        self.logger = logging.getLogger(name)
+
+    def emit(self, record: logging.LogRecord) -> None:
+        self.said.append(record.getMessage())
+
+    def __enter__(self) -> "Heard":
+        self.logger.addHandler(self)
+        return self
+
+    def __exit__(self, *_: Any) -> None:
+        self.logger.removeHandler(self)
+
+
+@CASES.case("one step's loss times 1e6", "training", short=False)
+def spike(subject: Subject) -> Iterator[Finding]:
+    """With the gradient clipped it is a step as any other; without, what was best before is kept."""
+
+    def spiked(losses: Tensor) -> Tensor:
+        return 2.0**20 * losses
+
+    at, every = 20, SETTINGS["evaluate_every"]
+    before = at // every  # evaluations
+    with TemporaryDirectory() as name, Heard("palpate.training.learners") as heard:
+        folder = Path(name)
+        plain = trained(folder / "plain", subject, steps=48)[1]
+        history = trained(folder / "hit", subject, spiked, at, steps=48)[1]
+        yield at_most("clipped: loss after it, of that without", history[before] / plain[before], 1.01)
+        yield at_most("clipped: last loss, of that before it", history[-1] / history[before - 1], 0.5)
+        yield equal("clipped: warnings", len(heard.said), 0)
+        said, history, weights = trained(folder / "free", subject, spiked, at, steps=48, clip=None)
+    yield at_most("not clipped: kept, of the best before", said["validation_loss"] / min(history[:before]), 1.0)
+    yield equal("not clipped: NaN or infinite weights and losses", finite(weights, torch.tensor(history)), 0)
+    worse = history[-1] / min(history[:before])
+    warned = [line for line in heard.said if f"in step {at}: {subject.name}" in line]
+    note = f"without clipping the last loss is {worse:.1f} times the best before; {'; '.join(warned)}"
+    yield equal("not clipped: warnings that name the sample", len(warned), 1, note=note)
+
+
+class Infinite(torch.autograd.Function):
+    """The value as it is, its gradient infinite."""
+
+    @staticmethod
+    def forward(ctx: Any, values: Tensor) -> Tensor:
+        return values.clone()
+
+    @staticmethod
+    def backward(ctx: Any, gradient: Tensor) -> Tensor:
+        return gradient * torch.inf
+
+
+@CASES.case("a step whose loss or gradient is not finite", "training")
+def diverging(subject: Subject) -> Iterator[Finding]:
+    """Training stops before any weight is changed, and names the sample; the best model so far stays."""
+    changes = {"NaN loss": lambda losses: losses * torch.nan, "infinite gradient": Infinite.apply}
+    named = rf"(loss|gradient) is NaN or infinite.*step 6.*{subject.name}.*best model so far is"
+    for what, change in changes.items():
+        with TemporaryDirectory() as name:
+            folder = Path(name)
+            yield rejects(what, lambda c=change, f=folder: trained(f, subject, c, 6), Diverged, named)
+            yield equal(f"{what}: models written", int((folder / "model").exists()), 0)
+            kept = weights_of(folder / "work/best.ckpt")
+            yield equal(f"{what}: NaN or infinite weights kept", finite(kept), 0)
+            last = torch.load(folder / "work/last.ckpt", weights_only=False)["state_dict"]
+            wrong = finite(*(values for values in last.values() if values.is_floating_point()))
+            yield equal(f"{what}: NaN or infinite weights to go on from", wrong, 0)
+    with TemporaryDirectory() as name:
+        yield rejects("rate 1e30", lambda: trained(Path(name), subject, rate=1e30, clip=None), Diverged, "NaN or inf")
+
+
+def stores(folder: Path, subject: Subject, *stages: str) -> Path:
+    """Stores of one object of the train split, with nothing touched; returns their catalogue."""
+    sizes = {"o": 1, "og": 2, "n": 500, "r": 4, "rr": 16, "p": 8}
+    for stage in stages:
+        arrays = {}
+        for name, spec in store.CONTRACT[stage].arrays.items():
+            shape = [axis if isinstance(axis, int) else sizes[axis] for axis in spec.shape]
+            arrays[name] = np.zeros(shape, "U64" if spec.dtype == "string" else spec.dtype)
+        arrays["object"] = np.array([subject.name])
+        if stage == "surface":
+            arrays["points"] = cloud_of(subject, 500)[None].numpy().astype(arrays["points"].dtype)
+        path = folder / store.CONTRACT[stage].path("batch-0000")
+        store.write(path, stage, arrays, {"seed": 0, "config_digest": "0"})
+    catalogue = folder / "catalogue.csv"
+    with catalogue.open("w", newline="") as file:
+        csv.writer(file).writerows([("object", "class", "split"), (subject.name, subject.class_name, "train")])
+    return catalogue
+
+
+@CASES.case("a corrupt pack", "training")
+def corrupt_packs(subject: Subject) -> Iterator[Finding]:
+    """Cut off, a bit changed, NaN, millimetres for metres, an array too long: the file is named."""
+    with TemporaryDirectory() as name:
+        folder = Path(name)
+        catalogue = stores(folder, subject, "surface", "vision")
+        path = folder / "unoccluded-none.h5"
+        sources = {stage: [folder / store.CONTRACT[stage].path("batch-0000")] for stage in ("surface", "vision")}
+        pack.write(path, "unoccluded-none", catalogue, sources)
+        whole, points = path.read_bytes(), pack.Pack.read(path)["points"]
+        yield equal("objects of the whole pack", len(points), 1)
+        place = whole.index(points.tobytes())
+
+        def read(content: bytes) -> pack.Pack:
+            path.write_bytes(content)
+            return pack.Pack.read(path)
+
+        changed = bytearray(whole)
+        changed[place + 100] ^= 0x10
+        refused = rf"{path.name} can't be read"
+        yield rejects("cut in half", lambda: read(whole[: len(whole) // 2]), pack.PackError, refused)
+        yield rejects("no byte", lambda: read(b""), pack.PackError, refused)
+        yield rejects("one bit changed", lambda: read(bytes(changed)), pack.PackError, refused)
+
+        def edited(change: Callable[[h5py.File], None]) -> pack.Pack:
+            path.write_bytes(whole)
+            with h5py.File(path, "a") as file:
+                change(file)
+            return pack.Pack.read(path)
+
+        def put(value: float) -> Callable[[h5py.File], None]:
+            def change(file: h5py.File) -> None:
+                file["points"][0, 3, 1] = value
+
+            return change
+
+        def cut(file: h5py.File) -> None:
+            del file["unoccluded"]
+            file["unoccluded"] = np.zeros((3, 8, 8, 3), np.uint8)
+
+        named = rf"{path.name}: points of {subject.name} is NaN, infinite or above"
+        for value in (np.nan, np.inf, 600.0):
+            yield rejects(f"{value} among points", lambda v=value: edited(put(v)), pack.PackError, named)
+        yield rejects("three images of one object", lambda: edited(cut), pack.PackError, "different numbers of objects")
+    yield rejects(
+        "NaN in memory",
+        lambda: small_pack(subject, points=np.full((3, 50, 3), np.nan, np.float32)),
+        pack.PackError,
+        "NaN, infinite",
+    )

@@ -1,0 +1,90 @@
+"""What of each report is to be read: the fronts and the chosen, the cases, the savings; as small tables."""
+
+import pandas as pd
+
+from studies.error_vs_runtime.study import over_objects, setting
+from studies.omitted.omission import SAME, in_words
+from studies.stability.cases import FAILS, HOLDS, REJECTED
+
+DIGITS = 3
+
+
+def _number(value: float) -> str:
+    return "–" if pd.isna(value) else f"{float(value):.{DIGITS}g}"
+
+
+def fronts(table: pd.DataFrame) -> pd.DataFrame:
+    """Of every stage what is on the front or chosen, the means over all objects, by time.
+
+    `ms` with the quartiles of the rounds; a `?` after it: the machine was too noisy to rank it. The note says
+    what each stage's errors are against.
+    """
+    references = table.groupby("stage", sort=False)["reference"].first()
+    rows = over_objects(table)
+    rows = rows[rows["drawn"] & rows["error"].notna() & (rows["front"] | rows["chosen"])]
+    groups = rows.groupby(["stage", "measure"], sort=False)
+    rows = pd.concat([group.sort_values("seconds") for _, group in groups])
+    spread = [
+        f"{_number(1e3 * middle)} ({_number(1e3 * low)} to {_number(1e3 * high)}){'?' if noisy else ''}"
+        for middle, low, high, noisy in zip(
+            rows["seconds"], rows["seconds_low"], rows["seconds_high"], rows["noisy"], strict=True
+        )
+    ]
+    summary = pd.DataFrame(
+        {
+            "stage": rows["stage"],
+            "measure": rows["measure"] + ", " + rows["unit"],
+            "method": rows["method"],
+            "knob": [setting(*each) for each in zip(rows["knob"], rows["value"], strict=True)],
+            "error": rows["error"].map(_number),
+            "ms": spread,
+            "MiB": rows["peak_mib"].map(_number),
+            "front": rows["front"].map({True: "front", False: ""}),
+            "chosen": rows["chosen"].map({True: "chosen", False: ""}),
+        }
+    ).reset_index(drop=True)
+    said = "\n".join(f"- {stage}: {reference}" for stage, reference in references.items())
+    summary.attrs["note"] = f"Errors are against:\n\n{said}"
+    return summary
+
+
+def verdicts(table: pd.DataFrame) -> pd.DataFrame:
+    """A row a case: how many of its findings hold, are rejected, fail; the finding nearest to its bound."""
+    rows = []
+    for (part, case), findings in table.groupby(["part", "case"], sort=False):
+        count = findings["verdict"].value_counts()
+        row = findings.iloc[0]
+        failed = findings[findings["verdict"] == FAILS]
+        row = failed.iloc[0] if len(failed) else row
+        value = pd.to_numeric(row["value"], errors="coerce")
+        said = row["value"] if pd.isna(value) else f"{_number(value)} {row['unit'] if pd.notna(row['unit']) else ''}"
+        rows.append(
+            {
+                "part": part,
+                "case": case,
+                **{verdict: int(count.get(verdict, 0)) for verdict in (HOLDS, REJECTED, FAILS)},
+                "for example": f"{row['quantity']}: {str(said).strip()} ({row['bound']})",
+            }
+        )
+    return pd.DataFrame(rows)
+
+
+def savings(table: pd.DataFrame) -> pd.DataFrame:
+    """A row a part: time and bytes with and without it, means over the objects, and the worst difference."""
+    rows = []
+    for (scene, part), of in table.groupby(["scene", "part"], sort=False):
+        same = set(of["verdict"]) == {SAME}
+        rows.append(
+            {
+                "scene": scene,
+                "part": part,
+                "when": of["when"].iloc[0],
+                "ms with": _number(1e3 * of["seconds_with"].mean()),
+                "ms without": _number(1e3 * of["seconds_without"].mean()) + ("?" if of["noisy"].all() else ""),
+                "KiB with": _number(of["bytes_with"].mean() / 1024),
+                "KiB without": _number(of["bytes_without"].mean() / 1024),
+                "largest difference": f"{_number(of['difference'].max())} {of['unit'].iloc[0]}",
+                "verdict": in_words(scene, part, same, of["left_out"].all()),
+            }
+        )
+    return pd.DataFrame(rows)

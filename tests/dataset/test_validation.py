@@ -1,0 +1,492 @@
+"""Each check is shown to fail on a run that was damaged for it, and to pass on one that was not."""
+
+import json
+import shutil
+
+import numpy as np
+import pandas as pd
+import pytest
+import trimesh
+import zarr
+
+import palpate.store
+from palpate.dataset.checks import CHECKS, Item, check_together, rotation_error
+from palpate.dataset.validation import combine_validation, validate_batch, write_findings
+from palpate.touch import RayCaster, SphereTracer
+from palpate.touch.sensor import PIXEL, SENSOR_RANGE, SENSOR_WIDTH
+
+BATCH, OBJECT = "batch-0001", "ball-0002"  # one object, two grasps
+PAIR = "batch-0000"  # two objects
+
+
+def edit(stage, change, batch=BATCH):
+    """A damage: `change` alters the arrays of one store in place, which is then written again."""
+
+    def damage(run):
+        path = run / palpate.store.CONTRACT[stage].path(batch)
+        arrays = palpate.store.read(path)
+        attributes = palpate.store.open(path).attributes
+        change(arrays)
+        palpate.store.write(path, stage, arrays, attributes)
+
+    return damage
+
+
+def put(stage, name, index, value):
+    """A damage: some elements of one array."""
+
+    def change(arrays):
+        arrays[name][index] = value
+
+    return edit(stage, change)
+
+
+def add(stage, name, index, value):
+    """A damage: something added to some elements of one array."""
+
+    def change(arrays):
+        arrays[name][index] += np.asarray(value).astype(arrays[name].dtype)
+
+    return edit(stage, change)
+
+
+def touched(change):
+    """A damage to the first successful sensor: `change(arrays, index)`."""
+
+    def change_first(arrays):
+        change(arrays, tuple(np.argwhere(arrays["success"])[0]))
+
+    return edit("touch", change_first)
+
+
+def felt_pixel(value):
+    """A damage to one pixel in range; all else is kept consistent with it, so that only depth is to blame."""
+
+    def change(arrays, index):
+        depth = arrays["depth"][index]
+        depth[tuple(np.argwhere(np.isfinite(depth))[0])] = value
+
+    return touched(change)
+
+
+def untouched(arrays):
+    """Index of a sensor that touched nothing."""
+    return tuple(np.argwhere(~arrays["success"])[0])
+
+
+def fill_reading_of_untouched(arrays):
+    arrays["reading"][untouched(arrays)] = arrays["empty_reading"]
+
+
+def claim_a_touch(arrays):
+    arrays["success"][untouched(arrays)] = True
+
+
+def deny_touches(arrays):
+    arrays["touches"] = ~arrays["touches"]
+
+
+def no_touch(arrays):
+    arrays["success"][1] = False
+    arrays["depth"][1] = np.inf
+    for name in ("reading", "points", "point_count"):
+        arrays[name][1] = 0
+
+
+def push_hand_in(run):
+    """The first sensor of grasp 0 is 22 mm off the surface: move the hand on by 30 mm."""
+    rows = palpate.store.read(run / f"grasps/{BATCH}.h5", "sensor_rotation")
+    step = 3e-2 * rows["sensor_rotation"][0, 0, :, 0]
+    add("grasps", "link_pose", (0, slice(None), slice(0, 3), 3), step)(run)
+
+
+def mirror_palm(arrays):
+    arrays["palm_pose"][:, :3, 1] *= -1
+
+
+def swap_readings(arrays, index):
+    arrays["reading"][index] = arrays["reading"][index].transpose(1, 0, 2)
+
+
+def swap_points(arrays, index):
+    arrays["points"][index][:2] = arrays["points"][index][1::-1]
+
+
+def move_points(arrays, index):
+    arrays["points"][index][0] += 2e-4 * arrays["rotation"][index][:, 0]
+
+
+def move_sensor(arrays, index):
+    arrays["position"][index] += 1e-9
+
+
+def past_count(arrays, index):
+    arrays["point_count"][index] -= 1
+
+
+def more_points(arrays, index):
+    arrays["point_count"][index] += 1
+
+
+def one_grasp_less(arrays):
+    for name, array in arrays.items():
+        if name not in ("object", "empty_reading"):
+            arrays[name] = array[1:]
+
+
+def drop_all(arrays):
+    for name, array in arrays.items():
+        if name != "empty_reading":
+            arrays[name] = array[:0]
+
+
+def reverse(arrays):
+    arrays["object"] = arrays["object"][::-1]
+
+
+def rename(arrays):
+    arrays["object"] = np.array(["ball-0001"])  # which was rejected
+
+
+def hide_behind_nothing(arrays):
+    arrays["occluded_mask"][0] = 0
+
+
+def see_what_is_not_there(arrays):
+    arrays["occluded_mask"][1] = 255
+
+
+def shift_picture(arrays):
+    for name in ("unoccluded_mask", "unoccluded_depth"):
+        arrays[name] = np.roll(arrays[name], 2, axis=2)
+
+
+def flip_pictures(arrays):
+    for name in ("unoccluded_mask", "unoccluded_depth"):
+        arrays[name] = arrays[name][:, :, ::-1]
+
+
+def nothing_seen(arrays):
+    arrays["unoccluded_mask"][:] = 0
+
+
+def file(path, change):
+    """A damage to a file of the run."""
+
+    def damage(run):
+        target = run / path
+        if change is None:
+            shutil.rmtree(target) if target.is_dir() else target.unlink()
+        else:
+            target.write_bytes(change(target.read_bytes()))
+
+    return damage
+
+
+def without_seed(text):
+    metadata = json.loads(text)
+    del metadata["attributes"]["seed"]
+    return json.dumps(metadata).encode()
+
+
+def flip_a_bit(data):
+    return data[:100] + bytes([data[100] ^ 1]) + data[101:]
+
+
+def scale_mesh(factor, shift=0.0):
+    def damage(run):
+        path = run / "meshes" / BATCH / OBJECT / "visual.glb"
+        mesh = trimesh.load_mesh(path)
+        mesh.apply_scale(factor).apply_translation([0, shift, 0]).export(path)
+
+    return damage
+
+
+def retype(run):
+    group = zarr.open_group(run / f"surface/{BATCH}.zarr")
+    points = group["points"][:]
+    group.create_array("points", data=points.astype(np.float64), overwrite=True)
+
+
+def extra_array(run):
+    zarr.open_group(run / f"vision/{BATCH}.zarr").create_array("glow", data=np.zeros(3))
+
+
+def hand_without_ranges(arrays):
+    del arrays["hand/joint_range"]
+
+
+def table(name, change):
+    """A damage to the rows of a table."""
+
+    def damage(run):
+        frame = pd.read_csv(run / name)
+        change(frame).to_csv(run / name, index=False)
+
+    return damage
+
+
+def again(split):
+    return lambda frame: pd.concat([frame, frame[:1].assign(split=split)])
+
+
+NAN, INF = np.nan, np.inf
+DAMAGES = {
+    "readable": [
+        ("surface", file(f"surface/{BATCH}.zarr", None)),
+        ("grasps", file(f"grasps/{BATCH}.h5", lambda data: data[: len(data) // 2])),
+        ("grasps", edit("grasps", hand_without_ranges)),
+        ("touch", file(f"touch/{BATCH}.zarr/depth/c/0/0/0/0", flip_a_bit)),
+        ("touch", file(f"touch/{BATCH}.zarr/empty_reading/c/0/0/0", flip_a_bit)),
+        ("touch", file(f"touch/{BATCH}.zarr/zarr.json", lambda data: b"{")),
+        ("meshes", file(f"meshes/{BATCH}/{OBJECT}/visual.glb", lambda data: data[:100])),
+        ("meshes", file(f"meshes/{BATCH}/{OBJECT}", None)),
+    ],
+    "arrays": [
+        ("surface", retype),
+        ("vision", extra_array),
+        ("touch", file(f"touch/{BATCH}.zarr/depth", None)),
+    ],
+    "attributes": [("vision", file(f"vision/{BATCH}.zarr/zarr.json", without_seed))],
+    "objects": [
+        ("touch", edit("touch", drop_all)),
+        ("vision", edit("vision", rename)),
+        ("surface", table("rejected.csv", lambda frame: frame.assign(stage="surface"))),
+    ],
+    "order": [("surface", edit("surface", reverse))],
+    "grasp rows": [
+        ("grasps", put("grasps", "object_index", 1, 1)),
+        ("grasps", put("grasps", "grasp_index", slice(None), [1, 0])),
+        ("touch", edit("touch", one_grasp_less)),
+    ],
+    "finite": [
+        ("surface", put("surface", "points", (0, 3, 1), NAN)),
+        ("grasps", put("grasps", "joint_positions", (1, 2), NAN)),
+        ("grasps", put("grasps", "penetration", 1, NAN)),
+        ("touch", put("touch", "points", (1, 2, 3), INF)),
+        ("touch", put("touch", "position", (0, 0, 0), NAN)),
+    ],
+    "rotation": [
+        ("grasps", edit("grasps", mirror_palm)),
+        ("grasps", add("grasps", "sensor_rotation", (1, 2, 0, 0), 1e-5)),
+        ("grasps", add("grasps", "link_pose", (1, 2, 3, 0), 1e-5)),
+        ("touch", add("touch", "rotation", (0, 3), 1e-5)),
+    ],
+    "scale": [("meshes", scale_mesh(1.001)), ("meshes", scale_mesh(1, shift=1e-5))],
+    "inside box": [("surface", put("surface", "points", (0, 7, 2), 0.9))],
+    "on mesh": [
+        ("surface", put("surface", "points", (0, 7), [0, 0, 0.6])),
+        ("touch", touched(move_points)),
+    ],
+    "joint limits": [("grasps", put("grasps", "joint_positions", (1, 0), 0.53))],
+    "kinematics": [
+        ("grasps", add("grasps", "joint_positions", (0, 5), 1e-3)),
+        ("grasps", add("grasps", "link_pose", (0, 5, 1, 3), 1e-5)),
+        ("grasps", add("grasps", "sensor_position", (1, 2), 1e-5)),
+    ],
+    "penetration": [
+        ("grasps", put("grasps", "penetration", 1, 0.0011)),
+        ("grasps", put("grasps", "penetration", 0, -1e-4)),
+    ],
+    "in hand": [("grasps", push_hand_in)],
+    "attempts": [("grasps", put("grasps", "attempts", 0, 1))],
+    "sensor poses": [("touch", touched(move_sensor))],
+    "touch depth": [
+        ("touch", felt_pixel(0.0)),
+        ("touch", felt_pixel(-0.001)),
+        ("touch", felt_pixel(0.0251)),
+        ("touch", felt_pixel(NAN)),
+    ],
+    "success": [("touch", edit("touch", claim_a_touch))],
+    "touches": [("touch", edit("grasps", deny_touches))],
+    "one touch": [("touch", edit("touch", no_touch))],
+    "point count": [("touch", touched(more_points))],
+    "padding": [("touch", touched(past_count))],
+    "points": [("touch", touched(swap_points))],
+    "reading": [("touch", touched(swap_readings))],
+    "untouched": [("touch", edit("touch", fill_reading_of_untouched))],
+    "empty reading": [("touch", add("touch", "empty_reading", (5, 6, 1), 1))],
+    "mask values": [("vision", put("vision", "occluded_mask", (1, 30, 30), 254))],
+    "image depth": [
+        ("vision", put("vision", "occluded_depth", (0, 0, 0), NAN)),
+        ("vision", put("vision", "occluded_depth", (1, 5, 5), 3.0)),
+        ("vision", put("vision", "unoccluded_depth", (0, 0, 0), 1.0)),
+    ],
+    "seen": [
+        ("vision", put("vision", "occluded", 1, 128)),
+        ("vision", edit("vision", nothing_seen)),
+    ],
+    "picture of mesh": [
+        ("vision", edit("vision", shift_picture)),
+        ("vision", edit("vision", flip_pictures)),
+        ("vision", add("vision", "unoccluded_depth", (0,), 2e-3)),
+    ],
+    "occlusion": [
+        ("vision", edit("vision", hide_behind_nothing)),
+        ("vision", edit("vision", see_what_is_not_there)),
+        ("vision", add("vision", "occluded_depth", (1,), 3e-3)),
+    ],
+    "unique": [("catalogue", table("catalogue.csv", again("train")))],
+    "one split": [
+        ("catalogue", table("catalogue.csv", again("test"))),
+        ("catalogue", table("catalogue.csv", lambda frame: frame.assign(split="dev"))),
+    ],
+    "batches": [("catalogue", table("catalogue.csv", lambda frame: frame.assign(batch="batch-0007")))],
+    "rejections": [
+        ("rejected", table("rejected.csv", lambda frame: frame.assign(reason=" "))),
+        ("rejected", table("rejected.csv", lambda frame: frame.assign(object="ghost-0000"))),
+    ],
+}
+
+
+def validate(run, *others) -> pd.DataFrame:
+    """The report on BATCH, and on the batches of other tables."""
+    table = run / f"reports/validation/{BATCH}.csv"
+    write_findings(table, validate_batch(run, BATCH))
+    return combine_validation([table, *others], run / "catalogue.csv", run / "rejected.csv")
+
+
+@pytest.fixture(scope="module")
+def pair(built, tmp_path_factory):
+    """Table of the findings on the undamaged batch of two objects."""
+    table = tmp_path_factory.mktemp("findings") / f"{PAIR}.csv"
+    write_findings(table, validate_batch(built, PAIR))
+    return table
+
+
+def test_a_good_run_passes_every_check(run, pair):
+    report = validate(run, pair)
+    assert report.passed.all(), report[~report.passed].to_string()
+    assert set(report.check) == set(CHECKS)
+    assert list(report.columns) == ["check", "store", "batch", "objects", "worst", "limit", "passed", "where"]
+    clouds = report[(report.check == "on mesh") & (report.store == "touch")].set_index("batch")
+    assert clouds.objects.to_dict() == {BATCH: 1, PAIR: 2}
+    assert (report["where"] == "").all()
+
+
+def test_every_check_has_a_damage_that_it_catches():
+    assert set(DAMAGES) == set(CHECKS)
+
+
+CASES = [
+    pytest.param(check, store, damage, id=f"{check}-{store}-{number}")
+    for check, damages in DAMAGES.items()
+    for number, (store, damage) in enumerate(damages)
+]
+
+
+@pytest.mark.parametrize("check, store, damage", CASES)
+def test_damage_is_caught_and_named(run, pair, check, store, damage):
+    damage(run)
+    report = validate(run, pair)
+    failed = report[~report.passed]
+    caught = failed[(failed.check == check) & (failed.store == store)]
+    assert len(caught) == 1, failed.to_string()
+    row = caught.iloc[0]
+    assert not row.worst <= row.limit
+    assert check in ("grasp rows", "order", "empty reading") or row["where"]
+
+
+def test_failures_name_object_grasp_and_sensor(run):
+    put("touch", "points", (1, 2, 3), np.inf)(run)
+    failed = [finding for finding in validate_batch(run, BATCH) if not finding.ok]
+    finite = next(finding for finding in failed if finding.check == "finite")
+    assert (finite.store, finite.batch, finite.object) == ("touch", BATCH, OBJECT)
+    assert finite.where == "grasp 1, sensor ring"
+
+
+def test_sensors_have_the_names_of_the_runs_own_hand(run):
+    put("grasps", "hand/sensor_names", slice(None), ["left", "right", "high", "low"])(run)
+    put("touch", "points", (1, 2, 3), np.inf)(run)
+    failed = [finding for finding in validate_batch(run, BATCH) if not finding.ok]
+    assert {finding.where for finding in failed if finding.check == "finite"} == {"grasp 1, sensor high"}
+
+
+def test_only_the_stages_asked_for_are_needed(run):
+    shutil.rmtree(run / "vision")
+    shutil.rmtree(run / "touch")
+    findings = validate_batch(run, PAIR, stages=("surface", "grasps"))
+    assert all(finding.ok for finding in findings)
+    assert {finding.store for finding in findings} == {"meshes", "surface", "grasps"}
+
+
+@pytest.mark.parametrize("see_through", [True, False])
+@pytest.mark.parametrize(("shift", "fits"), [(np.inf, True), (0.02, True), (-0.02, False)])
+def test_a_transparent_mesh_may_show_what_is_behind_it_only(run, see_through, shift, fits):
+    """Some of the object's pixels show nothing, or something further off or nearer than its first face."""
+    record = {"visual.glb": {"see_through": see_through}}
+    (run / "meshes" / BATCH / OBJECT / "mesh.json").write_text(json.dumps(record))
+    window = (slice(None), slice(26, 38), slice(22, 30))  # on the object, left of what hides it
+
+    def change(arrays):
+        for name in ("unoccluded", "occluded"):
+            assert (arrays[f"{name}_mask"][window] == 255).all()
+            arrays[f"{name}_depth"][window] += np.float16(shift)
+            arrays[f"{name}_mask"][window] = 0 if shift == np.inf else 255
+
+    edit("vision", change)(run)
+    failed = {finding.check for finding in validate_batch(run, BATCH) if not finding.ok}
+    assert failed == (set() if fits and see_through else {"picture of mesh"})
+
+
+@pytest.mark.parametrize(
+    ("beyond", "beside", "borderline"),
+    [
+        (5e-6, -0.1, True),  # just out of range: sphere tracing feels it already, ray casting does not
+        (-0.003, 5e-6, True),  # just beside the outermost pixels
+        (3e-4, -0.1, False),
+        (-3e-4, -0.1, False),
+        (-0.003, 3e-4, False),
+        (-0.003, -3e-4, False),
+    ],
+)
+def test_tracers_may_differ_only_where_a_touch_begins(built, beyond, beside, borderline):
+    """A sensor that looks aslant at a face of the block, of which it sees a part `beyond` (m) its range,
+    `beside` the face (m) by its outermost pixels; touch and grasp say the opposite of each other."""
+    item = Item({}, built / "meshes" / PAIR / "block-0000")
+    (low, _, _), (high, edge, top) = item.mesh.bounds
+    out = np.array([np.sin(np.pi / 3), 0, np.cos(np.pi / 3)])
+    rotation = np.stack([-out, [0, -1, 0], np.cross(-out, [0, -1, 0])], axis=1)
+    outermost = (SENSOR_WIDTH - PIXEL) / 2  # from the middle of the sensor to its first and last pixels
+    foot = np.array([(low + high) / 2, edge + outermost + beside, top + outermost * abs(rotation[2, 2])])
+    position = foot + out * (SENSOR_RANGE + beyond)
+    by_rays, by_spheres = (
+        tracer(item.mesh).succeeds(position[None], rotation[None]).item() for tracer in (RayCaster, SphereTracer)
+    )
+    assert by_rays != by_spheres if borderline else by_rays == by_spheres
+    pose, touches = (position[None, None], rotation[None, None]), np.array([[by_rays]])
+    item.rows["grasps"] = {"sensor_position": pose[0], "sensor_rotation": pose[1], "touches": touches}
+    item.rows["touch"] = {"position": pose[0], "rotation": pose[1], "success": ~touches}
+    assert dict(check_together(item))["touches"].item() == (not borderline)
+
+
+def test_the_limit_of_penetration_is_the_runs(run):
+    put("grasps", "penetration", 0, 0.001)(run)  # stored as float32, a little over 0.001
+    assert all(finding.ok for finding in validate_batch(run, BATCH))
+    strict = validate_batch(run, BATCH, max_penetration=5e-4)
+    assert [finding.check for finding in strict if not finding.ok] == ["penetration"]
+
+
+def test_a_batch_whose_objects_were_all_rejected_is_valid(run):
+    shutil.rmtree(run / "touch" / f"{BATCH}.zarr")
+    rejections = [f"{name},meshes,no area" for name in ("ball-0001", OBJECT)]
+    (run / "rejected.csv").write_text("\n".join(["object,stage,reason", *rejections, ""]))
+    for stage in ("surface", "grasps", "touch", "vision"):
+        arrays = palpate.store.join(stage, {})
+        if stage == "touch":
+            arrays["empty_reading"] = palpate.store.read(run / f"touch/{PAIR}.zarr")["empty_reading"]
+        if stage == "grasps":
+            stored = palpate.store.read(run / f"grasps/{PAIR}.h5")
+            arrays |= {name: array for name, array in stored.items() if name.startswith("hand/")}
+        path = run / palpate.store.CONTRACT[stage].path(BATCH)
+        palpate.store.write(path, stage, arrays, {"config_digest": "", "seed": 0})
+    findings = validate_batch(run, BATCH)
+    assert all(finding.ok for finding in findings), [finding for finding in findings if not finding.ok]
+
+
+def test_rotation_error_of_known_matrices():
+    quarter = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
+    mirror = np.diag([1.0, 1, -1])
+    stretched = np.diag([1.0, 1, 1.1])
+    errors = rotation_error(np.stack([quarter, mirror, stretched]))
+    np.testing.assert_allclose(errors, [0, 2, 0.21], atol=1e-12)

@@ -1,0 +1,162 @@
+import re
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from palpate.results import model_tables as tables
+from palpate.results.errors import EvaluationError
+from palpate.results.model_tables import write_table
+from tests.evaluation import synthetic
+
+CLASSES = ["bottle", "knife", "cellphone", "rifle"]
+
+
+@pytest.fixture(scope="module")
+def evaluations() -> pd.DataFrame:
+    means = synthetic.published_means() | {"single_image": 1.0}
+    return synthetic.evaluations(means, each=4, seeds=(0, 1), seed_spread=0.01)
+
+
+@pytest.fixture(scope="module")
+def rings() -> pd.DataFrame:
+    return synthetic.rings(synthetic.published_rings(), each=4)
+
+
+def class_means(frame: pd.DataFrame, experiment: str, split: str, column: str = "chamfer") -> pd.Series:
+    """Over windows, then seeds and objects, then by class; the long way."""
+    rows = frame[(frame["experiment"] == experiment) & (frame["split"] == split)]
+    by_object = rows.groupby(["class", "object", "seed"])[column].mean().groupby(["class", "object"]).mean()
+    return by_object.groupby("class").mean()
+
+
+def test_model_selection_recomputed_with_pandas(evaluations):
+    setup = synthetic.of_table("model_selection")
+    table = tables.model_selection(evaluations, setup, resamples=100)
+    assert table["experiment"].tolist() == list(setup) and table["row"].tolist() == list(range(1, 13))
+    for row in table.to_dict("records"):
+        by_class = class_means(evaluations, row["experiment"], "validation")
+        assert [row[name] for name in CLASSES] == pytest.approx(by_class[CLASSES].tolist())
+        assert row["average"] == pytest.approx(by_class.mean())
+        assert row["average_low"] < row["average"] < row["average_high"]
+        assert (row["objects"], row["seeds"], row["steps"]) == (16, 2, "700")
+    first = table.iloc[0]
+    assert (first["model"], first["vision"], first["touch"]) == ("sphere-based", "unoccluded", "yes")
+    published = [first[f"{name}_paper"] for name in (*CLASSES, "average")]
+    assert published == [0.775, 0.572, 1.262, 0.643, 0.813]
+    assert table["average_paper"].tolist()[3] == 0.751 and table["touch"].tolist()[8:] == ["no"] * 4
+
+
+def test_the_note_says_what_the_numbers_stand_on(evaluations):
+    table = tables.model_selection(evaluations, synthetic.of_table("model_selection"), resamples=100)
+    note = table.attrs["note"]
+    assert "16 objects of the validation split (4 bottle, 4 knife, 4 cellphone, 4 rifle)" in note
+    assert "258" in note and "bootstrap" in note
+
+
+def test_input_modalities_state_the_papers_averages_only(evaluations):
+    table = tables.input_modalities(evaluations, synthetic.of_table("input_modalities"), resamples=100)
+    assert table["average_paper"].tolist() == [0.991, 1.074, 0.804, 0.861, 3.05]
+    assert "bottle_paper" not in table and "bottle" in table
+    worst = table.set_index("experiment").loc["charts_touch"]
+    expected = class_means(evaluations, "charts_touch", "test")
+    assert worst["average"] == pytest.approx(expected.mean()) and worst["vision"] == "–"
+
+
+def test_grasps_have_a_row_a_setup(evaluations):
+    table = tables.grasps(evaluations, synthetic.of_table("grasps"), resamples=100).set_index("input")
+    assert list(table.index) == ["unoccluded vision + touch", "touch"]
+    published = [table.loc["touch", f"grasps_{count}_paper"] for count in range(1, 6)]
+    assert published == [3.05, 1.769, 1.479, 1.296, 1.237]
+    for count in range(1, 6):
+        name = "charts_touch" if count == 1 else f"charts_touch_{count}"
+        expected = class_means(evaluations, name, "test").mean()
+        assert table.loc["touch", f"grasps_{count}"] == pytest.approx(expected)
+
+
+def test_extrapolation_is_in_square_metres_and_times_9000(rings):
+    table = tables.extrapolation(rings, synthetic.of_table("extrapolation"), resamples=100)
+    small, scaled = table.iloc[:4], table.iloc[4:]
+    assert small["input"].tolist() == scaled["input"].tolist()
+    assert small.iloc[1]["input"] == "occluded vision + touch" and small.iloc[1]["x1_paper"] == 2.569e-5
+    numbers = [name for name in table if re.fullmatch(r"x\d.*", name)]
+    np.testing.assert_allclose(scaled[numbers].astype(float), 9000 * small[numbers].astype(float).to_numpy())
+    rows = rings[(rings["experiment"] == "charts_unoccluded") & (rings["ring"] == 3)]
+    by_object = rows.groupby(["class", "object"])["distance"].mean()
+    expected = by_object.groupby("class").mean().mean()
+    assert small.iloc[2]["x3"] == pytest.approx(expected)
+
+
+def test_local_touch_charts_recomputed_with_pandas():
+    touches = synthetic.touches(each=3)
+    table = tables.local_touch_charts(touches, resamples=100).set_index("prediction")
+    by_object = touches.groupby(["class", "object"])[["cloud", "chart"]].mean().groupby("class").mean()
+    for label, part in (("local point cloud", "cloud"), ("touch chart", "chart")):
+        assert table.loc[label, CLASSES].tolist() == pytest.approx(by_object.loc[CLASSES, part].tolist())
+        assert table.loc[label, "average"] == pytest.approx(by_object[part].mean())
+    assert table.loc["local point cloud", "bottle_paper"] == 0.0099
+    assert np.isnan(table.loc["touch chart", "bottle_paper"])
+
+
+def test_single_image_is_by_pixel2meshs_protocol_and_cites(evaluations):
+    table = tables.single_image(evaluations, synthetic.of_table("single_image"), resamples=100)
+    measured = table.iloc[0]
+    chamfer = class_means(evaluations, "single_image", "test").mean()
+    assert measured["chamfer"] == pytest.approx(chamfer / 9000 * (0.57 / 0.5) ** 2 * 1000)
+    assert measured["f1_tau"] == pytest.approx(50) and measured["f1_2tau"] == pytest.approx(70)
+    assert table["from"].tolist() == ["this run", "the paper", *["cited by the paper"] * 8]
+    assert table.iloc[1]["chamfer"] == 0.369
+    # What is cited has no interval and is no result of this run.
+    assert table.iloc[1:][["chamfer_low", "objects", "seeds", "steps"]].isna().all(axis=None)
+
+
+def test_classes_that_the_paper_has_not_stand_without_its_values(evaluations):
+    renamed = evaluations.assign(**{"class": evaluations["class"].replace("rifle", "mug")})
+    table = tables.model_selection(renamed, synthetic.of_table("model_selection"), resamples=100)
+    assert "mug" in table and "mug_paper" not in table and "rifle" not in table
+    assert table["knife_paper"].notna().all()
+
+
+def test_a_missing_experiment_is_an_error(evaluations, rings):
+    some = evaluations[evaluations["experiment"] != "no_comm_occluded_touch"]
+    with pytest.raises(EvaluationError, match="no_comm_occluded_touch"):
+        tables.model_selection(some, synthetic.of_table("model_selection"))
+    with pytest.raises(EvaluationError, match="charts_unoccluded_touch"):
+        tables.extrapolation(
+            rings[rings["experiment"] != "charts_unoccluded_touch"], synthetic.of_table("extrapolation")
+        )
+
+
+def test_what_is_written_says_the_same_in_three_forms(tmp_path, evaluations):
+    table = tables.model_selection(evaluations, synthetic.of_table("model_selection"), resamples=100)
+    write_table(table, tmp_path / "tables" / "model_selection.csv")
+    read = pd.read_csv(tmp_path / "tables" / "model_selection.csv")
+    assert list(read.columns) == list(table.columns)
+    np.testing.assert_allclose(read["knife_low"], table["knife_low"], rtol=1e-5)
+    lines = (tmp_path / "tables" / "model_selection.md").read_text().splitlines()
+    header, body = lines[0].strip("|").split("|"), [line.strip("|").split("|") for line in lines[2:14]]
+    columns = [name.strip() for name in header]
+    assert "bottle low" not in columns and "bottle paper" in columns
+    tex = (tmp_path / "tables" / "model_selection.tex").read_text().splitlines()
+    for number, cells in enumerate(body):
+        row = dict(zip(columns, (cell.strip() for cell in cells), strict=True))
+        value, low, high = map(float, re.fullmatch(r"(\S+) \[(\S+), (\S+)\]", row["rifle"]).groups())
+        expected = table.iloc[number][["rifle", "rifle_low", "rifle_high"]].tolist()
+        assert [value, low, high] == pytest.approx(expected, abs=0.00051)
+        in_tex = [cell.strip().replace(r"\_", "_") for cell in tex[4 + number].removesuffix(r"\\").split("&")]
+        assert in_tex == [cell.strip().replace("–", "--") for cell in cells]
+    assert lines[-1] == table.attrs["note"] and tex[-1] == f"% {table.attrs['note']}"
+
+
+def test_a_class_with_one_object_shows_no_interval(tmp_path, evaluations):
+    few = evaluations[(evaluations["class"] != "knife") | (evaluations["object"].str.endswith("0000"))]
+    table = tables.input_modalities(few, synthetic.of_table("input_modalities"), resamples=100)
+    assert table["knife_low"].isna().all() and table["average_low"].isna().all()
+    assert table["bottle_low"].notna().all()
+    shown = tables.display(table)
+    assert re.fullmatch(r"\d\.\d{3}", shown["average"][0]) and "[" in shown["bottle"][0]
+
+
+def test_small_numbers_keep_their_digits(rings):
+    shown = tables.display(tables.extrapolation(rings, synthetic.of_table("extrapolation"), resamples=100))
+    assert shown["x1_paper"][0] == "6.69e-05" and shown["x1_paper"][4] == "0.602"

@@ -1,0 +1,141 @@
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+import yaml
+from PIL import Image
+
+from palpate.charts import touch_chart, vision_atlas
+from palpate.evaluation.reconstruct import TOUCH_COLOUR, VISION_COLOUR, Shape
+from palpate.mesh import OBJECT_POSITION
+from palpate.models import TouchDepth
+from palpate.results import reconstructions as figure
+from palpate.results.page import DPI
+from palpate.training import checkpoints
+from palpate.vision import Renderer, paper_camera
+from tests.models.batches import SMALL
+
+PROJECT = Path(__file__).parents[2]
+EXPERIMENTS = {
+    "charts_touch": {"strategy": "charts", "vision": "none", "touch": True, "grasps": 1},
+    "charts_touch_2": {"strategy": "charts", "vision": "none", "touch": True, "grasps": 2},
+}
+
+
+@pytest.fixture(scope="module")
+def models(tmp_path_factory):
+    """Folders of untrained models, beside a U-Net."""
+    folder = tmp_path_factory.mktemp("models") / "models"
+    torch.manual_seed(0)
+    unet = {"width": 4}
+    checkpoints.save(folder / "touch_depth/best.ckpt", "touch_depth", TouchDepth(**unet).eval(), unet)
+    for name, experiment in EXPERIMENTS.items():
+        described = {"experiment": experiment, "architecture": SMALL}
+        model = checkpoints.build(experiment, SMALL)
+        checkpoints.save(folder / name / "seed-0/best.ckpt", "reconstruction", model, described)
+    return {name: folder / name / "seed-0" for name in EXPERIMENTS}
+
+
+@pytest.fixture
+def small(monkeypatch):
+    monkeypatch.setattr(figure, "PIXELS", 80)
+    monkeypatch.setattr(figure, "SAMPLES", 2)
+
+
+def hue(pixels):
+    """Where pixels (..., 3) have more of one colour than of another: +1 orange, -1 blue, 0 neither."""
+    red, blue = pixels[..., 0].astype(int), pixels[..., 2].astype(int)
+    return np.where(red > 1.6 * blue, 1, np.where(blue > 1.15 * red, -1, 0))
+
+
+def test_colours_are_where_the_charts_project():
+    """The atlas, and one touch chart before it: orange where that projects, blue around it, white outside."""
+    atlas, chart = vision_atlas(), touch_chart()
+    camera = figure.shared_camera(120)
+    towards = camera.position - OBJECT_POSITION
+    towards /= np.linalg.norm(towards)
+    right = np.cross([0, 0, 1], towards)
+    axes = np.stack([right / np.linalg.norm(right), np.cross(towards, right / np.linalg.norm(right))])
+    sheet = OBJECT_POSITION + 0.3 * towards + 8 * chart.grid.numpy() @ axes
+    shape = Shape(
+        np.concatenate([atlas.vertices.numpy(), sheet]),
+        np.concatenate([atlas.faces.numpy(), chart.faces.numpy() + len(atlas.vertices)]),
+        np.repeat([False, True], [len(atlas.faces), len(chart.faces)]),
+    )
+    drawn = Renderer(120, samples=4).render_scene([figure.coloured(shape)], camera=camera).rgb
+
+    def at(points):
+        column, row = camera.project(points)[0].astype(int).T
+        return hue(drawn[row, column])
+
+    inside = OBJECT_POSITION + 0.3 * towards + 7 * chart.grid.numpy() @ axes
+    assert (at(inside) == 1).all()
+    around = OBJECT_POSITION + 0.26 * towards + 13 * chart.grid.numpy()[[0, 4, 8, 36, 44, 72, 80]] @ axes
+    assert (at(around) == -1).all()
+    corners = drawn[[0, 0, -1, -1], [0, -1, 0, -1]]
+    assert (corners > 250).all()
+    assert hue(np.array(TOUCH_COLOUR) * 255) == 1 and hue(np.array(VISION_COLOUR) * 255) == -1
+
+
+def test_images_are_cut_to_what_the_renders_show():
+    rng = np.random.default_rng(0)
+    points = OBJECT_POSITION + rng.uniform(-0.2, 0.2, size=(50, 3))
+    low, high = figure.frame(256)
+    of_image = (paper_camera(256).project(points)[0] - low) / (high - low)
+    np.testing.assert_allclose(of_image, figure.shared_camera(90).project(points)[0] / 90, atol=1e-9)
+
+
+def test_ground_truth_is_the_objects_surface_in_the_world(dataset):
+    record = dataset["knife-0000"]
+    mesh = figure.ground_truth(record)
+    low, high = record.points.min(axis=0), record.points.max(axis=0)
+    np.testing.assert_allclose(np.min(mesh.vertices, axis=0), low, atol=0.005)
+    np.testing.assert_allclose(np.max(mesh.vertices, axis=0), high, atol=0.005)
+
+
+def test_ground_truth_without_meshes_is_of_points(dataset):
+    class Released:
+        mesh = dataset["knife-0000"].mesh.parent / "nothing"
+        points = dataset["knife-0000"].points
+
+    mesh = figure.ground_truth(Released)
+    assert np.abs(np.min(mesh.vertices, axis=0) - Released.points.min(axis=0)).max() < 0.005
+
+
+def test_one_test_object_of_every_class_is_drawn(dataset):
+    """The run has a train and a validation bottle, and a test knife."""
+    assert [record.name for record in figure.test_objects(dataset)] == ["knife-0000"]
+
+
+def test_every_model_given_has_its_column(dataset, models, tmp_path, small):
+    figure.reconstructions(dataset, models, tmp_path / "a.png")
+    figure.reconstructions(dataset, models, tmp_path / "b.png")
+    assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
+    figure.reconstructions(dataset, {"charts_touch": models["charts_touch"]}, tmp_path / "one.png")
+    two, one = (np.asarray(Image.open(tmp_path / f"{n}.png").convert("RGB")) for n in ("a", "one"))
+    cell = 1.32 * DPI
+    assert two.shape[1] - one.shape[1] == pytest.approx(cell, abs=1)
+    body = two[round(0.5 * DPI) :]
+    for number in range(2):  # from the right: blue spheres; input images and ground truth are grey
+        panel = body[:, round(two.shape[1] - (number + 1) * cell) : round(two.shape[1] - number * cell)]
+        assert 0.1 < (hue(panel) == -1).mean() < 0.9
+    assert (hue(body[:, : round(two.shape[1] - 2 * cell) - 5]) == 0).all()
+
+
+def test_every_column_has_an_experiment_and_its_model_in_the_rule():
+    known = yaml.safe_load((PROJECT / "config/experiments.yaml").read_text())["experiments"]
+    assert set(figure.EXPERIMENTS) <= set(known)
+    rule = (PROJECT / "workflow/rules/reconstruction_figures.smk").read_text()
+    assert set(re.findall(r'"(charts_\w+)"', rule)) == set(figure.EXPERIMENTS)
+
+
+def test_an_experiment_without_a_column_is_an_error(dataset, models, tmp_path):
+    with pytest.raises(ValueError, match="no column for sphere_touch: expected some of charts_occluded,"):
+        figure.reconstructions(dataset, {"sphere_touch": models["charts_touch"]}, tmp_path / "x.png")
+
+
+def test_a_run_without_test_objects_has_its_figure(dataset, models, tmp_path):
+    figure.reconstructions(dataset.split("train"), models, tmp_path / "none.png")
+    assert Image.open(tmp_path / "none.png").height < 100

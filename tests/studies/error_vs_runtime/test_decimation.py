@@ -1,0 +1,100 @@
+"""The study of decimation: what it measures against closed forms, and that it decimates as a run does."""
+
+import numpy as np
+import pytest
+import trimesh
+
+from palpate import mesh, shapes
+from palpate.mesh.decimate import decimate
+from palpate.mesh.distance import Surface, distance
+from studies.error_vs_runtime.decimation import Source, source, study
+from studies.subjects import Subject
+
+FACES = 1500
+SETTINGS = {"mesh": {"collision_faces": FACES, "levels": []}}
+
+
+@pytest.fixture(scope="module")
+def subject(tmp_path_factory):
+    """A bottle of several parts, prepared as in a run."""
+    folder = tmp_path_factory.mktemp("bottle")
+    shapes.make("bottle", 1).export(folder / "source.glb")
+    mesh.prepare(folder / "source.glb", folder / "mesh", collision_faces=FACES, levels=())
+    return Subject("bottle-0001", "bottle", "batch-0000", folder / "mesh")
+
+
+def case_of(geometry):
+    vertices, faces = np.array(geometry.vertices, dtype=float), np.array(geometry.faces, dtype=np.int64)
+    return Source(vertices, faces, Surface(vertices, faces))
+
+
+def by_name(part, knob="faces"):
+    return [m for m in study(None, [], SETTINGS).methods() if part in m.name and m.knob == knob]
+
+
+def test_what_is_chosen_is_the_collision_mesh_of_the_run(subject):
+    made = study(None, [subject], SETTINGS)
+    ((name, case),) = made.cases()
+    chosen = [method for method in made.methods() if method.chosen]
+    assert name == subject.name and [(m.knob, m.value) for m in chosen] == [
+        ("faces", FACES),
+        ("planar weight", 1e-6),
+        ("quality", 0.3),
+    ]
+    expected = mesh.load_collision(subject.folder)
+    for method in chosen:
+        vertices, faces = method.run(case)
+        np.testing.assert_array_equal(faces, expected.faces)
+        np.testing.assert_array_equal(vertices, expected.vertices)
+
+
+def test_every_method_makes_a_closed_mesh_smaller_and_has_an_error(subject):
+    case = source(subject.folder)
+    made = study(None, [], SETTINGS)
+    for method in made.methods():
+        if method.knob == "faces" and method.value != FACES:
+            continue
+        errors = made.errors(case, method.run(case))
+        assert 0 < errors["mean distance"] < errors["distance"] < 100, method
+        assert 0 < errors["faces"] < len(case.faces), method
+
+
+@pytest.mark.parametrize("library", ["pymeshlab", "libigl"])
+def test_more_faces_are_nearer(subject, library):
+    case, made = source(subject.folder), study(None, [], SETTINGS)
+    methods = [m for m in by_name(f"quadric collapse ({library})") if m.value <= FACES]
+    means = [made.errors(case, method.run(case))["mean distance"] for method in methods]
+    assert len(means) > 3 and (np.diff(means) < 0).all()
+
+
+def test_distances_of_a_larger_box():
+    """1 mm outside all around: at the corners sqrt(3) mm, on average a little more than 1."""
+    inner = trimesh.creation.box((0.2,) * 3)
+    for _ in range(3):
+        inner = inner.subdivide()
+    outer = trimesh.creation.box((0.202,) * 3)
+    errors = study(None, [], SETTINGS).errors(case_of(inner), (np.array(outer.vertices), np.array(outer.faces)))
+    assert errors["distance"] == pytest.approx(np.sqrt(3))
+    assert errors["mean distance"] == pytest.approx(1.0, abs=0.01)
+    assert errors["faces"] == 12
+
+
+def test_what_is_refused_or_small_already_has_no_error():
+    sheet = trimesh.creation.box((0.2,) * 3).subdivide().subdivide().subdivide()
+    case = case_of(trimesh.Trimesh(sheet.vertices, sheet.faces[20:], process=False))
+    made = study(None, [], SETTINGS)
+    refused = [*by_name("libigl"), *by_name("manifold3d", "mm")]
+    small = [m for m in by_name("pymeshlab") if m.value >= len(case.faces)]
+    assert len(refused) > 3 and len(small) > 1
+    for method in refused + small:
+        assert np.isnan(list(made.errors(case, method.run(case)).values())).all(), method
+    assert made.errors(case, by_name("pymeshlab")[0].run(case))["distance"] >= 0
+
+
+def test_the_reference_is_converged(subject):
+    case = source(subject.folder)
+    level = Surface(*decimate(case.vertices, case.faces, 1000))
+    for one, other in ((case.surface, level), (level, case.surface)):
+        found, dense = distance(one, other), distance(one, other, samples=300_000)
+        assert found["mean"] == pytest.approx(dense["mean"], rel=0.02)
+        assert dense["max"] <= 1.02 * found["max"]

@@ -1,0 +1,147 @@
+"""Cases of contact hold on an object that the library makes, and fail where what guards them is gone."""
+
+import numpy as np
+import pytest
+
+from palpate import shapes
+from palpate.grasp.closing import GraspScene
+from palpate.grasp.grasp import PENETRATING, UNSETTLED, UNSTABLE, Grasper
+from palpate.grasp.patches import surface_patches
+from palpate.mesh import load_collision, prepare
+from studies.stability import shapes as plain
+from studies.stability.cases import FAILS, HOLDS, REJECTED, examine
+from studies.stability.contact import (
+    CASES,
+    all_of,
+    converges,
+    faster,
+    gains,
+    mass,
+    none_unsound,
+    refused,
+    solref,
+)
+from studies.stability.watched import (
+    HAND,
+    JOINT,
+    TOUCHED,
+    Recorded,
+    agree,
+    held,
+    setting,
+    sound,
+    variant,
+)
+from studies.subjects import Subject
+
+
+@pytest.fixture(scope="module")
+def subject(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("run")
+    source = shapes.write("knife", 0, folder / "source")
+    prepare(source, folder / "meshes", levels=())
+    return Subject("knife-0000", "knife", "batch-0000", folder / "meshes")
+
+
+@pytest.fixture(scope="module")
+def on_a_plate():
+    return plain.alone(plain.facing(plain.plate(), plain.bent()))
+
+
+@pytest.mark.parametrize("case", [case for case in CASES if case.short], ids=str)
+def test_short_cases_hold(case, subject):
+    rows = examine("contact", case, subject)
+    assert {row["verdict"] for row in rows} <= {HOLDS, REJECTED}, [r for r in rows if r["verdict"] == FAILS]
+
+
+def test_every_finding_of_an_exploding_contact_fails(subject):
+    """No refsafe, and contacts a thousand times stiffer than the time step can follow."""
+    exploded = setting(subject).watch(solref(4e-6, safe=False))
+    verdicts = {finding.quantity: finding.verdict for finding in sound(exploded)}
+    assert verdicts["engine's warnings"] == FAILS
+    assert verdicts["kinetic energy over the servos' work"] == FAILS
+    assert agree(exploded, setting(subject).watch()).verdict == FAILS
+
+
+def test_energy_that_no_servo_gave_is_seen_though_the_engine_does_not_warn():
+    """A finger that starts in a plate, and is meant to stay where it is, is pushed out by the contact."""
+    still = HAND.open_joint_positions
+    pushed = plain.alone(plain.facing(plain.plate(width=0.02), still, 0.001), still).watch()
+    assert not pushed[0].warnings and pushed[0].gain > 1
+    verdicts = {finding.quantity: finding.verdict for finding in sound(pushed)}
+    assert verdicts["engine's warnings"] == HOLDS
+    assert verdicts["kinetic energy over the servos' work"] == FAILS
+    assert none_unsound([pushed[0]._replace(outcome=TOUCHED)], "").verdict == FAILS
+    assert none_unsound([pushed[0]._replace(outcome=UNSETTLED)], "").verdict == HOLDS
+
+
+def test_depth_at_a_time_step_of_20_ms_is_why_it_is_rejected(subject):
+    """The guard of the scene is got round by editing the model that it has made."""
+
+    def slow(scene):
+        scene.model.opt.timestep = 0.02
+        scene.model.geom_solref[:, 0] = scene.model.jnt_solref[:, 0] = 0.04
+        scene.ramp = scene.ramp[::5]
+        scene.steps = len(scene.ramp)
+
+    watched = setting(subject).watch(slow)
+    assert [finding.verdict for finding in sound(watched)][-1] == FAILS
+    assert {PENETRATING, UNSETTLED} & {each.outcome for each in watched}
+    with pytest.raises(ValueError, match="not between"):
+        GraspScene(HAND, surface_patches(load_collision(subject.folder)), 0.02)
+
+
+def test_heavy_links_still_move_at_the_end_and_are_not_taken(subject):
+    heavy = setting(subject).watch(mass(1e4))
+    assert {each.outcome for each in heavy} == {UNSETTLED}
+    assert refused(heavy, "").verdict == REJECTED
+    assert refused(setting(subject).watch(), "").verdict == FAILS
+    assert agree(heavy, setting(subject).watch()).verdict == FAILS
+
+
+def test_energy_of_a_free_undamped_finger_is_that_of_its_servos_springs():
+    """1 N m / rad, stretched by 0.4 rad: 0.08 J, which go to and fro."""
+
+    def undamped(scene):
+        scene.model.dof_damping[:] = 0
+        scene.model.actuator_biasprm[:, 2] = 0
+        scene.model.opt.timestep = 1e-4
+        scene.ramp = np.ones(600)
+
+    scene = Recorded(variant(plain.alone(plain.far()).grasper.scene, undamped))
+    scene.place(np.eye(4), HAND.open_joint_positions)
+    targets = HAND.open_joint_positions.copy()
+    targets[5] = 0.4
+    springs = np.array([((data.qpos - targets) ** 2).sum() / 2 for data in scene.closing(targets)])
+    kinetic, work = np.array(scene.kinetic), np.cumsum(scene.work)
+    np.testing.assert_allclose(kinetic + springs, 0.08, rtol=0.01)
+    assert kinetic.max() > 0.06
+    assert (work >= kinetic * (1 - 1e-6)).all()
+
+
+def test_a_knob_that_does_not_converge_fails(on_a_plate):
+    ends = [on_a_plate.watch(all_of(gains(factor), held)) for factor in (1, 1.1, 2, 8)]
+    assert converges(ends, "gains").verdict == FAILS
+    assert converges(ends[::-1], "gains").verdict == HOLDS
+
+
+def test_a_wall_in_the_way_is_seen_in_the_agreement(on_a_plate):
+    nothing = plain.alone(plain.far())
+    change = agree(on_a_plate.watch(held), nothing.watch(held))
+    assert change.verdict == FAILS and change.value > JOINT
+    assert agree(on_a_plate.watch(all_of(faster(10), held)), on_a_plate.watch(held)).verdict == HOLDS
+
+
+def test_recording_does_not_change_a_closing(subject):
+    on = setting(subject)
+    scene, closing = on.grasper.scene, on.closings[0]
+    scene.place(closing.pose, HAND.open_joint_positions)
+    expected = scene.close(closing.targets).joint_positions
+    np.testing.assert_array_equal(on.watch()[0].joints, expected)
+
+
+def test_reasons_are_told_apart(subject):
+    on = setting(subject)
+    assert isinstance(on.grasper, Grasper)
+    assert UNSTABLE in {each.outcome for each in on.watch(solref(4e-6, safe=False))}
+    assert {each.outcome for each in on.watch()} == {TOUCHED}

@@ -1,0 +1,78 @@
+"""The short cases of losses and training, on a tube, and that some would see what they look for."""
+
+import numpy as np
+import pytest
+import torch
+import trimesh
+from scipy.spatial import cKDTree
+
+from palpate.charts import chamfer, sample
+from palpate.training import learners
+from studies.stability.cases import FAILS, examine
+from studies.stability.losses import CASES, brute_force, small_pack
+from studies.subjects import Subject
+
+SHORT = [case for case in CASES if case.short]
+
+
+@pytest.fixture(scope="module")
+def subject(tmp_path_factory) -> Subject:
+    """A tube of 0.5 m diagonal."""
+    folder = tmp_path_factory.mktemp("object")
+    tube = trimesh.creation.annulus(r_min=0.05, r_max=0.12, height=0.37, sections=48)
+    trimesh.Trimesh(tube.vertices, tube.faces).export(folder / "collision.ply")
+    return Subject("tube", "tube", "batch-0000", folder)
+
+
+@pytest.mark.parametrize("case", SHORT, ids=str)
+def test_nothing_fails(subject, case):
+    rows = examine("losses", case, subject)
+    assert rows and not [row for row in rows if row["verdict"] == FAILS]
+
+
+def test_all_names_differ():
+    assert len({case.name for case in CASES}) == len(CASES)
+
+
+def fails(name, subject):
+    case = next(case for case in CASES if case.name == name)
+    return [row["quantity"] for row in examine("losses", case, subject) if row["verdict"] == FAILS]
+
+
+def test_brute_force_by_hand():
+    a, b = torch.tensor([[0.0, 0, 0], [1, 0, 0]]), torch.tensor([[0.0, 0, 2]])
+    assert brute_force(a, b) == pytest.approx((4 + 5) / 2 + 4)
+
+
+def test_clouds_are_of_the_object(subject):
+    held = small_pack(subject)
+    radius = np.linalg.norm(held["points"][0][:, :2], axis=1)
+    assert radius.min() > 0.0495 and radius.max() < 0.1205
+    outside = held["charts"][0, ..., 0].size
+    assert outside == 5 * 4 * 81 and held["success"].all()
+    # The charts' middles lie on the surface: a distance to a sample of it.
+    middles = held["charts"][0, :, :, 40].reshape(-1, 3)
+    assert cKDTree(held["points"][0]).query(middles)[0].max() < 1e-6
+
+
+def test_a_square_root_in_the_distance_would_be_seen(subject, monkeypatch):
+    def rooted(query, points, index):
+        return (query - points[index]).norm(dim=1).sqrt().square().square().mean()
+
+    monkeypatch.setattr(chamfer, "mean_squared", rooted)
+    assert fails("identical clouds", subject)
+
+
+def test_the_wrong_neighbour_would_be_seen(subject, monkeypatch):
+    monkeypatch.setattr(chamfer, "nearest_in_tree", lambda query, *_: torch.zeros(len(query), dtype=torch.long))
+    assert fails("coincident points", subject) and fails("two points equally near", subject) == []
+
+
+def test_areas_without_a_bound_would_be_seen(subject, monkeypatch):
+    monkeypatch.setattr(sample, "ROUNDING", -1.0)
+    assert "no face with area" in fails("faces without area", subject)
+
+
+def test_a_training_that_does_not_look_would_be_seen(subject, monkeypatch):
+    monkeypatch.setattr(learners.ReconstructionLearner, "on_before_optimizer_step", lambda *_: None)
+    assert "infinite gradient" in fails("a step whose loss or gradient is not finite", subject)

@@ -1,0 +1,89 @@
+"""The short cases of touch hold, and each fails where what guards it is taken away."""
+
+import numpy as np
+import pytest
+import trimesh
+
+from palpate.touch import rays as caster
+from palpate.touch import sensor, shading, sphere_tracing, tracing
+from studies.stability import rays
+from studies.stability.cases import FAILS, HOLDS, REJECTED, examine
+from studies.subjects import Subject
+
+SHORT = {case.name: case for case in rays.CASES if case.short}
+
+
+@pytest.fixture(scope="module")
+def subject(tmp_path_factory):
+    """A knife-like object: a ball with a thin plate through it."""
+    folder = tmp_path_factory.mktemp("subject")
+    plate = trimesh.creation.box((0.3, 0.04, 0.002)).subdivide().subdivide()
+    ball = trimesh.creation.icosphere(subdivisions=3, radius=0.03)
+    (folder / "visual.glb").write_bytes(trimesh.Scene([plate, ball]).export(file_type="glb"))
+    return Subject("object", "class", "batch", folder)
+
+
+def verdicts(name, subject):
+    return [row["verdict"] for row in examine("rays", SHORT[name], subject)]
+
+
+@pytest.mark.parametrize("name", SHORT)
+def test_holds(name, subject):
+    rows = examine("rays", SHORT[name], subject)
+    assert not [row for row in rows if row["verdict"] == FAILS]
+    assert {row["verdict"] for row in rows} <= {HOLDS, REJECTED}
+
+
+def unchecked(self, position, rotation):
+    return np.asarray(position) - self._object_position, np.asarray(rotation)
+
+
+def few_steps(self, mesh, object_position=(0.0, 0.0, 0.0)):
+    careful(self, mesh, object_position, max_steps=200)
+
+
+careful = sphere_tracing.SphereTracer.__init__
+NAIVE = {
+    "grazing sensor, Embree": (caster, "_NO_WIDTH", 0.1),
+    "grazing sensor, sphere tracing": (sphere_tracing.SphereTracer, "__init__", few_steps),
+    "rays through vertices and along edges": (
+        caster,
+        "_pits",
+        lambda depth: np.zeros(depth.shape, dtype=bool),
+    ),
+    "sensor plane inside the mesh": (caster, "_EDGE_ON", 0.0),
+    "surface on the sensor plane": (caster, "_SLACK", 0.0),
+    "surface exactly at the range limit": (tracing, "SENSOR_RANGE", 0.0251),
+    "steep steps in the impression": (shading, "DIFFUSE", 400.0),
+    "float32 far from the origin": (sensor, "FURTHEST", np.inf),
+    "object much larger than the sensor": (caster, "_LARGEST", np.inf),
+    "poses that are none": (tracing.Tracer, "_in_object_frame", unchecked),
+}
+
+
+@pytest.mark.parametrize("name", NAIVE)
+def test_fails_without_its_guard(name, subject, monkeypatch):
+    monkeypatch.setattr(*NAIVE[name])
+    assert FAILS in verdicts(name, subject)
+
+
+def test_exact_depth_of_a_plane_and_a_hole():
+    pose = rays.turned(1)
+    mesh = rays.seen_from(rays.sheet(0.01, 2.0), pose)
+    middle = rays.PIXEL_CENTRES[50]
+    expected = 0.01 + 2 * (0.8 * (rays.PIXELS[:, 0] - middle) + 0.6 * (rays.PIXELS[:, 1] - middle))
+    expected = np.where((expected >= 0) & (expected <= rays.SENSOR_RANGE), expected, np.inf)
+    np.testing.assert_allclose(rays.exact_depth(mesh.triangles, pose), expected, atol=1e-12)
+    assert np.isinf(rays.exact_depth(mesh.triangles[:0], pose)).all()
+
+
+def test_disagreement_is_seen():
+    pose = rays.turned(2)
+    mesh = rays.seen_from(rays.sheet(0.01), pose)
+    depth = np.full((100, 100), 0.01)
+    assert rays.disagreement(depth, mesh.triangles, pose) == pytest.approx((0, 0), abs=1e-9)
+    depth[3, 4], depth[5, 6] = np.inf, 0.011
+    assert rays.disagreement(depth, mesh.triangles, pose) == pytest.approx((1, 1.0), abs=1e-9)
+    depth[:] = np.inf
+    assert rays.disagreement(depth, mesh.triangles, pose).flipped == 10_000
+    assert rays.disagreement(depth, mesh.triangles[:0], pose).flipped == 0

@@ -1,0 +1,70 @@
+"""Interleaved timing, telling methods apart, memory."""
+
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+
+from studies.timing import Timing, interleaved, told_apart
+
+
+def of(*rounds):
+    return Timing(float(np.median(rounds)), min(rounds), max(rounds), np.array(rounds, dtype=float))
+
+
+def test_every_method_is_called_in_every_round_and_once_before():
+    called = []
+    functions = {name: (lambda name=name: (called.append(name), time.sleep(0.006))) for name in "abc"}
+    times = interleaved(functions, rounds=4)
+    assert called[:3] == list("abc")
+    rounds = np.array(called[3:]).reshape(4, 3)
+    assert all(sorted(row) == list("abc") for row in rounds.tolist())
+    assert len({tuple(row) for row in rounds.tolist()}) > 1, "the order is the same in every round"
+    for timing in times.values():
+        assert timing.low <= timing.seconds <= timing.high and len(timing.rounds) == 4
+        assert timing.rounds.min() >= 0.006
+    called.clear()
+    interleaved(functions, rounds=2, warm=True)
+    assert len(called) == 6
+
+
+def test_short_methods_are_called_several_times():
+    count = [0]
+
+    def quick():
+        count[0] += 1
+
+    timing = interleaved({"quick": quick}, rounds=3)["quick"]
+    assert count[0] > 1000 and timing.seconds < 1e-4
+
+
+@pytest.mark.parametrize(("methods", "rounds"), [({}, 5), ({"a": lambda: 0}, 0)])
+def test_nothing_to_time(methods, rounds):
+    with pytest.raises(ValueError, match="at least one"):
+        interleaved(methods, rounds)
+
+
+def test_methods_are_told_apart_by_their_ratio_and_not_by_the_machines_drift():
+    drift = np.array([1.0, 3.0, 0.5, 7.0, 2.0])
+    wobble = np.array([1.0, 1.02, 0.99, 1.01, 1.0])
+    assert told_apart(of(*drift), of(*(1.1 * drift * wobble)))
+    assert not told_apart(of(*drift), of(*(1.001 * drift * wobble)))
+    assert not told_apart(of(1.0), of(2.0))
+    assert not told_apart(of(1.0, 1.0), of(1.0, 1.0))
+    assert told_apart(of(1.0, 1.0), of(2.0, 2.0))
+
+
+def test_memory_is_what_the_function_takes_at_most():
+    """In a process of its own, which holds no freed memory that could be filled again."""
+    program = """
+import numpy as np
+from studies.timing import with_peak_memory
+size = 64 * 2**20
+result, peak = with_peak_memory(lambda: np.ones(size // 8).sum())
+print(result == size // 8, peak / size, with_peak_memory(lambda: None)[1] / size)
+"""
+    made = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    right, peak, nothing = made.stdout.split()
+    assert right == "True" and 0.9 < float(peak) < 1.3 and float(nothing) < 0.1

@@ -1,0 +1,109 @@
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+
+import palpate.store
+from palpate.atomic import atomic_write
+from palpate.store import read, write
+
+
+def make(path, text, folder):
+    if folder:
+        path.mkdir()
+        path = path / "inner.txt"
+    path.write_text(text)
+
+
+def content(path):
+    return (path / "inner.txt" if path.is_dir() else path).read_text()
+
+
+@pytest.mark.parametrize("folder", [False, True])
+@pytest.mark.parametrize("existing", [None, False, True])
+def test_appears_at_the_end_and_replaces_what_was_there(tmp_path, folder, existing):
+    path = tmp_path / "deep" / "thing.txt"
+    if existing is not None:
+        path.parent.mkdir()
+        make(path, "old", existing)
+    with atomic_write(path) as partial:
+        assert partial.parent == path.parent and partial.suffix == path.suffix
+        make(partial, "new", folder)
+        assert not path.exists() if existing is None else content(path) == "old"
+    assert path.is_dir() == folder and content(path) == "new"
+    assert [entry.name for entry in path.parent.iterdir()] == ["thing.txt"]
+
+
+@pytest.mark.parametrize("folder", [False, True])
+def test_an_error_leaves_what_was_there(tmp_path, folder):
+    path = tmp_path / "thing"
+    make(path, "old", folder)
+    with pytest.raises(ZeroDivisionError), atomic_write(path) as partial:
+        make(partial, "new", folder)
+        1 / 0  # noqa: B018
+    assert content(path) == "old"
+    assert [entry.name for entry in tmp_path.iterdir()] == ["thing"]
+
+
+def test_writing_nothing_is_an_error(tmp_path):
+    with pytest.raises(FileNotFoundError, match="nothing was written"), atomic_write(tmp_path / "thing"):
+        pass
+
+
+@pytest.mark.parametrize("folder", [False, True])
+def test_leftovers_of_a_killed_run_are_removed(tmp_path, folder):
+    path = tmp_path / "thing"
+    code = (
+        "import os, sys, palpate.store\n"
+        "with palpate.atomic.atomic_write(sys.argv[1]) as partial:\n"
+        "    os.mkdir(partial) if int(sys.argv[2]) else partial.write_text('half')\n"
+        "    print('half', flush=True)\n"
+        "    input()\n"
+    )
+    command = [sys.executable, "-c", code, str(path), str(int(folder))]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout.readline() == "half\n"
+        process.send_signal(signal.SIGKILL)
+    assert not path.exists()
+    assert len(list(tmp_path.iterdir())) == 1
+    with atomic_write(path) as partial:
+        make(partial, "new", folder)
+    assert content(path) == "new"
+    assert [entry.name for entry in tmp_path.iterdir()] == ["thing"]
+
+
+def points(objects):
+    names = np.array([f"a-{number}" for number in range(objects)])
+    clouds = np.random.default_rng(0).random((objects, 10000, 3), dtype=np.float32)
+    return {"object": names, "points": clouds}
+
+
+ATTRIBUTES = {"config_digest": "", "seed": 0}
+WRITE = """
+import sys
+sys.path.insert(0, sys.argv[1])
+import test_atomic, palpate.store
+palpate.store.write(sys.argv[2], "surface", test_atomic.points(400), test_atomic.ATTRIBUTES)
+"""
+
+
+def test_a_write_that_is_killed_leaves_no_store_and_the_next_succeeds(tmp_path):
+    path = tmp_path / "surface" / "batch-0000.zarr"
+    partial = path.with_name(".partial-batch-0000.zarr")
+    command = [sys.executable, "-c", WRITE, os.path.dirname(__file__), str(path)]
+    with subprocess.Popen(command) as process:
+        while not (partial / "points" / "zarr.json").exists():  # in the middle: the points are not there yet
+            assert process.poll() is None
+            time.sleep(0.001)
+        process.send_signal(signal.SIGKILL)
+    assert partial.exists() and not path.exists()
+    with pytest.raises(palpate.store.StoreError, match="does not exist"):
+        read(path)
+    arrays = points(2)
+    write(path, "surface", arrays, ATTRIBUTES)
+    np.testing.assert_array_equal(read(path)["points"], arrays["points"])
+    assert [entry.name for entry in path.parent.iterdir()] == ["batch-0000.zarr"]

@@ -1,0 +1,70 @@
+"""What a stage does with a batch: seeds, rejections, progress in the log."""
+
+import logging
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from palpate.batch import Rejection, UnusableObject, each_object, generator, read_rejections, write_rejections
+
+
+@given(st.integers(0, 2**32), st.lists(st.text(max_size=5), min_size=1, max_size=3))
+def test_a_generator_depends_on_its_seed_and_names_only(seed, names):
+    first = generator(seed, *names).random(4)
+    np.testing.assert_array_equal(first, generator(seed, *names).random(4))
+    for other in (generator(seed + 1, *names), generator(seed, *names, ""), generator(seed, "x", *names)):
+        assert not np.array_equal(first, other.random(4))
+
+
+def test_one_object_that_fails_does_not_cost_the_batch(caplog):
+    def half(name: str) -> float:
+        if name == "flat":
+            raise UnusableObject("has no area")
+        return 1 / (len(name) - 3)
+
+    with caplog.at_level(logging.INFO):
+        results, rejections = each_object(["long", "flat", "bad", "longer"], half, "halving")
+    assert results == {"long": 1.0, "longer": pytest.approx(1 / 3)}
+    assert list(results) == ["long", "longer"]
+    assert rejections == [
+        Rejection("flat", "halving", "has no area"),
+        Rejection("bad", "halving", "ZeroDivisionError: division by zero"),
+    ]
+    assert "Traceback" in caplog.text  # of what was not expected
+    assert "halving 4/4: longer" in caplog.text
+
+
+@pytest.mark.parametrize("error", [OSError(28, "No space left on device"), MemoryError()])
+def test_what_the_machine_lacks_is_no_fault_of_the_object(error, caplog):
+    def stop(name: str) -> None:
+        raise error
+
+    with pytest.raises(type(error)):
+        each_object(["one"], stop, "writing")
+    assert "one was not finished" in caplog.text
+
+
+reasons = st.text(st.characters(codec="utf-8", exclude_characters="\r\x00"))
+
+
+@given(st.lists(st.builds(Rejection, st.text("abc-", min_size=1), st.just("meshes"), reasons)))
+def test_rejections_survive_their_file(tmp_path_factory, rejections):
+    path = tmp_path_factory.mktemp("rejected") / "batch.csv"
+    write_rejections(path, rejections)
+    assert read_rejections([path, path]) == rejections + rejections
+
+
+def test_a_job_log_holds_lines_prints_of_engines_and_the_traceback(tmp_path):
+    code = (
+        "import logging, os, sys; from palpate.batch import log_to; log_to(sys.argv[1]);"
+        "logging.info('a line'); os.system('echo an engine'); raise ValueError('the end')"
+    )
+    done = subprocess.run([sys.executable, "-c", code, str(tmp_path / "log")], capture_output=True, text=True)
+    log = (tmp_path / "log").read_text()
+    assert done.returncode == 1
+    assert "ValueError: the end" in done.stderr and done.stdout == ""
+    assert "INFO a line" in log and "an engine" in log and "ValueError: the end" in log
