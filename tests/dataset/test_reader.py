@@ -84,22 +84,92 @@ def test_arrays_are_joined_over_batches_in_the_order_of_the_view(built):
     for index in indices:
         np.testing.assert_array_equal(depth[index], expected[index], err_msg=str(index))
         assert depth[index].shape == expected[index].shape and depth[index].dtype == expected.dtype
-    for index in (
-        3,
-        -4,
-        (0, GRASPS),
-        (0, 0, 0, 0, 0, 0),
-        (0, slice(None, None, -1)),
-        (0, [0, 1]),
-        (0, mask),
-        (0, None),
-    ):
+    wrong = [3, -4, (0, GRASPS), (0, 0, 0, 0, 0, 0), (0, slice(None, None, -1)), (0, [0, 1]), (0, mask), (0, None)]
+    for index in wrong:
         with pytest.raises(IndexError):
             depth[index]
     turned = dataset.select(["ball-0002", "ball-0000"]).array("surface", "points")
     np.testing.assert_array_equal(turned, [dataset["ball-0002"].points, dataset["ball-0000"].points])
     with pytest.raises(KeyError, match="no rows"):
         dataset.array("touch", "empty_reading")
+
+
+def damaged(run, stage, change, batch="batch-0000"):
+    """The store of a batch, written again after `change` altered its arrays in place."""
+    path = run / palpate.store.CONTRACT[stage].path(batch)
+    arrays, attributes = palpate.store.read(path), palpate.store.open(path).attributes
+    change(arrays)
+    palpate.store.write(path, stage, arrays, attributes)
+
+
+def test_arrays_are_loaded_into_memory_in_the_type_asked_for(built):
+    dataset = palpate.Dataset(built)
+    assert dataset.grasps_per_object == GRASPS
+    for stage, name in (("surface", "points"), ("touch", "depth"), ("grasps", "palm_pose"), ("vision", "occluded")):
+        np.testing.assert_array_equal(dataset.load(stage, name), dataset.array(stage, name)[:])
+    position = dataset.load("touch", "position", np.float32)
+    assert position.dtype == np.float32 and position.shape == (3, GRASPS, 4, 3)
+    np.testing.assert_array_equal(dataset.empty_reading, empty_reading())
+    expected = [[grasp.reading for grasp in record.grasps] for record in dataset]
+    np.testing.assert_array_equal(dataset.readings(), expected)
+    stored = dataset.array("touch", "reading")[:]
+    assert not stored[~dataset.load("touch", "success")].any() and not np.array_equal(stored, expected)
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf, 600.0])
+@pytest.mark.parametrize(
+    ("stage", "name", "limit"),
+    [
+        ("surface", "points", "NaN, infinite or above 10"),
+        ("touch", "position", "NaN, infinite or above 10"),
+        ("touch", "rotation", "NaN, infinite or above 1.001"),
+        ("touch", "points", "NaN, infinite or above 10"),
+    ],
+)
+def test_wrong_values_are_errors_that_name_file_object_and_remedy(run, stage, name, limit, value):
+    def change(arrays):
+        arrays[name][(1, *[0] * (arrays[name].ndim - 1))] = value
+        if stage == "touch":
+            arrays["point_count"][1] = 1
+
+    damaged(run, stage, change)
+    message = rf"{stage}/batch-0000.* {name} of block-0000 is {limit}; remove .* snakemake {stage}/batch-0000"
+    with pytest.raises(StoreError, match=message):
+        palpate.Dataset(run).load(stage, name)
+    assert palpate.Dataset(run).select(["ball-0000"]).load(stage, name).any()
+
+
+def test_depth_may_be_infinite_but_not_nan(run):
+    assert np.isinf(palpate.Dataset(run).load("touch", "depth")).any()
+    for value in (np.nan, -np.inf):
+        damaged(run, "touch", lambda arrays, value=value: arrays["depth"].__setitem__((0, 1, 2, 3, 4), value))
+        with pytest.raises(StoreError, match="depth of ball-0000 is NaN, infinite"):
+            palpate.Dataset(run).load("touch", "depth")
+
+
+def test_local_clouds_past_their_count_are_not_looked_at(run):
+    expected = palpate.Dataset(run).load("touch", "points")
+
+    def change(arrays):
+        for index in np.ndindex(arrays["point_count"].shape):
+            arrays["points"][index][arrays["point_count"][index] :] = np.nan
+
+    damaged(run, "touch", change)
+    np.testing.assert_array_equal(palpate.Dataset(run).load("touch", "points"), expected)
+
+
+def test_batches_that_differ_in_shape_are_named(run):
+    damaged(run, "surface", lambda arrays: arrays.update(points=arrays["points"][:, 1:]), "batch-0001")
+    message = r"batch-0001.zarr: points of an object is \(499, 3\), but \(500, 3\) in .*batch-0000.*from one config"
+    with pytest.raises(StoreError, match=message):
+        palpate.Dataset(run).load("surface", "points")
+
+
+def test_a_dataset_without_objects_has_nothing_to_load(built):
+    nothing = palpate.Dataset(built)[:0]
+    for load in (lambda: nothing.load("surface", "points"), lambda: nothing.grasps_per_object, nothing.readings):
+        with pytest.raises(StoreError, match="no object .*rejected.csv says why"):
+            load()
 
 
 def test_opening_reads_no_array_but_the_names_of_objects(built, monkeypatch):

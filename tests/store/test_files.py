@@ -241,6 +241,16 @@ def test_another_schema_version_is_refused(tmp_path, stage):
         palpate.store.open(path)
 
 
+def test_a_run_of_the_first_version_is_refused_with_the_command_that_builds_it_again(tmp_path):
+    for run, config in (("default", ""), ("rods", " --configfile <the config of run rods>")):
+        path = path_of(tmp_path / run, "touch")
+        write(path, "touch", arrays_of("touch", 1), ATTRIBUTES)
+        zarr.open_group(path).attrs["schema_version"] = 1
+        command = f"snakemake --cores 2 --forceall dataset touch/batch-0000.zarr{config}"
+        with pytest.raises(StoreError, match=f"{path} has schema version 1, but .* version 2; .* {command}$"):
+            palpate.store.open(path)
+
+
 def test_missing_stores_and_arrays_are_named(tmp_path):
     path = path_of(tmp_path, "touch")
     with pytest.raises(StoreError, match="does not exist; build it with: snakemake touch/batch-0000.zarr"):
