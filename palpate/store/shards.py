@@ -46,7 +46,7 @@ def read_rows(folder: Path, array: zarr.Array, rows: Sequence[int]) -> np.ndarra
     length = 16 * grid[0] * per_row + CHECKSUM
     index = _checked(data[max(len(data) - length, 0) :], f"{shard}: index").view("<u8").reshape(-1, per_row, 2)
     # Chunks are single records: along all axes but the last ones, which they cover, their length is 1.
-    chunks = values.reshape(len(rows), per_row, -1)
+    chunks = values.reshape(len(rows), per_row, int(np.prod(array.chunks)))
     for row, target in zip(rows, chunks, strict=True):
         for (start, size), chunk in zip(index[row].tolist(), target, strict=True):
             if start != NOT_WRITTEN:
