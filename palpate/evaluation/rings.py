@@ -134,14 +134,11 @@ def project_batch(touch: Path | str, surface: Callable[[str], MeshSurface | Clou
 
     touch: the batch's touch store; surface: from an object's name to what its rings are projected onto.
     """
-    felt = store.read(touch, "object", "success", "position", "rotation")
-    success = felt["success"]
+    objects, success, position, rotation = store.read(touch, "object", "success", "position", "rotation").values()
     depth = np.full((*success.shape, GRID, GRID), np.inf, dtype=np.float32)
-    each = len(success) // max(len(felt["object"]), 1)
-    for place, name in enumerate(felt["object"]):
-        log.info("rings %d/%d: %s", place + 1, len(felt["object"]), name)
+    for row, name in enumerate(objects):
+        log.info("rings %d/%d: %s", row + 1, len(objects), name)
         onto = surface(str(name))
-        for row in range(place * each, (place + 1) * each):
-            for sensor in np.flatnonzero(success[row]):
-                depth[row, sensor] = onto.project(felt["position"][row, sensor], felt["rotation"][row, sensor])
-    return {"object": felt["object"], "ring_depth": depth}
+        for index in zip(*np.nonzero(success[row]), strict=True):
+            depth[row][index] = onto.project(position[row][index], rotation[row][index])
+    return {"object": objects, "ring_depth": depth}

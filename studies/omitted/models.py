@@ -116,9 +116,8 @@ def fitted(run: Path, subject: Subject, method: str) -> np.ndarray:
     model = checkpoints.load_touch_depth(run / "models/touch_depth/best.ckpt")
     names = ("reading", "success", "position", "rotation")
     felt = store.read(run / store.CONTRACT["touch"].path(subject.batch), "object", "empty_reading", *names)
-    each = len(felt["success"]) // len(felt["object"])
-    first = each * [str(name) for name in felt["object"]].index(subject.name)
-    reading, *rest = (felt[n][first : first + each].reshape(-1, *felt[n].shape[2:]) for n in names)
+    row = felt["object"].tolist().index(subject.name)
+    reading, *rest = (felt[name][row].reshape(-1, *felt[name].shape[3:]) for name in names)
     return touch_charts(model, reading, felt["empty_reading"], *rest, method)
 
 

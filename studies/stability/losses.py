@@ -675,7 +675,7 @@ def diverging(subject: Subject) -> Iterator[Finding]:
 
 def stores(folder: Path, subject: Subject, *stages: str) -> Path:
     """Stores of one object of the train split, with nothing touched; returns their catalogue."""
-    sizes = {"o": 1, "og": 2, "n": 500, "r": 4, "rr": 16, "p": 8}
+    sizes = {"o": 1, "g": 2, "n": 500, "r": 4, "rr": 16, "p": 8}
     for stage in stages:
         arrays = {}
         for name, spec in store.CONTRACT[stage].arrays.items():

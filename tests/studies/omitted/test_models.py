@@ -75,7 +75,7 @@ def run(tmp_path_factory):
     folder = tmp_path_factory.mktemp("run")
     random = np.random.default_rng(0)
     names = ["a-0", "a-1", "a-2"]
-    sizes = {"o": 3, "og": 6, "n": 7, "r": 3, "rr": 9, "p": 5, "v": 2, "q": 4}
+    sizes = {"o": 3, "g": 2, "n": 7, "r": 3, "rr": 9, "p": 5, "v": 2, "q": 4}
     for stage in ("surface", "touch", "charts", "vision", "views"):
         arrays = {}
         for name, spec in store.CONTRACT[stage].arrays.items():
