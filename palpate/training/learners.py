@@ -78,7 +78,7 @@ class Learner(lightning.LightningModule, ABC):
         optimiser = kind(self.model.parameters(), lr=self.settings["rate"], weight_decay=self.settings["weight_decay"])
         if self.settings["schedule"] == "constant":
             return {"optimizer": optimiser}
-        # The rate is set once more after the last step: it is `LAST` then. Torch's warm-up ends a step before its share.
+        # The rate reaches `LAST` after the last step, hence one more; torch's rise ends a step before its share.
         scheduler = torch.optim.lr_scheduler.OneCycleLR(
             optimiser,
             self.settings["rate"],

@@ -44,8 +44,9 @@ def point_settings(
 ) -> Settings:
     """The settings of one training of the grid.
 
-    settings: of the experiment, from the run's recipe. architecture: its layers, for what a point leaves open. Maps are pooled after the last three blocks, as in the paper's tables. steps: at most so many; None:
-    as the settings say.
+    settings: of the experiment, from the run's recipe. architecture: its layers, for what a point leaves open.
+    Maps are pooled after the last three blocks, as in the paper's tables. steps: at most so many; None: as the
+    settings say.
     """
     point = {key: np.asarray(value).item() for key, value in point.items()}  # a data frame's are numpy's
     layers = layers_of_blocks(point["cnn_layers"])
