@@ -1,13 +1,17 @@
-"""Packs against the stores that they are made of."""
+"""The data in memory against the stores that they are loaded from."""
 
 import csv
+import shutil
 
-import h5py
 import numpy as np
 import pytest
 
-from palpate import store
-from palpate.training.pack import Pack, PackError, write
+from palpate import Dataset, store
+from palpate.store import StoreError
+from palpate.training.data import TrainingData, TrainingDataError
+from palpate.training.inputs import INPUTS, stages
+from palpate.training.samples import windows
+from tests.training.conftest import OCCLUDED_TOUCH, made_up
 
 ATTRIBUTES = {"seed": 0, "config_digest": "0"}
 BATCHES = {
@@ -16,12 +20,16 @@ BATCHES = {
     "batch-0002": [("b-2", "b", "train")],
 }
 GRASPS = 2
+UNOCCLUDED = {"strategy": "charts", "vision": "unoccluded", "touch": False, "grasps": 1}
+TOUCH = {"strategy": "charts", "vision": "none", "touch": True, "grasps": 1}
+READINGS = TOUCH | {"strategy": "sphere"}
+VIEWS = UNOCCLUDED | {"vision": "views"}
 
 
 def arrays_of(stage, names, seed):
     """Random arrays of the contract's shapes."""
     random = np.random.default_rng(seed)
-    sizes = {"o": len(names), "og": GRASPS * len(names), "n": 7, "r": 3, "rr": 9, "p": 5, "v": 2, "q": 4}
+    sizes = {"o": len(names), "g": GRASPS, "n": 7, "r": 3, "rr": 9, "p": 5, "v": 2, "q": 4}
     found = {}
     for name, spec in store.CONTRACT[stage].arrays.items():
         shape = [axis if isinstance(axis, int) else sizes[axis] for axis in spec.shape]
@@ -33,172 +41,173 @@ def arrays_of(stage, names, seed):
     return found
 
 
-@pytest.fixture
-def run(tmp_path):
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
     """A run of three batches whose stages have lost different objects, and its stores' arrays."""
+    folder = tmp_path_factory.mktemp("data") / "run"
     lost = {"vision": {"a-1", "b-2"}, "touch": {"b-1"}}
     held = {}
     for stage in ("surface", "touch", "charts", "vision", "views"):
         for seed, (batch, rows) in enumerate(BATCHES.items()):
             names = [name for name, _, _ in rows if name not in lost.get("touch" if stage == "charts" else stage, ())]
             held[stage, batch] = arrays_of(stage, names, seed)
-            store.write(tmp_path / store.CONTRACT[stage].path(batch), stage, held[stage, batch], ATTRIBUTES)
-    with (tmp_path / "catalogue.csv").open("w", newline="") as file:
+            store.write(folder / store.CONTRACT[stage].path(batch), stage, held[stage, batch], ATTRIBUTES)
+    with (folder / "catalogue.csv").open("w", newline="") as file:
         writer = csv.writer(file)
         writer.writerow(["object", "class", "split", "batch"])
         writer.writerows([*row, batch] for batch, rows in BATCHES.items() for row in rows)
-    return tmp_path, held
+    return folder, held
 
 
-def make(run, family, *stages):
-    folder = run[0]
-    paths = {stage: [folder / store.CONTRACT[stage].path(batch) for batch in BATCHES] for stage in stages}
-    write(folder / f"packs/{family}.h5", family, folder / "catalogue.csv", paths)
-    return folder / f"packs/{family}.h5"
+@pytest.fixture
+def run(made, tmp_path):
+    """A copy that a test may change, and the arrays of its stores."""
+    shutil.copytree(made[0], tmp_path / "run")
+    return tmp_path / "run", made[1]
 
 
-def row(run, stage, name, array, grasp=None):
-    """What a store holds of an object, looked up by hand."""
+def change(run, stage, name, index, value):
+    """Write the first batch's store of a stage again, with another value."""
+    arrays = dict(run[1][stage, "batch-0000"])
+    arrays[name] = arrays[name].copy()
+    arrays[name][index] = value
+    store.write(run[0] / store.CONTRACT[stage].path("batch-0000"), stage, arrays, ATTRIBUTES)
+
+
+def row(run, stage, name, array):
+    """The row of an object in a store, looked up by hand."""
     for (found, _), arrays in run[1].items():
         if found == stage and name in arrays["object"]:
-            place = list(arrays["object"]).index(name)
-            return arrays[array][place if grasp is None else place * GRASPS + grasp]
+            return arrays[array][list(arrays["object"]).index(name)]
     raise KeyError(name)
 
 
-def test_objects_that_all_its_stores_have(run):
-    found = Pack.read(make(run, "occluded-charts", "surface", "vision", "touch", "charts"))
+def test_objects_that_all_stores_have(made):
+    found = TrainingData.load(made[0], OCCLUDED_TOUCH)
     assert found.objects == ["a-0", "b-0"] and found.classes == ["a", "b"] and found.splits == ["train", "test"]
-    assert Pack.read(make(run, "unoccluded-none", "surface", "vision")).objects == ["a-0", "b-0", "b-1"]
-    assert Pack.read(make(run, "none-charts", "surface", "touch", "charts")).objects == [
-        "a-0",
-        "a-1",
-        "b-0",
-        "b-2",
-    ]
+    assert TrainingData.load(made[0], UNOCCLUDED).objects == ["a-0", "b-0", "b-1"]
+    assert TrainingData.load(made[0], TOUCH).objects == ["a-0", "a-1", "b-0", "b-2"]
 
 
-def test_rows_are_those_of_the_stores(run):
-    found = Pack.read(make(run, "occluded-charts", "surface", "vision", "touch", "charts"))
-    assert found.grasps == GRASPS
+def test_rows_are_those_of_the_stores(made):
+    found = TrainingData.load(made[0], OCCLUDED_TOUCH)
+    assert found.grasps == GRASPS and set(found.arrays) == {"points", "occluded", "success", "position", "charts"}
     for number, name in enumerate(found.objects):
-        np.testing.assert_array_equal(found["points"][number], row(run, "surface", name, "points"))
-        for grasp in range(GRASPS):
-            for ours, stage, theirs in [
-                ("occluded", "vision", "occluded"),
-                ("charts", "charts", "vertices"),
-                ("success", "touch", "success"),
-                ("position", "touch", "position"),
-                ("rotation", "touch", "rotation"),
-            ]:
-                np.testing.assert_array_equal(found[ours][number, grasp], row(run, stage, name, theirs, grasp))
-    assert "reading" not in found and "unoccluded" not in found
+        for ours, stage, theirs in [
+            ("points", "surface", "points"),
+            ("occluded", "vision", "occluded"),
+            ("charts", "charts", "vertices"),
+            ("success", "touch", "success"),
+            ("position", "touch", "position"),
+        ]:
+            np.testing.assert_array_equal(found[ours][number], row(made, stage, name, theirs))
+    with pytest.raises(TrainingDataError, match="the experiment takes no unoccluded"):
+        found["unoccluded"]
 
 
-def test_views(run):
-    found = Pack.read(make(run, "views-none", "surface", "views"))
+def test_views(made):
+    found = TrainingData.load(made[0], VIEWS)
     assert (found.views, found.grasps, len(found)) == (2, 0, 5)
-    np.testing.assert_array_equal(found["views"][3], row(run, "views", "b-1", "image"))
-    np.testing.assert_array_equal(found["camera"][3], row(run, "views", "b-1", "camera").astype(np.float32))
+    np.testing.assert_array_equal(found["views"][3], row(made, "views", "b-1", "image"))
+    np.testing.assert_array_equal(found["camera"][3], row(made, "views", "b-1", "camera").astype(np.float32))
 
 
-def test_an_untouched_sensor_reads_the_empty_gel(run):
-    found = Pack.read(make(run, "none-readings", "surface", "touch"))
-    empty = run[1]["touch", "batch-0000"]["empty_reading"]
-    seen = set()
+def test_an_untouched_sensor_reads_the_empty_gel(made):
+    found = TrainingData.load(made[0], READINGS)
+    empty = made[1]["touch", "batch-0000"]["empty_reading"]
     for number, name in enumerate(found.objects):
-        for grasp in range(GRASPS):
-            for sensor, success in enumerate(found["success"][number, grasp]):
-                stored = row(run, "touch", name, "reading", grasp)[sensor]
-                np.testing.assert_array_equal(found["reading"][number, grasp, sensor], stored if success else empty)
-                seen.add(bool(success))
-    assert seen == {True, False}
+        stored = row(made, "touch", name, "reading")
+        for index in np.ndindex(GRASPS, 4):
+            expected = stored[index] if found["success"][number][index] else empty
+            np.testing.assert_array_equal(found["reading"][number][index], expected)
+    assert set(found["success"].ravel()) == {True, False}
 
 
-def test_some_splits(run):
-    path = make(run, "none-charts", "surface", "touch", "charts")
-    whole, part = Pack.read(path), Pack.read(path, ["validation", "test"])
+def test_some_splits(made):
+    whole, part = TrainingData.load(made[0], TOUCH), TrainingData.load(made[0], TOUCH, ["validation", "test"])
     assert part.objects == ["a-1", "b-0"] and part.of_split("test") == [1]
     np.testing.assert_array_equal(part["charts"], whole["charts"][[1, 2]])
-    assert part.digest == whole.digest
 
 
-def test_the_same_stores_give_the_same_bytes_and_others_another_digest(run):
-    path = make(run, "none-charts", "surface", "touch", "charts")
-    first, digest = path.read_bytes(), Pack.read(path).digest
-    assert make(run, "none-charts", "surface", "touch", "charts").read_bytes() == first
-    changed = run[1]["charts", "batch-0001"] | run[1]["charts", "batch-0000"]
-    changed["vertices"] = changed["vertices"].copy()
-    changed["vertices"][0, 0, 0, 0] += 1
-    store.write(run[0] / "charts/batch-0000.zarr", "charts", changed, ATTRIBUTES)
-    assert Pack.read(make(run, "none-charts", "surface", "touch", "charts")).digest != digest
+def test_the_same_data_have_the_same_digest_and_others_another(run):
+    digest = TrainingData.load(run[0], TOUCH).digest
+    assert TrainingData.load(run[0], TOUCH).digest == digest
+    assert TrainingData.load(run[0], TOUCH, ["train"]).digest != digest
+    assert TrainingData.load(run[0], READINGS).digest != digest
+    change(run, "vision", "occluded", (0, 0, 0, 0), 7)  # which this experiment does not take
+    assert TrainingData.load(run[0], TOUCH).digest == digest
+    change(run, "charts", "vertices", (0, 0, 0, 0), 1.5)
+    assert TrainingData.load(run[0], TOUCH).digest != digest
 
 
-def test_a_value_that_is_not_finite_names_its_object(run):
-    arrays = run[1]["charts", "batch-0000"]
-    arrays["vertices"][GRASPS * 2, 1, 5, 2] = np.nan
-    store.write(run[0] / "charts/batch-0000.zarr", "charts", arrays, ATTRIBUTES)
-    with pytest.raises(PackError, match="charts vertices of b-0 has NaN"):
-        make(run, "none-charts", "surface", "touch", "charts")
-    assert not list((run[0] / "packs").glob("*"))
-
-
-def test_no_object_left(run):
-    (run[0] / "catalogue.csv").write_text("object,class,split,batch\n")
-    with pytest.raises(PackError, match="no object is in all of surface, vision"):
-        make(run, "unoccluded-none", "surface", "vision")
-
-
-def test_a_changed_bit_is_noticed(run):
-    path = make(run, "none-charts", "surface", "touch", "charts")
-    whole, held = path.read_bytes(), Pack.read(path)
-    for name in ("points", "charts", "success"):
-        # A row is one piece of the file.
-        place = whole.index(held[name][0].tobytes())
-        changed = bytearray(whole)
-        changed[place + 3] ^= 1
-        path.write_bytes(changed)
-        with pytest.raises(PackError, match="none-charts.h5 can't be read"):
-            Pack.read(path)
-    path.write_bytes(whole[:-200])
-    with pytest.raises(PackError, match="none-charts.h5 can't be read"):
-        Pack.read(path)
+def test_names_are_part_of_the_digest():
+    data, renamed = made_up(), made_up()
+    assert data.digest == renamed.digest
+    renamed.splits[0] = "test"
+    del renamed.digest
+    assert data.digest != renamed.digest
 
 
 @pytest.mark.parametrize(
-    ("name", "value"),
-    [("points", np.nan), ("charts", np.inf), ("position", 600.0), ("rotation", 1.5), ("charts", -600.0)],
+    ("stage", "name", "value"),
+    [
+        ("surface", "points", np.nan),
+        ("charts", "vertices", np.inf),
+        ("touch", "position", 600.0),
+        ("charts", "vertices", -600.0),
+    ],
 )
-def test_values_that_cannot_be_are_noticed_and_named(run, name, value):
-    path = make(run, "none-charts", "surface", "touch", "charts")
-    with h5py.File(path, "a") as file:
-        file[name][(2, *[0] * (file[name].ndim - 1))] = value
-    with pytest.raises(PackError, match=rf"none-charts.h5: {name} of b-0 is NaN, infinite or above .*remove"):
-        Pack.read(path)
-    assert len(Pack.read(path, ["validation"])) == 1  # what is not read is not looked at
+def test_values_that_cannot_be_are_noticed_and_named(run, stage, name, value):
+    arrays = run[1][stage, "batch-0000"]
+    change(run, stage, name, (list(arrays["object"]).index("b-0"), *[0] * (arrays[name].ndim - 1)), value)
+    with pytest.raises(StoreError, match=rf"{stage}/batch-0000.zarr: {name} of b-0 is NaN, infinite or above 10; remove"):
+        TrainingData.load(run[0], TOUCH)
+    assert len(TrainingData.load(run[0], TOUCH, ["validation"])) == 1  # what is not loaded is not checked
 
 
-def test_arrays_of_different_lengths_are_noticed(run):
-    path = make(run, "none-charts", "surface", "touch", "charts")
-    with h5py.File(path, "a") as file:
-        values = file["points"][:]
-        del file["points"]
-        file["points"] = np.concatenate([values, values])
-    with pytest.raises(PackError, match="different numbers of objects .*'points': 8"):
-        Pack.read(path)
+def test_a_rotation_out_of_range_is_noticed(run):
+    change(run, "touch", "rotation", (0, 0, 0, 0, 0), 1.5)
+    assert len(TrainingData.load(run[0], TOUCH))
+    with pytest.raises(StoreError, match="rotation of a-0 is NaN, infinite or above 1.001"):
+        TrainingData.load(run[0], READINGS)
 
 
-def test_files_that_cannot_be_read(run):
-    missing = run[0] / "packs/none-charts.h5"
-    with pytest.raises(PackError, match="does not exist; build it with: snakemake packs/none-charts.h5"):
-        Pack.read(missing)
-    path = make(run, "none-charts", "surface", "touch", "charts")
-    with h5py.File(path, "a") as file:
-        file.attrs["schema_version"] = 99
-    with pytest.raises(PackError, match="schema version 99"):
-        Pack.read(path)
-    path.write_bytes(b"no pack")
-    with pytest.raises(PackError, match="can't be read"):
-        Pack.read(path)
-    with pytest.raises(PackError, match="of family none-charts has no occluded"):
-        Pack.read(make(run, "none-charts", "surface", "touch", "charts"))["occluded"]
+def test_nan_in_memory_names_its_object():
+    arrays = {"object": ["a", "b"], "class": ["c"] * 2, "split": ["train"] * 2, "points": np.zeros((2, 5, 3))}
+    arrays["points"][1, 2, 0] = np.nan
+    with pytest.raises(TrainingDataError, match="the data in memory: points of b is NaN or infinite"):
+        TrainingData(arrays)
+
+
+def test_a_changed_bit_is_noticed(run):
+    for stage, name in (("surface", "points"), ("charts", "vertices"), ("touch", "success")):
+        path = next((run[0] / stage / "batch-0000.zarr" / name / "c").rglob("0"))
+        path = path if path.is_file() else next(each for each in path.rglob("*") if each.is_file())
+        whole = path.read_bytes()
+        path.write_bytes(bytes([whole[0] ^ 1]) + whole[1:])
+        with pytest.raises(StoreError, match="batch-0000.zarr can't be read"):
+            TrainingData.load(run[0], TOUCH)
+        path.write_bytes(whole)
+    assert len(TrainingData.load(run[0], TOUCH))
+
+
+def test_no_object_left(run):
+    with pytest.raises(TrainingDataError, match="no object of nonsense: more objects are needed"):
+        TrainingData.load(run[0], TOUCH, ["nonsense"])
+    (run[0] / "catalogue.csv").write_text("object,class,split,batch\nc-0,c,train,batch-0000\n")
+    with pytest.raises(TrainingDataError, match="no object is in all of surface, vision; rejected.csv says why"):
+        TrainingData.load(run[0], UNOCCLUDED)
+
+
+def test_a_store_that_is_missing(run):
+    shutil.rmtree(run[0] / "charts")
+    with pytest.raises(StoreError, match="has no charts; build it with"):
+        TrainingData.load(run[0], TOUCH)
+    assert len(TrainingData.load(run[0], READINGS))
+
+
+def test_more_arrays_change_no_sample(made):
+    data = TrainingData.read(Dataset(made[0], stages(OCCLUDED_TOUCH)), INPUTS)
+    assert windows(data, OCCLUDED_TOUCH, "train") == windows(
+        TrainingData.load(made[0], OCCLUDED_TOUCH), OCCLUDED_TOUCH, "train"
+    )
