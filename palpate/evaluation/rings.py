@@ -3,7 +3,7 @@
 A grid of 100 x 100 points, five times the sensor's size and centred on it, is projected along the sensor's x
 onto the true surface. Ring 1 is what lies within the sensor's own square; ring r what lies between the
 squares of r - 1 and r times its size. Grid, rings, and what happens to points that meet no surface (they
-are left out) are those of the published evaluation (its `calc_local_chamfer`), and so is the number of points
+are omitted) are those of the published evaluation (its `calc_local_chamfer`), and so is the number of points
 that a prediction is sampled at.
 """
 
@@ -134,11 +134,13 @@ def project_batch(touch: Path | str, surface: Callable[[str], MeshSurface | Clou
 
     touch: the batch's touch store; surface: from an object's name to what its rings are projected onto.
     """
-    objects, success, position, rotation = store.read(touch, "object", "success", "position", "rotation").values()
+    held = store.read(touch, "object", "success", "position", "rotation")
+    names, success = held["object"], held["success"]
     depth = np.full((*success.shape, GRID, GRID), np.inf, dtype=np.float32)
-    for row, name in enumerate(objects):
-        log.info("rings %d/%d: %s", row + 1, len(objects), name)
+    for place, name in enumerate(names):
+        log.info("rings %d/%d: %s", place + 1, len(names), name)
         onto = surface(str(name))
-        for index in zip(*np.nonzero(success[row]), strict=True):
-            depth[row][index] = onto.project(position[row][index], rotation[row][index])
-    return {"object": objects, "ring_depth": depth}
+        for grasp, sensor in zip(*np.nonzero(success[place]), strict=True):
+            index = place, grasp, sensor
+            depth[index] = onto.project(held["position"][index], held["rotation"][index])
+    return {"object": names, "ring_depth": depth}
