@@ -19,8 +19,8 @@ LARGEST = 255.0  # grey level
 def held(run: Path, subject: Subject) -> tuple[Hand, np.ndarray]:
     """The hand of a run, and the poses of its links in the grasps of an object: (g, L, 4, 4)."""
     arrays = store.read(run / "grasps" / f"{subject.batch}.h5")
-    mine = arrays["object"][arrays["object_index"]] == subject.name
-    return Hand.from_arrays(arrays, prefix="hand/"), arrays["link_pose"][mine]
+    row = arrays["object"].tolist().index(subject.name)
+    return Hand.from_arrays(arrays, prefix="hand/"), arrays["link_pose"][row]
 
 
 def rms(one: np.ndarray, other: np.ndarray) -> float:

@@ -1,13 +1,13 @@
 """What the four sensors of every grasp of a batch read.
 
-touch/<batch>.zarr    success         (og, 4)                  bool       whether the sensor is in contact
-                      position        (og, 4, 3)               float64    world frame, m
-                      rotation        (og, 4, 3, 3)            float64    columns are the sensor's axes
-                      depth           (og, 4, 100, 100)        float32    m from the gel plane, +inf: nothing
-                      reading         (og, 4, 100, 100, 3)     uint8
-                      points          (og, 4, 10000, 3)        float32    local cloud, world frame, m
-                      point_count     (og, 4)                  int32
-                      empty_reading   (100, 100, 3)            uint8      what an untouched sensor reads
+touch/<batch>.zarr    success         (o, g, 4)                  bool       whether the sensor is in contact
+                      position        (o, g, 4, 3)               float64    world frame, m
+                      rotation        (o, g, 4, 3, 3)            float64    columns are the sensor's axes
+                      depth           (o, g, 4, 100, 100)        float32    m from the gel plane, +inf: nothing
+                      reading         (o, g, 4, 100, 100, 3)     uint8
+                      points          (o, g, 4, 10000, 3)        float32    local cloud, world frame, m
+                      point_count     (o, g, 4)                  int32
+                      empty_reading   (100, 100, 3)              uint8      what an untouched sensor reads
 rejected/touch/<batch>.csv    object, stage, reason
 """
 
@@ -25,14 +25,13 @@ log_to(snakemake.log[0])
 log = logging.getLogger("touch")
 plan = scene.plan("touch")
 log.info(plan)
-log.info(scene.plan("store"))
 meshes, settings = Path(snakemake.input.meshes), snakemake.params.touch
-grasps = store.read(snakemake.input.grasps, "object", "object_index", "sensor_position", "sensor_rotation")
+grasps = store.read(snakemake.input.grasps, "object", "sensor_position", "sensor_rotation")
+rows = {name: row for row, name in enumerate(grasps["object"])}
 
 
 def sense(name: str) -> dict[str, np.ndarray]:
-    rows = grasps["object"][grasps["object_index"]] == name
-    position, rotation = grasps["sensor_position"][rows], grasps["sensor_rotation"][rows]
+    position, rotation = grasps["sensor_position"][rows[name]], grasps["sensor_rotation"][rows[name]]
     tracer = TRACERS[settings["method"]](mesh.load_visual(meshes / name), mesh.OBJECT_POSITION, plan=plan)
     sensors = position.reshape(-1, 3), rotation.reshape(-1, 3, 3)
     felt = touch.sense(tracer, *sensors)

@@ -1,7 +1,7 @@
 """Images of a batch: every object alone, and in each of its grasps.
 
 vision/<batch>.zarr    unoccluded                      (o, 256, 256, 3)     uint8      sRGB, row 0 at the top
-                       occluded                        (og, 256, 256, 3)    uint8
+                       occluded                        (o, g, 256, 256, 3)  uint8
                        unoccluded_mask, occluded_mask  (..., 256, 256)      uint8      255: the object
                        unoccluded_depth, occluded_depth                     float16    m along its axis
 exr/<batch>/           multilayer EXR masters, if the config keeps them
@@ -24,6 +24,7 @@ from palpate.hand import Hand  # isort: skip
 log_to(snakemake.log[0])
 meshes, settings = Path(snakemake.input.meshes), snakemake.params.vision
 grasps = store.read(snakemake.input.grasps)
+link_pose = dict(zip(grasps["object"], grasps["link_pose"], strict=True))
 hand = Hand.from_arrays(grasps, prefix="hand/")
 
 with ExitStack() as outputs:
@@ -33,8 +34,7 @@ with ExitStack() as outputs:
         logging.getLogger(__name__).info("%s", renderer.plans[kind])
 
     def render(name: str) -> dict[str, np.ndarray]:
-        poses = grasps["link_pose"][grasps["object"][grasps["object_index"]] == name]
-        alone, held = renderer.render_object(meshes / name / "visual.glb", hand, poses, name)
+        alone, held = renderer.render_object(meshes / name / "visual.glb", hand, link_pose[name], name)
         arrays = {"unoccluded": alone.rgb, "unoccluded_mask": alone.mask, "unoccluded_depth": alone.depth}
         for key, field in {"occluded": "rgb", "occluded_mask": "mask", "occluded_depth": "depth"}.items():
             arrays[key] = np.stack([getattr(image, field) for image in held])
