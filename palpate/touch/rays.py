@@ -45,7 +45,7 @@ class RayCaster(Tracer):
             return self._exact_depth(pixels[:, 1:], origin, rotation).reshape(plane.shape[:2])
         direction = rotation[:, 0]
         start = pixels @ rotation.T + (origin - _SLACK * direction)
-        hit = self._scene.first_face(start, direction[None], SENSOR_RANGE + 2 * _SLACK)
+        hit = self._mesh.first_face(start, direction[None], SENSOR_RANGE + 2 * _SLACK)
         depth = np.full(len(pixels), np.inf)
         doubtful = np.zeros(len(pixels), dtype=bool)
         felt = np.flatnonzero(hit >= 0)
@@ -66,7 +66,7 @@ class RayCaster(Tracer):
         Returns (n,) depth and (n,) bool, whether it must be decided otherwise: the face is seen edge-on, or
         met behind the sensor plane; the depth is then +inf.
         """
-        seen = np.zeros(len(self._scene.triangles), dtype=bool)
+        seen = np.zeros(len(self._mesh.triangles), dtype=bool)
         seen[hit] = True
         faces = np.flatnonzero(seen)
         index = np.empty(len(seen), dtype=np.intp)
@@ -98,9 +98,9 @@ class RayCaster(Tracer):
 
     def _in_sensor_frame(self, faces, origin, rotation) -> tuple[np.ndarray, np.ndarray]:
         """Corners (f, 3, 3) and unit normals (f, 3) of faces, in the sensor's frame."""
-        normal = self._scene.normals[faces] @ rotation
+        normal = self._mesh.normals[faces] @ rotation
         normal /= np.linalg.norm(normal, axis=1, keepdims=True)
-        return (self._scene.triangles[faces] - origin) @ rotation, normal
+        return (self._mesh.triangles[faces] - origin) @ rotation, normal
 
 
 def _nearest(pixels, corners, normal, rounding) -> np.ndarray:

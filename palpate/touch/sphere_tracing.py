@@ -40,7 +40,7 @@ class SphereTracer(Tracer):
         super().__init__(mesh, object_position, plan)
         self._tolerance = tolerance
         self._max_steps = int(SENSOR_RANGE / tolerance) + 2 if max_steps is None else max_steps
-        self._vertices = np.ascontiguousarray(self._scene.triangles.reshape(-1, 3))
+        self._vertices = np.ascontiguousarray(self._mesh.triangles.reshape(-1, 3))
         self._faces = self._without_needles()
         self._tree = igl.AABB()
         self._tree.init(self._vertices, self._faces)
@@ -48,10 +48,10 @@ class SphereTracer(Tracer):
     def _without_needles(self) -> np.ndarray:
         """(f, 3) int64 faces; a needle is written i, j, j, which libigl reads as a segment."""
         faces = np.arange(len(self._vertices), dtype=np.int64).reshape(-1, 3)
-        triangles = self._scene.triangles
+        triangles = self._mesh.triangles
         length = np.linalg.norm(np.roll(triangles, -1, axis=1) - triangles, axis=2)
         longest = length.argmax(axis=1)
-        height = np.linalg.norm(self._scene.normals, axis=1) / length.max(axis=1)
+        height = np.linalg.norm(self._mesh.normals, axis=1) / length.max(axis=1)
         needle = np.flatnonzero(height < _NEEDLE * length.max(axis=1))
         start, stop = faces[needle, longest[needle]], faces[needle, (longest[needle] + 1) % 3]
         faces[needle] = np.stack([start, stop, stop], axis=1)

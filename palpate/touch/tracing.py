@@ -7,7 +7,7 @@ import numpy as np
 import trimesh
 
 from palpate.scene import Plan, plan
-from palpate.surface.embree import Scene
+from palpate.surface.embree import RayMesh
 from palpate.touch.sensor import PIXEL, RESOLUTION, SENSOR_RANGE, SENSOR_WIDTH
 
 # Margin of the conservative tests in metres, far above their rounding errors.
@@ -46,11 +46,11 @@ class Tracer(ABC):
         Raises ValueError if no face has an area.
         """
         self.plan = plan
-        self._scene = Scene(mesh)
+        self._mesh = RayMesh(mesh)
         self._object_position = np.asarray(object_position, dtype=np.float64)
         # (3, f), so that a test of one coordinate reads memory in order.
-        self._low = np.ascontiguousarray(self._scene.triangles.min(axis=1).T)
-        self._high = np.ascontiguousarray(self._scene.triangles.max(axis=1).T)
+        self._low = np.ascontiguousarray(self._mesh.triangles.min(axis=1).T)
+        self._high = np.ascontiguousarray(self._mesh.triangles.max(axis=1).T)
 
     def trace(self, position: np.ndarray, rotation: np.ndarray) -> np.ndarray:
         """Depth maps of k sensors.
@@ -138,7 +138,7 @@ class Tracer(ABC):
         if not len(faces):
             return None
         half = SENSOR_WIDTH / 2
-        corners = (self._scene.triangles[faces] - origin) @ rotation
+        corners = (self._mesh.triangles[faces] - origin) @ rotation
         low, high = corners.min(axis=1), corners.max(axis=1)
         box = np.array([[0, -half, -half], [SENSOR_RANGE, half, half]])
         meets = ((low <= box[1] + _MARGIN) & (high >= box[0] - _MARGIN)).all(axis=1)
