@@ -3,9 +3,8 @@
 import igl
 import numpy as np
 
-from palpate.scene import Plan
 from palpate.touch.sensor import SENSOR_PLANE, SENSOR_RANGE
-from palpate.touch.tracing import PLAN, Block, Tracer
+from palpate.touch.tracing import Block, Tracer
 
 # A point this close to the surface has arrived, metres.
 TOLERANCE = 1e-5
@@ -17,27 +16,20 @@ _NEEDLE = 1e-4
 class SphereTracer(Tracer):
     """Sphere tracing (Hart 1996): each point advances by its distance to the object until it arrives.
 
-    The distance is unsigned and exact (libigl's tree of boxes over the faces), so open meshes are felt as
-    closed ones are; outside a closed mesh the signed distance takes the same steps. A ray that arrives stops
+    The distance is unsigned and exact (libigl's tree of boxes over the faces), so open meshes are traced
+    as closed ones are; outside a closed mesh the signed distance takes the same steps. A ray that arrives stops
     short of the surface by up to `tolerance` / cos(angle of incidence), and one that only passes within
     `tolerance` of an edge counts as a hit. Error against time: docs/touch.md.
     """
 
-    def __init__(
-        self,
-        mesh,
-        object_position=(0.0, 0.0, 0.0),
-        tolerance=TOLERANCE,
-        max_steps=None,
-        plan: Plan = PLAN,
-    ):
+    def __init__(self, mesh, object_position=(0.0, 0.0, 0.0), tolerance=TOLERANCE, max_steps=None):
         """As for `Tracer`; `tolerance` in metres and `max_steps` trade error for time.
 
         A ray that is still on its way after `max_steps` is given up as a miss. By default none is: each step
         is longer than the tolerance, so that after `SENSOR_RANGE` / `tolerance` of them it has left the
         range.
         """
-        super().__init__(mesh, object_position, plan)
+        super().__init__(mesh, object_position)
         self._tolerance = tolerance
         self._max_steps = int(SENSOR_RANGE / tolerance) + 2 if max_steps is None else max_steps
         self._vertices = np.ascontiguousarray(self._mesh.triangles.reshape(-1, 3))
