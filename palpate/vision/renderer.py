@@ -385,8 +385,8 @@ def _blocks() -> list:
 def _memory_folder() -> Path:
     """A new folder for what passes from Blender to numpy; in memory where the system has one there."""
     shared = Path("/dev/shm")
-    roomy = shared.is_dir() and shutil.disk_usage(shared).free > FREE_MEMORY
-    return Path(tempfile.mkdtemp(prefix="palpate-vision-", dir=shared if roomy else None))
+    enough = shared.is_dir() and shutil.disk_usage(shared).free > FREE_MEMORY
+    return Path(tempfile.mkdtemp(prefix="palpate-vision-", dir=shared if enough else None))
 
 
 def _choose_device(device: str) -> str:

@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import bpy
 import numpy as np
 import pytest
@@ -7,6 +9,7 @@ from PIL import Image as PillowImage
 
 from palpate.batch import UnusableObject
 from palpate.mesh import OBJECT_POSITION
+from palpate.scene import Lights, Scene
 from palpate.vision import Mesh, Renderer, looking_at, paper_camera, spheres
 from palpate.vision.image import read_layers
 from tests.vision.scenes import ball, grasp_poses, painted, scene_of
@@ -37,8 +40,32 @@ def test_known_points_of_an_object_land_on_their_pixels(write_glb):
     assert_markers_at(image, pixels)
 
 
+def test_an_object_stands_where_its_scene_puts_it_and_its_camera_looks(write_glb):
+    path = write_glb("markers", *(painted(ball(marker, 0.008), (0.02, 0.02, 0.02)) for marker in MARKERS))
+    position = np.array([0.1, -0.2, 0.9])
+    camera = looking_at(position, position + (-0.5, 0.9, 0.6), 200)
+    image, _ = Renderer(samples=32, device="cpu").render(Scene(path.parent, object_position=position, camera=camera))
+    assert image.rgb.shape == (200, 200, 3)
+    assert_markers_at(image, camera.project(MARKERS + position)[0])
+
+
+def test_the_lights_of_a_scene_shine_on_it_and_on_no_other(write_glb):
+    path = write_glb("ball", painted(ball((0, 0, 0), 0.2), (0.8, 0.8, 0.8)))
+    renderer, plain = Renderer(samples=4, device="cpu"), scene_of(path, size=64)
+    expected, _ = renderer.render(plain)
+    dark = replace(plain, lights=Lights(strength=0.0, ambient=0.0))
+    below = replace(plain, lights=Lights(direction=(0.6, -0.55, -1.3)))
+    shown = expected.mask > 0
+    assert renderer.render(dark)[0].rgb[shown].max() < 3
+    upper, lower = (renderer.render(scene)[0].rgb[shown].astype(int) for scene in (plain, below))
+    rows = np.nonzero(shown)[0]
+    top = rows < np.median(rows)
+    assert upper[top].mean() > upper[~top].mean() + 20 and lower[~top].mean() > lower[top].mean() + 20
+    assert_array_equal(renderer.render(plain)[0].rgb, expected.rgb)
+
+
 @pytest.mark.parametrize("size", [200, 333])
-def test_known_points_of_a_scene_land_on_their_pixels_at_other_sizes_and_views(size):
+def test_known_points_of_meshes_land_on_their_pixels_at_other_sizes_and_views(size):
     points = MARKERS + OBJECT_POSITION
     camera = looking_at(OBJECT_POSITION, (-0.4, 0.9, 1.1), size)
     image = Renderer(samples=32, device="cpu").render_meshes([spheres(points, 0.008, (0.1, 0.1, 0.1))], camera=camera)
@@ -233,7 +260,7 @@ def test_colours_of_figures_by_mesh_vertex_and_face():
     assert [at(ends, 0.0, z) for z in (0.52, 0.78)] == [0, 2]
 
 
-def test_a_scene_outside_the_image_is_background():
+def test_meshes_outside_the_image_are_background():
     image = Renderer(samples=1, device="cpu").render_meshes([spheres([[0, 0, 50.0]], 0.1)], camera=paper_camera(32))
     assert (image.rgb == 255).all() and not image.mask.any()
 
