@@ -43,9 +43,9 @@ def test_known_points_of_an_object_land_on_their_pixels(write_glb):
 def test_an_object_stands_where_its_scene_puts_it_and_its_camera_looks(write_glb):
     path = write_glb("markers", *(painted(ball(marker, 0.008), (0.02, 0.02, 0.02)) for marker in MARKERS))
     position = np.array([0.1, -0.2, 0.9])
-    camera = looking_at(position, position + (-0.5, 0.9, 0.6), 200)
+    camera = looking_at(position, position + (-0.5, 0.9, 0.6), 333)
     image, _ = Renderer(samples=32, device="cpu").render(Scene(path.parent, object_position=position, camera=camera))
-    assert image.rgb.shape == (200, 200, 3)
+    assert image.rgb.shape == (333, 333, 3)
     assert_markers_at(image, camera.project(MARKERS + position)[0])
 
 
