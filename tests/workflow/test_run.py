@@ -59,15 +59,18 @@ def test_the_run_is_whole_and_valid(finished):
 
 def test_logs_say_what_scenes_leave_out_and_why(finished):
     logs = {
-        stage: (finished.run / f"logs/{stage}/batch-0000.log").read_text() for stage in ("meshes", "grasps", "touch")
+        stage: (finished.run / f"logs/{stage}/batch-0000.log").read_text()
+        for stage in ("meshes", "grasps", "touch", "vision")
     }
-    for stage, scene in (("meshes", "mesh"), ("grasps", "grasp"), ("touch", "touch"), ("touch", "store")):
+    for stage, scene in (("meshes", "mesh"), ("grasps", "grasp")):
         assert f"plan of {scene}:" in logs[stage]
     assert "left out: gravity (" in logs["grasps"] and "not modelled: friction (" in logs["grasps"]
     for name in USABLE:
         assert f"{name}: left out: decimation to collision.ply" in logs["meshes"]
         assert re.search(rf"{name}: left out: .*pairs of object patches", logs["grasps"])
-        assert re.search(rf"{name}: left out: .* faces outside the swept boxes; \d+ of 20 sensors", logs["touch"])
+        touched = rf"{name}: omitted: .* faces outside the swept boxes; readings and points of \d+ of 20 sensors"
+        assert re.search(touched, logs["touch"])
+        assert re.search(rf"{name}: omitted: 4 renders of the object alone again; .* pixels", logs["vision"])
 
 
 def test_what_cannot_be_used_is_rejected_with_stage_and_reason(finished):
