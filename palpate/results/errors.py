@@ -40,9 +40,7 @@ def read(paths: Iterable[Path | str], columns: Sequence[str] = COLUMNS) -> pd.Da
         frame = pd.read_csv(path, dtype={"object": str, "class": str})
         missing = [name for name in columns if name not in frame.columns]
         if missing:
-            raise EvaluationError(
-                f"{path} has no columns {missing}; remove it and build it with: snakemake {target}"
-            )
+            raise EvaluationError(f"{path} has no columns {missing}; remove it and build it with: snakemake {target}")
         frames.append(frame[list(columns)])
     if not frames:
         raise EvaluationError("no evaluations were given")
@@ -66,9 +64,7 @@ class Errors(NamedTuple):
     def class_names(self) -> list[str]:
         """The classes, the paper's first and in its order."""
         found = sorted(set(self.classes))
-        return [name for name in PAPER_CLASSES if name in found] + [
-            name for name in found if name not in PAPER_CLASSES
-        ]
+        return [name for name in PAPER_CLASSES if name in found] + [name for name in found if name not in PAPER_CLASSES]
 
     def of_class(self, name: str) -> "Errors":
         """The errors on the objects of one class."""
@@ -82,8 +78,7 @@ class Errors(NamedTuple):
         values = [self.values[name] for name in experiments]
         if statistic is not None:
             return interval(values, self.classes, statistic, resamples)
-        found = interval(values, self.classes, resamples=resamples)
-        return found._replace(low=np.maximum(found.low, 0.0))
+        return interval(values, self.classes, resamples=resamples).within(0)
 
 
 def errors(

@@ -22,9 +22,7 @@ GAP = 6  # pixels between cells
 FROM_BEHIND = (6, 8)
 
 
-def contact_sheet(
-    path: Path | str, first: int = 0, columns: int = COLUMNS, size: int = 160, seed: int = 0
-) -> None:
+def contact_sheet(path: Path | str, first: int = 0, columns: int = COLUMNS, size: int = 160, seed: int = 0) -> None:
     """Render `columns` consecutive objects of each class, one row a class, as the dataset's camera sees them.
 
     size: width of a cell in pixels. Importing `bpy` must come before this module (it loads trimesh).

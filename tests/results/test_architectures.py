@@ -9,8 +9,8 @@ from torch import nn
 
 from palpate.models import PAPER_ARCHITECTURES, Reconstruction, TouchDepth, paper_architecture
 from palpate.models.gcn import ZeroNeighbourLayer
-from palpate.results.architectures import architecture_tables, compare, paper_rows, read_off, write_tables
 from palpate.models.layers import ConvolutionBlock
+from palpate.results.architectures import architecture_tables, compare, paper_rows, read_off, write_tables
 
 TABLES = ["touch_depth", *PAPER_ARCHITECTURES]
 IMAGE = {"image": torch.rand(1, 3, 256, 256)}
@@ -113,9 +113,7 @@ def test_hooks_are_gone_afterwards():
 
 def test_written_tables(tmp_path):
     write_tables(tmp_path)
-    assert {path.name for path in tmp_path.iterdir()} == {
-        f"{n}.{e}" for n in TABLES for e in ("csv", "md", "tex")
-    }
+    assert {path.name for path in tmp_path.iterdir()} == {f"{n}.{e}" for n in TABLES for e in ("csv", "md", "tex")}
     table = pd.read_csv(tmp_path / "touch_depth.csv", keep_default_na=False)
     assert table.loc[table["index"] == "10", ["input_paper", "input", "verdict"]].values.tolist() == [
         ["(8)", "(9)", "contradiction"]

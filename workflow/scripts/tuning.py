@@ -10,7 +10,7 @@ from pathlib import Path
 import pandas as pd
 
 from palpate.batch import log_to
-from palpate.results.dataset_tables import write_table
+from palpate.results.tables import write_table
 from palpate.training import tuning
 
 log_to(snakemake.log[0])
