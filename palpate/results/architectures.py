@@ -1,7 +1,6 @@
 """The layers that a live module really has, read off with hooks, beside the rows of the paper's tables."""
 
 from collections.abc import Callable, Mapping
-from pathlib import Path
 from typing import Any
 
 import pandas as pd
@@ -16,7 +15,6 @@ from palpate.models.pooling import PerceptualPooling
 from palpate.models.reconstruction import Reconstruction
 from palpate.models.touch_depth import TouchDepth
 from palpate.results.published import paper_values
-from palpate.results.tables import write_table
 from palpate.touch.sensor import RESOLUTION
 
 FIELDS = ["input", "operation", "shape"]
@@ -170,25 +168,19 @@ def compare(model: str, rows: list[dict[str, str]]) -> pd.DataFrame:
     return frame
 
 
-def architecture_tables() -> dict[str, pd.DataFrame]:
-    """`compare` for the U-Net and for each of the paper's architectures, by name."""
-    tables = {"touch_depth": compare("touch_depth", read_off(TouchDepth().eval(), _image(RESOLUTION)))}
-    for name, architecture in PAPER_ARCHITECTURES.items():
-        model = Reconstruction("charts", "encoder" in architecture, "touch" in name, 1, architecture).eval()
-        # Choy et al.'s views are 137 pixels wide.
-        batch = {"image": _image(137 if name == "single_image" else 256)} if model.vision else {}
-        if model.touch:
-            position = torch.tensor(OBJECT_POSITION).expand(1, model.sensors, 3)
-            batch |= {"success": torch.ones(1, model.sensors, dtype=torch.bool), "position": position}
-            batch["charts"] = position[:, :, None].expand(-1, -1, 81, -1)
-        tables[name] = compare(name, read_off(model, batch))
-    return tables
-
-
-def write_tables(folder: Path | str) -> None:
-    """Writes `architecture_tables` to `folder`/<model>.csv, with .md and .tex beside."""
-    for name, table in architecture_tables().items():
-        write_table(table, Path(folder) / f"{name}.csv")
+def architecture_table(name: str) -> pd.DataFrame:
+    """`compare` for the U-Net ("touch_depth") or one of the paper's architectures, by its name."""
+    if name == "touch_depth":
+        return compare(name, read_off(TouchDepth().eval(), _image(RESOLUTION)))
+    architecture = PAPER_ARCHITECTURES[name]
+    model = Reconstruction("charts", "encoder" in architecture, "touch" in name, 1, architecture).eval()
+    # Choy et al.'s views are 137 pixels wide.
+    batch = {"image": _image(137 if name == "single_image" else 256)} if model.vision else {}
+    if model.touch:
+        position = torch.tensor(OBJECT_POSITION).expand(1, model.sensors, 3)
+        batch |= {"success": torch.ones(1, model.sensors, dtype=torch.bool), "position": position}
+        batch["charts"] = position[:, :, None].expand(-1, -1, 81, -1)
+    return compare(name, read_off(model, batch))
 
 
 def _image(size: int) -> Tensor:

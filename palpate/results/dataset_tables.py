@@ -69,7 +69,7 @@ def _grasp_frame(names, classes, success: np.ndarray, attempts, penetration) -> 
     )
 
 
-def dataset_statistics(objects: pd.DataFrame, rejected: pd.DataFrame, grasps: pd.DataFrame) -> pd.DataFrame:
+def dataset_statistics(frames: Frames) -> pd.DataFrame:
     """Size of the dataset by class and in total, the paper's values beside (`*_paper`).
 
     `objects` counts those with grasps, `attempted` all of the catalogue, `rejected` those that some stage
@@ -77,6 +77,7 @@ def dataset_statistics(objects: pd.DataFrame, rejected: pd.DataFrame, grasps: pd
     interval over objects (`_low`, `_high`); `attempts` is the mean number of grasps tried an object.
     A class without grasps has zeros, and no percentage.
     """
+    objects, rejected, grasps = frames
     published = paper_values("dataset_statistics").set_index(["class", "quantity"])["value"]
     rows = []
     for name, members, of_class in _classes(objects, grasps):
@@ -111,11 +112,12 @@ def dataset_statistics(objects: pd.DataFrame, rejected: pd.DataFrame, grasps: pd
     return table
 
 
-def grasp_success(objects: pd.DataFrame, grasps: pd.DataFrame) -> pd.DataFrame:
+def grasp_success(frames: Frames) -> pd.DataFrame:
     """Share of grasps with 0 to 4 successful touches, by class and in total, the paper's shares beside.
 
     The paper states the shares over all classes only, and promises none with 0.
     """
+    objects, _, grasps = frames
     published = paper_values("grasp_success").set_index(["class", "successful_touches"])["value"]
     rows = []
     for name, _, of_class in _classes(objects, grasps):
@@ -139,12 +141,13 @@ def grasp_success(objects: pd.DataFrame, grasps: pd.DataFrame) -> pd.DataFrame:
     return table
 
 
-def penetration(objects: pd.DataFrame, grasps: pd.DataFrame) -> pd.DataFrame:
+def penetration(frames: Frames) -> pd.DataFrame:
     """How deep the hand is inside the object (or itself) at the end of a grasp, in millimetres.
 
     A grasp's penetration is its worst one, as measured independently of the physics engine. Mean with its
     bootstrap interval over objects, 95th percentile and maximum over grasps. The paper reports none.
     """
+    objects, _, grasps = frames
     rows = []
     for name, _, of_class in _classes(objects, grasps):
         depth = MILLIMETRES * of_class["penetration"].to_numpy(float)

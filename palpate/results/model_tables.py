@@ -17,6 +17,7 @@ from palpate.evaluation.rings import RINGS
 from palpate.results.bootstrap import RESAMPLES, Estimate
 from palpate.results.errors import AVERAGE, Errors, EvaluationError, errors
 from palpate.results.published import paper_values
+from palpate.training.tuning import summary
 
 STRATEGY_NAMES = {
     "sphere": "sphere-based",
@@ -229,6 +230,19 @@ def single_image(
         "renderings: not this run's objects."
     )
     return _finish(rows, split, found, note, decimals=2, exact={"chamfer": 3})
+
+
+def tuning(points: Sequence[Mapping[str, Any]], trained: Sequence[Mapping[str, Any]]) -> pd.DataFrame:
+    """The points of the grid of hyperparameters with the result of each, the lowest validation loss first.
+
+    points: of `palpate.training.tuning.grid`; trained: the `training.json` of each.
+    """
+    table = pd.DataFrame(summary(points, trained))
+    machines = sorted({training["machine"]["found"] for training in trained})
+    table.attrs["note"] = (
+        f"Validation loss of {trained[0]['validated']} samples, the best of all evaluations; on {', '.join(machines)}."
+    )
+    return table
 
 
 def _by_class(found: Errors, name: str, published: pd.Series, resamples: int) -> dict[str, float]:

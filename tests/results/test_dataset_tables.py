@@ -36,10 +36,11 @@ GRASPS = pd.DataFrame(
     ],
     columns=["object", "class", "successful_touches", "touches", "attempts", "penetration"],
 )
+FRAMES = tables.Frames(OBJECTS, REJECTED, GRASPS)
 
 
 def test_dataset_statistics_counted_by_hand():
-    table = tables.dataset_statistics(OBJECTS, REJECTED, GRASPS).set_index("class")
+    table = tables.dataset_statistics(FRAMES).set_index("class")
     assert list(table.index) == ["bottle", "lamp", "sock", TOTAL]
     counts = table[["objects", "grasps", "touches", "attempted", "rejected", "train", "validation", "test"]]
     assert counts.to_numpy().tolist() == [
@@ -58,17 +59,17 @@ def test_dataset_statistics_counted_by_hand():
 
 
 def test_the_papers_values_stand_beside_those_of_the_same_class():
-    table = tables.dataset_statistics(OBJECTS, REJECTED, GRASPS).set_index("class")
+    table = tables.dataset_statistics(FRAMES).set_index("class")
     assert table.loc["bottle", "objects_paper"] == 487
     assert table.loc["bottle", "successful_percent_paper"] == 71.8
     assert table.loc[TOTAL, ["train_paper", "validation_paper", "test_paper"]].tolist() == [1298, 258, 175]
     assert table.loc["lamp"].filter(like="_paper").isna().all()
-    note = tables.dataset_statistics(OBJECTS, REJECTED, GRASPS).attrs["note"]
+    note = tables.dataset_statistics(FRAMES).attrs["note"]
     assert "This run: 3 objects, 6 grasps" in note and "1731" in note and "1732" in note
 
 
 def test_grasp_success_counted_by_hand():
-    table = tables.grasp_success(OBJECTS, GRASPS).set_index(["class", "successful_touches"])
+    table = tables.grasp_success(FRAMES).set_index(["class", "successful_touches"])
     assert table.loc["bottle", "percent"].tolist() == [0, 25, 0, 50, 25]
     assert table.loc["lamp", "percent"].tolist() == [0, 0, 100, 0, 0]
     assert table.loc["sock", "percent"].isna().all() and (table.loc["sock", "grasps"] == 0).all()
@@ -80,7 +81,7 @@ def test_grasp_success_counted_by_hand():
 
 
 def test_penetration_counted_by_hand():
-    table = tables.penetration(OBJECTS, GRASPS).set_index("class")
+    table = tables.penetration(FRAMES).set_index("class")
     assert table.loc["bottle", ["mean_mm", "max_mm"]].tolist() == pytest.approx([0.15, 0.3])
     assert table.loc[TOTAL, ["mean_mm", "max_mm"]].tolist() == pytest.approx([0.25, 0.9])
     # Means of 0.2 and 0.1: Student's interval of two, cut at zero.
@@ -90,10 +91,10 @@ def test_penetration_counted_by_hand():
 
 
 def test_a_run_in_which_everything_was_rejected_has_tables():
-    nothing = GRASPS.iloc[:0]
-    assert tables.dataset_statistics(OBJECTS, REJECTED, nothing)["grasps"].sum() == 0
-    assert tables.grasp_success(OBJECTS, nothing)["percent"].isna().all()
-    assert tables.penetration(OBJECTS, nothing)["max_mm"].isna().all()
+    nothing = FRAMES._replace(grasps=GRASPS.iloc[:0])
+    assert tables.dataset_statistics(nothing)["grasps"].sum() == 0
+    assert tables.grasp_success(nothing)["percent"].isna().all()
+    assert tables.penetration(nothing)["max_mm"].isna().all()
 
 
 def test_the_papers_own_sums():
@@ -114,7 +115,7 @@ def test_unknown_reference_names_the_known_ones():
 
 
 def test_csv_and_markdown_hold_the_same_cells(tmp_path):
-    table = tables.dataset_statistics(OBJECTS, REJECTED, GRASPS)
+    table = tables.dataset_statistics(FRAMES)
     write_table(table, tmp_path / "new" / "statistics.csv")
     from_csv = pd.read_csv(tmp_path / "new" / "statistics.csv", dtype=str, keep_default_na=False)
     lines = (tmp_path / "new" / "statistics.md").read_text().splitlines()
@@ -125,7 +126,7 @@ def test_csv_and_markdown_hold_the_same_cells(tmp_path):
 
 
 def test_a_written_table_reads_back(tmp_path):
-    table = tables.grasp_success(OBJECTS, GRASPS)
+    table = tables.grasp_success(FRAMES)
     write_table(table, tmp_path / "a.csv")
     pd.testing.assert_frame_equal(pd.read_csv(io.StringIO((tmp_path / "a.csv").read_text())), table, check_dtype=False)
 
@@ -141,7 +142,7 @@ def test_the_frames_of_a_run(run):
     assert grasps["successful_touches"].tolist() == touched
     assert (grasps["attempts"] == 7).all() and (grasps["touches"] == 4).all()
     assert grasps["penetration"].tolist() == pytest.approx([1e-4, 3e-4] * 3)
-    table = tables.dataset_statistics(objects, rejected, grasps).set_index("class")
+    table = tables.dataset_statistics(tables.Frames(objects, rejected, grasps)).set_index("class")
     assert table.loc["sock", ["attempted", "rejected", "objects"]].tolist() == [1, 1, 0]
 
 
@@ -171,5 +172,5 @@ def test_the_frames_of_a_run_in_which_everything_was_rejected(run, tmp_path):
     (tmp_path / "rejected.csv").write_text("object,stage,reason\n" + "".join(f"{n},meshes,x\n" for n in names))
     frames = tables.dataset_frames(tmp_path)
     assert len(frames.grasps) == 0
-    table = tables.dataset_statistics(*frames).set_index("class")
+    table = tables.dataset_statistics(frames).set_index("class")
     assert table.loc[TOTAL, ["attempted", "rejected", "objects"]].tolist() == [4, 4, 0]

@@ -5,11 +5,7 @@ from palpate.training import tuning
 
 TUNED = "charts_occluded_touch"
 try:
-    TUNING = Paramspace(
-        pandas.DataFrame(
-            tuning.grid(PROJECT / "config/tuning.yaml", config["tuning"]["grid"])
-        )
-    )
+    TUNING = Paramspace(pandas.DataFrame(tuning.grid(PROJECT / "config/tuning.yaml", config["tuning"]["grid"])))
 except ConfigError as error:
     raise WorkflowError(str(error)) from None
 
@@ -35,37 +31,10 @@ rule tuning_point:
         gpu=TRAINING_GPUS,
     params:
         experiment=EXPERIMENTS["experiments"].get(TUNED),
-        settings=lambda wildcards: recipes.settings(
-            RECIPE, EXPERIMENTS["experiments"][TUNED]
-        ),
+        settings=lambda wildcards: recipes.settings(RECIPE, EXPERIMENTS["experiments"][TUNED]),
         point=TUNING.instance,
         steps=config["tuning"]["steps"],
         machine=TRAINING_MACHINE,
         seed=config["seed"],
     script:
         "../scripts/tuning_point.py"
-
-
-rule tuning:
-    input:
-        points=expand("tuning/{point}/training.json", point=TUNING.instance_patterns),
-    output:
-        table=report(
-            "tables/tuning.csv", caption="../report/tuning.rst", category="Models"
-        ),
-        text="tables/tuning.md",
-        latex="tables/tuning.tex",
-    log:
-        "logs/tuning.log",
-    benchmark:
-        "benchmarks/tuning.tsv"
-    conda:
-        CONDA
-    threads: 1
-    resources:
-        mem_mb=1000,
-        runtime=10,
-    params:
-        points=TUNING.dataframe.to_dict("records"),
-    script:
-        "../scripts/tuning.py"
