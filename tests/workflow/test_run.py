@@ -201,7 +201,7 @@ def test_data_do_not_depend_on_batch_size_or_cores(finished, make_workflow):
 )
 def test_a_mistake_in_the_config_is_one_message_before_anything_runs(make_workflow, config, said):
     workflow = make_workflow(**config)
-    result = workflow("dataset")
+    result = workflow.plan("dataset")
     assert result.returncode != 0
     assert said in result.stderr
     assert "Traceback" not in result.stderr
