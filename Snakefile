@@ -43,7 +43,6 @@ if not RELEASED:
 
 include: "workflow/rules/touch_depth.smk"
 include: "workflow/rules/charts.smk"
-include: "workflow/rules/packs.smk"
 include: "workflow/rules/reconstruction.smk"
 include: "workflow/rules/tuning.smk"
 include: "workflow/rules/evaluation.smk"

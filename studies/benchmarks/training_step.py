@@ -31,7 +31,7 @@ from palpate.vision.camera import IMAGE_SIZE
 
 # The paper's layers, with starting weights that leave the charts near their start, as after some training.
 STABLE = {"normalise_positions": True, "init": "he", "last_layer_scale": 0.01}
-RECIPES = Path(__file__).parents[1] / "config" / "recipes.yaml"
+RECIPES = Path(__file__).parents[2] / "config" / "recipes.yaml"
 FAST = yaml.safe_load(RECIPES.read_text())["fast"]["reconstruction"]
 SIZES = {
     "paper": (PAPER_ARCHITECTURES["occluded_touch"] | STABLE, 2, 10_000),

@@ -6,10 +6,11 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
+import zarr
 
 from palpate import store, touch
 from palpate.mesh import OBJECT_POSITION, load_visual
-from palpate.scene import Plan, plan
+from palpate.scene import plan
 from palpate.touch import TouchReading
 from studies.omitted.omission import Leaving
 from studies.subjects import Subject
@@ -26,10 +27,9 @@ class Sensed:
     def __init__(self, run: Path, subject: Subject, method: str):
         self.name = subject.name
         self.mesh, self.tracer_of = load_visual(subject.folder), TRACERS[method]
-        names = ("object", "object_index", "sensor_position", "sensor_rotation")
-        found = store.read(run / f"grasps/{subject.batch}.h5", *names)
-        rows = found["object"][found["object_index"]] == subject.name
-        self.position, self.rotation = found["sensor_position"][rows], found["sensor_rotation"][rows]
+        grasps = store.open(run / f"grasps/{subject.batch}.h5")
+        row = grasps["object"].tolist().index(subject.name)
+        self.position, self.rotation = grasps.get("sensor_position", row), grasps.get("sensor_rotation", row)
         self.sensors = self.position.reshape(-1, 3), self.rotation.reshape(-1, 3, 3)
 
     def tracer(self, *parts: str) -> touch.RayCaster | touch.SphereTracer:
@@ -103,7 +103,7 @@ def _written(sensed: Sensed) -> Leaving:
         part=part,
         when="all of a chunk is the array's fill value: a sensor touches nothing",
         object=sensed.name,
-        with_it=partial(written, arrays, STORE.including(part)),
+        with_it=partial(written, arrays, every_chunk=True),
         without=partial(written, arrays),
         difference=changed,
         unit="numbers",
@@ -112,10 +112,14 @@ def _written(sensed: Sensed) -> Leaving:
     )
 
 
-def written(arrays: Mapping[str, np.ndarray], plan: Plan = STORE) -> tempfile.TemporaryDirectory:
-    """A folder with a touch store of these arrays; it is gone when the result is."""
+def written(arrays: Mapping[str, np.ndarray], every_chunk: bool = False) -> tempfile.TemporaryDirectory:
+    """A folder with a touch store of these arrays; it is gone when the result is.
+
+    every_chunk: also those that hold nothing but the fill value.
+    """
     folder = tempfile.TemporaryDirectory()
-    store.write(Path(folder.name) / "touch.zarr", "touch", arrays, ATTRIBUTES, plan)
+    with zarr.config.set({"array.write_empty_chunks": every_chunk}):
+        store.write(Path(folder.name) / "touch.zarr", "touch", arrays, ATTRIBUTES)
     return folder
 
 

@@ -12,7 +12,13 @@ STORE_OF = {
     "vision": "vision/{batch}.zarr",
     "views": "views/{batch}.zarr",
     "touch_depth": "models/touch_depth/best.ckpt",
-    "pack": "packs/unoccluded-none.h5",
+    # Of all batches: models are trained.
+    "training": [
+        "catalogue.csv",
+        *expand("surface/{batch}.zarr", batch=BATCHES),
+        *expand("vision/{batch}.zarr", batch=BATCHES),
+    ],
+    "all_objects": "catalogue.csv",
 }
 # A part of a report: what it reads of the run, the sections of the config that it depends on, and the stages of
 # `reports.stages` that it belongs to.
@@ -28,7 +34,7 @@ REPORT_PARTS = {
         "touch_charts": (["meshes", "touch"], ["training"], ["touch_charts"]),
         "chamfer": (["meshes"], ["surface", "recipe", "evaluation"], ["chamfer"]),
         "reconstruction": (
-            ["meshes", "pack"],
+            ["meshes", "training"],
             ["recipe", "training", "evaluation"],
             ["reconstruction"],
         ),
@@ -45,7 +51,7 @@ REPORT_PARTS = {
         "touch": (["meshes", "grasps"], ["touch"], ["touch"]),
         "renders": (["meshes", "grasps"], ["vision", "views", "seed"], ["renders"]),
         "models": (
-            ["surface", "touch", "charts", "vision", "views", "touch_depth"],
+            ["all_objects", "surface", "touch", "charts", "vision", "views", "touch_depth"],
             ["recipe", "training"],
             ["reconstruction"],
         ),
