@@ -41,10 +41,8 @@ if not RELEASED:
     include: "workflow/rules/reports.smk"
 
 
-include: "workflow/rules/touch_depth.smk"
-include: "workflow/rules/charts.smk"
+include: "workflow/rules/touch_charts.smk"
 include: "workflow/rules/reconstruction.smk"
-include: "workflow/rules/tuning.smk"
 include: "workflow/rules/evaluation.smk"
 include: "workflow/rules/experiments.smk"
 include: "workflow/rules/results.smk"
@@ -53,4 +51,4 @@ include: "workflow/rules/targets.smk"
 
 # One environment for all rules; Snakemake has no directive that says so once.
 for each in workflow.rules:
-    each.conda_env = str(PROJECT / "envs/palpate.yaml")
+    each.conda_env = CONDA

@@ -139,6 +139,11 @@ def experiment_stores(wildcards):
     return stores_of(wildcards.experiment)
 
 
+def ring_stores(wildcards):
+    """The stores of an experiment, and the rings around the touches."""
+    return stores_of(wildcards.experiment, "touch", "rings")
+
+
 def experiment_settings(wildcards):
     """How an experiment is trained by the run's recipe."""
     return recipes.settings(RECIPE, EXPERIMENTS["experiments"][wildcards.experiment])
