@@ -1,12 +1,8 @@
 # What each part of the reports reads, and which parts the config asks for.
 from studies.subjects import in_turn
 
-REPORT_OBJECTS = in_turn(ENTRIES, lambda entry: entry.class_name)[
-    : config["reports"]["objects"]
-]
-REPORT_BATCHES = sorted(
-    {BATCHES[ENTRIES.index(entry) // config["batch_size"]] for entry in REPORT_OBJECTS}
-)
+REPORT_OBJECTS = in_turn(ENTRIES, lambda entry: entry.class_name)[: config["reports"]["objects"]]
+REPORT_BATCHES = sorted({BATCHES[ENTRIES.index(entry) // config["batch_size"]] for entry in REPORT_OBJECTS})
 STORE_OF = {
     "meshes": "meshes/{batch}",
     "surface": "surface/{batch}.zarr",
@@ -65,8 +61,7 @@ REPORT_STAGES = {
     name: [
         part
         for part, (_, _, stages) in parts.items()
-        if config["reports"]["stages"] == "all"
-        or set(stages) & set(config["reports"]["stages"])
+        if config["reports"]["stages"] == "all" or set(stages) & set(config["reports"]["stages"])
     ]
     for name, parts in REPORT_PARTS.items()
 }
@@ -79,9 +74,7 @@ def report_inputs(report_name):
         stores, _, _ = REPORT_PARTS[report_name][wildcards.part]
         return {
             "catalogue": expand("catalogue/{batch}.csv", batch=REPORT_BATCHES),
-            **{
-                store: expand(STORE_OF[store], batch=REPORT_BATCHES) for store in stores
-            },
+            **{store: expand(STORE_OF[store], batch=REPORT_BATCHES) for store in stores},
         }
 
     return inputs
@@ -92,18 +85,13 @@ def report_settings(report_name):
 
     def settings(wildcards):
         _, sections, _ = REPORT_PARTS[report_name][wildcards.part]
-        return {
-            section: RECIPE if section == "recipe" else config[section]
-            for section in sections
-        }
+        return {section: RECIPE if section == "recipe" else config[section] for section in sections}
 
     return settings
 
 
 def report_parts(report_name):
-    return expand(
-        f"reports/{report_name}/{{part}}.csv", part=REPORT_STAGES[report_name]
-    )
+    return expand(f"reports/{report_name}/{{part}}.csv", part=REPORT_STAGES[report_name])
 
 
 def whole_machine():

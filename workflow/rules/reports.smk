@@ -165,9 +165,4 @@ rule left_out:
 
 rule reports:
     input:
-        [
-            f"reports/{name}.{form}"
-            for name, parts in REPORT_STAGES.items()
-            if parts
-            for form in ("csv", "md", "png")
-        ],
+        [f"reports/{name}.{form}" for name, parts in REPORT_STAGES.items() if parts for form in ("csv", "md", "png")],
