@@ -5,7 +5,7 @@
 #   snakemake --cores 2 tables/grasp_success.csv                  just what that table needs
 #   snakemake --cores 2 dataset                                   the data, their tables and figures; no model
 #   snakemake --cores 2 validate                                  every array of every store against the contract
-#   snakemake --cores 2 reports                                   error against run time, stability, what is left out
+#   snakemake --cores 2 reports                                   error against run time, stability, what is omitted
 #   snakemake --cores 2 smoke                                     one object a split, end to end
 from pathlib import Path
 
@@ -43,7 +43,6 @@ else:
     include: "workflow/rules/touch.smk"
     include: "workflow/rules/vision.smk"
     include: "workflow/rules/views.smk"
-    include: "workflow/rules/report_parts.smk"
     include: "workflow/rules/reports.smk"
 
 

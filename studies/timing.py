@@ -73,7 +73,7 @@ def timing(rounds: Sequence[float] | np.ndarray) -> Timing:
     return Timing(float(median), float(low), float(high), np.asarray(rounds, dtype=float))
 
 
-def told_apart(one: Timing, other: Timing) -> bool:
+def differs_significantly(one: Timing, other: Timing) -> bool:
     """Whether the rounds rank two methods: Student's interval of the mean log ratio leaves out 0.
 
     The two must be of the same rounds. False also for a single round, and for equal times.

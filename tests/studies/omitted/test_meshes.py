@@ -11,7 +11,7 @@ from tests.studies.omitted.small_run import SETTINGS
 @pytest.fixture(scope="module")
 def found(run):
     folder, subject = run
-    return {each.part: each for each in leavings(folder, [subject], SETTINGS)}
+    return {each.item: each for each in leavings(folder, [subject], SETTINGS)}
 
 
 def test_every_part_has_a_leaving(found):

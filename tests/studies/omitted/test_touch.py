@@ -12,7 +12,7 @@ from tests.studies.omitted.small_run import SETTINGS
 @pytest.fixture(scope="module")
 def found(run):
     folder, subject = run
-    return {(each.scene, each.part): each for each in left_out.leavings(folder, [subject], SETTINGS)}
+    return {(each.stage, each.item): each for each in left_out.leavings(folder, [subject], SETTINGS)}
 
 
 PARTS = [(scene, part) for scene in ("touch", "store") for part in SCENES[scene]]
