@@ -76,7 +76,7 @@ rule report_item:
 
 rule report:
     input:
-        items=lambda wildcards: report_tables(wildcards.report),
+        tables=lambda wildcards: report_tables(wildcards.report),
     output:
         table=report(
             "reports/{report}.csv",

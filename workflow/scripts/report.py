@@ -9,4 +9,4 @@ from palpate.batch import log_to
 from studies import report
 
 log_to(snakemake.log[0])
-report.join(snakemake.wildcards.report, snakemake.input.items, **snakemake.output)
+report.join(snakemake.wildcards.report, snakemake.input.tables, **snakemake.output)
