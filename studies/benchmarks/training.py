@@ -1,6 +1,6 @@
 """Which recipe reaches the lowest validation loss in a given time.
 
-    python studies/benchmarks/training.py results/<run> [--experiment charts_occluded_touch] [--recipe fast]
+    python -m studies.benchmarks.training results/<run> [--experiment charts_occluded_touch] [--recipe fast]
         [--seconds 200 | --steps 1000] [--windows 1] [--validate-on results/<larger run>] [--seeds 0 1]
         [--variants NAME ...]
 
@@ -30,7 +30,7 @@ from palpate import training
 from palpate.training import recipes
 from palpate.training.pack import Pack
 
-PROJECT = Path(__file__).parents[1]
+PROJECT = Path(__file__).parents[2]
 TIMED = 6  # steps, after as many that are not
 EVALUATIONS = 8
 
