@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 import trimesh
 
-from palpate.hand import Hand
+from palpate.hand import MAX_PENETRATION, Hand
 from palpate.mesh import DIAGONAL, OBJECT_POSITION, load_visual
 from palpate.surface.embree import Scene
 from palpate.touch import SENSOR_RANGE, RayCaster, local_points, shade
@@ -24,7 +24,6 @@ from palpate.vision import paper_camera
 # libigl would use every core for one batch, but batches are what is done in parallel. Read at its first use.
 os.environ.setdefault("IGL_NUM_THREADS", "1")
 
-MAX_PENETRATION = 0.001  # metres; what grasps are accepted by, unless the run's config says otherwise
 ON_MESH = 1e-4  # metres
 EXACT = 1e-6  # metres, or per unit of a rotation: float32 coordinates below 1 m are good to 6e-8
 SOFT_LIMIT = 1e-3  # radians; MuJoCo's joint limits give way under load: 0.0003 in 100 grasps of 20 objects

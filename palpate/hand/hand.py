@@ -11,6 +11,7 @@ import numpy as np
 from palpate.hand.distance import GEOM_KINDS, half_spaces, signed_distance
 
 SENSORS = 4  # the dataset contract: four touch sensors a grasp
+MAX_PENETRATION = 0.001  # m that a grasp's hand may be in the object or in itself; `grasps.max_penetration`
 SMALLEST, LARGEST = 0.01, 1.0  # m, from end to end: others are in other units, and close in no stable way
 
 
