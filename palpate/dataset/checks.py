@@ -17,7 +17,7 @@ import trimesh
 
 from palpate.hand import MAX_PENETRATION, Hand
 from palpate.mesh import DIAGONAL, OBJECT_POSITION, load_visual
-from palpate.surface.embree import Scene
+from palpate.surface.embree import RayMesh
 from palpate.touch import SENSOR_RANGE, RayCaster, local_points, shade
 from palpate.vision import paper_camera
 
@@ -333,10 +333,10 @@ def _picture_error(item: Item, mask: np.ndarray, depth: np.ndarray) -> float:
     """
     camera = paper_camera(len(mask))
     rays = camera.rays().reshape(-1, 3)
-    scene = Scene(item.mesh)
-    face = scene.first_face(np.broadcast_to(camera.position, rays.shape), rays)
+    mesh = RayMesh(item.mesh)
+    face = mesh.first_face(np.broadcast_to(camera.position, rays.shape), rays)
     hit = face >= 0
-    normal, corner = scene.normals[face[hit]], scene.triangles[face[hit], 0]
+    normal, corner = mesh.normals[face[hit]], mesh.triangles[face[hit], 0]
     ahead = np.einsum("ni,ni->n", normal, rays[hit])
     first = np.full(len(rays), np.inf)
     with np.errstate(divide="ignore", invalid="ignore"):  # faces seen edge-on

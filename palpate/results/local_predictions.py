@@ -69,7 +69,7 @@ def local_predictions(
             felt = GraspTouches(*(getattr(grasp, name)[[sensor]] for name in GraspTouches._fields))
             meshes = site(grasp, sensor, charts.clouds(felt)[0], charts(felt)[0])
             pictures = [grasp.reading[sensor]]
-            pictures += [renderer.render_scene(part, camera=camera).rgb for part in meshes]
+            pictures += [renderer.render_meshes(part, camera=camera).rgb for part in meshes]
             for column, picture in enumerate(pictures):
                 axes(row, place, column).imshow(picture, interpolation="antialiased")
     save(figure, path)

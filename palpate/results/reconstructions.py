@@ -75,7 +75,7 @@ def reconstructions(
     camera = shared_camera(PIXELS)
 
     def render(mesh: Mesh) -> np.ndarray:
-        return renderer.render_scene([mesh], camera=camera).rgb
+        return renderer.render_meshes([mesh], camera=camera).rgb
 
     cells = {(row, "truth"): render(ground_truth(record)) for row, record in enumerate(records)}
     for experiment, *_ in setups:

@@ -7,7 +7,7 @@ sees to it.
 
 from palpate.vision.camera import Camera, looking_at, paper_camera
 from palpate.vision.image import Image
-from palpate.vision.scene import Mesh, spheres
+from palpate.vision.meshes import Mesh, spheres
 
 __all__ = ["Camera", "Image", "Mesh", "Renderer", "looking_at", "paper_camera", "spheres"]
 

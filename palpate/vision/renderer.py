@@ -30,7 +30,7 @@ from palpate.scene.images import SCENES  # noqa: E402
 from palpate.vision import geom  # noqa: E402
 from palpate.vision.camera import IMAGE_SIZE, Camera, paper_camera  # noqa: E402
 from palpate.vision.image import Image, Layers, linear, read_layers, write_layers  # noqa: E402
-from palpate.vision.scene import Mesh  # noqa: E402
+from palpate.vision.meshes import Mesh  # noqa: E402
 
 SAMPLES = 16
 # What a scene of CAD parts under one lamp needs of Cycles, and no more, by Blender's names.
@@ -224,7 +224,7 @@ class Renderer:
                 _point(self._lamp, SUN_POSITION)
         return [each.image(WHITE) for each in layers]
 
-    def render_scene(
+    def render_meshes(
         self,
         meshes: Iterable[Mesh] = (),
         visual_glb: Path | str | None = None,

@@ -41,7 +41,7 @@ def test_known_points_of_an_object_land_on_their_pixels(write_glb):
 def test_known_points_of_a_scene_land_on_their_pixels_at_other_sizes_and_views(size):
     points = MARKERS + OBJECT_POSITION
     camera = looking_at(OBJECT_POSITION, (-0.4, 0.9, 1.1), size)
-    image = Renderer(samples=32, device="cpu").render_scene([spheres(points, 0.008, (0.1, 0.1, 0.1))], camera=camera)
+    image = Renderer(samples=32, device="cpu").render_meshes([spheres(points, 0.008, (0.1, 0.1, 0.1))], camera=camera)
     assert image.rgb.shape == (size, size, 3)
     assert_markers_at(image, camera.project(points)[0])
 
@@ -51,7 +51,7 @@ def test_projection_is_that_of_blenders_camera():
     from mathutils import Vector
 
     points = MARKERS + OBJECT_POSITION
-    Renderer(samples=1, device="cpu").render_scene([spheres(points, 0.01)])
+    Renderer(samples=1, device="cpu").render_meshes([spheres(points, 0.01)])
     scene = bpy.context.scene
     there = np.array([world_to_camera_view(scene, scene.camera, Vector(point)) for point in points])
     pixels, depth = paper_camera().project(points)
@@ -77,7 +77,7 @@ def test_depth_of_a_plane_is_the_closed_form():
     across = np.cross(normal, [0, 0, 1])
     sides = 0.6 * np.stack([across, np.cross(normal, across)])
     corners = np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]]) @ sides + OBJECT_POSITION
-    image = Renderer(size=128, samples=1, device="cpu").render_scene([Mesh(corners, np.array([[0, 1, 2], [0, 2, 3]]))])
+    image = Renderer(size=128, samples=1, device="cpu").render_meshes([Mesh(corners, np.array([[0, 1, 2], [0, 2, 3]]))])
     rays = camera.rays()
     expected = (np.array(OBJECT_POSITION) - camera.position) @ normal / (rays @ normal)
     shown = image.mask > 0
@@ -89,7 +89,7 @@ def test_depth_of_a_plane_is_the_closed_form():
 def test_depth_and_mask_of_a_sphere_are_the_closed_form():
     camera, radius = paper_camera(128), 0.2
     mesh = ball(OBJECT_POSITION, radius, subdivisions=5)
-    image = Renderer(size=128, samples=1, device="cpu").render_scene([Mesh(mesh.vertices, mesh.faces)])
+    image = Renderer(size=128, samples=1, device="cpu").render_meshes([Mesh(mesh.vertices, mesh.faces)])
     rays = camera.rays()
     out = camera.position - OBJECT_POSITION
     a, b, c = (rays**2).sum(-1), rays @ out, out @ out - radius**2
@@ -175,7 +175,7 @@ def test_the_hand_hides_what_is_behind_it_and_nothing_else(write_glb, hand):
     alone, held = renderer.render_object(path, hand, poses)
     assert len(held) == 2
     for pose, image in zip(poses, held, strict=True):
-        bare = renderer.render_scene(hand=hand, link_pose=pose)
+        bare = renderer.render_meshes(hand=hand, link_pose=pose)
         assert not bare.mask.any()
         in_front = bare.depth < alone.depth
         tie = bare.depth == alone.depth
@@ -193,7 +193,7 @@ def test_the_hand_hides_what_is_behind_it_and_nothing_else(write_glb, hand):
 def test_the_hand_is_drawn_where_its_closed_forms_are(hand):
     pose = grasp_poses(hand)[1]
     camera = paper_camera(160)
-    image = Renderer(size=160, samples=1, device="cpu").render_scene(hand=hand, link_pose=pose)
+    image = Renderer(size=160, samples=1, device="cpu").render_meshes(hand=hand, link_pose=pose)
     seen = np.isfinite(image.depth)
     assert seen.sum() > 800
     points = camera.position + image.depth[seen, None].astype(float) * camera.rays()[seen]
@@ -222,7 +222,7 @@ def test_colours_of_figures_by_mesh_vertex_and_face():
     renderer = Renderer(samples=4, device="cpu")
 
     def at(colours, y, z):
-        image = renderer.render_scene([Mesh(corners, faces, colours)], camera=camera, background=None)
+        image = renderer.render_meshes([Mesh(corners, faces, colours)], camera=camera, background=None)
         column, row = np.floor(camera.project(np.array([0, y, z]))[0]).astype(int)
         assert image.rgb.shape == (64, 64, 4) and image.rgb[0, 0, 3] == 0 and image.rgb[row, column, 3] == 255
         return image.rgb[row, column, :3].argmax()
@@ -234,7 +234,7 @@ def test_colours_of_figures_by_mesh_vertex_and_face():
 
 
 def test_a_scene_outside_the_image_is_background():
-    image = Renderer(size=32, samples=1, device="cpu").render_scene([spheres([[0, 0, 50.0]], 0.1)])
+    image = Renderer(size=32, samples=1, device="cpu").render_meshes([spheres([[0, 0, 50.0]], 0.1)])
     assert (image.rgb == 255).all() and not image.mask.any()
 
 
