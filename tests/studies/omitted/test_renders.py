@@ -22,21 +22,21 @@ def table(pictured):
 
 
 def test_what_is_left_out_changes_nothing_beyond_its_bound(table):
-    out = table[table["left_out"]]
+    out = table[table["omitted"]]
     assert len(out) >= 14
-    assert (out["verdict"] == SAME).all(), out[["scene", "part", "difference"]]
+    assert (out["verdict"] == SAME).all(), out[["stage", "item", "difference"]]
     exact = out[out["unit"] == "grey levels"]
     assert (exact["bound"] == 0).all() and (exact["difference"] == 0).all()
 
 
 def test_what_changes_the_picture_stays_in(table):
-    kept = table[~table["left_out"]].set_index("part")["verdict"]
+    kept = table[~table["omitted"]].set_index("item")["verdict"]
     assert set(kept.index) == {"first bounce of light", "second to fourth bounce of light", "hand"}
     assert kept["first bounce of light"] == kept["hand"] == DIFFERS
 
 
 def test_bytes_of_a_second_image_and_of_a_master(table):
-    saved = table.set_index("part")["bytes_saved"]
+    saved = table.set_index("item")["bytes_saved"]
     assert saved["render for every grasp"] == 64 * 64 * (3 + 1 + 2)
     # Six channels of 32 bits, of which most are background and pack well.
     assert 0 < saved["EXR master"] < 64 * 64 * 6 * 4
