@@ -49,40 +49,42 @@ class Omission(NamedTuple):
 def compare(omission: Omission, rounds: int = ROUNDS) -> dict[str, Any]:
     """A row of `reports/omitted.csv` with the columns `COLUMNS`; the two are timed in turns in one run.
 
-    `verdict` is `same` if the difference is within the bound, else `differs`. An omitted item that differs is a
-    warning in the log. `noisy`: the two times don't differ significantly.
+    An omitted item that differs is a warning in the log. `noisy`: the two times don't differ significantly.
     """
-    full, reduced = omission.with_it(), omission.without()
-    difference = float(omission.difference(full, reduced))
-    size = (omission.size(full), omission.size(reduced)) if omission.size else (float("nan"),) * 2
-    del full, reduced
+    compared = results(omission)
     times = interleaved({"with": omission.with_it, "without": omission.without}, rounds, warm=True)
-    row = {
-        "stage": omission.stage,
-        "item": omission.item,
-        "when": omission.when,
-        "omitted": omission.state == OMITTED,
-        "state": omission.state,
-        "object": omission.object,
+    row = compared | {
         "seconds_with": times["with"].seconds,
         "seconds_without": times["without"].seconds,
         "seconds_saved": times["with"].seconds - times["without"].seconds,
-        "bytes_with": size[0],
-        "bytes_without": size[1],
-        "bytes_saved": size[0] - size[1],
-        "difference": difference,
-        "unit": omission.unit,
-        "bound": omission.bound,
-        "verdict": SAME if difference <= omission.bound else DIFFERS,
         "noisy": not differs_significantly(times["with"], times["without"]),
     }
     log.info("%s without %s: %s", omission.stage, omission.item, row)
     if row["omitted"] and row["verdict"] == DIFFERS:
         log.warning(
             "%s, %s: omitting %s changes the result by %g %s, more than %g",
-            omission.stage, omission.object, omission.item, difference, omission.unit, omission.bound,
+            omission.stage, omission.object, omission.item, row["difference"], omission.unit, omission.bound,
         )  # fmt: skip
     return row
+
+
+def results(omission: Omission) -> dict[str, Any]:
+    """The columns of a row that don't depend on time: each result is made once.
+
+    `verdict` is `same` if the difference is within the bound, else `differs`.
+    """
+    full, reduced = omission.with_it(), omission.without()
+    difference = float(omission.difference(full, reduced))
+    size = (omission.size(full), omission.size(reduced)) if omission.size else (float("nan"),) * 2
+    return {
+        **{key: getattr(omission, key) for key in ("stage", "item", "when", "state", "object", "unit", "bound")},
+        "omitted": omission.state == OMITTED,
+        "bytes_with": size[0],
+        "bytes_without": size[1],
+        "bytes_saved": size[0] - size[1],
+        "difference": difference,
+        "verdict": SAME if difference <= omission.bound else DIFFERS,
+    }
 
 
 def in_words(same: bool, state: str) -> str:
