@@ -14,15 +14,15 @@ TIMESTEP = 0.004  # s
 DURATION = 0.4  # s
 RAMP = 0.4  # share of the duration in which the targets move from the open hand to their end
 ITERATIONS = 20  # of the contact solver; fewer than 5 are too few
-# Contact softness: impedance, its width and the shape of its curve, by which fingers stop within 0.5 mm.
+# MuJoCo's contact impedance (dmin, dmax, width, midpoint, power), with which fingers stop within 0.5 mm.
 SOLIMP = (0.95, 0.99, 0.0005, 0.5, 2.0)
-# The contact is as stiff as the time step lets it be: at 16 ms fingers end 1 mm deep in the object, at 20 ms
-# 3 mm, and 6 mm in each other. Below the least a closing takes minutes.
+# Contact is as stiff as the time step lets it be. At 16 ms fingers end 1 mm deep in the object; at 20 ms 3 mm,
+# and 6 mm in each other. Below the least time step a closing takes minutes.
 LEAST_TIMESTEP, LARGEST_TIMESTEP = 1e-5, 0.01  # s
-# Of the work that the servos did, what may be left as motion at the end; else the hand isn't at rest, for its
-# contacts chatter or it swings. A finger that just slips off an edge has a fifth of it.
+# Largest kinetic energy of a hand at rest, as a share of the servos' work. With more its contacts chatter, or it
+# swings. A finger that just slips off an edge has a fifth of that work.
 SETTLED = 0.01
-NO_WORK = 1e-6  # J: as good as none, such as where targets are where the hand is
+NO_WORK = 1e-6  # J: less work than this counts as this much, as where the targets are where the hand is
 
 # The engine would write its warnings to a file in the working folder.
 log = logging.getLogger(__name__)

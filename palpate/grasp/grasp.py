@@ -1,4 +1,4 @@
-"""Grasps of one object: attempts until enough of them touch, then the best."""
+"""Grasps of one object: attempts until enough of them are valid, of which the best are kept."""
 
 from collections import Counter
 from dataclasses import dataclass
@@ -25,7 +25,7 @@ WORKSPACE_SEED = 0  # the workspace belongs to the hand: the same for every obje
 # Share of the attempts in which the thumb closes too, calibrated to the paper's statistics (docs/grasps.md).
 THUMB_SHARE = 0.15
 
-# Why an attempt comes to nothing.
+# Reasons for which an attempt gives no grasp.
 BLOCKED = "no palm pose free of the object"
 UNSTABLE = "simulation warned or gave NaN"
 UNSETTLED = "still moving at the end"
@@ -57,7 +57,7 @@ class GraspSet:
     touches: np.ndarray  # (g, 4) bool
     penetration: np.ndarray  # (g,) float32: the hand in the object, or in itself
     attempts: int  # made in all
-    discarded: dict[str, int]  # how many of them came to nothing, by reason
+    discarded: dict[str, int]  # how many of them gave no grasp, by reason
     omitted: dict[str, int]  # what the simulation omits, and how much of each
 
 
@@ -76,8 +76,8 @@ class Grasper:
     ):
         """surface_points: (N, 3) on the object's exterior; the other arguments are `grasp_object`'s.
 
-        Raises ValueError for a hand that is in itself when it is open, `UnusableObject` for an object without a
-        surface.
+        Raises ValueError for a hand whose links are in each other when it is open, `UnusableObject` for an
+        object without a surface.
         """
         self.hand = hand
         self.max_penetration, self.thumb_share = max_penetration, thumb_share
@@ -154,15 +154,22 @@ def grasp_object(
 ) -> GraspSet:
     """Grasp an object: `attempts` grasps with at least one touch are made, the best `per_object` are kept.
 
-    visual, collision: the object in its own frame, every face and decimated. surface_points: (N, 3) on its
-    exterior, in the world frame, as the surface store has them. rng: decides everything random; the same
-    generator gives the same grasps. per_object: grasps kept, those with the most touches; of equals the
-    earlier. attempts: valid grasps made before the best are kept: the more, the better the grasps.
-    max_attempts: bound on all attempts. timestep: seconds. max_penetration: metres; a deeper grasp is not
-    accepted. thumb_share: share of the attempts in which the thumb closes too; with 1 more sensors touch than
-    in the paper's dataset.
+    Args:
+        visual, collision: the object's meshes in its own frame, with every face and decimated.
+        surface_points: (N, 3) on its exterior, in the world frame, as the surface store has them.
+        rng: decides everything random: the same generator gives the same grasps.
+        per_object: grasps kept, those with the most touches; of equals the earlier.
+        attempts: valid grasps made before the best are kept: the more, the better the grasps.
+        max_attempts: bound on all attempts.
+        timestep: of the simulation, seconds.
+        max_penetration: metres; a deeper grasp is not accepted.
+        thumb_share: share of the attempts in which the thumb closes too. With 1 more sensors touch than in the
+            paper's dataset.
 
-    Raises `UnusableObject` if `max_attempts` attempts don't give `per_object` valid grasps.
+    Returns the grasps in the world frame.
+
+    Raises `UnusableObject` if `max_attempts` attempts don't give `per_object` valid grasps, or for an object
+    without a surface; ValueError for settings, a hand or points that can't be used.
     """
     if attempts < per_object:
         raise ValueError(f"grasps: attempts ({attempts}) must be at least per_object ({per_object})")

@@ -15,9 +15,9 @@ COARSE = 0.016  # metres: longest edge of the triangles that are first sorted ou
 def deepest(triangles: np.ndarray, distance: Callable[[np.ndarray], np.ndarray], depth: float) -> float:
     """Depth of the deepest point of triangles (T, 3, 3) in a solid, or `depth` if that is deeper.
 
-    distance: signed distance (N,) of points (N, 3) to the solid, negative inside; it changes by at most a
-    metre a metre, so a triangle whose centre is farther out than its radius can't matter. The others are
-    halved until the points looked at are at most `SPACING` apart.
+    distance: signed distance (N,) of points (N, 3) to the solid, negative inside. It changes by at most a metre
+    a metre, so triangles whose centres are farther out than their radius are dropped. The others are halved
+    until the points that are measured are at most `SPACING` apart.
     """
     while len(triangles):
         centres = triangles.mean(axis=1)
@@ -52,8 +52,8 @@ class PenetrationCheck:
     def in_object(self, link_pose: np.ndarray) -> float:
         """Depth in metres of the deepest point of the object's surface in the hand, 0 if there is none.
 
-        link_pose: (L, 4, 4). Right to half of `SPACING`, mostly far better: the surface's corners are looked
-        at.
+        link_pose: (L, 4, 4). Right to half of `SPACING`, and mostly far better, for the surface's corners are
+        among the points.
         """
         poses = self.hand.geom_poses(link_pose)
         half = np.array([self.reach[geom] for geom in self.geoms])[:, None]
@@ -70,7 +70,10 @@ class PenetrationCheck:
         return float(depth)
 
     def in_itself(self, link_pose: np.ndarray) -> float:
-        """Depth in metres of the deepest point of a link's surface in another link, not joined to it."""
+        """Depth in metres of the deepest point of a link's surface in another link, not joined to it.
+
+        link_pose: (L, 4, 4).
+        """
         poses = self.hand.geom_poses(link_pose)
         surfaces = {
             geom: surface @ poses[geom, :3, :3].T + poses[geom, :3, 3] for geom, surface in self.surfaces.items()

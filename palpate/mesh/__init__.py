@@ -1,4 +1,4 @@
-"""Meshes as they are in the wild, made usable: loaded, repaired, normalised, decimated, and measured."""
+"""Mesh files of an object from a source file of any kind: loaded, repaired, normalised, decimated, measured."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -68,8 +68,8 @@ def undecimated_levels(record: Mapping[str, Any]) -> dict[str, int]:
 
 def load_visual(folder: Path | str) -> trimesh.Trimesh:
     """The geometry of `visual.glb`, every face, as one mesh in the object's own frame, without materials."""
-    scene = trimesh.load_scene(Path(folder) / "visual.glb", process=False, skip_materials=True)
-    parts = [scene.geometry[name] for name in scene.geometry]
+    loaded = trimesh.load_scene(Path(folder) / "visual.glb", process=False, skip_materials=True)
+    parts = list(loaded.geometry.values())
     start = np.cumsum([0] + [len(part.vertices) for part in parts])
     return trimesh.Trimesh(
         np.concatenate([part.vertices for part in parts]),

@@ -23,8 +23,8 @@ UP = {
 }
 
 
-# Largest rounding of a source's coordinates, as a share of its diagonal, by which it is not yet spoilt: 0.05
-# mm of an object of 0.5 m, a third of a pixel of touch.
+# Largest rounding of a source's coordinates that is accepted, as a share of its diagonal: 0.05 mm of an object
+# of 0.5 m, a third of a pixel of touch.
 COARSEST = 1e-4
 
 
@@ -178,20 +178,20 @@ def _write_levels(folder, vertices, faces, counts):
     The coarser ones are made from the finer: a million faces collapse only once. All are measured against the
     whole mesh, except a level that is the whole mesh itself.
     """
-    whole = Surface(vertices, faces)
+    source = Surface(vertices, faces)
     records = {}
     for name, count in sorted(counts.items(), key=lambda item: -item[1]):
         vertices, faces = decimate(vertices, faces, count)
         mesh = trimesh.Trimesh(vertices, faces, process=False, validate=False)
         (folder / name).write_bytes(mesh.export(file_type="ply", vertex_normal=False))
-        records[name] = {"asked": count} | _describe(vertices, faces) | _distances(whole, vertices, faces)
+        records[name] = {"asked": count} | _describe(vertices, faces) | _distances(source, vertices, faces)
     return {name: records[name] for name in counts}
 
 
-def _distances(whole, vertices, faces):
-    """Distances both ways between a level and the whole mesh (`Surface`): 0 for a level of as many faces."""
-    if len(faces) >= len(whole.faces):
+def _distances(source, vertices, faces):
+    """Distances both ways between a level and the source (`Surface`): 0 for a level of as many faces."""
+    if len(faces) >= len(source.faces):
         zero = {"mean": 0.0, "max": 0.0}
         return {"source_to_level": zero, "level_to_source": zero}
     level = Surface(vertices, faces)
-    return {"source_to_level": distance(whole, level), "level_to_source": distance(level, whole)}
+    return {"source_to_level": distance(source, level), "level_to_source": distance(level, source)}

@@ -59,7 +59,7 @@ def collapse(
 def _collapsed(vertices, faces, count, planar_weight, quality, fixed_borders):
     meshes = pymeshlab.MeshSet(verbose=False)
     meshes.add_mesh(pymeshlab.Mesh(vertices, faces))
-    # All parameters: pymeshlab takes those left out from the call before, and results would depend on it.
+    # All parameters: those not given pymeshlab takes from the call before, and results would depend on it.
     meshes.meshing_decimation_quadric_edge_collapse(
         targetfacenum=count,
         targetperc=0.0,

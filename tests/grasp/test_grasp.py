@@ -79,7 +79,7 @@ def test_sensors_that_touch_face_the_surface(on_bottle):
 
 
 def test_penetration_is_small_and_independently_so(on_bottle):
-    """Against the points of a dense sample of the whole surface, none left out."""
+    """Against the points of a dense sample of the whole surface."""
     points, _ = trimesh.sample.sample_surface(bottle(), 100_000, seed=3)
     for links, depth in zip(on_bottle.link_pose, on_bottle.penetration, strict=True):
         sampled = max(0.0, -HAND.signed_distance(points + OBJECT_POSITION, links).min())
@@ -118,7 +118,7 @@ sys.stdout.buffer.write(found.joint_positions.tobytes() + found.penetration.toby
     assert len(outputs[0]) == 3 * (16 * 8 + 4) and outputs[0] == outputs[1]
 
 
-def test_attempts_in_one_scene_do_not_remember_each_other():
+def test_attempts_in_one_simulation_do_not_remember_each_other():
     mesh = bottle()
     points, _ = trimesh.sample.sample_surface(mesh, 3000, seed=0)
     fresh = Grasper(mesh, mesh, points, HAND).attempt(generator(8, "b"))
