@@ -18,13 +18,13 @@ from palpate.dataset import Dataset
 from palpate.hand import SENSORS
 from palpate.store import CONTRACT, Store
 from palpate.touch.sensor import RESOLUTION
+from palpate.vision.camera import IMAGE_SIZE
 
 if TYPE_CHECKING:
     import trimesh
 
 CHECKPOINT = "best.ckpt"
 TOUCH_DEPTH = "touch_depth"  # the folder of the U-Net, beside those of the experiments
-IMAGE_SIZE = 256  # of the dataset's images
 FORMATS = (".ply", ".glb", ".obj")  # that keep colours
 # sRGB; Okabe and Ito's sky blue, made paler, and vermilion: apart for colour-blind readers.
 VISION_COLOUR = (0.56, 0.76, 0.90)

@@ -62,7 +62,7 @@ def grasp_steps(dataset: Dataset, path: Path | str, threads: int = 1) -> None:
     poses = (None, loaded, placed, grasp.link_pose)
     points = [grasp.object.points, *(hand_points(hand, pose) for pose in poses[1:])]
     camera = camera_holding(np.concatenate(points), towards)
-    renderer = Renderer(size=PIXELS, samples=SAMPLES, threads=threads)
+    renderer = Renderer(samples=SAMPLES, threads=threads)
     pictures = [
         renderer.render_meshes(
             visual_glb=grasp.object.mesh / "visual.glb",
@@ -182,7 +182,5 @@ def _page(pictures: list[np.ndarray]) -> Figure:
         axes = figure.add_axes((left, foot / height, 1 / len(pictures), picture / height))
         axes.imshow(image, interpolation="antialiased")
         axes.set_axis_off()
-        figure.text(
-            left + 0.5 / len(pictures), foot / 2 / height, title, ha="center", va="center", fontsize=TITLE - 1
-        )
+        figure.text(left + 0.5 / len(pictures), foot / 2 / height, title, ha="center", va="center", fontsize=TITLE - 1)
     return figure

@@ -61,7 +61,7 @@ def local_predictions(
     if not drawn:
         return save_sentence("No test object with a successful touch in this run", path)
     charts = TouchCharts(touch_depth, fit=fit)
-    renderer = Renderer(size=PIXELS, samples=SAMPLES, threads=threads)
+    renderer = Renderer(samples=SAMPLES, threads=threads)
     camera = site_camera(PIXELS)
     figure, axes = _page(drawn)
     for row, (_, chosen) in enumerate(drawn):

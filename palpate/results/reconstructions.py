@@ -71,7 +71,7 @@ def reconstructions(
     if not records:
         return save_sentence("No usable test object in this run", path)
     setups = [setup for setup in SETUPS if setup[0] in models]
-    renderer = Renderer(size=PIXELS, samples=SAMPLES, threads=threads)
+    renderer = Renderer(samples=SAMPLES, threads=threads)
     camera = shared_camera(PIXELS)
 
     def render(mesh: Mesh) -> np.ndarray:

@@ -8,7 +8,7 @@ from palpate.touch.tracing import Block, Tracer
 # How much further than the range, and how far behind the sensor plane, Embree looks: more than its rounding,
 # so that double precision decides.
 _SLACK = 1e-5
-# Metres across, of an object beyond which Embree's rounding is no longer small: it is left out.
+# Metres across, of an object beyond which Embree's rounding is no longer small: Embree is not asked.
 _LARGEST = 2.0
 # Sine of the angle between a face and the rays, below which the plane of the face says too little about the
 # depth: moving the ray by Embree's rounding error (3e-8 m) then moves the hit by over 3e-6 m.
