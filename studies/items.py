@@ -21,8 +21,8 @@ class Item(NamedTuple):
     stages: tuple[str, ...]
 
 
-# Files and folders of a run, by what they hold.
-FILES = {
+# Files and folders of a run. {batch}: the batches of the report's objects, {every_batch}: all of the run's.
+FILES: dict[str, str | list[str]] = {
     "meshes": "meshes/{batch}",
     "surface": "surface/{batch}.zarr",
     "grasps": "grasps/{batch}.h5",
@@ -31,7 +31,8 @@ FILES = {
     "vision": "vision/{batch}.zarr",
     "views": "views/{batch}.zarr",
     "touch_depth": "models/touch_depth/best.ckpt",
-    "pack": "packs/unoccluded-none.h5",
+    "training": ["catalogue.csv", "surface/{every_batch}.zarr", "vision/{every_batch}.zarr"],
+    "all_objects": "catalogue.csv",
 }
 
 REPORTS: dict[str, dict[str, Item]] = {
@@ -45,7 +46,7 @@ REPORTS: dict[str, dict[str, Item]] = {
         "renders": Item(("meshes", "grasps"), ("vision",), ("renders",)),
         "touch_charts": Item(("meshes", "touch"), ("training",), ("touch_charts",)),
         "chamfer": Item(("meshes",), ("surface", "recipe", "evaluation"), ("chamfer",)),
-        "reconstruction": Item(("meshes", "pack"), ("recipe", "training", "evaluation"), ("reconstruction",)),
+        "reconstruction": Item(("meshes", "training"), ("recipe", "training", "evaluation"), ("reconstruction",)),
     },
     "stability": {
         "contact": Item(("meshes",), (), ("grasps",)),
@@ -59,7 +60,7 @@ REPORTS: dict[str, dict[str, Item]] = {
         "touch": Item(("meshes", "grasps"), ("touch",), ("touch",)),
         "renders": Item(("meshes", "grasps"), ("vision", "views", "seed"), ("renders",)),
         "models": Item(
-            ("surface", "touch", "charts", "vision", "views", "touch_depth"),
+            ("all_objects", "surface", "touch", "charts", "vision", "views", "touch_depth"),
             ("recipe", "training"),
             ("reconstruction",),
         ),

@@ -64,8 +64,7 @@ def measure(
     if report == "stability":
         return cases.report(item, module.CASES, picked[0])
     if report == "omitted":
-        omissions = getattr(module, "omissions", None) or module.leavings  # until all are renamed
-        return omission.report(omissions(Path(run), picked, settings or {}), rounds)
+        return omission.report(module.omissions(Path(run), picked, settings or {}), rounds)
     return study.measure(module.study(Path(run), picked, settings or {}), rounds)
 
 

@@ -12,6 +12,6 @@ from studies.subjects import Subject
 def scene_of(run: Path | str, subject: Subject, **others: Any) -> Scene:
     """The scene of an object and its grasps in a run; others: further attributes of the scene."""
     grasps = store.read(Path(run) / "grasps" / f"{subject.batch}.h5")
-    rows = grasps["object"][grasps["object_index"]] == subject.name
+    row = grasps["object"].tolist().index(subject.name)
     hand = Hand.from_arrays(grasps, prefix="hand/")
-    return Scene.from_grasps(subject.folder, {name: grasps[name][rows] for name in GRASP_ARRAYS}, hand, **others)
+    return Scene.from_grasps(subject.folder, {name: grasps[name][row] for name in GRASP_ARRAYS}, hand, **others)

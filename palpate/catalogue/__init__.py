@@ -2,13 +2,22 @@
 
 from palpate.catalogue.sources import UP_AXIS, CatalogueError, Entry, all_classes, scan
 from palpate.catalogue.split import PAPER_SPLIT, SPLITS, assign_split
-from palpate.catalogue.table import COLUMNS, batch_names, build, checksum, companions
+from palpate.catalogue.table import (
+    COLUMNS,
+    CatalogueEntry,
+    batch_names,
+    build,
+    checksum,
+    companions,
+    read_catalogue,
+)
 
 __all__ = [
     "COLUMNS",
     "PAPER_SPLIT",
     "SPLITS",
     "UP_AXIS",
+    "CatalogueEntry",
     "CatalogueError",
     "Entry",
     "all_classes",
@@ -17,5 +26,6 @@ __all__ = [
     "build",
     "checksum",
     "companions",
+    "read_catalogue",
     "scan",
 ]

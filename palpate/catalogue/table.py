@@ -1,5 +1,6 @@
 """The catalogue: one row an object, with its split, its batch and the checksum of what it is made from."""
 
+import csv
 import hashlib
 import io
 import json
@@ -7,7 +8,7 @@ import logging
 import re
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 from urllib.parse import unquote
 
 from palpate.catalogue.sources import CatalogueError, Count, given_splits, scan
@@ -17,6 +18,43 @@ from palpate.released import layout
 log = logging.getLogger(__name__)
 
 COLUMNS = ("object", "class", "split", "batch", "source", "checksum")
+
+
+class CatalogueEntry(NamedTuple):
+    """One object's row of `catalogue.csv`; the fields are `COLUMNS`, in their order.
+
+    source: its mesh file, relative to the source's path. checksum: see `checksum`.
+    """
+
+    object: str
+    class_name: str
+    split: str
+    batch: str
+    source: str = ""
+    checksum: str = ""
+
+
+def read_catalogue(path: Path | str) -> list[CatalogueEntry]:
+    """The rows of a `catalogue.csv`, or of one batch's, in their order.
+
+    Raises CatalogueError, naming the file and the remedy, if it is missing, has no rows, or lacks a value of object,
+    class, split or batch.
+    """
+    if not Path(path).is_file():
+        raise CatalogueError(f"{path} does not exist; name a run's folder, or build it with: snakemake catalogue.csv")
+    again = "remove it and build it with: snakemake catalogue.csv"
+    with open(path, newline="", encoding="utf-8") as file:
+        reader = csv.DictReader(file)
+        for column in COLUMNS[:4]:
+            if column not in (reader.fieldnames or ()):
+                raise CatalogueError(f"{path} has no column {column!r}; {again}")
+        entries = [CatalogueEntry(*(row.get(column) or "" for column in COLUMNS)) for row in reader]
+    if not entries:
+        raise CatalogueError(f"{path} lists no object; {again}")
+    for number, entry in enumerate(entries, start=2):
+        if "" in entry[:4]:
+            raise CatalogueError(f"{path} lacks a value in line {number}; {again}")
+    return entries
 
 
 def batch_names(object_count: int, batch_size: int) -> list[str]:

@@ -109,8 +109,8 @@ def fit_adam(
             if not len(active):
                 break
             sampled = sample_faces(vertices[active], faces, samples, generator)
-            some = active.tolist()
-            loss = chamfer_distance(sampled, [points[i] for i in some], b_trees=[trees[i] for i in some])
+            numbers = active.tolist()
+            loss = chamfer_distance(sampled, [points[i] for i in numbers], b_trees=[trees[i] for i in numbers])
             better = active[loss.detach() < lowest[active]]
             lowest[active] = torch.minimum(lowest[active], loss.detach())
             best[better] = vertices.detach()[better]

@@ -70,8 +70,6 @@ class Graph(nn.Module):
         normalisation: `symmetric`, the paper's equation 1; `mean`, as in the published code; or `separate`:
             equation 1 as if there were no touch charts, to which a boundary vertex adds the reference
             vertices with their weight in the mean; a reference vertex takes the mean.
-        spare: number of touch charts behind all others that no touch fills: they have vertices and edges of
-            their own, but no neighbour among the others, and no faces.
 
     Attributes:
         vertices: V, number of vertices in the graph.
@@ -80,13 +78,7 @@ class Graph(nn.Module):
     Raises ValueError for another kind or normalisation, or a negative number.
     """
 
-    def __init__(
-        self,
-        touch_charts: int = 0,
-        kind: Kind = "charts",
-        normalisation: Normalisation = "symmetric",
-        spare: int = 0,
-    ):
+    def __init__(self, touch_charts: int = 0, kind: Kind = "charts", normalisation: Normalisation = "symmetric"):
         super().__init__()
         if normalisation not in ("symmetric", "mean", "separate"):
             raise ValueError(f"normalisation {normalisation!r}; must be symmetric, mean or separate")
@@ -104,10 +96,6 @@ class Graph(nn.Module):
             faces = chart_faces(self.touch_charts)
             edges = torch.cat([mesh_edges(faces), atlas.joined])
             self.vertices = len(atlas.vertices) + TOUCH_VERTICES * self.touch_charts
-        self.spare = spare
-        for _ in range(spare):
-            edges = torch.cat([edges, mesh_edges(touch_chart().faces) + self.vertices])
-            self.vertices += TOUCH_VERTICES
         reference = len(atlas.vertices) + touch_chart().centre + TOUCH_VERTICES * torch.arange(self.touch_charts)
         self.register_buffer("faces", faces, persistent=False)
         self.register_buffer("reference", reference, persistent=False)
@@ -172,8 +160,7 @@ class Graph(nn.Module):
         for the straightforward implementation in the benchmarks."""
         atlas = vision_atlas()
         adjacent = torch.eye(self.vertices, dtype=torch.float64)
-        unused = torch.arange(self.vertices - TOUCH_VERTICES * self.spare, self.vertices, TOUCH_VERTICES)
-        for a, b, c in torch.cat([self.faces, *(touch_chart().faces + first for first in unused)]).tolist():
+        for a, b, c in self.faces.tolist():
             for u, v in ((a, b), (b, c), (c, a)):
                 adjacent[u, v] = adjacent[v, u] = 1
         if self.kind != "sphere":

@@ -49,7 +49,7 @@ CHECKS = {
     "attributes": Check(0, "attributes that are missing: config digest, seed, versions, units, frames"),
     "objects": Check(0, "objects neither in the store nor rejected, or in it though rejected or not in the batch"),
     "order": Check(0, "1 if the objects are not in the catalogue's order"),
-    "grasp rows": Check(0, "rows whose object or grasp index is wrong; rows that other stores have not"),
+    "grasp count": Check(0, "grasps an object that a store has more or fewer than the grasps store"),
     "finite": Check(0, "values that are NaN or infinite and must not be"),
     "rotation": Check(EXACT, "distance of rotations from orthonormal with determinant +1"),
     # Of the meshes and the surface.
@@ -103,7 +103,7 @@ CHECKS = {
 class Item:
     """One object of a batch: its rows of every store that has it, its mesh, and the hand."""
 
-    rows: dict[str, dict[str, np.ndarray]]  # stage -> array -> the object's row, or its rows one a grasp
+    rows: dict[str, dict[str, np.ndarray]]  # stage -> array -> the object's row
     folder: Path
     hand: Hand | None = None
 

@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 
 from palpate.atomic import atomic_write
-from palpate.catalogue import SPLITS
+from palpate.catalogue import SPLITS, CatalogueEntry, read_catalogue
 from palpate.dataset.checks import (
     CHECKS,
     MAX_PENETRATION,
@@ -24,7 +24,7 @@ from palpate.dataset.checks import (
     check_touch,
     check_vision,
 )
-from palpate.dataset.reader import Run, read_rows
+from palpate.dataset.run import Run, read_rows
 from palpate.hand import Hand
 from palpate.store.contract import CONTRACT, SENSOR_NAMES
 from palpate.store.files import REQUIRED_ATTRIBUTES, Store, StoreError, check_headers, describe
@@ -73,7 +73,7 @@ class _Batch:
         self.limits["penetration"] = np.float32(max_penetration)  # as it is stored
         self.limits["in hand"] = max_penetration
         self.sensor_names = SENSOR_NAMES
-        self.catalogue = [entry.object for entry in run.catalogue().values() if entry.batch == name]
+        self.catalogue = [entry.object for entry in run.catalogue.values() if entry.batch == name]
         self.rejected = run.rejections(name)
         self.findings: list[Finding] = []
         self.stores: dict[str, Store] = {}
@@ -128,35 +128,28 @@ class _Batch:
 
     def check_objects(self, stage: str) -> None:
         """Nothing is lost: the store's objects are the catalogue's less the rejected, in order."""
-        gone = {row["object"] for row in self.rejected if row["stage"] not in STAGES or row["stage"] in BEFORE[stage]}
-        expected = [name for name in self.catalogue if name not in gone]
+        stages = {*BEFORE[stage], *({row["stage"] for row in self.rejected} - set(STAGES))}
+        rejected = {row["object"] for row in self.rejected if row["stage"] in stages}
+        expected = {name for name in self.catalogue if name not in rejected}
         found = self.objects[stage]
-        odd = set(expected) ^ set(found) | {name for name, count in Counter(found).items() if count > 1}
-        self.add("objects", stage, len(odd), where=", ".join(sorted(odd)))
+        wrong = expected ^ set(found) | {name for name, count in Counter(found).items() if count > 1}
+        self.add("objects", stage, len(wrong), where=", ".join(sorted(wrong)))
         known = [name for name in found if name in self.catalogue]
         self.add("order", stage, known != sorted(known, key=self.catalogue.index))
 
     def grasps_per_object(self, stage: str) -> int:
-        """Rows an object has in the store's arrays of grasps; 0 if there are none."""
-        specs = CONTRACT[stage].arrays.values()
-        name = next((spec.name for spec in specs if spec.shape[0] == "og"), None)
-        if name is None or not self.objects[stage]:
-            return 0
-        return self.stores[stage].header(name)[0][0] // len(self.objects[stage])
+        """Length of the axis of grasps in the store of a stage that has one."""
+        name = next(spec.name for spec in CONTRACT[stage].arrays.values() if spec.of_grasps)
+        return self.stores[stage].header(name)[0][1]
 
-    def check_grasp_rows(self) -> None:
-        """Rows are object-major, and as many an object in every store."""
+    def check_grasp_count(self) -> None:
+        """Every store has as many grasps an object as the grasps store."""
         if "grasps" not in self.stores:
             return
-        each = self.grasps_per_object("grasps")
-        row = np.arange(each * len(self.objects["grasps"]))
-        expected = {"object_index": row // max(each, 1), "grasp_index": row % max(each, 1)}
-        with self.reading("grasps"):
-            wrong = np.sum([self.stores["grasps"].get(name) != index for name, index in expected.items()])
-            self.add("grasp rows", "grasps", wrong)
+        expected = self.grasps_per_object("grasps")
         for stage in ("touch", "vision"):
             if stage in self.stores and self.objects[stage]:
-                self.add("grasp rows", stage, abs(self.grasps_per_object(stage) - each))
+                self.add("grasp count", stage, abs(self.grasps_per_object(stage) - expected))
 
     def check_empty_reading(self) -> None:
         """The untouched gel looks as the sensor's model says."""
@@ -168,11 +161,9 @@ class _Batch:
             self.add("empty reading", "touch", np.abs(stored - expected).max() if same else np.inf)
 
     def rows(self, stage: str, name: str) -> dict[str, np.ndarray]:
-        """The object's row, or its rows one a grasp, of every array of the store."""
-        position, each = self.objects[stage].index(name), self.grasps_per_object(stage)
-        index = {"o": position, "og": slice(position * each, (position + 1) * each)}
-        axes = {key: spec.shape[0] for key, spec in CONTRACT[stage].arrays.items() if key != "object"}
-        return {key: self.stores[stage].get(key, index[axis]) for key, axis in axes.items() if axis in index}
+        """The object's row of every array of the store."""
+        row, specs = self.objects[stage].index(name), CONTRACT[stage].arrays
+        return {key: self.stores[stage].get(key, row) for key, spec in specs.items() if spec.of_objects}
 
     def check_object(self, name: str, hand: Hand | None) -> None:
         """Everything about one object."""
@@ -227,11 +218,11 @@ def validate_batch(
     checked = _Batch(Run(run), batch, stages, max_penetration)
     for stage in checked.stores:
         checked.check_objects(stage)
-    checked.check_grasp_rows()
+    checked.check_grasp_count()
     checked.check_empty_reading()
     hand = checked.hand()
-    held = {name for objects in checked.objects.values() for name in objects}
-    for name in [name for name in checked.catalogue if name in held]:
+    stored = {name for objects in checked.objects.values() for name in objects}
+    for name in [name for name in checked.catalogue if name in stored]:
         checked.check_object(name, hand)
     return checked.findings
 
@@ -260,7 +251,7 @@ def combine_validation(batches: Iterable[Path | str], catalogue: Path | str, rej
     """
     findings = [finding for path in batches for finding in read_findings(path)]
     validated = {finding.batch for finding in findings}
-    findings = [*_check_run(read_rows(Path(catalogue)), read_rows(Path(rejected)), validated), *findings]
+    findings = [*_check_run(read_catalogue(catalogue), read_rows(Path(rejected)), validated), *findings]
     groups: dict[tuple[str, str, str], list[Finding]] = {}
     for finding in findings:
         groups.setdefault((finding.check, finding.store, finding.batch), []).append(finding)
@@ -285,23 +276,23 @@ def _where(group: list[Finding]) -> str:
     return "; ".join([*failed[:NAMED], *more])
 
 
-def _check_run(catalogue: list[dict], rejected: list[dict], validated: set[str]) -> Iterator[Finding]:
+def _check_run(catalogue: list[CatalogueEntry], rejected: list[dict], validated: set[str]) -> Iterator[Finding]:
     """What only the whole run can tell."""
 
     def finding(check: str, store: str, wrong: Iterable[str]) -> Finding:
         wrong = sorted(wrong)
         return Finding(check, store, "", "", ", ".join(wrong[:NAMED]), len(wrong), CHECKS[check].limit)
 
-    names = [row["object"] for row in catalogue]
+    names = [entry.object for entry in catalogue]
     splits: dict[str, set[str]] = {}
-    for row in catalogue:
-        splits.setdefault(row["object"], set()).add(row["split"])
+    for entry in catalogue:
+        splits.setdefault(entry.object, set()).add(entry.split)
     yield finding("unique", "catalogue", (name for name, count in Counter(names).items() if count > 1))
     yield finding(
         "one split",
         "catalogue",
         (name for name, found in splits.items() if len(found) > 1 or found - set(SPLITS)),
     )
-    yield finding("batches", "catalogue", {row["batch"] for row in catalogue} - validated)
+    yield finding("batches", "catalogue", {entry.batch for entry in catalogue} - validated)
     unexplained = (row for row in rejected if row["object"] not in splits or not row["reason"].strip())
     yield finding("rejections", "rejected", (row["object"] for row in unexplained))

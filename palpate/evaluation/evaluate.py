@@ -15,14 +15,15 @@ import torch
 from torch import Tensor
 from tqdm import tqdm
 
-from palpate import store, training
+from palpate import training
 from palpate.charts import CHAMFER_SCALE, build_tree, chamfer_distance, sample_faces, touch_chart
 from palpate.dataset import Dataset
+from palpate.dataset.reader import GraspRecord
 from palpate.evaluation.metrics import score, seeded
 from palpate.evaluation.rings import RINGS, SAMPLES, ring_distances, ring_points
+from palpate.evaluation.rows import COLUMNS, RING_COLUMNS, SPLITS, TOUCH_COLUMNS, EvaluationError
 from palpate.models import Reconstruction, TouchDepth
-from palpate.results.errors import COLUMNS, RING_COLUMNS, SPLITS, TOUCH_COLUMNS, EvaluationError
-from palpate.training import Assembler, Machine, Pack, Sample, windows
+from palpate.training import Assembler, Machine, Sample, TrainingData, windows
 from palpate.training.losses import sheet
 from palpate.training.touches import channels_first, predict_depth
 
@@ -60,8 +61,10 @@ def training_steps(summary: Path | str) -> int:
     return int(json.loads(Path(summary).read_text())["steps"])
 
 
-def evaluate(trained: Trained, pack: Pack, points: int = POINTS, splits: Sequence[str] = SPLITS) -> pd.DataFrame:
-    """Score every sample of some splits: `errors.COLUMNS`, a row a sample.
+def evaluate(
+    trained: Trained, data: TrainingData, points: int = POINTS, splits: Sequence[str] = SPLITS
+) -> pd.DataFrame:
+    """Score every sample of some splits: `rows.COLUMNS`, a row a sample.
 
     A sample is an object with a window of its grasps, or a view of it (see `palpate.training.windows`).
     `points` are sampled on the predicted mesh, from random numbers that depend on the object only, so that
@@ -69,27 +72,29 @@ def evaluate(trained: Trained, pack: Pack, points: int = POINTS, splits: Sequenc
     batch's. Raises EvaluationError for a prediction that is not finite, naming the object.
     """
     rows, tree, last = [], None, None
-    truth = torch.from_numpy(pack["points"]).to(trained.device)
-    for sample, vertices, seconds in predictions(trained, pack, splits):
-        name = pack.objects[sample.object]
+    truth = torch.from_numpy(data["points"]).to(trained.device)
+    for sample, vertices, seconds in predictions(trained, data, splits):
+        name = data.objects[sample.object]
         cloud = truth[sample.object]
         if last != sample.object:
             tree, last = build_tree(cloud) if cloud.device.type == "cpu" else None, sample.object
         predicted = _sampled(trained, vertices, points, name)
-        rows.append(_row(trained, pack, sample) | score(predicted, cloud, tree)._asdict() | {"seconds": seconds})
+        rows.append(_row(trained, data, sample) | score(predicted, cloud, tree)._asdict() | {"seconds": seconds})
     return pd.DataFrame(rows, columns=COLUMNS)
 
 
-def evaluate_rings(trained: Trained, pack: Pack, dataset: Dataset, split: str, points: int = SAMPLES) -> pd.DataFrame:
+def evaluate_rings(
+    trained: Trained, data: TrainingData, dataset: Dataset, split: str, points: int = SAMPLES
+) -> pd.DataFrame:
     """How far the true surface in the rings around each touch is from the predictions of one split:
-    `errors.RING_COLUMNS`, a row a sample, successful touch and ring.
+    `rows.RING_COLUMNS`, a row a sample, successful touch and ring.
 
-    The touches are those of the sample's grasps; of all grasps where the model sees none of a grasp. dataset:
-    the run's, with its stores of touch and rings. `distance` (m^2) is nan for a ring without surface.
+    The touches are those of the sample's grasps; of all grasps if nothing that the model takes depends on a grasp.
+    dataset: the run's, with its stores of touch and rings. `distance` (m^2) is nan for a ring without surface.
     """
     rows = []
-    for sample, vertices, _ in predictions(trained, pack, [split]):
-        item = dataset[pack.objects[sample.object]]
+    for sample, vertices, _ in predictions(trained, data, [split]):
+        item = dataset[data.objects[sample.object]]
         predicted = _sampled(trained, vertices, points, item.name)
         tree = build_tree(predicted) if predicted.device.type == "cpu" else None
         for number in sample.grasps or range(len(item.grasps)):
@@ -100,24 +105,24 @@ def evaluate_rings(trained: Trained, pack: Pack, dataset: Dataset, split: str, p
                 distances = ring_distances(rings, predicted, tree)
                 for ring, found, distance in zip(RINGS, rings, distances, strict=True):
                     rows.append(
-                        _row(trained, pack, sample)
+                        _row(trained, data, sample)
                         | {"grasp": number, "sensor": sensor, "ring": ring}
                         | {"points": len(found), "distance": distance}
                     )
     return pd.DataFrame(rows, columns=RING_COLUMNS)
 
 
-def predictions(trained: Trained, pack: Pack, splits: Sequence[str]) -> Iterator[tuple[Sample, Tensor, float]]:
+def predictions(trained: Trained, data: TrainingData, splits: Sequence[str]) -> Iterator[tuple[Sample, Tensor, float]]:
     """Each sample of some splits with the vertices (V, 3) that the model predicts, and the seconds it took.
 
     Raises EvaluationError if there is no object, or a vertex is not finite.
     """
-    samples = windows(pack, trained.experiment, *splits)
+    samples = windows(data, trained.experiment, *splits)
     if not samples:
         raise EvaluationError(
-            f"{pack.path} has no object in {' or '.join(splits)}: more objects are needed (config classes)"
+            f"{data.source}: no object in {' or '.join(splits)}: more objects are needed (config classes)"
         )
-    assemble = Assembler(pack, trained.device)
+    assemble = Assembler(data, trained.experiment, trained.device)
     label = f"{trained.name} seed {trained.seed}"
     bar = tqdm(total=len(samples), desc=label, unit="sample", disable=not sys.stderr.isatty())
     left, done = iter(samples), 0
@@ -131,7 +136,7 @@ def predictions(trained: Trained, pack: Pack, splits: Sequence[str]) -> Iterator
         for sample, predicted in zip(part, vertices, strict=True):
             if not torch.isfinite(predicted).all():
                 raise EvaluationError(
-                    f"{label}: the prediction for {pack.objects[sample.object]} is not finite; train it again"
+                    f"{label}: the prediction for {data.objects[sample.object]} is not finite; train it again"
                 )
             yield sample, predicted, seconds
         bar.update(len(part))
@@ -145,28 +150,22 @@ def _sampled(trained: Trained, vertices: Tensor, count: int, name: str) -> Tenso
     return sample_faces(vertices[None], trained.model.faces, count, seeded(0, name, "evaluation"))[0]
 
 
-def _row(trained: Trained, pack: Pack, sample: Sample) -> dict[str, Any]:
+def _row(trained: Trained, data: TrainingData, sample: Sample) -> dict[str, Any]:
     return {
         "experiment": trained.name,
         "seed": trained.seed,
-        "object": pack.objects[sample.object],
-        "class": pack.classes[sample.object],
-        "split": pack.splits[sample.object],
+        "object": data.objects[sample.object],
+        "class": data.classes[sample.object],
+        "split": data.splits[sample.object],
         "window": sample.window,
         "steps": trained.steps,
     }
 
 
 def evaluate_touch(
-    model: TouchDepth,
-    steps: int,
-    catalogue: Path | str,
-    touch: Sequence[Path | str],
-    charts: Sequence[Path | str],
-    points: int = POINTS,
-    splits: Sequence[str] = SPLITS,
+    model: TouchDepth, steps: int, dataset: Dataset, points: int = POINTS, splits: Sequence[str] = SPLITS
 ) -> pd.DataFrame:
-    """Score the local predictions at every successful touch of some splits: `errors.TOUCH_COLUMNS`.
+    """Score the local predictions at every successful touch of some splits: `rows.TOUCH_COLUMNS`.
 
     `cloud` is the Chamfer distance (m^2 x 9000) of the predicted local cloud (the pixels whose reading
     differs from the untouched one, at the predicted depth) to the true one; `chart` that of `points` sampled
@@ -174,56 +173,39 @@ def evaluate_touch(
 
     Args:
         model: in evaluation mode, on any device; steps: those it was trained for.
-        catalogue: the run's `catalogue.csv`; touch, charts: the stores of all batches, in one order.
+        dataset: the run's, with its stores of touch and charts.
 
     Raises EvaluationError if these splits have no successful touch.
     """
-    entries = pd.read_csv(catalogue, dtype=str, keep_default_na=False).set_index("object")
-    rows = []
-    batches = list(zip(touch, charts, strict=True))
-    for paths in tqdm(batches, desc="touch depth", unit="batch", disable=not sys.stderr.isatty()):
-        felt, fitted = map(store.open, paths)
-        success, empty = felt["success"], channels_first(felt["empty_reading"])
-        vertices = fitted["vertices"]
-        for place, name in enumerate(map(str, felt["object"])):
-            entry = entries.loc[name]
-            each = len(success) // len(felt["object"])
-            for number in range(each) if entry["split"] in splits else ():
-                row = place * each + number
-                sensors = np.flatnonzero(success[row])
-                draw = seeded(0, name, str(number), "evaluation")
-                scores = _local_scores(model, felt, vertices, empty, row, sensors, points, draw)
-                for sensor, cloud, chart in zip(sensors, *scores, strict=True):
-                    rows.append((name, entry["class"], entry["split"], number, sensor, cloud, chart, steps))
-        log.info("%s: %d touches so far", paths[0], len(rows))
+    records = [record for record in dataset if record.split in splits]
+    rows, empty = [], channels_first(dataset.empty_reading)
+    for record in tqdm(records, desc="touch depth", unit="object", disable=not sys.stderr.isatty()):
+        for grasp in record.grasps:
+            sensors = np.flatnonzero(grasp.success)
+            draw = seeded(0, record.name, str(grasp.number), "evaluation")
+            scores = _local_scores(model, grasp, sensors, empty, points, draw)
+            for sensor, cloud, chart in zip(sensors, *scores, strict=True):
+                rows.append((record.name, record.class_name, record.split, grasp.number, sensor, cloud, chart, steps))
+        log.info("%s: %d touches so far", record.name, len(rows))
     if not rows:
         raise EvaluationError(f"no successful touch in {' or '.join(splits)}: more objects are needed (config classes)")
     return pd.DataFrame(rows, columns=TOUCH_COLUMNS)
 
 
 def _local_scores(
-    model: TouchDepth,
-    felt: store.Store,
-    vertices: np.ndarray,
-    empty: Tensor,
-    row: int,
-    sensors: np.ndarray,
-    points: int,
-    draw: torch.Generator,
+    model: TouchDepth, grasp: GraspRecord, sensors: np.ndarray, empty: Tensor, points: int, draw: torch.Generator
 ) -> tuple[list[float], list[float]]:
     """Errors (m^2 x 9000) of the clouds and of the charts of some sensors of one grasp."""
     if not len(sensors):
         return [], []
     device = next(model.parameters()).device
-    reading = channels_first(felt.get("reading", row)[sensors]).to(device)
-    depth, valid = predict_depth(model, reading, empty.to(device))
-    true = torch.from_numpy(felt.get("depth", row)[sensors]).to(device)
+    depth, valid = predict_depth(model, channels_first(grasp.reading[sensors]).to(device), empty.to(device))
+    true = torch.from_numpy(grasp.depth[sensors]).to(device)
     # A distance does not depend on the frame: clouds are compared in the sensor's, charts in the world.
     clouds = [cloud[mask] for cloud, mask in zip(sheet(depth), valid, strict=True)]
     truths = [cloud[mask] for cloud, mask in zip(sheet(true), torch.isfinite(true), strict=True)]
-    chart = torch.from_numpy(vertices[row, sensors]).to(device)
+    chart = torch.from_numpy(grasp.vertices[sensors]).to(device)
     on_charts = sample_faces(chart, touch_chart().faces.to(device), points, draw)
-    counts, world = felt.get("point_count", row), torch.from_numpy(felt.get("points", row)).to(device)
-    there = [world[sensor, : counts[sensor]] for sensor in sensors]
-    scores = chamfer_distance(clouds, truths), chamfer_distance(on_charts, there)
+    world = [torch.from_numpy(grasp.points[sensor]).to(device) for sensor in sensors]
+    scores = chamfer_distance(clouds, truths), chamfer_distance(on_charts, world)
     return tuple((CHAMFER_SCALE * errors).tolist() for errors in scores)

@@ -18,6 +18,7 @@ from palpate.dataset import Dataset
 from palpate.hand import SENSORS
 from palpate.store import CONTRACT, Store
 from palpate.touch.sensor import RESOLUTION
+from palpate.training.inputs import takes_charts, takes_grasps
 from palpate.vision.camera import IMAGE_SIZE
 
 if TYPE_CHECKING:
@@ -81,8 +82,8 @@ def reconstruct(
 
     image: (256, 256, 3) uint8 sRGB from the dataset's camera, row 0 at the top; of a size of its own for a
     model of single views, with the view's `camera` (3, 4), from homogeneous world coordinates to pixels.
-    touches: one grasp, or a sequence of as many as the model feels: grasp records of `palpate.Dataset`, or
-    `GraspTouches`. What the model does not see or feel is not looked at. model: its folder,
+    touches: one grasp, or a sequence of as many as the model takes: grasp records of `palpate.Dataset`, or
+    `GraspTouches`. What the model does not take is ignored. model: its folder,
     `<run>/models/<experiment>/seed-<k>`, or the checkpoint in it; a model that takes touch charts also reads
     the run's U-Net, `<run>/models/touch_depth`.
 
@@ -135,11 +136,11 @@ class Reconstructor:
     @property
     def takes_charts(self) -> bool:
         """Whether touches reach the model as charts: not in strategy `sphere`, which takes the readings."""
-        return self.experiment["touch"] and self.experiment["strategy"] != "sphere"
+        return takes_charts(self.experiment)
 
     @property
     def grasps(self) -> int:
-        """How many grasps it feels."""
+        """How many grasps it takes."""
         return self.experiment["grasps"] if self.experiment["touch"] else 0
 
     def __call__(self, image: np.ndarray | None = None, touches=None, camera: np.ndarray | None = None) -> Shape:
@@ -149,11 +150,11 @@ class Reconstructor:
         inputs: dict[str, np.ndarray] = {}
         success = np.zeros(0, dtype=bool)
         if self.experiment["vision"] != "none":
-            inputs |= self._seen(image, camera)
+            inputs |= self._image_inputs(image, camera)
         if self.experiment["touch"]:
-            felt = self._felt(touches)
-            success = felt.success
-            inputs |= self._touch_inputs(felt)
+            given = self._all_touches(touches)
+            success = given.success
+            inputs |= self._touch_inputs(given)
         device = next(self._model.parameters()).device
         batch = {name: torch.from_numpy(array)[None].to(device) for name, array in inputs.items()}
         with torch.inference_mode():
@@ -162,11 +163,11 @@ class Reconstructor:
             raise ReconstructionError(f"{self.path} predicts NaN or infinite vertices: train the model again")
         return self._shape(vertices, success)
 
-    def _seen(self, image: np.ndarray | None, camera: np.ndarray | None) -> dict[str, np.ndarray]:
+    def _image_inputs(self, image: np.ndarray | None, camera: np.ndarray | None) -> dict[str, np.ndarray]:
         """The image, and for a single view its camera, as the model takes them."""
         vision = self.experiment["vision"]
         if image is None:
-            raise ReconstructionError(f"{self.name} sees ({vision} vision): give an image")
+            raise ReconstructionError(f"{self.name} takes an image ({vision} vision): give one")
         image = np.asarray(image)
         size = None if vision == "views" else IMAGE_SIZE
         square = image.ndim == 3 and image.shape[0] == image.shape[1] and image.shape[2] == 3
@@ -180,21 +181,21 @@ class Reconstructor:
         if vision == "views":
             if np.shape(camera) != (3, 4):  # () of None
                 raise ReconstructionError(
-                    f"{self.name} sees views from all around: give the view's camera (3, 4), from "
+                    f"{self.name} takes views from all around: give the view's camera (3, 4), from "
                     f"homogeneous world coordinates to pixels (found an array of shape {np.shape(camera)})"
                 )
             _check_finite("the camera", np.asarray(camera))
             inputs["camera"] = np.asarray(camera, dtype=np.float32)
         return inputs
 
-    def _felt(self, touches) -> GraspTouches:
+    def _all_touches(self, touches) -> GraspTouches:
         """All sensors of all grasps in one, checked."""
         grasps = [] if touches is None else [touches] if hasattr(touches, "reading") else list(touches)
         if len(grasps) != self.grasps:
             raise ReconstructionError(
-                f"{self.name} feels {_counted(self.grasps)}, but touches of {len(grasps)} were given"
+                f"{self.name} takes {_counted(self.grasps)}, but touches of {len(grasps)} were given"
             )
-        felt = GraspTouches(
+        given = GraspTouches(
             *(np.concatenate([getattr(grasp, name) for grasp in grasps]) for name in GraspTouches._fields)
         )
         count = SENSORS * len(grasps)
@@ -205,28 +206,28 @@ class Reconstructor:
             "success": (count,),
         }
         for name, shape in shapes.items():
-            values = getattr(felt, name)
+            values = getattr(given, name)
             if values.shape != shape:
                 raise ReconstructionError(
                     f"touches: {name} of {_counted(len(grasps))} has shape {values.shape}, expected {shape}"
                 )
             _check_finite(f"touches: {name}", values)
-        if felt.reading.dtype != np.uint8:
-            raise ReconstructionError(f"touches: reading is of type {felt.reading.dtype}, expected uint8")
-        if not felt.success.any():
+        if given.reading.dtype != np.uint8:
+            raise ReconstructionError(f"touches: reading is of type {given.reading.dtype}, expected uint8")
+        if not given.success.any():
             warnings.warn(
-                f"no sensor of {_counted(len(grasps))} touches the object: {self.name} is only told where they are",
+                f"no sensor of {_counted(len(grasps))} touches the object: {self.name} is only given where they are",
                 stacklevel=4,
             )
-        return felt._replace(success=felt.success.astype(bool))
+        return given._replace(success=given.success.astype(bool))
 
-    def _touch_inputs(self, felt: GraspTouches) -> dict[str, np.ndarray]:
+    def _touch_inputs(self, touches: GraspTouches) -> dict[str, np.ndarray]:
         """The touches as the model takes them: charts, or readings."""
-        poses = {name: getattr(felt, name).astype(np.float32) for name in ("position", "rotation")}
-        inputs = {"success": felt.success, **poses}
+        poses = {name: getattr(touches, name).astype(np.float32) for name in ("position", "rotation")}
+        inputs = {"success": touches.success, **poses}
         if self.takes_charts:
-            return inputs | {"charts": self._charts(felt)}
-        return inputs | {"reading": _channels_first(felt.reading)}
+            return inputs | {"charts": self._charts(touches)}
+        return inputs | {"reading": _channels_first(touches.reading)}
 
     def _shape(self, vertices: np.ndarray, success: np.ndarray) -> Shape:
         faces = self._model.faces.cpu().numpy()
@@ -386,16 +387,16 @@ def _seed(name: str) -> int:
 
 
 def of_object(record, experiment, grasps: Sequence[int] | None = None, view: int = 0):
-    """What a model sees of an object of the dataset: image or None, grasp records, camera or None.
+    """The inputs of a model from an object of the dataset: image or None, grasp records, camera or None.
 
     record: of `palpate.Dataset`. experiment: the model's. grasps: numbers of the grasps, as many as the
-    model feels; the first ones by default. An occluded image is that of the first of them. view: number of
+    model takes; the first ones by default. An occluded image is that of the first of them. view: number of
     the view, for a model of single views.
 
     Raises ReconstructionError for a grasp or view that the object does not have.
     """
     numbers = list(range(experiment["grasps"])) if grasps is None else list(grasps)
-    uses_grasps = experiment["touch"] or experiment["vision"] == "occluded"
+    uses_grasps = takes_grasps(experiment)
     available = record.grasps if uses_grasps else []
     if uses_grasps and (wrong := [number for number in numbers if not 0 <= number < len(available)]):
         raise ReconstructionError(f"{record.name} has no grasp {wrong[0]}: it has {len(available)}, numbered from 0")

@@ -3,7 +3,7 @@
 A grid of 100 x 100 points, five times the sensor's size and centred on it, is projected along the sensor's x
 onto the true surface. Ring 1 is what lies within the sensor's own square; ring r what lies between the
 squares of r - 1 and r times its size. Grid, rings, and what happens to points that meet no surface (they
-are left out) are those of the published evaluation (its `calc_local_chamfer`), and so is the number of points
+are omitted) are those of the published evaluation (its `calc_local_chamfer`), and so is the number of points
 that a prediction is sampled at.
 """
 
@@ -134,14 +134,13 @@ def project_batch(touch: Path | str, surface: Callable[[str], MeshSurface | Clou
 
     touch: the batch's touch store; surface: from an object's name to what its rings are projected onto.
     """
-    felt = store.read(touch, "object", "success", "position", "rotation")
-    success = felt["success"]
+    held = store.read(touch, "object", "success", "position", "rotation")
+    names, success = held["object"], held["success"]
     depth = np.full((*success.shape, GRID, GRID), np.inf, dtype=np.float32)
-    each = len(success) // max(len(felt["object"]), 1)
-    for place, name in enumerate(felt["object"]):
-        log.info("rings %d/%d: %s", place + 1, len(felt["object"]), name)
+    for place, name in enumerate(names):
+        log.info("rings %d/%d: %s", place + 1, len(names), name)
         onto = surface(str(name))
-        for row in range(place * each, (place + 1) * each):
-            for sensor in np.flatnonzero(success[row]):
-                depth[row, sensor] = onto.project(felt["position"][row, sensor], felt["rotation"][row, sensor])
-    return {"object": felt["object"], "ring_depth": depth}
+        for grasp, sensor in zip(*np.nonzero(success[place]), strict=True):
+            index = place, grasp, sensor
+            depth[index] = onto.project(held["position"][index], held["rotation"][index])
+    return {"object": names, "ring_depth": depth}

@@ -12,7 +12,7 @@ _CONVOLUTIONS = {
 # As released: positions in metres, the published code's random numbers, also in the last layer.
 _AS_RELEASED = {"normalise_positions": False, "init": "paper", "last_layer_scale": 1.0}
 
-# The supplement's tables "Architecture for deforming charts with ...", by what the model sees and feels; the
+# The supplement's tables "Architecture for deforming charts with ...", by modality; the
 # number of graph layers by their indices. docs/models.md lists where the tables contradict themselves.
 PAPER_ARCHITECTURES: dict[str, dict[str, Any]] = {
     "occluded_touch": {"encoder": _CONVOLUTIONS, "gcn": {"layers": 21, "width": 250}, **_AS_RELEASED},
@@ -40,7 +40,7 @@ PAPER_ARCHITECTURES: dict[str, dict[str, Any]] = {
 
 
 def paper_architecture(vision: str, touch: bool) -> dict[str, Any]:
-    """The paper's architecture for what it sees (`occluded`, `unoccluded`, `views`, `none`) and feels."""
+    """The paper's architecture for a vision (`occluded`, `unoccluded`, `views`, `none`) with or without touch."""
     if vision == "views":
         return PAPER_ARCHITECTURES["single_image"]
     name = "_".join([*([] if vision == "none" else [vision]), *(["touch"] if touch else [])])

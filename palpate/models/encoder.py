@@ -73,7 +73,7 @@ class ImageEncoder(nn.Module):
     def centres(self) -> list[tuple[float, int]]:
         """Where the cells of each pooled map look: (first, step) in pixels.
 
-        Cell i sees a square of the image around first + i step, the centre of its receptive field, in the
+        Cell i depends on a square of the image around first + i step, the centre of its receptive field, in the
         coordinates of `palpate.vision.camera` (pixel c's centre at c + 0.5).
         """
         looks, first, step = [], 0.5, 1

@@ -1,4 +1,4 @@
-"""Perceptual feature pooling: what the image's feature maps say at the place where a vertex is seen."""
+"""Perceptual feature pooling: the image's feature maps at the projection of each vertex."""
 
 from collections.abc import Sequence
 

@@ -1,4 +1,8 @@
-"""The reconstruction network: charts deformed several times by what the image and the touches say."""
+"""The reconstruction network: charts deformed several times by features of the image and of the touches.
+
+Only what an experiment takes is built: no image encoder without vision, no reading encoder but for strategy
+`sphere`, and a graph with just the touch charts of its grasps.
+"""
 
 from collections.abc import Mapping
 from typing import Any
@@ -6,7 +10,6 @@ from typing import Any
 import torch
 from torch import nn
 
-from palpate import scene
 from palpate.charts.atlas import ATLAS_RADIUS, TOUCH_VERTICES, chart_faces, sphere, vision_atlas
 from palpate.charts.graph import Graph
 from palpate.hand import SENSORS
@@ -15,8 +18,6 @@ from palpate.models.encoder import ImageEncoder, ReadingEncoder
 from palpate.models.gcn import GraphNetwork
 from palpate.models.layers import Concatenate, LinearBlock
 from palpate.models.pooling import PerceptualPooling, relative_camera
-from palpate.scene import Plan
-from palpate.scene.models import GRASPS
 from palpate.touch.sensor import RESOLUTION
 from palpate.vision.camera import IMAGE_SIZE, paper_camera
 
@@ -25,6 +26,8 @@ DEFORMATIONS = 3  # section 3.1
 # The mask feature. The supplement: 0 for vision charts, a binary feature for a successful touch; the
 # published code tells unsuccessful touches apart from both.
 SUCCESSFUL, UNSUCCESSFUL = 1.0, -1.0
+# Beside a reading's features, in strategy `sphere`: the sensor's position, rotation, and success.
+POSE_FEATURES = 3 + 9 + 1
 
 
 class Reconstruction(nn.Module):
@@ -34,15 +37,13 @@ class Reconstruction(nn.Module):
         strategy: `charts`, the paper's; `no_copy`: touch charts are deformed like the others; `no_comm`:
             touch charts are no part of the graph, and only added to the mesh; `sphere`: a closed sphere is
             deformed, each of its vertices knowing features of all touch readings (section 5.1).
-        vision: whether it sees an image.
-        touch: whether it feels touches.
-        grasps: how many grasps it feels, four touches each.
+        vision: whether it takes an image.
+        touch: whether it takes touches.
+        grasps: how many grasps it takes, four touches each.
         architecture: layers and options, as in `palpate.models.architectures` and config/recipes.yaml. Of the
             options, `unsuccessful` says whether the vertices of unsuccessful touch charts are deformed
             (`free`, the paper's, if it is missing) or stay at the fingertip (`held`), and `deformations` how
             often the charts are deformed (3 times, as in the paper, if it is missing).
-        plan: what it is built of, of a scene of kind `experiment`; that of the arguments above if None. Parts
-            that are put back in give the network more inputs, or its graph more vertices.
 
     Attributes:
         faces: (F, 3) int64 faces of the mesh whose vertices `forward` gives; those of a touch chart without
@@ -50,8 +51,8 @@ class Reconstruction(nn.Module):
         sensors: number of touches, 4 times the grasps, or 0.
         pooled: number of features that the image gives a vertex.
 
-    Raises ValueError for an option that is not known, or a combination that can't be: nothing to see or to
-    feel, no touch where the strategy is about touch charts, no vision for `no_comm`.
+    Raises ValueError for an option that is not known, or a combination that can't be: neither vision nor
+    touch, no touch where the strategy is about touch charts, no vision for `no_comm`.
     """
 
     def __init__(
@@ -61,19 +62,14 @@ class Reconstruction(nn.Module):
         touch: bool,
         grasps: int,
         architecture: Mapping[str, Any],
-        plan: Plan | None = None,
     ):
         super().__init__()
         _check_experiment(strategy, vision, touch, grasps)
-        seen = "unoccluded" if vision else "none"  # which image it is makes no difference here
-        facts = {"strategy": strategy, "vision": seen, "touch": touch, "grasps": grasps}
-        needs = (plan or scene.plan("experiment", **facts)).needs
-        self.strategy, self.vision, self.touch = strategy, needs("image encoder"), touch
+        self.strategy, self.vision, self.touch = strategy, vision, touch
         self.sensors = SENSORS * grasps if touch else 0
         deformed = self.sensors if strategy in ("charts", "no_copy") else 0
         kind = {"no_comm": "no_comm", "sphere": "sphere"}.get(strategy, "charts")
-        spare = SENSORS * GRASPS - deformed if needs("spare touch charts") else 0
-        self.graph = Graph(deformed, kind, architecture["gcn"].get("normalisation", "symmetric"), spare)
+        self.graph = Graph(deformed, kind, architecture["gcn"].get("normalisation", "symmetric"))
         unsuccessful = architecture.get("unsuccessful", "free")
         if unsuccessful not in ("free", "held"):
             raise ValueError(f"unsuccessful {unsuccessful!r}; must be free or held")
@@ -90,24 +86,23 @@ class Reconstruction(nn.Module):
         faces = chart_faces(copied) if copied else self.graph.faces
         self.register_buffer("faces", faces.clone(), persistent=False)
 
-        self.pooled = self._see(dict(architecture["encoder"])) if self.vision else 0
+        self.pooled = self._build_encoder(dict(architecture["encoder"])) if self.vision else 0
         inputs = self.pooled + 3
         if deformed:
             inputs += 1
-        self.readings = self.sensors if needs("reading encoder") else 0
-        if self.readings:
+        self.reads_readings = touch and strategy == "sphere"
+        if self.reads_readings:
             norm = architecture["encoder"]["norm"] if vision else "batch"
             self.reading_encoder = ReadingEncoder(norm=norm)
-            # Beside the reading's features: the sensor's position, rotation, and success.
-            inputs += self.readings * (self.reading_encoder.features + 3 + 9 + 1)
+            inputs += self.sensors * (self.reading_encoder.features + POSE_FEATURES)
         self.concatenate = Concatenate(-1)
         gcn = architecture["gcn"]
         self.gcn = GraphNetwork(
             inputs, gcn["width"], gcn["layers"], architecture["init"], architecture["last_layer_scale"]
         )
 
-    def _see(self, options: dict[str, Any]) -> int:
-        """Builds what looks at the image; returns the number of features it gives a vertex."""
+    def _build_encoder(self, options: dict[str, Any]) -> int:
+        """Builds the image encoder and the pooling; returns the number of features that a vertex gets."""
         alignment, project = options.pop("alignment", "extent"), options.pop("project", None)
         self.encoder = ImageEncoder(**options)
         self.pooling = PerceptualPooling(alignment, self.encoder.centres())
@@ -134,7 +129,16 @@ class Reconstruction(nn.Module):
 
         Raises ValueError if a key is missing, of another shape or type. `check` also looks at the values.
         """
-        samples = self._check_shapes(batch)
+        positions = self.deform(batch, *self._initial(batch, self._check_shapes(batch)))
+        if self.touch and self.strategy == "no_comm":
+            positions = torch.cat([positions, self._touch_charts(batch)[0]])
+        return positions.transpose(0, 1).contiguous()
+
+    def _initial(
+        self, batch: Mapping[str, torch.Tensor], samples: int
+    ) -> tuple[torch.Tensor, list[torch.Tensor], torch.Tensor | None]:
+        """Where the vertices of the graph begin (V, B, 3), features that they keep (V, B, ...), and which of
+        them stay where they are (V, B, 1); None if all move."""
         positions = self.start[:, None].expand(-1, samples, -1)
         given = []
         enforced = None
@@ -146,12 +150,19 @@ class Reconstruction(nn.Module):
             if self.strategy == "charts":
                 stays = torch.ones_like(success) if self.held else success
                 enforced = torch.cat([success.new_zeros(len(self.start), samples, 1), stays])
-        moving = len(positions)
-        if self.graph.vertices > moving:
-            positions, enforced, given = self._with_spare(positions, enforced, given)
-        if self.readings:
+        if self.reads_readings:
             given.append(self._touch_features(batch).expand(len(positions), -1, -1))
-        maps, camera = self._look(batch)
+        return positions, given, enforced
+
+    def deform(
+        self,
+        batch: Mapping[str, torch.Tensor],
+        positions: torch.Tensor,
+        given: list[torch.Tensor],
+        enforced: torch.Tensor | None,
+    ) -> torch.Tensor:
+        """Vertices (V, B, 3) after all deformations, from what `_initial` gives."""
+        maps, camera = self._image_maps(batch)
         for _ in range(self.deformations):
             features = [*given]
             if self.vision:
@@ -160,10 +171,7 @@ class Reconstruction(nn.Module):
             features.insert(int(self.vision), self._relative(positions))
             moved = positions + self.scale * self.gcn(self.concatenate(*features), self.graph)
             positions = moved if enforced is None else torch.where(enforced, positions, moved)
-        positions = positions[:moving]
-        if self.touch and self.strategy == "no_comm":
-            positions = torch.cat([positions, self._touch_charts(batch)[0]])
-        return positions.transpose(0, 1).contiguous()
+        return positions
 
     def check(self, batch: Mapping[str, torch.Tensor]) -> None:
         """Raises ValueError if a key is missing, of another shape, or has NaN or infinite values.
@@ -179,20 +187,11 @@ class Reconstruction(nn.Module):
                 where = "" if key != "charts" else " of a successful touch"
                 raise ValueError(f"{key}: NaN or infinite values{where}")
 
-    def _with_spare(self, positions, enforced, given):
-        """The same with rows for touch charts that no touch fills: in the centre, without features."""
-        more = self.graph.vertices - len(positions)
-        resting = self.centre.to(positions.dtype).expand(more, positions.shape[1], 3)
-        if enforced is not None:
-            enforced = torch.cat([enforced, enforced.new_zeros(more, *enforced.shape[1:])])
-        given = [torch.cat([values, values.new_zeros(more, *values.shape[1:])]) for values in given]
-        return torch.cat([positions, resting]), enforced, given
-
     def _relative(self, positions: torch.Tensor) -> torch.Tensor:
-        """Positions (..., 3) as the network sees them: around the object's centre, in radii of the atlas."""
+        """Positions (..., 3) as the network takes them: around the object's centre, in radii of the atlas."""
         return (positions - self.centre.to(positions.dtype)) / self.scale
 
-    def _look(self, batch):
+    def _image_maps(self, batch):
         """The image's maps, and the camera relative to the image, or twice None."""
         if not self.vision:
             return None, None
@@ -209,11 +208,11 @@ class Reconstruction(nn.Module):
         return tuple(x.flatten(1, 2).transpose(0, 1) for x in (charts, success))
 
     def _touch_features(self, batch) -> torch.Tensor:
-        """(B, features) of all touches: what each reading shows, whether, where and how it touches."""
+        """(B, features) of all touches: of the reading, the sensor's position and rotation, and success."""
         success = batch["success"][..., None].to(batch["reading"].dtype)
-        felt = self.reading_encoder(batch["reading"].flatten(0, 1)).unflatten(0, success.shape[:2]) * success
+        shown = self.reading_encoder(batch["reading"].flatten(0, 1)).unflatten(0, success.shape[:2]) * success
         position = self._relative(batch["position"])
-        return torch.cat([felt, position, batch["rotation"].flatten(2), success], dim=2).flatten(1)
+        return torch.cat([shown, position, batch["rotation"].flatten(2), success], dim=2).flatten(1)
 
     def _shapes(self, batch) -> dict[str, tuple[int | None, ...]]:
         """The keys that are read, and their shapes after the first axis; None for a size that is free."""
@@ -224,7 +223,7 @@ class Reconstruction(nn.Module):
                 shapes["camera"] = (3, 4)
         if self.touch:
             shapes |= {"success": (self.sensors,), "position": (self.sensors, 3)}
-            if self.readings:
+            if self.reads_readings:
                 shapes["rotation"] = (self.sensors, 3, 3)
                 shapes["reading"] = (self.sensors, 3, RESOLUTION, RESOLUTION)
             if self.strategy != "sphere":

@@ -7,7 +7,7 @@ from palpate.models.layers import Concatenate, ConvolutionBlock
 from palpate.touch.sensor import RESOLUTION, SENSOR_RANGE
 
 # Metres of impression for one unit of the network's output. The gel stands 18 to 20 mm above the sensor plane
-# and is felt up to 25 mm: impressions are up to 7 mm deep.
+# and the sensor's range is 25 mm: impressions are up to 7 mm deep.
 IMPRESSION = 0.005
 
 

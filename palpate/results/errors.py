@@ -1,52 +1,23 @@
 """The evaluations of a run's experiments, read back: errors by seed and object, ready to be averaged."""
 
-from collections.abc import Iterable, Sequence
-from pathlib import Path
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
 
+from palpate.evaluation.rows import (  # noqa: F401
+    COLUMNS,
+    RING_COLUMNS,
+    SPLITS,
+    TOUCH_COLUMNS,
+    EvaluationError,
+    read,
+)
 from palpate.results.bootstrap import RESAMPLES, Estimate, interval
 
 AVERAGE = "average"
 PAPER_CLASSES = ("bottle", "knife", "cellphone", "rifle")  # in its tables' order
-SPLITS = ("validation", "test")
-
-# A row a sample: one object with one window of its grasps, or one image of it.
-_SAMPLE = ("experiment", "seed", "object", "class", "split", "window")
-COLUMNS = (*_SAMPLE, "chamfer", "f1_tau", "f1_2tau", "seconds", "steps")
-# A row a sample, successful touch and ring.
-RING_COLUMNS = (*_SAMPLE, "grasp", "sensor", "ring", "points", "distance", "steps")
-# A row a successful touch.
-TOUCH_COLUMNS = ("object", "class", "split", "grasp", "sensor", "cloud", "chart", "steps")
-
-
-class EvaluationError(ValueError):
-    """An evaluation is missing or not what it must be; the message names the file or the experiment."""
-
-
-def read(paths: Iterable[Path | str], columns: Sequence[str] = COLUMNS) -> pd.DataFrame:
-    """The rows of evaluation files, one after the other.
-
-    Raises EvaluationError naming the first file that does not exist, lacks a column, or holds an error that
-    is not a number.
-    """
-    frames = []
-    for path in map(Path, paths):
-        target = "/".join(path.parts[-3:])
-        if not path.exists():
-            raise EvaluationError(f"{path} does not exist; build it with: snakemake {target}")
-        frame = pd.read_csv(path, dtype={"object": str, "class": str})
-        missing = [name for name in columns if name not in frame.columns]
-        if missing:
-            raise EvaluationError(
-                f"{path} has no columns {missing}; remove it and build it with: snakemake {target}"
-            )
-        frames.append(frame[list(columns)])
-    if not frames:
-        raise EvaluationError("no evaluations were given")
-    return pd.concat(frames, ignore_index=True)
 
 
 class Errors(NamedTuple):
@@ -66,9 +37,7 @@ class Errors(NamedTuple):
     def class_names(self) -> list[str]:
         """The classes, the paper's first and in its order."""
         found = sorted(set(self.classes))
-        return [name for name in PAPER_CLASSES if name in found] + [
-            name for name in found if name not in PAPER_CLASSES
-        ]
+        return [name for name in PAPER_CLASSES if name in found] + [name for name in found if name not in PAPER_CLASSES]
 
     def of_class(self, name: str) -> "Errors":
         """The errors on the objects of one class."""

@@ -9,13 +9,14 @@ import csv
 from dataclasses import dataclass
 from importlib import resources
 
-SCHEMA_VERSION = 1
+# 1: arrays of grasps were (og, ...), object by object, with `object_index` and `grasp_index`.
+SCHEMA_VERSION = 2
 # The order of every axis of length 4 that counts sensors; of an own hand it is that of `hand/sensor_names`.
 SENSOR_NAMES = ("index", "middle", "ring", "thumb")
 
 SYMBOLS = {
     "o": "objects of the batch",
-    "og": "grasps of the batch: o times the grasps an object, object-major",
+    "g": "grasps of an object (5)",
     "n": "surface points of an object (10000)",
     "j": "joints of the hand (16)",
     "l": "links of the hand",
@@ -50,8 +51,18 @@ class ArraySpec:
 
     @property
     def axes(self) -> str:
-        """The symbolic shape as it is printed, for example `(og, 4, r, r)` or `(o,)`."""
+        """The symbolic shape as it is printed, for example `(o, g, 4, r, r)` or `(o,)`."""
         return f"({', '.join(map(str, self.shape))}{',' if len(self.shape) == 1 else ''})"
+
+    @property
+    def of_objects(self) -> bool:
+        """Whether the first axis counts the batch's objects."""
+        return self.shape[0] == "o"
+
+    @property
+    def of_grasps(self) -> bool:
+        """Whether the first two axes count the objects and the grasps of each."""
+        return self.shape[:2] == ("o", "g")
 
     def sizes(self, shape: tuple[int, ...]) -> dict[str, int]:
         """The number that each symbol stands for in an array of this shape.

@@ -1,7 +1,6 @@
-"""One batch's store on disk: written whole and checked against the contract, read array by array.
+"""One batch's store on disk: written atomically and checked against the contract, read array by array.
 
-Zarr v3 with the sharding codec (a chunk is one record, a shard one array of the batch) or HDF5, by the
-suffix.
+Zarr v3 with the sharding codec (a chunk is one record, a shard one array of the batch) or HDF5, by the suffix.
 """
 
 import importlib.metadata
@@ -20,7 +19,6 @@ from zarr.codecs import BloscCodec, Crc32cCodec
 
 import palpate
 from palpate.atomic import atomic_write
-from palpate.scene import Plan, plan
 from palpate.store.contract import CONTRACT, FRAMES, SCHEMA_VERSION, UNITS, ArraySpec, StoreSpec
 
 # Batches are worked on in parallel, never the chunks of one store: one thread a process, unless the user says
@@ -33,27 +31,22 @@ numcodecs.blosc.use_threads = False
 COMPRESSION = {"cname": "zstd", "clevel": 1, "shuffle": "shuffle"}
 STRING_KINDS = "UOST"  # numpy's kinds of types that hold text
 REQUIRED_ATTRIBUTES = ("config_digest", "seed")
-PLAN = plan("store")
 
 
 class StoreError(ValueError):
     """A store, or the arrays meant for one, does not keep the contract; the message names the file."""
 
 
-def write(
-    path: Path | str,
-    stage: str,
-    arrays: Mapping[str, np.ndarray],
-    attributes: Mapping[str, Any],
-    plan: Plan = PLAN,
-) -> None:
+def write(path: Path | str, stage: str, arrays: Mapping[str, np.ndarray], attributes: Mapping[str, Any]) -> None:
     """Write one batch's store, whole or not at all.
+
+    Chunks that hold nothing but the array's fill value, such as those of sensors that touched nothing, are not
+    written (Zarr's setting `array.write_empty_chunks` is False): they read as the fill value.
 
     path: `<run>/<stage>/<batch>.zarr`, or `.h5` for grasps. stage: a key of `CONTRACT`.
     arrays: exactly the contract's arrays, optional ones or not; a group that it allows is given as
     `hand/<name>`.
     attributes: `config_digest` and `seed`, and what else JSON can hold; versions, units and frames are added.
-    plan: of a scene "store".
     The same arrays and attributes give the same bytes. Raises StoreError if a name, shape or type is wrong.
     """
     path = Path(path)
@@ -73,7 +66,7 @@ def write(
     described = {**describe(spec), **attributes}
     with atomic_write(path) as partial:
         if path.suffix == ".zarr":
-            _write_zarr(partial, spec, arrays, described, plan)
+            _write_zarr(partial, spec, arrays, described)
         else:
             _write_hdf5(partial, spec, arrays, described)
 
@@ -133,8 +126,6 @@ def check_shape(path: Path, spec: ArraySpec, shape: tuple[int, ...], sizes: dict
     values = {symbol: length for symbol, (_, length) in sizes.items()}
     if "rr" in found and "r" in values and values["rr"] != values["r"] ** 2:
         raise StoreError(f"{path}: array {spec.name!r}: {values['rr']} rows, but readings have {values['r']} rows")
-    if "og" in found and "o" in values and (values["og"] % values["o"] if values["o"] else values["og"]):
-        raise StoreError(f"{path}: array {spec.name!r}: {values['og']} grasps for {values['o']} objects")
 
 
 def _text(path: Path, name: str, array: np.ndarray) -> np.ndarray:
@@ -144,9 +135,7 @@ def _text(path: Path, name: str, array: np.ndarray) -> np.ndarray:
     return array.astype(object)
 
 
-def _write_zarr(
-    path: Path, spec: StoreSpec, arrays: dict[str, np.ndarray], attributes: dict[str, Any], plan: Plan
-) -> None:
+def _write_zarr(path: Path, spec: StoreSpec, arrays: dict[str, np.ndarray], attributes: dict[str, Any]) -> None:
     group = zarr.create_group(path, attributes=attributes)
     for name in filter(arrays.__contains__, spec.arrays):
         array, array_spec = arrays[name], spec.arrays[name]
@@ -162,7 +151,6 @@ def _write_zarr(
             compressors=[Crc32cCodec()] if text else [BloscCodec(**COMPRESSION), Crc32cCodec()],
             fill_value=array_spec.fill if text else array.dtype.type(array_spec.fill),
             attributes={"meaning": array_spec.meaning, "unit": array_spec.unit},
-            config={"write_empty_chunks": plan.needs("empty chunks")},
         )
         if array.size:
             target[...] = array
@@ -202,13 +190,20 @@ class Store:
         if version != SCHEMA_VERSION:
             raise StoreError(
                 f"{self.path} has schema version {version}, but this palpate reads version {SCHEMA_VERSION}; "
-                f"use the palpate that made it, or remove it and build it with: snakemake {self._target}"
+                f"use the palpate that made it, or build the run again with: {self._rebuild}"
             )
 
     @property
     def _target(self) -> str:
         """The path as Snakemake's targets name it: from the run's folder on."""
         return "/".join(self.path.parts[-2:])
+
+    @property
+    def _rebuild(self) -> str:
+        """The command that builds all stores of the run again: they have one schema version."""
+        run = self.path.resolve().parents[1].name
+        config = "" if run == "default" else f" --configfile <the config of run {run}>"
+        return f"snakemake --cores 2 --forceall dataset {self._target}{config}"
 
     @contextmanager
     def _arrays(self) -> Iterator[h5py.File | zarr.Group]:

@@ -1,4 +1,4 @@
-"""Trained models as files: what was learnt and what it was learnt with; safe to load (no code in them)."""
+"""Trained models as files: weights, with the experiment and settings behind them. Safe to load (no code in them)."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -6,10 +6,8 @@ from typing import Any
 
 import torch
 
-from palpate import scene
 from palpate.atomic import atomic_write
 from palpate.models import Reconstruction, TouchDepth, paper_architecture
-from palpate.scene import Plan
 
 SCHEMA_VERSION = 1
 
@@ -19,23 +17,16 @@ class CheckpointError(ValueError):
 
 
 def architecture(experiment: Mapping[str, Any], settings: Mapping[str, Any]) -> dict[str, Any]:
-    """The layers of an experiment's model: those of its settings, or the paper's for what it sees."""
+    """The layers of an experiment's model: those of its settings, or the paper's for its modalities."""
     if settings["architecture"] == "paper":
         return paper_architecture(experiment["vision"], experiment["touch"])
     return dict(settings["architecture"])
 
 
-def build(experiment: Mapping[str, Any], layers: Mapping[str, Any], plan: Plan | None = None) -> Reconstruction:
-    """The untrained model of a row of config/experiments.yaml; plan: the experiment's own if None."""
-    plan = plan or scene.plan("experiment", **experiment)
-    return Reconstruction(
-        experiment["strategy"],
-        experiment["vision"] != "none",
-        experiment["touch"],
-        experiment["grasps"],
-        layers,
-        plan,
-    )
+def build(experiment: Mapping[str, Any], layers: Mapping[str, Any]) -> Reconstruction:
+    """The untrained model of a row of config/experiments.yaml."""
+    vision = experiment["vision"] != "none"
+    return Reconstruction(experiment["strategy"], vision, experiment["touch"], experiment["grasps"], layers)
 
 
 def save(path: Path | str, kind: str, model: torch.nn.Module, described: Mapping[str, Any]) -> None:

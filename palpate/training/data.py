@@ -1,154 +1,118 @@
-"""Which samples a model sees in which step, and the batch of tensors that they make."""
+"""The arrays of an experiment in memory, read once from a run's stores: what it is trained and measured on.
 
-from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+Which arrays an experiment takes, `palpate.training.inputs` says; its objects are those that all of their
+stores have. Positions are in the world frame.
+
+| array | shape | type |
+|---|---|---|
+| `points` | (o, n, 3) m | float32 |
+| `unoccluded`, `occluded` | (o, p, p, 3), (o, g, p, p, 3) | uint8 |
+| `views`, `camera` | (o, v, q, q, 3), (o, v, 3, 4) to pixels | uint8, float32 |
+| `success` | (o, g, 4) | bool |
+| `position`, `rotation` | (o, g, 4, 3) m, (o, g, 4, 3, 3) | float32 |
+| `charts` | (o, g, 4, 81, 3) m | float32 |
+| `reading` (that of an untouched sensor is the empty one) | (o, g, 4, 100, 100, 3) | uint8 |
+"""
+
+import hashlib
+from collections.abc import Iterable, Mapping, Sequence
+from functools import cached_property
+from pathlib import Path
+from typing import Any
 
 import numpy as np
-import torch
-from torch import Tensor
 
-from palpate.training.families import sources
-from palpate.training.pack import Pack, PackError
+from palpate.catalogue import SPLITS
+from palpate.dataset import Dataset
+from palpate.training.inputs import Input, inputs, stages
+
+IN_MEMORY = "the data in memory"  # in messages
 
 
-class Sample(NamedTuple):
-    """What a model sees at once: an object, some of its grasps (none if it sees nothing of a grasp), a view.
+class TrainingDataError(ValueError):
+    """A run's data can't be used for an experiment; the message names them and what to do."""
+
+
+class TrainingData:
+    """Objects and their arrays in memory: `data["points"]` and the others as numpy arrays, first axis objects.
+
+    arrays: by name, among them `object`, `class` and `split` (o,). source: what messages call them.
 
     Attributes:
-        object: its number in the pack.
-        grasps: numbers of its grasps; an occluded image is that of the first.
-        view: number of its view, for models that see views.
-        window: number of this sample among those of its object, in an evaluation.
+        objects, classes, splits: lists of (o,) names. grasps: g, grasps an object, 0 if no array has that
+        axis. views: v, 0 likewise.
+
+    Raises TrainingDataError, naming the object, if a value is NaN or infinite.
     """
 
-    object: int
-    grasps: tuple[int, ...] = ()
-    view: int = 0
-    window: int = 0
-
-
-def _seen_grasps(pack: Pack, experiment: Mapping[str, Any]) -> int:
-    """How many grasps a sample has: 0 if the model sees none. Raises PackError if there are fewer."""
-    if not (experiment["touch"] or experiment["vision"] == "occluded"):
-        return 0
-    if experiment["grasps"] > pack.grasps:
-        raise PackError(
-            f"{pack.path} has {pack.grasps} grasps an object, but the experiment needs "
-            f"{experiment['grasps']}: raise grasps.per_object in the config"
+    def __init__(self, arrays: Mapping[str, Sequence[str] | np.ndarray], source: str = IN_MEMORY):
+        self.source, self.arrays = source, dict(arrays)
+        self.objects, self.classes, self.splits = (
+            [str(name) for name in self.arrays.pop(key)] for key in ("object", "class", "split")
         )
-    return experiment["grasps"]
+        of_grasps = next((name for name in ("success", "occluded") if name in self), None)
+        self.grasps = self[of_grasps].shape[1] if of_grasps else 0
+        self.views = self["views"].shape[1] if "views" in self else 0
+        for name, values in self.arrays.items():
+            finite = np.isfinite(values.reshape(len(values), -1)).all(axis=1) if values.dtype.kind == "f" else True
+            if not np.all(finite):
+                raise TrainingDataError(
+                    f"{source}: {name} of {self.objects[int(np.argmin(finite))]} is NaN or infinite"
+                )
 
+    @cached_property
+    def digest(self) -> str:
+        """SHA-256 of all names and arrays."""
+        digest = hashlib.sha256("\0".join([*self.objects, *self.classes, *self.splits]).encode())
+        for name, values in self.arrays.items():
+            digest.update(f"\0{name} {values.dtype} {values.shape}".encode())
+            digest.update(np.ascontiguousarray(values).data)
+        return digest.hexdigest()
 
-def windows(pack: Pack, experiment: Mapping[str, Any], *splits: str) -> list[Sample]:
-    """The samples that an evaluation on some splits has, object by object.
+    @classmethod
+    def load(cls, run: Path | str, experiment: Mapping[str, Any], splits: Iterable[str] = SPLITS) -> "TrainingData":
+        """The data of an experiment, a row of `config/experiments.yaml`: the objects of some splits of a run.
 
-    Grasps g to g + n - 1, modulo the number of grasps, for every g (once if n is all of them); every view for
-    a model that sees views; one sample for a model that sees neither touch nor occluded vision. The paper
-    leaves open which grasps it measures on.
-    """
-    n, total = _seen_grasps(pack, experiment), pack.grasps
-    if experiment["vision"] == "views":
-        seen = [((), view) for view in range(pack.views)]
-    elif not n:
-        seen = [((), 0)]
-    else:
-        starts = range(1) if n == total else range(total)
-        seen = [(tuple((start + k) % total for k in range(n)), 0) for start in starts]
-    return [
-        Sample(number, grasps, view, window)
-        for number in pack.of_split(*splits)
-        for window, (grasps, view) in enumerate(seen)
-    ]
+        Raises TrainingDataError if no object is in all stores that the experiment needs; StoreError, naming the
+        file and the remedy, if a store is missing, can't be read, or has values that are not finite or out of
+        their range.
+        """
+        needed = stages(experiment)
+        dataset = Dataset(run, needed)
+        if not len(dataset):
+            raise TrainingDataError(f"{run}: no object is in all of {', '.join(needed)}; rejected.csv says why")
+        return cls.read(dataset, inputs(experiment), splits)
 
+    @classmethod
+    def read(cls, dataset: Dataset, arrays: Sequence[Input], splits: Iterable[str] = SPLITS) -> "TrainingData":
+        """Some arrays of the objects of some splits of a dataset. Raises what `load` raises."""
+        records = [record for record in dataset if record.split in set(splits)]
+        chosen = dataset.select(record.name for record in records)
+        if not records:
+            raise TrainingDataError(f"{dataset!r}: no object of {' or '.join(splits)}: more objects are needed")
+        names = {
+            "object": [record.name for record in records],
+            "class": [record.class_name for record in records],
+            "split": [record.split for record in records],
+        }
+        loaded = {
+            # A sensor that touched nothing reads the empty gel, which stores omit.
+            item.name: chosen.readings() if item.name == "reading" else chosen.load(item.stage, item.array, item.dtype)
+            for item in arrays
+        }
+        return cls(names | loaded, repr(chosen))
 
-def spread(samples: Sequence[Sample], an_object: int | None) -> list[Sample]:
-    """At most so many samples of each object, evenly over its windows, which differ between objects."""
-    by_object: dict[int, list[Sample]] = {}
-    for sample in samples:
-        by_object.setdefault(sample.object, []).append(sample)
-    kept = []
-    for order, found in enumerate(by_object.values()):
-        count = min(an_object or len(found), len(found))
-        kept += [found[k] for k in sorted((order + j * len(found) // count) % len(found) for j in range(count))]
-    return kept
+    def __getitem__(self, name: str) -> np.ndarray:
+        if name not in self.arrays:
+            raise TrainingDataError(f"{self.source}: the experiment takes no {name}")
+        return self.arrays[name]
 
+    def __contains__(self, name: str) -> bool:
+        return name in self.arrays
 
-def shuffled(count: int, size: int, seed: int, step: int) -> np.ndarray:
-    """(size,) numbers below `count` that step `step` (from 0) takes: each once before any again.
+    def __len__(self) -> int:
+        return len(self.objects)
 
-    It depends on nothing but the arguments, so that training can go on at any step.
-    """
-    first = step * size
-    places = np.arange(first, first + size)
-    epochs = {int(e): np.random.default_rng([seed, int(e)]).permutation(count) for e in set(places // count)}
-    return np.array([epochs[int(place) // count][int(place) % count] for place in places])
-
-
-def training_samples(pack: Pack, experiment: Mapping[str, Any], size: int, seed: int, step: int) -> list[Sample]:
-    """The samples of one training step: objects of the train split in random order, each with a random subset
-    of its grasps, in random order, or a random view."""
-    objects = pack.of_split("train")
-    n = _seen_grasps(pack, experiment)
-    # A stream of its own; `shuffled` seeds its streams with two numbers.
-    random = np.random.default_rng([seed, step, 1])
-    samples = []
-    for place in shuffled(len(objects), size, seed, step):
-        grasps = tuple(int(g) for g in random.permutation(pack.grasps)[:n]) if n else ()
-        view = int(random.integers(pack.views)) if experiment["vision"] == "views" else 0
-        samples.append(Sample(objects[place], grasps, view))
-    return samples
-
-
-class Assembler:
-    """Batches of a pack's samples as tensors on a device; what its family sees stays there whole, bytes as
-    bytes.
-
-    `assembler(samples)` is what `palpate.models.Reconstruction` takes:
-
-    | key | shape | unit |
-    |---|---|---|
-    | `image` | (B, 3, s, s) float32 | sRGB in [0, 1] |
-    | `camera` | (B, 3, 4) float32 | world, m, to pixels of a view |
-    | `success`, `position`, `rotation` | (B, 4n), (B, 4n, 3), (B, 4n, 3, 3) | m, world |
-    | `charts` | (B, 4n, 81, 3) float32 | m, world |
-    | `reading` | (B, 4n, 3, 100, 100) float32 | RGB in [0, 1] |
-    """
-
-    IMAGES = ("unoccluded", "occluded", "views")
-    OF_TOUCH = ("success", "position", "rotation", "charts", "reading")
-
-    def __init__(self, pack: Pack, device: torch.device | str = "cpu"):
-        self.pack, self.device = pack, torch.device(device)
-        kept = [name for name in sources(pack.family) if name != "points" and name in pack]
-        self.tensors = {name: torch.from_numpy(pack[name]).to(device) for name in kept}
-
-    def __call__(self, samples: Sequence[Sample]) -> dict[str, Tensor]:
-        objects = self._index([sample.object for sample in samples])
-        batch = {}
-        for name in self.IMAGES:
-            if name in self.tensors:
-                batch["image"] = self._pixels(self._image(name, objects, samples))
-        if "camera" in self.tensors:
-            batch["camera"] = self.tensors["camera"][objects, self._index([s.view for s in samples])]
-        of_touch = [name for name in self.OF_TOUCH if name in self.tensors]
-        if of_touch:
-            grasps = self._index([sample.grasps for sample in samples])
-            for name in of_touch:
-                batch[name] = self.tensors[name][objects[:, None], grasps].flatten(1, 2)
-        if "reading" in batch:
-            batch["reading"] = self._pixels(batch["reading"])
-        return batch
-
-    def _image(self, name: str, objects: Tensor, samples: Sequence[Sample]) -> Tensor:
-        if name == "unoccluded":
-            return self.tensors[name][objects]
-        second = [sample.view if name == "views" else sample.grasps[0] for sample in samples]
-        return self.tensors[name][objects, self._index(second)]
-
-    def _index(self, numbers: Sequence) -> Tensor:
-        return torch.tensor(numbers, dtype=torch.int64, device=self.device)
-
-    @staticmethod
-    def _pixels(images: Tensor) -> Tensor:
-        """(..., s, s, 3) uint8 to (..., 3, s, s) float32 in [0, 1]."""
-        return images.movedim(-1, -3).float() / 255
+    def of_split(self, *splits: str) -> list[int]:
+        """Numbers of the objects of these splits, in the catalogue's order."""
+        return [number for number, split in enumerate(self.splits) if split in splits]

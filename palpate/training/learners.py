@@ -1,6 +1,6 @@
 """What is learnt, as Lightning modules: the loss of a step, and that of the validation.
 
-A batch, for Lightning, is only the number of a step, or of a part of the validation: the module takes the
+A batch, for Lightning, is only the number of a step, or of a part of the validation. The module takes the
 samples from memory itself. All that is random in a step follows from the seed and the step's number, so that
 training goes on after an interruption as if there had been none.
 """
@@ -17,17 +17,16 @@ import torch
 from torch import Tensor
 
 from palpate.models import TouchDepth
-from palpate.scene import Plan
 from palpate.training import checkpoints
-from palpate.training.data import Assembler, shuffled, spread, training_samples, windows
+from palpate.training.data import TrainingData, TrainingDataError
 from palpate.training.losses import Truth, reconstruction_loss, touch_depth_loss, touched
-from palpate.training.pack import Pack, PackError
+from palpate.training.samples import Assembler, shuffled, spread, training_samples, windows
 from palpate.training.touches import Touches
 
 log = logging.getLogger(__name__)
 
-WARM_UP = 0.1  # share of the steps in which one_cycle rises to the highest rate
-FIRST, LAST = 0.04, 1e-4  # of the highest rate: where one_cycle begins and ends
+WARM_UP = 0.1  # share of the steps in which the schedule one_cycle rises to the highest rate
+FIRST, LAST = 0.04, 1e-4  # of the highest rate: where it begins and ends
 SPIKE = 1000  # a gradient that is so many times as large as any before is worth a warning
 VALIDATION_SEED = 1  # the same points in every validation of every model, so that their losses compare
 
@@ -48,7 +47,6 @@ class Learner(lightning.LightningModule, ABC):
     Attributes:
         evaluated: the model that validation, and the checkpoint, takes: `model`, or its moving average.
         steps: how many are to be made; every: after how many a validation comes.
-        validation_loss: the last validation's.
     """
 
     kind: str
@@ -62,7 +60,6 @@ class Learner(lightning.LightningModule, ABC):
         limits = [settings["steps"], settings["epochs"] and settings["epochs"] * an_epoch]
         self.steps = min(limit for limit in limits if limit)
         self.every = min(settings["evaluate_every"] or an_epoch, self.steps)
-        self.validation_loss = math.nan
         self.largest = 0.0  # norm of a gradient in this process
 
     @property
@@ -79,15 +76,19 @@ class Learner(lightning.LightningModule, ABC):
     def configure_optimizers(self) -> dict[str, Any]:
         kind = {"adam": torch.optim.Adam, "adamw": torch.optim.AdamW}[self.settings["optimiser"]]
         optimiser = kind(self.model.parameters(), lr=self.settings["rate"], weight_decay=self.settings["weight_decay"])
-        schedule = {"constant": lambda step: 1.0, "one_cycle": self._one_cycle}[self.settings["schedule"]]
-        scheduler = torch.optim.lr_scheduler.LambdaLR(optimiser, schedule)
+        if self.settings["schedule"] == "constant":
+            return {"optimizer": optimiser}
+        # The rate reaches `LAST` after the last step, hence one more; torch's rise ends a step before its share.
+        scheduler = torch.optim.lr_scheduler.OneCycleLR(
+            optimiser,
+            self.settings["rate"],
+            total_steps=self.steps + 1,
+            pct_start=(WARM_UP * self.steps + 1) / (self.steps + 1),
+            div_factor=1 / FIRST,
+            final_div_factor=FIRST / LAST,
+            cycle_momentum=False,
+        )
         return {"optimizer": optimiser, "lr_scheduler": {"scheduler": scheduler, "interval": "step"}}
-
-    def _one_cycle(self, step: int) -> float:
-        """Share of the highest rate: from `FIRST` up to 1 and down to `LAST`, each along half a cosine."""
-        risen = WARM_UP * self.steps
-        low, done = (FIRST, step / risen) if step < risen else (LAST, 1 - (step - risen) / (self.steps - risen))
-        return low + (1 - low) * (1 - math.cos(math.pi * max(done, 0.0))) / 2
 
     def training_step(self, step: int, _: int) -> Tensor:
         part = self.training_part(step)
@@ -139,7 +140,7 @@ class Learner(lightning.LightningModule, ABC):
         losses = torch.cat(self._validation)
         total = torch.stack([losses.sum(), losses.new_tensor(float(len(losses)))])
         total = self.all_gather(total).reshape(-1, 2).sum(dim=0)
-        self.validation_loss = float(total[0] / total[1])
+        self.log("validation_loss", total[0] / total[1])  # in double precision
 
     def finite(self, what: str, values: Tensor, part: Any, where: str = "") -> None:
         """Raises Diverged, naming the first sample of the part whose values (B, ...) are not finite."""
@@ -190,40 +191,35 @@ class Rounds:
 
 
 class ReconstructionLearner(Learner):
-    """Learns to reconstruct the objects of a pack's train split, for a row of config/experiments.yaml. plan:
-    what the model is built of; the experiment's own if None."""
+    """Learns to reconstruct the objects of the train split, for a row of config/experiments.yaml.
+
+    data: of the train and validation splits. Raises TrainingDataError if one of them has no object.
+    """
 
     kind = "reconstruction"
 
-    def __init__(
-        self,
-        pack: Pack,
-        experiment: Mapping[str, Any],
-        settings: Mapping[str, Any],
-        seed: int,
-        plan: Plan | None = None,
-    ):
-        self.pack, self.experiment = pack, dict(experiment)
+    def __init__(self, data: TrainingData, experiment: Mapping[str, Any], settings: Mapping[str, Any], seed: int):
+        self.data, self.experiment = data, dict(experiment)
         self.layers = checkpoints.architecture(experiment, settings)
-        train = pack.of_split("train")
-        found = spread(windows(pack, experiment, "validation"), settings["validation_samples"])
+        train = data.of_split("train")
+        found = spread(windows(data, experiment, "validation"), settings["validation_samples"])
         for split, number in {"train": len(train), "validation": len(found)}.items():
             if not number:
-                raise PackError(f"{pack.path} has no object of the {split} split: more objects are needed")
+                raise TrainingDataError(f"{data.source}: no object of the {split} split: more objects are needed")
         self.validation_samples = found
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(seed)
-            model = checkpoints.build(experiment, self.layers, plan)
+            model = checkpoints.build(experiment, self.layers)
         super().__init__(model, settings, seed, len(train), len(found))
 
     def on_fit_start(self) -> None:
-        self.assemble = Assembler(self.pack, self.device)
-        points = torch.from_numpy(self.pack["points"]).to(self.device)
+        self.assemble = Assembler(self.data, self.experiment, self.device)
+        points = torch.from_numpy(self.data["points"]).to(self.device)
         self.truth = Truth(points.to(next(self.model.parameters()).dtype))
 
     def training_part(self, step):
         batch = self.settings["batch"]
-        return training_samples(self.pack, self.experiment, batch, self.seed, step)[self._rank()]
+        return training_samples(self.data, self.experiment, batch, self.seed, step)[self._rank()]
 
     def validation_part(self, part):
         first = part * self.settings["batch"]
@@ -231,7 +227,7 @@ class ReconstructionLearner(Learner):
 
     def named(self, part):
         return ", ".join(
-            f"{self.pack.objects[sample.object]} grasps {list(sample.grasps)} view {sample.view}" for sample in part
+            f"{self.data.objects[sample.object]} grasps {list(sample.grasps)} view {sample.view}" for sample in part
         )
 
     def losses(self, part, generator, model, validation=False):
@@ -250,7 +246,7 @@ class ReconstructionLearner(Learner):
             )
 
     def described(self):
-        return {"experiment": self.experiment, "architecture": self.layers, "pack": self.pack.digest}
+        return {"experiment": self.experiment, "architecture": self.layers, "data": self.data.digest}
 
 
 class TouchDepthLearner(Learner):

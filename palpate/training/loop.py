@@ -1,10 +1,14 @@
-"""Training from start to end: it goes on where it was interrupted, and keeps the best model by validation."""
+"""Training from start to end: it resumes where it was interrupted, and keeps the best model by validation.
+
+Lightning's `EarlyStopping` counts patience. Its `CSVLogger` and `ModelCheckpoint` are not taken: the logger
+begins a new file when a training resumes, and checkpoints are moved from the temporary folder, which is no
+atomic write where that is on another file system.
+"""
 
 import csv
 import hashlib
 import json
 import logging
-import math
 import shutil
 import sys
 import time
@@ -14,6 +18,7 @@ from typing import Any, NamedTuple
 
 import lightning.pytorch as lightning
 import torch
+from lightning.pytorch.callbacks import EarlyStopping
 from tqdm import tqdm
 
 from palpate.atomic import atomic_write
@@ -57,8 +62,8 @@ class Machine(NamedTuple):
         return torch.device("cuda" if self.accelerator() == "gpu" else "cpu")
 
 
-class Keeper(lightning.Callback):
-    """History, best checkpoint, last checkpoint, patience, and lines of progress.
+class Recorder(lightning.Callback):
+    """Keeps the history, writes the best and the last checkpoint, and logs progress.
 
     folder: where the checkpoints are while training goes on.
     """
@@ -67,7 +72,6 @@ class Keeper(lightning.Callback):
         self.folder, self.label = folder, label
         self.history: list[dict[str, float]] = []
         self.seconds = 0.0  # of training before this process
-        self.waited = 0  # evaluations since the best
         self.finished = False
 
     @property
@@ -76,22 +80,16 @@ class Keeper(lightning.Callback):
         return min(self.history, key=lambda row: row["validation_loss"])
 
     def state_dict(self) -> dict[str, Any]:
-        return {
-            "history": self.history,
-            "seconds": self._now(),
-            "waited": self.waited,
-            "finished": self.finished,
-        }
+        return {"history": self.history, "seconds": self._now(), "finished": self.finished}
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
-        self.history, self.seconds = list(state["history"]), state["seconds"]
-        self.waited, self.finished = state["waited"], state["finished"]
+        self.history, self.seconds, self.finished = list(state["history"]), state["seconds"], state["finished"]
 
     def _now(self) -> float:
         return self.seconds + time.perf_counter() - self.start
 
     def on_fit_start(self, trainer, learner) -> None:
-        self.start = self.said = time.perf_counter()
+        self.start = self.logged = time.perf_counter()
 
     def on_train_start(self, trainer, learner) -> None:
         self.began_at = trainer.global_step
@@ -110,13 +108,13 @@ class Keeper(lightning.Callback):
         self.losses.append(outputs["loss"].detach())
         self.bar.update()
         now = time.perf_counter()
-        if now - self.said >= max(LOG_EVERY, LOG_SHARE * (now - self.start)):
-            self._say(trainer, learner)
+        if now - self.logged >= max(LOG_EVERY, LOG_SHARE * (now - self.start)):
+            self._log_progress(trainer, learner)
 
-    def _say(self, trainer, learner) -> None:
-        self.said = time.perf_counter()
+    def _log_progress(self, trainer, learner) -> None:
+        self.logged = time.perf_counter()
         done = trainer.global_step
-        rate = (done - self.began_at) / (self.said - self.start)
+        rate = (done - self.began_at) / (self.logged - self.start)
         best = (
             f", best validation {self.best['validation_loss']:.3f} at step {self.best['step']}" if self.history else ""
         )
@@ -126,20 +124,15 @@ class Keeper(lightning.Callback):
         )
 
     def on_validation_end(self, trainer, learner) -> None:
-        before = self.best["validation_loss"] if self.history else math.inf
-        self.history.append(
-            {
-                "step": trainer.global_step,
-                "seconds": round(self._now(), 2),
-                "train_loss": float(torch.stack(self.losses).double().mean()),
-                "validation_loss": learner.validation_loss,
-                "rate": trainer.optimizers[0].param_groups[0]["lr"],
-            }
-        )
-        better = learner.validation_loss < before
-        self.waited = 0 if better else self.waited + 1
-        if better and trainer.is_global_zero:
-            row = self.history[-1]
+        row = {
+            "step": trainer.global_step,
+            "seconds": round(self._now(), 2),
+            "train_loss": float(torch.stack(self.losses).double().mean()),
+            "validation_loss": float(trainer.callback_metrics["validation_loss"]),
+            "rate": trainer.optimizers[0].param_groups[0]["lr"],
+        }
+        self.history.append(row)
+        if self.best is row and trainer.is_global_zero:
             checkpoints.save(
                 self.folder / BEST,
                 learner.kind,
@@ -152,27 +145,21 @@ class Keeper(lightning.Callback):
                     "validation_loss": row["validation_loss"],
                 },
             )
-        self.bar.set_postfix_str(f"validation {learner.validation_loss:.3f}, best {self.best['validation_loss']:.3f}")
-        patience = learner.settings["patience"]
-        if patience and self.waited >= patience:
-            log.info(
-                "%s: no better for %d evaluations: stopped at step %d",
-                self.label,
-                patience,
-                trainer.global_step,
-            )
-            trainer.should_stop = True
-        self.finished = trainer.should_stop or trainer.global_step >= learner.steps
+        self.bar.set_postfix_str(f"validation {row['validation_loss']:.3f}, best {self.best['validation_loss']:.3f}")
 
     def on_train_epoch_end(self, trainer, learner) -> None:
-        # All processes take part; each state is whole at the end of a round and only there.
+        if trainer.should_stop:
+            patience, step = learner.settings["patience"], trainer.global_step
+            log.info("%s: no better for %d evaluations: stopped at step %d", self.label, patience, step)
+        self.finished = trainer.should_stop or trainer.global_step >= learner.steps
+        # All processes take part. A state is complete at the end of a round only.
         partial = self.folder / f".partial-{LAST}"
         trainer.save_checkpoint(partial)
         if trainer.is_global_zero:
             partial.replace(self.folder / LAST)
 
     def on_train_end(self, trainer, learner) -> None:
-        self._say(trainer, learner)
+        self._log_progress(trainer, learner)
         self.bar.close()
 
 
@@ -191,7 +178,7 @@ def train(
         machine: what it runs on.
         label: for progress.
 
-    Returns: what `training.json` says.
+    Returns: the content of `training.json`.
 
     Raises Diverged, naming the sample and the last good checkpoint, if the prediction, the loss or its
     gradient becomes NaN or infinite, before any weight is changed by it; ValueError for a precision below
@@ -200,18 +187,21 @@ def train(
     folder, kept = Path(folder), Path(checkpoint_folder)
     if machine.precision not in PRECISIONS:
         raise ValueError(f"precision {machine.precision!r}: choose one of {', '.join(PRECISIONS)}")
-    _quiet()
+    _silence_lightning()
     torch.set_num_threads(machine.threads)
     accelerator = machine.accelerator()
     identity = _identity(learner, machine)
-    keeper = Keeper(kept, label)
+    recorder = Recorder(kept, label)
+    callbacks = [recorder]
+    if patience := learner.settings["patience"]:
+        callbacks.append(EarlyStopping("validation_loss", patience=patience, check_on_train_epoch_end=False))
     trainer = lightning.Trainer(
         accelerator=accelerator,
         devices=machine.devices if accelerator == "gpu" else 1,
         precision=machine.precision,
         max_epochs=-(-learner.steps // learner.every),
         gradient_clip_val=learner.settings["clip"],
-        callbacks=[keeper],
+        callbacks=callbacks,
         num_sanity_val_steps=0,
         reload_dataloaders_every_n_epochs=1,
         logger=False,
@@ -224,9 +214,9 @@ def train(
     resume = _resumable(kept, identity)
     if resume:
         log.info("%s: goes on from %s", label, resume)
-        keeper.load_state_dict(torch.load(resume, weights_only=False)["callbacks"][keeper.state_key])
+        recorder.load_state_dict(torch.load(resume, weights_only=False)["callbacks"][recorder.state_key])
     try:
-        if not keeper.finished:
+        if not recorder.finished:
             trainer.fit(learner, ckpt_path=resume)
     except Diverged as error:
         best = f"; the best model so far is {kept / BEST}" if (kept / BEST).exists() else ""
@@ -234,14 +224,14 @@ def train(
             f"{label}: {error}{best}. Lower the rate or clip the gradient (config training.override), "
             "or take precision 32-true, and train again"
         ) from None
-    summary = {**_summary(learner, keeper, machine, accelerator), "identity": identity}
+    summary = {**_summary(learner, recorder, machine, accelerator), "identity": identity}
     if trainer.is_global_zero:
-        _write(folder, kept, keeper.history, summary)
+        _write(folder, kept, recorder.history, summary)
     return summary
 
 
-def _quiet() -> None:
-    """What Lightning says of itself, and its advice about loaders, which there are none of."""
+def _silence_lightning() -> None:
+    """Silences Lightning's banner and its DataLoader and logging warnings (no DataLoader is used)."""
     for name in ("lightning.pytorch", "lightning.fabric", "lightning.pytorch.utilities.rank_zero"):
         logging.getLogger(name).setLevel(logging.ERROR)
     for pattern in (
@@ -250,13 +240,14 @@ def _quiet() -> None:
         ".*tensorboardX",
         ".*LeafSpec",
         ".*litlogger",
+        ".*sync_dist",
     ):
         warnings.filterwarnings("ignore", message=f".*{pattern}")
 
 
 def _identity(learner: Learner, machine: Machine) -> str:
     """Digest of all that the weights follow from."""
-    said = {
+    determines = {
         "kind": learner.kind,
         "settings": dict(learner.settings),
         "seed": learner.seed,
@@ -264,7 +255,7 @@ def _identity(learner: Learner, machine: Machine) -> str:
         "schema": checkpoints.SCHEMA_VERSION,
         **learner.described(),
     }
-    return hashlib.sha256(json.dumps(said, sort_keys=True).encode()).hexdigest()
+    return hashlib.sha256(json.dumps(determines, sort_keys=True).encode()).hexdigest()
 
 
 def _resumable(kept: Path, identity: str) -> Path | None:
@@ -280,7 +271,7 @@ def _resumable(kept: Path, identity: str) -> Path | None:
     return None
 
 
-def _summary(learner: Learner, keeper: Keeper, machine: Machine, accelerator: str) -> dict[str, Any]:
+def _summary(learner: Learner, recorder: Recorder, machine: Machine, accelerator: str) -> dict[str, Any]:
     name = torch.cuda.get_device_name() if accelerator == "gpu" else "cpu"
     return {
         "kind": learner.kind,
@@ -289,10 +280,10 @@ def _summary(learner: Learner, keeper: Keeper, machine: Machine, accelerator: st
         "seed": learner.seed,
         "parameters": sum(weights.numel() for weights in learner.model.parameters()),
         "validated": learner.validated,
-        "steps": keeper.history[-1]["step"],
-        "best_step": keeper.best["step"],
-        "validation_loss": keeper.best["validation_loss"],
-        "seconds": keeper.history[-1]["seconds"],
+        "steps": recorder.history[-1]["step"],
+        "best_step": recorder.best["step"],
+        "validation_loss": recorder.best["validation_loss"],
+        "seconds": recorder.history[-1]["seconds"],
         "machine": {**machine._asdict(), "found": name, "torch": torch.__version__},
     }
 

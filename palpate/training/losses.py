@@ -51,12 +51,12 @@ def reconstruction_loss(
     points = sample_faces(vertices.to(truth.points.dtype), faces, n, generator)
     clouds = truth.clouds(objects)
     there = one_sided_distance(points, clouds, truth.trees(objects))
-    back = one_sided_distance([some(cloud, n, generator) for cloud in clouds], points)
+    back = one_sided_distance([subsample(cloud, n, generator) for cloud in clouds], points)
     return CHAMFER_SCALE * (there + back)
 
 
-def some(points: Tensor, n: int | None, generator: torch.Generator) -> Tensor:
-    """n rows, or all if there are no more or n is None, without repetition."""
+def subsample(points: Tensor, n: int | None, generator: torch.Generator) -> Tensor:
+    """n random rows, without repetition; all rows if there are no more or n is None."""
     if n is None or n >= len(points):
         return points
     order = torch.randperm(len(points), generator=generator, device=generator.device)[:n]
@@ -96,13 +96,13 @@ def touch_depth_loss(
 
     Raises ValueError if a touch has no valid pixel or nothing in range.
     """
-    felt = torch.isfinite(depth)
-    for what, pixels in (("valid pixel", valid), ("pixel in range", felt)):
+    in_range = torch.isfinite(depth)
+    for what, pixels in (("valid pixel", valid), ("pixel in range", in_range)):
         without = ~pixels.flatten(1).any(dim=1)
         if without.any():
             raise ValueError(f"touch {int(without.nonzero()[0])} of the batch has no {what}: leave it out")
     clouds = [cloud[mask] for cloud, mask in zip(sheet(predicted.to(depth.dtype)), valid, strict=True)]
-    truths = [cloud[mask] for cloud, mask in zip(sheet(depth), felt, strict=True)]
-    there = one_sided_distance([some(cloud, n, generator) for cloud in clouds], truths)
-    back = one_sided_distance([some(truth, n, generator) for truth in truths], clouds)
+    truths = [cloud[mask] for cloud, mask in zip(sheet(depth), in_range, strict=True)]
+    there = one_sided_distance([subsample(cloud, n, generator) for cloud in clouds], truths)
+    back = one_sided_distance([subsample(truth, n, generator) for truth in truths], clouds)
     return CHAMFER_SCALE * (there + back)

@@ -25,7 +25,7 @@ def resolve(recipes: Path | str, name: str, override: Mapping[str, Any], schema:
     """The recipe `name` of the file `recipes` with a run's `override` merged over it, checked.
 
     Raises ConfigError, naming the keys, if there is no such recipe, or the file or the result does not fit the
-    schema or says nothing of how long to train.
+    schema or has neither steps nor epochs.
     """
     known = yaml.safe_load(Path(recipes).read_text())
     check(known, schema, str(recipes))
@@ -33,30 +33,30 @@ def resolve(recipes: Path | str, name: str, override: Mapping[str, Any], schema:
         raise ConfigError(f"config training.recipe: no recipe {name!r} in {recipes}; known: {', '.join(known)}")
     recipe = merge(known[name], override)
     check({name: recipe}, schema, f"recipe {name} with config training.override")
-    parts = {"touch_depth": recipe["touch_depth"], "reconstruction": recipe["reconstruction"]}
-    for part in ("modalities", "strategies"):
-        for key, over in recipe[part].items():
-            parts[f"{part}.{key}"] = whole = merge(recipe["reconstruction"], over)
-            # What is said of a part of the models is complete only with what is said of all.
-            complete = recipe | {"reconstruction": whole, "modalities": {}, "strategies": {}}
-            check({name: complete}, schema, f"recipe {name}, {part}.{key}")
-    for path, settings in parts.items():
+    sections = {"touch_depth": recipe["touch_depth"], "reconstruction": recipe["reconstruction"]}
+    for section in ("modalities", "strategies"):
+        for key, over in recipe[section].items():
+            sections[f"{section}.{key}"] = merged = merge(recipe["reconstruction"], over)
+            # Settings of one modality or strategy are complete only with those of all models.
+            complete = recipe | {"reconstruction": merged, "modalities": {}, "strategies": {}}
+            check({name: complete}, schema, f"recipe {name}, {section}.{key}")
+    for path, settings in sections.items():
         if settings["steps"] is None and settings["epochs"] is None:
             raise ConfigError(f"recipe {name}: {path} needs steps or epochs")
     return recipe
 
 
 def modality(experiment: Mapping[str, Any]) -> str:
-    """What a model of config/experiments.yaml sees, in the recipes' words: `occluded_touch`, `single_image`.
+    """The modality of a model of config/experiments.yaml, as recipes name it: `occluded_touch`, `single_image`.
 
-    Raises ConfigError for an experiment that sees nothing.
+    Raises ConfigError for an experiment without vision and touch.
     """
     if experiment["vision"] == "views":
         return "single_image"
-    seen = [experiment["vision"]] * (experiment["vision"] != "none") + ["touch"] * experiment["touch"]
-    if not seen:
+    taken = [experiment["vision"]] * (experiment["vision"] != "none") + ["touch"] * experiment["touch"]
+    if not taken:
         raise ConfigError("an experiment needs vision or touch, and this one has neither")
-    return "_".join(seen)
+    return "_".join(taken)
 
 
 def settings(recipe: Mapping[str, Any], experiment: Mapping[str, Any]) -> Settings:

@@ -1,21 +1,20 @@
-"""Successful touches: what the U-Net learns from, and the touch charts that it leads to."""
+"""Successful touches: the U-Net's training data, and touch charts from its predictions."""
 
-import csv
-from collections.abc import Sequence
-from pathlib import Path
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
 import torch
 from torch import Tensor
 
-from palpate import store
 from palpate.charts import fit
+from palpate.dataset import Dataset
 from palpate.models import TouchDepth
+from palpate.training.data import TrainingDataError
 from palpate.training.losses import sheet, touched
-from palpate.training.pack import PackError
 
-PREDICTED_AT_ONCE = 16  # readings: what the U-Net holds of them grows with their number
+PREDICTED_AT_ONCE = 16  # readings: the U-Net's memory grows with their number
+READ_AT_ONCE = 16  # objects: untouched sensors of no more are in memory
 
 
 class Touches(NamedTuple):
@@ -34,27 +33,25 @@ class Touches(NamedTuple):
         return len(self.reading)
 
 
-def read_touches(stores: Sequence[Path | str], catalogue: Path | str, *splits: str) -> Touches:
-    """The successful touches of some splits, from the touch stores of all batches, that differ from the empty
-    reading anywhere. Raises PackError if there are none."""
-    with open(catalogue, newline="", encoding="utf-8") as file:
-        split = {row["object"]: row["split"] for row in csv.DictReader(file)}
+def read_touches(dataset: Dataset, *splits: str) -> Touches:
+    """The successful touches of some splits whose reading differs from the empty one anywhere.
+
+    dataset: a run's, of the stage `touch`. Raises TrainingDataError if there are none, StoreError for a store that
+    can't be read or values that can't be.
+    """
+    chosen = dataset.select(record.name for record in dataset if record.split in splits)
     readings, depths = [], []
-    for path in stores:
-        opened = store.open(path)
-        success, names, empty = opened["success"], opened["object"], opened["empty_reading"]
-        if not len(names):
-            continue
-        of_split = np.repeat([split[str(name)] in splits for name in names], len(success) // len(names))
-        chosen = success & of_split[:, None]
-        readings.append(opened["reading"][chosen])
-        depths.append(opened["depth"][chosen])
-    if not readings or not sum(map(len, readings)):
-        raise PackError(f"{catalogue}: no object of {' or '.join(splits)} was touched: more objects are needed")
+    for first in range(0, len(chosen), READ_AT_ONCE):
+        part = chosen[first : first + READ_AT_ONCE]
+        success = part.load("touch", "success")
+        readings.append(part.load("touch", "reading")[success])
+        depths.append(part.load("touch", "depth")[success])
+    if not sum(map(len, readings)):
+        raise TrainingDataError(f"{dataset!r}: no object of {' or '.join(splits)} was touched: more objects are needed")
     touches = Touches(
         channels_first(np.concatenate(readings)),
         torch.from_numpy(np.concatenate(depths)),
-        channels_first(empty),
+        channels_first(chosen.empty_reading),
     )
     shown = torch.cat(
         [
@@ -79,7 +76,7 @@ def touch_charts(
     rotation: np.ndarray,
     method: str = "direct",
 ) -> np.ndarray:
-    """Touch charts of k sensors, from what they read. The same sensors together give the same charts.
+    """Touch charts of k sensors, from their readings. The same sensors together give the same charts.
 
     Args:
         model: the trained U-Net, in evaluation mode, on any device.
@@ -90,13 +87,21 @@ def touch_charts(
     Returns: (k, 81, 3) float32 metres, world frame; all at the sensor's position for a touch without success.
     """
     charts = np.repeat(position[:, None].astype(np.float32), 81, axis=1)
-    felt = np.flatnonzero(success)
+    sensors = np.flatnonzero(success)
     device = next(model.parameters()).device
-    for some in np.array_split(felt, -(-len(felt) // PREDICTED_AT_ONCE)) if len(felt) else []:
-        depth, valid = predict_depth(model, channels_first(reading[some]).to(device), channels_first(empty).to(device))
-        pose = [torch.from_numpy(array[some]).float() for array in (position, rotation)]
-        charts[some] = fit_charts(depth.cpu(), valid.cpu(), *pose, method).numpy()
+    for part in np.array_split(sensors, -(-len(sensors) // PREDICTED_AT_ONCE)) if len(sensors) else []:
+        depth, valid = predict_depth(model, channels_first(reading[part]).to(device), channels_first(empty).to(device))
+        pose = [torch.from_numpy(array[part]).float() for array in (position, rotation)]
+        charts[part] = fit_charts(depth.cpu(), valid.cpu(), *pose, method).numpy()
     return charts
+
+
+def object_charts(model: TouchDepth, touch: Mapping[str, np.ndarray], row: int, method: str = "direct") -> np.ndarray:
+    """(g, 4, 81, 3) touch charts of all sensors of one object. touch: arrays of a touch store; row: the object's."""
+    names = ("success", "position", "rotation")
+    sensors = [touch[name][row].reshape(-1, *touch[name].shape[3:]) for name in ("reading", *names)]
+    charts = touch_charts(model, sensors[0], touch["empty_reading"], *sensors[1:], method)
+    return charts.reshape(*touch["success"].shape[1:], *charts.shape[1:])
 
 
 @torch.inference_mode()

@@ -30,8 +30,8 @@ def grid(file: Path | str, name: str) -> list[dict[str, Any]]:
 
 
 def layers_of_blocks(count: int) -> list[int]:
-    """How the paper lays so many convolutions into four blocks: the last takes what is left (18: 5, 5, 5, 3;
-    12: 3, 3, 3, 3). Raises ConfigError if nothing is left for it."""
+    """How the paper lays so many convolutions into four blocks: the last takes the remainder (18: 5, 5, 5, 3;
+    12: 3, 3, 3, 3). Raises ConfigError if that is none."""
     each = -(-count // BLOCKS)
     layers = [each] * (BLOCKS - 1) + [count - (BLOCKS - 1) * each]
     if layers[-1] < 1:
@@ -44,9 +44,9 @@ def point_settings(
 ) -> Settings:
     """The settings of one training of the grid.
 
-    settings: of the experiment, from the run's recipe. architecture: its layers, with what a point does not
-    say. Maps are pooled after the last three blocks, as in the paper's tables. steps: at most so many; None:
-    as the settings say.
+    settings: of the experiment, from the run's recipe. architecture: its layers, for what a point leaves open.
+    Maps are pooled after the last three blocks, as in the paper's tables. steps: at most so many; None: as the
+    settings say.
     """
     point = {key: np.asarray(value).item() for key, value in point.items()}  # a data frame's are numpy's
     layers = layers_of_blocks(point["cnn_layers"])
@@ -60,7 +60,7 @@ def point_settings(
 
 
 def summary(points: Sequence[Mapping[str, Any]], trained: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
-    """Rows of the table: a point, and what `training.json` says of it; the lowest validation loss first."""
-    told = ("validation_loss", "best_step", "steps", "seconds", "parameters")
-    rows = [{**point, **{key: said[key] for key in told}} for point, said in zip(points, trained, strict=True)]
+    """Rows of the table: a point, with columns of its `training.json`; the lowest validation loss first."""
+    columns = ("validation_loss", "best_step", "steps", "seconds", "parameters")
+    rows = [{**point, **{key: summary[key] for key in columns}} for point, summary in zip(points, trained, strict=True)]
     return sorted(rows, key=lambda row: row["validation_loss"])

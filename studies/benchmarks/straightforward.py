@@ -86,13 +86,13 @@ def reconstruct(model: Reconstruction, batch: dict, adjacency: torch.Tensor) -> 
                 features[0] = model.project(features[0])
         features.append((positions - centre) / scale)
         if model.strategy == "sphere" and model.touch:
-            felt = []
+            touches = []
             for sensor in range(model.sensors):
                 success = batch["success"][:, sensor].to(dtype)[:, None]
                 place = (batch["position"][:, sensor] - centre) / scale
-                felt.append((sensor, success, place, batch["rotation"][:, sensor].flatten(1)))
+                touches.append((sensor, success, place, batch["rotation"][:, sensor].flatten(1)))
             shown = model.reading_encoder(batch["reading"].flatten(0, 1)).unflatten(0, (samples, -1))
-            rows = [torch.cat([shown[:, k] * s, p, r, s], dim=1) for k, s, p, r in felt]
+            rows = [torch.cat([shown[:, k] * s, p, r, s], dim=1) for k, s, p, r in touches]
             features.append(torch.cat(rows, dim=1)[:, None].expand(-1, positions.shape[1], -1))
         if mask is not None:
             features.append(mask)

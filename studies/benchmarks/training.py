@@ -6,7 +6,8 @@
 
 Each variant of `VARIANTS` (default: all), or one given as YAML, changes some keys of the recipe. Its steps
 are timed first, and as many made as fit in the seconds of processor time, on one core (or --steps, whatever
-they take); the schedule ends with the last. The run's packs must be there (snakemake packs/<family>.h5).
+they take); the schedule ends with the last. The run's stores must be there (python -m palpate.training.inputs
+says which).
 With few objects the validation loss says little: --validate-on takes the validation objects of a larger run
 (of the same config but for its size), and the training objects of the first. Losses are on 2,500 points,
 --windows windows of each object; the best of the evaluations, as a run would keep it.
@@ -28,7 +29,8 @@ import yaml
 
 from palpate import training
 from palpate.training import recipes
-from palpate.training.pack import Pack
+from palpate.training.data import TrainingData
+from palpate.training.samples import training_samples
 
 PROJECT = Path(__file__).parents[2]
 TIMED = 6  # steps, after as many that are not
@@ -67,24 +69,18 @@ adamw: {optimiser: adamw, weight_decay: 0.01}
 )
 
 
-def combined(own: Pack, larger: Pack) -> Pack:
-    """The training objects of one pack and the validation objects of the other."""
-    parts = [(own, own.of_split("train")), (larger, larger.of_split("validation"))]
-    arrays = {
-        name: np.concatenate([pack[name][rows] for pack, rows in parts])
-        for name in own.arrays
-        if name != "empty_reading"
-    }
-    if "empty_reading" in own:
-        arrays["empty_reading"] = own["empty_reading"]
+def combined(own: TrainingData, larger: TrainingData) -> TrainingData:
+    """The training objects of one run and the validation objects of the other."""
+    chosen = [(own, own.of_split("train")), (larger, larger.of_split("validation"))]
+    arrays = {name: np.concatenate([data[name][rows] for data, rows in chosen]) for name in own.arrays}
     for name, column in {"object": "objects", "class": "classes", "split": "splits"}.items():
-        arrays[name] = np.array([getattr(pack, column)[row] for pack, rows in parts for row in rows])
-    return Pack(arrays, own.family, own.digest + larger.digest)
+        arrays[name] = [getattr(data, column)[row] for data, rows in chosen for row in rows]
+    return TrainingData(arrays)
 
 
-def step_seconds(pack: Pack, experiment: dict, settings: dict) -> float:
+def step_seconds(data: TrainingData, experiment: dict, settings: dict) -> float:
     """Processor time of a training step."""
-    learner = training.ReconstructionLearner(pack, experiment, settings, 0)
+    learner = training.ReconstructionLearner(data, experiment, settings, 0)
     learner.on_fit_start()
     optimiser = learner.configure_optimizers()["optimizer"]
     times = []
@@ -92,7 +88,7 @@ def step_seconds(pack: Pack, experiment: dict, settings: dict) -> float:
         start = time.process_time()
         optimiser.zero_grad()
         losses = learner.losses(
-            training.data.training_samples(pack, experiment, settings["batch"], 0, step),
+            training_samples(data, experiment, settings["batch"], 0, step),
             torch.Generator().manual_seed(step),
             learner.model,
         )
@@ -121,12 +117,11 @@ def main() -> None:
         PROJECT / "config/recipes.yaml", options.recipe, {}, PROJECT / "workflow/schemas/recipes.schema.yaml"
     )
     base = recipes.settings(recipe, experiment)
-    file = f"packs/{training.family(experiment)}.h5"
-    pack = Pack.read(options.run / file, ("train", "validation"))
+    data = TrainingData.load(options.run, experiment, ("train", "validation"))
     if options.validate_on:
-        pack = combined(pack, Pack.read(options.validate_on / file, ("validation",)))
+        data = combined(data, TrainingData.load(options.validate_on, experiment, ["validation"]))
     torch.set_num_threads(1)
-    counts = {split: len(pack.of_split(split)) for split in ("train", "validation")}
+    counts = {split: len(data.of_split(split)) for split in ("train", "validation")}
     print(
         f"{options.experiment}, {f'{options.steps} steps' if options.steps else f'{options.seconds:.0f} s'} "
         f"of one core, {counts['train']} objects to train on, "
@@ -137,13 +132,13 @@ def main() -> None:
     for name in options.variants:
         for seed in options.seeds:
             settings = recipes.merge(base, VARIANTS.get(name) if name in VARIANTS else yaml.safe_load(name))
-            seconds = step_seconds(pack, experiment, settings)
+            seconds = step_seconds(data, experiment, settings)
             steps = options.steps or int(options.seconds / seconds)
             settings |= {"steps": steps, "evaluate_every": -(-steps // EVALUATIONS)}
             settings |= {"validation_samples": options.windows, "validation_points": 2500}
             settings |= {"epochs": None, "patience": None}
             with tempfile.TemporaryDirectory() as folder:
-                learner = training.ReconstructionLearner(pack, experiment, settings, seed)
+                learner = training.ReconstructionLearner(data, experiment, settings, seed)
                 machine = training.Machine("cpu")
                 found = training.train(learner, f"{folder}/model", f"{folder}/checkpoints", machine, name)
                 rows = np.genfromtxt(f"{folder}/model/history.csv", delimiter=",", names=True)

@@ -24,7 +24,7 @@ from palpate.mesh import OBJECT_POSITION, load_visual
 from palpate.mesh.distance import Surface, sample
 from palpate.surface import sample as exterior
 from palpate.training import Truth, reconstruction_loss
-from palpate.training.losses import some
+from palpate.training.losses import subsample
 from studies.error_vs_runtime.study import Method, Study
 from studies.subjects import Subject
 
@@ -269,7 +269,7 @@ def other_loss(
     def loss(vertices: Tensor, generator: torch.Generator) -> Tensor:
         points = sample_faces(vertices, case.faces, n, generator)[0].to(dtype)
         cloud = case.truth.points[0].to(dtype)
-        chosen = some(cloud, n, generator)
+        chosen = subsample(cloud, n, generator)
         there = _mean(points, chosen if few else cloud, search, None if few else case.truth.trees([0])[0])
         return CHAMFER_SCALE * (there + _mean(chosen, points, search, None))
 

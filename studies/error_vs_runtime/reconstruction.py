@@ -22,12 +22,12 @@ from palpate.evaluation.evaluate import AT_ONCE
 from palpate.mesh.distance import sample
 from palpate.models import Reconstruction
 from palpate.models.reconstruction import DEFORMATIONS
-from palpate.training import Assembler, Machine, Pack, ReconstructionLearner, Sample, recipes, windows
+from palpate.training import Assembler, Machine, ReconstructionLearner, Sample, TrainingData, recipes, windows
 from palpate.training.checkpoints import architecture
 from studies.error_vs_runtime.study import ALL, Method, Study
 from studies.subjects import Subject
 
-# The quickest to train of those that see: one image an object.
+# The quickest to train of those with vision: one image an object.
 EXPERIMENT = {"strategy": "charts", "vision": "unoccluded", "touch": False, "grasps": 1}
 SAMPLES = 200  # that each model is trained on
 SEEDS = (0, 1)
@@ -88,10 +88,10 @@ class ReconstructionStudy(Study):
     }
     panels = 2
 
-    def __init__(self, pack: Pack, settings: Mapping[str, Any], machine: Mapping[str, Any], points: int):
+    def __init__(self, data: TrainingData, settings: Mapping[str, Any], machine: Mapping[str, Any], points: int):
         """settings: of the experiment, from the run's recipe. machine: the config's `training`. points: of an
         evaluation."""
-        self.pack, self.machine, self.points = pack, machine, points
+        self.data, self.machine, self.points = data, machine, points
         self.layers = architecture(EXPERIMENT, settings)
         self.settings = settings
         gcn = self.layers["gcn"]
@@ -100,9 +100,9 @@ class ReconstructionStudy(Study):
             gcn["width"], gcn["layers"], deformations, machine["precision"], settings["batch"], SEEDS[0]
         )
         # A short training wants a higher rate (docs/training.md), but is the more a matter of chance at it.
-        whole = ReconstructionLearner(pack, EXPERIMENT, settings, SEEDS[0]).steps * settings["batch"]
+        whole = ReconstructionLearner(data, EXPERIMENT, settings, SEEDS[0]).steps * settings["batch"]
         self.rate = settings["rate"] * max(1.0, whole / SAMPLES) ** 0.25
-        self.samples = windows(pack, EXPERIMENT, "validation")
+        self.samples = windows(data, EXPERIMENT, "validation")
         self._trained: dict[Variant, tuple[Reconstruction, Step]] = {}
         self._results: dict[Variant, np.ndarray] = {}
 
@@ -161,7 +161,7 @@ class ReconstructionStudy(Study):
 
     def _chamfer(self, vertices: np.ndarray, seen: Sample, variant: Variant) -> float:
         faces = self.trained(variant)[0].faces.numpy()
-        return chamfer(vertices.astype(np.float64), faces, self.pack["points"][seen.object], self.points)
+        return chamfer(vertices.astype(np.float64), faces, self.data["points"][seen.object], self.points)
 
     def _exact(self, variant: Variant, case: list[Sample]) -> np.ndarray:
         if variant not in self._results:
@@ -181,7 +181,7 @@ class ReconstructionStudy(Study):
                 "validation_samples": 1,
             }
             changed["evaluate_every"] = changed["steps"]
-            learner = ReconstructionLearner(self.pack, EXPERIMENT, {**self.settings, **changed}, variant.seed)
+            learner = ReconstructionLearner(self.data, EXPERIMENT, {**self.settings, **changed}, variant.seed)
             machine = Machine("cpu", precision=variant.precision, threads=self.machine["threads"])
             with tempfile.TemporaryDirectory() as folder:
                 training.train(learner, f"{folder}/model", f"{folder}/checkpoints", machine, str(variant))
@@ -205,7 +205,7 @@ class ReconstructionStudy(Study):
         model, mixed = self.trained(variant)[0], dtype == torch.bfloat16
         kept = torch.float32 if mixed else dtype
         model = model if kept == torch.float32 else copy.deepcopy(model).to(kept)
-        assemble, parts = Assembler(self.pack), []
+        assemble, parts = Assembler(self.data, EXPERIMENT), []
         with torch.inference_mode(), torch.autocast("cpu", torch.bfloat16, enabled=mixed):
             for start in range(0, len(case), at_once):
                 batch = assemble(case[start : start + at_once])
@@ -223,7 +223,7 @@ def chamfer(vertices: np.ndarray, faces: np.ndarray, truth: np.ndarray, count: i
 
 def study(run: Path, subjects: Sequence[Subject], settings: Mapping[str, Any]) -> ReconstructionStudy:
     """The study of a run; of its settings `recipe` (the resolved recipe), `training` (precision, threads) and
-    `evaluation.points` are read, of its files `packs/unoccluded-none.h5`; the subjects are not."""
-    pack = Pack.read(Path(run) / "packs" / f"{training.family(EXPERIMENT)}.h5", ("train", "validation"))
+    `evaluation.points` are read, of its stores those of surface and vision; the subjects are not."""
+    data = TrainingData.load(run, EXPERIMENT, ("train", "validation"))
     how = recipes.settings(settings["recipe"], EXPERIMENT)
-    return ReconstructionStudy(pack, how, settings["training"], settings["evaluation"]["points"])
+    return ReconstructionStudy(data, how, settings["training"], settings["evaluation"]["points"])

@@ -222,11 +222,10 @@ class TouchStudy(Study):
 
 def _touching(run: Path, subject: Subject) -> tuple[np.ndarray, np.ndarray]:
     """Positions (k, 3) and rotations (k, 3, 3) of the first sensors that touch, in the object's frame."""
-    names = ("object", "object_index", "sensor_position", "sensor_rotation", "touches")
-    grasps = store.read(run / f"grasps/{subject.batch}.h5", *names)
-    rows = grasps["object"][grasps["object_index"]] == subject.name
-    touch = grasps["touches"][rows]
-    position, rotation = grasps["sensor_position"][rows][touch], grasps["sensor_rotation"][rows][touch]
+    grasps = store.read(run / f"grasps/{subject.batch}.h5", "object", "sensor_position", "sensor_rotation", "touches")
+    row = grasps["object"].tolist().index(subject.name)
+    touch = grasps["touches"][row]
+    position, rotation = grasps["sensor_position"][row][touch], grasps["sensor_rotation"][row][touch]
     return position[:TOUCHES] - mesh.OBJECT_POSITION, rotation[:TOUCHES]
 
 

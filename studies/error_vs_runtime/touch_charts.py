@@ -20,7 +20,7 @@ from palpate.dataset import Dataset
 from palpate.mesh import OBJECT_POSITION, load_visual
 from palpate.mesh.distance import Surface, sample
 from palpate.touch import PIXEL_CENTRES, RESOLUTION, SENSOR_RANGE, SENSOR_WIDTH, local_points
-from palpate.training.losses import some
+from palpate.training.losses import subsample
 from studies.error_vs_runtime.study import Method, Study
 from studies.subjects import Subject
 
@@ -127,10 +127,10 @@ class TouchCharts(Study):
 
     def _touches(self, subject: Subject) -> Touches | None:
         """`TOUCHES` of the object's successful touches, evenly over them all; None if it has none."""
-        felt = [
+        touches = [
             (grasp, sensor) for grasp in self.dataset[subject.name].grasps for sensor in np.flatnonzero(grasp.success)
         ]
-        chosen = [felt[k * len(felt) // TOUCHES] for k in range(min(TOUCHES, len(felt)))]
+        chosen = [touches[k * len(touches) // TOUCHES] for k in range(min(TOUCHES, len(touches)))]
         if not chosen:
             return None
         triangles = load_visual(subject.folder).triangles.astype(np.float64) + OBJECT_POSITION
@@ -174,7 +174,7 @@ def _adam(options: Mapping[str, Any], case: Touches) -> Tensor:
     options, clouds = dict(options), case.clouds
     generator = torch.Generator().manual_seed(0)
     if count := options.pop("points of the cloud", None):
-        clouds = [some(cloud, count, generator) for cloud in clouds]
+        clouds = [subsample(cloud, count, generator) for cloud in clouds]
     return fit_adam(clouds, case.position, case.rotation, generator=generator, **options)
 
 

@@ -96,11 +96,3 @@ def in_words(same: bool, state: str) -> str:
 def report(omissions: Iterable[Omission], rounds: int = ROUNDS) -> pd.DataFrame:
     """The rows of one item of `reports/omitted.csv`."""
     return pd.DataFrame([compare(each, rounds) for each in omissions], columns=list(COLUMNS))
-
-
-def Leaving(*args, left_out: bool = True, **options) -> Omission:
-    """Until the stages' modules make omissions themselves."""
-    options = {{"scene": "stage", "part": "item"}.get(key, key): value for key, value in options.items()}
-    when = options.get("when", "")
-    state = OMITTED if left_out else STAYS if when.startswith("never") else NOT_MODELLED
-    return Omission(*args, **options, state=state)

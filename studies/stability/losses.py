@@ -7,23 +7,22 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-import h5py
 import numpy as np
 import torch
 from torch import Tensor
 
-from palpate import store
+from palpate import Dataset, store
 from palpate.charts import chamfer_distance, fit_adam, fit_direct, sample_faces, touch_chart
 from palpate.charts.fit import placed
 from palpate.mesh import OBJECT_POSITION, load_collision
 from palpate.models import Reconstruction, TouchDepth
 from palpate.models.pooling import PerceptualPooling
 from palpate.touch.sensor import RESOLUTION, SENSOR_WIDTH
-from palpate.training import pack
-from palpate.training.data import Assembler, Sample
+from palpate.training.data import TrainingData, TrainingDataError
 from palpate.training.learners import Diverged, ReconstructionLearner
 from palpate.training.loop import Machine, train
 from palpate.training.losses import Truth, reconstruction_loss, touch_depth_loss
+from palpate.training.samples import Assembler, Sample
 from palpate.training.touches import predict_depth, read_touches
 from studies.stability.cases import Cases, Finding, at_least, at_most, equal, rejects
 from studies.subjects import Subject
@@ -32,6 +31,8 @@ CASES = Cases()
 ROUNDING = 1e-5  # relative, of sums of thousands of numbers in float32
 GRASPS = 5
 EXPERIMENT = {"strategy": "charts", "vision": "unoccluded", "touch": True, "grasps": GRASPS}
+VISION = EXPERIMENT | {"touch": False, "grasps": 1}
+BATCH, ATTRIBUTES = "batch-0000", {"seed": 0, "config_digest": "0"}
 SETTINGS = {
     "architecture": {
         "encoder": {"channels": [8, 16], "layers": [1, 2], "pool": [1, 3], "norm": "instance", "padding": 1},
@@ -125,7 +126,7 @@ def picture(cloud: Tensor, pixels: int = 32) -> np.ndarray:
     return np.repeat((255 * np.minimum(counts[0] / 8, 1)).astype(np.uint8)[..., None], 3, axis=2)
 
 
-def small_pack(subject: Subject, successful: bool = True, **changed: np.ndarray) -> pack.Pack:
+def small_data(subject: Subject, successful: bool = True, **changed: np.ndarray) -> TrainingData:
     """The object in three sizes, two to train on; in memory. changed: arrays that are others."""
     centre = torch.tensor(OBJECT_POSITION)
     clouds = [(cloud_of(subject, seed=k) - centre) * size + centre for k, size in enumerate((1.0, 0.8, 0.9))]
@@ -144,17 +145,17 @@ def small_pack(subject: Subject, successful: bool = True, **changed: np.ndarray)
         "rotation": rotation,
         "charts": charts,
     }
-    return pack.Pack(arrays | changed, "unoccluded-charts", "0" * 64)
+    return TrainingData(arrays | changed)
 
 
 def model_and_batch(
     subject: Subject, successful: bool = True, last_layer_scale: float = 0.1
 ) -> tuple[Reconstruction, dict[str, Tensor], Truth]:
     """An untrained model whose vertices move by centimetres, a batch of two objects, and their points."""
-    held = small_pack(subject, successful)
+    held = small_data(subject, successful)
     torch.manual_seed(0)
     layers = SETTINGS["architecture"] | {"last_layer_scale": last_layer_scale}
-    batch = Assembler(held)([Sample(number, tuple(range(GRASPS))) for number in (0, 1)])
+    batch = Assembler(held, EXPERIMENT)([Sample(number, tuple(range(GRASPS))) for number in (0, 1)])
     model = Reconstruction("charts", True, True, GRASPS, layers)
     return model, batch, Truth(torch.from_numpy(held["points"]))
 
@@ -167,7 +168,7 @@ def loss_of(model: Reconstruction, vertices: Tensor, truth: Truth, n: int = 1000
 class Disturbed(ReconstructionLearner):
     """Training in which one step's loss is put through a function, or every step's."""
 
-    def __init__(self, held: pack.Pack, settings: Mapping, change: Callable[[Tensor], Tensor], step: int | None):
+    def __init__(self, held: TrainingData, settings: Mapping, change: Callable[[Tensor], Tensor], step: int | None):
         super().__init__(held, EXPERIMENT, settings, seed=0)
         self.change, self.step = change, step
 
@@ -182,12 +183,12 @@ def trained(
     subject: Subject,
     change: Callable[[Tensor], Tensor] = lambda losses: losses,
     step: int | None = None,
-    held: pack.Pack | None = None,
+    held: TrainingData | None = None,
     precision: str = "32-true",
     **settings: Any,
 ) -> tuple[dict[str, Any], list[float], Tensor]:
     """A short training: what it says of itself, its validation losses, and its best weights in one row."""
-    return fit(Disturbed(held or small_pack(subject), SETTINGS | settings, change, step), folder, precision)
+    return fit(Disturbed(held or small_data(subject), SETTINGS | settings, change, step), folder, precision)
 
 
 def fit(learner: Disturbed, folder: Path, precision: str = "32-true") -> tuple[dict[str, Any], list[float], Tensor]:
@@ -386,7 +387,7 @@ def collinear_clouds(subject: Subject) -> Iterator[Finding]:
 
 
 @CASES.case("all twenty touches unsuccessful", "models")
-def nothing_felt(subject: Subject) -> Iterator[Finding]:
+def no_touch(subject: Subject) -> Iterator[Finding]:
     """Five grasps of nothing: what would be the charts must not be read, and vision goes on."""
     model, batch, truth = model_and_batch(subject, successful=False)
     vertices = model(batch)
@@ -414,7 +415,7 @@ def faint_readings(subject: Subject) -> Iterator[Finding]:
     readings[1, 0, 20, 30] += 2
     readings[2] = 255
     depth, valid = predict_depth(model, readings, empty)
-    yield equal("pixels felt", valid.flatten(1).sum(dim=1).tolist(), [1, 1, RESOLUTION**2])
+    yield equal("pixels in contact", valid.flatten(1).sum(dim=1).tolist(), [1, 1, RESOLUTION**2])
     yield equal("the pixel that differs is it", bool(valid[1, 20, 30]), True)
     position, rotation = (values[0, :3] for values in sensors(cloud_of(subject))[:2])
     yield equal("NaN or infinite charts", finite(fit_direct(depth, valid, position, rotation)), 0)
@@ -426,27 +427,27 @@ def faint_readings(subject: Subject) -> Iterator[Finding]:
         "touch 0 of the batch has no pixel in range",
     )
     yield rejects(
-        "loss where no pixel is felt",
+        "loss where no pixel is in contact",
         lambda: touch_depth_loss(depth, valid & False, depth, None, seeded()),
         ValueError,
         "touch 0 of the batch has no valid pixel",
     )
 
 
-@CASES.case("packs in which nothing was felt", "training")
-def pack_without_touches(subject: Subject) -> Iterator[Finding]:
+@CASES.case("data in which nothing was touched", "training")
+def data_without_touches(subject: Subject) -> Iterator[Finding]:
     """Training goes on without them; the U-Net has nothing to learn from and says so."""
     with TemporaryDirectory() as name:
         folder = Path(name)
-        held = small_pack(subject, successful=False)
+        held = small_data(subject, successful=False)
         said, history, weights = trained(folder, subject, held=held, steps=8)
         yield equal("NaN or infinite losses and weights", finite(torch.tensor(history), weights), 0)
         yield at_most("validation loss, of the first", said["validation_loss"] / history[0], 1.0)
-        catalogue = stores(folder, subject, "touch")
+        stores(folder, subject, "touch")
         yield rejects(
             "U-Net",
-            lambda: read_touches([folder / store.CONTRACT["touch"].path("batch-0000")], catalogue, "train"),
-            pack.PackError,
+            lambda: read_touches(Dataset(folder, ["touch"]), "train"),
+            TrainingDataError,
             "was touched: more objects are needed",
         )
 
@@ -457,6 +458,7 @@ def one_colour(subject: Subject) -> Iterator[Finding]:
     plain, batch, truth = model_and_batch(subject)
     batch |= {"image": torch.full_like(batch["image"], 1.0)}
     batch["reading"] = torch.full((2, 4 * GRASPS, 3, RESOLUTION, RESOLUTION), 0.3)
+    batch["rotation"] = torch.eye(3).expand(2, 4 * GRASPS, 3, 3)
     torch.manual_seed(0)
     layers = SETTINGS["architecture"]
     for model in (plain, Reconstruction("sphere", True, True, GRASPS, layers)):
@@ -550,7 +552,7 @@ def scaled_gradients(subject: Subject) -> Iterator[Finding]:
 class Scaled(Disturbed):
     """Training on the loss times a number, and on Adam's epsilon times that as well."""
 
-    def __init__(self, held: pack.Pack, settings: Mapping, scale: float, epsilon: float):
+    def __init__(self, held: TrainingData, settings: Mapping, scale: float, epsilon: float):
         super().__init__(held, settings, lambda losses: scale * losses, None)
         self.epsilon = epsilon
 
@@ -568,7 +570,7 @@ def scaled_training(subject: Subject) -> Iterator[Finding]:
     reached = {}
     with TemporaryDirectory() as name:
         for scale, epsilon in ((one, one), (down, one), (2.0**-10, one), (up, one), (down, down), (up, up)):
-            learner = Scaled(small_pack(subject), SETTINGS | settings, scale, epsilon)
+            learner = Scaled(small_data(subject), SETTINGS | settings, scale, epsilon)
             reached[scale, epsilon] = fit(learner, Path(name) / f"{scale:g} {epsilon:g}")
     loss, weights = reached[one, one][0]["validation_loss"], reached[one, one][2]
     for (scale, epsilon), (said, _, found) in reached.items():
@@ -658,9 +660,9 @@ def diverging(subject: Subject) -> Iterator[Finding]:
         yield rejects("rate 1e30", lambda: trained(Path(name), subject, rate=1e30, clip=None), Diverged, "NaN or inf")
 
 
-def stores(folder: Path, subject: Subject, *stages: str) -> Path:
-    """Stores of one object of the train split, with nothing touched; returns their catalogue."""
-    sizes = {"o": 1, "og": 2, "n": 500, "r": 4, "rr": 16, "p": 8}
+def stores(folder: Path, subject: Subject, *stages: str) -> None:
+    """A run with stores of one object of the train split, of which nothing is touched, and its catalogue."""
+    sizes = {"o": 1, "g": 2, "n": 500, "r": 4, "rr": 16, "p": 8}
     for stage in stages:
         arrays = {}
         for name, spec in store.CONTRACT[stage].arrays.items():
@@ -669,61 +671,58 @@ def stores(folder: Path, subject: Subject, *stages: str) -> Path:
         arrays["object"] = np.array([subject.name])
         if stage == "surface":
             arrays["points"] = cloud_of(subject, 500)[None].numpy().astype(arrays["points"].dtype)
-        path = folder / store.CONTRACT[stage].path("batch-0000")
-        store.write(path, stage, arrays, {"seed": 0, "config_digest": "0"})
-    catalogue = folder / "catalogue.csv"
-    with catalogue.open("w", newline="") as file:
-        csv.writer(file).writerows([("object", "class", "split"), (subject.name, subject.class_name, "train")])
-    return catalogue
+        path = folder / store.CONTRACT[stage].path(BATCH)
+        store.write(path, stage, arrays, ATTRIBUTES)
+    with (folder / "catalogue.csv").open("w", newline="") as file:
+        rows = [("object", "class", "split", "batch"), (subject.name, subject.class_name, "train", BATCH)]
+        csv.writer(file).writerows(rows)
 
 
-@CASES.case("a corrupt pack", "training")
-def corrupt_packs(subject: Subject) -> Iterator[Finding]:
-    """Cut off, a bit changed, NaN, millimetres for metres, an array too long: the file is named."""
+@CASES.case("corrupt data", "training")
+def corrupt_data(subject: Subject) -> Iterator[Finding]:
+    """Cut off, a bit changed, NaN, millimetres for metres, images of three objects: the store is named."""
     with TemporaryDirectory() as name:
         folder = Path(name)
-        catalogue = stores(folder, subject, "surface", "vision")
-        path = folder / "unoccluded-none.h5"
-        sources = {stage: [folder / store.CONTRACT[stage].path("batch-0000")] for stage in ("surface", "vision")}
-        pack.write(path, "unoccluded-none", catalogue, sources)
-        whole, points = path.read_bytes(), pack.Pack.read(path)["points"]
-        yield equal("objects of the whole pack", len(points), 1)
-        place = whole.index(points.tobytes())
+        stores(folder, subject, "surface", "vision")
+        path = folder / store.CONTRACT["surface"].path(BATCH)
+        chunk = next(file for file in (path / "points").rglob("*") if file.is_file() and file.name != "zarr.json")
+        whole, arrays = chunk.read_bytes(), store.read(path)
 
-        def read(content: bytes) -> pack.Pack:
-            path.write_bytes(content)
-            return pack.Pack.read(path)
+        def load() -> TrainingData:
+            return TrainingData.load(folder, VISION)
 
+        def read(content: bytes) -> TrainingData:
+            chunk.write_bytes(content)
+            return load()
+
+        yield equal("objects of the whole store", len(load()), 1)
         changed = bytearray(whole)
-        changed[place + 100] ^= 0x10
+        changed[len(whole) // 2] ^= 0x10
         refused = rf"{path.name} can't be read"
-        yield rejects("cut in half", lambda: read(whole[: len(whole) // 2]), pack.PackError, refused)
-        yield rejects("no byte", lambda: read(b""), pack.PackError, refused)
-        yield rejects("one bit changed", lambda: read(bytes(changed)), pack.PackError, refused)
+        yield rejects("cut in half", lambda: read(whole[: len(whole) // 2]), store.StoreError, refused)
+        yield rejects("no byte", lambda: read(b""), store.StoreError, refused)
+        yield rejects("one bit changed", lambda: read(bytes(changed)), store.StoreError, refused)
 
-        def edited(change: Callable[[h5py.File], None]) -> pack.Pack:
-            path.write_bytes(whole)
-            with h5py.File(path, "a") as file:
-                change(file)
-            return pack.Pack.read(path)
-
-        def put(value: float) -> Callable[[h5py.File], None]:
-            def change(file: h5py.File) -> None:
-                file["points"][0, 3, 1] = value
-
-            return change
-
-        def cut(file: h5py.File) -> None:
-            del file["unoccluded"]
-            file["unoccluded"] = np.zeros((3, 8, 8, 3), np.uint8)
+        def with_point(value: float) -> TrainingData:
+            points = arrays["points"].copy()
+            points[0, 3, 1] = value
+            store.write(path, "surface", arrays | {"points": points}, ATTRIBUTES)
+            return load()
 
         named = rf"{path.name}: points of {subject.name} is NaN, infinite or above"
         for value in (np.nan, np.inf, 600.0):
-            yield rejects(f"{value} among points", lambda v=value: edited(put(v)), pack.PackError, named)
-        yield rejects("three images of one object", lambda: edited(cut), pack.PackError, "different numbers of objects")
+            yield rejects(f"{value} among points", lambda v=value: with_point(v), store.StoreError, named)
+        images = store.read(folder / store.CONTRACT["vision"].path(BATCH))
+        three = images | {"unoccluded": np.zeros((3, 8, 8, 3), np.uint8)}
+        yield rejects(
+            "three images of one object",
+            lambda: store.write(folder / store.CONTRACT["vision"].path(BATCH), "vision", three, ATTRIBUTES),
+            store.StoreError,
+            "o = 3|o = 1",
+        )
     yield rejects(
         "NaN in memory",
-        lambda: small_pack(subject, points=np.full((3, 50, 3), np.nan, np.float32)),
-        pack.PackError,
-        "NaN, infinite",
+        lambda: small_data(subject, points=np.full((3, 50, 3), np.nan, np.float32)),
+        TrainingDataError,
+        "NaN or infinite",
     )

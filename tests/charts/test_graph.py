@@ -7,7 +7,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from palpate.charts import Graph, sphere, touch_chart, vision_atlas
-from palpate.charts.graph import mesh_edges
 
 CHARTS = Graph(4)
 GRAPHS = [(0, "charts"), (4, "charts"), (20, "charts"), (4, "no_comm"), (4, "sphere")]
@@ -176,18 +175,3 @@ def test_bad_input():
         Graph(-1)
     with pytest.raises(ValueError, match=r"must be \(2148"):
         Graph(4).aggregate(torch.zeros(1824, 2, 3))
-
-
-@pytest.mark.parametrize("kind", ["charts", "no_comm", "sphere"])
-@pytest.mark.parametrize("normalisation", ["symmetric", "mean", "separate"])
-def test_spare_charts_are_alone(kind, normalisation):
-    plain, more = Graph(2, kind, normalisation), Graph(2, kind, normalisation, spare=3)
-    assert more.vertices == plain.vertices + 3 * 81 and torch.equal(more.faces, plain.faces)
-    x = torch.randn(more.vertices, 4, dtype=torch.float64)
-    torch.testing.assert_close(more.aggregate(x)[: plain.vertices], plain.aggregate(x[: plain.vertices]))
-    dense = more.dense()
-    torch.testing.assert_close(more.aggregate(x), dense @ x)
-    sheet = networkx.Graph([edge.tolist() for edge in mesh_edges(touch_chart().faces)])
-    for first in range(plain.vertices, more.vertices, 81):
-        neighbours = {first + v for v in sheet.neighbors(40)} | {first + 40}
-        assert set(torch.nonzero(dense[first + 40])[:, 0].tolist()) == neighbours

@@ -8,6 +8,7 @@ import pytest
 
 import palpate
 import palpate.store
+from palpate.catalogue import CatalogueError
 from palpate.store import StoreError
 from palpate.touch import empty_reading
 
@@ -56,17 +57,16 @@ def test_records_are_the_rows_of_the_stores(built, name):
     np.testing.assert_array_equal(record.unoccluded, vision["unoccluded"][position])
     assert len(record.grasps) == GRASPS
     for number, grasp in enumerate(record.grasps):
-        row = position * GRASPS + number
-        assert (grasps["object_index"][row], grasps["grasp_index"][row]) == (position, number)
+        row = position, number
         for array in ("palm_pose", "joint_positions", "penetration"):
             np.testing.assert_array_equal(getattr(grasp, array), grasps[array][row])
         for array in ("success", "position", "rotation", "depth"):
             np.testing.assert_array_equal(getattr(grasp, array), touch[array][row])
         np.testing.assert_array_equal(grasp.occluded, vision["occluded"][row])
         for sensor in range(4):
-            count = touch["point_count"][row, sensor]
-            np.testing.assert_array_equal(grasp.points[sensor], touch["points"][row, sensor, :count])
-            expected = touch["reading"][row, sensor] if touch["success"][row, sensor] else empty_reading()
+            count = touch["point_count"][row][sensor]
+            np.testing.assert_array_equal(grasp.points[sensor], touch["points"][row][sensor, :count])
+            expected = touch["reading"][row][sensor] if touch["success"][row][sensor] else empty_reading()
             np.testing.assert_array_equal(grasp.reading[sensor], expected)
     assert not all(grasp.success.all() for grasp in record.grasps)  # so that both cases were met
 
@@ -74,19 +74,102 @@ def test_records_are_the_rows_of_the_stores(built, name):
 def test_arrays_are_joined_over_batches_in_the_order_of_the_view(built):
     dataset = palpate.Dataset(built)
     depth = dataset.array("touch", "depth")
-    assert depth.shape == (3 * GRASPS, 4, 100, 100) and depth.dtype == np.float32
-    expected = np.concatenate([[grasp.depth for grasp in record.grasps] for record in dataset])
-    np.testing.assert_array_equal(depth[:], expected)
+    assert depth.shape == (3, GRASPS, 4, 100, 100) and depth.dtype == np.float32 and depth.ndim == 5
+    expected = np.stack([[grasp.depth for grasp in record.grasps] for record in dataset])
     np.testing.assert_array_equal(np.asarray(depth), expected)
-    np.testing.assert_array_equal(depth[-1], expected[-1])
-    np.testing.assert_array_equal(depth[[4, 0, 1]], expected[[4, 0, 1]])
-    np.testing.assert_array_equal(depth[1:5:2], expected[1:5:2])
-    mask = np.array([True, False, False, True, True, False])
-    np.testing.assert_array_equal(depth[mask], expected[mask])
+    mask = np.array([True, False, True])
+    indices = [slice(None), -1, [2, 0, 1], slice(0, 3, 2), mask, mask.tolist(), (1, 1), (2, -1, 3), (slice(0, 2), 1)]
+    indices += [(slice(1, 3), slice(None), 0), (mask, slice(1, None), 2, slice(10, 20, 3)), (mask, 0, -1), ...]
+    indices += [(..., 5), (0, ..., slice(3)), (slice(3, 3), 1), ([], 0), (np.int64(1), np.int64(0)), ()]
+    for index in indices:
+        np.testing.assert_array_equal(depth[index], expected[index], err_msg=str(index))
+        assert depth[index].shape == expected[index].shape and depth[index].dtype == expected.dtype
+    wrong = [3, -4, (0, GRASPS), (0, 0, 0, 0, 0, 0), (0, slice(None, None, -1)), (0, [0, 1]), (0, mask), (0, None)]
+    for index in wrong:
+        with pytest.raises(IndexError):
+            depth[index]
     turned = dataset.select(["ball-0002", "ball-0000"]).array("surface", "points")
     np.testing.assert_array_equal(turned, [dataset["ball-0002"].points, dataset["ball-0000"].points])
     with pytest.raises(KeyError, match="no rows"):
         dataset.array("touch", "empty_reading")
+
+
+def damaged(run, stage, change, batch="batch-0000"):
+    """The store of a batch, written again after `change` altered its arrays in place."""
+    path = run / palpate.store.CONTRACT[stage].path(batch)
+    arrays, attributes = palpate.store.read(path), palpate.store.open(path).attributes
+    change(arrays)
+    palpate.store.write(path, stage, arrays, attributes)
+
+
+def test_arrays_are_loaded_into_memory_in_the_type_asked_for(built):
+    dataset = palpate.Dataset(built)
+    assert dataset.grasps_per_object == GRASPS
+    for stage, name in (("surface", "points"), ("touch", "depth"), ("grasps", "palm_pose"), ("vision", "occluded")):
+        np.testing.assert_array_equal(dataset.load(stage, name), dataset.array(stage, name)[:])
+    position = dataset.load("touch", "position", np.float32)
+    assert position.dtype == np.float32 and position.shape == (3, GRASPS, 4, 3)
+    np.testing.assert_array_equal(dataset.empty_reading, empty_reading())
+    expected = [[grasp.reading for grasp in record.grasps] for record in dataset]
+    np.testing.assert_array_equal(dataset.readings(), expected)
+    stored = dataset.array("touch", "reading")[:]
+    assert not stored[~dataset.load("touch", "success")].any() and not np.array_equal(stored, expected)
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf, 600.0])
+@pytest.mark.parametrize(
+    ("stage", "name", "limit"),
+    [
+        ("surface", "points", "NaN, infinite or above 10"),
+        ("touch", "position", "NaN, infinite or above 10"),
+        ("touch", "rotation", "NaN, infinite or above 1.001"),
+        ("touch", "points", "NaN, infinite or above 10"),
+    ],
+)
+def test_wrong_values_are_errors_that_name_file_object_and_remedy(run, stage, name, limit, value):
+    def change(arrays):
+        arrays[name][(1, *[0] * (arrays[name].ndim - 1))] = value
+        if stage == "touch":
+            arrays["point_count"][1] = 1
+
+    damaged(run, stage, change)
+    message = rf"{stage}/batch-0000.* {name} of block-0000 is {limit}; remove .* snakemake {stage}/batch-0000"
+    with pytest.raises(StoreError, match=message):
+        palpate.Dataset(run).load(stage, name)
+    assert palpate.Dataset(run).select(["ball-0000"]).load(stage, name).any()
+
+
+def test_depth_may_be_infinite_but_not_nan(run):
+    assert np.isinf(palpate.Dataset(run).load("touch", "depth")).any()
+    for value in (np.nan, -np.inf):
+        damaged(run, "touch", lambda arrays, value=value: arrays["depth"].__setitem__((0, 1, 2, 3, 4), value))
+        with pytest.raises(StoreError, match="depth of ball-0000 is NaN, infinite"):
+            palpate.Dataset(run).load("touch", "depth")
+
+
+def test_local_clouds_past_their_count_are_not_looked_at(run):
+    expected = palpate.Dataset(run).load("touch", "points")
+
+    def change(arrays):
+        for index in np.ndindex(arrays["point_count"].shape):
+            arrays["points"][index][arrays["point_count"][index] :] = np.nan
+
+    damaged(run, "touch", change)
+    np.testing.assert_array_equal(palpate.Dataset(run).load("touch", "points"), expected)
+
+
+def test_batches_that_differ_in_shape_are_named(run):
+    damaged(run, "surface", lambda arrays: arrays.update(points=arrays["points"][:, 1:]), "batch-0001")
+    message = r"batch-0001.zarr: points of an object is \(499, 3\), but \(500, 3\) in .*batch-0000.*from one config"
+    with pytest.raises(StoreError, match=message):
+        palpate.Dataset(run).load("surface", "points")
+
+
+def test_a_dataset_without_objects_has_nothing_to_load(built):
+    nothing = palpate.Dataset(built)[:0]
+    for load in (lambda: nothing.load("surface", "points"), lambda: nothing.grasps_per_object, nothing.readings):
+        with pytest.raises(StoreError, match="no object .*rejected.csv says why"):
+            load()
 
 
 def test_opening_reads_no_array_but_the_names_of_objects(built, monkeypatch):
@@ -104,9 +187,8 @@ def test_opening_reads_no_array_but_the_names_of_objects(built, monkeypatch):
     assert depth.shape and repr(depth)
     assert {name for _, name, _ in read} == {"object"}
     read.clear()
-    depth[3]
-    assert [(stage, name) for stage, name, _ in read] == [("touch", "depth")]
-    assert read[0][2] == 3  # one record, not the batch
+    depth[1, 0, 2]
+    assert read == [("touch", "depth", (1, 0, 2))]  # one record, not the batch
 
 
 @pytest.mark.parametrize("stage, array", [("touch", "reading"), ("vision", "occluded"), ("grasps", "palm_pose")])
@@ -144,10 +226,10 @@ def test_an_object_that_a_store_lacks_is_an_error_not_another_object(run):
 
 
 def test_a_folder_that_is_no_run_is_said_to_be_none(tmp_path):
-    with pytest.raises(StoreError, match="catalogue.csv does not exist"):
+    with pytest.raises(CatalogueError, match="catalogue.csv does not exist"):
         palpate.Dataset(tmp_path)
     (tmp_path / "catalogue.csv").write_text("object,class\na,b\n")
-    with pytest.raises(StoreError, match="catalogue.csv has no column 'split'"):
+    with pytest.raises(CatalogueError, match="catalogue.csv has no column 'split'"):
         palpate.Dataset(tmp_path)
 
 
@@ -188,8 +270,7 @@ def test_what_a_stage_rejected_does_not_matter_to_those_who_do_not_ask_for_it(ru
     """Nor whether its store is there yet."""
     path = run / "vision/batch-0000.zarr"
     arrays = palpate.store.read(path)
-    kept = {key: array[1:] for key, array in arrays.items() if not key.startswith("occluded")}
-    kept |= {key: array[GRASPS:] for key, array in arrays.items() if key.startswith("occluded")}
+    kept = {key: array[1:] for key, array in arrays.items()}
     palpate.store.write(path, "vision", kept, palpate.store.open(path).attributes)
     if written == "by stage":
         reject(run, "vision", "batch-0000", "ball-0000")

@@ -87,21 +87,21 @@ def deny_touches(arrays):
 
 
 def no_touch(arrays):
-    arrays["success"][1] = False
-    arrays["depth"][1] = np.inf
+    arrays["success"][0, 1] = False
+    arrays["depth"][0, 1] = np.inf
     for name in ("reading", "points", "point_count"):
-        arrays[name][1] = 0
+        arrays[name][0, 1] = 0
 
 
 def push_hand_in(run):
     """The first sensor of grasp 0 is 22 mm off the surface: move the hand on by 30 mm."""
     rows = palpate.store.read(run / f"grasps/{BATCH}.h5", "sensor_rotation")
-    step = 3e-2 * rows["sensor_rotation"][0, 0, :, 0]
-    add("grasps", "link_pose", (0, slice(None), slice(0, 3), 3), step)(run)
+    step = 3e-2 * rows["sensor_rotation"][0, 0, 0, :, 0]
+    add("grasps", "link_pose", (0, 0, slice(None), slice(0, 3), 3), step)(run)
 
 
 def mirror_palm(arrays):
-    arrays["palm_pose"][:, :3, 1] *= -1
+    arrays["palm_pose"][..., :3, 1] *= -1
 
 
 def swap_readings(arrays, index):
@@ -131,7 +131,7 @@ def more_points(arrays, index):
 def one_grasp_less(arrays):
     for name, array in arrays.items():
         if name not in ("object", "empty_reading"):
-            arrays[name] = array[1:]
+            arrays[name] = array[:, 1:]
 
 
 def drop_all(arrays):
@@ -149,11 +149,11 @@ def rename(arrays):
 
 
 def hide_behind_nothing(arrays):
-    arrays["occluded_mask"][0] = 0
+    arrays["occluded_mask"][0, 0] = 0
 
 
 def see_what_is_not_there(arrays):
-    arrays["occluded_mask"][1] = 255
+    arrays["occluded_mask"][0, 1] = 255
 
 
 def shift_picture(arrays):
@@ -236,7 +236,7 @@ DAMAGES = {
         ("surface", file(f"surface/{BATCH}.zarr", None)),
         ("grasps", file(f"grasps/{BATCH}.h5", lambda data: data[: len(data) // 2])),
         ("grasps", edit("grasps", hand_without_ranges)),
-        ("touch", file(f"touch/{BATCH}.zarr/depth/c/0/0/0/0", flip_a_bit)),
+        ("touch", file(f"touch/{BATCH}.zarr/depth/c/0/0/0/0/0", flip_a_bit)),
         ("touch", file(f"touch/{BATCH}.zarr/empty_reading/c/0/0/0", flip_a_bit)),
         ("touch", file(f"touch/{BATCH}.zarr/zarr.json", lambda data: b"{")),
         ("meshes", file(f"meshes/{BATCH}/{OBJECT}/visual.glb", lambda data: data[:100])),
@@ -254,23 +254,19 @@ DAMAGES = {
         ("surface", table("rejected.csv", lambda frame: frame.assign(stage="surface"))),
     ],
     "order": [("surface", edit("surface", reverse))],
-    "grasp rows": [
-        ("grasps", put("grasps", "object_index", 1, 1)),
-        ("grasps", put("grasps", "grasp_index", slice(None), [1, 0])),
-        ("touch", edit("touch", one_grasp_less)),
-    ],
+    "grasp count": [("touch", edit("touch", one_grasp_less))],
     "finite": [
         ("surface", put("surface", "points", (0, 3, 1), NAN)),
-        ("grasps", put("grasps", "joint_positions", (1, 2), NAN)),
-        ("grasps", put("grasps", "penetration", 1, NAN)),
-        ("touch", put("touch", "points", (1, 2, 3), INF)),
-        ("touch", put("touch", "position", (0, 0, 0), NAN)),
+        ("grasps", put("grasps", "joint_positions", (0, 1, 2), NAN)),
+        ("grasps", put("grasps", "penetration", (0, 1), NAN)),
+        ("touch", put("touch", "points", (0, 1, 2, 3), INF)),
+        ("touch", put("touch", "position", (0, 0, 0, 0), NAN)),
     ],
     "rotation": [
         ("grasps", edit("grasps", mirror_palm)),
-        ("grasps", add("grasps", "sensor_rotation", (1, 2, 0, 0), 1e-5)),
-        ("grasps", add("grasps", "link_pose", (1, 2, 3, 0), 1e-5)),
-        ("touch", add("touch", "rotation", (0, 3), 1e-5)),
+        ("grasps", add("grasps", "sensor_rotation", (0, 1, 2, 0, 0), 1e-5)),
+        ("grasps", add("grasps", "link_pose", (0, 1, 2, 3, 0), 1e-5)),
+        ("touch", add("touch", "rotation", (0, 0, 3), 1e-5)),
     ],
     "scale": [("meshes", scale_mesh(1.001)), ("meshes", scale_mesh(1, shift=1e-5))],
     "inside box": [("surface", put("surface", "points", (0, 7, 2), 0.9))],
@@ -278,15 +274,15 @@ DAMAGES = {
         ("surface", put("surface", "points", (0, 7), [0, 0, 0.6])),
         ("touch", touched(move_points)),
     ],
-    "joint limits": [("grasps", put("grasps", "joint_positions", (1, 0), 0.53))],
+    "joint limits": [("grasps", put("grasps", "joint_positions", (0, 1, 0), 0.53))],
     "kinematics": [
-        ("grasps", add("grasps", "joint_positions", (0, 5), 1e-3)),
-        ("grasps", add("grasps", "link_pose", (0, 5, 1, 3), 1e-5)),
-        ("grasps", add("grasps", "sensor_position", (1, 2), 1e-5)),
+        ("grasps", add("grasps", "joint_positions", (0, 0, 5), 1e-3)),
+        ("grasps", add("grasps", "link_pose", (0, 0, 5, 1, 3), 1e-5)),
+        ("grasps", add("grasps", "sensor_position", (0, 1, 2), 1e-5)),
     ],
     "penetration": [
-        ("grasps", put("grasps", "penetration", 1, 0.0011)),
-        ("grasps", put("grasps", "penetration", 0, -1e-4)),
+        ("grasps", put("grasps", "penetration", (0, 1), 0.0011)),
+        ("grasps", put("grasps", "penetration", (0, 0), -1e-4)),
     ],
     "in hand": [("grasps", push_hand_in)],
     "attempts": [("grasps", put("grasps", "attempts", 0, 1))],
@@ -306,14 +302,14 @@ DAMAGES = {
     "reading": [("touch", touched(swap_readings))],
     "untouched": [("touch", edit("touch", fill_reading_of_untouched))],
     "empty reading": [("touch", add("touch", "empty_reading", (5, 6, 1), 1))],
-    "mask values": [("vision", put("vision", "occluded_mask", (1, 30, 30), 254))],
+    "mask values": [("vision", put("vision", "occluded_mask", (0, 1, 30, 30), 254))],
     "image depth": [
-        ("vision", put("vision", "occluded_depth", (0, 0, 0), NAN)),
-        ("vision", put("vision", "occluded_depth", (1, 5, 5), 3.0)),
+        ("vision", put("vision", "occluded_depth", (0, 0, 0, 0), NAN)),
+        ("vision", put("vision", "occluded_depth", (0, 1, 5, 5), 3.0)),
         ("vision", put("vision", "unoccluded_depth", (0, 0, 0), 1.0)),
     ],
     "seen": [
-        ("vision", put("vision", "occluded", 1, 128)),
+        ("vision", put("vision", "occluded", (0, 1), 128)),
         ("vision", edit("vision", nothing_seen)),
     ],
     "picture of mesh": [
@@ -324,7 +320,7 @@ DAMAGES = {
     "occlusion": [
         ("vision", edit("vision", hide_behind_nothing)),
         ("vision", edit("vision", see_what_is_not_there)),
-        ("vision", add("vision", "occluded_depth", (1,), 3e-3)),
+        ("vision", add("vision", "occluded_depth", (0, 1), 3e-3)),
     ],
     "unique": [("catalogue", table("catalogue.csv", again("train")))],
     "one split": [
@@ -384,11 +380,11 @@ def test_damage_is_caught_and_named(run, pair, check, store, damage):
     assert len(caught) == 1, failed.to_string()
     row = caught.iloc[0]
     assert not row.worst <= row.limit
-    assert check in ("grasp rows", "order", "empty reading") or row["where"]
+    assert check in ("grasp count", "order", "empty reading") or row["where"]
 
 
 def test_failures_name_object_grasp_and_sensor(run):
-    put("touch", "points", (1, 2, 3), np.inf)(run)
+    put("touch", "points", (0, 1, 2, 3), np.inf)(run)
     failed = [finding for finding in validate_batch(run, BATCH) if not finding.ok]
     finite = next(finding for finding in failed if finding.check == "finite")
     assert (finite.store, finite.batch, finite.object) == ("touch", BATCH, OBJECT)
@@ -397,7 +393,7 @@ def test_failures_name_object_grasp_and_sensor(run):
 
 def test_sensors_have_the_names_of_the_runs_own_hand(run):
     put("grasps", "hand/sensor_names", slice(None), ["left", "right", "high", "low"])(run)
-    put("touch", "points", (1, 2, 3), np.inf)(run)
+    put("touch", "points", (0, 1, 2, 3), np.inf)(run)
     failed = [finding for finding in validate_batch(run, BATCH) if not finding.ok]
     assert {finding.where for finding in failed if finding.check == "finite"} == {"grasp 1, sensor high"}
 
@@ -416,7 +412,7 @@ def test_a_transparent_mesh_may_show_what_is_behind_it_only(run, see_through, sh
     """Some of the object's pixels show nothing, or something further off or nearer than its first face."""
     record = {"visual.glb": {"see_through": see_through}}
     (run / "meshes" / BATCH / OBJECT / "mesh.json").write_text(json.dumps(record))
-    window = (slice(None), slice(26, 38), slice(22, 30))  # on the object, left of what hides it
+    window = (..., slice(26, 38), slice(22, 30))  # on the object, left of what hides it
 
     def change(arrays):
         for name in ("unoccluded", "occluded"):
@@ -461,7 +457,7 @@ def test_tracers_may_differ_only_where_a_touch_begins(built, beyond, beside, bor
 
 
 def test_the_limit_of_penetration_is_the_runs(run):
-    put("grasps", "penetration", 0, 0.001)(run)  # stored as float32, a little over 0.001
+    put("grasps", "penetration", (0, 0), 0.001)(run)  # stored as float32, a little over 0.001
     assert all(finding.ok for finding in validate_batch(run, BATCH))
     strict = validate_batch(run, BATCH, max_penetration=5e-4)
     assert [finding.check for finding in strict if not finding.ok] == ["penetration"]

@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 import yaml
 
-from palpate.results.errors import COLUMNS, RING_COLUMNS, TOUCH_COLUMNS
+from palpate.evaluation.rows import COLUMNS, RING_COLUMNS, TOUCH_COLUMNS
 from palpate.results.published import paper_values
 
 ROOT = Path(__file__).parents[2]

@@ -10,15 +10,15 @@ import trimesh
 
 from palpate import Dataset, store
 from palpate.charts import build_tree, sample_faces, touch_chart
-from palpate.evaluation import evaluate as room
+from palpate.evaluation import evaluate as evaluation
 from palpate.evaluation.evaluate import Trained, evaluate, evaluate_rings, evaluate_touch, training_steps
 from palpate.evaluation.metrics import score, seeded
 from palpate.evaluation.rings import MeshSurface, project_batch, ring_points
+from palpate.evaluation.rows import COLUMNS, RING_COLUMNS, TOUCH_COLUMNS, EvaluationError
 from palpate.mesh import OBJECT_POSITION
 from palpate.models import Reconstruction, TouchDepth
-from palpate.results.errors import COLUMNS, RING_COLUMNS, TOUCH_COLUMNS, EvaluationError
 from palpate.touch import RayCaster, empty_reading, sense
-from palpate.training import Pack
+from palpate.training import TrainingData
 from tests.models.batches import SMALL
 
 SPLITS = {"ball-0000": "train", "ball-0001": "validation", "ball-0002": "test", "ball-0003": "test"}
@@ -66,15 +66,15 @@ def run(tmp_path_factory):
     store.write(folder / "rings" / "batch-0000.zarr", "rings", rings, ATTRIBUTES)
     # Each chart is the sensor's own square: its points are on the sensor plane.
     grid = np.concatenate([np.zeros((81, 1)), touch_chart().grid.numpy()], axis=1)
-    charts = arrays["position"][:, :, None] + np.einsum("vi,gsji->gsvj", grid, arrays["rotation"])
+    charts = arrays["position"][..., None, :] + np.einsum("vi,ogsji->ogsvj", grid, arrays["rotation"])
     held = {"object": arrays["object"], "vertices": charts.astype(np.float32)}
     store.write(folder / "charts" / "batch-0000.zarr", "charts", held, ATTRIBUTES)
     return folder
 
 
 @pytest.fixture(scope="module")
-def pack(run) -> Pack:
-    """What both experiments see of the run, in memory."""
+def data(run) -> TrainingData:
+    """What both experiments take of the run, in memory."""
     touch = store.read(run / "touch" / "batch-0000.zarr")
     charts = store.read(run / "charts" / "batch-0000.zarr")["vertices"]
     rng = np.random.default_rng(0)
@@ -85,23 +85,22 @@ def pack(run) -> Pack:
         "rotation": touch["rotation"].astype(np.float32),
         "charts": charts,
     }
-    arrays = {key: value.reshape(len(SPLITS), GRASPS, *value.shape[1:]) for key, value in of_grasps.items()}
-    arrays |= {
+    arrays = of_grasps | {
         "object": np.array(list(SPLITS)),
         "class": np.array(["ball"] * len(SPLITS)),
         "split": np.array(list(SPLITS.values())),
         "points": (points + OBJECT_POSITION).astype(np.float32),
         "occluded": rng.integers(0, 256, (len(SPLITS), GRASPS, 256, 256, 3), dtype=np.uint8),
     }
-    return Pack(arrays, "occluded-charts", "")
+    return TrainingData(arrays)
 
 
 @pytest.fixture(scope="module")
-def unoccluded_pack(pack) -> Pack:
-    arrays = {name: np.array(getattr(pack, attribute)) for name, attribute in
+def unoccluded_data(data) -> TrainingData:
+    arrays = {name: np.array(getattr(data, attribute)) for name, attribute in
               (("object", "objects"), ("class", "classes"), ("split", "splits"))}  # fmt: skip
-    arrays |= {"points": pack["points"], "unoccluded": pack["occluded"][:, 0]}
-    return Pack(arrays, "unoccluded-none", "")
+    arrays |= {"points": data["points"], "unoccluded": data["occluded"][:, 0]}
+    return TrainingData(arrays)
 
 
 def untrained(experiment, name="model") -> Trained:
@@ -111,44 +110,44 @@ def untrained(experiment, name="model") -> Trained:
     return Trained(model, name, experiment, 3, 700)
 
 
-def test_every_sample_is_scored_against_its_own_object(pack):
+def test_every_sample_is_scored_against_its_own_object(data):
     """The mesh as the model itself gives it, one sample at a time, and the naive score of its points."""
     trained = untrained(OCCLUDED_TOUCH)
-    table = evaluate(trained, pack, points=300)
+    table = evaluate(trained, data, points=300)
     assert list(table.columns) == list(COLUMNS)
     assert len(table) == 3 * GRASPS and set(table["split"]) == {"validation", "test"}
     assert (table[["experiment", "seed", "steps", "class"]] == ["model", 3, 700, "ball"]).all(axis=None)
     assert (table["seconds"] > 0).all()
     for row in table.to_dict("records"):
-        number, grasp = pack.objects.index(row["object"]), row["window"]
-        of_touch = {key: torch.from_numpy(pack[key][number, grasp])[None] for key in
+        number, grasp = data.objects.index(row["object"]), row["window"]
+        of_touch = {key: torch.from_numpy(data[key][number, grasp])[None] for key in
                     ("success", "position", "rotation", "charts")}  # fmt: skip
-        image = torch.from_numpy(pack["occluded"][number, grasp]).permute(2, 0, 1)[None].float() / 255
+        image = torch.from_numpy(data["occluded"][number, grasp]).permute(2, 0, 1)[None].float() / 255
         with torch.inference_mode():
             vertices = trained.model(of_touch | {"image": image})
         points = sample_faces(vertices, trained.model.faces, 300, seeded(0, row["object"], "evaluation"))[0]
-        pairs = torch.cdist(points.double(), torch.from_numpy(pack["points"][number]).double()) ** 2
+        pairs = torch.cdist(points.double(), torch.from_numpy(data["points"][number]).double()) ** 2
         naive = 9000 * (pairs.amin(dim=0).mean() + pairs.amin(dim=1).mean())
         assert row["chamfer"] == pytest.approx(float(naive), rel=1e-3)
 
 
-def test_it_does_not_depend_on_how_many_are_predicted_together(pack, monkeypatch):
+def test_it_does_not_depend_on_how_many_are_predicted_together(data, monkeypatch):
     trained = untrained(OCCLUDED_TOUCH)
-    together = evaluate(trained, pack, points=300)
-    monkeypatch.setattr(room, "AT_ONCE", 1)
-    alone = evaluate(trained, pack, points=300)
+    together = evaluate(trained, data, points=300)
+    monkeypatch.setattr(evaluation, "AT_ONCE", 1)
+    alone = evaluate(trained, data, points=300)
     scores = ["chamfer", "f1_tau", "f1_2tau"]
     np.testing.assert_allclose(alone[scores], together[scores], rtol=1e-3, atol=0.3)
 
 
-def test_a_model_that_sees_no_grasp_has_one_sample_an_object(unoccluded_pack):
-    table = evaluate(untrained(UNOCCLUDED), unoccluded_pack, points=300)
+def test_a_model_that_takes_no_grasp_has_one_sample_an_object(unoccluded_data):
+    table = evaluate(untrained(UNOCCLUDED), unoccluded_data, points=300)
     assert table["object"].tolist() == list(SPLITS)[1:] and (table["window"] == 0).all()
 
 
-def test_rings_are_those_of_the_samples_own_touches(run, pack):
+def test_rings_are_those_of_the_samples_own_touches(run, data):
     trained = untrained(OCCLUDED_TOUCH)
-    table = evaluate_rings(trained, pack, Dataset(run), "test", points=500)
+    table = evaluate_rings(trained, data, Dataset(run), "test", points=500)
     assert list(table.columns) == list(RING_COLUMNS) and set(table["object"]) == {"ball-0002", "ball-0003"}
     # Three of four sensors touch, in every grasp; each has five rings.
     assert len(table) == 2 * GRASPS * 3 * 5 and (table["window"] == table["grasp"]).all()
@@ -158,8 +157,8 @@ def test_rings_are_those_of_the_samples_own_touches(run, pack):
     points = ring_points(depth, position, rotation)[2]
     assert row["ring"] == 3 and row["points"] == len(points)
     predictions = {
-        (pack.objects[sample.object], sample.window): vertices
-        for sample, vertices, _ in room.predictions(trained, pack, ["test"])
+        (data.objects[sample.object], sample.window): vertices
+        for sample, vertices, _ in evaluation.predictions(trained, data, ["test"])
     }
     draw = seeded(0, "ball-0003", "evaluation")
     predicted = sample_faces(predictions["ball-0003", 1][None], trained.model.faces, 500, draw)[0].numpy()
@@ -167,8 +166,8 @@ def test_rings_are_those_of_the_samples_own_touches(run, pack):
     assert row["distance"] == pytest.approx(pairs.min(axis=1).mean(), rel=1e-4)
 
 
-def test_without_touch_rings_are_around_all_touches_of_the_object(run, unoccluded_pack):
-    table = evaluate_rings(untrained(UNOCCLUDED), unoccluded_pack, Dataset(run), "test", points=500)
+def test_without_touch_rings_are_around_all_touches_of_the_object(run, unoccluded_data):
+    table = evaluate_rings(untrained(UNOCCLUDED), unoccluded_data, Dataset(run), "test", points=500)
     assert len(table) == 2 * GRASPS * 3 * 5 and (table["window"] == 0).all()
     assert set(table["grasp"]) == {0, 1}
 
@@ -176,14 +175,13 @@ def test_without_touch_rings_are_around_all_touches_of_the_object(run, unocclude
 def test_touch_charts_and_clouds_are_scored_where_they_are(run):
     torch.manual_seed(0)
     model = TouchDepth(width=4).eval()
-    stores = [[run / stage / "batch-0000.zarr"] for stage in ("touch", "charts")]
-    table = evaluate_touch(model, 30, run / "catalogue.csv", *stores, points=1000)
+    table = evaluate_touch(model, 30, Dataset(run, ["touch", "charts"]), points=1000)
     assert list(table.columns) == list(TOUCH_COLUMNS)
     assert len(table) == 3 * GRASPS * 3 and (table["steps"] == 30).all()
     assert sorted(set(table["object"])) == sorted(SPLITS)[1:] and set(table["sensor"]) == {0, 1, 2}
     touch = store.read(run / "touch" / "batch-0000.zarr")
     row = table[(table["object"] == "ball-0002") & (table["grasp"] == 1) & (table["sensor"] == 1)].iloc[0]
-    index = (list(SPLITS).index("ball-0002") * GRASPS + 1, 1)
+    index = (list(SPLITS).index("ball-0002"), 1, 1)
     true = touch["points"][index][: touch["point_count"][index]].astype(float)
     # The cloud, put into the world by hand: pixels that differ from the empty gel, at the predicted depth.
     reading = torch.from_numpy(touch["reading"][index]).permute(2, 0, 1)[None].float() / 255
@@ -201,24 +199,23 @@ def test_touch_charts_and_clouds_are_scored_where_they_are(run):
     assert row["chart"] == pytest.approx(9000 * 2 * (felt**2).mean(), rel=0.1)
 
 
-def test_a_split_without_objects_is_an_error(pack, run):
+def test_a_split_without_objects_is_an_error(data, run):
     arrays = {"object": np.array(["a"]), "class": np.array(["b"]), "split": np.array(["train"])}
-    arrays |= {"points": pack["points"][:1], "unoccluded": pack["occluded"][:1, 0]}
-    alone = Pack(arrays, "unoccluded-none", "")
+    arrays |= {"points": data["points"][:1], "unoccluded": data["occluded"][:1, 0]}
+    alone = TrainingData(arrays)
     with pytest.raises(EvaluationError, match="no object in validation or test"):
         evaluate(untrained(UNOCCLUDED), alone)
-    stores = [[run / stage / "batch-0000.zarr"] for stage in ("touch", "charts")]
     with pytest.raises(EvaluationError, match="no successful touch in nonsense"):
-        evaluate_touch(TouchDepth(width=4).eval(), 1, run / "catalogue.csv", *stores, splits=["nonsense"])
+        evaluate_touch(TouchDepth(width=4).eval(), 1, Dataset(run, ["touch", "charts"]), splits=["nonsense"])
 
 
-def test_a_prediction_that_is_not_finite_names_the_object(unoccluded_pack):
+def test_a_prediction_that_is_not_finite_names_the_object(unoccluded_data):
     trained = untrained(UNOCCLUDED)
     with torch.no_grad():
         for parameter in trained.model.gcn.parameters():
             parameter.fill_(float("nan"))
     with pytest.raises(EvaluationError, match="model seed 3: the prediction for ball-0001 is not finite"):
-        evaluate(trained, unoccluded_pack)
+        evaluate(trained, unoccluded_data)
 
 
 def test_the_steps_are_those_of_the_training(tmp_path):
@@ -226,7 +223,7 @@ def test_the_steps_are_those_of_the_training(tmp_path):
     assert training_steps(tmp_path / "training.json") == 450
 
 
-def test_what_is_measured_is_read_back(tmp_path, unoccluded_pack):
-    table = evaluate(untrained(UNOCCLUDED), unoccluded_pack, points=300)
+def test_what_is_measured_is_read_back(tmp_path, unoccluded_data):
+    table = evaluate(untrained(UNOCCLUDED), unoccluded_data, points=300)
     table.to_csv(tmp_path / "seed-3.csv", index=False)
     pd.testing.assert_frame_equal(pd.read_csv(tmp_path / "seed-3.csv"), table)

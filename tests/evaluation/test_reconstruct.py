@@ -1,4 +1,4 @@
-"""Models used on records of a dataset, against the same models on the packs they are trained from."""
+"""Models used on records of a dataset, against the same models on the data they are trained on."""
 
 import re
 import shutil
@@ -16,8 +16,7 @@ from palpate.evaluation import reconstruct
 from palpate.evaluation.reconstruct import GraspTouches, ReconstructionError, Reconstructor
 from palpate.models import TouchDepth
 from palpate.store import StoreError
-from palpate.training import CheckpointError, checkpoints, families, pack, touch_charts
-from palpate.training.data import Assembler, Sample
+from palpate.training import Assembler, CheckpointError, Sample, TrainingData, checkpoints, object_charts
 from tests.models.batches import SMALL
 from tests.results.conftest import ATTRIBUTES, BATCH, build_run
 
@@ -35,7 +34,7 @@ VIEWS, VIEW_SIZE = 2, 137
 
 
 def noisy_images(meshes, hand, grasp):
-    """Images of noise: models that see them right predict what they do on the pack's."""
+    """Images of noise: models that take them right predict what they do on the training data."""
     rng = np.random.default_rng(len(str(meshes)))
     count = len(grasp["palm_pose"])
     return {
@@ -50,7 +49,7 @@ def noisy_images(meshes, hand, grasp):
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory):
-    """A run of two objects with untrained models, and the stores that packs are made of."""
+    """A run of two objects with untrained models, and the stores that they are trained on."""
     folder = tmp_path_factory.mktemp("reconstruct") / "run"
     build_run(folder, ["bottle-0000", "knife-0000"], vision=noisy_images)
     torch.manual_seed(0)
@@ -60,18 +59,13 @@ def run(tmp_path_factory):
         model = checkpoints.build(experiment, ARCHITECTURE)
         described = {"experiment": experiment, "architecture": ARCHITECTURE}
         checkpoints.save(folder / f"models/{name}/seed-0/best.ckpt", "reconstruction", model, described)
-    felt = store.read(folder / f"touch/{BATCH}.zarr")
-    flat = {name: felt[name].reshape(-1, *felt[name].shape[2:]) for name in felt if felt[name].ndim > 1}
-    charts = touch_charts(
-        model=unet,
-        empty=felt["empty_reading"],
-        **{name: flat[name] for name in ("reading", "success", "position", "rotation")},
-    )
-    charts = {"object": felt["object"], "vertices": charts.reshape(*felt["success"].shape, 81, 3)}
+    touch = store.read(folder / f"touch/{BATCH}.zarr")
+    vertices = np.stack([object_charts(unet, touch, row) for row in range(len(touch["object"]))])
+    charts = {"object": touch["object"], "vertices": vertices}
     store.write(folder / f"charts/{BATCH}.zarr", "charts", charts, ATTRIBUTES)
-    rng, count = np.random.default_rng(0), len(felt["object"])
+    rng, count = np.random.default_rng(0), len(touch["object"])
     views = {
-        "object": felt["object"],
+        "object": touch["object"],
         "image": rng.integers(0, 256, (count, VIEWS, VIEW_SIZE, VIEW_SIZE, 3), np.uint8),
         "mask": np.zeros((count, VIEWS, VIEW_SIZE, VIEW_SIZE), np.uint8),
         "camera": np.tile(camera_matrix(), (count, VIEWS, 1, 1)),
@@ -94,17 +88,13 @@ def folder_of(run, name):
     return run / "models" / name / "seed-0"
 
 
-def of_pack(run, name, sample):
-    """Vertices and faces that the model predicts for a sample of its family's pack."""
+def of_data(run, name, sample):
+    """Vertices and faces that the model predicts for a sample of its training data."""
     experiment = EXPERIMENTS[name]
-    family = families.family(experiment)
-    path = run / "packs" / f"{family}.h5"
-    if not path.exists():
-        stores = {stage: [run / store.CONTRACT[stage].path(BATCH)] for stage in families.stages(family)}
-        pack.write(path, family, run / "catalogue.csv", stores)
     model = checkpoints.load(folder_of(run, name) / "best.ckpt")
     with torch.inference_mode():
-        return model(Assembler(pack.Pack.read(path))([sample]))[0].numpy(), model.faces.numpy()
+        batch = Assembler(TrainingData.load(run, experiment), experiment)([sample])
+        return model(batch)[0].numpy(), model.faces.numpy()
 
 
 @pytest.mark.parametrize(
@@ -118,16 +108,16 @@ def of_pack(run, name, sample):
         ("single_image", (), 1),
     ],
 )
-def test_a_record_gives_what_its_pack_gives(run, dataset, name, grasps, view):
-    """Two ways from the stores to a prediction: by record and U-Net, and by charts store and pack."""
+def test_a_record_gives_what_its_training_data_give(run, dataset, name, grasps, view):
+    """Two ways from the stores to a prediction: by record and U-Net, and by charts store and training data."""
     model = Reconstructor(folder_of(run, name))
     record = dataset["knife-0000"]
     shape = model(*reconstruct.of_object(record, model.experiment, grasps or None, view))
-    vertices, faces = of_pack(run, name, Sample(1, grasps, view))
+    vertices, faces = of_data(run, name, Sample(1, grasps, view))
     np.testing.assert_allclose(shape.vertices, vertices, atol=1e-6)
     np.testing.assert_array_equal(shape.faces, faces)
     assert vertices.std(axis=0).min() > 0.01  # the prediction is a shape, and another object's is another
-    other, _ = of_pack(run, name, Sample(0, grasps, view))
+    other, _ = of_data(run, name, Sample(0, grasps, view))
     assert np.abs(other - vertices).max() > 1e-4
 
 
@@ -135,7 +125,7 @@ def test_charts_without_touch_are_left_out_where_they_are_only_copied(run, datas
     name = "no_comm_unoccluded_touch"
     grasp = next(g for g in dataset["knife-0000"].grasps if 0 < g.success.sum() < 4)
     shape = Reconstructor(folder_of(run, name))(grasp.object.unoccluded, grasp)
-    vertices, faces = of_pack(run, name, Sample(1, (grasp.number,)))
+    vertices, faces = of_data(run, name, Sample(1, (grasp.number,)))
     np.testing.assert_allclose(shape.vertices, vertices, atol=1e-6)
     triangles = vertices[faces]
     normal = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
@@ -215,7 +205,7 @@ def test_a_model_that_is_not_there_is_answered_with_those_that_are(run):
         (["charts_occluded", "bottle-0000", "--grasp", "9", "--output", "x.ply"], "no grasp 9: it has 2"),
         (
             ["charts_touch_2", "bottle-0000", "--grasp", "0", "--output", "x.ply"],
-            "feels 2 grasps, .* of 1 were",
+            "takes 2 grasps, .* of 1 were",
         ),
         (["single_image", "bottle-0000", "--view", "9", "--output", "x.ply"], "no view 9: it has 2"),
         (["charts_occluded", "bottle-0000", "--output", "x.png"], "must end in one of .ply"),
@@ -238,9 +228,9 @@ def bad(array, value):
 @pytest.mark.parametrize(
     "name, change, message",
     [
-        ("charts_occluded_touch", {"image": None}, "sees .occluded vision.: give an image"),
-        ("charts_occluded_touch", {"touches": None}, "feels 1 grasp, but touches of 0"),
-        ("charts_occluded_touch", {"touches": lambda g: [g, g]}, "feels 1 grasp, but touches of 2"),
+        ("charts_occluded_touch", {"image": None}, "takes an image .occluded vision.: give one"),
+        ("charts_occluded_touch", {"touches": None}, "takes 1 grasp, but touches of 0"),
+        ("charts_occluded_touch", {"touches": lambda g: [g, g]}, "takes 1 grasp, but touches of 2"),
         ("charts_occluded", {"image": lambda i: i[:200]}, r"shape \(200, 256, 3\), expected \(256, 256, 3\)"),
         ("charts_occluded", {"image": lambda i: i[::2, ::2]}, r"shape \(128, 128, 3\)"),
         ("charts_occluded", {"image": lambda i: i[..., :1]}, r"shape \(256, 256, 1\)"),

@@ -99,8 +99,8 @@ def test_in_the_sensors_own_square_rings_are_the_touch_depth():
     rings = MeshSurface(ball, centre).project(np.zeros(3), np.eye(3))[40:60, 40:60]
     # Each point of the grid is in the middle of 5 x 5 pixels.
     middle = touch[2::5, 2::5]
-    felt = np.isfinite(middle)
-    assert felt.any() and np.allclose(rings[felt], middle[felt], atol=1e-6)
+    met = np.isfinite(middle)
+    assert met.any() and np.allclose(rings[met], middle[met], atol=1e-6)
 
 
 def test_a_cloud_stands_in_for_the_mesh():
@@ -155,23 +155,23 @@ def test_a_batch_has_rings_around_successful_touches_only(tmp_path):
     rotation = np.stack([[ahead, away, ahead, ahead]] * 4)
     centre = OBLIQUE[:, 0] * 0.07
     tracer = RayCaster(ball, centre)
-    felt = [sense(tracer, *pose) for pose in zip(position, rotation, strict=True)]
-    assert felt[0].success.tolist() == [True, False, True, True]
-    arrays = {name: np.stack([getattr(each, name) for each in felt]) for name in felt[0]._fields}
+    sensed = [sense(tracer, *pose) for pose in zip(position, rotation, strict=True)]
+    assert sensed[0].success.tolist() == [True, False, True, True]
+    arrays = {name: np.stack([getattr(each, name) for each in sensed]) for name in sensed[0]._fields}
+    arrays |= {"position": position, "rotation": rotation}
+    arrays = {name: values.reshape(2, 2, *values.shape[1:]) for name, values in arrays.items()}
     path = tmp_path / "touch" / "batch-0000.zarr"
     store.write(
         path,
         "touch",
-        arrays
-        | {"position": position, "rotation": rotation}
-        | {"object": np.array(["a", "b"]), "empty_reading": empty_reading()},
+        arrays | {"object": np.array(["a", "b"]), "empty_reading": empty_reading()},
         {"seed": 0, "config_digest": ""},
     )
     surfaces = {"a": MeshSurface(ball, centre), "b": MeshSurface(slab(0.02, 0.2, ahead))}
     rings = project_batch(path, surfaces.get)
-    assert rings["object"].tolist() == ["a", "b"] and rings["ring_depth"].shape == (4, 4, GRID, GRID)
-    assert np.isinf(rings["ring_depth"][:, 1]).all()
+    assert rings["object"].tolist() == ["a", "b"] and rings["ring_depth"].shape == (2, 2, 4, GRID, GRID)
+    assert np.isinf(rings["ring_depth"][:, :, 1]).all()
     expected = surfaces["a"].project(position[1, 2], rotation[1, 2])
-    np.testing.assert_array_equal(rings["ring_depth"][1, 2], expected)
-    assert np.allclose(rings["ring_depth"][2:, [0, 2, 3]], 0.02, atol=1e-6)
+    np.testing.assert_array_equal(rings["ring_depth"][0, 1, 2], expected)
+    assert np.allclose(rings["ring_depth"][1][:, [0, 2, 3]], 0.02, atol=1e-6)
     store.write(tmp_path / "rings" / "batch-0000.zarr", "rings", rings, {"seed": 0, "config_digest": ""})

@@ -24,7 +24,7 @@ STAGES = tuple(CONTRACT)
 def arrays_of(stage, objects, grasps=2, rng=None, **sizes):
     """Random arrays of the contract's shapes and types, with few pixels."""
     rng = rng or np.random.default_rng(0)
-    sizes = SIZES | {"o": objects, "og": objects * grasps} | sizes
+    sizes = SIZES | {"o": objects, "g": grasps} | sizes
     arrays = {}
     for name, spec in CONTRACT[stage].arrays.items():
         shape = [axis if isinstance(axis, int) else sizes[axis] for axis in spec.shape]
@@ -72,7 +72,7 @@ def contents(draw):
     """A stage, and arrays of the contract with whatever their types can hold."""
     stage = draw(st.sampled_from(STAGES))
     objects = draw(st.integers(0, 2))
-    sizes = {"o": objects, "og": objects * draw(st.integers(1, 2))}
+    sizes = {"o": objects, "g": draw(st.integers(1, 2))}
     sizes |= {"n": draw(st.integers(0, 3)), "j": 2, "l": 1, "r": 2, "rr": 4, "p": draw(st.integers(1, 3))}
     sizes |= {"v": draw(st.integers(1, 2)), "q": 2, "w": 2}
     names = st.text(st.characters(codec="utf-8", exclude_characters="\0"), min_size=1, max_size=5)
@@ -153,7 +153,7 @@ def stored_chunks(shard: Path, chunks: int) -> np.ndarray:
 def test_sensors_that_touched_nothing_are_not_written(tmp_path):
     arrays = arrays_of("touch", 2)
     rng = np.random.default_rng(1)
-    arrays["success"][:] = rng.random((4, 4)) < 0.5
+    arrays["success"][:] = rng.random((2, 2, 4)) < 0.5
     for name, fill in (("depth", np.inf), ("reading", 0), ("points", 0)):
         arrays[name] = np.maximum(arrays[name], 1)
         arrays[name][~arrays["success"]] = fill
@@ -161,7 +161,7 @@ def test_sensors_that_touched_nothing_are_not_written(tmp_path):
     write(path, "touch", arrays, ATTRIBUTES)
     for name in ("depth", "reading", "points"):
         (shard,) = (file for file in (path / name).rglob("*") if file.is_file() and file.name != "zarr.json")
-        np.testing.assert_array_equal(stored_chunks(shard, 16).reshape(4, 4), arrays["success"])
+        np.testing.assert_array_equal(stored_chunks(shard, 16).reshape(2, 2, 4), arrays["success"])
     assert_same(read(path), arrays)
 
 
@@ -169,8 +169,8 @@ def test_a_record_is_a_chunk_and_a_batch_a_shard(tmp_path):
     write(path_of(tmp_path, "touch"), "touch", arrays_of("touch", 3), ATTRIBUTES)
     group = zarr.open_group(path_of(tmp_path, "touch"), mode="r")
     assert group.metadata.zarr_format == 3
-    assert group["reading"].chunks == (1, 1, 4, 4, 3)
-    assert group["reading"].shards == (6, 4, 4, 4, 3)
+    assert group["reading"].chunks == (1, 1, 1, 4, 4, 3)
+    assert group["reading"].shards == (3, 2, 4, 4, 4, 3)
 
 
 def change(name, function):
@@ -200,14 +200,14 @@ WRONG = {
     "unknown": (extra("colour"), r"unknown: \['colour'\]"),
     "group": (extra("hand/x"), r"unknown: \['hand/x'\]"),
     "type": (change("depth", lambda depth: depth.astype("f8")), "'depth' must be float32.*float64"),
-    "axes": (change("success", lambda success: success[0]), r"'success': shape \(og, 4\) expected"),
-    "sensors": (change("success", lambda success: success[:, :3]), r"'success'.*it is \(4, 3\)"),
-    "grasps": (change("depth", lambda depth: depth[1:]), "'depth' .* og = 3, but 'success' has og = 4"),
-    "square": (change("depth", lambda depth: depth[..., 1:]), r"'depth'.*\(4, 4, 4, 3\)"),
-    "pixels": (change("points", lambda points: points[:, :, 1:]), "'points': 15 rows, but .* 4 rows"),
+    "axes": (change("success", lambda success: success[0]), r"'success': shape \(o, g, 4\) expected"),
+    "sensors": (change("success", lambda success: success[:, :, :3]), r"'success'.*it is \(2, 2, 3\)"),
+    "grasps": (change("depth", lambda depth: depth[:, 1:]), "'depth' .* g = 1, but 'success' has g = 2"),
+    "square": (change("depth", lambda depth: depth[..., 1:]), r"'depth'.*\(2, 2, 4, 4, 3\)"),
+    "pixels": (change("points", lambda points: points[..., 1:, :]), "'points': 15 rows, but .* 4 rows"),
     "names": (change("object", lambda _: np.array([1, 2])), "'object' must be string, but it is int64"),
     "objects": (change("object", lambda _: np.array(["a", None])), "'object' must hold strings"),
-    "whole": (change("object", lambda names: names[[0, 0, 0]]), "4 grasps for 3 objects"),
+    "whole": (change("object", lambda names: names[[0, 0, 0]]), "'success' .* o = 2, but 'object' has o = 3"),
 }
 
 
@@ -237,8 +237,18 @@ def test_another_schema_version_is_refused(tmp_path, stage):
     else:
         with h5py.File(path, "a") as file:
             file.attrs["schema_version"] = "99"
-    with pytest.raises(StoreError, match=r"batch-0000.* has schema version 99, but .* version 1"):
+    with pytest.raises(StoreError, match=r"batch-0000.* has schema version 99, but .* version 2"):
         palpate.store.open(path)
+
+
+def test_a_run_of_the_first_version_is_refused_with_the_command_that_builds_it_again(tmp_path):
+    for run, config in (("default", ""), ("rods", " --configfile <the config of run rods>")):
+        path = path_of(tmp_path / run, "touch")
+        write(path, "touch", arrays_of("touch", 1), ATTRIBUTES)
+        zarr.open_group(path).attrs["schema_version"] = 1
+        command = f"snakemake --cores 2 --forceall dataset touch/batch-0000.zarr{config}"
+        with pytest.raises(StoreError, match=f"{path} has schema version 1, but .* version 2; .* {command}$"):
+            palpate.store.open(path)
 
 
 def test_missing_stores_and_arrays_are_named(tmp_path):
@@ -275,10 +285,10 @@ def test_an_index_out_of_range_is_not_blamed_on_the_file(tmp_path):
             palpate.store.open(path_of(tmp_path, stage)).get(array, 5)
 
 
-def test_join_stacks_objects_and_ends_grasps_to_ends():
+def test_join_stacks_objects():
     records = {
         name: {
-            spec: value[0] if CONTRACT["grasps"].arrays[spec].shape[0] == "o" else value
+            spec: value[0]
             for spec, value in arrays_of("grasps", 1, grasps=3, rng=np.random.default_rng(seed)).items()
             if spec in CONTRACT["grasps"].arrays and spec != "object"
         }
@@ -286,13 +296,12 @@ def test_join_stacks_objects_and_ends_grasps_to_ends():
     }
     joined = join("grasps", records)
     assert joined["object"].tolist() == ["knife-0004", "knife-0009"]
-    assert joined["object_index"].tolist() == [0, 0, 0, 1, 1, 1]
-    assert joined["grasp_index"].tolist() == [0, 1, 2, 0, 1, 2]
+    assert joined["penetration"].shape == (2, 3)
     assert joined["attempts"].tolist() == [
         records["knife-0004"]["attempts"],
         records["knife-0009"]["attempts"],
     ]
-    np.testing.assert_array_equal(joined["palm_pose"][3:], records["knife-0009"]["palm_pose"])
+    np.testing.assert_array_equal(joined["palm_pose"][1], records["knife-0009"]["palm_pose"])
 
 
 @pytest.mark.parametrize("stage", STAGES)

@@ -1,9 +1,10 @@
 """From objects' results to a batch's arrays, and back."""
 
 import numpy as np
+import pytest
 
 from palpate.batch import Rejection, read_rejections
-from palpate.store import Store, config_digest, join, read, write, write_batch
+from palpate.store import Store, StoreError, config_digest, join, read, write, write_batch
 
 ATTRIBUTES = {"seed": 0, "config_digest": config_digest({})}
 
@@ -24,14 +25,12 @@ def record(number: int, grasps: int) -> dict[str, np.ndarray]:
     }
 
 
-def test_grasps_follow_their_objects():
+def test_arrays_of_objects_are_stacked_in_their_order():
     arrays = join("grasps", {"b": record(2, 3), "a": record(1, 3)})
     assert arrays["object"].tolist() == ["b", "a"]
-    assert arrays["object_index"].tolist() == [0, 0, 0, 1, 1, 1]
-    assert arrays["grasp_index"].tolist() == [0, 1, 2, 0, 1, 2]
-    assert arrays["penetration"].tolist() == [20, 21, 22, 10, 11, 12]
+    assert arrays["penetration"].tolist() == [[20, 21, 22], [10, 11, 12]]
     assert arrays["attempts"].tolist() == [2, 1]
-    assert arrays["palm_pose"][4, 2, 2] == 11
+    assert arrays["palm_pose"][1, 1, 2, 2] == 11
 
 
 def test_what_is_joined_can_be_written_and_read(tmp_path):
@@ -43,7 +42,13 @@ def test_what_is_joined_can_be_written_and_read(tmp_path):
         assert found.keys() == arrays.keys()
         for name, array in arrays.items():
             np.testing.assert_array_equal(found[name], array)
-            assert len(array) == (objects if name in ("object", "attempts") else 5 * objects)
+            grasps = 5 if objects else 0
+            assert array.shape[:2] == ((objects,) if name in ("object", "attempts") else (objects, grasps))
+
+
+def test_objects_with_different_numbers_of_grasps_are_refused_and_named():
+    with pytest.raises(StoreError, match=r"joint_positions.*\(3, 16\) of b, \(2, 16\) of a"):
+        join("grasps", {"b": record(2, 3), "a": record(1, 2)})
 
 
 def test_a_batch_has_its_store_and_its_rejections(tmp_path):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from palpate.mesh import OBJECT_POSITION
-from palpate.training.pack import Pack
+from palpate.training.data import TrainingData
 
 SPLITS = ["train"] * 4 + ["validation"] * 2 + ["test"]
 ARCHITECTURE = {
@@ -35,8 +35,8 @@ OCCLUDED_TOUCH = {"strategy": "charts", "vision": "occluded", "touch": True, "gr
 TOUCH_ONLY = {"strategy": "charts", "vision": "none", "touch": True, "grasps": 2}
 
 
-def made_up(vision: str = "occluded", touch: str = "charts", grasps: int = 3, seed: int = 0) -> Pack:
-    """A pack of seven ellipsoids, with random pixels."""
+def made_up(vision: str = "occluded", touch: str = "charts", grasps: int = 3, seed: int = 0) -> TrainingData:
+    """Seven ellipsoids, with random pixels."""
     random = np.random.default_rng(seed)
     o = len(SPLITS)
     directions = random.standard_normal((o, 500, 3))
@@ -64,10 +64,10 @@ def made_up(vision: str = "occluded", touch: str = "charts", grasps: int = 3, se
         arrays["charts"] = (arrays["position"][:, :, :, None] + spread).astype(np.float32)
     if touch == "readings":
         arrays["reading"] = random.integers(0, 256, (o, grasps, 4, 100, 100, 3), dtype=np.uint8)
-        arrays["empty_reading"] = np.full((100, 100, 3), 90, np.uint8)
-    return Pack(arrays, f"{vision}-{touch}", "0" * 64)
+        arrays["reading"][~arrays["success"]] = 90
+    return TrainingData(arrays)
 
 
 @pytest.fixture
-def pack() -> Pack:
+def data() -> TrainingData:
     return made_up()

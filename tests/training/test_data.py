@@ -1,105 +1,214 @@
-"""Which samples come when, and what their batches hold."""
+"""The data in memory against the stores that they are loaded from."""
+
+import csv
+import shutil
 
 import numpy as np
 import pytest
-import torch
-from hypothesis import given
-from hypothesis import strategies as st
 
-from palpate.training.data import Assembler, Sample, shuffled, spread, training_samples, windows
-from palpate.training.pack import PackError
-from tests.training.conftest import OCCLUDED_TOUCH, TOUCH_ONLY, made_up
+from palpate import Dataset, store
+from palpate.store import StoreError
+from palpate.training.data import TrainingData, TrainingDataError
+from palpate.training.inputs import INPUTS, stages
+from palpate.training.samples import windows
+from tests.training.conftest import OCCLUDED_TOUCH, made_up
 
-
-@given(st.integers(1, 30), st.integers(1, 12), st.integers(0, 3), st.integers(0, 200))
-def test_every_number_once_before_any_comes_again(count, size, seed, step):
-    steps = -(-2 * count // size)
-    stream = np.concatenate([shuffled(count, size, seed, k) for k in range(steps)])
-    assert sorted(stream[:count]) == sorted(stream[count : 2 * count]) == list(range(count))
-    np.testing.assert_array_equal(shuffled(count, size, seed, step), shuffled(count, size, seed, step))
-
-
-def test_orders_differ_between_epochs_and_seeds():
-    orders = {tuple(shuffled(20, 20, seed, epoch)) for seed in range(3) for epoch in range(3)}
-    assert len(orders) == 9
-
-
-def test_windows_wrap_around():
-    pack = made_up(grasps=5)
-    found = windows(pack, OCCLUDED_TOUCH | {"grasps": 3}, "test")
-    assert [sample.grasps for sample in found] == [(0, 1, 2), (1, 2, 3), (2, 3, 4), (3, 4, 0), (4, 0, 1)]
-    assert [sample.window for sample in found] == [0, 1, 2, 3, 4]
-    assert {pack.splits[sample.object] for sample in found} == {"test"}
+ATTRIBUTES = {"seed": 0, "config_digest": "0"}
+BATCHES = {
+    "batch-0000": [("a-0", "a", "train"), ("a-1", "a", "validation"), ("b-0", "b", "test")],
+    "batch-0001": [("b-1", "b", "train")],
+    "batch-0002": [("b-2", "b", "train")],
+}
+GRASPS = 2
+UNOCCLUDED = {"strategy": "charts", "vision": "unoccluded", "touch": False, "grasps": 1}
+TOUCH = {"strategy": "charts", "vision": "none", "touch": True, "grasps": 1}
+READINGS = TOUCH | {"strategy": "sphere"}
+VIEWS = UNOCCLUDED | {"vision": "views"}
 
 
-def test_one_window_where_there_is_no_other():
-    pack = made_up(grasps=3)
-    assert len(windows(pack, OCCLUDED_TOUCH | {"grasps": 3}, "validation")) == 2
-    alone = {"strategy": "charts", "vision": "unoccluded", "touch": False, "grasps": 1}
-    assert windows(made_up("unoccluded", "none"), alone, "test") == [Sample(6)]
+def arrays_of(stage, names, seed):
+    """Random arrays of the contract's shapes."""
+    random = np.random.default_rng(seed)
+    sizes = {"o": len(names), "g": GRASPS, "n": 7, "r": 3, "rr": 9, "p": 5, "v": 2, "q": 4}
+    found = {}
+    for name, spec in store.CONTRACT[stage].arrays.items():
+        shape = [axis if isinstance(axis, int) else sizes[axis] for axis in spec.shape]
+        values = random.integers(0, 2 if spec.dtype == "bool" else 200, shape)
+        if spec.dtype.startswith("float"):
+            values = values / 256  # exact in float32, and not far out of the world
+        found[name] = values.astype("U8" if spec.dtype == "string" else spec.dtype)
+    found["object"] = np.array(names, dtype=str)
+    return found
 
 
-def test_every_view_is_a_window():
-    experiment = {"strategy": "charts", "vision": "views", "touch": False, "grasps": 1}
-    found = windows(made_up("views", "none"), experiment, "validation", "test")
-    assert [(sample.object, sample.view) for sample in found] == [(o, v) for o in (4, 5, 6) for v in range(5)]
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    """A run of three batches whose stages have lost different objects, and its stores' arrays."""
+    folder = tmp_path_factory.mktemp("data") / "run"
+    lost = {"vision": {"a-1", "b-2"}, "touch": {"b-1"}}
+    held = {}
+    for stage in ("surface", "touch", "charts", "vision", "views"):
+        for seed, (batch, rows) in enumerate(BATCHES.items()):
+            names = [name for name, _, _ in rows if name not in lost.get("touch" if stage == "charts" else stage, ())]
+            held[stage, batch] = arrays_of(stage, names, seed)
+            store.write(folder / store.CONTRACT[stage].path(batch), stage, held[stage, batch], ATTRIBUTES)
+    with (folder / "catalogue.csv").open("w", newline="") as file:
+        writer = csv.writer(file)
+        writer.writerow(["object", "class", "split", "batch"])
+        writer.writerows([*row, batch] for batch, rows in BATCHES.items() for row in rows)
+    return folder, held
 
 
-def test_too_few_grasps_is_said(pack):
-    with pytest.raises(PackError, match="has 3 grasps an object, but the experiment needs 4"):
-        windows(pack, OCCLUDED_TOUCH | {"grasps": 4}, "train")
-    with pytest.raises(PackError, match="grasps.per_object"):
-        training_samples(pack, OCCLUDED_TOUCH | {"grasps": 4}, 2, 0, 0)
+@pytest.fixture
+def run(made, tmp_path):
+    """A copy that a test may change, and the arrays of its stores."""
+    shutil.copytree(made[0], tmp_path / "run")
+    return tmp_path / "run", made[1]
 
 
-def test_spread_takes_windows_of_every_object_evenly():
-    samples = [Sample(o, (), 0, window) for o in (3, 8) for window in range(5)]
-    assert spread(samples, None) == samples and spread(samples, 9) == samples
-    one = spread(samples, 1)
-    assert [sample.object for sample in one] == [3, 8] and one[0].window != one[1].window
-    assert [sum(sample.object == o for sample in spread(samples, 3)) for o in (3, 8)] == [3, 3]
-    assert len(set(spread(samples, 3))) == 6
+def change(run, stage, name, index, value):
+    """Write the first batch's store of a stage again, with another value."""
+    arrays = dict(run[1][stage, "batch-0000"])
+    arrays[name] = arrays[name].copy()
+    arrays[name][index] = value
+    store.write(run[0] / store.CONTRACT[stage].path("batch-0000"), stage, arrays, ATTRIBUTES)
 
 
-def test_training_sees_every_object_of_its_split_and_every_grasp(pack):
-    seen = [sample for step in range(200) for sample in training_samples(pack, TOUCH_ONLY, 2, 7, step)]
-    assert {sample.object for sample in seen} == set(pack.of_split("train"))
-    assert {sample.grasps for sample in seen} == {(a, b) for a in range(3) for b in range(3) if a != b}
+def row(run, stage, name, array):
+    """The row of an object in a store, looked up by hand."""
+    for (found, _), arrays in run[1].items():
+        if found == stage and name in arrays["object"]:
+            return arrays[array][list(arrays["object"]).index(name)]
+    raise KeyError(name)
 
 
-def test_a_step_does_not_depend_on_those_before(pack):
-    later = training_samples(pack, TOUCH_ONLY, 3, 7, 41)
-    for step in range(41):
-        training_samples(pack, TOUCH_ONLY, 3, 7, step)
-    assert training_samples(pack, TOUCH_ONLY, 3, 7, 41) == later
-    assert training_samples(pack, TOUCH_ONLY, 3, 8, 41) != later
+def test_objects_that_all_stores_have(made):
+    found = TrainingData.load(made[0], OCCLUDED_TOUCH)
+    assert found.objects == ["a-0", "b-0"] and found.classes == ["a", "b"] and found.splits == ["train", "test"]
+    assert TrainingData.load(made[0], UNOCCLUDED).objects == ["a-0", "b-0", "b-1"]
+    assert TrainingData.load(made[0], TOUCH).objects == ["a-0", "a-1", "b-0", "b-2"]
 
 
-def test_a_batch_sample_by_sample():
-    pack = made_up("occluded", "charts")
-    samples = [Sample(2, (1, 0)), Sample(5, (2, 1)), Sample(2, (0, 2))]
-    batch = Assembler(pack)(samples)
-    assert batch["image"].dtype == torch.float32 and tuple(batch["image"].shape) == (3, 3, 24, 24)
-    for place, sample in enumerate(samples):
-        image = pack["occluded"][sample.object, sample.grasps[0]].transpose(2, 0, 1) / 255
-        np.testing.assert_allclose(batch["image"][place], image, atol=1e-7)
-        for name in ("success", "position", "rotation", "charts"):
-            expected = np.concatenate([pack[name][sample.object, grasp] for grasp in sample.grasps])
-            np.testing.assert_array_equal(batch[name][place], expected)
-    assert set(batch) == {"image", "success", "position", "rotation", "charts"}
+def test_rows_are_those_of_the_stores(made):
+    found = TrainingData.load(made[0], OCCLUDED_TOUCH)
+    assert found.grasps == GRASPS and set(found.arrays) == {"points", "occluded", "success", "position", "charts"}
+    for number, name in enumerate(found.objects):
+        for ours, stage, theirs in [
+            ("points", "surface", "points"),
+            ("occluded", "vision", "occluded"),
+            ("charts", "charts", "vertices"),
+            ("success", "touch", "success"),
+            ("position", "touch", "position"),
+        ]:
+            np.testing.assert_array_equal(found[ours][number], row(made, stage, name, theirs))
+    with pytest.raises(TrainingDataError, match="the experiment takes no unoccluded"):
+        found["unoccluded"]
 
 
-def test_a_batch_of_readings_and_of_views():
-    pack = made_up("none", "readings")
-    batch = Assembler(pack)([Sample(1, (2,))])
-    np.testing.assert_allclose(batch["reading"][0], pack["reading"][1, 2].transpose(0, 3, 1, 2) / 255, atol=1e-7)
-    pack = made_up("views", "none")
-    batch = Assembler(pack)([Sample(0, (), 3), Sample(6, (), 1)])
-    np.testing.assert_array_equal(batch["camera"], np.stack([pack["camera"][0, 3], pack["camera"][6, 1]]))
-    np.testing.assert_allclose(batch["image"][1], pack["views"][6, 1].transpose(2, 0, 1) / 255, atol=1e-7)
+def test_views(made):
+    found = TrainingData.load(made[0], VIEWS)
+    assert (found.views, found.grasps, len(found)) == (2, 0, 5)
+    np.testing.assert_array_equal(found["views"][3], row(made, "views", "b-1", "image"))
+    np.testing.assert_array_equal(found["camera"][3], row(made, "views", "b-1", "camera").astype(np.float32))
 
 
-def test_an_unoccluded_image_goes_with_any_grasp():
-    pack = made_up("unoccluded", "charts")
-    batch = Assembler(pack)([Sample(3, (2,))])
-    np.testing.assert_allclose(batch["image"][0], pack["unoccluded"][3].transpose(2, 0, 1) / 255, atol=1e-7)
+def test_an_untouched_sensor_reads_the_empty_gel(made):
+    found = TrainingData.load(made[0], READINGS)
+    empty = made[1]["touch", "batch-0000"]["empty_reading"]
+    for number, name in enumerate(found.objects):
+        stored = row(made, "touch", name, "reading")
+        for index in np.ndindex(GRASPS, 4):
+            expected = stored[index] if found["success"][number][index] else empty
+            np.testing.assert_array_equal(found["reading"][number][index], expected)
+    assert set(found["success"].ravel()) == {True, False}
+
+
+def test_some_splits(made):
+    whole, part = TrainingData.load(made[0], TOUCH), TrainingData.load(made[0], TOUCH, ["validation", "test"])
+    assert part.objects == ["a-1", "b-0"] and part.of_split("test") == [1]
+    np.testing.assert_array_equal(part["charts"], whole["charts"][[1, 2]])
+
+
+def test_the_same_data_have_the_same_digest_and_others_another(run):
+    digest = TrainingData.load(run[0], TOUCH).digest
+    assert TrainingData.load(run[0], TOUCH).digest == digest
+    assert TrainingData.load(run[0], TOUCH, ["train"]).digest != digest
+    assert TrainingData.load(run[0], READINGS).digest != digest
+    change(run, "vision", "occluded", (0, 0, 0, 0), 7)  # which this experiment does not take
+    assert TrainingData.load(run[0], TOUCH).digest == digest
+    change(run, "charts", "vertices", (0, 0, 0, 0), 1.5)
+    assert TrainingData.load(run[0], TOUCH).digest != digest
+
+
+def test_names_are_part_of_the_digest():
+    data, renamed = made_up(), made_up()
+    assert data.digest == renamed.digest
+    renamed.splits[0] = "test"
+    del renamed.digest
+    assert data.digest != renamed.digest
+
+
+@pytest.mark.parametrize(
+    ("stage", "name", "value"),
+    [
+        ("surface", "points", np.nan),
+        ("charts", "vertices", np.inf),
+        ("touch", "position", 600.0),
+        ("charts", "vertices", -600.0),
+    ],
+)
+def test_values_that_cannot_be_are_noticed_and_named(run, stage, name, value):
+    arrays = run[1][stage, "batch-0000"]
+    change(run, stage, name, (list(arrays["object"]).index("b-0"), *[0] * (arrays[name].ndim - 1)), value)
+    named = rf"{stage}/batch-0000.zarr: {name} of b-0 is NaN, infinite or above 10; remove"
+    with pytest.raises(StoreError, match=named):
+        TrainingData.load(run[0], TOUCH)
+    assert len(TrainingData.load(run[0], TOUCH, ["validation"])) == 1  # what is not loaded is not checked
+
+
+def test_a_rotation_out_of_range_is_noticed(run):
+    change(run, "touch", "rotation", (0, 0, 0, 0, 0), 1.5)
+    assert len(TrainingData.load(run[0], TOUCH))
+    with pytest.raises(StoreError, match="rotation of a-0 is NaN, infinite or above 1.001"):
+        TrainingData.load(run[0], READINGS)
+
+
+def test_nan_in_memory_names_its_object():
+    arrays = {"object": ["a", "b"], "class": ["c"] * 2, "split": ["train"] * 2, "points": np.zeros((2, 5, 3))}
+    arrays["points"][1, 2, 0] = np.nan
+    with pytest.raises(TrainingDataError, match="the data in memory: points of b is NaN or infinite"):
+        TrainingData(arrays)
+
+
+def test_a_changed_bit_is_noticed(run):
+    for stage, name in (("surface", "points"), ("charts", "vertices"), ("touch", "success")):
+        path = next((run[0] / stage / "batch-0000.zarr" / name / "c").rglob("0"))
+        path = path if path.is_file() else next(each for each in path.rglob("*") if each.is_file())
+        whole = path.read_bytes()
+        path.write_bytes(bytes([whole[0] ^ 1]) + whole[1:])
+        with pytest.raises(StoreError, match="batch-0000.zarr can't be read"):
+            TrainingData.load(run[0], TOUCH)
+        path.write_bytes(whole)
+    assert len(TrainingData.load(run[0], TOUCH))
+
+
+def test_no_object_left(run):
+    with pytest.raises(TrainingDataError, match="no object of nonsense: more objects are needed"):
+        TrainingData.load(run[0], TOUCH, ["nonsense"])
+    (run[0] / "catalogue.csv").write_text("object,class,split,batch\nc-0,c,train,batch-0000\n")
+    with pytest.raises(TrainingDataError, match="no object is in all of surface, vision; rejected.csv says why"):
+        TrainingData.load(run[0], UNOCCLUDED)
+
+
+def test_a_store_that_is_missing(run):
+    shutil.rmtree(run[0] / "charts")
+    with pytest.raises(StoreError, match="has no charts; build it with"):
+        TrainingData.load(run[0], TOUCH)
+    assert len(TrainingData.load(run[0], READINGS))
+
+
+def test_more_arrays_change_no_sample(made):
+    data = TrainingData.read(Dataset(made[0], stages(OCCLUDED_TOUCH)), INPUTS)
+    assert windows(data, OCCLUDED_TOUCH, "train") == windows(
+        TrainingData.load(made[0], OCCLUDED_TOUCH), OCCLUDED_TOUCH, "train"
+    )

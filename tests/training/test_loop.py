@@ -14,10 +14,10 @@ import pytest
 import torch
 
 from palpate.training.checkpoints import load
-from palpate.training.data import windows
+from palpate.training.data import TrainingDataError
 from palpate.training.learners import Diverged, ReconstructionLearner
 from palpate.training.loop import Machine, train
-from palpate.training.pack import PackError
+from palpate.training.samples import windows
 from tests.training.conftest import ARCHITECTURE, OCCLUDED_TOUCH, SETTINGS, TOUCH_ONLY, made_up
 
 CPU = Machine("cpu")
@@ -158,13 +158,9 @@ def test_finished_but_not_written_out_it_is_not_trained_further(trained, tmp_pat
 def losses_of(monkeypatch, values):
     """Validations find these losses, one after the other."""
     left = iter(values)
-    end = ReconstructionLearner.on_validation_epoch_end
-
-    def found(self):
-        end(self)
-        self.validation_loss = next(left)
-
-    monkeypatch.setattr(ReconstructionLearner, "on_validation_epoch_end", found)
+    monkeypatch.setattr(
+        ReconstructionLearner, "on_validation_epoch_end", lambda self: self.log("validation_loss", next(left))
+    )
 
 
 def test_patience(tmp_path, monkeypatch):
@@ -264,7 +260,7 @@ def test_weights_below_float32_are_refused(tmp_path, precision):
 
 def test_a_prediction_that_is_not_finite_names_its_sample(monkeypatch):
     learner = ReconstructionLearner(made_up(), OCCLUDED_TOUCH, SETTINGS, 0)
-    samples = windows(learner.pack, OCCLUDED_TOUCH, "train")[2:5]
+    samples = windows(learner.data, OCCLUDED_TOUCH, "train")[2:5]
     values = torch.zeros(3, 7, 3)
     values[1, 4, 2] = torch.nan
     learner.finite("the prediction", values[:1], samples[:1])
@@ -293,8 +289,14 @@ def test_the_average_is_a_recursion_over_the_steps(tmp_path):
 
 
 def test_the_rate_follows_one_cycle(tmp_path):
-    learner = ReconstructionLearner(made_up(), TOUCH_ONLY, SETTINGS | {"steps": 100}, 0)
-    rates = [learner._one_cycle(step) for step in range(101)]
+    learner = ReconstructionLearner(made_up(), TOUCH_ONLY, SETTINGS | {"steps": 100, "rate": 1.0}, 0)
+    found = learner.configure_optimizers()
+    schedule, rates = found["lr_scheduler"]["scheduler"], []
+    for _ in range(100):
+        rates += schedule.get_last_lr()
+        found["optimizer"].step()
+        schedule.step()
+    rates += schedule.get_last_lr()
     assert rates[0] == pytest.approx(0.04) and rates[10] == pytest.approx(1) and rates[100] == pytest.approx(1e-4)
     assert rates[5] == pytest.approx(0.52) and rates[55] == pytest.approx(0.50005)
     assert max(rates) == rates[10]
@@ -306,10 +308,10 @@ def test_an_epoch_is_every_object_once(tmp_path):
 
 
 def test_an_empty_split_is_said():
-    pack = made_up()
-    pack.splits = ["train"] * len(pack)
-    with pytest.raises(PackError, match="no object of the validation split"):
-        ReconstructionLearner(pack, OCCLUDED_TOUCH, SETTINGS, 0)
+    data = made_up()
+    data.splits = ["train"] * len(data)
+    with pytest.raises(TrainingDataError, match="no object of the validation split"):
+        ReconstructionLearner(data, OCCLUDED_TOUCH, SETTINGS, 0)
 
 
 def test_progress_is_a_few_lines(tmp_path, caplog, capfd):

@@ -5,7 +5,7 @@ import pytest
 import torch
 
 from palpate.touch.sensor import PIXEL_CENTRES
-from palpate.training.losses import Truth, reconstruction_loss, sheet, some, touch_depth_loss, touched
+from palpate.training.losses import Truth, reconstruction_loss, sheet, subsample, touch_depth_loss, touched
 
 
 def all_pairs(a, b):
@@ -57,9 +57,9 @@ def test_the_tree_of_a_cloud_is_built_once():
 
 def test_some_are_different_rows():
     rows = torch.arange(30).reshape(10, 3)
-    chosen = some(rows, 6, torch.Generator().manual_seed(0))
+    chosen = subsample(rows, 6, torch.Generator().manual_seed(0))
     assert len({tuple(row.tolist()) for row in chosen}) == 6
-    assert some(rows, None, torch.Generator()) is rows and some(rows, 10, torch.Generator()) is rows
+    assert subsample(rows, None, torch.Generator()) is rows and subsample(rows, 10, torch.Generator()) is rows
 
 
 def test_touched_is_the_supplements_threshold():

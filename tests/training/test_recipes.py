@@ -10,7 +10,6 @@ import yaml
 from palpate.configuration import ConfigError
 from palpate.models import PAPER_ARCHITECTURES
 from palpate.training import recipes, tuning
-from palpate.training.families import family, sources, stages
 
 PROJECT = Path(__file__).parents[2]
 FILE = PROJECT / "config/recipes.yaml"
@@ -35,11 +34,10 @@ def test_the_papers_numbers():
         assert schedule == ((1e-5, 64, 40, None) if single else (3e-5, 16, 260, 70))
 
 
-def test_every_experiment_has_settings_and_a_family():
+def test_every_experiment_has_settings():
     recipe = resolve({})
     for name, experiment in EXPERIMENTS.items():
         assert recipes.settings(recipe, experiment)["batch"] >= 1, name
-        assert "surface" in stages(family(experiment)), name
 
 
 def test_an_override_is_merged_deeply_and_the_file_left_as_it_is():
@@ -110,26 +108,6 @@ def test_a_part_of_an_architecture_is_merged_into_the_whole():
 def test_a_recipe_that_does_not_exist():
     with pytest.raises(ConfigError, match="no recipe 'slow' .*known: fast, paper"):
         resolve({}, "slow")
-
-
-def test_families_of_the_paper():
-    found = {name: family(EXPERIMENTS[name]) for name in EXPERIMENTS}
-    assert found["sphere_occluded_touch"] == "occluded-readings"
-    assert found["no_comm_unoccluded_touch"] == found["charts_unoccluded_touch_5"] == "unoccluded-charts"
-    assert found["charts_touch_3"] == "none-charts"
-    assert found["sphere_unoccluded"] == found["charts_unoccluded"] == "unoccluded-none"
-    assert found["single_image"] == "views-none"
-
-
-def test_a_family_needs_no_more_stages_than_it_sees():
-    assert stages("unoccluded-none") == ["surface", "vision"]
-    assert stages("none-charts") == ["surface", "touch", "charts"]
-    assert stages("occluded-readings") == ["surface", "vision", "touch"]
-    assert stages("views-none") == ["surface", "views"]
-    assert "reading" not in sources("occluded-charts") and "charts" not in sources("none-readings")
-    for wrong in ("none-none", "occluded", "charts-none"):
-        with pytest.raises(ConfigError, match="no family"):
-            sources(wrong)
 
 
 def test_the_supplements_grid():

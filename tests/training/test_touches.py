@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 import torch
 
-from palpate import store
+from palpate import Dataset, store
 from palpate.models import TouchDepth
 from palpate.touch import SENSOR_RANGE, empty_reading, local_points, shade
 from palpate.touch.sensor import PIXEL_CENTRES
+from palpate.training.data import TrainingDataError
 from palpate.training.learners import TouchDepthLearner
 from palpate.training.loop import Machine, train
-from palpate.training.pack import PackError
 from palpate.training.touches import predict_depth, read_touches, touch_charts
-from tests.training.test_pack import ATTRIBUTES
+from tests.training.test_data import ATTRIBUTES
 
 Y, Z = np.meshgrid(PIXEL_CENTRES, PIXEL_CENTRES)
 SETTINGS = {
@@ -60,8 +60,7 @@ def run(tmp_path_factory):
         rotation = np.linalg.qr(random.standard_normal((2, 4, 3, 3)))[0]
         rotation *= np.sign(np.linalg.det(rotation))[..., None, None]
         points = np.zeros((2, 4, 10000, 3), np.float32)
-        arrays = {
-            "object": np.array([f"o-{number}"]),
+        sensed = {
             "success": success,
             "position": position,
             "rotation": rotation,
@@ -69,27 +68,29 @@ def run(tmp_path_factory):
             "reading": reading,
             "points": points,
             "point_count": np.isfinite(depth).sum(axis=(2, 3), dtype=np.int32),
-            "empty_reading": empty_reading(),
         }
+        arrays = {name: values[None] for name, values in sensed.items()}
+        arrays |= {"object": np.array([f"o-{number}"]), "empty_reading": empty_reading()}
         store.write(folder / f"touch/batch-000{number}.zarr", "touch", arrays, ATTRIBUTES)
+    rows = [["o-0", "o", "train", "batch-0000"], ["o-1", "o", "validation", "batch-0001"]]
     with open(folder / "catalogue.csv", "w", newline="") as file:
-        csv.writer(file).writerows([["object", "split"], ["o-0", "train"], ["o-1", "validation"]])
+        csv.writer(file).writerows([["object", "class", "split", "batch"], *rows])
     return folder
 
 
 def touches(run, *splits):
-    return read_touches(sorted(run.glob("touch/*")), run / "catalogue.csv", *splits)
+    return read_touches(Dataset(run, ["touch"]), *splits)
 
 
 def test_successful_touches_of_the_split_that_show_something(run):
     found = touches(run, "train")
     assert len(found) == 5  # 8, less two that touch nothing, less one whose reading is the empty one
     arrays = store.read(run / "touch/batch-0000.zarr")
-    np.testing.assert_array_equal(found.depth[0], arrays["depth"][0, 1])
-    np.testing.assert_array_equal(found.reading[0].permute(1, 2, 0), arrays["reading"][0, 1])
+    np.testing.assert_array_equal(found.depth[0], arrays["depth"][0, 0, 1])
+    np.testing.assert_array_equal(found.reading[0].permute(1, 2, 0), arrays["reading"][0, 0, 1])
     np.testing.assert_array_equal(found.empty.permute(1, 2, 0), empty_reading())
     assert len(touches(run, "train", "validation")) == 11
-    with pytest.raises(PackError, match="no object of test was touched"):
+    with pytest.raises(TrainingDataError, match="no object of test was touched"):
         touches(run, "test")
 
 
@@ -120,7 +121,7 @@ class Truth(TouchDepth):
 def test_charts_lie_on_the_true_local_surface(run, method):
     arrays = store.read(run / "touch/batch-0001.zarr")
     flat = {
-        name: arrays[name].reshape(-1, *arrays[name].shape[2:])
+        name: arrays[name].reshape(-1, *arrays[name].shape[3:])
         for name in arrays
         if arrays[name].ndim > 1 and name != "empty_reading"
     }

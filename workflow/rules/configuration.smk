@@ -9,7 +9,7 @@ from snakemake.io import contains_wildcard
 
 from palpate import catalogue
 from palpate.configuration import ConfigError, check, class_counts
-from palpate.training import families, recipes
+from palpate.training import inputs, recipes
 
 # Jobs find Palpate in this checkout, also in an environment that has only its dependencies (envs/palpate.yaml).
 os.environ.setdefault("PYTHONPATH", str(PROJECT))
@@ -127,23 +127,28 @@ def hand_files(wildcards):
     return own_hand_files() if HAND else []
 
 
-def pack_stores(wildcards):
-    """The stores of all batches, of the stages that a family of experiments sees."""
+def stores_of(name, *more):
+    """The catalogue, and the stores of all batches, of the stages that an experiment takes arrays of, and of more.
+
+    Too few grasps for the experiment is an error before anything runs.
+    """
+    experiment = EXPERIMENTS["experiments"][name]
+    if experiment["grasps"] > config["grasps"]["per_object"]:
+        raise WorkflowError(
+            f"experiment {name} takes {experiment['grasps']} grasps, but the config's "
+            f"grasps.per_object is {config['grasps']['per_object']}: raise it"
+        )
     return {
-        stage: expand(f"{stage}/{{batch}}.zarr", batch=BATCHES)
-        for stage in families.stages(wildcards.family)
+        "catalogue": "catalogue.csv",
+        **{
+            stage: expand(f"{stage}/{{batch}}.zarr", batch=BATCHES)
+            for stage in dict.fromkeys([*inputs.stages(experiment), *more])
+        },
     }
 
 
-def experiment_pack(wildcards):
-    """The pack of an experiment's family; too few grasps for it is an error before anything runs."""
-    experiment = EXPERIMENTS["experiments"][wildcards.experiment]
-    if experiment["grasps"] > config["grasps"]["per_object"]:
-        raise WorkflowError(
-            f"experiment {wildcards.experiment} sees {experiment['grasps']} grasps, but the config's "
-            f"grasps.per_object is {config['grasps']['per_object']}: raise it"
-        )
-    return f"packs/{families.family(experiment)}.h5"
+def experiment_stores(wildcards):
+    return stores_of(wildcards.experiment)
 
 
 def experiment_settings(wildcards):
@@ -154,7 +159,6 @@ def experiment_settings(wildcards):
 wildcard_constraints:
     **{"class": CLASS_NAME},
     batch=r"batch-\d+",
-    family=r"(occluded|unoccluded|views|none)-(charts|readings|none)",
     experiment="|".join(map(re.escape, EXPERIMENTS["experiments"])),
     seed=r"\d+",
 

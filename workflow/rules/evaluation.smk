@@ -23,10 +23,15 @@ rule rings:
         "../scripts/rings.py"
 
 
+def ring_stores(wildcards):
+    """The stores of an experiment, and the rings around the touches."""
+    return stores_of(wildcards.experiment, "touch", "rings")
+
+
 # One trained model on every object that it was not trained on.
 rule evaluate:
     input:
-        pack=experiment_pack,
+        unpack(experiment_stores),
         model="models/{experiment}/seed-{seed}/best.ckpt",
         summary="models/{experiment}/seed-{seed}/training.json",
     output:
@@ -52,12 +57,9 @@ rule evaluate:
 
 rule evaluate_rings:
     input:
-        pack=experiment_pack,
+        unpack(ring_stores),
         model="models/{experiment}/seed-{seed}/best.ckpt",
         summary="models/{experiment}/seed-{seed}/training.json",
-        catalogue="catalogue.csv",
-        touch=expand("touch/{batch}.zarr", batch=BATCHES),
-        rings=expand("rings/{batch}.zarr", batch=BATCHES),
     output:
         table="evaluations/rings/{experiment}/seed-{seed}.csv",
     log:

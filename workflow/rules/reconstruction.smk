@@ -1,7 +1,7 @@
-# One model of config/experiments.yaml.
+# One model of config/experiments.yaml, from just the stores that it takes arrays of (palpate/training/inputs.py).
 rule reconstruction:
     input:
-        pack=experiment_pack,
+        unpack(experiment_stores),
     output:
         model="models/{experiment}/seed-{seed}/best.ckpt",
         history="models/{experiment}/seed-{seed}/history.csv",
@@ -21,5 +21,6 @@ rule reconstruction:
         experiment=lambda wildcards: EXPERIMENTS["experiments"][wildcards.experiment],
         settings=experiment_settings,
         machine=TRAINING_MACHINE,
+        seed=lambda wildcards: int(wildcards.seed),
     script:
-        "../scripts/reconstruction.py"
+        "../scripts/train.py"

@@ -20,7 +20,8 @@ def report_inputs(wildcards):
     files = {name: report_items.FILES[name] for name in report_item(wildcards).reads}
     files["catalogue"] = "catalogue/{batch}.csv"
     return {
-        name: expand(path, batch=REPORT_BATCHES) for name, path in sorted(files.items())
+        name: expand(paths, batch=REPORT_BATCHES, every_batch=BATCHES)
+        for name, paths in sorted(files.items())
     }
 
 

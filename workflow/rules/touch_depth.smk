@@ -23,4 +23,4 @@ rule touch_depth:
         machine=TRAINING_MACHINE,
         seed=config["seed"],
     script:
-        "../scripts/touch_depth.py"
+        "../scripts/train.py"

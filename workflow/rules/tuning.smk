@@ -15,9 +15,9 @@ except ConfigError as error:
 
 
 # One point of the supplement's grid of hyperparameters; not part of `all`.
-rule tuning_point:
+use rule reconstruction as tuning_point with:
     input:
-        pack="packs/occluded-charts.h5",
+        unpack(lambda wildcards: stores_of(TUNED)),
     output:
         model=f"tuning/{TUNING.wildcard_pattern}/best.ckpt",
         history=f"tuning/{TUNING.wildcard_pattern}/history.csv",
@@ -26,13 +26,6 @@ rule tuning_point:
         f"logs/tuning/{TUNING.wildcard_pattern}.log",
     benchmark:
         f"benchmarks/tuning/{TUNING.wildcard_pattern}.tsv"
-    conda:
-        CONDA
-    threads: config["training"]["threads"]
-    resources:
-        mem_mb=lambda wildcards, input: 4000 + 4 * input.size_mb,
-        runtime=1440,
-        gpu=TRAINING_GPUS,
     params:
         experiment=EXPERIMENTS["experiments"].get(TUNED),
         settings=lambda wildcards: recipes.settings(
@@ -42,8 +35,6 @@ rule tuning_point:
         steps=config["tuning"]["steps"],
         machine=TRAINING_MACHINE,
         seed=config["seed"],
-    script:
-        "../scripts/tuning_point.py"
 
 
 rule tuning:

@@ -22,6 +22,6 @@ trained = evaluate.load(
     int(snakemake.wildcards.seed),
     snakemake.params.device,
 )
-pack = training.Pack.read(snakemake.input.pack, evaluate.SPLITS)
+data = training.TrainingData.load(".", snakemake.params.experiment, evaluate.SPLITS)
 with atomic_write(snakemake.output.table) as path:
-    evaluate.evaluate(trained, pack, snakemake.params.points).to_csv(path, index=False)
+    evaluate.evaluate(trained, data, snakemake.params.points).to_csv(path, index=False)

@@ -22,7 +22,8 @@ trained = evaluate.load(
     int(snakemake.wildcards.seed),
     snakemake.params.device,
 )
-pack = training.Pack.read(snakemake.input.pack, [snakemake.params.split])
+split = snakemake.params.split
+data = training.TrainingData.load(".", snakemake.params.experiment, [split])
 with atomic_write(snakemake.output.table) as path:
-    rows = evaluate.evaluate_rings(trained, pack, Dataset(".", ["touch", "rings"]), snakemake.params.split)
+    rows = evaluate.evaluate_rings(trained, data, Dataset(".", ["touch", "rings"]), split)
     rows.to_csv(path, index=False)

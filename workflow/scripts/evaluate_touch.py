@@ -7,7 +7,7 @@ evaluations/touch_depth.csv    object, class, split, grasp, sensor,
 
 import torch
 
-from palpate import training
+from palpate import Dataset, training
 from palpate.atomic import atomic_write
 from palpate.batch import log_to
 from palpate.evaluation import evaluate
@@ -18,9 +18,7 @@ device = training.Machine(snakemake.params.device).torch_device()
 rows = evaluate.evaluate_touch(
     training.load_touch_depth(snakemake.input.model).to(device),
     evaluate.training_steps(snakemake.input.summary),
-    snakemake.input.catalogue,
-    snakemake.input.touch,
-    snakemake.input.charts,
+    Dataset(".", ["touch", "charts"]),
     snakemake.params.points,
 )
 with atomic_write(snakemake.output.table) as path:

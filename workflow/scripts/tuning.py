@@ -1,4 +1,4 @@
-"""The grid of hyperparameters: what each of its points came to, the best first.
+"""The grid of hyperparameters: the result of each of its points, the best first.
 
 tables/tuning.csv, .md, .tex    rate, cnn_layers, gcn_layers, width, validation_loss (9000 x Chamfer, m^2),
                                 best_step, steps, seconds, parameters
@@ -16,7 +16,7 @@ from palpate.training import tuning
 log_to(snakemake.log[0])
 trained = [json.loads(Path(path).read_text()) for path in snakemake.input.points]
 table = pd.DataFrame(tuning.summary(snakemake.params.points, trained))
-machines = sorted({said["machine"]["found"] for said in trained})
+machines = sorted({summary["machine"]["found"] for summary in trained})
 table.attrs["note"] = (
     f"Validation loss of {trained[0]['validated']} samples, the best of all evaluations; on {', '.join(machines)}."
 )

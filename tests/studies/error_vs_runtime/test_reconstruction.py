@@ -19,8 +19,8 @@ MACHINE = {"precision": "32-true", "threads": 1}
 @pytest.fixture
 def study(monkeypatch) -> ReconstructionStudy:
     monkeypatch.setattr(reconstruction, "SAMPLES", 4)
-    pack = made_up("unoccluded", "none")
-    return ReconstructionStudy(pack, {**SETTINGS, "architecture": LAYERS, "batch": 1}, MACHINE, 500)
+    data = made_up("unoccluded", "none")
+    return ReconstructionStudy(data, {**SETTINGS, "architecture": LAYERS, "batch": 1}, MACHINE, 500)
 
 
 def test_the_error_is_the_evaluations(study):
@@ -30,7 +30,7 @@ def test_the_error_is_the_evaluations(study):
     assert len(case) == 2 and not others
     result = study._predict(study.base, case)
     for vertices, seen in zip(result.vertices, case, strict=True):
-        truth = study.pack["points"][seen.object]
+        truth = study.data["points"][seen.object]
         points = sample_faces(torch.from_numpy(vertices)[None], model.faces, 4000, torch.Generator().manual_seed(0))
         expected = score(points[0].float(), torch.from_numpy(truth)).chamfer
         assert chamfer(vertices, model.faces.numpy(), truth, 4000) == pytest.approx(expected, rel=0.02)

@@ -1,53 +1,60 @@
-"""What is left out of models and packs changes nothing."""
+"""What is omitted in models and in their data changes nothing."""
 
-import csv
 import itertools
 
-import numpy as np
+import networkx
 import pytest
 import torch
 
-from palpate import scene, store
-from palpate.training import families, pack
-from palpate.training.checkpoints import build
-from palpate.training.data import Assembler, training_samples, windows
+from palpate import Dataset
+from palpate.charts import Graph, touch_chart
+from palpate.charts.graph import mesh_edges
+from palpate.training import TrainingData
+from palpate.training.inputs import INPUTS, inputs, stages
+from palpate.training.samples import Assembler, training_samples, windows
 from studies.omitted.models import (
+    ARRAYS,
     BOTH,
     DATA,
-    FEELS,
-    PARTS,
-    SEES,
+    IMAGE,
+    MODEL,
+    READING,
+    SPARE,
     SPHERE,
+    TOUCH,
+    VISION,
+    SpareGraph,
+    build,
     difference,
     predicted,
     widened,
 )
 from tests.models.batches import SMALL, random_batch
+from tests.training.test_data import made  # noqa: F401
 
 NO_COPY, NO_COMM = (BOTH | {"strategy": strategy} for strategy in ("no_copy", "no_comm"))
-VIEWS, OCCLUDED = SEES | {"vision": "views"}, BOTH | {"vision": "occluded"}
-EXPERIMENTS = (SEES, FEELS, FEELS | {"grasps": 2}, BOTH, SPHERE, NO_COPY, NO_COMM, VIEWS, OCCLUDED)
-SPARE = "spare touch charts"
+VIEWS, OCCLUDED = VISION | {"vision": "views"}, BOTH | {"vision": "occluded"}
+EXPERIMENTS = (VISION, TOUCH, TOUCH | {"grasps": 2}, BOTH, SPHERE, NO_COPY, NO_COMM, VIEWS, OCCLUDED)
 EXACT = 1e-12  # m, in double precision
 
 
-def left_out():
-    """Experiments, and parts of their models that they leave out; None for all at once."""
-    found = [(experiment, None) for experiment in EXPERIMENTS]
-    for experiment, part in itertools.product(EXPERIMENTS, ("image encoder", "reading encoder", SPARE)):
-        # Without touch there is no reading to encode, whatever the plan says.
-        unread = part == "reading encoder" and not experiment["touch"]
-        if not unread and not scene.plan("experiment", **experiment).needs(part):
-            found.append((experiment, part))
-    return found
+def omissions():
+    """Experiments, and needless inputs of their models: each alone, and all at once."""
+    for experiment in EXPERIMENTS:
+        model = build(experiment, SMALL)
+        needless = [SPARE]
+        needless += [] if model.vision else [IMAGE]
+        # Without touch there is no reading to encode.
+        needless += [READING] if model.touch and not model.reads_readings else []
+        for naive in [[each] for each in needless] + [needless] * (len(needless) > 1):
+            yield experiment, naive
 
 
-@pytest.mark.parametrize(("experiment", "part"), left_out())
-def test_a_part_of_the_model_without_weight_changes_no_vertex(experiment, part):
-    plan = scene.plan("experiment", **experiment)
+@pytest.mark.parametrize(("experiment", "naive"), omissions())
+def test_a_needless_part_without_weight_changes_no_vertex(experiment, naive):
     torch.manual_seed(1)
     less = build(experiment, SMALL).double().eval()
-    more = build(experiment, SMALL, plan.including(*[part] if part else [])).double().eval()
+    more = build(experiment, SMALL, naive).double().eval()
     sizes = [sum(tensor.numel() for tensor in (*model.parameters(), *model.buffers())) for model in (less, more)]
     assert sizes[0] < sizes[1]
     batch = random_batch(2, experiment["grasps"], seed=3)
@@ -57,11 +64,10 @@ def test_a_part_of_the_model_without_weight_changes_no_vertex(experiment, part):
     assert moved.norm(dim=2).mean() > 0.01
 
 
-def test_a_part_with_weight_changes_vertices():
-    """The comparison would see it."""
-    plan = scene.plan("experiment", **FEELS).including("image encoder")
+def test_a_needless_part_with_weight_changes_vertices():
+    """The comparison would notice it."""
     torch.manual_seed(1)
-    less, more = build(FEELS, SMALL).double().eval(), build(FEELS, SMALL, plan).double().eval()
+    less, more = build(TOUCH, SMALL).double().eval(), build(TOUCH, SMALL, [IMAGE]).double().eval()
     batch = random_batch(2, 1, seed=3)
     widened(less, more)
     with torch.no_grad():
@@ -69,53 +75,51 @@ def test_a_part_with_weight_changes_vertices():
     assert difference(predicted(more, batch), predicted(less, batch)) > 1e-6
 
 
-@pytest.fixture(scope="module")
-def run(tmp_path_factory):
-    """Stores of three objects, with random values, and their catalogue."""
-    folder = tmp_path_factory.mktemp("run")
-    random = np.random.default_rng(0)
-    names = ["a-0", "a-1", "a-2"]
-    sizes = {"o": 3, "og": 6, "n": 7, "r": 3, "rr": 9, "p": 5, "v": 2, "q": 4}
-    for stage in ("surface", "touch", "charts", "vision", "views"):
-        arrays = {}
-        for name, spec in store.CONTRACT[stage].arrays.items():
-            shape = [axis if isinstance(axis, int) else sizes[axis] for axis in spec.shape]
-            values = random.integers(0, 2 if spec.dtype == "bool" else 200, shape)
-            values = values / 256 if spec.dtype.startswith("float") else values
-            arrays[name] = values.astype("U8" if spec.dtype == "string" else spec.dtype)
-        arrays["object"] = np.array(names)
-        path = folder / store.CONTRACT[stage].path("batch-0000")
-        store.write(path, stage, arrays, {"seed": 0, "config_digest": "0"})
-    with (folder / "catalogue.csv").open("w", newline="") as file:
-        csv.writer(file).writerows([("object", "class", "split"), *((name, "a", "train") for name in names)])
-    return folder
-
-
-def packed(run, folder, experiment, plan):
-    family = families.family(experiment)
-    stores = {stage: [run / store.CONTRACT[stage].path("batch-0000")] for stage in families.stages(family, plan)}
-    pack.write(folder / "pack.h5", family, run / "catalogue.csv", stores, plan)
-    return pack.Pack.read(folder / "pack.h5")
-
-
 @pytest.mark.parametrize("experiment", EXPERIMENTS)
-def test_a_pack_with_everything_in_gives_the_same_samples_in_the_same_order(run, tmp_path, experiment):
-    plan = scene.plan("experiment", **experiment)
-    less, more = (packed(run, tmp_path, experiment, each) for each in (plan, plan.including()))
+def test_all_arrays_give_the_same_samples_in_the_same_order(made, experiment):  # noqa: F811
+    dataset = Dataset(made[0], {item.stage for item in INPUTS})
+    less, more = (TrainingData.read(dataset, arrays) for arrays in (inputs(experiment), INPUTS))
     assert set(less.arrays) < set(more.arrays)
     assert windows(less, experiment, "train") == windows(more, experiment, "train")
     for step in range(5):
         samples = training_samples(less, experiment, 2, 0, step)
         assert samples == training_samples(more, experiment, 2, 0, step)
-        one, other = Assembler(less)(samples), Assembler(more)(samples)
+        one, other = (Assembler(data, experiment)(samples) for data in (less, more))
         assert one.keys() == other.keys()
         assert all(torch.equal(one[key], other[key]) for key in one)
 
 
-def test_the_report_puts_back_only_what_is_left_out_and_every_part_somewhere():
-    parts = set()
-    for part, experiment, _ in itertools.chain(DATA, PARTS):
-        plan = scene.plan("experiment", **experiment)
-        assert not plan.needs(part)
-        parts.add(part)
-    assert parts == set(scene.SCENES["experiment"])
+def test_the_report_adds_only_what_is_omitted_and_every_array_somewhere():
+    added = set()
+    for name, experiment, _ in DATA:
+        assert not {item.name for item in inputs(experiment)} & set(ARRAYS[name])
+        added |= set(ARRAYS[name])
+    assert added == {item.name for item in INPUTS} - {"points"}
+    for name, experiment, _ in MODEL:
+        assert (experiment, [name]) in [(each, naive) for each, naive in omissions()]
+    assert {name for name, _, _ in MODEL} == {IMAGE, READING, SPARE}
+
+
+def test_stages_of_what_is_omitted_are_not_read():
+    assert not {"vision", "views"} & set(stages(TOUCH)) and not {"touch", "charts"} & set(stages(VISION))
+
+
+@pytest.mark.parametrize(
+    ("kind", "normalisation"), itertools.product(["charts", "no_comm", "sphere"], ["symmetric", "mean", "separate"])
+)
+def test_spare_charts_are_alone(kind, normalisation):
+    plain, more = Graph(2, kind, normalisation), SpareGraph(2, kind, normalisation, spare=3)
+    assert more.vertices == plain.vertices + 3 * 81 and torch.equal(more.faces, plain.faces)
+    features = torch.randn(more.vertices, 4, dtype=torch.float64)
+    summed = more.aggregate(features)
+    torch.testing.assert_close(summed[: plain.vertices], plain.aggregate(features[: plain.vertices]))
+    # Among themselves they are sums over the sheet's neighbours, each chart by itself.
+    sheet = networkx.Graph([edge.tolist() for edge in mesh_edges(touch_chart().faces)])
+    adjacent = torch.eye(81, dtype=torch.float64)
+    for one, other in sheet.edges:
+        adjacent[one, other] = adjacent[other, one] = 1
+    degree = adjacent.sum(dim=1)
+    mean = normalisation == "mean"
+    matrix = adjacent / degree[:, None] if mean else adjacent / (degree[:, None] * degree[None]).sqrt()
+    for first in range(plain.vertices, more.vertices, 81):
+        torch.testing.assert_close(summed[first : first + 81], matrix @ features[first : first + 81])

@@ -9,7 +9,7 @@ from scipy.spatial import cKDTree
 from palpate.charts import chamfer, sample
 from palpate.training import learners
 from studies.stability.cases import FAILS, examine
-from studies.stability.losses import CASES, brute_force, small_pack
+from studies.stability.losses import CASES, brute_force, small_data
 from studies.subjects import Subject
 
 SHORT = [case for case in CASES if case.short]
@@ -45,7 +45,7 @@ def test_brute_force_by_hand():
 
 
 def test_clouds_are_of_the_object(subject):
-    held = small_pack(subject)
+    held = small_data(subject)
     radius = np.linalg.norm(held["points"][0][:, :2], axis=1)
     assert radius.min() > 0.0495 and radius.max() < 0.1205
     outside = held["charts"][0, ..., 0].size

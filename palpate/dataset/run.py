@@ -1,0 +1,104 @@
+"""The files of one run: its catalogue, its rejections, and its stores."""
+
+import csv
+from collections.abc import Iterable
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+from palpate.catalogue import CatalogueEntry, read_catalogue
+from palpate.store.contract import CONTRACT
+from palpate.store.files import Store, StoreError
+
+
+def read_rows(path: Path) -> list[dict[str, str]]:
+    """Rows of a table with a header."""
+    with path.open(newline="", encoding="utf-8") as file:
+        return list(csv.DictReader(file))
+
+
+class Run:
+    """The files of one run, shared by a dataset, its views and its records.
+
+    Safe to pickle and to fork: nothing stays open, and what is remembered is small (names, array headers).
+    """
+
+    def __init__(self, folder: Path | str):
+        self.folder = Path(folder)
+        self._stores: dict[Path, Store] = {}
+        self._objects: dict[tuple[str, str], dict[str, int]] = {}
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {**self.__dict__, "_stores": {}}
+
+    @cached_property
+    def catalogue(self) -> dict[str, CatalogueEntry]:
+        """Rows of `catalogue.csv` by object, in its order. Raises CatalogueError if it is missing or broken."""
+        return {entry.object: entry for entry in read_catalogue(self.folder / "catalogue.csv")}
+
+    @cached_property
+    def batches(self) -> list[str]:
+        """Names of the catalogue's batches. Files of others remain from an earlier config."""
+        return list(dict.fromkeys(entry.batch for entry in self.catalogue.values()))
+
+    def rejections(self, batch: str | None = None, stages: Iterable[str] | None = None) -> list[dict[str, str]]:
+        """Rows object, stage, reason, of one batch or of all, at some stages or at any.
+
+        Of `rejected/<stage>/<batch>.csv`, or of `rejected.csv` if no stage has written its own yet.
+        """
+        found = sorted(path.name for path in self.folder.glob("rejected/*"))
+        batches = self.batches if batch is None else [batch]
+        paths = [self.folder / f"rejected/{stage}/{name}.csv" for stage in found for name in batches]
+        paths = [path for path in paths if path.exists()] or [self.folder / "rejected.csv"]
+        rows = [row for path in paths if path.exists() for row in read_rows(path)]
+        return rows if stages is None else [row for row in rows if row["stage"] in set(stages)]
+
+    def rejected(self, stages: Iterable[str] | None = None) -> set[str]:
+        """Objects rejected so far, at some stages or at any."""
+        return {row["object"] for row in self.rejections(stages=stages)}
+
+    def has(self, stage: str) -> bool:
+        """Whether any batch of this stage is there."""
+        return any((self.folder / CONTRACT[stage].path(batch)).exists() for batch in self.batches)
+
+    def store(self, stage: str, batch: str) -> Store:
+        """One batch's store, remembered. Raises StoreError if the run has none of this stage, or not this one."""
+        path = self.folder / CONTRACT[stage].path(batch)
+        if path not in self._stores:
+            if not self.has(stage):
+                raise StoreError(f"{self.folder} has no {stage}; build it with: snakemake --cores 2 dataset")
+            self._stores[path] = Store(path)
+        return self._stores[path]
+
+    def objects(self, stage: str, batch: str) -> dict[str, int]:
+        """Row of each object in one batch's store, remembered."""
+        key = (stage, batch)
+        if key not in self._objects:
+            names = self.store(*key).get("object")
+            self._objects[key] = {str(name): row for row, name in enumerate(names)}
+        return self._objects[key]
+
+    def row(self, stage: str, entry: CatalogueEntry) -> int:
+        """Row of the object in its batch's store. Raises StoreError, with the object's rejection, if it has none."""
+        objects = self.objects(stage, entry.batch)
+        if entry.object in objects:
+            return objects[entry.object]
+        path = self.store(stage, entry.batch).path
+        for row in self.rejections(entry.batch):
+            if row["object"] == entry.object:
+                raise StoreError(
+                    f"{path} does not hold {entry.object}, which was rejected at {row['stage']}: "
+                    f"{row['reason']}; open the dataset with this stage to leave it out"
+                )
+        raise StoreError(
+            f"{path} does not hold {entry.object}, which the catalogue puts in {entry.batch}; "
+            f"remove it and build it again with: snakemake {stage}/{path.name}"
+        )
+
+    def grasps(self, entry: CatalogueEntry) -> int:
+        """Grasps of the object, by the first stage that has grasps."""
+        stages = [stage for stage, spec in CONTRACT.items() if any(array.of_grasps for array in spec.arrays.values())]
+        stage = next((stage for stage in stages if self.has(stage)), stages[0])
+        name = next(name for name, array in CONTRACT[stage].arrays.items() if array.of_grasps)
+        self.row(stage, entry)
+        return self.store(stage, entry.batch).header(name)[0][1]

@@ -1,0 +1,106 @@
+"""Which arrays of which stages an experiment takes: the one table behind the workflow's inputs and training's data.
+
+    python -m palpate.training.inputs config/experiments.yaml      prints a table: experiment, stages, arrays
+
+It needs neither torch nor the stores. An experiment is a row of `config/experiments.yaml`: its `strategy`,
+`vision`, `touch` and `grasps`.
+"""
+
+import sys
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import yaml
+from tabulate import tabulate
+
+Experiment = Mapping[str, Any]
+
+
+def takes_charts(experiment: Experiment) -> bool:
+    """Whether touches reach the model as charts: in all strategies but `sphere` (paper, section 5.1)."""
+    return experiment["touch"] and experiment["strategy"] != "sphere"
+
+
+def takes_readings(experiment: Experiment) -> bool:
+    """Whether touches reach the model as readings: in strategy `sphere`."""
+    return experiment["touch"] and experiment["strategy"] == "sphere"
+
+
+def takes_grasps(experiment: Experiment) -> bool:
+    """Whether anything that the model takes depends on a grasp: touches, or an occluded image."""
+    return experiment["touch"] or experiment["vision"] == "occluded"
+
+
+class Input(NamedTuple):
+    """An array in a training's memory.
+
+    Attributes:
+        name: of the array there. stage, array: of the store that it is read from. dtype: in memory.
+        when, taken_by: which experiments take it, in words and as a function.
+    """
+
+    name: str
+    stage: str
+    array: str
+    dtype: str
+    when: str
+    taken_by: Callable[[Experiment], bool]
+
+
+def _vision(name: str) -> tuple[str, Callable[[Experiment], bool]]:
+    return f"vision is {name}", lambda experiment: experiment["vision"] == name
+
+
+_TOUCH = "it has touch", lambda experiment: experiment["touch"]
+_READINGS = "touch comes as readings", takes_readings
+INPUTS = (
+    Input("points", "surface", "points", "float32", "always: the truth", lambda experiment: True),
+    Input("unoccluded", "vision", "unoccluded", "uint8", *_vision("unoccluded")),
+    Input("occluded", "vision", "occluded", "uint8", *_vision("occluded")),
+    Input("views", "views", "image", "uint8", *_vision("views")),
+    Input("camera", "views", "camera", "float32", *_vision("views")),
+    Input("success", "touch", "success", "bool", *_TOUCH),
+    Input("position", "touch", "position", "float32", *_TOUCH),
+    Input("charts", "charts", "vertices", "float32", "touch comes as charts", takes_charts),
+    Input("rotation", "touch", "rotation", "float32", *_READINGS),
+    Input("reading", "touch", "reading", "uint8", *_READINGS),
+)
+
+
+def inputs(experiment: Experiment) -> list[Input]:
+    """The arrays that an experiment takes."""
+    return [item for item in INPUTS if item.taken_by(experiment)]
+
+
+def stages(experiment: Experiment) -> list[str]:
+    """The stages whose stores an experiment's arrays are read from."""
+    return list(dict.fromkeys(item.stage for item in inputs(experiment)))
+
+
+def table(experiments: Mapping[str, Experiment]) -> str:
+    """The stages and arrays of each experiment, as Markdown; then when each array is taken."""
+    rows = [
+        (name, ", ".join(stages(experiment)), ", ".join(item.name for item in inputs(experiment)))
+        for name, experiment in experiments.items()
+    ]
+    arrays = [(item.name, f"{item.stage} {item.array}", item.dtype, item.when) for item in INPUTS]
+    return "\n\n".join(
+        [
+            tabulate(rows, ("experiment", "stages", "arrays"), "github"),
+            tabulate(arrays, ("array", "read from", "type", "taken when"), "github"),
+        ]
+    )
+
+
+def main(arguments: Sequence[str]) -> int:
+    """The command; returns its exit status."""
+    if len(arguments) != 1:
+        print("usage: python -m palpate.training.inputs config/experiments.yaml", file=sys.stderr)
+        return 2
+    print(table(yaml.safe_load(Path(arguments[0]).read_text())["experiments"]))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

@@ -1,0 +1,155 @@
+"""Which samples a model takes in which step, and the batch of tensors that they make."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from palpate.training.data import TrainingData, TrainingDataError
+from palpate.training.inputs import inputs, takes_grasps
+
+
+class Sample(NamedTuple):
+    """What a model takes at once: an object, some of its grasps (none if nothing depends on a grasp), a view.
+
+    Attributes:
+        object: its number in the data.
+        grasps: numbers of its grasps; an occluded image is that of the first.
+        view: number of its view, for models that take views.
+        window: number of this sample among those of its object, in an evaluation.
+    """
+
+    object: int
+    grasps: tuple[int, ...] = ()
+    view: int = 0
+    window: int = 0
+
+
+def _grasps_a_sample(data: TrainingData, experiment: Mapping[str, Any]) -> int:
+    """How many grasps a sample has: 0 if the model takes none. Raises TrainingDataError if there are fewer."""
+    if not takes_grasps(experiment):
+        return 0
+    if experiment["grasps"] > data.grasps:
+        raise TrainingDataError(
+            f"{data.source}: {data.grasps} grasps an object, but the experiment needs "
+            f"{experiment['grasps']}: raise grasps.per_object in the config"
+        )
+    return experiment["grasps"]
+
+
+def windows(data: TrainingData, experiment: Mapping[str, Any], *splits: str) -> list[Sample]:
+    """The samples that an evaluation on some splits has, object by object.
+
+    Grasps g to g + n - 1, modulo the number of grasps, for every g (once if n is all of them); every view for
+    a model that takes views; one sample for a model that takes neither touch nor occluded vision. The paper
+    leaves open which grasps it measures on.
+    """
+    n, total = _grasps_a_sample(data, experiment), data.grasps
+    if experiment["vision"] == "views":
+        of_object = [((), view) for view in range(data.views)]
+    elif not n:
+        of_object = [((), 0)]
+    else:
+        starts = range(1) if n == total else range(total)
+        of_object = [(tuple((start + k) % total for k in range(n)), 0) for start in starts]
+    return [
+        Sample(number, grasps, view, window)
+        for number in data.of_split(*splits)
+        for window, (grasps, view) in enumerate(of_object)
+    ]
+
+
+def spread(samples: Sequence[Sample], an_object: int | None) -> list[Sample]:
+    """At most so many samples of each object, evenly over its windows, which differ between objects."""
+    by_object: dict[int, list[Sample]] = {}
+    for sample in samples:
+        by_object.setdefault(sample.object, []).append(sample)
+    kept = []
+    for order, found in enumerate(by_object.values()):
+        count = min(an_object or len(found), len(found))
+        kept += [found[k] for k in sorted((order + j * len(found) // count) % len(found) for j in range(count))]
+    return kept
+
+
+def shuffled(count: int, size: int, seed: int, step: int) -> np.ndarray:
+    """(size,) numbers below `count` that step `step` (from 0) takes: each once before any again.
+
+    It depends on nothing but the arguments, so that training can go on at any step.
+    """
+    first = step * size
+    places = np.arange(first, first + size)
+    epochs = {int(e): np.random.default_rng([seed, int(e)]).permutation(count) for e in set(places // count)}
+    return np.array([epochs[int(place) // count][int(place) % count] for place in places])
+
+
+def training_samples(
+    data: TrainingData, experiment: Mapping[str, Any], size: int, seed: int, step: int
+) -> list[Sample]:
+    """The samples of one training step: objects of the train split in random order, each with a random subset
+    of its grasps, in random order, or a random view."""
+    objects = data.of_split("train")
+    n = _grasps_a_sample(data, experiment)
+    # A stream of its own; `shuffled` seeds its streams with two numbers.
+    random = np.random.default_rng([seed, step, 1])
+    samples = []
+    for place in shuffled(len(objects), size, seed, step):
+        grasps = tuple(int(g) for g in random.permutation(data.grasps)[:n]) if n else ()
+        view = int(random.integers(data.views)) if experiment["vision"] == "views" else 0
+        samples.append(Sample(objects[place], grasps, view))
+    return samples
+
+
+class Assembler:
+    """Batches of samples as tensors. The arrays that an experiment takes stay on the device, images as bytes.
+
+    `assembler(samples)` is what `palpate.models.Reconstruction` takes:
+
+    | key | shape | unit |
+    |---|---|---|
+    | `image` | (B, 3, s, s) float32 | sRGB in [0, 1] |
+    | `camera` | (B, 3, 4) float32 | world, m, to pixels of a view |
+    | `success`, `position`, `rotation` | (B, 4n), (B, 4n, 3), (B, 4n, 3, 3) | m, world |
+    | `charts` | (B, 4n, 81, 3) float32 | m, world |
+    | `reading` | (B, 4n, 3, 100, 100) float32 | RGB in [0, 1] |
+    """
+
+    IMAGES = ("unoccluded", "occluded", "views")
+    OF_TOUCH = ("success", "position", "rotation", "charts", "reading")
+
+    def __init__(self, data: TrainingData, experiment: Mapping[str, Any], device: torch.device | str = "cpu"):
+        self.device = torch.device(device)
+        taken = [item.name for item in inputs(experiment) if item.name != "points"]
+        self.tensors = {name: torch.from_numpy(data[name]).to(device) for name in taken}
+
+    def __call__(self, samples: Sequence[Sample]) -> dict[str, Tensor]:
+        objects = self._index([sample.object for sample in samples])
+        batch = {}
+        for name in self.IMAGES:
+            if name in self.tensors:
+                batch["image"] = self._pixels(self._image(name, objects, samples))
+        if "camera" in self.tensors:
+            batch["camera"] = self.tensors["camera"][objects, self._index([s.view for s in samples])]
+        of_touch = [name for name in self.OF_TOUCH if name in self.tensors]
+        if of_touch:
+            grasps = self._index([sample.grasps for sample in samples])
+            for name in of_touch:
+                batch[name] = self.tensors[name][objects[:, None], grasps].flatten(1, 2)
+        if "reading" in batch:
+            batch["reading"] = self._pixels(batch["reading"])
+        return batch
+
+    def _image(self, name: str, objects: Tensor, samples: Sequence[Sample]) -> Tensor:
+        if name == "unoccluded":
+            return self.tensors[name][objects]
+        second = [sample.view if name == "views" else sample.grasps[0] for sample in samples]
+        return self.tensors[name][objects, self._index(second)]
+
+    def _index(self, numbers: Sequence) -> Tensor:
+        return torch.tensor(numbers, dtype=torch.int64, device=self.device)
+
+    @staticmethod
+    def _pixels(images: Tensor) -> Tensor:
+        """(..., s, s, 3) uint8 to (..., 3, s, s) float32 in [0, 1]."""
+        return images.movedim(-1, -3).float() / 255

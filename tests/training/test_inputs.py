@@ -1,0 +1,61 @@
+"""The table of inputs: every row of config/experiments.yaml against the arrays that its model reads."""
+
+from pathlib import Path
+
+import pytest
+import yaml
+
+from palpate.store import CONTRACT
+from palpate.training.checkpoints import build
+from palpate.training.inputs import INPUTS, inputs, main, stages, takes_charts, takes_readings
+from tests.training.conftest import ARCHITECTURE
+
+FILE = Path("config/experiments.yaml")
+EXPERIMENTS = yaml.safe_load(FILE.read_text())["experiments"]
+
+
+def names(experiment):
+    return {item.name for item in inputs(experiment)}
+
+
+@pytest.mark.parametrize("name", EXPERIMENTS)
+def test_an_experiment_takes_what_its_model_reads_and_no_more(name):
+    experiment = EXPERIMENTS[name]
+    model = build(experiment, ARCHITECTURE)
+    reads, images = set(model._shapes({})), {"unoccluded", "occluded", "views"}
+    taken = names(experiment)
+    assert len(taken & images) == ("image" in reads) == hasattr(model, "encoder")
+    assert taken - images - {"points", "camera"} == reads - {"image"}
+    assert ("reading" in taken) == hasattr(model, "reading_encoder")
+    assert model.graph.touch_charts == (
+        4 * experiment["grasps"] if takes_charts(experiment) and experiment["strategy"] != "no_comm" else 0
+    )
+
+
+def test_stages_of_the_papers_experiments():
+    found = {name: stages(experiment) for name, experiment in EXPERIMENTS.items()}
+    assert found["charts_unoccluded"] == found["sphere_unoccluded"] == ["surface", "vision"]
+    assert found["charts_touch"] == found["charts_touch_5"] == ["surface", "touch", "charts"]
+    assert found["sphere_occluded_touch"] == ["surface", "vision", "touch"]
+    assert found["no_comm_unoccluded_touch"] == ["surface", "vision", "touch", "charts"]
+    assert found["single_image"] == ["surface", "views"]
+
+
+def test_touch_comes_in_one_way():
+    for experiment in EXPERIMENTS.values():
+        assert takes_charts(experiment) + takes_readings(experiment) == experiment["touch"]
+
+
+def test_every_array_is_the_contracts_and_is_taken_by_some_and_only_the_truth_by_all():
+    for item in INPUTS:
+        assert item.array in CONTRACT[item.stage].arrays
+        taken = {item.name in names(experiment) for experiment in EXPERIMENTS.values()}
+        assert taken == ({True} if item.name == "points" else {True, False}), item.name
+
+
+def test_the_table_is_printed(capsys):
+    assert main([str(FILE)]) == 0
+    printed = capsys.readouterr().out
+    assert "| charts_touch_5 " in printed and "surface, touch, charts" in printed
+    assert "| camera     | views camera      | float32 | vision is views" in printed
+    assert main([]) == 2 and "usage" in capsys.readouterr().err

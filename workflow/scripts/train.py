@@ -1,0 +1,36 @@
+"""One model: of an experiment, of a point of the grid of hyperparameters, or the U-Net from readings to depth.
+
+<folder>/best.ckpt        the weights with the lowest validation loss, and their settings
+<folder>/history.csv      step, seconds, train_loss, validation_loss, rate: losses 9000 x Chamfer, m^2
+<folder>/training.json    experiment, architecture, settings, steps, best step and loss, seconds, machine
+
+The folder is models/<experiment>/seed-<k>, tuning/rate~<r>/cnn_layers~<c>/gcn_layers~<g>/width~<w>, or
+models/touch_depth. Work in progress is in checkpoints/<the same>, so that an interrupted training resumes.
+"""
+
+from pathlib import Path
+
+from palpate import Dataset, training
+from palpate.batch import log_to
+from palpate.training import checkpoints, tuning
+
+log_to(snakemake.log[0])
+params, folder = snakemake.params, Path(snakemake.output.model).parent
+settings = params.settings
+splits = ("train", "validation")
+if params.get("experiment"):
+    if params.get("point"):
+        layers = checkpoints.architecture(params.experiment, settings)
+        settings = tuning.point_settings(settings, layers, params.point, params.steps)
+    data = training.TrainingData.load(".", params.experiment, splits)
+    learner = training.ReconstructionLearner(data, params.experiment, settings, params.seed)
+else:
+    touches = [training.read_touches(Dataset(".", ["touch"]), split) for split in splits]
+    learner = training.TouchDepthLearner(*touches, settings, params.seed)
+training.train(
+    learner,
+    folder,
+    Path("checkpoints", *folder.parts[folder.parts[0] == "models" :]),
+    training.Machine(**params.machine, threads=snakemake.threads),
+    str(folder),
+)
