@@ -39,7 +39,7 @@ EXACT = 1e-12  # m, in double precision
 
 
 def omissions():
-    """Experiments, and needless parts of their models: each alone, and all at once."""
+    """Experiments, and needless inputs of their models: each alone, and all at once."""
     for experiment in EXPERIMENTS:
         model = build(experiment, SMALL)
         needless = [SPARE]
