@@ -68,14 +68,15 @@ class JoinedArray(Sequence):
         entries = [self._entries[number] for number in np.arange(len(self))[first]]
         shape, dtype = self._record()
         shape = [axis for axis in map(_length, shape, further) if axis is not None] + list(shape[len(further) :])
-        result = np.empty((len(entries), *shape), dtype)
+        text = CONTRACT[self._stage].arrays[self._name].dtype == "string"
+        result = np.empty((len(entries), *shape), object if text else dtype)
         places: dict[str, list[int]] = {}
         for place, entry in enumerate(entries):
             places.setdefault(entry.batch, []).append(place)
         for batch, of_batch in places.items():
             rows = [self._run.row(self._stage, entries[place]) for place in of_batch]
             result[of_batch] = self._store(batch).rows(self._name, rows, *further)
-        return result
+        return result.astype(str) if text else result
 
     def _split(self, index: Index | tuple) -> tuple[Index, tuple[int | slice, ...]]:
         """The index of the first axis, and those of the further axes that have one."""
