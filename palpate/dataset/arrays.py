@@ -143,7 +143,7 @@ class JoinedArray(Sequence):
         above = f"NaN, infinite or above {limit:g}" if np.isfinite(limit) else "NaN or infinite"
         return StoreError(
             f"{path}: {self._name} of {entry.object} is {above}; remove the store and build it again with: "
-            f"snakemake {self._stage}/{path.name}, or leave the object out"
+            f"snakemake {self._stage}/{path.name}, or omit the object"
         )
 
 

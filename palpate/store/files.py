@@ -220,7 +220,7 @@ class Store:
 
     @contextmanager
     def _arrays(self) -> Iterator[h5py.File | zarr.Group]:
-        """The file or folder, open for reading; what goes wrong with it becomes a StoreError."""
+        """The file or folder, open for reading; errors in the block become a StoreError that names it."""
         try:
             if self.path.suffix == ".zarr":
                 yield self._group
