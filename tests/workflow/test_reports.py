@@ -49,9 +49,9 @@ def test_a_subset_of_stages(finished, stages, rules, files):
 def test_all_stages_and_what_they_are_made_from(make_workflow):
     jobs = make_workflow().jobs("reports")
     assert len(report_files(jobs)) == 10 + 4 + 5
-    assert {"meshes", "surface", "grasps", "touch", "pack"} <= {job.rule for job in jobs}
+    assert {"meshes", "surface", "grasps", "touch", "vision"} <= {job.rule for job in jobs}
     of_touch = make_workflow(reports={"stages": ["touch"]}).planned("reports")
-    assert {"meshes", "surface", "grasps"} <= of_touch and not {"touch", "vision", "pack"} & of_touch
+    assert {"meshes", "surface", "grasps"} <= of_touch and not {"touch", "vision"} & of_touch
 
 
 def test_reports_are_no_part_of_a_run(finished):
