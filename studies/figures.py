@@ -8,13 +8,11 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.ticker import FormatStrFormatter, LogLocator, NullFormatter
 
-from palpate.results.page import FAINT, INK, LABEL, PALE, TITLE, new_figure, save, styled
+from palpate.results.page import COLOURS, FAINT, INK, LABEL, PALE, TITLE, new_figure, save, styled
 from studies.error_vs_runtime.study import over_objects, setting
 from studies.omitted.omission import OMITTED, SAME, in_words
 from studies.stability.cases import FAILS, HOLDS, REJECTED
 
-# Okabe and Ito's colours, apart for colour-blind readers too.
-COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#F0E442", "#000000")
 VERDICT_COLOURS = {HOLDS: "#009E73", REJECTED: "#0072B2", FAILS: "#D55E00"}
 ACROSS = 3  # panels beside each other
 PANEL, MARGIN = (4.2, 3.0), 0.35  # inches

@@ -6,7 +6,7 @@ from pathlib import Path
 import pandas as pd
 
 from palpate.atomic import atomic_write
-from palpate.results.dataset_tables import markdown
+from palpate.results.tables import markdown
 
 
 def write(table: pd.DataFrame, path: Path | str) -> None:

@@ -14,13 +14,13 @@ from palpate.vision import blender
 
 blender.load()
 
+from palpate.dataset import Dataset  # noqa: E402
+from palpate.dataset.reader import GraspRecord  # noqa: E402
 from palpate.hand import Hand  # noqa: E402  (Blender comes before what loads embree)
 from palpate.mesh import DIAGONAL, OBJECT_POSITION, load_visual  # noqa: E402
 from palpate.results.dataset_figures import example_grasp  # noqa: E402
 from palpate.results.page import TITLE, new_figure, save, save_sentence, styled  # noqa: E402
-from palpate.dataset import Dataset  # noqa: E402
 from palpate.store import read  # noqa: E402
-from palpate.dataset.reader import GraspRecord  # noqa: E402
 from palpate.surface.embree import RayMesh  # noqa: E402
 from palpate.vision import Renderer  # noqa: E402
 from palpate.vision.camera import Camera, looking_at  # noqa: E402

@@ -13,6 +13,8 @@ from palpate.vision import blender
 blender.load()
 
 from palpate.charts.atlas import touch_chart  # noqa: E402  (Blender comes before embree)
+from palpate.dataset import Dataset  # noqa: E402
+from palpate.dataset.reader import GraspRecord, ObjectRecord  # noqa: E402
 from palpate.evaluation.reconstruct import (  # noqa: E402
     TOUCH_COLOUR,
     VISION_COLOUR,
@@ -22,8 +24,6 @@ from palpate.evaluation.reconstruct import (  # noqa: E402
 from palpate.mesh import OBJECT_POSITION  # noqa: E402
 from palpate.results.page import FAINT, LABEL, TITLE, new_figure, save, save_sentence, styled  # noqa: E402
 from palpate.results.reconstructions import test_objects  # noqa: E402
-from palpate.dataset import Dataset  # noqa: E402
-from palpate.dataset.reader import GraspRecord, ObjectRecord  # noqa: E402
 from palpate.touch import SENSOR_WIDTH  # noqa: E402
 from palpate.vision import Mesh, Renderer, looking_at, spheres  # noqa: E402
 from palpate.vision.camera import Camera  # noqa: E402

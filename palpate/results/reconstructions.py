@@ -14,6 +14,8 @@ from palpate.vision import blender
 
 blender.load()
 
+from palpate.dataset import Dataset  # noqa: E402
+from palpate.dataset.reader import ObjectRecord  # noqa: E402
 from palpate.evaluation.reconstruct import (  # noqa: E402  (Blender comes before embree)
     TOUCH_COLOUR,
     VISION_COLOUR,
@@ -24,8 +26,6 @@ from palpate.evaluation.reconstruct import (  # noqa: E402  (Blender comes befor
 from palpate.mesh import OBJECT_POSITION, load_visual  # noqa: E402
 from palpate.results.page import FAINT, LABEL, TITLE, new_figure, save, save_sentence, styled  # noqa: E402
 from palpate.results.surface_view import CLAY  # noqa: E402
-from palpate.dataset import Dataset  # noqa: E402
-from palpate.dataset.reader import ObjectRecord  # noqa: E402
 from palpate.vision import Mesh, Renderer, spheres  # noqa: E402
 from palpate.vision.camera import Camera, paper_camera  # noqa: E402
 

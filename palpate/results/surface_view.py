@@ -9,15 +9,16 @@ from dataclasses import dataclass
 
 import numpy as np
 import trimesh
+from matplotlib.colors import to_rgb
 from scipy.spatial import cKDTree
 
+from palpate.results.page import COLOURS
 from palpate.surface.embree import RayMesh
 from palpate.touch import SENSOR_WIDTH
 from palpate.touch.sensor import PIXEL
 
 CLAY = (0.93, 0.92, 0.90)  # RGB of the untouched surface
-# Okabe and Ito's colours that stay apart for colour-blind readers, one a sensor; in the order of the sensors.
-SITE_COLOURS = ((0.84, 0.37, 0.00), (0.00, 0.45, 0.70), (0.00, 0.62, 0.45), (0.80, 0.47, 0.65))
+SITE_COLOURS = tuple(to_rgb(COLOURS[number]) for number in (1, 0, 2, 3))  # in the order of the sensors
 TOUCHED_WITHIN = 0.001  # m: a point of the picture this close to a local cloud is part of the site
 SUPERSAMPLING = 2
 LIGHT = (-0.35, -0.50, -0.79)  # towards the lamp, from behind the camera's shoulder: right, down, in
@@ -151,9 +152,7 @@ class SurfaceView:
         """(n,) share of the directions above the surface, cosine-weighted, in which nothing is near."""
         unit = np.random.default_rng(0).normal(size=(OCCLUSION_RAYS, len(points), 3))
         unit /= np.linalg.norm(unit, axis=-1, keepdims=True)
-        directions = (normal + 0.999 * unit).reshape(
-            -1, 3
-        )  # a unit sphere on the normal's tip: Lambert's cosine
+        directions = (normal + 0.999 * unit).reshape(-1, 3)  # a unit sphere on the normal's tip: Lambert's cosine
         directions *= OCCLUSION_REACH / np.linalg.norm(directions, axis=1, keepdims=True)
         origins = np.broadcast_to(points + LIFT * normal, unit.shape).reshape(-1, 3)
         blocked = self._mesh.blocked(origins, directions, reach=1)

@@ -57,8 +57,6 @@ rule report_item:
         "logs/reports/{report}-{item}.log",
     benchmark:
         "benchmarks/reports/{report}-{item}.tsv"
-    conda:
-        CONDA
     # It works on one thread.
     threads: lambda wildcards: (workflow.cores or 1) if timed(wildcards) else 1
     resources:
@@ -94,11 +92,6 @@ rule report:
         "logs/{report}.log",
     benchmark:
         "benchmarks/{report}.tsv"
-    conda:
-        CONDA
-    resources:
-        mem_mb=1000,
-        runtime=10,
     wildcard_constraints:
         report="|".join(report_items.REPORTS),
     script:

@@ -46,15 +46,13 @@ def run(tmp_path_factory):
     position[[1, 6]] += 0.2
     arrays = {
         "object": np.array(["another", subject.name]),
-        "object_index": np.ones(2, dtype=np.int32),
-        "grasp_index": np.arange(2, dtype=np.int32),
-        "joint_positions": np.zeros((2, 16)),
-        "palm_pose": np.zeros((2, 4, 4)),
-        "link_pose": np.zeros((2, 17, 4, 4)),
-        "sensor_position": (position + mesh.OBJECT_POSITION).reshape(2, 4, 3),
-        "sensor_rotation": rotation.reshape(2, 4, 3, 3),
-        "touches": np.array([[True, False, True, True], [True, True, False, True]]),
-        "penetration": np.zeros(2, dtype=np.float32),
+        "joint_positions": np.zeros((2, 2, 16)),
+        "palm_pose": np.zeros((2, 2, 4, 4)),
+        "link_pose": np.zeros((2, 2, 17, 4, 4)),
+        "sensor_position": np.stack([np.zeros((2, 4, 3)), (position + mesh.OBJECT_POSITION).reshape(2, 4, 3)]),
+        "sensor_rotation": np.stack([np.zeros((2, 4, 3, 3)), rotation.reshape(2, 4, 3, 3)]),
+        "touches": np.array([np.ones((2, 4), dtype=bool), [[True, False, True, True], [True, True, False, True]]]),
+        "penetration": np.zeros((2, 2), dtype=np.float32),
         "attempts": np.ones(2, dtype=np.int32),
     }
     (folder / "grasps").mkdir()

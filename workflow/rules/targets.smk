@@ -1,5 +1,12 @@
+# What is asked for by name: snakemake all, dataset, validate, smoke.
+import sys
+
+
 localrules:
+    all,
+    dataset,
     validate,
+    smoke,
 
 
 # Every array of every store against the dataset contract.
@@ -18,12 +25,6 @@ rule validate_batch:
         "logs/validate_batch/{batch}.log",
     benchmark:
         "benchmarks/validate_batch/{batch}.tsv"
-    conda:
-        CONDA
-    threads: 1
-    resources:
-        mem_mb=4000,
-        runtime=60,
     params:
         max_penetration=config["grasps"]["max_penetration"],
     script:
@@ -45,12 +46,6 @@ rule validation:
         "logs/validation.log",
     benchmark:
         "benchmarks/validation.tsv"
-    conda:
-        CONDA
-    threads: 1
-    resources:
-        mem_mb=1000,
-        runtime=5,
     script:
         "../scripts/validation.py"
 
@@ -63,7 +58,37 @@ rule validate:
         rejected="rejected.csv",
     log:
         "logs/validate.log",
-    conda:
-        CONDA
     script:
         "../scripts/validate.py"
+
+
+# The data and all that is told of them: nothing is trained.
+rule dataset:
+    input:
+        STORES,
+        [] if RELEASED else "reports/validation.csv",
+        expand("tables/{table}.{form}", table=DATASET_TABLES, form=["csv", "md", "tex"]),
+        expand("figures/{figure}.png", figure=DATASET_FIGURES),
+
+
+rule all:
+    default_target: True
+    input:
+        rules.dataset.input,
+        expand("tables/{table}.{form}", table=[*MODEL_TABLES, *ARCHITECTURES], form=["csv", "md", "tex"]),
+        expand("figures/{figure}.png", figure=MODEL_FIGURES),
+
+
+# A run of its own (config/smoke.yaml, results/smoke/), whatever the config of this one.
+rule smoke:
+    log:
+        "logs/smoke.log",
+    threads: 2
+    params:
+        project=PROJECT,
+        python=sys.executable,
+        config=PROJECT / "config/smoke.yaml",
+    shell:
+        "log=$(realpath {log:q}); cd {params.project:q};"
+        " {params.python:q} -m snakemake --cores {threads} all validate --configfile {params.config:q}"
+        ' 2>&1 | tee "$log"'
