@@ -92,9 +92,6 @@ rule report:
         "logs/{report}.log",
     benchmark:
         "benchmarks/{report}.tsv"
-    resources:
-        mem_mb=1000,
-        runtime=10,
     wildcard_constraints:
         report="|".join(report_items.REPORTS),
     script:

@@ -130,13 +130,13 @@ def test_success_takes_fewer_pixels_than_depth():
 def test_empty_chunks_are_on_disk_only_in_the_naive_store():
     arrays = {
         "object": np.array(["a"]),
-        "success": np.zeros((1, 4), dtype=bool),
-        "position": np.zeros((1, 4, 3)),
-        "rotation": np.zeros((1, 4, 3, 3)),
-        "depth": np.full((1, 4, 5, 5), np.inf, dtype=np.float32),
-        "reading": np.zeros((1, 4, 5, 5, 3), dtype=np.uint8),
-        "points": np.zeros((1, 4, 25, 3), dtype=np.float32),
-        "point_count": np.zeros((1, 4), dtype=np.int32),
+        "success": np.zeros((1, 1, 4), dtype=bool),
+        "position": np.zeros((1, 1, 4, 3)),
+        "rotation": np.zeros((1, 1, 4, 3, 3)),
+        "depth": np.full((1, 1, 4, 5, 5), np.inf, dtype=np.float32),
+        "reading": np.zeros((1, 1, 4, 5, 5, 3), dtype=np.uint8),
+        "points": np.zeros((1, 1, 4, 25, 3), dtype=np.float32),
+        "point_count": np.zeros((1, 1, 4), dtype=np.int32),
         "empty_reading": np.ones((5, 5, 3), dtype=np.uint8),
     }
     less = omitted.written(arrays)
