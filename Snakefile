@@ -5,7 +5,7 @@
 #   snakemake --cores 2 tables/grasp_success.csv                  just what that table needs
 #   snakemake --cores 2 dataset                                   the data, their tables and figures; no model
 #   snakemake --cores 2 validate                                  every array of every store against the contract
-#   snakemake --cores 2 reports                                   error against run time, stability, what is left out
+#   snakemake --cores 2 reports                                   error against run time, stability, what is omitted
 #   snakemake --cores 2 smoke                                     one object a split, end to end
 from pathlib import Path
 
@@ -20,57 +20,34 @@ configfile: PROJECT / "config/config.yaml"
 
 
 include: "workflow/rules/configuration.smk"
-include: "workflow/rules/experiments.smk"
 
 
 # Absolute, so that a cluster's jobs don't nest it, and so that `tables/x.csv` means the run's.
 workdir: RUN_FOLDER
 
 
-include: "workflow/rules/shapes.smk"
 include: "workflow/rules/catalogue.smk"
+include: "workflow/rules/released.smk"
 
 
-if RELEASED:
-
-    include: "workflow/rules/released.smk"
-
-else:
+if not RELEASED:
 
     include: "workflow/rules/meshes.smk"
     include: "workflow/rules/surface.smk"
     include: "workflow/rules/grasps.smk"
     include: "workflow/rules/touch.smk"
     include: "workflow/rules/vision.smk"
-    include: "workflow/rules/views.smk"
-    include: "workflow/rules/report_parts.smk"
     include: "workflow/rules/reports.smk"
 
 
-include: "workflow/rules/validation.smk"
-include: "workflow/rules/tables.smk"
-include: "workflow/rules/figures.smk"
-include: "workflow/rules/dataset.smk"
-include: "workflow/rules/smoke.smk"
-include: "workflow/rules/export.smk"
-include: "workflow/rules/touch_depth.smk"
-include: "workflow/rules/charts.smk"
+include: "workflow/rules/touch_charts.smk"
 include: "workflow/rules/reconstruction.smk"
-include: "workflow/rules/tuning.smk"
 include: "workflow/rules/evaluation.smk"
-include: "workflow/rules/model_tables.smk"
-include: "workflow/rules/model_figures.smk"
-include: "workflow/rules/reconstruction_figures.smk"
+include: "workflow/rules/experiments.smk"
+include: "workflow/rules/results.smk"
+include: "workflow/rules/targets.smk"
 
 
-localrules:
-    all,
-
-
-rule all:
-    default_target: True
-    input:
-        STORES,
-        [] if RELEASED else "reports/validation.csv",
-        TABLES,
-        FIGURES,
+# One environment for all rules; Snakemake has no directive that says so once.
+for each in workflow.rules:
+    each.conda_env = CONDA

@@ -1,7 +1,6 @@
 """The layers that a live module really has, read off with hooks, beside the rows of the paper's tables."""
 
 from collections.abc import Callable, Mapping
-from pathlib import Path
 from typing import Any
 
 import pandas as pd
@@ -15,9 +14,9 @@ from palpate.models.layers import Concatenate, ConvolutionBlock, LinearBlock
 from palpate.models.pooling import PerceptualPooling
 from palpate.models.reconstruction import Reconstruction
 from palpate.models.touch_depth import TouchDepth
+from palpate.results.published import paper_values
 from palpate.touch.sensor import RESOLUTION
 
-PAPER = Path(__file__).parent / "paper"
 FIELDS = ["input", "operation", "shape"]
 VERTICES = "Vertex Input"
 
@@ -32,8 +31,7 @@ def _block(block: nn.Sequential) -> str:
     """What a block of layers does, in the words of the paper's tables."""
     words = {nn.BatchNorm2d: "BN", nn.InstanceNorm2d: "IN", nn.ReLU: "ReLU", nn.Linear: "Linear"}
     return " + ".join(
-        _convolution(layer, "Conv", 1) if isinstance(layer, nn.Conv2d) else words[type(layer)]
-        for layer in block
+        _convolution(layer, "Conv", 1) if isinstance(layer, nn.Conv2d) else words[type(layer)] for layer in block
     )
 
 
@@ -122,7 +120,7 @@ def read_off(module: nn.Module, inputs: Tensor | Mapping[str, Tensor]) -> list[d
 
 def paper_rows(model: str) -> list[dict[str, str]]:
     """The rows of the supplement's table of a model, "..." written out."""
-    table = _read("architectures.csv", model)
+    table = _read("architectures", model)
     rows: list[dict[str, str]] = []
     for row, following in zip(table, [*table[1:], None], strict=True):
         if row["index"] != "...":
@@ -142,7 +140,7 @@ def compare(model: str, rows: list[dict[str, str]]) -> pd.DataFrame:
     `differs`. `attrs["note"]` counts them.
     """
     paper = {row["index"]: row for row in paper_rows(model)}
-    known = {row["index"]: row for row in _read("contradictions.csv", model)}
+    known = {row["index"]: row for row in _read("contradictions", model)}
     live = {row["index"]: row for row in rows}
     table = []
     for index in [*paper, *(index for index in live if index not in paper)]:
@@ -170,28 +168,19 @@ def compare(model: str, rows: list[dict[str, str]]) -> pd.DataFrame:
     return frame
 
 
-def architecture_tables() -> dict[str, pd.DataFrame]:
-    """`compare` for the U-Net and for each of the paper's architectures, by name."""
-    tables = {"touch_depth": compare("touch_depth", read_off(TouchDepth().eval(), _image(RESOLUTION)))}
-    for name, architecture in PAPER_ARCHITECTURES.items():
-        model = Reconstruction("charts", "encoder" in architecture, "touch" in name, 1, architecture).eval()
-        # Choy et al.'s views are 137 pixels wide.
-        batch = {"image": _image(137 if name == "single_image" else 256)} if model.vision else {}
-        if model.touch:
-            position = torch.tensor(OBJECT_POSITION).expand(1, model.sensors, 3)
-            batch |= {"success": torch.ones(1, model.sensors, dtype=torch.bool), "position": position}
-            batch["charts"] = position[:, :, None].expand(-1, -1, 81, -1)
-        tables[name] = compare(name, read_off(model, batch))
-    return tables
-
-
-def write_tables(folder: Path | str) -> None:
-    """Writes `architecture_tables` to `folder`/<model>.csv, with .md and .tex beside."""
-    # A later room; imported by those who write tables only.
-    from palpate.results.dataset_tables import write_table
-
-    for name, table in architecture_tables().items():
-        write_table(table, Path(folder) / f"{name}.csv")
+def architecture_table(name: str) -> pd.DataFrame:
+    """`compare` for the U-Net ("touch_depth") or one of the paper's architectures, by its name."""
+    if name == "touch_depth":
+        return compare(name, read_off(TouchDepth().eval(), _image(RESOLUTION)))
+    architecture = PAPER_ARCHITECTURES[name]
+    model = Reconstruction("charts", "encoder" in architecture, "touch" in name, 1, architecture).eval()
+    # Choy et al.'s views are 137 pixels wide.
+    batch = {"image": _image(137 if name == "single_image" else 256)} if model.vision else {}
+    if model.touch:
+        position = torch.tensor(OBJECT_POSITION).expand(1, model.sensors, 3)
+        batch |= {"success": torch.ones(1, model.sensors, dtype=torch.bool), "position": position}
+        batch["charts"] = position[:, :, None].expand(-1, -1, 81, -1)
+    return compare(name, read_off(model, batch))
 
 
 def _image(size: int) -> Tensor:
@@ -199,10 +188,10 @@ def _image(size: int) -> Tensor:
 
 
 def _read(file: str, model: str) -> list[dict[str, str]]:
-    table = pd.read_csv(PAPER / file, dtype=str, keep_default_na=False)
+    table = paper_values(file, text=True)
     rows = table[table["model"] == model].drop(columns="model").to_dict("records")
     if not rows:
-        raise ValueError(f"{PAPER / file} has no model {model!r}: {sorted(set(table['model']))}")
+        raise ValueError(f"the paper's {file} have no model {model!r}: {sorted(set(table['model']))}")
     return rows
 
 

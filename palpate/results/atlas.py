@@ -7,19 +7,18 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.collections import PolyCollection
+from matplotlib.colors import to_rgba_array
 
 from palpate.charts import ATLAS_RADIUS, vision_atlas
 from palpate.mesh import OBJECT_POSITION
-from palpate.results.page import new_figure, save, styled
+from palpate.results.page import COLOURS, new_figure, save, styled
 
 APART = 0.055  # how far charts are moved out, in radii
 TOWARDS_CAMERA = np.array([-0.62, -0.66, 0.42])  # from the sphere's centre, world frame
 LIGHT = np.array([-0.75, -0.25, 0.62])  # towards the lamp, world frame
 AMBIENT = 0.45  # share of the light that comes from all around
-# Okabe and Ito's colours, mixed with white: neighbours differ, for colour-blind readers too.
-COLOURS = np.array(
-    [(0.34, 0.71, 0.91), (0.90, 0.62, 0.00), (0.00, 0.62, 0.45), (0.80, 0.47, 0.65), (0.94, 0.89, 0.26)]
-)
+# Mixed with white: neighbours differ, for colour-blind readers too.
+CHART_COLOURS = to_rgba_array([COLOURS[number] for number in (5, 4, 2, 3, 6)])[:, :3]
 WHITE = 0.25  # share of white in them
 EDGE = (0.15, 0.15, 0.18)  # RGB of the faces' sides
 SIZE = 4.5  # inches
@@ -41,7 +40,7 @@ def draw(path: Path | str) -> None:
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)
     lit = AMBIENT + (1 - AMBIENT) * np.maximum(normal @ unit(LIGHT), 0)
-    paint = COLOURS * (1 - WHITE) + WHITE
+    paint = CHART_COLOURS * (1 - WHITE) + WHITE
     colour = lit[:, None] * paint[chart_colours(chart, atlas.joined.numpy())[chart[faces[:, 0]]]]
     # From the back to the front; what faces away is hidden but for slits between charts, and left out.
     shown = np.argsort(corners.mean(axis=1) @ depth)
@@ -71,6 +70,6 @@ def chart_colours(chart: np.ndarray, joined: np.ndarray) -> np.ndarray:
         beside = sides[(sides == number).any(axis=1)]
         taken = set(colours[beside].ravel())
         # In turn over the colours, so that all of them are used.
-        order = (np.arange(len(COLOURS)) + number) % len(COLOURS)
+        order = (np.arange(len(CHART_COLOURS)) + number) % len(CHART_COLOURS)
         colours[number] = next(colour for colour in order if colour not in taken)
     return colours

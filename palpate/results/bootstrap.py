@@ -25,6 +25,10 @@ class Estimate(NamedTuple):
     low: float
     high: float
 
+    def within(self, least: float, most: float = np.inf) -> "Estimate":
+        """The same number, its interval cut to what such a number can be."""
+        return self._replace(low=float(np.clip(self.low, least, most)), high=float(np.clip(self.high, least, most)))
+
 
 def interval(
     values: Sequence[np.ndarray],
@@ -58,8 +62,35 @@ def interval(
     if np.isnan(freedom):
         return Estimate(value, np.nan, np.nan)
     replicates = statistic(_replicates(values, classes, resamples, np.random.default_rng(seed)))
-    half = float(t.ppf((1 + LEVEL) / 2, freedom) * replicates.std(ddof=1))
+    half = float(t.ppf((1 + LEVEL) / 2, freedom) * np.nanstd(replicates, ddof=1))
     return Estimate(value, value - half, value + half)
+
+
+def ratio_interval(numerator: np.ndarray, denominator: np.ndarray, classes: np.ndarray) -> Estimate:
+    """sum(numerator) / sum(denominator) over objects of all classes, with the interval of `interval`.
+
+    numerator, denominator: (n,), one entry an object, for example its successful touches and its touches.
+    classes: (n,) class of each object. An object counts by its denominator here, not by the size of its class.
+    The value is nan where the denominator is zero. The interval is (nan, nan) there too, where a class has a
+    single object, and where no object differs: none of 80 objects does not mean none of all.
+    Raises ValueError if the arrays do not fit each other or are not finite.
+    """
+    numerator, denominator = np.asarray(numerator, float), np.asarray(denominator, float)
+    total = denominator.sum()
+    if total == 0:
+        return Estimate(np.nan, np.nan, np.nan)
+    # `interval` averages over classes; weighed by their sizes, its averages are sums over all objects.
+    _, index, counts = np.unique(classes, return_inverse=True, return_counts=True)
+    found = interval([numerator * counts[index], denominator * counts[index]], classes, _ratio)
+    if not found.low < found.high:
+        found = found._replace(low=np.nan, high=np.nan)
+    return found._replace(value=float(numerator.sum() / total))
+
+
+def _ratio(means: np.ndarray) -> np.ndarray:
+    """The first average over the second; nan where that is zero (only objects without touches were drawn)."""
+    first, second = means[..., 0], means[..., 1]
+    return np.divide(first, second, out=np.full_like(first, np.nan), where=second > 0)
 
 
 def _checked(values, classes) -> tuple[list[np.ndarray], np.ndarray]:

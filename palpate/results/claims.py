@@ -1,11 +1,25 @@
-"""The paper's claims that a number can decide, and what this run has to say about each.
+"""The paper's claims that a number can decide, and what a run has to say about each.
 
-A claim is a statistic of averages that must be negative (a difference of errors, a slope, an error less what
-is allowed): it holds if the whole 95 % interval is below zero, does not if all of it is above, and is
-undecided otherwise. Claims of several statistics hold if all do.
+`paper/claims.csv` has a row a claim. Its statistic is a number of averages that must be negative: a difference
+of errors, a slope, an error less what is allowed. The claim holds if the whole 95 % interval is below zero, does
+not if all of it is above, and is undecided otherwise. Where a statistic has bounds, these must be negative
+instead, all of them.
+
+Columns of the file:
+    claim, section           the sentence, and where the paper makes it
+    split, table             what decides it: a split, and the table whose experiments it compares
+    experiments              whose averages the statistic takes, in order, with "; " between; in rings
+                             `<experiment> x<ring>`; `cloud` is the predicted local cloud
+    statistic, parameters    a name in `STATISTICS`, and its numbers with a space between
+    unit                     of the number that is reported
+
+Two limits come from the paper's own numbers. "Approximately the same loss at every plane size" (section
+5.3) is `change 0.3`: the paper's vision-only errors change by -28 % and -15 % from ring 1 to ring 5. "Practically
+perfect, when compared to the error incurred over full surfaces" is `share_of_least 0.05`: the paper's share is 1.2 %.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
@@ -13,263 +27,87 @@ import pandas as pd
 
 from palpate.results.bootstrap import RESAMPLES
 from palpate.results.errors import AVERAGE, Errors, errors
+from palpate.results.model_tables import INTERVALS, ring_errors, ring_key, size_columns, touch_errors
 from palpate.results.published import paper_values, published_experiments
-from palpate.evaluation.rings import RINGS
-from palpate.results.model_tables import INTERVALS, ring_errors, ring_key, touch_errors
 
 HOLDS, FAILS, UNDECIDED = "holds", "does not hold", "undecided"
-GRASPS = (1, 2, 3, 4, 5)
-# "Approximately the same loss at every plane size" (section 5.3): the paper's own vision-only errors change
-# by -28 % and -15 % from ring 1 to ring 5.
-FLAT = 0.3
-# "Practically perfect, when compared to the error incurred over full surfaces" (section 5.3): the paper's own
-# share is 1.2 %.
-NEAR_PERFECT = 0.05
+
+Statistic = Callable[[np.ndarray], np.ndarray]  # from averages (..., experiments) to numbers (...)
+
+
+def contrast(*weights: float) -> list[Statistic]:
+    """The weighted sum of averages; `1 -1` is the first's error less the second's."""
+    vector = np.array(weights)
+    return [lambda means: means @ vector]
+
+
+def slope() -> list[Statistic]:
+    """Change of the error with each further experiment (least squares)."""
+
+    def fitted(means: np.ndarray) -> np.ndarray:
+        steps = np.arange(means.shape[-1]) - (means.shape[-1] - 1) / 2
+        return means @ (steps / np.sum(steps**2))
+
+    return [fitted]
+
+
+def excess_over_last() -> list[Statistic]:
+    """The greatest average but for the last, less the last."""
+    return [lambda means: means[..., :-1].max(axis=-1) - means[..., -1]]
+
+
+def change(limit: float) -> list[Statistic]:
+    """Relative change from the first to the second, which must be within the limit on either side."""
+    return [
+        lambda means: means[..., 1] / means[..., 0] - 1,
+        lambda means: means[..., 1] - (1 + limit) * means[..., 0],
+        lambda means: (1 - limit) * means[..., 0] - means[..., 1],
+    ]
+
+
+def share_of_least(limit: float) -> list[Statistic]:
+    """The first average over the least of the others, which must be below the limit."""
+    return [
+        lambda means: means[..., 0] / means[..., 1:].min(axis=-1),
+        lambda means: means[..., 0] - limit * means[..., 1:].min(axis=-1),
+    ]
+
+
+# Each gives the number that is reported, then the bounds, if it is not that number which must be negative.
+STATISTICS: dict[str, Callable[..., list[Statistic]]] = {
+    function.__name__: function for function in (contrast, slope, excess_over_last, change, share_of_least)
+}
 
 
 class Claim(NamedTuple):
-    """A sentence of the paper, and the statistic that decides it.
-
-    experiments: whose averages the statistic takes, in order. measured: from averages (..., experiments) to
-    the number that is reported. bounds: statistics that must be negative for the claim to hold; the measured
-    number itself if there are none.
-    """
+    """A row of `paper/claims.csv`; `bounds` must be negative for the claim to hold."""
 
     claim: str
     section: str
     split: str
     table: str
     experiments: tuple[str, ...]
-    measured: Callable[[np.ndarray], np.ndarray]
+    measured: Statistic
+    bounds: list[Statistic]
     unit: str
-    bounds: tuple[Callable[[np.ndarray], np.ndarray], ...] = ()
 
 
-def contrast(*weights: float) -> Callable[[np.ndarray], np.ndarray]:
-    """The weighted sum of averages."""
-    vector = np.array(weights, dtype=float)
-    return lambda means: means @ vector
-
-
-LESS = contrast(1, -1)  # the first's error less the second's
-# Change of the error with each further grasp (least squares).
-SLOPE = contrast(*(np.array(GRASPS) - np.mean(GRASPS)) / np.sum((np.array(GRASPS) - np.mean(GRASPS)) ** 2))
-ERROR = "m^2 x 9000"
-
-
-def _lower(claim: str, section: str, split: str, table: str, better: str, worse: str) -> Claim:
-    return Claim(claim, section, split, table, (better, worse), LESS, ERROR)
-
-
-def _model_selection() -> list[Claim]:
-    """Section 5.1, on the validation split as there."""
-    place = ("5.1", "validation", "model_selection")
-    seen = {"occluded": "occluded vision", "unoccluded": "unoccluded vision"}
-    claims = []
-    for vision, words in seen.items():
-        for touch, with_touch in (("_touch", " + touch"), ("", "")):
-            claims.append(
-                _lower(
-                    f"Charts beat the sphere ({words}{with_touch})",
-                    *place,
-                    f"charts_{vision}{touch}",
-                    f"sphere_{vision}{touch}",
-                )
-            )
-    for vision, words in seen.items():
-        claims.append(
-            _lower(
-                f"Copying touch charts helps ({words})",
-                *place,
-                f"charts_{vision}_touch",
-                f"no_copy_{vision}_touch",
-            )
-        )
-    for vision, words in seen.items():
-        claims.append(
-            _lower(
-                f"Communication between charts helps ({words})",
-                *place,
-                f"charts_{vision}_touch",
-                f"no_comm_{vision}_touch",
-            )
-        )
-    for strategy, touch, words in (
-        ("charts", "_touch", "charts, vision + touch"),
-        ("no_copy", "_touch", "charts without copying, vision + touch"),
-        ("no_comm", "_touch", "charts without communication, vision + touch"),
-        ("sphere", "_touch", "sphere, vision + touch"),
-        ("charts", "", "charts, vision"),
-        ("sphere", "", "sphere, vision"),
-    ):
-        claims.append(
-            _lower(
-                f"Unoccluded vision is better than occluded ({words})",
-                *place,
-                f"{strategy}_unoccluded{touch}",
-                f"{strategy}_occluded{touch}",
-            )
-        )
-    for strategy in ("charts", "sphere"):
-        for vision, words in seen.items():
-            claims.append(
-                _lower(
-                    f"Touch improves {words} ({strategy})",
-                    *place,
-                    f"{strategy}_{vision}_touch",
-                    f"{strategy}_{vision}",
-                )
-            )
-    claims.append(
-        Claim(
-            "Touch improves occluded vision more than unoccluded",
-            *place,
-            ("charts_occluded_touch", "charts_occluded", "charts_unoccluded_touch", "charts_unoccluded"),
-            contrast(1, -1, -1, 1),
-            ERROR,
-        )
-    )
-    for vision, words in seen.items():
-        claims.append(
-            Claim(
-                f"Touch improves {words} more with charts than with the sphere",
-                *place,
-                (f"charts_{vision}_touch", f"charts_{vision}", f"sphere_{vision}_touch", f"sphere_{vision}"),
-                contrast(1, -1, -1, 1),
-                ERROR,
-            )
-        )
-    return claims
-
-
-def _input_modalities() -> list[Claim]:
-    """Section 5.1, on the test split."""
-    place = ("5.1", "test", "input_modalities")
-    claims = [
-        _lower(f"Touch improves {vision} vision", *place, f"charts_{vision}_touch", f"charts_{vision}")
-        for vision in ("occluded", "unoccluded")
-    ]
-    others = ("charts_occluded_touch", "charts_occluded", "charts_unoccluded_touch", "charts_unoccluded")
-    claims.append(
-        Claim(
-            "Touch alone is worst (the worst of the others against it)",
-            *place,
-            (*others, "charts_touch"),
-            lambda means: means[..., :4].max(axis=-1) - means[..., 4],
-            ERROR,
-        )
-    )
-    return claims
-
-
-def _grasps() -> list[Claim]:
-    """Section 5.2."""
-    claims = []
-    for name, words in (("charts_touch", "touch"), ("charts_unoccluded_touch", "unoccluded vision + touch")):
-        experiments = tuple(name if count == 1 else f"{name}_{count}" for count in GRASPS)
-        claims.append(
-            Claim(
-                f"More grasps help ({words}): change with each further grasp",
-                "5.2",
-                "test",
-                "grasps",
-                experiments,
-                SLOPE,
-                f"{ERROR} a grasp",
-            )
-        )
-        claims.append(
-            _lower(
-                f"Five grasps are better than one ({words})",
-                "5.2",
-                "test",
-                "grasps",
-                experiments[-1],
-                name,
-            )
-        )
-    return claims
-
-
-def _extrapolation() -> list[Claim]:
-    """Section 5.3, around touch sites."""
-    place = ("5.3", "test", "extrapolation")
-    first, last = RINGS[0], RINGS[-1]
-    claims = []
-    for vision in ("occluded", "unoccluded"):
-        alone, touch = f"charts_{vision}", f"charts_{vision}_touch"
-        claims += [
-            Claim(
-                f"At the touch sites (x1) touch lowers the error of {vision} vision",
-                *place,
-                (ring_key(touch, first), ring_key(alone, first)),
-                LESS,
-                "m^2",
-            ),
-            Claim(
-                f"Around the touch sites (mean of x2 to x5) touch lowers the error of {vision} vision",
-                *place,
-                tuple(ring_key(name, ring) for name in (touch, alone) for ring in RINGS[1:]),
-                contrast(*[1 / 4] * 4, *[-1 / 4] * 4),
-                "m^2",
-            ),
-            Claim(
-                f"With touch the error rises with the distance from the touch ({vision} vision): x1 less x5",
-                *place,
-                (ring_key(touch, first), ring_key(touch, last)),
-                LESS,
-                "m^2",
-            ),
-            Claim(
-                f"With {vision} vision only the error is about the same: change from x1 to x5 within "
-                f"{100 * FLAT:.0f} %",
-                *place,
-                (ring_key(alone, first), ring_key(alone, last)),
-                lambda means: means[..., 1] / means[..., 0] - 1,
-                "of x1",
-                (contrast(-(1 + FLAT), 1), contrast(1 - FLAT, -1)),
-            ),
-        ]
-    return claims
-
-
-def _local() -> list[Claim]:
-    """Section 5.3, at a touch site."""
-    others = (
-        "charts_occluded_touch",
-        "charts_occluded",
-        "charts_unoccluded_touch",
-        "charts_unoccluded",
-        "charts_touch",
-    )
-    return [
-        Claim(
-            f"Local predictions are near perfect: below {100 * NEAR_PERFECT:.0f} % of the least global error",
-            "5.3",
-            "test",
-            "local_touch_charts",
-            ("cloud", *others),
-            lambda means: means[..., 0] / means[..., 1:].min(axis=-1),
-            "of the global error",
-            (lambda means: means[..., 0] - NEAR_PERFECT * means[..., 1:].min(axis=-1),),
-        )
-    ]
-
-
-CLAIMS: tuple[Claim, ...] = (
-    *_model_selection(),
-    *_input_modalities(),
-    *_grasps(),
-    *_local(),
-    *_extrapolation(),
-)
-TABLES = ("model_selection", "input_modalities", "local_touch_charts", "grasps", "extrapolation")
+@cache
+def claims() -> list[Claim]:
+    """The claims, in the file's order. Raises KeyError for a statistic that does not exist."""
+    found = []
+    for row in paper_values("claims", text=True).to_dict("records"):
+        parameters = map(float, row.pop("parameters").split())
+        measured, *bounds = STATISTICS[row.pop("statistic")](*parameters)
+        row["experiments"] = tuple(row["experiments"].split("; "))
+        found.append(Claim(**row, measured=measured, bounds=bounds or [measured]))
+    return found
 
 
 def decide(
     evaluations: pd.DataFrame, rings: pd.DataFrame, touches: pd.DataFrame, resamples: int = RESAMPLES
 ) -> pd.DataFrame:
-    """What this run says about each claim: one row a claim.
+    """What a run says about each claim: one row a claim.
 
     Args:
         evaluations: rows of `errors.read` of `published_experiments()`; rings: of those of `extrapolation`;
@@ -279,15 +117,13 @@ def decide(
     numbers (`_paper`), unit, verdict, paper_agrees (whether the paper's numbers themselves are so: it states
     no spread), objects, seeds, steps. Raises EvaluationError if an experiment is missing.
     """
-    found = _found(evaluations, rings, touches)
+    measured_by = _errors_of_tables(evaluations, rings, touches)
     rows = []
-    for claim in CLAIMS:
-        known = found[claim.table]
-        estimate = known.estimate(claim.experiments, claim.measured, resamples)
-        bounds = [
-            known.estimate(claim.experiments, bound, resamples) for bound in claim.bounds or (claim.measured,)
-        ]
-        means = _published(claim.table, claim.experiments)
+    for claim in claims():
+        found = measured_by[claim.table]
+        estimate = found.estimate(claim.experiments, claim.measured, resamples)
+        bounds = [found.estimate(claim.experiments, bound, resamples) for bound in claim.bounds]
+        means = _published(claim)
         rows.append(
             {
                 "claim": claim.claim,
@@ -299,14 +135,11 @@ def decide(
                 "measured_paper": float(claim.measured(means)),
                 "unit": claim.unit,
                 "verdict": verdict([(bound.low, bound.high) for bound in bounds]),
-                "paper_agrees": all(bound(means) < 0 for bound in claim.bounds or (claim.measured,)),
-                "objects": len(known.objects),
-                "seeds": min(len(known.values[name]) for name in claim.experiments),
-                "steps": _steps(known, claim.experiments),
+                "paper_agrees": "yes" if all(bound(means) < 0 for bound in claim.bounds) else "no",
+                **size_columns(found, *claim.experiments),
             }
         )
     table = pd.DataFrame(rows).astype({"objects": "Int64", "seeds": "Int64"})
-    table["paper_agrees"] = table["paper_agrees"].map({True: "yes", False: "no"})
     counts = table["verdict"].value_counts()
     table.attrs["note"] = (
         f"{counts.get(HOLDS, 0)} of {len(table)} claims hold, {counts.get(FAILS, 0)} do not, "
@@ -320,7 +153,7 @@ def decide(
 
 
 def verdict(intervals: list[tuple[float, float]]) -> str:
-    """Of intervals (low, high) that must all be below zero; one that can't be told (nan) decides nothing."""
+    """Of intervals (low, high) that must all be below zero; one that is not known (nan) decides nothing."""
     if all(high < 0 for _, high in intervals):
         return HOLDS
     if any(low > 0 for low, _ in intervals):
@@ -328,18 +161,14 @@ def verdict(intervals: list[tuple[float, float]]) -> str:
     return UNDECIDED
 
 
-def _found(evaluations, rings, touches) -> dict[str, Errors]:
+def _errors_of_tables(evaluations, rings, touches) -> dict[str, Errors]:
     """The errors that the claims of each table are decided by."""
-    needed = {
-        table: list(dict.fromkeys(n for claim in CLAIMS if claim.table == table for n in claim.experiments))
-        for table in TABLES
-    }
-    found = {
-        "model_selection": errors(evaluations, needed["model_selection"], "validation"),
-        "input_modalities": errors(evaluations, needed["input_modalities"], "test"),
-        "grasps": errors(evaluations, needed["grasps"], "test"),
-        "extrapolation": ring_errors(rings, published_experiments("extrapolation"), "test"),
-    }
+    found = {}
+    for table in ("model_selection", "input_modalities", "grasps"):
+        members = [claim for claim in claims() if claim.table == table]
+        names = list(dict.fromkeys(name for claim in members for name in claim.experiments))
+        found[table] = errors(evaluations, names, members[0].split)
+    found["extrapolation"] = ring_errors(rings, published_experiments("extrapolation"), "test")
     found["local_touch_charts"] = _together(found["input_modalities"], touch_errors(touches, "test"))
     return found
 
@@ -353,20 +182,14 @@ def _together(whole: Errors, local: Errors) -> Errors:
     return Errors(whole.objects[here], whole.classes[here], values, whole.steps | local.steps)
 
 
-def _published(table: str, names: tuple[str, ...]) -> np.ndarray:
-    """The paper's averages of the same name."""
-    frame = paper_values("input_modalities" if table == "local_touch_charts" else table)
-    if table == "extrapolation":
-        known: Mapping = {ring_key(row.experiment, row.ring): row.value for row in frame.itertuples()}
-    elif table == "grasps":
-        known = dict(zip(frame["experiment"], frame["value"], strict=True))
-    else:
+def _published(claim: Claim) -> np.ndarray:
+    """The paper's averages for a claim's experiments."""
+    frame = paper_values("input_modalities" if claim.table == "local_touch_charts" else claim.table)
+    if "class" in frame:
         frame = frame[frame["class"] == AVERAGE]
-        known = dict(zip(frame["experiment"], frame["value"], strict=True))
+    names = frame["experiment"]
+    if "ring" in frame:
+        names = list(map(ring_key, names, frame["ring"]))
     local = paper_values("local_touch_charts").set_index("class")["value"]
-    return np.array([local[AVERAGE] if name == "cloud" else known[name] for name in names])
-
-
-def _steps(found: Errors, names: tuple[str, ...]) -> str:
-    low, high = min(found.steps[n][0] for n in names), max(found.steps[n][1] for n in names)
-    return str(low) if low == high else f"{low} to {high}"
+    known = dict(zip(names, frame["value"], strict=True)) | {"cloud": local[AVERAGE]}
+    return np.array([known[name] for name in claim.experiments])

@@ -9,10 +9,10 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.patches import Circle
 
+from palpate.dataset.reader import Dataset, GraspRecord
 from palpate.mesh import OBJECT_POSITION, load_visual
 from palpate.results.page import FAINT, LABEL, PALE, TITLE, new_figure, save, save_sentence, styled
 from palpate.results.surface_view import SITE_COLOURS, SurfaceView
-from palpate.dataset.reader import Dataset, GraspRecord
 from palpate.touch import SENSOR_WIDTH
 
 RING = 0.8  # radius of the ring about a site, in sensor widths

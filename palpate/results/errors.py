@@ -51,8 +51,7 @@ class Errors(NamedTuple):
         values = [self.values[name] for name in experiments]
         if statistic is not None:
             return interval(values, self.classes, statistic, resamples)
-        found = interval(values, self.classes, resamples=resamples)
-        return found._replace(low=np.maximum(found.low, 0.0))
+        return interval(values, self.classes, resamples=resamples).within(0)
 
 
 def errors(

@@ -13,6 +13,8 @@ from palpate.vision import blender
 blender.load()
 
 from palpate.charts.atlas import touch_chart  # noqa: E402  (Blender comes before embree)
+from palpate.dataset import Dataset  # noqa: E402
+from palpate.dataset.reader import GraspRecord, ObjectRecord  # noqa: E402
 from palpate.evaluation.reconstruct import (  # noqa: E402
     TOUCH_COLOUR,
     VISION_COLOUR,
@@ -22,8 +24,6 @@ from palpate.evaluation.reconstruct import (  # noqa: E402
 from palpate.mesh import OBJECT_POSITION  # noqa: E402
 from palpate.results.page import FAINT, LABEL, TITLE, new_figure, save, save_sentence, styled  # noqa: E402
 from palpate.results.reconstructions import test_objects  # noqa: E402
-from palpate.dataset import Dataset  # noqa: E402
-from palpate.dataset.reader import GraspRecord, ObjectRecord  # noqa: E402
 from palpate.touch import SENSOR_WIDTH  # noqa: E402
 from palpate.vision import Mesh, Renderer, looking_at, spheres  # noqa: E402
 from palpate.vision.camera import Camera  # noqa: E402
@@ -61,7 +61,7 @@ def local_predictions(
     if not drawn:
         return save_sentence("No test object with a successful touch in this run", path)
     charts = TouchCharts(touch_depth, fit=fit)
-    renderer = Renderer(size=PIXELS, samples=SAMPLES, threads=threads)
+    renderer = Renderer(samples=SAMPLES, threads=threads)
     camera = site_camera(PIXELS)
     figure, axes = _page(drawn)
     for row, (_, chosen) in enumerate(drawn):
@@ -69,7 +69,7 @@ def local_predictions(
             felt = GraspTouches(*(getattr(grasp, name)[[sensor]] for name in GraspTouches._fields))
             meshes = site(grasp, sensor, charts.clouds(felt)[0], charts(felt)[0])
             pictures = [grasp.reading[sensor]]
-            pictures += [renderer.render_scene(part, camera=camera).rgb for part in meshes]
+            pictures += [renderer.render_meshes(part, camera=camera).rgb for part in meshes]
             for column, picture in enumerate(pictures):
                 axes(row, place, column).imshow(picture, interpolation="antialiased")
     save(figure, path)

@@ -11,10 +11,9 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.ticker import FormatStrFormatter, LogLocator, MaxNLocator, NullFormatter, PercentFormatter
 
+from palpate.evaluation.rings import RINGS
 from palpate.results.bootstrap import RESAMPLES
 from palpate.results.errors import EvaluationError, errors
-from palpate.results.published import paper_values
-from palpate.evaluation.rings import RINGS
 from palpate.results.model_tables import (
     STRATEGY_NAMES,
     Experiments,
@@ -23,10 +22,9 @@ from palpate.results.model_tables import (
     ring_key,
     setups,
 )
-from palpate.results.page import LABEL, PALE, TITLE, new_figure, save, styled
+from palpate.results.page import COLOURS, LABEL, PALE, TITLE, new_figure, save, styled
+from palpate.results.published import paper_values
 
-# Okabe and Ito's colours, apart for colour-blind readers too.
-COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
 HISTORY = ("step", "seconds", "train_loss", "validation_loss")
 COLUMNS = 4  # panels beside each other
 
@@ -49,9 +47,7 @@ def multi_grasp(
         counts = sorted(members)
         first = members[counts[0]]
         estimates = [
-            found.estimate(
-                [members[count], first], lambda means: means[..., 0] / means[..., 1] - 1, resamples
-            )
+            found.estimate([members[count], first], lambda means: means[..., 0] / means[..., 1] - 1, resamples)
             for count in counts
         ]
         _line(axes, counts, np.maximum(estimates, -1), colour, label)  # errors are not negative
@@ -160,9 +156,7 @@ def _panel(setup: Mapping) -> tuple[str, str, str]:
 def _history(path: Path | str) -> pd.DataFrame:
     path = Path(path)
     if not path.exists():
-        raise EvaluationError(
-            f"{path} does not exist; train the model with: snakemake {'/'.join(path.parts[-4:])}"
-        )
+        raise EvaluationError(f"{path} does not exist; train the model with: snakemake {'/'.join(path.parts[-4:])}")
     history = pd.read_csv(path)
     missing = [name for name in HISTORY if name not in history]
     if missing:

@@ -1,25 +1,23 @@
 """The models' tables: measured averages with their intervals, the paper's values beside.
 
 Each function gives a DataFrame of numbers. A measured column `x` is followed by `x_low` and `x_high`, its
-95 % interval, and `x_paper` where the paper states it. `write_table` writes it as CSV, and for reading as
-Markdown and LaTeX, where a number and its interval share a cell. The frame's `attrs["note"]` says what it
-stands on.
+95 % interval, and `x_paper` where the paper states it. The frame's `attrs["note"]` says what its numbers
+stand on; `palpate.results.tables` writes it.
 """
 
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
 from palpate.charts import CHAMFER_SCALE
+from palpate.evaluation.metrics import PIXEL2MESH_SCALE, TAU, pixel2mesh_chamfer
+from palpate.evaluation.rings import RINGS
 from palpate.results.bootstrap import RESAMPLES, Estimate
 from palpate.results.errors import AVERAGE, Errors, EvaluationError, errors
-from palpate.evaluation.metrics import PIXEL2MESH_SCALE, TAU, pixel2mesh_chamfer
 from palpate.results.published import paper_values
-from palpate.evaluation.rings import RINGS
-from palpate.results import dataset_tables as files
+from palpate.training.tuning import summary
 
 STRATEGY_NAMES = {
     "sphere": "sphere-based",
@@ -30,6 +28,7 @@ STRATEGY_NAMES = {
 VISION_NAMES = {"occluded": "occluded", "unoccluded": "unoccluded", "views": "views", "none": "–"}
 PAPER_OBJECTS = {"validation": 258, "test": 175}  # supplement, Dataset Statistics
 TOUCH_PARTS = {"cloud": "local point cloud", "chart": "touch chart"}
+STEPS_NOTE = " The paper trained for at most 260 epochs in batches of 16."
 INTERVALS = (
     "In brackets: 95 % bootstrap interval over objects, within classes, and over seeds where there are "
     "several; none where a class has a single object."
@@ -58,8 +57,8 @@ def model_selection(
             "vision": VISION_NAMES[setup["vision"]],
             "touch": "yes" if setup["touch"] else "no",
         }
-        rows.append(row | _by_class(found, name, published, resamples) | _size(found, name))
-    return _finish(rows, split, found, _steps_note())
+        rows.append(row | _by_class(found, name, published, resamples) | size_columns(found, name))
+    return _finish(rows, split, found, STEPS_NOTE)
 
 
 def input_modalities(
@@ -76,13 +75,11 @@ def input_modalities(
             "vision": VISION_NAMES[setup["vision"]],
             "touch": "yes" if setup["touch"] else "no",
         }
-        rows.append(row | _by_class(found, name, published, resamples) | _size(found, name))
-    return _finish(rows, split, found, _steps_note())
+        rows.append(row | _by_class(found, name, published, resamples) | size_columns(found, name))
+    return _finish(rows, split, found, STEPS_NOTE)
 
 
-def local_touch_charts(
-    touches: pd.DataFrame, split: str = "test", resamples: int = RESAMPLES
-) -> pd.DataFrame:
+def local_touch_charts(touches: pd.DataFrame, split: str = "test", resamples: int = RESAMPLES) -> pd.DataFrame:
     """Chamfer distance (m^2 x 9000) of local predictions to the true local cloud, by class and on average
     (table "Chamfer distance per class for local point cloud prediction"): the predicted cloud's, and that of
     the chart fitted to it, of which the paper states nothing.
@@ -92,7 +89,7 @@ def local_touch_charts(
     found = touch_errors(touches, split)
     published = paper_values("local_touch_charts").assign(part="cloud").set_index(["part", "class"])["value"]
     rows = [
-        {"prediction": label} | _by_class(found, part, published, resamples) | _size(found, part)
+        {"prediction": label} | _by_class(found, part, published, resamples) | size_columns(found, part)
         for part, label in TOUCH_PARTS.items()
     ]
     counts = touches[touches["split"] == split]
@@ -128,8 +125,8 @@ def grasps(
         for count, name in sorted(members.items()):
             row |= _columns(f"grasps_{count}", found.estimate([name], resamples=resamples))
             row[f"grasps_{count}_paper"] = published.get(name, np.nan)
-        rows.append(row | _size(found, *members.values()))
-    return _finish(rows, split, found, _steps_note())
+        rows.append(row | size_columns(found, *members.values()))
+    return _finish(rows, split, found, STEPS_NOTE)
 
 
 def setups(experiments: Experiments) -> dict[str, dict[int, str]]:
@@ -166,7 +163,7 @@ def extrapolation(
                 estimate = found.estimate([ring_key(name, ring)], resamples=resamples)
                 row |= _columns(f"x{ring}", Estimate(*(scale * number for number in estimate)))
                 row[f"x{ring}_paper"] = scale * published.get((name, ring), np.nan)
-            rows.append(row | _size(found, *(ring_key(name, ring) for ring in RINGS)))
+            rows.append(row | size_columns(found, *(ring_key(name, ring) for ring in RINGS)))
     note = (
         " One direction: from the true surface to the prediction. The published evaluation averages over all "
         "touches; here an object's error is the mean over its touches, and classes have the same share."
@@ -214,7 +211,7 @@ def single_image(
             if column == "chamfer":
                 estimate = Estimate(*(pixel2mesh_chamfer(number) for number in estimate))
             row |= _columns(column, estimate)
-        rows.append(row | _size(found, name))
+        rows.append(row | size_columns(found, name))
     published = paper_values("single_image").sort_values("cited_by_the_paper", kind="stable")
     for record in published.to_dict("records"):
         cited = record["cited_by_the_paper"] == "yes"
@@ -235,6 +232,19 @@ def single_image(
     return _finish(rows, split, found, note, decimals=2, exact={"chamfer": 3})
 
 
+def tuning(points: Sequence[Mapping[str, Any]], trained: Sequence[Mapping[str, Any]]) -> pd.DataFrame:
+    """The points of the grid of hyperparameters with the result of each, the lowest validation loss first.
+
+    points: of `palpate.training.tuning.grid`; trained: the `training.json` of each.
+    """
+    table = pd.DataFrame(summary(points, trained))
+    machines = sorted({training["machine"]["found"] for training in trained})
+    table.attrs["note"] = (
+        f"Validation loss of {trained[0]['validated']} samples, the best of all evaluations; on {', '.join(machines)}."
+    )
+    return table
+
+
 def _by_class(found: Errors, name: str, published: pd.Series, resamples: int) -> dict[str, float]:
     """An experiment's measured and published columns: each class, then the average."""
     row = {}
@@ -249,7 +259,7 @@ def _columns(label: str, estimate: Estimate) -> dict[str, float]:
     return {label: estimate.value, f"{label}_low": estimate.low, f"{label}_high": estimate.high}
 
 
-def _size(found: Errors, *names: str) -> dict[str, Any]:
+def size_columns(found: Errors, *names: str) -> dict[str, Any]:
     """What the numbers of a row stand on."""
     low = min(found.steps[name][0] for name in names)
     high = max(found.steps[name][1] for name in names)
@@ -258,10 +268,6 @@ def _size(found: Errors, *names: str) -> dict[str, Any]:
         "seeds": min(len(found.values[name]) for name in names),
         "steps": str(low) if low == high else f"{low} to {high}",
     }
-
-
-def _steps_note() -> str:
-    return " The paper trained for at most 260 epochs in batches of 16."
 
 
 def _finish(
@@ -284,47 +290,3 @@ def _finish(
     table.attrs["decimals"] = decimals
     table.attrs["exact"] = exact or {}
     return table
-
-
-def write_table(table: pd.DataFrame, path: Path | str) -> None:
-    """Write `path` (.csv) with all numbers in their own columns, and beside it the same for reading: as
-    Markdown (.md) and LaTeX (.tex). Raises ValueError if the path does not end in .csv."""
-    path = files.table_path(path)
-    table.to_csv(path, index=False, lineterminator="\n", float_format="%.6g")
-    shown = display(table)
-    path.with_suffix(".md").write_text(files.markdown(shown), encoding="utf-8")
-    path.with_suffix(".tex").write_text(files.latex(shown), encoding="utf-8")
-
-
-def display(table: pd.DataFrame) -> pd.DataFrame:
-    """The table as it is read: text cells, each number with its interval in brackets."""
-    shown = {}
-    for name in table:
-        if name.endswith(("_low", "_high")) and name.rsplit("_", 1)[0] in table:
-            continue
-        if f"{name}_low" in table:
-            parts = zip(*(table[column] for column in (name, f"{name}_low", f"{name}_high")), strict=True)
-            shown[name] = [_bracketed(table, name, *numbers) for numbers in parts]
-        elif pd.api.types.is_float_dtype(table[name]):
-            shown[name] = [_number(table, name, number) for number in table[name]]
-        else:
-            shown[name] = ["–" if pd.isna(value) else str(value) for value in table[name]]
-    result = pd.DataFrame(shown)
-    result.attrs["note"] = table.attrs.get("note")
-    return result
-
-
-def _bracketed(table: pd.DataFrame, name: str, value: float, low: float, high: float) -> str:
-    text = _number(table, name, value)
-    if np.isnan(low) or np.isnan(high):
-        return text
-    return f"{text} [{_number(table, name, low)}, {_number(table, name, high)}]"
-
-
-def _number(table: pd.DataFrame, name: str, value: float) -> str:
-    """With the table's decimals; with three significant digits where it has none."""
-    if pd.isna(value):
-        return "–"
-    stem = name.removesuffix("_paper")
-    decimals = table.attrs.get("exact", {}).get(stem, table.attrs.get("decimals", 3))
-    return f"{value:.3g}" if decimals is None else f"{value:.{decimals}f}"

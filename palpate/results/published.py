@@ -8,17 +8,18 @@
 | grasps | experiment (setup, grasps) | m^2 x 9000 |
 | extrapolation | experiment (setup), ring | m^2, one-directional |
 | single_image | method | Pixel2Mesh's protocol: thousandths, and percent |
+| dataset_statistics | class, quantity | counts, and percent |
+| grasp_success | class, successful_touches | percent |
+| architectures | model, index | words |
+| contradictions | model, index | what in `architectures` contradicts itself, and what is meant |
+| claims | claim, split | what decides each claim of the text: `palpate.results.claims` |
 """
 
-import csv
 from pathlib import Path
-from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:
-    import pandas as pd
+import pandas as pd
 
 FOLDER = Path(__file__).parent / "paper"
-
 
 # The tables whose rows are experiments of config/experiments.yaml; claims compare nothing else.
 OF_EXPERIMENTS = ("model_selection", "input_modalities", "grasps", "extrapolation")
@@ -26,19 +27,18 @@ OF_EXPERIMENTS = ("model_selection", "input_modalities", "grasps", "extrapolatio
 
 def published_experiments(*tables: str) -> list[str]:
     """The experiments that the paper has numbers of in these tables (if none: `OF_EXPERIMENTS`)."""
-    found: dict[str, None] = {}
-    for table in tables or OF_EXPERIMENTS:
-        with open(FOLDER / f"{table}.csv", newline="", encoding="utf-8") as file:
-            found |= dict.fromkeys(row["experiment"] for row in csv.DictReader(file))
-    return list(found)
+    names = (name for table in tables or OF_EXPERIMENTS for name in paper_values(table)["experiment"])
+    return list(dict.fromkeys(names))
 
 
-def paper_values(table: str) -> "pd.DataFrame":
-    """The paper's numbers for a table, in its order; FileNotFoundError for a table it does not have."""
-    import pandas  # not for those who only plan
+def paper_values(table: str, text: bool = False) -> pd.DataFrame:
+    """The rows of one of the module's files, in its order.
 
+    text: every cell as it is written, an empty one as "".
+    Raises FileNotFoundError for a file that does not exist, and names those that do.
+    """
     path = FOLDER / f"{table}.csv"
     if not path.exists():
         known = sorted(file.stem for file in FOLDER.glob("*.csv"))
         raise FileNotFoundError(f"{path}: the paper has numbers for the tables {known}, not for {table!r}")
-    return pandas.read_csv(path)
+    return pd.read_csv(path, dtype=str, keep_default_na=False) if text else pd.read_csv(path)

@@ -14,6 +14,8 @@ from palpate.vision import blender
 
 blender.load()
 
+from palpate.dataset import Dataset  # noqa: E402
+from palpate.dataset.reader import ObjectRecord  # noqa: E402
 from palpate.evaluation.reconstruct import (  # noqa: E402  (Blender comes before embree)
     TOUCH_COLOUR,
     VISION_COLOUR,
@@ -24,8 +26,6 @@ from palpate.evaluation.reconstruct import (  # noqa: E402  (Blender comes befor
 from palpate.mesh import OBJECT_POSITION, load_visual  # noqa: E402
 from palpate.results.page import FAINT, LABEL, TITLE, new_figure, save, save_sentence, styled  # noqa: E402
 from palpate.results.surface_view import CLAY  # noqa: E402
-from palpate.dataset import Dataset  # noqa: E402
-from palpate.dataset.reader import ObjectRecord  # noqa: E402
 from palpate.vision import Mesh, Renderer, spheres  # noqa: E402
 from palpate.vision.camera import Camera, paper_camera  # noqa: E402
 
@@ -71,11 +71,11 @@ def reconstructions(
     if not records:
         return save_sentence("No usable test object in this run", path)
     setups = [setup for setup in SETUPS if setup[0] in models]
-    renderer = Renderer(size=PIXELS, samples=SAMPLES, threads=threads)
+    renderer = Renderer(samples=SAMPLES, threads=threads)
     camera = shared_camera(PIXELS)
 
     def render(mesh: Mesh) -> np.ndarray:
-        return renderer.render_scene([mesh], camera=camera).rgb
+        return renderer.render_meshes([mesh], camera=camera).rgb
 
     cells = {(row, "truth"): render(ground_truth(record)) for row, record in enumerate(records)}
     for experiment, *_ in setups:

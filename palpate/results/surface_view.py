@@ -9,15 +9,16 @@ from dataclasses import dataclass
 
 import numpy as np
 import trimesh
+from matplotlib.colors import to_rgb
 from scipy.spatial import cKDTree
 
-from palpate.surface.embree import Scene
+from palpate.results.page import COLOURS
+from palpate.surface.embree import RayMesh
 from palpate.touch import SENSOR_WIDTH
 from palpate.touch.sensor import PIXEL
 
 CLAY = (0.93, 0.92, 0.90)  # RGB of the untouched surface
-# Okabe and Ito's colours that stay apart for colour-blind readers, one a sensor; in the order of the sensors.
-SITE_COLOURS = ((0.84, 0.37, 0.00), (0.00, 0.45, 0.70), (0.00, 0.62, 0.45), (0.80, 0.47, 0.65))
+SITE_COLOURS = tuple(to_rgb(COLOURS[number]) for number in (1, 0, 2, 3))  # in the order of the sensors
 TOUCHED_WITHIN = 0.001  # m: a point of the picture this close to a local cloud is part of the site
 SUPERSAMPLING = 2
 LIGHT = (-0.35, -0.50, -0.79)  # towards the lamp, from behind the camera's shoulder: right, down, in
@@ -74,8 +75,8 @@ class SurfaceView:
 
     def __init__(self, mesh: trimesh.Trimesh, sites: list[np.ndarray]):
         """mesh and sites in one frame, metres; sites: at most four arrays (n, 3) of touched points."""
-        self._scene = Scene(mesh)
-        self._vertices = self._scene.triangles.reshape(-1, 3)
+        self._mesh = RayMesh(mesh)
+        self._vertices = self._mesh.triangles.reshape(-1, 3)
         self._sites = [np.asarray(site, float).reshape(-1, 3) for site in sites]
         self._site = np.repeat(np.arange(len(sites)), [len(site) for site in self._sites])
         touched = np.concatenate([np.zeros((0, 3)), *self._sites])
@@ -111,11 +112,11 @@ class SurfaceView:
         samples = 1 if preview else SUPERSAMPLING
         distance = 2 * np.linalg.norm(np.ptp(self._vertices, axis=0))
         origins, direction = view.rays(samples, distance)
-        face = self._scene.first_face(origins, direction)
+        face = self._mesh.first_face(origins, direction)
         hit = np.flatnonzero(face >= 0)
-        normal = self._scene.normals[face[hit]]
+        normal = self._mesh.normals[face[hit]]
         normal /= np.linalg.norm(normal, axis=1, keepdims=True)
-        corner = self._scene.triangles[face[hit], 0]
+        corner = self._mesh.triangles[face[hit], 0]
         facing = normal @ view.axes[2]
         normal *= -np.sign(facing)[:, None]  # a face is drawn from either side
         depth = np.einsum("ni,ni->n", corner - origins[hit], normal) / np.minimum(-np.abs(facing), -1e-3)
@@ -151,12 +152,10 @@ class SurfaceView:
         """(n,) share of the directions above the surface, cosine-weighted, in which nothing is near."""
         unit = np.random.default_rng(0).normal(size=(OCCLUSION_RAYS, len(points), 3))
         unit /= np.linalg.norm(unit, axis=-1, keepdims=True)
-        directions = (normal + 0.999 * unit).reshape(
-            -1, 3
-        )  # a unit sphere on the normal's tip: Lambert's cosine
+        directions = (normal + 0.999 * unit).reshape(-1, 3)  # a unit sphere on the normal's tip: Lambert's cosine
         directions *= OCCLUSION_REACH / np.linalg.norm(directions, axis=1, keepdims=True)
         origins = np.broadcast_to(points + LIFT * normal, unit.shape).reshape(-1, 3)
-        blocked = self._scene.blocked(origins, directions, reach=1)
+        blocked = self._mesh.blocked(origins, directions, reach=1)
         return 1 - blocked.reshape(OCCLUSION_RAYS, -1).mean(axis=0)
 
     def _centres(self, view: View) -> np.ndarray:

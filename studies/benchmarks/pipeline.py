@@ -1,6 +1,6 @@
 """What a run cost, by stage: from the benchmark files that Snakemake wrote beside the results.
 
-    python studies/benchmarks/pipeline.py results/small
+    python -m studies.benchmarks.pipeline results/small
 
 CPU seconds are those of all processes of a job; wall seconds are a job's own, two of which run at a time on
 two cores. `an object` divides by the objects in the catalogue.

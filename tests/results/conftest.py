@@ -8,9 +8,9 @@ import pytest
 
 from palpate import shapes, surface
 from palpate.batch import generator
+from palpate.dataset import Dataset
 from palpate.hand import allegro
 from palpate.mesh import OBJECT_POSITION, load_visual, prepare
-from palpate.dataset import Dataset
 from palpate.store import join, write
 from palpate.touch import RayCaster, empty_reading, sense
 
@@ -65,9 +65,7 @@ def write_csv(path: Path, header: tuple, rows: list[tuple]) -> None:
 def random_grasp(hand, mesh, tracer, rng) -> tuple[np.ndarray, np.ndarray]:
     """Palm pose and joint positions: of many placements over the surface, the one with most touches."""
     best = (-1, None, None)
-    for point, face in zip(
-        *mesh.sample(TRIALS, return_index=True, seed=int(rng.integers(2**31))), strict=True
-    ):
+    for point, face in zip(*mesh.sample(TRIALS, return_index=True, seed=int(rng.integers(2**31))), strict=True):
         normal = mesh.face_normals[face]
         tangent = np.cross(normal, rng.normal(size=3))
         tangent /= np.linalg.norm(tangent)

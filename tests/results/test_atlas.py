@@ -13,9 +13,7 @@ def test_charts_that_share_a_side_differ_in_colour():
     atlas = vision_atlas()
     chart = atlas.chart.numpy()
     colours = chart_colours(chart, atlas.joined.numpy())
-    corners = [
-        set(map(tuple, atlas.vertices[19 * number : 19 * number + 12].tolist())) for number in range(96)
-    ]
+    corners = [set(map(tuple, atlas.vertices[19 * number : 19 * number + 12].tolist())) for number in range(96)]
     beside = [(a, b) for a, b in itertools.combinations(range(96), 2) if len(corners[a] & corners[b]) == 5]
     assert len(beside) == 96 * 3 / 2
     assert all(colours[a] != colours[b] for a, b in beside)

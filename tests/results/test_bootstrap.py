@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from palpate.results.bootstrap import interval
+from palpate.results.bootstrap import Estimate, interval, ratio_interval
 
 FOUR = np.repeat(["bottle", "knife", "cellphone", "rifle"], 6)
 
@@ -127,3 +127,70 @@ def test_the_same_numbers_give_the_same_interval():
 def test_arrays_that_do_not_fit_are_errors(values, classes):
     with pytest.raises(ValueError, match="expected|finite"):
         interval(values, classes)
+
+
+def test_the_interval_of_a_share_is_the_normal_approximation_for_many_objects():
+    rng = np.random.default_rng(1)
+    share = rng.beta(4, 2, size=400)
+    touches = np.full(400, 20)
+    found = ratio_interval(share * touches, touches, np.zeros(400))
+    half = 1.96 * share.std() / np.sqrt(400)
+    assert found.value == pytest.approx(share.mean())
+    assert found.low == pytest.approx(share.mean() - half, abs=0.1 * half)
+    assert found.high == pytest.approx(share.mean() + half, abs=0.1 * half)
+
+
+def test_the_interval_of_a_ratio_is_the_delta_methods():
+    """Objects count by their touches: the value is of the sums."""
+    rng = np.random.default_rng(2)
+    touches = rng.integers(4, 40, size=500)
+    hits = rng.binomial(touches, 0.6)
+    classes = np.repeat(["a", "b"], [100, 400])
+    found = ratio_interval(hits, touches, classes)
+    assert found.value == hits.sum() / touches.sum()
+    half = 1.96 * np.sqrt(np.mean((hits - found.value * touches) ** 2) / 500) / touches.mean()
+    assert found.low == pytest.approx(found.value - half, abs=0.15 * half)
+    assert found.high == pytest.approx(found.value + half, abs=0.15 * half)
+
+
+def test_objects_of_a_ratio_are_resampled_within_their_class():
+    """Two classes that differ much, and little within: the interval is that of the spread within."""
+    rng = np.random.default_rng(4)
+    share = np.repeat([0.2, 0.8], 200) + rng.normal(0, 0.02, 400)
+    within = ratio_interval(share, np.ones(400), np.repeat(["a", "b"], 200))
+    assert within.high - within.low == pytest.approx(2 * 1.96 * 0.02 / 20, rel=0.15)
+    together = ratio_interval(share, np.ones(400), np.zeros(400))
+    assert together.high - together.low == pytest.approx(2 * 1.96 * 0.3 / 20, rel=0.15)
+
+
+def test_grasps_of_an_object_that_are_alike_do_not_narrow_the_interval():
+    share = np.random.default_rng(3).uniform(size=100)
+    few = ratio_interval(share * 4, np.full(100, 4), np.zeros(100))
+    many = ratio_interval(share * 4000, np.full(100, 4000), np.zeros(100))
+    assert few == pytest.approx(many)
+
+
+@pytest.mark.parametrize(
+    ("hits", "touches", "value"),
+    [([], [], np.nan), ([3], [4], 0.75), ([0, 0], [0, 0], np.nan), ([3, 3], [4, 4], 0.75)],
+    ids=["none", "one object", "no touches", "alike"],
+)
+def test_a_ratio_without_spread_over_objects_has_no_interval(hits, touches, value):
+    found = ratio_interval(np.array(hits), np.array(touches), np.zeros(len(hits)))
+    assert found.value == pytest.approx(value, nan_ok=True) and np.isnan([found.low, found.high]).all()
+
+
+def test_an_object_without_touches_is_not_an_error():
+    found = ratio_interval([2, 0, 3], [4, 0, 4], np.zeros(3))
+    assert found.low < found.value == 0.625 < found.high
+
+
+def test_a_ratio_of_arrays_of_different_lengths_is_refused():
+    with pytest.raises(ValueError, match="3|2"):
+        ratio_interval([1, 2, 3], [4, 4], np.zeros(3))
+
+
+def test_an_interval_is_cut_to_what_a_number_can_be():
+    found = Estimate(0.9, 0.7, 1.1)
+    assert found.within(0, 1) == (0.9, 0.7, 1.0) and found.within(0) == found
+    assert np.isnan(Estimate(0.5, np.nan, np.nan).within(0, 1).low)

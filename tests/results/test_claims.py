@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
 
-from palpate.results.claims import CLAIMS, FAILS, HOLDS, UNDECIDED, decide, verdict
+from palpate.results.claims import FAILS, HOLDS, STATISTICS, UNDECIDED, claims, decide, verdict
 from palpate.results.errors import EvaluationError
-from palpate.results.published import published_experiments
+from palpate.results.published import paper_values, published_experiments
 from tests.evaluation import synthetic
 
 MEANS = synthetic.published_means()
@@ -118,15 +118,21 @@ def test_an_experiment_that_is_missing_is_an_error():
 
 
 def test_claims_take_what_the_rule_gives_them():
-    named = {name.split(" x")[0] for claim in CLAIMS for name in claim.experiments} - {"cloud"}
+    named = {name.split(" x")[0] for claim in claims() for name in claim.experiments} - {"cloud"}
     assert named == set(published_experiments())
-    assert len({claim.claim + claim.split for claim in CLAIMS}) == len(CLAIMS)
+    assert len({(claim.claim, claim.split) for claim in claims()}) == len(claims()) == 37
+
+
+def test_a_limit_is_the_one_that_its_claim_names():
+    rows = paper_values("claims", text=True)
+    limits = rows[rows["statistic"].isin(["change", "share_of_least"])]
+    assert len(limits) == 3 and set(rows["statistic"]) == set(STATISTICS)
+    for row in limits.to_dict("records"):
+        assert f" {100 * float(row['parameters']):.0f} %" in row["claim"]
 
 
 def test_the_note_counts_the_verdicts():
-    table = decide(
-        synthetic.evaluations(MEANS, each=4), synthetic.rings(RINGS, each=4), synthetic.touches(each=4), 100
-    )
+    table = decide(synthetic.evaluations(MEANS, each=4), synthetic.rings(RINGS, each=4), synthetic.touches(each=4), 100)
     holds = (table["verdict"] == HOLDS).sum()
     assert f"{holds} of {len(table)} claims hold" in table.attrs["note"]
 

@@ -104,9 +104,7 @@ def test_a_class_without_objects_is_said_to_have_none(dataset, tmp_path, class_n
 def test_a_run_without_usable_objects_has_its_figures(run, tmp_path):
     shutil.copy(run / "catalogue.csv", tmp_path)
     names = [line.split(",")[0] for line in (run / "catalogue.csv").read_text().splitlines()[1:]]
-    (tmp_path / "rejected.csv").write_text(
-        "object,stage,reason\n" + "".join(f"{n},meshes,x\n" for n in names)
-    )
+    (tmp_path / "rejected.csv").write_text("object,stage,reason\n" + "".join(f"{n},meshes,x\n" for n in names))
     empty = Dataset(tmp_path)
     data_point(empty, tmp_path / "data_point.png")
     examples(empty, "bottle", tmp_path / "examples.png")

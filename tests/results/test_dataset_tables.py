@@ -5,9 +5,12 @@ import numpy as np
 import pandas as pd
 import pytest
 import zarr
+from scipy import stats
 
 from palpate.results import dataset_tables as tables
-from palpate.results.dataset_tables import TOTAL, latex, markdown, paper_values, write_table
+from palpate.results.dataset_tables import TOTAL
+from palpate.results.published import paper_values
+from palpate.results.tables import write_table
 
 OBJECTS = pd.DataFrame(
     [
@@ -33,10 +36,11 @@ GRASPS = pd.DataFrame(
     ],
     columns=["object", "class", "successful_touches", "touches", "attempts", "penetration"],
 )
+FRAMES = tables.Frames(OBJECTS, REJECTED, GRASPS)
 
 
 def test_dataset_statistics_counted_by_hand():
-    table = tables.dataset_statistics(OBJECTS, REJECTED, GRASPS).set_index("class")
+    table = tables.dataset_statistics(FRAMES).set_index("class")
     assert list(table.index) == ["bottle", "lamp", "sock", TOTAL]
     counts = table[["objects", "grasps", "touches", "attempted", "rejected", "train", "validation", "test"]]
     assert counts.to_numpy().tolist() == [
@@ -49,45 +53,48 @@ def test_dataset_statistics_counted_by_hand():
     assert table.loc[TOTAL, "successful_percent"] == 62.5
     assert np.isnan(table.loc["sock", "successful_percent"]) and np.isnan(table.loc["sock", "attempts"])
     assert table.loc["bottle", "attempts"] == 6.5
-    # The bottles' shares are 4/8 and 7/8; a quarter of the resamples is each of them twice.
-    assert table.loc["bottle", ["successful_low", "successful_high"]].tolist() == [50.0, 87.5]
-    assert np.isnan(table.loc["lamp", "successful_low"])
+    # Of two bottles the interval is Student's with one degree of freedom: wider than a share can be.
+    assert table.loc["bottle", ["successful_low", "successful_high"]].tolist() == [0, 100]
+    assert np.isnan(table.loc["lamp", "successful_low"]) and np.isnan(table.loc[TOTAL, "successful_low"])
 
 
 def test_the_papers_values_stand_beside_those_of_the_same_class():
-    table = tables.dataset_statistics(OBJECTS, REJECTED, GRASPS).set_index("class")
+    table = tables.dataset_statistics(FRAMES).set_index("class")
     assert table.loc["bottle", "objects_paper"] == 487
     assert table.loc["bottle", "successful_percent_paper"] == 71.8
     assert table.loc[TOTAL, ["train_paper", "validation_paper", "test_paper"]].tolist() == [1298, 258, 175]
     assert table.loc["lamp"].filter(like="_paper").isna().all()
-    note = tables.dataset_statistics(OBJECTS, REJECTED, GRASPS).attrs["note"]
+    note = tables.dataset_statistics(FRAMES).attrs["note"]
     assert "This run: 3 objects, 6 grasps" in note and "1731" in note and "1732" in note
 
 
 def test_grasp_success_counted_by_hand():
-    table = tables.grasp_success(OBJECTS, GRASPS).set_index(["class", "successful_touches"])
+    table = tables.grasp_success(FRAMES).set_index(["class", "successful_touches"])
     assert table.loc["bottle", "percent"].tolist() == [0, 25, 0, 50, 25]
     assert table.loc["lamp", "percent"].tolist() == [0, 0, 100, 0, 0]
     assert table.loc["sock", "percent"].isna().all() and (table.loc["sock", "grasps"] == 0).all()
     assert table.loc[TOTAL, "percent"].tolist() == pytest.approx([0, 16.67, 33.33, 33.33, 16.67])
     assert table.loc[TOTAL, "percent_paper"].tolist() == [0, 9.47, 26.08, 53.83, 10.61]
     assert table.loc["bottle", "percent_paper"].isna().all()
-    assert table.loc[("bottle", 1), ["percent_low", "percent_high"]].tolist() == [0, 50]
+    assert table.loc[("bottle", 1), ["percent_low", "percent_high"]].tolist() == [0, 100]
+    assert table.loc[("bottle", 0), ["percent_low", "percent_high"]].isna().all()  # none of two is not none of all
 
 
 def test_penetration_counted_by_hand():
-    table = tables.penetration(OBJECTS, GRASPS).set_index("class")
+    table = tables.penetration(FRAMES).set_index("class")
     assert table.loc["bottle", ["mean_mm", "max_mm"]].tolist() == pytest.approx([0.15, 0.3])
     assert table.loc[TOTAL, ["mean_mm", "max_mm"]].tolist() == pytest.approx([0.25, 0.9])
-    assert table.loc["bottle", ["mean_low_mm", "mean_high_mm"]].tolist() == pytest.approx([0.1, 0.2])
+    # Means of 0.2 and 0.1: Student's interval of two, cut at zero.
+    half = 0.05 * stats.t.ppf(0.975, 1)
+    assert table.loc["bottle", ["mean_low_mm", "mean_high_mm"]].tolist() == pytest.approx([0, 0.15 + half], rel=0.05)
     assert table.loc["sock", ["mean_mm", "percentile_95_mm", "max_mm"]].isna().all()
 
 
 def test_a_run_in_which_everything_was_rejected_has_tables():
-    nothing = GRASPS.iloc[:0]
-    assert tables.dataset_statistics(OBJECTS, REJECTED, nothing)["grasps"].sum() == 0
-    assert tables.grasp_success(OBJECTS, nothing)["percent"].isna().all()
-    assert tables.penetration(OBJECTS, nothing)["max_mm"].isna().all()
+    nothing = FRAMES._replace(grasps=GRASPS.iloc[:0])
+    assert tables.dataset_statistics(nothing)["grasps"].sum() == 0
+    assert tables.grasp_success(nothing)["percent"].isna().all()
+    assert tables.penetration(nothing)["max_mm"].isna().all()
 
 
 def test_the_papers_own_sums():
@@ -108,7 +115,7 @@ def test_unknown_reference_names_the_known_ones():
 
 
 def test_csv_and_markdown_hold_the_same_cells(tmp_path):
-    table = tables.dataset_statistics(OBJECTS, REJECTED, GRASPS)
+    table = tables.dataset_statistics(FRAMES)
     write_table(table, tmp_path / "new" / "statistics.csv")
     from_csv = pd.read_csv(tmp_path / "new" / "statistics.csv", dtype=str, keep_default_na=False)
     lines = (tmp_path / "new" / "statistics.md").read_text().splitlines()
@@ -118,38 +125,10 @@ def test_csv_and_markdown_hold_the_same_cells(tmp_path):
     assert lines[-1] == table.attrs["note"]
 
 
-def test_latex_holds_the_same_cells(tmp_path):
-    table = pd.DataFrame({"a_b": ["50 % & more", None, r"x_1^2 \{~"], "n": [1.5, np.nan, 2.0]})
-    table.attrs["note"] = "A note."
-    lines = latex(table).splitlines()
-    assert lines[:2] == [r"\begin{tabular}{lr}", r"\toprule"]
-    assert lines[2:4] == [r"a b & n \\", r"\midrule"]
-    assert lines[4:7] == [
-        r"50 \% \& more & 1.5 \\",
-        r"-- & -- \\",
-        r"x\_1\textasciicircum{}2 \textbackslash{}\{\textasciitilde{} & 2.0 \\",
-    ]
-    assert lines[7:] == [r"\bottomrule", r"\end{tabular}", "% A note."]
-    write_table(table, tmp_path / "a.csv")
-    assert (tmp_path / "a.tex").read_text() == latex(table)
-
-
 def test_a_written_table_reads_back(tmp_path):
-    table = tables.grasp_success(OBJECTS, GRASPS)
+    table = tables.grasp_success(FRAMES)
     write_table(table, tmp_path / "a.csv")
-    pd.testing.assert_frame_equal(
-        pd.read_csv(io.StringIO((tmp_path / "a.csv").read_text())), table, check_dtype=False
-    )
-
-
-def test_markdown_of_awkward_cells():
-    text = markdown(pd.DataFrame({"a_b": ["x|y", None], "n": [1.5, np.nan]}))
-    assert text == "| a b | n |\n| :--- | ---: |\n| x\\|y | 1.5 |\n| – | – |\n"
-
-
-def test_a_table_is_named_by_its_csv(tmp_path):
-    with pytest.raises(ValueError, match="csv"):
-        write_table(pd.DataFrame(), tmp_path / "table.md")
+    pd.testing.assert_frame_equal(pd.read_csv(io.StringIO((tmp_path / "a.csv").read_text())), table, check_dtype=False)
 
 
 def test_the_frames_of_a_run(run):
@@ -163,7 +142,7 @@ def test_the_frames_of_a_run(run):
     assert grasps["successful_touches"].tolist() == touched
     assert (grasps["attempts"] == 7).all() and (grasps["touches"] == 4).all()
     assert grasps["penetration"].tolist() == pytest.approx([1e-4, 3e-4] * 3)
-    table = tables.dataset_statistics(objects, rejected, grasps).set_index("class")
+    table = tables.dataset_statistics(tables.Frames(objects, rejected, grasps)).set_index("class")
     assert table.loc["sock", ["attempted", "rejected", "objects"]].tolist() == [1, 1, 0]
 
 
@@ -190,10 +169,8 @@ def test_the_tables_do_not_depend_on_what_vision_rejected(run, tmp_path):
 def test_the_frames_of_a_run_in_which_everything_was_rejected(run, tmp_path):
     shutil.copy(run / "catalogue.csv", tmp_path)
     names = [line.split(",")[0] for line in (run / "catalogue.csv").read_text().splitlines()[1:]]
-    (tmp_path / "rejected.csv").write_text(
-        "object,stage,reason\n" + "".join(f"{n},meshes,x\n" for n in names)
-    )
+    (tmp_path / "rejected.csv").write_text("object,stage,reason\n" + "".join(f"{n},meshes,x\n" for n in names))
     frames = tables.dataset_frames(tmp_path)
     assert len(frames.grasps) == 0
-    table = tables.dataset_statistics(*frames).set_index("class")
+    table = tables.dataset_statistics(frames).set_index("class")
     assert table.loc[TOTAL, ["attempted", "rejected", "objects"]].tolist() == [4, 4, 0]

@@ -28,9 +28,7 @@ def test_the_interval_of_an_error_ends_at_0():
     found = errors(frame, ["charts_touch", "charts_occluded"], "test").of_class("rifle")
     average = found.estimate(["charts_touch"], resamples=100)
     assert average.low == 0 < average.high
-    difference = found.estimate(
-        ["charts_touch", "charts_occluded"], lambda means: means[..., 0] - means[..., 1]
-    )
+    difference = found.estimate(["charts_touch", "charts_occluded"], lambda means: means[..., 0] - means[..., 1])
     assert difference.low < 0 < difference.high
 
 

@@ -75,10 +75,7 @@ def test_clouds_and_charts_are_in_their_columns(dataset, touch_depth, tmp_path, 
     body = picture[round(0.55 * DPI) :]
     for place in range(len(figure.touches(dataset["knife-0000"]))):
         start = 0.3 + place * (4 * 1.39 + 0.22)
-        panels = [
-            body[:, round((start + c * 1.39) * DPI) : round((start + c * 1.39 + 1.35) * DPI)]
-            for c in range(4)
-        ]
+        panels = [body[:, round((start + c * 1.39) * DPI) : round((start + c * 1.39 + 1.35) * DPI)] for c in range(4)]
         red, blue = [[(p[..., i] > 1.3 * p[..., j]).any() for p in panels] for i, j in ((0, 2), (2, 0))]
         drawn = [(p.min(axis=-1) < 200).any() for p in panels]
         assert all(drawn)

@@ -47,9 +47,7 @@ def test_the_same_numbers_give_the_same_bytes(tmp_path, evaluations):
     setup = synthetic.of_table("grasps")
     for name in ("a", "b"):
         figures.multi_grasp(evaluations, setup, tmp_path / f"{name}1.png", resamples=50)
-        figures.error_over_rings(
-            rings, synthetic.of_table("extrapolation"), tmp_path / f"{name}2.png", resamples=50
-        )
+        figures.error_over_rings(rings, synthetic.of_table("extrapolation"), tmp_path / f"{name}2.png", resamples=50)
     for number in (1, 2):
         assert (tmp_path / f"a{number}.png").read_bytes() == (tmp_path / f"b{number}.png").read_bytes()
 

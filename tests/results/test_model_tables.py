@@ -6,7 +6,7 @@ import pytest
 
 from palpate.results import model_tables as tables
 from palpate.results.errors import EvaluationError
-from palpate.results.model_tables import write_table
+from palpate.results.tables import display, write_table
 from tests.evaluation import synthetic
 
 CLASSES = ["bottle", "knife", "cellphone", "rifle"]
@@ -153,10 +153,10 @@ def test_a_class_with_one_object_shows_no_interval(tmp_path, evaluations):
     table = tables.input_modalities(few, synthetic.of_table("input_modalities"), resamples=100)
     assert table["knife_low"].isna().all() and table["average_low"].isna().all()
     assert table["bottle_low"].notna().all()
-    shown = tables.display(table)
+    shown = display(table)
     assert re.fullmatch(r"\d\.\d{3}", shown["average"][0]) and "[" in shown["bottle"][0]
 
 
 def test_small_numbers_keep_their_digits(rings):
-    shown = tables.display(tables.extrapolation(rings, synthetic.of_table("extrapolation"), resamples=100))
+    shown = display(tables.extrapolation(rings, synthetic.of_table("extrapolation"), resamples=100))
     assert shown["x1_paper"][0] == "6.69e-05" and shown["x1_paper"][4] == "0.602"

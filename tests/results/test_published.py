@@ -35,9 +35,7 @@ def test_every_published_experiment_is_declared_in_its_table():
         declared = DECLARED["tables"][table]["experiments"]
         assert published_experiments(table) == declared
     grasps = paper_values("grasps")
-    assert (
-        grasps["experiment"].map(lambda n: DECLARED["experiments"][n]["grasps"]) == grasps["grasps"]
-    ).all()
+    assert (grasps["experiment"].map(lambda n: DECLARED["experiments"][n]["grasps"]) == grasps["grasps"]).all()
     assert set(published_experiments()) == set(DECLARED["experiments"]) - {"single_image"}
 
 

@@ -64,9 +64,7 @@ def test_a_sites_area_colour_and_middle():
     np.testing.assert_allclose(picture.centres[1], [SHAPE[1] / 2, SHAPE[0] / 2], atol=1)
     assert np.isnan(picture.centres[[0, 2, 3]]).all()
     middle = picture.image[SHAPE[0] // 2, SHAPE[1] // 2, :3]
-    np.testing.assert_allclose(
-        middle / middle.max(), np.array(SITE_COLOURS[1]) / max(SITE_COLOURS[1]), atol=1e-6
-    )
+    np.testing.assert_allclose(middle / middle.max(), np.array(SITE_COLOURS[1]) / max(SITE_COLOURS[1]), atol=1e-6)
     colourful = np.ptp(picture.image[..., :3], axis=-1) > 0.1
     assert colourful.mean() * picture.image[..., 0].size == pytest.approx(
         picture.area[1] / surface.view(0, 0, SHAPE).scale ** 2, rel=0.1

@@ -1,5 +1,7 @@
 """Runs of the real workflow on a small folder of meshes, in a temporary results folder."""
 
+import contextlib
+import io
 import os
 import re
 import signal
@@ -8,12 +10,26 @@ import sys
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
+from unittest import mock
 
 import pytest
+import snakemake.cli
 import trimesh
 import yaml
 
 PROJECT = Path(__file__).parents[2]
+
+
+def plan(project: Path, *arguments: str) -> subprocess.CompletedProcess:
+    """Snakemake's command in this process, for what starts no job: it saves the start of a Python and its imports."""
+    printed, code = (io.StringIO(), io.StringIO()), 0
+    streams = contextlib.redirect_stdout(printed[0]), contextlib.redirect_stderr(printed[1])
+    with mock.patch.dict(os.environ), contextlib.chdir(project), streams[0], streams[1]:
+        try:
+            snakemake.cli.main(["--snakefile", str(project / "Snakefile"), "--cores", "2", *arguments])
+        except SystemExit as end:
+            code = int(end.code or 0)
+    return subprocess.CompletedProcess(arguments, code, *(text.getvalue() for text in printed))
 
 
 class Job(NamedTuple):
@@ -21,6 +37,7 @@ class Job(NamedTuple):
 
     rule: str
     inputs: list[str]
+    outputs: list[str]
     reason: str
 
 
@@ -47,20 +64,28 @@ class Workflow:
             timeout=600,
         )
 
+    def plan(self, *arguments: str) -> subprocess.CompletedProcess:
+        """What the command prints of a run in which no job starts."""
+        return plan(PROJECT, *arguments, "--configfile", str(self.config))
+
     def jobs(self, *targets: str) -> list[Job]:
         """The jobs that a dry run would run."""
-        result = self(*targets, "--dry-run")
-        assert result.returncode == 0, result.stderr
+        result = self.plan(*targets, "--dry-run")
+        assert result.returncode == 0, result.stdout + result.stderr
         found = []
         for text in re.split(r"^(?:local)?rule ", result.stdout, flags=re.MULTILINE)[1:]:
-            fields = dict(re.findall(r"^    (input|reason): (.*)", text, re.MULTILINE))
-            inputs = [path for path in fields.get("input", "").split(", ") if path]
-            found.append(Job(text.partition(":")[0], inputs, fields.get("reason", "")))
+            fields = dict(re.findall(r"^    (input|output|reason): (.*)", text, re.MULTILINE))
+            files = [[path for path in fields.get(key, "").split(", ") if path] for key in ("input", "output")]
+            found.append(Job(text.partition(":")[0], *files, fields.get("reason", "")))
         return found
 
     def planned(self, *targets: str) -> set[str]:
         """The rules that a dry run would run."""
         return {job.rule for job in self.jobs(*targets)}
+
+    def outputs(self, *targets: str) -> set[str]:
+        """The files that a dry run would make."""
+        return {path for job in self.jobs(*targets) for path in job.outputs}
 
     def changed(self, **config) -> "Workflow":
         """The same run with other values for some keys of its config."""

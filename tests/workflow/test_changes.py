@@ -2,20 +2,20 @@
 
 import pytest
 
-STAGES = {"catalogue", "meshes", "surface", "grasps", "touch", "vision", "tables"}
-AFTER_GRASPS = {"touch", "vision", "tables"}
+STAGES = {"catalogue", "meshes", "surface", "grasps", "touch", "vision", "table"}
+AFTER_GRASPS = {"touch", "vision", "table"}
 
 
 @pytest.mark.parametrize(
     ("config", "first", "others"),
     [
         ({"vision": {"size": 64, "samples": 3, "device": "cpu"}}, "vision", set()),
-        ({"touch": {"method": "sphere_tracing"}}, "touch", {"tables"}),
+        ({"touch": {"method": "sphere_tracing"}}, "touch", {"table"}),
         ({"grasps": {"thumb_share": 0.5}}, "grasps", AFTER_GRASPS),
         ({"grasps": {"hand": {}}}, "grasps", AFTER_GRASPS),
         ({"surface": {"points": 2000}}, "surface", {"grasps", *AFTER_GRASPS}),
         ({"mesh": {"levels": [500]}}, "meshes", {"surface", "grasps", *AFTER_GRASPS}),
-        ({"split": {"test": 1000}}, "catalogue", {"tables"}),
+        ({"split": {"test": 1000}}, "catalogue", {"table"}),
     ],
     ids=["samples", "method", "thumb_share", "hand", "points", "levels", "split"],
 )

@@ -2,14 +2,11 @@
 
 import re
 import shutil
-import subprocess
-import sys
-from pathlib import Path
 
 import pytest
 import yaml
 
-PROJECT = Path(__file__).parents[2]
+from tests.workflow.conftest import PROJECT, plan
 
 
 @pytest.fixture
@@ -30,28 +27,23 @@ def declared(project, change) -> None:
     path.write_text(yaml.safe_dump(held, sort_keys=False))
 
 
-def dry_run(project, *targets) -> subprocess.CompletedProcess:
-    command = [sys.executable, "-m", "snakemake", "--cores", "1", "--dry-run", *targets]
-    return subprocess.run(command, cwd=project, capture_output=True, text=True, timeout=300)
-
-
 def counts(project, *targets) -> dict[str, int]:
     """How many jobs of each rule a dry run would run."""
-    result = dry_run(project, *targets)
-    assert result.returncode == 0, result.stderr
+    result = plan(project, "--dry-run", *targets)
+    assert result.returncode == 0, result.stdout + result.stderr
     stats = re.search(r"^job +count\n-.*?\n(.*?)^total", result.stdout, re.MULTILINE | re.DOTALL)
     return {line.split()[0]: int(line.split()[1]) for line in stats[1].splitlines()}
 
 
 def test_a_table_trains_and_measures_just_its_experiments(project):
     table = counts(project, "tables/model_selection.csv")
-    assert (table["reconstruction"], table["evaluate"], table["model_selection"]) == (12, 12, 1)
+    assert (table["reconstruction"], table["evaluate"], table["table"]) == (12, 12, 1)
     assert not {"views", "rings", "evaluate_touch"} & set(table)
     local = counts(project, "tables/local_touch_charts.csv")
     assert not {"vision", "views", "reconstruction"} & set(local) and local["evaluate_touch"] == 1
     single = counts(project, "tables/single_image.csv")
     assert not {"grasps", "touch", "vision"} & set(single) and single["reconstruction"] == 1
-    assert set(counts(project, "tables/architectures/occluded.csv")) == {"architectures"}
+    assert set(counts(project, "tables/architectures/occluded.csv")) == {"table"}
 
 
 def test_every_seed_is_trained_and_measured(project):
@@ -75,7 +67,7 @@ def test_a_table_that_is_not_declared_is_not_built(project):
         ("tables/claims.csv", "is needed, but config/experiments.yaml does not define it"),
         ("tables/input_modalities.csv", "defines no table input_modalities"),
     ):
-        result = dry_run(project, target)
+        result = plan(project, "--dry-run", target)
         assert result.returncode and message in result.stdout + result.stderr
 
 
@@ -92,5 +84,5 @@ def test_a_table_that_is_not_declared_is_not_built(project):
 )
 def test_a_declaration_that_makes_no_sense_is_an_error_before_anything_runs(project, change, message):
     declared(project, change)
-    result = dry_run(project, "tables/model_selection.csv")
+    result = plan(project, "--dry-run", "tables/model_selection.csv")
     assert result.returncode and message in result.stdout + result.stderr

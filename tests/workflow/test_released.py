@@ -26,7 +26,7 @@ def workflow(make_workflow, tmp_path_factory):
 
 def test_it_is_read_and_not_simulated(workflow):
     targets = "dataset", "tables/dataset_statistics.csv"
-    assert workflow.planned(*targets) == {"dataset", "catalogue", "released", "rejected", "tables"}
+    assert workflow.planned(*targets) == {"dataset", "catalogue", "released", "rejected", "table"}
     result = workflow(*targets)
     assert result.returncode == 0, result.stderr
     dataset = palpate.Dataset(workflow.run)
@@ -45,12 +45,12 @@ def test_it_is_read_and_not_simulated(workflow):
 
 
 def test_models_need_no_simulation_of_it(workflow):
-    assert workflow.planned("packs/occluded-charts.h5") <= {
+    assert workflow.planned("models/charts_occluded_touch/seed-0/best.ckpt") <= {
         "catalogue",
         "released",
         "touch_depth",
         "charts",
-        "pack",
+        "reconstruction",
     }
 
 
@@ -73,6 +73,6 @@ def test_it_goes_out_as_it_came_in(workflow, make_workflow):
 
 
 def test_what_is_no_released_dataset_is_one_message(make_workflow, tmp_path):
-    result = make_workflow(source={"kind": "released", "path": str(tmp_path)})("dataset", "--dry-run")
+    result = make_workflow(source={"kind": "released", "path": str(tmp_path)}).plan("dataset", "--dry-run")
     said = result.stdout + result.stderr
     assert result.returncode and "surfaces: no such folder: set source.path" in said

@@ -1,4 +1,20 @@
-# Which objects the run has: class, split, batch, file, checksum; whole, and one file a batch.
+# The embedded source: procedural CAD objects, written as files that are then read like anyone's.
+rule shapes:
+    output:
+        folder=directory("sources/{class}"),
+    log:
+        "logs/shapes/{class}.log",
+    benchmark:
+        "benchmarks/shapes/{class}.tsv"
+    params:
+        name=lambda wildcards: wildcards["class"],
+        objects=lambda wildcards: CLASS_COUNTS[wildcards["class"]],
+        seed=config["seed"],
+    script:
+        "../scripts/shapes.py"
+
+
+# Which objects the run has: class, split, batch, file, checksum; one file of all, and one a batch.
 rule catalogue:
     input:
         sources=lambda wildcards: source_inputs(ENTRIES),
@@ -9,12 +25,6 @@ rule catalogue:
         "logs/catalogue.log",
     benchmark:
         "benchmarks/catalogue.tsv"
-    conda:
-        CONDA
-    threads: 1
-    resources:
-        mem_mb=1000,
-        runtime=30,
     params:
         source=SOURCE,
         classes=CLASS_COUNTS,
@@ -35,11 +45,5 @@ rule rejected:
         "logs/rejected.log",
     benchmark:
         "benchmarks/rejected.tsv"
-    conda:
-        CONDA
-    threads: 1
-    resources:
-        mem_mb=500,
-        runtime=5,
     script:
         "../scripts/rejected.py"

@@ -24,9 +24,7 @@ CLASS_NAME = r"[A-Za-z0-9_][A-Za-z0-9_.-]*"  # as the schemas have it
 def checked(path):
     """The path, if Snakemake takes it as it is."""
     if contains_wildcard(path) or re.search(r"<[a-z][a-z0-9_]*>", path):
-        raise ConfigError(
-            f"{path}: Snakemake takes {{...}} and <...> in a path for placeholders: rename it"
-        )
+        raise ConfigError(f"{path}: Snakemake takes {{...}} and <...> in a path for placeholders: rename it")
     return path
 
 
@@ -64,20 +62,14 @@ try:
     for path in (HAND or {}).values():
         if not (PROJECT / path).is_file():
             raise ConfigError(f"config grasps.hand: {PROJECT / path}: no such file")
-    TRAINING_MACHINE = {
-        key: config["training"][key] for key in ("device", "devices", "precision")
-    }
-    TRAINING_GPUS = (
-        0 if config["training"]["device"] == "cpu" else config["training"]["devices"]
-    )
+    TRAINING_MACHINE = {key: config["training"][key] for key in ("device", "devices", "precision")}
+    TRAINING_GPUS = 0 if config["training"]["device"] == "cpu" else config["training"]["devices"]
 except (ConfigError, catalogue.CatalogueError) as error:
     raise WorkflowError(str(error)) from None
 
 # The authors' dataset is read and not simulated: it comes without meshes and grasps.
 RELEASED = SOURCE["kind"] == "released"
-STAGES = (
-    ["released"] if RELEASED else ["meshes", "surface", "grasps", "touch", "vision"]
-)
+STAGES = ["released"] if RELEASED else ["meshes", "surface", "grasps", "touch", "vision"]
 
 
 @cache
@@ -94,11 +86,7 @@ def source_inputs(entries):
     """Files that a batch's meshes come from; procedural objects come as one folder a class."""
     if SOURCE["kind"] == "procedural":
         return sorted({f"sources/{entry.class_name}" for entry in entries})
-    files = [
-        file
-        for entry in entries
-        for file in mesh_files(f"{SOURCE['path']}/{entry.source}")
-    ]
+    files = [file for entry in entries for file in mesh_files(f"{SOURCE['path']}/{entry.source}")]
     return [checked(file) for file in dict.fromkeys(files)]
 
 
@@ -149,6 +137,11 @@ def stores_of(name, *more):
 
 def experiment_stores(wildcards):
     return stores_of(wildcards.experiment)
+
+
+def ring_stores(wildcards):
+    """The stores of an experiment, and the rings around the touches."""
+    return stores_of(wildcards.experiment, "touch", "rings")
 
 
 def experiment_settings(wildcards):

@@ -11,21 +11,10 @@ rule rings:
         "logs/rings/{batch}.log",
     benchmark:
         "benchmarks/rings/{batch}.tsv"
-    conda:
-        CONDA
-    threads: 1
-    resources:
-        mem_mb=2000,
-        runtime=30,
     params:
         seed=config["seed"],
     script:
         "../scripts/rings.py"
-
-
-def ring_stores(wildcards):
-    """The stores of an experiment, and the rings around the touches."""
-    return stores_of(wildcards.experiment, "touch", "rings")
 
 
 # One trained model on every object that it was not trained on.
@@ -40,8 +29,6 @@ rule evaluate:
         "logs/evaluate/{experiment}-{seed}.log",
     benchmark:
         "benchmarks/evaluate/{experiment}-{seed}.tsv"
-    conda:
-        CONDA
     threads: config["training"]["threads"]
     resources:
         mem_mb=lambda wildcards, input: 4000 + 2 * input.size_mb,
@@ -55,7 +42,8 @@ rule evaluate:
         "../scripts/evaluate.py"
 
 
-rule evaluate_rings:
+# The same on the true surface in rings around every touch of a split.
+use rule evaluate as evaluate_rings with:
     input:
         unpack(ring_stores),
         model="models/{experiment}/seed-{seed}/best.ckpt",
@@ -66,23 +54,14 @@ rule evaluate_rings:
         "logs/evaluate_rings/{experiment}-{seed}.log",
     benchmark:
         "benchmarks/evaluate_rings/{experiment}-{seed}.tsv"
-    conda:
-        CONDA
-    threads: config["training"]["threads"]
-    resources:
-        mem_mb=4000,
-        runtime=240,
-        gpu=min(TRAINING_GPUS, 1),
     params:
         experiment=lambda wildcards: EXPERIMENTS["experiments"][wildcards.experiment],
         split=lambda wildcards: EXPERIMENTS["tables"]["extrapolation"]["split"],
         device=config["training"]["device"],
-    script:
-        "../scripts/evaluate_rings.py"
 
 
 # The U-Net's clouds, and the charts fitted to them, at every touch that it was not trained on.
-rule evaluate_touch:
+use rule evaluate as evaluate_touch with:
     input:
         model="models/touch_depth/best.ckpt",
         summary="models/touch_depth/training.json",
@@ -95,15 +74,6 @@ rule evaluate_touch:
         "logs/evaluate_touch.log",
     benchmark:
         "benchmarks/evaluate_touch.tsv"
-    conda:
-        CONDA
-    threads: config["training"]["threads"]
-    resources:
-        mem_mb=4000,
-        runtime=240,
-        gpu=min(TRAINING_GPUS, 1),
     params:
         points=config["evaluation"]["points"],
         device=config["training"]["device"],
-    script:
-        "../scripts/evaluate_touch.py"

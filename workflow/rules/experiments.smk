@@ -1,75 +1,61 @@
-# What config/experiments.yaml means for the workflow: its tables, checked, and the evaluations that each needs.
-from palpate.results.published import published_experiments
+# Which tables and figures there are, and just the files that each is made from.
+from palpate.results.published import OF_EXPERIMENTS, paper_values, published_experiments
 
-# The tables of models that config/experiments.yaml may define, each by its list of experiments and its split.
-EXPERIMENT_TABLES = (
-    "model_selection",
-    "input_modalities",
-    "grasps",
-    "extrapolation",
-    "single_image",
-)
+# They are counted from the touch stores and the catalogue. A released dataset has no grasps of which penetration is known.
+DATASET_TABLES = ["dataset_statistics", "grasp_success", *([] if RELEASED else ["penetration"])]
+# The tables that config/experiments.yaml may define, each by its list of experiments and its split.
+EXPERIMENT_TABLES = [*OF_EXPERIMENTS, "single_image"]
 # The models whose layers the paper tells (supplement, tables of architectures).
-ARCHITECTURES = (
-    "touch_depth",
-    "occluded_touch",
-    "occluded",
-    "unoccluded_touch",
-    "unoccluded",
-    "touch",
-    "single_image",
-)
+ARCHITECTURES = expand("architectures/{model}", model=paper_values("architectures")["model"].unique())
+# The experiments of figures/reconstructions.png; its columns: palpate/results/reconstructions.py.
+DRAWN = ["charts_occluded", "charts_occluded_touch", "charts_unoccluded", "charts_unoccluded_touch", "charts_touch"]
+DRAWN += [f"charts_touch_{count}" for count in (2, 3, 4, 5)]
 
 for name, table in EXPERIMENTS["tables"].items():
+    place = f"config/experiments.yaml: table {name}"
     if name not in EXPERIMENT_TABLES:
         raise WorkflowError(
             f"config/experiments.yaml: no table is called {name}; there are {', '.join(EXPERIMENT_TABLES)}"
         )
     if table["split"] == "train":
-        raise WorkflowError(
-            f"config/experiments.yaml: table {name}: models are measured on validation or test"
-        )
+        raise WorkflowError(f"{place}: models are measured on validation or test")
     for experiment in table["experiments"]:
         if experiment not in EXPERIMENTS["experiments"]:
-            raise WorkflowError(
-                f"config/experiments.yaml: table {name} has experiment {experiment}, which is not defined"
-            )
+            raise WorkflowError(f"{place} has experiment {experiment}, which is not defined")
 
 
-def evaluations_of(names, folder="evaluations"):
-    """The evaluations of experiments with every seed; an experiment that is not defined is an error."""
+def seeds_of(names, path):
+    """A file of each experiment with every seed; an experiment that is not defined is an error."""
     for name in names:
         if name not in EXPERIMENTS["experiments"]:
-            raise WorkflowError(
-                f"experiment {name} is needed, but config/experiments.yaml does not define it"
-            )
-    return expand(
-        f"{folder}/{{experiment}}/seed-{{seed}}.csv",
-        experiment=names,
-        seed=config["training"]["seeds"],
-    )
+            raise WorkflowError(f"experiment {name} is needed, but config/experiments.yaml does not define it")
+    return expand(path, experiment=names, seed=config["training"]["seeds"])
+
+
+def evaluations_of(names):
+    return seeds_of(names, "evaluations/{experiment}/seed-{seed}.csv")
+
+
+def rings_of(names):
+    return seeds_of(names, "evaluations/rings/{experiment}/seed-{seed}.csv")
 
 
 def table_setup(table):
-    """The experiments of a table as they are defined, and its split; one that is not defined is an error."""
+    """The experiments of a table as they are defined, and its split; a table that is not defined is an error."""
     if table not in EXPERIMENTS["tables"]:
         raise WorkflowError(f"config/experiments.yaml defines no table {table}")
     declared = EXPERIMENTS["tables"][table]
     return {
-        "experiments": {
-            name: EXPERIMENTS["experiments"][name] for name in declared["experiments"]
-        },
+        "experiments": {name: EXPERIMENTS["experiments"][name] for name in declared["experiments"]},
         "split": declared["split"],
         "resamples": config["evaluation"]["bootstrap"],
     }
 
 
-def sees_views(table):
-    """Whether a model of the table is shown views of an object."""
-    return any(
-        EXPERIMENTS["experiments"][name]["vision"] == "views"
-        for name in EXPERIMENTS["tables"][table]["experiments"]
-    )
+def is_made(table):
+    """Whether a table of experiments is part of a run: a released dataset has no views, which single images are of."""
+    experiments = table_setup(table)["experiments"].values()
+    return not (RELEASED and any(experiment["vision"] == "views" for experiment in experiments))
 
 
 def claims_decidable():
@@ -77,3 +63,107 @@ def claims_decidable():
     rings = EXPERIMENTS["tables"].get("extrapolation", {"split": None})
     defined = set(published_experiments()) <= set(EXPERIMENTS["experiments"])
     return defined and rings["split"] == "test"
+
+
+MADE = list(filter(is_made, EXPERIMENTS["tables"]))
+MODEL_TABLES = [*MADE, "local_touch_charts", *(["claims"] if claims_decidable() else [])]
+TRAINED = sorted({name for table in MADE for name in table_setup(table)["experiments"]})
+# They show meshes and hands.
+DATASET_FIGURES = [] if RELEASED else ["data_point", "grasp_steps", *expand("examples_{name}", name=CLASS_COUNTS)]
+MODEL_FIGURES = ["training_curves", "reconstructions", "local_predictions", "atlas"]
+MODEL_FIGURES += ["multi_grasp"] if "grasps" in EXPERIMENTS["tables"] else []
+MODEL_FIGURES += ["error_over_rings"] if "extrapolation" in EXPERIMENTS["tables"] else []
+
+
+def of_batches(*stages):
+    """The stores of stages, of all batches. Of a source without meshes the surface points stand in for them."""
+    suffix = {"meshes": "", "grasps": ".h5"}
+    return {
+        stage: expand(f"{stage}/{{batch}}{suffix.get(stage, '.zarr')}", batch=BATCHES)
+        for stage in stages
+        if not (RELEASED and stage in suffix)
+    }
+
+
+def table_inputs(wildcards):
+    match wildcards.table:
+        case "dataset_statistics" | "grasp_success" | "penetration":  # no renderer starts for them
+            stages = [stage for stage in STAGES if stage != "vision"]
+            rejected = expand("rejected/{stage}/{batch}.csv", stage=stages, batch=BATCHES)
+            return {"catalogue": "catalogue.csv", "rejected": rejected, **of_batches("touch", "grasps")}
+        case "extrapolation" as table:
+            return {"rings": rings_of(table_setup(table)["experiments"])}
+        case "local_touch_charts":
+            return {"touches": "evaluations/touch_depth.csv"}
+        case "claims":
+            return {
+                "evaluations": evaluations_of(published_experiments()),
+                "rings": rings_of(published_experiments("extrapolation")),
+                "touches": "evaluations/touch_depth.csv",
+            }
+        case "tuning":
+            return {"trainings": expand("tuning/{point}/training.json", point=TUNING.instance_patterns)}
+        case table if table in ARCHITECTURES:  # read off the modules themselves
+            return {}
+        case table:
+            return {"evaluations": evaluations_of(table_setup(table)["experiments"])}
+
+
+def table_settings(wildcards):
+    match wildcards.table:
+        case "local_touch_charts":
+            return {"split": "test", "resamples": config["evaluation"]["bootstrap"]}
+        case "claims":
+            return {"resamples": config["evaluation"]["bootstrap"]}
+        case "tuning":
+            return {"points": TUNING.dataframe.to_dict("records")}
+        case table if table in EXPERIMENT_TABLES:
+            return table_setup(table)
+        case _:
+            return {}
+
+
+def figure_inputs(wildcards):
+    catalogue = {"catalogue": "catalogue.csv"}
+    match wildcards.figure:
+        case "multi_grasp":
+            return {"evaluations": evaluations_of(table_setup("grasps")["experiments"])}
+        case "error_over_rings":
+            return {"rings": rings_of(table_setup("extrapolation")["experiments"])}
+        case "training_curves":
+            return {"histories": seeds_of(TRAINED, "models/{experiment}/seed-{seed}/history.csv")}
+        case "local_predictions":
+            return catalogue | of_batches("touch") | {"touch_depth": "models/touch_depth/best.ckpt"}
+        case "reconstructions":
+            models = expand(
+                "models/{experiment}/seed-{seed}/best.ckpt", experiment=drawn(), seed=config["training"]["seeds"][0]
+            )
+            stores = of_batches("meshes", "surface", "touch", "vision")
+            return catalogue | stores | {"touch_depth": "models/touch_depth/best.ckpt", "models": models}
+        case "atlas":
+            return {}
+        case _:
+            return {"stores": STORES, **of_batches("meshes")}
+
+
+def drawn():
+    """The experiments of figures/reconstructions.png that are defined and see no more grasps than the run has."""
+    defined = EXPERIMENTS["experiments"]
+    return [name for name in DRAWN if name in defined and defined[name]["grasps"] <= config["grasps"]["per_object"]]
+
+
+def figure_settings(wildcards):
+    match wildcards.figure:
+        case "multi_grasp":
+            return table_setup("grasps")
+        case "error_over_rings":
+            return table_setup("extrapolation")
+        case "training_curves":
+            return {
+                "trainings": [(name, seed) for name in TRAINED for seed in config["training"]["seeds"]],
+                "experiments": {name: EXPERIMENTS["experiments"][name] for name in TRAINED},
+            }
+        case "local_predictions" | "reconstructions":
+            return {"fit": config["training"]["touch_charts"]}
+        case _:
+            return {}

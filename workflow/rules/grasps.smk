@@ -12,12 +12,6 @@ rule grasps:
         "logs/grasps/{batch}.log",
     benchmark:
         "benchmarks/grasps/{batch}.tsv"
-    conda:
-        CONDA
-    threads: 1
-    resources:
-        mem_mb=3000,
-        runtime=60,
     params:
         grasps=config["grasps"],
         seed=config["seed"],

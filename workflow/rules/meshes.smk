@@ -10,12 +10,6 @@ rule meshes:
         "logs/meshes/{batch}.log",
     benchmark:
         "benchmarks/meshes/{batch}.tsv"
-    conda:
-        CONDA
-    threads: 1
-    resources:
-        mem_mb=4000,
-        runtime=60,
     params:
         objects=batch_objects,
         source=SOURCE,

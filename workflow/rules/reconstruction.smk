@@ -1,3 +1,15 @@
+import pandas
+from snakemake.utils import Paramspace
+
+from palpate.training import tuning
+
+TUNED = "charts_occluded_touch"
+try:
+    TUNING = Paramspace(pandas.DataFrame(tuning.grid(PROJECT / "config/tuning.yaml", config["tuning"]["grid"])))
+except ConfigError as error:
+    raise WorkflowError(str(error)) from None
+
+
 # One model of config/experiments.yaml, from just the stores that it takes arrays of (palpate/training/inputs.py).
 rule reconstruction:
     input:
@@ -10,8 +22,6 @@ rule reconstruction:
         "logs/reconstruction/{experiment}-{seed}.log",
     benchmark:
         "benchmarks/reconstruction/{experiment}-{seed}.tsv"
-    conda:
-        CONDA
     threads: config["training"]["threads"]
     resources:
         mem_mb=lambda wildcards, input: 4000 + 4 * input.size_mb,
@@ -24,3 +34,24 @@ rule reconstruction:
         seed=lambda wildcards: int(wildcards.seed),
     script:
         "../scripts/train.py"
+
+
+# One point of the supplement's grid of hyperparameters; not part of `all`.
+use rule reconstruction as tuning_point with:
+    input:
+        unpack(lambda wildcards: stores_of(TUNED)),
+    output:
+        model=f"tuning/{TUNING.wildcard_pattern}/best.ckpt",
+        history=f"tuning/{TUNING.wildcard_pattern}/history.csv",
+        summary=f"tuning/{TUNING.wildcard_pattern}/training.json",
+    log:
+        f"logs/tuning/{TUNING.wildcard_pattern}.log",
+    benchmark:
+        f"benchmarks/tuning/{TUNING.wildcard_pattern}.tsv"
+    params:
+        experiment=EXPERIMENTS["experiments"].get(TUNED),
+        settings=lambda wildcards: recipes.settings(RECIPE, EXPERIMENTS["experiments"][TUNED]),
+        point=TUNING.instance,
+        steps=config["tuning"]["steps"],
+        machine=TRAINING_MACHINE,
+        seed=config["seed"],

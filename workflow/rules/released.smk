@@ -1,31 +1,41 @@
-# The authors' released dataset, read instead of simulated: surface, touch and vision of a batch.
-rule released:
+if RELEASED:
+
+    # The authors' released dataset, read instead of simulated: surface, touch and vision of a batch.
+    rule released:
+        input:
+            sources=batch_sources,
+            empty_reading=f"{SOURCE['path']}/empty_gel.npy",
+        output:
+            surface=directory("surface/{batch}.zarr"),
+            touch=directory("touch/{batch}.zarr"),
+            vision=directory("vision/{batch}.zarr"),
+            rejected="rejected/released/{batch}.csv",
+        log:
+            "logs/released/{batch}.log",
+        benchmark:
+            "benchmarks/released/{batch}.tsv"
+        params:
+            objects=batch_objects,
+            source=SOURCE["path"],
+            settings={
+                "points": config["surface"]["points"],
+                "grasps": config["grasps"]["per_object"],
+                "size": config["vision"]["size"],
+            },
+            seed=config["seed"],
+        script:
+            "../scripts/released.py"
+
+
+# The dataset in the layout that the authors released theirs in, for their code; with sheets if charts were made.
+rule export:
     input:
-        sources=batch_sources,
-        empty_reading=f"{SOURCE['path']}/empty_gel.npy",
+        STORES,
     output:
-        surface=directory("surface/{batch}.zarr"),
-        touch=directory("touch/{batch}.zarr"),
-        vision=directory("vision/{batch}.zarr"),
-        rejected="rejected/released/{batch}.csv",
+        folder=directory("released"),
     log:
-        "logs/released/{batch}.log",
+        "logs/export.log",
     benchmark:
-        "benchmarks/released/{batch}.tsv"
-    conda:
-        CONDA
-    threads: 1
-    resources:
-        mem_mb=4000,
-        runtime=60,
-    params:
-        objects=batch_objects,
-        source=SOURCE["path"],
-        settings={
-            "points": config["surface"]["points"],
-            "grasps": config["grasps"]["per_object"],
-            "size": config["vision"]["size"],
-        },
-        seed=config["seed"],
+        "benchmarks/export.tsv"
     script:
-        "../scripts/released.py"
+        "../scripts/export.py"

@@ -9,12 +9,6 @@ rule surface:
         "logs/surface/{batch}.log",
     benchmark:
         "benchmarks/surface/{batch}.tsv"
-    conda:
-        CONDA
-    threads: 1
-    resources:
-        mem_mb=2000,
-        runtime=30,
     params:
         objects=batch_objects,
         surface=config["surface"],

@@ -10,12 +10,6 @@ rule touch:
         "logs/touch/{batch}.log",
     benchmark:
         "benchmarks/touch/{batch}.tsv"
-    conda:
-        CONDA
-    threads: 1
-    resources:
-        mem_mb=3000,
-        runtime=30,
     params:
         touch=config["touch"],
         seed=config["seed"],

@@ -11,14 +11,32 @@ rule vision:
         "logs/vision/{batch}.log",
     benchmark:
         "benchmarks/vision/{batch}.tsv"
-    conda:
-        CONDA
-    threads: 1
     resources:
-        mem_mb=4000,
         runtime=120,
     params:
         vision=config["vision"],
         seed=config["seed"],
     script:
         "../scripts/vision.py"
+
+
+# Small images of every object from all around, for single-image reconstruction: rendered, or Choy et al.'s own.
+rule views:
+    input:
+        meshes="meshes/{batch}",
+    output:
+        views=directory("views/{batch}.zarr"),
+        rejected="rejected/views/{batch}.csv",
+    log:
+        "logs/views/{batch}.log",
+    benchmark:
+        "benchmarks/views/{batch}.tsv"
+    params:
+        objects=batch_objects,
+        views=config["views"],
+        # Relative paths are the project's.
+        renderings=(str(PROJECT / config["views"]["renderings"]) if config["views"]["renderings"] else None),
+        device=config["vision"]["device"],
+        seed=config["seed"],
+    script:
+        "../scripts/views.py"

@@ -1,27 +1,46 @@
-"""One trained model, on every sample of the validation and test splits.
+"""A trained model, measured on objects that it was not trained on.
 
-evaluations/<experiment>/seed-<k>.csv    experiment, seed, object, class, split, window,
-                                         chamfer (m^2 x 9000), f1_tau, f1_2tau (%, Pixel2Mesh's protocol),
-                                         seconds (of the prediction), steps (of training)
+evaluations/<experiment>/seed-<k>.csv          a row a sample of the validation and test splits: experiment, seed,
+                                               object, class, split, window, chamfer (m^2 x 9000), f1_tau, f1_2tau
+                                               (%, Pixel2Mesh's protocol), seconds (of the prediction), steps
+evaluations/rings/<experiment>/seed-<k>.csv    a row a sample of one split, touch and ring of true surface around it:
+                                               experiment, seed, object, class, split, window, grasp, sensor, ring
+                                               (1..5), points, distance (mean squared, m^2, from these points to the
+                                               prediction), steps
+evaluations/touch_depth.csv                    a row a successful touch of the validation and test splits: object,
+                                               class, split, grasp, sensor, cloud (Chamfer distance of the predicted
+                                               local cloud, m^2 x 9000), chart (that of the chart fitted to it), steps
+
+steps are those of the training.
 """
 
+import pandas as pd
 import torch
 
-from palpate import training
+from palpate import Dataset, training
 from palpate.atomic import atomic_write
 from palpate.batch import log_to
 from palpate.evaluation import evaluate
 
+inputs, params, wildcards = snakemake.input, snakemake.params, snakemake.wildcards
+
+
+def measured() -> pd.DataFrame:
+    if not params.get("experiment"):
+        device = training.Machine(params.device).torch_device()
+        model = training.load_touch_depth(inputs.model).to(device)
+        steps = evaluate.training_steps(inputs.summary)
+        return evaluate.evaluate_touch(model, steps, Dataset(".", ["touch", "charts"]), params.points)
+    name, seed = wildcards.experiment, int(wildcards.seed)
+    trained = evaluate.load(inputs.model, inputs.summary, name, params.experiment, seed, params.device)
+    if params.get("split"):
+        data = training.TrainingData.load(".", params.experiment, [params.split])
+        return evaluate.evaluate_rings(trained, data, Dataset(".", ["touch", "rings"]), params.split)
+    data = training.TrainingData.load(".", params.experiment, evaluate.SPLITS)
+    return evaluate.evaluate(trained, data, params.points)
+
+
 log_to(snakemake.log[0])
 torch.set_num_threads(snakemake.threads)
-trained = evaluate.load(
-    snakemake.input.model,
-    snakemake.input.summary,
-    snakemake.wildcards.experiment,
-    snakemake.params.experiment,
-    int(snakemake.wildcards.seed),
-    snakemake.params.device,
-)
-data = training.TrainingData.load(".", snakemake.params.experiment, evaluate.SPLITS)
 with atomic_write(snakemake.output.table) as path:
-    evaluate.evaluate(trained, data, snakemake.params.points).to_csv(path, index=False)
+    measured().to_csv(path, index=False)

@@ -14,13 +14,11 @@ rejected/grasps/<batch>.csv    object, stage, reason
 import logging
 from pathlib import Path
 
-from palpate import grasp, hand, mesh, scene, store
+from palpate import grasp, hand, mesh, store
 from palpate.batch import each_object, generator, log_to
 
 log_to(snakemake.log[0])
 log = logging.getLogger("grasps")
-plan = scene.plan("grasp")
-log.info(plan)
 meshes, seed = Path(snakemake.input.meshes), snakemake.params.seed
 settings = dict(snakemake.params.grasps)
 mjcf_files = settings.pop("hand")
@@ -38,10 +36,9 @@ def close_hand(name: str) -> dict:
         robot,
         generator(seed, name, "grasps"),
         **settings,
-        plan=plan,
     )
-    left_out = ", ".join(f"{count:,} {what}" for what, count in found.left_out.items())
-    log.info("%s: left out: %s", name, left_out)
+    omitted = ", ".join(f"{count:,} {what}" for what, count in found.omitted.items())
+    log.info("%s: omitted: %s", name, omitted)
     return vars(found)
 
 

@@ -101,8 +101,8 @@ def test_reference_is_as_good_as_exact():
         exact = touch.exact_depth(*longer)
         assert exact.dtype == np.longdouble and np.isfinite(depth).any()
         np.testing.assert_array_equal(np.isfinite(depth), np.isfinite(exact))
-        felt = np.isfinite(depth)
-        assert np.abs(depth[felt] - exact[felt]).max() < 1e-12
+        touched = np.isfinite(depth)
+        assert np.abs(depth[touched] - exact[touched]).max() < 1e-12
 
 
 def test_reference_leaves_out_no_face():
@@ -172,7 +172,7 @@ def test_fewer_faces_err_more(rows):
 
 
 def test_the_grid_is_exact_where_distance_is_linear():
-    """In front of a large flat face every step lands; from inside the object the way out is felt."""
+    """In front of a large flat face every step lands; from inside the object the way out is met."""
     box = trimesh.creation.box((0.2, 0.3, 0.3))
     outside, inside = np.array([-0.11, 0, 0]), np.array([-0.09, 0, 0])
     depth = touch.on_grid(box, np.stack([outside, inside]), np.stack([np.eye(3), np.diag([-1.0, -1, 1])]), 4)

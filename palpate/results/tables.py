@@ -1,0 +1,95 @@
+"""Tables as files: CSV with all numbers in columns of their own; Markdown and LaTeX for reading.
+
+A table is a DataFrame. Three entries of its `attrs` say how it is written:
+
+    note        what stands under the table in Markdown and LaTeX
+    decimals    of the numbers in Markdown and LaTeX, where a number and its interval then share a cell; None:
+                three significant digits. Without this entry numbers are shown as the frame has them.
+    exact       column -> decimals, where a column has its own
+"""
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from tabulate import tabulate
+
+MISSING = "–"
+
+
+def write_table(table: pd.DataFrame, path: Path | str) -> None:
+    """Write `path` (.csv) and, beside it, the same table as Markdown (.md) and LaTeX (.tex).
+
+    Raises ValueError if the path does not end in .csv.
+    """
+    path = Path(path)
+    if path.suffix != ".csv":
+        raise ValueError(f"{path}: a table's path ends in .csv (Markdown and LaTeX are written beside it)")
+    path.parent.mkdir(parents=True, exist_ok=True)
+    float_format = "%.6g" if "decimals" in table.attrs else None
+    table.to_csv(path, index=False, lineterminator="\n", float_format=float_format)
+    path.with_suffix(".md").write_text(markdown(table), encoding="utf-8")
+    path.with_suffix(".tex").write_text(latex(table), encoding="utf-8")
+
+
+def markdown(table: pd.DataFrame) -> str:
+    """The table in Markdown: numbers to the right, missing values as a dash; then its note."""
+    cells = display(table).map(lambda cell: cell.replace("|", r"\|"))
+    note = table.attrs.get("note")
+    return _tabulated(table, cells, "pipe") + (f"\n\n{note}\n" if note else "\n")
+
+
+def latex(table: pd.DataFrame) -> str:
+    """The table as a LaTeX tabular with the rules of package booktabs; then its note, as a comment."""
+    cells = display(table).map(lambda cell: cell.replace(MISSING, "--"))
+    text = _tabulated(table, cells, "latex_booktabs").replace(r"\^{}", r"\textasciicircum{}")
+    note = table.attrs.get("note")
+    return text + (f"\n% {note}\n" if note else "\n")
+
+
+def display(table: pd.DataFrame) -> pd.DataFrame:
+    """The table as it is read: every cell as text, each number with its interval in brackets."""
+    if "decimals" not in table.attrs:
+        # Row by row, as tuples: each cell keeps the type of its column.
+        rows = [[_text(value) for value in row] for row in table.itertuples(index=False)]
+        return pd.DataFrame(rows, columns=table.columns, dtype=object)
+    shown = {}
+    for name in table:
+        if name.endswith(("_low", "_high")) and name.rsplit("_", 1)[0] in table:
+            continue
+        if f"{name}_low" in table:
+            intervals = zip(*(table[column] for column in (name, f"{name}_low", f"{name}_high")), strict=True)
+            shown[name] = [_bracketed(table, name, *numbers) for numbers in intervals]
+        elif pd.api.types.is_float_dtype(table[name]):
+            shown[name] = [_number(table, name, number) for number in table[name]]
+        else:
+            shown[name] = [_text(value) for value in table[name]]
+    return pd.DataFrame(shown, dtype=object)
+
+
+def _tabulated(table: pd.DataFrame, cells: pd.DataFrame, form: str) -> str:
+    plain = "decimals" not in table.attrs
+    sides = ["right" if plain and pd.api.types.is_numeric_dtype(table[name]) else "left" for name in cells]
+    header = [str(name).replace("_", " ") for name in cells]
+    # Without rows tabulate has no columns to align.
+    rows = cells.to_numpy().tolist() or [[""] * len(header)]
+    return tabulate(rows, header, tablefmt=form, colalign=sides, disable_numparse=True)
+
+
+def _text(value) -> str:
+    return MISSING if pd.isna(value) else str(value)
+
+
+def _bracketed(table: pd.DataFrame, name: str, value: float, low: float, high: float) -> str:
+    text = _number(table, name, value)
+    if np.isnan(low) or np.isnan(high):
+        return text
+    return f"{text} [{_number(table, name, low)}, {_number(table, name, high)}]"
+
+
+def _number(table: pd.DataFrame, name: str, value: float) -> str:
+    """With the table's decimals; with three significant digits where it has none."""
+    if pd.isna(value):
+        return MISSING
+    decimals = table.attrs.get("exact", {}).get(name.removesuffix("_paper"), table.attrs["decimals"])
+    return f"{value:.3g}" if decimals is None else f"{value:.{decimals}f}"

@@ -1,0 +1,86 @@
+"""From solids with materials to closed, textured meshes of a bounded number of faces."""
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+
+import numpy as np
+import trimesh
+from manifold3d import Manifold
+from scipy.spatial import cKDTree
+from trimesh.visual import TextureVisuals
+
+from palpate.shapes.materials import Material
+from palpate.shapes.solids import union
+
+# Faces of one object: enough that a flat facet is smaller than a touch sensor, few enough to stay quick.
+FEWEST_FACES, MOST_FACES = 5_000, 20_000
+# Metres. Vertices nearer than this to a simpler surface go: CSG leaves slivers where surfaces almost meet.
+SLIVER = 2e-6
+# Metres. Vertices as near as this may become equal in a file; then they are moved this far into the solid.
+TOUCH, GAP = 5e-7, 1e-5
+
+
+@dataclass(frozen=True)
+class Part:
+    """A closed solid of one material. `uv` maps vertices (n, 3) to texture coordinates (n, 2)."""
+
+    solid: Manifold
+    material: Material
+    uv: Callable[[np.ndarray], np.ndarray] | None = None
+
+
+def assemble(parts: Iterable[Part]) -> trimesh.Scene:
+    """One closed mesh a material, in the order in which materials first appear."""
+    by_material: dict[str, list[Part]] = {}
+    for part in parts:
+        by_material.setdefault(part.material.name, []).append(part)
+    solids = {name: union(part.solid for part in group) for name, group in by_material.items()}
+    scene = trimesh.Scene()
+    for name, solid in bounded_faces(solids).items():
+        part = by_material[name][0]
+        raw = solid.to_mesh64()
+        faces = np.asarray(raw.tri_verts, dtype=np.int64)
+        vertices = apart(np.asarray(raw.vert_properties)[:, :3], faces)
+        uv = np.zeros((len(vertices), 2)) if part.uv is None else part.uv(vertices)
+        mesh = trimesh.Trimesh(
+            vertices,
+            faces,
+            visual=TextureVisuals(uv=uv, material=part.material.to_pbr()),
+            process=False,
+        )
+        scene.add_geometry(mesh, node_name=name, geom_name=name)
+    return scene
+
+
+def apart(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
+    """Vertices (n, 3), those that touch another moved inwards by `GAP`.
+
+    Solids that touch along an edge are closed as long as each has its own vertices there, but a loader
+    merges equal vertices, and an edge of four faces is closed no more.
+    """
+    pairs = cKDTree(vertices).query_pairs(TOUCH, output_type="ndarray")
+    if len(pairs) == 0:
+        return vertices
+    # Of k vertices at one point the first stays, the next moves once, the next twice.
+    moves = np.bincount(pairs.max(axis=1), minlength=len(vertices))
+    normals = trimesh.Trimesh(vertices, faces, process=False).vertex_normals
+    return vertices - GAP * moves[:, None] * normals
+
+
+def bounded_faces(solids: dict[str, Manifold]) -> dict[str, Manifold]:
+    """Refine large flat facets until the object has its fewest faces; simplify it if it has too many."""
+    solids = {name: solid.simplify(SLIVER) for name, solid in solids.items()}
+    refined, length = solids, 0.05
+    while face_count(refined) < FEWEST_FACES:
+        refined = {name: solid.refine_to_length(length) for name, solid in solids.items()}
+        length *= 0.65
+    tolerance = 2 * SLIVER
+    while face_count(refined) > MOST_FACES:
+        refined = {name: solid.simplify(tolerance) for name, solid in refined.items()}
+        tolerance *= 2
+    return refined
+
+
+def face_count(solids: dict[str, Manifold]) -> int:
+    """Number of faces of all solids."""
+    return sum(solid.num_tri() for solid in solids.values())

@@ -1,0 +1,94 @@
+# What is asked for by name: snakemake all, dataset, validate, smoke.
+import sys
+
+
+localrules:
+    all,
+    dataset,
+    validate,
+    smoke,
+
+
+# Every array of every store against the dataset contract.
+rule validate_batch:
+    input:
+        meshes="meshes/{batch}",
+        catalogue="catalogue.csv",
+        surface="surface/{batch}.zarr",
+        grasps="grasps/{batch}.h5",
+        touch="touch/{batch}.zarr",
+        vision="vision/{batch}.zarr",
+        rejected=expand("rejected/{stage}/{{batch}}.csv", stage=STAGES),
+    output:
+        table="reports/validation/{batch}.csv",
+    log:
+        "logs/validate_batch/{batch}.log",
+    benchmark:
+        "benchmarks/validate_batch/{batch}.tsv"
+    params:
+        max_penetration=config["grasps"]["max_penetration"],
+    script:
+        "../scripts/validate_batch.py"
+
+
+rule validation:
+    input:
+        catalogue="catalogue.csv",
+        rejected="rejected.csv",
+        batches=expand("reports/validation/{batch}.csv", batch=BATCHES),
+    output:
+        table=report(
+            "reports/validation.csv",
+            caption="../report/validation.rst",
+            category="Dataset",
+        ),
+    log:
+        "logs/validation.log",
+    benchmark:
+        "benchmarks/validation.tsv"
+    script:
+        "../scripts/validation.py"
+
+
+# A target that fails if a check failed or nothing could be used; the report stays, to be read.
+rule validate:
+    input:
+        table="reports/validation.csv",
+        catalogue="catalogue.csv",
+        rejected="rejected.csv",
+    log:
+        "logs/validate.log",
+    script:
+        "../scripts/validate.py"
+
+
+# The data and all that is told of them: nothing is trained.
+rule dataset:
+    input:
+        STORES,
+        [] if RELEASED else "reports/validation.csv",
+        expand("tables/{table}.{form}", table=DATASET_TABLES, form=["csv", "md", "tex"]),
+        expand("figures/{figure}.png", figure=DATASET_FIGURES),
+
+
+rule all:
+    default_target: True
+    input:
+        rules.dataset.input,
+        expand("tables/{table}.{form}", table=[*MODEL_TABLES, *ARCHITECTURES], form=["csv", "md", "tex"]),
+        expand("figures/{figure}.png", figure=MODEL_FIGURES),
+
+
+# A run of its own (config/smoke.yaml, results/smoke/), whatever the config of this one.
+rule smoke:
+    log:
+        "logs/smoke.log",
+    threads: 2
+    params:
+        project=PROJECT,
+        python=sys.executable,
+        config=PROJECT / "config/smoke.yaml",
+    shell:
+        "log=$(realpath {log:q}); cd {params.project:q};"
+        " {params.python:q} -m snakemake --cores {threads} all validate --configfile {params.config:q}"
+        ' 2>&1 | tee "$log"'

@@ -1,0 +1,50 @@
+# The U-Net from a touch reading to depth, trained on the successful touches of the train split.
+rule touch_depth:
+    input:
+        catalogue="catalogue.csv",
+        touch=expand("touch/{batch}.zarr", batch=BATCHES),
+    output:
+        model="models/touch_depth/best.ckpt",
+        history="models/touch_depth/history.csv",
+        summary="models/touch_depth/training.json",
+    log:
+        "logs/touch_depth.log",
+    benchmark:
+        "benchmarks/touch_depth.tsv"
+    threads: config["training"]["threads"]
+    resources:
+        mem_mb=lambda wildcards, input: 4000 + 8 * input.size_mb,
+        runtime=720,
+        gpu=TRAINING_GPUS,
+    params:
+        settings=RECIPE["touch_depth"],
+        machine=TRAINING_MACHINE,
+        seed=config["seed"],
+    script:
+        "../scripts/train.py"
+
+
+# Touch charts of a batch: depth that the U-Net predicts, and a chart fitted to it, for every touch.
+rule charts:
+    input:
+        touch="touch/{batch}.zarr",
+        model="models/touch_depth/best.ckpt",
+    output:
+        charts=directory("charts/{batch}.zarr"),
+    log:
+        "logs/charts/{batch}.log",
+    benchmark:
+        "benchmarks/charts/{batch}.tsv"
+    threads: config["training"]["threads"]
+    resources:
+        runtime=120,
+        gpu=TRAINING_GPUS,
+    params:
+        settings={
+            "touch_charts": config["training"]["touch_charts"],
+            "touch_depth": RECIPE["touch_depth"],
+        },
+        device=config["training"]["device"],
+        seed=config["seed"],
+    script:
+        "../scripts/charts.py"

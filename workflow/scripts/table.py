@@ -1,0 +1,66 @@
+"""tables/<table>.csv, and the same for reading as .md and .tex.
+
+dataset_statistics        objects, splits, grasps, touches, % successful, by class
+grasp_success             share of grasps with 0 to 4 successful touches
+penetration               how deep the hand is in the object or in itself, mm
+model_selection           Chamfer distance (m^2 x 9000) of twelve models by class
+input_modalities          Chamfer distance with different inputs
+grasps                    Chamfer distance with 1 to 5 grasps
+extrapolation             error in square rings around each touch, m^2 and m^2 x 9000
+single_image              reconstruction from single images, Pixel2Mesh's protocol
+local_touch_charts        Chamfer distance (m^2 x 9000) of local predictions, by class
+claims                    what this run says about each claim of the paper that a number decides
+tuning                    the grid of hyperparameters: the result of each of its points, the best first
+architectures/<model>     layers of the live module beside the paper's
+"""
+
+import json
+from pathlib import Path
+
+import pandas as pd
+
+from palpate.batch import log_to
+from palpate.results import errors
+from palpate.results.tables import write_table
+
+
+def evaluations() -> pd.DataFrame:
+    return errors.read(snakemake.input.evaluations)
+
+
+def rings() -> pd.DataFrame:
+    return errors.read(snakemake.input.rings, errors.RING_COLUMNS)
+
+
+def touches() -> pd.DataFrame:
+    return errors.read([snakemake.input.touches], errors.TOUCH_COLUMNS)
+
+
+def table(name: str, settings: dict) -> pd.DataFrame:
+    """A table by its name; imports just what that one needs."""
+    match name.split("/"):
+        case ["architectures", model]:
+            from palpate.results.architectures import architecture_table
+
+            return architecture_table(model)
+        case ["tuning"]:
+            from palpate.results import model_tables
+
+            trained = [json.loads(Path(path).read_text()) for path in snakemake.input.trainings]
+            return model_tables.tuning(settings["points"], trained)
+        case ["claims"]:
+            from palpate.results import claims
+
+            return claims.decide(evaluations(), rings(), touches(), **settings)
+        case ["dataset_statistics" | "grasp_success" | "penetration"]:
+            from palpate.results import dataset_tables
+
+            return getattr(dataset_tables, name)(dataset_tables.dataset_frames("."))
+    from palpate.results import model_tables
+
+    rows = {"extrapolation": rings, "local_touch_charts": touches}.get(name, evaluations)
+    return getattr(model_tables, name)(rows(), **settings)
+
+
+log_to(snakemake.log[0])
+write_table(table(snakemake.wildcards.table, snakemake.params.settings), snakemake.output.table)
