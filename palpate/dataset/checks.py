@@ -15,16 +15,15 @@ from typing import NamedTuple
 import numpy as np
 import trimesh
 
-from palpate.hand import Hand
+from palpate.hand import MAX_PENETRATION, Hand
 from palpate.mesh import DIAGONAL, OBJECT_POSITION, load_visual
-from palpate.surface.embree import Scene
+from palpate.surface.embree import RayMesh
 from palpate.touch import SENSOR_RANGE, RayCaster, local_points, shade
 from palpate.vision import paper_camera
 
 # libigl would use every core for one batch, but batches are what is done in parallel. Read at its first use.
 os.environ.setdefault("IGL_NUM_THREADS", "1")
 
-MAX_PENETRATION = 0.001  # metres; what grasps are accepted by, unless the run's config says otherwise
 ON_MESH = 1e-4  # metres
 EXACT = 1e-6  # metres, or per unit of a rotation: float32 coordinates below 1 m are good to 6e-8
 SOFT_LIMIT = 1e-3  # radians; MuJoCo's joint limits give way under load: 0.0003 in 100 grasps of 20 objects
@@ -334,10 +333,10 @@ def _picture_error(item: Item, mask: np.ndarray, depth: np.ndarray) -> float:
     """
     camera = paper_camera(len(mask))
     rays = camera.rays().reshape(-1, 3)
-    scene = Scene(item.mesh)
-    face = scene.first_face(np.broadcast_to(camera.position, rays.shape), rays)
+    mesh = RayMesh(item.mesh)
+    face = mesh.first_face(np.broadcast_to(camera.position, rays.shape), rays)
     hit = face >= 0
-    normal, corner = scene.normals[face[hit]], scene.triangles[face[hit], 0]
+    normal, corner = mesh.normals[face[hit]], mesh.triangles[face[hit], 0]
     ahead = np.einsum("ni,ni->n", normal, rays[hit])
     first = np.full(len(rays), np.inf)
     with np.errstate(divide="ignore", invalid="ignore"):  # faces seen edge-on

@@ -20,7 +20,7 @@ from torch import Tensor
 from palpate import store
 from palpate.charts import build_tree
 from palpate.evaluation.metrics import squared_distances
-from palpate.surface.embree import Scene
+from palpate.surface.embree import RayMesh
 from palpate.touch.sensor import SENSOR_RANGE, SENSOR_WIDTH
 
 log = logging.getLogger(__name__)
@@ -51,7 +51,7 @@ class MeshSurface:
 
         Raises ValueError if no face has an area.
         """
-        self._scene = Scene(mesh)
+        self._mesh = RayMesh(mesh)
         self._object_position = np.asarray(object_position, dtype=float)
 
     def project(self, position: np.ndarray, rotation: np.ndarray) -> np.ndarray:
@@ -60,9 +60,9 @@ class MeshSurface:
         origin = np.asarray(position) - self._object_position
         start = PLANE @ np.asarray(rotation).T + origin
         direction = np.asarray(rotation)[:, 0]
-        face = self._scene.first_face(start, direction[None], REACH)
+        face = self._mesh.first_face(start, direction[None], REACH)
         hit = face >= 0
-        corners, normal = self._scene.triangles[face[hit]], self._scene.normals[face[hit]]
+        corners, normal = self._mesh.triangles[face[hit]], self._mesh.normals[face[hit]]
         with np.errstate(divide="ignore", invalid="ignore"):  # faces seen edge-on
             along = np.einsum("ni,ni->n", corners[:, 0] - start[hit], normal) / (normal @ direction)
         # Where a face is seen edge-on the plane says little; on the face the ray meets it, at any rate.

@@ -1,4 +1,4 @@
-"""Grasps: where the palm goes, what the fingers aim at, how they close, and which grasps are kept."""
+"""Grasps: placement of the palm, targets of the fingers, closing in MuJoCo, penetration check, selection."""
 
 from palpate.grasp.grasp import GraspSet, grasp_object
 

@@ -6,27 +6,23 @@ from typing import NamedTuple
 
 import mujoco
 import numpy as np
-import trimesh
 
-from palpate.grasp import parts
-from palpate.grasp.reach import Reach
 from palpate.hand import Hand
-from palpate.hand.model import PLAN, build_spec, quaternion
-from palpate.scene import Plan
+from palpate.hand.model import STIFFNESS, build_spec, quaternion
 
 TIMESTEP = 0.004  # s
 DURATION = 0.4  # s
 RAMP = 0.4  # share of the duration in which the targets move from the open hand to their end
 ITERATIONS = 20  # of the contact solver; fewer than 5 are too few
-# Contact softness: impedance, its width and the shape of its curve, by which fingers stop within 0.5 mm.
+# MuJoCo's contact impedance (dmin, dmax, width, midpoint, power), with which fingers stop within 0.5 mm.
 SOLIMP = (0.95, 0.99, 0.0005, 0.5, 2.0)
-# The contact is as stiff as the time step lets it be: at 16 ms fingers end 1 mm deep in the object, at 20 ms
-# 3 mm, and 6 mm in each other. Below the least a closing takes minutes.
+# Contact is as stiff as the time step lets it be. At 16 ms fingers end 1 mm deep in the object; at 20 ms 3 mm,
+# and 6 mm in each other. Below the least time step a closing takes minutes.
 LEAST_TIMESTEP, LARGEST_TIMESTEP = 1e-5, 0.01  # s
-# Of the work that the servos did, what may be left as motion at the end; else the hand isn't at rest, for its
-# contacts chatter or it swings. A finger that just slips off an edge has a fifth of it.
+# Largest kinetic energy of a hand at rest, as a share of the servos' work. With more its contacts chatter, or it
+# swings. A finger that just slips off an edge has a fifth of that work.
 SETTLED = 0.01
-NO_WORK = 1e-6  # J: as good as none, such as where targets are where the hand is
+NO_WORK = 1e-6  # J: less work than this counts as this much, as where the targets are where the hand is
 
 # The engine would write its warnings to a file in the working folder.
 log = logging.getLogger(__name__)
@@ -42,8 +38,20 @@ class Closed(NamedTuple):
     settled: bool  # False if the hand isn't at rest
 
 
-class GraspScene:
-    """One object, as convex patches, and one hand whose palm can be put anywhere. Frame: the object's own."""
+class GraspSimulation:
+    """One object, as convex patches, and one hand whose palm can be put anywhere. Frame: the object's own.
+
+    Omitted, because the result is the same:
+
+    - visual geometry: nothing collides with it;
+    - gravity: the hand's servos would carry its weight, and the object is held;
+    - the object's degrees of freedom: it is held where it is;
+    - pairs of palm and object: neither moves, and the palm is put where it is clear of the object;
+    - pairs of the object's patches: they don't move against each other.
+
+    Not modelled, by choice. With friction fingers stick where they touch first. A loose object would be pushed
+    away by the first finger, and its pose would not be known.
+    """
 
     def __init__(
         self,
@@ -51,15 +59,12 @@ class GraspScene:
         patches: list[np.ndarray],
         timestep: float = TIMESTEP,
         duration: float = DURATION,
-        plan: Plan = PLAN,
-        visual: trimesh.Trimesh | None = None,
-        **spec_options,
+        stiffness: float = STIFFNESS,
     ):
         """Compile the model once; it serves all attempts.
 
-        patches: `surface_patches`. timestep, duration: seconds, of the simulation. plan: of a scene "grasp".
-        visual: the object's visual mesh, which only a plan with visual geometry needs. `spec_options` go to
-        `palpate.hand.model.build_spec`.
+        patches: of `surface_patches`, (V, 3) each, metres. timestep, duration: seconds, of the simulation.
+        stiffness: the servos' gain, N m / rad.
 
         Raises ValueError for a time step at which closing isn't stable, or would not end.
         """
@@ -68,14 +73,26 @@ class GraspScene:
                 f"grasps: a time step of {1e3 * timestep:g} ms is not between {1e3 * LEAST_TIMESTEP:g} and"
                 f" {1e3 * LARGEST_TIMESTEP:g} ms: fingers would sink into the object, or never get there"
             )
-        spec = build_spec(hand, plan=plan, **spec_options)
+        self.hand = hand
+        self.model = self.specification(hand, patches, timestep, stiffness).compile()
+        self.data = mujoco.MjData(self.model)
+        self.steps = max(1, round(duration / timestep))
+        # Of each step, how far the targets have moved from the open hand to their end.
+        self.ramp = np.minimum(1.0, np.arange(1, self.steps + 1) / (RAMP * self.steps))
+        self._palm = self.model.body(hand.link_names[0]).id
+        self._object = self.model.body("object").id
+        self._joints = slice(len(hand.joint_link))  # the hand's, in qpos
+
+    def specification(self, hand: Hand, patches: list[np.ndarray], timestep: float, stiffness: float) -> mujoco.MjSpec:
+        """Hand and object, with contacts as stiff as the time step lets them be; arguments as of the class."""
+        spec = build_spec(hand, stiffness)
         option = spec.option
         option.timestep = timestep
         option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
         option.cone = mujoco.mjtCone.mjCONE_PYRAMIDAL
         option.iterations = ITERATIONS
-        parts.add_object(spec, patches)
-        parts.put_in(spec, plan, hand, visual, timestep)
+        option.gravity = [0, 0, 0]
+        add_object(spec, patches)
         for geom in spec.geoms:
             geom.solref = [2 * timestep, 1]
             geom.solimp = SOLIMP
@@ -84,24 +101,13 @@ class GraspScene:
         for joint in spec.joints:
             joint.solref_limit = [2 * timestep, 1]
             joint.solimp_limit = SOLIMP
-        self.hand = hand
-        self.model = spec.compile()
-        self.data = mujoco.MjData(self.model)
-        self.steps = max(1, round(duration / timestep))
-        # Of each step, how far the targets have moved from the open hand to their end.
-        self.ramp = np.minimum(1.0, np.arange(1, self.steps + 1) / (RAMP * self.steps))
-        self._palm = self.model.body(hand.link_names[parts.PALM]).id
-        self._object = self.model.body("object").id
-        self._joints = slice(len(hand.joint_link))  # in qpos, before those that a free object has
-        self._reach = None if plan.needs("patches out of reach") else Reach(hand, patches, self.model)
+        return spec
 
     def place(self, palm_pose: np.ndarray, joint_positions: np.ndarray) -> None:
         """Put the palm at `palm_pose` (4, 4) and the joints at `joint_positions` (J,), at rest."""
         mujoco.mj_resetData(self.model, self.data)
         self.model.body_pos[self._palm] = palm_pose[:3, 3]
         self.model.body_quat[self._palm] = quaternion(palm_pose[:3, :3])
-        if self._reach is not None:
-            self._reach.leave_out(self.model, palm_pose[:3, 3])
         self.data.qpos[self._joints] = joint_positions
         self.data.ctrl[:] = joint_positions
         mujoco.mj_forward(self.model, self.data)
@@ -126,10 +132,25 @@ class GraspScene:
         return Closed(data.qpos[self._joints].copy(), finite, warnings, settled)
 
     def closing(self, targets: np.ndarray) -> Iterator[mujoco.MjData]:
-        """The state after each step of `close`; it is the scene's own and changes with the next step."""
+        """The state after each step of `close`; it is the simulation's own and changes with the next step."""
         model, data = self.model, self.data
         start = data.qpos[self._joints].copy()
         for share in self.ramp:
             data.ctrl[:] = start + share * (targets - start)
             mujoco.mj_step(model, data)
             yield data
+
+
+def add_object(spec: mujoco.MjSpec, patches: list[np.ndarray]) -> None:
+    """The body `object`, which the world holds, with a geom for each patch (V, 3), without friction."""
+    body = spec.worldbody.add_body(name="object")
+    for number, vertices in enumerate(patches):
+        name = patch_name(number)
+        mesh = spec.add_mesh(name=name, uservert=vertices.ravel())
+        mesh.inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL  # a sheet has no volume
+        body.add_geom(name=name, type=mujoco.mjtGeom.mjGEOM_MESH, meshname=name, condim=1)
+
+
+def patch_name(number: int) -> str:
+    """The name of the mesh and of the geom of a patch of the object."""
+    return f"patch_{number}"

@@ -1,7 +1,7 @@
-"""Grasps of one object: attempts until enough of them touch, then the best."""
+"""Grasps of one object: attempts until enough of them are valid, of which the best are kept."""
 
 from collections import Counter
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -9,16 +9,13 @@ import numpy as np
 import trimesh
 
 from palpate.batch import UnusableObject
-from palpate.grasp.closing import TIMESTEP, GraspScene
-from palpate.grasp.parts import left_out
+from palpate.grasp.closing import TIMESTEP, GraspSimulation
 from palpate.grasp.patches import surface_patches
 from palpate.grasp.penetration import PenetrationCheck
 from palpate.grasp.placement import palm_pose, with_normals
 from palpate.grasp.targets import Workspace
-from palpate.hand import Hand
-from palpate.hand.model import PLAN
+from palpate.hand import MAX_PENETRATION, Hand
 from palpate.mesh import OBJECT_POSITION
-from palpate.scene import Plan
 from palpate.touch import RayCaster
 
 MAX_PLACEMENTS = 50  # random palm poses for one attempt
@@ -28,7 +25,7 @@ WORKSPACE_SEED = 0  # the workspace belongs to the hand: the same for every obje
 # Share of the attempts in which the thumb closes too, calibrated to the paper's statistics (docs/grasps.md).
 THUMB_SHARE = 0.15
 
-# Why an attempt comes to nothing.
+# Reasons for which an attempt gives no grasp.
 BLOCKED = "no palm pose free of the object"
 UNSTABLE = "simulation warned or gave NaN"
 UNSETTLED = "still moving at the end"
@@ -60,8 +57,8 @@ class GraspSet:
     touches: np.ndarray  # (g, 4) bool
     penetration: np.ndarray  # (g,) float32: the hand in the object, or in itself
     attempts: int  # made in all
-    discarded: dict[str, int]  # how many of them came to nothing, by reason
-    left_out: dict[str, int] = field(default_factory=dict)  # how much of what the plan left out of the scene
+    discarded: dict[str, int]  # how many of them gave no grasp, by reason
+    omitted: dict[str, int]  # what the simulation omits, and how much of each
 
 
 class Grasper:
@@ -74,14 +71,13 @@ class Grasper:
         surface_points: np.ndarray,
         hand: Hand,
         timestep: float = TIMESTEP,
-        max_penetration: float = 0.001,
+        max_penetration: float = MAX_PENETRATION,
         thumb_share: float = THUMB_SHARE,
-        plan: Plan = PLAN,
     ):
         """surface_points: (N, 3) on the object's exterior; the other arguments are `grasp_object`'s.
 
-        Raises ValueError for a hand that is in itself when it is open, `UnusableObject` for an object without a
-        surface.
+        Raises ValueError for a hand whose links are in each other when it is open, `UnusableObject` for an
+        object without a surface.
         """
         self.hand = hand
         self.max_penetration, self.thumb_share = max_penetration, thumb_share
@@ -90,9 +86,9 @@ class Grasper:
         patches = surface_patches(collision)
         if not patches:
             raise UnusableObject("the collision mesh has no surface that a finger could stop at")
-        self.scene = GraspScene(hand, patches, timestep, plan=plan, visual=visual)
-        self.left_out = left_out(plan, hand, len(patches), len(visual.faces))
-        self.check = PenetrationCheck(hand, visual, plan)
+        self.simulation = GraspSimulation(hand, patches, timestep)
+        self.omitted = omitted(hand, len(patches), len(visual.faces))
+        self.check = PenetrationCheck(hand, visual)
         depth = self.check.in_itself(hand.forward(np.eye(4), hand.open_joint_positions))
         if depth > max(0.0, max_penetration):
             raise ValueError(
@@ -112,9 +108,9 @@ class Grasper:
     def closed_at(self, pose: np.ndarray, targets: np.ndarray) -> Grasp | str:
         """The grasp that closing towards `targets` (J,) gives, or the reason why there is none.
 
-        pose: (4, 4), at which the scene has been placed.
+        pose: (4, 4), at which the simulation has been placed.
         """
-        closed = self.scene.close(targets)
+        closed = self.simulation.close(targets)
         if not closed.finite:
             return UNSTABLE
         if not closed.settled:
@@ -130,12 +126,12 @@ class Grasper:
         return Grasp(closed.joint_positions, pose, links, position, rotation, touches, depth)
 
     def free_palm_pose(self, rng: np.random.Generator) -> np.ndarray | None:
-        """A random palm pose (4, 4) at which the open hand is clear of the object; the scene is put there."""
+        """A random palm pose (4, 4) at which the open hand is clear of the object; the simulation is put there."""
         open_hand = self.hand.open_joint_positions
         for _ in range(MAX_PLACEMENTS):
             pose = palm_pose(self.hand, self.surface, rng)
-            self.scene.place(pose, open_hand)
-            if self.scene.in_contact():
+            self.simulation.place(pose, open_hand)
+            if self.simulation.in_contact():
                 continue
             # The engine never collides two bodies that can't move, such as palm and object.
             if self.check.in_object(self.hand.forward(pose, open_hand)) == 0:
@@ -153,28 +149,34 @@ def grasp_object(
     attempts: int = 5,
     max_attempts: int = 60,
     timestep: float = TIMESTEP,
-    max_penetration: float = 0.001,
+    max_penetration: float = MAX_PENETRATION,
     thumb_share: float = THUMB_SHARE,
-    plan: Plan = PLAN,
 ) -> GraspSet:
     """Grasp an object: `attempts` grasps with at least one touch are made, the best `per_object` are kept.
 
-    visual, collision: the object in its own frame, every face and decimated. surface_points: (N, 3) on its
-    exterior, in the world frame, as the surface store has them. rng: decides everything random; the same
-    generator gives the same grasps. per_object: grasps kept, those with the most touches; of equals the
-    earlier. attempts: valid grasps made before the best are kept: the more, the better the grasps.
-    max_attempts: bound on all attempts. timestep: seconds. max_penetration: metres; a deeper grasp is not
-    accepted. thumb_share: share of the attempts in which the thumb closes too; with 1 more sensors touch than
-    in the paper's dataset. plan: of a scene "grasp", what the scene is made of.
+    Args:
+        visual, collision: the object's meshes in its own frame, with every face and decimated.
+        surface_points: (N, 3) on its exterior, in the world frame, as the surface store has them.
+        rng: decides everything random: the same generator gives the same grasps.
+        per_object: grasps kept, those with the most touches; of equals the earlier.
+        attempts: valid grasps made before the best are kept: the more, the better the grasps.
+        max_attempts: bound on all attempts.
+        timestep: of the simulation, seconds.
+        max_penetration: metres; a deeper grasp is not accepted.
+        thumb_share: share of the attempts in which the thumb closes too. With 1 more sensors touch than in the
+            paper's dataset.
 
-    Raises `UnusableObject` if `max_attempts` attempts don't give `per_object` valid grasps.
+    Returns the grasps in the world frame.
+
+    Raises `UnusableObject` if `max_attempts` attempts don't give `per_object` valid grasps, or for an object
+    without a surface; ValueError for settings, a hand or points that can't be used.
     """
     if attempts < per_object:
         raise ValueError(f"grasps: attempts ({attempts}) must be at least per_object ({per_object})")
     own_points = np.asarray(surface_points, dtype=float) - OBJECT_POSITION
     if np.abs(own_points - visual.bounds.mean(axis=0)).max() > visual.extents.max():
         raise ValueError(f"surface points are far from the object at {OBJECT_POSITION}: give them in the world frame")
-    grasper = Grasper(visual, collision, own_points, hand, timestep, max_penetration, thumb_share, plan)
+    grasper = Grasper(visual, collision, own_points, hand, timestep, max_penetration, thumb_share)
     grasps, discarded = [], Counter()
     while len(grasps) < attempts and len(grasps) + discarded.total() < max_attempts:
         result = grasper.attempt(rng)
@@ -186,12 +188,12 @@ def grasp_object(
         reasons = ", ".join(f"{reason}: {count}" for reason, count in sorted(discarded.items()))
         raise UnusableObject(f"{len(grasps)} of {per_object} grasps found in {max_attempts} attempts ({reasons})")
     best = sorted(grasps, key=lambda grasp: -grasp.touches.sum())[:per_object]
-    return in_world(best, len(grasps) + discarded.total(), dict(discarded), grasper.left_out)
+    return in_world(best, len(grasps) + discarded.total(), dict(discarded), grasper.omitted)
 
 
-def in_world(grasps: list[Grasp], attempts: int, discarded: dict[str, int], left_out: dict[str, int]) -> GraspSet:
+def in_world(grasps: list[Grasp], attempts: int, discarded: dict[str, int], omitted: dict[str, int]) -> GraspSet:
     """Grasps of an object in its own frame, stacked, in the world frame."""
-    joints, palms, links, positions, rotations, touches, depths = (np.stack(part) for part in zip(*grasps, strict=True))
+    joints, palms, links, positions, rotations, touches, depths = (np.stack(each) for each in zip(*grasps, strict=True))
     palms[:, :3, 3] += OBJECT_POSITION
     links[:, :, :3, 3] += OBJECT_POSITION
     positions += OBJECT_POSITION
@@ -205,8 +207,18 @@ def in_world(grasps: list[Grasp], attempts: int, discarded: dict[str, int], left
         penetration=depths.astype(np.float32),
         attempts=attempts,
         discarded=discarded,
-        left_out=left_out,
+        omitted=omitted,
     )
+
+
+def omitted(hand: Hand, patches: int, visual_faces: int) -> dict[str, int]:
+    """What the simulation of one object omits, and how much of each; given numbers of patches and faces."""
+    palm = int((hand.geom_collides & (hand.geom_link == 0)).sum())
+    return {
+        "visual faces": visual_faces,
+        "pairs of palm and object": palm * patches,
+        "pairs of object patches": patches * (patches - 1) // 2,
+    }
 
 
 @lru_cache(maxsize=1)

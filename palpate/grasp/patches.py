@@ -1,8 +1,7 @@
 """An object's surface as many small convex pieces, which stop a finger at the true surface.
 
-A convex hull of the object (or of parts of it) fills its hollows, and a convex decomposition needs a
-watertight mesh and seconds. Patches need neither: each is the hull of one surface piece of about a cell, a
-little thickened inwards.
+Each patch is the hull of one surface piece of about a cell, thickened inwards a little. A convex hull of the
+object, or of its parts, would fill its hollows. A convex decomposition needs a watertight mesh and seconds.
 """
 
 import numpy as np
@@ -13,7 +12,7 @@ from palpate.grasp.triangles import edge_lengths, split_long_edges
 CELL = 0.025  # metres
 THICKNESS = 0.001  # metres
 WELD = 1e-6  # metres: vertices of a patch this close are one
-NARROWEST = 2e-5  # metres: a patch less wide is a hair that no hull is needed for, nor can well be made of
+NARROWEST = 2e-5  # metres: narrower patches are skipped, for their hulls are degenerate
 
 
 def surface_patches(mesh: trimesh.Trimesh, cell: float = CELL, thickness: float = THICKNESS) -> list[np.ndarray]:
@@ -21,12 +20,13 @@ def surface_patches(mesh: trimesh.Trimesh, cell: float = CELL, thickness: float 
 
     Triangles, cut to edges of at most half a cell, are grouped by the grid cell of their centre and the
     signed axis that their normal is nearest to; a group's vertices and a copy shifted inwards by `thickness`
-    make a patch. Faces without area and lone hairs of faces make none.
+    make a patch. Faces without area make none, nor do groups narrower than
+    `NARROWEST`.
     """
     triangles = split_long_edges(np.asarray(mesh.triangles), cell / 2)
     areas = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]) / 2
-    some = areas.any(axis=1)
-    triangles, areas = triangles[some], areas[some]
+    has_area = areas.any(axis=1)
+    triangles, areas = triangles[has_area], areas[has_area]
     if not len(triangles):
         return []
     group = cell_and_side(triangles, areas, cell)

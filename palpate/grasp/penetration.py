@@ -7,8 +7,6 @@ import trimesh
 
 from palpate.grasp.triangles import halved, split_long_edges
 from palpate.hand import Hand
-from palpate.hand.model import PLAN
-from palpate.scene import Plan
 
 SPACING = 0.001  # metres between points of a surface where it is near a geom
 COARSE = 0.016  # metres: longest edge of the triangles that are first sorted out by their place
@@ -17,9 +15,9 @@ COARSE = 0.016  # metres: longest edge of the triangles that are first sorted ou
 def deepest(triangles: np.ndarray, distance: Callable[[np.ndarray], np.ndarray], depth: float) -> float:
     """Depth of the deepest point of triangles (T, 3, 3) in a solid, or `depth` if that is deeper.
 
-    distance: signed distance (N,) of points (N, 3) to the solid, negative inside; it changes by at most a
-    metre a metre, so a triangle whose centre is farther out than its radius can't matter. The others are
-    halved until the points looked at are at most `SPACING` apart.
+    distance: signed distance (N,) of points (N, 3) to the solid, negative inside. It changes by at most a metre
+    a metre, so triangles whose centres are farther out than their radius are dropped. The others are halved
+    until the points that are measured are at most `SPACING` apart.
     """
     while len(triangles):
         centres = triangles.mean(axis=1)
@@ -35,12 +33,15 @@ def deepest(triangles: np.ndarray, distance: Callable[[np.ndarray], np.ndarray],
 
 
 class PenetrationCheck:
-    """The depth of one hand in one object, and in itself. Frames: the object's own."""
+    """The depth of one hand in one object, and in itself. Frames: the object's own.
 
-    def __init__(self, hand: Hand, mesh: trimesh.Trimesh, plan: Plan = PLAN):
-        """mesh: the object's visual mesh, every face; it need not be closed. plan: of a scene "grasp"."""
+    Omitted are faces whose bounding boxes are outside a link's, and pairs of links with a plane between them:
+    none of their points can be inside.
+    """
+
+    def __init__(self, hand: Hand, mesh: trimesh.Trimesh):
+        """mesh: the object's visual mesh, every face; it need not be closed."""
         self.hand = hand
-        self.every_face, self.every_pair = plan.needs("faces out of the hand"), plan.needs("links apart")
         self.triangles = split_long_edges(np.asarray(mesh.triangles, dtype=float), COARSE)
         self.low, self.high = self.triangles.min(axis=1).T.copy(), self.triangles.max(axis=1).T.copy()
         self.geoms = np.flatnonzero(hand.geom_collides)
@@ -51,16 +52,16 @@ class PenetrationCheck:
     def in_object(self, link_pose: np.ndarray) -> float:
         """Depth in metres of the deepest point of the object's surface in the hand, 0 if there is none.
 
-        link_pose: (L, 4, 4). Right to half of `SPACING`, mostly far better: the surface's corners are looked
-        at.
+        link_pose: (L, 4, 4). Right to half of `SPACING`, and mostly far better, for the surface's corners are
+        among the points.
         """
         poses = self.hand.geom_poses(link_pose)
         half = np.array([self.reach[geom] for geom in self.geoms])[:, None]
-        near = self._within((poses[self.geoms, :3, 3] - half).min(0), (poses[self.geoms, :3, 3] + half).max(0))
+        near = self.faces_within((poses[self.geoms, :3, 3] - half).min(0), (poses[self.geoms, :3, 3] + half).max(0))
         depth = 0.0
         for geom in self.geoms:
             centre, reach = poses[geom, :3, 3], self.reach[geom]
-            close = near[self._within(centre - reach, centre + reach, near)]
+            close = near[self.faces_within(centre - reach, centre + reach, near)]
             depth = deepest(
                 self.triangles[close],
                 lambda points, geom=geom: self.hand.geom_distance(geom, points, poses[geom]),
@@ -69,14 +70,16 @@ class PenetrationCheck:
         return float(depth)
 
     def in_itself(self, link_pose: np.ndarray) -> float:
-        """Depth in metres of the deepest point of a link's surface in another link, not joined to it."""
+        """Depth in metres of the deepest point of a link's surface in another link, not joined to it.
+
+        link_pose: (L, 4, 4).
+        """
         poses = self.hand.geom_poses(link_pose)
         surfaces = {
             geom: surface @ poses[geom, :3, :3].T + poses[geom, :3, 3] for geom, surface in self.surfaces.items()
         }
         depth = 0.0
-        pairs = self.pairs if self.every_pair else self.pairs[~self._apart(poses, surfaces)]
-        for one, other in pairs:
+        for one, other in self.pairs[~self.separated(poses, surfaces)]:
             for inner, outer in ((one, other), (other, one)):
                 depth = deepest(
                     surfaces[inner],
@@ -85,8 +88,11 @@ class PenetrationCheck:
                 )
         return float(depth)
 
-    def _apart(self, poses: np.ndarray, surfaces: dict[int, np.ndarray]) -> np.ndarray:
-        """Which pairs of geoms a plane across an axis of either geom separates: (P,) bool."""
+    def separated(self, poses: np.ndarray, surfaces: dict[int, np.ndarray]) -> np.ndarray:
+        """Which pairs of geoms a plane across an axis of either geom separates: (P,) bool.
+
+        poses: (G, 4, 4) of all geoms; surfaces: triangles (T, 3, 3) of each colliding one, placed.
+        """
         starts = np.cumsum([0] + [3 * len(surfaces[geom]) for geom in self.geoms])[:-1]
         corners = np.concatenate([surfaces[geom].reshape(-1, 3) for geom in self.geoms])
         axes = poses[self.geoms, :3, :3].swapaxes(-1, -2).reshape(-1, 3)
@@ -101,10 +107,10 @@ class PenetrationCheck:
         index = np.searchsorted(self.geoms, self.pairs)
         return separates[index[:, 0], index[:, 1]] | separates[index[:, 1], index[:, 0]]
 
-    def _within(self, low, high, among=slice(None)) -> np.ndarray:
-        """Indices, into `among`, of the triangles whose bounding boxes meet the box from `low` to `high`."""
+    def faces_within(self, low: np.ndarray, high: np.ndarray, among: slice | np.ndarray = slice(None)) -> np.ndarray:
+        """Indices, into `among`, of the triangles whose bounding boxes meet the box from `low` (3,) to `high` (3,)."""
         meets = np.ones(self.low[0, among].shape, dtype=bool)
-        for axis in range(0 if self.every_face else 3):
+        for axis in range(3):
             meets &= (self.low[axis, among] < high[axis]) & (self.high[axis, among] > low[axis])
         return np.flatnonzero(meets)
 

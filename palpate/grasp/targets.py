@@ -1,4 +1,4 @@
-"""What the fingers aim at: for each sensor a surface point that it can face, by inverse kinematics."""
+"""Targets of the fingers: for each sensor a surface point that it can face, by inverse kinematics."""
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -9,12 +9,12 @@ from palpate.hand import SENSORS, Hand
 PRESS = 0.003  # metres that the gel's apex aims below the surface
 # Metres that a unit of difference in direction counts for: 30 degrees off are as bad as 15 mm off.
 DIRECTION_LENGTH = 0.03
-CONFIGURATIONS = 3000  # random joint positions by which a finger's workspace is known
-NEAREST = 64  # surface points nearest to the open finger's gel that it chooses from
-CANDIDATES = 4  # of them, those that inverse kinematics tries
+CONFIGURATIONS = 3000  # random joint positions that sample a finger's workspace
+NEAREST = 64  # surface points nearest to the open finger's gel, from which it chooses
+CANDIDATES = 4  # of these points, how many inverse kinematics tries
 ITERATIONS = 5
-DAMPING = 1e-3  # m^2, of the first step; a step that gains divides it, another multiplies it, by the factor
-DAMPING_FACTOR = 4.0
+DAMPING = 1e-3  # m^2, of the first step
+DAMPING_FACTOR = 4.0  # divides the damping after a step that gains, multiplies it after one that doesn't
 GEL_SEARCH = 0.05  # metres in front of the sensor's origin in which its gel is looked for
 THUMB = 3  # the sensor that may stay open
 
@@ -41,8 +41,8 @@ class Workspace:
     def targets(self, palm_pose: np.ndarray, surface: Surface, thumb: bool = True) -> np.ndarray:
         """Joint positions (J,) at which each gel is pressed into a surface point that it faces, or nearly so.
 
-        Of the surface points that are near the open hand's gel and that the finger can face, each finger
-        takes the one to which it comes best; it is kept even if it can't be reached, for contact stops the
+        Each finger chooses among the surface points that are near its open gel and that it can face. It takes
+        the one that it comes nearest to. That point is kept even if it can't be reached: contact stops the
         finger.
 
         palm_pose: (4, 4) in the surface's frame. thumb: whether the last sensor's finger closes too.
@@ -74,7 +74,7 @@ class Workspace:
         """Inverse kinematics by Levenberg-Marquardt, within the joints' ranges, in the palm frame.
 
         joints: (..., J) to start from; goal, inward: (..., 4, 3) where each gel shall be and look. Returns
-        joint positions (..., J) and what is missed (..., 4) in metres, directions counting by
+        joint positions (..., J) and how far each gel is off (..., 4), metres, with directions weighted by
         `DIRECTION_LENGTH`. Joints that move several sensors follow the last one that gains by it.
         """
         low, high = self.hand.joint_range.T
@@ -84,7 +84,7 @@ class Workspace:
         for _ in range(ITERATIONS):
             transposed = np.swapaxes(jacobian, -1, -2)
             square = jacobian @ transposed + damping[..., None, None] * np.eye(6)
-            step = (transposed @ solved(square, error)[..., None])[..., 0]
+            step = (transposed @ solve_positive_definite(square, error)[..., None])[..., 0]
             tried = np.clip(joints + step.sum(axis=-2), low, high)
             error_tried, jacobian_tried = self._linearised(tried, goal, inward)
             miss_tried = np.linalg.norm(error_tried, axis=-1)
@@ -97,7 +97,7 @@ class Workspace:
         return joints, miss
 
     def _linearised(self, joints, goal, inward) -> tuple[np.ndarray, np.ndarray]:
-        """What each gel misses (..., 4, 6), place and direction, and the Jacobian."""
+        """Error of each gel's place and direction (..., 4, 6), and the Jacobian."""
         pose = self.hand.forward(np.eye(4), joints)
         apex, direction = self.apex(pose)
         error = np.concatenate([goal - apex, DIRECTION_LENGTH * (inward - direction)], axis=-1)
@@ -115,11 +115,11 @@ class Workspace:
         return np.swapaxes(columns * self.moves[:, :, None], -1, -2)
 
 
-def solved(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
+def solve_positive_definite(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
     """The x (..., N) of matrix x = right, for symmetric positive definite matrices (..., N, N).
 
-    Gaussian elimination, which needs no pivots here. LAPACK's result depends on its number of threads, and
-    for many small systems it is slower.
+    By Gaussian elimination, which needs no pivots here. LAPACK's result depends on its number of threads, and
+    it is slower for many small systems.
     """
     matrix, x = matrix.copy(), right.copy()
     size = matrix.shape[-1]

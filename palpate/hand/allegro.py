@@ -1,9 +1,11 @@
 """The Allegro hand with DIGIT touch sensors as fingertips, from its kinematics.
 
 Palm frame: +x the palm's normal (towards the object), +z along the fingers; the thumb is at -y. Metres,
-radians. The kinematics, limits and link boxes are those of Wonik's published description of the hand; the
-sensor's place and range are those of the paper's published assets. The published fingertip box is misplaced
-and the published palm is one box, which jams the thumb in 44 % of configurations: both are replaced here.
+radians.
+
+The kinematics, limits and link boxes are those of Wonik's published description of the hand. The sensor's place
+and range are those of the paper's published assets. Two boxes of the description are replaced. Its fingertip is
+misplaced. Its palm is one box, which jams the thumb in 44 % of configurations.
 """
 
 import numpy as np
@@ -150,6 +152,9 @@ def thumb_links() -> tuple:
 
 
 def roll_pitch_yaw(roll: float, pitch: float, yaw: float) -> np.ndarray:
-    """The rotation matrix of roll, pitch and yaw about fixed x, y and z axes (the URDF convention)."""
+    """The rotation matrix of roll, pitch and yaw about fixed x, y and z axes (the URDF convention).
+
+    scipy's `Rotation` rounds otherwise: stored hands would change in their last bit.
+    """
     about_x, about_y, about_z = rotation_about(np.eye(3), np.array([roll, pitch, yaw]))
     return about_z @ about_y @ about_x

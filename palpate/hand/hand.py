@@ -11,7 +11,8 @@ import numpy as np
 from palpate.hand.distance import GEOM_KINDS, half_spaces, signed_distance
 
 SENSORS = 4  # the dataset contract: four touch sensors a grasp
-SMALLEST, LARGEST = 0.01, 1.0  # m, from end to end: others are in other units, and close in no stable way
+MAX_PENETRATION = 0.001  # m that a grasp's hand may be in the object or in itself; `grasps.max_penetration`
+SMALLEST, LARGEST = 0.01, 1.0  # m, from end to end: hands of other sizes don't close in a stable way
 
 
 @dataclass(frozen=True, eq=False)
@@ -150,19 +151,19 @@ class Hand:
         count = len(self.link_names)
         solid = np.zeros(count, dtype=bool)
         solid[self.geom_link[self.geom_collides]] = True
-        part = np.arange(count)  # the first link of the rigid part that a link belongs to
+        rigid = np.arange(count)  # the first link of the rigid body that a link belongs to
         for link in range(1, count):
             if self.joint_of_link[link] < 0:
-                part[link] = part[self.link_parent[link]]
+                rigid[link] = rigid[self.link_parent[link]]
         has_geoms = np.zeros(count, dtype=bool)
-        np.logical_or.at(has_geoms, part, solid)
-        adjacent = part[:, None] == part[None, :]
-        for first in np.unique(part):
+        np.logical_or.at(has_geoms, rigid, solid)
+        adjacent = rigid[:, None] == rigid[None, :]
+        for first in np.unique(rigid):
             before = self.link_parent[first]
-            while before >= 0 and not has_geoms[part[before]]:
-                before = self.link_parent[part[before]]
+            while before >= 0 and not has_geoms[rigid[before]]:
+                before = self.link_parent[rigid[before]]
             if before >= 0:
-                pair = (part == first)[:, None] & (part == part[before])[None, :]
+                pair = (rigid == first)[:, None] & (rigid == rigid[before])[None, :]
                 adjacent |= pair | pair.T
         return adjacent
 
@@ -172,8 +173,8 @@ class Hand:
         for field in fields(self):
             value = getattr(self, field.name)
             if field.name in ("geom_vertices", "geom_faces"):
-                counts = np.array([len(part) for part in value])
-                arrays[field.name] = np.concatenate([np.reshape(part, (-1, 3)) for part in value])
+                counts = np.array([len(array) for array in value])
+                arrays[field.name] = np.concatenate([np.reshape(array, (-1, 3)) for array in value])
                 arrays[f"{field.name}_count"] = counts
             elif isinstance(value, np.ndarray):
                 arrays[field.name] = value

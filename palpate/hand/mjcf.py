@@ -7,8 +7,8 @@ from xml.etree import ElementTree
 import mujoco
 import numpy as np
 import yaml
+from scipy.spatial.transform import Rotation
 
-from palpate.hand.allegro import roll_pitch_yaw
 from palpate.hand.hand import Hand, rotation_about
 
 GEOM_KIND = {
@@ -115,7 +115,7 @@ class _Reader:
             geom_position=np.array(
                 [self.origin_of_body[model.geom_bodyid[geom]] + model.geom_pos[geom] for geom in geoms]
             ),
-            geom_rotation=np.array([_matrix(model.geom_quat[geom]) for geom in geoms]),
+            geom_rotation=_rotation(model.geom_quat[geoms]),
             geom_rgba=np.array([self._colour(geom) for geom in geoms], dtype=float),
             geom_collides=np.array([self._collides(geom) for geom in geoms]),
             geom_vertices=vertices,
@@ -140,7 +140,7 @@ class _Reader:
         parent_body = model.body_parentid[body]
         parent = self.link_of_body[parent_body]
         position = self.origin_of_body[parent_body] + model.body_pos[body]
-        rotation = _matrix(model.body_quat[body])
+        rotation = _rotation(model.body_quat[body])
         first, count = model.body_jntadr[body], model.body_jntnum[body]
         anchor = np.zeros(3)
         if count == 0:
@@ -167,11 +167,11 @@ class _Reader:
         if "site" in sensor:
             site = model.site(sensor["site"]).id
             name, body = sensor["site"], model.site_bodyid[site]
-            position, rotation = model.site_pos[site], _matrix(model.site_quat[site])
+            position, rotation = model.site_pos[site], _rotation(model.site_quat[site])
         else:
             name, body = sensor["body"], model.body(sensor["body"]).id
             position = np.asarray(sensor.get("position", (0, 0, 0)), dtype=float)
-            rotation = roll_pitch_yaw(*sensor.get("rotation", (0, 0, 0)))
+            rotation = Rotation.from_euler("xyz", sensor.get("rotation", (0, 0, 0))).as_matrix()
         if body not in self.link_of_body:
             raise ValueError(f"sensor {name!r} is not on the hand: its body is not below the palm")
         return name, self.link_of_body[body], self.origin_of_body[body] + position, rotation
@@ -190,7 +190,7 @@ class _Reader:
     def _front(self, geom: int) -> float:
         """The largest x of a geom's bounding box in its body's frame."""
         centre, half = self.model.geom_aabb[geom, :3], self.model.geom_aabb[geom, 3:]
-        rotation = _matrix(self.model.geom_quat[geom])
+        rotation = _rotation(self.model.geom_quat[geom])
         return float(self.model.geom_pos[geom, 0] + rotation[0] @ centre + np.abs(rotation[0]) @ half)
 
     def _geom_shape(self, geom: int) -> tuple[str, np.ndarray, np.ndarray]:
@@ -217,8 +217,6 @@ class _Reader:
         return bool(self.model.geom_contype[geom] or self.model.geom_conaffinity[geom])
 
 
-def _matrix(quaternion: np.ndarray) -> np.ndarray:
-    """The rotation matrix (3, 3) of a quaternion (w, x, y, z)."""
-    result = np.zeros(9)
-    mujoco.mju_quat2Mat(result, np.asarray(quaternion, dtype=float))
-    return result.reshape(3, 3)
+def _rotation(quaternions: np.ndarray) -> np.ndarray:
+    """The rotation matrices (..., 3, 3) of quaternions (..., 4) as the engine has them, w first."""
+    return Rotation.from_quat(quaternions, scalar_first=True).as_matrix()

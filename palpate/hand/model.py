@@ -1,10 +1,9 @@
-"""A `Hand` as a MuJoCo specification: hinges with position servos, and of the geoms those that collide."""
+"""A `Hand` as a MuJoCo specification: hinges with position servos, and those of its geoms that collide."""
 
 import mujoco
 import numpy as np
 
 from palpate.hand.hand import Hand
-from palpate.scene import Plan, plan
 
 MUJOCO_GEOM = {
     "box": mujoco.mjtGeom.mjGEOM_BOX,
@@ -25,18 +24,18 @@ DAMPING = 0.01  # N m s / rad
 LARGEST_INERTIA = 1.5e-3  # kg m^2
 # Links that have no volume of their own (a second hinge of one body) still need some inertia.
 LEAST_MASS, LEAST_INERTIA = 1e-3, 1e-7
-PLAN = plan("grasp")
-DRAWN_ONLY = {"contype": 0, "conaffinity": 0, "mass": 0}  # of a geom that nothing collides with
 
 
-def build_spec(hand: Hand, stiffness: float = STIFFNESS, plan: Plan = PLAN) -> mujoco.MjSpec:
+def build_spec(hand: Hand, stiffness: float = STIFFNESS) -> mujoco.MjSpec:
     """The hand as an `MjSpec`; bodies, hinges and servos are named as their links.
 
-    The palm is fixed to the world; its `pos` and `quat` in the model may change between simulations. Links
-    that are joined don't collide. `stiffness`: the servos' gain in N m / rad; they are critically damped
-    against the armature. Links have the density of water, or less where the servos couldn't stop them in time
-    (`LARGEST_INERTIA`): masses, gains and armature of a user's model file play no part. `plan`: of a scene
-    "grasp".
+    The palm is fixed to the world; its `pos` and `quat` in the model may change between simulations.
+    `stiffness`: the servos' gain in N m / rad; they are critically damped against the armature. Links have the
+    density of water, or less where the servos couldn't stop them in time (`LARGEST_INERTIA`). Masses, gains and
+    armature of a user's model file play no part.
+
+    Omitted are geoms that are only drawn, and contacts between joined links. Their boxes overlap at the hinge,
+    where the links themselves don't.
     """
     spec = mujoco.MjSpec()
     # The default is True: ranges in radians would silently become limits 57 times as narrow.
@@ -58,14 +57,11 @@ def build_spec(hand: Hand, stiffness: float = STIFFNESS, plan: Plan = PLAN) -> m
                 armature=ARMATURE,
                 damping=[DAMPING, 0, 0],
             )
-    if plan.needs("pairs of joined links"):
-        spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_FILTERPARENT
-    else:
-        for one, other in np.argwhere(np.triu(hand.adjacent_links(), k=1)):
-            spec.add_exclude(bodyname1=hand.link_names[one], bodyname2=hand.link_names[other])
+    for one, other in np.argwhere(np.triu(hand.adjacent_links(), k=1)):
+        spec.add_exclude(bodyname1=hand.link_names[one], bodyname2=hand.link_names[other])
     for link in hand.joint_link:
         add_servo(spec, hand.link_names[link], stiffness)
-    for geom in np.flatnonzero(hand.geom_collides | plan.needs("visual geometry")):
+    for geom in np.flatnonzero(hand.geom_collides):
         add_geom(spec, bodies[hand.geom_link[geom]], hand, geom)
     lighten(spec, hand.open_joint_positions)
     return spec
@@ -90,22 +86,22 @@ def add_servo(spec: mujoco.MjSpec, joint: str, stiffness: float) -> None:
     servo.forcerange = [-MAX_TORQUE, MAX_TORQUE]
 
 
-def add_geom(spec: mujoco.MjSpec, body: mujoco.MjsBody, hand: Hand, geom: int) -> None:
+def add_geom(spec: mujoco.MjSpec, body: mujoco.MjsBody, hand: Hand, geom: int) -> mujoco.MjsGeom:
     """One of the hand's geoms on its link's body."""
     kind = hand.geom_kind[geom]
     name = f"hand_geom_{geom}"
-    more = {} if hand.geom_collides[geom] else DRAWN_ONLY
+    mesh = {}
     if kind == "mesh":
         spec.add_mesh(name=name, uservert=hand.geom_vertices[geom].ravel())
-        more = {"meshname": name, **more}
-    body.add_geom(
+        mesh = {"meshname": name}
+    return body.add_geom(
         name=name,
         type=MUJOCO_GEOM[kind],
         size=hand.geom_size[geom],
         pos=hand.geom_position[geom],
         quat=quaternion(hand.geom_rotation[geom]),
         condim=1,
-        **more,
+        **mesh,
     )
 
 

@@ -1,4 +1,4 @@
-"""Meshes as they are in the wild, made usable: loaded, repaired, normalised, decimated, and measured."""
+"""Mesh files of an object from a source file of any kind: loaded, repaired, normalised, decimated, measured."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -10,7 +10,6 @@ import trimesh
 from palpate.batch import UnusableObject
 from palpate.mesh.isolation import isolated
 from palpate.mesh.load import FORMATS
-from palpate.scene import Plan
 
 DIAGONAL = 0.5
 OBJECT_POSITION = (0.0, 0.0, 0.6)
@@ -21,8 +20,8 @@ __all__ = [
     "OBJECT_POSITION",
     "load_collision",
     "load_visual",
-    "not_decimated",
     "prepare",
+    "undecimated_levels",
 ]
 
 
@@ -33,7 +32,6 @@ def prepare(
     collision_faces: int = 4000,
     levels: Sequence[int] = (1000,),
     time_limit: float = 900.0,
-    plan: Plan | None = None,
 ) -> dict[str, Any]:
     """Make the mesh files of one object from a source file of any of `FORMATS`.
 
@@ -41,7 +39,7 @@ def prepare(
     `level-<faces>.ply` (decimated, geometry only), all in the object's own frame (metres, z up, bounding-box
     centre at the origin, diagonal `DIAGONAL`), and `mesh.json`: what was repaired, and how far each level is
     from the source. Returns what `mesh.json` holds. `up` is the source's up axis, "x", "y" or "z".
-    `plan` is of a scene "mesh"; by default a mesh that has no more faces than a level asks for is that level.
+    A mesh that has no more faces than a level asks for is that level.
 
     Raises `UnusableObject` if the file can't be read or holds no surface, or takes more than `time_limit` seconds;
     OSError or MemoryError if the machine is at fault (a full disk, no memory).
@@ -51,27 +49,27 @@ def prepare(
     from palpate.mesh.build import build
 
     try:
-        return isolated(build, source, folder, up, collision_faces, tuple(levels), plan, seconds=time_limit)
+        return isolated(build, source, folder, up, collision_faces, tuple(levels), seconds=time_limit)
     except UnusableObject as error:
         message = str(error)
         raise UnusableObject(message if str(source) in message else f"{source}: {message}") from None
 
 
-def not_decimated(record: Mapping[str, Any]) -> dict[str, int]:
-    """The levels that are the mesh they would be made from, and its faces; record: of `mesh.json`."""
-    levels = {name: said for name, said in record.items() if isinstance(said, dict) and "asked" in said}
+def undecimated_levels(record: Mapping[str, Any]) -> dict[str, int]:
+    """The levels whose finer mesh had no more faces than they ask for, and its faces; record: of `mesh.json`."""
+    levels = {name: level for name, level in record.items() if isinstance(level, dict) and "asked" in level}
     faces, found = record["visual.glb"]["faces"], {}
-    for name, said in sorted(levels.items(), key=lambda item: -item[1]["asked"]):
-        if faces <= said["asked"]:
+    for name, level in sorted(levels.items(), key=lambda item: -item[1]["asked"]):
+        if faces <= level["asked"]:
             found[name] = faces
-        faces = said["faces"]
+        faces = level["faces"]
     return found
 
 
 def load_visual(folder: Path | str) -> trimesh.Trimesh:
     """The geometry of `visual.glb`, every face, as one mesh in the object's own frame, without materials."""
-    scene = trimesh.load_scene(Path(folder) / "visual.glb", process=False, skip_materials=True)
-    parts = [scene.geometry[name] for name in scene.geometry]
+    loaded = trimesh.load_scene(Path(folder) / "visual.glb", process=False, skip_materials=True)
+    parts = list(loaded.geometry.values())
     start = np.cumsum([0] + [len(part.vertices) for part in parts])
     return trimesh.Trimesh(
         np.concatenate([part.vertices for part in parts]),

@@ -9,11 +9,10 @@ import trimesh
 
 from palpate.batch import UnusableObject
 from palpate.mesh import DIAGONAL, topology
-from palpate.mesh.decimate import decimate, plan_of
+from palpate.mesh.decimate import decimate
 from palpate.mesh.distance import Surface, distance
 from palpate.mesh.load import load_parts
 from palpate.mesh.repair import repair
-from palpate.scene import Plan
 
 # Rotations that turn the source's up axis to z. The front (-z for y up, as glTF and ShapeNet have it) goes to
 # +y.
@@ -24,8 +23,8 @@ UP = {
 }
 
 
-# Largest rounding of a source's coordinates, as a share of its diagonal, by which it is not yet spoilt: 0.05
-# mm of an object of 0.5 m, a third of a pixel of touch.
+# Largest rounding of a source's coordinates that is accepted, as a share of its diagonal: 0.05 mm of an object
+# of 0.5 m, a third of a pixel of touch.
 COARSEST = 1e-4
 
 
@@ -35,11 +34,10 @@ def build(
     up: str,
     collision_faces: int,
     levels: tuple[int, ...],
-    plan: Plan | None = None,
 ) -> dict[str, Any]:
     """Write `visual.glb`, `collision.ply`, `level-<faces>.ply` and `mesh.json` into the folder.
 
-    plan: of a scene "mesh", for all levels; default: `plan_of` each.
+    Arguments and errors are those of `palpate.mesh.prepare`. Returns what `mesh.json` holds.
     """
     parts = load_parts(source)
     vertices, faces, part = _joined(parts, source)
@@ -82,7 +80,7 @@ def build(
         "visual.glb": _describe(vertices, faces) | {"see_through": _see_through(glb)},
     }
     counts = {"collision.ply": collision_faces} | {f"level-{count}.ply": count for count in levels}
-    record |= _write_levels(folder, vertices, faces, counts, plan)
+    record |= _write_levels(folder, vertices, faces, counts)
     (folder / "mesh.json").write_text(json.dumps(record, indent=1) + "\n")
     return record
 
@@ -174,25 +172,26 @@ def _see_through(glb):
     return any(material.get("alphaMode", "OPAQUE") != "OPAQUE" for material in materials)
 
 
-def _write_levels(folder, vertices, faces, counts, plan):
-    """Write the levels (file name -> faces asked for) and return what there is to say about each.
+def _write_levels(folder, vertices, faces, counts):
+    """Write the levels (file name -> faces asked for) and return the record of each.
 
     The coarser ones are made from the finer: a million faces collapse only once. All are measured against the
-    whole mesh.
+    whole mesh, except a level that is the whole mesh itself.
     """
-    whole = Surface(vertices, faces)
-    said = {}
+    source = Surface(vertices, faces)
+    records = {}
     for name, count in sorted(counts.items(), key=lambda item: -item[1]):
-        vertices, faces = decimate(vertices, faces, count, plan=plan)
+        vertices, faces = decimate(vertices, faces, count)
         mesh = trimesh.Trimesh(vertices, faces, process=False, validate=False)
         (folder / name).write_bytes(mesh.export(file_type="ply", vertex_normal=False))
-        said[name] = {"asked": count} | _describe(vertices, faces) | _distances(whole, vertices, faces, plan)
-    return {name: said[name] for name in counts}
+        records[name] = {"asked": count} | _describe(vertices, faces) | _distances(source, vertices, faces)
+    return {name: records[name] for name in counts}
 
 
-def _distances(whole, vertices, faces, plan):
-    if not (plan or plan_of(whole.faces, len(faces))).needs("distance to the source"):
-        nothing = {"mean": 0.0, "max": 0.0}
-        return {"source_to_level": nothing, "level_to_source": nothing}
+def _distances(source, vertices, faces):
+    """Distances both ways between a level and the source (`Surface`): 0 for a level of as many faces."""
+    if len(faces) >= len(source.faces):
+        zero = {"mean": 0.0, "max": 0.0}
+        return {"source_to_level": zero, "level_to_source": zero}
     level = Surface(vertices, faces)
-    return {"source_to_level": distance(whole, level), "level_to_source": distance(level, whole)}
+    return {"source_to_level": distance(source, level), "level_to_source": distance(level, source)}

@@ -4,7 +4,6 @@ import numpy as np
 import pymeshlab
 
 from palpate.mesh import topology
-from palpate.scene import Plan, plan
 
 # An open mesh that keeps more than this many times the faces asked for is tried again with borders that may
 # move.
@@ -21,41 +20,46 @@ PLANAR_WEIGHT = 1e-6
 QUALITY = 0.3
 
 
-def plan_of(faces: np.ndarray, count: int) -> Plan:
-    """The plan of a level of at most `count` faces of a mesh with these faces (k, 3)."""
-    return plan("mesh", faces=len(faces), target=count)
-
-
 def decimate(
     vertices: np.ndarray,
     faces: np.ndarray,
     count: int,
     planar_weight: float = PLANAR_WEIGHT,
     quality: float = QUALITY,
-    plan: Plan | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Vertices (m, 3), rounded to float32, and faces (k, 3) of the mesh with about `count` faces.
 
     A mesh that has no more than `count` faces comes back as it is. A closed mesh stays closed, and the pieces
     of any mesh stay apart and keep their holes, if need be with more faces than asked for. Borders stay where
-    they are, unless that keeps too many faces. plan: of a scene "mesh"; default: `plan_of` the mesh.
+    they are, unless that keeps too many faces. `planar_weight`, `quality`: pymeshlab's parameters.
     """
-    if not (plan or plan_of(faces, count)).needs("decimation"):
+    if len(faces) <= count:
         return vertices, faces
+    return collapse(vertices, faces, count, planar_weight, quality)
+
+
+def collapse(
+    vertices: np.ndarray,
+    faces: np.ndarray,
+    count: int,
+    planar_weight: float = PLANAR_WEIGHT,
+    quality: float = QUALITY,
+) -> tuple[np.ndarray, np.ndarray]:
+    """As `decimate`, but pymeshlab is called even for a mesh that has no more than `count` faces."""
     closed = topology.is_closed(faces)
-    level = _collapse(vertices, faces, count, planar_weight, quality, fixed_borders=True)
+    level = _collapsed(vertices, faces, count, planar_weight, quality, fixed_borders=True)
     if not closed and len(level[1]) > EXCESS * count:
-        looser = _collapse(vertices, faces, count, planar_weight, quality, fixed_borders=False)
+        looser = _collapsed(vertices, faces, count, planar_weight, quality, fixed_borders=False)
         level = min(level, looser, key=lambda each: len(each[1]))
     if not len(level[1]) or (closed and not topology.is_closed(level[1])):
         return vertices, faces
     return level
 
 
-def _collapse(vertices, faces, count, planar_weight, quality, fixed_borders):
+def _collapsed(vertices, faces, count, planar_weight, quality, fixed_borders):
     meshes = pymeshlab.MeshSet(verbose=False)
     meshes.add_mesh(pymeshlab.Mesh(vertices, faces))
-    # All parameters: pymeshlab takes those left out from the call before, and results would depend on it.
+    # All parameters: those not given pymeshlab takes from the call before, and results would depend on it.
     meshes.meshing_decimation_quadric_edge_collapse(
         targetfacenum=count,
         targetperc=0.0,

@@ -1,4 +1,4 @@
-"""Running native code on meshes from anywhere: a crash or a hang of it must not take the batch along."""
+"""Native code runs in a process of its own: if it crashes or hangs on a mesh, the batch goes on."""
 
 import multiprocessing
 import signal

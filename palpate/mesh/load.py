@@ -15,8 +15,8 @@ FORMATS = ("obj", "glb", "gltf", "stl", "ply", "off", "dae", "3mf")
 def load_parts(path: Path | str) -> list[trimesh.Trimesh]:
     """Every triangle mesh of a file, as it is stored, placed by the file's scene graph.
 
-    A geometry that the scene shows several times comes several times. Nothing is merged or repaired here. The
-    order is that of the scene's node names, so it does not change from run to run.
+    A geometry that the graph has several times comes several times. Nothing is merged or repaired here. The
+    order is that of the names of the graph's nodes, so it does not change from run to run.
 
     Raises `UnusableObject` if the file can't be read, or holds no triangles, or refers to vertices that it lacks.
     """
@@ -26,16 +26,16 @@ def load_parts(path: Path | str) -> list[trimesh.Trimesh]:
     if not path.is_file():
         raise UnusableObject(f"{path}: there is no such file: correct the path or remove the object")
     try:
-        scene = trimesh.load_scene(path, process=False)
+        loaded = trimesh.load_scene(path, process=False)
     except Exception as error:  # the readers raise whatever a broken file makes them trip over
         raise UnusableObject(
             f"{path}: can't be read as {path.suffix.lower()} ({type(error).__name__}: {error}): "
             "export it again, or remove the object"
         ) from error
-    parts = [_placed(scene, node) for node in sorted(scene.graph.nodes_geometry) if _is_mesh(scene, node)]
+    parts = [_placed(loaded, node) for node in sorted(loaded.graph.nodes_geometry) if _is_mesh(loaded, node)]
     parts = [part for part in parts if len(part.faces)]
     if not parts:
-        raise UnusableObject(f"{path}: holds {_contents(scene)}, no triangles: export the object's faces")
+        raise UnusableObject(f"{path}: holds {_contents(loaded)}, no triangles: export the object's faces")
     for part in parts:
         if part.faces.min() < 0 or part.faces.max() >= len(part.vertices):
             raise UnusableObject(
@@ -45,27 +45,27 @@ def load_parts(path: Path | str) -> list[trimesh.Trimesh]:
     return parts
 
 
-def _is_mesh(scene: trimesh.Scene, node: str) -> bool:
-    return isinstance(scene.geometry[scene.graph[node][1]], trimesh.Trimesh)
+def _is_mesh(loaded: trimesh.Scene, node: str) -> bool:
+    return isinstance(loaded.geometry[loaded.graph[node][1]], trimesh.Trimesh)
 
 
-def _contents(scene: trimesh.Scene) -> str:
+def _contents(loaded: trimesh.Scene) -> str:
     loose = (trimesh.PointCloud, trimesh.path.Path2D, trimesh.path.Path3D)
-    if any(isinstance(geometry, loose) for geometry in scene.geometry.values()):
+    if any(isinstance(geometry, loose) for geometry in loaded.geometry.values()):
         return "points or lines only"
     return "nothing"
 
 
-def _placed(scene: trimesh.Scene, node: str) -> trimesh.Trimesh:
-    """A copy of the node's mesh in the scene's frame; its materials are shared, not copied."""
-    transform, name = scene.graph[node]
-    mesh = scene.geometry[name]
+def _placed(loaded: trimesh.Scene, node: str) -> trimesh.Trimesh:
+    """A copy of the node's mesh in the frame of the file; its materials are shared, not copied."""
+    transform, name = loaded.graph[node]
+    mesh = loaded.geometry[name]
     normals = mesh._cache["vertex_normals"]  # only where the file gave them: computed ones are not wanted
     visual = mesh.visual
     with np.errstate(invalid="ignore", over="ignore"):  # vertices that are not finite are looked for later
         vertices = mesh.vertices @ transform[:3, :3].T + transform[:3, 3]
     placed = trimesh.Trimesh(vertices, mesh.faces, process=False, validate=False)
-    placed.visual = visual if scene.graph.nodes_geometry.count(node) == 1 else visual.copy()
+    placed.visual = visual if loaded.graph.nodes_geometry.count(node) == 1 else visual.copy()
     linear = transform[:3, :3]
     if np.linalg.det(linear) < 0:
         placed.faces = placed.faces[:, ::-1]

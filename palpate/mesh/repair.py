@@ -1,4 +1,4 @@
-"""Repairs that can't change what an object is: which faces to drop, which to turn, which vertices are one."""
+"""Repairs that can't change an object's shape: faces to drop, faces to turn, vertices to merge."""
 
 from typing import NamedTuple
 
@@ -13,7 +13,7 @@ from palpate.mesh import topology
 # no area. Single precision, in which most formats store, resolves about 1e-7 of it.
 TOLERANCE = 1e-6
 
-# Coordinates whose difference is a smaller share of this tolerance are equal but for the arithmetic.
+# Coordinates whose difference is a smaller share of the tolerance differ by rounding only.
 ROUNDING = 1e-3
 
 # An open sheet is turned if this much more (as a share of the rays) escapes from its back than from its

@@ -1,4 +1,4 @@
-"""How the faces of a mesh hang together: edges, shells, closedness, winding."""
+"""Topology of a mesh: edges, shells, closed or open, winding."""
 
 import numpy as np
 from scipy.sparse import coo_matrix

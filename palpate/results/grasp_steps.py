@@ -21,7 +21,7 @@ from palpate.mesh import DIAGONAL, OBJECT_POSITION, load_visual  # noqa: E402
 from palpate.results.dataset_figures import example_grasp  # noqa: E402
 from palpate.results.page import TITLE, new_figure, save, save_sentence, styled  # noqa: E402
 from palpate.store import read  # noqa: E402
-from palpate.surface.embree import Scene  # noqa: E402
+from palpate.surface.embree import RayMesh  # noqa: E402
 from palpate.vision import Renderer  # noqa: E402
 from palpate.vision.camera import Camera, looking_at  # noqa: E402
 from palpate.vision.geom import triangles  # noqa: E402
@@ -62,9 +62,9 @@ def grasp_steps(dataset: Dataset, path: Path | str, threads: int = 1) -> None:
     poses = (None, loaded, placed, grasp.link_pose)
     points = [grasp.object.points, *(hand_points(hand, pose) for pose in poses[1:])]
     camera = camera_holding(np.concatenate(points), towards)
-    renderer = Renderer(size=PIXELS, samples=SAMPLES, threads=threads)
+    renderer = Renderer(samples=SAMPLES, threads=threads)
     pictures = [
-        renderer.render_scene(
+        renderer.render_meshes(
             visual_glb=grasp.object.mesh / "visual.glb",
             hand=None if pose is None else hand,
             link_pose=pose,
@@ -89,12 +89,12 @@ def best_direction(grasp: GraspRecord, hand: Hand) -> np.ndarray:
     The object hides little of the closed hand, and is not seen end on; and the view is from the hand's side,
     where fingers curl in the picture's plane. The hand counts as much as the other two together.
     """
-    scene = Scene(load_visual(grasp.object.mesh))
+    mesh = RayMesh(load_visual(grasp.object.mesh))
     closed = hand_points(hand, grasp.link_pose)[::HAND_STRIDE] - OBJECT_POSITION
     across = (grasp.palm_pose @ hand.palm_anchor)[:3, 1]
 
     def seen(towards: np.ndarray) -> float:
-        return 1 - scene.blocked(closed, np.tile(3 * DIAGONAL * towards, (len(closed), 1)), reach=1).mean()
+        return 1 - mesh.blocked(closed, np.tile(3 * DIAGONAL * towards, (len(closed), 1)), reach=1).mean()
 
     def area(towards: np.ndarray) -> float:
         return np.prod(np.ptp(grasp.object.points @ _picture_axes(towards).T, axis=0))

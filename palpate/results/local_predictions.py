@@ -61,7 +61,7 @@ def local_predictions(
     if not drawn:
         return save_sentence("No test object with a successful touch in this run", path)
     charts = TouchCharts(touch_depth, fit=fit)
-    renderer = Renderer(size=PIXELS, samples=SAMPLES, threads=threads)
+    renderer = Renderer(samples=SAMPLES, threads=threads)
     camera = site_camera(PIXELS)
     figure, axes = _page(drawn)
     for row, (_, chosen) in enumerate(drawn):
@@ -69,7 +69,7 @@ def local_predictions(
             felt = GraspTouches(*(getattr(grasp, name)[[sensor]] for name in GraspTouches._fields))
             meshes = site(grasp, sensor, charts.clouds(felt)[0], charts(felt)[0])
             pictures = [grasp.reading[sensor]]
-            pictures += [renderer.render_scene(part, camera=camera).rgb for part in meshes]
+            pictures += [renderer.render_meshes(part, camera=camera).rgb for part in meshes]
             for column, picture in enumerate(pictures):
                 axes(row, place, column).imshow(picture, interpolation="antialiased")
     save(figure, path)

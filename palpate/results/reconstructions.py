@@ -71,11 +71,11 @@ def reconstructions(
     if not records:
         return save_sentence("No usable test object in this run", path)
     setups = [setup for setup in SETUPS if setup[0] in models]
-    renderer = Renderer(size=PIXELS, samples=SAMPLES, threads=threads)
+    renderer = Renderer(samples=SAMPLES, threads=threads)
     camera = shared_camera(PIXELS)
 
     def render(mesh: Mesh) -> np.ndarray:
-        return renderer.render_scene([mesh], camera=camera).rgb
+        return renderer.render_meshes([mesh], camera=camera).rgb
 
     cells = {(row, "truth"): render(ground_truth(record)) for row, record in enumerate(records)}
     for experiment, *_ in setups:

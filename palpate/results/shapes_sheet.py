@@ -12,6 +12,7 @@ from PIL import Image
 
 from palpate import vision
 from palpate.mesh import DIAGONAL
+from palpate.scene import Scene
 from palpate.shapes import CLASSES, make
 
 COLUMNS = 12
@@ -27,18 +28,19 @@ def contact_sheet(path: Path | str, first: int = 0, columns: int = COLUMNS, size
 
     size: width of a cell in pixels. Importing `bpy` must come before this module (it loads trimesh).
     """
-    renderer = vision.Renderer(size=ENLARGED * size, threads=2)
+    renderer, camera = vision.Renderer(threads=2), vision.paper_camera(ENLARGED * size)
     rows = []
     with tempfile.TemporaryDirectory() as folder:
         for class_name in CLASSES:
             images = []
             for index in range(first, first + columns):
-                file = Path(folder) / f"{class_name}-{index:04d}.glb"
+                made = Path(folder) / f"{class_name}-{index:04d}"
+                made.mkdir()
                 scene = make(class_name, index, seed)
                 if class_name == "cellphone" and index - first in FROM_BEHIND:
                     scene.apply_transform(np.diag([-1.0, -1.0, 1.0, 1.0]))
-                file.write_bytes(normalised(scene).export(file_type="glb"))
-                images.append(renderer.render_object(file, name=file.stem)[0])
+                (made / "visual.glb").write_bytes(normalised(scene).export(file_type="glb"))
+                images.append(renderer.render(Scene(made, camera=camera))[0])
             rows.append(row(images, size))
     Image.fromarray(np.concatenate(rows)).save(path, optimize=True)
 

@@ -13,7 +13,7 @@ from matplotlib.colors import to_rgb
 from scipy.spatial import cKDTree
 
 from palpate.results.page import COLOURS
-from palpate.surface.embree import Scene
+from palpate.surface.embree import RayMesh
 from palpate.touch import SENSOR_WIDTH
 from palpate.touch.sensor import PIXEL
 
@@ -75,8 +75,8 @@ class SurfaceView:
 
     def __init__(self, mesh: trimesh.Trimesh, sites: list[np.ndarray]):
         """mesh and sites in one frame, metres; sites: at most four arrays (n, 3) of touched points."""
-        self._scene = Scene(mesh)
-        self._vertices = self._scene.triangles.reshape(-1, 3)
+        self._mesh = RayMesh(mesh)
+        self._vertices = self._mesh.triangles.reshape(-1, 3)
         self._sites = [np.asarray(site, float).reshape(-1, 3) for site in sites]
         self._site = np.repeat(np.arange(len(sites)), [len(site) for site in self._sites])
         touched = np.concatenate([np.zeros((0, 3)), *self._sites])
@@ -112,11 +112,11 @@ class SurfaceView:
         samples = 1 if preview else SUPERSAMPLING
         distance = 2 * np.linalg.norm(np.ptp(self._vertices, axis=0))
         origins, direction = view.rays(samples, distance)
-        face = self._scene.first_face(origins, direction)
+        face = self._mesh.first_face(origins, direction)
         hit = np.flatnonzero(face >= 0)
-        normal = self._scene.normals[face[hit]]
+        normal = self._mesh.normals[face[hit]]
         normal /= np.linalg.norm(normal, axis=1, keepdims=True)
-        corner = self._scene.triangles[face[hit], 0]
+        corner = self._mesh.triangles[face[hit], 0]
         facing = normal @ view.axes[2]
         normal *= -np.sign(facing)[:, None]  # a face is drawn from either side
         depth = np.einsum("ni,ni->n", corner - origins[hit], normal) / np.minimum(-np.abs(facing), -1e-3)
@@ -155,7 +155,7 @@ class SurfaceView:
         directions = (normal + 0.999 * unit).reshape(-1, 3)  # a unit sphere on the normal's tip: Lambert's cosine
         directions *= OCCLUSION_REACH / np.linalg.norm(directions, axis=1, keepdims=True)
         origins = np.broadcast_to(points + LIFT * normal, unit.shape).reshape(-1, 3)
-        blocked = self._scene.blocked(origins, directions, reach=1)
+        blocked = self._mesh.blocked(origins, directions, reach=1)
         return 1 - blocked.reshape(OCCLUSION_RAYS, -1).mean(axis=0)
 
     def _centres(self, view: View) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""Scenes that make the data: meshes, grasps, touch, and the stores that hold them."""
+"""Scenes that make the data: meshes, grasps, and the stores that hold them."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -35,15 +35,8 @@ GRASP = {
     "patches out of reach": stays("the engine's tree of boxes passes them by: nothing would be saved"),
 }
 
-TOUCH = {
-    "faces outside the swept box": Part("no ray of the sensor can meet them"),
-    "pixels outside the felt block": Part("no face is in front of them"),
-    "pixels after the first in range": Part("where only success is asked for, one pixel decides it"),
-    "readings of sensors that touched nothing": Part("all are the same image, `empty_reading`"),
-    "points of sensors that touched nothing": Part("no pixel is finite"),
-}
 
 STORE = {"empty chunks": Part("a chunk that is not there reads as the array's fill value")}
 
 # The points of a sensor that touched nothing are none, and its reading is 0: whole chunks of the fill value.
-SCENES: dict[str, dict[str, Part]] = {"mesh": MESH, "grasp": GRASP, "touch": TOUCH, "store": STORE}
+SCENES: dict[str, dict[str, Part]] = {"mesh": MESH, "grasp": GRASP, "store": STORE}

@@ -8,11 +8,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from palpate.scene import data, images, models
+from palpate.scene import data, models
 from palpate.scene.part import Part
 
 # By kind of scene: its parts that an engine can go without.
-SCENES: dict[str, dict[str, Part]] = {**data.SCENES, **images.SCENES, **models.SCENES}
+SCENES: dict[str, dict[str, Part]] = {**data.SCENES, **models.SCENES}
 
 
 @dataclass(frozen=True)

@@ -6,6 +6,7 @@ Metres; the bottle stands on z = 0 around the z axis.
 import numpy as np
 from manifold3d import CrossSection, Manifold
 
+from palpate.shapes.assembly import Part
 from palpate.shapes.materials import (
     PLASTIC,
     Material,
@@ -18,7 +19,6 @@ from palpate.shapes.materials import (
     plastic,
     wood,
 )
-from palpate.shapes.scene import Part
 from palpate.shapes.solids import (
     box,
     cut,

@@ -6,8 +6,8 @@ Metres; a phone stands upright along z, its screen faces +x, its middle is near 
 import numpy as np
 from manifold3d import Manifold
 
+from palpate.shapes.assembly import Part
 from palpate.shapes.materials import PLASTIC, Material, across, choose, interface, metal
-from palpate.shapes.scene import Part
 from palpate.shapes.solids import (
     box,
     cut,

@@ -5,7 +5,7 @@ import trimesh
 
 from palpate.batch import generator
 from palpate.shapes import bottle, cellphone, knife, rifle
-from palpate.shapes.scene import Part, assemble
+from palpate.shapes.assembly import Part, assemble
 
 # Each module has STYLES: builders (rng) -> list of parts.
 FAMILIES = {"bottle": bottle, "knife": knife, "cellphone": cellphone, "rifle": rifle}

@@ -7,6 +7,7 @@ at y = 0 and its handle lies at y < 0; the spine at the handle is at z = 0.
 import numpy as np
 from manifold3d import Manifold
 
+from palpate.shapes.assembly import Part
 from palpate.shapes.materials import (
     DARK_METAL,
     Material,
@@ -18,7 +19,6 @@ from palpate.shapes.materials import (
     polymer,
     wood,
 )
-from palpate.shapes.scene import Part
 from palpate.shapes.solids import (
     along_y,
     box,

@@ -7,8 +7,8 @@ y < 0; up is +z.
 import numpy as np
 from manifold3d import Manifold
 
+from palpate.shapes.assembly import Part
 from palpate.shapes.materials import POLYMER, Material, across, choose, dark_metal, metal, polymer, wood
-from palpate.shapes.scene import Part
 from palpate.shapes.solids import along_y, box, cut, filleted, prism, rod, superellipse, sweep, turned, union
 
 OPTIC = Material("optic", (24, 24, 28), 0.4, 0.35)

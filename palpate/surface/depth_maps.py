@@ -8,7 +8,7 @@ surface: points are drawn by these weights, so that they come out uniform by are
 
 import numpy as np
 
-from palpate.surface.embree import Scene
+from palpate.surface.embree import RayMesh
 
 # Directions of view: along the axes, both ways.
 VIEWS = np.concatenate([np.eye(3), -np.eye(3)])
@@ -20,7 +20,7 @@ _GRAZING = 0.05
 
 
 def sample_by_depth_maps(
-    scene: Scene,
+    mesh: RayMesh,
     count: int,
     rng: np.random.Generator,
     resolution: int = RESOLUTION,
@@ -31,7 +31,7 @@ def sample_by_depth_maps(
     A point is drawn twice only if the maps see fewer than `count` points. Raises ValueError if they see none:
     a surface in needles thinner than a pixel.
     """
-    maps = [DepthMap(scene, view, resolution, rng) for view in views]
+    maps = [DepthMap(mesh, view, resolution, rng) for view in views]
     points = np.concatenate([depth_map.points for depth_map in maps])
     if not len(points):
         raise ValueError(
@@ -45,19 +45,19 @@ def sample_by_depth_maps(
 
 
 class DepthMap:
-    """One orthographic view of a scene; each pixel looks at a random spot of its square.
+    """One orthographic view of a mesh; each pixel looks at a random spot of its square.
 
     Attributes:
         points: (n, 3) float64, what the pixels see.
         normals: (n, 3) float64, unit normals of the faces seen, of either sign.
     """
 
-    def __init__(self, scene: Scene, view: np.ndarray, resolution: int, rng: np.random.Generator):
+    def __init__(self, mesh: RayMesh, view: np.ndarray, resolution: int, rng: np.random.Generator):
         """`view`: (3,) unit vector, the way the camera looks. `resolution`: pixels along the longer edge."""
         # The camera's frame: two axes across, the third along the view.
         self._axes = np.linalg.svd(view[None])[2][[1, 2, 0]].T
         self._axes[:, 2] = view
-        corners = scene.triangles.reshape(-1, 3) @ self._axes
+        corners = mesh.triangles.reshape(-1, 3) @ self._axes
         self._low, high = corners.min(axis=0), corners.max(axis=0)
         self._pixel = max(high[:2] - self._low[:2]) / resolution
         shape = np.maximum(np.ceil((high[:2] - self._low[:2]) / self._pixel).astype(int), 1)
@@ -67,15 +67,15 @@ class DepthMap:
         spot = self._low[:2] + (pixel + rng.random(pixel.shape)) * self._pixel
         outside = self._low[2] - max(high - self._low)
         start = np.column_stack([spot, np.full(len(spot), outside)]) @ self._axes.T
-        hit = scene.first_face(start, view[None])
+        hit = mesh.first_face(start, view[None])
         seen = np.flatnonzero(hit >= 0)
         face, start = hit[seen], start[seen]
-        normal = scene.normals[face] / np.linalg.norm(scene.normals[face], axis=1, keepdims=True)
+        normal = mesh.normals[face] / np.linalg.norm(mesh.normals[face], axis=1, keepdims=True)
         across = normal @ view
         # A face seen edge-on has no area in the map; Embree may still name it.
         facing = np.abs(across) > 1e-6
         seen, face, start, normal, across = (array[facing] for array in (seen, face, start, normal, across))
-        distance = np.einsum("ni,ni->n", scene.triangles[face, 0] - start, normal) / across
+        distance = np.einsum("ni,ni->n", mesh.triangles[face, 0] - start, normal) / across
         self.points = start + distance[:, None] * view
         self.normals = normal
         self._view = view

@@ -10,7 +10,7 @@ from embreex.mesh_construction import TriangleMesh
 from embreex.rtcore_scene import EmbreeScene
 
 
-class Scene:
+class RayMesh:
     """The faces of a mesh that have an area, in Embree's tree (watertight edge tests: no ray leaks between
     two faces that share vertices).
 

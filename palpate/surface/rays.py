@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from palpate.surface.embree import Scene
+from palpate.surface.embree import RayMesh
 
 # Directions in which a point may see out, spread evenly over the sphere. More of them find points that see
 # out through narrower openings, for more time on the points that don't (docs/surface.md).
@@ -23,7 +23,7 @@ def fibonacci_sphere(count: int) -> np.ndarray:
     return np.stack([radius * np.cos(angle), radius * np.sin(angle), height], axis=1)
 
 
-def sample_by_rays(scene: Scene, count: int, rng: np.random.Generator, directions: int = DIRECTIONS) -> np.ndarray:
+def sample_by_rays(mesh: RayMesh, count: int, rng: np.random.Generator, directions: int = DIRECTIONS) -> np.ndarray:
     """(count, 3) float64 points, uniform by area on the exterior: of candidates on all faces, those that see
     out.
 
@@ -39,45 +39,45 @@ def sample_by_rays(scene: Scene, count: int, rng: np.random.Generator, direction
         # The share of exterior points seen so far says how many candidates the missing ones take.
         share = (count - missing + 1) / (drawn + 1)
         batch = min(int(1.05 * missing / share) + 100, 4 * count)
-        points, face = sample_by_area(scene, batch, rng)
-        points = points[sees_out(scene, points, face, directions)]
+        points, face = sample_by_area(mesh, batch, rng)
+        points = points[sees_out(mesh, points, face, directions)]
         found.append(points)
         drawn += batch
         missing -= len(points)
     return np.concatenate(found)[:count]
 
 
-def sample_by_area(scene: Scene, count: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+def sample_by_area(mesh: RayMesh, count: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
     """Points uniform by area on all faces: (count, 3) and (count,) the face of each."""
-    area = np.cumsum(np.linalg.norm(scene.normals, axis=1))
+    area = np.cumsum(np.linalg.norm(mesh.normals, axis=1))
     face = np.searchsorted(area, rng.random(count) * area[-1], side="right")
     face = np.minimum(face, len(area) - 1)
     # The square root makes the barycentric coordinates uniform over the triangle (Osada et al. 2002).
     root, part = np.sqrt(rng.random((count, 1))), rng.random((count, 1))
-    a, b, c = scene.triangles[face].transpose(1, 0, 2)
+    a, b, c = mesh.triangles[face].transpose(1, 0, 2)
     return (1 - root) * a + root * (1 - part) * b + root * part * c, face
 
 
-def sees_out(scene: Scene, points: np.ndarray, face: np.ndarray, directions: int = DIRECTIONS) -> np.ndarray:
+def sees_out(mesh: RayMesh, points: np.ndarray, face: np.ndarray, directions: int = DIRECTIONS) -> np.ndarray:
     """Whether each point of a face sees infinity, from either side of it, in any of the directions: (n,)
     bool.
 
     The orientation of faces does not matter, nor whether the mesh is closed.
     """
-    normal = scene.normals[face]
+    normal = mesh.normals[face]
     normal = normal / np.linalg.norm(normal, axis=1, keepdims=True)
-    offset = _OFFSET * np.ptp(scene.triangles.reshape(-1, 3), axis=0).max() * normal
+    offset = _OFFSET * np.ptp(mesh.triangles.reshape(-1, 3), axis=0).max() * normal
     hidden = np.arange(len(points))
     # Along the normals first: most exterior points are settled by one ray or two.
     for side in (1, -1):
         start = points[hidden] + side * offset[hidden]
-        hidden = hidden[scene.blocked(start, side * normal[hidden])]
+        hidden = hidden[mesh.blocked(start, side * normal[hidden])]
     for direction in fibonacci_sphere(directions):
         if not len(hidden):
             break
         side = np.where(normal[hidden] @ direction > 0, 1.0, -1.0)
         start = points[hidden] + side[:, None] * offset[hidden]
-        hidden = hidden[scene.blocked(start, direction[None])]
+        hidden = hidden[mesh.blocked(start, direction[None])]
     out = np.ones(len(points), dtype=bool)
     out[hidden] = False
     return out

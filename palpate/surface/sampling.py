@@ -4,7 +4,7 @@ import numpy as np
 import trimesh
 
 from palpate.surface.depth_maps import sample_by_depth_maps
-from palpate.surface.embree import Scene
+from palpate.surface.embree import RayMesh
 from palpate.surface.rays import sample_by_rays
 
 METHODS = {"rays": sample_by_rays, "depth_maps": sample_by_depth_maps}
@@ -32,4 +32,4 @@ def sample(mesh: trimesh.Trimesh, count: int, rng: np.random.Generator, method: 
     if method not in METHODS:
         expected = ", ".join(METHODS)
         raise ValueError(f"unknown method {method!r} of sampling a surface: expected one of {expected}")
-    return METHODS[method](Scene(mesh), count, rng)
+    return METHODS[method](RayMesh(mesh), count, rng)

@@ -2,14 +2,13 @@
 
 import numpy as np
 
-from palpate.scene import Plan
 from palpate.touch.sensor import PIXEL, SENSOR_PLANE, SENSOR_RANGE
-from palpate.touch.tracing import PLAN, Block, Tracer
+from palpate.touch.tracing import Block, Tracer
 
 # How much further than the range, and how far behind the sensor plane, Embree looks: more than its rounding,
 # so that double precision decides.
 _SLACK = 1e-5
-# Metres across, of an object beyond which Embree's rounding is no longer small: it is left out.
+# Metres across, of an object beyond which Embree's rounding is no longer small: Embree is not asked.
 _LARGEST = 2.0
 # Sine of the angle between a face and the rays, below which the plane of the face says too little about the
 # depth: moving the ray by Embree's rounding error (3e-8 m) then moves the hit by over 3e-6 m.
@@ -29,9 +28,9 @@ class RayCaster(Tracer):
     and decided in double precision against every face in range; so are all of an object larger than 2 m.
     """
 
-    def __init__(self, mesh, object_position=(0.0, 0.0, 0.0), plan: Plan = PLAN):
+    def __init__(self, mesh, object_position=(0.0, 0.0, 0.0)):
         """As for `Tracer`."""
-        super().__init__(mesh, object_position, plan)
+        super().__init__(mesh, object_position)
         low, high = self._low.min(axis=1), self._high.max(axis=1)
         self._large = (high - low).max() > _LARGEST
         # Coordinates far from the origin are rounded more.
@@ -45,12 +44,12 @@ class RayCaster(Tracer):
             return self._exact_depth(pixels[:, 1:], origin, rotation).reshape(plane.shape[:2])
         direction = rotation[:, 0]
         start = pixels @ rotation.T + (origin - _SLACK * direction)
-        hit = self._scene.first_face(start, direction[None], SENSOR_RANGE + 2 * _SLACK)
+        hit = self._mesh.first_face(start, direction[None], SENSOR_RANGE + 2 * _SLACK)
         depth = np.full(len(pixels), np.inf)
         doubtful = np.zeros(len(pixels), dtype=bool)
-        felt = np.flatnonzero(hit >= 0)
-        if len(felt):
-            depth[felt], doubtful[felt] = self._depth_on_faces(hit[felt], pixels[felt, 1:], origin, rotation)
+        met = np.flatnonzero(hit >= 0)
+        if len(met):
+            depth[met], doubtful[met] = self._depth_on_faces(hit[met], pixels[met, 1:], origin, rotation)
             doubtful |= _pits(depth.reshape(plane.shape[:2])).ravel()
         settled = np.zeros(len(pixels), dtype=bool)
         while doubtful.any():
@@ -66,7 +65,7 @@ class RayCaster(Tracer):
         Returns (n,) depth and (n,) bool, whether it must be decided otherwise: the face is seen edge-on, or
         met behind the sensor plane; the depth is then +inf.
         """
-        seen = np.zeros(len(self._scene.triangles), dtype=bool)
+        seen = np.zeros(len(self._mesh.triangles), dtype=bool)
         seen[hit] = True
         faces = np.flatnonzero(seen)
         index = np.empty(len(seen), dtype=np.intp)
@@ -85,7 +84,7 @@ class RayCaster(Tracer):
     def _exact_depth(self, pixels, origin, rotation) -> np.ndarray:
         """(n,) depth of the rays through `pixels` (n, 2), in double precision against every face in range.
 
-        A face seen edge-on covers no pixel; one on the sensor plane is felt, at depth 0.
+        A face seen edge-on covers no pixel; one on the sensor plane is touched, at depth 0.
         """
         corners, normal = self._in_sensor_frame(self._near_faces(origin, rotation), origin, rotation)
         low, high = corners[:, :, 2].min(axis=1) - PIXEL, corners[:, :, 2].max(axis=1) + PIXEL
@@ -98,9 +97,9 @@ class RayCaster(Tracer):
 
     def _in_sensor_frame(self, faces, origin, rotation) -> tuple[np.ndarray, np.ndarray]:
         """Corners (f, 3, 3) and unit normals (f, 3) of faces, in the sensor's frame."""
-        normal = self._scene.normals[faces] @ rotation
+        normal = self._mesh.normals[faces] @ rotation
         normal /= np.linalg.norm(normal, axis=1, keepdims=True)
-        return (self._scene.triangles[faces] - origin) @ rotation, normal
+        return (self._mesh.triangles[faces] - origin) @ rotation, normal
 
 
 def _nearest(pixels, corners, normal, rounding) -> np.ndarray:

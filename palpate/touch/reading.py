@@ -1,24 +1,35 @@
-"""Everything the four touch sensors of a grasp report."""
+"""Everything the touch sensors of a scene report."""
 
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from palpate.mesh import load_visual
+from palpate.touch.rays import RayCaster
 from palpate.touch.sensor import RESOLUTION, local_points
 from palpate.touch.shading import shade
+from palpate.touch.sphere_tracing import SphereTracer
 from palpate.touch.tracing import Tracer
+
+if TYPE_CHECKING:
+    from palpate.scene import Scene
+
+# By the names that the config has for them.
+TRACERS = {"embree": RayCaster, "sphere_tracing": SphereTracer}
 
 
 class TouchReading(NamedTuple):
-    """What k sensors feel. All but `success` and `depth` is computed for successful sensors only, else 0
-    (if the tracer's plan leaves it out).
+    """What sensors report; `...` are the leading axes of their poses.
+
+    All but `success` and `depth` is computed for sensors in contact only, and 0 for the others: the reading of
+    any other is `empty_reading()`, and it has no points.
 
     Attributes:
-        success: (k,) bool, whether anything is in range of the sensor.
-        depth: (k, 100, 100) float32 metres from the sensor plane, +inf where nothing is in range.
-        reading: (k, 100, 100, 3) uint8; a sensor that feels nothing would read `empty_reading()`.
-        points: (k, 10000, 3) float32 local point clouds in the frame of the sensors' poses; the rest is 0.
-        point_count: (k,) int32, how many rows of `points` are points.
+        success: (...) bool, whether anything is in range of the sensor.
+        depth: (..., 100, 100) float32 metres from the sensor plane, +inf where nothing is in range.
+        reading: (..., 100, 100, 3) uint8.
+        points: (..., 10000, 3) float32 local point clouds in the frame of the sensors' poses; the rest is 0.
+        point_count: (...) int32, how many rows of `points` are points.
     """
 
     success: np.ndarray
@@ -29,24 +40,36 @@ class TouchReading(NamedTuple):
 
 
 def sense(tracer: Tracer, position: np.ndarray, rotation: np.ndarray) -> TouchReading:
-    """Simulate k touch sensors on one object.
+    """Simulate touch sensors on one object.
 
     Args:
-        tracer: the object, a `RayCaster` or a `SphereTracer`; its plan says what is made.
-        position: (k, 3), rotation: (k, 3, 3) of the sensors; columns of a rotation are the frame's axes.
+        tracer: the object, a `RayCaster` or a `SphereTracer`.
+        position: (..., 3), rotation: (..., 3, 3) of the sensors; columns of a rotation are the frame's axes.
+
+    Raises ValueError for a pose that is not one, and for a sensor in contact too far from the origin.
     """
+    leading = np.shape(position)[:-1]
+    position, rotation = np.reshape(position, (-1, 3)), np.reshape(rotation, (-1, 3, 3))
     depth = tracer.trace(position, rotation)
     success = np.isfinite(depth).any(axis=(1, 2))
     k = len(depth)
     reading = np.zeros((k, RESOLUTION, RESOLUTION, 3), dtype=np.uint8)
     points = np.zeros((k, RESOLUTION**2, 3), dtype=np.float32)
     point_count = np.zeros(k, dtype=np.int32)
-    every_reading = tracer.plan.needs("readings of sensors that touched nothing")
-    every_cloud = tracer.plan.needs("points of sensors that touched nothing")
-    for sensor in np.flatnonzero(success | every_reading):
+    for sensor in np.flatnonzero(success):
         reading[sensor] = shade(depth[sensor])
-    for sensor in np.flatnonzero(success | every_cloud):
         cloud = local_points(depth[sensor], position[sensor], rotation[sensor])
         points[sensor, : len(cloud)] = cloud
         point_count[sensor] = len(cloud)
-    return TouchReading(success, depth, reading, points, point_count)
+    arrays = (success, depth, reading, points, point_count)
+    return TouchReading(*(array.reshape(*leading, *array.shape[1:]) for array in arrays))
+
+
+def scene_tracer(scene: "Scene", method: str = "embree") -> Tracer:
+    """The search tree of a scene's object, by a method of `TRACERS`."""
+    return TRACERS[method](load_visual(scene.object_folder), scene.object_position)
+
+
+def sense_scene(scene: "Scene", tracer: Tracer | None = None) -> TouchReading:
+    """What the sensors of a scene report, with leading axes (g, s). tracer: default, `scene_tracer(scene)`."""
+    return sense(tracer or scene_tracer(scene), scene.sensor_position, scene.sensor_rotation)

@@ -11,7 +11,7 @@ import numpy as np
 SENSOR_WIDTH = 0.01641
 # Pixels along each edge (supplement, "Simulating Touch").
 RESOLUTION = 100
-# w: the depth of the sensor in metres; what lies further from the sensor plane is not felt.
+# w: the depth of the sensor in metres; what lies further from the sensor plane is not touched.
 SENSOR_RANGE = 0.025
 
 # Metres from the origin within which points in single precision are right to a micrometre.
@@ -21,7 +21,6 @@ PIXEL = SENSOR_WIDTH / RESOLUTION
 
 # (RESOLUTION,) centres of the pixels on the sensor plane: y of the columns, and z of the rows.
 PIXEL_CENTRES = ((np.arange(RESOLUTION) + 0.5) / RESOLUTION - 0.5) * SENSOR_WIDTH
-
 
 # (RESOLUTION, RESOLUTION, 3) the pixels on the sensor plane, sensor frame.
 _Y, _Z = np.meshgrid(PIXEL_CENTRES, PIXEL_CENTRES)
@@ -45,7 +44,7 @@ def local_points(depth: np.ndarray, position: np.ndarray, rotation: np.ndarray) 
             f"a sensor at {np.asarray(position).tolist()} m is too far from the origin for points in single "
             f"precision, at most {FURTHEST:g} m: give poses in a frame whose origin is near the object"
         )
-    felt = np.flatnonzero(np.isfinite(depth.ravel()))
-    points = SENSOR_PLANE.reshape(-1, 3)[felt]
-    points[:, 0] = depth.ravel()[felt]
+    touched = np.flatnonzero(np.isfinite(depth.ravel()))
+    points = SENSOR_PLANE.reshape(-1, 3)[touched]
+    points[:, 0] = depth.ravel()[touched]
     return (points @ np.asarray(rotation).T + position).astype(np.float32)

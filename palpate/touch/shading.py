@@ -12,7 +12,7 @@ from palpate.touch.sensor import PIXEL, PIXEL_CENTRES, RESOLUTION, SENSOR_RANGE
 
 # P_r, P_g, P_b: (3, 3) positions of the red, green and blue light as (y, z, height above the undeformed
 # surface), metres. An equilateral triangle around the sensor's axis in the sensor plane (height w, so that no
-# surface the sensor can feel is above the lights), red at the reading's top edge, then clockwise. The radius
+# surface in the sensor's range is above the lights), red at the reading's top edge, then clockwise. The radius
 # sqrt(2) w makes the three directions orthogonal at the centre of an untouched reading, which is where
 # shading tells normals apart best.
 _ANGLES = np.deg2rad([-90, 30, 150])

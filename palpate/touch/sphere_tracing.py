@@ -3,9 +3,8 @@
 import igl
 import numpy as np
 
-from palpate.scene import Plan
 from palpate.touch.sensor import SENSOR_PLANE, SENSOR_RANGE
-from palpate.touch.tracing import PLAN, Block, Tracer
+from palpate.touch.tracing import Block, Tracer
 
 # A point this close to the surface has arrived, metres.
 TOLERANCE = 1e-5
@@ -17,30 +16,23 @@ _NEEDLE = 1e-4
 class SphereTracer(Tracer):
     """Sphere tracing (Hart 1996): each point advances by its distance to the object until it arrives.
 
-    The distance is unsigned and exact (libigl's tree of boxes over the faces), so open meshes are felt as
-    closed ones are; outside a closed mesh the signed distance takes the same steps. A ray that arrives stops
+    The distance is unsigned and exact (libigl's tree of boxes over the faces), so open meshes are traced
+    as closed ones are; outside a closed mesh the signed distance takes the same steps. A ray that arrives stops
     short of the surface by up to `tolerance` / cos(angle of incidence), and one that only passes within
     `tolerance` of an edge counts as a hit. Error against time: docs/touch.md.
     """
 
-    def __init__(
-        self,
-        mesh,
-        object_position=(0.0, 0.0, 0.0),
-        tolerance=TOLERANCE,
-        max_steps=None,
-        plan: Plan = PLAN,
-    ):
+    def __init__(self, mesh, object_position=(0.0, 0.0, 0.0), tolerance=TOLERANCE, max_steps=None):
         """As for `Tracer`; `tolerance` in metres and `max_steps` trade error for time.
 
         A ray that is still on its way after `max_steps` is given up as a miss. By default none is: each step
         is longer than the tolerance, so that after `SENSOR_RANGE` / `tolerance` of them it has left the
         range.
         """
-        super().__init__(mesh, object_position, plan)
+        super().__init__(mesh, object_position)
         self._tolerance = tolerance
         self._max_steps = int(SENSOR_RANGE / tolerance) + 2 if max_steps is None else max_steps
-        self._vertices = np.ascontiguousarray(self._scene.triangles.reshape(-1, 3))
+        self._vertices = np.ascontiguousarray(self._mesh.triangles.reshape(-1, 3))
         self._faces = self._without_needles()
         self._tree = igl.AABB()
         self._tree.init(self._vertices, self._faces)
@@ -48,10 +40,10 @@ class SphereTracer(Tracer):
     def _without_needles(self) -> np.ndarray:
         """(f, 3) int64 faces; a needle is written i, j, j, which libigl reads as a segment."""
         faces = np.arange(len(self._vertices), dtype=np.int64).reshape(-1, 3)
-        triangles = self._scene.triangles
+        triangles = self._mesh.triangles
         length = np.linalg.norm(np.roll(triangles, -1, axis=1) - triangles, axis=2)
         longest = length.argmax(axis=1)
-        height = np.linalg.norm(self._scene.normals, axis=1) / length.max(axis=1)
+        height = np.linalg.norm(self._mesh.normals, axis=1) / length.max(axis=1)
         needle = np.flatnonzero(height < _NEEDLE * length.max(axis=1))
         start, stop = faces[needle, longest[needle]], faces[needle, (longest[needle] + 1) % 3]
         faces[needle] = np.stack([start, stop, stop], axis=1)

@@ -1,4 +1,4 @@
-"""What every way of tracing a sensor's depth map shares: only what can be felt is looked at."""
+"""What every way of tracing a depth map shares: only faces and pixels that can be in touch are looked at."""
 
 from abc import ABC, abstractmethod
 from typing import NamedTuple
@@ -6,16 +6,13 @@ from typing import NamedTuple
 import numpy as np
 import trimesh
 
-from palpate.scene import Plan, plan
-from palpate.surface.embree import Scene
+from palpate.surface.embree import RayMesh
 from palpate.touch.sensor import PIXEL, RESOLUTION, SENSOR_RANGE, SENSOR_WIDTH
 
 # Margin of the conservative tests in metres, far above their rounding errors.
 _MARGIN = 1e-5
 # Dot products of a sensor's axes are right to this: more than single precision's rounding.
 _ORTHONORMAL = 1e-5
-
-PLAN = plan("touch")
 
 
 class Block(NamedTuple):
@@ -25,32 +22,30 @@ class Block(NamedTuple):
     columns: slice
 
 
-EVERYTHING = Block(slice(0, RESOLUTION), slice(0, RESOLUTION))
-
-
 class Tracer(ABC):
     """Orthographic depth maps of one object, seen from touch sensors.
 
     The depth of a pixel is the distance along the sensor's +x, from the sensor plane, to the first face of
     either orientation (a mesh need not be closed); +inf where there is none within `SENSOR_RANGE`.
+
+    What can't change a depth is omitted: faces outside the box that the sensor's square sweeps over its range,
+    and pixels with no such face before them. `studies/omitted/touch.py` puts both back in and compares.
     """
 
-    def __init__(self, mesh: trimesh.Trimesh, object_position=(0.0, 0.0, 0.0), plan: Plan = PLAN):
+    def __init__(self, mesh: trimesh.Trimesh, object_position=(0.0, 0.0, 0.0)):
         """Build the object's search tree, once for all its grasps.
 
         Args:
             mesh: the object in its own frame, metres.
             object_position: (3,) where the origin of that frame is in the frame of the sensors' poses.
-            plan: of a scene "touch".
 
         Raises ValueError if no face has an area.
         """
-        self.plan = plan
-        self._scene = Scene(mesh)
+        self._mesh = RayMesh(mesh)
         self._object_position = np.asarray(object_position, dtype=np.float64)
         # (3, f), so that a test of one coordinate reads memory in order.
-        self._low = np.ascontiguousarray(self._scene.triangles.min(axis=1).T)
-        self._high = np.ascontiguousarray(self._scene.triangles.max(axis=1).T)
+        self._low = np.ascontiguousarray(self._mesh.triangles.min(axis=1).T)
+        self._high = np.ascontiguousarray(self._mesh.triangles.max(axis=1).T)
 
     def trace(self, position: np.ndarray, rotation: np.ndarray) -> np.ndarray:
         """Depth maps of k sensors.
@@ -66,37 +61,37 @@ class Tracer(ABC):
         origins, rotation = self._in_object_frame(position, rotation)
         depth = np.full((len(origins), RESOLUTION, RESOLUTION), np.inf, dtype=np.float32)
         for k, origin in enumerate(origins):
-            block = self._felt_block(origin, rotation[k])
+            block = self._block_in_reach(origin, rotation[k])
             if block is not None:
                 depth[k, block.rows, block.columns] = self._in_range(origin, rotation[k], block)
         return depth
 
     def succeeds(self, position: np.ndarray, rotation: np.ndarray) -> np.ndarray:
-        """Whether each sensor feels anything: (k,) bool, the same as `isfinite(trace(...)).any()` of each.
+        """Whether each sensor is in contact: (k,) bool, the same as `isfinite(trace(...)).any()` of each.
 
         Cheaper, for ranking many grasps: pixels are looked at from coarse to fine until one is in range.
+        position, rotation: as for `trace`.
         """
         origins, rotation = self._in_object_frame(position, rotation)
         success = np.zeros(len(origins), dtype=bool)
         for k, origin in enumerate(origins):
-            block = self._felt_block(origin, rotation[k])
+            block = self._block_in_reach(origin, rotation[k])
             if block is not None:
-                every = self.plan.needs("pixels after the first in range")
                 success[k] = any(
-                    np.isfinite(self._in_range(origin, rotation[k], part)).any()
-                    for part in ([block] if every else _coarse_to_fine(block))
+                    np.isfinite(self._in_range(origin, rotation[k], pixels)).any() for pixels in self._passes(block)
                 )
         return success
 
-    def felt_faces(self, position: np.ndarray, rotation: np.ndarray) -> np.ndarray:
-        """Which faces some of k sensors may feel, (f,) bool: those that meet a box around a sensor's reach.
+    def faces_in_reach(self, position: np.ndarray, rotation: np.ndarray) -> np.ndarray:
+        """The faces that are looked at for any sensor: (f,) bool, of the faces that have an area.
 
-        position, rotation: as for `trace`. f: the faces that have an area.
+        position: (..., 3), rotation: (..., 3, 3) of the sensors.
         """
-        felt = np.zeros(self._low.shape[1], dtype=bool)
-        for origin, frame in zip(position - self._object_position, rotation, strict=True):
-            felt[self._faces_in_box(origin, frame)] = True
-        return felt
+        near = np.zeros(self._low.shape[1], dtype=bool)
+        poses = self._in_object_frame(np.reshape(position, (-1, 3)), np.reshape(rotation, (-1, 3, 3)))
+        for origin, frame in zip(*poses, strict=True):
+            near[self._near_faces(origin, frame)] = True
+        return near
 
     def _in_object_frame(self, position, rotation) -> tuple[np.ndarray, np.ndarray]:
         """Poses of sensors, float64, in the object's own frame; ValueError if one is no pose."""
@@ -126,19 +121,16 @@ class Tracer(ABC):
             (rows, columns) float64.
         """
 
-    def _felt_block(self, origin, rotation) -> Block | None:
+    def _block_in_reach(self, origin, rotation) -> Block | None:
         """A block of pixels outside of which nothing can be in range; None if nothing can be in range at all.
 
-        Conservative: the faces whose bounding boxes meet the bounding box of the sensor's reach, then their
-        extent in the sensor's frame. Leaving the rest out does not change a single depth.
+        Conservative: the extent, in the sensor's frame, of the faces near it.
         """
-        if self.plan.needs("pixels outside the felt block"):
-            return EVERYTHING
         faces = self._near_faces(origin, rotation)
         if not len(faces):
             return None
         half = SENSOR_WIDTH / 2
-        corners = (self._scene.triangles[faces] - origin) @ rotation
+        corners = (self._mesh.triangles[faces] - origin) @ rotation
         low, high = corners.min(axis=1), corners.max(axis=1)
         box = np.array([[0, -half, -half], [SENSOR_RANGE, half, half]])
         meets = ((low <= box[1] + _MARGIN) & (high >= box[0] - _MARGIN)).all(axis=1)
@@ -150,13 +142,7 @@ class Tracer(ABC):
         return Block(rows=slice(first[1], last[1]), columns=slice(first[0], last[0]))
 
     def _near_faces(self, origin, rotation) -> np.ndarray:
-        """Indices of the faces that are looked at: those in the box, or all if the plan has them in."""
-        if self.plan.needs("faces outside the swept box"):
-            return np.arange(self._low.shape[1])
-        return self._faces_in_box(origin, rotation)
-
-    def _faces_in_box(self, origin, rotation) -> np.ndarray:
-        """Indices of the faces whose bounding box meets the bounding box of what the sensor can feel."""
+        """Indices of the faces whose bounding box meets the bounding box of the sensor's reach."""
         half = np.array([SENSOR_RANGE, SENSOR_WIDTH, SENSOR_WIDTH]) / 2
         centre = origin + rotation[:, 0] * half[0]
         extent = np.abs(rotation) @ half + _MARGIN
@@ -166,8 +152,6 @@ class Tracer(ABC):
             near &= self._high[axis] >= centre[axis] - extent[axis]
         return np.flatnonzero(near)
 
-
-def _coarse_to_fine(block: Block):
-    """Every 10th pixel of a block in both directions, then all."""
-    for step in (10, 1):
-        yield Block(*(slice(side.start, side.stop, step) for side in block))
+    def _passes(self, block: Block) -> list[Block]:
+        """A block from coarse to fine: every 10th pixel in both directions, then all."""
+        return [Block(*(slice(side.start, side.stop, step) for side in block)) for step in (10, 1)]

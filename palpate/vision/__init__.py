@@ -1,13 +1,13 @@
 """Images of objects alone and in the hand, with mask and depth, from the paper's camera; Blender renders.
 
-Importing the room loads numpy only; Blender (`bpy`) comes with the first `Renderer`. It must be imported
-before anything that loads embree (trimesh does): `palpate.vision.blender.load()` in a script's first lines
-sees to it.
+Importing this package loads no Blender: `bpy` comes with the first use of `Renderer`. Blender must be imported
+before anything that loads embree, as trimesh does: call `palpate.vision.blender.load()` in a script's first
+lines.
 """
 
 from palpate.vision.camera import Camera, looking_at, paper_camera
 from palpate.vision.image import Image
-from palpate.vision.scene import Mesh, spheres
+from palpate.vision.meshes import Mesh, spheres
 
 __all__ = ["Camera", "Image", "Mesh", "Renderer", "looking_at", "paper_camera", "spheres"]
 

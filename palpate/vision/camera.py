@@ -15,7 +15,7 @@ POSITION = (0.972, 0.461, 0.974)  # m
 ROTATION = (70.458, 4.940, 113.540)  # degrees
 # Not in the paper: read off its published projection matrix.
 FOCAL_LENGTH = 406.595  # pixels, for an image of 256 x 256 with the principal point at its centre
-IMAGE_SIZE = 256
+IMAGE_SIZE = 256  # pixels, the width and height of the dataset's images
 
 # A Blender camera looks along its -z with +y up; image coordinates have y down and z into the scene.
 IMAGE_FROM_CAMERA = np.diag([1.0, -1.0, -1.0])

@@ -1,13 +1,22 @@
-"""The renderer: one Blender process that draws a whole batch of objects, alone and in the hand.
+"""The renderer: one Blender process that draws a whole batch of scenes, each object alone and in the hand.
 
 A picture is two renders of Cycles. The first makes the colours: many samples a pixel, smoothed by the pixel
 filter. The second makes mask and depth: one sample exactly at every pixel's centre, because Cycles takes
 these from a pixel's first sample, which the filter of the first render moves by up to 0.75 pixels. Blender
 writes both as EXR files into memory (a `Viewer` node stays empty without a window), where OpenEXR reads them.
 
-What a picture is made of is said by the plan of its kind of scene (`palpate.scene`).
+Omitted, because the picture is the same without it, or is within its noise (`studies/omitted/renders.py`
+compares):
+
+- the object alone is rendered once, whatever the number of grasps, and without the hand;
+- the hand's meshes are built once, and only posed for each object and grasp;
+- pixels outside the rectangle of what is drawn, which can only show the background;
+- all samples but one for mask and depth;
+- a file's cameras, lamps, and materials of no triangle;
+- light's paths beyond the bounces in `CYCLES`, caustics, and the tree of lights: there is one lamp.
 """
 
+import logging
 import shutil
 import tempfile
 import weakref
@@ -24,13 +33,15 @@ bpy = blender.load()
 from mathutils import Matrix, Vector  # noqa: E402  (Blender comes before anything else)
 
 from palpate.batch import UnusableObject  # noqa: E402
+from palpate.hand import Hand  # noqa: E402
 from palpate.mesh import OBJECT_POSITION  # noqa: E402
-from palpate.scene import Plan, plan  # noqa: E402
-from palpate.scene.images import SCENES  # noqa: E402
+from palpate.scene import Lights, Scene  # noqa: E402
 from palpate.vision import geom  # noqa: E402
-from palpate.vision.camera import IMAGE_SIZE, Camera, paper_camera  # noqa: E402
+from palpate.vision.camera import Camera, paper_camera  # noqa: E402
 from palpate.vision.image import Image, Layers, linear, read_layers, write_layers  # noqa: E402
-from palpate.vision.scene import Mesh  # noqa: E402
+from palpate.vision.meshes import Mesh  # noqa: E402
+
+log = logging.getLogger(__name__)
 
 SAMPLES = 16
 # What a scene of CAD parts under one lamp needs of Cycles, and no more, by Blender's names.
@@ -49,25 +60,8 @@ CYCLES = {
     "transparent_max_bounces": 8,
     "volume_bounces": 0,
 }
-# What else, or instead, with a part in that a plan leaves out, and without one that it keeps.
-CYCLES_WITH = {
-    "bounces of light after the fourth": {"diffuse_bounces": 12, "glossy_bounces": 12},
-    "paths of more than 6 bounces": {"max_bounces": 12, "transmission_bounces": 12},
-    "caustics": {"caustics_reflective": True, "caustics_refractive": True},
-    "tree of lights": {"use_light_tree": True},
-}
-CYCLES_WITHOUT = {
-    "second to fourth bounce of light": {"diffuse_bounces": 1, "glossy_bounces": 1},
-    "first bounce of light": {"diffuse_bounces": 0, "glossy_bounces": 0},
-}
 
-# The light: one lamp, a sun, whose direction is fixed in the world (from the camera's upper left), and a
-# constant ambient light. A white diffuse surface that faces the lamp comes out at 0.8 * (SUN / pi + AMBIENT)
-# = 0.9 of white.
-SUN_STRENGTH = 2.1  # W / m2
-SUN_POSITION = (0.6, -0.55, 1.3)  # the direction from the object towards the lamp
 SUN_ANGLE = 0.0  # radians; a point: shadows are sharp, and free of noise
-AMBIENT = 0.45
 WHITE = (1.0, 1.0, 1.0)
 
 # The hand's plastic.
@@ -81,16 +75,12 @@ SHARP_EDGE = np.radians(30)
 
 # Where the glTF importer puts a file's coordinates: y up is turned to z up, (x, y, z) -> (x, -z, y). Files
 # here hold z up as it is, so this is turned back.
-OBJECT_POSE = np.eye(4)
-OBJECT_POSE[:3, :3] = [[1, 0, 0], [0, 0, 1], [0, -1, 0]]
-OBJECT_POSE[:3, 3] = OBJECT_POSITION
+FILE_ROTATION = np.array([[1, 0, 0], [0, 0, 1], [0, -1, 0]])
 
 GPU_KINDS = ("OPTIX", "CUDA", "HIP", "ONEAPI", "METAL")
 
-OUT_OF_SIGHT = (0.0, 0.0, -1000.0)  # m: where a hand is that a picture doesn't show
-
 VISIBLE = 0.01  # opacity from which a surface counts for mask and depth: glass does, a texture's holes don't
-ROOM_IN_MEMORY = 200e6  # bytes: an uncompressed picture of 2048 x 2048 takes 24 a pixel
+FREE_MEMORY = 200e6  # bytes: an uncompressed picture of 2048 x 2048 takes 24 a pixel
 
 # Kinds of Blender's data that a file can bring, and that go with it.
 DATA = (
@@ -113,41 +103,30 @@ DATA = (
 
 
 class Renderer:
-    """Blender, set up once, for as many objects as there are.
+    """Blender, set up once, for as many scenes as there are.
 
-    size: width and height of images in pixels. samples: Cycles' samples a pixel for the colours. device:
-    "cpu", "gpu", or "auto": a GPU if Cycles finds one. threads: of the CPU. exr: a folder that keeps every
-    image as a multilayer EXR file with 32 bit floats (see `palpate.vision.image`); none keeps nothing. plans:
-    of kinds of scenes of `palpate.scene.images` that are to be made otherwise than `palpate.scene.plan` says.
+    samples: Cycles' samples a pixel for the colours. device: "cpu", "gpu", or "auto": a GPU if Cycles finds
+    one. threads: of the CPU. exr: a folder that keeps every image as a multilayer EXR file with 32 bit floats
+    (see `palpate.vision.image`); none keeps nothing.
 
-    Between pictures the attributes `camera` (of `render_object`), `samples`, `plans` (by kind of scene) and
-    `cycles` (settings of Cycles other than `CYCLES`, by Blender's names) may be changed.
+    Between pictures the attributes `samples`, `exr` and `cycles` (settings of Cycles other than `CYCLES`, by
+    Blender's names) may be changed.
 
     Blender has one scene a process: a new Renderer takes the place of the one before.
     """
 
     _alive = None
 
-    def __init__(
-        self,
-        size: int = IMAGE_SIZE,
-        samples: int = SAMPLES,
-        device: str = "auto",
-        threads: int = 1,
-        exr: Path | str | None = None,
-        plans: Iterable[Plan] = (),
-    ):
-        self.camera = paper_camera(size)
+    def __init__(self, samples: int = SAMPLES, device: str = "auto", threads: int = 1, exr: Path | str | None = None):
         self.samples = samples
         self.cycles: Mapping[str, Any] = {}
-        self.plans = {kind: plan(kind, exr=exr is not None) for kind in SCENES}
-        self.plans |= {each.scene: each for each in plans}
         self.exr = None if exr is None else Path(exr)
         if self.exr is not None:
             self.exr.mkdir(parents=True, exist_ok=True)
         self._folder = _memory_folder()
         weakref.finalize(self, shutil.rmtree, self._folder, ignore_errors=True)
         self._hand, self._links = None, []
+        self._omitted_pixels = 0
         bpy.ops.wm.read_factory_settings(use_empty=True)
         Renderer._alive = weakref.ref(self)
         self.device = _choose_device(device)
@@ -159,115 +138,110 @@ class Renderer:
         self._origin = _link(self._scene, bpy.data.objects.new("origin", None))
         self._plastic = _coloured_material("plastic", ROUGHNESS)
 
-    def render_object(
-        self,
-        visual_glb: Path | str,
-        hand=None,
-        link_poses: Sequence[np.ndarray] | np.ndarray = (),
-        name: str | None = None,
-    ) -> tuple[Image, list[Image]]:
-        """The object alone, and with the hand in each of g grasps, from the paper's camera over white.
+    def render(self, scene: Scene) -> tuple[Image, list[Image]]:
+        """The object of a scene alone, and with the hand in each of its g grasps, over white.
 
-        visual_glb: the object's file, in its own frame; it stands at `palpate.mesh.OBJECT_POSITION`. hand: a
-        `palpate.hand.Hand`; link_poses: (g, L, 4, 4) poses of its links in the world. name: of the EXR files
-        (default: the name of the file's folder).
+        EXR files are named after the object. Logs how much was omitted.
 
-        Raises UnusableObject where the file can't be read or holds no triangles, or where the image of the object
-        alone doesn't show it; the next object renders all the same.
+        Raises UnusableObject where the object's file can't be read or holds no triangles, or where the image of
+        the object alone doesn't show it; the next scene renders all the same.
         """
-        if hand is None and len(link_poses):
-            raise ValueError(f"{len(link_poses)} link poses without a hand: give the hand they are of")
-        alone, held = self.plans["unoccluded image"], self.plans["occluded image"]
-        self._take_hand(hand, held.needs("hand's meshes for every object"))
-        name = name or Path(visual_glb).parent.name
-        with _Guests():
-            points = self._import(Path(visual_glb), alone)
-            if alone.needs("hand") and len(link_poses):
-                self._pose_hand(link_poses[0], OUT_OF_SIGHT)
-            for _ in range(max(1, len(link_poses)) if alone.needs("render for every grasp") else 1):
-                unoccluded = self._picture(alone, self.camera, points, self.samples, f"{name}-unoccluded")
-            if not unoccluded.image(WHITE).mask.any():
-                size = self.camera.size
+        self._take_hand(scene.hand)
+        self._omitted_pixels = 0
+        with _TemporaryData():
+            self._light(scene.lights)
+            points = self._import(scene.visual_file, scene.object_position)
+            alone = self._draw_alone(scene, points)
+            if not alone.image(WHITE).mask.any():
+                size = scene.camera.size
                 raise UnusableObject(
-                    f"{visual_glb}: no pixel of {size} x {size} shows the object: make its materials less "
+                    f"{scene.visual_file}: no pixel of {size} x {size} shows the object: make its materials less "
                     "transparent, or the object thicker"
                 )
-            occluded = []
-            for number, link_pose in enumerate(link_poses):
-                drawn = points
-                if held.needs("hand"):
-                    drawn = np.concatenate([points, self._pose_hand(link_pose)])
-                master = f"{name}-grasp-{number}"
-                occluded.append(self._picture(held, self.camera, drawn, self.samples, master))
-        return unoccluded.image(WHITE), [layers.image(WHITE) for layers in occluded]
+            held = [self._draw_held(scene, points, grasp) for grasp in range(len(scene.link_pose))]
+        log.info(
+            "%s: omitted: %d renders of the object alone again; %s of %s pixels around what is drawn",
+            scene.name, max(0, len(held) - 1), f"{self._omitted_pixels:,}", f"{(1 + len(held)) * alone.index.size:,}",
+        )  # fmt: skip
+        return alone.image(WHITE), [layers.image(WHITE) for layers in held]
 
-    def render_views(self, visual_glb: Path | str, cameras: Sequence[Camera]) -> list[Image]:
-        """The object alone over white, from each of the cameras; its file is read once.
+    def _draw_alone(self, scene: Scene, points: np.ndarray) -> Layers:
+        """The object alone. points: (n, 3) its vertices in the world."""
+        return self._draw(scene.camera, points, f"{scene.name}-unoccluded")
 
-        The lamp goes with the camera, so that no view looks at the dark side: it stands to each as it stands
-        to the paper's. visual_glb: as for `render_object`, and it raises the same. An image's size is its
-        camera's.
+    def _draw_held(self, scene: Scene, points: np.ndarray, grasp: int) -> Layers:
+        """The object with the hand in one of the scene's grasps. points: (n, 3) the object's vertices in the world."""
+        points = np.concatenate([points, self._pose_hand(scene.link_pose[grasp])])
+        return self._draw(scene.camera, points, f"{scene.name}-grasp-{grasp}")
+
+    def render_views(self, scene: Scene, cameras: Sequence[Camera]) -> list[Image]:
+        """The object of a scene alone over white, from each of the cameras instead of its own.
+
+        The object's file is read once, and Cycles keeps what it made of it. The lamp goes with the camera, so
+        that no view looks at the dark side: it stands to each as it stands to the scene's. An image's size is its
+        camera's. Raises UnusableObject where the file can't be read or holds no triangles.
         """
         self._take_hand(None)
-        render, made_of = self._scene.render, self.plans["view"]
-        from_camera = paper_camera().rotation.T @ SUN_POSITION
-        with _Guests():
-            points = self._import(Path(visual_glb), made_of)
+        self._omitted_pixels = 0
+        render = self._scene.render
+        from_camera = scene.camera.rotation.T @ scene.lights.direction
+        with _TemporaryData():
+            self._light(scene.lights)
+            points = self._import(scene.visual_file, scene.object_position)
             layers = []
-            render.use_persistent_data = not made_of.needs("scene for every view")
+            render.use_persistent_data = True
             try:
                 for camera in cameras:
                     _point(self._lamp, camera.rotation @ from_camera)
-                    layers.append(self._picture(made_of, camera, points, self.samples))
+                    layers.append(self._draw(camera, points))
             finally:
                 render.use_persistent_data = False
-                _point(self._lamp, SUN_POSITION)
+        log.info(
+            "%s: omitted: %d imports of the object again; %s of %s pixels around what is drawn",
+            scene.name, max(0, len(layers) - 1), f"{self._omitted_pixels:,}",
+            f"{sum(each.index.size for each in layers):,}",
+        )  # fmt: skip
         return [each.image(WHITE) for each in layers]
 
-    def render_scene(
+    def render_meshes(
         self,
         meshes: Iterable[Mesh] = (),
         visual_glb: Path | str | None = None,
-        hand=None,
+        hand: Hand | None = None,
         link_pose: np.ndarray | None = None,
         camera: Camera | None = None,
         samples: int | None = None,
         background: tuple[float, float, float] | None = WHITE,
     ) -> Image:
-        """Any scene from any viewpoint, for figures.
+        """Meshes, an object's file and a hand from any viewpoint, for figures.
 
         meshes: coloured triangles in the world (`spheres` makes them of points). visual_glb: an object's
-        file, which stands where `render_object` puts it. hand, link_pose: a `palpate.hand.Hand` and its
-        links' poses (L, 4, 4). camera: its `size` is the image's (default: the paper's, in the renderer's
-        size). samples: default, the renderer's. background: linear RGB; none for a transparent one (the
-        image's rgb then has four channels).
+        file, which stands at `palpate.mesh.OBJECT_POSITION`. hand, link_pose: a `palpate.hand.Hand` and its
+        links' poses (L, 4, 4). camera: its `size` is the image's (default: the paper's). samples: default, the
+        renderer's. background: linear RGB; none for a transparent one (the image's rgb then has four channels).
 
         The mask is that of the glb's object and of the meshes: all but the hand.
         """
         self._take_hand(hand)
-        camera = self.camera if camera is None else camera
-        made_of = self.plans["figure"]
-        with _Guests():
+        with _TemporaryData():
+            self._light(Lights())
             drawn = [np.zeros((0, 3))]
             if visual_glb is not None:
-                drawn.append(self._import(Path(visual_glb), made_of))
+                drawn.append(self._import(Path(visual_glb), OBJECT_POSITION))
             for number, mesh in enumerate(meshes):
                 body = _link(self._scene, _blender_object(f"mesh-{number}", mesh, self._plastic))
                 body.pass_index = OBJECT_INDEX
                 drawn.append(np.asarray(mesh.vertices, dtype=float))
             if hand is not None:
                 drawn.append(self._pose_hand(link_pose))
-            layers = self._picture(made_of, camera, np.concatenate(drawn), samples or self.samples)
+            layers = self._draw(camera or paper_camera(), np.concatenate(drawn), samples=samples)
         return layers.image(background)
 
-    def _take_hand(self, hand, again: bool = False) -> None:
-        """Build the hand's meshes, unless they are there from the object before; hidden until posed.
-
-        again: even then.
-        """
+    def _take_hand(self, hand: Hand | None) -> None:
+        """Build the hand's meshes, unless they are there from the scene before; hidden until posed."""
         if Renderer._alive is None or Renderer._alive() is not self:
             raise RuntimeError("a newer Renderer has taken Blender's scene: use that one")
-        if hand is not None and (again or hand is not self._hand):
+        if hand is not None and hand is not self._hand:
             bpy.data.batch_remove([block for _, body, _ in self._links for block in (body, body.data)])
             self._hand, self._links = hand, _hand_objects(hand, self._plastic)
             for _, body, _ in self._links:
@@ -275,16 +249,14 @@ class Renderer:
         for _, body, _ in self._links:
             body.hide_render = True
 
-    def _import(self, path: Path, made_of: Plan) -> np.ndarray:
-        """Put an object's file into the scene; returns its vertices (n, 3) in the world."""
+    def _import(self, path: Path, position: Sequence[float]) -> np.ndarray:
+        """Put an object's file, its origin at a position, into Blender; returns its vertices (n, 3) in the world."""
         if not path.is_file():
             raise FileNotFoundError(f"{path} does not exist: expected an object's visual.glb")
         before = set(bpy.data.objects)
-        # Blender's importer fails to read unused materials of a file that has no image.
-        unused = made_of.needs("materials of no triangle") and b'"images"' in path.read_bytes()
         try:
             with blender.quiet():
-                bpy.ops.import_scene.gltf(filepath=str(path), loglevel=50, import_unused_materials=unused)
+                self._read_file(path)
         except Exception as error:
             reason = str(error).strip().splitlines()[-1]
             raise UnusableObject(f"{path}: Blender can't read it as glTF ({reason})") from error
@@ -294,9 +266,11 @@ class Renderer:
                 body.parent = self._origin
             if body.type == "MESH" and len(body.data.polygons):
                 bodies.append(body)
-            elif body.type != "EMPTY" and not made_of.needs("cameras and lamps of the file"):
+            elif body.type != "EMPTY":  # cameras and lamps
                 body.hide_render = True
-        self._origin.matrix_world = _matrix(OBJECT_POSE)
+        pose = np.eye(4)
+        pose[:3, :3], pose[:3, 3] = FILE_ROTATION, position
+        self._origin.matrix_world = _matrix(pose)
         bpy.context.view_layer.update()
         points = [np.zeros((0, 3))]
         for body in bodies:
@@ -307,42 +281,67 @@ class Renderer:
             raise UnusableObject(f"{path}: expected triangles with finite coordinates, found {len(points)} vertices")
         return points
 
-    def _pose_hand(self, link_pose: np.ndarray, shift: Sequence[float] = (0.0, 0.0, 0.0)) -> np.ndarray:
-        """Show the hand, its links at poses (L, 4, 4), shifted; returns its vertices (n, 3) in the world."""
+    def _read_file(self, path: Path) -> None:
+        bpy.ops.import_scene.gltf(filepath=str(path), loglevel=50, import_unused_materials=False)
+
+    def _pose_hand(self, link_pose: np.ndarray) -> np.ndarray:
+        """Show the hand, its links at poses (L, 4, 4); returns its vertices (n, 3) in the world."""
         points = [np.zeros((0, 3))]
         for link, body, vertices in self._links:
             pose = np.array(link_pose[link], dtype=float)
-            pose[:3, 3] += shift
             body.matrix_world = _matrix(pose)
             body.hide_render = False
             points.append(vertices @ pose[:3, :3].T + pose[:3, 3])
         return np.concatenate(points)
 
-    def _picture(
-        self, made_of: Plan, camera: Camera, points: np.ndarray, samples: int, master: str | None = None
+    def _light(self, lights: Lights) -> None:
+        """Set the lamp and the ambient light."""
+        _point(self._lamp, lights.direction)
+        self._lamp.data.energy = lights.strength
+        self._scene.world.node_tree.nodes["Background"].inputs["Strength"].default_value = lights.ambient
+
+    def _draw(
+        self, camera: Camera, points: np.ndarray, master: str | None = None, samples: int | None = None
     ) -> Layers:
-        """Render what is in the scene, its vertices being `points`; keep it if masters are kept."""
+        """Render what is in Blender, its vertices being `points` (n, 3); keep it if masters are kept.
+
+        master: the EXR file's name; none keeps nothing. samples: default, the renderer's.
+        """
         self._place_camera(camera)
-        self._light(made_of)
-        whole = made_of.needs("pixels around what is drawn")
-        if not _crop(self._scene.render, camera, points, whole):
+        for name, value in {**CYCLES, **self.cycles}.items():
+            setattr(self._scene.cycles, name, value)
+        rectangle = self._rectangle(camera, points)
+        self._omitted_pixels += camera.size**2
+        if rectangle is None:
             return Layers.empty(camera.size)
-        colour = self._render(samples, PIXEL_FILTER)
-        point = self._render(samples if made_of.needs("samples of mask and depth") else 1, POINT_FILTER)
+        self._omitted_pixels -= int(np.prod(rectangle[1] - rectangle[0]))
+        _crop(self._scene.render, camera.size, *rectangle)
+        colour = self._render(samples or self.samples, PIXEL_FILTER)
+        point = self._render_centres()
         layers = Layers(colour.combined, point.depth, point.index)
-        if master is not None and made_of.needs("EXR master"):
-            if self.exr is None:
-                raise ValueError("the plan keeps EXR masters: give the Renderer a folder for them (exr)")
+        if master is not None and self.exr is not None:
             write_layers(self.exr / f"{master}.exr", layers)
         return layers
 
-    def _light(self, made_of: Plan) -> None:
-        """Set lamps and Cycles up as a plan says."""
-        self._lamp.hide_render = not made_of.needs("lamp")
-        ambient = self._scene.world.node_tree.nodes["Background"].inputs["Strength"]
-        ambient.default_value = AMBIENT if made_of.needs("ambient light") else 0.0
-        for name, value in {**CYCLES, **_cycles(made_of), **self.cycles}.items():
-            setattr(self._scene.cycles, name, value)
+    @staticmethod
+    def _rectangle(camera: Camera, points: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
+        """Corners (2,) of the pixels in which points (n, 3) lie: (column, row), the second one outside.
+
+        The other pixels can only show background. Cycles draws the same random numbers for a pixel whatever the
+        rectangle, so the picture is the same. None where the points are all outside the image.
+        """
+        pixels, depth = camera.project(points)
+        low, high = np.zeros(2), np.full(2, camera.size)
+        if not (depth > 0).any():
+            return None
+        if (depth > 0).all():
+            low = np.clip(np.floor(pixels.min(axis=0)) - MARGIN, 0, camera.size)
+            high = np.clip(np.ceil(pixels.max(axis=0)) + MARGIN, 0, camera.size)
+        return None if (low >= high).any() else (low, high)
+
+    def _render_centres(self) -> Layers:
+        """Mask and depth, one sample at each pixel's centre."""
+        return self._render(1, POINT_FILTER)
 
     def _place_camera(self, camera: Camera) -> None:
         render, lens = self._scene.render, self._camera.data
@@ -367,14 +366,14 @@ class Renderer:
         return layers
 
 
-class _Guests:
-    """Whatever comes into Blender's data within the context goes with its end."""
+class _TemporaryData:
+    """Removes what was added to Blender's data within the context."""
 
     def __enter__(self) -> None:
-        self._residents = {block.session_uid for block in _blocks()}
+        self._before = {block.session_uid for block in _blocks()}
 
     def __exit__(self, *_) -> None:
-        bpy.data.batch_remove([block for block in _blocks() if block.session_uid not in self._residents])
+        bpy.data.batch_remove([block for block in _blocks() if block.session_uid not in self._before])
 
 
 def _blocks() -> list:
@@ -386,8 +385,8 @@ def _blocks() -> list:
 def _memory_folder() -> Path:
     """A new folder for what passes from Blender to numpy; in memory where the system has one there."""
     shared = Path("/dev/shm")
-    roomy = shared.is_dir() and shutil.disk_usage(shared).free > ROOM_IN_MEMORY
-    return Path(tempfile.mkdtemp(prefix="palpate-vision-", dir=shared if roomy else None))
+    enough = shared.is_dir() and shutil.disk_usage(shared).free > FREE_MEMORY
+    return Path(tempfile.mkdtemp(prefix="palpate-vision-", dir=shared if enough else None))
 
 
 def _choose_device(device: str) -> str:
@@ -430,22 +429,11 @@ def _set_up_render(scene, threads: int, device: str) -> None:
     scene.cycles.device = device.upper()
 
 
-def _cycles(made_of: Plan) -> dict[str, Any]:
-    """Settings of Cycles for what a plan puts back in, or leaves out besides."""
-    found: dict[str, Any] = {}
-    for changes, needed in ((CYCLES_WITH, True), (CYCLES_WITHOUT, False)):
-        for part, settings in changes.items():
-            if made_of.needs(part) == needed:
-                found |= settings
-    return found
-
-
 def _add_light(scene):
     """The constant ambient light, and the lamp, which is returned."""
     lamp = bpy.data.lights.new("lamp", "SUN")
-    lamp.energy, lamp.angle = SUN_STRENGTH, SUN_ANGLE
+    lamp.angle = SUN_ANGLE
     body = _link(scene, bpy.data.objects.new("lamp", lamp))
-    _point(body, SUN_POSITION)
     scene.world = bpy.data.worlds.new("ambient")
     scene.world.use_nodes = True
     background = scene.world.node_tree.nodes["Background"].inputs
@@ -553,26 +541,8 @@ def _world_vertices(body) -> np.ndarray:
     return vertices.reshape(-1, 3) @ pose[:3, :3].T + pose[:3, 3]
 
 
-def _crop(render, camera: Camera, points: np.ndarray, whole: bool = False) -> bool:
-    """Render only the rectangle in which `points` lie; False where they are all outside the image.
-
-    The other pixels can only show background. Cycles draws the same random numbers for a pixel whatever the
-    rectangle, so the picture is the same. whole: render the whole image instead.
-    """
-    pixels, depth = camera.project(points)
-    low, high = np.zeros(2), np.full(2, camera.size)
-    if not whole and not (depth > 0).any():
-        return False
-    if not whole and (depth > 0).all():
-        low = np.clip(np.floor(pixels.min(axis=0)) - MARGIN, 0, camera.size)
-        high = np.clip(np.ceil(pixels.max(axis=0)) + MARGIN, 0, camera.size)
-    if (low >= high).any():
-        return False
+def _crop(render, size: int, low: np.ndarray, high: np.ndarray) -> None:
+    """Render only the rectangle between two corners, pixels as (column, row), of an image."""
     inside = 0.1  # pixels: Blender rounds down
-    render.border_min_x, render.border_max_x = (
-        (low[0] + inside) / camera.size,
-        (high[0] + inside) / camera.size,
-    )
-    render.border_min_y = (camera.size - high[1] + inside) / camera.size
-    render.border_max_y = (camera.size - low[1] + inside) / camera.size
-    return True
+    render.border_min_x, render.border_max_x = (low[0] + inside) / size, (high[0] + inside) / size
+    render.border_min_y, render.border_max_y = (size - high[1] + inside) / size, (size - low[1] + inside) / size

@@ -13,7 +13,7 @@ so that the images are the same. Numpy only, but for `render`, which is given a 
 
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from PIL import Image as PillowImage
@@ -21,6 +21,10 @@ from PIL import Image as PillowImage
 from palpate.batch import UnusableObject
 from palpate.mesh import DIAGONAL, OBJECT_POSITION
 from palpate.vision.camera import Camera, rotation_about
+
+if TYPE_CHECKING:
+    from palpate.scene import Scene
+    from palpate.vision.renderer import Renderer
 
 COUNT = 24  # views an object
 SIZE = 137  # pixels
@@ -87,15 +91,15 @@ def camera(
     return Camera(position, turn @ _BEFORE_X, FOCAL_LENGTH * size, size)
 
 
-def render(renderer, visual_glb: Path | str, at: Iterable[Viewpoint], size: int = SIZE) -> Views:
-    """Views of an object's file by a `palpate.vision.Renderer`.
+def render(renderer: "Renderer", scene: "Scene", at: Iterable[Viewpoint], size: int = SIZE) -> Views:
+    """Views of a scene's object.
 
     Raises what its `render_views` raises, and UnusableObject if no view shows the object.
     """
     cameras = [camera(viewpoint, size) for viewpoint in at]
-    images = renderer.render_views(visual_glb, cameras)
+    images = renderer.render_views(scene, cameras)
     if not any(image.mask.any() for image in images):
-        raise UnusableObject(f"{visual_glb}: no view shows the object: make its materials less transparent")
+        raise UnusableObject(f"{scene.visual_file}: no view shows the object: make its materials less transparent")
     return Views(
         np.stack([image.rgb for image in images]),
         np.stack([image.mask for image in images]),

@@ -21,7 +21,7 @@ import trimesh
 
 from palpate import shapes
 from palpate.batch import generator
-from palpate.grasp.closing import TIMESTEP, GraspScene
+from palpate.grasp.closing import TIMESTEP, GraspSimulation
 from palpate.grasp.grasp import THUMB_SHARE, Grasper, grasp_object, workspace_of
 from palpate.grasp.patches import surface_patches
 from palpate.grasp.penetration import PenetrationCheck
@@ -101,15 +101,15 @@ def stages(count: int) -> pd.DataFrame:
             return result
 
         patches = timed("patches", surface_patches, shape.collision)
-        scene = timed("compiled model", GraspScene, HAND, patches, TIMESTEP)
+        simulation = timed("compiled model", GraspSimulation, HAND, patches, TIMESTEP)
         check = timed("penetration check, set-up", PenetrationCheck, HAND, shape.visual)
         own_points = shape.points.astype(float) - OBJECT_POSITION
         grasper = Grasper(shape.visual, shape.collision, own_points, HAND, max_penetration=np.inf)
         rng = generator(1, shape.name)
         pose = timed("placement", grasper.free_palm_pose, rng)
         targets = timed("inverse kinematics", grasper.workspace.targets, pose, grasper.surface)
-        scene.place(pose, HAND.open_joint_positions)
-        joints = timed("closing", scene.close, targets).joint_positions
+        simulation.place(pose, HAND.open_joint_positions)
+        joints = timed("closing", simulation.close, targets).joint_positions
         links = HAND.forward(pose, joints)
         timed("touches", grasper.caster.succeeds, *HAND.sensor_frames(links))
         timed("penetration, object", check.in_object, links)

@@ -15,7 +15,7 @@ import trimesh
 from palpate import mesh, store
 from palpate.batch import generator
 from palpate.grasp import closing
-from palpate.grasp.closing import GraspScene
+from palpate.grasp.closing import GraspSimulation
 from palpate.grasp.grasp import Grasper
 from palpate.grasp.patches import CELL, NARROWEST, surface_patches
 from palpate.grasp.penetration import PenetrationCheck
@@ -71,7 +71,7 @@ class Case(NamedTuple):
     Attributes:
         hand: the run's; collision: the decimated mesh.
         poses: (n, 4, 4) of the palm; targets: (n, J) of the servos.
-        scenes: by cell size and time step.
+        simulations: by cell size and time step.
         at_rest: (n, J) the reference; same_motion: (n, J) the run's closing in short steps.
         check, caster: of the true surface.
     """
@@ -80,7 +80,7 @@ class Case(NamedTuple):
     collision: trimesh.Trimesh
     poses: np.ndarray
     targets: np.ndarray
-    scenes: dict[tuple[float, float], GraspScene]
+    simulations: dict[tuple[float, float], GraspSimulation]
     at_rest: np.ndarray
     same_motion: np.ndarray
     check: PenetrationCheck
@@ -90,16 +90,16 @@ class Case(NamedTuple):
 def library_settings(hand: Hand, timestep: float) -> How:
     """How the library closes a hand at this time step."""
     piece = np.vstack([np.zeros(3), np.eye(3)])
-    option = GraspScene(hand, [piece], timestep).model.opt
+    option = GraspSimulation(hand, [piece], timestep).model.opt
     integrator = mujoco.mjtIntegrator(option.integrator).name.removeprefix("mjINT_").lower()
     solver = mujoco.mjtSolver(option.solver).name.removeprefix("mjSOL_").lower()
     duration, ramp = closing.DURATION, closing.RAMP
     return How(timestep, duration, ramp, CELL, integrator, solver, option.iterations)
 
 
-def close(scene: GraspScene, poses: np.ndarray, targets: np.ndarray, how: How) -> Closings:
-    """Close the hand of a scene from each palm pose; the scene has the time step and the cells of `how`."""
-    option = scene.model.opt
+def close(simulation: GraspSimulation, poses: np.ndarray, targets: np.ndarray, how: How) -> Closings:
+    """Close the hand of a simulation from each palm pose; the simulation has the time step and the cells of `how`."""
+    option = simulation.model.opt
     option.integrator = getattr(mujoco.mjtIntegrator, f"mjINT_{how.integrator.upper()}")
     option.solver = getattr(mujoco.mjtSolver, f"mjSOL_{how.solver.upper()}")
     option.iterations = how.iterations
@@ -107,13 +107,13 @@ def close(scene: GraspScene, poses: np.ndarray, targets: np.ndarray, how: How) -
     shares = np.minimum(1, np.arange(1, steps + 1) / (how.ramp * steps))
     found, finite = [], True
     for pose, target in zip(poses, targets, strict=True):
-        start = scene.hand.open_joint_positions
-        scene.place(pose, start)
-        for share in shares:  # as `GraspScene.close` does it, with a ramp of any share
-            scene.data.ctrl[:] = start + share * (target - start)
-            mujoco.mj_step(scene.model, scene.data)
-        found.append(scene.data.qpos[: len(target)].copy())
-        finite &= not any(warning.number for warning in scene.data.warning)
+        start = simulation.hand.open_joint_positions
+        simulation.place(pose, start)
+        for share in shares:  # as `GraspSimulation.close` does it, with a ramp of any share
+            simulation.data.ctrl[:] = start + share * (target - start)
+            mujoco.mj_step(simulation.model, simulation.data)
+        found.append(simulation.data.qpos[: len(target)].copy())
+        finite &= not any(warning.number for warning in simulation.data.warning)
     joints = np.array(found)
     return Closings(joints, finite and bool(np.isfinite(joints).all()), how)
 
@@ -139,7 +139,7 @@ def at_rest(hand: Hand, collision: trimesh.Trimesh, poses, targets, how: How, **
     """
     pieces = face_pieces(collision, changes.pop("thickness", THICKNESS))
     how = replace(how, **{"timestep": STEP, "duration": REST, "iterations": 100, **changes})
-    found = close(GraspScene(hand, pieces, how.timestep), poses, targets, how)
+    found = close(GraspSimulation(hand, pieces, how.timestep), poses, targets, how)
     if not found.finite:
         raise RuntimeError(f"the reference closing is unstable: {how}")
     return found.joint_positions
@@ -184,15 +184,15 @@ class GraspStudy(Study):
         poses, targets = placements(grasper, generator(0, subject.name, "closing study"))
         rest = at_rest(self.hand, collision, poses, targets, self.default)
         short = replace(self.default, timestep=STEP, iterations=100)
-        scenes = self._scenes(collision, {short, *(how for _, how in self._knobs())})
-        same = close(scenes[short.cell, STEP], poses, targets, short).joint_positions
+        simulations = self._simulations(collision, {short, *(how for _, how in self._knobs())})
+        same = close(simulations[short.cell, STEP], poses, targets, short).joint_positions
         surface = (grasper.check, grasper.caster)
-        return Case(self.hand, collision, poses, targets, scenes, rest, same, *surface)
+        return Case(self.hand, collision, poses, targets, simulations, rest, same, *surface)
 
-    def _scenes(self, collision: trimesh.Trimesh, hows: Iterable[How]) -> dict:
+    def _simulations(self, collision: trimesh.Trimesh, hows: Iterable[How]) -> dict:
         keys = sorted({(how.cell, how.timestep) for how in hows})
         patches = {cell: surface_patches(collision, cell) for cell, _ in keys}
-        return {(cell, step): GraspScene(self.hand, patches[cell], step) for cell, step in keys}
+        return {(cell, step): GraspSimulation(self.hand, patches[cell], step) for cell, step in keys}
 
     def _knobs(self) -> Iterable[tuple[str, How]]:
         """Every knob's settings, the others as in the run."""
@@ -256,7 +256,7 @@ def _method(field: str, how: How, chosen: bool) -> Method:
     knob, value = KNOBS[field]
 
     def run(case: Case) -> Closings:
-        return close(case.scenes[how.cell, how.timestep], case.poses, case.targets, how)
+        return close(case.simulations[how.cell, how.timestep], case.poses, case.targets, how)
 
     name = f"closing, solver {how.solver}" if field == "iterations" else "closing"
     return Method(name, knob, value(how), run, chosen)

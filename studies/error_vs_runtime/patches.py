@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import trimesh
 
-from palpate.grasp.closing import GraspScene
+from palpate.grasp.closing import GraspSimulation
 from palpate.grasp.patches import CELL, THICKNESS, surface_patches
 from studies.error_vs_runtime.grasps import (
     AT_REST,
@@ -45,8 +45,8 @@ class PatchStudy(GraspStudy):
     def methods(self) -> list[Method]:
         def run(pieces: Callable[[trimesh.Trimesh], list[np.ndarray]]) -> Callable[[Case], Closings]:
             def closed(case: Case) -> Closings:
-                scene = GraspScene(case.hand, pieces(case.collision), self.default.timestep)
-                return close(scene, case.poses, case.targets, self.default)
+                simulation = GraspSimulation(case.hand, pieces(case.collision), self.default.timestep)
+                return close(simulation, case.poses, case.targets, self.default)
 
             return closed
 

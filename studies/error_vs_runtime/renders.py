@@ -16,14 +16,15 @@ blender.load()
 import numpy as np  # noqa: E402  (Blender comes before what loads embree)
 from PIL import Image as PillowImage  # noqa: E402
 
-from palpate.hand import Hand  # noqa: E402
+from palpate.scene import Scene  # noqa: E402
 from palpate.vision.renderer import CYCLES  # noqa: E402
 from studies.error_vs_runtime.study import Method, Study  # noqa: E402
-from studies.pictures import held, rms, similarity  # noqa: E402
+from studies.pictures import rms, similarity  # noqa: E402
+from studies.scenes import scene_of  # noqa: E402
 from studies.subjects import Subject  # noqa: E402
 
 OBJECTS = 2  # that are looked at
-# The reference: another draw of random numbers, and nothing left out.
+# The reference: another draw of random numbers, and nothing omitted.
 REFERENCE = 4096  # samples a pixel
 FULL = {
     "seed": 1,
@@ -52,13 +53,11 @@ class Pictures(NamedTuple):
     """One object alone and in the hand of its first grasp.
 
     Attributes:
-        file: its glb, hand: the run's, pose: of the hand's links (L, 4, 4).
+        scene: of the object and that grasp.
         truth: middles of the two pictures (s, s, 3) uint8, and drawn: the pixels that errors are of (s, s).
     """
 
-    file: Path
-    hand: Hand
-    pose: np.ndarray
+    scene: Scene
     truth: list[np.ndarray]
     drawn: list[np.ndarray]
 
@@ -86,12 +85,12 @@ class Renders(Study):
 
     @cached_property
     def renderer(self) -> Renderer:
-        return Renderer(self.vision["size"], self.vision["samples"], self.vision["device"])
+        return Renderer(self.vision["samples"], self.vision["device"])
 
     def cases(self) -> Iterator[tuple[str, Pictures]]:
         for subject in self.subjects:
-            hand, poses = held(self.run, subject)
-            case = Pictures(subject.folder / "visual.glb", hand, poses[0], [], [])
+            scene = scene_of(self.run, subject)
+            case = Pictures(replace(scene, link_pose=scene.link_pose[:1]), [], [])
             truth = self.true_pictures(case)
             drawn = [(image < SHOWS).any(axis=-1) for image in truth]
             yield subject.name, case._replace(truth=truth, drawn=drawn)
@@ -137,10 +136,10 @@ class Renders(Study):
     ) -> list[np.ndarray]:
         """The two pictures, as the run renders them but for the arguments: (s, s, 3) uint8 each."""
         renderer = self.renderer
-        renderer.camera = camera or paper_camera(self.vision["size"])
         renderer.samples = samples or self.vision["samples"]
         renderer.cycles = cycles or {}
-        alone, (in_the_hand,) = renderer.render_object(case.file, case.hand, [case.pose])
+        scene = replace(case.scene, camera=camera or paper_camera(self.vision["size"]))
+        alone, (in_the_hand,) = renderer.render(scene)
         return [alone.rgb, in_the_hand.rgb]
 
     def resized(self, case: Pictures, side: int, samples: int) -> list[np.ndarray]:

@@ -215,14 +215,14 @@ def press(shape: Callable[[np.random.Generator], Surface], random: np.random.Gen
     """A shape pressed at random places and depths."""
     surfaces = [shape(random) for _ in range(PRESSES)]
     exact = np.stack([SENSOR_RANGE - each.height for each in surfaces])
-    felt = exact <= SENSOR_RANGE
+    touched = exact <= SENSOR_RANGE
     depth = np.stack([SENSOR_RANGE - each.height - each.short for each in surfaces])
-    slope = np.where(felt[:, None], np.stack([each.slope for each in surfaces]), 0)
+    slope = np.where(touched[:, None], np.stack([each.slope for each in surfaces]), 0)
     normal = _normals(slope[:, 0], slope[:, 1])
-    piece = np.where(felt, np.stack([each.piece for each in surfaces]), -1)
+    piece = np.where(touched, np.stack([each.piece for each in surfaces]), -1)
     around = (1, 2 * REACH + 1, 2 * REACH + 1)
     inside = ndimage.minimum_filter(piece, around) == ndimage.maximum_filter(piece, around)
-    reading = _true_reading(np.where(felt, SENSOR_RANGE - exact, 0), normal)
+    reading = _true_reading(np.where(touched, SENSOR_RANGE - exact, 0), normal)
     return Press(np.where(depth <= SENSOR_RANGE, depth, np.inf).astype(np.float32), normal, reading, inside)
 
 
@@ -242,7 +242,7 @@ def _place(random: np.random.Generator) -> tuple[np.ndarray, np.ndarray, float]:
 
 
 def _round(across: np.ndarray, radius: float, deep: float) -> Surface:
-    """A ball or a rod: across (2, 100, 100) is the way from its centre or axis; its lower half is felt."""
+    """A ball or a rod: across (2, 100, 100) is the way from its centre or axis; its lower half touches the gel."""
     square = radius**2 - (across**2).sum(axis=0)
     hit = square > 0
     rise = np.sqrt(np.where(hit, square, 1))
@@ -256,7 +256,7 @@ def _sphere(radius: float, random: np.random.Generator) -> Surface:
 
 
 def _traced_sphere(radius: float, random: np.random.Generator) -> Surface:
-    """As sphere tracing feels it: each ray stops as soon as it is nearer than its tolerance."""
+    """As sphere tracing meets it: each ray stops as soon as it is nearer than its tolerance."""
     (y, z), _, deep = _place(random)
     radius *= random.uniform(0.8, 1.2)
     ball = _round(np.stack([Y - y, Z - z]), radius, deep)

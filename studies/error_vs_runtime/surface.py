@@ -13,7 +13,7 @@ from scipy.stats import qmc
 
 from palpate.mesh import load_visual
 from palpate.surface.depth_maps import RESOLUTION, VIEWS, sample_by_depth_maps
-from palpate.surface.embree import Scene
+from palpate.surface.embree import RayMesh
 from palpate.surface.rays import DIRECTIONS, fibonacci_sphere, sample_by_rays, sees_out
 from studies.error_vs_runtime.study import Method, Study
 from studies.subjects import Subject
@@ -103,18 +103,18 @@ class Surface(Study):
         }
 
     def _rays(self, directions: int, case: Case) -> Sampled:
-        points = sample_by_rays(Scene(case.mesh), self._points, np.random.default_rng(0), directions)
+        points = sample_by_rays(RayMesh(case.mesh), self._points, np.random.default_rng(0), directions)
         return Sampled(points, partial(_taken_by_rays, directions))
 
     def _maps(self, resolution: int, views: np.ndarray, case: Case) -> Sampled:
         random = np.random.default_rng(0)
-        points = sample_by_depth_maps(Scene(case.mesh), self._points, random, resolution, views)
+        points = sample_by_depth_maps(RayMesh(case.mesh), self._points, random, resolution, views)
         return Sampled(points, lambda case: visible(case.mesh, case.points, case.face, -views))
 
 
 def _taken_by_rays(directions: int, case: Case) -> np.ndarray:
-    scene = Scene(case.mesh)
-    return sees_out(scene, case.points, np.searchsorted(scene.face, case.face), directions)
+    mesh = RayMesh(case.mesh)
+    return sees_out(mesh, case.points, np.searchsorted(mesh.face, case.face), directions)
 
 
 def visible(mesh: trimesh.Trimesh, points: np.ndarray, face: np.ndarray, directions: np.ndarray) -> np.ndarray:

@@ -14,7 +14,7 @@ from scipy.interpolate import RegularGridInterpolator
 from trimesh.ray.ray_pyembree import RayMeshIntersector
 
 from palpate import mesh, store
-from palpate.touch import RESOLUTION, SENSOR_RANGE, SENSOR_WIDTH, RayCaster, SphereTracer, shade
+from palpate.touch import RESOLUTION, SENSOR_RANGE, SENSOR_WIDTH, TRACERS, RayCaster, SphereTracer, shade
 from palpate.touch.sensor import SENSOR_PLANE
 from palpate.touch.sphere_tracing import TOLERANCE
 from studies.error_vs_runtime.study import Method, Study
@@ -25,7 +25,6 @@ TOLERANCES = (1e-3, 1e-4, 1e-5, 1e-6)  # m
 STEPS = (5, 10, 20, 50)  # at most; by default as many as a ray can take
 MOST_STEPS = 200  # on a grid, more than any ray takes
 CELLS = (6, 12, 20)  # along each side of the box in front of a sensor
-TRACERS = {"embree": RayCaster, "sphere_tracing": SphereTracer}
 
 
 class Case(NamedTuple):
@@ -49,7 +48,7 @@ def exact_depth(triangles: np.ndarray, position: np.ndarray, rotation: np.ndarra
     """Depth of every pixel of one sensor (100, 100), +inf beyond its range: every ray against every face.
 
     By Moeller and Trumbore (1997), in the sensor's frame, in the precision of the arguments. Only faces whose
-    bounding boxes miss all rays are left out.
+    bounding boxes miss all rays are omitted.
 
     triangles: (f, 3, 3), position: (3,), rotation: (3, 3), all in one frame, metres.
     """
@@ -209,7 +208,7 @@ class TouchStudy(Study):
         return found
 
     def errors(self, case: Case, result: np.ndarray) -> dict[str, float]:
-        """Mean and largest error of pixels that both find in range; of readings, over what either feels."""
+        """Mean and largest error of pixels that both have in range; of readings, over those that either has."""
         found, right = np.isfinite(result), np.isfinite(case.depth)
         off = 1e3 * np.abs(result[found & right] - case.depth[found & right])
         grey = np.abs(shade(result).astype(int) - case.reading)[found | right]
@@ -223,11 +222,10 @@ class TouchStudy(Study):
 
 def _touching(run: Path, subject: Subject) -> tuple[np.ndarray, np.ndarray]:
     """Positions (k, 3) and rotations (k, 3, 3) of the first sensors that touch, in the object's frame."""
-    names = ("object", "object_index", "sensor_position", "sensor_rotation", "touches")
-    grasps = store.read(run / f"grasps/{subject.batch}.h5", *names)
-    rows = grasps["object"][grasps["object_index"]] == subject.name
-    touch = grasps["touches"][rows]
-    position, rotation = grasps["sensor_position"][rows][touch], grasps["sensor_rotation"][rows][touch]
+    names = ("object", "sensor_position", "sensor_rotation", "touches")
+    objects, position, rotation, touches = store.read(run / f"grasps/{subject.batch}.h5", *names).values()
+    row = objects.tolist().index(subject.name)
+    position, rotation = position[row][touches[row]], rotation[row][touches[row]]
     return position[:TOUCHES] - mesh.OBJECT_POSITION, rotation[:TOUCHES]
 
 

@@ -1,41 +1,66 @@
-"""What the scene of a grasp leaves out, what it keeps, and what its model goes without by choice."""
+"""What the simulation of a grasp omits, what it keeps, and what it does not model by choice."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import trimesh
 
 from palpate import store
 from palpate.batch import generator
-from palpate.grasp.closing import GraspScene
+from palpate.grasp.closing import GraspSimulation
 from palpate.grasp.grasp import Grasper
 from palpate.grasp.patches import surface_patches
 from palpate.grasp.penetration import PenetrationCheck
 from palpate.hand import Hand
 from palpate.mesh import OBJECT_POSITION, load_collision, load_visual
-from palpate.scene import SCENES, plan
 from studies.omitted.omission import Leaving
+from studies.omitted.reach import WithinReach
+from studies.omitted.simulations import ChangedSimulation, EveryFace, EveryPair
 from studies.subjects import Subject
 
 CLOSINGS = 4  # an object
 CHECKED = 2  # of them, whose ends the check of penetration looks at
-# Degrees. Putting in gravity, and what carries it, rounds anew; an object held by forces gives way by less
-# than 1e-7 m. The error of the default time step is 0.1 degrees.
+# Degrees. Gravity, and what carries it, rounds anew; an object held by forces gives way by less than 1e-7 m.
+# The error of the default time step is 0.1 degrees.
 ROUNDING, GIVING_WAY = 1e-6, 0.01
 BOUNDS = {"gravity": ROUNDING, "object degrees of freedom": GIVING_WAY}
-# Parts that the compiled model grows by: they are timed with its compilation.
+
+# Items that the engine omits: the result is the same.
+OMITTED = (
+    "visual geometry",
+    "gravity",
+    "object degrees of freedom",
+    "pairs of palm and object",
+    "pairs of object patches",
+)
+# Items that the check of penetration omits, each with a check that doesn't, and the method that looks.
+OMITTED_IN_CHECK: dict[str, tuple[type[PenetrationCheck], str]] = {
+    "faces out of the hand": (EveryFace, "in_object"),
+    "links apart": (EveryPair, "in_itself"),
+}
+# Items that the engine goes without by choice, and why: with them the result is another.
+NOT_MODELLED = {
+    "pairs of joined links": "their boxes overlap at the hinge, where the links themselves don't",
+    "friction": "fingers slide to where their servos want them; with it they stick where they touch first",
+    "sag under gravity": "servos without compensation end below their targets",
+    "loose object": "the first finger would push it away, and its pose would not be known",
+}
+# Items that the engine has, and why.
+KEPT = {
+    "self-collision": "fingers would pass through each other",
+    "patches out of reach": "the engine's tree of boxes passes them by: nothing would be saved",
+}
+ITEMS = (*OMITTED, *OMITTED_IN_CHECK, *NOT_MODELLED, *KEPT)
+# Items that the compiled model grows by: they are timed with its compilation.
 IN_THE_MODEL = ("visual geometry", "pairs of palm and object", "pairs of object patches")
-IN_THE_CHECK = ("faces out of the hand", "links apart")
 # Tens of thousands of pairs, at half a second a closing and more: tried on one object, once.
 SLOW = "pairs of object patches"
-BY_CHOICE = "by choice of the model, not as a saving"
-DEFAULT = plan("grasp")
 
 
-class Scene(NamedTuple):
+class Case(NamedTuple):
     """One object, and closings on it: palm poses (4, 4) clear of it, in its own frame, and targets (J,)."""
 
     name: str
@@ -54,23 +79,23 @@ class Ends(NamedTuple):
 
 
 def leavings(run: Path, subjects: list[Subject], settings: Mapping) -> Iterator[Leaving]:
-    """The same closings with each part in and out, and the check of where they end.
+    """The same closings with each item and without it, and the check of where they end.
 
     The pairs of patches are tried on the object that has the fewest, with one closing.
     settings: `grasps`. Read of the run: meshes, surface and grasps (for the hand).
     """
-    scenes = [scene_of(run, subject, settings["grasps"]["timestep"]) for subject in subjects]
-    scenes = [scene for scene in scenes if scene.closings]
-    for scene in scenes:
-        for part in SCENES["grasp"]:
-            if part not in (*IN_THE_CHECK, SLOW):
-                yield of_closings(scene, part)
-        yield from of_check(scene)
-    fewest = min(scenes, key=lambda scene: len(scene.patches))
+    cases = [case_of(run, subject, settings["grasps"]["timestep"]) for subject in subjects]
+    cases = [case for case in cases if case.closings]
+    for case in cases:
+        for item in (*OMITTED, *NOT_MODELLED, *KEPT):
+            if item != SLOW:
+                yield of_closings(case, item)
+        yield from of_check(case)
+    fewest = min(cases, key=lambda case: len(case.patches))
     yield of_closings(fewest._replace(closings=fewest.closings[:1]), SLOW)
 
 
-def scene_of(run: Path, subject: Subject, timestep: float) -> Scene:
+def case_of(run: Path, subject: Subject, timestep: float) -> Case:
     """An object of the run with `CLOSINGS` closings, drawn as the stage draws them."""
     visual, collision = load_visual(subject.folder), load_collision(subject.folder)
     surface = store.read(run / f"surface/{subject.batch}.zarr", "object", "points")
@@ -83,45 +108,54 @@ def scene_of(run: Path, subject: Subject, timestep: float) -> Scene:
         pose = grasper.free_palm_pose(rng)
         if pose is not None:
             closings.append((pose, grasper.workspace.targets(pose, grasper.surface)))
-    return Scene(subject.name, visual, surface_patches(collision), hand, timestep, closings)
+    return Case(subject.name, visual, surface_patches(collision), hand, timestep, closings)
 
 
-def of_closings(scene: Scene, part: str) -> Leaving:
-    """A part of the engine's scene."""
-    plans = {"with_it": DEFAULT.including(part), "without": DEFAULT.without(part)}
-    compiled = partial(GraspScene, scene.hand, scene.patches, timestep=scene.timestep, visual=scene.visual)
-    if part in IN_THE_MODEL:
-        calls = {key: lambda plan=plan: ends(compiled(plan=plan), scene) for key, plan in plans.items()}
+def of_closings(case: Case, item: str) -> Leaving:
+    """An item of the simulation."""
+    simulations = [partial(changed, case, item), partial(GraspSimulation, case.hand, case.patches, case.timestep)]
+    if item in KEPT:
+        simulations.reverse()
+    if item in IN_THE_MODEL:
+        with_it, without = (lambda compiled=compiled: ends(compiled(), case) for compiled in simulations)
     else:
-        calls = {key: partial(ends, compiled(plan=plan), scene) for key, plan in plans.items()}
+        with_it, without = (partial(ends, compiled(), case) for compiled in simulations)
     return Leaving(
         scene="grasp",
-        part=part,
-        when=when(part),
-        object=scene.name,
-        **calls,
+        part=item,
+        when=when(item),
+        object=case.name,
+        with_it=with_it,
+        without=without,
         difference=turned,
         unit="degrees",
-        bound=BOUNDS.get(part, 0.0),
+        bound=BOUNDS.get(item, 0.0),
         size=lambda found: found.model_bytes,
-        left_out=part in DEFAULT.left_out,
+        left_out=item in OMITTED,
     )
 
 
-def when(part: str) -> str:
-    """When a part is left out, in words."""
-    if part in DEFAULT.unmodelled:
-        return f"always, {BY_CHOICE}: {DEFAULT.unmodelled[part]}"
-    return "always" if part in DEFAULT.left_out else f"never: {DEFAULT.kept[part]}"
+def changed(case: Case, *items: str) -> GraspSimulation:
+    """The simulation with the items that the engine lacks, or without those that it has."""
+    if items == ("patches out of reach",):
+        return WithinReach(case.hand, case.patches, case.timestep)
+    return ChangedSimulation(case.hand, case.patches, case.timestep, items, case.visual)
 
 
-def ends(engine: GraspScene, scene: Scene) -> Ends:
+def when(item: str) -> str:
+    """When an item is omitted, in words."""
+    if item in NOT_MODELLED:
+        return f"always, by choice of the model, not as a saving: {NOT_MODELLED[item]}"
+    return f"never: {KEPT[item]}" if item in KEPT else "always"
+
+
+def ends(simulation: GraspSimulation, case: Case) -> Ends:
     """Where the joints end, in each closing."""
     found = []
-    for pose, targets in scene.closings:
-        engine.place(pose, scene.hand.open_joint_positions)
-        found.append(engine.close(targets).joint_positions)
-    return Ends(np.array(found), engine.model.nbuffer)
+    for pose, targets in case.closings:
+        simulation.place(pose, case.hand.open_joint_positions)
+        found.append(simulation.close(targets).joint_positions)
+    return Ends(np.array(found), simulation.model.nbuffer)
 
 
 def turned(one: Ends, other: Ends) -> float:
@@ -129,26 +163,23 @@ def turned(one: Ends, other: Ends) -> float:
     return float(np.degrees(np.abs(one.joint_positions - other.joint_positions).max()))
 
 
-def of_check(scene: Scene) -> Iterator[Leaving]:
-    """Parts of the check of penetration, on hands at their targets: deeper than they come to be."""
-    links = [scene.hand.forward(pose, targets) for pose, targets in scene.closings[:CHECKED]]
-    for part, look in (("faces out of the hand", "in_object"), ("links apart", "in_itself")):
-        with_it, without = (
-            PenetrationCheck(scene.hand, scene.visual, each) for each in (DEFAULT.including(part), DEFAULT)
-        )
+def of_check(case: Case) -> Iterator[Leaving]:
+    """Items of the check of penetration, on hands at their targets: deeper than they come to be."""
+    links = [case.hand.forward(pose, targets) for pose, targets in case.closings[:CHECKED]]
+    for item, (naive, look) in OMITTED_IN_CHECK.items():
+        with_it, without = (getattr(check(case.hand, case.visual), look) for check in (naive, PenetrationCheck))
         yield Leaving(
             scene="grasp",
-            part=part,
-            when=when(part),
-            object=scene.name,
-            with_it=partial(depths, getattr(with_it, look), links),
-            without=partial(depths, getattr(without, look), links),
+            part=item,
+            when=when(item),
+            object=case.name,
+            with_it=partial(depths, with_it, links),
+            without=partial(depths, without, links),
             difference=lambda one, other: float(np.abs(one - other).max()),
             unit="m",
-            left_out=part in DEFAULT.left_out,
         )
 
 
-def depths(look: Any, links: list[np.ndarray]) -> np.ndarray:
+def depths(look: Callable[[np.ndarray], float], links: list[np.ndarray]) -> np.ndarray:
     """Depth of each hand (n,), metres."""
     return np.array([look(each) for each in links])

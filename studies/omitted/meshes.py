@@ -1,7 +1,7 @@
-"""What the making of meshes leaves out: the levels of meshes that are small already."""
+"""What the making of meshes omits: levels of meshes that are small already are neither decimated nor measured."""
 
 import tempfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -10,7 +10,8 @@ import numpy as np
 import trimesh
 
 from palpate import mesh
-from palpate.scene import Plan, plan
+from palpate.mesh.decimate import collapse
+from palpate.mesh.distance import Surface, distance
 from studies.omitted.omission import Leaving
 from studies.subjects import Subject
 
@@ -20,7 +21,7 @@ ROUNDING = 1e-9
 
 
 class Level(NamedTuple):
-    """collision.ply: vertices (n, 3), metres, and faces (f, 3); stated: what `mesh.json` says of it."""
+    """collision.ply: vertices (n, 3), metres, and faces (f, 3); stated: its record in `mesh.json`."""
 
     vertices: np.ndarray
     faces: np.ndarray
@@ -35,30 +36,41 @@ def leavings(run: Path, subjects: list[Subject], settings: Mapping) -> Iterator[
     asked = settings["mesh"]["collision_faces"]
     for subject in subjects:
         source = subject.folder / "collision.ply"
-        faces = len(mesh.load_collision(subject.folder).faces)
-        less = plan("mesh", faces=faces, target=max(asked, faces))
-        for part, difference in (("decimation", apart), ("distance to the source", misstated)):
-            make = partial(made, source, max(asked, faces))
+        faces = max(asked, len(mesh.load_collision(subject.folder).faces))
+        make = partial(made, source, faces)
+        for item, (omitted, difference) in ITEMS.items():
             yield Leaving(
                 scene="mesh",
-                part=part,
+                part=item,
                 when=WHEN,
                 object=subject.name,
-                with_it=partial(make, less.including(part)),
-                without=partial(make, less),
+                with_it=lambda make=make, omitted=omitted: omitted(make()),
+                without=make,
                 difference=difference,
                 unit="m",
-                bound=ROUNDING if part == "distance to the source" else 0.0,
-                left_out=part in less.left_out,
+                bound=ROUNDING if item == "distance to the source" else 0.0,
             )
 
 
-def made(source: Path, faces: int, plan: Plan) -> Level:
+def made(source: Path, faces: int) -> Level:
     """The collision mesh of an object, of at most so many faces, as the workflow's stage makes it."""
     with tempfile.TemporaryDirectory() as folder:
-        record = mesh.prepare(source, folder, collision_faces=faces, levels=(), plan=plan)
+        record = mesh.prepare(source, folder, collision_faces=faces, levels=())
         level = trimesh.load_mesh(Path(folder) / "collision.ply", process=False)
     return Level(np.asarray(level.vertices), np.asarray(level.faces), record["collision.ply"])
+
+
+def decimated(level: Level) -> Level:
+    """A level after a decimation to the faces that it is asked to have at most."""
+    vertices, faces = collapse(level.vertices, level.faces, level.stated["asked"])
+    return level._replace(vertices=vertices, faces=faces)
+
+
+def measured(level: Level) -> Level:
+    """A level with its distance to the mesh that it is, measured as that of any other level."""
+    surface = Surface(level.vertices, level.faces)
+    distances = {"source_to_level": distance(surface, surface), "level_to_source": distance(surface, surface)}
+    return level._replace(stated=level.stated | distances)
 
 
 def apart(one: Level, other: Level) -> float:
@@ -75,3 +87,10 @@ def misstated(one: Level, other: Level) -> float:
         for way in ("source_to_level", "level_to_source")
         for key in ("mean", "max")
     )
+
+
+# What is omitted, what does it all the same, and how results differ.
+ITEMS: dict[str, tuple[Callable[[Level], Level], Callable[[Level, Level], float]]] = {
+    "decimation": (decimated, apart),
+    "distance to the source": (measured, misstated),
+}

@@ -89,7 +89,8 @@ def in_words(scene: str, part: str, same: bool, left_out: bool) -> str:
     said = SAME if same else DIFFERS
     if left_out:
         return said
-    return f"{said}, {'stays in' if SCENES[scene][part].modelled else 'not modelled'}"
+    known = SCENES.get(scene, {}).get(part)
+    return f"{said}, {'stays in' if known is None or known.modelled else 'not modelled'}"
 
 
 def report(leavings: Iterable[Leaving], rounds: int = ROUNDS) -> pd.DataFrame:

@@ -1,4 +1,4 @@
-"""What pictures leave out: each part put back in, and the picture compared.
+"""What pictures omit: a naive renderer, and each part of its needless work compared with the engine.
 
 Import it before anything that loads embree, because it loads Blender.
 """
@@ -9,21 +9,24 @@ import json
 import struct
 import tempfile
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from functools import cached_property
+from dataclasses import replace
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
-from palpate.vision import Image, Renderer, blender, views
+from palpate.vision import Image, Renderer, blender, paper_camera, views
 
-blender.load()
+bpy = blender.load()
 
 import numpy as np  # noqa: E402  (Blender comes before what loads embree)
 from PIL import Image as PillowImage  # noqa: E402
 
 from palpate.batch import generator  # noqa: E402
-from palpate.scene import plan  # noqa: E402
+from palpate.scene import Scene  # noqa: E402
+from palpate.vision.renderer import POINT_FILTER  # noqa: E402
 from studies.omitted.omission import Leaving  # noqa: E402
-from studies.pictures import held, rms  # noqa: E402
+from studies.pictures import rms  # noqa: E402
+from studies.scenes import scene_of  # noqa: E402
 from studies.subjects import Subject  # noqa: E402
 
 ALONE, HELD, VIEW = "unoccluded image", "occluded image", "view"
@@ -32,6 +35,104 @@ ALONE, HELD, VIEW = "unoccluded image", "occluded image", "view"
 BOUND = 1.5
 VIEWS = 8  # that are rendered
 TEXTURE = 1024  # pixels, the side of the texture that is added and used by nothing
+OUT_OF_SIGHT = (0.0, 0.0, -1000.0)  # m: where a hand is that a picture doesn't show
+
+# Settings of Cycles with a part put in that the engine omits, and with one taken out that it has.
+CYCLES_WITH = {
+    "bounces of light after the fourth": {"diffuse_bounces": 12, "glossy_bounces": 12},
+    "paths of more than 6 bounces": {"max_bounces": 12, "transmission_bounces": 12},
+    "caustics": {"caustics_reflective": True, "caustics_refractive": True},
+    "tree of lights": {"use_light_tree": True},
+}
+CYCLES_WITHOUT = {
+    "second to fourth bounce of light": {"diffuse_bounces": 1, "glossy_bounces": 1},
+    "first bounce of light": {"diffuse_bounces": 0, "glossy_bounces": 0},
+}
+# What any kind of picture can have put in without a change of a bit, and what only one of them has.
+EVERY_PICTURE = (
+    "materials of no triangle",
+    "cameras and lamps of the file",
+    "pixels around what is drawn",
+    "samples of mask and depth",
+    "paths of more than 6 bounces",
+)
+OMITTED = {
+    ALONE: ("hand", "render for every grasp", *EVERY_PICTURE),
+    HELD: ("hand's meshes for every object", *EVERY_PICTURE),
+    VIEW: ("scene for every view", *EVERY_PICTURE),
+}
+
+
+class NaiveRenderer(Renderer):
+    """The engine with needless work put in, or with light or the hand taken out.
+
+    Attributes:
+        changes: pairs of a kind of picture and a part of it: of `OMITTED` and `CYCLES_WITH` to put it in, of
+            `CYCLES_WITHOUT`, or the hand of an occluded image, to take it out.
+    """
+
+    changes: frozenset[tuple[str, str]] = frozenset()
+    _kind = ALONE  # of the picture that is being made
+
+    def _changed(self, part: str) -> bool:
+        return (self._kind, part) in self.changes
+
+    def render(self, scene: Scene) -> tuple[Image, list[Image]]:
+        self._kind = ALONE
+        if (HELD, "hand's meshes for every object") in self.changes:
+            self._hand = None
+        return super().render(scene)
+
+    def render_views(self, scene: Scene, cameras) -> list[Image]:
+        self._kind = VIEW
+        return super().render_views(scene, cameras)
+
+    def _draw_alone(self, scene: Scene, points: np.ndarray):
+        if self._changed("hand") and len(scene.link_pose):
+            away = scene.link_pose[0].copy()
+            away[:, :3, 3] += OUT_OF_SIGHT
+            self._pose_hand(away)
+        for _ in range(max(1, len(scene.link_pose)) if self._changed("render for every grasp") else 1):
+            layers = super()._draw_alone(scene, points)
+        return layers
+
+    def _draw_held(self, scene: Scene, points: np.ndarray, grasp: int):
+        self._kind = HELD
+        if self._changed("hand"):
+            return self._draw(scene.camera, points)
+        return super()._draw_held(scene, points, grasp)
+
+    def _import(self, path: Path, position) -> np.ndarray:
+        before = set(bpy.data.objects)
+        points = super()._import(path, position)
+        if self._changed("cameras and lamps of the file"):
+            for body in set(bpy.data.objects) - before:
+                body.hide_render = False
+        return points
+
+    def _read_file(self, path: Path) -> None:
+        # Blender's importer fails to read unused materials of a file that has no image.
+        if not self._changed("materials of no triangle") or b'"images"' not in path.read_bytes():
+            return super()._read_file(path)
+        bpy.ops.import_scene.gltf(filepath=str(path), loglevel=50, import_unused_materials=True)
+
+    def _draw(self, *arguments, **options):
+        parts = {**CYCLES_WITH, **CYCLES_WITHOUT}
+        changed = [settings for part, settings in parts.items() if self._changed(part)]
+        self.cycles = {name: value for settings in changed for name, value in settings.items()}
+        if self._changed("scene for every view"):
+            self._scene.render.use_persistent_data = False
+        return super()._draw(*arguments, **options)
+
+    def _rectangle(self, camera, points: np.ndarray):
+        if self._changed("pixels around what is drawn"):
+            return np.zeros(2), np.full(2, camera.size)
+        return super()._rectangle(camera, points)
+
+    def _render_centres(self):
+        if self._changed("samples of mask and depth"):
+            return self._render(self.samples, POINT_FILTER)
+        return super()._render_centres()
 
 
 def leavings(run: Path, subjects: list[Subject], settings: Mapping[str, Any]) -> Iterable[Leaving]:
@@ -45,28 +146,27 @@ def leavings(run: Path, subjects: list[Subject], settings: Mapping[str, Any]) ->
 
 
 class _Pictures:
-    """Pictures of one object, made by plans."""
+    """Pictures of one object, by the engine and by naive variants of it."""
 
     def __init__(self, run: Path, subject: Subject, settings: Mapping[str, Any]):
         self.subject, self.settings = subject, settings
-        self.hand, self.poses = held(run, subject)
-        self.file = subject.folder / "visual.glb"
+        self.scene = scene_of(run, subject, camera=paper_camera(settings["vision"]["size"]))
 
     @cached_property
-    def renderer(self) -> Renderer:
-        vision = self.settings["vision"]
-        return Renderer(vision["size"], vision["samples"], vision["device"])
+    def renderer(self) -> NaiveRenderer:
+        return NaiveRenderer(self.settings["vision"]["samples"], self.settings["vision"]["device"])
 
     @cached_property
     def _folder(self) -> tempfile.TemporaryDirectory:
         return tempfile.TemporaryDirectory(prefix="palpate-")
 
     @cached_property
-    def more_material(self) -> Path:
-        """The object's file with a material more, which no triangle uses."""
-        path = Path(self._folder.name) / "more.glb"
-        path.write_bytes(rewritten(self.file.read_bytes(), add_unused_texture))
-        return path
+    def with_more_material(self) -> Scene:
+        """The scene with a material more in the object's file, which no triangle uses."""
+        folder = Path(self._folder.name) / self.scene.name
+        folder.mkdir()
+        (folder / "visual.glb").write_bytes(rewritten(self.scene.visual_file.read_bytes(), add_unused_texture))
+        return replace(self.scene, object_folder=folder)
 
     @cached_property
     def masters(self) -> Path:
@@ -74,15 +174,15 @@ class _Pictures:
         folder.mkdir()
         return folder
 
-    def alone(self, grasps: int = 0, file: Path | None = None) -> list[Image]:
+    def alone(self, grasps: int = 0, scene: Scene | None = None) -> list[Image]:
         """The image of the object alone, for so many grasps; as many images as are rendered."""
-        renderer = self.renderer
-        image, _ = renderer.render_object(file or self.file, self.hand, self.poses[:grasps])
-        again = renderer.plans[ALONE].needs("render for every grasp")
+        scene = replace(scene or self.scene, link_pose=self.scene.link_pose[:grasps])
+        image, _ = self.renderer.render(scene)
+        again = (ALONE, "render for every grasp") in self.renderer.changes
         return [image] * (max(1, grasps) if again else 1)
 
     def in_the_hand(self) -> list[Image]:
-        return self.renderer.render_object(self.file, self.hand, self.poses[:1])[1]
+        return self.renderer.render(replace(self.scene, link_pose=self.scene.link_pose[:1]))[1]
 
     def views(self) -> list[Image]:
         """The first of the object's views."""
@@ -90,15 +190,15 @@ class _Pictures:
         at = views.viewpoints(generator(self.settings["seed"], self.subject.name, "views"), VIEWS)
         self.renderer.samples = self.settings["views"]["samples"]
         try:
-            return self.renderer.render_views(self.file, [views.camera(each, size) for each in at])
+            return self.renderer.render_views(self.scene, [views.camera(each, size) for each in at])
         finally:
             self.renderer.samples = self.settings["vision"]["samples"]
 
-    def with_master(self) -> tuple[list[Image], int]:
-        """The image alone, and the bytes of the masters, if the plan keeps them."""
+    def with_master(self, kept: bool) -> tuple[list[Image], int]:
+        """The image alone, and the bytes of its EXR master, if it is kept."""
         for old in self.masters.iterdir():
             old.unlink()
-        self.renderer.exr = self.masters
+        self.renderer.exr = self.masters if kept else None
         try:
             return self.alone(), sum(path.stat().st_size for path in self.masters.iterdir())
         finally:
@@ -106,14 +206,12 @@ class _Pictures:
 
     def of_parts(self) -> Iterator[Leaving]:
         """Parts without which every bit is the same."""
-        more, grasps = lambda: self.alone(file=self.more_material), min(2, len(self.poses))
+        more, grasps = partial(self.alone, scene=self.with_more_material), min(2, len(self.scene.link_pose))
         images = {"size": lambda found: sum(array.nbytes for image in found for array in image)}
-        files = {"size": lambda found: found[1], "difference": lambda one, other: largest(one[0], other[0])}
         always, of_all = "always", f"always; here of {grasps} grasps"
         for kind, part, when, make, options in (
-            (ALONE, "hand", always, lambda: self.alone(1), {}),
-            (ALONE, "render for every grasp", of_all, lambda: self.alone(grasps), images),
-            (ALONE, "EXR master", "unless vision.exr", self.with_master, files),
+            (ALONE, "hand", always, partial(self.alone, 1), {}),
+            (ALONE, "render for every grasp", of_all, partial(self.alone, grasps), images),
             (ALONE, "materials of no triangle", "where a file has some; here one added", more, {}),
             (ALONE, "cameras and lamps of the file", always, self.alone, {}),
             (ALONE, "pixels around what is drawn", always, self.alone, {}),
@@ -123,68 +221,63 @@ class _Pictures:
             (HELD, "paths of more than 6 bounces", always, self.in_the_hand, {}),
             (VIEW, "scene for every view", f"always; here of {VIEWS} views", self.views, {}),
         ):  # fmt: skip
-            same = {"difference": largest, "unit": "grey levels"}
-            yield self._leaving(kind, part, when, make, **same | options)
-
-    def of_light(self) -> Iterator[Leaving]:
-        """Parts that change the paths of light: those within a bound are left out, the others stay."""
-        for part, bound, left_out in (
-            ("bounces of light after the fourth", BOUND, True),
-            ("caustics", BOUND, True),
-            ("tree of lights", BOUND, True),
-            ("first bounce of light", BOUND, False),
-            ("second to fourth bounce of light", BOUND, False),
-            ("hand", BOUND, False),
-        ):
-            yield self._leaving(
-                HELD,
-                part,
-                "always" if left_out else "never: it stays",
-                self.in_the_hand,
-                difference=drawn_rms,
-                unit="grey levels (RMS)",
-                bound=bound,
-                left_out=left_out,
-            )
-
-    def _leaving(
-        self,
-        kind: str,
-        part: str,
-        when: str,
-        make: Callable[[], Any],
-        **options: Any,
-    ) -> Leaving:
-        """make: pictures by the renderer's plans. options: what else a `Leaving` takes."""
-
-        def made(needed: bool) -> Any:
-            usual = plan(kind)
-            self.renderer.plans[kind] = usual.including(part) if needed else usual.without(part)
-            try:
-                return make()
-            finally:
-                self.renderer.plans[kind] = usual
-
-        return Leaving(
-            scene=kind,
-            part=part,
-            when=when,
-            object=self.subject.name,
-            with_it=lambda: made(True),
-            without=lambda: made(False),
-            **options,
+            made = partial(self._made, make, kind, part)
+            yield self._row(kind, part, when, made, make, difference=largest, unit="grey levels", **options)
+        yield self._row(
+            ALONE,
+            "EXR master",
+            "unless vision.exr",
+            *(partial(self.with_master, kept) for kept in (True, False)),
+            difference=lambda one, other: largest(one[0], other[0]),
+            unit="grey levels",
+            size=lambda found: found[1],
         )
 
+    def of_light(self) -> Iterator[Leaving]:
+        """Parts that change the paths of light: those within a bound are omitted, the others stay."""
+        for part, omitted in (
+            ("bounces of light after the fourth", True),
+            ("caustics", True),
+            ("tree of lights", True),
+            ("first bounce of light", False),
+            ("second to fourth bounce of light", False),
+            ("hand", False),
+        ):
+            changed, engine = partial(self._made, self.in_the_hand, HELD, part), self.in_the_hand
+            yield self._row(
+                HELD,
+                part,
+                "always" if omitted else "never: it stays",
+                *((changed, engine) if omitted else (engine, changed)),
+                difference=drawn_rms,
+                unit="grey levels (RMS)",
+                bound=BOUND,
+                left_out=omitted,
+            )
 
-def largest(some: list[Image], others: list[Image]) -> float:
+    def _made(self, make: Callable[[], Any], kind: str, part: str) -> Any:
+        """What a function makes of pictures with a part changed."""
+        self.renderer.changes = frozenset({(kind, part)})
+        try:
+            return make()
+        finally:
+            self.renderer.changes = frozenset()
+
+    def _row(
+        self, kind: str, part: str, when: str, with_it: Callable[[], Any], without: Callable[[], Any], **options: Any
+    ) -> Leaving:
+        return Leaving(kind, part, when, self.subject.name, with_it, without, **options)
+
+
+def largest(images: list[Image], others: list[Image]) -> float:
     """The largest difference of colours and masks, in grey levels; infinite if a depth differs in a bit.
 
     A single image is compared with each of the others.
     """
-    count = max(len(some), len(others))
-    some, others = (images * count if len(images) == 1 else images for images in (some, others))
+    count = max(len(images), len(others))
+    images, others = (each * count if len(each) == 1 else each for each in (images, others))
     worst = 0.0
-    for image, other in zip(some, others, strict=True):
+    for image, other in zip(images, others, strict=True):
         if not np.array_equal(image.depth, other.depth):
             return float("inf")
         for array, same in ((image.rgb, other.rgb), (image.mask, other.mask)):
@@ -192,9 +285,9 @@ def largest(some: list[Image], others: list[Image]) -> float:
     return worst
 
 
-def drawn_rms(some: list[Image], others: list[Image]) -> float:
+def drawn_rms(images: list[Image], others: list[Image]) -> float:
     """RMS difference of colours, in grey levels, over the pixels that show something in one of the two."""
-    pairs = list(zip(some, others, strict=True))
+    pairs = list(zip(images, others, strict=True))
     drawn = [np.isfinite(image.depth) | np.isfinite(other.depth) for image, other in pairs]
     return rms(*(np.concatenate([pair[k].rgb[at] for pair, at in zip(pairs, drawn, strict=True)]) for k in (0, 1)))
 

@@ -1,7 +1,8 @@
-"""What touch leaves out, and the stores that hold it."""
+"""What touch omits, and the stores that hold it: naive variants of the engine, and comparisons with it."""
 
+import shutil
 import tempfile
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from functools import partial
 from pathlib import Path
 
@@ -9,117 +10,149 @@ import numpy as np
 import zarr
 
 from palpate import store, touch
-from palpate.mesh import OBJECT_POSITION, load_visual
-from palpate.scene import plan
-from palpate.touch import TouchReading
+from palpate.mesh import load_visual
+from palpate.scene import Scene
+from palpate.touch import TouchReading, Tracer
+from palpate.touch.tracing import Block
 from studies.omitted.omission import Leaving
+from studies.scenes import scene_of
 from studies.subjects import Subject
 
-TRACERS = {"embree": touch.RayCaster, "sphere_tracing": touch.SphereTracer}
 ATTRIBUTES = {"config_digest": "", "seed": 0}
-ALWAYS = "always"
-DEFAULT, STORE = plan("touch"), plan("store")
+ALWAYS, UNTOUCHED = "always", "a sensor touches nothing"
 
 
-class Sensed:
-    """The sensors of all grasps of an object, and what they read."""
+class EveryFace(Tracer):
+    """Looks at faces outside the swept box, too."""
+
+    def _near_faces(self, origin, rotation) -> np.ndarray:
+        return np.arange(len(self._mesh.triangles))
+
+
+class EveryPixel(Tracer):
+    """Looks at pixels with no face before them, too."""
+
+    def _block_in_reach(self, origin, rotation) -> Block:
+        return Block(slice(0, touch.RESOLUTION), slice(0, touch.RESOLUTION))
+
+
+class EveryPixelForSuccess(Tracer):
+    """Goes on after the first pixel in range, where only success is asked for."""
+
+    def _passes(self, block: Block) -> list[Block]:
+        return [block]
+
+
+def naive(tracer: type[Tracer], *variants: type[Tracer]) -> type[Tracer]:
+    """A tracer with some of the variants above."""
+    return type("NaiveTracer", (*variants, tracer), {})
+
+
+def sense_every_reading(tracer: Tracer, *sensors: np.ndarray) -> TouchReading:
+    """As `touch.sense`, with the readings of sensors that touch nothing."""
+    sensed = touch.sense(tracer, *sensors)
+    for sensor in zip(*np.nonzero(~sensed.success), strict=True):
+        sensed.reading[sensor] = touch.shade(sensed.depth[sensor])
+    return sensed
+
+
+def sense_every_cloud(tracer: Tracer, position: np.ndarray, rotation: np.ndarray) -> TouchReading:
+    """As `touch.sense`, with the points of sensors that touch nothing: there are none."""
+    sensed = touch.sense(tracer, position, rotation)
+    for sensor in zip(*np.nonzero(~sensed.success), strict=True):
+        cloud = touch.local_points(sensed.depth[sensor], position[sensor], rotation[sensor])
+        sensed.points[sensor][: len(cloud)] = cloud
+        sensed.point_count[sensor] = len(cloud)
+    return sensed
+
+
+class Touched:
+    """The sensors of all grasps of an object, and the tracers that look at it."""
 
     def __init__(self, run: Path, subject: Subject, method: str):
-        self.name = subject.name
-        self.mesh, self.tracer_of = load_visual(subject.folder), TRACERS[method]
-        grasps = store.open(run / f"grasps/{subject.batch}.h5")
-        row = grasps["object"].tolist().index(subject.name)
-        self.position, self.rotation = grasps.get("sensor_position", row), grasps.get("sensor_rotation", row)
-        self.sensors = self.position.reshape(-1, 3), self.rotation.reshape(-1, 3, 3)
+        self.name, self.method = subject.name, touch.TRACERS[method]
+        self.scene: Scene = scene_of(run, subject)
+        self.mesh = load_visual(subject.folder)
+        self.sensors = self.scene.sensor_position, self.scene.sensor_rotation
 
-    def tracer(self, *parts: str) -> touch.RayCaster | touch.SphereTracer:
-        """The object, with the parts put in that the plan leaves out."""
-        plan = DEFAULT.including(*parts) if parts else DEFAULT
-        return self.tracer_of(self.mesh, OBJECT_POSITION, plan=plan)
+    def tracer(self, *variants: type[Tracer]) -> Tracer:
+        """The engine's, or a naive one."""
+        return naive(self.method, *variants)(self.mesh, self.scene.object_position)
 
-    def arrays(self, felt: TouchReading) -> dict[str, np.ndarray]:
+    def arrays(self, sensed: TouchReading) -> dict[str, np.ndarray]:
         """The store of this object alone."""
-        grasps = len(self.position)
-        felt = {key: array.reshape(grasps, -1, *array.shape[1:]) for key, array in felt._asdict().items()}
-        record = {"position": self.position, "rotation": self.rotation, **felt}
+        record = dict(zip(("position", "rotation"), self.sensors, strict=True)) | sensed._asdict()
         return {**store.join("touch", {self.name: record}), "empty_reading": touch.empty_reading()}
 
 
 def leavings(run: Path, subjects: list[Subject], settings: Mapping) -> Iterator[Leaving]:
-    """The sensors of all grasps of each object, with each part in and out, and a store of what they read.
+    """The sensors of all grasps of each object, by the engine and by naive variants, and stores of what they read.
 
     settings: `touch`. Read of the run: meshes and grasps.
     """
     for subject in subjects:
-        sensed = Sensed(run, subject, settings["touch"]["method"])
-        for part in ("faces outside the swept box", "pixels outside the felt block"):
-            yield _traced(sensed, part, "trace", deeper, "m")
-        yield _traced(sensed, "pixels after the first in range", "succeeds", differing, "sensors")
-        part = "readings of sensors that touched nothing"
-        yield _sensed(sensed, part, brighter, "grey levels")
-        yield _sensed(sensed, "points of sensors that touched nothing", moved, "m")
-        yield _written(sensed)
+        touched = Touched(run, subject, settings["touch"]["method"])
+        row = partial(Leaving, object=touched.name)
+        flat = touched.scene.sensor_position.reshape(-1, 3), touched.scene.sensor_rotation.reshape(-1, 3, 3)
+        for part, variant, method, difference, unit in (
+            ("faces outside the swept box", EveryFace, "trace", deeper, "m"),
+            ("pixels outside the block in reach", EveryPixel, "trace", deeper, "m"),
+            ("pixels after the first in range", EveryPixelForSuccess, "succeeds", differing, "sensors"),
+        ):
+            yield row(
+                scene="touch",
+                part=part,
+                when=ALWAYS,
+                with_it=partial(getattr(touched.tracer(variant), method), *flat),
+                without=partial(getattr(touched.tracer(), method), *flat),
+                difference=difference,
+                unit=unit,
+            )
+        engine = touched.tracer()
+        for part, variant, difference, unit in (
+            ("readings of sensors that touched nothing", sense_every_reading, brighter, "grey levels"),
+            ("points of sensors that touched nothing", sense_every_cloud, moved, "m"),
+        ):
+            yield row(
+                scene="touch",
+                part=part,
+                when=UNTOUCHED,
+                with_it=partial(variant, engine, *touched.sensors),
+                without=partial(touch.sense, engine, *touched.sensors),
+                difference=difference,
+                unit=unit,
+                size=lambda sensed, touched=touched: size(written(touched.arrays(sensed))),
+            )
+        arrays = touched.arrays(touch.sense(engine, *touched.sensors))
+        yield row(
+            scene="store",
+            part="empty chunks",
+            when=f"all of a chunk is the array's fill value: {UNTOUCHED}",
+            with_it=partial(written_with_empty_chunks, arrays, written(arrays)),
+            without=partial(written, arrays),
+            difference=changed,
+            unit="numbers",
+            size=size,
+        )
 
 
-def _traced(sensed: Sensed, part: str, look: str, difference: Callable, unit: str) -> Leaving:
-    """A part of tracing: `look` is a method of the tracer."""
-    with_it, without = getattr(sensed.tracer(part), look), getattr(sensed.tracer(), look)
-    return Leaving(
-        scene="touch",
-        part=part,
-        when=ALWAYS,
-        object=sensed.name,
-        with_it=lambda: with_it(*sensed.sensors),
-        without=lambda: without(*sensed.sensors),
-        difference=difference,
-        unit=unit,
-        left_out=part in DEFAULT.left_out,
-    )
-
-
-def _sensed(sensed: Sensed, part: str, difference: Callable, unit: str) -> Leaving:
-    """A part of what is made of the depth maps; its bytes are those of the store."""
-    with_it, without = sensed.tracer(part), sensed.tracer()
-    return Leaving(
-        scene="touch",
-        part=part,
-        when="a sensor touches nothing",
-        object=sensed.name,
-        with_it=lambda: touch.sense(with_it, *sensed.sensors),
-        without=lambda: touch.sense(without, *sensed.sensors),
-        difference=difference,
-        unit=unit,
-        size=lambda felt: size(written(sensed.arrays(felt))),
-        left_out=part in DEFAULT.left_out,
-    )
-
-
-def _written(sensed: Sensed) -> Leaving:
-    """The chunks of sensors that touched nothing."""
-    part = "empty chunks"
-    arrays = sensed.arrays(touch.sense(sensed.tracer(), *sensed.sensors))
-    return Leaving(
-        scene="store",
-        part=part,
-        when="all of a chunk is the array's fill value: a sensor touches nothing",
-        object=sensed.name,
-        with_it=partial(written, arrays, every_chunk=True),
-        without=partial(written, arrays),
-        difference=changed,
-        unit="numbers",
-        size=size,
-        left_out=part in STORE.left_out,
-    )
-
-
-def written(arrays: Mapping[str, np.ndarray], every_chunk: bool = False) -> tempfile.TemporaryDirectory:
-    """A folder with a touch store of these arrays; it is gone when the result is.
-
-    every_chunk: also those that hold nothing but the fill value.
-    """
+def written(arrays: Mapping[str, np.ndarray]) -> tempfile.TemporaryDirectory:
+    """A folder with a touch store of these arrays; it is gone when the result is."""
     folder = tempfile.TemporaryDirectory()
-    with zarr.config.set({"array.write_empty_chunks": every_chunk}):
-        store.write(Path(folder.name) / "touch.zarr", "touch", arrays, ATTRIBUTES)
+    store.write(Path(folder.name) / "touch.zarr", "touch", arrays, ATTRIBUTES)
+    return folder
+
+
+def written_with_empty_chunks(
+    arrays: Mapping[str, np.ndarray], model: tempfile.TemporaryDirectory
+) -> tempfile.TemporaryDirectory:
+    """As `written`, with the chunks that hold fill values only; model: the arrays as `written` wrote them."""
+    folder = tempfile.TemporaryDirectory()
+    copy = shutil.copytree(Path(model.name) / "touch.zarr", Path(folder.name) / "touch.zarr")
+    with zarr.config.set({"array.write_empty_chunks": True}):
+        for name, array in zarr.open_group(copy).arrays():
+            if arrays[name].dtype.kind in "biuf":  # no name is empty
+                array[...] = arrays[name]
     return folder
 
 
@@ -135,7 +168,7 @@ def changed(one: tempfile.TemporaryDirectory, other: tempfile.TemporaryDirectory
 
 
 def deeper(one: np.ndarray, other: np.ndarray) -> float:
-    """Metres between depth maps (k, rows, columns), infinite where one feels what the other doesn't."""
+    """Metres between depth maps (k, rows, columns), infinite where only one of them is in range."""
     same = one == other  # also where both are infinite
     return float(np.abs(np.where(same, 0, one) - np.where(same, 0, other)).max())
 
@@ -146,14 +179,14 @@ def differing(one: np.ndarray, other: np.ndarray) -> float:
 
 
 def brighter(one: TouchReading, other: TouchReading) -> float:
-    """Grey levels between readings; one that is left out is `empty_reading`."""
-    return float(np.abs(_seen(one).astype(int) - _seen(other).astype(int)).max())
+    """Grey levels between readings; one that is omitted is `empty_reading`."""
+    return float(np.abs(_complete(one).astype(int) - _complete(other).astype(int)).max())
 
 
-def _seen(felt: TouchReading) -> np.ndarray:
-    """Readings (k, 100, 100, 3), with `empty_reading` where a sensor touches nothing and none is written."""
-    missing = ~felt.success & ~felt.reading.any(axis=(1, 2, 3))
-    return np.where(missing[:, None, None, None], touch.empty_reading(), felt.reading)
+def _complete(sensed: TouchReading) -> np.ndarray:
+    """Readings (..., 100, 100, 3), with `empty_reading` where a sensor touches nothing and none is written."""
+    missing = ~sensed.success & ~sensed.reading.any(axis=(-3, -2, -1))
+    return np.where(missing[..., None, None, None], touch.empty_reading(), sensed.reading)
 
 
 def moved(one: TouchReading, other: TouchReading) -> float:

@@ -1,7 +1,7 @@
 """Stiff and extreme contact in grasps: what the engine, the grasper and the checks behind them make of it.
 
 Where nothing else is said, closings are those of an object of the run: three palm poses clear of it, all
-fingers closing. Bounds: `ALLOWED`, 1 mm, is what a grasp may be deep by config/config.yaml; `JOINT` is the
+fingers closing. Bounds: `MAX_PENETRATION`, 1 mm, is what a grasp may be deep by config/config.yaml; `JOINT` is the
 angle by which 1 mm is seen at the end of a finger; `GEL` that of a gel's 3.2 mm, where fingers that get there
 another way may rest elsewhere; kinetic energy is compared with the servos' work, of which alone it can come.
 Depths are `palpate.grasp.penetration`'s, of true surfaces, and not the engine's own.
@@ -16,18 +16,17 @@ from tempfile import TemporaryDirectory
 import mujoco
 import numpy as np
 
-from palpate.grasp.closing import DURATION, RAMP, GraspScene
+from palpate.grasp.closing import DURATION, RAMP, GraspSimulation
 from palpate.grasp.grasp import BLOCKED, PENETRATING, UNSETTLED, UNSTABLE, Grasper
 from palpate.grasp.patches import THICKNESS, surface_patches
 from palpate.grasp.penetration import PenetrationCheck
-from palpate.hand import Hand, from_mjcf
+from palpate.hand import MAX_PENETRATION, Hand, from_mjcf
 from palpate.hand.model import ARMATURE, DAMPING, STIFFNESS, build_spec
 from palpate.mesh import load_collision, load_visual
 from palpate.touch import RayCaster
 from studies.stability import shapes
 from studies.stability.cases import REJECTED, Cases, Finding, at_least, at_most, equal, rejects
 from studies.stability.watched import (
-    ALLOWED,
     GEL,
     HAND,
     JOINT,
@@ -52,14 +51,14 @@ IMPOSSIBLE = """
 </body></worldbody></mujoco>
 """
 HALF_A_LINK = 0.0098  # m, of the thickness of the Allegro's links: at less, contact pushes them back
-Change = Callable[[GraspScene], None]
+Change = Callable[[GraspSimulation], None]
 
 
 def solref(first: float, second: float = 1.0, safe: bool = True) -> Change:
     """Contacts and limits of a time constant (s) and damping ratio; safe: by the engine's `refsafe`."""
 
-    def edit(scene: GraspScene) -> None:
-        model = scene.model
+    def edit(simulation: GraspSimulation) -> None:
+        model = simulation.model
         model.geom_solref[:] = model.jnt_solref[:] = first, second
         if not safe:
             model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_REFSAFE
@@ -70,8 +69,8 @@ def solref(first: float, second: float = 1.0, safe: bool = True) -> Change:
 def solimp(*values: float) -> Change:
     """Contacts and limits of impedances at 0 and at a width (m), that width, midpoint and power."""
 
-    def edit(scene: GraspScene) -> None:
-        scene.model.geom_solimp[:] = scene.model.jnt_solimp[:] = values
+    def edit(simulation: GraspSimulation) -> None:
+        simulation.model.geom_solimp[:] = simulation.model.jnt_solimp[:] = values
 
     return edit
 
@@ -79,8 +78,8 @@ def solimp(*values: float) -> Change:
 def gains(factor: float, torque: float = 1.0) -> Change:
     """Servos of other gain, critically damped all the same, and of another largest torque."""
 
-    def edit(scene: GraspScene) -> None:
-        model = scene.model
+    def edit(simulation: GraspSimulation) -> None:
+        model = simulation.model
         model.actuator_gainprm[:, 0] *= factor
         model.actuator_biasprm[:, 1] *= factor
         model.actuator_biasprm[:, 2] *= np.sqrt(factor)
@@ -92,8 +91,8 @@ def gains(factor: float, torque: float = 1.0) -> Change:
 def mass(factor: float, links: str = "") -> Change:
     """Mass and inertia of the links with this in their names, which `palpate.hand.model` would not allow."""
 
-    def edit(scene: GraspScene) -> None:
-        model = scene.model
+    def edit(simulation: GraspSimulation) -> None:
+        model = simulation.model
         chosen = [body for body in range(model.nbody) if links in model.body(body).name]
         model.body_mass[chosen] *= factor
         model.body_inertia[chosen] *= factor
@@ -105,8 +104,8 @@ def mass(factor: float, links: str = "") -> Change:
 def armature(value: float) -> Change:
     """Hinges of this armature in kg m^2."""
 
-    def edit(scene: GraspScene) -> None:
-        scene.model.dof_armature[:] = value
+    def edit(simulation: GraspSimulation) -> None:
+        simulation.model.dof_armature[:] = value
 
     return edit
 
@@ -114,8 +113,8 @@ def armature(value: float) -> Change:
 def faster(factor: float) -> Change:
     """Targets that arrive that much sooner, and are held as much longer."""
 
-    def edit(scene: GraspScene) -> None:
-        scene.ramp = np.minimum(1.0, factor * scene.ramp)
+    def edit(simulation: GraspSimulation) -> None:
+        simulation.ramp = np.minimum(1.0, factor * simulation.ramp)
 
     return edit
 
@@ -123,9 +122,9 @@ def faster(factor: float) -> Change:
 def all_of(*changes: Change) -> Change:
     """Several changes, one after the other."""
 
-    def edit(scene: GraspScene) -> None:
+    def edit(simulation: GraspSimulation) -> None:
         for each in changes:
-            each(scene)
+            each(simulation)
 
     return edit
 
@@ -169,7 +168,7 @@ def on_the_way(on: Setting, watched: Sequence[Watched], what: str) -> Finding:
 def solref_at_the_time_step(subject) -> Iterator[Finding]:
     """The engine's `refsafe` makes any time constant below two steps two steps, which is Palpate's own."""
     on = setting(subject)
-    mild, step = on.watch(), on.grasper.scene.model.opt.timestep
+    mild, step = on.watch(), on.grasper.simulation.model.opt.timestep
     for steps in (1, 0.5, 0.1, 1e-3):
         hard = on.watch(solref(steps * step))
         yield equal(f"joints' change at {steps:g} steps", max(map(change, hard, mild)), 0.0, "rad")
@@ -180,7 +179,7 @@ def solref_at_the_time_step(subject) -> Iterator[Finding]:
 def refsafe_off(subject) -> Iterator[Finding]:
     """Without it contact is explicit: stable to about a time step, then it makes energy."""
     on = setting(subject)
-    step = on.grasper.scene.model.opt.timestep
+    step = on.grasper.simulation.model.opt.timestep
     yield from sound(on.watch(solref(2 * step, safe=False)), what="solref 2 steps")
     for steps in (0.5, 0.25):
         yield none_unsound(on.watch(solref(steps * step, safe=False)), f"solref {steps:g} steps")
@@ -192,7 +191,7 @@ def refsafe_off(subject) -> Iterator[Finding]:
 def refsafe_missing(subject) -> Iterator[Finding]:
     """Stiffness itself (a negative solref), and the damping ratio, whose square divides the stiffness."""
     on = setting(subject)
-    step = on.grasper.scene.model.opt.timestep
+    step = on.grasper.simulation.model.opt.timestep
     yield from sound(on.watch(solref(-1e4, -2e2)), what="stiffness 1e4 /s^2")
     yield refused(on.watch(solref(-1e8, -2e4)), "stiffness 1e8 /s^2")
     yield none_unsound(on.watch(solref(2 * step, 100)), "damping ratio 100")
@@ -205,8 +204,8 @@ def solref_converges(subject) -> Iterator[Finding]:
     for name, shape in (("plate", shapes.plate()), ("vertex", shapes.vertex())):
         mesh = shapes.facing(shape, shapes.bent())
         on = shapes.alone(mesh)
-        scene = GraspScene(HAND, surface_patches(mesh), 0.001)
-        ends = [on.watch(all_of(solref(0.001 * 2**k), held), scene=scene) for k in (4, 3, 2, 1)]
+        simulation = GraspSimulation(HAND, surface_patches(mesh), 0.001)
+        ends = [on.watch(all_of(solref(0.001 * 2**k), held), simulation=simulation) for k in (4, 3, 2, 1)]
         yield converges(ends, name, order=2)
         yield agree(ends[-1], on.watch(held), what=f"{name}: joints' change to the default")
         yield from sound(ends[-1], what=name)
@@ -249,8 +248,8 @@ def gains_times_100(subject) -> Iterator[Finding]:
 @CASES.case("servos' gains x100 at 10 ms", STAGE, short=False)
 def gains_at_10_ms(subject) -> Iterator[Finding]:
     on = setting(subject)
-    scene = GraspScene(HAND, surface_patches(load_collision(subject.folder)), 0.01, stiffness=100 * STIFFNESS)
-    yield refused(on.watch(scene=scene), "torque limited")
+    simulation = GraspSimulation(HAND, surface_patches(load_collision(subject.folder)), 0.01, stiffness=100 * STIFFNESS)
+    yield refused(on.watch(simulation=simulation), "torque limited")
 
 
 @CASES.case("masses 1e-4 to 1e4", STAGE)
@@ -288,14 +287,14 @@ def timesteps(subject) -> Iterator[Finding]:
     """Joints' changes are of first order from the default's step on; at twice of it they are not yet."""
     on, patches = setting(subject), surface_patches(load_collision(subject.folder))
     halved = (*TIMESTEPS[1:], TIMESTEPS[-1] / 2)
-    at = {step: on.watch(scene=GraspScene(HAND, patches, step)) for step in (0.01, 0.008, *halved)}
+    at = {step: on.watch(simulation=GraspSimulation(HAND, patches, step)) for step in (0.01, 0.008, *halved)}
     for step, bound in ((0.01, GEL), (0.008, GEL), (0.004, JOINT)):
         yield agree(at[step], at[TIMESTEPS[-1]], bound, f"{1e3 * step:g} ms: joints' change to 0.5 ms")
         yield from sound(at[step], what=f"{1e3 * step:g} ms")
     yield converges([at[step] for step in halved], "time step")
     yield on_the_way(on, at[0.004], "4 ms")
-    yield rejects("20 ms", lambda: GraspScene(HAND, patches, 0.02), ValueError, "not between")
-    yield rejects("1 ns", lambda: GraspScene(HAND, patches, 1e-9), ValueError, "not between")
+    yield rejects("20 ms", lambda: GraspSimulation(HAND, patches, 0.02), ValueError, "not between")
+    yield rejects("1 ns", lambda: GraspSimulation(HAND, patches, 1e-9), ValueError, "not between")
 
 
 @CASES.case("closing at 10 times the speed", STAGE)
@@ -326,19 +325,19 @@ def starting_in_penetration(subject) -> Iterator[Finding]:
     for depth in (-1e-6, 1e-6, 1e-4, 1e-3, 5e-3):
         mesh = shapes.facing(shapes.plate(width=0.02), start, depth)
         on = shapes.alone(mesh, start)
-        scene = on.grasper.scene
-        scene.place(np.eye(4), start)
-        yield equal(f"{1e3 * depth:g} mm deep: pose is refused", scene.in_contact(), depth > 0)
+        simulation = on.grasper.simulation
+        simulation.place(np.eye(4), start)
+        yield equal(f"{1e3 * depth:g} mm deep: pose is refused", simulation.in_contact(), depth > 0)
         if depth < 1e-4:
             continue
         pushed = on.watch(held)[0]
-        speed = depth / (2 * scene.model.opt.timestep)
-        energy = 0.5 * shapes.mass_at_pad(scene) * speed**2
+        speed = depth / (2 * simulation.model.opt.timestep)
+        energy = 0.5 * shapes.mass_at_pad(simulation) * speed**2
         yield equal(f"{1e3 * depth:g} mm deep: engine's warnings", pushed.warnings, 0)
         over = float((pushed.kinetic - pushed.work).max() / energy)
         yield at_most(f"{1e3 * depth:g} mm deep: kinetic energy over a push's", over, 1)
         if depth <= THICKNESS:
-            yield at_most(f"{1e3 * depth:g} mm deep: depth at the end", 1e3 * pushed.depth, 1e3 * ALLOWED, "mm")
+            yield at_most(f"{1e3 * depth:g} mm deep: depth at the end", 1e3 * pushed.depth, 1e3 * MAX_PENETRATION, "mm")
         else:
             yield refused([pushed], f"{1e3 * depth:g} mm deep, through the patches")
     yield from palm_in_the_object(subject)
@@ -367,20 +366,20 @@ def wedged(subject) -> Iterator[Finding]:
         on = shapes.alone(mesh)
         mild, stiff = on.watch(held), on.watch(all_of(solref(1e-6), gains(100), held))
         yield from sound([*mild, *stiff], what=f"{degrees} degrees")
-        finer = on.watch(held, scene=GraspScene(HAND, surface_patches(mesh), 0.001))
+        finer = on.watch(held, simulation=GraspSimulation(HAND, surface_patches(mesh), 0.001))
         bound = JOINT / np.sin(np.radians(degrees))
         yield agree(mild, finer, bound, f"{degrees} degrees: joints' change to 1 ms")
     for narrower in (0.0004, 0.008):
         half, what = shapes.FACE / 2 - narrower / 2, f"slot {1e3 * narrower:g} mm too narrow"
         on = shapes.alone(shapes.facing(shapes.groove(0, half), shapes.bent(), 0.01))
-        scene, bent = on.grasper.scene, shapes.bent()
-        scene.place(np.eye(4), bent)
-        yield equal(f"{what}: pose is refused", scene.in_contact(), True)
-        stuck = watch(on.grasper, scene, on.closings[0], start=bent)
+        simulation, bent = on.grasper.simulation, shapes.bent()
+        simulation.place(np.eye(4), bent)
+        yield equal(f"{what}: pose is refused", simulation.in_contact(), True)
+        stuck = watch(on.grasper, simulation, on.closings[0], start=bent)
         yield equal(f"{what}: engine's warnings", stuck.warnings, 0)
         if narrower / 2 <= THICKNESS:
             yield at_most(f"{what}: moved by", float(np.abs(stuck.joints - bent).max()), JOINT, "rad")
-            yield at_most(f"{what}: depth", 1e3 * stuck.depth, 1e3 * ALLOWED, "mm")
+            yield at_most(f"{what}: depth", 1e3 * stuck.depth, 1e3 * MAX_PENETRATION, "mm")
 
 
 @CASES.case("faces, edges and vertices against the pad", STAGE, short=False)
@@ -400,7 +399,7 @@ def edges_and_vertices(subject) -> Iterator[Finding]:
     for name, (shape, at) in met.items():
         mesh = shapes.facing(shape, shapes.bent(), at=at)
         on = shapes.alone(mesh)
-        ends = [on.watch(held, scene=GraspScene(HAND, surface_patches(mesh), step)) for step in TIMESTEPS[:4]]
+        ends = [on.watch(held, simulation=GraspSimulation(HAND, surface_patches(mesh), step)) for step in TIMESTEPS[:4]]
         yield from sound(ends[1], what=name)
         if at != corner:
             yield agree(ends[1], ends[2], what=f"{name}: joints' change to 2 ms")
@@ -419,7 +418,7 @@ def sizes_of_hands(subject) -> Iterator[Finding]:
         grasper = copy.copy(on.grasper)
         grasper.hand, mesh = hand, visual.copy().apply_scale(size)
         grasper.check, grasper.caster = PenetrationCheck(hand, mesh), RayCaster(mesh)
-        grasper.scene = GraspScene(hand, [size * each for each in patches])
+        grasper.simulation = GraspSimulation(hand, [size * each for each in patches])
         closings = [each._replace(pose=moved_out(each.pose, size)) for each in on.closings]
         ends = Setting(grasper, closings).watch(held)
         yield agree(ends, mild, GEL, f"x{size:g}: joints' change")
@@ -437,9 +436,9 @@ def extreme_files(subject) -> Iterator[Finding]:
         files = {"mild": (1.0, 5e-4, 1e3), "stiff": (1e8, 0.0, 1e9), "limp": (1e-8, 1e8, 1e-3)}
         for name, values in files.items():
             hand = written(Path(folder) / f"{name}.xml", *values)
-            scene = GraspScene(hand, patches)
-            scene.place(on.closings[0].pose, hand.open_joint_positions)
-            ends.append(scene.close(on.closings[0].targets).joint_positions)
+            simulation = GraspSimulation(hand, patches)
+            simulation.place(on.closings[0].pose, hand.open_joint_positions)
+            ends.append(simulation.close(on.closings[0].targets).joint_positions)
         for name, joints in zip(("stiff", "limp"), ends[1:], strict=True):
             yield equal(f"{name}: joints' change", float(np.abs(joints - ends[0]).max()), 0.0, "rad")
         for name, values in {"inertia": 'mass="1" diaginertia="1 1 9"', "mass": 'mass="-1"'}.items():

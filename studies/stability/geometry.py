@@ -18,7 +18,7 @@ from scipy.spatial import ConvexHull
 from palpate.batch import UnusableObject
 from palpate.grasp import GraspSet, grasp_object
 from palpate.grasp.patches import surface_patches
-from palpate.hand import allegro
+from palpate.hand import MAX_PENETRATION, allegro
 from palpate.mesh import DIAGONAL, OBJECT_POSITION, load_collision, load_visual, prepare
 from palpate.surface import sample
 from palpate.touch import PIXEL_CENTRES, SENSOR_RANGE, RayCaster, sense
@@ -30,8 +30,6 @@ CASES = Cases()
 # Metres: coordinates within 0.25 m are stored in single precision, which rounds them by up to 1.5e-8 m.
 ROUNDED = 3e-8
 POINTS = 4000
-# As config/config.yaml has it: metres that a hand may be in an object.
-PENETRATION = 0.001
 
 
 class Prepared(NamedTuple):
@@ -126,7 +124,7 @@ def grasped(made: Prepared, points: np.ndarray, attempts: int = 12) -> GraspSet:
         per_object=1,
         attempts=1,
         max_attempts=attempts,
-        max_penetration=PENETRATION,
+        max_penetration=MAX_PENETRATION,
     )
 
 
@@ -136,7 +134,7 @@ def later_stages(made: Prepared, attempts: int = 12) -> Iterator[Finding]:
     yield from findings
     found = grasped(made, points, attempts)
     yield equal("grasp is finite", bool(np.isfinite(found.link_pose).all()), True)
-    yield at_most("penetration", float(found.penetration.max()), PENETRATION, "m", "grasps.max_penetration")
+    yield at_most("penetration", float(found.penetration.max()), MAX_PENETRATION, "m", "grasps.max_penetration")
     caster = RayCaster(made.visual, OBJECT_POSITION)
     felt = sense(caster, found.sensor_position[0], found.sensor_rotation[0])
     yield equal("sensors that feel", int(felt.success.sum()), int(found.touches[0].sum()))
@@ -415,7 +413,7 @@ def smaller_than_the_sensor(subject):
     points, findings = sampled(made)
     yield from findings
     found = grasped(made, points, attempts=30)
-    yield at_most("penetration", float(found.penetration.max()), PENETRATION, "m")
+    yield at_most("penetration", float(found.penetration.max()), MAX_PENETRATION, "m")
 
 
 @CASES.case("object larger than the camera's view", "vision")

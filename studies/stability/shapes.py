@@ -4,7 +4,7 @@ import mujoco
 import numpy as np
 import trimesh
 
-from palpate.grasp.closing import GraspScene
+from palpate.grasp.closing import GraspSimulation
 from palpate.grasp.grasp import Grasper
 from palpate.grasp.targets import PRESS
 from studies.stability.watched import HAND, POINTS, Closing, Setting
@@ -78,9 +78,9 @@ def crossed() -> np.ndarray:
     return joints
 
 
-def mass_at_pad(scene: GraspScene) -> float:
+def mass_at_pad(simulation: GraspSimulation) -> float:
     """What a push on the pad along its normal has to move, in kg; the palm is placed at the origin."""
-    model, data = scene.model, scene.data
+    model, data = simulation.model, simulation.data
     position, rotation = HAND.sensor_frames(HAND.forward(np.eye(4), data.qpos))
     out, body = rotation[FINGER, :, 0], model.body(HAND.link_names[HAND.sensor_link[FINGER]]).id
     jacobian, inertia = np.zeros((3, model.nv)), np.zeros((model.nv, model.nv))

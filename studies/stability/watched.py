@@ -9,9 +9,9 @@ import mujoco
 import numpy as np
 import trimesh
 
-from palpate.grasp.closing import GraspScene
+from palpate.grasp.closing import GraspSimulation
 from palpate.grasp.grasp import Grasp, Grasper
-from palpate.hand import allegro
+from palpate.hand import MAX_PENETRATION, allegro
 from palpate.mesh import load_collision, load_visual
 from studies.stability.cases import Finding, at_most, equal
 from studies.subjects import Subject
@@ -21,9 +21,8 @@ CLOSINGS = 3
 POINTS = 4000
 HOLD = 1.0  # s after a closing in which even a creeping finger comes to rest: 18 of the servos' time constants
 TOUCHED = "closed"  # what becomes of a closing that the grasper takes
-ALLOWED = 0.001  # m, `max_penetration` of config/config.yaml
 NEAREST_BASE = 0.14  # m from the base of an Allegro's finger to its gel
-JOINT = ALLOWED / NEAREST_BASE  # rad, by which a finger's tip moves by what it may be deep: 0.4 degrees
+JOINT = MAX_PENETRATION / NEAREST_BASE  # rad, by which a finger's tip moves by what it may be deep: 0.4 degrees
 GEL = 0.0032 / NEAREST_BASE  # rad, by which it moves by its gel's thickness: 1.3 degrees
 
 
@@ -61,13 +60,13 @@ class Setting(NamedTuple):
 
     def watch(
         self,
-        change: Callable[[GraspScene], None] | None = None,
+        change: Callable[[GraspSimulation], None] | None = None,
         label: str = "",
-        scene: GraspScene | None = None,
+        simulation: GraspSimulation | None = None,
     ) -> list[Watched]:
-        """All closings, in a copy of the scene (or of `scene`) that `change` has had."""
-        scene = variant(scene or self.grasper.scene, change)
-        return [watch(self.grasper, scene, each, label) for each in self.closings]
+        """All closings, in a copy of the simulation (or of `simulation`) that `change` has had."""
+        simulation = variant(simulation or self.grasper.simulation, change)
+        return [watch(self.grasper, simulation, each, label) for each in self.closings]
 
 
 @lru_cache(maxsize=1)
@@ -85,11 +84,11 @@ def setting(subject: Subject) -> Setting:
     return Setting(grasper, closings)
 
 
-class Recorded(GraspScene):
-    """A scene that keeps kinetic energy (J) and joints after each step, and what servos put in by it (J)."""
+class Recorded(GraspSimulation):
+    """A simulation that keeps kinetic energy (J) and joints after each step, and what servos put in by it (J)."""
 
-    def __init__(self, scene: GraspScene):
-        vars(self).update(vars(scene))
+    def __init__(self, simulation: GraspSimulation):
+        vars(self).update(vars(simulation))
         self.kinetic, self.work, self.path = [], [], []
 
     def closing(self, targets: np.ndarray) -> Iterator[mujoco.MjData]:
@@ -104,30 +103,30 @@ class Recorded(GraspScene):
             yield data
 
 
-def variant(scene: GraspScene, change: Callable[[GraspScene], None] | None = None) -> GraspScene:
-    """A copy of a scene with a model of its own, which `change` may edit."""
-    scene = copy.copy(scene)
-    scene.model = copy.deepcopy(scene.model)
+def variant(simulation: GraspSimulation, change: Callable[[GraspSimulation], None] | None = None) -> GraspSimulation:
+    """A copy of a simulation with a model of its own, which `change` may edit."""
+    simulation = copy.copy(simulation)
+    simulation.model = copy.deepcopy(simulation.model)
     if change is not None:
-        change(scene)
-    scene.data = mujoco.MjData(scene.model)
-    return scene
+        change(simulation)
+    simulation.data = mujoco.MjData(simulation.model)
+    return simulation
 
 
-def held(scene: GraspScene) -> None:
-    """Let a scene hold the targets for `HOLD` more."""
-    more = round(HOLD / scene.model.opt.timestep)
-    scene.ramp = np.concatenate([scene.ramp, np.ones(more)])
-    scene.steps += more
+def held(simulation: GraspSimulation) -> None:
+    """Let a simulation hold the targets for `HOLD` more."""
+    more = round(HOLD / simulation.model.opt.timestep)
+    simulation.ramp = np.concatenate([simulation.ramp, np.ones(more)])
+    simulation.steps += more
 
 
 def watch(
-    grasper: Grasper, scene: GraspScene, closing: Closing, label: str = "", start: np.ndarray | None = None
+    grasper: Grasper, simulation: GraspSimulation, closing: Closing, label: str = "", start: np.ndarray | None = None
 ) -> Watched:
-    """What the grasper makes of a closing in `scene`, from joint positions (J,) `start` (default: open)."""
-    hand = scene.hand
-    seen, judge = Recorded(scene), copy.copy(grasper)
-    judge.scene = seen
+    """What the grasper makes of a closing in `simulation`, from joint positions (J,) `start` (default: open)."""
+    hand = simulation.hand
+    seen, judge = Recorded(simulation), copy.copy(grasper)
+    judge.simulation = seen
     seen.place(closing.pose, hand.open_joint_positions if start is None else start)
     result = judge.closed_at(closing.pose, closing.targets)
     joints = seen.data.qpos.copy()
@@ -155,7 +154,7 @@ def deepest(grasper: Grasper, closing: Closing, watched: Watched, every: int = 3
     return max(map(grasper.check.in_object, links))
 
 
-def sound(watched: Iterable[Watched], depth: float = ALLOWED, what: str = "") -> Iterator[Finding]:
+def sound(watched: Iterable[Watched], depth: float = MAX_PENETRATION, what: str = "") -> Iterator[Finding]:
     """Findings of closings that should go as the mild ones do: the worst of each quantity.
 
     The engine warns of nothing; from rest and without gravity kinetic energy comes from the servos alone, for

@@ -7,7 +7,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from palpate.charts import Graph, sphere, touch_chart, vision_atlas
-from palpate.charts.graph import mesh_edges
 
 CHARTS = Graph(4)
 GRAPHS = [(0, "charts"), (4, "charts"), (20, "charts"), (4, "no_comm"), (4, "sphere")]

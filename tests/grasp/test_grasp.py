@@ -13,7 +13,7 @@ import trimesh
 
 from palpate.batch import UnusableObject, generator
 from palpate.grasp import grasp_object
-from palpate.grasp.closing import GraspScene
+from palpate.grasp.closing import GraspSimulation
 from palpate.grasp.grasp import UNSETTLED, Grasper
 from palpate.grasp.patches import surface_patches
 from palpate.grasp.penetration import PenetrationCheck
@@ -79,7 +79,7 @@ def test_sensors_that_touch_face_the_surface(on_bottle):
 
 
 def test_penetration_is_small_and_independently_so(on_bottle):
-    """Against the points of a dense sample of the whole surface, none left out."""
+    """Against the points of a dense sample of the whole surface."""
     points, _ = trimesh.sample.sample_surface(bottle(), 100_000, seed=3)
     for links, depth in zip(on_bottle.link_pose, on_bottle.penetration, strict=True):
         sampled = max(0.0, -HAND.signed_distance(points + OBJECT_POSITION, links).min())
@@ -118,7 +118,7 @@ sys.stdout.buffer.write(found.joint_positions.tobytes() + found.penetration.toby
     assert len(outputs[0]) == 3 * (16 * 8 + 4) and outputs[0] == outputs[1]
 
 
-def test_attempts_in_one_scene_do_not_remember_each_other():
+def test_attempts_in_one_simulation_do_not_remember_each_other():
     mesh = bottle()
     points, _ = trimesh.sample.sample_surface(mesh, 3000, seed=0)
     fresh = Grasper(mesh, mesh, points, HAND).attempt(generator(8, "b"))
@@ -187,26 +187,26 @@ def test_an_open_mesh_and_a_soup_are_grasped():
 
 def test_a_silent_reset_of_the_engine_is_noticed():
     """The engine answers a NaN by resetting the state: only its warnings tell."""
-    scene = GraspScene(HAND, surface_patches(bottle()))
+    simulation = GraspSimulation(HAND, surface_patches(bottle()))
     pose = np.eye(4)
     pose[:3, 3] = (-0.4, 0, 0)
-    scene.place(pose, HAND.open_joint_positions)
-    closed = scene.close(np.full(16, np.nan))
+    simulation.place(pose, HAND.open_joint_positions)
+    closed = simulation.close(np.full(16, np.nan))
     assert not closed.finite and closed.warnings > 0
-    scene.place(pose, HAND.open_joint_positions)
-    assert scene.close(HAND.open_joint_positions).finite
+    simulation.place(pose, HAND.open_joint_positions)
+    assert simulation.close(HAND.open_joint_positions).finite
 
 
 def test_fingers_stop_at_the_surface_where_they_would_pass_it():
     """A wall 20 mm in front of the palm: targets behind it are not reached, and nothing is in the wall."""
     wall = trimesh.creation.box((0.02, 0.3, 0.3))
     wall.apply_translation((0.0313 + 0.01, 0, 0.17))  # above the thumb
-    scene = GraspScene(HAND, surface_patches(wall))
-    scene.place(np.eye(4), HAND.open_joint_positions)
-    assert not scene.in_contact()
+    simulation = GraspSimulation(HAND, surface_patches(wall))
+    simulation.place(np.eye(4), HAND.open_joint_positions)
+    assert not simulation.in_contact()
     targets = HAND.open_joint_positions.copy()
     targets[[1, 5, 9]] = 0.8
-    closed = scene.close(targets)
+    closed = simulation.close(targets)
     assert closed.finite
     assert (closed.joint_positions[[1, 5, 9]] < 0.4).all()
     links = HAND.forward(np.eye(4), closed.joint_positions)
@@ -214,10 +214,10 @@ def test_fingers_stop_at_the_surface_where_they_would_pass_it():
 
 
 def test_without_an_object_the_joints_reach_their_targets():
-    scene = GraspScene(HAND, [])
-    scene.place(np.eye(4), HAND.open_joint_positions)
+    simulation = GraspSimulation(HAND, [])
+    simulation.place(np.eye(4), HAND.open_joint_positions)
     targets = HAND.open_joint_positions + 0.2
-    np.testing.assert_allclose(scene.close(targets).joint_positions, targets, atol=0.02)
+    np.testing.assert_allclose(simulation.close(targets).joint_positions, targets, atol=0.02)
 
 
 def test_a_users_hand_grasps_end_to_end(tmp_path):
@@ -230,7 +230,7 @@ def test_a_users_hand_grasps_end_to_end(tmp_path):
 @pytest.mark.parametrize("timestep", [0.0, -0.004, float("nan"), 1e-9, 0.011])
 def test_time_steps_that_cannot_work_are_errors(timestep):
     with pytest.raises(ValueError, match="time step of .* is not between"):
-        GraspScene(HAND, surface_patches(blade(0.02)), timestep)
+        GraspSimulation(HAND, surface_patches(blade(0.02)), timestep)
 
 
 def fist(deep):
@@ -249,28 +249,28 @@ def test_a_hand_that_is_in_itself_when_open_is_an_error_and_not_one_of_the_objec
 
 
 def test_a_pose_is_free_of_the_object_though_the_hand_touches_itself():
-    scene = GraspScene(fist(deep=True), surface_patches(blade(0.02)))
+    simulation = GraspSimulation(fist(deep=True), surface_patches(blade(0.02)))
     far, near = np.eye(4), np.eye(4)
     far[0, 3], near[:3, 3] = 2.0, (-0.05, 0, -0.05)
-    scene.place(far, scene.hand.open_joint_positions)
-    assert scene.data.ncon > 0 and not scene.in_contact()
-    scene.place(near, scene.hand.open_joint_positions)
-    assert scene.in_contact()
+    simulation.place(far, simulation.hand.open_joint_positions)
+    assert simulation.data.ncon > 0 and not simulation.in_contact()
+    simulation.place(near, simulation.hand.open_joint_positions)
+    assert simulation.in_contact()
 
 
 def test_a_hand_that_swings_is_not_settled_and_its_attempt_is_none():
     points, _ = trimesh.sample.sample_surface(bottle(), 500, seed=0)
     grasper = Grasper(bottle(), bottle(), points, HAND)
-    scene, targets = grasper.scene, HAND.open_joint_positions.copy()
+    simulation, targets = grasper.simulation, HAND.open_joint_positions.copy()
     targets[[1, 5, 9]] = 1.0
     away = np.eye(4)
     away[0, 3] = 2.0
-    scene.place(away, HAND.open_joint_positions)
-    assert scene.close(targets).settled
-    scene.place(away, HAND.open_joint_positions)
-    assert scene.close(HAND.open_joint_positions).settled
-    scene.model.dof_armature[:] = 0.05  # a hundred times as slow to stop
-    scene.place(away, HAND.open_joint_positions)
-    closed = scene.close(targets)
+    simulation.place(away, HAND.open_joint_positions)
+    assert simulation.close(targets).settled
+    simulation.place(away, HAND.open_joint_positions)
+    assert simulation.close(HAND.open_joint_positions).settled
+    simulation.model.dof_armature[:] = 0.05  # a hundred times as slow to stop
+    simulation.place(away, HAND.open_joint_positions)
+    closed = simulation.close(targets)
     assert closed.finite and not closed.settled
     assert grasper.attempt(np.random.default_rng(0)) == UNSETTLED

@@ -5,7 +5,7 @@ import pytest
 import trimesh
 from scipy.spatial import ConvexHull
 
-from palpate.grasp.closing import GraspScene
+from palpate.grasp.closing import GraspSimulation
 from palpate.grasp.patches import CELL, THICKNESS, surface_patches
 from palpate.grasp.triangles import split_long_edges
 from palpate.hand import allegro
@@ -82,7 +82,7 @@ def test_a_hair_makes_no_patch_and_the_model_compiles():
         both = trimesh.Trimesh(np.vstack([box.vertices, hair]), np.vstack([box.faces, [[8, 9, 10]]]), process=False)
         patches = surface_patches(both)
         assert len(patches) == len(surface_patches(box)) + (width == 1e-3)
-        assert GraspScene(allegro(), patches).model.nmesh == len(patches)
+        assert GraspSimulation(allegro(), patches).model.nmesh == len(patches)
     assert surface_patches(trimesh.Trimesh(hair, [[0, 1, 2]], process=False)) == []
 
 

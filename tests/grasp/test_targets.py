@@ -5,7 +5,14 @@ import pytest
 import trimesh
 
 from palpate.grasp.placement import GAP, Surface, palm_pose, with_normals
-from palpate.grasp.targets import DIRECTION_LENGTH, PRESS, Workspace, contact_distance, sensor_joints, solved
+from palpate.grasp.targets import (
+    DIRECTION_LENGTH,
+    PRESS,
+    Workspace,
+    contact_distance,
+    sensor_joints,
+    solve_positive_definite,
+)
 from palpate.hand import allegro
 
 
@@ -46,7 +53,7 @@ def test_elimination_solves_what_lapack_solves():
     matrix = factors @ factors.swapaxes(-1, -2) + 1e-3 * np.eye(6)
     right = rng.normal(size=(50, 4, 6))
     np.testing.assert_allclose(
-        solved(matrix, right), np.linalg.solve(matrix, right[..., None])[..., 0], rtol=1e-8, atol=1e-12
+        solve_positive_definite(matrix, right), np.linalg.solve(matrix, right[..., None])[..., 0], rtol=1e-8, atol=1e-12
     )
 
 

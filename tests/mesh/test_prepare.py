@@ -80,6 +80,15 @@ def test_a_small_mesh_is_its_own_level(tmp_path):
     assert np.array_equal(collision.triangles, visual.triangles)
 
 
+def test_levels_that_are_not_decimated_are_named(tmp_path):
+    """At 12 * 4**3 faces asked for, the level is the mesh; the coarser ones are decimated."""
+    solid = trimesh.creation.box((0.04, 0.04, 0.45)).subdivide().subdivide().subdivide()
+    solid.export(tmp_path / "rod.ply")
+    faces = len(solid.faces)
+    record = mesh.prepare(tmp_path / "rod.ply", tmp_path / "a", collision_faces=faces, levels=(faces // 2, faces - 1))
+    assert mesh.undecimated_levels(record) == {"collision.ply": faces}
+
+
 def test_borders_are_preserved():
     """A bumpy sheet: its border, a square, is the same after the inside has lost most of its faces."""
     sheet = trimesh.creation.box(extents=(1, 1, 0))

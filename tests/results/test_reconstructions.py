@@ -64,7 +64,7 @@ def test_colours_are_where_the_charts_project():
         np.concatenate([atlas.faces.numpy(), chart.faces.numpy() + len(atlas.vertices)]),
         np.repeat([False, True], [len(atlas.faces), len(chart.faces)]),
     )
-    drawn = Renderer(120, samples=4).render_scene([figure.coloured(shape)], camera=camera).rgb
+    drawn = Renderer(samples=4).render_meshes([figure.coloured(shape)], camera=camera).rgb
 
     def at(points):
         column, row = camera.project(points)[0].astype(int).T

@@ -216,7 +216,7 @@ def test_a_surface_on_the_sensor_plane_has_depth_zero():
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_what_is_behind_or_beside_the_sensor_is_not_felt(method):
+def test_what_is_behind_or_beside_the_sensor_is_not_touched(method):
     for away in ((-0.005, 0, 0), (0.02, 0.05, 0), (0.02, 0, -0.05), (0.06, 0, 0)):
         mesh = turned(trimesh.creation.box((0.004, 0.02, 0.02)), (0, 0, 0), away)
         assert np.isinf(method(mesh).trace(ORIGIN, IDENTITY)).all()
@@ -304,7 +304,7 @@ def test_local_points_lie_on_the_mesh(seed, thin):
 
 @settings(max_examples=40, deadline=None)
 @given(seed=st.integers(0, 10_000), gap=st.floats(-0.04, 0.06))
-def test_leaving_out_far_faces_and_pixels_changes_nothing(seed, gap):
+def test_omitting_far_faces_and_pixels_changes_nothing(seed, gap):
     parts = [turned(trimesh.creation.box((0.01, 0.002, 0.03)), (20 * i, 50 * i, 0), (0.02 * i, 0, 0)) for i in range(4)]
     mesh = trimesh.util.concatenate(parts)
     position, rotation = poses_near(mesh, 1, seed=seed, gap=(gap, gap))
@@ -314,11 +314,29 @@ def test_leaving_out_far_faces_and_pixels_changes_nothing(seed, gap):
         np.testing.assert_array_equal(tracer.trace(position, rotation)[0], everything.astype(np.float32))
 
 
+@pytest.mark.parametrize("method", METHODS)
+def test_faces_in_reach_are_those_with_a_point_before_a_sensor_and_few_others(method):
+    rod = trimesh.creation.box((0.04, 0.04, 0.45)).subdivide().subdivide().subdivide().subdivide()
+    # One before the rod's side, one before its edge, and one far away; x points at the rod.
+    position = np.array([[0.04, 0, 0], [0.04, 0.024, 0.1], [0.3, 0, 0]])
+    rotation = np.tile(np.diag([-1.0, 1.0, -1.0]), (3, 1, 1))
+    near = method(rod).faces_in_reach(position, rotation)
+    assert near.shape == (len(rod.faces),)
+    points, face = trimesh.sample.sample_surface(rod, 200_000, seed=0)
+    inside = np.zeros(len(rod.faces), dtype=bool)
+    for origin, frame in zip(position, rotation, strict=True):
+        x, y, z = ((points - origin) @ frame).T
+        half = SENSOR_WIDTH / 2
+        before = (x >= 0) & (x <= SENSOR_RANGE) & (np.abs(y) <= half) & (np.abs(z) <= half)
+        inside[face[before]] = True
+    assert inside.any() and near[inside].all() and near.sum() < 0.1 * len(near)
+
+
 @settings(max_examples=60, deadline=None)
 @given(seed=st.integers(0, 10_000))
 def test_succeeds_is_any_finite_depth(seed):
     random = np.random.default_rng(seed)
-    # Few small triangles: often only a handful of pixels, or none, feel one.
+    # Few small triangles: often only a handful of pixels, or none, meet one.
     corners = random.uniform([0.0, -1, -1], [2.0, 1, 1], (4, 1, 3)) * [
         SENSOR_RANGE,
         SENSOR_WIDTH,
@@ -384,7 +402,7 @@ def test_a_surface_just_behind_the_sensor_plane_hides_nothing(seed):
     np.testing.assert_allclose(RayCaster(placed).trace(ORIGIN, pose[None])[0], 0.01, atol=1e-9)
 
 
-def test_a_wall_edge_on_through_the_sensor_plane_is_felt_at_its_front():
+def test_a_wall_edge_on_through_the_sensor_plane_is_met_at_its_front():
     wall = trimesh.creation.box((0.01, 2 * abs(PIXEL_CENTRES[30]), 0.008))
     for seed in range(3):
         pose = Rotation.random(random_state=seed).as_matrix()

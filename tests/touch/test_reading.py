@@ -127,24 +127,24 @@ def grasp():
 @pytest.mark.parametrize("method", [RayCaster, SphereTracer])
 def test_sense(grasp, method):
     mesh, position, rotation = grasp
-    felt = sense(method(mesh, (0, 0, 0.6)), position, rotation)
-    np.testing.assert_array_equal(felt.success, [True, True, False, False])
-    assert felt.depth.dtype == np.float32 and felt.points.dtype == np.float32
+    sensed = sense(method(mesh, (0, 0, 0.6)), position, rotation)
+    np.testing.assert_array_equal(sensed.success, [True, True, False, False])
+    assert sensed.depth.dtype == np.float32 and sensed.points.dtype == np.float32
     for k in range(2):
         # Every pixel's point is its pose applied to (depth, y, z), in row-major order.
-        touched = np.isfinite(felt.depth[k])
-        count = felt.point_count[k]
+        touched = np.isfinite(sensed.depth[k])
+        count = sensed.point_count[k]
         assert count == touched.sum() > 100
-        local = np.stack([felt.depth[k][touched], Y[touched], Z[touched]], axis=1)
+        local = np.stack([sensed.depth[k][touched], Y[touched], Z[touched]], axis=1)
         expected = local @ rotation[k].T + position[k]
-        np.testing.assert_allclose(felt.points[k, :count], expected, atol=1e-7)
-        assert (felt.points[k, count:] == 0).all()
-        from_centre = np.linalg.norm(felt.points[k, :count] - [0, 0, 0.6], axis=1)
+        np.testing.assert_allclose(sensed.points[k, :count], expected, atol=1e-7)
+        assert (sensed.points[k, count:] == 0).all()
+        from_centre = np.linalg.norm(sensed.points[k, :count] - [0, 0, 0.6], axis=1)
         assert from_centre.min() > 0.0995 and from_centre.max() < 0.1 + 2e-5
-        np.testing.assert_array_equal(felt.reading[k], shade(felt.depth[k]))
+        np.testing.assert_array_equal(sensed.reading[k], shade(sensed.depth[k]))
     for k in (2, 3):
-        assert np.isinf(felt.depth[k]).all()
-        assert felt.point_count[k] == 0 and not felt.points[k].any() and not felt.reading[k].any()
+        assert np.isinf(sensed.depth[k]).all()
+        assert sensed.point_count[k] == 0 and not sensed.points[k].any() and not sensed.reading[k].any()
 
 
 def test_sense_is_deterministic_and_sensors_are_independent(grasp):
@@ -153,6 +153,15 @@ def test_sense_is_deterministic_and_sensors_are_independent(grasp):
     second = sense(RayCaster(mesh, (0, 0, 0.6)), position[::-1], rotation[::-1])
     for a, b in zip(first, second, strict=True):
         np.testing.assert_array_equal(a, b[::-1])
+
+
+def test_poses_may_have_any_leading_axes(grasp):
+    mesh, position, rotation = grasp
+    tracer = RayCaster(mesh, (0, 0, 0.6))
+    flat = sense(tracer, position, rotation)
+    paired = sense(tracer, position.reshape(2, 2, 3), rotation.reshape(2, 2, 3, 3))
+    for one, other in zip(flat, paired, strict=True):
+        np.testing.assert_array_equal(one.reshape(2, 2, *one.shape[1:]), other)
 
 
 @pytest.mark.parametrize("value", [np.nan, -np.inf])

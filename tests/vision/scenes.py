@@ -3,6 +3,14 @@
 import numpy as np
 import trimesh
 
+from palpate.scene import Scene
+from palpate.vision import paper_camera
+
+
+def scene_of(path, hand=None, poses=(), size=256):
+    """The scene of an object's file `<folder>/visual.glb`, seen by the paper's camera."""
+    return Scene(path.parent, hand, np.asarray(poses), camera=paper_camera(size))
+
 
 def painted(mesh, rgb, roughness=1.0):
     """The mesh with one material: a colour (sRGB-free, linear 0..1 as glTF has it) and no metal."""

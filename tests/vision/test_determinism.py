@@ -5,7 +5,7 @@ from numpy.testing import assert_array_equal
 
 from palpate.vision import Renderer, renderer
 from palpate.vision.camera import paper_camera
-from tests.vision.scenes import ball, grasp_poses, painted
+from tests.vision.scenes import ball, grasp_poses, painted, scene_of
 
 
 def objects(write_glb):
@@ -20,13 +20,12 @@ def assert_same(one, other):
 
 
 def test_images_do_not_depend_on_threads_order_or_what_came_before(write_glb, hand):
-    first, second = objects(write_glb)
-    poses = grasp_poses(hand)
-    one = Renderer(size=96, samples=4, device="cpu", threads=1)
-    a, b = one.render_object(first, hand, poses), one.render_object(second, hand, poses)
-    two = Renderer(size=96, samples=4, device="cpu", threads=2)
-    assert_same(two.render_object(second, hand, poses), b)
-    assert_same(two.render_object(first, hand, poses), a)
+    first, second = (scene_of(path, hand, grasp_poses(hand), 96) for path in objects(write_glb))
+    one = Renderer(samples=4, device="cpu", threads=1)
+    a, b = one.render(first), one.render(second)
+    two = Renderer(samples=4, device="cpu", threads=2)
+    assert_same(two.render(second), b)
+    assert_same(two.render(first), a)
     assert not np.array_equal(a[0].rgb, b[0].rgb)
 
 
@@ -34,7 +33,7 @@ def test_the_rectangle_holds_everything_drawn():
     camera = paper_camera(100)
     points = np.array([[0.1, 0.1, 0.7], [-0.1, 0.0, 0.5], [0.0, -0.1, 0.6]])
     render = bpy.context.scene.render
-    assert renderer._crop(render, camera, points)
+    renderer._crop(render, 100, *Renderer._rectangle(camera, points))
     pixels, _ = camera.project(points)
     assert (pixels[:, 0] > render.border_min_x * 100 + 1).all()
     assert (pixels[:, 0] < render.border_max_x * 100 - 1).all()
@@ -43,18 +42,17 @@ def test_the_rectangle_holds_everything_drawn():
 
 
 def test_nothing_stays_of_an_object(write_glb, hand):
-    paths = objects(write_glb)
-    poses = grasp_poses(hand)[:1]
-    rendering = Renderer(size=32, samples=1, device="cpu")
+    scenes = [scene_of(path, hand, grasp_poses(hand)[:1], 32) for path in objects(write_glb)]
+    rendering = Renderer(samples=1, device="cpu")
 
     def census():
         kinds = [kind.identifier for kind in bpy.data.bl_rna.properties if kind.type == "COLLECTION"]
         return {kind: len(getattr(bpy.data, kind)) for kind in kinds}
 
-    for path in paths:
-        rendering.render_object(path, hand, poses)
+    for scene in scenes:
+        rendering.render(scene)
     before = census()
     assert before["meshes"] > 0
-    for path in paths * 3:
-        rendering.render_object(path, hand, poses)
+    for scene in scenes * 3:
+        rendering.render(scene)
     assert census() == before

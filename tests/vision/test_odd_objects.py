@@ -10,7 +10,7 @@ from palpate.batch import UnusableObject
 from palpate.dataset.checks import CHECKS, Item, check_vision
 from palpate.mesh import prepare
 from palpate.vision import Renderer
-from tests.vision.scenes import painted
+from tests.vision.scenes import painted, scene_of
 
 SIZE = 96
 
@@ -31,7 +31,7 @@ def striped(mode, opacity):
 
 def failed(folder):
     """The checks of vision that the picture of the object alone doesn't pass, with what they measured."""
-    image, _ = Renderer(size=SIZE, samples=1, device="cpu").render_object(folder / "visual.glb")
+    image, _ = Renderer(samples=1, device="cpu").render(scene_of(folder / "visual.glb", size=SIZE))
     rows = {}
     for array, values in (("", image.rgb), ("_mask", image.mask), ("_depth", image.depth)):
         rows |= {f"unoccluded{array}": values, f"occluded{array}": values[None]}
@@ -65,4 +65,4 @@ def test_an_object_that_cannot_be_seen_is_unusable(write_glb):
     nothing.visual.material.alphaMode = "BLEND"
     nothing.visual.material.baseColorFactor = [0.5, 0.5, 0.5, 0.0]
     with pytest.raises(UnusableObject, match="visual.glb: no pixel of 96 x 96 shows the object"):
-        Renderer(size=SIZE, samples=1, device="cpu").render_object(write_glb("nothing", nothing))
+        Renderer(samples=1, device="cpu").render(scene_of(write_glb("nothing", nothing), size=SIZE))

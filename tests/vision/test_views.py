@@ -8,7 +8,7 @@ from palpate.batch import UnusableObject, generator
 from palpate.mesh import DIAGONAL, OBJECT_POSITION
 from palpate.vision import Renderer, looking_at, views
 from palpate.vision.views import Viewpoint, Views
-from tests.vision.scenes import painted
+from tests.vision.scenes import painted, scene_of
 
 
 def blocks():
@@ -39,7 +39,7 @@ def test_masks_are_what_rays_by_the_stored_cameras_meet(write_glb):
     mesh = blocks()
     path = write_glb("blocks", painted(mesh.copy(), (0.5, 0.2, 0.1)))
     at = views.viewpoints(generator(0, "blocks", "views"), 4)
-    made = views.render(Renderer(samples=1, device="cpu"), path, at, 137)
+    made = views.render(Renderer(samples=1, device="cpu"), scene_of(path), at, 137)
     assert made.image.shape == (4, 137, 137, 3) and made.image.dtype == np.uint8
     assert made.camera.shape == (4, 3, 4) and made.camera.dtype == np.float64
     there = mesh.copy().apply_translation(OBJECT_POSITION)
@@ -58,11 +58,11 @@ def test_no_view_looks_at_the_dark_side(write_glb):
     path = write_glb("ball", painted(ball, (0.8, 0.8, 0.8)))
     at = [Viewpoint(azimuth, 27.0, 0.0, 0.8) for azimuth in (0, 90, 180, 270)]
     renderer = Renderer(samples=4, device="cpu")
-    made = views.render(renderer, path, at, 64)
+    made = views.render(renderer, scene_of(path), at, 64)
     brightness = [image[mask > 0].mean() for image, mask in zip(made.image, made.mask, strict=True)]
     assert np.ptp(brightness) < 3
-    before = renderer.render_object(path)[0].rgb
-    assert_array_equal(Renderer(samples=4, device="cpu").render_object(path)[0].rgb, before)
+    before = renderer.render(scene_of(path))[0].rgb
+    assert_array_equal(Renderer(samples=4, device="cpu").render(scene_of(path))[0].rgb, before)
 
 
 def test_the_first_views_do_not_depend_on_their_number_nor_on_what_came_before(write_glb):
@@ -71,9 +71,9 @@ def test_the_first_views_do_not_depend_on_their_number_nor_on_what_came_before(w
     at = views.viewpoints(generator(3, "blocks", "views"), 5)
     assert at[:2] == views.viewpoints(generator(3, "blocks", "views"), 2)
     renderer = Renderer(samples=2, device="cpu")
-    whole = views.render(renderer, path, at, 60)
-    views.render(renderer, other, at, 60)
-    again = views.render(renderer, path, at[1:2], 60)
+    whole = views.render(renderer, scene_of(path), at, 60)
+    views.render(renderer, scene_of(other), at, 60)
+    again = views.render(renderer, scene_of(path), at[1:2], 60)
     for one, two in zip(whole, again, strict=True):
         assert_array_equal(one[1], two[0])
 
@@ -123,7 +123,7 @@ def renderings(tmp_path, write_glb):
     """Published renderings of the blocks, as a folder; and the views that they were written from."""
     at = views.viewpoints(np.random.default_rng(7), 3)
     path = write_glb("blocks", painted(blocks(), (0.5, 0.2, 0.1)))
-    made = views.render(Renderer(samples=2, device="cpu"), path, at, 137)
+    made = views.render(Renderer(samples=2, device="cpu"), scene_of(path), at, 137)
     folder = tmp_path / "rendering"
     folder.mkdir()
     lines = [f"{a} {e} {r:.0f} {d} 25" for a, e, r, d in at]
@@ -210,5 +210,6 @@ def test_an_object_that_no_view_shows_is_unusable(write_glb):
     glass = painted(blocks(), (1, 1, 1))
     glass.visual.material.alphaMode = "BLEND"
     glass.visual.material.baseColorFactor = [255, 255, 255, 0]
+    scene = scene_of(write_glb("glass", glass))
     with pytest.raises(UnusableObject, match="no view shows"):
-        views.render(Renderer(samples=1, device="cpu"), write_glb("glass", glass), [Viewpoint(0, 25, 0, 0.7)], 40)
+        views.render(Renderer(samples=1, device="cpu"), scene, [Viewpoint(0, 25, 0, 0.7)], 40)

@@ -5,7 +5,8 @@ import pandas as pd
 import pytest
 
 import palpate
-from palpate.released.arrays import read_empty_reading, read_released, read_surface
+from palpate.released.arrays import read_empty_reading, read_surface
+from palpate.released.layout import read_released
 from tests.released.test_arrays import save, write_tree
 
 SMALL = {

@@ -5,6 +5,7 @@ import trimesh
 from PIL import Image
 
 from palpate.mesh import DIAGONAL
+from palpate.scene import Scene
 from palpate.store import open as open_store
 from palpate.vision import Renderer, views
 
@@ -36,9 +37,10 @@ def test_published_renderings_are_taken_instead(make_workflow, tmp_path):
         mesh.export(tmp_path / f"models/02876657/{model}/model.obj")
     # What a camera about the turned mesh sees is what theirs saw.
     turned = mesh.copy().apply_transform(trimesh.transformations.rotation_matrix(np.pi / 2, [1, 0, 0]))
-    turned.apply_scale(DIAGONAL).export(tmp_path / "turned.glb")
+    (tmp_path / "turned").mkdir()
+    turned.apply_scale(DIAGONAL).export(tmp_path / "turned/visual.glb")
     at = views.viewpoints(np.random.default_rng(5), 3)
-    made = views.render(Renderer(samples=1, device="cpu"), tmp_path / "turned.glb", at, 48)
+    made = views.render(Renderer(samples=1, device="cpu"), Scene(tmp_path / "turned"), at, 48)
     folder = tmp_path / "renderings/02876657/a1/rendering"
     folder.mkdir(parents=True)
     (folder / views.METADATA).write_text("".join(f"{a} {e} 0 {d} 25\n" for a, e, _, d in at))

@@ -1,27 +1,24 @@
 """Grasps of a batch: the hand closes on every object.
 
-grasps/<batch>.h5    object_index, grasp_index    (og,)               int32
-                     joint_positions              (og, 16)            float64    rad
-                     palm_pose                    (og, 4, 4)          float64    world frame, m
-                     link_pose                    (og, L, 4, 4)       float64    world frame, m
-                     sensor_position, _rotation   (og, 4, 3[, 3])     float64    world frame, m
-                     touches                      (og, 4)             bool
-                     penetration                  (og,)               float32    m, independent of the engine
-                     attempts                     (o,)                int32
-                     hand/*                                           the hand: links, joints, geoms, sensors
+grasps/<batch>.h5    joint_positions              (o, g, 16)            float64    rad
+                     palm_pose                    (o, g, 4, 4)          float64    world frame, m
+                     link_pose                    (o, g, L, 4, 4)       float64    world frame, m
+                     sensor_position, _rotation   (o, g, 4, 3[, 3])     float64    world frame, m
+                     touches                      (o, g, 4)             bool
+                     penetration                  (o, g)                float32    m, independent of the engine
+                     attempts                     (o,)                  int32
+                     hand/*                                             the hand: links, joints, geoms, sensors
 rejected/grasps/<batch>.csv    object, stage, reason
 """
 
 import logging
 from pathlib import Path
 
-from palpate import grasp, hand, mesh, scene, store
+from palpate import grasp, hand, mesh, store
 from palpate.batch import each_object, generator, log_to
 
 log_to(snakemake.log[0])
 log = logging.getLogger("grasps")
-plan = scene.plan("grasp")
-log.info(plan)
 meshes, seed = Path(snakemake.input.meshes), snakemake.params.seed
 settings = dict(snakemake.params.grasps)
 mjcf_files = settings.pop("hand")
@@ -39,10 +36,9 @@ def close_hand(name: str) -> dict:
         robot,
         generator(seed, name, "grasps"),
         **settings,
-        plan=plan,
     )
-    left_out = ", ".join(f"{count:,} {what}" for what, count in found.left_out.items())
-    log.info("%s: left out: %s", name, left_out)
+    omitted = ", ".join(f"{count:,} {what}" for what, count in found.omitted.items())
+    log.info("%s: omitted: %s", name, omitted)
     return vars(found)
 
 

@@ -11,13 +11,12 @@ import logging
 import shutil
 from pathlib import Path
 
-from palpate import mesh, scene
+from palpate import mesh
 from palpate.atomic import atomic_write
 from palpate.batch import each_object, log_to, write_rejections
 
 log_to(snakemake.log[0])
 log = logging.getLogger("meshes")
-log.info(scene.plan("mesh"))
 objects, settings, source = snakemake.params.objects, snakemake.params.mesh, snakemake.params.source
 
 with atomic_write(snakemake.output.meshes) as batch, atomic_write(snakemake.output.rejected) as rejected:
@@ -36,8 +35,8 @@ with atomic_write(snakemake.output.meshes) as batch, atomic_write(snakemake.outp
         except BaseException:
             shutil.rmtree(folder, ignore_errors=True)
             raise
-        for level, faces in mesh.not_decimated(record).items():
-            log.info("%s: left out: decimation to %s: the mesh has %s faces", name, level, f"{faces:,}")
+        for level, faces in mesh.undecimated_levels(record).items():
+            log.info("%s: omitted: decimation to %s: the mesh has %s faces", name, level, f"{faces:,}")
 
     _, rejections = each_object(objects, prepare, "meshes")
     write_rejections(rejected, rejections)

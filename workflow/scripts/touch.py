@@ -1,12 +1,12 @@
 """What the four sensors of every grasp of a batch read.
 
-touch/<batch>.zarr    success         (og, 4)                  bool       whether the sensor is in contact
-                      position        (og, 4, 3)               float64    world frame, m
-                      rotation        (og, 4, 3, 3)            float64    columns are the sensor's axes
-                      depth           (og, 4, 100, 100)        float32    m from the gel plane, +inf: nothing
-                      reading         (og, 4, 100, 100, 3)     uint8
-                      points          (og, 4, 10000, 3)        float32    local cloud, world frame, m
-                      point_count     (og, 4)                  int32
+touch/<batch>.zarr    success         (o, g, 4)                 bool       whether the sensor is in contact
+                      position        (o, g, 4, 3)               float64    world frame, m
+                      rotation        (o, g, 4, 3, 3)            float64    columns are the sensor's axes
+                      depth           (o, g, 4, 100, 100)        float32    m from the gel plane, +inf: nothing
+                      reading         (o, g, 4, 100, 100, 3)     uint8
+                      points          (o, g, 4, 10000, 3)       float32    local cloud, world frame, m
+                      point_count     (o, g, 4)                 int32
                       empty_reading   (100, 100, 3)            uint8      what an untouched sensor reads
 rejected/touch/<batch>.csv    object, stage, reason
 """
@@ -16,33 +16,29 @@ from pathlib import Path
 
 import numpy as np
 
-from palpate import mesh, scene, store, touch
+from palpate import store, touch
 from palpate.batch import each_object, log_to
-
-TRACERS = {"embree": touch.RayCaster, "sphere_tracing": touch.SphereTracer}
+from palpate.hand import Hand
+from palpate.scene import GRASP_ARRAYS, Scene
 
 log_to(snakemake.log[0])
 log = logging.getLogger("touch")
-plan = scene.plan("touch")
-log.info(plan)
-log.info(scene.plan("store"))
 meshes, settings = Path(snakemake.input.meshes), snakemake.params.touch
-grasps = store.read(snakemake.input.grasps, "object", "object_index", "sensor_position", "sensor_rotation")
+grasps = store.read(snakemake.input.grasps)
+hand = Hand.from_arrays(grasps, prefix="hand/")
 
 
 def sense(name: str) -> dict[str, np.ndarray]:
-    rows = grasps["object"][grasps["object_index"]] == name
-    position, rotation = grasps["sensor_position"][rows], grasps["sensor_rotation"][rows]
-    tracer = TRACERS[settings["method"]](mesh.load_visual(meshes / name), mesh.OBJECT_POSITION, plan=plan)
-    sensors = position.reshape(-1, 3), rotation.reshape(-1, 3, 3)
-    felt = touch.sense(tracer, *sensors)
-    faces = tracer.felt_faces(*sensors)
+    row = grasps["object"].tolist().index(name)
+    scene = Scene.from_grasps(meshes / name, {array: grasps[array][row] for array in GRASP_ARRAYS}, hand)
+    tracer = touch.scene_tracer(scene, settings["method"])
+    sensed = touch.sense_scene(scene, tracer)
+    faces = tracer.faces_in_reach(scene.sensor_position, scene.sensor_rotation)
     log.info(
-        "%s: left out: %s of %s faces outside the swept boxes; %d of %d sensors touched nothing",
-        name, f"{(~faces).sum():,}", f"{len(faces):,}", (~felt.success).sum(), len(felt.success),
+        "%s: omitted: %s of %s faces outside the swept boxes; readings and points of %d of %d sensors not in contact",
+        name, f"{(~faces).sum():,}", f"{len(faces):,}", (~sensed.success).sum(), sensed.success.size,
     )  # fmt: skip
-    felt = {key: array.reshape(*position.shape[:2], *array.shape[1:]) for key, array in felt._asdict().items()}
-    return {"position": position, "rotation": rotation, **felt}
+    return {"position": scene.sensor_position, "rotation": scene.sensor_rotation, **sensed._asdict()}
 
 
 readings, rejections = each_object(grasps["object"], sense, "touch")

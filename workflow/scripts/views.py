@@ -7,7 +7,6 @@ rejected/views/<batch>.csv    object, stage, reason
 """
 
 import json
-import logging
 from pathlib import Path
 
 import numpy as np
@@ -16,14 +15,14 @@ from palpate.vision import Renderer  # Blender: before anything that loads embre
 
 from palpate import mesh, store  # isort: skip
 from palpate.batch import each_object, generator, log_to  # isort: skip
+from palpate.scene import Scene  # isort: skip
 from palpate.vision import views  # isort: skip
 
 log_to(snakemake.log[0])
 meshes, params = Path(snakemake.input.meshes), snakemake.params
 count, size = params.views["count"], params.views["size"]
 if not params.renderings:
-    renderer = Renderer(size, params.views["samples"], params.device, snakemake.threads)
-    logging.getLogger(__name__).info("%s", renderer.plans["view"])
+    renderer = Renderer(params.views["samples"], params.device, snakemake.threads)
 
 
 def look(name: str) -> dict[str, np.ndarray]:
@@ -34,7 +33,7 @@ def look(name: str) -> dict[str, np.ndarray]:
         surface = mesh.load_visual(meshes / name).vertices + mesh.OBJECT_POSITION
         return views.published(folder, record, surface, count, size)._asdict()
     at = views.viewpoints(generator(params.seed, name, "views"), count)
-    return views.render(renderer, meshes / name / "visual.glb", at, size)._asdict()
+    return views.render(renderer, Scene(meshes / name), at, size)._asdict()
 
 
 usable = [name for name in params.objects if (meshes / name).is_dir()]

@@ -8,7 +8,7 @@ import trimesh
 from scipy.integrate import solve_ivp
 
 from palpate import mesh, store
-from palpate.grasp.closing import DURATION, RAMP, GraspScene
+from palpate.grasp.closing import DURATION, RAMP, GraspSimulation
 from palpate.grasp.patches import surface_patches
 from palpate.hand import allegro, from_mjcf
 from palpate.hand.model import ARMATURE, DAMPING, MAX_TORQUE, STIFFNESS
@@ -69,8 +69,8 @@ def test_a_free_swing_converges_to_its_equation_of_motion(finger, duration):
     errors = {}
     for step in (2e-3, 5e-4, grasps.STEP):
         how = replace(grasps.library_settings(finger, step), duration=duration)
-        scene = GraspScene(finger, grasps.face_pieces(far_away()), step)
-        found = grasps.close(scene, np.eye(4)[None], np.array([[0.8]]), how)
+        simulation = GraspSimulation(finger, grasps.face_pieces(far_away()), step)
+        found = grasps.close(simulation, np.eye(4)[None], np.array([[0.8]]), how)
         errors[step] = abs(found.joint_positions[0, 0] - expected)
     assert errors[grasps.STEP] < errors[5e-4] / 3 < errors[2e-3] / 9
     assert errors[grasps.STEP] < 1e-3
@@ -86,7 +86,7 @@ def test_a_finger_comes_to_rest_where_geometry_says(finger):
     how = grasps.library_settings(finger, 0.004)
     reference = grasps.at_rest(finger, box, poses, targets, how)
     assert reference[0, 0] == pytest.approx(expected, abs=2e-5)
-    library = grasps.close(GraspScene(finger, surface_patches(box), 0.004), poses, targets, how)
+    library = grasps.close(GraspSimulation(finger, surface_patches(box), 0.004), poses, targets, how)
     assert library.finite and abs(library.joint_positions[0, 0] - expected) > abs(reference[0, 0] - expected)
 
 
@@ -119,15 +119,13 @@ def run(tmp_path_factory):
     store.write(folder / "surface/batch-0000.zarr", "surface", {"object": names, "points": surface}, attributes)
     arrays = {
         "object": names,
-        "object_index": np.zeros(0, dtype=np.int32),
-        "grasp_index": np.zeros(0, dtype=np.int32),
-        "joint_positions": np.zeros((0, 16)),
-        "palm_pose": np.zeros((0, 4, 4)),
-        "link_pose": np.zeros((0, 17, 4, 4)),
-        "sensor_position": np.zeros((0, 4, 3)),
-        "sensor_rotation": np.zeros((0, 4, 3, 3)),
-        "touches": np.zeros((0, 4), dtype=bool),
-        "penetration": np.zeros(0, dtype=np.float32),
+        "joint_positions": np.zeros((2, 0, 16)),
+        "palm_pose": np.zeros((2, 0, 4, 4)),
+        "link_pose": np.zeros((2, 0, 17, 4, 4)),
+        "sensor_position": np.zeros((2, 0, 4, 3)),
+        "sensor_rotation": np.zeros((2, 0, 4, 3, 3)),
+        "touches": np.zeros((2, 0, 4), dtype=bool),
+        "penetration": np.zeros((2, 0), dtype=np.float32),
         "attempts": np.zeros(2, dtype=np.int32),
     }
     (folder / "grasps").mkdir()
@@ -189,11 +187,11 @@ def test_what_is_chosen_is_what_the_library_does(closing):
     study, case = closing
     chosen = [each for each in study.methods() if each.chosen]
     assert sorted(each.knob for each in chosen) == sorted(knob for knob, _ in grasps.KNOBS.values())
-    scene = GraspScene(case.hand, surface_patches(case.collision), SETTINGS["grasps"]["timestep"])
+    simulation = GraspSimulation(case.hand, surface_patches(case.collision), SETTINGS["grasps"]["timestep"])
     expected = []
     for pose, targets in zip(case.poses, case.targets, strict=True):
-        scene.place(pose, case.hand.open_joint_positions)
-        expected.append(scene.close(targets).joint_positions)
+        simulation.place(pose, case.hand.open_joint_positions)
+        expected.append(simulation.close(targets).joint_positions)
     for method in chosen:
         np.testing.assert_array_equal(method.run(case).joint_positions, expected)
 

@@ -9,11 +9,12 @@ from numpy.testing import assert_array_equal
 
 from palpate.hand import allegro
 from palpate.mesh import OBJECT_POSITION
+from palpate.scene import Lights
 from palpate.vision import image, paper_camera, renderer
 from studies.error_vs_runtime.renders import FULL, REFERENCE, Pictures, Renders, middle, study
 from studies.omitted.renders import rewritten
 from studies.pictures import rms
-from tests.vision.scenes import grasp_poses, painted
+from tests.vision.scenes import grasp_poses, painted, scene_of
 
 VISION = {"size": 64, "samples": 8, "device": "cpu"}
 ALBEDO = 0.6
@@ -43,7 +44,7 @@ def matte_ball(folder):
     path = folder / "visual.glb"
     path.write_bytes(rewritten(trimesh.Scene([mesh]).export(file_type="glb"), no_gloss))
     hand = allegro()
-    return Pictures(path, hand, grasp_poses(hand)[0], [], [])
+    return Pictures(scene_of(path, hand, grasp_poses(hand)[:1]), [], [])
 
 
 def test_the_reference_of_a_matte_ball_is_the_closed_form(tmp_path):
@@ -56,8 +57,9 @@ def test_the_reference_of_a_matte_ball_is_the_closed_form(tmp_path):
     a, b, c = (rays**2).sum(-1), rays @ out, out @ out - 0.2**2
     root = np.sqrt(np.maximum(b**2 - a * c, 0))
     normal = (out + rays * ((-b - root) / a)[..., None]) / 0.2
-    lamp = np.array(renderer.SUN_POSITION) / np.linalg.norm(renderer.SUN_POSITION)
-    light = renderer.SUN_STRENGTH / np.pi * np.maximum(normal @ lamp, 0) + renderer.AMBIENT
+    lights = Lights()
+    lamp = np.array(lights.direction) / np.linalg.norm(lights.direction)
+    light = lights.strength / np.pi * np.maximum(normal @ lamp, 0) + lights.ambient
     inside = b**2 - a * c > 0.1 * (b**2 - a * c).max()
     expected = image.srgb(ALBEDO * light)[..., None] * np.ones(3)
     assert inside.mean() > 0.4

@@ -50,11 +50,11 @@ def test_a_true_reading_by_hand():
     assert shading._true_reading(height, normal)[0, 50, 60, 0] == pytest.approx(expected, abs=1e-3)
 
 
-def test_every_shape_is_felt_and_the_steep_ones_have_edges():
+def test_every_shape_is_touched_and_the_steep_ones_have_edges():
     for name, case in CASES.items():
-        felt = np.isfinite(case.depth)
-        assert felt.any(axis=(1, 2)).all() and case.depth.dtype == np.float32, name
-        assert (case.depth[felt] >= 0).all() and (case.depth[felt] <= SENSOR_RANGE).all(), name
+        touched = np.isfinite(case.depth)
+        assert touched.any(axis=(1, 2)).all() and case.depth.dtype == np.float32, name
+        assert (case.depth[touched] >= 0).all() and (case.depth[touched] <= SENSOR_RANGE).all(), name
         assert case.inside.any() and not case.inside.all(), name
 
 

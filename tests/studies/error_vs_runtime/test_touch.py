@@ -34,7 +34,7 @@ def poses(made: trimesh.Trimesh, count: int) -> tuple[np.ndarray, np.ndarray]:
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory):
-    """A run with one object and two grasps of it, of which six sensors touch."""
+    """A run with two objects, and two grasps of the second, of which six sensors touch."""
     folder = tmp_path_factory.mktemp("run")
     subject = Subject("lump-0000", "lump", "batch-0000", folder / "meshes/batch-0000/lump-0000")
     subject.folder.mkdir(parents=True)
@@ -44,17 +44,19 @@ def run(tmp_path_factory):
     lumpy(subdivisions=2).export(subject.folder / "level-320.ply")
     position, rotation = poses(made, 8)
     position[[1, 6]] += 0.2
+
+    def of_second(values):
+        return np.stack([np.zeros_like(values), values])
+
     arrays = {
         "object": np.array(["another", subject.name]),
-        "object_index": np.ones(2, dtype=np.int32),
-        "grasp_index": np.arange(2, dtype=np.int32),
-        "joint_positions": np.zeros((2, 16)),
-        "palm_pose": np.zeros((2, 4, 4)),
-        "link_pose": np.zeros((2, 17, 4, 4)),
-        "sensor_position": (position + mesh.OBJECT_POSITION).reshape(2, 4, 3),
-        "sensor_rotation": rotation.reshape(2, 4, 3, 3),
-        "touches": np.array([[True, False, True, True], [True, True, False, True]]),
-        "penetration": np.zeros(2, dtype=np.float32),
+        "joint_positions": np.zeros((2, 2, 16)),
+        "palm_pose": np.zeros((2, 2, 4, 4)),
+        "link_pose": np.zeros((2, 2, 17, 4, 4)),
+        "sensor_position": of_second((position + mesh.OBJECT_POSITION).reshape(2, 4, 3)),
+        "sensor_rotation": of_second(rotation.reshape(2, 4, 3, 3)),
+        "touches": of_second(np.array([[True, False, True, True], [True, True, False, True]])),
+        "penetration": np.zeros((2, 2), dtype=np.float32),
         "attempts": np.ones(2, dtype=np.int32),
     }
     (folder / "grasps").mkdir()
@@ -99,8 +101,8 @@ def test_reference_is_as_good_as_exact():
         exact = touch.exact_depth(*longer)
         assert exact.dtype == np.longdouble and np.isfinite(depth).any()
         np.testing.assert_array_equal(np.isfinite(depth), np.isfinite(exact))
-        felt = np.isfinite(depth)
-        assert np.abs(depth[felt] - exact[felt]).max() < 1e-12
+        touched = np.isfinite(depth)
+        assert np.abs(depth[touched] - exact[touched]).max() < 1e-12
 
 
 def test_reference_leaves_out_no_face():
@@ -170,7 +172,7 @@ def test_fewer_faces_err_more(rows):
 
 
 def test_the_grid_is_exact_where_distance_is_linear():
-    """In front of a large flat face every step lands; from inside the object the way out is felt."""
+    """In front of a large flat face every step lands; from inside the object the way out is met."""
     box = trimesh.creation.box((0.2, 0.3, 0.3))
     outside, inside = np.array([-0.11, 0, 0]), np.array([-0.09, 0, 0])
     depth = touch.on_grid(box, np.stack([outside, inside]), np.stack([np.eye(3), np.diag([-1.0, -1, 1])]), 4)

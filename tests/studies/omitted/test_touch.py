@@ -1,77 +1,150 @@
-"""Touch and its stores: the same with each part put back in."""
+"""Touch and its stores: the same by the engine and by each naive variant."""
+
+from pathlib import Path
 
 import numpy as np
 import pytest
+import trimesh
 
 from palpate import touch
-from palpate.scene import SCENES
-from studies.omitted import touch as left_out
+from palpate.store import Store
+from studies.omitted import touch as omitted
 from tests.studies.omitted.small_run import SETTINGS
+
+PARTS = [
+    ("touch", "faces outside the swept box"),
+    ("touch", "pixels outside the block in reach"),
+    ("touch", "pixels after the first in range"),
+    ("touch", "readings of sensors that touched nothing"),
+    ("touch", "points of sensors that touched nothing"),
+    ("store", "empty chunks"),
+]
+SMALLER = (("store", "empty chunks"), ("touch", "readings of sensors that touched nothing"))
 
 
 @pytest.fixture(scope="module")
 def found(run):
     folder, subject = run
-    return {(each.scene, each.part): each for each in left_out.leavings(folder, [subject], SETTINGS)}
+    return {(each.scene, each.part): each for each in omitted.leavings(folder, [subject], SETTINGS)}
 
 
-PARTS = [(scene, part) for scene in ("touch", "store") for part in SCENES[scene]]
-
-
-def test_every_part_has_a_leaving(found):
-    assert set(found) == set(PARTS)
+def test_every_part_is_compared(found):
+    assert list(found) == PARTS
 
 
 @pytest.mark.parametrize("key", PARTS, ids=" ".join)
 def test_the_result_is_the_same_bit_by_bit(found, key):
-    leaving = found[key]
-    one, other = leaving.with_it(), leaving.without()
-    assert leaving.left_out and leaving.bound == 0
-    assert leaving.difference(one, other) == 0
-    if key in (("store", "empty chunks"), ("touch", "readings of sensors that touched nothing")):
-        assert leaving.size(one) > leaving.size(other) > 10_000
+    row = found[key]
+    one, other = row.with_it(), row.without()
+    assert row.left_out and row.bound == 0
+    assert row.difference(one, other) == 0
+    if key in SMALLER:
+        assert row.size(one) > row.size(other) > 10_000
 
 
 def test_some_sensors_touch_and_some_don_t(run):
     folder, subject = run
-    sensed = left_out.Sensed(folder, subject, "embree")
-    felt = touch.sense(sensed.tracer(), *sensed.sensors)
-    assert felt.success.any() and not felt.success.all()
-    assert not felt.reading[~felt.success].any()
-    every = touch.sense(sensed.tracer("readings of sensors that touched nothing"), *sensed.sensors)
-    np.testing.assert_array_equal(every.success, felt.success)
-    for reading in every.reading[~felt.success]:
+    touched = omitted.Touched(folder, subject, "embree")
+    sensed = touch.sense_scene(touched.scene)
+    assert sensed.success.shape == touched.scene.sensor_position.shape[:2] == (2, 4)
+    assert sensed.success.any() and not sensed.success.all()
+    assert not sensed.reading[~sensed.success].any()
+    every = omitted.sense_every_reading(touched.tracer(), *touched.sensors)
+    np.testing.assert_array_equal(every.success, sensed.success)
+    for reading in every.reading[~sensed.success]:
         np.testing.assert_array_equal(reading, touch.empty_reading())
 
 
-def test_with_every_part_in_at_once_nothing_changes(run):
+@pytest.mark.parametrize("method", touch.TRACERS)
+def test_with_everything_in_at_once_nothing_changes(run, method):
     folder, subject = run
-    for method in left_out.TRACERS:
-        sensed = left_out.Sensed(folder, subject, method)
-        everything = touch.sense(sensed.tracer(*SCENES["touch"]), *sensed.sensors)
-        default = touch.sense(sensed.tracer(), *sensed.sensors)
-        assert left_out.deeper(everything.depth, default.depth) == 0
-        assert left_out.brighter(everything, default) == 0
-        assert left_out.moved(everything, default) == 0
+    touched = omitted.Touched(folder, subject, method)
+    tracer = touched.tracer(omitted.EveryFace, omitted.EveryPixel, omitted.EveryPixelForSuccess)
+    everything = omitted.sense_every_reading(tracer, *touched.sensors)
+    default = touch.sense_scene(touched.scene, touch.scene_tracer(touched.scene, method))
+    assert omitted.deeper(everything.depth, default.depth) == 0
+    assert omitted.brighter(everything, default) == 0
+    assert omitted.moved(omitted.sense_every_cloud(tracer, *touched.sensors), default) == 0
 
 
 def test_differences_are_seen(run):
     folder, subject = run
-    sensed = left_out.Sensed(folder, subject, "embree")
-    felt = touch.sense(sensed.tracer(), *sensed.sensors)
-    sensor = np.flatnonzero(felt.success)[0]
-    row, column = np.argwhere(np.isfinite(felt.depth[sensor]))[0]
-    depth, reading = felt.depth.copy(), felt.reading.copy()
-    depth[sensor, row, column] = np.inf
-    assert left_out.deeper(felt.depth, depth) == np.inf
-    depth[sensor, row, column] = felt.depth[sensor, row, column] + np.float32(0.5)
-    assert left_out.deeper(felt.depth, depth) == pytest.approx(0.5)
-    reading[sensor, row, column] = 0
-    darker = felt.reading[sensor, row, column].max()
-    assert left_out.brighter(felt, felt._replace(reading=reading)) == darker > 0
-    assert left_out.moved(felt, felt._replace(point_count=felt.point_count + 1)) == np.inf
-    assert left_out.moved(felt, felt._replace(points=felt.points + 1)) == pytest.approx(1)
-    assert left_out.differing(felt.success, ~felt.success) == len(felt.success)
-    arrays = sensed.arrays(felt)
+    touched = omitted.Touched(folder, subject, "embree")
+    sensed = touch.sense_scene(touched.scene)
+    pixel = tuple(np.argwhere(np.isfinite(sensed.depth))[0])
+    depth, reading = sensed.depth.copy(), sensed.reading.copy()
+    depth[pixel] = np.inf
+    assert omitted.deeper(sensed.depth, depth) == np.inf
+    depth[pixel] = sensed.depth[pixel] + np.float32(0.5)
+    assert omitted.deeper(sensed.depth, depth) == pytest.approx(0.5)
+    reading[pixel] = 0
+    assert omitted.brighter(sensed, sensed._replace(reading=reading)) == sensed.reading[pixel].max() > 0
+    assert omitted.moved(sensed, sensed._replace(point_count=sensed.point_count + 1)) == np.inf
+    assert omitted.moved(sensed, sensed._replace(points=sensed.points + 1)) == pytest.approx(1)
+    assert omitted.differing(sensed.success, ~sensed.success) == sensed.success.size
+    arrays = touched.arrays(sensed)
     changed = arrays | {"success": ~arrays["success"]}
-    assert left_out.changed(left_out.written(arrays), left_out.written(changed)) == felt.success.size
+    assert omitted.changed(omitted.written(arrays), omitted.written(changed)) == sensed.success.size
+
+
+def sensors():
+    """One before a rod's side, one before its edge, and one far away; x points at the rod."""
+    rotation = np.tile(np.diag([-1.0, 1.0, -1.0]), (3, 1, 1))
+    return np.array([[0.04, 0, 0], [0.04, 0.024, 0.1], [0.3, 0, 0]]), rotation
+
+
+class Counting(touch.RayCaster):
+    """Counts the pixels that are traced."""
+
+    pixels = 0
+
+    def _depth(self, origin, rotation, block):
+        depth = super()._depth(origin, rotation, block)
+        self.pixels += depth.size
+        return depth
+
+
+def counted(*variants):
+    rod = trimesh.creation.box((0.04, 0.04, 0.45)).subdivide()
+    return omitted.naive(Counting, *variants)(rod)
+
+
+def test_only_pixels_in_reach_are_traced():
+    engine, naive = counted(), counted(omitted.EveryPixel)
+    depth = engine.trace(*sensors())
+    np.testing.assert_array_equal(depth, naive.trace(*sensors()))
+    assert naive.pixels == 3 * touch.RESOLUTION**2
+    finite = np.isfinite(depth).sum(axis=(1, 2))
+    assert finite[0] == touch.RESOLUTION**2 and 0 < finite[1] < touch.RESOLUTION**2 and finite[2] == 0
+    assert finite.sum() <= engine.pixels < 2 * touch.RESOLUTION**2
+
+
+def test_success_takes_fewer_pixels_than_depth():
+    engine, naive, traced = counted(), counted(omitted.EveryPixelForSuccess), counted()
+    assert engine.succeeds(*sensors()).tolist() == naive.succeeds(*sensors()).tolist() == [True, True, False]
+    traced.trace(*sensors())
+    assert naive.pixels == traced.pixels and engine.pixels < naive.pixels / 50
+
+
+def test_empty_chunks_are_on_disk_only_in_the_naive_store():
+    arrays = {
+        "object": np.array(["a"]),
+        "success": np.zeros((1, 4), dtype=bool),
+        "position": np.zeros((1, 4, 3)),
+        "rotation": np.zeros((1, 4, 3, 3)),
+        "depth": np.full((1, 4, 5, 5), np.inf, dtype=np.float32),
+        "reading": np.zeros((1, 4, 5, 5, 3), dtype=np.uint8),
+        "points": np.zeros((1, 4, 25, 3), dtype=np.float32),
+        "point_count": np.zeros((1, 4), dtype=np.int32),
+        "empty_reading": np.ones((5, 5, 3), dtype=np.uint8),
+    }
+    less = omitted.written(arrays)
+    files = []
+    for folder in (less, omitted.written_with_empty_chunks(arrays, less)):
+        path = Path(folder.name) / "touch.zarr"
+        files.append({str(file.relative_to(path)) for file in path.rglob("c/**/*") if file.is_file()})
+        for key, array in arrays.items():
+            np.testing.assert_array_equal(Store(path)[key], array)
+    empty = {"success", "position", "rotation", "depth", "reading", "points", "point_count"}
+    assert {file.split("/")[0] for file in files[1] - files[0]} == empty
+    assert {file.split("/")[0] for file in files[0]} == {"object", "empty_reading"}

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from palpate import shapes
-from palpate.grasp.closing import GraspScene
+from palpate.grasp.closing import GraspSimulation
 from palpate.grasp.grasp import PENETRATING, UNSETTLED, UNSTABLE, Grasper
 from palpate.grasp.patches import surface_patches
 from palpate.mesh import load_collision, prepare
@@ -76,19 +76,19 @@ def test_energy_that_no_servo_gave_is_seen_though_the_engine_does_not_warn():
 
 
 def test_depth_at_a_time_step_of_20_ms_is_why_it_is_rejected(subject):
-    """The guard of the scene is got round by editing the model that it has made."""
+    """The guard of the simulation is got round by editing the model that it has made."""
 
-    def slow(scene):
-        scene.model.opt.timestep = 0.02
-        scene.model.geom_solref[:, 0] = scene.model.jnt_solref[:, 0] = 0.04
-        scene.ramp = scene.ramp[::5]
-        scene.steps = len(scene.ramp)
+    def slow(simulation):
+        simulation.model.opt.timestep = 0.02
+        simulation.model.geom_solref[:, 0] = simulation.model.jnt_solref[:, 0] = 0.04
+        simulation.ramp = simulation.ramp[::5]
+        simulation.steps = len(simulation.ramp)
 
     watched = setting(subject).watch(slow)
     assert [finding.verdict for finding in sound(watched)][-1] == FAILS
     assert {PENETRATING, UNSETTLED} & {each.outcome for each in watched}
     with pytest.raises(ValueError, match="not between"):
-        GraspScene(HAND, surface_patches(load_collision(subject.folder)), 0.02)
+        GraspSimulation(HAND, surface_patches(load_collision(subject.folder)), 0.02)
 
 
 def test_heavy_links_still_move_at_the_end_and_are_not_taken(subject):
@@ -102,18 +102,18 @@ def test_heavy_links_still_move_at_the_end_and_are_not_taken(subject):
 def test_energy_of_a_free_undamped_finger_is_that_of_its_servos_springs():
     """1 N m / rad, stretched by 0.4 rad: 0.08 J, which go to and fro."""
 
-    def undamped(scene):
-        scene.model.dof_damping[:] = 0
-        scene.model.actuator_biasprm[:, 2] = 0
-        scene.model.opt.timestep = 1e-4
-        scene.ramp = np.ones(600)
+    def undamped(simulation):
+        simulation.model.dof_damping[:] = 0
+        simulation.model.actuator_biasprm[:, 2] = 0
+        simulation.model.opt.timestep = 1e-4
+        simulation.ramp = np.ones(600)
 
-    scene = Recorded(variant(plain.alone(plain.far()).grasper.scene, undamped))
-    scene.place(np.eye(4), HAND.open_joint_positions)
+    simulation = Recorded(variant(plain.alone(plain.far()).grasper.simulation, undamped))
+    simulation.place(np.eye(4), HAND.open_joint_positions)
     targets = HAND.open_joint_positions.copy()
     targets[5] = 0.4
-    springs = np.array([((data.qpos - targets) ** 2).sum() / 2 for data in scene.closing(targets)])
-    kinetic, work = np.array(scene.kinetic), np.cumsum(scene.work)
+    springs = np.array([((data.qpos - targets) ** 2).sum() / 2 for data in simulation.closing(targets)])
+    kinetic, work = np.array(simulation.kinetic), np.cumsum(simulation.work)
     np.testing.assert_allclose(kinetic + springs, 0.08, rtol=0.01)
     assert kinetic.max() > 0.06
     assert (work >= kinetic * (1 - 1e-6)).all()
@@ -134,9 +134,9 @@ def test_a_wall_in_the_way_is_seen_in_the_agreement(on_a_plate):
 
 def test_recording_does_not_change_a_closing(subject):
     on = setting(subject)
-    scene, closing = on.grasper.scene, on.closings[0]
-    scene.place(closing.pose, HAND.open_joint_positions)
-    expected = scene.close(closing.targets).joint_positions
+    simulation, closing = on.grasper.simulation, on.closings[0]
+    simulation.place(closing.pose, HAND.open_joint_positions)
+    expected = simulation.close(closing.targets).joint_positions
     np.testing.assert_array_equal(on.watch()[0].joints, expected)
 
 

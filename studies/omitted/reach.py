@@ -1,9 +1,8 @@
-"""How far a hand can reach, and which patches of an object that leaves out."""
+"""How far a hand can reach, and which patches of an object it can't: the engine passes them by anyway."""
 
-import mujoco
 import numpy as np
 
-from palpate.grasp.parts import patch_name
+from palpate.grasp.closing import GraspSimulation, patch_name
 from palpate.grasp.penetration import geom_surface
 from palpate.hand import Hand
 
@@ -21,26 +20,27 @@ def reach_of(hand: Hand) -> float:
     )
 
 
-class Reach:
-    """The patches of an object, by the balls around them."""
+class WithinReach(GraspSimulation):
+    """Nothing collides with those patches of the object that the hand can't reach from where its palm is."""
 
-    def __init__(self, hand: Hand, patches: list[np.ndarray], model: mujoco.MjModel):
-        """patches: (V, 3) each; model: compiled, with a geom for each patch."""
+    def __init__(self, hand: Hand, patches: list[np.ndarray], timestep: float):
+        super().__init__(hand, patches, timestep)
         self.reach = reach_of(hand)
         self.centres = np.array([patch.mean(axis=0) for patch in patches]).reshape(-1, 3)
         around = zip(patches, self.centres, strict=True)
         self.radii = np.array([np.linalg.norm(patch - centre, axis=1).max() for patch, centre in around])
         names = [patch_name(number) for number in range(len(patches))]
-        self.geoms = np.array([model.geom(name).id for name in names], dtype=int)
-        self.contype = model.geom_contype[self.geoms].copy()
-        self.conaffinity = model.geom_conaffinity[self.geoms].copy()
+        self.geoms = np.array([self.model.geom(name).id for name in names], dtype=int)
+        self.contype = self.model.geom_contype[self.geoms].copy()
+        self.conaffinity = self.model.geom_conaffinity[self.geoms].copy()
 
     def within(self, palm: np.ndarray) -> np.ndarray:
         """Which patches the hand can reach with its palm's origin at (3,): bool."""
         return np.linalg.norm(self.centres - palm, axis=1) - self.radii <= self.reach
 
-    def leave_out(self, model: mujoco.MjModel, palm: np.ndarray) -> None:
-        """Let nothing collide with the patches out of reach."""
-        near = self.within(palm)
-        model.geom_contype[self.geoms] = self.contype * near
-        model.geom_conaffinity[self.geoms] = self.conaffinity * near
+    def place(self, palm_pose: np.ndarray, joint_positions: np.ndarray) -> None:
+        """As `GraspSimulation.place`."""
+        near = self.within(palm_pose[:3, 3])
+        self.model.geom_contype[self.geoms] = self.contype * near
+        self.model.geom_conaffinity[self.geoms] = self.conaffinity * near
+        super().place(palm_pose, joint_positions)

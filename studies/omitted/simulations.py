@@ -1,0 +1,164 @@
+"""Closings with more in the simulation than `GraspSimulation` has, or less: an item each, by its name."""
+
+from collections.abc import Callable, Iterable
+from itertools import combinations, product
+
+import mujoco
+import numpy as np
+import trimesh
+
+from palpate.grasp.closing import GraspSimulation
+from palpate.grasp.penetration import PenetrationCheck
+from palpate.hand import Hand
+from palpate.hand.model import add_geom
+
+GRAVITY = 9.81  # m / s^2, along -z
+FRICTION = 3  # MuJoCo's dimensions of a contact with friction
+LOOSE, HELD = 0.3, 100.0  # kg: the object, and the object with what holds it
+GYRATION = 0.14  # m: the object's radius of gyration
+# Impedance of the weld that holds the object: it gives way by less than 1e-7 m.
+WELD_SOLIMP = (0.9999, 0.9999, 0.001, 0.5, 2.0)
+
+
+class ChangedSimulation(GraspSimulation):
+    """A `GraspSimulation` with changes to its specification, which are functions of `CHANGES` by their items."""
+
+    def __init__(
+        self,
+        hand: Hand,
+        patches: list[np.ndarray],
+        timestep: float,
+        items: Iterable[str],
+        visual: trimesh.Trimesh,
+    ):
+        """visual: the object's visual mesh, every face; the others are as in `GraspSimulation`."""
+        self.items, self.visual = tuple(items), visual
+        super().__init__(hand, patches, timestep)
+
+    def specification(self, hand: Hand, patches: list[np.ndarray], timestep: float, stiffness: float) -> mujoco.MjSpec:
+        """As `GraspSimulation.specification`."""
+        self.hand = hand
+        spec = super().specification(hand, patches, timestep, stiffness)
+        for item in self.items:
+            CHANGES[item](self, spec)
+        return spec
+
+
+def add_visual_geometry(simulation: ChangedSimulation, spec: mujoco.MjSpec) -> None:
+    """The object's every face, and the hand's geoms that are only drawn: nothing collides with them."""
+    vertices, faces = np.asarray(simulation.visual.vertices), np.asarray(simulation.visual.faces)
+    mesh = spec.add_mesh(name="visual", uservert=vertices.ravel(), userface=faces.ravel())
+    mesh.inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL
+    drawn = [spec.body("object").add_geom(type=mujoco.mjtGeom.mjGEOM_MESH, meshname="visual")]
+    hand = simulation.hand
+    for geom in np.flatnonzero(~hand.geom_collides):
+        drawn.append(add_geom(spec, spec.body(hand.link_names[hand.geom_link[geom]]), hand, geom))
+    for geom in drawn:
+        geom.contype = geom.conaffinity = geom.mass = 0
+
+
+def add_gravity(simulation: ChangedSimulation, spec: mujoco.MjSpec) -> None:
+    """Gravity, and what carries everything."""
+    let_sag(simulation, spec)
+    for body in spec.bodies:
+        body.gravcomp = 1
+
+
+def let_sag(simulation: ChangedSimulation, spec: mujoco.MjSpec) -> None:
+    """Gravity that only the servos work against."""
+    spec.option.gravity = [0, 0, -GRAVITY]
+
+
+def hold_object(simulation: ChangedSimulation, spec: mujoco.MjSpec) -> None:
+    """An object with its six degrees of freedom, held where it is by forces."""
+    _free_object(spec, HELD)
+    weld = spec.add_equality(
+        type=mujoco.mjtEq.mjEQ_WELD, objtype=mujoco.mjtObj.mjOBJ_BODY, name1="object", name2="world"
+    )
+    weld.solref, weld.solimp = [2 * spec.option.timestep, 1], WELD_SOLIMP
+
+
+def loosen_object(simulation: ChangedSimulation, spec: mujoco.MjSpec) -> None:
+    """An object that nothing holds."""
+    _free_object(spec, LOOSE)
+
+
+def _free_object(spec: mujoco.MjSpec, mass: float) -> None:
+    """Give the object, of `mass` kg, its six degrees of freedom."""
+    body = spec.body("object")
+    body.add_freejoint()
+    body.explicitinertial, body.mass, body.ipos = True, mass, [0, 0, 0]
+    body.inertia = [mass * GYRATION**2] * 3
+
+
+def add_palm_pairs(simulation: ChangedSimulation, spec: mujoco.MjSpec) -> None:
+    """Contacts of palm and object, which the engine would not look for: the world holds both."""
+    _add_pairs(spec, product(_colliding(spec, simulation.hand.link_names[0]), _colliding(spec, "object")))
+
+
+def add_patch_pairs(simulation: ChangedSimulation, spec: mujoco.MjSpec) -> None:
+    """Contacts between patches of the object, which the engine would not look for: they are of one body."""
+    _add_pairs(spec, combinations(_colliding(spec, "object"), 2))
+
+
+def _add_pairs(spec: mujoco.MjSpec, pairs: Iterable[tuple[str, str]]) -> None:
+    for one, other in pairs:
+        spec.add_pair(geomname1=one, geomname2=other)
+
+
+def _colliding(spec: mujoco.MjSpec, body: str) -> list[str]:
+    """The names of a body's geoms that something may collide with."""
+    return [geom.name for geom in spec.body(body).geoms if geom.contype or geom.conaffinity]
+
+
+def collide_joined_links(simulation: ChangedSimulation, spec: mujoco.MjSpec) -> None:
+    """Contacts between links that a hinge joins."""
+    spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_FILTERPARENT
+    for exclude in list(spec.excludes):
+        spec.delete(exclude)
+
+
+def add_friction(simulation: ChangedSimulation, spec: mujoco.MjSpec) -> None:
+    """Contacts with friction."""
+    for geom in spec.geoms:
+        geom.condim = FRICTION
+
+
+def collide_only_with_object(simulation: ChangedSimulation, spec: mujoco.MjSpec) -> None:
+    """Let the hand's geoms pass through each other."""
+    for geom in spec.geoms:
+        if geom.contype:
+            of_object = geom.parent.name == "object"
+            geom.contype, geom.conaffinity = int(not of_object), int(of_object)
+
+
+Change = Callable[[ChangedSimulation, mujoco.MjSpec], None]
+# All but the last put an item in; the engine has self-collision, which the last takes out.
+CHANGES: dict[str, Change] = {
+    "visual geometry": add_visual_geometry,
+    "gravity": add_gravity,
+    "object degrees of freedom": hold_object,
+    "pairs of palm and object": add_palm_pairs,
+    "pairs of object patches": add_patch_pairs,
+    "pairs of joined links": collide_joined_links,
+    "friction": add_friction,
+    "sag under gravity": let_sag,
+    "loose object": loosen_object,
+    "self-collision": collide_only_with_object,
+}
+
+
+class EveryFace(PenetrationCheck):
+    """Looks at every face of the object for every link."""
+
+    def faces_within(self, low: np.ndarray, high: np.ndarray, among: slice | np.ndarray = slice(None)) -> np.ndarray:
+        """Indices, into `among`, of all triangles."""
+        return np.arange(len(self.low[0, among]))
+
+
+class EveryPair(PenetrationCheck):
+    """Looks at every pair of links that are not joined."""
+
+    def separated(self, poses: np.ndarray, surfaces: dict[int, np.ndarray]) -> np.ndarray:
+        """That no pair is, (P,) bool."""
+        return np.zeros(len(self.pairs), dtype=bool)

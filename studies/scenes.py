@@ -1,0 +1,17 @@
+"""Scenes of a run's objects."""
+
+from pathlib import Path
+from typing import Any
+
+from palpate import store
+from palpate.hand import Hand
+from palpate.scene import GRASP_ARRAYS, Scene
+from studies.subjects import Subject
+
+
+def scene_of(run: Path | str, subject: Subject, **others: Any) -> Scene:
+    """The scene of an object and its grasps in a run; others: further attributes of the scene."""
+    grasps = store.read(Path(run) / "grasps" / f"{subject.batch}.h5")
+    row = grasps["object"].tolist().index(subject.name)
+    hand = Hand.from_arrays(grasps, prefix="hand/")
+    return Scene.from_grasps(subject.folder, {name: grasps[name][row] for name in GRASP_ARRAYS}, hand, **others)
