@@ -5,7 +5,7 @@
 #   snakemake --cores 2 tables/grasp_success.csv                  just what that table needs
 #   snakemake --cores 2 dataset                                   the data, their tables and figures; no model
 #   snakemake --cores 2 validate                                  every array of every store against the contract
-#   snakemake --cores 2 reports                                   error against run time, stability, what is left out
+#   snakemake --cores 2 reports                                   error against run time, stability, what is omitted
 #   snakemake --cores 2 smoke                                     one object a split, end to end
 from pathlib import Path
 
@@ -37,7 +37,6 @@ if not RELEASED:
     include: "workflow/rules/grasps.smk"
     include: "workflow/rules/touch.smk"
     include: "workflow/rules/vision.smk"
-    include: "workflow/rules/report_parts.smk"
     include: "workflow/rules/reports.smk"
 
 
@@ -47,6 +46,19 @@ include: "workflow/rules/evaluation.smk"
 include: "workflow/rules/experiments.smk"
 include: "workflow/rules/results.smk"
 include: "workflow/rules/targets.smk"
+
+
+localrules:
+    all,
+
+
+# Here, because Snakemake takes no default target from an included file.
+rule all:
+    default_target: True
+    input:
+        rules.dataset.input,
+        expand("tables/{table}.{form}", table=[*MODEL_TABLES, *ARCHITECTURES], form=["csv", "md", "tex"]),
+        expand("figures/{figure}.png", figure=MODEL_FIGURES),
 
 
 # One environment for all rules; Snakemake has no directive that says so once.

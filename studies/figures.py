@@ -1,4 +1,4 @@
-"""The reports' figures: fronts of error and time, margins of extreme cases, savings of what is left out."""
+"""The reports' figures: fronts of error and time, margins of extreme cases, savings of omissions."""
 
 import re
 from pathlib import Path
@@ -10,7 +10,7 @@ from matplotlib.ticker import FormatStrFormatter, LogLocator, NullFormatter
 
 from palpate.results.page import COLOURS, FAINT, INK, LABEL, PALE, TITLE, new_figure, save, styled
 from studies.error_vs_runtime.study import over_objects, setting
-from studies.omitted.omission import SAME, in_words
+from studies.omitted.omission import OMITTED, SAME, in_words
 from studies.stability.cases import FAILS, HOLDS, REJECTED
 
 VERDICT_COLOURS = {HOLDS: "#009E73", REJECTED: "#0072B2", FAILS: "#D55E00"}
@@ -108,7 +108,7 @@ def _colours():
 @styled
 def margins(table: pd.DataFrame, path: Path | str) -> None:
     """A line a case: its findings in units of their bounds; left of 1 they hold. Coloured by verdict."""
-    cases = list(table.groupby(["part", "case"], sort=False))
+    cases = list(table.groupby(["suite", "case"], sort=False))
     height = 0.17 * len(cases) + 1.0
     figure = new_figure(9, height)
     axes = figure.add_axes((0.47, 0.5 / height, 0.5, 1 - 1.0 / height))
@@ -119,9 +119,9 @@ def margins(table: pd.DataFrame, path: Path | str) -> None:
         colours = [VERDICT_COLOURS[verdict] for verdict in findings["verdict"]]
         axes.scatter(used, [-place] * len(used), s=12, c=colours, alpha=0.7, linewidths=0)
         axes.text(-0.01, -place, case, **left)
-    parts = [part for (part, _), _ in cases]
-    for place in range(1, len(parts)):
-        if parts[place] != parts[place - 1]:
+    suites = [suite for (suite, _), _ in cases]
+    for place in range(1, len(suites)):
+        if suites[place] != suites[place - 1]:
             axes.axhline(0.5 - place, color=INK, lw=0.6)
     axes.axvline(1, color=INK, lw=0.8)
     axes.set_xscale("log")
@@ -132,8 +132,8 @@ def margins(table: pd.DataFrame, path: Path | str) -> None:
     axes.spines[["top", "right", "left"]].set_visible(False)
     counts = table["verdict"].value_counts()
     for place, (verdict, colour) in enumerate(VERDICT_COLOURS.items()):
-        said = {"x": 0.5 + 0.14 * place, "y": 1 - 0.3 / height, "color": colour, "fontsize": TITLE}
-        figure.text(s=f"{counts.get(verdict, 0)} {verdict}", **said)
+        style = {"x": 0.5 + 0.14 * place, "y": 1 - 0.3 / height, "color": colour, "fontsize": TITLE}
+        figure.text(s=f"{counts.get(verdict, 0)} {verdict}", **style)
     save(figure, path)
 
 
@@ -152,24 +152,24 @@ def _margin(row: pd.Series, least: float = 1e-6) -> float:
 
 @styled
 def savings(table: pd.DataFrame, path: Path | str) -> None:
-    """Seconds and bytes without each part as a share of those with it, all objects together."""
+    """Seconds and bytes without each item as a share of those with it, all objects together."""
     totals = dict.fromkeys(("seconds_with", "seconds_without", "bytes_with", "bytes_without"), "sum")
-    rows = table.groupby(["scene", "part"], sort=False).agg(
-        totals | {"noisy": "all", "left_out": "all", "verdict": lambda verdicts: set(verdicts) == {SAME}}
+    rows = table.groupby(["stage", "item"], sort=False).agg(
+        totals | {"noisy": "all", "state": "first", "verdict": lambda verdicts: set(verdicts) == {SAME}}
     )
     height = 0.26 * len(rows) + 1.0
     figure = new_figure(9, height)
     axes = figure.add_axes((0.42, 0.5 / height, 0.4, 1 - 0.8 / height))
     text = {"va": "center", "fontsize": LABEL - 1, "transform": axes.get_yaxis_transform()}
-    for place, ((scene, part), row) in enumerate(rows.iterrows()):
+    for place, ((stage, item), row) in enumerate(rows.iterrows()):
         seconds = row["seconds_without"] / row["seconds_with"]
-        colour = COLOURS[0] if row["left_out"] else FAINT
+        colour = COLOURS[0] if row["state"] == OMITTED else FAINT
         axes.barh(-place, seconds, height=0.55, color=colour, alpha=0.35 if row["noisy"] else 0.9)
         if row["bytes_with"]:
             axes.plot(row["bytes_without"] / row["bytes_with"], -place, "D", ms=4, color=COLOURS[1])
-        said = in_words(scene, part, row["verdict"], row["left_out"])
-        axes.text(-0.02, -place, f"{scene}: {part}", ha="right", **text)
-        axes.text(1.02, -place, said, ha="left", color=INK if row["verdict"] else COLOURS[1], **text)
+        axes.text(-0.02, -place, f"{stage}: {item}", ha="right", **text)
+        verdict = in_words(row["verdict"], row["state"])
+        axes.text(1.02, -place, verdict, ha="left", color=INK if row["verdict"] else COLOURS[1], **text)
     axes.axvline(1, color=INK, lw=0.8)
     axes.set_yticks([])
     axes.set_ylim(-len(rows) + 0.3, 0.7)

@@ -43,48 +43,49 @@ def fronts(table: pd.DataFrame) -> pd.DataFrame:
             "chosen": rows["chosen"].map({True: "chosen", False: ""}),
         }
     ).reset_index(drop=True)
-    said = "\n".join(f"- {stage}: {reference}" for stage, reference in references.items())
-    summary.attrs["note"] = f"Errors are against:\n\n{said}"
+    lines = "\n".join(f"- {stage}: {reference}" for stage, reference in references.items())
+    summary.attrs["note"] = f"Errors are against:\n\n{lines}"
     return summary
 
 
 def verdicts(table: pd.DataFrame) -> pd.DataFrame:
     """A row a case: how many of its findings hold, are rejected, fail; the finding nearest to its bound."""
     rows = []
-    for (part, case), findings in table.groupby(["part", "case"], sort=False):
+    for (suite, case), findings in table.groupby(["suite", "case"], sort=False):
         count = findings["verdict"].value_counts()
         row = findings.iloc[0]
         failed = findings[findings["verdict"] == FAILS]
         row = failed.iloc[0] if len(failed) else row
         value = pd.to_numeric(row["value"], errors="coerce")
-        said = row["value"] if pd.isna(value) else f"{_number(value)} {row['unit'] if pd.notna(row['unit']) else ''}"
+        unit = row["unit"] if pd.notna(row["unit"]) else ""
+        shown = row["value"] if pd.isna(value) else f"{_number(value)} {unit}"
         rows.append(
             {
-                "part": part,
+                "suite": suite,
                 "case": case,
                 **{verdict: int(count.get(verdict, 0)) for verdict in (HOLDS, REJECTED, FAILS)},
-                "for example": f"{row['quantity']}: {str(said).strip()} ({row['bound']})",
+                "for example": f"{row['quantity']}: {str(shown).strip()} ({row['bound']})",
             }
         )
     return pd.DataFrame(rows)
 
 
 def savings(table: pd.DataFrame) -> pd.DataFrame:
-    """A row a part: time and bytes with and without it, means over the objects, and the worst difference."""
+    """A row an item: time and bytes with and without it, means over the objects, and the worst difference."""
     rows = []
-    for (scene, part), of in table.groupby(["scene", "part"], sort=False):
+    for (stage, item), of in table.groupby(["stage", "item"], sort=False):
         same = set(of["verdict"]) == {SAME}
         rows.append(
             {
-                "scene": scene,
-                "part": part,
+                "stage": stage,
+                "item": item,
                 "when": of["when"].iloc[0],
                 "ms with": _number(1e3 * of["seconds_with"].mean()),
                 "ms without": _number(1e3 * of["seconds_without"].mean()) + ("?" if of["noisy"].all() else ""),
                 "KiB with": _number(of["bytes_with"].mean() / 1024),
                 "KiB without": _number(of["bytes_without"].mean() / 1024),
                 "largest difference": f"{_number(of['difference'].max())} {of['unit'].iloc[0]}",
-                "verdict": in_words(scene, part, same, of["left_out"].all()),
+                "verdict": in_words(same, of["state"].iloc[0]),
             }
         )
     return pd.DataFrame(rows)

@@ -22,10 +22,10 @@ def write_text(summary: pd.DataFrame, path: Path | str) -> None:
 
 
 def read(paths: Iterable[Path | str]) -> pd.DataFrame:
-    """The tables of a report's parts, one below the other; only an empty field is no value.
+    """The tables of a report's items, one below the other; only an empty field is no value.
 
     The column `value` stays as it is written: numbers of one knob, words of another.
     """
     how = {"keep_default_na": False, "na_values": [""], "dtype": {"value": str}}
-    parts = [pd.read_csv(path, **how) for path in paths]
-    return pd.concat(parts, ignore_index=True)
+    items = [pd.read_csv(path, **how) for path in paths]
+    return pd.concat(items, ignore_index=True)

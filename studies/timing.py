@@ -14,7 +14,7 @@ Result = TypeVar("Result")
 ROUNDS = 5
 # A timing shorter than this is made of several calls: the clock and the call cost a microsecond.
 SHORTEST = 0.005
-# Two methods are told apart if zero is outside this interval of the logarithm of their ratio, round by round.
+# Two methods differ significantly if zero is outside this interval of the logarithm of their ratio, round by round.
 CONFIDENCE = 0.95
 
 
@@ -28,9 +28,13 @@ class Timing(NamedTuple):
 
 
 def interleaved(
-    methods: Mapping[str, Callable[[], object]], rounds: int = ROUNDS, seed: int = 0, warm: bool = False
+    methods: Mapping[str, Callable[[], object]],
+    rounds: int = ROUNDS,
+    seed: int = 0,
+    warm: bool = False,
+    clock: Callable[[], float] = time.perf_counter,
 ) -> dict[str, Timing]:
-    """Wall seconds of each method, taken in rounds: in each round every method once, in random order.
+    """Seconds of each method, taken in rounds: in each round every method once, in random order.
 
     So what slows the machine for a while slows all of them, and cancels in their ratios. A short method is
     called several times a round.
@@ -40,6 +44,7 @@ def interleaved(
         rounds: at least 1.
         warm: each was called before; otherwise it is called once untimed, so that what is made at the first
             use is there.
+        clock: wall time, or `time.process_time` for processor time.
 
     Raises ValueError if there is no method or no round.
     """
@@ -52,17 +57,17 @@ def interleaved(
     taken: dict[str, list[float]] = {name: [] for name in methods}
     for _ in range(rounds):
         for name in order.permutation(list(methods)):
-            taken[name].append(_seconds(methods[name]))
+            taken[name].append(_seconds(methods[name], clock))
     return {name: timing(values) for name, values in taken.items()}
 
 
-def _seconds(function: Callable[[], object]) -> float:
+def _seconds(function: Callable[[], object], clock: Callable[[], float]) -> float:
     """Of one call; the mean of as many as it takes to be `SHORTEST` long."""
-    calls, start = 0, time.perf_counter()
+    calls, start = 0, clock()
     while True:
         function()
         calls += 1
-        spent = time.perf_counter() - start
+        spent = clock() - start
         if spent >= SHORTEST:
             return spent / calls
 
@@ -73,8 +78,8 @@ def timing(rounds: Sequence[float] | np.ndarray) -> Timing:
     return Timing(float(median), float(low), float(high), np.asarray(rounds, dtype=float))
 
 
-def told_apart(one: Timing, other: Timing) -> bool:
-    """Whether the rounds rank two methods: Student's interval of the mean log ratio leaves out 0.
+def differs_significantly(one: Timing, other: Timing) -> bool:
+    """Whether the rounds rank two methods: Student's interval of the mean log ratio excludes 0.
 
     The two must be of the same rounds. False also for a single round, and for equal times.
     """

@@ -68,14 +68,15 @@ class JoinedArray(Sequence):
         entries = [self._entries[number] for number in np.arange(len(self))[first]]
         shape, dtype = self._record()
         shape = [axis for axis in map(_length, shape, further) if axis is not None] + list(shape[len(further) :])
-        result = np.empty((len(entries), *shape), dtype)
+        text = CONTRACT[self._stage].arrays[self._name].dtype == "string"
+        result = np.empty((len(entries), *shape), object if text else dtype)
         places: dict[str, list[int]] = {}
         for place, entry in enumerate(entries):
             places.setdefault(entry.batch, []).append(place)
         for batch, of_batch in places.items():
             rows = [self._run.row(self._stage, entries[place]) for place in of_batch]
             result[of_batch] = self._store(batch).rows(self._name, rows, *further)
-        return result
+        return result.astype(str) if text else result
 
     def _split(self, index: Index | tuple) -> tuple[Index, tuple[int | slice, ...]]:
         """The index of the first axis, and those of the further axes that have one."""
@@ -142,7 +143,7 @@ class JoinedArray(Sequence):
         above = f"NaN, infinite or above {limit:g}" if np.isfinite(limit) else "NaN or infinite"
         return StoreError(
             f"{path}: {self._name} of {entry.object} is {above}; remove the store and build it again with: "
-            f"snakemake {self._stage}/{path.name}, or leave the object out"
+            f"snakemake {self._stage}/{path.name}, or omit the object"
         )
 
 

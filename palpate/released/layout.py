@@ -73,7 +73,7 @@ class ReleasedObject(NamedTuple):
 def read_released(root: Path | str) -> list[ReleasedObject]:
     """The objects of a released dataset that have surface, images, scene info and a split; by class and name.
 
-    Objects that lack one of these are left out, as the authors' loaders do, and named in a warning. Raises
+    Objects that lack one of these are omitted, as in the authors' loaders, and named in a warning. Raises
     UnusableObject, naming file and remedy, if a folder or `split.npy` is missing, or `split.npy` is something else.
     """
     root = Path(root)

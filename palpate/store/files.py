@@ -175,6 +175,13 @@ def _write_hdf5(path: Path, spec: StoreSpec, arrays: dict[str, np.ndarray], attr
                 dataset.attrs.update({"meaning": spec.arrays[name].meaning, "unit": spec.arrays[name].unit})
 
 
+def _as_str(values: np.ndarray) -> np.ndarray:
+    """An array as read, its strings as numpy's str."""
+    if values.dtype.kind == "S":
+        return np.char.decode(values, "utf-8")
+    return values.astype(str) if values.dtype == object else values
+
+
 class Store:
     """One batch's store, for reading: `store["depth"]`, `store.get("depth", 3)`, `store.attributes`.
 
@@ -213,7 +220,7 @@ class Store:
 
     @contextmanager
     def _arrays(self) -> Iterator[h5py.File | zarr.Group]:
-        """The file or folder, open for reading; what goes wrong with it becomes a StoreError."""
+        """The file or folder, open for reading; errors in the block become a StoreError that names it."""
         try:
             if self.path.suffix == ".zarr":
                 yield self._group
@@ -267,10 +274,7 @@ class Store:
     def get(self, name: str, index: Any = ...) -> np.ndarray:
         """What `index` picks of one array, read now; strings come as a numpy array of str."""
         with self._arrays() as arrays:
-            values = np.asarray(self._array(arrays, name)[index])
-        if values.dtype.kind == "S":
-            return np.char.decode(values, "utf-8")
-        return values.astype(str) if values.dtype == object else values
+            return _as_str(np.asarray(self._array(arrays, name)[index]))
 
     def rows(self, name: str, rows: Sequence[int], *further: int | slice) -> np.ndarray:
         """Rows of one array, in the order given, and what `further` (numbers from 0, slices) picks of its other axes.
@@ -280,7 +284,7 @@ class Store:
         with self._arrays() as arrays:
             array = self._array(arrays, name)
             if not isinstance(array, zarr.Array) or array.shards is None:  # one chunk
-                return np.asarray(array[...])[(np.asarray(rows, dtype=int), *further)]
+                return _as_str(np.asarray(array[...]))[(np.asarray(rows, dtype=int), *further)]
             if not further and is_shard(array):
                 return read_rows(self.path / name, array, rows)
             result = np.empty((len(rows), *np.broadcast_to(0, array.shape[1:])[further].shape), array.dtype)

@@ -1,6 +1,6 @@
 """Error and time of what charts are computed with.
 
-    python studies/benchmarks/charts.py [--only part] [--threads 2]
+    python -m studies.benchmarks.charts [--only aggregate | chamfer] [--threads 2]
 
 Sums over neighbourhoods and Chamfer distances, each beside the other ways that were tried, their runs taken
 in turn. Clouds are those of a dataset. Times are medians: of processor time with one thread (what else the
@@ -28,19 +28,13 @@ from palpate.charts import (
     vision_atlas,
 )
 from palpate.charts.chamfer import nearest_in_blocks
+from studies.timing import interleaved
 
 
 def medians(ways: dict[str, Callable[[], object]], runs: int) -> dict[str, float]:
     """Milliseconds of each way; runs are taken in turn, so that all meet the same conditions."""
     clock = time.process_time if torch.get_num_threads() == 1 else time.perf_counter
-    times: dict[str, list[float]] = {name: [] for name in ways}
-    for turn in range(runs + 1):  # the first is for warming up
-        for name, way in ways.items():
-            start = clock()
-            way()
-            if turn:
-                times[name].append(1e3 * (clock() - start))
-    return {name: round(float(np.median(taken)), 3) for name, taken in times.items()}
+    return {name: round(1e3 * spent.seconds, 3) for name, spent in interleaved(ways, runs, clock=clock).items()}
 
 
 def sums(graph: Graph) -> dict[str, Callable[[Tensor], Tensor]]:
@@ -125,12 +119,12 @@ def chamfer(dataset: palpate.Dataset, runs: int) -> pd.DataFrame:
     """Both directions between a prediction and an object's surface, trees included; mean over objects."""
     random = np.random.default_rng(0)
     surface = dataset.array("surface", "points")
-    some = random.choice(len(surface), 8, replace=False)
+    subsample = random.choice(len(surface), 8, replace=False)
     rows = []
     for n in (1500, 10000):
         for stage in ("atlas", "near"):
             found = []
-            for index in some:
+            for index in subsample:
                 truth = np.asarray(surface[int(index)])[:n]
                 predicted = predictions(truth, random)[stage]
                 p, q = torch.from_numpy(predicted), torch.from_numpy(truth)
@@ -163,12 +157,12 @@ def main() -> None:
     arguments = parser.parse_args()
     torch.set_num_threads(arguments.threads)
     dataset = None if arguments.only == "aggregate" else palpate.Dataset(arguments.run)
-    parts = {
+    tables = {
         "aggregate": lambda: aggregate(arguments.runs).set_index(["V", "B", "C"]).T,
         "chamfer": lambda: chamfer(dataset, arguments.runs).set_index(["points", "prediction"]).T,
     }
-    for name in [arguments.only] if arguments.only else parts:
-        print(f"\n{name}, ms, {arguments.threads} thread(s)\n{parts[name]().to_string()}", flush=True)
+    for name in [arguments.only] if arguments.only else tables:
+        print(f"\n{name}, ms, {arguments.threads} thread(s)\n{tables[name]().to_string()}", flush=True)
 
 
 if __name__ == "__main__":

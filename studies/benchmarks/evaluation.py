@@ -1,6 +1,6 @@
 """How wrong evaluations are, at what cost.
 
-    python studies/benchmarks/evaluation.py results/small [--objects N]
+    python -m studies.benchmarks.evaluation results/small [--objects N]
 
 Prints, for objects of a run that has been built: what a perfect prediction (the true mesh) scores, which is
 the error of sampling, against the points sampled, for the Chamfer distance and for rings; the time of both;

@@ -1,4 +1,4 @@
-"""What grasps cost, and their statistics: `python studies/benchmarks/grasp.py [table ...]`.
+"""What grasps cost, and their statistics: `python -m studies.benchmarks.grasp [table ...]`.
 
 Tables: stages, statistics (default: both). Objects are procedural, `--objects` of each class, with the meshes
 and surface points that the workflow gives them by default: the first row of the statistics is that of a

@@ -1,6 +1,6 @@
 """How long writing a batch's stores takes, and how big they are, by compression; and validation's time.
 
-    python studies/benchmarks/store.py results/<run> [--batch batch-0000] [--repeats 3]
+    python -m studies.benchmarks.store results/<run> [--batch batch-0000] [--repeats 3]
 
 Takes the arrays of a batch that was really made. Times are ms of processor time an object, medians; sizes kB
 an object.
@@ -9,9 +9,9 @@ an object.
 import argparse
 import contextlib
 import os
-import statistics
 import tempfile
 import time
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
@@ -20,6 +20,7 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 from palpate import store
 from palpate.dataset import Dataset, validation
 from palpate.store import files
+from studies.timing import interleaved
 
 CODECS = {
     "none": None,
@@ -33,14 +34,9 @@ CODECS = {
 }
 
 
-def seconds(function, repeats: int) -> float:
+def seconds(function: Callable[[], object], repeats: int) -> float:
     """Median processor time of a call, whatever else the machine does."""
-    times = []
-    for _ in range(repeats):
-        start = time.process_time()
-        function()
-        times.append(time.process_time() - start)
-    return statistics.median(times)
+    return interleaved({"it": function}, repeats, clock=time.process_time)["it"].seconds
 
 
 def size(path: Path) -> int:

@@ -1,4 +1,4 @@
-"""What the steps of touch cost: `python studies/benchmarks/touch.py [--runs N]`.
+"""What the steps of touch cost: `python -m studies.benchmarks.touch [--runs N]`.
 
 Four sensors press on a 20,480-face object, as in a grasp. Times are processor time (all threads added up, as
 on one core), medians over the runs. Errors against time: `studies.error_vs_runtime.touch`.
@@ -16,6 +16,7 @@ import trimesh
 from scipy.spatial.transform import Rotation
 
 from palpate.touch import RayCaster, local_points, sense, shade
+from studies.timing import interleaved
 
 # Where the surface meets the gel: about 19 mm from the sensor plane.
 CONTACT = 0.019
@@ -42,15 +43,6 @@ def four_contacts(mesh: trimesh.Trimesh, seed: int) -> tuple[np.ndarray, np.ndar
     return points - CONTACT * rotation[:, :, 0], rotation
 
 
-def milliseconds(function, runs: int) -> float:
-    times = []
-    for _ in range(runs):
-        start = time.process_time()
-        function()
-        times.append(time.process_time() - start)
-    return 1e3 * float(np.median(times))
-
-
 def whole_grasp(mesh, runs: int) -> pd.DataFrame:
     caster = RayCaster(mesh)
     position, rotation = four_contacts(mesh, seed=0)
@@ -69,7 +61,8 @@ def whole_grasp(mesh, runs: int) -> pd.DataFrame:
         "success only": lambda: caster.succeeds(position, rotation),
         "four sensors that touch nothing": lambda: sense(caster, away, rotation),
     }
-    return pd.DataFrame([{"step": name, "ms": milliseconds(step, runs)} for name, step in steps.items()])
+    times = interleaved(steps, runs, clock=time.process_time)
+    return pd.DataFrame([{"step": name, "ms": 1e3 * spent.seconds} for name, spent in times.items()])
 
 
 def main() -> None:

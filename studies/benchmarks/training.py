@@ -1,6 +1,6 @@
 """Which recipe reaches the lowest validation loss in a given time.
 
-    python studies/benchmarks/training.py results/<run> [--experiment charts_occluded_touch] [--recipe fast]
+    python -m studies.benchmarks.training results/<run> [--experiment charts_occluded_touch] [--recipe fast]
         [--seconds 200 | --steps 1000] [--windows 1] [--validate-on results/<larger run>] [--seeds 0 1]
         [--variants NAME ...]
 

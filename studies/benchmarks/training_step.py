@@ -1,6 +1,6 @@
 """One training step, against the same model written down plainly.
 
-    python studies/benchmarks/training_step.py
+    python -m studies.benchmarks.training_step
 
 The plain one is `straightforward.py`: dense adjacency, the image encoded at each deformation, all pairs of
 points. Both take the same weights, batch and sampled points; loss, gradients and the weights
@@ -18,7 +18,6 @@ from copy import deepcopy
 from pathlib import Path
 
 import pandas as pd
-import straightforward
 import torch
 import yaml
 from torch import Tensor
@@ -28,6 +27,7 @@ from palpate.mesh import OBJECT_POSITION
 from palpate.models import PAPER_ARCHITECTURES, Reconstruction
 from palpate.models.reconstruction import DEFORMATIONS
 from palpate.vision.camera import IMAGE_SIZE
+from studies.benchmarks import straightforward
 
 # The paper's layers, with starting weights that leave the charts near their start, as after some training.
 STABLE = {"normalise_positions": True, "init": "he", "last_layer_scale": 0.01}

@@ -13,7 +13,7 @@ import numpy as np
 import pandas as pd
 
 from studies.error_vs_runtime.front import front
-from studies.timing import ROUNDS, Timing, interleaved, timing, told_apart, with_peak_memory
+from studies.timing import ROUNDS, Timing, differs_significantly, interleaved, timing, with_peak_memory
 
 log = logging.getLogger(__name__)
 
@@ -116,11 +116,11 @@ def over_objects(table: pd.DataFrame) -> pd.DataFrame:
     return table[(table["object"] == ALL) | ~table["stage"].isin(together)]
 
 
-def _together(parts: list, units: Mapping[str, str]) -> tuple[dict[str, float], float, Timing]:
+def _together(found: list, units: Mapping[str, str]) -> tuple[dict[str, float], float, Timing]:
     """One method on several objects: mean errors, the largest memory, the mean time round by round."""
-    errors = {key: float(np.mean([errors[key] for errors, _, _ in parts])) for key in units}
-    together = timing(np.mean([each.rounds for _, _, each in parts], axis=0))
-    return errors, max(memory for _, memory, _ in parts), together
+    errors = {key: float(np.mean([errors[key] for errors, _, _ in found])) for key in units}
+    together = timing(np.mean([each.rounds for _, _, each in found], axis=0))
+    return errors, max(memory for _, memory, _ in found), together
 
 
 def _rows(study: Study, name: str, found: Mapping[Method, tuple], rounds: int) -> list[dict[str, Any]]:
@@ -162,6 +162,6 @@ def _noisy(times: list[Timing], best: np.ndarray) -> np.ndarray:
     ranked = sorted(np.flatnonzero(best), key=lambda k: times[k].seconds)
     noisy = np.zeros(len(times), dtype=bool)
     for one, other in zip(ranked, ranked[1:], strict=False):
-        if not told_apart(times[one], times[other]):
+        if not differs_significantly(times[one], times[other]):
             noisy[[one, other]] = True
     return noisy

@@ -1,1 +1,1 @@
-"""What scenes leave out: each module has `leavings(run, subjects, settings)`."""
+"""What is omitted: each module has `omissions(run, subjects, settings)`, which yields `omission.Omission`s."""

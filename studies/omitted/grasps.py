@@ -16,7 +16,7 @@ from palpate.grasp.patches import surface_patches
 from palpate.grasp.penetration import PenetrationCheck
 from palpate.hand import Hand
 from palpate.mesh import OBJECT_POSITION, load_collision, load_visual
-from studies.omitted.omission import Leaving
+from studies.omitted.omission import NOT_MODELLED, OMITTED, STAYS, Omission
 from studies.omitted.reach import WithinReach
 from studies.omitted.simulations import ChangedSimulation, EveryFace, EveryPair
 from studies.subjects import Subject
@@ -29,7 +29,7 @@ ROUNDING, GIVING_WAY = 1e-6, 0.01
 BOUNDS = {"gravity": ROUNDING, "object degrees of freedom": GIVING_WAY}
 
 # Items that the engine omits: the result is the same.
-OMITTED = (
+OMITTED_ITEMS = (
     "visual geometry",
     "gravity",
     "object degrees of freedom",
@@ -37,23 +37,23 @@ OMITTED = (
     "pairs of object patches",
 )
 # Items that the check of penetration omits, each with a check that doesn't, and the method that looks.
-OMITTED_IN_CHECK: dict[str, tuple[type[PenetrationCheck], str]] = {
+CHECK_ITEMS: dict[str, tuple[type[PenetrationCheck], str]] = {
     "faces out of the hand": (EveryFace, "in_object"),
     "links apart": (EveryPair, "in_itself"),
 }
 # Items that the engine goes without by choice, and why: with them the result is another.
-NOT_MODELLED = {
+NOT_MODELLED_ITEMS = {
     "pairs of joined links": "their boxes overlap at the hinge, where the links themselves don't",
     "friction": "fingers slide to where their servos want them; with it they stick where they touch first",
     "sag under gravity": "servos without compensation end below their targets",
     "loose object": "the first finger would push it away, and its pose would not be known",
 }
 # Items that the engine has, and why.
-KEPT = {
+KEPT_ITEMS = {
     "self-collision": "fingers would pass through each other",
     "patches out of reach": "the engine's tree of boxes passes them by: nothing would be saved",
 }
-ITEMS = (*OMITTED, *OMITTED_IN_CHECK, *NOT_MODELLED, *KEPT)
+ITEMS = (*OMITTED_ITEMS, *CHECK_ITEMS, *NOT_MODELLED_ITEMS, *KEPT_ITEMS)
 # Items that the compiled model grows by: they are timed with its compilation.
 IN_THE_MODEL = ("visual geometry", "pairs of palm and object", "pairs of object patches")
 # Tens of thousands of pairs, at half a second a closing and more: tried on one object, once.
@@ -78,7 +78,7 @@ class Ends(NamedTuple):
     model_bytes: int
 
 
-def leavings(run: Path, subjects: list[Subject], settings: Mapping) -> Iterator[Leaving]:
+def omissions(run: Path, subjects: list[Subject], settings: Mapping) -> Iterator[Omission]:
     """The same closings with each item and without it, and the check of where they end.
 
     The pairs of patches are tried on the object that has the fewest, with one closing.
@@ -87,7 +87,7 @@ def leavings(run: Path, subjects: list[Subject], settings: Mapping) -> Iterator[
     cases = [case_of(run, subject, settings["grasps"]["timestep"]) for subject in subjects]
     cases = [case for case in cases if case.closings]
     for case in cases:
-        for item in (*OMITTED, *NOT_MODELLED, *KEPT):
+        for item in (*OMITTED_ITEMS, *NOT_MODELLED_ITEMS, *KEPT_ITEMS):
             if item != SLOW:
                 yield of_closings(case, item)
         yield from of_check(case)
@@ -111,18 +111,18 @@ def case_of(run: Path, subject: Subject, timestep: float) -> Case:
     return Case(subject.name, visual, surface_patches(collision), hand, timestep, closings)
 
 
-def of_closings(case: Case, item: str) -> Leaving:
+def of_closings(case: Case, item: str) -> Omission:
     """An item of the simulation."""
     simulations = [partial(changed, case, item), partial(GraspSimulation, case.hand, case.patches, case.timestep)]
-    if item in KEPT:
+    if item in KEPT_ITEMS:
         simulations.reverse()
     if item in IN_THE_MODEL:
         with_it, without = (lambda compiled=compiled: ends(compiled(), case) for compiled in simulations)
     else:
         with_it, without = (partial(ends, compiled(), case) for compiled in simulations)
-    return Leaving(
-        scene="grasp",
-        part=item,
+    return Omission(
+        stage="grasp",
+        item=item,
         when=when(item),
         object=case.name,
         with_it=with_it,
@@ -131,7 +131,7 @@ def of_closings(case: Case, item: str) -> Leaving:
         unit="degrees",
         bound=BOUNDS.get(item, 0.0),
         size=lambda found: found.model_bytes,
-        left_out=item in OMITTED,
+        state=NOT_MODELLED if item in NOT_MODELLED_ITEMS else STAYS if item in KEPT_ITEMS else OMITTED,
     )
 
 
@@ -144,9 +144,9 @@ def changed(case: Case, *items: str) -> GraspSimulation:
 
 def when(item: str) -> str:
     """When an item is omitted, in words."""
-    if item in NOT_MODELLED:
-        return f"always, by choice of the model, not as a saving: {NOT_MODELLED[item]}"
-    return f"never: {KEPT[item]}" if item in KEPT else "always"
+    if item in NOT_MODELLED_ITEMS:
+        return f"always, by choice of the model, not as a saving: {NOT_MODELLED_ITEMS[item]}"
+    return f"never: {KEPT_ITEMS[item]}" if item in KEPT_ITEMS else "always"
 
 
 def ends(simulation: GraspSimulation, case: Case) -> Ends:
@@ -163,14 +163,14 @@ def turned(one: Ends, other: Ends) -> float:
     return float(np.degrees(np.abs(one.joint_positions - other.joint_positions).max()))
 
 
-def of_check(case: Case) -> Iterator[Leaving]:
+def of_check(case: Case) -> Iterator[Omission]:
     """Items of the check of penetration, on hands at their targets: deeper than they come to be."""
     links = [case.hand.forward(pose, targets) for pose, targets in case.closings[:CHECKED]]
-    for item, (naive, look) in OMITTED_IN_CHECK.items():
+    for item, (naive, look) in CHECK_ITEMS.items():
         with_it, without = (getattr(check(case.hand, case.visual), look) for check in (naive, PenetrationCheck))
-        yield Leaving(
-            scene="grasp",
-            part=item,
+        yield Omission(
+            stage="grasp",
+            item=item,
             when=when(item),
             object=case.name,
             with_it=partial(depths, with_it, links),

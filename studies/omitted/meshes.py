@@ -12,7 +12,7 @@ import trimesh
 from palpate import mesh
 from palpate.mesh.decimate import collapse
 from palpate.mesh.distance import Surface, distance
-from studies.omitted.omission import Leaving
+from studies.omitted.omission import Omission
 from studies.subjects import Subject
 
 WHEN = "a mesh has no more faces than a level asks for"
@@ -28,7 +28,7 @@ class Level(NamedTuple):
     stated: dict[str, Any]
 
 
-def leavings(run: Path, subjects: list[Subject], settings: Mapping) -> Iterator[Leaving]:
+def omissions(run: Path, subjects: list[Subject], settings: Mapping) -> Iterator[Omission]:
     """Objects made anew from their own collision meshes, which are as small as is asked for.
 
     settings: `mesh`. Read of the run: the objects' meshes.
@@ -39,9 +39,9 @@ def leavings(run: Path, subjects: list[Subject], settings: Mapping) -> Iterator[
         faces = max(asked, len(mesh.load_collision(subject.folder).faces))
         make = partial(made, source, faces)
         for item, (omitted, difference) in ITEMS.items():
-            yield Leaving(
-                scene="mesh",
-                part=item,
+            yield Omission(
+                stage="mesh",
+                item=item,
                 when=WHEN,
                 object=subject.name,
                 with_it=lambda make=make, omitted=omitted: omitted(make()),

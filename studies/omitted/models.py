@@ -1,7 +1,7 @@
 """Omissions of models and of their data: models with needless encoders and charts, and arrays that are not taken.
 
 An experiment's arrays are in `palpate.training.inputs`; `palpate.models.Reconstruction` builds only what the
-experiment takes. The naive variants here have the needless parts, whose features get no weight.
+experiment takes. The naive variants here have the needless inputs, whose features get no weight.
 """
 
 from collections.abc import Iterable, Mapping
@@ -25,7 +25,7 @@ from palpate.training import TrainingData, checkpoints, recipes
 from palpate.training.inputs import INPUTS, inputs, stages
 from palpate.training.samples import Assembler, windows
 from palpate.training.touches import object_charts
-from studies.omitted.omission import Leaving
+from studies.omitted.omission import Omission
 from studies.subjects import Subject
 
 VISION = {"strategy": "charts", "vision": "unoccluded", "touch": False, "grasps": 1}
@@ -81,7 +81,7 @@ class SpareGraph(Graph):
 
 
 class NaiveReconstruction(Reconstruction):
-    """A model with needless parts; their features are further inputs of its graph network.
+    """A model with needless inputs; their features are further inputs of its graph network.
 
     naive: of `IMAGE`, `READING` and `SPARE`; all of them by default. Without touch there is no reading to encode.
     """
@@ -127,7 +127,7 @@ class Result(NamedTuple):
     size: int
 
 
-def leavings(run: Path, subjects: list[Subject], settings: Mapping[str, Any]) -> Iterable[Leaving]:
+def omissions(run: Path, subjects: list[Subject], settings: Mapping[str, Any]) -> Iterable[Omission]:
     """Each omission of data and of models, with the first subject of the run.
 
     run: its stores of surface, touch, charts, vision and views, and its U-Net. settings: `training`, whose
@@ -146,7 +146,7 @@ def stage_of(name: str) -> str:
     return next(item.stage for item in INPUTS if item.name in ARRAYS[name])
 
 
-def of_data(run: Path, subject: Subject, name: str, experiment: Mapping[str, Any], when: str, method: str) -> Leaving:
+def of_data(run: Path, subject: Subject, name: str, experiment: Mapping[str, Any], when: str, method: str) -> Omission:
     """The data of an object, loaded, and its samples assembled. With touch charts, they are fitted first, by the
     run's U-Net."""
 
@@ -155,7 +155,7 @@ def of_data(run: Path, subject: Subject, name: str, experiment: Mapping[str, Any
             fitted(run, subject, method)
         return loaded(run, subject, experiment, ARRAYS[name])
 
-    return Leaving(
+    return Omission(
         "experiment",
         name,
         when,
@@ -186,13 +186,13 @@ def fitted(run: Path, subject: Subject, method: str) -> np.ndarray:
 
 def of_model(
     run: Path, subject: Subject, name: str, experiment: Mapping[str, Any], when: str, recipe: Mapping
-) -> Leaving:
+) -> Omission:
     """A model's prediction of an object; its size is that of its parameters and of its graph."""
     torch.manual_seed(0)
     less = built(experiment, recipe)
     more = widened(less, built(experiment, recipe, [name]))
     batch = first_sample(run, subject)
-    return Leaving(
+    return Omission(
         "experiment",
         name,
         when,
@@ -216,7 +216,7 @@ def first_sample(run: Path, subject: Subject) -> dict[str, Tensor]:
 
 
 def built(experiment: Mapping[str, Any], recipe: Mapping[str, Any], naive: Iterable[str] = ()) -> Reconstruction:
-    """The untrained model of an experiment; naive: its needless parts. Its layers are those of vision and
+    """The untrained model of an experiment; naive: its needless inputs. Its layers are those of vision and
     touch, so that there is an encoder to add. The last layer's weights are such that vertices move by
     decimetres, as after training."""
     layers = checkpoints.architecture(BOTH, recipes.settings(recipe, BOTH)) | {"last_layer_scale": LAST_LAYER}
@@ -224,7 +224,7 @@ def built(experiment: Mapping[str, Any], recipe: Mapping[str, Any], naive: Itera
 
 
 def build(experiment: Mapping[str, Any], layers: Mapping[str, Any], naive: Iterable[str] = ()) -> Reconstruction:
-    """The untrained model of an experiment, with needless parts if any are named."""
+    """The untrained model of an experiment, with needless inputs if any are named."""
     vision = experiment["vision"] != "none"
     setup = experiment["strategy"], vision, experiment["touch"], experiment["grasps"], layers
     return NaiveReconstruction(*setup, naive) if naive else Reconstruction(*setup)

@@ -1,4 +1,4 @@
-"""What a scene leaves out: that the result is the same, and what it saves."""
+"""An omission: what a stage does not compute, what that saves, and by how much the result differs."""
 
 import logging
 from collections.abc import Callable, Iterable
@@ -6,35 +6,35 @@ from typing import Any, NamedTuple
 
 import pandas as pd
 
-from palpate.scene import SCENES
-from studies.timing import ROUNDS, interleaved, told_apart
+from studies.timing import ROUNDS, differs_significantly, interleaved
 
 log = logging.getLogger(__name__)
 
 COLUMNS = (
-    "scene", "part", "when", "left_out", "object", "seconds_with", "seconds_without", "seconds_saved",
+    "stage", "item", "when", "omitted", "state", "object", "seconds_with", "seconds_without", "seconds_saved",
     "bytes_with", "bytes_without", "bytes_saved", "difference", "unit", "bound", "verdict", "noisy",
 )  # fmt: skip
 SAME, DIFFERS = "same", "differs"
+OMITTED, STAYS, NOT_MODELLED = "omitted", "stays", "not modelled"
 
 
-class Leaving(NamedTuple):
-    """One part of one scene, with it and without it.
+class Omission(NamedTuple):
+    """One item of a stage's work, with it and without it.
 
     Attributes:
-        scene: a kind of scene of `palpate.scene`, part: one of its parts.
-        when: in which scenes it is left out, in words.
-        object: the object of this scene.
-        with_it, without: make the result with the part and without it, everything else the same.
+        stage: the stage, in words; item: what could be omitted.
+        when: the cases in which it is omitted, in words.
+        object: the object on which the two are compared.
+        with_it, without: make the result with the item and without it, everything else the same.
         difference: the largest difference between the two results, in `unit`.
         bound: what it may be at most; 0 for bit-equal.
-        size: bytes of a result on disk or in memory, where leaving out saves any.
-        left_out: whether the plan leaves it out; what changes the result stays in, or is a choice of the
-            model (`Plan.unmodelled`).
+        size: bytes of a result on disk or in memory, where the omission saves any.
+        state: `OMITTED`: without it the result is the same. `STAYS`: omitting it would change the result or save
+            nothing. `NOT_MODELLED`: a choice of the model and no saving; with it the result is another one.
     """
 
-    scene: str
-    part: str
+    stage: str
+    item: str
     when: str
     object: str
     with_it: Callable[[], Any]
@@ -43,56 +43,56 @@ class Leaving(NamedTuple):
     unit: str
     bound: float = 0.0
     size: Callable[[Any], float] | None = None
-    left_out: bool = True
+    state: str = OMITTED
 
 
-def compare(leaving: Leaving, rounds: int = ROUNDS) -> dict[str, Any]:
-    """A row of `reports/left_out.csv`: times interleaved in one run, `COLUMNS`.
+def compare(omission: Omission, rounds: int = ROUNDS) -> dict[str, Any]:
+    """A row of `reports/omitted.csv` with the columns `COLUMNS`; the two are timed in turns in one run.
 
-    `verdict` is `same` if the difference is within the bound, else `differs`; a part that differs must not be
-    left out. `noisy`: the rounds don't tell the two times apart.
+    An omitted item that differs is a warning in the log. `noisy`: the two times don't differ significantly.
     """
-    everything, less = leaving.with_it(), leaving.without()
-    difference = float(leaving.difference(everything, less))
-    size = (leaving.size(everything), leaving.size(less)) if leaving.size else (float("nan"),) * 2
-    del everything, less
-    times = interleaved({"with": leaving.with_it, "without": leaving.without}, rounds, warm=True)
-    row = {
-        "scene": leaving.scene,
-        "part": leaving.part,
-        "when": leaving.when,
-        "left_out": leaving.left_out,
-        "object": leaving.object,
+    compared = results(omission)
+    times = interleaved({"with": omission.with_it, "without": omission.without}, rounds, warm=True)
+    row = compared | {
         "seconds_with": times["with"].seconds,
         "seconds_without": times["without"].seconds,
         "seconds_saved": times["with"].seconds - times["without"].seconds,
-        "bytes_with": size[0],
-        "bytes_without": size[1],
-        "bytes_saved": size[0] - size[1],
-        "difference": difference,
-        "unit": leaving.unit,
-        "bound": leaving.bound,
-        "verdict": SAME if difference <= leaving.bound else DIFFERS,
-        "noisy": not told_apart(times["with"], times["without"]),
+        "noisy": not differs_significantly(times["with"], times["without"]),
     }
-    log.info("%s without %s: %s", leaving.scene, leaving.part, row)
-    if leaving.left_out and row["verdict"] == DIFFERS:
+    log.info("%s without %s: %s", omission.stage, omission.item, row)
+    if row["omitted"] and row["verdict"] == DIFFERS:
         log.warning(
-            "%s, %s: leaving out %s changes the result by %g %s, more than %g",
-            leaving.scene, leaving.object, leaving.part, difference, leaving.unit, leaving.bound,
+            "%s, %s: omitting %s changes the result by %g %s, more than %g",
+            omission.stage, omission.object, omission.item, row["difference"], omission.unit, omission.bound,
         )  # fmt: skip
     return row
 
 
-def in_words(scene: str, part: str, same: bool, left_out: bool) -> str:
-    """Whether the result is the same without a part, and what becomes of one that is not left out."""
-    said = SAME if same else DIFFERS
-    if left_out:
-        return said
-    known = SCENES.get(scene, {}).get(part)
-    return f"{said}, {'stays in' if known is None or known.modelled else 'not modelled'}"
+def results(omission: Omission) -> dict[str, Any]:
+    """The columns of a row that don't depend on time: each result is made once.
+
+    `verdict` is `same` if the difference is within the bound, else `differs`.
+    """
+    full, reduced = omission.with_it(), omission.without()
+    difference = float(omission.difference(full, reduced))
+    size = (omission.size(full), omission.size(reduced)) if omission.size else (float("nan"),) * 2
+    return {
+        **{key: getattr(omission, key) for key in ("stage", "item", "when", "state", "object", "unit", "bound")},
+        "omitted": omission.state == OMITTED,
+        "bytes_with": size[0],
+        "bytes_without": size[1],
+        "bytes_saved": size[0] - size[1],
+        "difference": difference,
+        "verdict": SAME if difference <= omission.bound else DIFFERS,
+    }
 
 
-def report(leavings: Iterable[Leaving], rounds: int = ROUNDS) -> pd.DataFrame:
-    """The rows of a part of `reports/left_out.csv`."""
-    return pd.DataFrame([compare(each, rounds) for each in leavings], columns=list(COLUMNS))
+def in_words(same: bool, state: str) -> str:
+    """Whether the result is the same without an item; for one that is not omitted also its state."""
+    verdict = SAME if same else DIFFERS
+    return verdict if state == OMITTED else f"{verdict}, {state}"
+
+
+def report(omissions: Iterable[Omission], rounds: int = ROUNDS) -> pd.DataFrame:
+    """The rows of one item of `reports/omitted.csv`."""
+    return pd.DataFrame([compare(each, rounds) for each in omissions], columns=list(COLUMNS))

@@ -1,4 +1,4 @@
-"""What pictures omit: a naive renderer, and each part of its needless work compared with the engine.
+"""What pictures omit: a naive renderer, and each item of its needless work compared with the engine.
 
 Import it before anything that loads embree, because it loads Blender.
 """
@@ -24,20 +24,20 @@ from PIL import Image as PillowImage  # noqa: E402
 from palpate.batch import generator  # noqa: E402
 from palpate.scene import Scene  # noqa: E402
 from palpate.vision.renderer import POINT_FILTER  # noqa: E402
-from studies.omitted.omission import Leaving  # noqa: E402
+from studies.omitted.omission import OMITTED, STAYS, Omission  # noqa: E402
 from studies.pictures import rms  # noqa: E402
 from studies.scenes import scene_of  # noqa: E402
 from studies.subjects import Subject  # noqa: E402
 
 ALONE, HELD, VIEW = "unoccluded image", "occluded image", "view"
-# Grey levels (RMS of the pixels that show something) by which a picture may be another one without a part,
+# Grey levels (RMS of the pixels that show something) by which a picture may be another one without an item,
 # mostly by other random numbers. A picture of 16 samples is off by 4.
 BOUND = 1.5
 VIEWS = 8  # that are rendered
 TEXTURE = 1024  # pixels, the side of the texture that is added and used by nothing
 OUT_OF_SIGHT = (0.0, 0.0, -1000.0)  # m: where a hand is that a picture doesn't show
 
-# Settings of Cycles with a part put in that the engine omits, and with one taken out that it has.
+# Settings of Cycles with an item put in that the engine omits, and with one taken out that it has.
 CYCLES_WITH = {
     "bounces of light after the fourth": {"diffuse_bounces": 12, "glossy_bounces": 12},
     "paths of more than 6 bounces": {"max_bounces": 12, "transmission_bounces": 12},
@@ -56,7 +56,7 @@ EVERY_PICTURE = (
     "samples of mask and depth",
     "paths of more than 6 bounces",
 )
-OMITTED = {
+OMITTED_ITEMS = {
     ALONE: ("hand", "render for every grasp", *EVERY_PICTURE),
     HELD: ("hand's meshes for every object", *EVERY_PICTURE),
     VIEW: ("scene for every view", *EVERY_PICTURE),
@@ -67,15 +67,15 @@ class NaiveRenderer(Renderer):
     """The engine with needless work put in, or with light or the hand taken out.
 
     Attributes:
-        changes: pairs of a kind of picture and a part of it: of `OMITTED` and `CYCLES_WITH` to put it in, of
+        changes: pairs of a kind of picture and an item of it: of `OMITTED_ITEMS` and `CYCLES_WITH` to put it in, of
             `CYCLES_WITHOUT`, or the hand of an occluded image, to take it out.
     """
 
     changes: frozenset[tuple[str, str]] = frozenset()
     _kind = ALONE  # of the picture that is being made
 
-    def _changed(self, part: str) -> bool:
-        return (self._kind, part) in self.changes
+    def _changed(self, item: str) -> bool:
+        return (self._kind, item) in self.changes
 
     def render(self, scene: Scene) -> tuple[Image, list[Image]]:
         self._kind = ALONE
@@ -117,8 +117,8 @@ class NaiveRenderer(Renderer):
         bpy.ops.import_scene.gltf(filepath=str(path), loglevel=50, import_unused_materials=True)
 
     def _draw(self, *arguments, **options):
-        parts = {**CYCLES_WITH, **CYCLES_WITHOUT}
-        changed = [settings for part, settings in parts.items() if self._changed(part)]
+        items = {**CYCLES_WITH, **CYCLES_WITHOUT}
+        changed = [settings for item, settings in items.items() if self._changed(item)]
         self.cycles = {name: value for settings in changed for name, value in settings.items()}
         if self._changed("scene for every view"):
             self._scene.render.use_persistent_data = False
@@ -135,13 +135,13 @@ class NaiveRenderer(Renderer):
         return super()._render_centres()
 
 
-def leavings(run: Path, subjects: list[Subject], settings: Mapping[str, Any]) -> Iterable[Leaving]:
+def omissions(run: Path, subjects: list[Subject], settings: Mapping[str, Any]) -> Iterable[Omission]:
     """Of the first object: alone, in the hand of its first grasps, and from all around.
 
     settings: sections `vision`, `views` and `seed`.
     """
     pictures = _Pictures(Path(run), subjects[0], settings)
-    yield from pictures.of_parts()
+    yield from pictures.of_items()
     yield from pictures.of_light()
 
 
@@ -204,12 +204,12 @@ class _Pictures:
         finally:
             self.renderer.exr = None
 
-    def of_parts(self) -> Iterator[Leaving]:
+    def of_items(self) -> Iterator[Omission]:
         """Parts without which every bit is the same."""
         more, grasps = partial(self.alone, scene=self.with_more_material), min(2, len(self.scene.link_pose))
         images = {"size": lambda found: sum(array.nbytes for image in found for array in image)}
         always, of_all = "always", f"always; here of {grasps} grasps"
-        for kind, part, when, make, options in (
+        for kind, item, when, make, options in (
             (ALONE, "hand", always, partial(self.alone, 1), {}),
             (ALONE, "render for every grasp", of_all, partial(self.alone, grasps), images),
             (ALONE, "materials of no triangle", "where a file has some; here one added", more, {}),
@@ -221,8 +221,8 @@ class _Pictures:
             (HELD, "paths of more than 6 bounces", always, self.in_the_hand, {}),
             (VIEW, "scene for every view", f"always; here of {VIEWS} views", self.views, {}),
         ):  # fmt: skip
-            made = partial(self._made, make, kind, part)
-            yield self._row(kind, part, when, made, make, difference=largest, unit="grey levels", **options)
+            made = partial(self._made, make, kind, item)
+            yield self._row(kind, item, when, made, make, difference=largest, unit="grey levels", **options)
         yield self._row(
             ALONE,
             "EXR master",
@@ -233,9 +233,9 @@ class _Pictures:
             size=lambda found: found[1],
         )
 
-    def of_light(self) -> Iterator[Leaving]:
+    def of_light(self) -> Iterator[Omission]:
         """Parts that change the paths of light: those within a bound are omitted, the others stay."""
-        for part, omitted in (
+        for item, omitted in (
             ("bounces of light after the fourth", True),
             ("caustics", True),
             ("tree of lights", True),
@@ -243,30 +243,30 @@ class _Pictures:
             ("second to fourth bounce of light", False),
             ("hand", False),
         ):
-            changed, engine = partial(self._made, self.in_the_hand, HELD, part), self.in_the_hand
+            changed, engine = partial(self._made, self.in_the_hand, HELD, item), self.in_the_hand
             yield self._row(
                 HELD,
-                part,
+                item,
                 "always" if omitted else "never: it stays",
                 *((changed, engine) if omitted else (engine, changed)),
                 difference=drawn_rms,
                 unit="grey levels (RMS)",
                 bound=BOUND,
-                left_out=omitted,
+                state=OMITTED if omitted else STAYS,
             )
 
-    def _made(self, make: Callable[[], Any], kind: str, part: str) -> Any:
-        """What a function makes of pictures with a part changed."""
-        self.renderer.changes = frozenset({(kind, part)})
+    def _made(self, make: Callable[[], Any], kind: str, item: str) -> Any:
+        """What a function makes of pictures with an item changed."""
+        self.renderer.changes = frozenset({(kind, item)})
         try:
             return make()
         finally:
             self.renderer.changes = frozenset()
 
     def _row(
-        self, kind: str, part: str, when: str, with_it: Callable[[], Any], without: Callable[[], Any], **options: Any
-    ) -> Leaving:
-        return Leaving(kind, part, when, self.subject.name, with_it, without, **options)
+        self, kind: str, item: str, when: str, with_it: Callable[[], Any], without: Callable[[], Any], **options: Any
+    ) -> Omission:
+        return Omission(kind, item, when, self.subject.name, with_it, without, **options)
 
 
 def largest(images: list[Image], others: list[Image]) -> float:

@@ -14,7 +14,7 @@ from palpate.mesh import load_visual
 from palpate.scene import Scene
 from palpate.touch import TouchReading, Tracer
 from palpate.touch.tracing import Block
-from studies.omitted.omission import Leaving
+from studies.omitted.omission import Omission
 from studies.scenes import scene_of
 from studies.subjects import Subject
 
@@ -85,23 +85,23 @@ class Touched:
         return {**store.join("touch", {self.name: record}), "empty_reading": touch.empty_reading()}
 
 
-def leavings(run: Path, subjects: list[Subject], settings: Mapping) -> Iterator[Leaving]:
+def omissions(run: Path, subjects: list[Subject], settings: Mapping) -> Iterator[Omission]:
     """The sensors of all grasps of each object, by the engine and by naive variants, and stores of what they read.
 
     settings: `touch`. Read of the run: meshes and grasps.
     """
     for subject in subjects:
         touched = Touched(run, subject, settings["touch"]["method"])
-        row = partial(Leaving, object=touched.name)
+        row = partial(Omission, object=touched.name)
         flat = touched.scene.sensor_position.reshape(-1, 3), touched.scene.sensor_rotation.reshape(-1, 3, 3)
-        for part, variant, method, difference, unit in (
+        for item, variant, method, difference, unit in (
             ("faces outside the swept box", EveryFace, "trace", deeper, "m"),
             ("pixels outside the block in reach", EveryPixel, "trace", deeper, "m"),
             ("pixels after the first in range", EveryPixelForSuccess, "succeeds", differing, "sensors"),
         ):
             yield row(
-                scene="touch",
-                part=part,
+                stage="touch",
+                item=item,
                 when=ALWAYS,
                 with_it=partial(getattr(touched.tracer(variant), method), *flat),
                 without=partial(getattr(touched.tracer(), method), *flat),
@@ -109,13 +109,13 @@ def leavings(run: Path, subjects: list[Subject], settings: Mapping) -> Iterator[
                 unit=unit,
             )
         engine = touched.tracer()
-        for part, variant, difference, unit in (
+        for item, variant, difference, unit in (
             ("readings of sensors that touched nothing", sense_every_reading, brighter, "grey levels"),
             ("points of sensors that touched nothing", sense_every_cloud, moved, "m"),
         ):
             yield row(
-                scene="touch",
-                part=part,
+                stage="touch",
+                item=item,
                 when=UNTOUCHED,
                 with_it=partial(variant, engine, *touched.sensors),
                 without=partial(touch.sense, engine, *touched.sensors),
@@ -125,8 +125,8 @@ def leavings(run: Path, subjects: list[Subject], settings: Mapping) -> Iterator[
             )
         arrays = touched.arrays(touch.sense(engine, *touched.sensors))
         yield row(
-            scene="store",
-            part="empty chunks",
+            stage="store",
+            item="empty chunks",
             when=f"all of a chunk is the array's fill value: {UNTOUCHED}",
             with_it=partial(written_with_empty_chunks, arrays, written(arrays)),
             without=partial(written, arrays),

@@ -1,10 +1,10 @@
-"""Stiff and extreme cases: what is looked at in each, within which bound, and the verdict.
+"""Stiff and extreme cases: the quantities that each measures, their bounds and verdicts.
 
-A part of the stability report is a module with `CASES`:
+A suite of the stability report is a module with `CASES`:
 
-    CASES = Cases("grasps")
+    CASES = Cases()
 
-    @CASES.case("solref equal to the time step")
+    @CASES.case("solref equal to the time step", "grasps")
     def solref_at_the_time_step(subject):
         yield at_most("penetration", depth, 1e-3, "m")
 """
@@ -22,7 +22,7 @@ import pandas as pd
 
 log = logging.getLogger(__name__)
 
-COLUMNS = ("part", "case", "stage", "quantity", "bound", "value", "unit", "verdict", "note", "seconds")
+COLUMNS = ("suite", "case", "stage", "quantity", "bound", "value", "unit", "verdict", "note", "seconds")
 LOGGED = ("quantity", "value", "unit", "bound", "verdict")
 HOLDS, REJECTED, FAILS = "holds", "rejected", "fails"
 
@@ -51,7 +51,7 @@ class Case(NamedTuple):
 
 
 class Cases(list):
-    """The cases of one part, in order."""
+    """The cases of one suite, in order."""
 
     def case(self, name: str, stage: str, short: bool = True) -> Callable[[Callable], Callable]:
         """Add the function below as a case; it is given a `Subject` and yields findings."""
@@ -89,12 +89,12 @@ def rejects(quantity: str, function: Callable[[], Any], errors: type[Exception] 
     return Finding(quantity, expected, f"accepted: {result!r:.80}", "", FAILS)
 
 
-def examine(part: str, case: Case, subject: Any) -> list[dict[str, Any]]:
+def examine(suite: str, case: Case, subject: Any) -> list[dict[str, Any]]:
     """Rows of one case, with the columns `COLUMNS`: its findings, and what Python or numpy warned of.
 
     An error that the case does not expect is a finding that fails.
     """
-    log.info("%s: %s", part, case.name)
+    log.info("%s: %s", suite, case.name)
     start = time.perf_counter()
     findings: list[Finding] = []
     with warnings.catch_warnings(record=True) as caught:
@@ -102,9 +102,9 @@ def examine(part: str, case: Case, subject: Any) -> list[dict[str, Any]]:
         try:
             findings.extend(case.examine(subject))
             if not findings:
-                raise ValueError("the case looks at nothing")
+                raise ValueError("the case measures nothing")
         except Exception as error:
-            log.exception("%s: %s stopped", part, case.name)
+            log.exception("%s: %s stopped", suite, case.name)
             where = traceback.extract_tb(error.__traceback__)[-1]
             note = f"{type(error).__name__}: {error} ({where.name}, line {where.lineno})"
             findings.append(Finding("runs to its end", "no error", "error", "", FAILS, note))
@@ -115,7 +115,7 @@ def examine(part: str, case: Case, subject: Any) -> list[dict[str, Any]]:
     for finding in findings:
         log.info("  %s: %s %s, %s: %s", *(getattr(finding, key) for key in LOGGED))
     return [
-        {"part": part, "case": case.name, "stage": case.stage, **finding._asdict(), "seconds": seconds}
+        {"suite": suite, "case": case.name, "stage": case.stage, **finding._asdict(), "seconds": seconds}
         | {"note": without_folders(finding.note)}
         for finding in findings
     ]
@@ -126,11 +126,11 @@ def without_folders(note: str) -> str:
     return re.sub(rf"{re.escape(tempfile.gettempdir())}/[^/\s]+/", "", note)
 
 
-def report(part: str, cases: Iterable[Case], subject: Any) -> pd.DataFrame:
-    """All cases of a part on one object of the run: the part's rows of `reports/stability.csv`."""
-    rows = [row for case in cases for row in examine(part, case, subject)]
+def report(suite: str, cases: Iterable[Case], subject: Any) -> pd.DataFrame:
+    """All cases of a suite on one object of the run: its rows of `reports/stability.csv`."""
+    rows = [row for case in cases for row in examine(suite, case, subject)]
     table = pd.DataFrame(rows, columns=list(COLUMNS))
     for row in table[table["verdict"] == FAILS].itertuples():
-        of = f"{part}, {row.case}: {row.quantity}"
+        of = f"{suite}, {row.case}: {row.quantity}"
         log.warning("%s is %s, not %s: %s", of, row.value, row.bound, row.note)
     return table

@@ -271,15 +271,14 @@ def half_clouds(subject: Subject) -> Iterator[Finding]:
     """Against all pairs of the same rounded points, in double precision."""
     for dtype in (torch.bfloat16, torch.float16):
         cloud, other = (cloud_of(subject, 500, seed).to(dtype) for seed in (0, 1))
-        value, gradient = chamfer(cloud, other)
-        name = str(dtype).removeprefix("torch.")
-        yield at_most(f"{name}: relative error", relative(value, brute_force(cloud, other)), ROUNDING)
-        yield equal(f"{name}: NaN or infinite gradients", finite(gradient), 0)
-    near = cloud_of(subject, 500).half()
-    shifted = (near.double() + 1e-4 * torch.tensor([1.0, 1, 1])).half()
-    value = chamfer(near, shifted)[0]
-    expected = brute_force(near, shifted)
-    yield at_most("float16, 0.1 mm apart: relative error", relative(value, expected), ROUNDING)
+        near = (cloud.double() + 1e-4).to(dtype)
+        for what, points in (("", other), (", 0.1 mm apart", near)):
+            name = str(dtype).removeprefix("torch.") + what
+            value, gradient = chamfer(cloud, points)
+            yield at_most(f"{name}: relative error", relative(value, brute_force(cloud, points)), 1e-6)
+            yield equal(f"{name}: NaN or infinite gradients", finite(gradient), 0)
+            yield equal(f"{name}: the gradient's type", gradient.dtype, dtype)
+            yield at_least(f"{name}: gradients other than 0", int((gradient != 0).sum()), 1)
 
 
 @CASES.case("clouds far from the origin and of any size", "chamfer")
@@ -294,17 +293,6 @@ def offsets_and_sizes(subject: Subject) -> Iterator[Finding]:
         scaled = [points * size for points in (cloud, other)]
         error = relative(chamfer(*scaled)[0], brute_force(*scaled))
         yield at_most(f"times {size:g}: relative error", error, ROUNDING)
-
-
-@CASES.case("empty, NaN and infinite clouds", "chamfer")
-def bad_clouds(subject: Subject) -> Iterator[Finding]:
-    """Refused before anything is looked up."""
-    cloud = cloud_of(subject, 50)
-    for value in (torch.nan, torch.inf):
-        bad = cloud.clone()
-        bad[7, 1] = value
-        yield rejects(f"{value} among points", lambda bad=bad: chamfer(bad, cloud), ValueError, "NaN or inf")
-    yield rejects("no points", lambda: chamfer(cloud[:0], cloud), ValueError, "empty point cloud")
 
 
 @CASES.case("faces without area", "sampling")
@@ -351,17 +339,14 @@ def slivers(subject: Subject) -> Iterator[Finding]:
     yield at_most("share of the slivers: standard deviations off", deviation, 4.0)
 
 
-@CASES.case("meshes of 1e-18 to 1e18 times the size", "sampling")
+@CASES.case("meshes of 1e-19 to 1e19 times the size", "sampling")
 def sizes_of_meshes(subject: Subject) -> Iterator[Finding]:
     """Sampled with the same random numbers, the points are the same in any unit that is a power of two."""
     vertices, faces = mesh_of(subject)
     plain = sample_faces(vertices[None], faces, 2000, seeded())
-    for power in (-60, 60):
+    for power in (-66, 66):
         scaled = sample_faces(vertices[None] * 2.0**power, faces, 2000, seeded()) / 2.0**power
         yield equal(f"times 2^{power}: samples that move", int((scaled != plain).sum()), 0)
-    broken = vertices.clone()
-    broken[int(faces[0, 0])] = torch.nan
-    yield rejects("a NaN vertex", lambda: sample_faces(broken[None], faces, 5), ValueError, "NaN or infinite")
 
 
 @CASES.case("collinear charts", "charts")

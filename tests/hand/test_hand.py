@@ -148,9 +148,3 @@ def test_no_hinge_turns_more_than_its_servo_can_stop(hand, size):
     else:
         assert found.max() == pytest.approx(LARGEST_INERTIA, rel=0.02)
         assert model.body_mass.sum() < 0.7 * water
-
-
-@pytest.mark.parametrize("size", [0.001, 10, 1000])
-def test_a_hand_in_other_units_is_an_error(hand, size):
-    with pytest.raises(ValueError, match="from end to end, not 0.01 to 1 m: give all lengths in metres"):
-        resized(hand, size)

@@ -312,11 +312,11 @@ def test_rows_are_those_of_the_array_in_the_order_given(tmp_path, stage):
     write(path_of(tmp_path, stage), stage, arrays, ATTRIBUTES)
     store = palpate.store.open(path_of(tmp_path, stage))
     for name, spec in CONTRACT[stage].arrays.items():
-        if spec.of_objects and name != "object":
+        if spec.of_objects:
             for rows in ([0, 1, 2, 3, 4], [4, 1, 1], [], [3]):
                 found = store.rows(name, rows)
                 np.testing.assert_array_equal(found, arrays[name][rows], err_msg=name)
-                assert found.dtype == arrays[name].dtype
+                assert found.dtype == arrays[name].dtype or name == "object"
                 if arrays[name].ndim > 1:
                     np.testing.assert_array_equal(store.rows(name, rows, 0), arrays[name][rows, 0], err_msg=name)
 

@@ -73,7 +73,7 @@ def test_margins(tmp_path):
         yield at_most("energy", 3.0, 1.0, "J")
         yield rejects("a long quantity " * 8, lambda: int("x"), ValueError, "invalid")
 
-    table = pd.concat([report(part, cases, None) for part in ("contact", "rays")])
+    table = pd.concat([report(suite, cases, None) for suite in ("contact", "rays")])
     figures.margins(table, tmp_path / "margins.png")
     red, green = np.array([213, 94, 0]) / 255, np.array([0, 158, 115]) / 255
     pixels = imread(tmp_path / "margins.png")[..., :3]
@@ -82,12 +82,12 @@ def test_margins(tmp_path):
 
 
 def test_savings(tmp_path):
-    parts = [("gravity", 0.1, np.nan), ("visual geometry", 0.97, 8.0), ("friction", 0.5, 1)]
+    items = [("gravity", 0.1, np.nan), ("visual geometry", 0.97, 8.0), ("friction", 0.5, 1)]
     rows = [
         {
-            "scene": "grasp",
-            "part": part,
-            "left_out": k != 2,
+            "stage": "grasp",
+            "item": item,
+            "state": "not modelled" if k == 2 else "omitted",
             "seconds_with": 1.0,
             "seconds_without": share,
             "bytes_with": size,
@@ -95,7 +95,7 @@ def test_savings(tmp_path):
             "verdict": "differs" if k == 2 else "same",
             "noisy": k == 1,
         }
-        for k, (part, share, size) in enumerate(parts)
+        for k, (item, share, size) in enumerate(items)
     ]
     figures.savings(pd.DataFrame(rows), tmp_path / "savings.png")
     assert (imread(tmp_path / "savings.png")[..., :3].min(axis=2) < 0.9).mean() > 0.01

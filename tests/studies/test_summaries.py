@@ -51,20 +51,20 @@ def test_verdicts_show_what_fails_first(tmp_path):
 
 
 def test_savings_are_means_and_the_worst_difference():
-    def row(part, difference, verdict, left_out, noisy):
+    def row(item, difference, verdict, state, noisy):
         return {
-            "scene": "grasp", "part": part, "when": "always", "left_out": left_out, "seconds_with": 0.2,
+            "stage": "grasp", "item": item, "when": "always", "state": state, "seconds_with": 0.2,
             "seconds_without": 0.1, "bytes_with": 2048.0, "bytes_without": 1024.0, "difference": difference,
             "unit": "mm", "verdict": verdict, "noisy": noisy,
         }  # fmt: skip
 
-    rows = [row("gravity", 0.0, "same", True, False), row("gravity", 0.5, "same", True, True)]
+    rows = [row("gravity", 0.0, "same", "omitted", False), row("gravity", 0.5, "same", "omitted", True)]
     rows += [
-        row("friction", 3.0, "differs", False, True),
-        row("self-collision", 1.0, "differs", False, False),
+        row("friction", 3.0, "differs", "not modelled", True),
+        row("self-collision", 1.0, "differs", "stays", False),
     ]
-    summary = summaries.savings(pd.DataFrame(rows)).set_index("part")
+    summary = summaries.savings(pd.DataFrame(rows)).set_index("item")
     assert summary.loc["gravity", "largest difference"] == "0.5 mm" and summary.loc["gravity", "verdict"] == "same"
     assert summary["ms without"].to_dict() == {"gravity": "100", "friction": "100?", "self-collision": "100"}
     assert summary.loc["friction", "verdict"] == "differs, not modelled" and summary.loc["gravity", "KiB with"] == "2"
-    assert summary.loc["self-collision", "verdict"] == "differs, stays in"
+    assert summary.loc["self-collision", "verdict"] == "differs, stays"

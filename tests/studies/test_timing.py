@@ -1,4 +1,4 @@
-"""Interleaved timing, telling methods apart, memory."""
+"""Interleaved timing, significant differences, memory."""
 
 import subprocess
 import sys
@@ -7,7 +7,7 @@ import time
 import numpy as np
 import pytest
 
-from studies.timing import Timing, interleaved, told_apart
+from studies.timing import Timing, differs_significantly, interleaved
 
 
 def of(*rounds):
@@ -46,14 +46,14 @@ def test_nothing_to_time(methods, rounds):
         interleaved(methods, rounds)
 
 
-def test_methods_are_told_apart_by_their_ratio_and_not_by_the_machines_drift():
+def test_methods_are_differs_significantly_by_their_ratio_and_not_by_the_machines_drift():
     drift = np.array([1.0, 3.0, 0.5, 7.0, 2.0])
     wobble = np.array([1.0, 1.02, 0.99, 1.01, 1.0])
-    assert told_apart(of(*drift), of(*(1.1 * drift * wobble)))
-    assert not told_apart(of(*drift), of(*(1.001 * drift * wobble)))
-    assert not told_apart(of(1.0), of(2.0))
-    assert not told_apart(of(1.0, 1.0), of(1.0, 1.0))
-    assert told_apart(of(1.0, 1.0), of(2.0, 2.0))
+    assert differs_significantly(of(*drift), of(*(1.1 * drift * wobble)))
+    assert not differs_significantly(of(*drift), of(*(1.001 * drift * wobble)))
+    assert not differs_significantly(of(1.0), of(2.0))
+    assert not differs_significantly(of(1.0, 1.0), of(1.0, 1.0))
+    assert differs_significantly(of(1.0, 1.0), of(2.0, 2.0))
 
 
 def test_memory_is_what_the_function_takes_at_most():

@@ -205,17 +205,6 @@ def test_one_rounding_step_beyond_the_range_is_out():
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_a_sensor_inside_geometry_sees_the_wall_in_front_of_it(method):
-    box = trimesh.creation.box((0.03, 0.05, 0.05))
-    depth = method(box).trace(ORIGIN, IDENTITY)
-    np.testing.assert_allclose(depth, 0.015, atol=1.1e-5)
-
-
-def test_a_surface_on_the_sensor_plane_has_depth_zero():
-    assert (RayCaster(sheet(0.0)).trace(ORIGIN, IDENTITY) == 0).all()
-
-
-@pytest.mark.parametrize("method", METHODS)
 def test_what_is_behind_or_beside_the_sensor_is_not_touched(method):
     for away in ((-0.005, 0, 0), (0.02, 0.05, 0), (0.02, 0, -0.05), (0.06, 0, 0)):
         mesh = turned(trimesh.creation.box((0.004, 0.02, 0.02)), (0, 0, 0), away)
@@ -250,43 +239,6 @@ def test_winding_does_not_matter():
     expected = RayCaster(mesh).trace(position, rotation)
     np.testing.assert_allclose(RayCaster(flipped).trace(position, rotation), expected, atol=1e-9)
     np.testing.assert_allclose(RayCaster(half).trace(position, rotation), expected, atol=1e-9)
-
-
-def test_rays_through_vertices_and_edges_do_not_leak():
-    # Vertices exactly at the pixels, so that every ray meets a corner where six faces meet.
-    y, z = np.meshgrid(np.r_[-0.01, PIXEL_CENTRES, 0.01], np.r_[-0.01, PIXEL_CENTRES, 0.01])
-    x = 0.02 + 0.3 * y + 0.1 * np.sin(300 * z) * y
-    n = len(y)
-    corner = (np.arange(n - 1)[:, None] * n + np.arange(n - 1)).ravel()
-    faces = np.concatenate([corner[:, None] + [0, 1, n], corner[:, None] + [1, n + 1, n]])
-    vertices = np.stack([x, y, z], axis=-1).reshape(-1, 3)
-    for seed in range(5):
-        rotation = Rotation.random(random_state=seed).as_matrix()
-        position = np.random.default_rng(seed).uniform(-0.2, 0.2, 3)
-        mesh = trimesh.Trimesh(vertices @ rotation.T + position, faces, process=False)
-        depth = RayCaster(mesh).trace(position[None], rotation[None])[0]
-        np.testing.assert_allclose(depth, x[1:-1, 1:-1], atol=1e-6)
-
-
-@pytest.mark.parametrize("tilt", [0.0, 1e-9, 1e-7, 1e-5, 1e-3, 0.1])
-def test_walls_seen_edge_on_give_points_on_the_mesh(tilt):
-    # A wall along a column of pixels, and slanted triangles in the plane of the rays.
-    wall = trimesh.creation.box((0.01, 2 * abs(PIXEL_CENTRES[30]), 0.008))
-    blade = trimesh.Trimesh(
-        [[0.012, PIXEL_CENTRES[10], -0.01], [0.02, PIXEL_CENTRES[10], 0.01], [0.024, PIXEL_CENTRES[10], 0.0]],
-        [[0, 1, 2]],
-        process=False,
-    )
-    wall.apply_translation((0.02, 0, 0))
-    mesh = trimesh.util.concatenate([wall, blade])
-    rotation = Rotation.from_euler("xyz", [0.0, tilt, tilt]).as_matrix()
-    for seed in range(3):
-        pose = Rotation.random(random_state=seed).as_matrix() if seed else np.eye(3)
-        placed = trimesh.Trimesh(mesh.vertices @ pose.T, mesh.faces, process=False)
-        depth = RayCaster(placed).trace(ORIGIN, (pose @ rotation)[None])[0]
-        points = local_points(depth, ORIGIN[0], pose @ rotation)
-        assert len(points) > 1000
-        assert distance_to(placed, points).max() < 2e-7
 
 
 @settings(max_examples=40, deadline=None)
@@ -384,70 +336,11 @@ def test_a_mesh_without_area_is_refused():
         RayCaster(points)
 
 
-@pytest.mark.parametrize("ahead", [0.0, 1e-12, 1e-9, 1e-8])
-@pytest.mark.parametrize("seed", [1, 2, 3])
-def test_a_surface_on_the_sensor_plane_has_no_holes(ahead, seed):
-    pose = Rotation.random(random_state=seed).as_matrix()
-    position = np.random.default_rng(seed).uniform(-0.2, 0.2, (1, 3))
-    square = sheet(ahead)
-    placed = trimesh.Trimesh(square.vertices @ pose.T + position, square.faces, process=False)
-    np.testing.assert_allclose(RayCaster(placed).trace(position, pose[None])[0], ahead, atol=1e-12)
-
-
-@pytest.mark.parametrize("seed", [1, 2])
-def test_a_surface_just_behind_the_sensor_plane_hides_nothing(seed):
-    pose = Rotation.random(random_state=seed).as_matrix()
-    both = trimesh.util.concatenate([sheet(-1e-9), sheet(0.01)])
-    placed = trimesh.Trimesh(both.vertices @ pose.T, both.faces, process=False)
-    np.testing.assert_allclose(RayCaster(placed).trace(ORIGIN, pose[None])[0], 0.01, atol=1e-9)
-
-
-def test_a_wall_edge_on_through_the_sensor_plane_is_met_at_its_front():
-    wall = trimesh.creation.box((0.01, 2 * abs(PIXEL_CENTRES[30]), 0.008))
-    for seed in range(3):
-        pose = Rotation.random(random_state=seed).as_matrix()
-        placed = trimesh.Trimesh(wall.vertices @ pose.T, wall.faces, process=False)
-        depth = RayCaster(placed).trace(ORIGIN, pose[None])[0]
-        np.testing.assert_allclose(depth[np.isfinite(depth)], 0.005, atol=1e-8)
-
-
-def test_a_steep_plain_larger_than_single_precision_resolves():
-    # 50 m long: Embree's rounding alone would move its depths by centimetres, behind the sensor plane too.
-    slope = 1000.0
-    for seed in range(3):
-        pose = Rotation.random(random_state=seed).as_matrix()
-        plain = sheet(0.0125, 0.8 * slope, 0.6 * slope)
-        placed = trimesh.Trimesh(plain.vertices @ pose.T, plain.faces, process=False)
-        expected = 0.0125 + slope * (0.8 * Y + 0.6 * Z)
-        expected[(expected < 0) | (expected > SENSOR_RANGE)] = np.inf
-        depth = RayCaster(placed).trace(ORIGIN, pose[None])[0]
-        np.testing.assert_allclose(depth, expected, atol=1e-8)
-
-
-def test_sphere_tracing_gives_no_ray_up():
-    # At 89.4 degrees to the sensor plane a ray comes nearer by a hundredth of its distance a step.
-    steep = sheet(0.0125, 80.0, 60.0)
-    expected = 0.0125 + 80 * Y + 60 * Z
-    inside = (expected > 0) & (expected < SENSOR_RANGE)
-    depth = SphereTracer(steep).trace(ORIGIN, IDENTITY)[0]
-    assert inside.sum() > 100
-    assert ((depth - expected)[inside] <= 0).all()
-    assert ((expected - depth)[inside] <= 1e-5 * np.hypot(1, 100) * 1.001).all()
-
-
 @pytest.mark.parametrize("method", METHODS)
-def test_poses_that_are_none_are_refused(method):
+def test_rotations_may_be_in_single_precision(method):
     tracer = method(sheet(0.01))
-    broken = IDENTITY.copy()
-    broken[0, 1, 2] = np.inf
     for call in (tracer.trace, tracer.succeeds):
-        for position in ([[np.nan, 0, 0]], [[0, -np.inf, 0]]):
-            with pytest.raises(ValueError, match="position of sensor 0 is not finite"):
-                call(np.array(position), IDENTITY)
-        for rotation in (broken, np.nan * IDENTITY, -IDENTITY, 2 * IDENTITY):
-            with pytest.raises(ValueError, match="axes of sensor 0"):
-                call(ORIGIN, rotation)
-        call(ORIGIN, IDENTITY.astype(np.float32))
+        np.testing.assert_array_equal(call(ORIGIN, IDENTITY.astype(np.float32)), call(ORIGIN, IDENTITY))
 
 
 def test_points_too_far_out_for_single_precision_are_refused():

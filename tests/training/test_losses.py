@@ -103,14 +103,3 @@ def test_touch_depth_against_all_pairs():
         for k in range(40)
     ]
     assert np.mean(sampled) == pytest.approx(found, rel=0.1)
-
-
-def test_a_touch_without_pixels_raises():
-    depth = torch.full((1, 100, 100), torch.inf)
-    valid = torch.ones(1, 100, 100, dtype=torch.bool)
-    for what, arguments in [
-        ("pixel in range", (depth * 0, valid, depth)),
-        ("valid pixel", (depth * 0 + 0.02, ~valid, depth * 0 + 0.02)),
-    ]:
-        with pytest.raises(ValueError, match=f"touch 0 of the batch has no {what}"):
-            touch_depth_loss(*arguments, None, torch.Generator())

@@ -45,12 +45,12 @@ def test_it_is_read_and_not_simulated(workflow):
 
 
 def test_models_need_no_simulation_of_it(workflow):
-    assert workflow.planned("packs/occluded-charts.h5") <= {
+    assert workflow.planned("models/charts_occluded_touch/seed-0/best.ckpt") <= {
         "catalogue",
         "released",
         "touch_depth",
         "charts",
-        "pack",
+        "reconstruction",
     }
 
 

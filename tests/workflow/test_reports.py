@@ -7,55 +7,47 @@ import pytest
 
 from tests.workflow.conftest import Workflow
 
-ALWAYS = {"reports"}
-STUDY = {"study", "error_vs_runtime"}
-STABILITY = {"extreme_cases", "stability"}
-LEFT_OUT = {"leavings", "left_out"}
+RULES = {"report_item", "report", "reports"}
 
 
 def report_files(jobs) -> set[str]:
-    """The parts that the joined reports ask for."""
+    """The items that the joined reports ask for."""
     return {path for job in jobs for path in job.inputs if path.startswith("reports/") and path.count("/") == 2}
 
 
 @pytest.mark.parametrize(
-    ("stages", "rules", "files"),
+    ("stages", "files"),
     [
-        (
-            ["touch"],
-            STUDY | STABILITY | LEFT_OUT,
-            {"error_vs_runtime/touch", "stability/rays", "left_out/touch"},
-        ),
-        (["shading"], STUDY | STABILITY, {"error_vs_runtime/shading", "stability/rays"}),
+        (["touch"], {"error_vs_runtime/touch", "stability/rays", "omitted/touch"}),
+        (["shading"], {"error_vs_runtime/shading", "stability/rays"}),
         (
             ["renders", "decimation"],
-            STUDY | STABILITY | LEFT_OUT,
             {
                 "error_vs_runtime/renders",
                 "error_vs_runtime/decimation",
                 "stability/geometry",
-                "left_out/renders",
-                "left_out/meshes",
+                "omitted/renders",
+                "omitted/meshes",
             },
         ),
     ],
 )
-def test_a_subset_of_stages(finished, stages, rules, files):
+def test_a_subset_of_stages(finished, stages, files):
     jobs = finished.changed(reports={"stages": stages}).jobs("reports")
-    assert {job.rule for job in jobs} == ALWAYS | rules
+    assert {job.rule for job in jobs} == RULES
     assert report_files(jobs) == {f"reports/{file}.csv" for file in files}
 
 
 def test_all_stages_and_what_they_are_made_from(make_workflow):
     jobs = make_workflow().jobs("reports")
     assert len(report_files(jobs)) == 10 + 4 + 5
-    assert {"meshes", "surface", "grasps", "touch", "pack"} <= {job.rule for job in jobs}
+    assert {"meshes", "surface", "grasps", "touch", "vision", "touch_depth"} <= {job.rule for job in jobs}
     of_touch = make_workflow(reports={"stages": ["touch"]}).planned("reports")
-    assert {"meshes", "surface", "grasps"} <= of_touch and not {"touch", "vision", "pack"} & of_touch
+    assert {"meshes", "surface", "grasps"} <= of_touch and not {"touch", "vision", "touch_depth"} & of_touch
 
 
 def test_reports_are_no_part_of_a_run(finished):
-    assert not (STUDY | STABILITY | LEFT_OUT) & finished.planned("all")
+    assert not RULES & finished.planned("all")
 
 
 @pytest.mark.parametrize("reports", [{"stages": ["tuoch"]}, {"rounds": 1}, {"stages": []}])
@@ -65,7 +57,7 @@ def test_a_mistake_in_the_config_is_an_error(make_workflow, reports):
 
 
 def test_reports_on_a_folder_of_meshes(finished, tmp_path):
-    """One stage, for real: the parts joined, every method timed on every object; in a copy of the run."""
+    """One stage, for real: the items joined, every method timed on every object; in a copy of the run."""
     shutil.copytree(finished.run, tmp_path / finished.run.name)
     config = {"results": str(tmp_path), "reports": {"stages": ["touch"], "objects": 2}}
     workflow = Workflow(finished.changed(**config).config, tmp_path / finished.run.name)
@@ -76,7 +68,7 @@ def test_reports_on_a_folder_of_meshes(finished, tmp_path):
     assert set(table["object"]) == {"brick-millimetres", "can-nested-flat", "all"}
     assert table.groupby("object").size().nunique() == 1 and table["chosen"].any()
     verdicts = pd.read_csv(reports / "stability.csv")
-    assert set(verdicts["part"]) == {"rays"} and "fails" not in set(verdicts["verdict"])
-    left_out = pd.read_csv(reports / "left_out.csv")
-    assert (left_out.loc[left_out["left_out"], "verdict"] == "same").all()
-    assert all((reports / f"{name}.png").stat().st_size for name in ("error_vs_runtime", "stability", "left_out"))
+    assert set(verdicts["suite"]) == {"rays"} and "fails" not in set(verdicts["verdict"])
+    omitted = pd.read_csv(reports / "omitted.csv")
+    assert (omitted.loc[omitted["omitted"], "verdict"] == "same").all()
+    assert all((reports / f"{name}.png").stat().st_size for name in ("error_vs_runtime", "stability", "omitted"))

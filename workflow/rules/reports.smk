@@ -1,168 +1,98 @@
-# What can be trusted: error against run time, stability on extreme cases, what scenes leave out. Made on demand, by
-# `snakemake reports`, on some objects of the run. Jobs that take times have the machine for themselves.
+# Error against run time, stability on extreme cases, what is omitted. Made on demand, by `snakemake reports`, on some
+# objects of the run. What each item reads stands in studies/items.py.
+from studies import items as report_items
+from studies.subjects import in_turn
+
+REPORT_OBJECTS = in_turn(ENTRIES, lambda entry: entry.class_name)[: config["reports"]["objects"]]
+REPORT_BATCHES = sorted({BATCHES[ENTRIES.index(entry) // config["batch_size"]] for entry in REPORT_OBJECTS})
+
+
+def report_item(wildcards):
+    return report_items.REPORTS[wildcards.report][wildcards.item]
+
+
+def report_inputs(wildcards):
+    """What an item reads, of the batches that hold the report's objects."""
+    files = {name: report_items.FILES[name] for name in report_item(wildcards).reads}
+    files["catalogue"] = "catalogue/{batch}.csv"
+    return {name: expand(paths, batch=REPORT_BATCHES, every_batch=BATCHES) for name, paths in sorted(files.items())}
+
+
+def report_settings(wildcards):
+    """The sections of the config that an item depends on."""
+    return {section: RECIPE if section == "recipe" else config[section] for section in report_item(wildcards).settings}
+
+
+def report_tables(report):
+    """The tables of the items that `reports.stages` asks for."""
+    asked = report_items.asked_for(report, config["reports"]["stages"])
+    return expand(f"reports/{report}/{{item}}.csv", item=asked)
+
+
+def timed(wildcards):
+    """Whether an item measures times: then no other job runs beside it."""
+    return wildcards.report in report_items.TIMED
+
+
 localrules:
     reports,
 
 
-# Error against run time of one stage.
-rule study:
+rule report_item:
     input:
-        unpack(report_inputs("error_vs_runtime")),
+        unpack(report_inputs),
     output:
-        table="reports/error_vs_runtime/{part}.csv",
+        table="reports/{report}/{item}.csv",
     log:
-        "logs/reports/error_vs_runtime-{part}.log",
+        "logs/reports/{report}-{item}.log",
     benchmark:
-        "benchmarks/reports/error_vs_runtime-{part}.tsv"
-    conda:
-        CONDA
-    threads: whole_machine()
+        "benchmarks/reports/{report}-{item}.tsv"
+    wildcard_constraints:
+        report="|".join(report_items.REPORTS),
+    # It works on one thread.
+    threads: lambda wildcards: (workflow.cores or 1) if timed(wildcards) else 1
     resources:
         mem_mb=6000,
         runtime=120,
     params:
-        settings=report_settings("error_vs_runtime"),
+        settings=report_settings,
         batches=REPORT_BATCHES,
-        objects=config["reports"]["objects"],
-        rounds=config["reports"]["rounds"],
+        objects=lambda wildcards: config["reports"]["objects"] if timed(wildcards) else 1,
+        rounds=lambda wildcards: config["reports"]["rounds"] if timed(wildcards) else 1,
     script:
-        "../scripts/study.py"
+        "../scripts/report_item.py"
 
 
-rule error_vs_runtime:
+rule report:
     input:
-        parts=report_parts("error_vs_runtime"),
+        tables=lambda wildcards: report_tables(wildcards.report),
     output:
         table=report(
-            "reports/error_vs_runtime.csv",
-            caption="../report/error_vs_runtime.rst",
+            "reports/{report}.csv",
+            caption="../report/reports.rst",
             category="Reports",
         ),
-        text="reports/error_vs_runtime.md",
+        text="reports/{report}.md",
         figure=report(
-            "reports/error_vs_runtime.png",
-            caption="../report/error_vs_runtime.rst",
+            "reports/{report}.png",
+            caption="../report/reports.rst",
             category="Reports",
         ),
     log:
-        "logs/error_vs_runtime.log",
+        "logs/{report}.log",
     benchmark:
-        "benchmarks/error_vs_runtime.tsv"
-    conda:
-        CONDA
-    threads: 1
-    resources:
-        mem_mb=1000,
-        runtime=10,
+        "benchmarks/{report}.tsv"
+    wildcard_constraints:
+        report="|".join(report_items.REPORTS),
     script:
-        "../scripts/error_vs_runtime.py"
-
-
-# Stiff and extreme cases of one kind.
-rule extreme_cases:
-    input:
-        unpack(report_inputs("stability")),
-    output:
-        table="reports/stability/{part}.csv",
-    log:
-        "logs/reports/stability-{part}.log",
-    benchmark:
-        "benchmarks/reports/stability-{part}.tsv"
-    conda:
-        CONDA
-    threads: 1
-    resources:
-        mem_mb=6000,
-        runtime=60,
-    params:
-        batches=REPORT_BATCHES,
-    script:
-        "../scripts/extreme_cases.py"
-
-
-rule stability:
-    input:
-        parts=report_parts("stability"),
-    output:
-        table=report(
-            "reports/stability.csv",
-            caption="../report/stability.rst",
-            category="Reports",
-        ),
-        text="reports/stability.md",
-        figure=report(
-            "reports/stability.png",
-            caption="../report/stability.rst",
-            category="Reports",
-        ),
-    log:
-        "logs/stability.log",
-    benchmark:
-        "benchmarks/stability.tsv"
-    conda:
-        CONDA
-    threads: 1
-    resources:
-        mem_mb=1000,
-        runtime=10,
-    script:
-        "../scripts/stability.py"
-
-
-# What the scenes of one stage leave out.
-rule leavings:
-    input:
-        unpack(report_inputs("left_out")),
-    output:
-        table="reports/left_out/{part}.csv",
-    log:
-        "logs/reports/left_out-{part}.log",
-    benchmark:
-        "benchmarks/reports/left_out-{part}.tsv"
-    conda:
-        CONDA
-    threads: whole_machine()
-    resources:
-        mem_mb=6000,
-        runtime=60,
-    params:
-        settings=report_settings("left_out"),
-        batches=REPORT_BATCHES,
-        objects=config["reports"]["objects"],
-        rounds=config["reports"]["rounds"],
-    script:
-        "../scripts/leavings.py"
-
-
-rule left_out:
-    input:
-        parts=report_parts("left_out"),
-    output:
-        table=report(
-            "reports/left_out.csv",
-            caption="../report/left_out.rst",
-            category="Reports",
-        ),
-        text="reports/left_out.md",
-        figure=report(
-            "reports/left_out.png",
-            caption="../report/left_out.rst",
-            category="Reports",
-        ),
-    log:
-        "logs/left_out.log",
-    benchmark:
-        "benchmarks/left_out.tsv"
-    conda:
-        CONDA
-    threads: 1
-    resources:
-        mem_mb=1000,
-        runtime=10,
-    script:
-        "../scripts/left_out.py"
+        "../scripts/report.py"
 
 
 rule reports:
     input:
-        [f"reports/{name}.{form}" for name, parts in REPORT_STAGES.items() if parts for form in ("csv", "md", "png")],
+        [
+            f"reports/{report}.{form}"
+            for report in report_items.REPORTS
+            if report_tables(report)
+            for form in ("csv", "md", "png")
+        ],

@@ -5,16 +5,17 @@ import pytest
 
 from palpate.grasp.closing import GraspSimulation
 from studies.omitted import grasps
-from studies.omitted.grasps import ITEMS, KEPT, NOT_MODELLED, OMITTED, OMITTED_IN_CHECK
+from studies.omitted.grasps import CHECK_ITEMS, ITEMS, KEPT_ITEMS, NOT_MODELLED_ITEMS, OMITTED_ITEMS
+from studies.omitted.omission import NOT_MODELLED, OMITTED, STAYS
 from tests.studies.omitted.small_run import SETTINGS
 
-FINGERS_CHANGE = {*NOT_MODELLED, "self-collision"}
+FINGERS_CHANGE = {*NOT_MODELLED_ITEMS, "self-collision"}
 
 
 @pytest.fixture(scope="module")
 def found(run):
     folder, subject = run
-    return {each.part: each for each in grasps.leavings(folder, [subject], SETTINGS)}
+    return {each.item: each for each in grasps.omissions(folder, [subject], SETTINGS)}
 
 
 @pytest.fixture(scope="module")
@@ -24,27 +25,27 @@ def case(run):
 
 def test_every_item_is_compared(found):
     assert set(found) == set(ITEMS) and len(ITEMS) == 13
-    assert {item for item, each in found.items() if each.left_out} == {*OMITTED, *OMITTED_IN_CHECK}
+    assert {item for item, each in found.items() if each.state == OMITTED} == {*OMITTED_ITEMS, *CHECK_ITEMS}
 
 
 @pytest.mark.parametrize("item", sorted(set(ITEMS) - FINGERS_CHANGE))
 def test_the_result_is_the_same(found, item):
-    leaving = found[item]
-    one, other = leaving.with_it(), leaving.without()
-    assert leaving.difference(one, other) <= leaving.bound
-    assert leaving.bound == 0 or item in grasps.BOUNDS
+    omission = found[item]
+    one, other = omission.with_it(), omission.without()
+    assert omission.difference(one, other) <= omission.bound
+    assert omission.bound == 0 or item in grasps.BOUNDS
 
 
 @pytest.mark.parametrize("item", sorted(FINGERS_CHANGE))
 def test_what_changes_the_result_is_kept_or_said_to_be_a_choice(found, item):
-    leaving = found[item]
-    assert not leaving.left_out
-    assert leaving.difference(leaving.with_it(), leaving.without()) > 0.1  # degrees
+    omission = found[item]
+    assert omission.state == (NOT_MODELLED if item in NOT_MODELLED_ITEMS else STAYS)
+    assert omission.difference(omission.with_it(), omission.without()) > 0.1  # degrees
 
 
 def test_when_says_why_an_item_is_kept_or_not_modelled():
-    assert {grasps.when(item) for item in (*OMITTED, *OMITTED_IN_CHECK)} == {"always"}
-    assert all(grasps.when(item) == f"never: {why}" for item, why in KEPT.items())
+    assert {grasps.when(item) for item in (*OMITTED_ITEMS, *CHECK_ITEMS)} == {"always"}
+    assert all(grasps.when(item) == f"never: {why}" for item, why in KEPT_ITEMS.items())
     assert grasps.when("friction").startswith("always, by choice of the model, not as a saving: fingers slide")
 
 
@@ -56,7 +57,7 @@ def test_fingers_are_stopped_by_the_object(case):
 
 
 def test_with_all_that_is_omitted_put_in_at_once_the_joints_end_at_the_same_angles(case):
-    everything = grasps.changed(case, *OMITTED)
+    everything = grasps.changed(case, *OMITTED_ITEMS)
     one, other = grasps.ends(everything, case), grasps.ends(GraspSimulation(case.hand, case.patches), case)
     assert grasps.turned(one, other) < grasps.GIVING_WAY
 

@@ -5,14 +5,15 @@ import pytest
 import trimesh
 
 from palpate.mesh.decimate import collapse, decimate
-from studies.omitted.meshes import ITEMS, Level, apart, leavings, misstated
+from studies.omitted.meshes import ITEMS, Level, apart, misstated, omissions
+from studies.omitted.omission import OMITTED
 from tests.studies.omitted.small_run import SETTINGS
 
 
 @pytest.fixture(scope="module")
 def found(run):
     folder, subject = run
-    return {each.part: each for each in leavings(folder, [subject], SETTINGS)}
+    return {each.item: each for each in omissions(folder, [subject], SETTINGS)}
 
 
 def test_every_item_is_compared(found):
@@ -21,10 +22,10 @@ def test_every_item_is_compared(found):
 
 @pytest.mark.parametrize("item", ITEMS)
 def test_the_result_is_the_same(found, item):
-    leaving = found[item]
-    one, other = leaving.with_it(), leaving.without()
-    assert len(other.faces) > 100 and leaving.left_out
-    assert leaving.difference(one, other) <= leaving.bound
+    omission = found[item]
+    one, other = omission.with_it(), omission.without()
+    assert len(other.faces) > 100 and omission.state == OMITTED
+    assert omission.difference(one, other) <= omission.bound
 
 
 def test_what_is_stated_of_a_level_that_is_the_source_is_zero(found):

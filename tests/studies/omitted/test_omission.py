@@ -1,20 +1,20 @@
-"""The rows of what is left out."""
+"""The rows of omissions."""
 
 import time
 
 import numpy as np
 
-from studies.omitted.omission import COLUMNS, DIFFERS, SAME, Leaving, report
+from studies.omitted.omission import COLUMNS, DIFFERS, NOT_MODELLED, OMITTED, SAME, STAYS, Omission, in_words, report
 
 
-def leaving(extra: float, **options) -> Leaving:
+def omission(extra: float, **options) -> Omission:
     def with_it():
         time.sleep(0.02)
         return np.arange(8.0) + extra
 
-    return Leaving(
-        scene="grasp",
-        part="gravity",
+    return Omission(
+        stage="grasp",
+        item="gravity",
         when="always",
         object="bottle-0000",
         with_it=with_it,
@@ -26,15 +26,21 @@ def leaving(extra: float, **options) -> Leaving:
 
 
 def test_same_within_the_bound_and_what_it_saves(caplog):
-    table = report([leaving(0.0), leaving(0.5), leaving(0.5, bound=0.5), leaving(0.5, left_out=False)], rounds=5)
+    table = report([omission(0.0), omission(0.5), omission(0.5, bound=0.5), omission(0.5, state=STAYS)], rounds=5)
     assert tuple(table.columns) == COLUMNS
     assert table["verdict"].tolist() == [SAME, DIFFERS, SAME, DIFFERS]
     assert table["difference"].tolist() == [0, 0.5, 0.5, 0.5]
     assert (table["seconds_saved"] > 0.019).all() and not table["noisy"].any()
-    # Only what is left out and changes the result is complained about.
+    assert table["omitted"].tolist() == [True, True, True, False]
+    # The log warns only of what is omitted and changes the result.
     assert caplog.text.count("changes the result by 0.5 rad") == 1
 
 
 def test_bytes_are_those_of_the_results():
-    row = report([leaving(0.0, size=lambda result: result.nbytes)], rounds=2).iloc[0]
+    row = report([omission(0.0, size=lambda result: result.nbytes)], rounds=2).iloc[0]
     assert (row["bytes_with"], row["bytes_without"], row["bytes_saved"]) == (64, 64, 0)
+
+
+def test_words_name_the_state_of_what_is_not_omitted():
+    assert in_words(True, OMITTED) == SAME and in_words(False, OMITTED) == DIFFERS
+    assert in_words(True, STAYS) == "same, stays" and in_words(False, NOT_MODELLED) == "differs, not modelled"

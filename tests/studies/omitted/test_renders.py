@@ -1,10 +1,11 @@
-"""Pictures by the engine and with its needless work put in, one part at a time and all at once."""
+"""Pictures by the engine and with its needless work put in, one item at a time and all at once."""
 
 import json
 from dataclasses import replace
 
 import bpy
 import numpy as np
+import pandas as pd
 import pytest
 import trimesh
 from numpy.testing import assert_array_equal
@@ -13,16 +14,16 @@ from palpate.hand import allegro
 from palpate.mesh import OBJECT_POSITION
 from palpate.scene import Lights
 from palpate.vision import Renderer, looking_at
-from studies.omitted.omission import DIFFERS, SAME, report
+from studies.omitted.omission import DIFFERS, SAME, results
 from studies.omitted.renders import (
     ALONE,
     CYCLES_WITH,
     HELD,
-    OMITTED,
+    OMITTED_ITEMS,
     VIEW,
     NaiveRenderer,
     add_unused_texture,
-    leavings,
+    omissions,
     rewritten,
 )
 from tests.vision.scenes import grasp_poses, painted, scene_of
@@ -34,31 +35,31 @@ SETTINGS = {
 }
 # These change a picture, but by less than its noise.
 BOUNDED = set(CYCLES_WITH) - {"paths of more than 6 bounces"}
-EXACT = {(kind, part) for kind, parts in OMITTED.items() for part in parts}
+EXACT = {(kind, item) for kind, items in OMITTED_ITEMS.items() for item in items}
 
 
 @pytest.fixture(scope="module")
 def table(pictured):
     run, subject = pictured
-    return report(leavings(run, [subject], SETTINGS), rounds=1)
+    return pd.DataFrame([results(each) for each in omissions(run, [subject], SETTINGS)])
 
 
 def test_what_is_omitted_changes_nothing_beyond_its_bound(table):
-    out = table[table["left_out"]]
+    out = table[table["omitted"]]
     assert len(out) >= 14
-    assert (out["verdict"] == SAME).all(), out[["scene", "part", "difference"]]
+    assert (out["verdict"] == SAME).all(), out[["stage", "item", "difference"]]
     exact = out[out["unit"] == "grey levels"]
     assert (exact["bound"] == 0).all() and (exact["difference"] == 0).all()
 
 
 def test_what_changes_the_picture_stays_in(table):
-    kept = table[~table["left_out"]].set_index("part")["verdict"]
+    kept = table[~table["omitted"]].set_index("item")["verdict"]
     assert set(kept.index) == {"first bounce of light", "second to fourth bounce of light", "hand"}
     assert kept["first bounce of light"] == kept["hand"] == DIFFERS
 
 
 def test_bytes_of_a_second_image_and_of_a_master(table):
-    saved = table.set_index("part")["bytes_saved"]
+    saved = table.set_index("item")["bytes_saved"]
     assert saved["render for every grasp"] == 64 * 64 * (3 + 1 + 2)
     # Six channels of 32 bits, of which most are background and pack well.
     assert 0 < saved["EXR master"] < 64 * 64 * 6 * 4
@@ -98,27 +99,27 @@ def test_without_changes_the_naive_renderer_is_the_engine(torus, expected):
     assert_same([alone, *held], expected[:3])
 
 
-def test_parts_put_in_change_no_bit(torus, expected):
+def test_items_put_in_change_no_bit(torus, expected):
     """All that is omitted and has no bound, together and in each kind of picture."""
     assert_same(pictures(torus, EXACT), expected)
 
 
-@pytest.mark.parametrize("part", sorted(BOUNDED))
-def test_parts_with_a_bound_change_little(torus, expected, part):
-    changed = pictures(torus, {(kind, part) for kind in OMITTED})
+@pytest.mark.parametrize("item", sorted(BOUNDED))
+def test_items_with_a_bound_change_little(torus, expected, item):
+    changed = pictures(torus, {(kind, item) for kind in OMITTED_ITEMS})
     for image, other in zip(changed, expected, strict=True):
         assert_array_equal(image.mask, other.mask)
         assert_array_equal(image.depth, other.depth)
         assert np.sqrt(np.mean((image.rgb.astype(float) - other.rgb) ** 2)) < 3
 
 
-@pytest.mark.parametrize("part", ["lamp", "ambient light", "first bounce of light", "hand"])
-def test_parts_that_stay_change_the_picture(torus, expected, part):
-    lights = {"lamp": Lights(strength=0.0), "ambient light": Lights(ambient=0.0)}.get(part, Lights())
-    _, held, *_ = pictures(replace(torus, lights=lights), {(HELD, part)})
+@pytest.mark.parametrize("item", ["lamp", "ambient light", "first bounce of light", "hand"])
+def test_items_that_stay_change_the_picture(torus, expected, item):
+    lights = {"lamp": Lights(strength=0.0), "ambient light": Lights(ambient=0.0)}.get(item, Lights())
+    _, held, *_ = pictures(replace(torus, lights=lights), {(HELD, item)})
     difference = np.abs(held.rgb.astype(int) - expected[1].rgb)
     assert difference.max() > 10
-    if part == "hand":
+    if item == "hand":
         assert_array_equal(held.rgb, expected[0].rgb)
 
 
@@ -137,8 +138,8 @@ def test_the_engine_renders_what_is_needed_and_the_naive_one_more(torus, monkeyp
     assert calls == [(4, 0), (1, 0)] + 2 * [(4, links), (1, links)]
     calls.clear()
     renderer = NaiveRenderer(4, "cpu")
-    parts = ("hand", "render for every grasp", "samples of mask and depth")
-    renderer.changes = frozenset((ALONE, part) for part in parts)
+    items = ("hand", "render for every grasp", "samples of mask and depth")
+    renderer.changes = frozenset((ALONE, item) for item in items)
     renderer.render(torus)
     assert calls == 4 * [(4, links)] + 2 * [(4, links), (1, links)]
 
@@ -152,7 +153,7 @@ def test_the_engine_logs_how_much_it_omits(torus, caplog):
     assert f"{torus.name}: omitted: 1 imports of the object again; " in views
     caplog.clear()
     with caplog.at_level("INFO"):
-        pictures(torus, {(kind, "pixels around what is drawn") for kind in OMITTED})
+        pictures(torus, {(kind, "pixels around what is drawn") for kind in OMITTED_ITEMS})
     assert all("; 0 of " in line for line in caplog.messages if "omitted: " in line)
 
 

@@ -9,9 +9,10 @@ import trimesh
 from palpate import touch
 from palpate.store import Store
 from studies.omitted import touch as omitted
+from studies.omitted.omission import OMITTED
 from tests.studies.omitted.small_run import SETTINGS
 
-PARTS = [
+ITEMS = [
     ("touch", "faces outside the swept box"),
     ("touch", "pixels outside the block in reach"),
     ("touch", "pixels after the first in range"),
@@ -25,18 +26,18 @@ SMALLER = (("store", "empty chunks"), ("touch", "readings of sensors that touche
 @pytest.fixture(scope="module")
 def found(run):
     folder, subject = run
-    return {(each.scene, each.part): each for each in omitted.leavings(folder, [subject], SETTINGS)}
+    return {(each.stage, each.item): each for each in omitted.omissions(folder, [subject], SETTINGS)}
 
 
-def test_every_part_is_compared(found):
-    assert list(found) == PARTS
+def test_every_item_is_compared(found):
+    assert list(found) == ITEMS
 
 
-@pytest.mark.parametrize("key", PARTS, ids=" ".join)
+@pytest.mark.parametrize("key", ITEMS, ids=" ".join)
 def test_the_result_is_the_same_bit_by_bit(found, key):
     row = found[key]
     one, other = row.with_it(), row.without()
-    assert row.left_out and row.bound == 0
+    assert row.state == OMITTED and row.bound == 0
     assert row.difference(one, other) == 0
     if key in SMALLER:
         assert row.size(one) > row.size(other) > 10_000
@@ -129,13 +130,13 @@ def test_success_takes_fewer_pixels_than_depth():
 def test_empty_chunks_are_on_disk_only_in_the_naive_store():
     arrays = {
         "object": np.array(["a"]),
-        "success": np.zeros((1, 4), dtype=bool),
-        "position": np.zeros((1, 4, 3)),
-        "rotation": np.zeros((1, 4, 3, 3)),
-        "depth": np.full((1, 4, 5, 5), np.inf, dtype=np.float32),
-        "reading": np.zeros((1, 4, 5, 5, 3), dtype=np.uint8),
-        "points": np.zeros((1, 4, 25, 3), dtype=np.float32),
-        "point_count": np.zeros((1, 4), dtype=np.int32),
+        "success": np.zeros((1, 1, 4), dtype=bool),
+        "position": np.zeros((1, 1, 4, 3)),
+        "rotation": np.zeros((1, 1, 4, 3, 3)),
+        "depth": np.full((1, 1, 4, 5, 5), np.inf, dtype=np.float32),
+        "reading": np.zeros((1, 1, 4, 5, 5, 3), dtype=np.uint8),
+        "points": np.zeros((1, 1, 4, 25, 3), dtype=np.float32),
+        "point_count": np.zeros((1, 1, 4), dtype=np.int32),
         "empty_reading": np.ones((5, 5, 3), dtype=np.uint8),
     }
     less = omitted.written(arrays)

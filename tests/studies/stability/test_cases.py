@@ -65,7 +65,7 @@ def test_report_holds_every_finding_error_and_warning():
         return iter(())
 
     table = report("contact", cases, 3)
-    assert tuple(table.columns) == COLUMNS and (table["part"] == "contact").all()
+    assert tuple(table.columns) == COLUMNS and (table["suite"] == "contact").all()
     verdicts = table.groupby("case", sort=False)["verdict"].agg(list).to_dict()
     assert verdicts == {
         "fine": [HOLDS],

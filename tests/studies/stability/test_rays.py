@@ -23,10 +23,6 @@ def subject(tmp_path_factory):
     return Subject("object", "class", "batch", folder)
 
 
-def verdicts(name, subject):
-    return [row["verdict"] for row in examine("rays", SHORT[name], subject)]
-
-
 @pytest.mark.parametrize("name", SHORT)
 def test_holds(name, subject):
     rows = examine("rays", SHORT[name], subject)
@@ -64,7 +60,8 @@ NAIVE = {
 @pytest.mark.parametrize("name", NAIVE)
 def test_fails_without_its_guard(name, subject, monkeypatch):
     monkeypatch.setattr(*NAIVE[name])
-    assert FAILS in verdicts(name, subject)
+    with np.errstate(all="ignore"):
+        assert any(finding.verdict == FAILS for finding in SHORT[name].examine(subject))
 
 
 def test_exact_depth_of_a_plane_and_a_hole():

@@ -1,0 +1,12 @@
+"""A report: the tables of its items as one, a summary to read, a figure.
+
+reports/<report>.csv    the tables in reports/<report>/, one below the other; of error_vs_runtime without `reference`
+reports/<report>.md     the summary
+reports/<report>.png    the figure
+"""
+
+from palpate.batch import log_to
+from studies import report
+
+log_to(snakemake.log[0])
+report.join(snakemake.wildcards.report, snakemake.input.tables, **snakemake.output)

@@ -1,0 +1,17 @@
+"""One item of a report.
+
+reports/error_vs_runtime/<item>.csv    the columns of `studies.error_vs_runtime.study.COLUMNS`
+reports/stability/<item>.csv           the columns of `studies.stability.cases.COLUMNS`
+reports/omitted/<item>.csv             the columns of `studies.omitted.omission.COLUMNS`
+"""
+
+from studies.threads import one_thread
+
+one_thread()
+
+from palpate.batch import log_to  # noqa: E402
+from studies import report, tables  # noqa: E402
+
+log_to(snakemake.log[0])
+table = report.measure(snakemake.wildcards.report, snakemake.wildcards.item, ".", **snakemake.params)
+tables.write(table, snakemake.output.table)
