@@ -8,7 +8,7 @@ from snakemake.exceptions import WorkflowError
 from snakemake.io import contains_wildcard
 
 from palpate import catalogue
-from palpate.configuration import ConfigError, check, class_counts
+from palpate.configuration import ConfigError, check
 from palpate.training import inputs, recipes
 
 # Jobs find Palpate in this checkout, also in an environment that has only its dependencies (envs/palpate.yaml).
@@ -49,7 +49,7 @@ try:
         "path": str(PROJECT / (config["source"]["path"] or f"{RUN_FOLDER}/sources")),
         "up": config["source"]["up"] or catalogue.UP_AXIS[config["source"]["kind"]],
     }
-    CLASS_COUNTS = class_counts(config, SOURCE)
+    CLASS_COUNTS = catalogue.class_counts(config, SOURCE)
     ENTRIES = catalogue.scan(SOURCE, CLASS_COUNTS)
     for entry in ENTRIES:
         checked(f"{SOURCE['path']}/{entry.source}")

@@ -55,9 +55,8 @@ use rule evaluate as evaluate_rings with:
     benchmark:
         "benchmarks/evaluate_rings/{experiment}-{seed}.tsv"
     params:
-        experiment=lambda wildcards: EXPERIMENTS["experiments"][wildcards.experiment],
         split=lambda wildcards: EXPERIMENTS["tables"]["extrapolation"]["split"],
-        device=config["training"]["device"],
+        points=None,
 
 
 # The U-Net's clouds, and the charts fitted to them, at every touch that it was not trained on.
@@ -76,5 +75,3 @@ use rule evaluate as evaluate_touch with:
         "benchmarks/evaluate_touch.tsv"
     params:
         experiment=None,
-        points=config["evaluation"]["points"],
-        device=config["training"]["device"],
