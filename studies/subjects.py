@@ -1,6 +1,5 @@
 """The objects of a run that reports look at."""
 
-import csv
 import logging
 from collections.abc import Callable, Iterable, Sequence
 from itertools import chain, zip_longest
@@ -8,6 +7,7 @@ from pathlib import Path
 from typing import NamedTuple, TypeVar
 
 from palpate.batch import read_rejections
+from palpate.catalogue import read_catalogue
 
 log = logging.getLogger(__name__)
 Item = TypeVar("Item")
@@ -47,10 +47,10 @@ def pick(run: Path | str, objects: int, batches: Sequence[str] | None = None) ->
     rejected = {rejection.object for rejection in read_rejections(paths)}
     usable = []
     for table in tables:
-        for row in csv.DictReader(table.open(newline="")):
-            folder = run / "meshes" / table.stem / row["object"]
-            if row["object"] not in rejected and (folder / "mesh.json").is_file():
-                usable.append(Subject(row["object"], row["class"], table.stem, folder))
+        for entry in read_catalogue(table):
+            folder = run / "meshes" / entry.batch / entry.object
+            if entry.object not in rejected and (folder / "mesh.json").is_file():
+                usable.append(Subject(entry.object, entry.class_name, entry.batch, folder))
     picked = in_turn(usable, lambda subject: subject.class_name)[:objects]
     if not picked:
         raise ValueError(f"{run}: no usable object for a report: see {run / 'rejected'}")

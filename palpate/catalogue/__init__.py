@@ -1,6 +1,6 @@
 """Which objects a run has: the sources of their meshes, their classes, splits and batches."""
 
-from palpate.catalogue.sources import UP_AXIS, CatalogueError, Entry, all_classes, scan
+from palpate.catalogue.sources import UP_AXIS, CatalogueError, SourceObject, all_classes, scan
 from palpate.catalogue.split import PAPER_SPLIT, SPLITS, assign_split
 from palpate.catalogue.table import (
     COLUMNS,
@@ -19,7 +19,7 @@ __all__ = [
     "UP_AXIS",
     "CatalogueEntry",
     "CatalogueError",
-    "Entry",
+    "SourceObject",
     "all_classes",
     "assign_split",
     "batch_names",

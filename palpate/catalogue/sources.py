@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from palpate.batch import UnusableObject
-from palpate.released.layout import ReleasedObject, read_released
+from palpate.released.layout import SURFACES, ReleasedObject, read_released
 
 log = logging.getLogger(__name__)
 
@@ -40,7 +40,7 @@ class CatalogueError(ValueError):
     """The source does not hold what the config asks for; the message says where and what to do."""
 
 
-class Entry(NamedTuple):
+class SourceObject(NamedTuple):
     """An object: its name, its class, and its mesh file relative to the source's path, with forward
     slashes."""
 
@@ -49,7 +49,7 @@ class Entry(NamedTuple):
     source: str
 
 
-def scan(source: Mapping[str, Any], classes: Mapping[str, Count]) -> list[Entry]:
+def scan(source: Mapping[str, Any], classes: Mapping[str, Count]) -> list[SourceObject]:
     """The objects of a run, class by class in the order asked for, within a class by name.
 
     `source` has `kind` (a key of `UP_AXIS`) and `path`; `classes` maps each class to a number of objects, or
@@ -80,10 +80,10 @@ def scan(source: Mapping[str, Any], classes: Mapping[str, Count]) -> list[Entry]
 
 
 def all_classes(source: Mapping[str, Any]) -> dict[str, Count]:
-    """Every class that a folder holds, whole: what `classes: all` stands for.
+    """Every class that a folder holds, with all of its objects: what `classes: all` stands for.
 
     A class is a folder of the source's path that isn't hidden and holds a mesh, at any depth (one that holds
-    none is left out with a warning); ShapeNet's are named where a name is known.
+    none is omitted with a warning); ShapeNet's are named where a name is known.
     Raises `CatalogueError` if the folder is missing or holds none, and for sources whose classes only the
     config knows.
     """
@@ -116,13 +116,13 @@ def _check_folder(root: Path, kind: str) -> None:
         raise CatalogueError(f"{root}: no such folder: set source.path to the folder of the {kind} source")
 
 
-def _procedural(root: Path, name: str, count: Count) -> list[Entry]:
+def _procedural(root: Path, name: str, count: Count) -> list[SourceObject]:
     if name not in PROCEDURAL:
         raise CatalogueError(f"class {name}: the procedural classes are {', '.join(PROCEDURAL)}")
     if count == "all":
         raise CatalogueError(f"class {name}: procedural objects have no end: ask for a number, not for `all`")
     names = [f"{name}-{index:04d}" for index in range(count)]
-    return [Entry(each, name, f"{name}/{each}{procedural_suffix(index)}") for index, each in enumerate(names)]
+    return [SourceObject(each, name, f"{name}/{each}{procedural_suffix(index)}") for index, each in enumerate(names)]
 
 
 def procedural_suffix(index: int) -> str:
@@ -130,7 +130,7 @@ def procedural_suffix(index: int) -> str:
     return ".obj" if index % 3 == 2 else ".glb"
 
 
-def _folder(root: Path, name: str, count: Count) -> list[Entry]:
+def _folder(root: Path, name: str, count: Count) -> list[SourceObject]:
     folder = root / name
     if not folder.is_dir():
         present = sorted(entry.name for entry in os.scandir(root) if entry.is_dir())
@@ -138,15 +138,15 @@ def _folder(root: Path, name: str, count: Count) -> list[Entry]:
             f"{folder}: no such folder: the class {name} has its meshes there; {root} has {_listed(present)}"
         )
     files = _meshes(folder, MESH_SUFFIXES)
-    return _chosen([Entry(_object(name, file), name, f"{name}/{file}") for file in files], folder, name, count)
+    return _chosen([SourceObject(_object(name, file), name, f"{name}/{file}") for file in files], folder, name, count)
 
 
-def _abc(root: Path, name: str, count: Count) -> list[Entry]:
+def _abc(root: Path, name: str, count: Count) -> list[SourceObject]:
     files = _meshes(root, ABC_SUFFIXES)
-    return _chosen([Entry(_object(name, file), name, file) for file in files], root, name, count)
+    return _chosen([SourceObject(_object(name, file), name, file) for file in files], root, name, count)
 
 
-def _shapenet(root: Path, name: str, count: Count) -> list[Entry]:
+def _shapenet(root: Path, name: str, count: Count) -> list[SourceObject]:
     synset = name if re.fullmatch(r"\d{8}", name) else SYNSETS.get(name)
     if synset is None:
         raise CatalogueError(
@@ -162,19 +162,19 @@ def _shapenet(root: Path, name: str, count: Count) -> list[Entry]:
         if file is None:
             without.append(model)
         else:
-            entries.append(Entry(_object(name, model), name, f"{synset}/{model}/{file}"))
+            entries.append(SourceObject(_object(name, model), name, f"{synset}/{model}/{file}"))
     if without:
         log.warning("%s: no mesh in %d models: %s", folder, len(without), _listed(without))
     return _chosen(entries, folder, name, count)
 
 
-def _released(root: Path, name: str, count: Count) -> list[Entry]:
+def _released(root: Path, name: str, count: Count) -> list[SourceObject]:
     objects = _released_objects(root)
-    entries = [Entry(_object(name, each.name), name, each.source) for each in objects if each.class_name == name]
+    entries = [SourceObject(_object(name, each.name), name, each.source) for each in objects if each.class_name == name]
     if not entries:
         present = dict.fromkeys(each.class_name for each in objects)
         raise CatalogueError(f"{root}: no object of class {name}; it has {_listed(present)}")
-    return _chosen(entries, root / "surfaces" / name, name, count)
+    return _chosen(entries, root / SURFACES / name, name, count)
 
 
 def _released_objects(root: Path) -> list[ReleasedObject]:
@@ -192,7 +192,7 @@ def given_splits(source: Mapping[str, Any]) -> dict[str, str]:
     return {_object(each.class_name, each.name): each.split for each in objects}
 
 
-_FINDERS: dict[str, Callable[[Path, str, Count], list[Entry]]] = {
+_FINDERS: dict[str, Callable[[Path, str, Count], list[SourceObject]]] = {
     "procedural": _procedural,
     "folder": _folder,
     "shapenet": _shapenet,
@@ -202,7 +202,7 @@ _FINDERS: dict[str, Callable[[Path, str, Count], list[Entry]]] = {
 
 
 def _meshes(folder: Path, suffixes: tuple[str, ...]) -> list[str]:
-    """Mesh files below the folder, relative to it, sorted; hidden files and folders are left out."""
+    """Mesh files below the folder, relative to it, sorted; hidden files and folders are omitted."""
     return sorted(_each_mesh(folder, suffixes))
 
 
@@ -232,11 +232,11 @@ def _safe(name: str) -> str:
     return re.sub(r"[^A-Za-z0-9_.-]", "_", str(name)).lstrip(".-")
 
 
-def _chosen(entries: list[Entry], folder: Path, name: str, count: Count) -> list[Entry]:
+def _chosen(entries: list[SourceObject], folder: Path, name: str, count: Count) -> list[SourceObject]:
     """`count` of the entries, sorted by name, after checking that there are enough and that names differ."""
     if not entries:
         raise CatalogueError(f"{folder}: no mesh found for class {name}: expected files {', '.join(MESH_SUFFIXES)}")
-    by_name: dict[str, Entry] = {}
+    by_name: dict[str, SourceObject] = {}
     for entry in entries:
         twin = by_name.setdefault(entry.object, entry)
         if twin is not entry:

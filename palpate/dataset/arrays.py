@@ -1,6 +1,6 @@
 """One array of a stage, joined over a run's batches: read where it is indexed, or loaded and checked."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from operator import index as integer
 from typing import Any
 
@@ -9,7 +9,7 @@ import numpy as np
 from palpate.catalogue import CatalogueEntry
 from palpate.dataset.run import Run
 from palpate.store.contract import CONTRACT
-from palpate.store.files import StoreError
+from palpate.store.files import Store, StoreError
 
 # Greatest coordinate of the world, metres: a larger one is in another unit, or broken.
 MAX_COORDINATE = 10.0
@@ -64,16 +64,19 @@ class JoinedArray(Sequence):
         first, further = self._split(index)
         if isinstance(first, int | np.integer):
             entry = self._entries[first]
-            return self._read(entry, self._run.row(self._stage, entry), further)
+            return self._store(entry.batch).get(self._name, (self._run.row(self._stage, entry), *further))
         entries = [self._entries[number] for number in np.arange(len(self))[first]]
-        rows = [(entry.batch, self._run.row(self._stage, entry)) for entry in entries]
         shape, dtype = self._record()
         shape = [axis for axis in map(_length, shape, further) if axis is not None] + list(shape[len(further) :])
-        result = np.empty((len(rows), *shape), dtype)
-        for start, stop in _consecutive(rows):
-            row = rows[start][1]
-            result[start:stop] = self._read(entries[start], slice(row, row + stop - start), further)
-        return result
+        text = CONTRACT[self._stage].arrays[self._name].dtype == "string"
+        result = np.empty((len(entries), *shape), object if text else dtype)
+        places: dict[str, list[int]] = {}
+        for place, entry in enumerate(entries):
+            places.setdefault(entry.batch, []).append(place)
+        for batch, of_batch in places.items():
+            rows = [self._run.row(self._stage, entries[place]) for place in of_batch]
+            result[of_batch] = self._store(batch).rows(self._name, rows, *further)
+        return result.astype(str) if text else result
 
     def _split(self, index: Index | tuple) -> tuple[Index, tuple[int | slice, ...]]:
         """The index of the first axis, and those of the further axes that have one."""
@@ -95,9 +98,9 @@ class JoinedArray(Sequence):
         ]
         return first, tuple(within)
 
-    def _read(self, entry: CatalogueEntry, row: int | slice, further: tuple[int | slice, ...]) -> np.ndarray:
-        """Rows of the store that holds the entry's object. Raises StoreError if its records have another shape."""
-        store, (shape, _) = self._run.store(self._stage, entry.batch), self._record()
+    def _store(self, batch: str) -> Store:
+        """The store of a batch. Raises StoreError if its records have another shape than those of the first."""
+        store, (shape, _) = self._run.store(self._stage, batch), self._record()
         found = store.header(self._name)[0][1:]
         if found != shape:
             first = self._run.store(self._stage, self._entries[0].batch).path
@@ -105,7 +108,7 @@ class JoinedArray(Sequence):
                 f"{store.path}: {self._name} of an object is {found}, but {shape} in {first}; "
                 "build both again from one config"
             )
-        return store.get(self._name, (row, *further) if further else row)
+        return store
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> np.ndarray:
         return self[:] if dtype is None else self[:].astype(dtype)
@@ -140,7 +143,7 @@ class JoinedArray(Sequence):
         above = f"NaN, infinite or above {limit:g}" if np.isfinite(limit) else "NaN or infinite"
         return StoreError(
             f"{path}: {self._name} of {entry.object} is {above}; remove the store and build it again with: "
-            f"snakemake {self._stage}/{path.name}, or leave the object out"
+            f"snakemake {self._stage}/{path.name}, or omit the object"
         )
 
 
@@ -155,15 +158,6 @@ def _is_integer(item: Any) -> bool:
 def _length(axis: int, index: int | slice) -> int | None:
     """Length of an axis that is indexed; None if it disappears."""
     return len(range(axis)[index]) if isinstance(index, slice) else None
-
-
-def _consecutive(rows: list[tuple[str, int]]) -> Iterator[tuple[int, int]]:
-    """Ranges of `rows` that are neighbours in one store, so that each is a single read."""
-    start = 0
-    for stop in range(1, len(rows) + 1):
-        if stop == len(rows) or rows[stop] != (rows[stop - 1][0], rows[stop - 1][1] + 1):
-            yield start, stop
-            start = stop
 
 
 def fill_untouched(reading: np.ndarray, success: np.ndarray, empty: np.ndarray) -> np.ndarray:

@@ -1,6 +1,6 @@
 """What is checked of one object: every array of its rows, against the contract, the mesh and each other.
 
-Each check is a number that must not exceed its limit: a distance, or how many values are wrong. `CHECKS` says
+Each check is a number that must not exceed its limit: a distance, or a count of wrong values. `CHECKS` says
 what each measures.
 """
 
@@ -30,7 +30,7 @@ SOFT_LIMIT = 1e-3  # radians; MuJoCo's joint limits give way under load: 0.0003 
 DEPTH_STEP = 2.0**-10  # metres: the step of a float16 between 1 and 2
 HAND_REACH = 0.5  # metres: no part of a hand that touches an object is further from it
 NEAR = 1e-3  # metres around a cloud in which faces are looked at first
-BORDER = 1e-4  # metres: this close to the edge of what a sensor feels, tracers need not agree whether it does
+BORDER = 1e-4  # metres: this close to the edge of a sensor's range, tracers need not agree whether it touches
 OUTLINE = 0.01  # share of pixels: one whose centre lies on an outline may fall on either side of it
 OUTLINE_PIXELS = 5  # so many may do so in any picture: of a small or thin object they are a larger share
 
@@ -68,7 +68,7 @@ CHECKS = {
     "success": Check(0, "sensors whose success is not whether a pixel is in range"),
     "touches": Check(
         0,
-        "sensors whose success is not what the grasp said, though no edge of touch is within 0.1 mm",
+        "sensors whose success is not `touches` of the grasps store, though they move 0.1 mm without a change",
     ),
     "one touch": Check(0, "grasps without a successful touch"),
     "point count": Check(0, "difference between the point count and the pixels in range"),
@@ -100,7 +100,7 @@ CHECKS = {
 
 
 @dataclass
-class Item:
+class CheckedObject:
     """One object of a batch: its rows of every store that has it, its mesh, and the hand."""
 
     rows: dict[str, dict[str, np.ndarray]]  # stage -> array -> the object's row
@@ -170,14 +170,14 @@ def distance_tree(triangles: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
 Measured = Iterator[tuple[str, np.ndarray | float]]
 
 
-def check_mesh(item: Item) -> Measured:
+def check_mesh(item: CheckedObject) -> Measured:
     """Whether the mesh keeps the contract's frame."""
     low, high = item.mesh.bounds
     off_centre = np.abs((low + high) / 2 - OBJECT_POSITION).max()
     yield "scale", max(off_centre, abs(np.linalg.norm(high - low) - DIAGONAL))
 
 
-def check_surface(item: Item) -> Measured:
+def check_surface(item: CheckedObject) -> Measured:
     """The surface points of one object."""
     points = item.rows["surface"]["points"]
     yield "finite", np.sum(~np.isfinite(points))
@@ -186,7 +186,7 @@ def check_surface(item: Item) -> Measured:
     yield "on mesh", item.distance(points).max(initial=0)
 
 
-def check_grasps(item: Item) -> Measured:
+def check_grasps(item: CheckedObject) -> Measured:
     """The grasps of one object."""
     rows, hand = item.rows["grasps"], item.hand
     number = len(rows["palm_pose"])
@@ -214,8 +214,8 @@ def check_grasps(item: Item) -> Measured:
     yield "attempts", max(number - int(rows["attempts"]), 0)
 
 
-def check_touch(item: Item) -> Measured:
-    """What the sensors of one object felt."""
+def check_touch(item: CheckedObject) -> Measured:
+    """What the sensors of one object read."""
     rows = item.rows["touch"]
     depth, success, count = rows["depth"], rows["success"], rows["point_count"]
     shape = success.shape
@@ -224,19 +224,19 @@ def check_touch(item: Item) -> Measured:
     yield "rotation", rotation_error(rows["rotation"])
     in_range = (depth > 0) & (depth <= SENSOR_RANGE)
     yield "touch depth", np.sum(~in_range & (depth != np.inf), axis=(2, 3))
-    felt = np.isfinite(depth)
-    yield "success", success != felt.any(axis=(2, 3))
+    finite = np.isfinite(depth)
+    yield "success", success != finite.any(axis=(2, 3))
     yield "one touch", ~success.any(axis=1)
-    yield "point count", np.abs(count - felt.sum(axis=(2, 3)))
-    past = np.arange(rows["points"].shape[2]) >= count[..., None]
-    yield "padding", np.sum(past & rows["points"].any(axis=3), axis=2)
+    yield "point count", np.abs(count - finite.sum(axis=(2, 3)))
+    padding = np.arange(rows["points"].shape[2]) >= count[..., None]
+    yield "padding", np.sum(padding & rows["points"].any(axis=3), axis=2)
     yield "untouched", ~success & rows["reading"].any(axis=(2, 3, 4))
     yield "points", _each_sensor(rows, _points_error)
     yield "reading", _each_sensor(rows, _reading_error)
     yield "on mesh", _cloud_distance(item)
 
 
-def check_vision(item: Item) -> Measured:
+def check_vision(item: CheckedObject) -> Measured:
     """The images of one object."""
     rows = item.rows["vision"]
     alone = rows["unoccluded_mask"] == 255, rows["unoccluded_depth"].astype(np.float32)
@@ -244,18 +244,18 @@ def check_vision(item: Item) -> Measured:
     yield "mask values", np.sum((masks != 0) & (masks != 255))
     depths = np.concatenate([rows["unoccluded_depth"][None], rows["occluded_depth"]])
     centre = np.linalg.norm(paper_camera().position - OBJECT_POSITION)
-    off = np.abs(depths.astype(np.float32) - centre) > DIAGONAL / 2 + HAND_REACH
-    wrong = np.isnan(depths) | (off & (depths != np.inf))
+    outside = np.abs(depths.astype(np.float32) - centre) > DIAGONAL / 2 + HAND_REACH
+    wrong = np.isnan(depths) | (outside & (depths != np.inf))
     yield "image depth", np.sum(wrong) + np.sum(alone[0] != np.isfinite(alone[1]))
     images = np.concatenate([rows["unoccluded"][None], rows["occluded"]])
-    flat = (images == images[:, :1, :1]).all(axis=(1, 2, 3))
-    yield "seen", int(flat.sum()) + int(not alone[0].any())
+    one_colour = (images == images[:, :1, :1]).all(axis=(1, 2, 3))
+    yield "seen", int(one_colour.sum()) + int(not alone[0].any())
     yield "picture of mesh", _picture_error(item, *alone)
     yield "occlusion", _occlusion_error(rows, *alone)
 
 
-def check_together(item: Item) -> Measured:
-    """What touch says against what the grasps say."""
+def check_together(item: CheckedObject) -> Measured:
+    """Poses and successes of touch against those of the grasps."""
     grasps, touch = item.rows["grasps"], item.rows["touch"]
     position = np.abs(grasps["sensor_position"] - touch["position"]).max(axis=2)
     rotation = np.abs(grasps["sensor_rotation"] - touch["rotation"]).max(axis=(2, 3))
@@ -266,8 +266,8 @@ def check_together(item: Item) -> Measured:
     yield "touches", wrong
 
 
-def _borderline(item: Item, position: np.ndarray, rotation: np.ndarray) -> bool:
-    """Whether a sensor that moves by `BORDER` along an axis of its own would begin, or cease, to touch."""
+def _borderline(item: CheckedObject, position: np.ndarray, rotation: np.ndarray) -> bool:
+    """Whether a sensor would begin or cease to touch if it moved by `BORDER` along one of its axes."""
     shifts = BORDER * np.concatenate([np.eye(3), np.zeros((1, 3)), -np.eye(3)]) @ rotation.T
     caster = RayCaster(item.mesh)
     try:
@@ -307,7 +307,7 @@ def _reading_error(depth, position, rotation, points, reading) -> float:
     return np.inf if not (depth > -np.inf).all() else np.abs(shade(depth).astype(int) - reading).max()
 
 
-def _cloud_distance(item: Item) -> np.ndarray:
+def _cloud_distance(item: CheckedObject) -> np.ndarray:
     """Furthest point of each local cloud from the mesh: (g, 4)."""
     rows = item.rows["touch"]
     distance = np.zeros(rows["point_count"].shape)
@@ -326,7 +326,7 @@ def _depth_in_hand(hand: Hand, link_pose: np.ndarray, points: np.ndarray) -> flo
     return max(-hand.signed_distance(points, link_pose).min(initial=0), 0)
 
 
-def _picture_error(item: Item, mask: np.ndarray, depth: np.ndarray) -> float:
+def _picture_error(item: CheckedObject, mask: np.ndarray, depth: np.ndarray) -> float:
     """Share of pixels where mask or depth differ from rays cast at the mesh through the pixels' centres.
 
     Where the mesh is transparent, they may show what lies behind it, or nothing.

@@ -27,10 +27,10 @@ class Dataset(Sequence):
     """The objects of a run, by name, number, split or class; nothing but their names is read on opening.
 
     run: the run's folder, `results/<run>`. stages: those that the objects must have come through (`meshes`,
-    or one with a store); by default what the target `dataset` builds. An object is left out if one of these
-    rejected it, or has a store of its batch without it; what other stages could not use does not matter.
-    Stages that have not been built are simply absent; asking for one of their arrays raises StoreError with
-    the command that builds it. Raises ValueError for an unknown stage.
+    or one with a store); by default what the target `dataset` builds. An object is omitted if one of these
+    rejected it, or has a store of its batch without it; rejections of other stages do not matter.
+    Stages that have not been built are absent; asking for one of their arrays raises StoreError with the
+    command that builds it. Raises ValueError for an unknown stage.
     """
 
     def __init__(self, run: Path | str, stages: Iterable[str] = DATASET_STAGES):
@@ -77,7 +77,7 @@ class Dataset(Sequence):
         return [stage for stage in CONTRACT if self._run.has(stage)]
 
     def rejections(self) -> list[dict[str, str]]:
-        """What these stages could not use, of all classes and splits: object, stage, reason."""
+        """Rows object, stage, reason of what these stages rejected, in all classes and splits."""
         return self._run.rejections(stages=self._asked)
 
     def split(self, name: str) -> "Dataset":

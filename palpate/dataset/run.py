@@ -88,7 +88,7 @@ class Run:
             if row["object"] == entry.object:
                 raise StoreError(
                     f"{path} does not hold {entry.object}, which was rejected at {row['stage']}: "
-                    f"{row['reason']}; open the dataset with this stage to leave it out"
+                    f"{row['reason']}; open the dataset with this stage to omit it"
                 )
         raise StoreError(
             f"{path} does not hold {entry.object}, which the catalogue puts in {entry.batch}; "

@@ -15,7 +15,7 @@ from palpate.catalogue import SPLITS, CatalogueEntry, read_catalogue
 from palpate.dataset.checks import (
     CHECKS,
     MAX_PENETRATION,
-    Item,
+    CheckedObject,
     Measured,
     check_grasps,
     check_mesh,
@@ -88,7 +88,7 @@ class _Batch:
 
     @contextmanager
     def reading(self, stage: str, object: str = "") -> Iterator[None]:
-        """Note a store that can't be read in the block, which ends there."""
+        """Note an error of a store that is read in the block; the block ends there."""
         try:
             yield
         except StoreError as error:
@@ -114,7 +114,7 @@ class _Batch:
             self.stores[stage], self.objects[stage] = store, objects
 
     def hand(self) -> Hand | None:
-        """The hand that the grasps store carries; None, and noted, if it is not whole."""
+        """The hand in the grasps store; None, and noted, if it is incomplete."""
         if "grasps" not in self.stores:
             return None
         store = self.stores["grasps"]
@@ -127,7 +127,7 @@ class _Batch:
             return None
 
     def check_objects(self, stage: str) -> None:
-        """Nothing is lost: the store's objects are the catalogue's less the rejected, in order."""
+        """The store's objects are the catalogue's except the rejected ones, in order."""
         stages = {*BEFORE[stage], *({row["stage"] for row in self.rejected} - set(STAGES))}
         rejected = {row["object"] for row in self.rejected if row["stage"] in stages}
         expected = {name for name in self.catalogue if name not in rejected}
@@ -167,7 +167,7 @@ class _Batch:
 
     def check_object(self, name: str, hand: Hand | None) -> None:
         """Everything about one object."""
-        item = Item({}, self.run.folder / "meshes" / self.name / name, hand)
+        item = CheckedObject({}, self.run.folder / "meshes" / self.name / name, hand)
         try:
             self.measure("meshes", name, check_mesh(item))
         except Exception as error:  # the reader raises whatever a broken file makes it trip over

@@ -1,4 +1,4 @@
-"""The authors' released dataset, object by object as arrays of our stores, and a run in their layout.
+"""The authors' released dataset, object by object as arrays of our stores.
 
 Their layout is in `palpate.released.layout`; what is in its files:
 
@@ -14,7 +14,6 @@ Their layout is in `palpate.released.layout`; what is in its files:
 """
 
 import logging
-import warnings
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -23,36 +22,16 @@ import numpy as np
 from PIL import Image
 from scipy.spatial.transform import Rotation
 
-from palpate.atomic import atomic_write
 from palpate.batch import UnusableObject
-from palpate.dataset.reader import Dataset, ObjectRecord
-from palpate.released.layout import EMPTY_READING, SPLITS, UNOCCLUDED, ReleasedObject, read_released
+from palpate.mesh import DIAGONAL, OBJECT_POSITION
+from palpate.released.layout import EMPTY_READING, ReleasedObject
 from palpate.released.pickles import load_plain
-from palpate.store.contract import CONTRACT
-from palpate.store.files import Store, StoreError
-
-__all__ = [
-    "ReleasedObject",
-    "export_run",
-    "orientation_agreement",
-    "read_charts",
-    "read_empty_reading",
-    "read_released",
-    "read_surface",
-    "read_touch",
-    "read_vision",
-]
+from palpate.store.contract import SENSOR_NAMES
+from palpate.touch.sensor import RESOLUTION, SENSOR_WIDTH
 
 log = logging.getLogger(__name__)
 
-# From the surfaces' coordinates to the world (the published data loader's numbers).
-SCALE = 0.5
-SHIFT = np.array([0.0, 0.0, 0.6])  # m
-
-RESOLUTION = 100
-WIDTH = 0.01641  # m, of the sensor plane: `palpate.touch.SENSOR_WIDTH`, which would load Embree
-SENSORS = 4
-NOTHING = 1.0  # m, their depth where nothing is in range: their loader cuts at 1
+SENSORS = len(SENSOR_NAMES)
 SCENE = ("touch_success", "cam_pos", "cam_rot", "depth", "gel", "points")
 
 # The 25 vertices of a sheet on its grid, rows along z and columns along y, in the order of the initial sheet
@@ -60,7 +39,7 @@ SCENE = ("touch_success", "cam_pos", "cam_rot", "depth", "gel", "points")
 SHEET_ROWS = np.array([2, 1, 1, 3, 2, 1, 3, 2, 1, 0, 0, 2, 3, 4, 4, 3, 4, 3, 2, 1, 0, 0, 0, 4, 4])
 SHEET_COLUMNS = np.array([1, 2, 1, 1, 2, 3, 2, 3, 0, 1, 0, 0, 0, 1, 2, 3, 3, 4, 4, 4, 3, 4, 2, 0, 4])
 CHART = 9  # vertices along each edge of our touch charts: every second is one of a sheet
-_IN_CHART = 2 * SHEET_ROWS * CHART + 2 * SHEET_COLUMNS
+SHEET_IN_CHART = 2 * SHEET_ROWS * CHART + 2 * SHEET_COLUMNS
 
 
 def read_surface(root: Path | str, entry: ReleasedObject, count: int, generator) -> dict[str, np.ndarray]:
@@ -68,13 +47,13 @@ def read_surface(root: Path | str, entry: ReleasedObject, count: int, generator)
 
     Points keep their order; `generator` draws which. Raises UnusableObject if there are fewer, or not finite ones.
     """
-    path = Path(root) / entry.source
+    path = entry.surface(root)
     points = _floats(path, "points", load_plain(path), (None, 3))
     if len(points) < count:
         raise UnusableObject(f"{path}: {len(points)} points: set surface.points to as many, not to {count}")
     if len(points) > count:
         points = points[np.sort(generator.choice(len(points), count, replace=False))]
-    return {"points": (points * SCALE + SHIFT).astype(np.float32)}
+    return {"points": (points * DIAGONAL + OBJECT_POSITION).astype(np.float32)}
 
 
 def read_touch(root: Path | str, entry: ReleasedObject, grasps: int) -> dict[str, np.ndarray]:
@@ -92,10 +71,9 @@ def read_touch(root: Path | str, entry: ReleasedObject, grasps: int) -> dict[str
 
 
 def _scenes(root: Path | str, entry: ReleasedObject, grasps: int) -> list[tuple[Path, dict[str, Any]]]:
-    folder = Path(root) / "scene_info" / entry.class_name / entry.name
     found = []
     for grasp in range(grasps):
-        path = folder / f"{grasp}.npy"
+        path = entry.scene(root, grasp)
         if not path.is_file():
             raise UnusableObject(f"{path}: no such file, but grasps.per_object is {grasps}: the object has {grasp}")
         scene = load_plain(path)
@@ -107,7 +85,7 @@ def _scenes(root: Path | str, entry: ReleasedObject, grasps: int) -> list[tuple[
 
 
 def _sensor(path: Path, sensor: int, scene: dict[str, Any]) -> dict[str, np.ndarray]:
-    """What one sensor of a scene felt, by our names."""
+    """What one sensor of a scene sensed, by our names."""
     position = _floats(path, "cam_pos", scene["cam_pos"], (SENSORS, 3))[sensor]
     angles = _floats(path, "cam_rot", scene["cam_rot"], (SENSORS, 3))[sensor]
     rotation = Rotation.from_euler("xyz", angles).as_matrix()
@@ -147,7 +125,7 @@ def _pixel(along: np.ndarray) -> np.ndarray:
     A grid's points are where its pixels are, but nobody says whether in their middles (as here) or at a
     corner (as the authors' network has them): where in a pixel they are is seen from them, by circular mean.
     """
-    place = along / WIDTH * RESOLUTION + RESOLUTION / 2
+    place = along / SENSOR_WIDTH * RESOLUTION + RESOLUTION / 2
     turn = np.angle(np.exp(2j * np.pi * place).mean()) / (2 * np.pi)  # in [-0.5, 0.5]
     within = turn if turn >= -0.25 else turn + 1
     return np.rint(place - within).astype(int)
@@ -206,10 +184,9 @@ def read_vision(root: Path | str, entry: ReleasedObject, grasps: int, size: int)
     Images of another size are resized, as the authors' loader does; transparent ones are put over white.
     Raises UnusableObject, naming the file, if an image is missing or can't be read.
     """
-    folder = Path(root) / "images" / entry.class_name / entry.name
     return {
-        "unoccluded": _image(folder / UNOCCLUDED, size),
-        "occluded": np.stack([_image(folder / f"{grasp}.png", size) for grasp in range(grasps)]),
+        "unoccluded": _image(entry.image(root), size),
+        "occluded": np.stack([_image(entry.image(root, grasp), size) for grasp in range(grasps)]),
     }
 
 
@@ -231,80 +208,22 @@ def read_charts(root: Path | str, entry: ReleasedObject, grasps: int) -> dict[st
     neighbours. All vertices are at the sensor where nothing was touched, or the sheet is one number.
     """
     charts = []
-    for path, scene in _scenes(root, entry, grasps):
+    for grasp, (path, scene) in enumerate(_scenes(root, entry, grasps)):
         position = _floats(path, "cam_pos", scene["cam_pos"], (SENSORS, 3))
         for sensor in range(SENSORS):
-            folder = Path(root) / "sheets" / entry.class_name / entry.name
-            sheet = load_plain(folder / f"sheets_{path.stem}_{sensor}.npy")
+            path = entry.sheet(root, grasp, sensor)
+            sheet = load_plain(path)
             if not np.ravel(scene["touch_success"])[sensor] or np.size(sheet) == 1:
                 charts.append(np.broadcast_to(position[sensor], (CHART**2, 3)))
             else:
-                charts.append(_refined(_floats(folder, f"sheet of sensor {sensor}", sheet, (len(_IN_CHART), 3))))
+                charts.append(_refined(_floats(path, "sheet", sheet, (len(SHEET_IN_CHART), 3))))
     return {"vertices": np.stack(charts).reshape(grasps, SENSORS, CHART**2, 3).astype(np.float32)}
 
 
 def _refined(sheet: np.ndarray) -> np.ndarray:
     """A chart (81, 3) of a sheet (25, 3)."""
     grid = np.empty((CHART, CHART, 3))
-    grid.reshape(-1, 3)[_IN_CHART] = sheet
+    grid.reshape(-1, 3)[SHEET_IN_CHART] = sheet
     grid[::2, 1::2] = (grid[::2, :-2:2] + grid[::2, 2::2]) / 2
     grid[1::2] = (grid[:-2:2] + grid[2::2]) / 2
     return grid.reshape(-1, 3)
-
-
-def export_run(run: Path | str, folder: Path | str) -> int:
-    """Write a run's surfaces, images and touches in the layout of the released dataset; how many objects.
-
-    The folder is written whole or not at all. Sheets are written if the run has touch charts. Raises
-    StoreError if surface, touch or vision have not been built.
-    """
-    dataset = Dataset(run, stages=("surface", "touch", "vision"))
-    if not len(dataset):
-        raise StoreError(f"{run}: no object with surface, touch and vision: nothing to export")
-    with atomic_write(Path(folder)) as root:
-        splits: dict[str, list[str]] = {name: [] for name in SPLITS}
-        theirs = {ours: name for name, ours in SPLITS.items()}
-        for record in dataset:
-            name = record.name.removeprefix(f"{record.class_name}-")
-            _export_object(record, root, name, "charts" in dataset.stages)
-            splits[theirs[record.split]].append(name + record.class_name)
-        _save(root / "split.npy", splits)
-        touch = Store(Path(run) / CONTRACT["touch"].path(dataset[0].batch))
-        _save(root / EMPTY_READING, touch["empty_reading"].transpose(1, 0, 2))
-    return len(dataset)
-
-
-def _export_object(record: ObjectRecord, root: Path, name: str, charts: bool) -> None:
-    """Write one object's files below `root`."""
-    at = Path(record.class_name)
-    images, scenes, sheets = (root / kind / at / name for kind in ("images", "scene_info", "sheets"))
-    _save(root / "surfaces" / at / f"{name}.npy", (record.points.astype(np.float64) - SHIFT) / SCALE)
-    images.mkdir(parents=True)
-    Image.fromarray(record.unoccluded).save(images / UNOCCLUDED)
-    for number, grasp in enumerate(record.grasps):
-        Image.fromarray(grasp.occluded).save(images / f"{number}.png")
-        depth = np.where(np.isfinite(grasp.depth), grasp.depth, np.float32(NOTHING))
-        scene = {
-            "touch_success": grasp.success,
-            "cam_pos": grasp.position,
-            "cam_rot": _angles(grasp.rotation),
-            "depth": list(depth.transpose(0, 2, 1)),
-            "gel": list(grasp.reading.transpose(0, 2, 1, 3)),
-            "points": list(grasp.points),
-        }
-        _save(scenes / f"{number}.npy", scene)
-        for sensor in range(SENSORS) if charts else ():
-            sheet = grasp.vertices[sensor][_IN_CHART] if grasp.success[sensor] else np.zeros(1)
-            _save(sheets / f"sheets_{number}_{sensor}.npy", sheet)
-
-
-def _angles(rotation: np.ndarray) -> np.ndarray:
-    """Radians (..., 3) about fixed x, then y, then z, of rotations (..., 3, 3)."""
-    with warnings.catch_warnings():  # of angles that are one of many with the same rotation, which is all right
-        warnings.simplefilter("ignore", UserWarning)
-        return Rotation.from_matrix(rotation).as_euler("xyz")
-
-
-def _save(path: Path, value: Any) -> None:
-    path.parent.mkdir(parents=True, exist_ok=True)
-    np.save(path, value)

@@ -2,7 +2,7 @@
 
     surfaces/<class>/<object>.npy          points of the surface
     images/<class>/<object>/<k>.png        grasp k, and unoccluded.png
-    scene_info/<class>/<object>/<k>.npy    what the sensors of grasp k felt, and their poses
+    scene_info/<class>/<object>/<k>.npy    what the sensors of grasp k sensed, and their poses
     sheets/<class>/<object>/sheets_<k>_<sensor>.npy    touch charts
     split.npy                              dictionary: train, valid, test -> list of <object><class>
     empty_gel.npy                          the reading of an untouched sensor
@@ -25,7 +25,7 @@ log = logging.getLogger(__name__)
 
 SPLITS = {"train": "train", "valid": "validation", "test": "test"}  # their names and ours
 EMPTY_READING = "empty_gel.npy"
-UNOCCLUDED = "unoccluded.png"
+SURFACES, IMAGES, SCENES, SHEETS = "surfaces", "images", "scene_info", "sheets"
 
 
 class ReleasedObject(NamedTuple):
@@ -38,29 +38,59 @@ class ReleasedObject(NamedTuple):
     @property
     def source(self) -> str:
         """Its surface, relative to the root: the file that the catalogue names."""
-        return f"surfaces/{self.class_name}/{self.name}.npy"
+        return f"{SURFACES}/{self.class_name}/{self.name}.npy"
+
+    @classmethod
+    def of_source(cls, source: str) -> "ReleasedObject":
+        """The object whose surface the catalogue names."""
+        return cls(Path(source).parent.name, Path(source).stem)
+
+    @property
+    def split_name(self) -> str:
+        """What `split.npy` calls it."""
+        return self.name + self.class_name
+
+    def surface(self, root: Path | str) -> Path:
+        """Its surface's file."""
+        return Path(root) / self.source
+
+    def image(self, root: Path | str, grasp: int | None = None) -> Path:
+        """Image of a grasp, or of the object alone."""
+        return self._folder(root, IMAGES) / ("unoccluded.png" if grasp is None else f"{grasp}.png")
+
+    def scene(self, root: Path | str, grasp: int) -> Path:
+        """What the sensors of a grasp sensed."""
+        return self._folder(root, SCENES) / f"{grasp}.npy"
+
+    def sheet(self, root: Path | str, grasp: int, sensor: int) -> Path:
+        """Touch chart of a sensor."""
+        return self._folder(root, SHEETS) / f"sheets_{grasp}_{sensor}.npy"
+
+    def _folder(self, root: Path | str, kind: str) -> Path:
+        return Path(root, kind, self.class_name, self.name)
 
 
 def read_released(root: Path | str) -> list[ReleasedObject]:
     """The objects of a released dataset that have surface, images, scene info and a split; by class and name.
 
-    Objects that lack one of these are left out, as the authors' loaders do, and named in a warning. Raises
+    Objects that lack one of these are omitted, as in the authors' loaders, and named in a warning. Raises
     UnusableObject, naming file and remedy, if a folder or `split.npy` is missing, or `split.npy` is something else.
     """
     root = Path(root)
-    for folder in ("surfaces", "images", "scene_info"):
+    for folder in (SURFACES, IMAGES, SCENES):
         if not (root / folder).is_dir():
             raise UnusableObject(
-                f"{root / folder}: no such folder: set source.path to the folder that holds surfaces, images,"
-                " scene_info and split.npy"
+                f"{root / folder}: no such folder: set source.path to the folder that holds {SURFACES}, {IMAGES},"
+                f" {SCENES} and split.npy"
             )
     splits = read_splits(root / "split.npy")
     found, without = [], []
-    for class_name in _folders(root / "images"):
-        for name in _folders(root / "images" / class_name):
-            each = ReleasedObject(class_name, name, splits.get(name + class_name, ""))
-            whole = (root / each.source).is_file() and (root / "scene_info" / class_name / name).is_dir()
-            (found if whole and each.split else without).append(each)
+    for class_name in _folders(root / IMAGES):
+        for name in _folders(root / IMAGES / class_name):
+            each = ReleasedObject(class_name, name)
+            each = each._replace(split=splits.get(each.split_name, ""))
+            complete = each.surface(root).is_file() and (root / SCENES / class_name / name).is_dir()
+            (found if complete and each.split else without).append(each)
     if without:
         named = ", ".join(f"{each.class_name}/{each.name}" for each in without[:10])
         log.warning("%s: %d objects without surface, scene info or split: %s", root, len(without), named)
@@ -86,7 +116,7 @@ def files(path: Path) -> list[str]:
     root, class_name, name = path.parents[2], path.parent.name, path.stem
     return [
         f"../../{kind}/{class_name}/{name}/{file}"
-        for kind in ("images", "scene_info")
+        for kind in (IMAGES, SCENES)
         for file in sorted(os.listdir(root / kind / class_name / name))
     ]
 

@@ -115,22 +115,17 @@ def example_grasp(dataset: Dataset) -> GraspRecord | None:
     """
     if not len(dataset):
         return None
-    touches = np.asarray(dataset.array("touch", "success")[:]).sum(axis=1)
-    rank = np.array([TOUCHES.index(count) for count in touches])
-    best = np.flatnonzero(rank == rank.min())
+    touches = dataset.array("touch", "success")[:].sum(axis=2)
+    rank = np.vectorize(TOUCHES.index)(touches)
+    best = np.argwhere(rank == rank.min())
     candidates = best[_evenly(len(best), CANDIDATES)]
-    grasps_each = len(touches) // len(dataset)
 
-    def record(number: int) -> GraspRecord:
-        return dataset[int(number) // grasps_each].grasps[number % grasps_each]
-
-    def merit(number: int) -> float:
-        grasp = record(number)
+    def merit(grasp: GraspRecord) -> float:
         alone, held = (grasp.object.unoccluded_mask > 0).mean(), (grasp.occluded_mask > 0).mean()
         relief = grasp.reading[grasp.success].std(axis=(1, 2)).mean(axis=-1)
         return np.sqrt(alone) * (1 - abs(held / max(alone, 1e-9) - VISIBLE)) * relief.min(initial=FULL_RELIEF)
 
-    return record(max(candidates, key=merit))
+    return max((dataset[int(row)].grasps[number] for row, number in candidates), key=merit)
 
 
 def _evenly(count: int, most: int) -> np.ndarray:

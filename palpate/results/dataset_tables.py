@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 import pandas as pd
 
-from palpate.catalogue import SPLITS
+from palpate.catalogue import SPLITS, read_catalogue
 from palpate.dataset import Dataset
 from palpate.hand import SENSORS
 from palpate.results.bootstrap import Estimate, ratio_interval
@@ -38,20 +38,21 @@ def dataset_frames(run: Path | str) -> Frames:
     """The frames of a run's folder: from its catalogue, its grasps and touch stores, and the rejections up to
     touch, so that the tables are the same whether images have been rendered or not."""
     run = Path(run)
-    objects = pd.read_csv(run / "catalogue.csv", dtype=str, keep_default_na=False)
+    objects = pd.DataFrame(read_catalogue(run / "catalogue.csv")).rename(columns={"class_name": "class"})
     dataset = Dataset(run, stages=("released", "meshes", "surface", "grasps", "touch"))
     grasped = "grasps" in dataset.stages  # a released dataset comes without: nobody knows the attempts
     rejected = pd.DataFrame(dataset.rejections(), columns=["object", "stage", "reason"])
     if not len(dataset):
         return Frames(objects, rejected, _grasp_frame([], [], np.zeros((0, SENSORS), bool), [], []))
     success = dataset.array("touch", "success")[:]
-    each = len(success) // len(dataset)
+    each = dataset.grasps_per_object
+    penetration = dataset.array("grasps", "penetration")[:] if grasped else np.full(success.shape[:2], np.nan)
     grasps = _grasp_frame(
         np.repeat(dataset.objects, each),
         np.repeat([record.class_name for record in dataset], each),
-        success,
+        success.reshape(-1, SENSORS),
         np.repeat(dataset.array("grasps", "attempts")[:] if grasped else np.full(len(dataset), np.nan), each),
-        dataset.array("grasps", "penetration")[:] if grasped else np.full(len(success), np.nan),
+        penetration.ravel(),
     )
     return Frames(objects, rejected, grasps)
 

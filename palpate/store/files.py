@@ -5,7 +5,7 @@ Zarr v3 with the sharding codec (a chunk is one record, a shard one array of the
 
 import importlib.metadata
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import cached_property
 from pathlib import Path
@@ -20,6 +20,7 @@ from zarr.codecs import BloscCodec, Crc32cCodec
 import palpate
 from palpate.atomic import atomic_write
 from palpate.store.contract import CONTRACT, FRAMES, SCHEMA_VERSION, UNITS, ArraySpec, StoreSpec
+from palpate.store.shards import is_shard, read_rows, shard_file
 
 # Batches are worked on in parallel, never the chunks of one store: one thread a process, unless the user says
 # otherwise (ZARR_THREADING__MAX_WORKERS). Several threads of Blosc may write a chunk's blocks in any order.
@@ -150,7 +151,12 @@ def _write_zarr(path: Path, spec: StoreSpec, arrays: dict[str, np.ndarray], attr
             shards=shard if shard != chunk else None,
             compressors=[Crc32cCodec()] if text else [BloscCodec(**COMPRESSION), Crc32cCodec()],
             fill_value=array_spec.fill if text else array.dtype.type(array_spec.fill),
-            attributes={"meaning": array_spec.meaning, "unit": array_spec.unit},
+            attributes={
+                "meaning": array_spec.meaning,
+                "unit": array_spec.unit,
+                # Zarr reads a file that is missing as the fill value.
+                "written": bool((array != array_spec.fill).any()),
+            },
         )
         if array.size:
             target[...] = array
@@ -167,6 +173,13 @@ def _write_hdf5(path: Path, spec: StoreSpec, arrays: dict[str, np.ndarray], attr
             dataset = file.create_dataset(name, data=array, **whole_array)
             if name in spec.arrays:
                 dataset.attrs.update({"meaning": spec.arrays[name].meaning, "unit": spec.arrays[name].unit})
+
+
+def _as_str(values: np.ndarray) -> np.ndarray:
+    """An array as read, its strings as numpy's str."""
+    if values.dtype.kind == "S":
+        return np.char.decode(values, "utf-8")
+    return values.astype(str) if values.dtype == object else values
 
 
 class Store:
@@ -207,7 +220,7 @@ class Store:
 
     @contextmanager
     def _arrays(self) -> Iterator[h5py.File | zarr.Group]:
-        """The file or folder, open for reading; what goes wrong with it becomes a StoreError."""
+        """The file or folder, open for reading; errors in the block become a StoreError that names it."""
         try:
             if self.path.suffix == ".zarr":
                 yield self._group
@@ -232,9 +245,16 @@ class Store:
             return self._headers[name]
         if name not in arrays:
             raise StoreError(f"{self.path} has no array {name!r}")
-        if self.path.suffix == ".zarr":
-            return self._headers.setdefault(name, arrays[name])
-        return arrays[name]
+        array = arrays[name]
+        if self.path.suffix != ".zarr":
+            return array
+        file = shard_file(self.path / name, array)
+        if array.attrs.get("written") and not (file.exists() and file.stat().st_size):
+            raise StoreError(
+                f"{self.path} has lost {file.relative_to(self.path)}, the values of array {name!r}; "
+                f"remove the store and build it again with: snakemake {self._target}"
+            )
+        return self._headers.setdefault(name, array)
 
     def names(self) -> list[str]:
         """Names of all arrays, sorted; those in groups as `hand/<name>`."""
@@ -254,10 +274,23 @@ class Store:
     def get(self, name: str, index: Any = ...) -> np.ndarray:
         """What `index` picks of one array, read now; strings come as a numpy array of str."""
         with self._arrays() as arrays:
-            values = np.asarray(self._array(arrays, name)[index])
-        if values.dtype.kind == "S":
-            return np.char.decode(values, "utf-8")
-        return values.astype(str) if values.dtype == object else values
+            return _as_str(np.asarray(self._array(arrays, name)[index]))
+
+    def rows(self, name: str, rows: Sequence[int], *further: int | slice) -> np.ndarray:
+        """Rows of one array, in the order given, and what `further` (numbers from 0, slices) picks of its other axes.
+
+        Only their records are read. Of many records it is much faster than `get`.
+        """
+        with self._arrays() as arrays:
+            array = self._array(arrays, name)
+            if not isinstance(array, zarr.Array) or array.shards is None:  # one chunk
+                return _as_str(np.asarray(array[...]))[(np.asarray(rows, dtype=int), *further)]
+            if not further and is_shard(array):
+                return read_rows(self.path / name, array, rows)
+            result = np.empty((len(rows), *np.broadcast_to(0, array.shape[1:])[further].shape), array.dtype)
+            for place, row in enumerate(rows):
+                result[place] = array[(row, *further)]
+            return result
 
     __getitem__ = get
 

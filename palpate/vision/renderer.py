@@ -148,7 +148,7 @@ class Renderer:
         """
         self._take_hand(scene.hand)
         self._omitted_pixels = 0
-        with _Guests():
+        with _TemporaryData():
             self._light(scene.lights)
             points = self._import(scene.visual_file, scene.object_position)
             alone = self._draw_alone(scene, points)
@@ -185,7 +185,7 @@ class Renderer:
         self._omitted_pixels = 0
         render = self._scene.render
         from_camera = scene.camera.rotation.T @ scene.lights.direction
-        with _Guests():
+        with _TemporaryData():
             self._light(scene.lights)
             points = self._import(scene.visual_file, scene.object_position)
             layers = []
@@ -223,7 +223,7 @@ class Renderer:
         The mask is that of the glb's object and of the meshes: all but the hand.
         """
         self._take_hand(hand)
-        with _Guests():
+        with _TemporaryData():
             self._light(Lights())
             drawn = [np.zeros((0, 3))]
             if visual_glb is not None:
@@ -366,14 +366,14 @@ class Renderer:
         return layers
 
 
-class _Guests:
-    """Whatever comes into Blender's data within the context goes with its end."""
+class _TemporaryData:
+    """Removes what was added to Blender's data within the context."""
 
     def __enter__(self) -> None:
-        self._residents = {block.session_uid for block in _blocks()}
+        self._before = {block.session_uid for block in _blocks()}
 
     def __exit__(self, *_) -> None:
-        bpy.data.batch_remove([block for block in _blocks() if block.session_uid not in self._residents])
+        bpy.data.batch_remove([block for block in _blocks() if block.session_uid not in self._before])
 
 
 def _blocks() -> list:

@@ -11,12 +11,14 @@ from pathlib import Path
 
 import pandas as pd
 
+from palpate.catalogue import read_catalogue
+
 STAGES = ("shapes", "catalogue", "meshes", "surface", "grasps", "touch", "vision", "validate_batch")
 
 
 def cost_by_stage(run: Path) -> pd.DataFrame:
     """Jobs, wall and CPU seconds in total and an object, and the largest memory, of every rule of a run."""
-    objects = len(pd.read_csv(run / "catalogue.csv"))
+    objects = len(read_catalogue(run / "catalogue.csv"))
     rows = []
     for path in sorted((run / "benchmarks").iterdir()):
         files = sorted(path.glob("*.tsv")) if path.is_dir() else [path]

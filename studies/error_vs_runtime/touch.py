@@ -222,10 +222,10 @@ class TouchStudy(Study):
 
 def _touching(run: Path, subject: Subject) -> tuple[np.ndarray, np.ndarray]:
     """Positions (k, 3) and rotations (k, 3, 3) of the first sensors that touch, in the object's frame."""
-    grasps = store.read(run / f"grasps/{subject.batch}.h5", "object", "sensor_position", "sensor_rotation", "touches")
-    row = grasps["object"].tolist().index(subject.name)
-    touch = grasps["touches"][row]
-    position, rotation = grasps["sensor_position"][row][touch], grasps["sensor_rotation"][row][touch]
+    names = ("object", "sensor_position", "sensor_rotation", "touches")
+    objects, position, rotation, touches = store.read(run / f"grasps/{subject.batch}.h5", *names).values()
+    row = objects.tolist().index(subject.name)
+    position, rotation = position[row][touches[row]], rotation[row][touches[row]]
     return position[:TOUCHES] - mesh.OBJECT_POSITION, rotation[:TOUCHES]
 
 

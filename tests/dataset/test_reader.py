@@ -172,6 +172,13 @@ def test_a_dataset_without_objects_has_nothing_to_load(built):
             load()
 
 
+def test_names_of_objects_are_text_in_every_stage(built):
+    dataset = palpate.Dataset(built)
+    for stage in dataset.stages:
+        names = dataset.array(stage, "object")
+        assert names[:].tolist() == OBJECTS and names[:].dtype.kind == "U" and names[1] == OBJECTS[1]
+
+
 def test_opening_reads_no_array_but_the_names_of_objects(built, monkeypatch):
     read = []
     get = palpate.store.Store.get

@@ -10,7 +10,7 @@ import trimesh
 import zarr
 
 import palpate.store
-from palpate.dataset.checks import CHECKS, Item, check_together, rotation_error
+from palpate.dataset.checks import CHECKS, CheckedObject, check_together, rotation_error
 from palpate.dataset.validation import combine_validation, validate_batch, write_findings
 from palpate.touch import RayCaster, SphereTracer
 from palpate.touch.sensor import PIXEL, SENSOR_RANGE, SENSOR_WIDTH
@@ -439,7 +439,7 @@ def test_a_transparent_mesh_may_show_what_is_behind_it_only(run, see_through, sh
 def test_tracers_may_differ_only_where_a_touch_begins(built, beyond, beside, borderline):
     """A sensor that looks aslant at a face of the block, of which it sees a part `beyond` (m) its range,
     `beside` the face (m) by its outermost pixels; touch and grasp say the opposite of each other."""
-    item = Item({}, built / "meshes" / PAIR / "block-0000")
+    item = CheckedObject({}, built / "meshes" / PAIR / "block-0000")
     (low, _, _), (high, edge, top) = item.mesh.bounds
     out = np.array([np.sin(np.pi / 3), 0, np.cos(np.pi / 3)])
     rotation = np.stack([-out, [0, -1, 0], np.cross(-out, [0, -1, 0])], axis=1)

@@ -13,8 +13,8 @@ from palpate.batch import UnusableObject, each_object
 from palpate.catalogue import CatalogueError, all_classes, build, scan
 from palpate.dataset import Dataset
 from palpate.released import arrays as released
-from palpate.released.arrays import ReleasedObject
-from palpate.released.layout import read_released
+from palpate.released.export import STAGES, export
+from palpate.released.layout import ReleasedObject, read_released
 from palpate.released.pickles import UnsafePickle
 from palpate.store import StoreError
 from palpate.touch import SENSOR_WIDTH, empty_reading
@@ -313,7 +313,7 @@ def test_an_empty_reading_is_needed(tree):
 
 @pytest.fixture
 def exported(run, tmp_path):
-    assert released.export_run(run, tmp_path / "released") == 3
+    assert export(Dataset(run, STAGES), tmp_path / "released") == 3
     return tmp_path / "released"
 
 
@@ -377,7 +377,7 @@ def test_charts_go_out_as_sheets_and_come_back(run, tmp_path):
             records[name] = {"vertices": np.reshape(charts, (GRASPS, 4, 81, 3))}
         path = run / palpate.store.CONTRACT["charts"].path(batch)
         palpate.store.write(path, "charts", palpate.store.join("charts", records), ATTRIBUTES)
-    released.export_run(run, tmp_path / "released")
+    export(Dataset(run, STAGES), tmp_path / "released")
     record = Dataset(run)["ball-0000"]
     sensor = int(np.flatnonzero(record.grasps[0].success)[0])
     sheet = np.load(tmp_path / f"released/sheets/ball/0000/sheets_0_{sensor}.npy")
@@ -405,5 +405,5 @@ def test_charts_go_out_as_sheets_and_come_back(run, tmp_path):
 def test_a_run_without_images_is_not_exported(run, tmp_path):
     shutil.rmtree(run / "vision")
     with pytest.raises(StoreError, match="has no vision; build it with"):
-        released.export_run(run, tmp_path / "released")
+        export(Dataset(run, STAGES), tmp_path / "released")
     assert not (tmp_path / "released").exists()

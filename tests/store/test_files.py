@@ -274,8 +274,51 @@ def test_a_flipped_bit_is_an_error_that_names_the_file_and_the_remedy(tmp_path, 
     damaged.write_bytes(data)
     store = palpate.store.open(path)
     assert store["object"].tolist() == ["bottle-0000", "bottle-0001"]
-    with pytest.raises(StoreError, match=f"{path.name} can't be read .* with: snakemake {stage}/"):
-        store.get(array)
+    for read_again in (lambda: store.get(array), lambda: store.rows(array, [0, 1])):
+        with pytest.raises(StoreError, match=f"{path.name} can't be read .* with: snakemake {stage}/"):
+            read_again()
+
+
+@pytest.mark.parametrize("change", [lambda data: data[:-30], lambda data: data[:3]])
+def test_a_shard_that_was_cut_off_is_an_error(tmp_path, change):
+    path = path_of(tmp_path, "touch")
+    write(path, "touch", arrays_of("touch", 2), ATTRIBUTES)
+    shard = next(file for file in (path / "depth/c").rglob("*") if file.is_file())
+    shard.write_bytes(change(shard.read_bytes()))
+    store = palpate.store.open(path)
+    for read_again in (lambda: store.get("depth"), lambda: store.rows("depth", [0, 1])):
+        with pytest.raises(StoreError, match="can't be read .* with: snakemake touch/"):
+            read_again()
+
+
+@pytest.mark.parametrize("array", ["depth", "success", "object"])
+def test_a_file_that_was_lost_or_emptied_is_an_error_not_fill_values(tmp_path, array):
+    path = path_of(tmp_path, "touch")
+    write(path, "touch", arrays_of("touch", 2), ATTRIBUTES)
+    file = next(file for file in (path / array / "c").rglob("*") if file.is_file())
+    for lose in (lambda: file.write_bytes(b""), file.unlink):
+        lose()
+        with pytest.raises(StoreError, match=f"has lost {array}/c/0.*snakemake touch/batch-0000.zarr"):
+            palpate.store.open(path).get(array)
+
+
+@pytest.mark.parametrize("stage", STAGES)
+def test_rows_are_those_of_the_array_in_the_order_given(tmp_path, stage):
+    arrays = arrays_of(stage, 5, rng=np.random.default_rng(3))
+    for name, spec in CONTRACT[stage].arrays.items():
+        if spec.record:  # some records are not written, and of the last row none
+            arrays[name][1::3, ..., :1] = arrays[name][4] = spec.fill
+            arrays[name][0, 0] = spec.fill
+    write(path_of(tmp_path, stage), stage, arrays, ATTRIBUTES)
+    store = palpate.store.open(path_of(tmp_path, stage))
+    for name, spec in CONTRACT[stage].arrays.items():
+        if spec.of_objects:
+            for rows in ([0, 1, 2, 3, 4], [4, 1, 1], [], [3]):
+                found = store.rows(name, rows)
+                np.testing.assert_array_equal(found, arrays[name][rows], err_msg=name)
+                assert found.dtype == arrays[name].dtype or name == "object"
+                if arrays[name].ndim > 1:
+                    np.testing.assert_array_equal(store.rows(name, rows, 0), arrays[name][rows, 0], err_msg=name)
 
 
 def test_an_index_out_of_range_is_not_blamed_on_the_file(tmp_path):

@@ -15,8 +15,8 @@ def run(tmp_path):
         "batch-0001": {"d": "rifle", "e": "rifle"},
     }
     for batch, objects in batches.items():
-        rows = "".join(f"{name},{kind}\n" for name, kind in objects.items())
-        (tmp_path / f"catalogue/{batch}.csv").write_text(f"object,class\n{rows}")
+        rows = "".join(f"{name},{kind},train,{batch}\n" for name, kind in objects.items())
+        (tmp_path / f"catalogue/{batch}.csv").write_text(f"object,class,split,batch\n{rows}")
         for name in set(objects) - {"d"}:
             (tmp_path / f"meshes/{batch}/{name}").mkdir(parents=True)
             (tmp_path / f"meshes/{batch}/{name}/mesh.json").write_text("{}")

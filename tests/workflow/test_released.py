@@ -5,7 +5,8 @@ import pandas as pd
 import pytest
 
 import palpate
-from palpate.released.arrays import read_empty_reading, read_released, read_surface
+from palpate.released.arrays import read_empty_reading, read_surface
+from palpate.released.layout import read_released
 from tests.released.test_arrays import save, write_tree
 
 SMALL = {
@@ -44,12 +45,12 @@ def test_it_is_read_and_not_simulated(workflow):
 
 
 def test_models_need_no_simulation_of_it(workflow):
-    assert workflow.planned("packs/occluded-charts.h5") <= {
+    assert workflow.planned("models/charts_occluded_touch/seed-0/best.ckpt") <= {
         "catalogue",
         "released",
         "touch_depth",
         "charts",
-        "pack",
+        "reconstruction",
     }
 
 

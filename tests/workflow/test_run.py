@@ -60,18 +60,19 @@ def test_the_run_is_whole_and_valid(finished):
         assert (finished.run / f"figures/{figure}.png").stat().st_size > 10_000
 
 
-def test_logs_say_what_scenes_leave_out_and_why(finished):
+def test_logs_say_what_is_omitted(finished):
     logs = {
-        stage: (finished.run / f"logs/{stage}/batch-0000.log").read_text() for stage in ("meshes", "grasps", "touch")
+        stage: (finished.run / f"logs/{stage}/batch-0000.log").read_text()
+        for stage in ("meshes", "grasps", "touch", "vision")
     }
-    for stage, scene in (("touch", "touch"), ("touch", "store")):
-        assert f"plan of {scene}:" in logs[stage]
     for name in USABLE:
         assert f"{name}: omitted: decimation to collision.ply" in logs["meshes"]
         assert re.search(
             rf"{name}: omitted: .* visual faces, .* pairs of palm .* pairs of object patches", logs["grasps"]
         )
-        assert re.search(rf"{name}: left out: .* faces outside the swept boxes; \d+ of 20 sensors", logs["touch"])
+        touched = rf"{name}: omitted: .* faces outside the swept boxes; readings and points of \d+ of 20 sensors"
+        assert re.search(touched, logs["touch"])
+        assert re.search(rf"{name}: omitted: 4 renders of the object alone again; .* pixels", logs["vision"])
 
 
 def test_what_cannot_be_used_is_rejected_with_stage_and_reason(finished):
@@ -181,7 +182,7 @@ def test_data_do_not_depend_on_batch_size_or_cores(finished, make_workflow):
     assert one_by_one.objects == together.objects
     for store in STORES:
         for name, spec in palpate.store.CONTRACT[store].arrays.items():
-            if spec.shape[0] in ("o", "og") and name not in ("object", "object_index"):
+            if spec.of_objects and name != "object":
                 np.testing.assert_array_equal(
                     one_by_one.array(store, name)[:],
                     together.array(store, name)[:],

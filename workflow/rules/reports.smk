@@ -92,6 +92,9 @@ rule report:
         "logs/{report}.log",
     benchmark:
         "benchmarks/{report}.tsv"
+    resources:
+        mem_mb=1000,
+        runtime=10,
     wildcard_constraints:
         report="|".join(report_items.REPORTS),
     script:

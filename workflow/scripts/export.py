@@ -9,8 +9,9 @@ released/surfaces/<class>/<object>.npy
 
 import logging
 
+from palpate import Dataset
 from palpate.batch import log_to
-from palpate.released.arrays import export_run
+from palpate.released.export import STAGES, export
 
 log_to(snakemake.log[0])
-logging.info("%d objects written", export_run(".", snakemake.output.folder))
+logging.info("%d objects written", export(Dataset(".", STAGES), snakemake.output.folder))

@@ -1,14 +1,13 @@
 """Grasps of a batch: the hand closes on every object.
 
-grasps/<batch>.h5    object_index, grasp_index    (og,)               int32
-                     joint_positions              (og, 16)            float64    rad
-                     palm_pose                    (og, 4, 4)          float64    world frame, m
-                     link_pose                    (og, L, 4, 4)       float64    world frame, m
-                     sensor_position, _rotation   (og, 4, 3[, 3])     float64    world frame, m
-                     touches                      (og, 4)             bool
-                     penetration                  (og,)               float32    m, independent of the engine
-                     attempts                     (o,)                int32
-                     hand/*                                           the hand: links, joints, geoms, sensors
+grasps/<batch>.h5    joint_positions              (o, g, 16)            float64    rad
+                     palm_pose                    (o, g, 4, 4)          float64    world frame, m
+                     link_pose                    (o, g, L, 4, 4)       float64    world frame, m
+                     sensor_position, _rotation   (o, g, 4, 3[, 3])     float64    world frame, m
+                     touches                      (o, g, 4)             bool
+                     penetration                  (o, g)                float32    m, independent of the engine
+                     attempts                     (o,)                  int32
+                     hand/*                                             the hand: links, joints, geoms, sensors
 rejected/grasps/<batch>.csv    object, stage, reason
 """
 

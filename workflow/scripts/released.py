@@ -15,6 +15,7 @@ from palpate import store
 from palpate.atomic import atomic_write
 from palpate.batch import each_object, generator, log_to, write_rejections
 from palpate.released import arrays as released
+from palpate.released.layout import ReleasedObject
 
 log_to(snakemake.log[0])
 params = snakemake.params
@@ -22,8 +23,7 @@ root, settings = Path(params.source), params.settings
 
 
 def read(name: str) -> dict[str, dict[str, np.ndarray]]:
-    surface = Path(params.objects[name])  # surfaces/<class>/<object>.npy
-    entry = released.ReleasedObject(surface.parent.name, surface.stem)
+    entry = ReleasedObject.of_source(params.objects[name])
     draw = generator(params.seed, name, "surface")
     return {
         "surface": released.read_surface(root, entry, settings["points"], draw),

@@ -1,7 +1,7 @@
 """Square rings of surface points around every successful touch of a batch.
 
-rings/<batch>.zarr    object        (o,)                string
-                      ring_depth    (og, 4, 100, 100)   float32    m along the sensor's x, +inf: no surface
+rings/<batch>.zarr    object        (o,)                  string
+                      ring_depth    (o, g, 4, 100, 100)   float32    m along the sensor's x, +inf: no surface
 """
 
 from pathlib import Path

@@ -1,12 +1,12 @@
 """What the four sensors of every grasp of a batch read.
 
-touch/<batch>.zarr    success         (og, 4)                  bool       whether the sensor is in contact
-                      position        (og, 4, 3)               float64    world frame, m
-                      rotation        (og, 4, 3, 3)            float64    columns are the sensor's axes
-                      depth           (og, 4, 100, 100)        float32    m from the gel plane, +inf: nothing
-                      reading         (og, 4, 100, 100, 3)     uint8
-                      points          (og, 4, 10000, 3)        float32    local cloud, world frame, m
-                      point_count     (og, 4)                  int32
+touch/<batch>.zarr    success         (o, g, 4)                 bool       whether the sensor is in contact
+                      position        (o, g, 4, 3)               float64    world frame, m
+                      rotation        (o, g, 4, 3, 3)            float64    columns are the sensor's axes
+                      depth           (o, g, 4, 100, 100)        float32    m from the gel plane, +inf: nothing
+                      reading         (o, g, 4, 100, 100, 3)     uint8
+                      points          (o, g, 4, 10000, 3)       float32    local cloud, world frame, m
+                      point_count     (o, g, 4)                 int32
                       empty_reading   (100, 100, 3)            uint8      what an untouched sensor reads
 rejected/touch/<batch>.csv    object, stage, reason
 """
@@ -29,8 +29,8 @@ hand = Hand.from_arrays(grasps, prefix="hand/")
 
 
 def sense(name: str) -> dict[str, np.ndarray]:
-    rows = grasps["object"][grasps["object_index"]] == name
-    scene = Scene.from_grasps(meshes / name, {array: grasps[array][rows] for array in GRASP_ARRAYS}, hand)
+    row = grasps["object"].tolist().index(name)
+    scene = Scene.from_grasps(meshes / name, {array: grasps[array][row] for array in GRASP_ARRAYS}, hand)
     tracer = touch.scene_tracer(scene, settings["method"])
     sensed = touch.sense_scene(scene, tracer)
     faces = tracer.faces_in_reach(scene.sensor_position, scene.sensor_rotation)

@@ -4,7 +4,8 @@ import sys
 
 import pandas as pd
 
-from palpate.batch import log_to
+from palpate.batch import log_to, read_rejections
+from palpate.catalogue import read_catalogue
 
 log_to(snakemake.log[0])
 checks = pd.read_csv(snakemake.input.table)
@@ -12,6 +13,6 @@ failed = checks[~checks.passed]
 if len(failed):
     sys.exit(f"{len(failed)} of {len(checks)} checks failed:\n{failed.to_string(index=False)}")
 
-catalogue, rejected = pd.read_csv(snakemake.input.catalogue), pd.read_csv(snakemake.input.rejected)
-if set(catalogue.object) <= set(rejected.object):
-    sys.exit(f"none of {len(catalogue)} objects could be used; the first: {rejected.reason[0]}")
+catalogue, rejected = read_catalogue(snakemake.input.catalogue), read_rejections([snakemake.input.rejected])
+if {entry.object for entry in catalogue} <= {rejection.object for rejection in rejected}:
+    sys.exit(f"none of {len(catalogue)} objects could be used; the first: {rejected[0].reason}")

@@ -1,7 +1,7 @@
 """Images of a batch: every object alone, and in each of its grasps.
 
 vision/<batch>.zarr    unoccluded                      (o, 256, 256, 3)     uint8      sRGB, row 0 at the top
-                       occluded                        (og, 256, 256, 3)    uint8
+                       occluded                        (o, g, 256, 256, 3)    uint8
                        unoccluded_mask, occluded_mask  (..., 256, 256)      uint8      255: the object
                        unoccluded_depth, occluded_depth                     float16    m along its axis
 exr/<batch>/           multilayer EXR masters, if the config keeps them
@@ -31,8 +31,8 @@ with ExitStack() as outputs:
     renderer = Renderer(settings["samples"], settings["device"], snakemake.threads, masters)
 
     def render(name: str) -> dict[str, np.ndarray]:
-        rows = grasps["object"][grasps["object_index"]] == name
-        of_object = {array: grasps[array][rows] for array in GRASP_ARRAYS}
+        row = grasps["object"].tolist().index(name)
+        of_object = {array: grasps[array][row] for array in GRASP_ARRAYS}
         alone, held = renderer.render(Scene.from_grasps(meshes / name, of_object, hand, camera=camera))
         arrays = {"unoccluded": alone.rgb, "unoccluded_mask": alone.mask, "unoccluded_depth": alone.depth}
         for key, field in {"occluded": "rgb", "occluded_mask": "mask", "occluded_depth": "depth"}.items():

@@ -119,15 +119,13 @@ def run(tmp_path_factory):
     store.write(folder / "surface/batch-0000.zarr", "surface", {"object": names, "points": surface}, attributes)
     arrays = {
         "object": names,
-        "object_index": np.zeros(0, dtype=np.int32),
-        "grasp_index": np.zeros(0, dtype=np.int32),
-        "joint_positions": np.zeros((0, 16)),
-        "palm_pose": np.zeros((0, 4, 4)),
-        "link_pose": np.zeros((0, 17, 4, 4)),
-        "sensor_position": np.zeros((0, 4, 3)),
-        "sensor_rotation": np.zeros((0, 4, 3, 3)),
-        "touches": np.zeros((0, 4), dtype=bool),
-        "penetration": np.zeros(0, dtype=np.float32),
+        "joint_positions": np.zeros((2, 0, 16)),
+        "palm_pose": np.zeros((2, 0, 4, 4)),
+        "link_pose": np.zeros((2, 0, 17, 4, 4)),
+        "sensor_position": np.zeros((2, 0, 4, 3)),
+        "sensor_rotation": np.zeros((2, 0, 4, 3, 3)),
+        "touches": np.zeros((2, 0, 4), dtype=bool),
+        "penetration": np.zeros((2, 0), dtype=np.float32),
         "attempts": np.zeros(2, dtype=np.int32),
     }
     (folder / "grasps").mkdir()

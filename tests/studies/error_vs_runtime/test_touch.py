@@ -34,7 +34,7 @@ def poses(made: trimesh.Trimesh, count: int) -> tuple[np.ndarray, np.ndarray]:
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory):
-    """A run with one object and two grasps of it, of which six sensors touch."""
+    """A run with two objects, and two grasps of the second, of which six sensors touch."""
     folder = tmp_path_factory.mktemp("run")
     subject = Subject("lump-0000", "lump", "batch-0000", folder / "meshes/batch-0000/lump-0000")
     subject.folder.mkdir(parents=True)
@@ -44,14 +44,18 @@ def run(tmp_path_factory):
     lumpy(subdivisions=2).export(subject.folder / "level-320.ply")
     position, rotation = poses(made, 8)
     position[[1, 6]] += 0.2
+
+    def of_second(values):
+        return np.stack([np.zeros_like(values), values])
+
     arrays = {
         "object": np.array(["another", subject.name]),
         "joint_positions": np.zeros((2, 2, 16)),
         "palm_pose": np.zeros((2, 2, 4, 4)),
         "link_pose": np.zeros((2, 2, 17, 4, 4)),
-        "sensor_position": np.stack([np.zeros((2, 4, 3)), (position + mesh.OBJECT_POSITION).reshape(2, 4, 3)]),
-        "sensor_rotation": np.stack([np.zeros((2, 4, 3, 3)), rotation.reshape(2, 4, 3, 3)]),
-        "touches": np.array([np.ones((2, 4), dtype=bool), [[True, False, True, True], [True, True, False, True]]]),
+        "sensor_position": of_second((position + mesh.OBJECT_POSITION).reshape(2, 4, 3)),
+        "sensor_rotation": of_second(rotation.reshape(2, 4, 3, 3)),
+        "touches": of_second(np.array([[True, False, True, True], [True, True, False, True]])),
         "penetration": np.zeros((2, 2), dtype=np.float32),
         "attempts": np.ones(2, dtype=np.int32),
     }

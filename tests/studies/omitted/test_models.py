@@ -50,7 +50,7 @@ def omissions():
             yield experiment, naive
 
 
-@pytest.mark.parametrize(("experiment", "naive"), omissions())
+@pytest.mark.parametrize(("experiment", "naive"), list(omissions()))
 def test_a_needless_part_without_weight_changes_no_vertex(experiment, naive):
     torch.manual_seed(1)
     less = build(experiment, SMALL).double().eval()
@@ -105,7 +105,8 @@ def test_stages_of_what_is_omitted_are_not_read():
 
 
 @pytest.mark.parametrize(
-    ("kind", "normalisation"), itertools.product(["charts", "no_comm", "sphere"], ["symmetric", "mean", "separate"])
+    ("kind", "normalisation"),
+    list(itertools.product(["charts", "no_comm", "sphere"], ["symmetric", "mean", "separate"])),
 )
 def test_spare_charts_are_alone(kind, normalisation):
     plain, more = Graph(2, kind, normalisation), SpareGraph(2, kind, normalisation, spare=3)

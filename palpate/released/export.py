@@ -1,0 +1,73 @@
+"""A run's dataset in the layout of the authors' released dataset."""
+
+import warnings
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from PIL import Image
+from scipy.spatial.transform import Rotation
+
+from palpate.atomic import atomic_write
+from palpate.mesh import DIAGONAL, OBJECT_POSITION
+from palpate.released.arrays import SENSORS, SHEET_IN_CHART
+from palpate.released.layout import EMPTY_READING, SPLITS, ReleasedObject
+from palpate.store.files import StoreError
+
+STAGES = ("surface", "touch", "vision")  # that an exported object must have come through
+NOTHING = 1.0  # m, their depth where nothing is in range: their loader cuts at 1
+
+
+def export(dataset, folder: Path | str) -> int:
+    """Write a dataset's surfaces, images and touches in the layout of the released dataset; how many objects.
+
+    dataset: a `palpate.Dataset` of the stages `STAGES`. folder: written as a whole or not at all. Sheets are written
+    if the run has touch charts. Raises StoreError if there is no object, or surface, touch or vision have not been
+    built.
+    """
+    if not len(dataset):
+        raise StoreError(f"{dataset!r}: no object with surface, touch and vision: nothing to export")
+    with atomic_write(Path(folder)) as root:
+        splits: dict[str, list[str]] = {name: [] for name in SPLITS}
+        theirs = {ours: name for name, ours in SPLITS.items()}
+        for record in dataset:
+            entry = ReleasedObject(record.class_name, record.name.removeprefix(f"{record.class_name}-"))
+            _export_object(record, root, entry, "charts" in dataset.stages)
+            splits[theirs[record.split]].append(entry.split_name)
+        _save(root / "split.npy", splits)
+        _save(root / EMPTY_READING, dataset.empty_reading.transpose(1, 0, 2))
+    return len(dataset)
+
+
+def _export_object(record, root: Path, entry: ReleasedObject, charts: bool) -> None:
+    """Write the files of one object record of a dataset below `root`."""
+    _save(entry.surface(root), (record.points.astype(np.float64) - OBJECT_POSITION) / DIAGONAL)
+    entry.image(root).parent.mkdir(parents=True)
+    Image.fromarray(record.unoccluded).save(entry.image(root))
+    for number, grasp in enumerate(record.grasps):
+        Image.fromarray(grasp.occluded).save(entry.image(root, number))
+        depth = np.where(np.isfinite(grasp.depth), grasp.depth, np.float32(NOTHING))
+        scene = {
+            "touch_success": grasp.success,
+            "cam_pos": grasp.position,
+            "cam_rot": _angles(grasp.rotation),
+            "depth": list(depth.transpose(0, 2, 1)),
+            "gel": list(grasp.reading.transpose(0, 2, 1, 3)),
+            "points": list(grasp.points),
+        }
+        _save(entry.scene(root, number), scene)
+        for sensor in range(SENSORS) if charts else ():
+            sheet = grasp.vertices[sensor][SHEET_IN_CHART] if grasp.success[sensor] else np.zeros(1)
+            _save(entry.sheet(root, number, sensor), sheet)
+
+
+def _angles(rotation: np.ndarray) -> np.ndarray:
+    """Radians (..., 3) about fixed x, then y, then z, of rotations (..., 3, 3)."""
+    with warnings.catch_warnings():  # of angles that are one of many with the same rotation, which is all right
+        warnings.simplefilter("ignore", UserWarning)
+        return Rotation.from_matrix(rotation).as_euler("xyz")
+
+
+def _save(path: Path, value: Any) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    np.save(path, value)
