@@ -48,6 +48,19 @@ include: "workflow/rules/results.smk"
 include: "workflow/rules/targets.smk"
 
 
+localrules:
+    all,
+
+
+# Here, because Snakemake takes no default target from an included file.
+rule all:
+    default_target: True
+    input:
+        rules.dataset.input,
+        expand("tables/{table}.{form}", table=[*MODEL_TABLES, *ARCHITECTURES], form=["csv", "md", "tex"]),
+        expand("figures/{figure}.png", figure=MODEL_FIGURES),
+
+
 # One environment for all rules; Snakemake has no directive that says so once.
 for each in workflow.rules:
     each.conda_env = CONDA

@@ -75,5 +75,6 @@ use rule evaluate as evaluate_touch with:
     benchmark:
         "benchmarks/evaluate_touch.tsv"
     params:
+        experiment=None,
         points=config["evaluation"]["points"],
         device=config["training"]["device"],

@@ -3,12 +3,8 @@
 from studies import items as report_items
 from studies.subjects import in_turn
 
-REPORT_OBJECTS = in_turn(ENTRIES, lambda entry: entry.class_name)[
-    : config["reports"]["objects"]
-]
-REPORT_BATCHES = sorted(
-    {BATCHES[ENTRIES.index(entry) // config["batch_size"]] for entry in REPORT_OBJECTS}
-)
+REPORT_OBJECTS = in_turn(ENTRIES, lambda entry: entry.class_name)[: config["reports"]["objects"]]
+REPORT_BATCHES = sorted({BATCHES[ENTRIES.index(entry) // config["batch_size"]] for entry in REPORT_OBJECTS})
 
 
 def report_item(wildcards):
@@ -19,18 +15,12 @@ def report_inputs(wildcards):
     """What an item reads, of the batches that hold the report's objects."""
     files = {name: report_items.FILES[name] for name in report_item(wildcards).reads}
     files["catalogue"] = "catalogue/{batch}.csv"
-    return {
-        name: expand(paths, batch=REPORT_BATCHES, every_batch=BATCHES)
-        for name, paths in sorted(files.items())
-    }
+    return {name: expand(paths, batch=REPORT_BATCHES, every_batch=BATCHES) for name, paths in sorted(files.items())}
 
 
 def report_settings(wildcards):
     """The sections of the config that an item depends on."""
-    return {
-        section: RECIPE if section == "recipe" else config[section]
-        for section in report_item(wildcards).settings
-    }
+    return {section: RECIPE if section == "recipe" else config[section] for section in report_item(wildcards).settings}
 
 
 def report_tables(report):
@@ -57,6 +47,8 @@ rule report_item:
         "logs/reports/{report}-{item}.log",
     benchmark:
         "benchmarks/reports/{report}-{item}.tsv"
+    wildcard_constraints:
+        report="|".join(report_items.REPORTS),
     # It works on one thread.
     threads: lambda wildcards: (workflow.cores or 1) if timed(wildcards) else 1
     resources:
@@ -67,8 +59,6 @@ rule report_item:
         batches=REPORT_BATCHES,
         objects=lambda wildcards: config["reports"]["objects"] if timed(wildcards) else 1,
         rounds=lambda wildcards: config["reports"]["rounds"] if timed(wildcards) else 1,
-    wildcard_constraints:
-        report="|".join(report_items.REPORTS),
     script:
         "../scripts/report_item.py"
 
@@ -92,9 +82,6 @@ rule report:
         "logs/{report}.log",
     benchmark:
         "benchmarks/{report}.tsv"
-    resources:
-        mem_mb=1000,
-        runtime=10,
     wildcard_constraints:
         report="|".join(report_items.REPORTS),
     script:

@@ -1,9 +1,8 @@
-# What is asked for by name: snakemake all, dataset, validate, smoke.
+# What is asked for by name: snakemake dataset, validate, smoke.
 import sys
 
 
 localrules:
-    all,
     dataset,
     validate,
     smoke,
@@ -69,14 +68,6 @@ rule dataset:
         [] if RELEASED else "reports/validation.csv",
         expand("tables/{table}.{form}", table=DATASET_TABLES, form=["csv", "md", "tex"]),
         expand("figures/{figure}.png", figure=DATASET_FIGURES),
-
-
-rule all:
-    default_target: True
-    input:
-        rules.dataset.input,
-        expand("tables/{table}.{form}", table=[*MODEL_TABLES, *ARCHITECTURES], form=["csv", "md", "tex"]),
-        expand("figures/{figure}.png", figure=MODEL_FIGURES),
 
 
 # A run of its own (config/smoke.yaml, results/smoke/), whatever the config of this one.
