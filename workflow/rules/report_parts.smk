@@ -55,7 +55,15 @@ REPORT_PARTS = {
         "touch": (["meshes", "grasps"], ["touch"], ["touch"]),
         "renders": (["meshes", "grasps"], ["vision", "views", "seed"], ["renders"]),
         "models": (
-            ["all_objects", "surface", "touch", "charts", "vision", "views", "touch_depth"],
+            [
+                "all_objects",
+                "surface",
+                "touch",
+                "charts",
+                "vision",
+                "views",
+                "touch_depth",
+            ],
             ["recipe", "training"],
             ["reconstruction"],
         ),
