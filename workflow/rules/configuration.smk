@@ -144,6 +144,16 @@ def ring_stores(wildcards):
     return stores_of(wildcards.experiment, "touch", "rings")
 
 
+def stored_mb(paths):
+    """Megabytes of files and of all files in folders, which Snakemake's `size_mb` counts as empty."""
+    files = [
+        file
+        for path in map(Path, paths)
+        for file in (path.rglob("*") if path.is_dir() else [path])
+    ]
+    return int(sum(file.stat().st_size for file in files) / 1e6)
+
+
 def experiment_settings(wildcards):
     """How an experiment is trained by the run's recipe."""
     return recipes.settings(RECIPE, EXPERIMENTS["experiments"][wildcards.experiment])
