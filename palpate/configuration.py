@@ -1,15 +1,12 @@
 """Config files and tables are checked against a JSON schema before anything runs."""
 
 import difflib
-from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import jsonschema
 import yaml
-
-from palpate.catalogue.sources import Count, all_classes
 
 
 class ConfigError(ValueError):
@@ -42,21 +39,3 @@ def check(instance: Any, schema: Path | str, what: str) -> None:
     lines = list(dict.fromkeys(line for error in errors for line in _say(error)))
     if lines:
         raise ConfigError(f"{what} does not fit {Path(schema).name}:\n" + "\n".join(f"  {line}" for line in lines))
-
-
-def class_counts(config: Mapping[str, Any], source: Mapping[str, Any]) -> dict[str, Count]:
-    """The number of objects, or "all", of each class that a checked config asks for, in its order.
-
-    `source` is as for `palpate.catalogue.scan`: `classes: all` means its folders. Raises `ConfigError` for a
-    class that is listed twice, and `CatalogueError` as `all_classes` does.
-    """
-    if config["classes"] == "all":
-        return all_classes(source)
-    times = Counter(row["class"] for row in config["classes"])
-    twice = [name for name, count in times.items() if count > 1]
-    if twice:
-        raise ConfigError(
-            f"config classes: {', '.join(twice)} listed more than once: keep one entry of each class, "
-            "with the number of objects that it shall have"
-        )
-    return {row["class"]: row["objects"] for row in config["classes"]}

@@ -1,6 +1,6 @@
 """Which objects a run has: the sources of their meshes, their classes, splits and batches."""
 
-from palpate.catalogue.sources import UP_AXIS, CatalogueError, SourceObject, all_classes, scan
+from palpate.catalogue.sources import UP_AXIS, CatalogueError, SourceObject, all_classes, class_counts, scan
 from palpate.catalogue.split import PAPER_SPLIT, SPLITS, assign_split
 from palpate.catalogue.table import (
     COLUMNS,
@@ -25,6 +25,7 @@ __all__ = [
     "batch_names",
     "build",
     "checksum",
+    "class_counts",
     "companions",
     "read_catalogue",
     "scan",

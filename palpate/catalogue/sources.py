@@ -7,11 +7,13 @@ import hashlib
 import logging
 import os
 import re
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from palpate.batch import UnusableObject
+from palpate.configuration import ConfigError
 from palpate.released.layout import SURFACES, ReleasedObject, read_released
 
 log = logging.getLogger(__name__)
@@ -103,6 +105,24 @@ def all_classes(source: Mapping[str, Any]) -> dict[str, Count]:
         raise CatalogueError(f"{root}: no folder of a class in it: put meshes in {root}/<class>/")
     names = {synset: name for name, synset in SYNSETS.items()} if kind == "shapenet" else {}
     return {names.get(folder, folder): "all" for folder in folders if folder not in empty}
+
+
+def class_counts(config: Mapping[str, Any], source: Mapping[str, Any]) -> dict[str, Count]:
+    """The number of objects, or "all", of each class that a checked config asks for, in its order.
+
+    `source` is as for `scan`: `classes: all` means its folders. Raises `ConfigError` for a
+    class that is listed twice, and `CatalogueError` as `all_classes` does.
+    """
+    if config["classes"] == "all":
+        return all_classes(source)
+    times = Counter(row["class"] for row in config["classes"])
+    twice = [name for name, count in times.items() if count > 1]
+    if twice:
+        raise ConfigError(
+            f"config classes: {', '.join(twice)} listed more than once: keep one entry of each class, "
+            "with the number of objects that it shall have"
+        )
+    return {row["class"]: row["objects"] for row in config["classes"]}
 
 
 def _holds_mesh(folder: Path, kind: str) -> bool:

@@ -42,7 +42,7 @@ def draw(path: Path | str) -> None:
     lit = AMBIENT + (1 - AMBIENT) * np.maximum(normal @ unit(LIGHT), 0)
     paint = CHART_COLOURS * (1 - WHITE) + WHITE
     colour = lit[:, None] * paint[chart_colours(chart, atlas.joined.numpy())[chart[faces[:, 0]]]]
-    # From the back to the front; what faces away is hidden but for slits between charts, and left out.
+    # From the back to the front; what faces away is hidden but for slits between charts, and omitted.
     shown = np.argsort(corners.mean(axis=1) @ depth)
     shown = shown[normal[shown] @ depth > 0]
 

@@ -110,7 +110,7 @@ def decide(
     """What a run says about each claim: one row a claim.
 
     Args:
-        evaluations: rows of `errors.read` of `published_experiments()`; rings: of those of `extrapolation`;
+        evaluations: rows of `rows.read` of `published_experiments()`; rings: of those of `extrapolation`;
         touches: of `evaluations/touch_depth.csv`.
 
     Columns: claim, section, split, measured with its interval (`_low`, `_high`) and the same of the paper's

@@ -6,14 +6,7 @@ from typing import NamedTuple
 import numpy as np
 import pandas as pd
 
-from palpate.evaluation.rows import (  # noqa: F401
-    COLUMNS,
-    RING_COLUMNS,
-    SPLITS,
-    TOUCH_COLUMNS,
-    EvaluationError,
-    read,
-)
+from palpate.evaluation.rows import EvaluationError
 from palpate.results.bootstrap import RESAMPLES, Estimate, interval
 
 AVERAGE = "average"
@@ -64,7 +57,7 @@ def errors(
     """The errors of experiments on one split, object by object.
 
     Args:
-        frame: rows of `read`; `column` holds the error, `key` names the experiment.
+        frame: rows of `palpate.evaluation.rows.read`; `column` holds the error, `key` names the experiment.
 
     Raises EvaluationError if an experiment has no rows, experiments were measured on different objects, one
     was measured twice, or an error is not finite.

@@ -12,8 +12,9 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import FormatStrFormatter, LogLocator, MaxNLocator, NullFormatter, PercentFormatter
 
 from palpate.evaluation.rings import RINGS
+from palpate.evaluation.rows import EvaluationError
 from palpate.results.bootstrap import RESAMPLES
-from palpate.results.errors import EvaluationError, errors
+from palpate.results.errors import errors
 from palpate.results.model_tables import (
     STRATEGY_NAMES,
     Experiments,

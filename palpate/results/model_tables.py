@@ -14,8 +14,9 @@ import pandas as pd
 from palpate.charts import CHAMFER_SCALE
 from palpate.evaluation.metrics import PIXEL2MESH_SCALE, TAU, pixel2mesh_chamfer
 from palpate.evaluation.rings import RINGS
+from palpate.evaluation.rows import EvaluationError
 from palpate.results.bootstrap import RESAMPLES, Estimate
-from palpate.results.errors import AVERAGE, Errors, EvaluationError, errors
+from palpate.results.errors import AVERAGE, Errors, errors
 from palpate.results.published import paper_values
 from palpate.training.tuning import summary
 
@@ -43,7 +44,7 @@ def model_selection(
 ) -> pd.DataFrame:
     """Chamfer distance (m^2 x 9000) of each experiment, by class and on average (table "Model selection").
 
-    evaluations: rows of `errors.read`; experiments: those of the table, in its order.
+    evaluations: rows of `rows.read`; experiments: those of the table, in its order.
     Raises EvaluationError if one is missing.
     """
     found = errors(evaluations, list(experiments), split)
@@ -84,7 +85,7 @@ def local_touch_charts(touches: pd.DataFrame, split: str = "test", resamples: in
     (table "Chamfer distance per class for local point cloud prediction"): the predicted cloud's, and that of
     the chart fitted to it, of which the paper states nothing.
 
-    touches: rows of `errors.read` with `TOUCH_COLUMNS`.
+    touches: rows of `rows.read` with `TOUCH_COLUMNS`.
     """
     found = touch_errors(touches, split)
     published = paper_values("local_touch_charts").assign(part="cloud").set_index(["part", "class"])["value"]
@@ -151,7 +152,7 @@ def extrapolation(
     (supplement, table "Local Chamfer distance in increasingly large square rings"): in m^2 as there, and
     multiplied by 9000 as everywhere else.
 
-    rings: rows of `errors.read` with `RING_COLUMNS`.
+    rings: rows of `rows.read` with `RING_COLUMNS`.
     """
     found = ring_errors(rings, list(experiments), split)
     published = paper_values("extrapolation").set_index(["experiment", "ring"])["value"]
@@ -178,7 +179,7 @@ def ring_key(experiment: str, ring: int) -> str:
 
 def ring_errors(rings: pd.DataFrame, experiments: Sequence[str], split: str) -> Errors:
     """Errors in rings as of so many experiments, named by `ring_key`. An object that has no surface in one of
-    the rings around any of its touches is left out of all."""
+    the rings around any of its touches is omitted from all."""
     known = set(rings.loc[rings["split"] == split, "experiment"])
     for name in experiments:
         if name not in known:

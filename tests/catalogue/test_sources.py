@@ -5,8 +5,8 @@ import re
 import pytest
 
 from palpate import catalogue, mesh, shapes
-from palpate.catalogue import CatalogueError, all_classes, scan, sources
-from palpate.configuration import ConfigError, class_counts
+from palpate.catalogue import CatalogueError, all_classes, class_counts, scan, sources
+from palpate.configuration import ConfigError
 
 
 def tree(root, *files):

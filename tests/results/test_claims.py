@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
+from palpate.evaluation.rows import EvaluationError
 from palpate.results.claims import FAILS, HOLDS, STATISTICS, UNDECIDED, claims, decide, verdict
-from palpate.results.errors import EvaluationError
 from palpate.results.published import paper_values, published_experiments
 from tests.evaluation import synthetic
 

@@ -2,7 +2,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from palpate.results.errors import COLUMNS, RING_COLUMNS, EvaluationError, errors, read
+from palpate.evaluation.rows import COLUMNS, RING_COLUMNS, EvaluationError, read
+from palpate.results.errors import errors
 from palpate.results.model_tables import ring_errors, ring_key, touch_errors
 from tests.evaluation import synthetic
 

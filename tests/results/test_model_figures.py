@@ -4,8 +4,8 @@ import pytest
 from matplotlib.colors import to_rgb
 from matplotlib.image import imread
 
+from palpate.evaluation.rows import EvaluationError
 from palpate.results import model_figures as figures
-from palpate.results.errors import EvaluationError
 from tests.evaluation import synthetic
 
 

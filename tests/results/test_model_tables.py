@@ -4,8 +4,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from palpate.evaluation.rows import EvaluationError
 from palpate.results import model_tables as tables
-from palpate.results.errors import EvaluationError
 from palpate.results.tables import display, write_table
 from tests.evaluation import synthetic
 

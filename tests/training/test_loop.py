@@ -170,6 +170,24 @@ def test_patience(tmp_path, monkeypatch):
     assert (said["best_step"], said["validation_loss"], said["steps"]) == (4, 4.0, 8)
 
 
+def test_patience_goes_on_counting_after_an_interruption(tmp_path, monkeypatch):
+    losses_of(monkeypatch, [5.0, 4.0, 4.5])
+    step = ReconstructionLearner.training_step
+
+    def stop(self, number, part):
+        if number == 6:
+            raise Stop
+        return step(self, number, part)
+
+    with monkeypatch.context() as patch, pytest.raises(Stop):
+        patch.setattr(ReconstructionLearner, "training_step", stop)
+        run(tmp_path, steps=16, patience=2)
+    losses_of(monkeypatch, [4.0, 1.0])
+    said, _ = run(tmp_path, steps=16, patience=2)
+    assert [row["validation_loss"] for row in history(tmp_path)] == [5.0, 4.0, 4.5, 4.0]
+    assert (said["best_step"], said["steps"]) == (4, 8)
+
+
 def test_the_best_is_kept_not_the_last(tmp_path, monkeypatch):
     losses_of(monkeypatch, [5.0, 4.0, 4.5, 6.0])
     said, _ = run(tmp_path)

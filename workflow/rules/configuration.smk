@@ -8,7 +8,7 @@ from snakemake.exceptions import WorkflowError
 from snakemake.io import contains_wildcard
 
 from palpate import catalogue
-from palpate.configuration import ConfigError, check, class_counts
+from palpate.configuration import ConfigError, check
 from palpate.training import inputs, recipes
 
 # Jobs find Palpate in this checkout, also in an environment that has only its dependencies (envs/palpate.yaml).
@@ -49,7 +49,7 @@ try:
         "path": str(PROJECT / (config["source"]["path"] or f"{RUN_FOLDER}/sources")),
         "up": config["source"]["up"] or catalogue.UP_AXIS[config["source"]["kind"]],
     }
-    CLASS_COUNTS = class_counts(config, SOURCE)
+    CLASS_COUNTS = catalogue.class_counts(config, SOURCE)
     ENTRIES = catalogue.scan(SOURCE, CLASS_COUNTS)
     for entry in ENTRIES:
         checked(f"{SOURCE['path']}/{entry.source}")
@@ -142,6 +142,16 @@ def experiment_stores(wildcards):
 def ring_stores(wildcards):
     """The stores of an experiment, and the rings around the touches."""
     return stores_of(wildcards.experiment, "touch", "rings")
+
+
+def stored_mb(paths):
+    """Megabytes of files and of all files in folders, which Snakemake's `size_mb` counts as empty."""
+    files = [
+        file
+        for path in map(Path, paths)
+        for file in (path.rglob("*") if path.is_dir() else [path])
+    ]
+    return int(sum(file.stat().st_size for file in files) / 1e6)
 
 
 def experiment_settings(wildcards):

@@ -31,7 +31,7 @@ rule evaluate:
         "benchmarks/evaluate/{experiment}-{seed}.tsv"
     threads: config["training"]["threads"]
     resources:
-        mem_mb=lambda wildcards, input: 4000 + 2 * input.size_mb,
+        mem_mb=lambda wildcards, input: 4000 + 2 * stored_mb(input),
         runtime=240,
         gpu=min(TRAINING_GPUS, 1),
     params:
@@ -55,9 +55,8 @@ use rule evaluate as evaluate_rings with:
     benchmark:
         "benchmarks/evaluate_rings/{experiment}-{seed}.tsv"
     params:
-        experiment=lambda wildcards: EXPERIMENTS["experiments"][wildcards.experiment],
         split=lambda wildcards: EXPERIMENTS["tables"]["extrapolation"]["split"],
-        device=config["training"]["device"],
+        points=None,
 
 
 # The U-Net's clouds, and the charts fitted to them, at every touch that it was not trained on.
@@ -76,5 +75,3 @@ use rule evaluate as evaluate_touch with:
         "benchmarks/evaluate_touch.tsv"
     params:
         experiment=None,
-        points=config["evaluation"]["points"],
-        device=config["training"]["device"],

@@ -40,12 +40,13 @@ def draw(name: str, settings: dict, path: Path) -> None:
 
             atlas.draw(path)
         case "multi_grasp" | "error_over_rings" | "training_curves":
-            from palpate.results import errors, model_figures
+            from palpate.evaluation import rows
+            from palpate.results import model_figures
 
             if name == "multi_grasp":
-                model_figures.multi_grasp(errors.read(snakemake.input.evaluations), path=path, **settings)
+                model_figures.multi_grasp(rows.read(snakemake.input.evaluations), path=path, **settings)
             elif name == "error_over_rings":
-                rings = errors.read(snakemake.input.rings, errors.RING_COLUMNS)
+                rings = rows.read(snakemake.input.rings, rows.RING_COLUMNS)
                 model_figures.error_over_rings(rings, path=path, **settings)
             else:
                 histories = dict(zip(map(tuple, settings["trainings"]), snakemake.input.histories, strict=True))

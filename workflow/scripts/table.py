@@ -20,20 +20,20 @@ from pathlib import Path
 import pandas as pd
 
 from palpate.batch import log_to
-from palpate.results import errors
+from palpate.evaluation import rows
 from palpate.results.tables import write_table
 
 
 def evaluations() -> pd.DataFrame:
-    return errors.read(snakemake.input.evaluations)
+    return rows.read(snakemake.input.evaluations)
 
 
 def rings() -> pd.DataFrame:
-    return errors.read(snakemake.input.rings, errors.RING_COLUMNS)
+    return rows.read(snakemake.input.rings, rows.RING_COLUMNS)
 
 
 def touches() -> pd.DataFrame:
-    return errors.read([snakemake.input.touches], errors.TOUCH_COLUMNS)
+    return rows.read([snakemake.input.touches], rows.TOUCH_COLUMNS)
 
 
 def table(name: str, settings: dict) -> pd.DataFrame:
@@ -58,8 +58,8 @@ def table(name: str, settings: dict) -> pd.DataFrame:
             return getattr(dataset_tables, name)(dataset_tables.dataset_frames("."))
     from palpate.results import model_tables
 
-    rows = {"extrapolation": rings, "local_touch_charts": touches}.get(name, evaluations)
-    return getattr(model_tables, name)(rows(), **settings)
+    measured = {"extrapolation": rings, "local_touch_charts": touches}.get(name, evaluations)
+    return getattr(model_tables, name)(measured(), **settings)
 
 
 log_to(snakemake.log[0])
