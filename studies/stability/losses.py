@@ -709,7 +709,7 @@ def corrupt_data(subject: Subject) -> Iterator[Finding]:
         changed[len(whole) // 2] ^= 0x10
         refused = rf"{path.name} can't be read"
         yield rejects("cut in half", lambda: read(whole[: len(whole) // 2]), store.StoreError, refused)
-        yield rejects("no byte", lambda: read(b""), store.StoreError, refused)
+        yield rejects("no byte", lambda: read(b""), store.StoreError, rf"{path.name} has lost points")
         yield rejects("one bit changed", lambda: read(bytes(changed)), store.StoreError, refused)
 
         def with_point(value: float) -> TrainingData:
