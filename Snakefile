@@ -20,6 +20,7 @@ configfile: PROJECT / "config/config.yaml"
 
 
 include: "workflow/rules/configuration.smk"
+include: "workflow/rules/inputs.smk"
 
 
 # Absolute, so that a cluster's jobs don't nest it, and so that `tables/x.csv` means the run's.
@@ -43,7 +44,6 @@ if not RELEASED:
 include: "workflow/rules/touch_charts.smk"
 include: "workflow/rules/reconstruction.smk"
 include: "workflow/rules/evaluation.smk"
-include: "workflow/rules/experiments.smk"
 include: "workflow/rules/results.smk"
 include: "workflow/rules/targets.smk"
 

@@ -15,7 +15,8 @@ def project(tmp_path):
     for name in ("Snakefile", "workflow", "config", "envs"):
         source = PROJECT / name
         (shutil.copytree if source.is_dir() else shutil.copy)(source, tmp_path / name)
-    (tmp_path / "palpate").symlink_to(PROJECT / "palpate")
+    for name in ("palpate", "studies"):
+        (tmp_path / name).symlink_to(PROJECT / name)
     return tmp_path
 
 

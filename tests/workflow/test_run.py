@@ -217,7 +217,7 @@ def test_smoke_runs_in_a_checkout_whose_path_has_a_space(tmp_path):
     for name in ("Snakefile", "config"):
         copy = shutil.copytree if (PROJECT / name).is_dir() else shutil.copy
         copy(PROJECT / name, checkout / name)
-    for name in ("palpate", "workflow", "profiles", "envs"):
+    for name in ("palpate", "studies", "workflow", "profiles", "envs"):
         (checkout / name).symlink_to(PROJECT / name)
     with open(checkout / "config/smoke.yaml", "a") as file:
         file.write("sede: 1\n")

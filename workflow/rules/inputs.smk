@@ -1,7 +1,9 @@
-# Which tables and figures there are, and just the files that each is made from.
+# Which tables, figures and reports there are, and just the files that each is made from.
 from palpate.results.published import OF_EXPERIMENTS, paper_values, published_experiments
+from studies import items as report_items
+from studies.subjects import in_turn
 
-# They are counted from the touch stores and the catalogue. A released dataset has no grasps of which penetration is known.
+# Counted from the catalogue and the touch stores. The authors' dataset comes without the hand: no penetration is known.
 DATASET_TABLES = ["dataset_statistics", "grasp_success", *([] if RELEASED else ["penetration"])]
 # The tables that config/experiments.yaml may define, each by its list of experiments and its split.
 EXPERIMENT_TABLES = [*OF_EXPERIMENTS, "single_image"]
@@ -167,3 +169,34 @@ def figure_settings(wildcards):
             return {"fit": config["training"]["touch_charts"]}
         case _:
             return {}
+
+
+REPORT_OBJECTS = in_turn(ENTRIES, lambda entry: entry.class_name)[: config["reports"]["objects"]]
+REPORT_BATCHES = sorted({BATCHES[ENTRIES.index(entry) // config["batch_size"]] for entry in REPORT_OBJECTS})
+
+
+def report_item(wildcards):
+    return report_items.REPORTS[wildcards.report][wildcards.item]
+
+
+def report_inputs(wildcards):
+    """What an item reads, of the batches that hold the report's objects."""
+    files = {name: report_items.FILES[name] for name in report_item(wildcards).reads}
+    files["catalogue"] = "catalogue/{batch}.csv"
+    return {name: expand(paths, batch=REPORT_BATCHES, every_batch=BATCHES) for name, paths in sorted(files.items())}
+
+
+def report_settings(wildcards):
+    """The sections of the config that an item depends on."""
+    return {section: RECIPE if section == "recipe" else config[section] for section in report_item(wildcards).settings}
+
+
+def report_tables(report):
+    """The tables of the items that `reports.stages` asks for."""
+    asked = report_items.asked_for(report, config["reports"]["stages"])
+    return expand(f"reports/{report}/{{item}}.csv", item=asked)
+
+
+def timed(wildcards):
+    """Whether an item measures times: then no other job runs beside it."""
+    return wildcards.report in report_items.TIMED
