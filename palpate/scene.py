@@ -10,9 +10,9 @@ from typing import Any
 
 import numpy as np
 
+from palpate.camera import Camera, paper_camera
 from palpate.hand.hand import SENSORS, Hand
 from palpate.mesh import OBJECT_POSITION
-from palpate.vision.camera import Camera, paper_camera
 
 # What a scene takes from a store of grasps, by the names there.
 GRASP_ARRAYS = ("link_pose", "sensor_position", "sensor_rotation")

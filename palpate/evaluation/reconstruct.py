@@ -14,12 +14,12 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from palpate.camera import IMAGE_SIZE
 from palpate.dataset import Dataset
 from palpate.hand import SENSORS
 from palpate.store import CONTRACT, Store
 from palpate.touch.sensor import RESOLUTION
 from palpate.training.inputs import takes_charts, takes_grasps
-from palpate.vision.camera import IMAGE_SIZE
 
 if TYPE_CHECKING:
     import trimesh

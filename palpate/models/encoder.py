@@ -74,7 +74,7 @@ class ImageEncoder(nn.Module):
         """Where the cells of each pooled map look: (first, step) in pixels.
 
         Cell i depends on a square of the image around first + i step, the centre of its receptive field, in the
-        coordinates of `palpate.vision.camera` (pixel c's centre at c + 0.5).
+        coordinates of `palpate.camera` (pixel c's centre at c + 0.5).
         """
         looks, first, step = [], 0.5, 1
         for stride in self.strides:

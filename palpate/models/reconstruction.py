@@ -10,6 +10,7 @@ from typing import Any
 import torch
 from torch import nn
 
+from palpate.camera import IMAGE_SIZE, paper_camera
 from palpate.charts.atlas import ATLAS_RADIUS, TOUCH_VERTICES, chart_faces, sphere, vision_atlas
 from palpate.charts.graph import Graph
 from palpate.hand import SENSORS
@@ -19,7 +20,6 @@ from palpate.models.gcn import GraphNetwork
 from palpate.models.layers import Concatenate, LinearBlock
 from palpate.models.pooling import PerceptualPooling, relative_camera
 from palpate.touch.sensor import RESOLUTION
-from palpate.vision.camera import IMAGE_SIZE, paper_camera
 
 STRATEGIES = ("charts", "no_copy", "no_comm", "sphere")
 DEFORMATIONS = 3  # section 3.1

@@ -23,7 +23,7 @@ from palpate.results.page import TITLE, new_figure, save, save_sentence, styled 
 from palpate.store import read  # noqa: E402
 from palpate.surface.embree import RayMesh  # noqa: E402
 from palpate.vision import Renderer  # noqa: E402
-from palpate.vision.camera import Camera, looking_at  # noqa: E402
+from palpate.camera import Camera, looking_at  # noqa: E402
 from palpate.vision.geom import triangles  # noqa: E402
 
 STEPS = (

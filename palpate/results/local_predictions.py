@@ -26,7 +26,7 @@ from palpate.results.page import FAINT, LABEL, TITLE, new_figure, save, save_sen
 from palpate.results.reconstructions import test_objects  # noqa: E402
 from palpate.touch import SENSOR_WIDTH  # noqa: E402
 from palpate.vision import Mesh, Renderer, looking_at, spheres  # noqa: E402
-from palpate.vision.camera import Camera  # noqa: E402
+from palpate.camera import Camera  # noqa: E402
 
 STAGES = ("touch",)  # whose objects can be drawn
 HEADINGS = ("reading", "true cloud", "predicted cloud", "touch chart")

@@ -27,7 +27,7 @@ from palpate.mesh import OBJECT_POSITION, load_visual  # noqa: E402
 from palpate.results.page import FAINT, LABEL, TITLE, new_figure, save, save_sentence, styled  # noqa: E402
 from palpate.results.surface_view import CLAY  # noqa: E402
 from palpate.vision import Mesh, Renderer, spheres  # noqa: E402
-from palpate.vision.camera import Camera, paper_camera  # noqa: E402
+from palpate.camera import Camera, paper_camera  # noqa: E402
 
 # Columns: the experiment, the group it stands in, and its own heading.
 SETUPS = (

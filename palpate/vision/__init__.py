@@ -5,7 +5,7 @@ before anything that loads embree, as trimesh does: call `palpate.vision.blender
 lines.
 """
 
-from palpate.vision.camera import Camera, looking_at, paper_camera
+from palpate.camera import Camera, looking_at, paper_camera
 from palpate.vision.image import Image
 from palpate.vision.meshes import Mesh, spheres
 

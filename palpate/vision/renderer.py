@@ -33,11 +33,11 @@ bpy = blender.load()
 from mathutils import Matrix, Vector  # noqa: E402  (Blender comes before anything else)
 
 from palpate.batch import UnusableObject  # noqa: E402
+from palpate.camera import Camera, paper_camera  # noqa: E402
 from palpate.hand import Hand  # noqa: E402
 from palpate.mesh import OBJECT_POSITION  # noqa: E402
 from palpate.scene import Lights, Scene  # noqa: E402
 from palpate.vision import geom  # noqa: E402
-from palpate.vision.camera import Camera, paper_camera  # noqa: E402
 from palpate.vision.image import Image, Layers, linear, read_layers, write_layers  # noqa: E402
 from palpate.vision.meshes import Mesh  # noqa: E402
 

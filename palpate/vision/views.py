@@ -19,8 +19,8 @@ import numpy as np
 from PIL import Image as PillowImage
 
 from palpate.batch import UnusableObject
+from palpate.camera import Camera, rotation_about
 from palpate.mesh import DIAGONAL, OBJECT_POSITION
-from palpate.vision.camera import Camera, rotation_about
 
 if TYPE_CHECKING:
     from palpate.scene import Scene
@@ -59,7 +59,7 @@ class Viewpoint(NamedTuple):
 
 class Views(NamedTuple):
     """Images (v, s, s, 3) uint8 over white, masks (v, s, s) uint8, and cameras (v, 3, 4) float64: projections
-    from homogeneous world coordinates (metres) to homogeneous pixels (see `palpate.vision.camera`)."""
+    from homogeneous world coordinates (metres) to homogeneous pixels (see `palpate.camera`)."""
 
     image: np.ndarray
     mask: np.ndarray

@@ -8,10 +8,10 @@ convolutions.
 
 import torch
 
+from palpate.camera import FOCAL_LENGTH, IMAGE_SIZE, paper_camera
 from palpate.charts import ATLAS_RADIUS, sphere, vision_atlas
 from palpate.mesh import OBJECT_POSITION
 from palpate.models import Reconstruction
-from palpate.vision.camera import FOCAL_LENGTH, IMAGE_SIZE, paper_camera
 
 
 def pixels(positions: torch.Tensor) -> torch.Tensor:

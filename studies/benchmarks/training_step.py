@@ -22,11 +22,11 @@ import torch
 import yaml
 from torch import Tensor
 
+from palpate.camera import IMAGE_SIZE
 from palpate.charts import CHAMFER_SCALE, chamfer_distance, sample_faces
 from palpate.mesh import OBJECT_POSITION
 from palpate.models import PAPER_ARCHITECTURES, Reconstruction
 from palpate.models.reconstruction import DEFORMATIONS
-from palpate.vision.camera import IMAGE_SIZE
 from studies.benchmarks import straightforward
 
 # The paper's layers, with starting weights that leave the charts near their start, as after some training.

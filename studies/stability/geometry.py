@@ -16,13 +16,13 @@ import trimesh
 from scipy.spatial import ConvexHull
 
 from palpate.batch import UnusableObject
+from palpate.camera import paper_camera
 from palpate.grasp import GraspSet, grasp_object
 from palpate.grasp.patches import surface_patches
 from palpate.hand import MAX_PENETRATION, allegro
 from palpate.mesh import DIAGONAL, OBJECT_POSITION, load_collision, load_visual, prepare
 from palpate.surface import sample
 from palpate.touch import PIXEL_CENTRES, SENSOR_RANGE, RayCaster, sense
-from palpate.vision.camera import paper_camera
 from studies.stability.cases import Cases, Finding, at_least, at_most, equal, rejects
 
 CASES = Cases()

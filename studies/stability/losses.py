@@ -3,6 +3,7 @@
 import csv
 import logging
 from collections.abc import Callable, Iterator, Mapping
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -644,12 +645,20 @@ class Infinite(torch.autograd.Function):
 @CASES.case("a step whose loss or gradient is not finite", "training")
 def diverging(subject: Subject) -> Iterator[Finding]:
     """Training stops before any weight is changed, and names the sample; the best model so far stays."""
-    changes = {"NaN loss": lambda losses: losses * torch.nan, "infinite gradient": Infinite.apply}
-    named = rf"(loss|gradient) is NaN or infinite.*step 6.*{subject.name}.*best model so far is"
-    for what, change in changes.items():
+    # Step 6, and 7: the last before a validation. Clipping would make NaN of an infinite gradient.
+    changes = {
+        "NaN loss": (lambda losses: losses * torch.nan, 6, 1.0),
+        "infinite gradient": (Infinite.apply, 6, 1.0),
+        "infinite gradient, not clipped": (Infinite.apply, 6, None),
+        "infinite gradient before a validation": (Infinite.apply, 7, 1.0),
+        "infinite gradient before a validation, not clipped": (Infinite.apply, 7, None),
+    }
+    for what, (change, step, clip) in changes.items():
+        named = rf"(loss|gradient) is NaN or infinite.*step {step}.*{subject.name}.*best model so far is"
         with TemporaryDirectory() as name:
             folder = Path(name)
-            yield rejects(what, lambda c=change, f=folder: trained(f, subject, c, 6), Diverged, named)
+            run = partial(trained, folder, subject, change, step, clip=clip)
+            yield rejects(what, run, Diverged, named)
             yield equal(f"{what}: models written", int((folder / "model").exists()), 0)
             kept = weights_of(folder / "work/best.ckpt")
             yield equal(f"{what}: NaN or infinite weights kept", finite(kept), 0)
@@ -700,7 +709,7 @@ def corrupt_data(subject: Subject) -> Iterator[Finding]:
         changed[len(whole) // 2] ^= 0x10
         refused = rf"{path.name} can't be read"
         yield rejects("cut in half", lambda: read(whole[: len(whole) // 2]), store.StoreError, refused)
-        yield rejects("no byte", lambda: read(b""), store.StoreError, refused)
+        yield rejects("no byte", lambda: read(b""), store.StoreError, rf"{path.name} has lost points")
         yield rejects("one bit changed", lambda: read(bytes(changed)), store.StoreError, refused)
 
         def with_point(value: float) -> TrainingData:

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 import torch
 
+from palpate.camera import looking_at, paper_camera
 from palpate.mesh import OBJECT_POSITION
 from palpate.models import ImageEncoder, PerceptualPooling
 from palpate.models.pooling import relative_camera
-from palpate.vision.camera import looking_at, paper_camera
 
 SIZE = 256
 

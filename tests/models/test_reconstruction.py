@@ -3,10 +3,10 @@
 import pytest
 import torch
 
+from palpate.camera import paper_camera
 from palpate.charts import ATLAS_RADIUS, sphere, vision_atlas
 from palpate.mesh import OBJECT_POSITION
 from palpate.models import Reconstruction
-from palpate.vision.camera import paper_camera
 from studies.benchmarks import straightforward
 from tests.models.batches import SMALL, random_batch
 

@@ -3,8 +3,8 @@ import numpy as np
 import trimesh
 from numpy.testing import assert_array_equal
 
+from palpate.camera import paper_camera
 from palpate.vision import Renderer, renderer
-from palpate.vision.camera import paper_camera
 from tests.vision.scenes import ball, grasp_poses, painted, scene_of
 
 

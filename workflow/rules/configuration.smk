@@ -146,11 +146,7 @@ def ring_stores(wildcards):
 
 def stored_mb(paths):
     """Megabytes of files and of all files in folders, which Snakemake's `size_mb` counts as empty."""
-    files = [
-        file
-        for path in map(Path, paths)
-        for file in (path.rglob("*") if path.is_dir() else [path])
-    ]
+    files = [file for path in map(Path, paths) for file in (path.rglob("*") if path.is_dir() else [path])]
     return int(sum(file.stat().st_size for file in files) / 1e6)
 
 

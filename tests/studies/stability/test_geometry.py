@@ -6,7 +6,7 @@ import trimesh
 
 from palpate.mesh import build, decimate
 from palpate.mesh import repair as repairs
-from palpate.vision import camera
+from palpate import camera
 from studies.stability import geometry
 from studies.stability.cases import FAILS, HOLDS, REJECTED, examine
 
