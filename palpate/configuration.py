@@ -8,7 +8,6 @@ from typing import Any
 import jsonschema
 import yaml
 
-
 # Keys of the config that had another name, by their path.
 RENAMED_KEYS = {
     "training.touch_charts": "chart_fit",
