@@ -13,7 +13,7 @@ smoke: env
 	$(BIN)/snakemake --cores $(CORES) smoke
 
 test: env
-	$(BIN)/pytest
+	$(BIN)/pytest --numprocesses $(CORES) --dist loadfile
 
 lint: env
 	$(BIN)/ruff check .

@@ -8,6 +8,13 @@ from typing import Any
 import jsonschema
 import yaml
 
+# Keys of the config that had another name, by their path.
+RENAMED_KEYS = {
+    "training.touch_charts": "chart_fit",
+    "evaluation.bootstrap": "resamples",
+    "views.renderings": "published_renderings",
+}
+
 
 class ConfigError(ValueError):
     """A config, catalogue or experiment that does not fit its schema; the message lists every misfit."""
@@ -18,9 +25,13 @@ def _say(error: jsonschema.ValidationError) -> Iterator[str]:
     if error.validator == "additionalProperties" and error.validator_value is False:
         known = list(error.schema["properties"])
         for key in sorted(set(error.instance) - set(known)):
+            path = f"{where}.{key}" if where else str(key)
+            if path in RENAMED_KEYS:
+                yield f"{path}: this key is now called {RENAMED_KEYS[path]!r}; rename it"
+                continue
             close = difflib.get_close_matches(str(key), known, n=1)
             hint = f"did you mean {close[0]!r}?" if close else f"known keys: {', '.join(known)}"
-            yield f"{f'{where}.' if where else ''}{key}: unknown key; {hint}"
+            yield f"{path}: unknown key; {hint}"
     elif error.validator == "required":
         for key in sorted(set(error.validator_value) - set(error.instance)):
             yield f"{f'{where}.' if where else ''}{key}: missing"

@@ -13,7 +13,7 @@ from studies.error_vs_runtime.study import over_objects, setting
 from studies.omitted.omission import OMITTED, SAME, in_words
 from studies.stability.cases import FAILS, HOLDS, REJECTED
 
-VERDICT_COLOURS = {HOLDS: "#009E73", REJECTED: "#0072B2", FAILS: "#D55E00"}
+VERDICT_COLOURS = {HOLDS: COLOURS[2], REJECTED: COLOURS[0], FAILS: COLOURS[1]}
 ACROSS = 3  # panels beside each other
 PANEL, MARGIN = (4.2, 3.0), 0.35  # inches
 NEAR = 0.06  # of a panel: points nearer than this share a name

@@ -136,7 +136,7 @@ def published(
     if within < AGREEMENT:
         raise UnusableObject(
             f"{folder}: only {within:.0%} of the object's surface lies within the silhouettes of its"
-            " published images: they are of ShapeNetCore v1; take its meshes, or set views.renderings to null"
+            " published images: they are of ShapeNetCore v1; take its meshes, or set views.published_renderings to null"
         )
     return views
 

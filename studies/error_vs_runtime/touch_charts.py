@@ -181,4 +181,4 @@ def _adam(options: Mapping[str, Any], case: Touches) -> Tensor:
 def study(run: Path, subjects: Sequence[Subject], settings: Mapping[str, Any]) -> TouchCharts:
     """The study of a run; of its settings `training.touch_charts` is read, of its files the meshes and the
     store of touch."""
-    return TouchCharts(run, subjects[:OBJECTS], settings["training"]["touch_charts"])
+    return TouchCharts(run, subjects[:OBJECTS], settings["training"]["chart_fit"])

@@ -136,7 +136,7 @@ def omissions(run: Path, subjects: list[Subject], settings: Mapping[str, Any]) -
     subject = subjects[0]
     for name, experiment, when in DATA:
         if (run / stage_of(name)).is_dir():
-            yield of_data(run, subject, name, experiment, when, settings["training"]["touch_charts"])
+            yield of_data(run, subject, name, experiment, when, settings["training"]["chart_fit"])
     for name, experiment, when in MODEL:
         yield of_model(run, subject, name, experiment, when, settings["recipe"])
 

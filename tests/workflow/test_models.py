@@ -32,7 +32,7 @@ def tiny(make_workflow):
                 },
             },
         },
-        evaluation={"points": 1000, "bootstrap": 100},
+        evaluation={"points": 1000, "resamples": 100},
     )
 
 

@@ -113,7 +113,8 @@ def test_an_object_rejected_after_its_grasps_is_left_out_and_the_rest_is_valid(m
         grasps={"per_object": 1, "attempts": 1},
         vision={"size": 32, "samples": 1, "device": "cpu"},
     )
-    result = dataclasses.replace(workflow, python_path=str(tmp_path))("dataset", "validate")
+    targets = "validate", "tables/dataset_statistics.csv", "figures/examples_brick.png"
+    result = dataclasses.replace(workflow, python_path=str(tmp_path))(*targets)
     assert result.returncode == 0, result.stderr
     rejected = pd.read_csv(workflow.run / "rejected.csv").set_index("object")
     assert rejected.stage.to_dict() == {
@@ -139,7 +140,8 @@ def test_nasty_meshes_go_through_every_stage_or_are_rejected(make_workflow, tmp_
         paths = build(tmp_path / name).values()
         expected[name] = [path for path in paths if path.is_file() and path.suffix[1:] in FORMATS]
     workflow = make_workflow(source={"kind": "folder", "path": str(tmp_path)})
-    result = workflow("dataset", "validate")
+    figures = [f"figures/{name}.png" for name in ("data_point", "examples_usable", "examples_unusable")]
+    result = workflow("validate", "tables/dataset_statistics.csv", "tables/penetration.csv", *figures)
     assert result.returncode == 0, result.stderr
     rejected = pd.read_csv(workflow.run / "rejected.csv")
     assert set(rejected.stage) == {"meshes"}

@@ -47,6 +47,12 @@ def test_smoke_has_an_object_of_every_split():
         ({"grasps": {"attempst": 3}}, "grasps.attempst: unknown key; did you mean 'attempts'?"),
         ({"sede": 3}, "sede: unknown key; did you mean 'seed'?"),
         ({"zzz": 3}, "zzz: unknown key; known keys: run, results, seed"),
+        (
+            {"training": {"touch_charts": "adam"}},
+            "training.touch_charts: this key is now called 'chart_fit'",
+        ),
+        ({"evaluation": {"bootstrap": 9}}, "evaluation.bootstrap: this key is now called 'resamples'"),
+        ({"views": {"renderings": "x"}}, "views.renderings: this key is now called 'published_renderings'"),
         ({"batch_size": "16"}, "batch_size: '16' is not of type 'integer'"),
         ({"batch_size": 0}, "batch_size: 0 is less than the minimum of 1"),
         ({"source": {"kind": "shapenet"}}, "source.path: None is not of type 'string'"),

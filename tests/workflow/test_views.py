@@ -9,7 +9,7 @@ from palpate.scene import Scene
 from palpate.store import open as open_store
 from palpate.vision import Renderer, views
 
-SETTINGS = {"count": 3, "size": 48, "samples": 1, "renderings": None}
+SETTINGS = {"count": 3, "size": 48, "samples": 1, "published_renderings": None}
 
 
 def test_views_need_meshes_only(make_workflow):
@@ -50,7 +50,7 @@ def test_published_renderings_are_taken_instead(make_workflow, tmp_path):
     workflow = make_workflow(
         source={"kind": "shapenet", "path": str(tmp_path / "models")},
         classes=[{"class": "bottle", "objects": "all"}],
-        views=SETTINGS | {"renderings": str(tmp_path / "renderings")},
+        views=SETTINGS | {"published_renderings": str(tmp_path / "renderings")},
     )
     result = workflow("views/batch-0000.zarr")
     assert result.returncode == 0, result.stderr

@@ -50,7 +50,7 @@ def table_setup(table):
     return {
         "experiments": {name: EXPERIMENTS["experiments"][name] for name in declared["experiments"]},
         "split": declared["split"],
-        "resamples": config["evaluation"]["bootstrap"],
+        "resamples": config["evaluation"]["resamples"],
     }
 
 
@@ -114,9 +114,9 @@ def table_inputs(wildcards):
 def table_settings(wildcards):
     match wildcards.table:
         case "local_touch_charts":
-            return {"split": "test", "resamples": config["evaluation"]["bootstrap"]}
+            return {"split": "test", "resamples": config["evaluation"]["resamples"]}
         case "claims":
-            return {"resamples": config["evaluation"]["bootstrap"]}
+            return {"resamples": config["evaluation"]["resamples"]}
         case "tuning":
             return {"points": TUNING.dataframe.to_dict("records")}
         case table if table in EXPERIMENT_TABLES:
@@ -166,7 +166,7 @@ def figure_settings(wildcards):
                 "experiments": {name: EXPERIMENTS["experiments"][name] for name in TRAINED},
             }
         case "local_predictions" | "reconstructions":
-            return {"fit": config["training"]["touch_charts"]}
+            return {"fit": config["training"]["chart_fit"]}
         case _:
             return {}
 

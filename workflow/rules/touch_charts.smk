@@ -41,7 +41,7 @@ rule charts:
         gpu=TRAINING_GPUS,
     params:
         settings={
-            "touch_charts": config["training"]["touch_charts"],
+            "chart_fit": config["training"]["chart_fit"],
             "touch_depth": RECIPE["touch_depth"],
         },
         device=config["training"]["device"],

@@ -22,7 +22,7 @@ names, success = touch["object"], touch["success"]
 vertices = np.empty((*success.shape, 81, 3), np.float32)
 for place, name in enumerate(names):  # by themselves, so that charts do not depend on the batch
     log.info("charts %d/%d: %s", place + 1, len(names), name)
-    vertices[place] = training.object_charts(model, touch, place, snakemake.params.settings["touch_charts"])
+    vertices[place] = training.object_charts(model, touch, place, snakemake.params.settings["chart_fit"])
 store.write(
     snakemake.output.charts,
     "charts",

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 import trimesh
 
+from palpate import camera
 from palpate.mesh import build, decimate
 from palpate.mesh import repair as repairs
-from palpate import camera
 from studies.stability import geometry
 from studies.stability.cases import FAILS, HOLDS, REJECTED, examine
 
