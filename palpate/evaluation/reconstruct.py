@@ -147,6 +147,8 @@ class Reconstructor:
         """The prediction from one image and the touches of some grasps; see `reconstruct`."""
         import torch
 
+        from palpate.training.samples import to_colours
+
         inputs: dict[str, np.ndarray] = {}
         success = np.zeros(0, dtype=bool)
         if self.experiment["vision"] != "none":
@@ -157,6 +159,8 @@ class Reconstructor:
             inputs |= self._touch_inputs(given)
         device = next(self._model.parameters()).device
         batch = {name: torch.from_numpy(array)[None].to(device) for name, array in inputs.items()}
+        # As a training's, also in memory: convolutions round otherwise in another layout.
+        batch |= {name: to_colours(batch[name]) for name in ("image", "reading") if name in batch}
         with torch.inference_mode():
             vertices = self._model(batch)[0].cpu().numpy()
         if not np.isfinite(vertices).all():
@@ -177,7 +181,7 @@ class Reconstructor:
         if image.dtype != np.uint8:
             _check_finite("the image", image)
             raise ReconstructionError(f"the image is of type {image.dtype}, expected uint8 (sRGB, 0 to 255)")
-        inputs = {"image": _channels_first(image)}
+        inputs = {"image": image}
         if vision == "views":
             if np.shape(camera) != (3, 4):  # () of None
                 raise ReconstructionError(
@@ -227,7 +231,7 @@ class Reconstructor:
         inputs = {"success": touches.success, **poses}
         if self.takes_charts:
             return inputs | {"charts": self._charts(touches)}
-        return inputs | {"reading": _channels_first(touches.reading)}
+        return inputs | {"reading": touches.reading}
 
     def _shape(self, vertices: np.ndarray, success: np.ndarray) -> Shape:
         faces = self._model.faces.cpu().numpy()
@@ -416,11 +420,6 @@ def of_object(record, experiment, grasps: Sequence[int] | None = None, view: int
 
 def _counted(grasps: int) -> str:
     return f"{grasps} grasp" if grasps == 1 else f"{grasps} grasps"
-
-
-def _channels_first(images: np.ndarray) -> np.ndarray:
-    """(..., s, s, 3) uint8 to (..., 3, s, s) float32 in [0, 1]."""
-    return np.ascontiguousarray(np.moveaxis(images, -1, -3)).astype(np.float32) / 255
 
 
 def _check_finite(what: str, values: np.ndarray) -> None:

@@ -128,7 +128,7 @@ class Assembler:
         batch = {}
         for name in self.IMAGES:
             if name in self.tensors:
-                batch["image"] = self._pixels(self._image(name, objects, samples))
+                batch["image"] = to_colours(self._image(name, objects, samples))
         if "camera" in self.tensors:
             batch["camera"] = self.tensors["camera"][objects, self._index([s.view for s in samples])]
         of_touch = [name for name in self.OF_TOUCH if name in self.tensors]
@@ -137,7 +137,7 @@ class Assembler:
             for name in of_touch:
                 batch[name] = self.tensors[name][objects[:, None], grasps].flatten(1, 2)
         if "reading" in batch:
-            batch["reading"] = self._pixels(batch["reading"])
+            batch["reading"] = to_colours(batch["reading"])
         return batch
 
     def _image(self, name: str, objects: Tensor, samples: Sequence[Sample]) -> Tensor:
@@ -149,7 +149,7 @@ class Assembler:
     def _index(self, numbers: Sequence) -> Tensor:
         return torch.tensor(numbers, dtype=torch.int64, device=self.device)
 
-    @staticmethod
-    def _pixels(images: Tensor) -> Tensor:
-        """(..., s, s, 3) uint8 to (..., 3, s, s) float32 in [0, 1]."""
-        return images.movedim(-1, -3).float() / 255
+
+def to_colours(images: Tensor) -> Tensor:
+    """Pixels (..., s, s, 3) uint8 as (..., 3, s, s) float32 in [0, 1]; the layout in memory is kept."""
+    return images.movedim(-1, -3).float() / 255

@@ -7,7 +7,7 @@ import trimesh
 from PIL import Image as PillowImage
 
 from palpate.batch import UnusableObject
-from palpate.dataset.checks import CHECKS, Item, check_vision
+from palpate.dataset.checks import CHECKS, CheckedObject, check_vision
 from palpate.mesh import prepare
 from palpate.vision import Renderer
 from tests.vision.scenes import painted, scene_of
@@ -35,7 +35,7 @@ def failed(folder):
     rows = {}
     for array, values in (("", image.rgb), ("_mask", image.mask), ("_depth", image.depth)):
         rows |= {f"unoccluded{array}": values, f"occluded{array}": values[None]}
-    found = {check: np.max(value) for check, value in check_vision(Item({"vision": rows}, folder))}
+    found = {check: np.max(value) for check, value in check_vision(CheckedObject({"vision": rows}, folder))}
     return {check: value for check, value in found.items() if not value <= CHECKS[check].limit}
 
 
