@@ -179,8 +179,8 @@ class PerturbedLearner(ReconstructionLearner):
         super().__init__(data, EXPERIMENT, settings, seed=0)
         self.change, self.step = change, step
 
-    def losses(self, part, generator, model, validation=False):
-        losses = super().losses(part, generator, model, validation)
+    def losses(self, batch_samples, generator, model, validation=False):
+        losses = super().losses(batch_samples, generator, model, validation)
         now = self.step is None or self.global_step == self.step
         return self.change(losses) if now and not validation else losses
 
