@@ -10,26 +10,26 @@ from matplotlib.ticker import FormatStrFormatter, LogLocator, NullFormatter
 
 from palpate.results.page import COLOURS, FAINT, INK, LABEL, PALE, TITLE, new_figure, save, styled
 from studies.error_vs_runtime.study import over_objects, setting
-from studies.omitted.omission import OMITTED, SAME, in_words
+from studies.omitted.omission import OMITTED, SAME, verdict_text
 from studies.stability.cases import FAILS, HOLDS, REJECTED
 
 VERDICT_COLOURS = {HOLDS: COLOURS[2], REJECTED: COLOURS[0], FAILS: COLOURS[1]}
-ACROSS = 3  # panels beside each other
+PANELS_PER_ROW = 3  # panels beside each other
 PANEL, MARGIN = (4.2, 3.0), 0.35  # inches
-NEAR = 0.06  # of a panel: points nearer than this share a name
-WIDE = 300.0  # an axis over this ratio shows powers of ten only
+LABEL_DISTANCE = 0.06  # of a panel: of points nearer than this only one has a label
+WIDE_RANGE = 300.0  # an axis that spans more than this ratio shows powers of ten only
 
 
 @styled
 def fronts(table: pd.DataFrame, path: Path | str) -> None:
-    """Error against seconds, a panel for each measure that a stage's study draws, all objects together.
+    """Error against seconds, means over objects; a panel for each drawn measure of a stage.
 
-    The line is the front, whose methods are named by their knobs; rings mark what the config has; a hollow
-    mark is a method on the front that the machine's noise does not let rank.
+    The line is the front, whose methods are labelled by their knobs. Rings mark the config's methods. A hollow mark
+    is a method on the front whose time does not differ significantly from a neighbour's.
     """
     table = over_objects(table[table["drawn"]])
     panels = [rows for _, rows in table.groupby(["stage", "measure"], sort=False)]
-    columns = min(ACROSS, len(panels))
+    columns = min(PANELS_PER_ROW, len(panels))
     lines = -(-len(panels) // columns)
     figure = new_figure(columns * PANEL[0] + MARGIN, lines * PANEL[1] + MARGIN)
     grid = figure.subplots(lines, columns, squeeze=False)
@@ -62,7 +62,7 @@ def _front(axes: Axes, rows: pd.DataFrame) -> None:
     axes.plot(seconds[on][order], shown[on][order], color=PALE, lw=1, zorder=0)
     axes.scatter(seconds[chosen], shown[chosen], s=70, facecolor="none", edgecolor=INK, lw=1, zorder=4)
     beside = {"xytext": (3, 3), "textcoords": "offset points", "fontsize": LABEL - 4}
-    for place in _apart(seconds, shown, on & ~chosen, chosen):
+    for place in _unobstructed(seconds, shown, on & ~chosen, chosen):
         name = setting(rows["knob"].iloc[place], rows["value"].iloc[place])
         axes.annotate(name, (seconds[place], shown[place]), **beside)
     for axis, drawn in (("x", seconds), ("y", shown)):
@@ -77,25 +77,25 @@ def _front(axes: Axes, rows: pd.DataFrame) -> None:
     axes.legend(fontsize=LABEL - 3, frameon=False)
 
 
-def _apart(x: np.ndarray, y: np.ndarray, named: np.ndarray, taken: np.ndarray) -> list[int]:
-    """Of the points to be named those that are not too near to one that is, or to those that are `taken`."""
+def _unobstructed(x: np.ndarray, y: np.ndarray, candidates: np.ndarray, occupied: np.ndarray) -> list[int]:
+    """Of the points to label (`candidates`) those not too near to another label or to points that are `occupied`."""
     logs = np.log(np.stack([x, y], axis=1))
     span = np.ptp(logs, axis=0)
     place = logs / np.where(span > 0, span, 1)
-    used, found = list(np.flatnonzero(taken)), []
-    for point in sorted(np.flatnonzero(named), key=lambda k: x[k]):
-        if all(np.linalg.norm(place[point] - place[other]) > NEAR for other in used):
-            used.append(point)
-            found.append(int(point))
-    return found
+    placed, labelled = list(np.flatnonzero(occupied)), []
+    for point in sorted(np.flatnonzero(candidates), key=lambda k: x[k]):
+        if all(np.linalg.norm(place[point] - place[other]) > LABEL_DISTANCE for other in placed):
+            placed.append(point)
+            labelled.append(int(point))
+    return labelled
 
 
 def _logarithmic(axes: Axes, name: str, drawn: np.ndarray) -> None:
-    """Set the scale of an axis, with numbers that have room."""
+    """Make an axis logarithmic, with ticks that don't overlap."""
     axes.set(**{f"{name}scale": "log"})
-    few = np.nanmax(drawn) > WIDE * np.nanmin(drawn)
+    powers_of_ten_only = np.nanmax(drawn) > WIDE_RANGE * np.nanmin(drawn)
     axis = getattr(axes, f"{name}axis")
-    axis.set_major_locator(LogLocator(subs=(1,) if few else (1, 2, 5), numticks=8))
+    axis.set_major_locator(LogLocator(subs=(1,) if powers_of_ten_only else (1, 2, 5), numticks=8))
     axis.set_major_formatter(FormatStrFormatter("%g"))
     axis.set_minor_formatter(NullFormatter())
 
@@ -107,7 +107,7 @@ def _colours():
 
 @styled
 def margins(table: pd.DataFrame, path: Path | str) -> None:
-    """A line a case: its findings in units of their bounds; left of 1 they hold. Coloured by verdict."""
+    """A line for each case: findings relative to their bounds, coloured by verdict; those left of 1 hold."""
     cases = list(table.groupby(["suite", "case"], sort=False))
     height = 0.17 * len(cases) + 1.0
     figure = new_figure(9, height)
@@ -115,9 +115,9 @@ def margins(table: pd.DataFrame, path: Path | str) -> None:
     left = {"transform": axes.get_yaxis_transform(), "ha": "right", "va": "center", "fontsize": LABEL - 2}
     for place, ((_, case), findings) in enumerate(cases):
         axes.axhline(-place, color=PALE, lw=0.3, zorder=0)
-        used = [_margin(row) for _, row in findings.iterrows()]
+        ratios = [_margin(row) for _, row in findings.iterrows()]
         colours = [VERDICT_COLOURS[verdict] for verdict in findings["verdict"]]
-        axes.scatter(used, [-place] * len(used), s=12, c=colours, alpha=0.7, linewidths=0)
+        axes.scatter(ratios, [-place] * len(ratios), s=12, c=colours, alpha=0.7, linewidths=0)
         axes.text(-0.01, -place, case, **left)
     suites = [suite for (suite, _), _ in cases]
     for place in range(1, len(suites)):
@@ -138,21 +138,21 @@ def margins(table: pd.DataFrame, path: Path | str) -> None:
 
 
 def _margin(row: pd.Series, least: float = 1e-6) -> float:
-    """How much of its bound a finding uses up: below 1 where it holds; `least` if there is no such number."""
-    found = re.fullmatch(r"(<=|>=) (\S+)", str(row["bound"]))
+    """A finding's value relative to its bound, below 1 where it holds; `least` if there is no such number."""
+    match = re.fullmatch(r"(<=|>=) (\S+)", str(row["bound"]))
     try:
-        value, bound = float(row["value"]), float(found[2]) if found else np.nan
+        value, bound = float(row["value"]), float(match[2]) if match else np.nan
     except ValueError:
         return least
     if not (np.isfinite(bound) and np.isfinite(value)):
         return least if row["verdict"] != FAILS else 1 / least
-    used, whole = (value, bound) if found[1] == "<=" else (bound, value)
-    return float(np.clip(used / whole if whole else float(used > 0), least, 1 / least))
+    part, whole = (value, bound) if match[1] == "<=" else (bound, value)
+    return float(np.clip(part / whole if whole else float(part > 0), least, 1 / least))
 
 
 @styled
 def savings(table: pd.DataFrame, path: Path | str) -> None:
-    """Seconds and bytes without each item as a share of those with it, all objects together."""
+    """Seconds and bytes without each item, relative to those with it; totals over objects."""
     totals = dict.fromkeys(("seconds_with", "seconds_without", "bytes_with", "bytes_without"), "sum")
     rows = table.groupby(["stage", "item"], sort=False).agg(
         totals | {"noisy": "all", "state": "first", "verdict": lambda verdicts: set(verdicts) == {SAME}}
@@ -168,7 +168,7 @@ def savings(table: pd.DataFrame, path: Path | str) -> None:
         if row["bytes_with"]:
             axes.plot(row["bytes_without"] / row["bytes_with"], -place, "D", ms=4, color=COLOURS[1])
         axes.text(-0.02, -place, f"{stage}: {item}", ha="right", **text)
-        verdict = in_words(row["verdict"], row["state"])
+        verdict = verdict_text(row["verdict"], row["state"])
         axes.text(1.02, -place, verdict, ha="left", color=INK if row["verdict"] else COLOURS[1], **text)
     axes.axvline(1, color=INK, lw=0.8)
     axes.set_yticks([])

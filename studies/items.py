@@ -1,4 +1,4 @@
-"""The items of each report: what each reads of a run, and the keys of the config that it depends on.
+"""The items of each report: the files of a run and the config keys that each depends on.
 
 The workflow takes the inputs of its jobs from here, so this module imports no engine.
 """
@@ -11,9 +11,9 @@ class Item(NamedTuple):
     """One table of a report, made by the module `studies.<report>.<item>`.
 
     Attributes:
-        reads: what it reads of the run, keys of `FILES`.
+        reads: the files of the run that it reads, keys of `FILES`.
         settings: the sections of the config that it depends on; `recipe` is the run's, with its overrides.
-        stages: the values of `reports.stages` that ask for it.
+        stages: the values of `reports.stages` that select it.
     """
 
     reads: tuple[str, ...]
@@ -66,10 +66,10 @@ REPORTS: dict[str, dict[str, Item]] = {
         ),
     },
 }
-# Reports that measure times: no other job may run beside theirs.
+# Reports that measure times: their jobs run alone.
 TIMED = ("error_vs_runtime", "omitted")
 
 
-def asked_for(report: str, stages: str | Collection[str]) -> list[str]:
-    """The items of a report that belong to some stages of `reports.stages`; all of them for "all"."""
+def items_of_stages(report: str, stages: str | Collection[str]) -> list[str]:
+    """The items of a report that `stages` (the value of `reports.stages`) selects; all of them for "all"."""
     return [name for name, item in REPORTS[report].items() if stages == "all" or set(item.stages) & set(stages)]

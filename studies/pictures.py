@@ -1,19 +1,19 @@
-"""How far two pictures are apart."""
+"""Differences of two images: root mean square and structural similarity."""
 
 import numpy as np
 
 # Of Wang et al., Image Quality Assessment: From Error Visibility to Structural Similarity (2004).
 WINDOW = 11  # pixels
 SIGMA = 1.5  # pixels
-LARGEST = 255.0  # grey level
+GREY_RANGE = 255.0  # grey level
 
 
-def rms(one: np.ndarray, other: np.ndarray) -> float:
+def rms(image: np.ndarray, other: np.ndarray) -> float:
     """Root mean square difference of grey levels or colours, arrays of one shape."""
-    return float(np.sqrt(np.mean((np.asarray(one, dtype=float) - other) ** 2)))
+    return float(np.sqrt(np.mean((np.asarray(image, dtype=float) - other) ** 2)))
 
 
-def similarity(one: np.ndarray, other: np.ndarray) -> np.ndarray:
+def similarity(image: np.ndarray, other: np.ndarray) -> np.ndarray:
     """Structural similarity of two 8-bit images (h, w, c) at every pixel, the mean of the channels: (h, w).
 
     Wang et al. 2004: Gaussian windows of 11 x 11 pixels and 1.5 of deviation; beyond the border the image is
@@ -23,11 +23,13 @@ def similarity(one: np.ndarray, other: np.ndarray) -> np.ndarray:
     from torchmetrics.functional.image import structural_similarity_index_measure
 
     edge = WINDOW // 2
-    padded = (np.pad(image.astype(float), [(edge, edge), (edge, edge), (0, 0)], "symmetric") for image in (one, other))
-    _, found = structural_similarity_index_measure(
+    padded = (
+        np.pad(image.astype(float), [(edge, edge), (edge, edge), (0, 0)], "symmetric") for image in (image, other)
+    )
+    _, similarity_map = structural_similarity_index_measure(
         *(torch.from_numpy(image).permute(2, 0, 1)[None] for image in padded),
         sigma=SIGMA,
-        data_range=LARGEST,
+        data_range=GREY_RANGE,
         return_full_image=True,
     )
-    return found[0, :, edge:-edge, edge:-edge].mean(dim=0).numpy()
+    return similarity_map[0, :, edge:-edge, edge:-edge].mean(dim=0).numpy()

@@ -23,18 +23,18 @@ from studies.stability import cases
 from studies.timing import ROUNDS
 
 
-class Joined(NamedTuple):
-    """How the tables of a report's items become one: a summary, a figure, columns that only the items' tables have."""
+class JoinSpec(NamedTuple):
+    """How to join the tables of a report's items: summary, figure, and columns dropped from the joined table."""
 
     summarise: Callable[[pd.DataFrame], pd.DataFrame]
     draw: Callable[[pd.DataFrame, Path], None]
     dropped: tuple[str, ...] = ()
 
 
-JOINED = {
-    "error_vs_runtime": Joined(summaries.fronts, figures.fronts, dropped=("reference",)),
-    "stability": Joined(summaries.verdicts, figures.margins),
-    "omitted": Joined(summaries.savings, figures.savings),
+JOINS = {
+    "error_vs_runtime": JoinSpec(summaries.fronts, figures.fronts, dropped=("reference",)),
+    "stability": JoinSpec(summaries.verdicts, figures.margins),
+    "omitted": JoinSpec(summaries.savings, figures.savings),
 }
 
 
@@ -53,26 +53,26 @@ def measure(
         report, item: keys of `studies.items.REPORTS`.
         run: the run's folder.
         settings: the sections of the config that the item depends on.
-        objects: how many of the run's objects; `stability` takes one.
-        rounds: in each of which every method is timed once.
-        batches: those to take objects from; all if None.
+        objects: number of objects; `stability` uses one.
+        rounds: of timing; each method is timed once a round.
+        batches: to select objects from; all if None.
 
     Raises ValueError if no object of the run is usable.
     """
     module = importlib.import_module(f"studies.{report}.{item}")
-    picked = subjects.pick(run, objects, batches)
+    selected = subjects.pick(run, objects, batches)
     if report == "stability":
-        return cases.report(item, module.CASES, picked[0])
+        return cases.report(item, module.CASES, selected[0])
     if report == "omitted":
-        return omission.report(module.omissions(Path(run), picked, settings or {}), rounds)
-    return study.measure(module.study(Path(run), picked, settings or {}), rounds)
+        return omission.report(module.omissions(Path(run), selected, settings or {}), rounds)
+    return study.measure(module.study(Path(run), selected, settings or {}), rounds)
 
 
 def join(report: str, items: Iterable[Path | str], table: Path | str, text: Path | str, figure: Path | str) -> None:
     """Join the tables of a report's items: all rows as CSV, a summary as Markdown, a figure as PNG."""
-    joined = JOINED[report]
+    spec = JOINS[report]
     rows = tables.read(items)
-    tables.write(rows.drop(columns=list(joined.dropped)), table)
-    tables.write_text(joined.summarise(rows), text)
+    tables.write(rows.drop(columns=list(spec.dropped)), table)
+    tables.write_text(spec.summarise(rows), text)
     with atomic_write(figure) as path:
-        joined.draw(rows, path)
+        spec.draw(rows, path)

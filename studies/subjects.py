@@ -1,4 +1,4 @@
-"""The objects of a run that reports look at."""
+"""The objects of a run that reports use."""
 
 import logging
 from collections.abc import Callable, Iterable, Sequence
@@ -22,8 +22,8 @@ class Subject(NamedTuple):
     folder: Path
 
 
-def in_turn(items: Iterable[Item], class_of: Callable[[Item], str]) -> list[Item]:
-    """One of each class in turn, classes and their items in the order in which they come."""
+def round_robin(items: Iterable[Item], class_of: Callable[[Item], str]) -> list[Item]:
+    """Reorder items: one of each class in turn, classes and their items in order of appearance."""
     classes: dict[str, list[Item]] = {}
     for item in items:
         classes.setdefault(class_of(item), []).append(item)
@@ -35,8 +35,8 @@ def pick(run: Path | str, objects: int, batches: Sequence[str] | None = None) ->
 
     Args:
         run: its folder.
-        objects: how many at most; fewer if the run has fewer.
-        batches: those to look in; None for all in `catalogue/`.
+        objects: largest number; fewer if the run has fewer.
+        batches: to select from; None for all in `catalogue/`.
 
     Raises ValueError if no object is usable, with what to do about it.
     """
@@ -51,8 +51,8 @@ def pick(run: Path | str, objects: int, batches: Sequence[str] | None = None) ->
             folder = run / "meshes" / entry.batch / entry.object
             if entry.object not in rejected and (folder / "mesh.json").is_file():
                 usable.append(Subject(entry.object, entry.class_name, entry.batch, folder))
-    picked = in_turn(usable, lambda subject: subject.class_name)[:objects]
-    if not picked:
+    selected = round_robin(usable, lambda subject: subject.class_name)[:objects]
+    if not selected:
         raise ValueError(f"{run}: no usable object for a report: see {run / 'rejected'}")
-    log.info("objects: %s", ", ".join(each.name for each in picked))
-    return picked
+    log.info("objects: %s", ", ".join(each.name for each in selected))
+    return selected

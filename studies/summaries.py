@@ -1,9 +1,9 @@
-"""What of each report is to be read: the fronts and the chosen, the cases, the savings; as small tables."""
+"""Summaries of the reports as small tables: fronts and chosen methods, cases, savings."""
 
 import pandas as pd
 
 from studies.error_vs_runtime.study import over_objects, setting
-from studies.omitted.omission import SAME, in_words
+from studies.omitted.omission import SAME, verdict_text
 from studies.stability.cases import FAILS, HOLDS, REJECTED
 
 DIGITS = 3
@@ -14,10 +14,10 @@ def _number(value: float) -> str:
 
 
 def fronts(table: pd.DataFrame) -> pd.DataFrame:
-    """Of every stage what is on the front or chosen, the means over all objects, by time.
+    """Methods of every stage that are on the front or chosen, means over all objects, sorted by time.
 
-    `ms` with the quartiles of the rounds; a `?` after it: the machine was too noisy to rank it. The note says
-    what each stage's errors are against.
+    `ms` has the quartiles of the rounds; a `?` marks a method whose time does not differ significantly from a
+    neighbour's. The note names the reference of each stage's errors.
     """
     references = table.groupby("stage", sort=False)["reference"].first()
     rows = over_objects(table)
@@ -49,7 +49,7 @@ def fronts(table: pd.DataFrame) -> pd.DataFrame:
 
 
 def verdicts(table: pd.DataFrame) -> pd.DataFrame:
-    """A row a case: how many of its findings hold, are rejected, fail; the finding nearest to its bound."""
+    """A row for each case: numbers of findings that hold, are rejected, fail; the first failed, or else the first."""
     rows = []
     for (suite, case), findings in table.groupby(["suite", "case"], sort=False):
         count = findings["verdict"].value_counts()
@@ -71,7 +71,7 @@ def verdicts(table: pd.DataFrame) -> pd.DataFrame:
 
 
 def savings(table: pd.DataFrame) -> pd.DataFrame:
-    """A row an item: time and bytes with and without it, means over the objects, and the worst difference."""
+    """A row for each item: time and bytes with and without it, means over objects, and the largest difference."""
     rows = []
     for (stage, item), of in table.groupby(["stage", "item"], sort=False):
         same = set(of["verdict"]) == {SAME}
@@ -85,7 +85,7 @@ def savings(table: pd.DataFrame) -> pd.DataFrame:
                 "KiB with": _number(of["bytes_with"].mean() / 1024),
                 "KiB without": _number(of["bytes_without"].mean() / 1024),
                 "largest difference": f"{_number(of['difference'].max())} {of['unit'].iloc[0]}",
-                "verdict": in_words(same, of["state"].iloc[0]),
+                "verdict": verdict_text(same, of["state"].iloc[0]),
             }
         )
     return pd.DataFrame(rows)

@@ -10,21 +10,21 @@ from palpate.results.tables import markdown
 
 
 def write(table: pd.DataFrame, path: Path | str) -> None:
-    """Write a report as CSV, numbers to six digits, whole or not at all."""
+    """Write a report as CSV with six digits, atomically."""
     with atomic_write(path) as partial:
         table.to_csv(partial, index=False, float_format="%.6g")
 
 
 def write_text(summary: pd.DataFrame, path: Path | str) -> None:
-    """Write a summary as Markdown, whole or not at all."""
+    """Write a summary as Markdown, atomically."""
     with atomic_write(path) as partial:
         partial.write_text(markdown(summary))
 
 
 def read(paths: Iterable[Path | str]) -> pd.DataFrame:
-    """The tables of a report's items, one below the other; only an empty field is no value.
+    """Read and concatenate the tables of a report's items; only an empty field is a missing value.
 
-    The column `value` stays as it is written: numbers of one knob, words of another.
+    The column `value` stays text: it holds numbers or words, depending on the knob.
     """
     how = {"keep_default_na": False, "na_values": [""], "dtype": {"value": str}}
     items = [pd.read_csv(path, **how) for path in paths]

@@ -1,4 +1,4 @@
-"""Times of several methods side by side in one run, and the memory that each needs."""
+"""Times of several methods, measured alternately in one process, and the memory of each."""
 
 import gc
 import time
@@ -12,8 +12,8 @@ from scipy import stats
 Result = TypeVar("Result")
 
 ROUNDS = 5
-# A timing shorter than this is made of several calls: the clock and the call cost a microsecond.
-SHORTEST = 0.005
+# Seconds. A shorter function is called repeatedly: the clock and a call cost a microsecond.
+MINIMUM_DURATION = 0.005
 # Two methods differ significantly if zero is outside this interval of the logarithm of their ratio, round by round.
 CONFIDENCE = 0.95
 
@@ -34,16 +34,15 @@ def interleaved(
     warm: bool = False,
     clock: Callable[[], float] = time.perf_counter,
 ) -> dict[str, Timing]:
-    """Seconds of each method, taken in rounds: in each round every method once, in random order.
+    """Time each method once in every round, in random order.
 
-    So what slows the machine for a while slows all of them, and cancels in their ratios. A short method is
-    called several times a round.
+    Other load on the machine then affects all of them, and cancels in their ratios. A short method is called several
+    times a round.
 
     Args:
-        methods: functions by name; what they return is thrown away.
+        methods: functions by name; their results are discarded.
         rounds: at least 1.
-        warm: each was called before; otherwise it is called once untimed, so that what is made at the first
-            use is there.
+        warm: each method was called before; otherwise it is called once untimed, to build what it caches.
         clock: wall time, or `time.process_time` for processor time.
 
     Raises ValueError if there is no method or no round.
@@ -54,21 +53,21 @@ def interleaved(
         for function in methods.values():
             function()
     order = np.random.default_rng(seed)
-    taken: dict[str, list[float]] = {name: [] for name in methods}
+    seconds: dict[str, list[float]] = {name: [] for name in methods}
     for _ in range(rounds):
         for name in order.permutation(list(methods)):
-            taken[name].append(_seconds(methods[name], clock))
-    return {name: timing(values) for name, values in taken.items()}
+            seconds[name].append(_seconds(methods[name], clock))
+    return {name: timing(values) for name, values in seconds.items()}
 
 
 def _seconds(function: Callable[[], object], clock: Callable[[], float]) -> float:
-    """Of one call; the mean of as many as it takes to be `SHORTEST` long."""
+    """Seconds of a call, the mean over as many calls as take `MINIMUM_DURATION`."""
     calls, start = 0, clock()
     while True:
         function()
         calls += 1
         spent = clock() - start
-        if spent >= SHORTEST:
+        if spent >= MINIMUM_DURATION:
             return spent / calls
 
 
@@ -79,9 +78,9 @@ def timing(rounds: Sequence[float] | np.ndarray) -> Timing:
 
 
 def differs_significantly(one: Timing, other: Timing) -> bool:
-    """Whether the rounds rank two methods: Student's interval of the mean log ratio excludes 0.
+    """Whether two methods differ in time: Student's interval of the mean log ratio excludes 0.
 
-    The two must be of the same rounds. False also for a single round, and for equal times.
+    Both timings must be of the same rounds. False for a single round and for equal times.
     """
     ratio = np.log(one.rounds) - np.log(other.rounds)
     spread = stats.sem(ratio) if len(ratio) > 1 else np.inf
@@ -93,10 +92,10 @@ def differs_significantly(one: Timing, other: Timing) -> bool:
 
 
 def with_peak_memory(function: Callable[[], Result]) -> tuple[Result, float]:
-    """What the function returns, and the bytes by which the process's resident memory rises at most.
+    """The function's result, and the largest rise of the process's resident memory during the call, in bytes.
 
-    Linux counts the highest point (VmHWM), which can be set back; elsewhere NaN. Memory that the process
-    holds already, and fills again, does not count.
+    Uses Linux's resettable peak (VmHWM); NaN elsewhere. Memory that the process has already and reuses is not
+    counted.
     """
     status, reset = Path("/proc/self/status"), Path("/proc/self/clear_refs")
     if not (status.exists() and reset.exists()):

@@ -23,7 +23,7 @@ def checked(points: Tensor) -> Tensor:
     if points.ndim != 2 or points.shape[1] != 3:
         raise ValueError(f"a point cloud of shape {tuple(points.shape)}; must be (n, 3)")
     if not len(points):
-        raise ValueError("an empty point cloud has no nearest neighbours; leave it out")
+        raise ValueError("an empty point cloud has no nearest neighbours; omit it")
     if not torch.isfinite(points).all():
         raise ValueError("a point cloud holds NaN or infinity")
     return points.detach()
@@ -71,8 +71,7 @@ def nearest(query: Tensor, points: Tensor, tree: cKDTree | None = None) -> Tenso
 
 
 def nearest_of_all(jobs: Sequence[tuple[Tensor, Tensor, cKDTree | None]]) -> list[Tensor]:
-    """`nearest` of many (query, points, tree): on a CPU clouds are spread over threads, so that trees are
-    built side by side too."""
+    """`nearest` of many (query, points, tree); on a CPU in several threads, which also build trees in parallel."""
     workers = min(torch.get_num_threads(), len(jobs))
     if workers < 2 or jobs[0][0].device.type != "cpu":
         return [nearest(*job) for job in jobs]
@@ -95,7 +94,7 @@ def mean_squared(query: Tensor, points: Tensor, index: Tensor) -> Tensor:
 
 
 def paired(a: Clouds, b: Clouds) -> None:
-    """Raises ValueError unless there are as many clouds in a as in b, and at least one."""
+    """Raises ValueError unless a and b have the same number of clouds, at least one."""
     if len(a) != len(b) or not len(a):
         raise ValueError(f"{len(a)} clouds against {len(b)}; must be as many, and at least one")
 

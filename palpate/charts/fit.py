@@ -78,7 +78,7 @@ def fit_adam(
     Args:
         points: k local clouds (n_i, 3) metres, in the frame of the poses, one point or more each.
         position: (k, 3) and rotation: (k, 3, 3) of the sensors.
-        steps: at most so many.
+        steps: largest number.
         rate: Adam's learning rate, in metres.
         stop: a chart is done when its loss falls below this many square metres.
         samples: points on each sheet a step. With so few that their own spacing exceeds `stop`, it is
@@ -88,7 +88,7 @@ def fit_adam(
     Returns: (k, 81, 3), vertices ordered as in `touch_chart()`; of the step with the lowest loss if it did
     not fall below `stop`.
 
-    Raises ValueError if a cloud is empty or holds NaN or infinity, or there are not as many as poses.
+    Raises ValueError if a cloud is empty or holds NaN or infinity, or the numbers of clouds and poses differ.
     """
     if len(points) != len(position):
         raise ValueError(f"{len(points)} point clouds for {len(position)} sensors; must be as many")

@@ -1,1 +1,1 @@
-"""Evaluation: how far predictions of trained models are from the truth; and `palpate.reconstruct`."""
+"""Evaluation: errors of trained models' predictions; and `palpate.reconstruct`."""

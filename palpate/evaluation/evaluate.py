@@ -1,4 +1,4 @@
-"""Trained models measured: on every object of a split, on every ring around its touches, on every touch."""
+"""Errors of trained models on every object of a split, every ring around its touches, and every touch."""
 
 import json
 import logging
@@ -29,12 +29,12 @@ from palpate.training.touches import channels_first, predict_depth
 
 log = logging.getLogger(__name__)
 
-AT_ONCE = 8  # samples that a model predicts together
+BATCH_SIZE = 8  # samples that a model predicts together
 POINTS = 10_000  # on a prediction, and on the truth (the published evaluation)
 
 
 class Trained(NamedTuple):
-    """A trained model and what it is: the experiment's name and row, seed, training steps, device."""
+    """A trained model, with its experiment's name and row, seed, training steps and device."""
 
     model: Reconstruction
     name: str
@@ -57,7 +57,7 @@ def load(
 
 
 def training_steps(summary: Path | str) -> int:
-    """How many steps a model was trained for, by its `training.json`."""
+    """Number of training steps of a model, from its `training.json`."""
     return int(json.loads(Path(summary).read_text())["steps"])
 
 
@@ -68,8 +68,8 @@ def evaluate(
 
     A sample is an object with a window of its grasps, or a view of it (see `palpate.training.windows`).
     `points` are sampled on the predicted mesh, from random numbers that depend on the object only, so that
-    models differ by their meshes and not by luck; `seconds` is the prediction's time, an equal part of its
-    batch's. Raises EvaluationError for a prediction that is not finite, naming the object.
+    models differ by their meshes only. `seconds` is the prediction's time, an equal share of its batch's. Raises
+    EvaluationError, naming the object, for a prediction that is not finite.
     """
     rows, tree, last = [], None, None
     truth = torch.from_numpy(data["points"]).to(trained.device)
@@ -86,10 +86,10 @@ def evaluate(
 def evaluate_rings(
     trained: Trained, data: TrainingData, dataset: Dataset, split: str, points: int = SAMPLES
 ) -> pd.DataFrame:
-    """How far the true surface in the rings around each touch is from the predictions of one split:
-    `rows.RING_COLUMNS`, a row a sample, successful touch and ring.
+    """Distances from the true surface in the rings around each touch to the predictions of one split.
 
-    The touches are those of the sample's grasps; of all grasps if nothing that the model takes depends on a grasp.
+    Columns `rows.RING_COLUMNS`; a row for each sample, successful touch and ring. The touches are those of the
+    sample's grasps, or of all grasps if no input of the model depends on a grasp.
     dataset: the run's, with its stores of touch and rings. `distance` (m^2) is nan for a ring without surface.
     """
     rows = []
@@ -103,11 +103,11 @@ def evaluate_rings(
                 pose = grasp.position[sensor], grasp.rotation[sensor]
                 rings = ring_points(grasp.ring_depth[sensor], *pose)
                 distances = ring_distances(rings, predicted, tree)
-                for ring, found, distance in zip(RINGS, rings, distances, strict=True):
+                for ring, in_ring, distance in zip(RINGS, rings, distances, strict=True):
                     rows.append(
                         _row(trained, data, sample)
                         | {"grasp": number, "sensor": sensor, "ring": ring}
-                        | {"points": len(found), "distance": distance}
+                        | {"points": len(in_ring), "distance": distance}
                     )
     return pd.DataFrame(rows, columns=RING_COLUMNS)
 
@@ -126,7 +126,7 @@ def predictions(trained: Trained, data: TrainingData, splits: Sequence[str]) -> 
     label = f"{trained.name} seed {trained.seed}"
     bar = tqdm(total=len(samples), desc=label, unit="sample", disable=not sys.stderr.isatty())
     left, done = iter(samples), 0
-    while part := list(islice(left, AT_ONCE)):
+    while part := list(islice(left, BATCH_SIZE)):
         start = time.perf_counter()
         with torch.inference_mode():
             vertices = trained.model(assemble(part)).float()

@@ -1,4 +1,4 @@
-"""What a prediction is measured by: Chamfer distance and F1 scores between point clouds, exact neighbours.
+"""Metrics: Chamfer distance and F1 scores between point clouds, with exact nearest neighbours.
 
 Clouds are in metres, in any frame that both share. The paper's tables hold `CHAMFER_SCALE` times the Chamfer
 distance in m^2.
@@ -25,8 +25,8 @@ PIXEL2MESH_CHAMFER = 1000.0
 
 
 class Score(NamedTuple):
-    """What one prediction scores: the paper's Chamfer distance (m^2 x 9000), and F1 at Pixel2Mesh's tau and
-    2 tau in percent."""
+    """Scores of one prediction: the paper's Chamfer distance (m^2 x 9000), and F1 at Pixel2Mesh's tau and 2 tau in
+    percent."""
 
     chamfer: float
     f1_tau: float

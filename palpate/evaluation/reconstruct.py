@@ -33,7 +33,7 @@ TOUCH_COLOUR = (0.84, 0.37, 0.00)
 
 
 class GraspTouches(NamedTuple):
-    """What the sensors of one grasp report: what a model needs of `palpate.Dataset`'s grasp records.
+    """Readings and poses of the sensors of one grasp: the part of a grasp record that a model needs.
 
     reading: (4, 100, 100, 3) uint8 images of the gels. position: (4, 3) metres and rotation: (4, 3, 3) of the
     sensors in the world, columns of a rotation being the sensor's axes. success: (4,) bool, whether the
@@ -67,7 +67,7 @@ class Shape(NamedTuple):
 
 
 class ReconstructionError(ValueError):
-    """A model can't be used on what is given; the message says what is missing or wrong, and what to do."""
+    """A model can't be used with the given inputs; the message names the problem and the remedy."""
 
 
 def reconstruct(
@@ -101,7 +101,7 @@ class Reconstructor:
     """A trained model, loaded once, for as many grasps as there are: `model(image, touches) -> Shape`.
 
     model: its folder or checkpoint, as `reconstruct` takes it. device: of torch. fit: how touch charts are
-    fitted, `direct` or `adam` (the config's `training.touch_charts`).
+    fitted, `direct` or `adam` (the config's `training.chart_fit`).
 
     Attributes:
         experiment: the row of config/experiments.yaml that it was trained for: `strategy`, `vision`, `touch`,
@@ -140,7 +140,7 @@ class Reconstructor:
 
     @property
     def grasps(self) -> int:
-        """How many grasps it takes."""
+        """Number of grasps that the model takes."""
         return self.experiment["grasps"] if self.experiment["touch"] else 0
 
     def __call__(self, image: np.ndarray | None = None, touches=None, camera: np.ndarray | None = None) -> Shape:
@@ -154,9 +154,9 @@ class Reconstructor:
         if self.experiment["vision"] != "none":
             inputs |= self._image_inputs(image, camera)
         if self.experiment["touch"]:
-            given = self._all_touches(touches)
-            success = given.success
-            inputs |= self._touch_inputs(given)
+            sensors = self._all_touches(touches)
+            success = sensors.success
+            inputs |= self._touch_inputs(sensors)
         device = next(self._model.parameters()).device
         batch = {name: torch.from_numpy(array)[None].to(device) for name, array in inputs.items()}
         # As a training's, also in memory: convolutions round otherwise in another layout.
@@ -199,7 +199,7 @@ class Reconstructor:
             raise ReconstructionError(
                 f"{self.name} takes {_counted(self.grasps)}, but touches of {len(grasps)} were given"
             )
-        given = GraspTouches(
+        sensors = GraspTouches(
             *(np.concatenate([getattr(grasp, name) for grasp in grasps]) for name in GraspTouches._fields)
         )
         count = SENSORS * len(grasps)
@@ -210,20 +210,20 @@ class Reconstructor:
             "success": (count,),
         }
         for name, shape in shapes.items():
-            values = getattr(given, name)
+            values = getattr(sensors, name)
             if values.shape != shape:
                 raise ReconstructionError(
                     f"touches: {name} of {_counted(len(grasps))} has shape {values.shape}, expected {shape}"
                 )
             _check_finite(f"touches: {name}", values)
-        if given.reading.dtype != np.uint8:
-            raise ReconstructionError(f"touches: reading is of type {given.reading.dtype}, expected uint8")
-        if not given.success.any():
+        if sensors.reading.dtype != np.uint8:
+            raise ReconstructionError(f"touches: reading is of type {sensors.reading.dtype}, expected uint8")
+        if not sensors.success.any():
             warnings.warn(
                 f"no sensor of {_counted(len(grasps))} touches the object: {self.name} is only given where they are",
                 stacklevel=4,
             )
-        return given._replace(success=given.success.astype(bool))
+        return sensors._replace(success=sensors.success.astype(bool))
 
     def _touch_inputs(self, touches: GraspTouches) -> dict[str, np.ndarray]:
         """The touches as the model takes them: charts, or readings."""
@@ -242,8 +242,8 @@ class Reconstructor:
         of_charts = np.repeat(success, len(touch_chart().faces))
         touch = np.concatenate([np.zeros(len(faces) - len(of_charts), dtype=bool), of_charts])
         if self.experiment["strategy"] == "no_comm":  # charts without success are points there
-            kept = np.concatenate([np.ones(len(faces) - len(of_charts), dtype=bool), of_charts])
-            faces, touch = faces[kept], touch[kept]
+            shown = np.concatenate([np.ones(len(faces) - len(of_charts), dtype=bool), of_charts])
+            faces, touch = faces[shown], touch[shown]
         return Shape(vertices, faces, touch)
 
 

@@ -1,10 +1,9 @@
-"""Square rings of surface points around each touch, and how far a prediction is from them (section 5.3).
+"""Square rings of surface points around each touch, and their distance to a prediction (section 5.3).
 
 A grid of 100 x 100 points, five times the sensor's size and centred on it, is projected along the sensor's x
-onto the true surface. Ring 1 is what lies within the sensor's own square; ring r what lies between the
-squares of r - 1 and r times its size. Grid, rings, and what happens to points that meet no surface (they
-are omitted) are those of the published evaluation (its `calc_local_chamfer`), and so is the number of points
-that a prediction is sampled at.
+onto the true surface. Ring 1 lies within the sensor's own square, ring r between the squares of r - 1 and r times its
+size. Points that meet no surface are omitted. Grid, rings and the number of points sampled on a prediction are those
+of the published evaluation (`calc_local_chamfer`).
 """
 
 import logging
@@ -65,7 +64,7 @@ class MeshSurface:
         corners, normal = self._mesh.triangles[face[hit]], self._mesh.normals[face[hit]]
         with np.errstate(divide="ignore", invalid="ignore"):  # faces seen edge-on
             along = np.einsum("ni,ni->n", corners[:, 0] - start[hit], normal) / (normal @ direction)
-        # Where a face is seen edge-on the plane says little; on the face the ray meets it, at any rate.
+        # For a face seen edge-on its plane is inaccurate, but the ray meets the face itself in any case.
         ahead = (corners - origin) @ direction
         along = np.clip(np.nan_to_num(along, nan=0), ahead.min(axis=1), ahead.max(axis=1))
         depth = np.full(len(face), np.inf)
@@ -134,13 +133,13 @@ def project_batch(touch: Path | str, surface: Callable[[str], MeshSurface | Clou
 
     touch: the batch's touch store; surface: from an object's name to what its rings are projected onto.
     """
-    held = store.read(touch, "object", "success", "position", "rotation")
-    names, success = held["object"], held["success"]
+    touches = store.read(touch, "object", "success", "position", "rotation")
+    names, success = touches["object"], touches["success"]
     depth = np.full((*success.shape, GRID, GRID), np.inf, dtype=np.float32)
     for place, name in enumerate(names):
         log.info("rings %d/%d: %s", place + 1, len(names), name)
         onto = surface(str(name))
         for grasp, sensor in zip(*np.nonzero(success[place]), strict=True):
             index = place, grasp, sensor
-            depth[index] = onto.project(held["position"][index], held["rotation"][index])
+            depth[index] = onto.project(touches["position"][index], touches["rotation"][index])
     return {"object": names, "ring_depth": depth}

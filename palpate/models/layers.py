@@ -1,4 +1,4 @@
-"""The small parts that the networks are built of."""
+"""Layers shared by the networks."""
 
 import torch
 from torch import nn
@@ -10,7 +10,7 @@ class ConvolutionBlock(nn.Sequential):
     """A row of the paper's tables: convolution, normalisation (`norm`: batch or instance), ReLU.
 
     (B, inputs, H, W) -> (B, outputs, H', W') with H' = (H + 2 padding - kernel) // stride + 1. The
-    convolution has no bias of its own: the normalisation would take it away again.
+    convolution has no bias, because normalisation would remove it.
     """
 
     def __init__(self, inputs: int, outputs: int, kernel=3, stride=1, padding=0, norm="batch"):
@@ -24,7 +24,7 @@ class ConvolutionBlock(nn.Sequential):
 
 
 class Concatenate(nn.Module):
-    """Tensors side by side along `dim`; a module so that it can be seen by hooks."""
+    """Concatenates tensors along `dim`; a module, so that hooks can observe it."""
 
     def __init__(self, dim: int):
         super().__init__()

@@ -137,8 +137,10 @@ class Reconstruction(nn.Module):
     def _initial(
         self, batch: Mapping[str, torch.Tensor], samples: int
     ) -> tuple[torch.Tensor, list[torch.Tensor], torch.Tensor | None]:
-        """Where the vertices of the graph begin (V, B, 3), features that they keep (V, B, ...), and which of
-        them stay where they are (V, B, 1); None if all move."""
+        """Initial vertices (V, B, 3), their constant features (V, B, ...), and which vertices are fixed (V, B, 1).
+
+        The last is None if all vertices move.
+        """
         positions = self.start[:, None].expand(-1, samples, -1)
         given = []
         enforced = None

@@ -1,6 +1,6 @@
 """The authors' released dataset, object by object as arrays of our stores.
 
-Their layout is in `palpate.released.layout`; what is in its files:
+`palpate.released.layout` has the layout of its files. Their contents:
 
 - a surface is (n, 3) points of the object centred at the origin with a diagonal of 1: in the world, half of
   that and 0.6 m up;
@@ -57,7 +57,7 @@ def read_surface(root: Path | str, entry: ReleasedObject, count: int, generator)
 
 
 def read_touch(root: Path | str, entry: ReleasedObject, grasps: int) -> dict[str, np.ndarray]:
-    """The record of the touch store, of the first so many grasps.
+    """The record of the touch store, of the first `grasps` grasps.
 
     `depth` is made from the points, which have one position each on the sensor's grid: it does not depend on
     what a distance was measured from. A sensor that touched nothing, or has no points, is unsuccessful.
@@ -122,8 +122,8 @@ def _sensor(path: Path, sensor: int, scene: dict[str, Any]) -> dict[str, np.ndar
 def _pixel(along: np.ndarray) -> np.ndarray:
     """Rows or columns (k,) of points from their coordinate along the sensor plane, m.
 
-    A grid's points are where its pixels are, but nobody says whether in their middles (as here) or at a
-    corner (as the authors' network has them): where in a pixel they are is seen from them, by circular mean.
+    Points lie on the grid of pixels, at centres (as here) or at corners (as in the authors' network); which one is not
+    documented. Their circular mean within a pixel shows it.
     """
     place = along / SENSOR_WIDTH * RESOLUTION + RESOLUTION / 2
     turn = np.angle(np.exp(2j * np.pi * place).mean()) / (2 * np.pi)  # in [-0.5, 0.5]
@@ -163,12 +163,12 @@ def read_empty_reading(root: Path | str) -> np.ndarray:
 
 
 def orientation_agreement(touch: Mapping[str, np.ndarray], empty_reading: np.ndarray) -> tuple[float, float]:
-    """Of a record of the touch store: how well readings lie on their depths, as they are and turned over.
+    """Agreement of the readings of a touch record with its depths, as they are and transposed.
 
-    The share of pixels that differ from the empty reading where something is in range and are the same where
-    nothing is; second, the same with rows and columns of the readings exchanged. Nothing published says which
-    axis of a gel's image is which (their network's grid does), so it should be looked at: if the second is
-    larger over many objects, they are exchanged. (nan, nan) if nothing was touched.
+    The first number is the share of pixels that differ from the empty reading where something is in range, and equal
+    it elsewhere; the second is that with rows and columns of the readings exchanged. The release does not document the
+    axes of a gel's image. If the second number is larger over many objects, they are exchanged. (nan, nan) if nothing
+    was touched.
     """
     touched = touch["success"]
     if not touched.any():
@@ -204,8 +204,8 @@ def _image(path: Path, size: int) -> np.ndarray:
 def read_charts(root: Path | str, entry: ReleasedObject, grasps: int) -> dict[str, np.ndarray]:
     """The record of the charts store from their sheets: `vertices` (grasps, 4, 81, 3) in the world, m.
 
-    A sheet has 5 x 5 vertices where our charts have 9 x 9: those between are put in the middle of their
-    neighbours. All vertices are at the sensor where nothing was touched, or the sheet is one number.
+    A sheet has 5 x 5 vertices, our charts 9 x 9: the others are midpoints of their neighbours. All vertices are at the
+    sensor where nothing was touched, or the sheet is one number.
     """
     charts = []
     for grasp, (path, scene) in enumerate(_scenes(root, entry, grasps)):

@@ -19,11 +19,11 @@ NOTHING = 1.0  # m, their depth where nothing is in range: their loader cuts at 
 
 
 def export(dataset, folder: Path | str) -> int:
-    """Write a dataset's surfaces, images and touches in the layout of the released dataset; how many objects.
+    """Write a dataset's surfaces, images and touches in the layout of the released dataset.
 
-    dataset: a `palpate.Dataset` of the stages `STAGES`. folder: written as a whole or not at all. Sheets are written
-    if the run has touch charts. Raises StoreError if there is no object, or surface, touch or vision have not been
-    built.
+    dataset: a `palpate.Dataset` of the stages `STAGES`. folder: written atomically. Sheets are written if the run has
+    touch charts. Returns the number of objects. Raises StoreError if there is no object, or surface, touch or vision
+    have not been built.
     """
     if not len(dataset):
         raise StoreError(f"{dataset!r}: no object with surface, touch and vision: nothing to export")

@@ -1,8 +1,8 @@
-"""Reading `.npy` files that hold pickled dictionaries, without running what a pickle may bring along.
+"""Reads `.npy` files with pickled dictionaries without running the pickle's code.
 
-A pickle is a program: `np.load(allow_pickle=True)` runs whatever the file says. Here a name in a pickle never
-reaches the thing that it names: it stands for one of the few stand-ins below, which only take notes, and
-arrays are made from the notes afterwards, by shapes, plain types and bytes that have been looked at.
+A pickle is a program: `np.load(allow_pickle=True)` runs any code in it. Here a name in a pickle never resolves to the
+object that it names, but to one of the few stand-ins below, which only record their arguments. Arrays are built from
+these records afterwards, from checked shapes, plain types and bytes.
 """
 
 import collections
@@ -152,7 +152,7 @@ def _encoded(text: Any, encoding: Any = "latin1") -> bytes:
 
 
 def _bytes(data: Any = b"", *_: Any) -> bytes:
-    """Bytes of bytes, not of a number, which would be as many as it says."""
+    """Bytes of bytes; a number is refused, because `bytes` of it would allocate as many."""
     if not isinstance(data, bytes | bytearray | str):
         raise _Refused(f"bytes of {type(data).__name__}")
     return data.encode("latin1") if isinstance(data, str) else bytes(data)

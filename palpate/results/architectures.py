@@ -1,4 +1,4 @@
-"""The layers that a live module really has, read off with hooks, beside the rows of the paper's tables."""
+"""The layers of a live module, recorded with hooks, compared with the rows of the paper's tables."""
 
 from collections.abc import Callable, Mapping
 from typing import Any
@@ -7,6 +7,8 @@ import pandas as pd
 import torch
 from torch import Tensor, nn
 
+from palpate.camera import IMAGE_SIZE
+from palpate.charts.atlas import TOUCH_VERTICES
 from palpate.mesh import OBJECT_POSITION
 from palpate.models.architectures import PAPER_ARCHITECTURES
 from palpate.models.gcn import ZeroNeighbourLayer
@@ -16,6 +18,7 @@ from palpate.models.reconstruction import Reconstruction
 from palpate.models.touch_depth import TouchDepth
 from palpate.results.published import paper_values
 from palpate.touch.sensor import RESOLUTION
+from palpate.vision.views import SIZE as VIEW_SIZE
 
 FIELDS = ["input", "operation", "shape"]
 VERTICES = "Vertex Input"
@@ -28,14 +31,14 @@ def _convolution(layer: nn.Conv2d | nn.ConvTranspose2d | nn.MaxPool2d, name: str
 
 
 def _block(block: nn.Sequential) -> str:
-    """What a block of layers does, in the words of the paper's tables."""
+    """The operations of a block of layers, in the wording of the paper's tables."""
     words = {nn.BatchNorm2d: "BN", nn.InstanceNorm2d: "IN", nn.ReLU: "ReLU", nn.Linear: "Linear"}
     return " + ".join(
         _convolution(layer, "Conv", 1) if isinstance(layer, nn.Conv2d) else words[type(layer)] for layer in block
     )
 
 
-# What is a row of a table, and how it is called there. Only what these hold is not looked into.
+# Modules that are a row of a table, and the row's wording. Modules inside them are not recorded.
 OPERATIONS: dict[type[nn.Module], Callable[[Any], str]] = {
     ConvolutionBlock: _block,
     LinearBlock: _block,
@@ -49,19 +52,19 @@ OPERATIONS: dict[type[nn.Module], Callable[[Any], str]] = {
 
 
 class _Recorder:
-    """Writes down each row as it is computed for the first time (a deformation repeats the first one's)."""
+    """Records a row when its module runs for the first time (further deformations repeat it)."""
 
     def __init__(self, image: Tensor | None, image_name: str):
         self.rows: list[dict[str, str]] = []
         self.names: dict[int, str] = {}
-        self.kept: list[Tensor] = []  # An id stays a tensor's own as long as the tensor lives.
-        self.seen: set[nn.Module] = set()
+        self.tensors: list[Tensor] = []  # An id stays a tensor's own as long as the tensor lives.
+        self.recorded: set[nn.Module] = set()
         if image is not None:
             self.call(image, image_name)
             self.row("image", "", image_name, image)
 
     def call(self, tensor: Tensor, name: str) -> None:
-        self.kept.append(tensor)
+        self.tensors.append(tensor)
         self.names[id(tensor)] = name
 
     def row(self, index: str, sources: str, operation: str, output: Tensor) -> None:
@@ -71,45 +74,45 @@ class _Recorder:
         self.rows.append(row | {"shape": " x ".join(map(str, shape))})
 
     def __call__(self, module: nn.Module, inputs: tuple, output: Tensor) -> None:
-        if module in self.seen:
+        if module in self.recorded:
             return
-        self.seen.add(module)
-        given = [tensor for each in inputs for tensor in (each if isinstance(each, list) else [each])]
-        given = [tensor for tensor in given if isinstance(tensor, Tensor)]
+        self.recorded.add(module)
+        tensors_in = [tensor for each in inputs for tensor in (each if isinstance(each, list) else [each])]
+        tensors_in = [tensor for tensor in tensors_in if isinstance(tensor, Tensor)]
         if isinstance(module, PerceptualPooling):
-            given = inputs[0]
+            tensors_in = inputs[0]
         if isinstance(module, Concatenate):
-            vertices = [tensor for tensor in given if id(tensor) not in self.names]
+            vertices = [tensor for tensor in tensors_in if id(tensor) not in self.names]
             if vertices:
                 self.row("vertices", "", VERTICES, torch.cat(vertices, dim=-1))
-            if len(vertices) == len(given):
+            if len(vertices) == len(tensors_in):
                 self.call(output, VERTICES)
                 return
-        sources = " ".join(dict.fromkeys(self.names.get(id(tensor), VERTICES) for tensor in given))
+        sources = " ".join(dict.fromkeys(self.names.get(id(tensor), VERTICES) for tensor in tensors_in))
         index = str(1 + sum(row["index"].isdigit() for row in self.rows))
         self.row(index, sources, OPERATIONS[type(module)](module), output)
         self.call(output, f"({index})")
 
 
 @torch.no_grad()
-def read_off(module: nn.Module, inputs: Tensor | Mapping[str, Tensor]) -> list[dict[str, str]]:
-    """Runs the module on its inputs and reads its layers off: rows of index, input, operation, shape.
+def read_layers(module: nn.Module, inputs: Tensor | Mapping[str, Tensor]) -> list[dict[str, str]]:
+    """Run a module on its inputs and record its layers: rows of index, input, operation, shape.
 
-    The words are those of the supplement's tables. `index` counts from 1; two rows before name the inputs,
+    The wording is that of the supplement's tables. `index` counts from 1; two rows before name the inputs,
     `image` and `vertices`. Shapes are a sample's: C x H x W, or |V| x C.
     """
     image = inputs.get("image") if isinstance(inputs, Mapping) else inputs
     recorder = _Recorder(image, "Image Input" if isinstance(inputs, Mapping) else "Input")
     hooks = []
 
-    def watch(part: nn.Module) -> None:
+    def add_hooks(part: nn.Module) -> None:
         if type(part) in OPERATIONS:
             hooks.append(part.register_forward_hook(recorder))
         else:
             for child in part.children():
-                watch(child)
+                add_hooks(child)
 
-    watch(module)
+    add_hooks(module)
     try:
         module(inputs)
     finally:
@@ -152,10 +155,10 @@ def compare(model: str, rows: list[dict[str, str]]) -> pd.DataFrame:
         remark = known.get(index)
         line |= {"verdict": "differs", "note": ""}
         if published and measured:
-            taken = published | {key: value for key, value in (remark or {}).items() if value}
+            expected = published | {key: value for key, value in (remark or {}).items() if value}
             if _same(published, measured):
                 line |= {"verdict": "agrees", "note": remark["note"] if remark else ""}
-            elif remark and _same(taken, measured):
+            elif remark and _same(expected, measured):
                 line |= {"verdict": "contradiction", "note": remark["note"]}
         table.append(line)
     frame = pd.DataFrame(table)
@@ -171,16 +174,15 @@ def compare(model: str, rows: list[dict[str, str]]) -> pd.DataFrame:
 def architecture_table(name: str) -> pd.DataFrame:
     """`compare` for the U-Net ("touch_depth") or one of the paper's architectures, by its name."""
     if name == "touch_depth":
-        return compare(name, read_off(TouchDepth().eval(), _image(RESOLUTION)))
+        return compare(name, read_layers(TouchDepth().eval(), _image(RESOLUTION)))
     architecture = PAPER_ARCHITECTURES[name]
     model = Reconstruction("charts", "encoder" in architecture, "touch" in name, 1, architecture).eval()
-    # Choy et al.'s views are 137 pixels wide.
-    batch = {"image": _image(137 if name == "single_image" else 256)} if model.vision else {}
+    batch = {"image": _image(VIEW_SIZE if name == "single_image" else IMAGE_SIZE)} if model.vision else {}
     if model.touch:
         position = torch.tensor(OBJECT_POSITION).expand(1, model.sensors, 3)
         batch |= {"success": torch.ones(1, model.sensors, dtype=torch.bool), "position": position}
-        batch["charts"] = position[:, :, None].expand(-1, -1, 81, -1)
-    return compare(name, read_off(model, batch))
+        batch["charts"] = position[:, :, None].expand(-1, -1, TOUCH_VERTICES, -1)
+    return compare(name, read_layers(model, batch))
 
 
 def _image(size: int) -> Tensor:
@@ -196,5 +198,5 @@ def _read(file: str, model: str) -> list[dict[str, str]]:
 
 
 def _same(one: Mapping[str, str], other: Mapping[str, str]) -> bool:
-    """Whether two rows say the same; the order of the inputs doesn't matter."""
+    """Whether two rows are equal but for the order of their inputs."""
     return all(sorted(one[field].split()) == sorted(other[field].split()) for field in FIELDS)

@@ -13,7 +13,7 @@ from palpate.charts import ATLAS_RADIUS, vision_atlas
 from palpate.mesh import OBJECT_POSITION
 from palpate.results.page import COLOURS, new_figure, save, styled
 
-APART = 0.055  # how far charts are moved out, in radii
+EXPLOSION = 0.055  # distance by which charts are moved out, in radii
 TOWARDS_CAMERA = np.array([-0.62, -0.66, 0.42])  # from the sphere's centre, world frame
 LIGHT = np.array([-0.75, -0.25, 0.62])  # towards the lamp, world frame
 AMBIENT = 0.45  # share of the light that comes from all around
@@ -26,13 +26,13 @@ SIZE = 4.5  # inches
 
 @styled
 def draw(path: Path | str) -> None:
-    """Draw the 96 vision charts, every face of them, each chart in one colour, seen from the side."""
+    """Draw all faces of the 96 vision charts, each chart in one colour, seen from the side."""
     atlas = vision_atlas()
     vertices = atlas.vertices.double().numpy() - OBJECT_POSITION
     chart, faces = atlas.chart.numpy(), atlas.faces.numpy()
     middle = np.stack([vertices[chart == number].mean(axis=0) for number in range(chart.max() + 1)])
     out = middle / np.linalg.norm(middle, axis=1, keepdims=True)
-    corners = (vertices + APART * ATLAS_RADIUS * out[chart])[faces]
+    corners = (vertices + EXPLOSION * ATLAS_RADIUS * out[chart])[faces]
 
     depth = unit(TOWARDS_CAMERA)
     right = unit(np.cross([0, 0, 1], depth))
@@ -50,26 +50,26 @@ def draw(path: Path | str) -> None:
     axes = figure.add_axes((0, 0, 1, 1))
     flat = np.stack([corners @ right, corners @ up], axis=2)[shown]
     axes.add_collection(PolyCollection(flat, facecolors=colour[shown], edgecolors=EDGE, linewidths=0.35))
-    reach = 1.02 * (1 + APART) * ATLAS_RADIUS
+    reach = 1.02 * (1 + EXPLOSION) * ATLAS_RADIUS
     axes.set(xlim=(-reach, reach), ylim=(-reach, reach), aspect="equal")
     axes.set_axis_off()
     save(figure, path)
 
 
 def unit(vector: np.ndarray) -> np.ndarray:
-    """The vector at length 1."""
+    """The unit vector along a vector."""
     return vector / np.linalg.norm(vector)
 
 
 def chart_colours(chart: np.ndarray, joined: np.ndarray) -> np.ndarray:
-    """A number of a colour for each chart (96,), different for charts that share a side."""
+    """The number of each chart's colour (96,), different for charts that share a side."""
     pairs, shared = np.unique(np.sort(chart[joined], axis=1), axis=0, return_counts=True)
     sides = pairs[shared > 1]  # charts that only meet at a corner share one vertex
     colours = np.full(chart.max() + 1, -1)
     for number in range(len(colours)):
-        beside = sides[(sides == number).any(axis=1)]
-        taken = set(colours[beside].ravel())
+        neighbours = sides[(sides == number).any(axis=1)]
+        used = set(colours[neighbours].ravel())
         # In turn over the colours, so that all of them are used.
         order = (np.arange(len(CHART_COLOURS)) + number) % len(CHART_COLOURS)
-        colours[number] = next(colour for colour in order if colour not in taken)
+        colours[number] = next(colour for colour in order if colour not in used)
     return colours

@@ -19,14 +19,14 @@ STEP = 1e-4  # of the means, relative, for the slope of a statistic
 
 
 class Estimate(NamedTuple):
-    """A number with its 95 % interval, which is nan where it can't be told."""
+    """A number with its 95 % interval, nan where it can't be estimated."""
 
     value: float
     low: float
     high: float
 
     def within(self, least: float, most: float = np.inf) -> "Estimate":
-        """The same number, its interval cut to what such a number can be."""
+        """The same number, its interval clipped to the range of possible values."""
         return self._replace(low=float(np.clip(self.low, least, most)), high=float(np.clip(self.high, least, most)))
 
 

@@ -1,4 +1,4 @@
-"""The paper's claims that a number can decide, and what a run has to say about each.
+"""The paper's claims that a number can decide, and a run's verdict on each.
 
 `paper/claims.csv` has a row a claim. Its statistic is a number of averages that must be negative: a difference
 of errors, a slope, an error less what is allowed. The claim holds if the whole 95 % interval is below zero, does
@@ -107,7 +107,7 @@ def claims() -> list[Claim]:
 def decide(
     evaluations: pd.DataFrame, rings: pd.DataFrame, touches: pd.DataFrame, resamples: int = RESAMPLES
 ) -> pd.DataFrame:
-    """What a run says about each claim: one row a claim.
+    """The verdict of a run on each claim: one row a claim.
 
     Args:
         evaluations: rows of `rows.read` of `published_experiments()`; rings: of those of `extrapolation`;
@@ -169,17 +169,17 @@ def _errors_of_tables(evaluations, rings, touches) -> dict[str, Errors]:
         names = list(dict.fromkeys(name for claim in members for name in claim.experiments))
         found[table] = errors(evaluations, names, members[0].split)
     found["extrapolation"] = ring_errors(rings, published_experiments("extrapolation"), "test")
-    found["local_touch_charts"] = _together(found["input_modalities"], touch_errors(touches, "test"))
+    found["local_touch_charts"] = _merge(found["input_modalities"], touch_errors(touches, "test"))
     return found
 
 
-def _together(whole: Errors, local: Errors) -> Errors:
+def _merge(of_objects: Errors, local: Errors) -> Errors:
     """Errors of both on the objects that both have (one without a successful touch has no local error)."""
-    here = np.isin(whole.objects, local.objects)
-    there = np.isin(local.objects, whole.objects)
-    values = {name: array[:, here] for name, array in whole.values.items()}
+    here = np.isin(of_objects.objects, local.objects)
+    there = np.isin(local.objects, of_objects.objects)
+    values = {name: array[:, here] for name, array in of_objects.values.items()}
     values |= {name: array[:, there] for name, array in local.values.items()}
-    return Errors(whole.objects[here], whole.classes[here], values, whole.steps | local.steps)
+    return Errors(of_objects.objects[here], of_objects.classes[here], values, of_objects.steps | local.steps)
 
 
 def _published(claim: Claim) -> np.ndarray:

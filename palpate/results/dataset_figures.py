@@ -16,7 +16,7 @@ from palpate.results.surface_view import SITE_COLOURS, SurfaceView
 from palpate.touch import SENSOR_WIDTH
 
 RING = 0.8  # radius of the ring about a site, in sensor widths
-WIDE = 1.5  # width of a surface's picture over its height: most objects are long
+SURFACE_ASPECT = 1.5  # width of a surface's picture over its height: most objects are long
 EXAMPLES = 6  # objects on a sheet
 SHEET_DPI = 100
 CANDIDATES = 60  # grasps looked at for the data point
@@ -37,7 +37,7 @@ def data_point(dataset: Dataset, path: Path | str) -> None:
     if grasp is None:
         return save_sentence("No usable object in this run", path)
     cell, gap, label, head = 2.8, 0.1, 0.22, 0.5  # inches
-    widths = np.array([cell, cell, cell, WIDE * cell])
+    widths = np.array([cell, cell, cell, SURFACE_ASPECT * cell])
     left = gap + np.concatenate([[0], np.cumsum(widths + gap)[:-1]])
     width, height = left[-1] + widths[-1], head + cell + gap
     figure = new_figure(width, height)
@@ -78,7 +78,7 @@ def examples(dataset: Dataset, class_name: str, path: Path | str) -> None:
     titles = ("unoccluded", "occluded", *sensors, "touch sites")
     cell, gap, label, head = 1.55, 0.06, 0.24, 0.3  # inches
     left = gap + np.arange(len(titles)) * (cell + gap)
-    widths = np.append(np.full(len(titles) - 1, cell), WIDE * cell)
+    widths = np.append(np.full(len(titles) - 1, cell), SURFACE_ASPECT * cell)
     width, height = left[-1] + widths[-1] + gap, head + len(chosen) * (label + cell) + gap
     figure = new_figure(width, height, SHEET_DPI)
 
@@ -121,9 +121,9 @@ def example_grasp(dataset: Dataset) -> GraspRecord | None:
     candidates = best[_evenly(len(best), CANDIDATES)]
 
     def merit(grasp: GraspRecord) -> float:
-        alone, held = (grasp.object.unoccluded_mask > 0).mean(), (grasp.occluded_mask > 0).mean()
+        unoccluded, occluded = (grasp.object.unoccluded_mask > 0).mean(), (grasp.occluded_mask > 0).mean()
         relief = grasp.reading[grasp.success].std(axis=(1, 2)).mean(axis=-1)
-        return np.sqrt(alone) * (1 - abs(held / max(alone, 1e-9) - VISIBLE)) * relief.min(initial=FULL_RELIEF)
+        return np.sqrt(unoccluded) * (1 - abs(occluded / max(unoccluded, 1e-9) - VISIBLE)) * relief.min(initial=FULL_RELIEF)
 
     return max((dataset[int(row)].grasps[number] for row, number in candidates), key=merit)
 

@@ -27,7 +27,7 @@ MILLIMETRES = 1000.0
 
 
 class Frames(NamedTuple):
-    """What the tables are counted from; see the module's table."""
+    """The data of the tables; see the module's table."""
 
     objects: pd.DataFrame
     rejected: pd.DataFrame
@@ -143,7 +143,7 @@ def grasp_success(frames: Frames) -> pd.DataFrame:
 
 
 def penetration(frames: Frames) -> pd.DataFrame:
-    """How deep the hand is inside the object (or itself) at the end of a grasp, in millimetres.
+    """Penetration of the hand into the object (or itself) at the end of a grasp, in millimetres.
 
     A grasp's penetration is its worst one, as measured independently of the physics engine. Mean with its
     bootstrap interval over objects, 95th percentile and maximum over grasps. The paper reports none.
@@ -198,7 +198,7 @@ def _round(table: pd.DataFrame, percent: str, other: dict[str, int] | None = Non
 
 
 def _size_note(objects: pd.DataFrame, grasps: pd.DataFrame) -> str:
-    """What this run's numbers stand on, so that a small run is not taken for the paper's."""
+    """The size of this run's dataset, so that a small run is not mistaken for the paper's."""
     number = grasps["object"].nunique()
     return (
         f"This run: {number} objects, {len(grasps)} grasps, {objects['class'].nunique()} classes "

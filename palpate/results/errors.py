@@ -80,9 +80,9 @@ def errors(
         rows = frame[frame[key] == name]
         table = rows.pivot_table(index="seed", columns="object", values=column, aggfunc="mean")
         if len(table.columns) != len(classes) or table.isna().any(axis=None):
-            odd = sorted(set(classes.index) - set(table.dropna(axis=1).columns))
+            unmatched = sorted(set(classes.index) - set(table.dropna(axis=1).columns))
             raise EvaluationError(
-                f"experiment {name!r} was not measured on {odd[:3]} of the {split} split with every seed, "
+                f"experiment {name!r} was not measured on {unmatched[:3]} of the {split} split with every seed, "
                 "but others were: evaluate all of them on the same dataset"
             )
         values[name] = table.to_numpy()

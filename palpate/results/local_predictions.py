@@ -1,4 +1,4 @@
-"""The figure of local predictions: what touches read, the surface there, the prediction, and its chart.
+"""The figure of local predictions: readings of touches, the true surface, the predicted cloud, and its chart.
 
 Import it before anything that loads embree (trimesh does), because it loads Blender.
 """
@@ -66,8 +66,8 @@ def local_predictions(
     figure, axes = _page(drawn)
     for row, (_, chosen) in enumerate(drawn):
         for place, (grasp, sensor) in enumerate(chosen):
-            felt = GraspTouches(*(getattr(grasp, name)[[sensor]] for name in GraspTouches._fields))
-            meshes = site(grasp, sensor, charts.clouds(felt)[0], charts(felt)[0])
+            one_touch = GraspTouches(*(getattr(grasp, name)[[sensor]] for name in GraspTouches._fields))
+            meshes = site(grasp, sensor, charts.clouds(one_touch)[0], charts(one_touch)[0])
             pictures = [grasp.reading[sensor]]
             pictures += [renderer.render_meshes(part, camera=camera).rgb for part in meshes]
             for column, picture in enumerate(pictures):
@@ -82,7 +82,7 @@ def touches(record: ObjectRecord) -> list[tuple[GraspRecord, int]]:
 
 
 def site(grasp: GraspRecord, sensor: int, points: np.ndarray, vertices: np.ndarray) -> list[list[Mesh]]:
-    """What is drawn of one touch: the true cloud, the predicted cloud, and the chart with its vertices.
+    """The meshes drawn for one touch: the true cloud, the predicted cloud, and the chart with its vertices.
 
     points: (n, 3) predicted, vertices: (81, 3) of the chart, in the world. All three share one frame: before
     the middle of the sensor, as far from it as the true cloud.

@@ -1,8 +1,8 @@
 """The models' tables: measured averages with their intervals, the paper's values beside.
 
 Each function gives a DataFrame of numbers. A measured column `x` is followed by `x_low` and `x_high`, its
-95 % interval, and `x_paper` where the paper states it. The frame's `attrs["note"]` says what its numbers
-stand on; `palpate.results.tables` writes it.
+95 % interval, and `x_paper` where the paper states it. The frame's `attrs["note"]` describes the data behind its
+numbers; `palpate.results.tables` writes it.
 """
 
 from collections.abc import Mapping, Sequence
@@ -131,7 +131,7 @@ def grasps(
 
 
 def setups(experiments: Experiments) -> dict[str, dict[int, str]]:
-    """Experiments by what they see: label -> {number of grasps: name}, in the order given."""
+    """Experiments by their inputs: label -> {number of grasps: name}, in the order given."""
     found: dict[str, dict[int, str]] = {}
     for name, setup in experiments.items():
         found.setdefault(input_label(setup), {})[setup["grasps"]] = name
@@ -139,7 +139,7 @@ def setups(experiments: Experiments) -> dict[str, dict[int, str]]:
 
 
 def input_label(setup: Mapping[str, Any]) -> str:
-    """What an experiment sees, in words: `unoccluded vision + touch`."""
+    """An experiment's inputs as text: `unoccluded vision + touch`."""
     names = {"none": [], "views": ["single view"]}
     vision = names.get(setup["vision"], [f"{setup['vision']} vision"])
     return " + ".join([*vision, *(["touch"] if setup["touch"] else [])]) or "nothing"
@@ -261,7 +261,7 @@ def _columns(label: str, estimate: Estimate) -> dict[str, float]:
 
 
 def size_columns(found: Errors, *names: str) -> dict[str, Any]:
-    """What the numbers of a row stand on."""
+    """Columns with the data behind a row's numbers: objects, seeds, steps."""
     low = min(found.steps[name][0] for name in names)
     high = max(found.steps[name][1] for name in names)
     return {

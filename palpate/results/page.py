@@ -32,7 +32,7 @@ def save(figure: Figure, path: Path | str) -> None:
 
 @styled
 def save_sentence(sentence: str, path: Path | str) -> None:
-    """The figure for want of data: a sentence that says what is missing."""
+    """A figure that only states which data are missing."""
     figure = new_figure(5, 0.6)
     figure.text(0.5, 0.5, sentence, ha="center", va="center", fontsize=TITLE)
     save(figure, path)

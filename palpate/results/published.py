@@ -1,4 +1,4 @@
-"""The paper's numbers, typed from its tables; each row says which.
+"""The paper's numbers, typed from its tables; each row names its table.
 
 | file | key columns | unit |
 |---|---|---|

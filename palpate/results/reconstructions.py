@@ -60,7 +60,7 @@ def reconstructions(
     """Draw the first test object of every class as each model reconstructs it, with inputs and ground truth.
 
     models: folder of each trained model by its experiment, of `EXPERIMENTS`; of these, columns are drawn for
-    those given. A model that feels n grasps gets the object's first n; images are those of the first.
+    those given. A model that takes n grasps gets the object's first n; images are those of the first.
     fit: how touch charts are fitted, `direct` or `adam`. threads: of the CPU, for the renderer.
 
     Raises ValueError for an experiment that the figure has no column for, and what `Reconstructor` raises.

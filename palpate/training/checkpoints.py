@@ -30,23 +30,27 @@ def build(experiment: Mapping[str, Any], layers: Mapping[str, Any]) -> Reconstru
 
 
 def save(path: Path | str, kind: str, model: torch.nn.Module, described: Mapping[str, Any]) -> None:
-    """Write a checkpoint, whole or not at all. kind: `reconstruction` or `touch_depth`. described: what
-    `load` needs to build the model (`experiment` and `architecture`, or `width`), and anything else that JSON
-    can hold."""
+    """Write a checkpoint atomically.
+
+    kind: `reconstruction` or `touch_depth`. described: what `load` needs to build the model (`experiment` and
+    `architecture`, or `width`), and further values that JSON can hold.
+    """
     weights = {name: value.detach().cpu() for name, value in model.state_dict().items()}
     with atomic_write(path) as partial:
         torch.save({"schema_version": SCHEMA_VERSION, "kind": kind, **described, "weights": weights}, partial)
 
 
 def read(path: Path | str, kind: str) -> dict[str, Any]:
-    """What a checkpoint holds. Raises CheckpointError if it is missing, can't be read, of another schema
-    version, or of another kind of model."""
+    """The content of a checkpoint.
+
+    Raises CheckpointError if it is missing, can't be read, or is of another schema version or kind of model.
+    """
     target = "/".join(Path(path).parts[-4:])
     if not Path(path).exists():
         raise CheckpointError(f"{path} does not exist; train the model with: snakemake {target}")
     try:
-        held = torch.load(path, map_location="cpu", weights_only=True)
-        version, found = held["schema_version"], held["kind"]
+        content = torch.load(path, map_location="cpu", weights_only=True)
+        version, content_kind = content["schema_version"], content["kind"]
     except Exception as error:
         raise CheckpointError(
             f"{path} is no checkpoint of Palpate ({type(error).__name__}); remove it and train again"
@@ -56,9 +60,9 @@ def read(path: Path | str, kind: str) -> dict[str, Any]:
             f"{path} has schema version {version}, but this palpate reads version {SCHEMA_VERSION}; "
             "use the palpate that made it, or remove it and train the model again"
         )
-    if found != kind:
-        raise CheckpointError(f"{path} is a model of kind {found}, expected {kind}")
-    return held
+    if content_kind != kind:
+        raise CheckpointError(f"{path} is a model of kind {content_kind}, expected {kind}")
+    return content
 
 
 def load(path: Path | str, experiment: Mapping[str, Any] | None = None) -> Reconstruction:
@@ -68,24 +72,24 @@ def load(path: Path | str, experiment: Mapping[str, Any] | None = None) -> Recon
     it must be of, if given. Raises CheckpointError, before anything runs, if the file is missing, of another
     schema version, of another experiment, or its weights don't fit the architecture it names.
     """
-    held = read(path, "reconstruction")
-    if experiment is not None and dict(experiment) != held["experiment"]:
+    content = read(path, "reconstruction")
+    if experiment is not None and dict(experiment) != content["experiment"]:
         raise CheckpointError(
-            f"{path} was trained for {held['experiment']}, but {dict(experiment)} is asked for; "
+            f"{path} was trained for {content['experiment']}, but {dict(experiment)} is asked for; "
             "remove it and train the model again"
         )
-    return _filled(path, build(held["experiment"], held["architecture"]), held)
+    return _filled(path, build(content["experiment"], content["architecture"]), content)
 
 
 def load_touch_depth(path: Path | str) -> TouchDepth:
     """The trained U-Net in evaluation mode, on the CPU; raises CheckpointError as `load` does."""
-    held = read(path, "touch_depth")
-    return _filled(path, TouchDepth(held["width"]), held)
+    content = read(path, "touch_depth")
+    return _filled(path, TouchDepth(content["width"]), content)
 
 
-def _filled(path: Path | str, model: torch.nn.Module, held: Mapping[str, Any]):
+def _filled(path: Path | str, model: torch.nn.Module, content: Mapping[str, Any]):
     try:
-        model.load_state_dict(held["weights"])
+        model.load_state_dict(content["weights"])
     except RuntimeError as error:
         first = str(error).splitlines()[1].strip() if "\n" in str(error) else str(error)
         raise CheckpointError(

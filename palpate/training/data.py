@@ -1,7 +1,7 @@
-"""The arrays of an experiment in memory, read once from a run's stores: what it is trained and measured on.
+"""The arrays of an experiment in memory, read once from a run's stores, for training and evaluation.
 
-Which arrays an experiment takes, `palpate.training.inputs` says; its objects are those that all of their
-stores have. Positions are in the world frame.
+`palpate.training.inputs` lists the arrays of an experiment. Its objects are those that all of their stores have.
+Positions are in the world frame.
 
 | array | shape | type |
 |---|---|---|

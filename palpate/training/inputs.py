@@ -1,4 +1,4 @@
-"""Which arrays of which stages an experiment takes: the one table behind the workflow's inputs and training's data.
+"""The arrays that each experiment takes, and their stages: the table behind workflow inputs and training data.
 
     python -m palpate.training.inputs config/experiments.yaml      prints a table: experiment, stages, arrays
 
@@ -37,7 +37,7 @@ class Input(NamedTuple):
 
     Attributes:
         name: of the array there. stage, array: of the store that it is read from. dtype: in memory.
-        when, taken_by: which experiments take it, in words and as a function.
+        when, condition: which experiments take it, as text and as a function.
     """
 
     name: str
@@ -45,7 +45,7 @@ class Input(NamedTuple):
     array: str
     dtype: str
     when: str
-    taken_by: Callable[[Experiment], bool]
+    condition: Callable[[Experiment], bool]
 
 
 def _vision(name: str) -> tuple[str, Callable[[Experiment], bool]]:
@@ -70,7 +70,7 @@ INPUTS = (
 
 def inputs(experiment: Experiment) -> list[Input]:
     """The arrays that an experiment takes."""
-    return [item for item in INPUTS if item.taken_by(experiment)]
+    return [item for item in INPUTS if item.condition(experiment)]
 
 
 def stages(experiment: Experiment) -> list[str]:

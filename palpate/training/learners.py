@@ -1,8 +1,8 @@
-"""What is learnt, as Lightning modules: the loss of a step, and that of the validation.
+"""Trainings as Lightning modules: the loss of a step, and that of the validation.
 
-A batch, for Lightning, is only the number of a step, or of a part of the validation. The module takes the
-samples from memory itself. All that is random in a step follows from the seed and the step's number, so that
-training goes on after an interruption as if there had been none.
+Lightning's batch is only the number of a step, or of a validation batch; the module takes the samples from memory
+itself. All random numbers of a step follow from the seed and the step's number, so that an interrupted training
+resumes without any difference.
 """
 
 import copy
@@ -27,7 +27,7 @@ log = logging.getLogger(__name__)
 
 WARM_UP = 0.1  # share of the steps in which the schedule one_cycle rises to the highest rate
 FIRST, LAST = 0.04, 1e-4  # of the highest rate: where it begins and ends
-SPIKE = 1000  # a gradient that is so many times as large as any before is worth a warning
+SPIKE = 1000  # a gradient this many times as large as any before gets a warning
 VALIDATION_SEED = 1  # the same points in every validation of every model, so that their losses compare
 
 
@@ -36,17 +36,17 @@ class Diverged(RuntimeError):
 
 
 class Learner(lightning.LightningModule, ABC):
-    """A model and how it is trained. Subclasses say what is taken in a step.
+    """A model and how it is trained. Subclasses define the samples and the loss of a step.
 
     Args:
-        model: whose weights are learnt.
+        model: to be trained.
         settings: of the recipe.
         seed: of the order of samples and of points.
-        samples: how many there are to train on; validated: to validate on.
+        samples: number of training samples; validated: number of validation samples.
 
     Attributes:
-        evaluated: the model that validation, and the checkpoint, takes: `model`, or its moving average.
-        steps: how many are to be made; every: after how many a validation comes.
+        evaluated: the model of validation and checkpoint: `model`, or its moving average.
+        steps: number of training steps; every: steps between validations.
     """
 
     kind: str
@@ -60,17 +60,17 @@ class Learner(lightning.LightningModule, ABC):
         limits = [settings["steps"], settings["epochs"] and settings["epochs"] * an_epoch]
         self.steps = min(limit for limit in limits if limit)
         self.every = min(settings["evaluate_every"] or an_epoch, self.steps)
-        self.largest = 0.0  # norm of a gradient in this process
+        self.largest_norm = 0.0  # norm of a gradient in this process
 
     @property
     def evaluated(self) -> torch.nn.Module:
         return self.model if self.averaged is None else self.averaged
 
-    def train_dataloader(self) -> "Rounds":
-        return Rounds(self)
+    def train_dataloader(self) -> "StepNumbers":
+        return StepNumbers(self)
 
     def val_dataloader(self) -> range:
-        """Numbers of the parts, of as many samples as a step's."""
+        """Numbers of the validation batches, each of as many samples as a step."""
         return range(-(-self.validated // self.settings["batch"]))
 
     def configure_optimizers(self) -> dict[str, Any]:
@@ -91,10 +91,10 @@ class Learner(lightning.LightningModule, ABC):
         return {"optimizer": optimiser, "lr_scheduler": {"scheduler": scheduler, "interval": "step"}}
 
     def training_step(self, step: int, _: int) -> Tensor:
-        part = self.training_part(step)
-        self.taken = f"step {step}: {self.named(part)}"
-        losses = self.losses(part, self._generator(self.seed, step), self.model)
-        self.finite("the loss", losses, part, f"step {step}")
+        batch_samples = self.training_batch(step)
+        self.current_step = f"step {step}: {self.sample_names(batch_samples)}"
+        losses = self.losses(batch_samples, self._generator(self.seed, step), self.model)
+        self.check_finite("the loss", losses, batch_samples, f"step {step}")
         return losses.mean()
 
     def on_before_optimizer_step(self, _: torch.optim.Optimizer) -> None:
@@ -105,15 +105,15 @@ class Learner(lightning.LightningModule, ABC):
         gradients = [weights.grad for weights in self.model.parameters() if weights.grad is not None]
         norm = float(torch.nn.utils.get_total_norm(gradients))
         if not math.isfinite(norm):
-            raise Diverged(f"the gradient is NaN or infinite in {self.taken}")
-        if not self.settings["clip"] and norm > SPIKE * self.largest > 0:
+            raise Diverged(f"the gradient is NaN or infinite in {self.current_step}")
+        if not self.settings["clip"] and norm > SPIKE * self.largest_norm > 0:
             log.warning(
                 "the gradient is %.0f times as large as any before in %s; the optimiser's averages stay off "
                 "for thousands of steps: look at the sample, or clip the gradient (config training.override)",
-                norm / self.largest,
-                self.taken,
+                norm / self.largest_norm,
+                self.current_step,
             )
-        self.largest = max(self.largest, norm)
+        self.largest_norm = max(self.largest_norm, norm)
 
     def on_train_batch_end(self, *_: Any) -> None:
         if self.averaged is None:
@@ -130,10 +130,10 @@ class Learner(lightning.LightningModule, ABC):
     def on_validation_epoch_start(self) -> None:
         self._validation: list[Tensor] = []
 
-    def validation_step(self, part: int, _: int) -> None:
-        samples = self.validation_part(part)[self._rank()]
-        losses = self.losses(samples, self._generator(VALIDATION_SEED, part), self.evaluated, True)
-        self.finite("the loss", losses, samples, "the validation")
+    def validation_step(self, number: int, _: int) -> None:
+        samples = self.validation_batch(number)[self._rank()]
+        losses = self.losses(samples, self._generator(VALIDATION_SEED, number), self.evaluated, True)
+        self.check_finite("the loss", losses, samples, "the validation")
         self._validation.append(losses.detach().double())
 
     def on_validation_epoch_end(self) -> None:
@@ -142,16 +142,16 @@ class Learner(lightning.LightningModule, ABC):
         total = self.all_gather(total).reshape(-1, 2).sum(dim=0)
         self.log("validation_loss", total[0] / total[1])  # in double precision
 
-    def finite(self, what: str, values: Tensor, part: Any, where: str = "") -> None:
-        """Raises Diverged, naming the first sample of the part whose values (B, ...) are not finite."""
-        fine = torch.isfinite(values.detach()).flatten(1).all(dim=1) if values.ndim > 1 else values.isfinite()
-        if not fine.all():
-            first = int((~fine).nonzero()[0])
-            of = f"{where}, " * bool(where) + self.named(part[first : first + 1])
+    def check_finite(self, what: str, values: Tensor, batch_samples: Any, where: str = "") -> None:
+        """Raises Diverged, naming the first sample of a batch whose values (B, ...) are not finite."""
+        is_finite = torch.isfinite(values.detach()).flatten(1).all(dim=1) if values.ndim > 1 else values.isfinite()
+        if not is_finite.all():
+            first = int((~is_finite).nonzero()[0])
+            of = f"{where}, " * bool(where) + self.sample_names(batch_samples[first : first + 1])
             raise Diverged(f"{what} is NaN or infinite: {of}")
 
     def _rank(self) -> slice:
-        """The share of a list of samples that this process takes, of several on as many GPUs."""
+        """This process's share of a list of samples; there is a process for each GPU."""
         return slice(self.global_rank, None, self.trainer.world_size)
 
     def _generator(self, seed: int, step: int) -> torch.Generator:
@@ -159,28 +159,30 @@ class Learner(lightning.LightningModule, ABC):
         return torch.Generator().manual_seed(number % (1 << 63))
 
     @abstractmethod
-    def training_part(self, step: int) -> Any:
-        """The samples of a step that this process takes."""
+    def training_batch(self, step: int) -> Any:
+        """This process's samples of a step."""
 
     @abstractmethod
-    def validation_part(self, part: int) -> Any:
-        """The samples of a part of the validation, of all processes."""
+    def validation_batch(self, number: int) -> Any:
+        """The samples of a validation batch, of all processes."""
 
     @abstractmethod
-    def named(self, part: Any) -> str:
-        """What the samples of a part are, for a message."""
+    def sample_names(self, batch_samples: Any) -> str:
+        """Names of samples, for a message."""
 
     @abstractmethod
-    def losses(self, part: Any, generator: torch.Generator, model: torch.nn.Module, validation: bool = False) -> Tensor:
+    def losses(
+        self, batch_samples: Any, generator: torch.Generator, model: torch.nn.Module, validation: bool = False
+    ) -> Tensor:
         """(B,) the loss of each sample."""
 
     @abstractmethod
     def described(self) -> dict[str, Any]:
-        """What a checkpoint says of the model, beside its weights."""
+        """A checkpoint's description of the model, besides its weights."""
 
 
-class Rounds:
-    """The numbers of the steps between two validations: an epoch, as Lightning calls it."""
+class StepNumbers:
+    """The numbers of the steps between two validations, which are Lightning's epoch."""
 
     def __init__(self, learner: Learner):
         self.learner = learner
@@ -191,7 +193,7 @@ class Rounds:
 
 
 class ReconstructionLearner(Learner):
-    """Learns to reconstruct the objects of the train split, for a row of config/experiments.yaml.
+    """Trains reconstruction on the objects of the train split, for a row of config/experiments.yaml.
 
     data: of the train and validation splits. Raises TrainingDataError if one of them has no object.
     """
@@ -202,47 +204,49 @@ class ReconstructionLearner(Learner):
         self.data, self.experiment = data, dict(experiment)
         self.layers = checkpoints.architecture(experiment, settings)
         train = data.of_split("train")
-        found = spread(windows(data, experiment, "validation"), settings["validation_samples"])
-        for split, number in {"train": len(train), "validation": len(found)}.items():
+        validation_samples = spread(windows(data, experiment, "validation"), settings["validation_samples"])
+        for split, number in {"train": len(train), "validation": len(validation_samples)}.items():
             if not number:
                 raise TrainingDataError(f"{data.source}: no object of the {split} split: more objects are needed")
-        self.validation_samples = found
+        self.validation_samples = validation_samples
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(seed)
             model = checkpoints.build(experiment, self.layers)
-        super().__init__(model, settings, seed, len(train), len(found))
+        super().__init__(model, settings, seed, len(train), len(validation_samples))
 
     def on_fit_start(self) -> None:
         self.assemble = Assembler(self.data, self.experiment, self.device)
         points = torch.from_numpy(self.data["points"]).to(self.device)
         self.truth = Truth(points.to(next(self.model.parameters()).dtype))
 
-    def training_part(self, step):
+    def training_batch(self, step):
         batch = self.settings["batch"]
         return training_samples(self.data, self.experiment, batch, self.seed, step)[self._rank()]
 
-    def validation_part(self, part):
-        first = part * self.settings["batch"]
+    def validation_batch(self, batch_samples):
+        first = batch_samples * self.settings["batch"]
         return self.validation_samples[first : first + self.settings["batch"]]
 
-    def named(self, part):
+    def sample_names(self, batch_samples):
         return ", ".join(
-            f"{self.data.objects[sample.object]} grasps {list(sample.grasps)} view {sample.view}" for sample in part
+            f"{self.data.objects[sample.object]} grasps {list(sample.grasps)} view {sample.view}"
+            for sample in batch_samples
         )
 
-    def losses(self, part, generator, model, validation=False):
-        if not part:
+    def losses(self, batch_samples, generator, model, validation=False):
+        if not batch_samples:
             return torch.empty(0, device=self.device)
         dtype = self.truth.points.dtype
         batch = {
-            key: value.to(dtype) if value.is_floating_point() else value for key, value in self.assemble(part).items()
+            key: value.to(dtype) if value.is_floating_point() else value
+            for key, value in self.assemble(batch_samples).items()
         }
         vertices = model(batch)
-        self.finite("the prediction", vertices, part)
+        self.check_finite("the prediction", vertices, batch_samples)
         points = self.settings["validation_points" if validation else "loss_points"]
         with torch.autocast(self.device.type, enabled=False):
             return reconstruction_loss(
-                vertices, model.faces, self.truth, [sample.object for sample in part], points, generator
+                vertices, model.faces, self.truth, [sample.object for sample in batch_samples], points, generator
             )
 
     def described(self):
@@ -250,7 +254,7 @@ class ReconstructionLearner(Learner):
 
 
 class TouchDepthLearner(Learner):
-    """Learns depth from touch readings, of the successful touches of the train split."""
+    """Trains the U-Net on the successful touches of the train split: depth from readings."""
 
     kind = "touch_depth"
 
@@ -270,25 +274,25 @@ class TouchDepthLearner(Learner):
             name: Touches(*(tensor.to(self.device) for tensor in touches)) for name, touches in self.touches.items()
         }
 
-    def training_part(self, step):
+    def training_batch(self, step):
         return shuffled(len(self.touches["train"]), self.settings["batch"], self.seed, step)[self._rank()]
 
-    def validation_part(self, part):
-        first = part * self.settings["batch"]
+    def validation_batch(self, batch_samples):
+        first = batch_samples * self.settings["batch"]
         return self.chosen[first : first + self.settings["batch"]].numpy()
 
-    def named(self, part):
-        return "touches " + ", ".join(str(int(row)) for row in part)
+    def sample_names(self, batch_samples):
+        return "touches " + ", ".join(str(int(row)) for row in batch_samples)
 
-    def losses(self, part, generator, model, validation=False):
-        if not len(part):
+    def losses(self, batch_samples, generator, model, validation=False):
+        if not len(batch_samples):
             return torch.empty(0, device=self.device)
         touches = self.on_device["validation" if validation else "train"]
-        rows = torch.as_tensor(part, device=self.device)
+        rows = torch.as_tensor(batch_samples, device=self.device)
         dtype = next(model.parameters()).dtype
         reading, empty = touches.reading[rows].to(dtype) / 255, touches.empty.to(dtype) / 255
         depth = model(reading)
-        self.finite("the prediction", depth, part)
+        self.check_finite("the prediction", depth, batch_samples)
         with torch.autocast(self.device.type, enabled=False):
             return touch_depth_loss(
                 depth.to(dtype),

@@ -1,8 +1,8 @@
 """Training from start to end: it resumes where it was interrupted, and keeps the best model by validation.
 
-Lightning's `EarlyStopping` counts patience. Its `CSVLogger` and `ModelCheckpoint` are not taken: the logger
-begins a new file when a training resumes, and checkpoints are moved from the temporary folder, which is no
-atomic write where that is on another file system.
+Lightning's `EarlyStopping` counts patience. Its `CSVLogger` is not used, because it begins a new file when a training
+resumes. Its `ModelCheckpoint` is not used, because it moves files from the temporary folder: across file systems that
+is no atomic write.
 """
 
 import csv
@@ -166,16 +166,15 @@ class Recorder(lightning.Callback):
 def train(
     learner: Learner, folder: Path | str, checkpoint_folder: Path | str, machine: Machine, label: str
 ) -> dict[str, Any]:
-    """Train a model, or go on where an interrupted training of the same stopped; the result is the same
-    either way.
+    """Train a model, or resume an interrupted training of the same model; the result is the same.
 
     Args:
-        learner: what is learnt.
+        learner: the model with its data and settings.
         folder: gets `best.ckpt` (see `checkpoints`), `training.json`, and `history.csv` (step, seconds,
             train_loss, validation_loss, rate: a row an evaluation, losses in the tables' unit).
-        checkpoint_folder: where the work in progress is kept, so that it survives; removed at the end. What
-            is there of another config or other data is not taken.
-        machine: what it runs on.
+        checkpoint_folder: checkpoints of the training in progress; removed at the end. Checkpoints of another
+            config or other data are ignored.
+        machine: device, precision and threads.
         label: for progress.
 
     Returns: the content of `training.json`.
@@ -184,14 +183,14 @@ def train(
     gradient becomes NaN or infinite, before any weight is changed by it; ValueError for a precision below
     float32.
     """
-    folder, kept = Path(folder), Path(checkpoint_folder)
+    folder, checkpoints_folder = Path(folder), Path(checkpoint_folder)
     if machine.precision not in PRECISIONS:
         raise ValueError(f"precision {machine.precision!r}: choose one of {', '.join(PRECISIONS)}")
     _silence_lightning()
     torch.set_num_threads(machine.threads)
     accelerator = machine.accelerator()
     identity = _identity(learner, machine)
-    recorder = Recorder(kept, label)
+    recorder = Recorder(checkpoints_folder, label)
     callbacks = [recorder]
     if patience := learner.settings["patience"]:
         callbacks.append(EarlyStopping("validation_loss", patience=patience, check_on_train_epoch_end=False))
@@ -209,9 +208,9 @@ def train(
         enable_progress_bar=False,
         enable_model_summary=False,
         use_distributed_sampler=False,
-        default_root_dir=kept,
+        default_root_dir=checkpoints_folder,
     )
-    resume = _resumable(kept, identity)
+    resume = _resumable(checkpoints_folder, identity)
     if resume:
         log.info("%s: goes on from %s", label, resume)
         recorder.load_state_dict(torch.load(resume, weights_only=False)["callbacks"][recorder.state_key])
@@ -219,14 +218,14 @@ def train(
         if not recorder.finished:
             trainer.fit(learner, ckpt_path=resume)
     except Diverged as error:
-        best = f"; the best model so far is {kept / BEST}" if (kept / BEST).exists() else ""
+        best = f"; the best model so far is {checkpoints_folder / BEST}" if (checkpoints_folder / BEST).exists() else ""
         raise Diverged(
             f"{label}: {error}{best}. Lower the rate or clip the gradient (config training.override), "
             "or take precision 32-true, and train again"
         ) from None
     summary = {**_summary(learner, recorder, machine, accelerator), "identity": identity}
     if trainer.is_global_zero:
-        _write(folder, kept, recorder.history, summary)
+        _write(folder, checkpoints_folder, recorder.history, summary)
     return summary
 
 
@@ -246,7 +245,7 @@ def _silence_lightning() -> None:
 
 
 def _identity(learner: Learner, machine: Machine) -> str:
-    """Digest of all that the weights follow from."""
+    """Digest of all that determines the weights."""
     determines = {
         "kind": learner.kind,
         "settings": dict(learner.settings),
@@ -258,15 +257,18 @@ def _identity(learner: Learner, machine: Machine) -> str:
     return hashlib.sha256(json.dumps(determines, sort_keys=True).encode()).hexdigest()
 
 
-def _resumable(kept: Path, identity: str) -> Path | None:
-    """The last checkpoint of an interrupted training of the same; what is of another is removed."""
-    marker, last = kept / "identity", kept / LAST
+def _resumable(checkpoints_folder: Path, identity: str) -> Path | None:
+    """The last checkpoint of an interrupted training with this identity; checkpoints of another are removed."""
+    marker, last = checkpoints_folder / "identity", checkpoints_folder / LAST
     if last.exists() and marker.exists() and marker.read_text() == identity:
         return last
-    if kept.exists():
-        log.info("%s is of another config or other data, or stopped before its first evaluation: begins anew", kept)
-        shutil.rmtree(kept)
-    kept.mkdir(parents=True)
+    if checkpoints_folder.exists():
+        log.info(
+            "%s is of another config or other data, or stopped before its first evaluation: begins anew",
+            checkpoints_folder,
+        )
+        shutil.rmtree(checkpoints_folder)
+    checkpoints_folder.mkdir(parents=True)
     marker.write_text(identity)
     return None
 
@@ -288,7 +290,7 @@ def _summary(learner: Learner, recorder: Recorder, machine: Machine, accelerator
     }
 
 
-def _write(folder: Path, kept: Path, history: list[dict[str, float]], summary: dict[str, Any]) -> None:
+def _write(folder: Path, checkpoints_folder: Path, history: list[dict[str, float]], summary: dict[str, Any]) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     with atomic_write(folder / "history.csv") as partial, open(partial, "w", newline="") as file:
         writer = csv.DictWriter(file, HISTORY)
@@ -297,5 +299,5 @@ def _write(folder: Path, kept: Path, history: list[dict[str, float]], summary: d
     with atomic_write(folder / "training.json") as partial:
         partial.write_text(json.dumps(summary, indent=2, sort_keys=True) + "\n")
     with atomic_write(folder / BEST) as partial:
-        shutil.copyfile(kept / BEST, partial)
-    shutil.rmtree(kept)
+        shutil.copyfile(checkpoints_folder / BEST, partial)
+    shutil.rmtree(checkpoints_folder)

@@ -53,13 +53,13 @@ def modality(experiment: Mapping[str, Any]) -> str:
     """
     if experiment["vision"] == "views":
         return "single_image"
-    taken = [experiment["vision"]] * (experiment["vision"] != "none") + ["touch"] * experiment["touch"]
-    if not taken:
+    inputs = [experiment["vision"]] * (experiment["vision"] != "none") + ["touch"] * experiment["touch"]
+    if not inputs:
         raise ConfigError("an experiment needs vision or touch, and this one has neither")
-    return "_".join(taken)
+    return "_".join(inputs)
 
 
 def settings(recipe: Mapping[str, Any], experiment: Mapping[str, Any]) -> Settings:
     """How to train one experiment: `reconstruction` with what its modality, then its strategy, change."""
-    found = merge(recipe["reconstruction"], recipe["modalities"].get(modality(experiment), {}))
-    return merge(found, recipe["strategies"].get(experiment["strategy"], {}))
+    merged = merge(recipe["reconstruction"], recipe["modalities"].get(modality(experiment), {}))
+    return merge(merged, recipe["strategies"].get(experiment["strategy"], {}))

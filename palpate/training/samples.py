@@ -62,15 +62,17 @@ def windows(data: TrainingData, experiment: Mapping[str, Any], *splits: str) -> 
 
 
 def spread(samples: Sequence[Sample], an_object: int | None) -> list[Sample]:
-    """At most so many samples of each object, evenly over its windows, which differ between objects."""
+    """At most `an_object` samples of each object (None: all), evenly over its windows; the windows differ by object."""
     by_object: dict[int, list[Sample]] = {}
     for sample in samples:
         by_object.setdefault(sample.object, []).append(sample)
-    kept = []
-    for order, found in enumerate(by_object.values()):
-        count = min(an_object or len(found), len(found))
-        kept += [found[k] for k in sorted((order + j * len(found) // count) % len(found) for j in range(count))]
-    return kept
+    chosen = []
+    for order, of_object in enumerate(by_object.values()):
+        count = min(an_object or len(of_object), len(of_object))
+        chosen += [
+            of_object[k] for k in sorted((order + j * len(of_object) // count) % len(of_object) for j in range(count))
+        ]
+    return chosen
 
 
 def shuffled(count: int, size: int, seed: int, step: int) -> np.ndarray:
@@ -115,26 +117,26 @@ class Assembler:
     | `reading` | (B, 4n, 3, 100, 100) float32 | RGB in [0, 1] |
     """
 
-    IMAGES = ("unoccluded", "occluded", "views")
-    OF_TOUCH = ("success", "position", "rotation", "charts", "reading")
+    IMAGE_ARRAYS = ("unoccluded", "occluded", "views")
+    TOUCH_ARRAYS = ("success", "position", "rotation", "charts", "reading")
 
     def __init__(self, data: TrainingData, experiment: Mapping[str, Any], device: torch.device | str = "cpu"):
         self.device = torch.device(device)
-        taken = [item.name for item in inputs(experiment) if item.name != "points"]
-        self.tensors = {name: torch.from_numpy(data[name]).to(device) for name in taken}
+        names = [item.name for item in inputs(experiment) if item.name != "points"]
+        self.tensors = {name: torch.from_numpy(data[name]).to(device) for name in names}
 
     def __call__(self, samples: Sequence[Sample]) -> dict[str, Tensor]:
         objects = self._index([sample.object for sample in samples])
         batch = {}
-        for name in self.IMAGES:
+        for name in self.IMAGE_ARRAYS:
             if name in self.tensors:
                 batch["image"] = to_colours(self._image(name, objects, samples))
         if "camera" in self.tensors:
             batch["camera"] = self.tensors["camera"][objects, self._index([s.view for s in samples])]
-        of_touch = [name for name in self.OF_TOUCH if name in self.tensors]
-        if of_touch:
+        touch_arrays = [name for name in self.TOUCH_ARRAYS if name in self.tensors]
+        if touch_arrays:
             grasps = self._index([sample.grasps for sample in samples])
-            for name in of_touch:
+            for name in touch_arrays:
                 batch[name] = self.tensors[name][objects[:, None], grasps].flatten(1, 2)
         if "reading" in batch:
             batch["reading"] = to_colours(batch["reading"])

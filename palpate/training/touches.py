@@ -8,13 +8,14 @@ import torch
 from torch import Tensor
 
 from palpate.charts import fit
+from palpate.charts.atlas import TOUCH_VERTICES
 from palpate.dataset import Dataset
 from palpate.models import TouchDepth
 from palpate.training.data import TrainingDataError
 from palpate.training.losses import sheet, touched
 
-PREDICTED_AT_ONCE = 16  # readings: the U-Net's memory grows with their number
-READ_AT_ONCE = 16  # objects: untouched sensors of no more are in memory
+PREDICTION_BATCH = 16  # readings: the U-Net's memory grows with their number
+READ_BATCH = 16  # objects whose untouched readings are in memory at a time
 
 
 class Touches(NamedTuple):
@@ -41,8 +42,8 @@ def read_touches(dataset: Dataset, *splits: str) -> Touches:
     """
     chosen = dataset.select(record.name for record in dataset if record.split in splits)
     readings, depths = [], []
-    for first in range(0, len(chosen), READ_AT_ONCE):
-        part = chosen[first : first + READ_AT_ONCE]
+    for first in range(0, len(chosen), READ_BATCH):
+        part = chosen[first : first + READ_BATCH]
         success = part.load("touch", "success")
         readings.append(part.load("touch", "reading")[success])
         depths.append(part.load("touch", "depth")[success])
@@ -86,10 +87,10 @@ def touch_charts(
 
     Returns: (k, 81, 3) float32 metres, world frame; all at the sensor's position for a touch without success.
     """
-    charts = np.repeat(position[:, None].astype(np.float32), 81, axis=1)
+    charts = np.repeat(position[:, None].astype(np.float32), TOUCH_VERTICES, axis=1)
     sensors = np.flatnonzero(success)
     device = next(model.parameters()).device
-    for part in np.array_split(sensors, -(-len(sensors) // PREDICTED_AT_ONCE)) if len(sensors) else []:
+    for part in np.array_split(sensors, -(-len(sensors) // PREDICTION_BATCH)) if len(sensors) else []:
         depth, valid = predict_depth(model, channels_first(reading[part]).to(device), channels_first(empty).to(device))
         pose = [torch.from_numpy(array[part]).float() for array in (position, rotation)]
         charts[part] = fit_charts(depth.cpu(), valid.cpu(), *pose, method).numpy()
@@ -106,9 +107,9 @@ def object_charts(model: TouchDepth, touch: Mapping[str, np.ndarray], row: int, 
 
 @torch.inference_mode()
 def predict_depth(model: TouchDepth, reading: Tensor, empty: Tensor) -> tuple[Tensor, Tensor]:
-    """Depth (k, r, r) metres, and which pixels are touched (k, r, r), of readings (k, 3, r, r) uint8.
+    """Depth (k, r, r) metres, and pixels in contact (k, r, r) bool, of readings (k, 3, r, r) uint8.
 
-    A reading that hardly differs from the empty one still touches: there it is the pixel that differs most.
+    For a reading that hardly differs from the empty one, only the pixel that differs most is in contact.
     """
     reading, empty = reading.float() / 255, empty.float() / 255
     valid = touched(reading, empty)

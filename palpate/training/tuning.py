@@ -30,8 +30,10 @@ def grid(file: Path | str, name: str) -> list[dict[str, Any]]:
 
 
 def layers_of_blocks(count: int) -> list[int]:
-    """How the paper lays so many convolutions into four blocks: the last takes the remainder (18: 5, 5, 5, 3;
-    12: 3, 3, 3, 3). Raises ConfigError if that is none."""
+    """Convolutions in each of the paper's four blocks; the last has the remainder (18: 5, 5, 5, 3; 12: 3, 3, 3, 3).
+
+    Raises ConfigError if the last block would be empty.
+    """
     each = -(-count // BLOCKS)
     layers = [each] * (BLOCKS - 1) + [count - (BLOCKS - 1) * each]
     if layers[-1] < 1:
@@ -44,9 +46,9 @@ def point_settings(
 ) -> Settings:
     """The settings of one training of the grid.
 
-    settings: of the experiment, from the run's recipe. architecture: its layers, for what a point leaves open.
-    Maps are pooled after the last three blocks, as in the paper's tables. steps: at most so many; None: as the
-    settings say.
+    settings: of the experiment, from the run's recipe. architecture: its layers; a point replaces some of them. Maps
+    are pooled after the last three blocks, as in the paper's tables. steps: replaces that of the settings, unless
+    None.
     """
     point = {key: np.asarray(value).item() for key, value in point.items()}  # a data frame's are numpy's
     layers = layers_of_blocks(point["cnn_layers"])

@@ -151,25 +151,26 @@ class Renderer:
         with _TemporaryData():
             self._light(scene.lights)
             points = self._import(scene.visual_file, scene.object_position)
-            alone = self._draw_alone(scene, points)
-            if not alone.image(WHITE).mask.any():
+            unoccluded = self._draw_unoccluded(scene, points)
+            if not unoccluded.image(WHITE).mask.any():
                 size = scene.camera.size
                 raise UnusableObject(
                     f"{scene.visual_file}: no pixel of {size} x {size} shows the object: make its materials less "
                     "transparent, or the object thicker"
                 )
-            held = [self._draw_held(scene, points, grasp) for grasp in range(len(scene.link_pose))]
+            occluded = [self._draw_occluded(scene, points, grasp) for grasp in range(len(scene.link_pose))]
         log.info(
             "%s: omitted: %d renders of the object alone again; %s of %s pixels around what is drawn",
-            scene.name, max(0, len(held) - 1), f"{self._omitted_pixels:,}", f"{(1 + len(held)) * alone.index.size:,}",
+            scene.name, max(0, len(occluded) - 1), f"{self._omitted_pixels:,}",
+            f"{(1 + len(occluded)) * unoccluded.index.size:,}",
         )  # fmt: skip
-        return alone.image(WHITE), [layers.image(WHITE) for layers in held]
+        return unoccluded.image(WHITE), [layers.image(WHITE) for layers in occluded]
 
-    def _draw_alone(self, scene: Scene, points: np.ndarray) -> Layers:
+    def _draw_unoccluded(self, scene: Scene, points: np.ndarray) -> Layers:
         """The object alone. points: (n, 3) its vertices in the world."""
         return self._draw(scene.camera, points, f"{scene.name}-unoccluded")
 
-    def _draw_held(self, scene: Scene, points: np.ndarray, grasp: int) -> Layers:
+    def _draw_occluded(self, scene: Scene, points: np.ndarray, grasp: int) -> Layers:
         """The object with the hand in one of the scene's grasps. points: (n, 3) the object's vertices in the world."""
         points = np.concatenate([points, self._pose_hand(scene.link_pose[grasp])])
         return self._draw(scene.camera, points, f"{scene.name}-grasp-{grasp}")

@@ -1,7 +1,7 @@
-"""The Chamfer distance: how far loss and gradient are from those between whole surfaces, and the time.
+"""The Chamfer distance: error of loss and gradient relative to those between whole surfaces, against time.
 
-A loss takes some points of either surface, so it changes from draw to draw, and it is too large: to the
-nearest of n points it is further than to the surface, by about area / (pi n) in the mean square each way.
+A loss samples points of both surfaces, so that it varies from draw to draw. It is biased upwards: the nearest of n
+points is further than the surface, by about area / (pi n) in the mean square each way.
 """
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -22,32 +22,28 @@ from palpate.charts.chamfer import nearest_in_blocks
 from palpate.evaluation.metrics import score
 from palpate.mesh import OBJECT_POSITION, load_visual
 from palpate.mesh.distance import Surface, sample
-from palpate.surface import sample as exterior
+from palpate.surface import sample as sample_exterior
 from palpate.training import Truth, reconstruction_loss
 from palpate.training.losses import subsample
 from studies.error_vs_runtime.study import Method, Study
 from studies.subjects import Subject
 
-DRAWS = 12  # of which bias and spread are taken
-SHRUNK = 0.95  # of the way from the atlas to the object: about as far off as the models of the default run
-SEEN = 100_000  # exterior points that say which faces of an object are seen from outside
+DRAWS = 12  # from which bias and spread are estimated
+FITTED_SHARE = 0.95  # of the way from the atlas to the object: about the error of the default run's models
+EXTERIOR_POINTS = 100_000  # that determine which faces of an object are seen from outside
 POINTS_ON_TRUTH = 200_000  # of the reference
-CUTS = 9  # of each side of a predicted face, into 81 triangles: 187,000 points of the reference
+SUBDIVISIONS = 9  # of each side of a predicted face, into 81 triangles: 187,000 points of the reference
 LOSS_POINTS, EVALUATION_POINTS = (500, 1000, 2500, 5000, 10_000), (1000, 3000, 20_000)
-ERRORS_OF_SEARCH = (
-    0.1,
-    0.5,
-    1.0,
-)  # a neighbour found is at most so much further, relatively, than the nearest
+SEARCH_ERRORS = (0.1, 0.5, 1.0)  # largest relative excess of a neighbour's distance over the nearest's
 
-Search = Callable[[np.ndarray, np.ndarray], np.ndarray]  # (n, 3), (m, 3) -> (n,), which of m is taken
+Search = Callable[[np.ndarray, np.ndarray], np.ndarray]  # (n, 3), (m, 3) -> (n,) index of a near point of m
 
 
 class Pair(NamedTuple):
     """A prediction and an object; metres, world frame.
 
-    vertices: (V, 3) float32, faces: (F, 3). truth: points of the object as training holds them.
-    loss: m^2 x 9000, gradient: (V, 3), per metre, of the loss by the vertices: the reference's.
+    vertices: (V, 3) float32, faces: (F, 3). truth: points of the object as in training.
+    loss: m^2 x 9000, gradient: (V, 3) of the loss by the vertices, per metre; both are the reference.
     """
 
     vertices: Tensor
@@ -58,51 +54,51 @@ class Pair(NamedTuple):
 
 
 class Draw(NamedTuple):
-    """A loss (m^2 x 9000) and its gradient (V, 3), of one draw of the points; None if it has no gradient."""
+    """A loss (m^2 x 9000) and its gradient (V, 3), or None, for one draw of the points."""
 
     loss: float
     gradient: np.ndarray | None
 
 
-class Drawn(NamedTuple):
-    """One draw, and the way to others: from a seed to a draw."""
+class Draws(NamedTuple):
+    """The first draw, and a function that makes the draw of a seed."""
 
-    one: Draw
-    another: Callable[[int], Draw]
+    first: Draw
+    draw: Callable[[int], Draw]
 
 
 def exact(vertices: np.ndarray, faces: np.ndarray, points: np.ndarray, surface: Surface) -> tuple[float, np.ndarray]:
     """The Chamfer distance (m^2 x 9000) between two surfaces, and its gradient (V, 3) by the vertices of one.
 
-    To the triangles themselves, by libigl in double precision; the means over surfaces by many points: on
-    predicted faces the middles of equal small triangles. As in training, the density of points does not count
-    in the gradient.
+    Distances are to triangles, by libigl in double precision. Means over surfaces are taken over many points; on
+    predicted faces these are the centres of equal small triangles. As in training, the gradient does not include
+    the density of points.
 
     Args:
         vertices: (V, 3), faces: (F, 3) of the prediction. points: (n, 3), evenly on the true surface.
         surface: the true one.
     """
-    weights, middle = _small_triangles(CUTS)
+    weights, middle = _small_triangles(SUBDIVISIONS)
     corners = vertices[faces]
     area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
     share = np.repeat(area / area.sum() / len(weights), len(weights))
     face, bary = np.repeat(np.arange(len(faces)), len(weights)), np.tile(middle, (len(faces), 1))
     on = np.einsum("nk,nkd->nd", bary, corners[face])
-    there = on - surface.closest(on)[1]
+    to_truth = on - surface.closest(on)[1]
     tree = igl.AABB()
     tree.init(vertices, faces)
     _, nearest, foot = tree.squared_distance(vertices, faces, points)
-    back, at = foot - points, points_to_barycentric(corners[nearest], foot)
+    to_prediction, at = foot - points, points_to_barycentric(corners[nearest], foot)
     gradient = np.zeros_like(vertices)
     for k in range(3):
-        np.add.at(gradient, faces[face, k], (2 * share * bary[:, k])[:, None] * there)
-        np.add.at(gradient, faces[nearest, k], (2 * at[:, k] / len(points))[:, None] * back)
-    loss = share @ (there**2).sum(axis=1) + (back**2).sum(axis=1).mean()
+        np.add.at(gradient, faces[face, k], (2 * share * bary[:, k])[:, None] * to_truth)
+        np.add.at(gradient, faces[nearest, k], (2 * at[:, k] / len(points))[:, None] * to_prediction)
+    loss = share @ (to_truth**2).sum(axis=1) + (to_prediction**2).sum(axis=1).mean()
     return CHAMFER_SCALE * float(loss), CHAMFER_SCALE * gradient
 
 
 def _small_triangles(cuts: int) -> tuple[np.ndarray, np.ndarray]:
-    """Barycentric coordinates of the middles of the cuts^2 equal triangles that a triangle is cut into."""
+    """Barycentric coordinates of the centres of the cuts^2 equal triangles that a triangle is divided into."""
     up = [(i + 1 / 3, j + 1 / 3) for i in range(cuts) for j in range(cuts - i)]
     down = [(i + 2 / 3, j + 2 / 3) for i in range(cuts) for j in range(cuts - i - 1)]
     two = np.array(up + down) / cuts
@@ -110,23 +106,23 @@ def _small_triangles(cuts: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def outer_faces(mesh: trimesh.Trimesh) -> np.ndarray:
-    """Faces (f, 3) of a mesh on which there are points of its exterior."""
+    """Faces (f, 3) of a mesh with points of its exterior on them."""
     surface = Surface(mesh.vertices, mesh.faces)
-    points = exterior(mesh, SEEN, np.random.default_rng(0))
+    points = sample_exterior(mesh, EXTERIOR_POINTS, np.random.default_rng(0))
     _, face, _ = surface.tree.squared_distance(surface.vertices, surface.faces, points)
     return surface.faces[np.unique(face)]
 
 
-def shrunk(surface: Surface, share: float) -> np.ndarray:
-    """Vertices (1824, 3) of the atlas, moved so much of the way to the nearest points of a surface."""
+def fitted_atlas(surface: Surface, share: float) -> np.ndarray:
+    """Vertices (1824, 3) of the atlas, moved by `share` of the way to the nearest points of a surface."""
     start = vision_atlas().vertices.double().numpy()
     return start + share * (surface.closest(start)[1] - start)
 
 
 class Chamfer(Study):
-    """A prediction of the form of a trained model's, against the faces of each object seen from outside.
+    """A prediction like a trained model's, against the faces of each object that are seen from outside.
 
-    The object's points stay the same from draw to draw, as in training: what their choice does is bias.
+    The object's points are the same in every draw, as in training: the effect of their choice is bias.
     """
 
     stage = "chamfer distance"
@@ -161,37 +157,37 @@ class Chamfer(Study):
             for k in sorted({*LOSS_POINTS, n})
         ]
         evaluation = [
-            Method("evaluation", "points", k, partial(evaluated, k), k == self.evaluation_points)
+            Method("evaluation", "points", k, partial(evaluation_score, k), k == self.evaluation_points)
             for k in sorted({*EVALUATION_POINTS, self.evaluation_points})
         ]
         searches: dict[str, Search] = {
             "k-d tree of the library's defaults": lambda a, b: cKDTree(b).query(a)[1],
             "all pairs": _all_pairs,
-            **{f"k-d tree, up to {error:.0%} further": partial(_approximate, error) for error in ERRORS_OF_SEARCH},
+            **{f"k-d tree, up to {error:.0%} further": partial(_approximate, error) for error in SEARCH_ERRORS},
         }
         other = [
-            Method("loss of training", "search", name, partial(other_loss, n, search=search))
+            Method("loss of training", "search", name, partial(changed_loss, n, search=search))
             for name, search in searches.items()
         ]
         types = [
-            Method("loss of training", "precision", str(t)[6:], partial(other_loss, n, dtype=t))
+            Method("loss of training", "precision", str(t)[6:], partial(changed_loss, n, dtype=t))
             for t in (torch.float64, torch.bfloat16, torch.float16)
         ]
-        few = Method("loss of training", "true points", n, partial(other_loss, n, few=True))
+        few = Method("loss of training", "true points", n, partial(changed_loss, n, few_true_points=True))
         return [*loss, *evaluation, *other, *types, few]
 
-    def errors(self, case: Pair, result: Drawn) -> dict[str, float]:
-        draws = [result.one, *(result.another(seed) for seed in range(1, DRAWS))]
+    def errors(self, case: Pair, result: Draws) -> dict[str, float]:
+        draws = [result.first, *(result.draw(seed) for seed in range(1, DRAWS))]
         off = 100 * (np.array([draw.loss for draw in draws]) / case.loss - 1)
         bias, spread = abs(float(off.mean())), float(off.std(ddof=1))
-        found = dict.fromkeys(self.units, float("nan"))
-        if result.one.gradient is None:
-            return found | {"score: bias": bias, "score: spread": spread}
-        found |= {"loss: bias": bias, "loss: spread": spread}
-        found["loss: root mean square"] = float(np.sqrt(np.mean(off**2)))
+        errors = dict.fromkeys(self.units, float("nan"))
+        if result.first.gradient is None:
+            return errors | {"score: bias": bias, "score: spread": spread}
+        errors |= {"loss: bias": bias, "loss: spread": spread}
+        errors["loss: root mean square"] = float(np.sqrt(np.mean(off**2)))
         of_gradient = _bias_and_spread(np.stack([draw.gradient for draw in draws]) - case.gradient)
         scale = 100 / np.linalg.norm(case.gradient)
-        return found | {
+        return errors | {
             key: float(scale * value)
             for key, value in zip(("gradient: bias", "gradient: spread"), of_gradient, strict=True)
         }
@@ -200,7 +196,7 @@ class Chamfer(Study):
 def _bias_and_spread(off: np.ndarray) -> tuple[float, float]:
     """Lengths of the mean and of the standard deviation of vectors (n, ...).
 
-    Of the mean without its own chance: the product of the means of two halves; 0 if chance makes it negative.
+    The squared length of the mean is the product of the means of two halves, which has no bias; at least 0.
     """
     halves = off[::2].mean(axis=0), off[1::2].mean(axis=0)
     return max(float((halves[0] * halves[1]).sum()), 0.0) ** 0.5, float(off.var(axis=0, ddof=1).sum()) ** 0.5
@@ -210,7 +206,7 @@ def pair(vertices: np.ndarray, faces: np.ndarray, count: int) -> Pair:
     """The case of one object: vertices (n, 3) m in the world, faces (f, 3); `count` points are its truth."""
     surface = Surface(vertices, faces)
     atlas = vision_atlas()
-    predicted = torch.from_numpy(shrunk(surface, SHRUNK)).float()
+    predicted = torch.from_numpy(fitted_atlas(surface, FITTED_SHARE)).float()
     loss, gradient = exact(
         predicted.double().numpy(),
         atlas.faces.numpy(),
@@ -223,10 +219,10 @@ def pair(vertices: np.ndarray, faces: np.ndarray, count: int) -> Pair:
     return Pair(predicted, atlas.faces, truth, loss, gradient)
 
 
-def drawn(function: Callable[[Tensor, torch.Generator], Tensor], case: Pair) -> Drawn:
-    """Draws of a loss of vertices (1, V, 3), with its gradient if it has one."""
+def draws_of(function: Callable[[Tensor, torch.Generator], Tensor], case: Pair) -> Draws:
+    """Draws of a loss, a function of vertices (1, V, 3) and a generator, with its gradient if it has one."""
 
-    def another(seed: int) -> Draw:
+    def draw(seed: int) -> Draw:
         vertices = case.vertices[None].clone().requires_grad_()
         loss = function(vertices, torch.Generator().manual_seed(seed))
         if not loss.requires_grad:
@@ -234,15 +230,15 @@ def drawn(function: Callable[[Tensor, torch.Generator], Tensor], case: Pair) -> 
         loss.backward()
         return Draw(float(loss.detach()), vertices.grad[0].double().numpy())
 
-    return Drawn(another(0), another)
+    return Draws(draw(0), draw)
 
 
-def training_loss(n: int, case: Pair) -> Drawn:
+def training_loss(n: int, case: Pair) -> Draws:
     """The loss of a training step, and its gradient."""
-    return drawn(lambda v, g: reconstruction_loss(v, case.faces, case.truth, [0], n, g).sum(), case)
+    return draws_of(lambda v, g: reconstruction_loss(v, case.faces, case.truth, [0], n, g).sum(), case)
 
 
-def evaluated(n: int, case: Pair) -> Drawn:
+def evaluation_score(n: int, case: Pair) -> Draws:
     """The Chamfer distance of an evaluation."""
 
     def chamfer(vertices: Tensor, generator: torch.Generator) -> Tensor:
@@ -250,30 +246,31 @@ def evaluated(n: int, case: Pair) -> Drawn:
             points = sample_faces(vertices, case.faces, n, generator)[0]
         return torch.tensor(score(points, case.truth.points[0], case.truth.trees([0])[0]).chamfer)
 
-    return drawn(chamfer, case)
+    return draws_of(chamfer, case)
 
 
-def other_loss(
+def changed_loss(
     n: int,
     case: Pair,
     search: Search | None = None,
     dtype: torch.dtype = torch.float32,
-    few: bool = False,
-) -> Drawn:
-    """The loss of training, with one thing changed.
+    few_true_points: bool = False,
+) -> Draws:
+    """The loss of training with one change.
 
-    search: which of some points is the nearest; None: as in training. dtype: of clouds and of sums; nearest
-    neighbours are found in double precision all the same. few: of the true points, too, only n are looked at.
+    search: finds the nearest neighbours; None: as in training. dtype: of clouds and sums; neighbours are always found
+    in double precision. few_true_points: use only n of the true points, too.
     """
 
     def loss(vertices: Tensor, generator: torch.Generator) -> Tensor:
         points = sample_faces(vertices, case.faces, n, generator)[0].to(dtype)
         cloud = case.truth.points[0].to(dtype)
         chosen = subsample(cloud, n, generator)
-        there = _mean(points, chosen if few else cloud, search, None if few else case.truth.trees([0])[0])
-        return CHAMFER_SCALE * (there + _mean(chosen, points, search, None))
+        target, tree = (chosen, None) if few_true_points else (cloud, case.truth.trees([0])[0])
+        to_truth = _mean(points, target, search, tree)
+        return CHAMFER_SCALE * (to_truth + _mean(chosen, points, search, None))
 
-    return drawn(loss, case)
+    return draws_of(loss, case)
 
 
 def _mean(query: Tensor, points: Tensor, search: Search | None, tree: cKDTree | None) -> Tensor:
@@ -291,8 +288,8 @@ def _approximate(error: float, query: np.ndarray, points: np.ndarray) -> np.ndar
 
 
 def study(run: Path, subjects: Sequence[Subject], settings: Mapping[str, Any]) -> Chamfer:
-    """The study of a run; of its settings `surface.points`, `evaluation.points` and `recipe`, the resolved
-    recipe, are read; of its files the meshes."""
+    """The study of a run. Reads `surface.points`, `evaluation.points` and the resolved `recipe` of the settings, and
+    the run's meshes."""
     return Chamfer(
         subjects,
         settings["surface"]["points"],

@@ -41,9 +41,9 @@ def study(run: Path, subjects: list[Subject], settings: Mapping[str, Any]) -> "D
 class Decimation(Study):
     """Palpate's quadric collapse (pymeshlab's) beside libigl's, and two cruder methods.
 
-    The measure `faces`, how many are left, is no error: methods compare at equal faces. A mesh that is as
-    small as asked for already has no error, not zero: it is not decimated. Nor has one that the method
-    refuses (libigl's and manifold3d's take closed manifolds only).
+    The measure `faces`, the number that remains, is no error: methods compare at equal faces. The error is NaN for
+    a mesh that is small enough already, because it is not decimated. It is NaN for a mesh that the method rejects,
+    too (libigl's and manifold3d's take closed manifolds only).
     """
 
     stage = "decimation"
@@ -59,39 +59,42 @@ class Decimation(Study):
 
     def cases(self) -> Iterable[tuple[str, Source]]:
         for subject in self._subjects:
-            yield subject.name, source(subject.folder)
+            yield subject.name, load_source(subject.folder)
 
     def methods(self) -> list[Method]:
         faces = sorted({*FACES, self._chosen})
         quadric, chosen = "quadric collapse (pymeshlab)", self._chosen
         return [
-            *(Method(quadric, "faces", n, _with(decimate, n), n == chosen) for n in faces),
+            *(Method(quadric, "faces", n, _decimated_by(decimate, n), n == chosen) for n in faces),
             *(
-                Method(quadric, "planar weight", w, _with(decimate, chosen, w), w == PLANAR_WEIGHT)
+                Method(quadric, "planar weight", w, _decimated_by(decimate, chosen, w), w == PLANAR_WEIGHT)
                 for w in PLANAR_WEIGHTS
             ),
             *(
-                Method(quadric, "quality", q, _with(decimate, chosen, PLANAR_WEIGHT, q), q == QUALITY)
+                Method(quadric, "quality", q, _decimated_by(decimate, chosen, PLANAR_WEIGHT, q), q == QUALITY)
                 for q in QUALITIES
             ),
-            *(Method("quadric collapse (libigl)", "faces", n, _with(_by_libigl, n)) for n in faces),
-            *(Method("collapse within a tolerance (manifold3d)", "mm", t, _with(_within, t)) for t in TOLERANCES),
-            *(Method("clusters (pymeshlab)", "% of diagonal", c, _with(_clusters, c)) for c in CELLS),
+            *(Method("quadric collapse (libigl)", "faces", n, _decimated_by(_by_libigl, n)) for n in faces),
+            *(
+                Method("collapse within a tolerance (manifold3d)", "mm", t, _decimated_by(_collapse_within, t))
+                for t in TOLERANCES
+            ),
+            *(Method("clusters (pymeshlab)", "% of diagonal", c, _decimated_by(_clusters, c)) for c in CELLS),
         ]
 
     def errors(self, case: Source, result: Mesh | None) -> dict[str, float]:
         if result is None or not 0 < len(result[1]) < len(case.faces):
             return dict.fromkeys(self.units, float("nan"))
         level = Surface(*result)
-        there, back = distance(case.surface, level), distance(level, case.surface)
+        to_level, to_source = distance(case.surface, level), distance(level, case.surface)
         return {
-            "distance": 1e3 * max(there["max"], back["max"]),
-            "mean distance": 1e3 * (there["mean"] + back["mean"]) / 2,
+            "distance": 1e3 * max(to_level["max"], to_source["max"]),
+            "mean distance": 1e3 * (to_level["mean"] + to_source["mean"]) / 2,
             "faces": len(result[1]),
         }
 
 
-def source(folder: Path) -> Source:
+def load_source(folder: Path) -> Source:
     """The visual mesh in a folder, its seams merged, as its levels were made from it."""
     parts = load_parts(folder / "visual.glb")
     start = np.cumsum([0] + [len(part.vertices) for part in parts])
@@ -102,17 +105,17 @@ def source(folder: Path) -> Source:
     return Source(merged.vertices, faces, Surface(merged.vertices, faces))
 
 
-def _with(decimated: Callable[..., Mesh | None], *knobs: float) -> Callable[[Source], Mesh | None]:
+def _decimated_by(decimated: Callable[..., Mesh | None], *knobs: float) -> Callable[[Source], Mesh | None]:
     return lambda case: decimated(case.vertices, case.faces, *knobs)
 
 
 def _by_libigl(vertices: np.ndarray, faces: np.ndarray, count: int) -> Mesh | None:
-    """Quadric collapse by libigl's `qslim`: no faces if it refuses the mesh, None if it has nothing to do."""
+    """Quadric collapse by libigl's `qslim`: no faces if it rejects the mesh, None if the mesh is small enough."""
     return igl.qslim(vertices, faces, count)[:2] if len(faces) > count else None
 
 
-def _within(vertices: np.ndarray, faces: np.ndarray, tolerance: float) -> Mesh | None:
-    """manifold3d's collapse of what stays within a tolerance, mm; None if it refuses the mesh."""
+def _collapse_within(vertices: np.ndarray, faces: np.ndarray, tolerance: float) -> Mesh | None:
+    """manifold3d's collapse within a tolerance in mm; None if it rejects the mesh."""
     solid = manifold3d.Manifold(manifold3d.Mesh64(vertices, faces.astype(np.uint64)))
     if solid.status() != manifold3d.Error.NoError:
         return None
@@ -121,7 +124,7 @@ def _within(vertices: np.ndarray, faces: np.ndarray, tolerance: float) -> Mesh |
 
 
 def _clusters(vertices: np.ndarray, faces: np.ndarray, cell: float) -> Mesh:
-    """The vertices of each cell of a grid made one; cell in % of the bounding box's diagonal."""
+    """Merge the vertices in each cell of a grid; cell in % of the bounding box's diagonal."""
     meshes = pymeshlab.MeshSet(verbose=False)
     meshes.add_mesh(pymeshlab.Mesh(vertices, faces))
     meshes.meshing_decimation_clustering(threshold=pymeshlab.PercentageValue(cell))

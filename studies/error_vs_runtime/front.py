@@ -1,13 +1,13 @@
-"""The front of best methods: those that no other beats in both error and time."""
+"""The Pareto front: methods that no other beats in both error and time."""
 
 import numpy as np
 
 
 def front(seconds: np.ndarray, error: np.ndarray) -> np.ndarray:
-    """Which methods are on the front: (n,) bool.
+    """Which methods are on the Pareto front: (n,) bool.
 
-    A method is off it if another takes no longer and errs no more, and is better in one of the two; also if
-    its error is NaN, or its time not finite.
+    A method is not on it if another is at least as good in time and error, and better in one of them. Nor is one
+    whose error is NaN or whose time is not finite.
 
     Args:
         seconds, error: (n,).

@@ -1,6 +1,6 @@
-"""Closing the hand: how far from where it comes to rest, and at what cost.
+"""Closing the hand: distance of the final joints from those at rest, against time.
 
-The model of the engine is made before the clock starts; `patches` has what that costs.
+The engine's model is built before the clock starts; `patches` measures the time for that.
 """
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -31,21 +31,22 @@ RAMPS = (0.1, 0.2, 0.3, 0.4, 0.6, 0.8)  # shares of the duration
 CELLS = (0.01, 0.015, 0.025, 0.05, 0.1)  # m
 ITERATIONS = {"newton": (1, 2, 3, 20, 100), "cg": (1, 3, 20), "pgs": (1, 3, 20)}
 INTEGRATORS = ("euler", "implicit", "implicitfast", "rk4")
-REST = 0.8  # s, in which the reference closes: twice as long changes its joints by 0.002 degrees in the mean
-STEP = 1e-4  # s, of the references
+REST_DURATION = 0.8  # s, of the reference's closing: doubling it changes joints by 0.002 degrees in the mean
+REFERENCE_TIMESTEP = 1e-4  # s, of the references
 THICKNESS = 2e-4  # m, of the reference's pieces
 AT_REST = (
-    f"hand at rest: closed in {REST} s at {1e3 * STEP} ms, 100 iterations, a piece for every face of the collision mesh"
+    f"hand at rest: closed in {REST_DURATION} s at {1e3 * REFERENCE_TIMESTEP} ms, 100 iterations, "
+    "a piece for every face of the collision mesh"
 )
-SAME_MOTION = f"same motion: the run's closing at {1e3 * STEP} ms, 100 iterations"
+SAME_MOTION = f"same motion: the run's closing at {1e3 * REFERENCE_TIMESTEP} ms, 100 iterations"
 TRUE_SURFACE = "penetration: closed forms against the visual mesh"
 
 
 @dataclass(frozen=True)
-class How:
+class ClosingSettings:
     """Settings of a closing: seconds, metres, MuJoCo's names in lower case.
 
-    ramp: share of the duration in which the servos' targets move.
+    ramp: share of the duration during which the servos' targets move.
     """
 
     timestep: float
@@ -58,15 +59,15 @@ class How:
 
 
 class Closings(NamedTuple):
-    """Joint positions (n, J) at the end of each closing, and whether the engine was content with all."""
+    """Joint positions (n, J) at the end of each closing, and whether all were stable and finite."""
 
     joint_positions: np.ndarray
     finite: bool
-    how: How
+    setup: ClosingSettings
 
 
 class Case(NamedTuple):
-    """An object with palm poses at which the open hand is clear of it, in its own frame.
+    """An object with collision-free palm poses of the open hand, in the object's frame.
 
     Attributes:
         hand: the run's; collision: the decimated mesh.
@@ -87,41 +88,41 @@ class Case(NamedTuple):
     caster: RayCaster
 
 
-def library_settings(hand: Hand, timestep: float) -> How:
-    """How the library closes a hand at this time step."""
+def library_settings(hand: Hand, timestep: float) -> ClosingSettings:
+    """The library's settings of a closing, at a time step in seconds."""
     piece = np.vstack([np.zeros(3), np.eye(3)])
     option = GraspSimulation(hand, [piece], timestep).model.opt
     integrator = mujoco.mjtIntegrator(option.integrator).name.removeprefix("mjINT_").lower()
     solver = mujoco.mjtSolver(option.solver).name.removeprefix("mjSOL_").lower()
     duration, ramp = closing.DURATION, closing.RAMP
-    return How(timestep, duration, ramp, CELL, integrator, solver, option.iterations)
+    return ClosingSettings(timestep, duration, ramp, CELL, integrator, solver, option.iterations)
 
 
-def close(simulation: GraspSimulation, poses: np.ndarray, targets: np.ndarray, how: How) -> Closings:
-    """Close the hand of a simulation from each palm pose; the simulation has the time step and the cells of `how`."""
+def close(simulation: GraspSimulation, poses: np.ndarray, targets: np.ndarray, setup: ClosingSettings) -> Closings:
+    """Close the hand from each palm pose, in a simulation with the time step and the cells of `setup`."""
     option = simulation.model.opt
-    option.integrator = getattr(mujoco.mjtIntegrator, f"mjINT_{how.integrator.upper()}")
-    option.solver = getattr(mujoco.mjtSolver, f"mjSOL_{how.solver.upper()}")
-    option.iterations = how.iterations
-    steps = max(1, round(how.duration / how.timestep))
-    shares = np.minimum(1, np.arange(1, steps + 1) / (how.ramp * steps))
-    found, finite = [], True
+    option.integrator = getattr(mujoco.mjtIntegrator, f"mjINT_{setup.integrator.upper()}")
+    option.solver = getattr(mujoco.mjtSolver, f"mjSOL_{setup.solver.upper()}")
+    option.iterations = setup.iterations
+    steps = max(1, round(setup.duration / setup.timestep))
+    shares = np.minimum(1, np.arange(1, steps + 1) / (setup.ramp * steps))
+    ends, finite = [], True
     for pose, target in zip(poses, targets, strict=True):
         start = simulation.hand.open_joint_positions
         simulation.place(pose, start)
         for share in shares:  # as `GraspSimulation.close` does it, with a ramp of any share
             simulation.data.ctrl[:] = start + share * (target - start)
             mujoco.mj_step(simulation.model, simulation.data)
-        found.append(simulation.data.qpos[: len(target)].copy())
+        ends.append(simulation.data.qpos[: len(target)].copy())
         finite &= not any(warning.number for warning in simulation.data.warning)
-    joints = np.array(found)
-    return Closings(joints, finite and bool(np.isfinite(joints).all()), how)
+    joints = np.array(ends)
+    return Closings(joints, finite and bool(np.isfinite(joints).all()), setup)
 
 
 def face_pieces(collision: trimesh.Trimesh, thickness: float = THICKNESS) -> list[np.ndarray]:
-    """Every face of a mesh as a prism (6, 3) of its own, thickened inwards; hairs are left out.
+    """Every face of a mesh as a prism (6, 3), thickened inwards; faces narrower than `NARROWEST` are omitted.
 
-    The limit of ever smaller cells: nothing is rounded off.
+    This is the limit of ever smaller cells: nothing is rounded off.
     """
     triangles = np.asarray(collision.triangles)
     normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
@@ -132,24 +133,24 @@ def face_pieces(collision: trimesh.Trimesh, thickness: float = THICKNESS) -> lis
     return list(np.concatenate([triangles, triangles + thickness * inwards[:, None]], axis=1))
 
 
-def at_rest(hand: Hand, collision: trimesh.Trimesh, poses, targets, how: How, **changes) -> np.ndarray:
-    """Joint positions (n, J) to which the hand comes in the end: a slow closing, short steps, every face.
+def at_rest(hand: Hand, collision: trimesh.Trimesh, poses, targets, setup: ClosingSettings, **changes) -> np.ndarray:
+    """Joint positions (n, J) of the hand at rest: a slow closing with short time steps, on every face.
 
-    changes: to this function's constants, to see that they don't matter: `thickness`, and those of `How`.
+    changes: replace this function's constants, `thickness` and fields of `ClosingSettings`, to test their effect.
     """
     pieces = face_pieces(collision, changes.pop("thickness", THICKNESS))
-    how = replace(how, **{"timestep": STEP, "duration": REST, "iterations": 100, **changes})
-    found = close(GraspSimulation(hand, pieces, how.timestep), poses, targets, how)
-    if not found.finite:
-        raise RuntimeError(f"the reference closing is unstable: {how}")
-    return found.joint_positions
+    setup = replace(setup, **{"timestep": REFERENCE_TIMESTEP, "duration": REST_DURATION, "iterations": 100, **changes})
+    rest = close(GraspSimulation(hand, pieces, setup.timestep), poses, targets, setup)
+    if not rest.finite:
+        raise RuntimeError(f"the reference closing is unstable: {setup}")
+    return rest.joint_positions
 
 
 class GraspStudy(Study):
     """Ways to close the hand: place it and close it, `CLOSINGS` times an object.
 
-    `joint`, `tip` and `flipped` are against the hand at rest; `joint, same motion` against the same closing
-    time and patches in short steps, which is what time step, integrator and solver alone change.
+    `joint`, `tip` and `flipped` are relative to the hand at rest. `joint, same motion` is relative to a closing of
+    the same duration and patches in short time steps: the effect of time step, integrator and solver alone.
 
     Args:
         run: its folder; meshes, surface and grasps (for the hand) are read.
@@ -183,19 +184,19 @@ class GraspStudy(Study):
         grasper = Grasper(visual, collision, points - mesh.OBJECT_POSITION, self.hand)
         poses, targets = placements(grasper, generator(0, subject.name, "closing study"))
         rest = at_rest(self.hand, collision, poses, targets, self.default)
-        short = replace(self.default, timestep=STEP, iterations=100)
-        simulations = self._simulations(collision, {short, *(how for _, how in self._knobs())})
-        same = close(simulations[short.cell, STEP], poses, targets, short).joint_positions
+        short = replace(self.default, timestep=REFERENCE_TIMESTEP, iterations=100)
+        simulations = self._simulations(collision, {short, *(setup for _, setup in self._knobs())})
+        same = close(simulations[short.cell, REFERENCE_TIMESTEP], poses, targets, short).joint_positions
         surface = (grasper.check, grasper.caster)
         return Case(self.hand, collision, poses, targets, simulations, rest, same, *surface)
 
-    def _simulations(self, collision: trimesh.Trimesh, hows: Iterable[How]) -> dict:
-        keys = sorted({(how.cell, how.timestep) for how in hows})
+    def _simulations(self, collision: trimesh.Trimesh, setups: Iterable[ClosingSettings]) -> dict:
+        keys = sorted({(setup.cell, setup.timestep) for setup in setups})
         patches = {cell: surface_patches(collision, cell) for cell, _ in keys}
         return {(cell, step): GraspSimulation(self.hand, patches[cell], step) for cell, step in keys}
 
-    def _knobs(self) -> Iterable[tuple[str, How]]:
-        """Every knob's settings, the others as in the run."""
+    def _knobs(self) -> Iterable[tuple[str, ClosingSettings]]:
+        """Settings with one knob changed, for every value of every knob."""
         default = self.default
         for field, values in {
             "timestep": TIMESTEPS,
@@ -204,16 +205,16 @@ class GraspStudy(Study):
             "cell": CELLS,
             "integrator": INTEGRATORS,
         }.items():
-            mine = getattr(default, field)
-            others = [] if mine in values else [mine]
+            own = getattr(default, field)
+            others = [] if own in values else [own]
             yield from ((field, replace(default, **{field: value})) for value in [*values, *others])
-        mine = [] if default.iterations in ITERATIONS[default.solver] else [default.iterations]
+        own = [] if default.iterations in ITERATIONS[default.solver] else [default.iterations]
         for solver, values in ITERATIONS.items():
-            for value in [*values, *(mine if solver == default.solver else [])]:
+            for value in [*values, *(own if solver == default.solver else [])]:
                 yield "iterations", replace(default, solver=solver, iterations=value)
 
     def methods(self) -> list[Method]:
-        return [_method(field, how, how == self.default) for field, how in self._knobs()]
+        return [_method(field, setup, setup == self.default) for field, setup in self._knobs()]
 
     def errors(self, case: Case, result: Closings) -> dict[str, float]:
         """Means over joints, sensors and closings; penetration is the deepest. NaN if the engine warned."""
@@ -225,9 +226,9 @@ class GraspStudy(Study):
             np.array([case.caster.succeeds(p, r) for p, r in zip(*frames, strict=True)])
             for frames in (sensors, right_sensors)
         )
-        how = result.how
+        setup = result.setup
         numerics = {"timestep": 0, "integrator": "", "solver": "", "iterations": 0}
-        same = replace(how, **numerics) == replace(self.default, **numerics)
+        same = replace(setup, **numerics) == replace(self.default, **numerics)
 
         def degrees(reference: np.ndarray) -> float:
             return float(np.degrees(np.abs(result.joint_positions - reference)).mean())
@@ -241,29 +242,29 @@ class GraspStudy(Study):
         }
 
 
-# By field of `How`: the knob in words, and its value as it is reported.
-KNOBS: dict[str, tuple[str, Callable[[How], Any]]] = {
-    "timestep": ("time step, ms", lambda how: round(1e3 * how.timestep, 6)),
-    "duration": ("closing time, s", lambda how: how.duration),
-    "ramp": ("ramp, share of the closing time", lambda how: how.ramp),
-    "cell": ("cell, mm (model not timed)", lambda how: round(1e3 * how.cell, 6)),
-    "integrator": ("integrator", lambda how: how.integrator),
-    "iterations": ("iterations", lambda how: how.iterations),
+# By field of `ClosingSettings`: the knob's name in the report, and its value there.
+KNOBS: dict[str, tuple[str, Callable[[ClosingSettings], Any]]] = {
+    "timestep": ("time step, ms", lambda setup: round(1e3 * setup.timestep, 6)),
+    "duration": ("closing time, s", lambda setup: setup.duration),
+    "ramp": ("ramp, share of the closing time", lambda setup: setup.ramp),
+    "cell": ("cell, mm (model not timed)", lambda setup: round(1e3 * setup.cell, 6)),
+    "integrator": ("integrator", lambda setup: setup.integrator),
+    "iterations": ("iterations", lambda setup: setup.iterations),
 }
 
 
-def _method(field: str, how: How, chosen: bool) -> Method:
+def _method(field: str, setup: ClosingSettings, chosen: bool) -> Method:
     knob, value = KNOBS[field]
 
     def run(case: Case) -> Closings:
-        return close(case.simulations[how.cell, how.timestep], case.poses, case.targets, how)
+        return close(case.simulations[setup.cell, setup.timestep], case.poses, case.targets, setup)
 
-    name = f"closing, solver {how.solver}" if field == "iterations" else "closing"
-    return Method(name, knob, value(how), run, chosen)
+    name = f"closing, solver {setup.solver}" if field == "iterations" else "closing"
+    return Method(name, knob, value(setup), run, chosen)
 
 
 def placements(grasper: Grasper, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-    """Palm poses (n, 4, 4) clear of the object, and targets (n, J) of the closings from there.
+    """Collision-free palm poses (n, 4, 4), and targets (n, J) of the closings from there.
 
     Raises ValueError if there is no such pose.
     """

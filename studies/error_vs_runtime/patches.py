@@ -1,6 +1,6 @@
-"""What the hand collides with: pieces of the object's surface, and what the engine's model of them costs.
+"""Contact geometry: convex pieces of an object's surface, their error, and the time to build the engine's model.
 
-The closings and errors of `studies.error_vs_runtime.grasps`, timed with all that is made for an object.
+Closings and errors are those of `studies.error_vs_runtime.grasps`. Times include all that is built for an object.
 """
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -29,10 +29,10 @@ OBJECTS = 2
 
 
 class PatchStudy(GraspStudy):
-    """Ways to cut an object's surface into convex pieces: pieces, model and closings.
+    """Ways to cut an object's surface into convex pieces; times of pieces, model and closings.
 
-    A run makes the model once for all attempts of an object, which are a few more than the closings here. Of
-    the subjects only the first `OBJECTS`: models take long.
+    A run builds the model once for all attempts of an object, a few more than the closings here. Only the first
+    `OBJECTS` subjects are used, because models take long.
     """
 
     stage = "collision patches"
@@ -50,20 +50,20 @@ class PatchStudy(GraspStudy):
 
             return closed
 
-        found = []
+        methods = []
         for cell in sorted({*CELLS, CELL}):
             cut = run(lambda collision, cell=cell: surface_patches(collision, cell))
-            found.append(Method("patches", "cell, mm", round(1e3 * cell, 6), cut, cell == CELL))
+            methods.append(Method("patches", "cell, mm", round(1e3 * cell, 6), cut, cell == CELL))
         every_face = run(lambda collision: face_pieces(collision, THICKNESS))
-        found.append(Method("a piece a face", "pieces", "faces", every_face))
-        found.append(Method("convex hull", "pieces", "1", run(lambda collision: [collision.vertices])))
-        return found
+        methods.append(Method("a piece a face", "pieces", "faces", every_face))
+        methods.append(Method("convex hull", "pieces", "1", run(lambda collision: [collision.vertices])))
+        return methods
 
     def errors(self, case: Case, result: Closings) -> dict[str, float]:
         return {key: value for key, value in super().errors(case, result).items() if key in self.units}
 
     def _knobs(self) -> Iterable:
-        """None: models are made as they are timed."""
+        """None: models are built while they are timed."""
         return ()
 
 

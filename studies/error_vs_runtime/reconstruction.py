@@ -1,7 +1,7 @@
-"""Models of other sizes than the run's, trained alike: error against the time to predict, and to train.
+"""Models of other sizes, trained in the same way: error against the time of inference and of training.
 
-Every model is trained anew, on equally many samples, for a much shorter time than the run's: what a larger
-one wins in a long training is more. On the CPU, whatever the run is trained on.
+Every model is trained from scratch on the same number of samples, much fewer than in the run: a larger model would
+gain more from a long training. Always on the CPU.
 """
 
 import copy
@@ -18,7 +18,7 @@ from scipy.spatial import cKDTree
 
 from palpate import training
 from palpate.charts import CHAMFER_SCALE
-from palpate.evaluation.evaluate import AT_ONCE
+from palpate.evaluation.evaluate import BATCH_SIZE
 from palpate.mesh.distance import sample
 from palpate.models import Reconstruction
 from palpate.models.reconstruction import DEFORMATIONS
@@ -27,16 +27,16 @@ from palpate.training.checkpoints import architecture
 from studies.error_vs_runtime.study import ALL, Method, Study
 from studies.subjects import Subject
 
-# The quickest to train of those with vision: one image an object.
+# The experiment with vision that trains fastest: one image an object.
 EXPERIMENT = {"strategy": "charts", "vision": "unoccluded", "touch": False, "grasps": 1}
-SAMPLES = 200  # that each model is trained on
+SAMPLES = 200  # on which each model is trained
 SEEDS = (0, 1)
 TYPES = {"float64": torch.float64, "float32": torch.float32, "bfloat16": torch.bfloat16}
 
 
 class Variant(NamedTuple):
-    """A model and its training. width, layers: of the graph network. precision: of the training, as Lightning
-    names it. batch: samples a step."""
+    """A model and its training. width, layers: of the graph network. precision: Lightning's name. batch: samples a
+    step."""
 
     width: int
     layers: int
@@ -47,8 +47,8 @@ class Variant(NamedTuple):
 
 
 class Result(NamedTuple):
-    """Predictions (n, V, 3) m of the validation samples, and the model that they are of; timed: whether they
-    were made in the time that was taken, or are what a training that was timed leads to."""
+    """Predictions (n, V, 3) m of the validation samples by a variant; timed: whether inference was timed, not
+    training."""
 
     vertices: np.ndarray
     variant: Variant
@@ -56,7 +56,7 @@ class Result(NamedTuple):
 
 
 class Step:
-    """Steps of a training, from its end on: what is timed of it."""
+    """Further steps of a finished training, which are timed."""
 
     def __init__(self, learner: ReconstructionLearner, precision: str):
         self.learner = learner
@@ -64,12 +64,12 @@ class Step:
         self.fabric = lightning.Fabric(accelerator="cpu", devices=1, precision=precision)
 
     def __call__(self, samples: int) -> None:
-        """As many steps as this number of samples takes."""
+        """Make the steps of a number of samples."""
         learner = self.learner
         for step in range(samples // learner.settings["batch"]):
             generator = torch.Generator().manual_seed(step)
             with self.fabric.autocast():
-                loss = learner.losses(learner.training_part(step), generator, learner.model).mean()
+                loss = learner.losses(learner.training_batch(step), generator, learner.model).mean()
             self.optimiser.zero_grad()
             loss.backward()
             if learner.settings["clip"]:
@@ -78,7 +78,7 @@ class Step:
 
 
 class ReconstructionStudy(Study):
-    """All validation objects of the run together: the report's `objects` does not count here."""
+    """All validation objects of the run as one case, whatever the report's `objects`."""
 
     stage = "reconstruction"
     units = {
@@ -89,7 +89,7 @@ class ReconstructionStudy(Study):
     panels = 2
 
     def __init__(self, data: TrainingData, settings: Mapping[str, Any], machine: Mapping[str, Any], points: int):
-        """settings: of the experiment, from the run's recipe. machine: the config's `training`. points: of an
+        """settings: of the experiment, from the run's recipe. machine: the config's `training`. points: sampled in an
         evaluation."""
         self.data, self.machine, self.points = data, machine, points
         self.layers = architecture(EXPERIMENT, settings)
@@ -99,9 +99,9 @@ class ReconstructionStudy(Study):
         self.base = Variant(
             gcn["width"], gcn["layers"], deformations, machine["precision"], settings["batch"], SEEDS[0]
         )
-        # A short training wants a higher rate (docs/training.md), but is the more a matter of chance at it.
-        whole = ReconstructionLearner(data, EXPERIMENT, settings, SEEDS[0]).steps * settings["batch"]
-        self.rate = settings["rate"] * max(1.0, whole / SAMPLES) ** 0.25
+        # A short training is better at a higher rate (docs/training.md), but varies more with the seed.
+        total_samples = ReconstructionLearner(data, EXPERIMENT, settings, SEEDS[0]).steps * settings["batch"]
+        self.rate = settings["rate"] * max(1.0, total_samples / SAMPLES) ** 0.25
         self.samples = windows(data, EXPERIMENT, "validation")
         self._trained: dict[Variant, tuple[Reconstruction, Step]] = {}
         self._results: dict[Variant, np.ndarray] = {}
@@ -136,32 +136,35 @@ class ReconstructionStudy(Study):
         return [(knob, value) for knob, of in values.items() for value in sorted({*of, getattr(base, knob)})]
 
     def methods(self) -> list[Method]:
-        found = []
+        methods = []
         for knob, value in self._knobs():
             variant, own = self.base._replace(**{knob: value}), getattr(self.base, knob) == value
-            found.append(Method("training", knob, value, partial(self._train, variant), own))
+            methods.append(Method("training", knob, value, partial(self._train, variant), own))
             if knob in ("width", "layers", "deformations"):
-                found.append(Method("inference", knob, value, partial(self._predict, variant), own))
-        for count in sorted({1, AT_ONCE, 4 * AT_ONCE}):
-            run = partial(self._predict, self.base, at_once=count)
-            found.append(Method("inference", "batch", count, run, count == AT_ONCE))
+                methods.append(Method("inference", knob, value, partial(self._predict, variant), own))
+        for count in sorted({1, BATCH_SIZE, 4 * BATCH_SIZE}):
+            run = partial(self._predict, self.base, batch_size=count)
+            methods.append(Method("inference", "batch", count, run, count == BATCH_SIZE))
         for name, dtype in TYPES.items():
             run = partial(self._predict, self.base, dtype=dtype)
-            found.append(Method("inference", "precision", name, run, dtype == torch.float32))
-        return found
+            methods.append(Method("inference", "precision", name, run, dtype == torch.float32))
+        return methods
 
     def errors(self, case: list[Sample], result: Result) -> dict[str, float]:
-        found = dict.fromkeys(self.units, float("nan"))
+        errors = dict.fromkeys(self.units, float("nan"))
         chamfer = np.mean([self._chamfer(v, s, result.variant) for v, s in zip(result.vertices, case, strict=True)])
         if not result.timed:
-            return found | {"Chamfer distance, of training": float(chamfer)}
+            return errors | {"Chamfer distance, of training": float(chamfer)}
         exact = self._exact(result.variant, case)
-        apart = np.square(result.vertices - exact).sum(axis=2).mean()
-        return found | {"Chamfer distance, of inference": float(chamfer), "rounding": 1e3 * float(apart**0.5)}
+        squared_distance = np.square(result.vertices - exact).sum(axis=2).mean()
+        return errors | {
+            "Chamfer distance, of inference": float(chamfer),
+            "rounding": 1e3 * float(squared_distance**0.5),
+        }
 
-    def _chamfer(self, vertices: np.ndarray, seen: Sample, variant: Variant) -> float:
+    def _chamfer(self, vertices: np.ndarray, sample: Sample, variant: Variant) -> float:
         faces = self.trained(variant)[0].faces.numpy()
-        return chamfer(vertices.astype(np.float64), faces, self.data["points"][seen.object], self.points)
+        return chamfer(vertices.astype(np.float64), faces, self.data["points"][sample.object], self.points)
 
     def _exact(self, variant: Variant, case: list[Sample]) -> np.ndarray:
         if variant not in self._results:
@@ -169,7 +172,7 @@ class ReconstructionStudy(Study):
         return self._results[variant]
 
     def trained(self, variant: Variant) -> tuple[Reconstruction, Step]:
-        """The trained model, on the CPU, in float32, and its training; trained when it is first asked for."""
+        """The trained model, on the CPU in float32, and its training; trained at the first call."""
         if variant not in self._trained:
             gcn = {"width": variant.width, "layers": variant.layers}
             changed = {
@@ -198,19 +201,19 @@ class ReconstructionStudy(Study):
         self,
         variant: Variant,
         case: list[Sample],
-        at_once: int = AT_ONCE,
+        batch_size: int = BATCH_SIZE,
         dtype: torch.dtype = torch.float32,
     ) -> Result:
-        """Predictions in batches; bfloat16 as Lightning mixes it, the others throughout."""
+        """Predict in batches; bfloat16 by autocast as in Lightning, the other types throughout."""
         model, mixed = self.trained(variant)[0], dtype == torch.bfloat16
-        kept = torch.float32 if mixed else dtype
-        model = model if kept == torch.float32 else copy.deepcopy(model).to(kept)
+        result_type = torch.float32 if mixed else dtype
+        model = model if result_type == torch.float32 else copy.deepcopy(model).to(result_type)
         assemble, parts = Assembler(self.data, EXPERIMENT), []
         with torch.inference_mode(), torch.autocast("cpu", torch.bfloat16, enabled=mixed):
-            for start in range(0, len(case), at_once):
-                batch = assemble(case[start : start + at_once])
-                batch = {k: v.to(kept) if v.is_floating_point() else v for k, v in batch.items()}
-                parts.append(model(batch).to(kept))
+            for start in range(0, len(case), batch_size):
+                batch = assemble(case[start : start + batch_size])
+                batch = {k: v.to(result_type) if v.is_floating_point() else v for k, v in batch.items()}
+                parts.append(model(batch).to(result_type))
         return Result(torch.cat(parts).double().numpy(), variant, True)
 
 
@@ -222,8 +225,11 @@ def chamfer(vertices: np.ndarray, faces: np.ndarray, truth: np.ndarray, count: i
 
 
 def study(run: Path, subjects: Sequence[Subject], settings: Mapping[str, Any]) -> ReconstructionStudy:
-    """The study of a run; of its settings `recipe` (the resolved recipe), `training` (precision, threads) and
-    `evaluation.points` are read, of its stores those of surface and vision; the subjects are not."""
+    """The study of a run; ignores the subjects.
+
+    Reads `recipe` (resolved), `training` (precision, threads) and `evaluation.points` of the settings, and the run's
+    stores of surface and vision.
+    """
     data = TrainingData.load(run, EXPERIMENT, ("train", "validation"))
-    how = recipes.settings(settings["recipe"], EXPERIMENT)
-    return ReconstructionStudy(data, how, settings["training"], settings["evaluation"]["points"])
+    recipe = recipes.settings(settings["recipe"], EXPERIMENT)
+    return ReconstructionStudy(data, recipe, settings["training"], settings["evaluation"]["points"])

@@ -1,4 +1,4 @@
-"""Pictures of objects, alone and in the hand, over what a renderer can be told: error and time.
+"""Images of objects, unoccluded and in the hand: error against time for the renderer's settings.
 
 Import it before anything that loads embree, because it loads Blender.
 """
@@ -26,7 +26,7 @@ from studies.subjects import Subject  # noqa: E402
 OBJECTS = 2  # that are looked at
 # The reference: another draw of random numbers, and nothing omitted.
 REFERENCE = 4096  # samples a pixel
-FULL = {
+REFERENCE_CYCLES = {
     "seed": 1,
     "max_bounces": 24,
     "diffuse_bounces": 24,
@@ -36,34 +36,34 @@ FULL = {
     "caustics_reflective": True,
     "caustics_refractive": True,
 }
-MIDDLE = 0.3125  # of a picture's side: the part of it that the reference is of, for its time
+CROP = 0.3125  # of an image's side: the reference is rendered of the middle only, to save time
 SAMPLES = (1, 4, 8, 32, 64)
 BOUNCES = (0, 1, 4, 12)
-DENOISED = (0.25, 0.5, 1.0)  # of the run's samples
-# The quickest of its settings; the others took twice to five times as long, and erred as much.
+DENOISED_SHARES = (0.25, 0.5, 1.0)  # of the run's samples
+# The denoiser's fastest settings; the others took two to five times as long with the same error.
 DENOISER = {"use_denoising": True, "denoising_quality": "FAST", "denoising_prefilter": "NONE"}
-ADAPTIVE = (0.1,)  # thresholds of noise, at which a pixel gets no more samples
-MOST = 4  # times the run's samples, that it gets before
-# Side of what is rendered, over the picture's, and samples a pixel of it, over the run's.
+ADAPTIVE_THRESHOLDS = (0.1,)  # of noise, below which a pixel gets no more samples
+ADAPTIVE_FACTOR = 4  # largest number of samples, over the run's
+# Side of the rendered image over the run's, and samples a pixel over the run's.
 SCALES = ((0.5, 1.0), (0.75, 1.0), (2.0, 0.25))
-SHOWS = 250  # of 255: what is darker than this in the reference is no background
+BACKGROUND_LEVEL = 250  # of 255: pixels of the reference that are darker show something
 
 
-class Pictures(NamedTuple):
-    """One object alone and in the hand of its first grasp.
+class ImagePair(NamedTuple):
+    """Unoccluded and occluded image of one object, in its first grasp.
 
     Attributes:
         scene: of the object and that grasp.
-        truth: middles of the two pictures (s, s, 3) uint8, and drawn: the pixels that errors are of (s, s).
+        reference: middles of the two images (s, s, 3) uint8. foreground: their pixels (s, s) that errors are of.
     """
 
     scene: Scene
-    truth: list[np.ndarray]
-    drawn: list[np.ndarray]
+    reference: list[np.ndarray]
+    foreground: list[np.ndarray]
 
 
 def study(run: Path, subjects: list[Subject], settings: Mapping[str, Any]) -> "Renders":
-    """Of the first `OBJECTS` objects, in their first grasp. settings: section `vision`."""
+    """The study of the first `OBJECTS` objects, in their first grasp. settings: section `vision`."""
     return Renders(Path(run), subjects[:OBJECTS], settings["vision"])
 
 
@@ -87,89 +87,89 @@ class Renders(Study):
     def renderer(self) -> Renderer:
         return Renderer(self.vision["samples"], self.vision["device"])
 
-    def cases(self) -> Iterator[tuple[str, Pictures]]:
+    def cases(self) -> Iterator[tuple[str, ImagePair]]:
         for subject in self.subjects:
             scene = scene_of(self.run, subject)
-            case = Pictures(replace(scene, link_pose=scene.link_pose[:1]), [], [])
-            truth = self.true_pictures(case)
-            drawn = [(image < SHOWS).any(axis=-1) for image in truth]
-            yield subject.name, case._replace(truth=truth, drawn=drawn)
+            case = ImagePair(replace(scene, link_pose=scene.link_pose[:1]), [], [])
+            reference = self.reference_images(case)
+            foreground = [(image < BACKGROUND_LEVEL).any(axis=-1) for image in reference]
+            yield subject.name, case._replace(reference=reference, foreground=foreground)
 
-    def true_pictures(self, case: Pictures, samples: int = REFERENCE) -> list[np.ndarray]:
-        """The middles of the two pictures, as good as they can be had."""
-        return self.rendered(case, self.middle_camera, samples, FULL)
+    def reference_images(self, case: ImagePair, samples: int = REFERENCE) -> list[np.ndarray]:
+        """The middles of the two images at reference quality."""
+        return self.rendered(case, self.crop_camera, samples, REFERENCE_CYCLES)
 
     @property
-    def middle_camera(self) -> Camera:
-        """The camera that sees the middle of the pictures only, in the same pixels."""
+    def crop_camera(self) -> Camera:
+        """The camera of the middle of the images only, with the same pixels."""
         whole = paper_camera(self.vision["size"])
-        return replace(whole, size=whole.size - 2 * round(whole.size * (1 - MIDDLE) / 2))
+        return replace(whole, size=whole.size - 2 * round(whole.size * (1 - CROP) / 2))
 
     def methods(self) -> list[Method]:
         size, chosen = self.vision["size"], self.vision["samples"]
-        made = []
+        methods = []
         for samples in sorted({*SAMPLES, chosen}):
             run = partial(self.rendered, samples=samples)
-            made.append(Method("path tracing", "samples", samples, run, samples == chosen))
+            methods.append(Method("path tracing", "samples", samples, run, samples == chosen))
         for bounces in sorted({*BOUNCES, CYCLES["diffuse_bounces"]}):
             run = partial(self.rendered, cycles=_bounces(bounces))
-            made.append(Method("path tracing", "bounces", bounces, run, bounces == CYCLES["diffuse_bounces"]))
-        for samples in sorted({max(1, round(chosen * share)) for share in DENOISED}):
+            methods.append(Method("path tracing", "bounces", bounces, run, bounces == CYCLES["diffuse_bounces"]))
+        for samples in sorted({max(1, round(chosen * share)) for share in DENOISED_SHARES}):
             run = partial(self.rendered, samples=samples, cycles=DENOISER)
-            made.append(Method("denoised by OpenImageDenoise", "samples", samples, run))
-        for threshold in ADAPTIVE:
+            methods.append(Method("denoised by OpenImageDenoise", "samples", samples, run))
+        for threshold in ADAPTIVE_THRESHOLDS:
             cycles = {"use_adaptive_sampling": True, "adaptive_threshold": threshold}
-            run = partial(self.rendered, samples=MOST * chosen, cycles=cycles)
-            made.append(Method(f"adaptive, at most {MOST * chosen} samples", "threshold", threshold, run))
+            run = partial(self.rendered, samples=ADAPTIVE_FACTOR * chosen, cycles=cycles)
+            methods.append(Method(f"adaptive, at most {ADAPTIVE_FACTOR * chosen} samples", "threshold", threshold, run))
         for scale, share in SCALES:
             samples = max(1, round(chosen * share))
             run = partial(self.resized, side=round(size * scale), samples=samples)
-            made.append(Method(f"resized, {samples} samples", "scale", scale, run))
-        return made
+            methods.append(Method(f"resized, {samples} samples", "scale", scale, run))
+        return methods
 
     def rendered(
         self,
-        case: Pictures,
+        case: ImagePair,
         camera: Camera | None = None,
         samples: int | None = None,
         cycles: Mapping[str, Any] | None = None,
     ) -> list[np.ndarray]:
-        """The two pictures, as the run renders them but for the arguments: (s, s, 3) uint8 each."""
+        """The two images, (s, s, 3) uint8 each, with the run's settings unless an argument replaces one."""
         renderer = self.renderer
         renderer.samples = samples or self.vision["samples"]
         renderer.cycles = cycles or {}
         scene = replace(case.scene, camera=camera or paper_camera(self.vision["size"]))
-        alone, (in_the_hand,) = renderer.render(scene)
-        return [alone.rgb, in_the_hand.rgb]
+        unoccluded, (occluded,) = renderer.render(scene)
+        return [unoccluded.rgb, occluded.rgb]
 
-    def resized(self, case: Pictures, side: int, samples: int) -> list[np.ndarray]:
-        """Rendered with another number of pixels; enlarged by bicubic interpolation, or reduced by means."""
+    def resized(self, case: ImagePair, side: int, samples: int) -> list[np.ndarray]:
+        """The two images rendered with `side` pixels, then enlarged bicubically or reduced by averaging."""
         size = self.vision["size"]
-        how = PillowImage.Resampling.BICUBIC if side < size else PillowImage.Resampling.BOX
+        resampling = PillowImage.Resampling.BICUBIC if side < size else PillowImage.Resampling.BOX
         images = self.rendered(case, paper_camera(side), samples)
-        return [np.asarray(PillowImage.fromarray(image).resize((size, size), how)) for image in images]
+        return [np.asarray(PillowImage.fromarray(image).resize((size, size), resampling)) for image in images]
 
-    def errors(self, case: Pictures, result: list[np.ndarray]) -> dict[str, float]:
-        images = [middle(image, len(truth)) for image, truth in zip(result, case.truth, strict=True)]
-        pairs = list(zip(images, case.truth, case.drawn, strict=True))
-        alone, in_the_hand = (rms(image[drawn], truth[drawn]) for image, truth, drawn in pairs)
-        alike = np.concatenate([similarity(image, truth)[drawn] for image, truth, drawn in pairs])
+    def errors(self, case: ImagePair, result: list[np.ndarray]) -> dict[str, float]:
+        images = [crop(image, len(reference)) for image, reference in zip(result, case.reference, strict=True)]
+        pairs = list(zip(images, case.reference, case.foreground, strict=True))
+        unoccluded, occluded = (rms(image[foreground], reference[foreground]) for image, reference, foreground in pairs)
+        ssim = np.concatenate([similarity(image, reference)[foreground] for image, reference, foreground in pairs])
         both = [np.concatenate([pair[k][pair[2]] for pair in pairs]) for k in (0, 1)]
         return {
             "RMSE": rms(*both),
-            "1 - SSIM": 1 - float(alike.mean()),
-            "RMSE alone": alone,
-            "RMSE in the hand": in_the_hand,
+            "1 - SSIM": 1 - float(ssim.mean()),
+            "RMSE alone": unoccluded,
+            "RMSE in the hand": occluded,
         }
 
 
-def middle(image: np.ndarray, side: int) -> np.ndarray:
+def crop(image: np.ndarray, side: int) -> np.ndarray:
     """The middle (side, side, ...) of an image."""
     start = (len(image) - side) // 2
     return image[start : start + side, start : start + side]
 
 
 def _bounces(number: int) -> dict[str, int]:
-    """Settings of Cycles for so many diffuse and glossy bounces."""
+    """Settings of Cycles for a number of diffuse and glossy bounces."""
     longest = max(CYCLES["max_bounces"], number)
     return {"diffuse_bounces": number, "glossy_bounces": number, "max_bounces": longest}

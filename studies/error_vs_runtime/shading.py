@@ -1,4 +1,4 @@
-"""Shading: a reading from finite differences beside that of the surface's true normals, against time."""
+"""Shading: error of readings from finite differences relative to true normals, against time."""
 
 from collections.abc import Callable, Iterable, Mapping
 from functools import partial
@@ -15,12 +15,12 @@ from studies.error_vs_runtime.study import Method, Study
 from studies.subjects import Subject
 
 PRESSES = 8  # of each shape
-DEEPEST = 0.006  # m, an impression; shallowest a sixth of it
-# Pixels nearer than this to another piece of surface are at an edge: as far as the widest stencil reaches.
-REACH = 3
-STEPS = 200  # of sphere tracing: more than any of its rays takes
+MAX_IMPRESSION = 0.006  # m, depth of an impression; the least is a sixth of it
+# Pixels nearer than this to another piece of surface are at an edge: the reach of the widest stencil.
+EDGE_PIXELS = 3
+TRACING_STEPS = 200  # of sphere tracing: more than any of its rays takes
 
-# Weights of the pixels to the right, times the pixel's width; to the left the same with the other sign.
+# Weights of the pixels to the right, times the pixel's width; those to the left have the opposite sign.
 STENCILS = {2: (1 / 2,), 4: (2 / 3, -1 / 12), 6: (3 / 4, -3 / 20, 1 / 60)}
 
 Y, Z = np.meshgrid(PIXEL_CENTRES, PIXEL_CENTRES)
@@ -30,8 +30,8 @@ Slopes = Callable[[np.ndarray, int], np.ndarray]  # of impressions along an axis
 class Press(NamedTuple):
     """Surfaces pressed into the gel, k of them.
 
-    depth: (k, 100, 100) float32, as a depth map has it. normal: (k, 100, 100, 3), true. reading: the same
-    shape, grey levels of the true normal, not rounded. inside: (k, 100, 100) bool, away from edges.
+    depth: (k, 100, 100) float32, depth maps. normal: (k, 100, 100, 3), true. reading: (k, 100, 100, 3) grey levels
+    of the true normal, not rounded. inside: (k, 100, 100) bool, away from edges.
     """
 
     depth: np.ndarray
@@ -41,19 +41,19 @@ class Press(NamedTuple):
 
 
 def study(run: Path, subjects: list[Subject], settings: Mapping[str, Any]) -> "Shading":
-    """Readings of spheres, cylinders, planes and steps; neither the subjects nor the config matter."""
+    """The study of spheres, cylinders, planes and steps; ignores subjects and config."""
     return Shading()
 
 
 class Shading(Study):
     """Finite differences of several orders, smoothed and limited ones, and splines.
 
-    A reading is rounded to whole grey levels, which alone is 0.25 on average and 0.5 at worst. What is
-    `worst` is at an edge, where the true normal jumps and a difference takes pixels of both sides.
+    Rounding to whole grey levels alone is an error of 0.25 on average and 0.5 at worst. The `worst` error is at an
+    edge, where the true normal jumps and a difference uses pixels of both sides.
 
-    `height` is how far the impression that the slopes add up to, from the border along each row of pixels, is
-    from the true one: what can be told of the surface from its reading. Limited differences are nearest to
-    the true normals at edges, and for that reason lose steps: neither side of a vertical wall is tilted.
+    `height` is the error of the impression that results from integrating the slopes along each row of pixels. It
+    shows how well the surface can be reconstructed from its reading. Limited differences are nearest to the true
+    normals at edges, but lose steps: the normals beside a vertical wall don't show it.
     """
 
     stage = "shading"
@@ -77,21 +77,24 @@ class Shading(Study):
         yield "sphere 10 mm, sphere-traced", press(partial(_traced_sphere, 0.01), random)
 
     def methods(self) -> list[Method]:
-        """What the library does is second-order, first-order at the border, in single precision."""
+        """The library's differences are second-order, first-order at the border, in single precision."""
         central = "central differences"
         return [
-            Method(central, "order", 2, _reading_by(normals), chosen=True),
-            *(Method(central, "order", n, _by(partial(_central, n))) for n in (4, 6)),
-            Method(central, "order at the border", 1, _reading_by(normals), chosen=True),
-            Method(central, "order at the border", 2, _by(_gradient)),
-            Method(central, "precision", "float32", _reading_by(normals), chosen=True),
-            Method(central, "precision", "float64", _reading_by(_in_double_precision)),
-            Method("one-sided differences", "order", 1, _by(_one_sided)),
-            Method("limited differences", "order", 1, _by(_less_steep)),
-            Method("limited differences", "order", 2, _by(_limited)),
-            Method("Sobel", "pixels", 3, _by(_sobel)),
-            *(Method("Savitzky-Golay, parabola", "pixels", n, _by(partial(_parabola, n))) for n in (5, 7)),
-            *(Method("spline", "degree", n, _by(partial(_spline, n))) for n in (3, 5)),
+            Method(central, "order", 2, _reading_from_normals(normals), chosen=True),
+            *(Method(central, "order", n, _reading_from_slopes(partial(_central, n))) for n in (4, 6)),
+            Method(central, "order at the border", 1, _reading_from_normals(normals), chosen=True),
+            Method(central, "order at the border", 2, _reading_from_slopes(_gradient)),
+            Method(central, "precision", "float32", _reading_from_normals(normals), chosen=True),
+            Method(central, "precision", "float64", _reading_from_normals(_in_double_precision)),
+            Method("one-sided differences", "order", 1, _reading_from_slopes(_one_sided)),
+            Method("limited differences", "order", 1, _reading_from_slopes(_minmod)),
+            Method("limited differences", "order", 2, _reading_from_slopes(_van_leer)),
+            Method("Sobel", "pixels", 3, _reading_from_slopes(_sobel)),
+            *(
+                Method("Savitzky-Golay, parabola", "pixels", n, _reading_from_slopes(partial(_parabola, n)))
+                for n in (5, 7)
+            ),
+            *(Method("spline", "degree", n, _reading_from_slopes(partial(_spline, n))) for n in (3, 5)),
         ]
 
     def errors(self, case: Press, result: tuple[np.ndarray, np.ndarray]) -> dict[str, float]:
@@ -104,19 +107,19 @@ class Shading(Study):
             "worst away from edges": float(off[case.inside].max()),
             "worst": float(off.max()),
             "normal": float(np.degrees(angle).mean()),
-            "height": 1e3 * _height_lost(case, normal),
+            "height": 1e3 * _height_error(case, normal),
         }
 
 
-def _height_lost(case: Press, normal: np.ndarray) -> float:
-    """Mean difference, metres, of the slopes' sum along the rows (trapezia) and the impression's height."""
+def _height_error(case: Press, normal: np.ndarray) -> float:
+    """Mean difference (m) of the slopes' integral along the rows (trapezoidal rule) and the impression's height."""
     slope = -normal[..., 0].astype(np.float64) / normal[..., 2]
     height = impression(case.depth.astype(np.float64))
     rise = integrate.cumulative_trapezoid(slope, dx=PIXEL, axis=-1, initial=0)
     return float(np.abs(rise - (height - height[..., :1])).mean())
 
 
-def _reading_by(normals_of: Callable[[np.ndarray], np.ndarray]) -> Callable[[Press], tuple]:
+def _reading_from_normals(normals_of: Callable[[np.ndarray], np.ndarray]) -> Callable[[Press], tuple]:
     def run(case: Press) -> tuple[np.ndarray, np.ndarray]:
         height = impression(case.depth)
         normal = normals_of(height)
@@ -125,11 +128,11 @@ def _reading_by(normals_of: Callable[[np.ndarray], np.ndarray]) -> Callable[[Pre
     return run
 
 
-def _by(slopes: Slopes) -> Callable[[Press], tuple]:
+def _reading_from_slopes(slopes: Slopes) -> Callable[[Press], tuple]:
     def normals_of(height: np.ndarray) -> np.ndarray:
         return _normals(slopes(height, -1), slopes(height, -2))
 
-    return _reading_by(normals_of)
+    return _reading_from_normals(normals_of)
 
 
 def _normals(along_columns: np.ndarray, along_rows: np.ndarray) -> np.ndarray:
@@ -147,7 +150,7 @@ def _gradient(height: np.ndarray, axis: int) -> np.ndarray:
 
 
 def _central(order: int, height: np.ndarray, axis: int) -> np.ndarray:
-    """Where the stencil doesn't fit, at the border: of second order."""
+    """Central differences; of second order where the stencil doesn't fit, at the border."""
     right = np.array(STENCILS[order], dtype=np.float32) / np.float32(PIXEL)
     slope = ndimage.correlate1d(height, np.concatenate([-right[::-1], [0], right]), axis)
     border = np.moveaxis(slope, axis, -1)
@@ -158,17 +161,17 @@ def _central(order: int, height: np.ndarray, axis: int) -> np.ndarray:
 
 
 def _one_sided(height: np.ndarray, axis: int) -> np.ndarray:
-    """To the next pixel; at the last one, to the one before."""
+    """Differences to the next pixel; at the last pixel, to the one before."""
     return _sides(height, axis)[1]
 
 
-def _less_steep(height: np.ndarray, axis: int) -> np.ndarray:
-    """The less steep of the two one-sided differences: it does not reach across a jump."""
+def _minmod(height: np.ndarray, axis: int) -> np.ndarray:
+    """The less steep of the two one-sided differences, which does not reach across a jump."""
     before, after = _sides(height, axis)
     return np.where(np.abs(before) < np.abs(after), before, after)
 
 
-def _limited(height: np.ndarray, axis: int) -> np.ndarray:
+def _van_leer(height: np.ndarray, axis: int) -> np.ndarray:
     """The central difference, but at most twice as steep as the less steep side (van Leer 1977)."""
     before, after = _sides(height, axis)
     middle = (before + after) / 2
@@ -177,7 +180,7 @@ def _limited(height: np.ndarray, axis: int) -> np.ndarray:
 
 
 def _sides(height: np.ndarray, axis: int) -> tuple[np.ndarray, np.ndarray]:
-    """Differences to the pixel before and to the one after; at the border both to the only one there is."""
+    """Differences to the pixel before and to the one after; at the border both to the only neighbour."""
     step = np.diff(height, axis=axis) / np.float32(PIXEL)
     first, last = np.take(step, [0], axis), np.take(step, [-1], axis)
     return np.concatenate([first, step], axis), np.concatenate([step, last], axis)
@@ -201,28 +204,28 @@ def _spline(degree: int, height: np.ndarray, axis: int) -> np.ndarray:
 class Surface(NamedTuple):
     """A surface over the pixels: (100, 100) each.
 
-    height: above the undeformed gel, also where it does not reach it. slope: (2, 100, 100), along the columns
-    (y) and the rows (z). piece: numbers of its smooth pieces. short: how far depth maps stop short of it.
+    height: above the undeformed gel (negative: not in contact). slope: (2, 100, 100), along y and z. piece: number
+    of the smooth piece of each pixel. shortfall: by how much depth maps stop short of the surface.
     """
 
     height: np.ndarray
     slope: np.ndarray
     piece: np.ndarray
-    short: np.ndarray | float = 0.0
+    shortfall: np.ndarray | float = 0.0
 
 
 def press(shape: Callable[[np.random.Generator], Surface], random: np.random.Generator) -> Press:
     """A shape pressed at random places and depths."""
     surfaces = [shape(random) for _ in range(PRESSES)]
     exact = np.stack([SENSOR_RANGE - each.height for each in surfaces])
-    touched = exact <= SENSOR_RANGE
-    depth = np.stack([SENSOR_RANGE - each.height - each.short for each in surfaces])
-    slope = np.where(touched[:, None], np.stack([each.slope for each in surfaces]), 0)
+    in_contact = exact <= SENSOR_RANGE
+    depth = np.stack([SENSOR_RANGE - each.height - each.shortfall for each in surfaces])
+    slope = np.where(in_contact[:, None], np.stack([each.slope for each in surfaces]), 0)
     normal = _normals(slope[:, 0], slope[:, 1])
-    piece = np.where(touched, np.stack([each.piece for each in surfaces]), -1)
-    around = (1, 2 * REACH + 1, 2 * REACH + 1)
+    piece = np.where(in_contact, np.stack([each.piece for each in surfaces]), -1)
+    around = (1, 2 * EDGE_PIXELS + 1, 2 * EDGE_PIXELS + 1)
     inside = ndimage.minimum_filter(piece, around) == ndimage.maximum_filter(piece, around)
-    reading = _true_reading(np.where(touched, SENSOR_RANGE - exact, 0), normal)
+    reading = _true_reading(np.where(in_contact, SENSOR_RANGE - exact, 0), normal)
     return Press(np.where(depth <= SENSOR_RANGE, depth, np.inf).astype(np.float32), normal, reading, inside)
 
 
@@ -235,56 +238,56 @@ def _true_reading(height: np.ndarray, normal: np.ndarray) -> np.ndarray:
 
 
 def _place(random: np.random.Generator) -> tuple[np.ndarray, np.ndarray, float]:
-    """A point in the middle of the sensor (2,), a direction (2,), and how deep it is pressed, metres."""
+    """A random point near the sensor's centre (2,), direction (2,) and depth of the impression; metres."""
     angle = random.uniform(0, 2 * np.pi)
     centre = random.uniform(-SENSOR_WIDTH / 3, SENSOR_WIDTH / 3, 2)
-    return centre, np.array([np.cos(angle), np.sin(angle)]), random.uniform(DEEPEST / 6, DEEPEST)
+    return centre, np.array([np.cos(angle), np.sin(angle)]), random.uniform(MAX_IMPRESSION / 6, MAX_IMPRESSION)
 
 
-def _round(across: np.ndarray, radius: float, deep: float) -> Surface:
-    """A ball or a rod: across (2, 100, 100) is the way from its centre or axis; its lower half touches the gel."""
+def _round_surface(across: np.ndarray, radius: float, depth: float) -> Surface:
+    """A ball or a rod; across (2, 100, 100): vectors from its centre or axis. Its lower half touches the gel."""
     square = radius**2 - (across**2).sum(axis=0)
     hit = square > 0
     rise = np.sqrt(np.where(hit, square, 1))
-    height = np.where(hit, deep - radius + rise, -np.inf)
+    height = np.where(hit, depth - radius + rise, -np.inf)
     return Surface(height, np.where(hit, -across / rise, 0), hit.astype(int))
 
 
 def _sphere(radius: float, random: np.random.Generator) -> Surface:
-    (y, z), _, deep = _place(random)
-    return _round(np.stack([Y - y, Z - z]), radius * random.uniform(0.8, 1.2), deep)
+    (y, z), _, depth = _place(random)
+    return _round_surface(np.stack([Y - y, Z - z]), radius * random.uniform(0.8, 1.2), depth)
 
 
 def _traced_sphere(radius: float, random: np.random.Generator) -> Surface:
-    """As sphere tracing meets it: each ray stops as soon as it is nearer than its tolerance."""
-    (y, z), _, deep = _place(random)
+    """A sphere whose depth maps are sphere-traced: each ray stops within the tolerance of the surface."""
+    (y, z), _, depth = _place(random)
     radius *= random.uniform(0.8, 1.2)
-    ball = _round(np.stack([Y - y, Z - z]), radius, deep)
-    centre, reached = SENSOR_RANGE - deep + radius, np.zeros_like(Y)
-    for _ in range(STEPS):
+    ball = _round_surface(np.stack([Y - y, Z - z]), radius, depth)
+    centre, reached = SENSOR_RANGE - depth + radius, np.zeros_like(Y)
+    for _ in range(TRACING_STEPS):
         gap = np.hypot(np.hypot(Y - y, Z - z), centre - reached) - radius
         reached += np.where(gap > TOLERANCE, gap, 0)
-    return ball._replace(short=np.where(ball.piece, SENSOR_RANGE - ball.height - reached, 0))
+    return ball._replace(shortfall=np.where(ball.piece, SENSOR_RANGE - ball.height - reached, 0))
 
 
 def _cylinder(radius: float, random: np.random.Generator) -> Surface:
-    """Its axis is parallel to the gel."""
-    (y, z), (u, v), deep = _place(random)
+    """A cylinder whose axis is parallel to the gel."""
+    (y, z), (u, v), depth = _place(random)
     off = (Y - y) * u + (Z - z) * v
-    return _round(np.stack([off * u, off * v]), radius * random.uniform(0.8, 1.2), deep)
+    return _round_surface(np.stack([off * u, off * v]), radius * random.uniform(0.8, 1.2), depth)
 
 
 def _plane(random: np.random.Generator) -> Surface:
-    """Tilted by up to 60 degrees."""
-    (y, z), (u, v), deep = _place(random)
+    """A plane tilted by up to 60 degrees."""
+    (y, z), (u, v), depth = _place(random)
     steep = np.tan(random.uniform(0, np.radians(60)))
     slope = steep * np.array([u, v])[:, None, None] * np.ones_like(Y)
-    return Surface(deep + steep * ((Y - y) * u + (Z - z) * v), slope, np.zeros(Y.shape, dtype=int))
+    return Surface(depth + steep * ((Y - y) * u + (Z - z) * v), slope, np.zeros(Y.shape, dtype=int))
 
 
 def _step(random: np.random.Generator) -> Surface:
     """Two levels with a vertical wall between them."""
-    (y, z), (u, v), deep = _place(random)
+    (y, z), (u, v), depth = _place(random)
     up = (Y - y) * u + (Z - z) * v > 0
-    low = random.uniform(0, deep)
-    return Surface(np.where(up, deep, low), np.zeros((2, *Y.shape)), up.astype(int))
+    low = random.uniform(0, depth)
+    return Surface(np.where(up, depth, low), np.zeros((2, *Y.shape)), up.astype(int))

@@ -1,7 +1,7 @@
 """Error against run time of the methods of one stage, object by object.
 
-A study says what its methods are, on what they work, and how wrong a result is; `measure` runs them and makes
-the rows of `reports/error_vs_runtime.csv`.
+A study defines methods, cases and errors. `measure` runs every method on every case and makes the rows of
+`reports/error_vs_runtime.csv`.
 """
 
 import logging
@@ -21,13 +21,13 @@ COLUMNS = (
     "stage", "object", "method", "knob", "value", "chosen", "measure", "drawn", "error", "unit", "reference",
     "seconds", "seconds_low", "seconds_high", "rounds", "peak_mib", "front", "noisy",
 )  # fmt: skip
-ALL = "all"  # the object of rows that stand for all objects together
+ALL = "all"  # the object of rows that are means over all objects
 
 
 class Method(NamedTuple):
-    """One way to do it: a method with one knob at one value.
+    """A method with one knob at one value.
 
-    run: from a case to a result; the same every time. chosen: whether the run's config has it.
+    run: makes a result from a case, deterministically. chosen: whether the run's config uses it.
     """
 
     name: str
@@ -41,7 +41,7 @@ class Method(NamedTuple):
 
 
 class Study(ABC):
-    """What is compared in a stage.
+    """A comparison of the methods of one stage.
 
     Attributes:
         stage: its name in the report.
@@ -57,27 +57,27 @@ class Study(ABC):
 
     @abstractmethod
     def cases(self) -> Iterable[tuple[str, Any]]:
-        """Names of objects, and what methods are given."""
+        """Names of objects, and the case of each that methods take."""
 
     @abstractmethod
     def methods(self) -> list[Method]:
-        """All that are compared."""
+        """All methods that are compared."""
 
     @abstractmethod
     def errors(self, case: Any, result: Any) -> dict[str, float]:
-        """How wrong a result is: a number for each key of `units`; NaN where it makes no sense."""
+        """Errors of a result: a number for each key of `units`, NaN where one is undefined."""
 
 
 def measure(study: Study, rounds: int = ROUNDS) -> pd.DataFrame:
-    """Every method on every case: a row a case, method and measure, with the columns `COLUMNS`.
+    """Run every method on every case: a row for each case, method and measure, with the columns `COLUMNS`.
 
-    Seconds are the median of the rounds and their quartiles (`studies.timing`); the peak memory is what
-    the process takes more at the method's first run. `front`: nothing else of the same object is faster and
-    errs no more. `noisy`: on the front, but the rounds don't rank its time and that of its neighbour there.
-    Rows of the object `ALL` hold means over the objects.
+    Seconds are the median and the quartiles of the rounds (`studies.timing`). The peak memory is the rise of the
+    process's memory in the method's first run. `front`: no other method on this object is faster with at most the
+    same error. `noisy`: on the front, but its time does not differ significantly from that of its neighbour there.
+    Rows of the object `ALL` are means over the objects.
     """
     methods = study.methods()
-    found: dict[str, dict[Method, tuple[dict[str, float], float, Timing]]] = {}
+    measurements: dict[str, dict[Method, tuple[dict[str, float], float, Timing]]] = {}
     for name, case in study.cases():
         log.info("%s: %s, %d methods", study.stage, name, len(methods))
         errors, memory = {}, {}
@@ -88,10 +88,12 @@ def measure(study: Study, rounds: int = ROUNDS) -> pd.DataFrame:
             log.info("  %s: %s", method, errors[number])
         calls = {number: lambda m=method, case=case: m.run(case) for number, method in enumerate(methods)}
         times = interleaved(calls, rounds, warm=True)
-        found[name] = {m: (errors[k], memory[k], times[k]) for k, m in enumerate(methods)}
-    if len(found) > 1:
-        found[ALL] = {m: _together([of[m] for of in found.values()], study.units) for m in methods}
-    rows = [row for name, of in found.items() for row in _rows(study, name, of, rounds)]
+        measurements[name] = {m: (errors[k], memory[k], times[k]) for k, m in enumerate(methods)}
+    if len(measurements) > 1:
+        measurements[ALL] = {
+            m: _mean_over_objects([of[m] for of in measurements.values()], study.units) for m in methods
+        }
+    rows = [row for name, of in measurements.items() for row in _rows(study, name, of, rounds)]
     table = pd.DataFrame(rows, columns=list(COLUMNS))
     for row in table[table["noisy"] & table["drawn"] & (table["object"] == ALL)].itertuples():
         log.warning(
@@ -103,7 +105,7 @@ def measure(study: Study, rounds: int = ROUNDS) -> pd.DataFrame:
 
 
 def setting(knob: str, value: Any) -> str:
-    """A knob and its value, as it is read: numbers without needless digits."""
+    """A knob and its value as text, numbers without needless digits."""
     try:
         return f"{knob} {float(value):g}"
     except ValueError:
@@ -111,27 +113,27 @@ def setting(knob: str, value: Any) -> str:
 
 
 def over_objects(table: pd.DataFrame) -> pd.DataFrame:
-    """Of each stage the rows that stand for all of its objects; its only object's where it has one."""
+    """The rows of each stage that are means over its objects; of a stage with one object, the rows of that one."""
     together = set(table.loc[table["object"] == ALL, "stage"])
     return table[(table["object"] == ALL) | ~table["stage"].isin(together)]
 
 
-def _together(found: list, units: Mapping[str, str]) -> tuple[dict[str, float], float, Timing]:
+def _mean_over_objects(measurements: list, units: Mapping[str, str]) -> tuple[dict[str, float], float, Timing]:
     """One method on several objects: mean errors, the largest memory, the mean time round by round."""
-    errors = {key: float(np.mean([errors[key] for errors, _, _ in found])) for key in units}
-    together = timing(np.mean([each.rounds for _, _, each in found], axis=0))
-    return errors, max(memory for _, memory, _ in found), together
+    errors = {key: float(np.mean([errors[key] for errors, _, _ in measurements])) for key in units}
+    together = timing(np.mean([each.rounds for _, _, each in measurements], axis=0))
+    return errors, max(memory for _, memory, _ in measurements), together
 
 
-def _rows(study: Study, name: str, found: Mapping[Method, tuple], rounds: int) -> list[dict[str, Any]]:
+def _rows(study: Study, name: str, measurements: Mapping[Method, tuple], rounds: int) -> list[dict[str, Any]]:
     rows = []
     for number, (measured, unit) in enumerate(study.units.items()):
-        methods = list(found)
-        times = [found[m][2] for m in methods]
-        best = front([t.seconds for t in times], [found[m][0][measured] for m in methods])
-        noisy = _noisy(times, best)
-        for method, on, doubtful in zip(methods, best, noisy, strict=True):
-            errors, memory, taken = found[method]
+        methods = list(measurements)
+        times = [measurements[m][2] for m in methods]
+        on_front = front([t.seconds for t in times], [measurements[m][0][measured] for m in methods])
+        noisy = _noisy(times, on_front)
+        for method, is_on_front, doubtful in zip(methods, on_front, noisy, strict=True):
+            errors, memory, times_of_method = measurements[method]
             rows.append(
                 {
                     "stage": study.stage,
@@ -145,21 +147,21 @@ def _rows(study: Study, name: str, found: Mapping[Method, tuple], rounds: int) -
                     "error": errors[measured],
                     "unit": unit,
                     "reference": study.reference,
-                    "seconds": taken.seconds,
-                    "seconds_low": taken.low,
-                    "seconds_high": taken.high,
+                    "seconds": times_of_method.seconds,
+                    "seconds_low": times_of_method.low,
+                    "seconds_high": times_of_method.high,
                     "rounds": rounds,
                     "peak_mib": memory / 2**20,
-                    "front": bool(on),
+                    "front": bool(is_on_front),
                     "noisy": bool(doubtful),
                 }
             )
     return rows
 
 
-def _noisy(times: list[Timing], best: np.ndarray) -> np.ndarray:
-    """Which methods on the front the rounds don't rank in time against the next on it: (n,) bool."""
-    ranked = sorted(np.flatnonzero(best), key=lambda k: times[k].seconds)
+def _noisy(times: list[Timing], on_front: np.ndarray) -> np.ndarray:
+    """Which methods on the front don't differ significantly in time from a neighbour there: (n,) bool."""
+    ranked = sorted(np.flatnonzero(on_front), key=lambda k: times[k].seconds)
     noisy = np.zeros(len(times), dtype=bool)
     for one, other in zip(ranked, ranked[1:], strict=False):
         if not differs_significantly(times[one], times[other]):

@@ -1,4 +1,4 @@
-"""Surface sampling: which area points are spread over and how evenly, against the time it takes."""
+"""Surface sampling: which area gets points and how evenly, against time."""
 
 from collections.abc import Callable, Iterable, Mapping
 from functools import partial
@@ -22,18 +22,18 @@ COUNTS = (16, 32, 64, 128, 256)  # directions of rays
 RESOLUTIONS = (64, 128, 256, 512)  # pixels along a depth map
 MORE_VIEWS = np.concatenate([VIEWS, fibonacci_sphere(14)])
 
-# Directions of the reference: four times as many find 0.1 % more of the places on eight objects to see out.
+# Directions of the reference: four times as many find 0.1 % more exterior points on eight objects.
 REFERENCE = 1024
-# Places looked at: on shapes whose exterior is known in closed form, and on the run's objects.
-KNOWN, TRACED = 20_000, 2_000
-# Not the methods': from the same numbers trimesh would draw the very points that they draw.
-PLACES_SEED = 1
+# Number of test points on shapes whose exterior is known in closed form, and on the run's objects.
+SHAPE_POINTS, OBJECT_POINTS = 20_000, 2_000
+# Differs from the methods' seed: with the same one trimesh would draw the same points.
+POINTS_SEED = 1
 
 
 class Case(NamedTuple):
-    """A mesh, and places on it, uniform by area.
+    """A mesh, and test points on it, uniform by area.
 
-    points: (n, 3). face: (n,) of `mesh.faces`. exterior: (n,) bool, whether a straight line leads out.
+    points: (n, 3). face: (n,) of `mesh.faces`. exterior: (n,) bool, whether a point is visible from outside.
     """
 
     mesh: trimesh.Trimesh
@@ -43,10 +43,10 @@ class Case(NamedTuple):
 
 
 class Sampled(NamedTuple):
-    """What a method gives: (k, 3) points, and whether it takes the places of a case for exterior, (n,)."""
+    """A method's result: points (k, 3), and a function that classifies the points of a case as exterior (n,)."""
 
     points: np.ndarray
-    takes: Callable[[Case], np.ndarray]
+    classifies: Callable[[Case], np.ndarray]
 
 
 def study(run: Path, subjects: list[Subject], settings: Mapping[str, Any]) -> "Surface":
@@ -60,10 +60,10 @@ def study(run: Path, subjects: list[Subject], settings: Mapping[str, Any]) -> "S
 class Surface(Study):
     """Visibility rays and depth maps.
 
-    `misclassified` is the area that gets points and is hidden, and the area that gets none and is not. For
-    depth maps that is what no map faces, whatever their resolution: each pixel looks at a random spot of its
-    square. Coarse maps are wrong otherwise: they see fewer spots than there are points, and know worse how
-    many maps see a spot. That shows in the Chamfer distance, which is not zero for exact samples either.
+    `misclassified` is the hidden area that gets points plus the exterior area that gets none. For depth maps it
+    does not depend on their resolution, because each pixel looks at a random spot of its square. Coarse maps err in
+    another way: they see fewer spots than there are points, and estimate worse how many maps see a spot. The Chamfer
+    distance shows that; it is not zero for exact samples either.
     """
 
     stage = "surface"
@@ -81,7 +81,7 @@ class Surface(Study):
         yield "overlapping spheres", overlapping_spheres()
         yield "cup 4 radii deep", cup(4)
         for subject in self._subjects:
-            yield subject.name, traced(load_visual(subject.folder))
+            yield subject.name, traced_case(load_visual(subject.folder))
 
     def methods(self) -> list[Method]:
         rays, maps = self._chosen == "rays", self._chosen == "depth_maps"
@@ -96,15 +96,15 @@ class Surface(Study):
 
     def errors(self, case: Case, result: Sampled) -> dict[str, float]:
         exact = case.points[case.exterior]
-        there, back = cKDTree(result.points).query(exact)[0], cKDTree(exact).query(result.points)[0]
+        to_sampled, to_exterior = cKDTree(result.points).query(exact)[0], cKDTree(exact).query(result.points)[0]
         return {
-            "misclassified": 100 * (result.takes(case) != case.exterior).sum() / len(exact),
-            "Chamfer distance": 1e3 * (there.mean() + back.mean()),
+            "misclassified": 100 * (result.classifies(case) != case.exterior).sum() / len(exact),
+            "Chamfer distance": 1e3 * (to_sampled.mean() + to_exterior.mean()),
         }
 
     def _rays(self, directions: int, case: Case) -> Sampled:
         points = sample_by_rays(RayMesh(case.mesh), self._points, np.random.default_rng(0), directions)
-        return Sampled(points, partial(_taken_by_rays, directions))
+        return Sampled(points, partial(_visible_to_rays, directions))
 
     def _maps(self, resolution: int, views: np.ndarray, case: Case) -> Sampled:
         random = np.random.default_rng(0)
@@ -112,17 +112,17 @@ class Surface(Study):
         return Sampled(points, lambda case: visible(case.mesh, case.points, case.face, -views))
 
 
-def _taken_by_rays(directions: int, case: Case) -> np.ndarray:
+def _visible_to_rays(directions: int, case: Case) -> np.ndarray:
     mesh = RayMesh(case.mesh)
     return sees_out(mesh, case.points, np.searchsorted(mesh.face, case.face), directions)
 
 
 def visible(mesh: trimesh.Trimesh, points: np.ndarray, face: np.ndarray, directions: np.ndarray) -> np.ndarray:
-    """Whether each point (n, 3) of a face (n,) sees out in any of the directions (d, 3): (n,) bool.
+    """Whether each point (n, 3) of a face (n,) is visible from outside along any of the directions (d, 3): (n,) bool.
 
-    In double precision; a face seen edge-on is not seen.
+    In double precision; a face is not visible edge-on.
     """
-    # libigl takes rays for parallel to faces whose area is small in absolute terms.
+    # libigl treats rays as parallel to a face if its absolute area is small.
     scale = 1e6 / mesh.extents.max()
     vertices, faces = np.ascontiguousarray(scale * mesh.vertices), np.ascontiguousarray(mesh.faces)
     tree = igl.AABB()
@@ -137,9 +137,9 @@ def visible(mesh: trimesh.Trimesh, points: np.ndarray, face: np.ndarray, directi
     return ~np.isin(np.arange(len(points)), hidden)
 
 
-def traced(mesh: trimesh.Trimesh, count: int = TRACED, directions: int = REFERENCE) -> Case:
-    """A case of any mesh: its exterior is what sees out in some direction."""
-    points, face = _places(mesh, count)
+def traced_case(mesh: trimesh.Trimesh, count: int = OBJECT_POINTS, directions: int = REFERENCE) -> Case:
+    """The case of any mesh: its exterior is what is visible along some direction."""
+    points, face = _sample_points(mesh, count)
     return Case(mesh, points, face, visible(mesh, points, face, sobol_sphere(directions)))
 
 
@@ -151,10 +151,10 @@ def sobol_sphere(count: int) -> np.ndarray:
 
 
 def overlapping_spheres() -> Case:
-    """Two convex polyhedra of 0.1 m radius, 0.1 m apart: what is inside the other one is hidden."""
+    """Two convex polyhedra of 0.1 m radius, 0.1 m apart: the area inside the other one is hidden."""
     balls = [trimesh.creation.icosphere(subdivisions=4, radius=0.1).apply_translation((x, 0, 0)) for x in (0, 0.1)]
     mesh = trimesh.util.concatenate(balls)
-    points, face = _places(mesh)
+    points, face = _sample_points(mesh)
     exterior = np.ones(len(points), dtype=bool)
     for k, other in enumerate(reversed(balls)):
         away = np.linalg.norm(points - other.center_mass, axis=1)
@@ -165,15 +165,15 @@ def overlapping_spheres() -> Case:
 
 
 def cup(depth: float) -> Case:
-    """A cup `depth` radii (50 mm) deep with walls of 1 mm: all of it is exterior, the floor just so."""
+    """A cup `depth` radii (50 mm) deep with walls of 1 mm: all of it is exterior, the floor barely."""
     radius, inner = 0.05, 0.049
     height = radius * depth
     profile = np.array([[0, 0], [radius, 0], [radius, height], [inner, height], [inner, 0.001], [0, 0.001]])
     mesh = trimesh.creation.revolve(profile, sections=96).subdivide().subdivide()
-    points, face = _places(mesh)
+    points, face = _sample_points(mesh)
     return Case(mesh, points, face, np.ones(len(points), dtype=bool))
 
 
-def _places(mesh: trimesh.Trimesh, count: int = KNOWN) -> tuple[np.ndarray, np.ndarray]:
-    points, face = trimesh.sample.sample_surface(mesh, count, seed=PLACES_SEED)
+def _sample_points(mesh: trimesh.Trimesh, count: int = SHAPE_POINTS) -> tuple[np.ndarray, np.ndarray]:
+    points, face = trimesh.sample.sample_surface(mesh, count, seed=POINTS_SEED)
     return np.asarray(points), np.asarray(face)

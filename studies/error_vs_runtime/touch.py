@@ -1,4 +1,4 @@
-"""Touch depth: how far depth maps, and the readings that follow from them, are from exact rays."""
+"""Touch depth: error of depth maps, and of readings made from them, relative to exact rays, against time."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
@@ -23,7 +23,7 @@ from studies.subjects import Subject
 TOUCHES = 4  # of an object: the first that its grasps have
 TOLERANCES = (1e-3, 1e-4, 1e-5, 1e-6)  # m
 STEPS = (5, 10, 20, 50)  # at most; by default as many as a ray can take
-MOST_STEPS = 200  # on a grid, more than any ray takes
+MAX_GRID_STEPS = 200  # of sphere tracing on a grid; more than any ray takes
 CELLS = (6, 12, 20)  # along each side of the box in front of a sensor
 
 
@@ -33,7 +33,7 @@ class Case(NamedTuple):
     Attributes:
         visual: every face; decimated: meshes with fewer faces, by their file.
         position: (k, 3), rotation: (k, 3, 3) of the sensors.
-        depth: (k, 100, 100) the reference; reading: (k, 100, 100, 3) uint8, which follows from it.
+        depth: (k, 100, 100) the reference; reading: (k, 100, 100, 3) uint8, made from it.
     """
 
     visual: trimesh.Trimesh
@@ -45,10 +45,10 @@ class Case(NamedTuple):
 
 
 def exact_depth(triangles: np.ndarray, position: np.ndarray, rotation: np.ndarray) -> np.ndarray:
-    """Depth of every pixel of one sensor (100, 100), +inf beyond its range: every ray against every face.
+    """Depth of every pixel of one sensor (100, 100), +inf beyond its range: tests every ray with every face.
 
-    By Moeller and Trumbore (1997), in the sensor's frame, in the precision of the arguments. Only faces whose
-    bounding boxes miss all rays are omitted.
+    By Moeller and Trumbore (1997), in the sensor's frame, in the precision of the arguments. Faces whose bounding
+    boxes miss all rays are skipped.
 
     triangles: (f, 3, 3), position: (3,), rotation: (3, 3), all in one frame, metres.
     """
@@ -73,7 +73,7 @@ def exact_depth(triangles: np.ndarray, position: np.ndarray, rotation: np.ndarra
     return depth
 
 
-def library(tracer: Callable, visual: trimesh.Trimesh, position, rotation, **options) -> np.ndarray:
+def traced_by_library(tracer: Callable, visual: trimesh.Trimesh, position, rotation, **options) -> np.ndarray:
     """Depth maps (k, 100, 100) of k sensors by one of the library's tracers, its search tree included."""
     return tracer(visual, **options).trace(position, rotation)
 
@@ -87,8 +87,8 @@ def _in_range(depth: np.ndarray) -> np.ndarray:
     return np.where(depth <= SENSOR_RANGE, depth, np.inf).reshape(-1, RESOLUTION, RESOLUTION)
 
 
-def single_precision(visual: trimesh.Trimesh, position, rotation) -> np.ndarray:
-    """The depth maps that Embree itself gives: its own distances, in single precision."""
+def traced_in_single_precision(visual: trimesh.Trimesh, position, rotation) -> np.ndarray:
+    """Depth maps from Embree's own distances, in single precision."""
     scene = EmbreeScene(robust=True)
     TriangleMesh(scene, visual.vertices.astype(np.float32), visual.faces.astype(np.int32))
     depth = []
@@ -99,8 +99,8 @@ def single_precision(visual: trimesh.Trimesh, position, rotation) -> np.ndarray:
     return _in_range(np.array(depth))
 
 
-def wrapper(visual: trimesh.Trimesh, position, rotation) -> np.ndarray:
-    """Depth maps by trimesh's wrapper of Embree, which takes the plane of the face in double precision."""
+def traced_by_trimesh(visual: trimesh.Trimesh, position, rotation) -> np.ndarray:
+    """Depth maps by trimesh's wrapper of Embree, which intersects the face's plane in double precision."""
     caster = RayMeshIntersector(visual)
     depth = np.full((len(position), RESOLUTION**2), np.inf)
     for k, (start, direction) in enumerate(map(_rays, position, rotation)):
@@ -109,10 +109,10 @@ def wrapper(visual: trimesh.Trimesh, position, rotation) -> np.ndarray:
     return _in_range(depth)
 
 
-def on_grid(visual: trimesh.Trimesh, position, rotation, cells: int) -> np.ndarray:
-    """Depth maps by sphere tracing on a grid: signed distances at its corners, between them linear.
+def traced_on_grid(visual: trimesh.Trimesh, position, rotation, cells: int) -> np.ndarray:
+    """Depth maps by sphere tracing on a grid of signed distances, interpolated linearly.
 
-    Each sensor has a grid of its own, of the box in front of it: `cells` along each side.
+    Each sensor has its own grid over the box in front of it, with `cells` along each side.
     """
     half = SENSOR_WIDTH / 2
     axes = [np.linspace(0, SENSOR_RANGE, cells + 1)] + 2 * [np.linspace(-half, half, cells + 1)]
@@ -124,17 +124,17 @@ def on_grid(visual: trimesh.Trimesh, position, rotation, cells: int) -> np.ndarr
         np.asarray(visual.faces, dtype=np.int64),
         sign_type=igl.SIGNED_DISTANCE_TYPE_FAST_WINDING_NUMBER,
     )[0].reshape(-1, *3 * (cells + 1,))
-    return _in_range(np.array([_traced(RegularGridInterpolator(axes, distance)) for distance in signed]))
+    return _in_range(np.array([_sphere_traced(RegularGridInterpolator(axes, distance)) for distance in signed]))
 
 
-def _traced(distance: RegularGridInterpolator) -> np.ndarray:
+def _sphere_traced(distance: RegularGridInterpolator) -> np.ndarray:
     """Depth (10000,) of a sensor's pixels by sphere tracing on a signed distance, +inf for a miss.
 
-    A step beyond the surface is taken back by the next; a sensor inside the object looks for its way out.
+    A step beyond the surface is undone by the next. A ray that starts inside the object finds where it leaves it.
     """
     points = SENSOR_PLANE.reshape(-1, 3).copy()
     side, moving = np.sign(distance(points)), np.arange(len(points))
-    for _ in range(MOST_STEPS):
+    for _ in range(MAX_GRID_STEPS):
         step = side[moving] * distance(points[moving])
         moving, step = moving[np.abs(step) > TOLERANCE], step[np.abs(step) > TOLERANCE]
         points[moving, 0] = np.maximum(points[moving, 0] + step, 0)
@@ -148,9 +148,9 @@ def _traced(distance: RegularGridInterpolator) -> np.ndarray:
 
 
 class TouchStudy(Study):
-    """Ways to get the depth maps of an object's first touches, search tree or grid included.
+    """Ways to compute the depth maps of an object's first touches; times include the search tree or grid.
 
-    A run makes the search tree once for all touches of an object, which are several times as many.
+    A run builds the search tree once for all touches of an object, several times as many as here.
 
     Args:
         run: its folder; meshes and grasps are read.
@@ -173,7 +173,7 @@ class TouchStudy(Study):
 
     def _case(self, subject: Subject) -> Case:
         visual = mesh.load_visual(subject.folder)
-        position, rotation = _touching(self.run, subject)
+        position, rotation = _touching_sensors(self.run, subject)
         triangles = np.asarray(visual.triangles, dtype=float)
         depth = np.array([exact_depth(triangles, p, r) for p, r in zip(position, rotation, strict=True)])
         decimated = {file: trimesh.load_mesh(subject.folder / file, process=False) for file in self.files}
@@ -186,41 +186,41 @@ class TouchStudy(Study):
 
         def decimated(file: str) -> Callable[[Case], np.ndarray]:
             tracer = TRACERS[self.tracer]
-            return lambda case: library(tracer, case.decimated[file], case.position, case.rotation)
+            return lambda case: traced_by_library(tracer, case.decimated[file], case.position, case.rotation)
 
         spheres = self.tracer == "sphere_tracing"
-        found = [
-            Method("embree", "precision", "double", of(library, RayCaster), self.tracer == "embree"),
-            Method("embree alone", "precision", "single", of(single_precision)),
-            Method("trimesh's wrapper", "precision", "double", of(wrapper)),
+        methods = [
+            Method("embree", "precision", "double", of(traced_by_library, RayCaster), self.tracer == "embree"),
+            Method("embree alone", "precision", "single", of(traced_in_single_precision)),
+            Method("trimesh's wrapper", "precision", "double", of(traced_by_trimesh)),
         ]
         for tolerance in TOLERANCES:
-            run = of(library, SphereTracer, tolerance=tolerance)
+            run = of(traced_by_library, SphereTracer, tolerance=tolerance)
             chosen = spheres and tolerance == TOLERANCE
-            found.append(Method("sphere tracing", "tolerance, m", tolerance, run, chosen))
+            methods.append(Method("sphere tracing", "tolerance, m", tolerance, run, chosen))
         for steps in STEPS:
-            run = of(library, SphereTracer, max_steps=steps)
-            found.append(Method("sphere tracing", "steps", steps, run))
+            run = of(traced_by_library, SphereTracer, max_steps=steps)
+            methods.append(Method("sphere tracing", "steps", steps, run))
         for cells in CELLS:
-            found.append(Method("sphere tracing on a grid", "cells a side", cells, of(on_grid, cells=cells)))
+            methods.append(Method("sphere tracing on a grid", "cells a side", cells, of(traced_on_grid, cells=cells)))
         for file in self.files:
-            found.append(Method(f"{self.tracer}, fewer faces", "mesh", file, decimated(file)))
-        return found
+            methods.append(Method(f"{self.tracer}, fewer faces", "mesh", file, decimated(file)))
+        return methods
 
     def errors(self, case: Case, result: np.ndarray) -> dict[str, float]:
-        """Mean and largest error of pixels that both have in range; of readings, over those that either has."""
-        found, right = np.isfinite(result), np.isfinite(case.depth)
-        off = 1e3 * np.abs(result[found & right] - case.depth[found & right])
-        grey = np.abs(shade(result).astype(int) - case.reading)[found | right]
+        """Errors of depth over pixels in range in both; of readings, over pixels in range in either."""
+        hit, reference_hit = np.isfinite(result), np.isfinite(case.depth)
+        off = 1e3 * np.abs(result[hit & reference_hit] - case.depth[hit & reference_hit])
+        grey = np.abs(shade(result).astype(int) - case.reading)[hit | reference_hit]
         return {
             "depth": float(off.mean()) if len(off) else np.nan,
             "worst depth": float(off.max()) if len(off) else np.nan,
-            "flipped": 100 * float((found != right).mean()),
+            "flipped": 100 * float((hit != reference_hit).mean()),
             "reading": float(grey.mean()) if len(grey) else 0.0,
         }
 
 
-def _touching(run: Path, subject: Subject) -> tuple[np.ndarray, np.ndarray]:
+def _touching_sensors(run: Path, subject: Subject) -> tuple[np.ndarray, np.ndarray]:
     """Positions (k, 3) and rotations (k, 3, 3) of the first sensors that touch, in the object's frame."""
     names = ("object", "sensor_position", "sensor_rotation", "touches")
     objects, position, rotation, touches = store.read(run / f"grasps/{subject.batch}.h5", *names).values()

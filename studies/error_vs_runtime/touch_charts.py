@@ -1,4 +1,4 @@
-"""Fits of touch charts to what a sensor sees: how far from the true surface the chart is, and the time.
+"""Fits of touch charts to depth maps: distance of the chart from the true surface, against time.
 
 Charts are fitted to true depth maps, so that the error is the fit's and not the U-Net's.
 """
@@ -25,12 +25,12 @@ from studies.error_vs_runtime.study import Method, Study
 from studies.subjects import Subject
 
 OBJECTS, TOUCHES = 2, 2  # that are looked at, and of each object
-FINE = 4  # rays of the true surface along each side of a pixel
-ON_CHART = 20_000  # points on a chart
-AT_MOST = 100  # steps of the paper's optimisation, where the run does not use it
-CLOUD = 2000  # points, of the up to 10,000 of a local cloud
+RAYS_PER_PIXEL = 4  # along each side of a pixel, to sample the true surface
+CHART_POINTS = 20_000  # points on a chart
+MAX_STEPS = 100  # steps of the paper's optimisation, where the run does not use it
+CLOUD_POINTS = 2000  # points, of the up to 10,000 of a local cloud
 # What differs from the fit with `fit_adam`'s own options.
-TRIED = {"steps": (50,), "samples": (500,), "rate": (0.01,), "points of the cloud": (CLOUD,)}
+VARIANTS = {"steps": (50,), "samples": (500,), "rate": (0.01,), "points of the cloud": (CLOUD_POINTS,)}
 
 
 class Touches(NamedTuple):
@@ -50,14 +50,16 @@ class Touches(NamedTuple):
     truth: list[tuple[np.ndarray, cKDTree]]
 
 
-def seen_surface(triangles: np.ndarray, position: np.ndarray, rotation: np.ndarray, fine: int) -> np.ndarray:
-    """Points (n, 3) where `fine` x `fine` parallel rays from each pixel of a sensor first meet the surface.
+def visible_surface(
+    triangles: np.ndarray, position: np.ndarray, rotation: np.ndarray, rays_per_pixel: int
+) -> np.ndarray:
+    """Points (n, 3) where the parallel rays of a sensor first meet the surface within its range.
 
-    In double precision, triangle by triangle: the rays inside each, by barycentric coordinates, and of all
-    that a ray meets within the sensor's range the nearest. triangles: (f, 3, 3) m, in the frame of the pose.
+    Every pixel has `rays_per_pixel` x `rays_per_pixel` rays. Triangle by triangle in double precision, with
+    barycentric coordinates. triangles: (f, 3, 3) m, in the frame of the pose.
     """
     corners = (triangles - position) @ rotation
-    side = RESOLUTION * fine
+    side = RESOLUTION * rays_per_pixel
     low, high = corners.min(axis=1), corners.max(axis=1)
     first = np.ceil((low[:, 1:] / SENSOR_WIDTH + 0.5) * side - 0.5).clip(0).astype(int)
     last = np.floor((high[:, 1:] / SENSOR_WIDTH + 0.5) * side - 0.5).clip(max=side - 1).astype(int)
@@ -84,8 +86,11 @@ def _cross(one: np.ndarray, other: np.ndarray) -> float:
 
 
 def distances(chart: np.ndarray, truth: np.ndarray, tree: cKDTree) -> tuple[np.ndarray, np.ndarray]:
-    """Distances (n,) of the true points to the chart's faces, exact, and (m,) of points spread evenly on the
-    chart to the nearest true point; metres. chart: (81, 3); of a chart without area, its vertices."""
+    """Distances between a chart (81, 3) and true points, metres.
+
+    Returns: exact distances (n,) of the true points to the chart's faces, and distances (m,) of points spread evenly
+    on the chart to the nearest true point. For a chart without area its vertices are used.
+    """
     faces = touch_chart().faces.numpy()
     corners = chart[faces]
     area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
@@ -93,27 +98,27 @@ def distances(chart: np.ndarray, truth: np.ndarray, tree: cKDTree) -> tuple[np.n
     if not len(faces):
         return cKDTree(chart).query(truth)[0], tree.query(chart)[0]
     to_chart, _ = Surface(chart, faces).closest(truth)
-    return to_chart, tree.query(sample(chart, faces, ON_CHART))[0]
+    return to_chart, tree.query(sample(chart, faces, CHART_POINTS))[0]
 
 
 def fit_to_nearest(depth: Tensor, valid: Tensor, position: Tensor, rotation: Tensor) -> Tensor:
-    """Another direct fit: the sensor's own grid, each vertex moved to the nearest pixel in contact."""
+    """Another direct fit: each vertex of the sensor's grid is moved to the nearest pixel in contact."""
     chart: TouchChart = touch_chart()
     z, y = torch.meshgrid(*2 * [torch.from_numpy(PIXEL_CENTRES).float()], indexing="ij")
     pixels = torch.stack([y, z], dim=2).reshape(-1, 2)
-    far = torch.cdist(chart.grid, pixels).expand(len(depth), -1, -1)
-    at = far.masked_fill(~valid.flatten(1)[:, None], torch.inf).argmin(dim=2)
+    pixel_distance = torch.cdist(chart.grid, pixels).expand(len(depth), -1, -1)
+    at = pixel_distance.masked_fill(~valid.flatten(1)[:, None], torch.inf).argmin(dim=2)
     return placed(torch.cat([depth.flatten(1).gather(1, at)[..., None], pixels[at]], dim=2), position, rotation)
 
 
 class TouchCharts(Study):
-    """Touches of at most two objects, two of each: the paper's optimisation is slow."""
+    """Two touches of each of at most two objects: the paper's optimisation is slow."""
 
     stage = "touch charts"
     units = {"Chamfer distance, root mean square": "mm", "largest distance": "mm"}
     reference = (
-        f"the object's faces that the sensor sees, {FINE} x {FINE} exact rays a pixel in double precision; "
-        f"distances both ways, to the chart's triangles exact. Seconds are for {TOUCHES} touches"
+        f"the object's faces that the sensor sees, {RAYS_PER_PIXEL} x {RAYS_PER_PIXEL} exact rays a pixel in double "
+        f"precision; distances both ways, to the chart's triangles exact. Seconds are for {TOUCHES} touches"
     )
 
     def __init__(self, run: Path, subjects: Sequence[Subject], fit: str):
@@ -126,7 +131,7 @@ class TouchCharts(Study):
                 yield subject.name, touches
 
     def _touches(self, subject: Subject) -> Touches | None:
-        """`TOUCHES` of the object's successful touches, evenly over them all; None if it has none."""
+        """`TOUCHES` of the object's successful touches, evenly spaced in their order; None if it has none."""
         touches = [
             (grasp, sensor) for grasp in self.dataset[subject.name].grasps for sensor in np.flatnonzero(grasp.success)
         ]
@@ -138,7 +143,9 @@ class TouchCharts(Study):
             np.stack([getattr(grasp, name)[sensor] for grasp, sensor in chosen])
             for name in ("depth", "position", "rotation")
         ]
-        points = [seen_surface(triangles, place, turn, FINE) for place, turn in zip(*arrays[1:], strict=True)]
+        points = [
+            visible_surface(triangles, place, turn, RAYS_PER_PIXEL) for place, turn in zip(*arrays[1:], strict=True)
+        ]
         depth, position, rotation = (torch.from_numpy(array).float() for array in arrays)
         clouds = [torch.from_numpy(local_points(*each)) for each in zip(*arrays, strict=True)]
         trees = [(each, cKDTree(each)) for each in points]
@@ -146,22 +153,22 @@ class TouchCharts(Study):
 
     def methods(self) -> list[Method]:
         own = signature(fit_adam).parameters["steps"].default
-        steps = own if self.fit == "adam" else AT_MOST
+        steps = own if self.fit == "adam" else MAX_STEPS
         return [
             Method("direct", "rows", "over the contact", partial(_direct, fit_direct), self.fit == "direct"),
             Method("direct", "rows", "to the nearest contact", partial(_direct, fit_to_nearest)),
             Method("Adam", "steps", steps, partial(_adam, {"steps": steps}), self.fit == "adam"),
             *(
                 Method("Adam", knob, value, partial(_adam, {"steps": steps, knob: value}))
-                for knob, values in TRIED.items()
+                for knob, values in VARIANTS.items()
                 for value in values
             ),
         ]
 
     def errors(self, case: Touches, result: Tensor) -> dict[str, float]:
-        found = [distances(chart, *truth) for chart, truth in zip(result.double().numpy(), case.truth, strict=True)]
-        square = [(np.mean(there**2) + np.mean(back**2)) / 2 for there, back in found]
-        largest = [max(there.max(), back.max()) for there, back in found]
+        both_ways = [distances(chart, *truth) for chart, truth in zip(result.double().numpy(), case.truth, strict=True)]
+        square = [(np.mean(to_chart**2) + np.mean(from_chart**2)) / 2 for to_chart, from_chart in both_ways]
+        largest = [max(to_chart.max(), from_chart.max()) for to_chart, from_chart in both_ways]
         values = 1e3 * np.sqrt(np.mean(square)), 1e3 * np.max(largest)
         return dict(zip(self.units, map(float, values), strict=True))
 
@@ -179,6 +186,5 @@ def _adam(options: Mapping[str, Any], case: Touches) -> Tensor:
 
 
 def study(run: Path, subjects: Sequence[Subject], settings: Mapping[str, Any]) -> TouchCharts:
-    """The study of a run; of its settings `training.touch_charts` is read, of its files the meshes and the
-    store of touch."""
+    """The study of a run. Reads `training.chart_fit` of the settings, and the run's meshes and touch stores."""
     return TouchCharts(run, subjects[:OBJECTS], settings["training"]["chart_fit"])

@@ -1,4 +1,4 @@
-"""What the making of meshes omits: levels of meshes that are small already are neither decimated nor measured."""
+"""Omissions of mesh preparation: meshes that are small enough are neither decimated nor measured."""
 
 import tempfile
 from collections.abc import Callable, Iterator, Mapping
@@ -16,7 +16,7 @@ from studies.omitted.omission import Omission
 from studies.subjects import Subject
 
 WHEN = "a mesh has no more faces than a level asks for"
-# Metres. What is measured of a surface against itself is the rounding of the nearest points.
+# Metres. The distance of a surface to itself is the rounding of nearest points.
 ROUNDING = 1e-9
 
 
@@ -25,19 +25,19 @@ class Level(NamedTuple):
 
     vertices: np.ndarray
     faces: np.ndarray
-    stated: dict[str, Any]
+    record: dict[str, Any]
 
 
 def omissions(run: Path, subjects: list[Subject], settings: Mapping) -> Iterator[Omission]:
-    """Objects made anew from their own collision meshes, which are as small as is asked for.
+    """Prepare objects from their own collision meshes, which have few enough faces already.
 
-    settings: `mesh`. Read of the run: the objects' meshes.
+    settings: `mesh`. Reads the run's meshes.
     """
     asked = settings["mesh"]["collision_faces"]
     for subject in subjects:
         source = subject.folder / "collision.ply"
         faces = max(asked, len(mesh.load_collision(subject.folder).faces))
-        make = partial(made, source, faces)
+        make = partial(prepared_level, source, faces)
         for item, (omitted, difference) in ITEMS.items():
             yield Omission(
                 stage="mesh",
@@ -52,45 +52,45 @@ def omissions(run: Path, subjects: list[Subject], settings: Mapping) -> Iterator
             )
 
 
-def made(source: Path, faces: int) -> Level:
-    """The collision mesh of an object, of at most so many faces, as the workflow's stage makes it."""
+def prepared_level(source: Path, faces: int) -> Level:
+    """The collision mesh of an object with at most `faces` faces, as the workflow's stage makes it."""
     with tempfile.TemporaryDirectory() as folder:
         record = mesh.prepare(source, folder, collision_faces=faces, levels=())
         level = trimesh.load_mesh(Path(folder) / "collision.ply", process=False)
     return Level(np.asarray(level.vertices), np.asarray(level.faces), record["collision.ply"])
 
 
-def decimated(level: Level) -> Level:
-    """A level after a decimation to the faces that it is asked to have at most."""
-    vertices, faces = collapse(level.vertices, level.faces, level.stated["asked"])
+def decimate_level(level: Level) -> Level:
+    """Decimate a level to its requested number of faces."""
+    vertices, faces = collapse(level.vertices, level.faces, level.record["asked"])
     return level._replace(vertices=vertices, faces=faces)
 
 
-def measured(level: Level) -> Level:
-    """A level with its distance to the mesh that it is, measured as that of any other level."""
+def measure_level(level: Level) -> Level:
+    """Measure a level's distance to itself, as that of any other level to its source."""
     surface = Surface(level.vertices, level.faces)
     distances = {"source_to_level": distance(surface, surface), "level_to_source": distance(surface, surface)}
-    return level._replace(stated=level.stated | distances)
+    return level._replace(record=level.record | distances)
 
 
-def apart(one: Level, other: Level) -> float:
+def vertex_distance(one: Level, other: Level) -> float:
     """Metres between the vertices of two levels; infinite if their faces are not the same."""
     if one.vertices.shape != other.vertices.shape or not np.array_equal(one.faces, other.faces):
         return np.inf
     return float(np.abs(one.vertices - other.vertices).max())
 
 
-def misstated(one: Level, other: Level) -> float:
-    """Metres between what is stated of two levels' distances to the source, at most."""
+def record_difference(one: Level, other: Level) -> float:
+    """Largest difference (m) of two levels' recorded distances to the source."""
     return max(
-        abs(one.stated[way][key] - other.stated[way][key])
+        abs(one.record[way][key] - other.record[way][key])
         for way in ("source_to_level", "level_to_source")
         for key in ("mean", "max")
     )
 
 
-# What is omitted, what does it all the same, and how results differ.
+# By item: a function that does the omitted work, and the difference of results.
 ITEMS: dict[str, tuple[Callable[[Level], Level], Callable[[Level, Level], float]]] = {
-    "decimation": (decimated, apart),
-    "distance to the source": (measured, misstated),
+    "decimation": (decimate_level, vertex_distance),
+    "distance to the source": (measure_level, record_difference),
 }

@@ -1,7 +1,7 @@
-"""Omissions of models and of their data: models with needless encoders and charts, and arrays that are not taken.
+"""Omissions of models and their data: models with needless encoders and charts, arrays that no input needs.
 
-An experiment's arrays are in `palpate.training.inputs`; `palpate.models.Reconstruction` builds only what the
-experiment takes. The naive variants here have the needless inputs, whose features get no weight.
+`palpate.training.inputs` lists an experiment's arrays; `palpate.models.Reconstruction` builds only what the experiment
+needs. The naive variants here have needless inputs, whose features get no weight.
 """
 
 from collections.abc import Iterable, Mapping
@@ -42,7 +42,7 @@ ARRAYS = {
     "touch charts": ("charts",),
     "touch readings": ("rotation", "reading"),
 }
-# Of data: what is omitted, an experiment that omits it, and which others do.
+# Omissions of data: the inputs, an experiment that omits them, and all experiments that do.
 DATA = (
     ("unoccluded renders", TOUCH, "touch only, or occluded vision"),
     ("occluded renders", BOTH, "touch only, or unoccluded vision"),
@@ -52,7 +52,7 @@ DATA = (
     ("touch readings", BOTH, "all but strategy sphere with touch"),
 )
 IMAGE, READING, SPARE = "image encoder", "reading encoder", "spare touch charts"
-# Of models.
+# Omissions of models.
 MODEL = (
     (IMAGE, TOUCH, "touch only"),
     (READING, BOTH, "all but strategy sphere with touch"),
@@ -66,8 +66,10 @@ LAST_LAYER = 0.1
 
 
 class SpareGraph(Graph):
-    """A graph with `spare` touch charts more, behind all others: each has vertices and edges, but no neighbour
-    among the others, and no faces."""
+    """A graph with `spare` further touch charts after all others.
+
+    Each has vertices and edges, but no faces and no neighbours in other charts.
+    """
 
     def __init__(self, touch_charts: int, kind: str, normalisation: str, spare: int):
         self.spare = spare
@@ -81,9 +83,9 @@ class SpareGraph(Graph):
 
 
 class NaiveReconstruction(Reconstruction):
-    """A model with needless inputs; their features are further inputs of its graph network.
+    """A model with needless inputs, whose features are further inputs of its graph network.
 
-    naive: of `IMAGE`, `READING` and `SPARE`; all of them by default. Without touch there is no reading to encode.
+    naive: subset of `IMAGE`, `READING` and `SPARE`, by default all. Without touch there is no reading to encode.
     """
 
     def __init__(
@@ -110,7 +112,7 @@ class NaiveReconstruction(Reconstruction):
             self.graph = SpareGraph(charts, graph.kind, graph.normalisation, SENSORS * GRASPS - charts)
 
     def deform(self, batch, positions, given, enforced):
-        """The same, with rows for touch charts that no touch fills: in the centre, without features."""
+        """As `Reconstruction.deform`, with rows for spare touch charts: in the centre, without features."""
         moving = len(positions)
         spare = self.graph.vertices - moving
         resting = self.centre.to(positions.dtype).expand(spare, positions.shape[1], 3)
@@ -121,24 +123,24 @@ class NaiveReconstruction(Reconstruction):
 
 
 class Result(NamedTuple):
-    """Tensors by name, and the bytes that the data or the model take in memory."""
+    """Tensors by name, and the bytes of the data or the model in memory."""
 
     tensors: Mapping[str, Tensor]
     size: int
 
 
 def omissions(run: Path, subjects: list[Subject], settings: Mapping[str, Any]) -> Iterable[Omission]:
-    """Each omission of data and of models, with the first subject of the run.
+    """Omissions of data and of models, for the first subject of the run.
 
-    run: its stores of surface, touch, charts, vision and views, and its U-Net. settings: `training`, whose
-    recipe has the models' layers.
+    run: its stores of surface, touch, charts, vision and views, and its U-Net. settings: `training` and `recipe`,
+    which has the models' layers.
     """
     subject = subjects[0]
     for name, experiment, when in DATA:
         if (run / stage_of(name)).is_dir():
-            yield of_data(run, subject, name, experiment, when, settings["training"]["chart_fit"])
+            yield data_omission(run, subject, name, experiment, when, settings["training"]["chart_fit"])
     for name, experiment, when in MODEL:
-        yield of_model(run, subject, name, experiment, when, settings["recipe"])
+        yield model_omission(run, subject, name, experiment, when, settings["recipe"])
 
 
 def stage_of(name: str) -> str:
@@ -146,14 +148,18 @@ def stage_of(name: str) -> str:
     return next(item.stage for item in INPUTS if item.name in ARRAYS[name])
 
 
-def of_data(run: Path, subject: Subject, name: str, experiment: Mapping[str, Any], when: str, method: str) -> Omission:
-    """The data of an object, loaded, and its samples assembled. With touch charts, they are fitted first, by the
-    run's U-Net."""
+def data_omission(
+    run: Path, subject: Subject, name: str, experiment: Mapping[str, Any], when: str, method: str
+) -> Omission:
+    """An omission of data: the arrays of an object are loaded, and its samples assembled.
+
+    Touch charts are fitted first, with the run's U-Net.
+    """
 
     def with_it() -> Result:
         if name == "touch charts":
-            fitted(run, subject, method)
-        return loaded(run, subject, experiment, ARRAYS[name])
+            fit_charts(run, subject, method)
+        return load_samples(run, subject, experiment, ARRAYS[name])
 
     return Omission(
         "experiment",
@@ -161,44 +167,44 @@ def of_data(run: Path, subject: Subject, name: str, experiment: Mapping[str, Any
         when,
         subject.name,
         with_it,
-        lambda: loaded(run, subject, experiment),
+        lambda: load_samples(run, subject, experiment),
         difference,
         "of any value of a sample",
         size=lambda result: result.size,
     )
 
 
-def loaded(run: Path, subject: Subject, experiment: Mapping[str, Any], more: Iterable[str] = ()) -> Result:
-    """The samples of an object, from its arrays that an experiment takes and `more`, and the bytes of these."""
-    names = {item.name for item in inputs(experiment)} | set(more)
+def load_samples(run: Path, subject: Subject, experiment: Mapping[str, Any], extra: Iterable[str] = ()) -> Result:
+    """The samples of an object, from the arrays that an experiment needs and `extra`, and the bytes of these arrays."""
+    names = {item.name for item in inputs(experiment)} | set(extra)
     dataset = Dataset(run, stages(experiment)).select([subject.name])
     data = TrainingData.read(dataset, [item for item in INPUTS if item.name in names])
     samples = windows(data, experiment, *data.splits)
     return Result(Assembler(data, experiment)(samples), sum(values.nbytes for values in data.arrays.values()))
 
 
-def fitted(run: Path, subject: Subject, method: str) -> np.ndarray:
+def fit_charts(run: Path, subject: Subject, method: str) -> np.ndarray:
     """Touch charts of an object's sensors, as the stage `charts` makes them."""
     model = checkpoints.load_touch_depth(run / "models/touch_depth/best.ckpt")
     touch = store.read(run / store.CONTRACT["touch"].path(subject.batch))
     return object_charts(model, touch, [str(name) for name in touch["object"]].index(subject.name), method)
 
 
-def of_model(
+def model_omission(
     run: Path, subject: Subject, name: str, experiment: Mapping[str, Any], when: str, recipe: Mapping
 ) -> Omission:
-    """A model's prediction of an object; its size is that of its parameters and of its graph."""
+    """An omission of models: the prediction of an object; size: bytes of parameters and graph."""
     torch.manual_seed(0)
-    less = built(experiment, recipe)
-    more = widened(less, built(experiment, recipe, [name]))
+    engine = experiment_model(experiment, recipe)
+    naive = copy_weights(engine, experiment_model(experiment, recipe, [name]))
     batch = first_sample(run, subject)
     return Omission(
         "experiment",
         name,
         when,
         subject.name,
-        lambda: predicted(more, batch),
-        lambda: predicted(less, batch),
+        lambda: predict(naive, batch),
+        lambda: predict(engine, batch),
         difference,
         "m",
         bound=ROUNDING,
@@ -207,18 +213,22 @@ def of_model(
 
 
 def first_sample(run: Path, subject: Subject) -> dict[str, Tensor]:
-    """All that a model could take of an object at its first grasp."""
+    """All inputs that any model could need of an object at its first grasp."""
     return {
         key: values[:1]
         for experiment in (BOTH, SPHERE)
-        for key, values in loaded(run, subject, experiment).tensors.items()
+        for key, values in load_samples(run, subject, experiment).tensors.items()
     }
 
 
-def built(experiment: Mapping[str, Any], recipe: Mapping[str, Any], naive: Iterable[str] = ()) -> Reconstruction:
-    """The untrained model of an experiment; naive: its needless inputs. Its layers are those of vision and
-    touch, so that there is an encoder to add. The last layer's weights are such that vertices move by
-    decimetres, as after training."""
+def experiment_model(
+    experiment: Mapping[str, Any], recipe: Mapping[str, Any], naive: Iterable[str] = ()
+) -> Reconstruction:
+    """The untrained model of an experiment; naive: its needless inputs.
+
+    Its layers are those of vision and touch, so that there is an encoder to add. The scale of the last layer lets
+    vertices move by decimetres, as after training.
+    """
     layers = checkpoints.architecture(BOTH, recipes.settings(recipe, BOTH)) | {"last_layer_scale": LAST_LAYER}
     return build(experiment, layers, naive).eval()
 
@@ -231,27 +241,27 @@ def build(experiment: Mapping[str, Any], layers: Mapping[str, Any], naive: Itera
 
 
 @torch.no_grad()
-def widened(less: Reconstruction, more: Reconstruction) -> Reconstruction:
-    """`more` with the weights of `less`; the features that only `more` has get no weight."""
-    weights = less.state_dict()
+def copy_weights(engine: Reconstruction, naive: Reconstruction) -> Reconstruction:
+    """Copy the weights of `engine` to `naive`; features that only `naive` has get weight 0."""
+    weights = engine.state_dict()
     first = "gcn.layers.0.weight"
-    wide = torch.zeros_like(more.state_dict()[first])
+    wide = torch.zeros_like(naive.state_dict()[first])
     # Pooled features come first, those of readings last.
-    start = more.pooled - less.pooled
+    start = naive.pooled - engine.pooled
     wide[start : start + len(weights[first])] = weights[first]
-    more.load_state_dict(more.state_dict() | weights | {first: wide})
-    return more
+    naive.load_state_dict(naive.state_dict() | weights | {first: wide})
+    return naive
 
 
 @torch.inference_mode()
-def predicted(model: Reconstruction, batch: Mapping[str, Tensor]) -> Result:
+def predict(model: Reconstruction, batch: Mapping[str, Tensor]) -> Result:
     """Vertices, and the bytes of the model's parameters and buffers."""
-    held = (*model.parameters(), *model.buffers())
-    return Result({"vertices": model(batch)}, sum(tensor.nbytes for tensor in held))
+    tensors = (*model.parameters(), *model.buffers())
+    return Result({"vertices": model(batch)}, sum(tensor.nbytes for tensor in tensors))
 
 
 def difference(one: Result, other: Result) -> float:
-    """The greatest of any tensor; infinite if one of them has others, or of another shape."""
+    """Largest difference of any tensor; infinite if names or shapes differ."""
     if {key: value.shape for key, value in one.tensors.items()} != {
         key: value.shape for key, value in other.tensors.items()
     }:

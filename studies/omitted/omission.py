@@ -22,15 +22,15 @@ class Omission(NamedTuple):
     """One item of a stage's work, with it and without it.
 
     Attributes:
-        stage: the stage, in words; item: what could be omitted.
-        when: the cases in which it is omitted, in words.
-        object: the object on which the two are compared.
-        with_it, without: make the result with the item and without it, everything else the same.
+        stage: name of the stage; item: the work that could be omitted.
+        when: the cases in which it is omitted, as text.
+        object: the object of the comparison.
+        with_it, without: make the result with the item and without it, all else equal.
         difference: the largest difference between the two results, in `unit`.
-        bound: what it may be at most; 0 for bit-equal.
+        bound: of the difference; 0 for bit-equal results.
         size: bytes of a result on disk or in memory, where the omission saves any.
-        state: `OMITTED`: without it the result is the same. `STAYS`: omitting it would change the result or save
-            nothing. `NOT_MODELLED`: a choice of the model and no saving; with it the result is another one.
+        state: `OMITTED`: the result without it is the same. `STAYS`: omitting it would change the result or save
+            nothing. `NOT_MODELLED`: a choice of the model, not a saving; with the item the result is different.
     """
 
     stage: str
@@ -47,13 +47,13 @@ class Omission(NamedTuple):
 
 
 def compare(omission: Omission, rounds: int = ROUNDS) -> dict[str, Any]:
-    """A row of `reports/omitted.csv` with the columns `COLUMNS`; the two are timed in turns in one run.
+    """A row of `reports/omitted.csv` with the columns `COLUMNS`; both variants are timed alternately.
 
-    An omitted item that differs is a warning in the log. `noisy`: the two times don't differ significantly.
+    Logs a warning if an omitted item changes the result. `noisy`: the two times don't differ significantly.
     """
-    compared = results(omission)
+    without_times = results(omission)
     times = interleaved({"with": omission.with_it, "without": omission.without}, rounds, warm=True)
-    row = compared | {
+    row = without_times | {
         "seconds_with": times["with"].seconds,
         "seconds_without": times["without"].seconds,
         "seconds_saved": times["with"].seconds - times["without"].seconds,
@@ -69,7 +69,7 @@ def compare(omission: Omission, rounds: int = ROUNDS) -> dict[str, Any]:
 
 
 def results(omission: Omission) -> dict[str, Any]:
-    """The columns of a row that don't depend on time: each result is made once.
+    """The columns of a row but for times; makes each result once.
 
     `verdict` is `same` if the difference is within the bound, else `differs`.
     """
@@ -87,8 +87,8 @@ def results(omission: Omission) -> dict[str, Any]:
     }
 
 
-def in_words(same: bool, state: str) -> str:
-    """Whether the result is the same without an item; for one that is not omitted also its state."""
+def verdict_text(same: bool, state: str) -> str:
+    """The verdict as text, with the state of an item that is not omitted."""
     verdict = SAME if same else DIFFERS
     return verdict if state == OMITTED else f"{verdict}, {state}"
 

@@ -1,4 +1,4 @@
-"""How far a hand can reach, and which patches of an object it can't: the engine passes them by anyway."""
+"""The reach of a hand, and a simulation that ignores patches out of reach; the engine culls them anyway."""
 
 import numpy as np
 
@@ -8,7 +8,7 @@ from palpate.hand import Hand
 
 
 def reach_of(hand: Hand) -> float:
-    """Metres from the palm's origin that no point of the hand is beyond, whatever its joints do."""
+    """Upper bound (m) of the distance of any point of the hand from the palm's origin, for all joint positions."""
     chain = np.zeros(len(hand.link_names))
     for link in range(1, len(chain)):
         chain[link] = chain[hand.link_parent[link]] + np.linalg.norm(hand.link_position[link])
@@ -20,8 +20,8 @@ def reach_of(hand: Hand) -> float:
     )
 
 
-class WithinReach(GraspSimulation):
-    """Nothing collides with those patches of the object that the hand can't reach from where its palm is."""
+class ReachLimitedSimulation(GraspSimulation):
+    """A simulation without collisions with patches that the hand can't reach from its palm's position."""
 
     def __init__(self, hand: Hand, patches: list[np.ndarray], timestep: float):
         super().__init__(hand, patches, timestep)
@@ -34,13 +34,13 @@ class WithinReach(GraspSimulation):
         self.contype = self.model.geom_contype[self.geoms].copy()
         self.conaffinity = self.model.geom_conaffinity[self.geoms].copy()
 
-    def within(self, palm: np.ndarray) -> np.ndarray:
-        """Which patches the hand can reach with its palm's origin at (3,): bool."""
+    def reachable(self, palm: np.ndarray) -> np.ndarray:
+        """Which patches the hand can reach with its palm's origin at `palm` (3,): bool."""
         return np.linalg.norm(self.centres - palm, axis=1) - self.radii <= self.reach
 
     def place(self, palm_pose: np.ndarray, joint_positions: np.ndarray) -> None:
         """As `GraspSimulation.place`."""
-        near = self.within(palm_pose[:3, 3])
+        near = self.reachable(palm_pose[:3, 3])
         self.model.geom_contype[self.geoms] = self.contype * near
         self.model.geom_conaffinity[self.geoms] = self.conaffinity * near
         super().place(palm_pose, joint_positions)

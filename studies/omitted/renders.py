@@ -1,4 +1,4 @@
-"""What pictures omit: a naive renderer, and each item of its needless work compared with the engine.
+"""Omissions of rendering: a naive renderer, and each item of its needless work compared with the engine.
 
 Import it before anything that loads embree, because it loads Blender.
 """
@@ -29,15 +29,15 @@ from studies.pictures import rms  # noqa: E402
 from studies.scenes import scene_of  # noqa: E402
 from studies.subjects import Subject  # noqa: E402
 
-ALONE, HELD, VIEW = "unoccluded image", "occluded image", "view"
-# Grey levels (RMS of the pixels that show something) by which a picture may be another one without an item,
-# mostly by other random numbers. A picture of 16 samples is off by 4.
+UNOCCLUDED, OCCLUDED, VIEW = "unoccluded image", "occluded image", "view"
+# Grey levels (RMS over pixels that show something) by which an image without an item may differ, mostly because of
+# other random numbers. The error of an image with 16 samples is 4.
 BOUND = 1.5
 VIEWS = 8  # that are rendered
 TEXTURE = 1024  # pixels, the side of the texture that is added and used by nothing
-OUT_OF_SIGHT = (0.0, 0.0, -1000.0)  # m: where a hand is that a picture doesn't show
+OUT_OF_SIGHT = (0.0, 0.0, -1000.0)  # m: position of a hand that no image shows
 
-# Settings of Cycles with an item put in that the engine omits, and with one taken out that it has.
+# Settings of Cycles that add an item that the engine omits, and that remove one that it has.
 CYCLES_WITH = {
     "bounces of light after the fourth": {"diffuse_bounces": 12, "glossy_bounces": 12},
     "paths of more than 6 bounces": {"max_bounces": 12, "transmission_bounces": 12},
@@ -48,7 +48,7 @@ CYCLES_WITHOUT = {
     "second to fourth bounce of light": {"diffuse_bounces": 1, "glossy_bounces": 1},
     "first bounce of light": {"diffuse_bounces": 0, "glossy_bounces": 0},
 }
-# What any kind of picture can have put in without a change of a bit, and what only one of them has.
+# Items that can be added to any kind of image without changing a bit, and by kind all that can.
 EVERY_PICTURE = (
     "materials of no triangle",
     "cameras and lamps of the file",
@@ -57,29 +57,29 @@ EVERY_PICTURE = (
     "paths of more than 6 bounces",
 )
 OMITTED_ITEMS = {
-    ALONE: ("hand", "render for every grasp", *EVERY_PICTURE),
-    HELD: ("hand's meshes for every object", *EVERY_PICTURE),
+    UNOCCLUDED: ("hand", "render for every grasp", *EVERY_PICTURE),
+    OCCLUDED: ("hand's meshes for every object", *EVERY_PICTURE),
     VIEW: ("scene for every view", *EVERY_PICTURE),
 }
 
 
 class NaiveRenderer(Renderer):
-    """The engine with needless work put in, or with light or the hand taken out.
+    """The engine with needless work added, or with light or the hand removed.
 
     Attributes:
-        changes: pairs of a kind of picture and an item of it: of `OMITTED_ITEMS` and `CYCLES_WITH` to put it in, of
-            `CYCLES_WITHOUT`, or the hand of an occluded image, to take it out.
+        changes: pairs of a kind of image and an item. Items of `OMITTED_ITEMS` and `CYCLES_WITH` are added; those of
+            `CYCLES_WITHOUT`, and the hand of an occluded image, are removed.
     """
 
     changes: frozenset[tuple[str, str]] = frozenset()
-    _kind = ALONE  # of the picture that is being made
+    _kind = UNOCCLUDED  # of the image that is being rendered
 
     def _changed(self, item: str) -> bool:
         return (self._kind, item) in self.changes
 
     def render(self, scene: Scene) -> tuple[Image, list[Image]]:
-        self._kind = ALONE
-        if (HELD, "hand's meshes for every object") in self.changes:
+        self._kind = UNOCCLUDED
+        if (OCCLUDED, "hand's meshes for every object") in self.changes:
             self._hand = None
         return super().render(scene)
 
@@ -87,20 +87,20 @@ class NaiveRenderer(Renderer):
         self._kind = VIEW
         return super().render_views(scene, cameras)
 
-    def _draw_alone(self, scene: Scene, points: np.ndarray):
+    def _draw_unoccluded(self, scene: Scene, points: np.ndarray):
         if self._changed("hand") and len(scene.link_pose):
             away = scene.link_pose[0].copy()
             away[:, :3, 3] += OUT_OF_SIGHT
             self._pose_hand(away)
         for _ in range(max(1, len(scene.link_pose)) if self._changed("render for every grasp") else 1):
-            layers = super()._draw_alone(scene, points)
+            layers = super()._draw_unoccluded(scene, points)
         return layers
 
-    def _draw_held(self, scene: Scene, points: np.ndarray, grasp: int):
-        self._kind = HELD
+    def _draw_occluded(self, scene: Scene, points: np.ndarray, grasp: int):
+        self._kind = OCCLUDED
         if self._changed("hand"):
             return self._draw(scene.camera, points)
-        return super()._draw_held(scene, points, grasp)
+        return super()._draw_occluded(scene, points, grasp)
 
     def _import(self, path: Path, position) -> np.ndarray:
         before = set(bpy.data.objects)
@@ -136,17 +136,17 @@ class NaiveRenderer(Renderer):
 
 
 def omissions(run: Path, subjects: list[Subject], settings: Mapping[str, Any]) -> Iterable[Omission]:
-    """Of the first object: alone, in the hand of its first grasps, and from all around.
+    """Omissions for the first object: unoccluded, occluded in its first grasps, and views from all around.
 
     settings: sections `vision`, `views` and `seed`.
     """
-    pictures = _Pictures(Path(run), subjects[0], settings)
-    yield from pictures.of_items()
-    yield from pictures.of_light()
+    pictures = _Comparisons(Path(run), subjects[0], settings)
+    yield from pictures.exact_omissions()
+    yield from pictures.light_omissions()
 
 
-class _Pictures:
-    """Pictures of one object, by the engine and by naive variants of it."""
+class _Comparisons:
+    """Images of one object by the engine and by naive variants of it."""
 
     def __init__(self, run: Path, subject: Subject, settings: Mapping[str, Any]):
         self.subject, self.settings = subject, settings
@@ -161,27 +161,27 @@ class _Pictures:
         return tempfile.TemporaryDirectory(prefix="palpate-")
 
     @cached_property
-    def with_more_material(self) -> Scene:
-        """The scene with a material more in the object's file, which no triangle uses."""
+    def with_unused_material(self) -> Scene:
+        """The scene, whose object's file has a further material that no triangle uses."""
         folder = Path(self._folder.name) / self.scene.name
         folder.mkdir()
-        (folder / "visual.glb").write_bytes(rewritten(self.scene.visual_file.read_bytes(), add_unused_texture))
+        (folder / "visual.glb").write_bytes(rewrite_glb(self.scene.visual_file.read_bytes(), add_unused_texture))
         return replace(self.scene, object_folder=folder)
 
     @cached_property
-    def masters(self) -> Path:
+    def exr_folder(self) -> Path:
         folder = Path(self._folder.name) / "exr"
         folder.mkdir()
         return folder
 
-    def alone(self, grasps: int = 0, scene: Scene | None = None) -> list[Image]:
-        """The image of the object alone, for so many grasps; as many images as are rendered."""
+    def unoccluded(self, grasps: int = 0, scene: Scene | None = None) -> list[Image]:
+        """The image of the object alone, for a number of grasps; as many times as it is rendered."""
         scene = replace(scene or self.scene, link_pose=self.scene.link_pose[:grasps])
         image, _ = self.renderer.render(scene)
-        again = (ALONE, "render for every grasp") in self.renderer.changes
+        again = (UNOCCLUDED, "render for every grasp") in self.renderer.changes
         return [image] * (max(1, grasps) if again else 1)
 
-    def in_the_hand(self) -> list[Image]:
+    def occluded(self) -> list[Image]:
         return self.renderer.render(replace(self.scene, link_pose=self.scene.link_pose[:1]))[1]
 
     def views(self) -> list[Image]:
@@ -194,47 +194,47 @@ class _Pictures:
         finally:
             self.renderer.samples = self.settings["vision"]["samples"]
 
-    def with_master(self, kept: bool) -> tuple[list[Image], int]:
-        """The image alone, and the bytes of its EXR master, if it is kept."""
-        for old in self.masters.iterdir():
+    def with_exr(self, write: bool) -> tuple[list[Image], int]:
+        """The unoccluded image, and the bytes of its EXR file, if one is written."""
+        for old in self.exr_folder.iterdir():
             old.unlink()
-        self.renderer.exr = self.masters if kept else None
+        self.renderer.exr = self.exr_folder if write else None
         try:
-            return self.alone(), sum(path.stat().st_size for path in self.masters.iterdir())
+            return self.unoccluded(), sum(path.stat().st_size for path in self.exr_folder.iterdir())
         finally:
             self.renderer.exr = None
 
-    def of_items(self) -> Iterator[Omission]:
-        """Parts without which every bit is the same."""
-        more, grasps = partial(self.alone, scene=self.with_more_material), min(2, len(self.scene.link_pose))
-        images = {"size": lambda found: sum(array.nbytes for image in found for array in image)}
+    def exact_omissions(self) -> Iterator[Omission]:
+        """Items without which every bit is the same."""
+        more, grasps = partial(self.unoccluded, scene=self.with_unused_material), min(2, len(self.scene.link_pose))
+        images = {"size": lambda images: sum(array.nbytes for image in images for array in image)}
         always, of_all = "always", f"always; here of {grasps} grasps"
         for kind, item, when, make, options in (
-            (ALONE, "hand", always, partial(self.alone, 1), {}),
-            (ALONE, "render for every grasp", of_all, partial(self.alone, grasps), images),
-            (ALONE, "materials of no triangle", "where a file has some; here one added", more, {}),
-            (ALONE, "cameras and lamps of the file", always, self.alone, {}),
-            (ALONE, "pixels around what is drawn", always, self.alone, {}),
-            (ALONE, "samples of mask and depth", always, self.alone, {}),
-            (HELD, "hand's meshes for every object", "always but for the first", self.in_the_hand, {}),
-            (HELD, "pixels around what is drawn", always, self.in_the_hand, {}),
-            (HELD, "paths of more than 6 bounces", always, self.in_the_hand, {}),
+            (UNOCCLUDED, "hand", always, partial(self.unoccluded, 1), {}),
+            (UNOCCLUDED, "render for every grasp", of_all, partial(self.unoccluded, grasps), images),
+            (UNOCCLUDED, "materials of no triangle", "where a file has some; here one added", more, {}),
+            (UNOCCLUDED, "cameras and lamps of the file", always, self.unoccluded, {}),
+            (UNOCCLUDED, "pixels around what is drawn", always, self.unoccluded, {}),
+            (UNOCCLUDED, "samples of mask and depth", always, self.unoccluded, {}),
+            (OCCLUDED, "hand's meshes for every object", "always but for the first", self.occluded, {}),
+            (OCCLUDED, "pixels around what is drawn", always, self.occluded, {}),
+            (OCCLUDED, "paths of more than 6 bounces", always, self.occluded, {}),
             (VIEW, "scene for every view", f"always; here of {VIEWS} views", self.views, {}),
         ):  # fmt: skip
-            made = partial(self._made, make, kind, item)
-            yield self._row(kind, item, when, made, make, difference=largest, unit="grey levels", **options)
+            made = partial(self._with_change, make, kind, item)
+            yield self._row(kind, item, when, made, make, difference=largest_difference, unit="grey levels", **options)
         yield self._row(
-            ALONE,
+            UNOCCLUDED,
             "EXR master",
             "unless vision.exr",
-            *(partial(self.with_master, kept) for kept in (True, False)),
-            difference=lambda one, other: largest(one[0], other[0]),
+            *(partial(self.with_exr, write) for write in (True, False)),
+            difference=lambda one, other: largest_difference(one[0], other[0]),
             unit="grey levels",
-            size=lambda found: found[1],
+            size=lambda images: images[1],
         )
 
-    def of_light(self) -> Iterator[Omission]:
-        """Parts that change the paths of light: those within a bound are omitted, the others stay."""
+    def light_omissions(self) -> Iterator[Omission]:
+        """Items that change the paths of light: those within a bound are omitted, the others stay."""
         for item, omitted in (
             ("bounces of light after the fourth", True),
             ("caustics", True),
@@ -243,20 +243,20 @@ class _Pictures:
             ("second to fourth bounce of light", False),
             ("hand", False),
         ):
-            changed, engine = partial(self._made, self.in_the_hand, HELD, item), self.in_the_hand
+            changed, engine = partial(self._with_change, self.occluded, OCCLUDED, item), self.occluded
             yield self._row(
-                HELD,
+                OCCLUDED,
                 item,
                 "always" if omitted else "never: it stays",
                 *((changed, engine) if omitted else (engine, changed)),
-                difference=drawn_rms,
+                difference=foreground_rms,
                 unit="grey levels (RMS)",
                 bound=BOUND,
                 state=OMITTED if omitted else STAYS,
             )
 
-    def _made(self, make: Callable[[], Any], kind: str, item: str) -> Any:
-        """What a function makes of pictures with an item changed."""
+    def _with_change(self, make: Callable[[], Any], kind: str, item: str) -> Any:
+        """Call a function that renders, with one item changed."""
         self.renderer.changes = frozenset({(kind, item)})
         try:
             return make()
@@ -269,7 +269,7 @@ class _Pictures:
         return Omission(kind, item, when, self.subject.name, with_it, without, **options)
 
 
-def largest(images: list[Image], others: list[Image]) -> float:
+def largest_difference(images: list[Image], others: list[Image]) -> float:
     """The largest difference of colours and masks, in grey levels; infinite if a depth differs in a bit.
 
     A single image is compared with each of the others.
@@ -285,15 +285,15 @@ def largest(images: list[Image], others: list[Image]) -> float:
     return worst
 
 
-def drawn_rms(images: list[Image], others: list[Image]) -> float:
-    """RMS difference of colours, in grey levels, over the pixels that show something in one of the two."""
+def foreground_rms(images: list[Image], others: list[Image]) -> float:
+    """RMS difference of colours, in grey levels, over pixels that show something in either image."""
     pairs = list(zip(images, others, strict=True))
-    drawn = [np.isfinite(image.depth) | np.isfinite(other.depth) for image, other in pairs]
-    return rms(*(np.concatenate([pair[k].rgb[at] for pair, at in zip(pairs, drawn, strict=True)]) for k in (0, 1)))
+    foreground = [np.isfinite(image.depth) | np.isfinite(other.depth) for image, other in pairs]
+    return rms(*(np.concatenate([pair[k].rgb[at] for pair, at in zip(pairs, foreground, strict=True)]) for k in (0, 1)))
 
 
-def rewritten(glb: bytes, change: Callable[[dict[str, Any]], None]) -> bytes:
-    """A glb file whose JSON is changed in place by a function."""
+def rewrite_glb(glb: bytes, change: Callable[[dict[str, Any]], None]) -> bytes:
+    """A glb file whose JSON a function has changed in place."""
     length = struct.unpack_from("<I", glb, 12)[0]
     tree = json.loads(glb[20 : 20 + length])
     change(tree)

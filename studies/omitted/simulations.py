@@ -1,4 +1,4 @@
-"""Closings with more in the simulation than `GraspSimulation` has, or less: an item each, by its name."""
+"""Variants of `GraspSimulation` with an item more or less, and naive penetration checks."""
 
 from collections.abc import Callable, Iterable
 from itertools import combinations, product
@@ -14,9 +14,9 @@ from palpate.hand.model import add_geom
 
 GRAVITY = 9.81  # m / s^2, along -z
 FRICTION = 3  # MuJoCo's dimensions of a contact with friction
-LOOSE, HELD = 0.3, 100.0  # kg: the object, and the object with what holds it
+LOOSE, HELD = 0.3, 100.0  # kg: the object alone, and fixed by a weld
 GYRATION = 0.14  # m: the object's radius of gyration
-# Impedance of the weld that holds the object: it gives way by less than 1e-7 m.
+# Impedance of the weld that holds the object, which moves by less than 1e-7 m.
 WELD_SOLIMP = (0.9999, 0.9999, 0.001, 0.5, 2.0)
 
 
@@ -45,7 +45,7 @@ class ChangedSimulation(GraspSimulation):
 
 
 def add_visual_geometry(simulation: ChangedSimulation, spec: mujoco.MjSpec) -> None:
-    """The object's every face, and the hand's geoms that are only drawn: nothing collides with them."""
+    """Add every face of the object and the hand's visual geoms, all without collisions."""
     vertices, faces = np.asarray(simulation.visual.vertices), np.asarray(simulation.visual.faces)
     mesh = spec.add_mesh(name="visual", uservert=vertices.ravel(), userface=faces.ravel())
     mesh.inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL
@@ -58,19 +58,19 @@ def add_visual_geometry(simulation: ChangedSimulation, spec: mujoco.MjSpec) -> N
 
 
 def add_gravity(simulation: ChangedSimulation, spec: mujoco.MjSpec) -> None:
-    """Gravity, and what carries everything."""
+    """Add gravity and its compensation for every body."""
     let_sag(simulation, spec)
     for body in spec.bodies:
         body.gravcomp = 1
 
 
 def let_sag(simulation: ChangedSimulation, spec: mujoco.MjSpec) -> None:
-    """Gravity that only the servos work against."""
+    """Add gravity without compensation."""
     spec.option.gravity = [0, 0, -GRAVITY]
 
 
 def hold_object(simulation: ChangedSimulation, spec: mujoco.MjSpec) -> None:
-    """An object with its six degrees of freedom, held where it is by forces."""
+    """Free the object's six degrees of freedom, and hold it in place by a weld."""
     _free_object(spec, HELD)
     weld = spec.add_equality(
         type=mujoco.mjtEq.mjEQ_WELD, objtype=mujoco.mjtObj.mjOBJ_BODY, name1="object", name2="world"
@@ -79,12 +79,12 @@ def hold_object(simulation: ChangedSimulation, spec: mujoco.MjSpec) -> None:
 
 
 def loosen_object(simulation: ChangedSimulation, spec: mujoco.MjSpec) -> None:
-    """An object that nothing holds."""
+    """Free the object's six degrees of freedom, without a weld."""
     _free_object(spec, LOOSE)
 
 
 def _free_object(spec: mujoco.MjSpec, mass: float) -> None:
-    """Give the object, of `mass` kg, its six degrees of freedom."""
+    """Free the six degrees of freedom of the object, of `mass` kg."""
     body = spec.body("object")
     body.add_freejoint()
     body.explicitinertial, body.mass, body.ipos = True, mass, [0, 0, 0]
@@ -92,12 +92,12 @@ def _free_object(spec: mujoco.MjSpec, mass: float) -> None:
 
 
 def add_palm_pairs(simulation: ChangedSimulation, spec: mujoco.MjSpec) -> None:
-    """Contacts of palm and object, which the engine would not look for: the world holds both."""
+    """Add contact pairs of palm and object, which the engine skips because both are fixed to the world."""
     _add_pairs(spec, product(_colliding(spec, simulation.hand.link_names[0]), _colliding(spec, "object")))
 
 
 def add_patch_pairs(simulation: ChangedSimulation, spec: mujoco.MjSpec) -> None:
-    """Contacts between patches of the object, which the engine would not look for: they are of one body."""
+    """Add contact pairs between patches of the object, which the engine skips because they are one body."""
     _add_pairs(spec, combinations(_colliding(spec, "object"), 2))
 
 
@@ -107,19 +107,19 @@ def _add_pairs(spec: mujoco.MjSpec, pairs: Iterable[tuple[str, str]]) -> None:
 
 
 def _colliding(spec: mujoco.MjSpec, body: str) -> list[str]:
-    """The names of a body's geoms that something may collide with."""
+    """Names of a body's geoms that can collide."""
     return [geom.name for geom in spec.body(body).geoms if geom.contype or geom.conaffinity]
 
 
 def collide_joined_links(simulation: ChangedSimulation, spec: mujoco.MjSpec) -> None:
-    """Contacts between links that a hinge joins."""
+    """Enable contacts between links that a hinge joins."""
     spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_FILTERPARENT
     for exclude in list(spec.excludes):
         spec.delete(exclude)
 
 
 def add_friction(simulation: ChangedSimulation, spec: mujoco.MjSpec) -> None:
-    """Contacts with friction."""
+    """Add friction to contacts."""
     for geom in spec.geoms:
         geom.condim = FRICTION
 
@@ -133,7 +133,7 @@ def collide_only_with_object(simulation: ChangedSimulation, spec: mujoco.MjSpec)
 
 
 Change = Callable[[ChangedSimulation, mujoco.MjSpec], None]
-# All but the last put an item in; the engine has self-collision, which the last takes out.
+# All but the last add an item; the last removes self-collision, which the engine has.
 CHANGES: dict[str, Change] = {
     "visual geometry": add_visual_geometry,
     "gravity": add_gravity,
@@ -149,7 +149,7 @@ CHANGES: dict[str, Change] = {
 
 
 class EveryFace(PenetrationCheck):
-    """Looks at every face of the object for every link."""
+    """A penetration check of every face of the object for every link."""
 
     def faces_within(self, low: np.ndarray, high: np.ndarray, among: slice | np.ndarray = slice(None)) -> np.ndarray:
         """Indices, into `among`, of all triangles."""
@@ -157,8 +157,8 @@ class EveryFace(PenetrationCheck):
 
 
 class EveryPair(PenetrationCheck):
-    """Looks at every pair of links that are not joined."""
+    """A penetration check of every pair of links that are not joined."""
 
     def separated(self, poses: np.ndarray, surfaces: dict[int, np.ndarray]) -> np.ndarray:
-        """That no pair is, (P,) bool."""
+        """No pair counts as separated: (P,) bool, all False."""
         return np.zeros(len(self.pairs), dtype=bool)

@@ -1,4 +1,4 @@
-"""What touch omits, and the stores that hold it: naive variants of the engine, and comparisons with it."""
+"""Omissions of touch and its store: naive variants of the engine, and comparisons with it."""
 
 import shutil
 import tempfile
@@ -23,28 +23,28 @@ ALWAYS, UNTOUCHED = "always", "a sensor touches nothing"
 
 
 class EveryFace(Tracer):
-    """Looks at faces outside the swept box, too."""
+    """Traces faces outside the swept box, too."""
 
     def _near_faces(self, origin, rotation) -> np.ndarray:
         return np.arange(len(self._mesh.triangles))
 
 
 class EveryPixel(Tracer):
-    """Looks at pixels with no face before them, too."""
+    """Traces pixels with no face in front of them, too."""
 
     def _block_in_reach(self, origin, rotation) -> Block:
         return Block(slice(0, touch.RESOLUTION), slice(0, touch.RESOLUTION))
 
 
 class EveryPixelForSuccess(Tracer):
-    """Goes on after the first pixel in range, where only success is asked for."""
+    """Continues after the first pixel in range, where only success is needed."""
 
     def _passes(self, block: Block) -> list[Block]:
         return [block]
 
 
 def naive(tracer: type[Tracer], *variants: type[Tracer]) -> type[Tracer]:
-    """A tracer with some of the variants above."""
+    """A tracer class combined with variants of this module."""
     return type("NaiveTracer", (*variants, tracer), {})
 
 
@@ -66,8 +66,8 @@ def sense_every_cloud(tracer: Tracer, position: np.ndarray, rotation: np.ndarray
     return sensed
 
 
-class Touched:
-    """The sensors of all grasps of an object, and the tracers that look at it."""
+class TouchSubject:
+    """The sensors of all grasps of an object, and tracers of its mesh."""
 
     def __init__(self, run: Path, subject: Subject, method: str):
         self.name, self.method = subject.name, touch.TRACERS[method]
@@ -76,7 +76,7 @@ class Touched:
         self.sensors = self.scene.sensor_position, self.scene.sensor_rotation
 
     def tracer(self, *variants: type[Tracer]) -> Tracer:
-        """The engine's, or a naive one."""
+        """The engine's tracer, or with variants a naive one."""
         return naive(self.method, *variants)(self.mesh, self.scene.object_position)
 
     def arrays(self, sensed: TouchReading) -> dict[str, np.ndarray]:
@@ -86,67 +86,72 @@ class Touched:
 
 
 def omissions(run: Path, subjects: list[Subject], settings: Mapping) -> Iterator[Omission]:
-    """The sensors of all grasps of each object, by the engine and by naive variants, and stores of what they read.
+    """Omissions for the sensors of all grasps of each object, and for the store of their readings.
 
-    settings: `touch`. Read of the run: meshes and grasps.
+    settings: `touch`. Reads the run's meshes and grasps.
     """
     for subject in subjects:
-        touched = Touched(run, subject, settings["touch"]["method"])
-        row = partial(Omission, object=touched.name)
-        flat = touched.scene.sensor_position.reshape(-1, 3), touched.scene.sensor_rotation.reshape(-1, 3, 3)
+        subject_touches = TouchSubject(run, subject, settings["touch"]["method"])
+        row = partial(Omission, object=subject_touches.name)
+        flat = (
+            subject_touches.scene.sensor_position.reshape(-1, 3),
+            subject_touches.scene.sensor_rotation.reshape(-1, 3, 3),
+        )
         for item, variant, method, difference, unit in (
-            ("faces outside the swept box", EveryFace, "trace", deeper, "m"),
-            ("pixels outside the block in reach", EveryPixel, "trace", deeper, "m"),
-            ("pixels after the first in range", EveryPixelForSuccess, "succeeds", differing, "sensors"),
+            ("faces outside the swept box", EveryFace, "trace", depth_difference, "m"),
+            ("pixels outside the block in reach", EveryPixel, "trace", depth_difference, "m"),
+            ("pixels after the first in range", EveryPixelForSuccess, "succeeds", count_differing, "sensors"),
         ):
             yield row(
                 stage="touch",
                 item=item,
                 when=ALWAYS,
-                with_it=partial(getattr(touched.tracer(variant), method), *flat),
-                without=partial(getattr(touched.tracer(), method), *flat),
+                with_it=partial(getattr(subject_touches.tracer(variant), method), *flat),
+                without=partial(getattr(subject_touches.tracer(), method), *flat),
                 difference=difference,
                 unit=unit,
             )
-        engine = touched.tracer()
+        engine = subject_touches.tracer()
         for item, variant, difference, unit in (
-            ("readings of sensors that touched nothing", sense_every_reading, brighter, "grey levels"),
-            ("points of sensors that touched nothing", sense_every_cloud, moved, "m"),
+            ("readings of sensors that touched nothing", sense_every_reading, reading_difference, "grey levels"),
+            ("points of sensors that touched nothing", sense_every_cloud, cloud_difference, "m"),
         ):
             yield row(
                 stage="touch",
                 item=item,
                 when=UNTOUCHED,
-                with_it=partial(variant, engine, *touched.sensors),
-                without=partial(touch.sense, engine, *touched.sensors),
+                with_it=partial(variant, engine, *subject_touches.sensors),
+                without=partial(touch.sense, engine, *subject_touches.sensors),
                 difference=difference,
                 unit=unit,
-                size=lambda sensed, touched=touched: size(written(touched.arrays(sensed))),
+                size=lambda sensed, subject_touches=subject_touches: folder_bytes(
+                    write_store(subject_touches.arrays(sensed))
+                ),
             )
-        arrays = touched.arrays(touch.sense(engine, *touched.sensors))
+        arrays = subject_touches.arrays(touch.sense(engine, *subject_touches.sensors))
         yield row(
             stage="store",
             item="empty chunks",
             when=f"all of a chunk is the array's fill value: {UNTOUCHED}",
-            with_it=partial(written_with_empty_chunks, arrays, written(arrays)),
-            without=partial(written, arrays),
-            difference=changed,
+            with_it=partial(write_store_with_empty_chunks, arrays, write_store(arrays)),
+            without=partial(write_store, arrays),
+            difference=store_difference,
             unit="numbers",
-            size=size,
+            size=folder_bytes,
         )
 
 
-def written(arrays: Mapping[str, np.ndarray]) -> tempfile.TemporaryDirectory:
-    """A folder with a touch store of these arrays; it is gone when the result is."""
+def write_store(arrays: Mapping[str, np.ndarray]) -> tempfile.TemporaryDirectory:
+    """A temporary folder with a touch store of these arrays, deleted with the returned object."""
     folder = tempfile.TemporaryDirectory()
     store.write(Path(folder.name) / "touch.zarr", "touch", arrays, ATTRIBUTES)
     return folder
 
 
-def written_with_empty_chunks(
+def write_store_with_empty_chunks(
     arrays: Mapping[str, np.ndarray], model: tempfile.TemporaryDirectory
 ) -> tempfile.TemporaryDirectory:
-    """As `written`, with the chunks that hold fill values only; model: the arrays as `written` wrote them."""
+    """As `write_store`, with the chunks that hold fill values only; model: the arrays as `write_store` wrote them."""
     folder = tempfile.TemporaryDirectory()
     copy = shutil.copytree(Path(model.name) / "touch.zarr", Path(folder.name) / "touch.zarr")
     with zarr.config.set({"array.write_empty_chunks": True}):
@@ -156,30 +161,30 @@ def written_with_empty_chunks(
     return folder
 
 
-def size(folder: tempfile.TemporaryDirectory) -> int:
+def folder_bytes(folder: tempfile.TemporaryDirectory) -> int:
     """Bytes of all files in a folder."""
     return sum(file.stat().st_size for file in Path(folder.name).rglob("*") if file.is_file())
 
 
-def changed(one: tempfile.TemporaryDirectory, other: tempfile.TemporaryDirectory) -> float:
-    """How many numbers two touch stores don't have in common, when they are read back."""
+def store_difference(one: tempfile.TemporaryDirectory, other: tempfile.TemporaryDirectory) -> float:
+    """Number of values that differ between two touch stores, read back."""
     first, second = (store.read(Path(folder.name) / "touch.zarr") for folder in (one, other))
     return float(sum((first[name] != second[name]).sum() for name in first))
 
 
-def deeper(one: np.ndarray, other: np.ndarray) -> float:
-    """Metres between depth maps (k, rows, columns), infinite where only one of them is in range."""
+def depth_difference(one: np.ndarray, other: np.ndarray) -> float:
+    """Largest difference (m) of depth maps (k, rows, columns); infinite if only one is in range at a pixel."""
     same = one == other  # also where both are infinite
     return float(np.abs(np.where(same, 0, one) - np.where(same, 0, other)).max())
 
 
-def differing(one: np.ndarray, other: np.ndarray) -> float:
-    """How many of (k,) bools differ."""
+def count_differing(one: np.ndarray, other: np.ndarray) -> float:
+    """Number of differing values of two (k,) bool arrays."""
     return float((one != other).sum())
 
 
-def brighter(one: TouchReading, other: TouchReading) -> float:
-    """Grey levels between readings; one that is omitted is `empty_reading`."""
+def reading_difference(one: TouchReading, other: TouchReading) -> float:
+    """Largest difference of readings, grey levels; an omitted one counts as `empty_reading`."""
     return float(np.abs(_complete(one).astype(int) - _complete(other).astype(int)).max())
 
 
@@ -189,8 +194,8 @@ def _complete(sensed: TouchReading) -> np.ndarray:
     return np.where(missing[..., None, None, None], touch.empty_reading(), sensed.reading)
 
 
-def moved(one: TouchReading, other: TouchReading) -> float:
-    """Metres between local point clouds; infinite if they have not as many points."""
+def cloud_difference(one: TouchReading, other: TouchReading) -> float:
+    """Largest difference (m) of local point clouds; infinite if their numbers of points differ."""
     if not np.array_equal(one.point_count, other.point_count):
         return np.inf
     return float(np.abs(one.points - other.points).max())

@@ -1,4 +1,4 @@
-"""Stiff and extreme cases: the quantities that each measures, their bounds and verdicts.
+"""Stiff and extreme cases: the quantities that each case measures, with bounds and verdicts.
 
 A suite of the stability report is a module with `CASES`:
 
@@ -28,7 +28,7 @@ HOLDS, REJECTED, FAILS = "holds", "rejected", "fails"
 
 
 class Finding(NamedTuple):
-    """One quantity of a case. verdict: `holds`, `rejected` (cleanly, the note says why) or `fails`."""
+    """One quantity of a case. verdict: `holds`, `rejected` (with a clear error, in the note) or `fails`."""
 
     quantity: str
     bound: str
@@ -39,7 +39,7 @@ class Finding(NamedTuple):
 
 
 class Case(NamedTuple):
-    """One extreme case. short: whether it is quick enough (a second or two) for the tests as well."""
+    """One extreme case. short: whether it takes a second or two only, so that the tests run it, too."""
 
     name: str
     stage: str
@@ -54,7 +54,7 @@ class Cases(list):
     """The cases of one suite, in order."""
 
     def case(self, name: str, stage: str, short: bool = True) -> Callable[[Callable], Callable]:
-        """Add the function below as a case; it is given a `Subject` and yields findings."""
+        """Decorator: add a function as a case. The function takes a `Subject` and yields findings."""
 
         def add(function: Callable) -> Callable:
             self.append(Case(name, stage, function, short))
@@ -64,33 +64,33 @@ class Cases(list):
 
 
 def at_most(quantity: str, value: float, bound: float, unit: str = "", note: str = "") -> Finding:
-    """Holds if the value is a number and no more than the bound."""
+    """A finding that holds if the value is a number and no more than the bound."""
     return Finding(quantity, f"<= {bound:g}", value, unit, HOLDS if value <= bound else FAILS, note)
 
 
 def at_least(quantity: str, value: float, bound: float, unit: str = "", note: str = "") -> Finding:
-    """Holds if the value is a number and no less than the bound."""
+    """A finding that holds if the value is a number and no less than the bound."""
     return Finding(quantity, f">= {bound:g}", value, unit, HOLDS if value >= bound else FAILS, note)
 
 
 def equal(quantity: str, value: Any, expected: Any, unit: str = "", note: str = "") -> Finding:
-    """Holds if the two are equal."""
+    """A finding that holds if the value equals the expected one."""
     return Finding(quantity, f"== {expected}", value, unit, HOLDS if value == expected else FAILS, note)
 
 
 def rejects(quantity: str, function: Callable[[], Any], errors: type[Exception] | tuple, reason: str) -> Finding:
-    """Rejected if the function raises one of the errors with a message in which the pattern is found."""
+    """A finding that is `rejected` if the function raises one of `errors` with a message that matches `reason`."""
     expected = f"rejected: {reason}"
     try:
         result = function()
     except errors as error:
-        found = re.search(reason, str(error)) is not None
-        return Finding(quantity, expected, "rejected", "", REJECTED if found else FAILS, str(error))
+        matches = re.search(reason, str(error)) is not None
+        return Finding(quantity, expected, "rejected", "", REJECTED if matches else FAILS, str(error))
     return Finding(quantity, expected, f"accepted: {result!r:.80}", "", FAILS)
 
 
 def examine(suite: str, case: Case, subject: Any) -> list[dict[str, Any]]:
-    """Rows of one case, with the columns `COLUMNS`: its findings, and what Python or numpy warned of.
+    """Rows of one case, with the columns `COLUMNS`: its findings, and the warnings of Python and numpy.
 
     An error that the case does not expect is a finding that fails.
     """
@@ -108,9 +108,9 @@ def examine(suite: str, case: Case, subject: Any) -> list[dict[str, Any]]:
             where = traceback.extract_tb(error.__traceback__)[-1]
             note = f"{type(error).__name__}: {error} ({where.name}, line {where.lineno})"
             findings.append(Finding("runs to its end", "no error", "error", "", FAILS, note))
-    noted = "; ".join(sorted({str(each.message) for each in caught if each.category is RuntimeWarning}))
-    if noted:
-        findings.append(Finding("numerical warnings", "none", len(caught), "", FAILS, noted))
+    warned = "; ".join(sorted({str(each.message) for each in caught if each.category is RuntimeWarning}))
+    if warned:
+        findings.append(Finding("numerical warnings", "none", len(caught), "", FAILS, warned))
     seconds = time.perf_counter() - start
     for finding in findings:
         log.info("  %s: %s %s, %s: %s", *(getattr(finding, key) for key in LOGGED))
@@ -122,7 +122,7 @@ def examine(suite: str, case: Case, subject: Any) -> list[dict[str, Any]]:
 
 
 def without_folders(note: str) -> str:
-    """A note without the temporary folders in it, which are others in every run."""
+    """Remove the names of temporary folders from a note: they differ from run to run."""
     return re.sub(rf"{re.escape(tempfile.gettempdir())}/[^/\s]+/", "", note)
 
 

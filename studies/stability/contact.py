@@ -1,10 +1,16 @@
-"""Stiff and extreme contact in grasps: what the engine, the grasper and the checks behind them make of it.
+"""Stability of grasps: stiff and extreme contact in the engine, the grasper and the penetration check.
 
-Where nothing else is said, closings are those of an object of the run: three palm poses clear of it, all
-fingers closing. Bounds: `MAX_PENETRATION`, 1 mm, is what a grasp may be deep by config/config.yaml; `JOINT` is the
-angle by which 1 mm is seen at the end of a finger; `GEL` that of a gel's 3.2 mm, where fingers that get there
-another way may rest elsewhere; kinetic energy is compared with the servos' work, of which alone it can come.
-Depths are `palpate.grasp.penetration`'s, of true surfaces, and not the engine's own.
+By default closings are those of an object of the run: three collision-free palm poses, all fingers closing.
+
+Bounds:
+
+- `MAX_PENETRATION`, 1 mm: the penetration that config/config.yaml allows a grasp.
+- `JOINT_TOLERANCE`: the joint angle that moves a fingertip by 1 mm.
+- `GEL_TOLERANCE`: the joint angle that moves it by the gel's 3.2 mm. It applies where the path of a finger changes, so
+  that it may come to rest elsewhere.
+- Kinetic energy must not exceed the servos' work, its only source.
+
+Depths are those of `palpate.grasp.penetration`, between true surfaces, not the engine's.
 """
 
 import copy
@@ -26,20 +32,20 @@ from palpate.mesh import load_collision, load_visual
 from palpate.touch import RayCaster
 from studies.stability import shapes
 from studies.stability.cases import REJECTED, Cases, Finding, at_least, at_most, equal, rejects
-from studies.stability.watched import (
-    GEL,
+from studies.stability.closings import (
+    CLOSED,
+    GEL_TOLERANCE,
     HAND,
-    JOINT,
-    TOUCHED,
-    Setting,
-    Watched,
-    agree,
-    change,
-    deepest,
-    held,
-    setting,
-    sound,
-    watch,
+    JOINT_TOLERANCE,
+    ClosingSetup,
+    RecordedClosing,
+    closing_setup,
+    deepest_penetration,
+    hold_targets,
+    joint_change,
+    joints_agree,
+    record,
+    soundness,
 )
 
 CASES = Cases()
@@ -50,12 +56,12 @@ IMPOSSIBLE = """
   <inertial pos="0 0 0" {}/><joint range="0 1"/><geom size=".1"/>
 </body></worldbody></mujoco>
 """
-HALF_A_LINK = 0.0098  # m, of the thickness of the Allegro's links: at less, contact pushes them back
+HALF_LINK_THICKNESS = 0.0098  # m, of the Allegro's links: up to this depth contact pushes a link back out
 Change = Callable[[GraspSimulation], None]
 
 
 def solref(first: float, second: float = 1.0, safe: bool = True) -> Change:
-    """Contacts and limits of a time constant (s) and damping ratio; safe: by the engine's `refsafe`."""
+    """Set time constant (s) and damping ratio of contacts and joint limits; safe: keep the engine's `refsafe` on."""
 
     def edit(simulation: GraspSimulation) -> None:
         model = simulation.model
@@ -67,7 +73,7 @@ def solref(first: float, second: float = 1.0, safe: bool = True) -> Change:
 
 
 def solimp(*values: float) -> Change:
-    """Contacts and limits of impedances at 0 and at a width (m), that width, midpoint and power."""
+    """Set impedances of contacts and joint limits: at depth 0, at `width` (m), `width`, midpoint and power."""
 
     def edit(simulation: GraspSimulation) -> None:
         simulation.model.geom_solimp[:] = simulation.model.jnt_solimp[:] = values
@@ -76,7 +82,7 @@ def solimp(*values: float) -> Change:
 
 
 def gains(factor: float, torque: float = 1.0) -> Change:
-    """Servos of other gain, critically damped all the same, and of another largest torque."""
+    """Scale the servos' gain, critically damped as before, and their torque limit."""
 
     def edit(simulation: GraspSimulation) -> None:
         model = simulation.model
@@ -89,7 +95,7 @@ def gains(factor: float, torque: float = 1.0) -> Change:
 
 
 def mass(factor: float, links: str = "") -> Change:
-    """Mass and inertia of the links with this in their names, which `palpate.hand.model` would not allow."""
+    """Scale mass and inertia of the links whose names contain `links`; `palpate.hand.model` would not allow it."""
 
     def edit(simulation: GraspSimulation) -> None:
         model = simulation.model
@@ -102,7 +108,7 @@ def mass(factor: float, links: str = "") -> Change:
 
 
 def armature(value: float) -> Change:
-    """Hinges of this armature in kg m^2."""
+    """Set the armature of all hinges, kg m^2."""
 
     def edit(simulation: GraspSimulation) -> None:
         simulation.model.dof_armature[:] = value
@@ -110,8 +116,8 @@ def armature(value: float) -> Change:
     return edit
 
 
-def faster(factor: float) -> Change:
-    """Targets that arrive that much sooner, and are held as much longer."""
+def faster_closing(factor: float) -> Change:
+    """Reach the targets `factor` times as fast, then hold them for the rest of the time."""
 
     def edit(simulation: GraspSimulation) -> None:
         simulation.ramp = np.minimum(1.0, factor * simulation.ramp)
@@ -119,8 +125,8 @@ def faster(factor: float) -> Change:
     return edit
 
 
-def all_of(*changes: Change) -> Change:
-    """Several changes, one after the other."""
+def combined(*changes: Change) -> Change:
+    """Apply several changes in order."""
 
     def edit(simulation: GraspSimulation) -> None:
         for each in changes:
@@ -129,93 +135,93 @@ def all_of(*changes: Change) -> Change:
     return edit
 
 
-def refused(watched: Sequence[Watched], what: str) -> Finding:
-    """That the grasper takes no closing."""
+def none_accepted(recorded: Sequence[RecordedClosing], what: str) -> Finding:
+    """Finding: the grasper accepts no closing."""
     reasons = (UNSTABLE, UNSETTLED, PENETRATING)
-    taken = [each for each in watched if each.outcome not in reasons]
-    note = ", ".join(sorted({each.outcome for each in watched}))
-    finding = equal(f"{what}: closings taken", len(taken), 0, note=note)
-    return finding if taken else finding._replace(verdict=REJECTED)
+    accepted = [each for each in recorded if each.outcome not in reasons]
+    note = ", ".join(sorted({each.outcome for each in recorded}))
+    finding = equal(f"{what}: closings taken", len(accepted), 0, note=note)
+    return finding if accepted else finding._replace(verdict=REJECTED)
 
 
-def none_unsound(watched: Sequence[Watched], what: str) -> Finding:
-    """That the grasper takes no closing of which the engine warned or whose energy came from nowhere."""
+def no_unsound_accepted(recorded: Sequence[RecordedClosing], what: str) -> Finding:
+    """Finding: the grasper accepts no closing with engine warnings or with more kinetic energy than servo work."""
     reasons = (UNSTABLE, UNSETTLED, PENETRATING)
-    unsound = [each for each in watched if each.outcome not in reasons and (each.warnings or each.gain > 1)]
-    note = ", ".join(each.outcome for each in watched)
+    unsound = [each for each in recorded if each.outcome not in reasons and (each.warnings or each.energy_gain > 1)]
+    note = ", ".join(each.outcome for each in recorded)
     return equal(f"{what}: unsound closings taken", len(unsound), 0, note=note)
 
 
-def converges(ends: Sequence[Sequence[Watched]], what: str, order: int = 1) -> Finding:
-    """That the joints' change shrinks with each halving by 2^order, on the whole; twice of that is allowed.
+def converges(ends: Sequence[Sequence[RecordedClosing]], what: str, order: int = 1) -> Finding:
+    """Finding: joint changes shrink by 2^order with each halving of a parameter, within a factor of two overall.
 
-    ends: the same closings at each value of the knob. The median closing counts.
+    ends: the same closings at each value of the parameter. The median closing counts.
     """
     pairs = [zip(*two, strict=True) for two in zip(ends, ends[1:], strict=False)]
-    middle = [float(np.median([change(*pair) for pair in each])) for each in pairs]
+    middle = [float(np.median([joint_change(*pair) for pair in each])) for each in pairs]
     note = ", ".join(f"{each:.1e}" for each in middle) + " rad"
     bound = 2 * 0.5 ** (order * (len(middle) - 1))
     return at_most(f"{what}: last change over first", middle[-1] / middle[0], bound, note=note)
 
 
-def on_the_way(on: Setting, watched: Sequence[Watched], what: str) -> Finding:
-    """That no link is half in the object while it closes, from where the contact would push it through."""
-    depth = deepest(on.grasper, on.closings[0], watched[0])
-    return at_most(f"{what}: depth on the way", 1e3 * depth, 1e3 * HALF_A_LINK, "mm", "the first closing")
+def depth_while_closing(setup: ClosingSetup, recorded: Sequence[RecordedClosing], what: str) -> Finding:
+    """Finding: during the closing no link is deeper than half its thickness; contact would push it through."""
+    depth = deepest_penetration(setup.grasper, setup.closings[0], recorded[0])
+    return at_most(f"{what}: depth on the way", 1e3 * depth, 1e3 * HALF_LINK_THICKNESS, "mm", "the first closing")
 
 
 @CASES.case("solref at the time step and below", STAGE)
 def solref_at_the_time_step(subject) -> Iterator[Finding]:
-    """The engine's `refsafe` makes any time constant below two steps two steps, which is Palpate's own."""
-    on = setting(subject)
-    mild, step = on.watch(), on.grasper.simulation.model.opt.timestep
+    """The engine's `refsafe` raises any time constant below two steps to two steps, Palpate's default."""
+    setup = closing_setup(subject)
+    mild, step = setup.record(), setup.grasper.simulation.model.opt.timestep
     for steps in (1, 0.5, 0.1, 1e-3):
-        hard = on.watch(solref(steps * step))
-        yield equal(f"joints' change at {steps:g} steps", max(map(change, hard, mild)), 0.0, "rad")
-    yield from sound(mild)
+        hard = setup.record(solref(steps * step))
+        yield equal(f"joints' change at {steps:g} steps", max(map(joint_change, hard, mild)), 0.0, "rad")
+    yield from soundness(mild)
 
 
 @CASES.case("refsafe off", STAGE)
 def refsafe_off(subject) -> Iterator[Finding]:
-    """Without it contact is explicit: stable to about a time step, then it makes energy."""
-    on = setting(subject)
-    step = on.grasper.simulation.model.opt.timestep
-    yield from sound(on.watch(solref(2 * step, safe=False)), what="solref 2 steps")
+    """Without `refsafe` contact is stable down to a time constant of about a step; below, it creates energy."""
+    setup = closing_setup(subject)
+    step = setup.grasper.simulation.model.opt.timestep
+    yield from soundness(setup.record(solref(2 * step, safe=False)), what="solref 2 steps")
     for steps in (0.5, 0.25):
-        yield none_unsound(on.watch(solref(steps * step, safe=False)), f"solref {steps:g} steps")
+        yield no_unsound_accepted(setup.record(solref(steps * step, safe=False)), f"solref {steps:g} steps")
     for steps in (0.1, 1e-3):
-        yield refused(on.watch(solref(steps * step, safe=False)), f"solref {steps:g} steps")
+        yield none_accepted(setup.record(solref(steps * step, safe=False)), f"solref {steps:g} steps")
 
 
 @CASES.case("what refsafe doesn't guard", STAGE)
 def refsafe_missing(subject) -> Iterator[Finding]:
     """Stiffness itself (a negative solref), and the damping ratio, whose square divides the stiffness."""
-    on = setting(subject)
-    step = on.grasper.simulation.model.opt.timestep
-    yield from sound(on.watch(solref(-1e4, -2e2)), what="stiffness 1e4 /s^2")
-    yield refused(on.watch(solref(-1e8, -2e4)), "stiffness 1e8 /s^2")
-    yield none_unsound(on.watch(solref(2 * step, 100)), "damping ratio 100")
-    yield refused(on.watch(solref(2 * step, 0.01)), "damping ratio 0.01")
+    setup = closing_setup(subject)
+    step = setup.grasper.simulation.model.opt.timestep
+    yield from soundness(setup.record(solref(-1e4, -2e2)), what="stiffness 1e4 /s^2")
+    yield none_accepted(setup.record(solref(-1e8, -2e4)), "stiffness 1e8 /s^2")
+    yield no_unsound_accepted(setup.record(solref(2 * step, 100)), "damping ratio 100")
+    yield none_accepted(setup.record(solref(2 * step, 0.01)), "damping ratio 0.01")
 
 
 @CASES.case("solref to zero, one time step", STAGE)
 def solref_converges(subject) -> Iterator[Finding]:
     """Time constants of 16 to 2 ms at a time step of 1 ms: depth goes as their square, and joints with it."""
     for name, shape in (("plate", shapes.plate()), ("vertex", shapes.vertex())):
-        mesh = shapes.facing(shape, shapes.bent())
-        on = shapes.alone(mesh)
+        mesh = shapes.placed_at_pad(shape, shapes.bent_finger())
+        setup = shapes.shape_setup(mesh)
         simulation = GraspSimulation(HAND, surface_patches(mesh), 0.001)
-        ends = [on.watch(all_of(solref(0.001 * 2**k), held), simulation=simulation) for k in (4, 3, 2, 1)]
+        ends = [setup.record(combined(solref(0.001 * 2**k), hold_targets), simulation=simulation) for k in (4, 3, 2, 1)]
         yield converges(ends, name, order=2)
-        yield agree(ends[-1], on.watch(held), what=f"{name}: joints' change to the default")
-        yield from sound(ends[-1], what=name)
+        yield joints_agree(ends[-1], setup.record(hold_targets), what=f"{name}: joints' change to the default")
+        yield from soundness(ends[-1], what=name)
 
 
 @CASES.case("solimp extremes", STAGE)
 def solimp_extremes(subject) -> Iterator[Finding]:
-    """Contacts that are hard at once, late, or never."""
-    on = setting(subject)
-    mild = on.watch()
+    """Contacts that become hard at once, late, or never."""
+    setup = closing_setup(subject)
+    mild = setup.record()
     hard = {
         "impedance 1": (1, 1, 0.0005, 0.5, 2),
         "width 0": (0.95, 0.99, 0, 0.5, 2),
@@ -224,89 +230,98 @@ def solimp_extremes(subject) -> Iterator[Finding]:
         "midpoint 1, power 50": (0.1, 0.99, 0.0005, 1, 50),
         "power 1000": (0.1, 0.99, 0.0005, 0.5, 1000),
     }
-    watched = {name: on.watch(solimp(*values), name) for name, values in hard.items()}
-    yield from sound([each for of in watched.values() for each in of])
-    for name, of in watched.items():
-        yield agree(of, mild, what=f"{name}: joints' change")
-    yield none_unsound(on.watch(solimp(0, 0, 0.001, 0.5, 2)), "impedance 0")
-    yield none_unsound(on.watch(solimp(0.1, 0.99, 1, 0.5, 2)), "width 1 m")
+    recorded = {name: setup.record(solimp(*values), name) for name, values in hard.items()}
+    yield from soundness([each for of in recorded.values() for each in of])
+    for name, of in recorded.items():
+        yield joints_agree(of, mild, what=f"{name}: joints' change")
+    yield no_unsound_accepted(setup.record(solimp(0, 0, 0.001, 0.5, 2)), "impedance 0")
+    yield no_unsound_accepted(setup.record(solimp(0.1, 0.99, 1, 0.5, 2)), "width 1 m")
 
 
 @CASES.case("servos' gains x100", STAGE)
 def gains_times_100(subject) -> Iterator[Finding]:
-    """At the torque limit of 0.5 N m they press, no harder; where fingers are held off, the ends differ."""
-    on = setting(subject)
-    free = on.watch(gains(100), "x100")
-    yield from sound(free, what="torque limited")
-    yield none_unsound(on.watch(gains(100, torque=100)), "torque x100")
-    yield none_unsound(on.watch(gains(1e4, torque=1e4)), "gains and torque x1e4")
-    far = shapes.alone(shapes.far())
-    ends = far.watch(all_of(gains(100), held)), far.watch(held)
-    yield agree(*ends, what="nothing in the way: joints' change")
+    """The torque limit of 0.5 N m bounds the force. Final poses differ where an object stops the fingers."""
+    setup = closing_setup(subject)
+    free = setup.record(gains(100), "x100")
+    yield from soundness(free, what="torque limited")
+    yield no_unsound_accepted(setup.record(gains(100, torque=100)), "torque x100")
+    yield no_unsound_accepted(setup.record(gains(1e4, torque=1e4)), "gains and torque x1e4")
+    distant_ball = shapes.shape_setup(shapes.distant_ball())
+    ends = distant_ball.record(combined(gains(100), hold_targets)), distant_ball.record(hold_targets)
+    yield joints_agree(*ends, what="nothing in the way: joints' change")
 
 
 @CASES.case("servos' gains x100 at 10 ms", STAGE, short=False)
 def gains_at_10_ms(subject) -> Iterator[Finding]:
-    on = setting(subject)
+    setup = closing_setup(subject)
     simulation = GraspSimulation(HAND, surface_patches(load_collision(subject.folder)), 0.01, stiffness=100 * STIFFNESS)
-    yield refused(on.watch(simulation=simulation), "torque limited")
+    yield none_accepted(setup.record(simulation=simulation), "torque limited")
 
 
 @CASES.case("masses 1e-4 to 1e4", STAGE)
 def mass_ratios(subject) -> Iterator[Finding]:
-    """Of all links, or the tips alone: light hands rest where the mild one does, heavy ones don't rest."""
-    on, plate = setting(subject), shapes.alone(shapes.facing(shapes.plate(), shapes.bent()))
-    mild, on_plate = on.watch(held), plate.watch(held)
+    """All links or the tips alone: light hands rest where the default does, heavy ones don't come to rest."""
+    setup, plate = (
+        closing_setup(subject),
+        shapes.shape_setup(shapes.placed_at_pad(shapes.plate(), shapes.bent_finger())),
+    )
+    mild, on_plate = setup.record(hold_targets), plate.record(hold_targets)
     for name, links in (("all links", ""), ("tips", "_tip")):
         for factor in (1e-4, 1e-2):
-            lighter, what = all_of(mass(factor, links), held), f"{name} x{factor:g}"
-            light = on.watch(lighter)
-            yield agree(light, mild, GEL, f"{what}: joints' change")
-            yield agree(plate.watch(lighter), on_plate, what=f"{what}: joints' change on a plate")
-            yield from sound(light, what=what)
-        yield refused(on.watch(mass(1e4, links)), f"{name} x1e4")
+            lighter, what = combined(mass(factor, links), hold_targets), f"{name} x{factor:g}"
+            light = setup.record(lighter)
+            yield joints_agree(light, mild, GEL_TOLERANCE, f"{what}: joints' change")
+            yield joints_agree(plate.record(lighter), on_plate, what=f"{what}: joints' change on a plate")
+            yield from soundness(light, what=what)
+        yield none_accepted(setup.record(mass(1e4, links)), f"{name} x1e4")
 
 
 @CASES.case("armature to 0", STAGE)
 def armature_to_zero(subject) -> Iterator[Finding]:
-    """The servos' damping stays; of inertia the links' own is left, 1e-5 kg m^2 at a finger's base."""
-    on, plate = setting(subject), shapes.alone(shapes.facing(shapes.plate(), shapes.bent()))
-    mild, on_plate = on.watch(held), plate.watch(held)
+    """The servos' damping stays; only the links' own inertia remains, 1e-5 kg m^2 at a finger's base."""
+    setup, plate = (
+        closing_setup(subject),
+        shapes.shape_setup(shapes.placed_at_pad(shapes.plate(), shapes.bent_finger())),
+    )
+    mild, on_plate = setup.record(hold_targets), plate.record(hold_targets)
     for share in (0.1, 0.01, 0):
-        lighter = all_of(armature(share * ARMATURE), held)
-        less = on.watch(lighter)
-        yield agree(less, mild, GEL, f"x{share:g}: joints' change")
-        yield agree(plate.watch(lighter), on_plate, what=f"x{share:g}: joints' change on a plate")
-        yield none_unsound(less, f"x{share:g}")
-    light = on.watch(all_of(armature(0), mass(1e-4)))
-    yield none_unsound(light, "and masses x1e-4")
+        lighter = combined(armature(share * ARMATURE), hold_targets)
+        less = setup.record(lighter)
+        yield joints_agree(less, mild, GEL_TOLERANCE, f"x{share:g}: joints' change")
+        yield joints_agree(plate.record(lighter), on_plate, what=f"x{share:g}: joints' change on a plate")
+        yield no_unsound_accepted(less, f"x{share:g}")
+    light = setup.record(combined(armature(0), mass(1e-4)))
+    yield no_unsound_accepted(light, "and masses x1e-4")
 
 
 @CASES.case("time steps to 20 ms", STAGE, short=False)
 def timesteps(subject) -> Iterator[Finding]:
-    """Joints' changes are of first order from the default's step on; at twice of it they are not yet."""
-    on, patches = setting(subject), surface_patches(load_collision(subject.folder))
+    """Joint changes converge at first order from the default time step down, not yet from twice of it."""
+    setup, patches = closing_setup(subject), surface_patches(load_collision(subject.folder))
     halved = (*TIMESTEPS[1:], TIMESTEPS[-1] / 2)
-    at = {step: on.watch(simulation=GraspSimulation(HAND, patches, step)) for step in (0.01, 0.008, *halved)}
-    for step, bound in ((0.01, GEL), (0.008, GEL), (0.004, JOINT)):
-        yield agree(at[step], at[TIMESTEPS[-1]], bound, f"{1e3 * step:g} ms: joints' change to 0.5 ms")
-        yield from sound(at[step], what=f"{1e3 * step:g} ms")
+    at = {step: setup.record(simulation=GraspSimulation(HAND, patches, step)) for step in (0.01, 0.008, *halved)}
+    for step, bound in ((0.01, GEL_TOLERANCE), (0.008, GEL_TOLERANCE), (0.004, JOINT_TOLERANCE)):
+        yield joints_agree(at[step], at[TIMESTEPS[-1]], bound, f"{1e3 * step:g} ms: joints' change to 0.5 ms")
+        yield from soundness(at[step], what=f"{1e3 * step:g} ms")
     yield converges([at[step] for step in halved], "time step")
-    yield on_the_way(on, at[0.004], "4 ms")
+    yield depth_while_closing(setup, at[0.004], "4 ms")
 
 
 @CASES.case("closing at 10 times the speed", STAGE)
 def ten_times_faster(subject) -> Iterator[Finding]:
-    """Also what holding longer would change: by theory what is left of the servos' lag behind their ramp."""
-    on, plate = setting(subject), shapes.alone(shapes.facing(shapes.plate(), shapes.bent()))
-    mild, sooner = on.watch(held), all_of(faster(10), held)
-    yield agree(on.watch(sooner), mild, GEL)
-    yield agree(plate.watch(sooner), plate.watch(held), what="joints' change on a plate")
-    fast = on.watch(faster(10))
-    yield from sound(fast)
-    yield on_the_way(on, fast, "10 times")
-    swept = [np.abs(each.targets - HAND.open_joint_positions).max() for each in on.closings]
-    kept = [change(*pair) for pair in zip(on.watch(), mild, strict=True)]
+    """Also how much holding longer changes: in theory the remainder of the servos' lag behind their ramp."""
+    setup, plate = (
+        closing_setup(subject),
+        shapes.shape_setup(shapes.placed_at_pad(shapes.plate(), shapes.bent_finger())),
+    )
+    mild, sooner = setup.record(hold_targets), combined(faster_closing(10), hold_targets)
+    yield joints_agree(setup.record(sooner), mild, GEL_TOLERANCE)
+    yield joints_agree(plate.record(sooner), plate.record(hold_targets), what="joints' change on a plate")
+    fast = setup.record(faster_closing(10))
+    yield from soundness(fast)
+    yield depth_while_closing(setup, fast, "10 times")
+    swept = [np.abs(each.targets - HAND.open_joint_positions).max() for each in setup.closings]
+    kept = [joint_change(*pair) for pair in zip(setup.record(), mild, strict=True)]
     lag = (2 * np.sqrt(STIFFNESS * ARMATURE) + DAMPING) / STIFFNESS  # s
     left = np.exp(-(1 - RAMP) * DURATION / lag) * lag * np.array(swept) / (RAMP * DURATION)
     yield at_most("at the usual speed: way left over the lag's", float(np.median(kept / left)), 1)
@@ -314,21 +329,21 @@ def ten_times_faster(subject) -> Iterator[Finding]:
 
 @CASES.case("starting in contact and in penetration", STAGE)
 def starting_in_penetration(subject) -> Iterator[Finding]:
-    """A plate in front of one open finger's pad, and this deep in it. Such poses are not free for a grasp.
+    """A plate just in front of an open finger's pad, or some depth inside it. The grasper refuses such poses.
 
-    Closed from there all the same: the contact pushes at no more than the depth in a time constant, and gives
-    no more energy than a push of this speed. Deeper than the patches are thick, it doesn't find the way out.
+    The closing starts there all the same. Contact pushes the pad at most one depth per time constant, and adds
+    no more energy than that speed has. Deeper than the patches' thickness, contact can't push it out.
     """
     start = HAND.open_joint_positions
     for depth in (-1e-6, 1e-6, 1e-4, 1e-3, 5e-3):
-        mesh = shapes.facing(shapes.plate(width=0.02), start, depth)
-        on = shapes.alone(mesh, start)
-        simulation = on.grasper.simulation
+        mesh = shapes.placed_at_pad(shapes.plate(width=0.02), start, depth)
+        setup = shapes.shape_setup(mesh, start)
+        simulation = setup.grasper.simulation
         simulation.place(np.eye(4), start)
         yield equal(f"{1e3 * depth:g} mm deep: pose is refused", simulation.in_contact(), depth > 0)
         if depth < 1e-4:
             continue
-        pushed = on.watch(held)[0]
+        pushed = setup.record(hold_targets)[0]
         speed = depth / (2 * simulation.model.opt.timestep)
         energy = 0.5 * shapes.mass_at_pad(simulation) * speed**2
         yield equal(f"{1e3 * depth:g} mm deep: engine's warnings", pushed.warnings, 0)
@@ -337,53 +352,53 @@ def starting_in_penetration(subject) -> Iterator[Finding]:
         if depth <= THICKNESS:
             yield at_most(f"{1e3 * depth:g} mm deep: depth at the end", 1e3 * pushed.depth, 1e3 * MAX_PENETRATION, "mm")
         else:
-            yield refused([pushed], f"{1e3 * depth:g} mm deep, through the patches")
-    yield from palm_in_the_object(subject)
+            yield none_accepted([pushed], f"{1e3 * depth:g} mm deep, through the patches")
+    yield from palm_in_object(subject)
 
 
-def palm_in_the_object(subject) -> Iterator[Finding]:
-    """The engine never collides the palm with the object, for neither can move: the check does."""
-    on = setting(subject)
+def palm_in_object(subject) -> Iterator[Finding]:
+    """The engine never collides palm and object, which are both fixed: the penetration check does."""
+    setup = closing_setup(subject)
     deep = np.eye(4)
-    deep[:3, 3] = on.grasper.surface.points[0] - HAND.palm_anchor[:3, 3]
+    deep[:3, 3] = setup.grasper.surface.points[0] - HAND.palm_anchor[:3, 3]
     links = HAND.forward(deep, HAND.open_joint_positions)
-    yield at_least("palm in the surface: depth seen", 1e3 * on.grasper.check.in_object(links), 1, "mm")
-    louvre, points = shapes.louvre()
-    result = Grasper(louvre, louvre, points, HAND).attempt(np.random.default_rng(0))
-    yield equal("gaps that no palm fits in", result if isinstance(result, str) else TOUCHED, BLOCKED)
+    yield at_least("palm in the surface: depth seen", 1e3 * setup.grasper.check.in_object(links), 1, "mm")
+    narrow_sheets, points = shapes.narrow_sheets()
+    result = Grasper(narrow_sheets, narrow_sheets, points, HAND).attempt(np.random.default_rng(0))
+    yield equal("gaps that no palm fits in", result if isinstance(result, str) else CLOSED, BLOCKED)
 
 
 @CASES.case("a finger wedged between two surfaces", STAGE)
 def wedged(subject) -> Iterator[Finding]:
-    """A groove that narrows towards the target; a slot that the tip starts in, with both walls in it.
+    """A groove that narrows towards the target; a slot narrower than the tip, which starts inside both walls.
 
-    In a groove of half angle a, a wall that gives by d lets the tip in by d / sin a.
+    In a groove of half angle a, a tip that penetrates the walls by d moves on by d / sin a.
     """
     for degrees, gap in ((15, 0.005), (5, 0.011)):
-        mesh = shapes.facing(shapes.groove(np.radians(degrees), gap), shapes.bent(), 0)
-        on = shapes.alone(mesh)
-        mild, stiff = on.watch(held), on.watch(all_of(solref(1e-6), gains(100), held))
-        yield from sound([*mild, *stiff], what=f"{degrees} degrees")
-        finer = on.watch(held, simulation=GraspSimulation(HAND, surface_patches(mesh), 0.001))
-        bound = JOINT / np.sin(np.radians(degrees))
-        yield agree(mild, finer, bound, f"{degrees} degrees: joints' change to 1 ms")
+        mesh = shapes.placed_at_pad(shapes.groove(np.radians(degrees), gap), shapes.bent_finger(), 0)
+        setup = shapes.shape_setup(mesh)
+        mild, stiff = setup.record(hold_targets), setup.record(combined(solref(1e-6), gains(100), hold_targets))
+        yield from soundness([*mild, *stiff], what=f"{degrees} degrees")
+        finer = setup.record(hold_targets, simulation=GraspSimulation(HAND, surface_patches(mesh), 0.001))
+        bound = JOINT_TOLERANCE / np.sin(np.radians(degrees))
+        yield joints_agree(mild, finer, bound, f"{degrees} degrees: joints' change to 1 ms")
     for narrower in (0.0004, 0.008):
-        half, what = shapes.FACE / 2 - narrower / 2, f"slot {1e3 * narrower:g} mm too narrow"
-        on = shapes.alone(shapes.facing(shapes.groove(0, half), shapes.bent(), 0.01))
-        simulation, bent = on.grasper.simulation, shapes.bent()
-        simulation.place(np.eye(4), bent)
+        half, what = shapes.FINGERTIP_WIDTH / 2 - narrower / 2, f"slot {1e3 * narrower:g} mm too narrow"
+        setup = shapes.shape_setup(shapes.placed_at_pad(shapes.groove(0, half), shapes.bent_finger(), 0.01))
+        simulation, bent_finger = setup.grasper.simulation, shapes.bent_finger()
+        simulation.place(np.eye(4), bent_finger)
         yield equal(f"{what}: pose is refused", simulation.in_contact(), True)
-        stuck = watch(on.grasper, simulation, on.closings[0], start=bent)
+        stuck = record(setup.grasper, simulation, setup.closings[0], start=bent_finger)
         yield equal(f"{what}: engine's warnings", stuck.warnings, 0)
         if narrower / 2 <= THICKNESS:
-            yield at_most(f"{what}: moved by", float(np.abs(stuck.joints - bent).max()), JOINT, "rad")
+            yield at_most(f"{what}: moved by", float(np.abs(stuck.joints - bent_finger).max()), JOINT_TOLERANCE, "rad")
             yield at_most(f"{what}: depth", 1e3 * stuck.depth, 1e3 * MAX_PENETRATION, "mm")
 
 
 @CASES.case("faces, edges and vertices against the pad", STAGE, short=False)
 def edges_and_vertices(subject) -> Iterator[Finding]:
-    """In the pad's middle, at its rim and its corner, where it is chance on which side the tip slips off."""
-    rim, corner = (shapes.PAD[0], 0), shapes.PAD
+    """Against the pad's middle, rim and corner; at the corner it is chance to which side the tip slips off."""
+    rim, corner = (shapes.PAD_HALF_EXTENTS[0], 0), shapes.PAD_HALF_EXTENTS
     met = {
         "plate": (shapes.plate(), (0, 0)),
         "ball": (shapes.ball(), (0, 0)),
@@ -395,46 +410,49 @@ def edges_and_vertices(subject) -> Iterator[Finding]:
         "vertex on the corner": (shapes.vertex(), corner),
     }
     for name, (shape, at) in met.items():
-        mesh = shapes.facing(shape, shapes.bent(), at=at)
-        on = shapes.alone(mesh)
-        ends = [on.watch(held, simulation=GraspSimulation(HAND, surface_patches(mesh), step)) for step in TIMESTEPS[:4]]
-        yield from sound(ends[1], what=name)
+        mesh = shapes.placed_at_pad(shape, shapes.bent_finger(), at=at)
+        setup = shapes.shape_setup(mesh)
+        ends = [
+            setup.record(hold_targets, simulation=GraspSimulation(HAND, surface_patches(mesh), step))
+            for step in TIMESTEPS[:4]
+        ]
+        yield from soundness(ends[1], what=name)
         if at != corner:
-            yield agree(ends[1], ends[2], what=f"{name}: joints' change to 2 ms")
+            yield joints_agree(ends[1], ends[2], what=f"{name}: joints' change to 2 ms")
             yield converges(ends, name, order=2)
-        yield none_unsound(on.watch(all_of(gains(100), held)), f"{name}, gains x100")
+        yield no_unsound_accepted(setup.record(combined(gains(100), hold_targets)), f"{name}, gains x100")
 
 
 @CASES.case("a hand of another size", STAGE, short=False)
 def sizes_of_hands(subject) -> Iterator[Finding]:
-    """A hand of s times the size has links of s^5 times the inertia, were their density the same."""
-    on, visual = setting(subject), load_visual(subject.folder)
+    """At equal density, a hand of s times the size has links of s^5 times the inertia."""
+    setup, visual = closing_setup(subject), load_visual(subject.folder)
     patches = surface_patches(load_collision(subject.folder))
-    mild = on.watch(held)
+    mild = setup.record(hold_targets)
     for size in (0.1, 2, 4):
-        hand = resized(HAND, size)
-        grasper = copy.copy(on.grasper)
+        hand = scaled_hand(HAND, size)
+        grasper = copy.copy(setup.grasper)
         grasper.hand, mesh = hand, visual.copy().apply_scale(size)
         grasper.check, grasper.caster = PenetrationCheck(hand, mesh), RayCaster(mesh)
         grasper.simulation = GraspSimulation(hand, [size * each for each in patches])
-        closings = [each._replace(pose=moved_out(each.pose, size)) for each in on.closings]
-        ends = Setting(grasper, closings).watch(held)
-        yield agree(ends, mild, GEL, f"x{size:g}: joints' change")
-        yield from sound(ends, what=f"x{size:g}")
+        closings = [each._replace(pose=scaled_position(each.pose, size)) for each in setup.closings]
+        ends = ClosingSetup(grasper, closings).record(hold_targets)
+        yield joints_agree(ends, mild, GEL_TOLERANCE, f"x{size:g}: joints' change")
+        yield from soundness(ends, what=f"x{size:g}")
 
 
 @CASES.case("a hand's file with extreme values", STAGE)
 def extreme_files(subject) -> Iterator[Finding]:
-    """Gains, armature, damping and masses of a file play no part; what can't be is an error that says so."""
-    on, patches = setting(subject), surface_patches(load_collision(subject.folder))
+    """Gains, armature, damping and masses of a file have no effect; impossible values raise a clear error."""
+    setup, patches = closing_setup(subject), surface_patches(load_collision(subject.folder))
     with TemporaryDirectory() as folder:
         ends = []
         files = {"mild": (1.0, 5e-4, 1e3), "stiff": (1e8, 0.0, 1e9), "limp": (1e-8, 1e8, 1e-3)}
         for name, values in files.items():
-            hand = written(Path(folder) / f"{name}.xml", *values)
+            hand = written_and_read(Path(folder) / f"{name}.xml", *values)
             simulation = GraspSimulation(hand, patches)
-            simulation.place(on.closings[0].pose, hand.open_joint_positions)
-            ends.append(simulation.close(on.closings[0].targets).joint_positions)
+            simulation.place(setup.closings[0].pose, hand.open_joint_positions)
+            ends.append(simulation.close(setup.closings[0].targets).joint_positions)
         for name, joints in zip(("stiff", "limp"), ends[1:], strict=True):
             yield equal(f"{name}: joints' change", float(np.abs(joints - ends[0]).max()), 0.0, "rad")
         for name, values in {"inertia": 'mass="1" diaginertia="1 1 9"', "mass": 'mass="-1"'}.items():
@@ -444,18 +462,18 @@ def extreme_files(subject) -> Iterator[Finding]:
             yield found._replace(note=found.note.replace(f"{folder}/", ""))
     reason = "from end to end, not 0.01 to 1 m: give all lengths in metres"
     for size in (10, 1000, 0.001):
-        yield rejects(f"lengths x{size:g}", lambda size=size: resized(HAND, size), ValueError, reason)
-    crossed, far = replace(HAND, open_joint_positions=shapes.crossed()), shapes.far()
+        yield rejects(f"lengths x{size:g}", lambda size=size: scaled_hand(HAND, size), ValueError, reason)
+    crossed_fingers, distant_ball = replace(HAND, open_joint_positions=shapes.crossed_fingers()), shapes.distant_ball()
     yield rejects(
         "open hand in itself",
-        lambda: Grasper(far, far, far.triangles_center, crossed),
+        lambda: Grasper(distant_ball, distant_ball, distant_ball.triangles_center, crossed_fingers),
         ValueError,
         "deep in each other",
     )
 
 
-def resized(hand: Hand, size: float) -> Hand:
-    """A hand of `size` times the lengths."""
+def scaled_hand(hand: Hand, size: float) -> Hand:
+    """The hand with all lengths scaled by `size`."""
     anchor = hand.palm_anchor.copy()
     anchor[:3, 3] *= size
     return replace(
@@ -468,15 +486,15 @@ def resized(hand: Hand, size: float) -> Hand:
     )
 
 
-def moved_out(pose: np.ndarray, size: float) -> np.ndarray:
-    """A pose (4, 4) with its place scaled."""
+def scaled_position(pose: np.ndarray, size: float) -> np.ndarray:
+    """A pose (4, 4) with its translation scaled by `size`."""
     pose = pose.copy()
     pose[:3, 3] *= size
     return pose
 
 
-def written(path: Path, stiffness: float, armature: float, density: float) -> Hand:
-    """The hand as a model file with these servos, armature (kg m^2) and density (kg/m^3), read back."""
+def written_and_read(path: Path, stiffness: float, armature: float, density: float) -> Hand:
+    """Write the hand as a model file with this servo gain, armature (kg m^2) and density (kg/m^3); read it back."""
     spec = build_spec(HAND)
     for actuator in spec.actuators:
         actuator.set_to_position(kp=stiffness)

@@ -1,7 +1,7 @@
-"""Stability of geometry: thin, sharp, tiny, huge, far, many and few, through every stage that meets them.
+"""Stability of geometry: thin, sharp, tiny, huge, distant, very many and very few faces, through all stages.
 
-Every object of a run is normalised to a diagonal of `DIAGONAL`; a size other than that, as of an object
-smaller than the sensor or larger than the camera's view, can only be met by calling the library directly.
+A run normalises every object to the diagonal `DIAGONAL`. Other sizes, such as an object smaller than the sensor
+or larger than the camera's view, occur only where a user calls the library directly.
 """
 
 import tempfile
@@ -32,16 +32,16 @@ ROUNDED = 3e-8
 POINTS = 4000
 
 
-class Prepared(NamedTuple):
-    """What `palpate.mesh.prepare` makes of a source file; metres."""
+class PreparedMesh(NamedTuple):
+    """Result of `palpate.mesh.prepare` for a source file; metres."""
 
     record: dict[str, Any]
     visual: trimesh.Trimesh
     collision: trimesh.Trimesh
 
 
-def prepared(mesh: trimesh.Trimesh, suffix: str = "obj", **options) -> Prepared:
-    """A mesh through a file, in double precision for obj and single for the others, and `prepare`."""
+def prepare_mesh(mesh: trimesh.Trimesh, suffix: str = "obj", **options) -> PreparedMesh:
+    """Write a mesh to a file and prepare it; obj files are in double precision, the others in single."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / f"source.{suffix}"
         if suffix == "obj":
@@ -51,7 +51,7 @@ def prepared(mesh: trimesh.Trimesh, suffix: str = "obj", **options) -> Prepared:
         else:
             path.write_bytes(mesh.export(file_type=suffix))
         record = prepare(path, folder, **options)
-        return Prepared(record, load_visual(folder), load_collision(folder))
+        return PreparedMesh(record, load_visual(folder), load_collision(folder))
 
 
 def soup(vertices, faces) -> trimesh.Trimesh:
@@ -70,8 +70,8 @@ def hand():
     return allegro()
 
 
-def off_surface(points: np.ndarray, mesh: trimesh.Trimesh) -> float:
-    """Largest distance in metres of points (n, 3) to the faces of a mesh."""
+def distance_off_surface(points: np.ndarray, mesh: trimesh.Trimesh) -> float:
+    """Largest distance (m) from points (n, 3) to the faces of a mesh."""
     squared, _, _ = igl.point_mesh_squared_distance(
         np.asarray(points, dtype=float),
         np.asarray(mesh.vertices, dtype=float),
@@ -80,44 +80,44 @@ def off_surface(points: np.ndarray, mesh: trimesh.Trimesh) -> float:
     return float(np.sqrt(squared.max()))
 
 
-def looks_along(axis: int, sign: int) -> np.ndarray:
-    """(3, 3) a sensor's rotation whose x is along a coordinate axis, either way."""
+def rotation_along(axis: int, sign: int) -> np.ndarray:
+    """(3, 3) rotation of a sensor that looks along a coordinate axis, in the positive or negative direction."""
     x, y = sign * np.eye(3)[axis], np.eye(3)[(axis + 1) % 3]
     return np.stack([x, y, np.cross(x, y)], axis=1)
 
 
-def looked_at(mesh: trimesh.Trimesh, axis: int, sign: int, distance: float) -> np.ndarray:
-    """(100, 100) depth of a mesh's origin seen along an axis from a distance, metres."""
-    rotation = looks_along(axis, sign)
+def depth_along(mesh: trimesh.Trimesh, axis: int, sign: int, distance: float) -> np.ndarray:
+    """(100, 100) depth map (m) of a sensor that looks along an axis at the origin, from a distance."""
+    rotation = rotation_along(axis, sign)
     return RayCaster(mesh).trace(-distance * rotation[:, 0][None], rotation[None])[0]
 
 
-def size(made: Prepared, area: float, extents) -> Iterator[Finding]:
-    """Area and diagonal of the normalised surface, given those of the source, in any unit."""
+def size_preserved(result: PreparedMesh, area: float, extents) -> Iterator[Finding]:
+    """Findings on area and diagonal of the normalised mesh, given those of the source in any unit."""
     scale = DIAGONAL / np.linalg.norm(extents)
-    written = made.record["visual.glb"]
+    written = result.record["visual.glb"]
     # Each side is off by rounding, twice; for a thin object its area is nearly that of its two sides.
     bound = 4 * ROUNDED * np.sqrt(written["faces"] / area) / scale + 1e-6
     yield at_most("area off", abs(written["area"] / (area * scale**2) - 1), bound, "of the area")
-    diagonal = np.linalg.norm(np.ptp(made.visual.vertices, axis=0))
+    diagonal = np.linalg.norm(np.ptp(result.visual.vertices, axis=0))
     yield at_most("diagonal off", abs(diagonal - DIAGONAL), 4 * ROUNDED, "m")
 
 
-def sampled(made: Prepared) -> tuple[np.ndarray, list[Finding]]:
-    """Points (n, 3) of the exterior, in the object's own frame, and that they are on it."""
-    points = sample(made.visual, POINTS, np.random.default_rng(0))
-    off = off_surface(points, made.visual)
+def sample_points(result: PreparedMesh) -> tuple[np.ndarray, list[Finding]]:
+    """Points (n, 3) of the exterior in the object's frame, and findings that they lie on the surface."""
+    points = sample(result.visual, POINTS, np.random.default_rng(0))
+    off = distance_off_surface(points, result.visual)
     return points, [
         equal("points sampled", int(np.isfinite(points).all(axis=1).sum()), POINTS),
         at_most("points off the surface", off, 1e-6, "m", "libigl's distance to slivers is right to 1e-6 m"),
     ]
 
 
-def grasped(made: Prepared, points: np.ndarray, attempts: int = 12) -> GraspSet:
-    """One grasp; raises `UnusableObject` if that many attempts don't give one."""
+def grasp_once(result: PreparedMesh, points: np.ndarray, attempts: int = 12) -> GraspSet:
+    """One grasp; raises `UnusableObject` if `attempts` palm poses give none."""
     return grasp_object(
-        made.visual,
-        made.collision,
+        result.visual,
+        result.collision,
         points + OBJECT_POSITION,
         hand(),
         np.random.default_rng(0),
@@ -128,78 +128,78 @@ def grasped(made: Prepared, points: np.ndarray, attempts: int = 12) -> GraspSet:
     )
 
 
-def later_stages(made: Prepared, attempts: int = 12) -> Iterator[Finding]:
-    """Points, a grasp and its touches: finite, on the surface, not deep in it, agreeing with each other."""
-    points, findings = sampled(made)
+def later_stages(result: PreparedMesh, attempts: int = 12) -> Iterator[Finding]:
+    """Findings on surface points, a grasp and its touches: finite, on the surface, penetration within the limit."""
+    points, findings = sample_points(result)
     yield from findings
-    found = grasped(made, points, attempts)
-    yield equal("grasp is finite", bool(np.isfinite(found.link_pose).all()), True)
-    yield at_most("penetration", float(found.penetration.max()), MAX_PENETRATION, "m", "grasps.max_penetration")
-    caster = RayCaster(made.visual, OBJECT_POSITION)
-    felt = sense(caster, found.sensor_position[0], found.sensor_rotation[0])
-    yield equal("sensors that feel", int(felt.success.sum()), int(found.touches[0].sum()))
-    cloud = np.concatenate([felt.points[k, : felt.point_count[k]] for k in range(4)])
-    off = off_surface(cloud - np.array(OBJECT_POSITION), made.visual)
-    # Single precision 1 m from the origin; what a face seen edge-on adds is below it.
+    grasp = grasp_once(result, points, attempts)
+    yield equal("grasp is finite", bool(np.isfinite(grasp.link_pose).all()), True)
+    yield at_most("penetration", float(grasp.penetration.max()), MAX_PENETRATION, "m", "grasps.max_penetration")
+    caster = RayCaster(result.visual, OBJECT_POSITION)
+    sensed = sense(caster, grasp.sensor_position[0], grasp.sensor_rotation[0])
+    yield equal("sensors that feel", int(sensed.success.sum()), int(grasp.touches[0].sum()))
+    cloud = np.concatenate([sensed.points[k, : sensed.point_count[k]] for k in range(4)])
+    off = distance_off_surface(cloud - np.array(OBJECT_POSITION), result.visual)
+    # Rounding to single precision 1 m from the origin; faces seen edge-on add less.
     yield at_most("felt points off the surface", off, 1e-6, "m")
 
 
 @CASES.case("blade of 0.2 mm", "meshes, surface, grasps, touch")
 def blade(subject):
-    """Both sides survive, and stay as far apart as they were, decimated too."""
+    """Both sides are kept, at the same distance, also after decimation."""
     extents = (0.45, 0.2, 2e-4)
-    made = prepared(fine_box(extents, 3), collision_faces=100)
-    yield from size(made, 2 * (0.45 * 0.2 + 0.45 * 2e-4 + 0.2 * 2e-4), extents)
+    result = prepare_mesh(fine_box(extents, 3), collision_faces=100)
+    yield from size_preserved(result, 2 * (0.45 * 0.2 + 0.45 * 2e-4 + 0.2 * 2e-4), extents)
     thickness = 2e-4 * DIAGONAL / np.linalg.norm(extents)
-    for name, mesh in (("visual", made.visual), ("collision", made.collision)):
+    for name, mesh in (("visual", result.visual), ("collision", result.collision)):
         off = abs(float(np.ptp(mesh.vertices[:, 2])) - thickness)
         yield at_most(f"thickness off, {name}", off, 2 * ROUNDED, "m", f"of {thickness:.3g} m")
-    worst = made.record["collision.ply"]["source_to_level"]["max"]
+    worst = result.record["collision.ply"]["source_to_level"]["max"]
     yield at_most("decimated off the source", worst, 1e-5, "m", "5 % of the thickness")
-    gap = [looked_at(made.visual, 2, sign, 0.01) for sign in (1, -1)]
-    felt = float(np.abs(0.02 - gap[0] - gap[1] - thickness).max())
-    yield at_most("felt thickness off", felt, 2e-8, "m")
-    points, _ = sampled(made)
+    gap = [depth_along(result.visual, 2, sign, 0.01) for sign in (1, -1)]
+    sensed = float(np.abs(0.02 - gap[0] - gap[1] - thickness).max())
+    yield at_most("felt thickness off", sensed, 2e-8, "m")
+    points, _ = sample_points(result)
     above = float((points[:, 2] > 0).mean())
     yield at_most("share of points above off a half", abs(above - 0.5), 2 / np.sqrt(POINTS), "", "4 sigma")
-    yield from later_stages(made)
+    yield from later_stages(result)
 
 
 @CASES.case("sheet without thickness", "meshes, surface, grasps, touch")
 def sheet(subject):
-    """One rectangle, and two on the same corners, back to back: felt alike from both sides."""
+    """A rectangle, and two back to back on the same corners: both have the same depth from either side."""
     corners, one = [(0, 0, 0), (2, 0, 0), (2, 1, 0), (0, 1, 0)], [(0, 1, 2), (0, 2, 3)]
     for name, faces in (("single", one), ("double", [*one, (0, 2, 1), (0, 3, 2)])):
-        made = prepared(soup(corners, faces))
-        yield equal(f"faces kept, {name}", len(made.visual.faces), 2)
+        result = prepare_mesh(soup(corners, faces))
+        yield equal(f"faces kept, {name}", len(result.visual.faces), 2)
         for sign in (1, -1):
-            off = float(np.abs(looked_at(made.visual, 2, sign, 0.01) - 0.01).max())
+            off = float(np.abs(depth_along(result.visual, 2, sign, 0.01) - 0.01).max())
             yield at_most(f"depth off, {name}, from {sign:+d} z", off, 1e-8, "m")
-        yield from size(made, 2.0, (2, 1, 0))
-        yield from later_stages(made)
+        yield from size_preserved(result, 2.0, (2, 1, 0))
+        yield from later_stages(result)
 
 
 @CASES.case("needle", "meshes, surface, grasps, touch")
 def needle(subject):
-    """1 mm wide and 0.5 m long: held. A hair of 10 micrometres is refused, with a reason."""
+    """A needle 1 mm wide and 0.5 m long is grasped. A hair of 10 micrometres is rejected with a reason."""
     section = 12 * np.sin(np.pi / 6) / 2  # area of a regular dodecagon of radius 1
     side = 12 * 2 * np.sin(np.pi / 12)
-    made = prepared(trimesh.creation.cylinder(radius=1e-3, height=1, sections=12))
-    yield from size(made, 2 * section * 1e-6 + side * 1e-3, (2e-3, 2e-3, 1))
-    yield from later_stages(made)
-    hair = prepared(trimesh.creation.cylinder(radius=1e-5, height=1, sections=12))
-    points, findings = sampled(hair)
+    result = prepare_mesh(trimesh.creation.cylinder(radius=1e-3, height=1, sections=12))
+    yield from size_preserved(result, 2 * section * 1e-6 + side * 1e-3, (2e-3, 2e-3, 1))
+    yield from later_stages(result)
+    hair = prepare_mesh(trimesh.creation.cylinder(radius=1e-5, height=1, sections=12))
+    points, findings = sample_points(hair)
     yield from findings
     yield rejects(
         "grasp of a hair of 10 micrometres",
-        lambda: grasped(hair, points),
+        lambda: grasp_once(hair, points),
         UnusableObject,
         "no surface that a finger could stop at",
     )
 
 
 def with_slivers(box: trimesh.Trimesh, share: float) -> trimesh.Trimesh:
-    """Each face cut in three around a point that is that share of its height off its first edge."""
+    """Split each face in three at a point near its first edge, at a distance of `share` times its height."""
     a, b, c = np.asarray(box.triangles).transpose(1, 0, 2)
     points = (1 - share) * (a + b) / 2 + share * c
     new = len(box.vertices) + np.arange(len(points))
@@ -210,81 +210,85 @@ def with_slivers(box: trimesh.Trimesh, share: float) -> trimesh.Trimesh:
 
 @CASES.case("slivers of aspect 1e6", "meshes, surface, grasps, touch")
 def slivers(subject):
-    """A third of the faces are as thin as rounding: the box stays closed and feels the same."""
+    """A third of the faces are as thin as rounding errors: the box stays closed, its depth maps the same."""
     box = fine_box((0.4, 0.2, 0.1))
     area = 2 * (0.4 * 0.2 + 0.4 * 0.1 + 0.2 * 0.1)
-    plain, made = prepared(box), prepared(with_slivers(box, 2e-6))
-    yield equal("closed", made.record["visual.glb"]["closed"], True)
-    yield from size(made, area, (0.4, 0.2, 0.1))
+    plain, result = prepare_mesh(box), prepare_mesh(with_slivers(box, 2e-6))
+    yield equal("closed", result.record["visual.glb"]["closed"], True)
+    yield from size_preserved(result, area, (0.4, 0.2, 0.1))
     for axis in range(3):
         distance = 0.5 * float(np.ptp(plain.visual.vertices[:, axis])) + 0.01
-        both = [looked_at(mesh.visual, axis, 1, distance) for mesh in (plain, made)]
+        both = [depth_along(mesh.visual, axis, 1, distance) for mesh in (plain, result)]
         yield at_most(f"depth changes, along {'xyz'[axis]}", float(np.abs(both[0] - both[1]).max()), 2e-7, "m")
-    yield from later_stages(made)
+    yield from later_stages(result)
     flat = soup([(0, 0, 0), (1, 0, 0), (0.5, 0.9e-6, 0)], [(0, 1, 2)])
-    yield rejects("one sliver, alone", lambda: prepared(flat), UnusableObject, "none of its 1 triangles has an area")
+    yield rejects(
+        "one sliver, alone", lambda: prepare_mesh(flat), UnusableObject, "none of its 1 triangles has an area"
+    )
 
 
 @CASES.case("objects x0.01 to x100", "meshes")
 def scaled(subject):
     """The normalised mesh is the same."""
     ball = trimesh.creation.icosphere(subdivisions=3)
-    usual = prepared(ball).visual
+    reference = prepare_mesh(ball).visual
     for factor in (0.01, 0.1, 10, 100):
-        made = prepared(soup(ball.vertices * factor, ball.faces)).visual
-        change = float(np.abs(made.triangles - usual.triangles).max())
+        result = prepare_mesh(soup(ball.vertices * factor, ball.faces)).visual
+        change = float(np.abs(result.triangles - reference.triangles).max())
         yield at_most(f"corners move, x{factor:g}", change, 2 * ROUNDED, "m")
 
 
 @CASES.case("coordinates offset by 1e6", "meshes")
 def offset(subject):
-    """Kept where the file has double precision; refused where rounding to single has lost the shape."""
+    """Accepted in files of double precision; rejected where rounding to single precision has lost the shape."""
     ball = trimesh.creation.icosphere(subdivisions=3)
     away = soup(ball.vertices + (1e6, -1e6, 1e6), ball.faces)
-    usual, made = prepared(ball).visual, prepared(away).visual
+    reference, result = prepare_mesh(ball).visual, prepare_mesh(away).visual
     # Doubles are 1.2e-10 apart out there, for a ball of radius 1; its diagonal is off by that too.
-    change = float(np.abs(made.triangles - usual.triangles).max())
+    change = float(np.abs(result.triangles - reference.triangles).max())
     yield at_most("corners move, text in double precision", change, 2 * ROUNDED + 2e-10, "m")
     for suffix in ("ply", "stl", "glb"):
         yield rejects(
             f"{suffix}, single precision",
-            lambda suffix=suffix: prepared(away, suffix),
+            lambda suffix=suffix: prepare_mesh(away, suffix),
             UnusableObject,
             r"rounded by up to .* \(single precision\)",
         )
     box = trimesh.creation.box((40, 20, 10))
     there = soup(box.vertices + (1e6, -1e6, 1e6), box.faces)
-    change = float(np.abs(prepared(there, "stl").visual.triangles - prepared(box, "stl").visual.triangles).max())
+    change = float(
+        np.abs(prepare_mesh(there, "stl").visual.triangles - prepare_mesh(box, "stl").visual.triangles).max()
+    )
     yield at_most("corners move, stl of whole numbers", change, 2 * ROUNDED, "m", "which single holds exactly")
     for far in (100.0, 1000.0):
-        made = prepared(soup(ball.vertices + far, ball.faces), "ply").visual
-        change = float(np.abs(made.vertices - usual.vertices).max())
+        result = prepare_mesh(soup(ball.vertices + far, ball.faces), "ply").visual
+        change = float(np.abs(result.vertices - reference.vertices).max())
         bound = float(np.spacing(np.float32(far + 1))) * DIAGONAL / np.linalg.norm(ball.extents) + 2 * ROUNDED
         yield at_most(f"corners move, ply at {far:g}", change, bound, "m", "single precision there")
 
 
 @CASES.case("a million faces", "meshes, surface, touch", short=False)
 def a_million_faces(subject):
-    """A ball of 1.3 million faces: its decimated levels are as near as balls of so many faces can be."""
+    """A ball of 1.3 million faces: its levels are nearly as accurate as a ball with as many faces can be."""
     ball = trimesh.creation.icosphere(subdivisions=8)
-    made = prepared(ball, "ply")
+    result = prepare_mesh(ball, "ply")
     radius = DIAGONAL / np.linalg.norm((2, 2, 2))
-    area = made.record["visual.glb"]["area"] / (4 * np.pi * radius**2)
+    area = result.record["visual.glb"]["area"] / (4 * np.pi * radius**2)
     # The sagitta of a face of a ball, as a share of the radius, is about 2 pi / (3 sqrt(3) f) 2.
     sagitta = 4 * np.pi / (3 * np.sqrt(3))
-    yield equal("faces kept", len(made.visual.faces), len(ball.faces))
+    yield equal("faces kept", len(result.visual.faces), len(ball.faces))
     yield at_most("area off a ball's", abs(area - 1), 4 * sagitta / len(ball.faces), "of the area")
     for level, count in (("collision.ply", 4000), ("level-1000.ply", 1000)):
-        record = made.record[level]
+        record = result.record[level]
         yield equal(f"{level} closed", record["closed"], True)
         worst = record["source_to_level"]["max"]
         bound = 4 * radius * sagitta / count
         yield at_most(f"{level} off the source", worst, bound, "m", "4 times the sagitta of equal faces")
-    points, findings = sampled(made)
+    points, findings = sample_points(result)
     yield from findings
     off = float(np.abs(np.linalg.norm(points, axis=1) - radius).max())
     yield at_most("points off a ball", off, 4 * radius * sagitta / len(ball.faces) + ROUNDED, "m")
-    depth = looked_at(made.visual, 2, 1, radius + 0.01)
+    depth = depth_along(result.visual, 2, 1, radius + 0.01)
     square = PIXEL_CENTRES[:, None] ** 2 + PIXEL_CENTRES[None] ** 2
     off = float(np.abs(depth - (radius + 0.01 - np.sqrt(radius**2 - square))).max())
     yield at_most("depth off a ball's", off, 4 * radius * sagitta / len(ball.faces) + ROUNDED, "m")
@@ -292,42 +296,42 @@ def a_million_faces(subject):
 
 @CASES.case("a mesh that takes too long", "meshes")
 def too_long(subject):
-    """A library may take for ever on a mesh: 20,000 faces around one corner take its decimation minutes."""
+    """A mesh on which a library takes very long: 20,000 faces around one corner, minutes to decimate."""
     turn = np.linspace(0, 2 * np.pi, 20_000, endpoint=False)
     rim = np.stack([np.cos(turn), np.sin(turn), 0 * turn], axis=1)
     around = np.arange(20_000)
     faces = np.stack([0 * around, around + 1, (around + 1) % 20_000 + 1], axis=1)
     fan = soup(np.concatenate([[(0, 0, 1.0)], rim]), faces)
     reason = r"took more than 0\.3 s: simplify the mesh, or raise the time limit"
-    yield rejects("fan of 20,000 faces", lambda: prepared(fan, time_limit=0.3), UnusableObject, reason)
+    yield rejects("fan of 20,000 faces", lambda: prepare_mesh(fan, time_limit=0.3), UnusableObject, reason)
 
 
 @CASES.case("one triangle", "meshes, surface, grasps, touch")
 def one_triangle(subject):
-    made = prepared(soup([(0, 0, 0), (1, 0, 0), (0, 1, 0)], [(0, 1, 2)]))
-    yield from size(made, 0.5, (1, 1, 0))
-    yield from later_stages(made)
+    result = prepare_mesh(soup([(0, 0, 0), (1, 0, 0), (0, 1, 0)], [(0, 1, 2)]))
+    yield from size_preserved(result, 0.5, (1, 1, 0))
+    yield from later_stages(result)
 
 
 @CASES.case("many shells", "meshes, surface, grasps, touch", short=False)
 def many_shells(subject):
-    """200 separate balls: none is lost, none joins another, though that takes more faces than asked for."""
+    """200 separate balls: none is lost or merged with another, although this takes more faces than requested."""
     rng = np.random.default_rng(0)
     centres = np.stack(np.meshgrid(*[np.arange(6)] * 3), axis=-1).reshape(-1, 3)[:200]
     balls = [trimesh.creation.icosphere(subdivisions=1, radius=0.4) for _ in centres]
     for ball, centre in zip(balls, centres, strict=True):
         ball.apply_translation(centre + rng.uniform(-0.05, 0.05, 3))
     cloud = trimesh.util.concatenate(balls)
-    made = prepared(cloud, collision_faces=4000)
-    yield from size(made, float(balls[0].area) * 200, cloud.extents)
+    result = prepare_mesh(cloud, collision_faces=4000)
+    yield from size_preserved(result, float(balls[0].area) * 200, cloud.extents)
     for name in ("visual.glb", "collision.ply", "level-1000.ply"):
-        yield equal(f"shells of {name}", made.record[name]["shells"], 200)
-    yield equal("collision.ply closed", made.record["collision.ply"]["closed"], True)
-    yield from later_stages(made, attempts=30)
+        yield equal(f"shells of {name}", result.record[name]["shells"], 200)
+    yield equal("collision.ply closed", result.record["collision.ply"]["closed"], True)
+    yield from later_stages(result, attempts=30)
 
 
 def clearance(patches: list[np.ndarray], points: np.ndarray) -> float:
-    """How far the nearest of points (n, 3) is outside of the convex hulls of patches; metres."""
+    """Smallest distance (m) by which points (n, 3) are outside the convex hulls of patches; negative inside."""
     nearest = np.inf
     for patch in patches:
         equations = ConvexHull(patch).equations  # (h, 4): outward normal and offset
@@ -347,21 +351,21 @@ def beaker() -> trimesh.Trimesh:
 
 @CASES.case("hole narrower than a finger", "meshes, surface, touch")
 def narrow_hole(subject):
-    """A tube with a bore of 10 mm through 0.48 m: contact geometry leaves it open, sensors look into it."""
+    """A tube 0.48 m long with a bore of 10 mm: contact geometry leaves it open, sensors see into it."""
     tube = bored_tube()
-    made = prepared(tube)
+    result = prepare_mesh(tube)
     scale = DIAGONAL / np.linalg.norm(tube.extents)
     bore = 0.005 * scale
     axis = np.column_stack([np.zeros((50, 2)), np.linspace(-0.23, 0.23, 50)])
     # A patch spans a quarter of the bore's round: its chord is cos(45 deg) of the radius off the axis.
-    free = clearance(surface_patches(made.collision), axis)
+    free = clearance(surface_patches(result.collision), axis)
     yield at_least("axis of the bore clear of contact geometry", free, 0.95 * bore * np.cos(np.pi / 4), "m")
-    depth = looked_at(made.visual, 2, 1, 0.24 * scale + 0.005)
+    depth = depth_along(result.visual, 2, 1, 0.24 * scale + 0.005)
     radius = np.hypot(*np.meshgrid(PIXEL_CENTRES, PIXEL_CENTRES))
     clear = np.abs(radius - bore) > 2e-5  # the bore is a polygon, 48 sides
     wrong = (np.isinf(depth) != (radius < bore)) & clear
     yield equal("pixels wrong looking into the bore", int(wrong.sum()), 0)
-    points, _ = sampled(made)
+    points, _ = sample_points(result)
     inside = np.hypot(points[:, 0], points[:, 1]) < 1.01 * bore
     deepest = float(0.24 * scale - np.abs(points[inside, 2]).max(initial=0)) if inside.any() else 0.0
     yield at_least("points sampled in the mouth of the bore", int(inside.sum()), 1, "", f"{deepest:.3g} m deep")
@@ -369,16 +373,16 @@ def narrow_hole(subject):
 
 @CASES.case("deep concavity", "meshes, surface")
 def deep_cup(subject):
-    """A beaker: its inside is surface, and is not filled by contact geometry."""
+    """A beaker: its inside belongs to the exterior surface, and contact geometry does not fill it."""
     cup = beaker()
-    made = prepared(cup)
+    result = prepare_mesh(cup)
     scale = DIAGONAL / np.linalg.norm(cup.extents)
     middle = np.zeros((20, 3))
     middle[:, 2] = np.linspace(-0.09, 0.11, 20) * scale
-    free = clearance(surface_patches(made.collision), middle)
+    free = clearance(surface_patches(result.collision), middle)
     # The floor is 0.096 + 0.025 below the middle, the wall is a quarter's chord away at the least.
     yield at_least("inside clear of contact geometry", free, 0.02 * scale, "m")
-    points, _ = sampled(made)
+    points, _ = sample_points(result)
     within = np.hypot(points[:, 0], points[:, 1]) < 0.0475 * scale
     within &= points[:, 2] > -0.123 * scale
     yield at_least("points sampled inside", int(within.sum()), POINTS // 10)
@@ -387,19 +391,19 @@ def deep_cup(subject):
 @CASES.case("grasps into holes and concavities", "grasps, touch", short=False)
 def into_concavities(subject):
     for mesh in (bored_tube(), beaker()):
-        yield from later_stages(prepared(mesh), attempts=30)
+        yield from later_stages(prepare_mesh(mesh), attempts=30)
 
 
 @CASES.case("object smaller than the sensor", "surface, grasps, touch")
 def smaller_than_the_sensor(subject):
-    """A ball of 4 mm, 1 mm and 0.1 mm, given to the library as it is: felt as the closed form says.
+    """Balls of 4 mm, 1 mm and 0.1 mm diameter, passed directly to the library: depth as in closed form.
 
-    The last fits between the rays, 0.164 mm apart, and is not felt at all.
+    The last fits between the rays, 0.164 mm apart, so that no pixel sees it.
     """
     y, z = np.meshgrid(PIXEL_CENTRES, PIXEL_CENTRES)
     for radius in (2e-3, 5e-4, 5e-5):
         ball = trimesh.creation.icosphere(subdivisions=5, radius=radius)
-        depth = looked_at(ball, 0, 1, 0.01)
+        depth = depth_along(ball, 0, 1, 0.01)
         square = radius**2 - y**2 - z**2
         sure = np.abs(square) > 2e-3 * radius**2  # where the polyhedron can't differ from the ball
         wrong = (np.isfinite(depth) != (square > 0)) & sure
@@ -409,16 +413,16 @@ def smaller_than_the_sensor(subject):
         # Faces are inside the ball by up to 4e-4 of the radius; seen aslant that is three times as much.
         yield at_most(f"depth off, radius {radius:g} m", float(off.max(initial=0)), 2e-3 * radius + 1e-9, "m")
     ball = trimesh.creation.icosphere(subdivisions=3, radius=2e-3)
-    made = Prepared({}, ball, ball)
-    points, findings = sampled(made)
+    result = PreparedMesh({}, ball, ball)
+    points, findings = sample_points(result)
     yield from findings
-    found = grasped(made, points, attempts=30)
-    yield at_most("penetration", float(found.penetration.max()), MAX_PENETRATION, "m")
+    grasp = grasp_once(result, points, attempts=30)
+    yield at_most("penetration", float(grasp.penetration.max()), MAX_PENETRATION, "m")
 
 
 @CASES.case("object larger than the camera's view", "vision")
 def larger_than_the_view(subject):
-    """The projection of what the view can't hold; of a normalised object it holds all."""
+    """Projection of points outside the image and behind the camera. Any normalised object fits the image."""
     camera = paper_camera()
     rng = np.random.default_rng(0)
     points = rng.uniform(-50, 50, (10_000, 3))
@@ -444,12 +448,12 @@ def larger_than_the_view(subject):
 
 @CASES.case("sensor far off the object", "touch")
 def far_sensor(subject):
-    """Nothing in range reads as nothing, not as an error, for the smallest mesh and the largest."""
+    """With nothing in range a sensor reads no contact, not an error, for very small and very large meshes."""
     for extent in (1e-6, 1.0, 1e6):
         mesh = trimesh.creation.box((extent,) * 3)
-        depth = looked_at(mesh, 0, 1, extent / 2 + SENSOR_RANGE + 0.001)
+        depth = depth_along(mesh, 0, 1, extent / 2 + SENSOR_RANGE + 0.001)
         yield equal(f"pixels felt, box of {extent:g} m", int(np.isfinite(depth).sum()), 0)
-        depth = looked_at(mesh, 0, 1, extent / 2 + 0.01)
+        depth = depth_along(mesh, 0, 1, extent / 2 + 0.01)
         seen = np.abs(depth[np.isfinite(depth)] - 0.01)
         if extent >= 1.0:
             # The box's corners are doubles of its own size.

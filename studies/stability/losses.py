@@ -1,4 +1,4 @@
-"""Losses and training where they are degenerate: clouds, charts, meshes, touches, batches, scales."""
+"""Stability of losses and training: degenerate clouds, charts, meshes, touches, batches and scales."""
 
 import csv
 import logging
@@ -13,7 +13,9 @@ import torch
 from torch import Tensor
 
 from palpate import Dataset, store
+from palpate.camera import IMAGE_SIZE
 from palpate.charts import chamfer_distance, fit_adam, fit_direct, sample_faces, touch_chart
+from palpate.charts.atlas import TOUCH_VERTICES
 from palpate.charts.fit import placed
 from palpate.mesh import OBJECT_POSITION, load_collision
 from palpate.models import Reconstruction, TouchDepth
@@ -66,7 +68,7 @@ def seeded(seed: int = 0) -> torch.Generator:
 
 
 def mesh_of(subject: Subject) -> tuple[Tensor, Tensor]:
-    """The object where it stands in the world: vertices (V, 3) float32 metres, faces (F, 3)."""
+    """The object's collision mesh in the world: vertices (V, 3) float32 metres, faces (F, 3)."""
     mesh = load_collision(subject.folder)
     vertices = torch.tensor(mesh.vertices + np.array(OBJECT_POSITION), dtype=torch.float32)
     return vertices, torch.tensor(np.asarray(mesh.faces), dtype=torch.int64)
@@ -85,7 +87,7 @@ def brute_force(a: Tensor, b: Tensor) -> float:
 
 
 def chamfer(a: Tensor, b: Tensor) -> tuple[float, Tensor]:
-    """Chamfer distance of two clouds and its gradient in the first."""
+    """Chamfer distance of two clouds, and its gradient by the points of the first."""
     a = a.detach().clone().requires_grad_()
     distance = chamfer_distance([a], [b])[0]
     distance.backward()
@@ -93,23 +95,25 @@ def chamfer(a: Tensor, b: Tensor) -> tuple[float, Tensor]:
 
 
 def relative(value: float, expected: float) -> float:
-    """Difference in shares of what is expected."""
+    """Relative difference."""
     return abs(value - expected) / abs(expected)
 
 
-def finite(*tensors: Tensor) -> int:
+def count_nonfinite(*tensors: Tensor) -> int:
     """How many numbers are NaN or infinite."""
     return sum(int((~torch.isfinite(tensor)).sum()) for tensor in tensors)
 
 
 def gradients(model: torch.nn.Module) -> Tensor:
-    """All gradients of a model in one row."""
+    """All gradients of a model in one vector."""
     return torch.cat([weights.grad.flatten() for weights in model.parameters() if weights.grad is not None])
 
 
-def sensors(cloud: Tensor, seed: int = 0) -> tuple[Tensor, Tensor, Tensor]:
-    """Twenty sensors 2 cm from points of a cloud, looking at them: position (g, 4, 3), rotation (g, 4, 3, 3),
-    planar charts (g, 4, 81, 3) at the points."""
+def synthetic_sensors(cloud: Tensor, seed: int = 0) -> tuple[Tensor, Tensor, Tensor]:
+    """Twenty sensors that look at points of a cloud from 2 cm.
+
+    Returns: position (g, 4, 3), rotation (g, 4, 3, 3), planar charts (g, 4, 81, 3) at the points.
+    """
     places = cloud[torch.randperm(len(cloud), generator=seeded(seed))[: 4 * GRASPS]]
     away = torch.nn.functional.normalize(places - cloud.mean(dim=0), dim=1)
     position = places + 0.02 * away
@@ -121,26 +125,28 @@ def sensors(cloud: Tensor, seed: int = 0) -> tuple[Tensor, Tensor, Tensor]:
     return tuple(values.unflatten(0, (GRASPS, 4)) for values in (position, rotation, charts))
 
 
-def picture(cloud: Tensor, pixels: int = 32) -> np.ndarray:
-    """How many points of a cloud lie behind each pixel, seen along y: (p, p, 3) uint8."""
+def density_image(cloud: Tensor, pixels: int = 32) -> np.ndarray:
+    """An image of a cloud's density, seen along y: (p, p, 3) uint8."""
     counts = np.histogram2d(*(cloud[:, [2, 0]] - torch.tensor([0.6, 0])).T.numpy(), pixels, [[-0.3, 0.3]] * 2)
     return np.repeat((255 * np.minimum(counts[0] / 8, 1)).astype(np.uint8)[..., None], 3, axis=2)
 
 
 def small_data(subject: Subject, successful: bool = True, **changed: np.ndarray) -> TrainingData:
-    """The object in three sizes, two to train on; in memory. changed: arrays that are others."""
+    """Training data in memory: the object in three sizes, two of them to train on. changed: arrays to replace."""
     centre = torch.tensor(OBJECT_POSITION)
     clouds = [(cloud_of(subject, seed=k) - centre) * size + centre for k, size in enumerate((1.0, 0.8, 0.9))]
-    position, rotation, charts = (torch.stack(values).numpy() for values in zip(*map(sensors, clouds), strict=True))
+    position, rotation, charts = (
+        torch.stack(values).numpy() for values in zip(*map(synthetic_sensors, clouds), strict=True)
+    )
     success = np.full(position.shape[:3], successful)
     if not successful:
-        charts = np.repeat(position[..., None, :], 81, axis=3)
+        charts = np.repeat(position[..., None, :], TOUCH_VERTICES, axis=3)
     arrays = {
         "object": np.array([f"{subject.name}-{number}" for number in range(3)]),
         "class": np.array([subject.class_name] * 3),
         "split": np.array(["train", "train", "validation"]),
         "points": torch.stack(clouds).numpy(),
-        "unoccluded": np.stack([picture(cloud) for cloud in clouds]),
+        "unoccluded": np.stack([density_image(cloud) for cloud in clouds]),
         "success": success,
         "position": position,
         "rotation": rotation,
@@ -153,12 +159,12 @@ def model_and_batch(
     subject: Subject, successful: bool = True, last_layer_scale: float = 0.1
 ) -> tuple[Reconstruction, dict[str, Tensor], Truth]:
     """An untrained model whose vertices move by centimetres, a batch of two objects, and their points."""
-    held = small_data(subject, successful)
+    data = small_data(subject, successful)
     torch.manual_seed(0)
     layers = SETTINGS["architecture"] | {"last_layer_scale": last_layer_scale}
-    batch = Assembler(held, EXPERIMENT)([Sample(number, tuple(range(GRASPS))) for number in (0, 1)])
+    batch = Assembler(data, EXPERIMENT)([Sample(number, tuple(range(GRASPS))) for number in (0, 1)])
     model = Reconstruction("charts", True, True, GRASPS, layers)
-    return model, batch, Truth(torch.from_numpy(held["points"]))
+    return model, batch, Truth(torch.from_numpy(data["points"]))
 
 
 def loss_of(model: Reconstruction, vertices: Tensor, truth: Truth, n: int = 1000) -> Tensor:
@@ -166,42 +172,46 @@ def loss_of(model: Reconstruction, vertices: Tensor, truth: Truth, n: int = 1000
     return reconstruction_loss(vertices, model.faces, truth, [0, 1], n, seeded()).mean()
 
 
-class Disturbed(ReconstructionLearner):
-    """Training in which one step's loss is put through a function, or every step's."""
+class PerturbedLearner(ReconstructionLearner):
+    """Training that applies a function to the losses of one step, or of every step (None)."""
 
-    def __init__(self, held: TrainingData, settings: Mapping, change: Callable[[Tensor], Tensor], step: int | None):
-        super().__init__(held, EXPERIMENT, settings, seed=0)
+    def __init__(self, data: TrainingData, settings: Mapping, change: Callable[[Tensor], Tensor], step: int | None):
+        super().__init__(data, EXPERIMENT, settings, seed=0)
         self.change, self.step = change, step
 
-    def losses(self, part, generator, model, validation=False):
-        found = super().losses(part, generator, model, validation)
+    def losses(self, batch_samples, generator, model, validation=False):
+        losses = super().losses(batch_samples, generator, model, validation)
         now = self.step is None or self.global_step == self.step
-        return self.change(found) if now and not validation else found
+        return self.change(losses) if now and not validation else losses
 
 
-def trained(
+def short_training(
     folder: Path,
     subject: Subject,
     change: Callable[[Tensor], Tensor] = lambda losses: losses,
     step: int | None = None,
-    held: TrainingData | None = None,
+    data: TrainingData | None = None,
     precision: str = "32-true",
     **settings: Any,
 ) -> tuple[dict[str, Any], list[float], Tensor]:
-    """A short training: what it says of itself, its validation losses, and its best weights in one row."""
-    return fit(Disturbed(held or small_data(subject), SETTINGS | settings, change, step), folder, precision)
+    """A short training: its summary, its validation losses, and its best weights in one vector."""
+    return train_learner(
+        PerturbedLearner(data or small_data(subject), SETTINGS | settings, change, step), folder, precision
+    )
 
 
-def fit(learner: Disturbed, folder: Path, precision: str = "32-true") -> tuple[dict[str, Any], list[float], Tensor]:
-    """The same, of a learner."""
-    said = train(learner, folder / "model", folder / "work", Machine("cpu", precision=precision), "trust")
+def train_learner(
+    learner: PerturbedLearner, folder: Path, precision: str = "32-true"
+) -> tuple[dict[str, Any], list[float], Tensor]:
+    """As `short_training`, of a learner."""
+    summary = train(learner, folder / "model", folder / "work", Machine("cpu", precision=precision), "trust")
     with (folder / "model/history.csv").open(newline="") as file:
         history = [float(row["validation_loss"]) for row in csv.DictReader(file)]
-    return said, history, weights_of(folder / "model/best.ckpt")
+    return summary, history, weights_of(folder / "model/best.ckpt")
 
 
 def weights_of(path: Path) -> Tensor:
-    """All weights of a checkpoint in one row."""
+    """All weights of a checkpoint in one vector."""
     weights = torch.load(path, weights_only=True)["weights"]
     return torch.cat([values.flatten().double() for values in weights.values()])
 
@@ -221,7 +231,7 @@ def coincident_points(subject: Subject) -> Iterator[Finding]:
     heap = cloud[:1].repeat(1000, 1)
     value, gradient = chamfer(heap, other)
     yield at_most("heap: relative error", relative(value, brute_force(heap[:1], other)), ROUNDING)
-    yield equal("heap: NaN or infinite gradients", finite(gradient), 0)
+    yield equal("heap: NaN or infinite gradients", count_nonfinite(gradient), 0)
 
 
 @CASES.case("identical clouds", "chamfer")
@@ -235,7 +245,7 @@ def identical_clouds(subject: Subject) -> Iterator[Finding]:
 
 @CASES.case("a cloud of one point", "chamfer")
 def one_point(subject: Subject) -> Iterator[Finding]:
-    """Against the closed form: mean of squares, and the sum of all the other cloud's pulls."""
+    """Against the closed form of distance and gradient."""
     cloud = cloud_of(subject, 10000)
     point = torch.tensor([[0.3, -0.2, 0.9]])
     value, gradient = chamfer(point, cloud)
@@ -255,9 +265,9 @@ def ties(subject: Subject) -> Iterator[Finding]:
     ends = torch.stack([low, high])
     middle = (low + high)[None] / 2
     value, gradient = chamfer(middle, ends)
-    # One of the two as the nearest, and both of them pulling.
+    # One of the two is the nearest, and both contribute as points of the other cloud.
     pulls = 2 * (middle - ends) + 2 * (middle - ends).mean(dim=0)
-    yield equal("NaN or infinite gradients", finite(gradient), 0)
+    yield equal("NaN or infinite gradients", count_nonfinite(gradient), 0)
     yield at_most("off the nearer of the two gradients", float((pulls - gradient).norm(dim=1).min()), 1e-12)
     steps = 1e-3 * torch.randn(64, 1, 3, dtype=torch.float64, generator=seeded())
     above = max(
@@ -277,7 +287,7 @@ def half_clouds(subject: Subject) -> Iterator[Finding]:
             name = str(dtype).removeprefix("torch.") + what
             value, gradient = chamfer(cloud, points)
             yield at_most(f"{name}: relative error", relative(value, brute_force(cloud, points)), 1e-6)
-            yield equal(f"{name}: NaN or infinite gradients", finite(gradient), 0)
+            yield equal(f"{name}: NaN or infinite gradients", count_nonfinite(gradient), 0)
             yield equal(f"{name}: the gradient's type", gradient.dtype, dtype)
             yield at_least(f"{name}: gradients other than 0", int((gradient != 0).sum()), 1)
 
@@ -289,7 +299,7 @@ def offsets_and_sizes(subject: Subject) -> Iterator[Finding]:
     moved = [points + 1000 for points in (cloud, other)]
     value, gradient = chamfer(*moved)
     yield at_most("1 km away: relative error", relative(value, brute_force(*moved)), ROUNDING)
-    yield equal("1 km away: NaN or infinite gradients", finite(gradient), 0)
+    yield equal("1 km away: NaN or infinite gradients", count_nonfinite(gradient), 0)
     for size in (1e-6, 1e6):
         scaled = [points * size for points in (cloud, other)]
         error = relative(chamfer(*scaled)[0], brute_force(*scaled))
@@ -298,28 +308,28 @@ def offsets_and_sizes(subject: Subject) -> Iterator[Finding]:
 
 @CASES.case("faces without area", "sampling")
 def faces_without_area(subject: Subject) -> Iterator[Finding]:
-    """As many faces that are a point or a line as there are real ones, among them."""
+    """For each proper face one that is a point and one that is a line."""
     vertices, faces = mesh_of(subject)
     flat = torch.stack([faces[:, 0], faces[:, 1], faces[:, 1]], dim=1)
     points, lines = faces[:, :1].expand(-1, 3), flat
     mixed = torch.stack([points, faces, lines], dim=1).flatten(0, 1)
-    plain = sample_faces(vertices[None], faces, 3000, seeded())
+    baseline = sample_faces(vertices[None], faces, 3000, seeded())
     yield at_most(
         "samples that move",
-        float((sample_faces(vertices[None], mixed, 3000, seeded()) - plain).abs().max()),
+        float((sample_faces(vertices[None], mixed, 3000, seeded()) - baseline).abs().max()),
         1e-6,
         "m",
         note="the same random numbers with and without faces that have no area",
     )
     moving = vertices[None].clone().requires_grad_()
     sample_faces(moving, mixed, 3000, seeded()).square().sum().backward()
-    yield equal("NaN or infinite gradients", finite(moving.grad), 0)
+    yield equal("NaN or infinite gradients", count_nonfinite(moving.grad), 0)
     yield rejects("no face with area", lambda: sample_faces(vertices[None], flat, 10), ValueError, "zero area")
 
 
 @CASES.case("slivers of aspect 1e6", "sampling")
 def slivers(subject: Subject) -> Iterator[Finding]:
-    """Half of a square of the object's size in slivers: they get half of the points."""
+    """Slivers with half of the area: they get half of the points."""
     size = float((mesh_of(subject)[0].amax(dim=0) - mesh_of(subject)[0].amin(dim=0)).max())
     count, width = 500, size * 1e-6
     along = torch.arange(count, dtype=torch.float64) * width
@@ -342,23 +352,23 @@ def slivers(subject: Subject) -> Iterator[Finding]:
 
 @CASES.case("meshes of 1e-19 to 1e19 times the size", "sampling")
 def sizes_of_meshes(subject: Subject) -> Iterator[Finding]:
-    """Sampled with the same random numbers, the points are the same in any unit that is a power of two."""
+    """Sampled with the same random numbers, scaling by a power of two changes no point."""
     vertices, faces = mesh_of(subject)
-    plain = sample_faces(vertices[None], faces, 2000, seeded())
+    baseline = sample_faces(vertices[None], faces, 2000, seeded())
     for power in (-66, 66):
         scaled = sample_faces(vertices[None] * 2.0**power, faces, 2000, seeded()) / 2.0**power
-        yield equal(f"times 2^{power}: samples that move", int((scaled != plain).sum()), 0)
+        yield equal(f"times 2^{power}: samples that move", int((scaled != baseline).sum()), 0)
 
 
 @CASES.case("collinear charts", "charts")
 def collinear_charts(subject: Subject) -> Iterator[Finding]:
-    """Touches of one pixel, one row, one column: charts without area, alone and in the model's loss."""
+    """Touches of one pixel, row or column give charts without area: their fit, and a model with them."""
     depth = torch.full((3, RESOLUTION, RESOLUTION), 0.019)
     valid = torch.zeros(3, RESOLUTION, RESOLUTION, dtype=torch.bool)
     valid[0, 40, 60], valid[1, 10], valid[2, :, 99] = True, True, True
-    position, rotation = (values[0, :3] for values in sensors(cloud_of(subject))[:2])
+    position, rotation = (values[0, :3] for values in synthetic_sensors(cloud_of(subject))[:2])
     charts = fit_direct(depth, valid, position, rotation)
-    yield equal("direct fit: NaN or infinite vertices", finite(charts), 0)
+    yield equal("direct fit: NaN or infinite vertices", count_nonfinite(charts), 0)
     off = ((charts - position[:, None]) @ rotation)[..., 0] - 0.019
     yield at_most("direct fit: vertices off the sheet they touch", float(off.abs().max()), 1e-6, "m")
     reach = float((charts - charts.mean(dim=1, keepdim=True)).norm(dim=2).max())
@@ -369,37 +379,37 @@ def collinear_charts(subject: Subject) -> Iterator[Finding]:
     vertices = model(batch)
     loss = loss_of(model, vertices, truth)
     loss.backward()
-    yield equal("model and loss: NaN or infinite", finite(vertices.detach(), loss, gradients(model)), 0)
+    yield equal("model and loss: NaN or infinite", count_nonfinite(vertices.detach(), loss, gradients(model)), 0)
 
 
 @CASES.case("collinear clouds", "charts")
 def collinear_clouds(subject: Subject) -> Iterator[Finding]:
-    """The paper's fit by Adam to one point and to a line, until the sheet shrinks onto them."""
-    position, rotation = (values[0, :2] for values in sensors(cloud_of(subject))[:2])
+    """The paper's fit by Adam to one point and to a line: the chart shrinks onto them."""
+    position, rotation = (values[0, :2] for values in synthetic_sensors(cloud_of(subject))[:2])
     spread = torch.linspace(-0.01, 0.01, 200)[:, None]
     local = torch.cat([torch.full((200, 1), 0.019), spread, torch.zeros(200, 1)], dim=1)
     clouds = list(placed(torch.stack([local * torch.tensor([1.0, 0, 0]), local]), position, rotation))
     charts = fit_adam(clouds, position, rotation, steps=120, samples=500, generator=seeded())
-    yield equal("NaN or infinite vertices", finite(charts), 0)
+    yield equal("NaN or infinite vertices", count_nonfinite(charts), 0)
     faces = touch_chart().faces
     for name, chart, cloud in zip(("one point", "a line"), charts, clouds, strict=True):
-        found = float(chamfer_distance(sample_faces(chart[None], faces, 500, seeded(1)), [cloud])[0])
-        yield at_most(f"{name}: root of the Chamfer distance", found**0.5 * 1e3, 2.0, "mm")
+        distance = float(chamfer_distance(sample_faces(chart[None], faces, 500, seeded(1)), [cloud])[0])
+        yield at_most(f"{name}: root of the Chamfer distance", distance**0.5 * 1e3, 2.0, "mm")
 
 
 @CASES.case("all twenty touches unsuccessful", "models")
 def no_touch(subject: Subject) -> Iterator[Finding]:
-    """Five grasps of nothing: what would be the charts must not be read, and vision goes on."""
+    """Five grasps without a touch: the model must not read the charts, and still uses the image."""
     model, batch, truth = model_and_batch(subject, successful=False)
     vertices = model(batch)
     unread = model(batch | {"charts": torch.full_like(batch["charts"], torch.nan)})
     yield equal("coordinates that change with what is in the charts", int((vertices != unread).sum()), 0)
-    fingertips = batch["position"].repeat_interleave(81, dim=1)
+    fingertips = batch["position"].repeat_interleave(TOUCH_VERTICES, dim=1)
     off = float((vertices[:, -fingertips.shape[1] :] - fingertips).abs().max().detach())
     yield equal("held charts off the fingertip", off, 0.0, "m")
     loss = loss_of(model, vertices, truth)
     loss.backward()
-    yield equal("NaN or infinite", finite(vertices.detach(), loss, gradients(model)), 0)
+    yield equal("NaN or infinite", count_nonfinite(vertices.detach(), loss, gradients(model)), 0)
     alone = sample_faces(vertices, model.faces, 2000, seeded()).detach()
     at_tips = (alone[:, :, None] == batch["position"][:, None]).all(dim=3).sum()
     yield equal("samples on charts without area", int(at_tips), 0)
@@ -407,8 +417,7 @@ def no_touch(subject: Subject) -> Iterator[Finding]:
 
 @CASES.case("readings that show nothing", "models")
 def faint_readings(subject: Subject) -> Iterator[Finding]:
-    """A touch that left no mark, or one below the threshold, is still a touch: it gets a chart. It has no
-    place in the loss of the U-Net."""
+    """A touch with no visible impression still gets a chart; the loss of the U-Net rejects it."""
     torch.manual_seed(0)
     model = TouchDepth(8).eval()
     empty = torch.full((3, RESOLUTION, RESOLUTION), 90, dtype=torch.uint8)
@@ -418,8 +427,8 @@ def faint_readings(subject: Subject) -> Iterator[Finding]:
     depth, valid = predict_depth(model, readings, empty)
     yield equal("pixels in contact", valid.flatten(1).sum(dim=1).tolist(), [1, 1, RESOLUTION**2])
     yield equal("the pixel that differs is it", bool(valid[1, 20, 30]), True)
-    position, rotation = (values[0, :3] for values in sensors(cloud_of(subject))[:2])
-    yield equal("NaN or infinite charts", finite(fit_direct(depth, valid, position, rotation)), 0)
+    position, rotation = (values[0, :3] for values in synthetic_sensors(cloud_of(subject))[:2])
+    yield equal("NaN or infinite charts", count_nonfinite(fit_direct(depth, valid, position, rotation)), 0)
     nowhere = torch.full_like(depth, torch.inf)
     yield rejects(
         "loss where nothing is in range",
@@ -437,14 +446,14 @@ def faint_readings(subject: Subject) -> Iterator[Finding]:
 
 @CASES.case("data in which nothing was touched", "training")
 def data_without_touches(subject: Subject) -> Iterator[Finding]:
-    """Training goes on without them; the U-Net has nothing to learn from and says so."""
+    """Reconstruction trains without touches; training the U-Net raises an error."""
     with TemporaryDirectory() as name:
         folder = Path(name)
-        held = small_data(subject, successful=False)
-        said, history, weights = trained(folder, subject, held=held, steps=8)
-        yield equal("NaN or infinite losses and weights", finite(torch.tensor(history), weights), 0)
-        yield at_most("validation loss, of the first", said["validation_loss"] / history[0], 1.0)
-        stores(folder, subject, "touch")
+        data = small_data(subject, successful=False)
+        summary, history, weights = short_training(folder, subject, data=data, steps=8)
+        yield equal("NaN or infinite losses and weights", count_nonfinite(torch.tensor(history), weights), 0)
+        yield at_most("validation loss, of the first", summary["validation_loss"] / history[0], 1.0)
+        write_stores(folder, subject, "touch")
         yield rejects(
             "U-Net",
             lambda: read_touches(Dataset(folder, ["touch"]), "train"),
@@ -455,39 +464,39 @@ def data_without_touches(subject: Subject) -> Iterator[Finding]:
 
 @CASES.case("an image and readings of one colour", "models")
 def one_colour(subject: Subject) -> Iterator[Finding]:
-    """Maps without variance, by which normalisation divides."""
-    plain, batch, truth = model_and_batch(subject)
+    """Feature maps without variance, by which normalisation divides."""
+    baseline, batch, truth = model_and_batch(subject)
     batch |= {"image": torch.full_like(batch["image"], 1.0)}
     batch["reading"] = torch.full((2, 4 * GRASPS, 3, RESOLUTION, RESOLUTION), 0.3)
     batch["rotation"] = torch.eye(3).expand(2, 4 * GRASPS, 3, 3)
     torch.manual_seed(0)
     layers = SETTINGS["architecture"]
-    for model in (plain, Reconstruction("sphere", True, True, GRASPS, layers)):
+    for model in (baseline, Reconstruction("sphere", True, True, GRASPS, layers)):
         vertices = model(batch)
         loss = loss_of(model, vertices, truth)
         loss.backward()
-        wrong = finite(vertices.detach(), loss, gradients(model))
+        wrong = count_nonfinite(vertices.detach(), loss, gradients(model))
         yield equal(f"{model.strategy}: NaN or infinite", wrong, 0)
 
 
 @CASES.case("vertices at the camera and behind it", "models")
 def at_the_camera(subject: Subject) -> Iterator[Finding]:
-    """Perspective divides by the distance; a vertex may wander anywhere early in training."""
+    """Perspective projection divides by depth, and early in training a vertex may be anywhere."""
     model = model_and_batch(subject)[0]
     centre = -torch.linalg.solve(model.camera[:, :3], model.camera[:, 3])
     ahead = torch.linalg.solve(model.camera[:, :3], torch.tensor([0, 0, 1.0], dtype=torch.float64))
     steps = torch.tensor([0, 1e-12, -1e-12, -1.0, 1e6, -1e6], dtype=torch.float64)
     places = (centre + steps[:, None] * ahead).float()[:, None].requires_grad_()
     maps = [torch.rand(1, 4, 16, 16, generator=seeded())]
-    features = PerceptualPooling()(maps, places, model.camera.float(), 256)
+    features = PerceptualPooling()(maps, places, model.camera.float(), IMAGE_SIZE)
     features.sum().backward()
-    yield equal("NaN or infinite features and gradients", finite(features.detach(), places.grad), 0)
+    yield equal("NaN or infinite features and gradients", count_nonfinite(features.detach(), places.grad), 0)
     yield at_most("largest feature", float(features.detach().abs().max()), 1.0)
 
 
 @CASES.case("bfloat16", "training")
 def bfloat16(subject: Subject) -> Iterator[Finding]:
-    """Autocast, forward and backward, against float32; and a training in it."""
+    """Autocast, forward and backward, against float32; weights in bfloat16 raise an error."""
     model, batch, truth = model_and_batch(subject)
     found = {}
     for enabled in (False, True):
@@ -497,11 +506,11 @@ def bfloat16(subject: Subject) -> Iterator[Finding]:
         loss = loss_of(model, vertices, truth)
         loss.backward()
         found[enabled] = vertices.detach(), float(loss.detach()), gradients(model)
-    (plain, loss, gradient), (half, half_loss, half_gradient) = found[False], found[True]
-    yield equal("NaN or infinite", finite(half, half_gradient), 0)
+    (baseline, loss, gradient), (half, half_loss, half_gradient) = found[False], found[True]
+    yield equal("NaN or infinite", count_nonfinite(half, half_gradient), 0)
     yield at_most(
         "root mean square of vertices moved",
-        1e3 * float((half - plain).norm(dim=2).square().mean().sqrt()),
+        1e3 * float((half - baseline).norm(dim=2).square().mean().sqrt()),
         1.0,
         "mm",
     )
@@ -515,26 +524,28 @@ def bfloat16(subject: Subject) -> Iterator[Finding]:
             error = 1e3 * float((network(reading).float() - depth).abs().mean())
     yield at_most("U-Net: mean error of the depth", error, 0.02, "mm")
     with TemporaryDirectory() as name:
-        refused = lambda: trained(Path(name), subject, precision="bf16-true")  # noqa: E731
+        refused = lambda: short_training(Path(name), subject, precision="bf16-true")  # noqa: E731
         yield rejects("weights in bfloat16", refused, ValueError, "choose one of 32-true")
 
 
 @CASES.case("bfloat16: a short training", "training", short=False)
 def trained_in_bfloat16(subject: Subject) -> Iterator[Finding]:
-    """40 steps in autocast go as far as in float32. Where exactly two trainings end is chance: rounding, and
-    with it which faces are sampled, makes a tenth of the last loss."""
+    """40 steps in autocast reduce the loss as much as in float32.
+
+    The final losses of two trainings differ by chance by a tenth: rounding changes which faces are sampled.
+    """
     with TemporaryDirectory() as name:
-        plain, half = (
-            trained(Path(name) / precision, subject, precision=precision, steps=40)[1]
+        baseline, half = (
+            short_training(Path(name) / precision, subject, precision=precision, steps=40)[1]
             for precision in ("32-true", "bf16-mixed")
         )
-    share = (plain[0] - min(half)) / (plain[0] - min(plain))
+    share = (baseline[0] - min(half)) / (baseline[0] - min(baseline))
     yield at_least("fall of the validation loss, of float32's", share, 0.95)
 
 
 @CASES.case("loss times 1e-6 to 1e6: its gradient", "training")
 def scaled_gradients(subject: Subject) -> Iterator[Finding]:
-    """By powers of two every product is exact, unless a number leaves float32's range."""
+    """A power of two scales every gradient exactly, unless a number leaves float32's range."""
     model, batch, truth = model_and_batch(subject)
     loss = loss_of(model, model(batch), truth)
 
@@ -543,38 +554,38 @@ def scaled_gradients(subject: Subject) -> Iterator[Finding]:
         (scale * loss).backward(retain_graph=True)
         return gradients(model)
 
-    plain = of(1.0)
+    baseline = of(1.0)
     for power in (-20, 20):
-        changed = int((of(2.0**power) / 2.0**power != plain).sum())
-        yield equal(f"times 2^{power}: gradients that change, of {len(plain)}", changed, 0)
-    yield at_least("smallest gradient that is not 0", float(plain[plain != 0].abs().min()), 2.0**-106)
+        changed = int((of(2.0**power) / 2.0**power != baseline).sum())
+        yield equal(f"times 2^{power}: gradients that change, of {len(baseline)}", changed, 0)
+    yield at_least("smallest gradient that is not 0", float(baseline[baseline != 0].abs().min()), 2.0**-106)
 
 
-class Scaled(Disturbed):
-    """Training on the loss times a number, and on Adam's epsilon times that as well."""
+class ScaledLearner(PerturbedLearner):
+    """Training with the loss times `scale` and Adam's epsilon times `epsilon`."""
 
-    def __init__(self, held: TrainingData, settings: Mapping, scale: float, epsilon: float):
-        super().__init__(held, settings, lambda losses: scale * losses, None)
+    def __init__(self, data: TrainingData, settings: Mapping, scale: float, epsilon: float):
+        super().__init__(data, settings, lambda losses: scale * losses, None)
         self.epsilon = epsilon
 
     def configure_optimizers(self) -> dict[str, Any]:
-        found = super().configure_optimizers()
-        found["optimizer"].param_groups[0]["eps"] *= self.epsilon
-        return found
+        configured = super().configure_optimizers()
+        configured["optimizer"].param_groups[0]["eps"] *= self.epsilon
+        return configured
 
 
 @CASES.case("loss times 1e-6 to 1e6: what is learnt", "training", short=False)
 def scaled_training(subject: Subject) -> Iterator[Finding]:
-    """Adam divides the scale out, but for its epsilon of 1e-8. Without clipping, which does so wholly."""
+    """Adam cancels the scale of the loss, but for its epsilon of 1e-8. Clipping, which cancels all of it, is off."""
     settings = {"steps": 24, "evaluate_every": 24, "clip": None}
     one, down, up = 1.0, 2.0**-20, 2.0**20
     reached = {}
     with TemporaryDirectory() as name:
         for scale, epsilon in ((one, one), (down, one), (2.0**-10, one), (up, one), (down, down), (up, up)):
-            learner = Scaled(small_data(subject), SETTINGS | settings, scale, epsilon)
-            reached[scale, epsilon] = fit(learner, Path(name) / f"{scale:g} {epsilon:g}")
+            learner = ScaledLearner(small_data(subject), SETTINGS | settings, scale, epsilon)
+            reached[scale, epsilon] = train_learner(learner, Path(name) / f"{scale:g} {epsilon:g}")
     loss, weights = reached[one, one][0]["validation_loss"], reached[one, one][2]
-    for (scale, epsilon), (said, _, found) in reached.items():
+    for (scale, epsilon), (summary, _, found) in reached.items():
         if scale == one:
             continue
         what = f"times 2^{np.log2(scale):.0f}"
@@ -582,22 +593,22 @@ def scaled_training(subject: Subject) -> Iterator[Finding]:
             largest = float((found - weights).abs().max())
             yield at_most(f"{what}, and epsilon with it: largest change of a weight", largest, 1e-6)
         else:
-            # Where small gradients are no longer far above epsilon, what is learnt is another, but no worse.
-            yield at_most(f"{what}: validation loss, of that at 1", said["validation_loss"] / loss, 1.25)
+            # Where small gradients are no longer far above epsilon, the weights differ, but the loss is no worse.
+            yield at_most(f"{what}: validation loss, of that at 1", summary["validation_loss"] / loss, 1.25)
 
 
-class Heard(logging.Handler):
-    """What is said while it listens to a logger."""
+class LogCapture(logging.Handler):
+    """Captures warnings of one logger."""
 
     def __init__(self, name: str):
         super().__init__(logging.WARNING)
-        self.said: list[str] = []
+        self.messages: list[str] = []
         self.logger = logging.getLogger(name)
 
     def emit(self, record: logging.LogRecord) -> None:
-        self.said.append(record.getMessage())
+        self.messages.append(record.getMessage())
 
-    def __enter__(self) -> "Heard":
+    def __enter__(self) -> "LogCapture":
         self.logger.addHandler(self)
         return self
 
@@ -607,31 +618,31 @@ class Heard(logging.Handler):
 
 @CASES.case("one step's loss times 1e6", "training", short=False)
 def spike(subject: Subject) -> Iterator[Finding]:
-    """With the gradient clipped it is a step as any other; without, what was best before is kept."""
+    """With clipping the step has no lasting effect; without, the best model before it is kept."""
 
     def spiked(losses: Tensor) -> Tensor:
         return 2.0**20 * losses
 
     at, every = 20, SETTINGS["evaluate_every"]
     before = at // every  # evaluations
-    with TemporaryDirectory() as name, Heard("palpate.training.learners") as heard:
+    with TemporaryDirectory() as name, LogCapture("palpate.training.learners") as log:
         folder = Path(name)
-        plain = trained(folder / "plain", subject, steps=48)[1]
-        history = trained(folder / "hit", subject, spiked, at, steps=48)[1]
-        yield at_most("clipped: loss after it, of that without", history[before] / plain[before], 1.01)
+        baseline = short_training(folder / "plain", subject, steps=48)[1]
+        history = short_training(folder / "hit", subject, spiked, at, steps=48)[1]
+        yield at_most("clipped: loss after it, of that without", history[before] / baseline[before], 1.01)
         yield at_most("clipped: last loss, of that before it", history[-1] / history[before - 1], 0.5)
-        yield equal("clipped: warnings", len(heard.said), 0)
-        said, history, weights = trained(folder / "free", subject, spiked, at, steps=48, clip=None)
-    yield at_most("not clipped: kept, of the best before", said["validation_loss"] / min(history[:before]), 1.0)
-    yield equal("not clipped: NaN or infinite weights and losses", finite(weights, torch.tensor(history)), 0)
+        yield equal("clipped: warnings", len(log.messages), 0)
+        summary, history, weights = short_training(folder / "free", subject, spiked, at, steps=48, clip=None)
+    yield at_most("not clipped: kept, of the best before", summary["validation_loss"] / min(history[:before]), 1.0)
+    yield equal("not clipped: NaN or infinite weights and losses", count_nonfinite(weights, torch.tensor(history)), 0)
     worse = history[-1] / min(history[:before])
-    warned = [line for line in heard.said if f"in step {at}: {subject.name}" in line]
+    warned = [line for line in log.messages if f"in step {at}: {subject.name}" in line]
     note = f"without clipping the last loss is {worse:.1f} times the best before; {'; '.join(warned)}"
     yield equal("not clipped: warnings that name the sample", len(warned), 1, note=note)
 
 
 class Infinite(torch.autograd.Function):
-    """The value as it is, its gradient infinite."""
+    """Identity with an infinite gradient."""
 
     @staticmethod
     def forward(ctx: Any, values: Tensor) -> Tensor:
@@ -644,8 +655,8 @@ class Infinite(torch.autograd.Function):
 
 @CASES.case("a step whose loss or gradient is not finite", "training")
 def diverging(subject: Subject) -> Iterator[Finding]:
-    """Training stops before any weight is changed, and names the sample; the best model so far stays."""
-    # Step 6, and 7: the last before a validation. Clipping would make NaN of an infinite gradient.
+    """Training stops before a weight changes, and names the sample; the best model so far is kept."""
+    # Step 7 is the last before a validation. Clipping would turn an infinite gradient into NaN.
     changes = {
         "NaN loss": (lambda losses: losses * torch.nan, 6, 1.0),
         "infinite gradient": (Infinite.apply, 6, 1.0),
@@ -657,20 +668,22 @@ def diverging(subject: Subject) -> Iterator[Finding]:
         named = rf"(loss|gradient) is NaN or infinite.*step {step}.*{subject.name}.*best model so far is"
         with TemporaryDirectory() as name:
             folder = Path(name)
-            run = partial(trained, folder, subject, change, step, clip=clip)
+            run = partial(short_training, folder, subject, change, step, clip=clip)
             yield rejects(what, run, Diverged, named)
             yield equal(f"{what}: models written", int((folder / "model").exists()), 0)
             kept = weights_of(folder / "work/best.ckpt")
-            yield equal(f"{what}: NaN or infinite weights kept", finite(kept), 0)
+            yield equal(f"{what}: NaN or infinite weights kept", count_nonfinite(kept), 0)
             last = torch.load(folder / "work/last.ckpt", weights_only=False)["state_dict"]
-            wrong = finite(*(values for values in last.values() if values.is_floating_point()))
+            wrong = count_nonfinite(*(values for values in last.values() if values.is_floating_point()))
             yield equal(f"{what}: NaN or infinite weights to go on from", wrong, 0)
     with TemporaryDirectory() as name:
-        yield rejects("rate 1e30", lambda: trained(Path(name), subject, rate=1e30, clip=None), Diverged, "NaN or inf")
+        yield rejects(
+            "rate 1e30", lambda: short_training(Path(name), subject, rate=1e30, clip=None), Diverged, "NaN or inf"
+        )
 
 
-def stores(folder: Path, subject: Subject, *stages: str) -> None:
-    """A run with stores of one object of the train split, of which nothing is touched, and its catalogue."""
+def write_stores(folder: Path, subject: Subject, *stages: str) -> None:
+    """Write a run: stores of one untouched object of the train split, and the catalogue."""
     sizes = {"o": 1, "g": 2, "n": 500, "r": 4, "rr": 16, "p": 8}
     for stage in stages:
         arrays = {}
@@ -689,10 +702,10 @@ def stores(folder: Path, subject: Subject, *stages: str) -> None:
 
 @CASES.case("corrupt data", "training")
 def corrupt_data(subject: Subject) -> Iterator[Finding]:
-    """Cut off, a bit changed, NaN, millimetres for metres, images of three objects: the store is named."""
+    """Truncated, a bit flipped, NaN, millimetres for metres, images of three objects: the error names the store."""
     with TemporaryDirectory() as name:
         folder = Path(name)
-        stores(folder, subject, "surface", "vision")
+        write_stores(folder, subject, "surface", "vision")
         path = folder / store.CONTRACT["surface"].path(BATCH)
         chunk = next(file for file in (path / "points").rglob("*") if file.is_file() and file.name != "zarr.json")
         whole, arrays = chunk.read_bytes(), store.read(path)

@@ -1,8 +1,8 @@
-"""Stability of touch: grazing rays, rays through edges and vertices, surfaces on the limits, far coordinates.
+"""Stability of touch: grazing rays, rays through edges and vertices, surfaces at the limits, far coordinates.
 
-Depth maps are held against every face of the mesh in double precision (`exact_depth`, which shares no code
-with the tracers) or against a closed form. Where a ray passes an edge closer than the tracers' single
-precision resolves (`BAND`), both sides of the edge are right.
+Depth maps are compared with a closed form or with `exact_depth`, which tests every face in double precision and
+shares no code with the tracers. A ray closer to an edge than single precision resolves (`BAND`) may be on either
+side of it.
 """
 
 from collections.abc import Iterator
@@ -19,6 +19,7 @@ from palpate.touch import (
     PIXEL_CENTRES,
     RESOLUTION,
     SENSOR_RANGE,
+    SENSOR_WIDTH,
     RayCaster,
     SphereTracer,
     empty_reading,
@@ -31,12 +32,12 @@ from studies.stability.cases import Cases, Finding, at_least, at_most, equal, re
 
 CASES = Cases()
 
-# Metres that a ray may pass an edge by and still hit, or within it and still miss: rounding of an object of
-# 0.5 m in single precision is 3e-8 m a coordinate.
+# Metres from an edge within which a ray may hit or miss: rounding of an object of 0.5 m in single precision is 3e-8 m
+# a coordinate.
 BAND = 2e-7
 # Millimetres: depths are stored in single precision, which rounds 25 mm by up to 0.93e-6 mm.
 ROUNDED = 2e-6
-# Sensors as different from the axes as can be, and one along them.
+# Sensor poses: None is along the axes, the others are random.
 SEEDS = (None, 1, 2)
 
 
@@ -47,7 +48,7 @@ class Pose(NamedTuple):
     rotation: np.ndarray
 
     def frame(self, points: np.ndarray) -> np.ndarray:
-        """Points (..., 3) of the sensor's frame in the frame of the pose."""
+        """Transform points (..., 3) from the sensor's frame to the frame of the pose."""
         return points @ self.rotation.T + self.position
 
 
@@ -57,10 +58,10 @@ SHIFTS = BAND * np.stack([np.cos(np.arange(8) * np.pi / 4), np.sin(np.arange(8) 
 
 
 def exact_depth(triangles, pose: Pose, pixels=PIXELS, low=0.0, high=SENSOR_RANGE) -> np.ndarray:
-    """(n,) depth between low and high of the first face of triangles (f, 3, 3) at each of pixels (n, 2).
+    """(n,) depth of the nearest of triangles (f, 3, 3), between low and high, at each of pixels (n, 2).
 
-    Barycentric coordinates in the sensor plane, of every face that is not exactly edge-on, in double
-    precision; edges are 1e-12 m wide.
+    Uses barycentric coordinates in the sensor plane, in double precision, of every face that is not exactly
+    edge-on. Edges count as 1e-12 m wide.
     """
     corner = (np.asarray(triangles, dtype=np.float64) - pose.position) @ pose.rotation
     a, ab, ac = corner[:, 0], corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]
@@ -83,50 +84,53 @@ def exact_depth(triangles, pose: Pose, pixels=PIXELS, low=0.0, high=SENSOR_RANGE
 
 
 class Disagreement(NamedTuple):
-    """Pixels felt that should not be, or the other way round, and how far depths are off, in mm."""
+    """Number of pixels that are wrongly in range or out of range, and the largest error of the depth, mm."""
 
     flipped: int
     millimetres: float
 
 
 def disagreement(depth: np.ndarray, triangles: np.ndarray, pose: Pose) -> Disagreement:
-    """Of a depth map (100, 100), from what any ray within `BAND` of the pixel's meets, exactly."""
+    """Compare a depth map (100, 100) with the exact depths of all rays within `BAND` of each pixel's ray."""
     depth = depth.ravel().astype(np.float64)
     doubtful = np.flatnonzero(~np.isclose(depth, exact_depth(triangles, pose), rtol=1e-7, atol=0))
     if not len(doubtful):
-        return Disagreement(0, _off(depth, exact_depth(triangles, pose)))
+        return Disagreement(0, _largest_difference(depth, exact_depth(triangles, pose)))
     right = [
         exact_depth(triangles, pose, PIXELS[doubtful] + shift, low, high)
         for low, high in ((-BAND, SENSOR_RANGE + BAND), (BAND, SENSOR_RANGE - BAND))
         for shift in (*SHIFTS, np.zeros(2))
     ]
-    nearest, furthest, mine = np.min(right, axis=0), np.max(right, axis=0), depth[doubtful]
-    flipped = np.where(np.isfinite(mine), np.isinf(nearest), np.isfinite(furthest))
-    return Disagreement(int(flipped.sum()), max(_off(nearest, mine, above=True), _off(mine, furthest, above=True)))
+    nearest, furthest, traced = np.min(right, axis=0), np.max(right, axis=0), depth[doubtful]
+    flipped = np.where(np.isfinite(traced), np.isinf(nearest), np.isfinite(furthest))
+    return Disagreement(
+        int(flipped.sum()),
+        max(_largest_difference(nearest, traced, above=True), _largest_difference(traced, furthest, above=True)),
+    )
 
 
-def _off(one: np.ndarray, other: np.ndarray, above: bool = False) -> float:
-    """Largest difference in mm, or excess of the one over the other, where both are finite."""
+def _largest_difference(one: np.ndarray, other: np.ndarray, above: bool = False) -> float:
+    """Largest absolute difference (above: largest excess of one over other) in mm, where both are finite."""
     both = np.isfinite(one) & np.isfinite(other)
     difference = one[both] - other[both]
     return 1e3 * float((difference if above else np.abs(difference)).max(initial=0))
 
 
-def turned(seed: int | None, reach: float = 0.2) -> Pose:
-    """A sensor at the origin along the axes (None), or any other way and within `reach` of the origin."""
+def random_pose(seed: int | None, reach: float = 0.2) -> Pose:
+    """A random pose with coordinates within `reach` (m); for seed None the identity."""
     if seed is None:
         return Pose(np.zeros(3), np.eye(3))
     rng = np.random.default_rng(seed)
     return Pose(rng.uniform(-reach, reach, 3), Rotation.random(random_state=seed).as_matrix())
 
 
-def seen_from(mesh: trimesh.Trimesh, pose: Pose) -> trimesh.Trimesh:
-    """The mesh, given in the sensor's frame, in the frame of the pose."""
+def in_pose(mesh: trimesh.Trimesh, pose: Pose) -> trimesh.Trimesh:
+    """Transform a mesh from the sensor's frame to the frame of the pose."""
     return trimesh.Trimesh(pose.frame(mesh.vertices), mesh.faces, process=False, validate=False)
 
 
-def heights(y: np.ndarray, z: np.ndarray, x: np.ndarray) -> trimesh.Trimesh:
-    """A sheet with a vertex at each of (n, n) places of the sensor plane, x in front of it."""
+def height_field(y: np.ndarray, z: np.ndarray, x: np.ndarray) -> trimesh.Trimesh:
+    """A height field: a sheet with vertices (n, n) at y, z on the sensor plane and at distance x from it."""
     n = len(y)
     corner = (np.arange(n - 1)[:, None] * n + np.arange(n - 1)).ravel()
     faces = np.concatenate([corner[:, None] + [0, 1, n], corner[:, None] + [1, n + 1, n]])
@@ -134,14 +138,16 @@ def heights(y: np.ndarray, z: np.ndarray, x: np.ndarray) -> trimesh.Trimesh:
 
 
 def sheet(distance: float, slope: float = 0.0, half: float = 0.05, width: float = 0.05) -> trimesh.Trimesh:
-    """A rectangle of two faces around the ray of a pixel: its level lines run along (0.6, -0.8) of y and z.
+    """A rectangle of two faces at a distance (m) and slope; its level lines run along (0.6, -0.8) in y and z.
 
-    However steep, it is met at the distance by every fifth ray along a level line, 3 columns and 4 rows on.
-    half: of its level lines, width: half of its extent across them, metres.
+    Whatever its slope, every fifth ray along a level line, 3 columns and 4 rows apart, meets it at the distance.
+    half: half its extent along the level lines, width: half its extent across them, metres.
     """
     along, across = np.meshgrid([-half, half], [-width, width])
     middle = PIXEL_CENTRES[RESOLUTION // 2]
-    return heights(middle + 0.6 * along + 0.8 * across, middle - 0.8 * along + 0.6 * across, distance + slope * across)
+    return height_field(
+        middle + 0.6 * along + 0.8 * across, middle - 0.8 * along + 0.6 * across, distance + slope * across
+    )
 
 
 def box(extents, centre=(0.0, 0.0, 0.0)) -> trimesh.Trimesh:
@@ -150,24 +156,24 @@ def box(extents, centre=(0.0, 0.0, 0.0)) -> trimesh.Trimesh:
     return mesh
 
 
-def felt(tracer, pose: Pose) -> np.ndarray:
+def trace_depth(tracer, pose: Pose) -> np.ndarray:
     """One sensor's depth map (100, 100)."""
     return tracer.trace(pose.position[None], pose.rotation[None])[0]
 
 
-def compared(method, meshes, seeds=SEEDS) -> Iterator[tuple[np.ndarray, Disagreement]]:
-    """Depth and disagreement of each mesh, given in the sensor's frame, by a tracer in several poses."""
+def disagreements(method, meshes, seeds=SEEDS) -> Iterator[tuple[np.ndarray, Disagreement]]:
+    """Depth map and disagreement of a tracer, for each mesh (in the sensor's frame) and each pose."""
     for mesh in meshes:
         for seed in seeds:
-            pose = turned(seed)
-            there = seen_from(mesh, pose)
-            depth = felt(method(there), pose)
-            yield depth, disagreement(depth, there.triangles, pose)
+            pose = random_pose(seed)
+            placed = in_pose(mesh, pose)
+            depth = trace_depth(method(placed), pose)
+            yield depth, disagreement(depth, placed.triangles, pose)
 
 
-def exactly(meshes, seeds=SEEDS, what: str = "") -> Iterator[Finding]:
-    """What a `RayCaster` sees of the meshes is what every face in double precision says."""
-    found = list(compared(RayCaster, meshes, seeds))
+def agrees_with_exact(meshes, seeds=SEEDS, what: str = "") -> Iterator[Finding]:
+    """Findings: depth maps of a `RayCaster` agree with `exact_depth`, for all meshes and poses."""
+    found = list(disagreements(RayCaster, meshes, seeds))
     yield equal(f"flipped pixels{what}", sum(each.flipped for _, each in found), 0)
     yield at_most(f"depth off{what}", max(each.millimetres for _, each in found), ROUNDED, "mm")
     least = min(int(np.isfinite(depth).sum()) for depth, _ in found)
@@ -178,36 +184,38 @@ def exactly(meshes, seeds=SEEDS, what: str = "") -> Iterator[Finding]:
 
 @CASES.case("grazing sensor, Embree", "touch")
 def grazing(subject):
-    """Sheets at up to 89.9994 degrees to the sensor plane, 20 mm and 20 m deep."""
+    """Sheets at up to 89.9994 degrees to the sensor plane, whose depths span 20 mm and 20 m."""
     for slope in (10, 100, 1e3, 1e4, 1e5):
         sheets = [sheet(0.0125, slope, width=deep / slope) for deep in (0.01, 10.0)]
-        yield from exactly(sheets, what=f" at {np.degrees(np.arctan(slope)):.6g} degrees")
+        yield from agrees_with_exact(sheets, what=f" at {np.degrees(np.arctan(slope)):.6g} degrees")
 
 
 @CASES.case("grazing sensor, sphere tracing", "touch")
 def grazing_by_sphere_tracing(subject):
-    """A ray stops a tolerance away from the surface: that is tolerance / cos(incidence) early."""
+    """A ray stops at a distance `TOLERANCE` from the surface, which is TOLERANCE / cos(incidence) early."""
     for slope in (1, 10, 30, 100):
-        pose = turned(1)
-        there = seen_from(sheet(0.0125, slope, width=0.01 / slope), pose)
-        depth = felt(SphereTracer(there), pose).ravel()
-        right = exact_depth(there.triangles, pose)
+        pose = random_pose(1)
+        placed = in_pose(sheet(0.0125, slope, width=0.01 / slope), pose)
+        depth = trace_depth(SphereTracer(placed), pose).ravel()
+        right = exact_depth(placed.triangles, pose)
         angle = f" at {np.degrees(np.arctan(slope)):.6g} degrees"
         missed = int((np.isfinite(right) & np.isinf(depth)).sum())
         yield equal(f"pixels given up{angle}", missed, 0, "", f"of {np.isfinite(right).sum()}")
         early = 1e3 * TOLERANCE * np.hypot(1, slope)
-        yield at_most(f"stops short{angle}", _off(right, depth, above=True), 1.001 * early + ROUNDED, "mm")
-        yield at_most(f"goes through{angle}", _off(depth, right, above=True), ROUNDED, "mm")
+        yield at_most(
+            f"stops short{angle}", _largest_difference(right, depth, above=True), 1.001 * early + ROUNDED, "mm"
+        )
+        yield at_most(f"goes through{angle}", _largest_difference(depth, right, above=True), ROUNDED, "mm")
 
 
 @CASES.case("rays through vertices and along edges", "touch")
 def vertices_and_edges(subject):
-    """A vertex at every pixel: each ray meets a corner of six faces, each row and column runs along edges."""
+    """A vertex at every pixel: each ray meets the corner of six faces, rows and columns run along edges."""
     y, z = np.meshgrid(np.r_[-0.01, PIXEL_CENTRES, 0.01], np.r_[-0.01, PIXEL_CENTRES, 0.01])
     stripes = np.arange(RESOLUTION + 2) // 2 % 2
     noise = np.random.default_rng(0).random(y.shape)
     # A ray that misses its corner by rounding is on a face: at most 10 mm / 0.16 mm steep, the wavy one hardly at all.
-    steep = 1e3 * BAND * 0.01 / (0.01641 / RESOLUTION)
+    steep = 1e3 * BAND * 0.01 / (SENSOR_WIDTH / RESOLUTION)
     shapes = {
         "wavy": (0.02 + 0.3 * y + 0.1 * np.sin(300 * z) * y, 1e-3),
         "steps of 10 mm": (0.01 + 0.01 * stripes + 0 * y, steep),
@@ -216,24 +224,24 @@ def vertices_and_edges(subject):
     for name, (x, bound) in shapes.items():
         holes, off = 0, 0.0
         for seed in (1, 2, 3):
-            pose = turned(seed)
-            depth = felt(RayCaster(seen_from(heights(y, z, x), pose)), pose)
+            pose = random_pose(seed)
+            depth = trace_depth(RayCaster(in_pose(height_field(y, z, x), pose)), pose)
             holes += int(np.isinf(depth).sum())
-            off = max(off, _off(depth, x[1:-1, 1:-1]))
+            off = max(off, _largest_difference(depth, x[1:-1, 1:-1]))
         yield equal(f"holes, {name}", holes, 0)
         yield at_most(f"depth off, {name}", off, bound, "mm")
 
 
 @CASES.case("faces seen exactly edge-on", "touch")
 def edge_on(subject):
-    """A wall whose sides run along the rays, a blade in the plane of rays, and both turned by next to nothing."""
+    """A wall with sides parallel to the rays and a blade edge-on to them, both turned by very small angles."""
     y = PIXEL_CENTRES[10]
     blade = trimesh.Trimesh([[0.012, y, -0.01], [0.02, y, 0.01], [0.024, y, 0.0]], [[0, 1, 2]], process=False)
     wall = trimesh.util.concatenate([box((0.01, 2 * abs(PIXEL_CENTRES[30]), 0.008), (0.02, 0, 0)), blade])
     for angle in (0.0, 1e-9, 1e-7, 1e-6, 1e-5, 1e-3, 0.1):
         leaning = wall.copy()
         leaning.vertices = wall.vertices @ Rotation.from_euler("yz", [angle, angle]).as_matrix().T
-        yield from exactly([leaning], what=f", turned by {angle:g}")
+        yield from agrees_with_exact([leaning], what=f", turned by {angle:g}")
 
 
 @CASES.case("thousands of slivers and needles", "touch")
@@ -244,18 +252,18 @@ def slivers_and_needles(subject):
     around = np.arange(2000)
     faces = np.stack([0 * around, around + 1, (around + 1) % 2000 + 1], axis=1)
     fan = trimesh.Trimesh(np.concatenate([[[0.012, 0, 0]], rim]), faces, process=False)
-    yield from exactly([fan], (1,), ", fan")
+    yield from agrees_with_exact([fan], (1,), ", fan")
     needles = loose_needles()
-    yield from exactly([needles], (1,), ", needles")
-    pose = turned(1)
-    there = seen_from(needles, pose)
-    depth = felt(SphereTracer(there), pose)
+    yield from agrees_with_exact([needles], (1,), ", needles")
+    pose = random_pose(1)
+    placed = in_pose(needles, pose)
+    depth = trace_depth(SphereTracer(placed), pose)
     points = pose.frame(np.column_stack([depth.ravel(), PIXELS])[np.isfinite(depth.ravel())][::10])
-    away = 1e3 * float(distance_to(there, points).max())
-    # What it passes within the tolerance it feels; a flat face it takes for its longest edge.
-    bound = 1e3 * (TOLERANCE + 1e-4 * there.edges_unique_length.max())
+    away = 1e3 * float(distance_to(placed, points).max())
+    # Sphere tracing hits whatever it passes within its tolerance, and treats a degenerate face as its longest edge.
+    bound = 1e3 * (TOLERANCE + 1e-4 * placed.edges_unique_length.max())
     yield at_most("sphere tracing, points off needles", away, bound, "mm")
-    missed = np.isfinite(exact_depth(there.triangles, pose)) & np.isinf(depth.ravel())
+    missed = np.isfinite(exact_depth(placed.triangles, pose)) & np.isinf(depth.ravel())
     yield equal("sphere tracing, needles missed", int(missed.sum()), 0)
 
 
@@ -272,9 +280,9 @@ def loose_needles(count: int = 300) -> trimesh.Trimesh:
 
 
 def distance_to(mesh: trimesh.Trimesh, points: np.ndarray) -> np.ndarray:
-    """Distance (n,) in metres of points (n, 3) to the nearest edge or, above its inside, face.
+    """Distance (n,) in metres of points (n, 3) to the nearest face of a mesh, including its edges.
 
-    Written out, for libigl's distance to a needle is wrong.
+    An own implementation, because libigl's distance to a needle is wrong.
     """
     nearest = np.full(len(points), np.inf)
     for corners in np.asarray(mesh.triangles, dtype=np.float64):
@@ -291,54 +299,54 @@ def distance_to(mesh: trimesh.Trimesh, points: np.ndarray) -> np.ndarray:
 
 @CASES.case("sensor plane inside the mesh", "touch")
 def inside(subject):
-    """The sensor sees the wall in front of it, whatever it has behind it or cuts through."""
+    """The sensor sees the wall in front of it, whatever is behind the sensor plane or crosses it."""
     for method, bound in ((RayCaster, ROUNDED), (SphereTracer, 1e3 * TOLERANCE + ROUNDED)):
         off = 0.0
         for seed in SEEDS:
-            pose = turned(seed)
-            depth = felt(method(seen_from(box((0.03, 0.05, 0.05)), pose)), pose)
+            pose = random_pose(seed)
+            depth = trace_depth(method(in_pose(box((0.03, 0.05, 0.05)), pose)), pose)
             off = max(off, float(1e3 * np.abs(depth - 0.015).max()))
         yield at_most(f"depth off in a box, {method.__name__}", off, bound, "mm")
     ball = trimesh.creation.icosphere(subdivisions=4, radius=0.012)
-    yield from exactly([ball, loose_needles()], what=", surfaces through the plane")
-    # Its sides run along rays, from 5 mm behind the sensor plane to 5 mm before it: felt is its front.
+    yield from agrees_with_exact([ball, loose_needles()], what=", surfaces through the plane")
+    # Its sides are parallel to the rays, from 5 mm behind the sensor plane to 5 mm before it: rays meet its front.
     wall = box((0.01, 2 * abs(PIXEL_CENTRES[30]), 0.008))
-    yield from exactly([wall], what=", a wall edge-on through the plane")
+    yield from agrees_with_exact([wall], what=", a wall edge-on through the plane")
 
 
 @CASES.case("surface on the sensor plane", "touch")
 def on_the_sensor_plane(subject):
-    """Felt everywhere if it is on the plane or before it, by however little; nowhere if it is behind it."""
+    """A surface on the plane, or in front by however little, is in range at every pixel; one behind at none."""
     for ahead in (0.0, 1e-12, 1e-9, 1e-8, 1e-7, -1e-9, -1e-7):
         holes, off = 0, 0.0
         for seed in (*SEEDS, 3):
-            pose = turned(seed)
-            depth = felt(RayCaster(seen_from(sheet(ahead), pose)), pose)
+            pose = random_pose(seed)
+            depth = trace_depth(RayCaster(in_pose(sheet(ahead), pose)), pose)
             holes += int((np.isinf(depth) if ahead >= 0 else np.isfinite(depth)).sum())
             off = max(off, float(1e3 * np.abs(depth - ahead).max()) if ahead >= 0 else 0.0)
         yield equal(f"flipped pixels, surface {ahead:g} m ahead", holes, 0)
         yield at_most(f"depth off, surface {ahead:g} m ahead", off, 1e-9 if abs(ahead) < 1e-8 else ROUNDED, "mm")
     both = trimesh.util.concatenate([sheet(-1e-9), sheet(0.01)])
-    depths = [felt(RayCaster(seen_from(both, pose)), pose) for pose in (turned(1), turned(2))]
+    depths = [trace_depth(RayCaster(in_pose(both, pose)), pose) for pose in (random_pose(1), random_pose(2))]
     off = float(1e3 * np.abs(np.array(depths) - 0.01).max())
     yield at_most("depth off, a surface 1 nm behind and one before it", off, 1e-6, "mm")
 
 
 @CASES.case("surface exactly at the range limit", "touch")
 def at_the_range_limit(subject):
-    """Either side of it is felt, or not, throughout; on it rounding decides, and the reading is the same."""
+    """Just before the limit every pixel is in range, just beyond it none. At the limit the reading is empty."""
     for beyond in (-1e-9, 1e-9):
         holes = 0
         for seed in SEEDS:
-            pose = turned(seed)
-            depth = felt(RayCaster(seen_from(sheet(SENSOR_RANGE + beyond), pose)), pose)
+            pose = random_pose(seed)
+            depth = trace_depth(RayCaster(in_pose(sheet(SENSOR_RANGE + beyond), pose)), pose)
             holes += int((np.isinf(depth) if beyond < 0 else np.isfinite(depth)).sum())
         yield equal(f"flipped pixels, surface {beyond:g} m beyond", holes, 0)
     levels, furthest = 0, 0.0
     for seed in range(6):
-        pose = turned(seed or None)
-        there = RayCaster(seen_from(sheet(SENSOR_RANGE), pose))
-        found = sense(there, pose.position[None], pose.rotation[None])
+        pose = random_pose(seed or None)
+        tracer = RayCaster(in_pose(sheet(SENSOR_RANGE), pose))
+        found = sense(tracer, pose.position[None], pose.rotation[None])
         reading = shade(found.depth[0]).astype(int)
         levels = max(levels, int(np.abs(reading - empty_reading()).max()))
         furthest = max(furthest, float(np.where(np.isfinite(found.depth), found.depth, 0).max()))
@@ -347,7 +355,7 @@ def at_the_range_limit(subject):
 
 
 def shade_in_double(depth: np.ndarray) -> np.ndarray:
-    """(100, 100, 3) grey levels, not rounded: the equations of docs/touch.md in double precision."""
+    """(100, 100, 3) grey levels, not rounded, by the equations of docs/touch.md in double precision."""
     height = np.where(np.isfinite(depth), np.maximum(SENSOR_RANGE - depth.astype(np.float64), 0), 0)
     pixel = PIXEL_CENTRES[1] - PIXEL_CENTRES[0]
     padded = np.pad(height, 1, mode="reflect", reflect_type="odd")  # so that one-sided ones come of it
@@ -362,7 +370,7 @@ def shade_in_double(depth: np.ndarray) -> np.ndarray:
 
 @CASES.case("steep steps in the impression", "shading")
 def steep_steps(subject):
-    """Full depth to nothing from pixel to pixel: the shading stays in range, wraps nowhere, and is right."""
+    """Full impression next to none: the shading is correct, within range and never wraps around."""
     row, column = np.indices((RESOLUTION, RESOLUTION))
     rng = np.random.default_rng(0)
     shapes = {
@@ -388,29 +396,31 @@ def steep_steps(subject):
 
 @CASES.case("float32 far from the origin", "touch")
 def far_from_the_origin(subject):
-    """Mesh and sensor moved together: depths are those at the origin, to the rounding of the coordinates."""
-    pose = turned(3)
+    """Mesh and sensor moved together: depths equal those at the origin within the rounding of coordinates."""
+    pose = random_pose(3)
     ball = trimesh.creation.icosphere(subdivisions=4, radius=0.05)
     ball.apply_translation((0.055, 0, 0.02))
-    here = seen_from(ball, pose)
-    expected = {method: felt(method(here), pose) for method in (RayCaster, SphereTracer)}
+    here = in_pose(ball, pose)
+    expected = {method: trace_depth(method(here), pose) for method in (RayCaster, SphereTracer)}
     for far in (1e3, 1e6):
         shift = far * np.array([1.0, -0.7, 0.3])
-        there = Pose(pose.position + shift, pose.rotation)
+        moved_pose = Pose(pose.position + shift, pose.rotation)
         moved = trimesh.Trimesh(here.vertices + shift, here.faces, process=False)
         # Both are given in doubles, that far out 1.2e-10 m apart; the ball's faces lean by up to 75 degrees.
         bound = 1e3 * 8 * np.spacing(far) + ROUNDED
         for method, depth in expected.items():
             for name, tracer in (("mesh", method(moved)), ("object_position", method(here, shift))):
-                result = felt(tracer, there)
+                result = trace_depth(tracer, moved_pose)
                 what = f"{method.__name__}, {name} at {far:g} m"
                 flipped = int((np.isfinite(result) != np.isfinite(depth)).sum())
                 yield equal(f"flipped pixels, {what}", flipped, 0)
-                yield at_most(f"depth changes, {what}", _off(result, depth), bound, "mm")
+                yield at_most(f"depth changes, {what}", _largest_difference(result, depth), bound, "mm")
         caster = RayCaster(here, shift)
         yield rejects(
             f"local points at {far:g} m",
-            lambda there=there, caster=caster: sense(caster, there.position[None], there.rotation[None]),
+            lambda moved_pose=moved_pose, caster=caster: sense(
+                caster, moved_pose.position[None], moved_pose.rotation[None]
+            ),
             ValueError,
             "too far from the origin for points in single precision",
         )
@@ -422,21 +432,21 @@ def far_from_the_origin(subject):
 
 @CASES.case("object much larger than the sensor", "touch")
 def larger_than_single_precision(subject):
-    """A face far off makes Embree's coordinates coarse, of a ball, of its edges, and of a plain."""
+    """A distant face makes Embree's coordinates coarse: a ball with a stray face, and a plane of 20 km."""
     ball = trimesh.creation.icosphere(subdivisions=3, radius=0.012)
     ball.apply_translation((0.02, 0, 0))
     for far in (100.0, 1e5):
         corners = np.array([[far, 0, 0], [far, 1e-3, 0], [far, 0, 1e-3]])
         stray = trimesh.Trimesh(corners, [[0, 1, 2]], process=False)
         bound = f", with a face {far:g} m off"
-        yield from exactly([trimesh.util.concatenate([ball, stray])], (1, 2), bound)
-    yield from exactly([sheet(0.02, 0.3, half=1e4, width=1e4)], (1, 2), ", on a plain of 20 km")
+        yield from agrees_with_exact([trimesh.util.concatenate([ball, stray])], (1, 2), bound)
+    yield from agrees_with_exact([sheet(0.02, 0.3, half=1e4, width=1e4)], (1, 2), ", on a plain of 20 km")
 
 
 @CASES.case("poses that are none", "touch")
 def poses_that_are_none(subject):
-    """NaN, infinite, stretched and mirrored poses are refused, not read as touching nothing."""
-    mesh, pose = sheet(0.01), turned(None)
+    """NaN, infinite, stretched and mirrored poses raise an error; they are not read as no contact."""
+    mesh, pose = sheet(0.01), random_pose(None)
     mirrored, stretched, broken = np.diag([1.0, 1, -1]), 1.01 * np.eye(3), np.eye(3)
     broken[1, 1] = np.nan
     poses = {
@@ -459,7 +469,7 @@ def poses_that_are_none(subject):
 
 
 def on_the_object(subject, count: int) -> Iterator[Finding]:
-    """Sensors at random places of the run's object, some inside it, against every face of it."""
+    """Sensors at random places of the run's object, also inside it, compared with `exact_depth`."""
     mesh = load_visual(subject.folder)
     points, face = trimesh.sample.sample_surface(mesh, count, seed=0)
     rng = np.random.default_rng(0)
@@ -471,9 +481,9 @@ def on_the_object(subject, count: int) -> Iterator[Finding]:
         axes[:, 0] *= np.sign(axes[:, 0] @ towards)
         axes[:, 2] *= np.sign(np.linalg.det(axes))
         pose = Pose(point - axes[:, 0] * rng.uniform(-0.01, 0.03), axes)
-        cast = disagreement(felt(RayCaster(mesh), pose), mesh.triangles, pose)
+        cast = disagreement(trace_depth(RayCaster(mesh), pose), mesh.triangles, pose)
         right = exact_depth(mesh.triangles, pose)
-        traced = felt(SphereTracer(mesh), pose).ravel()
+        traced = trace_depth(SphereTracer(mesh), pose).ravel()
         flips["RayCaster"] += cast.flipped
         flips["SphereTracer"] += int((np.isinf(right) & np.isfinite(traced)).sum())
         missed += int((np.isfinite(right) & np.isinf(traced)).sum())
@@ -481,8 +491,8 @@ def on_the_object(subject, count: int) -> Iterator[Finding]:
     note = f"of {seen} felt by {count} sensors"
     yield equal("flipped pixels, RayCaster", flips["RayCaster"], 0, "", note)
     yield at_most("depth off, RayCaster", off, ROUNDED, "mm")
-    # It also feels what it passes within the tolerance, on a rim of 1e-5 m around the silhouette: at pixels
-    # of 0.164 mm, 6 % of those on it, of which a sensor has at most a few hundred.
+    # Sphere tracing also hits what it passes within its tolerance of 1e-5 m: with pixels of 0.164 mm, 6 % of those
+    # on the silhouette, which are at most a few hundred a sensor.
     rim = 0.06 * 400 * count
     yield at_most("flipped pixels, SphereTracer", flips["SphereTracer"], rim, "", note)
     yield at_most("pixels missed, SphereTracer", missed, 0.1 * rim, "", "by rounding, on the silhouette")

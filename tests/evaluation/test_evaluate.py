@@ -134,7 +134,7 @@ def test_every_sample_is_scored_against_its_own_object(data):
 def test_it_does_not_depend_on_how_many_are_predicted_together(data, monkeypatch):
     trained = untrained(OCCLUDED_TOUCH)
     together = evaluate(trained, data, points=300)
-    monkeypatch.setattr(evaluation, "AT_ONCE", 1)
+    monkeypatch.setattr(evaluation, "BATCH_SIZE", 1)
     alone = evaluate(trained, data, points=300)
     scores = ["chamfer", "f1_tau", "f1_2tau"]
     np.testing.assert_allclose(alone[scores], together[scores], rtol=1e-3, atol=0.3)

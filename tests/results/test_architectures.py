@@ -10,7 +10,7 @@ from torch import nn
 from palpate.models import PAPER_ARCHITECTURES, Reconstruction, TouchDepth, paper_architecture
 from palpate.models.gcn import ZeroNeighbourLayer
 from palpate.models.layers import ConvolutionBlock
-from palpate.results.architectures import architecture_table, compare, paper_rows, read_off
+from palpate.results.architectures import architecture_table, compare, paper_rows, read_layers
 from palpate.results.tables import write_table
 
 TABLES = ["touch_depth", *PAPER_ARCHITECTURES]
@@ -53,7 +53,7 @@ def test_rows_of_the_paper_are_complete():
 
 def test_rows_are_measured_and_not_copied():
     # By hand from the architecture: 127 x 127 after the first layer, 4 x 4 after the last.
-    rows = {row["index"]: row for row in read_off(occluded(PAPER_ARCHITECTURES["occluded"]), IMAGE)}
+    rows = {row["index"]: row for row in read_layers(occluded(PAPER_ARCHITECTURES["occluded"]), IMAGE)}
     assert rows["1"]["shape"] == "16 x 127 x 127" and rows["18"]["shape"] == "128 x 4 x 4"
     assert rows["19"] == {
         "index": "19",
@@ -79,36 +79,36 @@ def test_a_changed_architecture_is_found(change, rows):
     architecture = deepcopy(PAPER_ARCHITECTURES["occluded"])
     for part, values in change.items():
         architecture[part] |= values
-    assert differing("occluded", read_off(occluded(architecture), IMAGE)) == rows
+    assert differing("occluded", read_layers(occluded(architecture), IMAGE)) == rows
 
 
 def test_a_changed_layer_of_a_live_module_is_found():
     model = occluded(PAPER_ARCHITECTURES["occluded"])
     model.encoder.layers[7] = ConvolutionBlock(32, 32, kernel=1).eval()
-    found = differing("occluded", read_off(model, IMAGE))
+    found = differing("occluded", read_layers(model, IMAGE))
     assert found[0] == "8" and "7" not in found
     model = occluded(PAPER_ARCHITECTURES["occluded"])
     model.gcn.layers[3] = ZeroNeighbourLayer(200, 200)
-    assert not differing("occluded", read_off(model, IMAGE))
+    assert not differing("occluded", read_layers(model, IMAGE))
 
 
 def test_a_changed_unet_is_found():
     model = TouchDepth(64).eval()
     model.up[2] = ConvolutionBlock(256, 128, kernel=5, padding=2).eval()
     model.pool[0] = nn.MaxPool2d(3, 2, 1)
-    assert differing("touch_depth", read_off(model, torch.rand(1, 3, 100, 100))) == ["3", "23"]
+    assert differing("touch_depth", read_layers(model, torch.rand(1, 3, 100, 100))) == ["3", "23"]
 
 
 def test_an_excuse_holds_for_its_own_change_only():
     # Row (17) may be 3 x 3 where the paper has 2 x 2, but nothing else.
     model = TouchDepth(64).eval()
     model.up[0] = ConvolutionBlock(1024, 512, kernel=1).eval()
-    assert differing("touch_depth", read_off(model, torch.rand(1, 3, 100, 100))) == ["17"]
+    assert differing("touch_depth", read_layers(model, torch.rand(1, 3, 100, 100))) == ["17"]
 
 
 def test_hooks_are_gone_afterwards():
     model = TouchDepth(2).eval()
-    read_off(model, torch.rand(1, 3, 100, 100))
+    read_layers(model, torch.rand(1, 3, 100, 100))
     assert not any(part._forward_hooks for part in model.modules())
 
 

@@ -34,9 +34,9 @@ def run(tmp_path):
     ],
 )
 def test_usable_objects_a_class_in_turn(run, objects, batches, names):
-    picked = pick(run, objects, batches)
-    assert [each.name for each in picked] == names
-    assert all((each.folder / "mesh.json").is_file() for each in picked)
+    selected = pick(run, objects, batches)
+    assert [each.name for each in selected] == names
+    assert all((each.folder / "mesh.json").is_file() for each in selected)
 
 
 def test_nothing_usable_is_an_error_that_says_where_to_look(run):

@@ -246,9 +246,9 @@ def test_a_prediction_that_is_not_finite_names_its_sample(monkeypatch):
     samples = windows(learner.data, OCCLUDED_TOUCH, "train")[2:5]
     values = torch.zeros(3, 7, 3)
     values[1, 4, 2] = torch.nan
-    learner.finite("the prediction", values[:1], samples[:1])
+    learner.check_finite("the prediction", values[:1], samples[:1])
     with pytest.raises(Diverged, match=r"the prediction is NaN or infinite: step 9, egg-1 grasps \[0\] view 0"):
-        learner.finite("the prediction", values, samples, "step 9")
+        learner.check_finite("the prediction", values, samples, "step 9")
 
 
 def test_the_average_is_a_recursion_over_the_steps(tmp_path):

@@ -1,7 +1,7 @@
 # Which tables, figures and reports there are, and just the files that each is made from.
 from palpate.results.published import OF_EXPERIMENTS, paper_values, published_experiments
 from studies import items as report_items
-from studies.subjects import in_turn
+from studies.subjects import round_robin
 
 # Counted from the catalogue and the touch stores. The authors' dataset comes without the hand: no penetration is known.
 DATASET_TABLES = ["dataset_statistics", "grasp_success", *([] if RELEASED else ["penetration"])]
@@ -171,7 +171,7 @@ def figure_settings(wildcards):
             return {}
 
 
-REPORT_OBJECTS = in_turn(ENTRIES, lambda entry: entry.class_name)[: config["reports"]["objects"]]
+REPORT_OBJECTS = round_robin(ENTRIES, lambda entry: entry.class_name)[: config["reports"]["objects"]]
 REPORT_BATCHES = sorted({BATCHES[ENTRIES.index(entry) // config["batch_size"]] for entry in REPORT_OBJECTS})
 
 
@@ -193,7 +193,7 @@ def report_settings(wildcards):
 
 def report_tables(report):
     """The tables of the items that `reports.stages` asks for."""
-    asked = report_items.asked_for(report, config["reports"]["stages"])
+    asked = report_items.items_of_stages(report, config["reports"]["stages"])
     return expand(f"reports/{report}/{{item}}.csv", item=asked)
 
 

@@ -11,6 +11,7 @@ import torch
 
 from palpate import store, training
 from palpate.batch import log_to
+from palpate.charts.atlas import TOUCH_VERTICES
 
 log = logging.getLogger(__name__)
 log_to(snakemake.log[0])
@@ -19,7 +20,7 @@ device = training.Machine(snakemake.params.device).torch_device()
 touch = store.read(snakemake.input.touch, "object", "success", "position", "rotation", "reading", "empty_reading")
 model = training.load_touch_depth(snakemake.input.model).to(device)
 names, success = touch["object"], touch["success"]
-vertices = np.empty((*success.shape, 81, 3), np.float32)
+vertices = np.empty((*success.shape, TOUCH_VERTICES, 3), np.float32)
 for place, name in enumerate(names):  # by themselves, so that charts do not depend on the batch
     log.info("charts %d/%d: %s", place + 1, len(names), name)
     vertices[place] = training.object_charts(model, touch, place, snakemake.params.settings["chart_fit"])

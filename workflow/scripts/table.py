@@ -9,7 +9,7 @@ grasps                    Chamfer distance with 1 to 5 grasps
 extrapolation             error in square rings around each touch, m^2 and m^2 x 9000
 single_image              reconstruction from single images, Pixel2Mesh's protocol
 local_touch_charts        Chamfer distance (m^2 x 9000) of local predictions, by class
-claims                    what this run says about each claim of the paper that a number decides
+claims                    this run's verdict on each claim of the paper that a number decides
 tuning                    the grid of hyperparameters: the result of each of its points, the best first
 architectures/<model>     layers of the live module beside the paper's
 """

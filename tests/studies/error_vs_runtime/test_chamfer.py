@@ -9,7 +9,7 @@ from palpate.charts import CHAMFER_SCALE
 from palpate.mesh.distance import Surface, sample
 from palpate.training import Truth
 from studies.error_vs_runtime import chamfer
-from studies.error_vs_runtime.chamfer import Chamfer, Pair, exact, other_loss, training_loss
+from studies.error_vs_runtime.chamfer import Chamfer, Pair, changed_loss, exact, training_loss
 
 SIDE, HEIGHT = 0.4, 0.02
 CUT = 12  # squares along a side
@@ -66,19 +66,19 @@ def test_the_loss_is_too_large_by_the_spacing_of_its_points(pair):
     """area / (pi n) on average each way, for points like Poisson's, but for the squares' edges."""
     for n in (300, 2000):
         result = training_loss(n, pair)
-        mean = np.mean([result.another(seed).loss for seed in range(20)])
+        mean = np.mean([result.draw(seed).loss for seed in range(20)])
         expected = CHAMFER_SCALE * SIDE**2 / np.pi * (1 / n + 1 / 10_000)
         assert mean - pair.loss == pytest.approx(expected, rel=0.2)
 
 
 def test_other_losses_are_the_trainings(pair):
-    one = training_loss(400, pair).another(3)
+    one = training_loss(400, pair).draw(3)
     for options in ({}, {"search": chamfer._all_pairs}, {"dtype": torch.float64}):
-        other = other_loss(400, pair, **options).another(3)
+        other = changed_loss(400, pair, **options).draw(3)
         assert other.loss == pytest.approx(one.loss, rel=1e-5)
         np.testing.assert_allclose(other.gradient, one.gradient, rtol=1e-3, atol=1e-3)
-    assert other_loss(400, pair, few=True).another(3).loss > one.loss
-    off = abs(other_loss(400, pair, dtype=torch.bfloat16).another(3).loss / one.loss - 1)
+    assert changed_loss(400, pair, few_true_points=True).draw(3).loss > one.loss
+    off = abs(changed_loss(400, pair, dtype=torch.bfloat16).draw(3).loss / one.loss - 1)
     assert 1e-5 < off < 0.2
 
 
@@ -86,7 +86,7 @@ def test_an_approximate_search_keeps_its_promise():
     random = np.random.default_rng(0)
     query, points = random.normal(size=(300, 3)), random.normal(size=(3000, 3))
     distance = np.linalg.norm(query[:, None] - points[None], axis=2)
-    for error in chamfer.ERRORS_OF_SEARCH:
+    for error in chamfer.SEARCH_ERRORS:
         found = distance[np.arange(300), chamfer._approximate(error, query, points)]
         assert (found <= (1 + error) * distance.min(axis=1) + 1e-12).all()
     assert (chamfer._all_pairs(query, points) == distance.argmin(axis=1)).all()

@@ -7,7 +7,7 @@ import trimesh
 from palpate import mesh, shapes
 from palpate.mesh.decimate import decimate
 from palpate.mesh.distance import Surface, distance
-from studies.error_vs_runtime.decimation import Source, source, study
+from studies.error_vs_runtime.decimation import Source, load_source, study
 from studies.subjects import Subject
 
 FACES = 1500
@@ -49,7 +49,7 @@ def test_what_is_chosen_is_the_collision_mesh_of_the_run(subject):
 
 
 def test_every_method_makes_a_closed_mesh_smaller_and_has_an_error(subject):
-    case = source(subject.folder)
+    case = load_source(subject.folder)
     made = study(None, [], SETTINGS)
     for method in made.methods():
         if method.knob == "faces" and method.value != FACES:
@@ -61,7 +61,7 @@ def test_every_method_makes_a_closed_mesh_smaller_and_has_an_error(subject):
 
 @pytest.mark.parametrize("library", ["pymeshlab", "libigl"])
 def test_more_faces_are_nearer(subject, library):
-    case, made = source(subject.folder), study(None, [], SETTINGS)
+    case, made = load_source(subject.folder), study(None, [], SETTINGS)
     methods = [m for m in by_name(f"quadric collapse ({library})") if m.value <= FACES]
     means = [made.errors(case, method.run(case))["mean distance"] for method in methods]
     assert len(means) > 3 and (np.diff(means) < 0).all()
@@ -92,7 +92,7 @@ def test_what_is_refused_or_small_already_has_no_error():
 
 
 def test_the_reference_is_converged(subject):
-    case = source(subject.folder)
+    case = load_source(subject.folder)
     level = Surface(*decimate(case.vertices, case.faces, 1000))
     for one, other in ((case.surface, level), (level, case.surface)):
         found, dense = distance(one, other), distance(one, other, samples=300_000)

@@ -67,13 +67,13 @@ def test_a_free_swing_converges_to_its_equation_of_motion(finger, duration):
     expected = swing(duration, 0.8)
     assert 0.05 < expected < 0.75
     errors = {}
-    for step in (2e-3, 5e-4, grasps.STEP):
-        how = replace(grasps.library_settings(finger, step), duration=duration)
+    for step in (2e-3, 5e-4, grasps.REFERENCE_TIMESTEP):
+        setup = replace(grasps.library_settings(finger, step), duration=duration)
         simulation = GraspSimulation(finger, grasps.face_pieces(far_away()), step)
-        found = grasps.close(simulation, np.eye(4)[None], np.array([[0.8]]), how)
+        found = grasps.close(simulation, np.eye(4)[None], np.array([[0.8]]), setup)
         errors[step] = abs(found.joint_positions[0, 0] - expected)
-    assert errors[grasps.STEP] < errors[5e-4] / 3 < errors[2e-3] / 9
-    assert errors[grasps.STEP] < 1e-3
+    assert errors[grasps.REFERENCE_TIMESTEP] < errors[5e-4] / 3 < errors[2e-3] / 9
+    assert errors[grasps.REFERENCE_TIMESTEP] < 1e-3
 
 
 def test_a_finger_comes_to_rest_where_geometry_says(finger):
@@ -83,10 +83,10 @@ def test_a_finger_comes_to_rest_where_geometry_says(finger):
     box.apply_translation((0, wall + 0.01, 0))
     poses, targets = np.eye(4)[None], np.array([[1.2]])
     expected = np.arcsin((wall - RADIUS) / ARM)
-    how = grasps.library_settings(finger, 0.004)
-    reference = grasps.at_rest(finger, box, poses, targets, how)
+    setup = grasps.library_settings(finger, 0.004)
+    reference = grasps.at_rest(finger, box, poses, targets, setup)
     assert reference[0, 0] == pytest.approx(expected, abs=2e-5)
-    library = grasps.close(GraspSimulation(finger, surface_patches(box), 0.004), poses, targets, how)
+    library = grasps.close(GraspSimulation(finger, surface_patches(box), 0.004), poses, targets, setup)
     assert library.finite and abs(library.joint_positions[0, 0] - expected) > abs(reference[0, 0] - expected)
 
 

@@ -11,8 +11,8 @@ from palpate.hand import allegro
 from palpate.mesh import OBJECT_POSITION
 from palpate.scene import Lights
 from palpate.vision import image, paper_camera, renderer
-from studies.error_vs_runtime.renders import FULL, REFERENCE, Pictures, Renders, middle, study
-from studies.omitted.renders import rewritten
+from studies.error_vs_runtime.renders import REFERENCE, REFERENCE_CYCLES, ImagePair, Renders, crop, study
+from studies.omitted.renders import rewrite_glb
 from studies.pictures import rms
 from tests.vision.scenes import grasp_poses, painted, scene_of
 
@@ -25,7 +25,7 @@ def bottle(pictured):
     """The study of a small run, and its only case."""
     run, subject = pictured
     made = study(run, [subject], {"vision": VISION})
-    made.true_pictures = lambda case: Renders.true_pictures(made, case, 512)  # what the tests need of it
+    made.reference_images = lambda case: Renders.reference_images(made, case, 512)  # what the tests need of it
     ((name, case),) = made.cases()
     assert name == "bottle-0000"
     return made, case
@@ -42,16 +42,16 @@ def matte_ball(folder):
             material["extensions"] = {"KHR_materials_specular": {"specularFactor": 0.0}}
 
     path = folder / "visual.glb"
-    path.write_bytes(rewritten(trimesh.Scene([mesh]).export(file_type="glb"), no_gloss))
+    path.write_bytes(rewrite_glb(trimesh.Scene([mesh]).export(file_type="glb"), no_gloss))
     hand = allegro()
-    return Pictures(scene_of(path, hand, grasp_poses(hand)[:1]), [], [])
+    return ImagePair(scene_of(path, hand, grasp_poses(hand)[:1]), [], [])
 
 
 def test_the_reference_of_a_matte_ball_is_the_closed_form(tmp_path):
     """Of a convex surface nothing else lights: what it sends out is albedo (lamp cos / pi + ambient)."""
     size = 64
     made = Renders(tmp_path, [], {**VISION, "size": size})
-    seen = made.true_pictures(matte_ball(tmp_path), samples=512)[0]
+    seen = made.reference_images(matte_ball(tmp_path), samples=512)[0]
     camera = replace(paper_camera(size), size=20)
     rays, out = camera.rays(), camera.position - OBJECT_POSITION
     a, b, c = (rays**2).sum(-1), rays @ out, out @ out - 0.2**2
@@ -69,22 +69,22 @@ def test_the_reference_of_a_matte_ball_is_the_closed_form(tmp_path):
 def test_the_reference_is_converged(bottle):
     """Other random numbers, and a quarter of the samples, give nearly the same."""
     made, case = bottle
-    better = Renders.true_pictures(made, case, REFERENCE)
-    other = {**FULL, "seed": 2}
-    off = {n: made.rendered(case, made.middle_camera, n, other) for n in (REFERENCE // 64, REFERENCE // 4)}
+    better = Renders.reference_images(made, case, REFERENCE)
+    other = {**REFERENCE_CYCLES, "seed": 2}
+    off = {n: made.rendered(case, made.crop_camera, n, other) for n in (REFERENCE // 64, REFERENCE // 4)}
     for k in (0, 1):
-        drawn = (better[k] < 250).any(axis=-1)
-        assert drawn.mean() > 0.1
-        far, near = (rms(images[k][drawn], better[k][drawn]) for images in off.values())
+        foreground = (better[k] < 250).any(axis=-1)
+        assert foreground.mean() > 0.1
+        far, near = (rms(images[k][foreground], better[k][foreground]) for images in off.values())
         assert near < min(1.0, 0.6 * far)
 
 
 def test_the_reference_shows_the_middle_of_the_picture(bottle):
     made, case = bottle
-    for whole, truth in zip(made.rendered(case, samples=64), case.truth, strict=True):
-        assert truth.shape == (20, 20, 3) and whole.shape == (64, 64, 3)
-        right = rms(middle(whole, 20), truth)
-        beside = [rms(middle(np.roll(whole, 1, axis), 20), truth) for axis in (0, 1)]
+    for whole, reference in zip(made.rendered(case, samples=64), case.reference, strict=True):
+        assert reference.shape == (20, 20, 3) and whole.shape == (64, 64, 3)
+        right = rms(crop(whole, 20), reference)
+        beside = [rms(crop(np.roll(whole, 1, axis), 20), reference) for axis in (0, 1)]
         assert right < 0.5 * min(beside)
 
 
@@ -113,7 +113,7 @@ def test_errors_fall_with_samples_and_all_methods_make_the_same_picture(bottle):
 
 def test_errors_of_the_truth_itself_are_zero(bottle):
     made, case = bottle
-    found = made.errors(case, case.truth)
+    found = made.errors(case, case.reference)
     assert all(abs(value) < 1e-9 for value in found.values()) and set(found) == set(made.units)
-    brighter = [np.where(image < 245, image + 10, image) for image in case.truth]
+    brighter = [np.where(image < 245, image + 10, image) for image in case.reference]
     assert 5 < made.errors(case, brighter)["RMSE"] <= 10

@@ -60,7 +60,7 @@ def test_every_shape_is_touched_and_the_steep_ones_have_edges():
 
 def test_sphere_tracing_stops_short_by_no_more_than_its_tolerance():
     traced = CASES["sphere 10 mm, sphere-traced"]
-    exact = press(lambda random: shading._traced_sphere(0.01, random)._replace(short=0), np.random.default_rng(5))
+    exact = press(lambda random: shading._traced_sphere(0.01, random)._replace(shortfall=0), np.random.default_rng(5))
     short = press(lambda random: shading._traced_sphere(0.01, random), np.random.default_rng(5))
     both = np.isfinite(exact.depth) & np.isfinite(short.depth)
     gap = exact.depth[both].astype(float) - short.depth[both]
@@ -81,7 +81,7 @@ def test_what_is_chosen_is_the_library_s_reading(name):
     ("slopes", "degree"),
     [
         (shading._one_sided, 1),
-        (shading._less_steep, 1),
+        (shading._minmod, 1),
         (shading._gradient, 2),
         (shading._sobel, 2),
         (lambda *of: shading._parabola(5, *of), 2),
@@ -108,13 +108,13 @@ def test_differences_are_exact_to_their_order_and_no_further(slopes, degree):
 def test_limited_differences_are_central_on_smooth_surfaces_and_do_not_cross_a_step():
     width = PIXEL_CENTRES[1] - PIXEL_CENTRES[0]
     ball = np.broadcast_to(np.sqrt(0.02**2 - PIXEL_CENTRES**2), (1, 100, 100))
-    limited, central = shading._limited(ball, -1), shading._gradient(ball, -1)
+    limited, central = shading._van_leer(ball, -1), shading._gradient(ball, -1)
     bend = width / 0.02  # how much the slope changes in a pixel where it is least
     off = np.abs(limited - central)[..., 1:-1]
     assert off.max() < bend
     assert off[np.abs(central[..., 1:-1]) > 2 * bend].max() < 1e-12
     step = np.broadcast_to(np.where(PIXEL_CENTRES > 0, 0.003, 0.001), (1, 100, 100))
-    assert not shading._limited(step, -1).any() and not shading._limited(step, -2).any()
+    assert not shading._van_leer(step, -1).any() and not shading._van_leer(step, -2).any()
 
 
 def test_errors_of_known_answers():
@@ -138,9 +138,9 @@ def test_height_that_slopes_add_up_to():
     height = 0.004 + 0.3 * PIXEL_CENTRES
     plane = shading.Press(np.broadcast_to(SENSOR_RANGE - height, (1, 100, 100)), *(np.zeros(0) for _ in range(3)))
     tilted = np.broadcast_to(np.array([-0.3, 0, 1]) / np.sqrt(1.09), (1, 100, 100, 3))
-    assert shading._height_lost(plane, tilted) == pytest.approx(0, abs=1e-12)
+    assert shading._height_error(plane, tilted) == pytest.approx(0, abs=1e-12)
     flat = np.broadcast_to([0.0, 0, 1], (1, 100, 100, 3))
-    assert shading._height_lost(plane, flat) == pytest.approx((height - height[0]).mean())
+    assert shading._height_error(plane, flat) == pytest.approx((height - height[0]).mean())
 
 
 def test_central_differences_keep_a_step_and_limited_ones_lose_it():

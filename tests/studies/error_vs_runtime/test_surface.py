@@ -13,7 +13,7 @@ from studies.error_vs_runtime.surface import (
     overlapping_spheres,
     sobol_sphere,
     study,
-    traced,
+    traced_case,
     visible,
 )
 
@@ -49,7 +49,7 @@ def test_maps_along_the_axes_miss_the_inner_wall_of_a_cup():
 def test_the_reference_is_converged(class_name):
     """Four times the directions say the same of all but one place in 200."""
     mesh = shapes.make(class_name, 1).to_geometry()
-    few, many = (traced(mesh, 400, directions) for directions in (1024, 4096))
+    few, many = (traced_case(mesh, 400, directions) for directions in (1024, 4096))
     assert 0 < many.exterior.mean() < 1
     assert (few.exterior <= many.exterior).all() and (few.exterior != many.exterior).sum() <= 2
 
@@ -87,7 +87,7 @@ def test_what_is_chosen_is_what_the_run_does(method, value):
     (chosen,) = [m for m in study(None, [], settings(method)).methods() if m.chosen]
     assert chosen.value == value
     expected = sample(mesh, 2000, np.random.default_rng(0), method)
-    np.testing.assert_array_equal(chosen.run(traced(mesh, 10)).points, expected)
+    np.testing.assert_array_equal(chosen.run(traced_case(mesh, 10)).points, expected)
 
 
 def test_more_directions_see_deeper_into_a_cup():

@@ -175,7 +175,7 @@ def test_the_grid_is_exact_where_distance_is_linear():
     """In front of a large flat face every step lands; from inside the object the way out is met."""
     box = trimesh.creation.box((0.2, 0.3, 0.3))
     outside, inside = np.array([-0.11, 0, 0]), np.array([-0.09, 0, 0])
-    depth = touch.on_grid(box, np.stack([outside, inside]), np.stack([np.eye(3), np.diag([-1.0, -1, 1])]), 4)
+    depth = touch.traced_on_grid(box, np.stack([outside, inside]), np.stack([np.eye(3), np.diag([-1.0, -1, 1])]), 4)
     np.testing.assert_allclose(depth, 0.01, atol=2e-5)
 
 

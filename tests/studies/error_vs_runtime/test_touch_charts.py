@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from palpate.charts import fit_direct
 from palpate.touch import SENSOR_RANGE, SENSOR_WIDTH, RayCaster, local_points
-from studies.error_vs_runtime.touch_charts import TouchCharts, Touches, _adam, distances, seen_surface
+from studies.error_vs_runtime.touch_charts import TouchCharts, Touches, _adam, distances, visible_surface
 
 ROTATION = Rotation.random(random_state=3).as_matrix()
 POSITION = np.array([0.1, -0.2, 0.6])
@@ -40,7 +40,7 @@ def touches() -> Touches:
     clouds = [torch.from_numpy(local_points(*each)) for each in zip(depth, position, rotation, strict=True)]
     truth = [
         (points, cKDTree(points))
-        for points in (seen_surface(ball.triangles, *pose, 4) for pose in zip(position, rotation, strict=True))
+        for points in (visible_surface(ball.triangles, *pose, 4) for pose in zip(position, rotation, strict=True))
     ]
     fields = (torch.from_numpy(array).float() for array in (depth, position, rotation))
     depth, position, rotation = fields
@@ -51,7 +51,7 @@ def test_the_true_surface_is_the_nearest_in_range():
     hidden, small = slope(0.02), slope(0.01, tilt=0.1, half=SENSOR_WIDTH / 4)
     behind, far = slope(-0.01), slope(SENSOR_RANGE + 0.02)
     triangles = in_world(np.concatenate([hidden, small, behind, far]))
-    found = in_sensor(seen_surface(triangles, POSITION, ROTATION, 2))
+    found = in_sensor(visible_surface(triangles, POSITION, ROTATION, 2))
     assert len(found) == 200**2
     front = (np.abs(found[:, 1:]) < SENSOR_WIDTH / 4).all(axis=1)
     expected = np.where(front, 0.01 + 0.1 * found[:, 1], 0.02 + 0.3 * found[:, 1])
@@ -68,7 +68,7 @@ def test_the_true_surface_of_a_ball_and_the_depth_maps_pixels(touches):
 
 
 def test_an_offset_is_the_error():
-    truth = seen_surface(in_world(slope(0.015)), POSITION, ROTATION, 4)
+    truth = visible_surface(in_world(slope(0.015)), POSITION, ROTATION, 4)
     tree = cKDTree(truth)
     line = np.linspace(-SENSOR_WIDTH / 2, SENSOR_WIDTH / 2, 9)
     z, y = (each.ravel() for each in np.meshgrid(line, line, indexing="ij"))
@@ -115,7 +115,7 @@ def test_the_reference_is_converged(touches):
     charts = fit_direct(*touches[:4]).double().numpy()
     ball = trimesh.creation.icosphere(subdivisions=5, radius=RADIUS)
     ball.vertices += in_world(np.array([0.01 + RADIUS, 0.003, 0.0]))
-    finer = seen_surface(ball.triangles, POSITION, ROTATION, 8)
+    finer = visible_surface(ball.triangles, POSITION, ROTATION, 8)
     one, other = (
         [np.sqrt((d**2).mean()) for d in distances(charts[0], points, tree)]
         for points, tree in (touches.truth[0], (finer, cKDTree(finer)))

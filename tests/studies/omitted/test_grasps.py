@@ -20,7 +20,7 @@ def found(run):
 
 @pytest.fixture(scope="module")
 def case(run):
-    return grasps.case_of(*run, SETTINGS["grasps"]["timestep"])
+    return grasps.load_case(*run, SETTINGS["grasps"]["timestep"])
 
 
 def test_every_item_is_compared(found):
@@ -51,25 +51,28 @@ def test_when_says_why_an_item_is_kept_or_not_modelled():
 
 def test_fingers_are_stopped_by_the_object(case):
     """Else there would be nothing that an item could change."""
-    there = grasps.ends(GraspSimulation(case.hand, case.patches), case)
-    nothing = grasps.ends(GraspSimulation(case.hand, []), case)
-    assert grasps.turned(there, nothing) > 5
+    there = grasps.final_joints(GraspSimulation(case.hand, case.patches), case)
+    nothing = grasps.final_joints(GraspSimulation(case.hand, []), case)
+    assert grasps.joint_difference(there, nothing) > 5
 
 
 def test_with_all_that_is_omitted_put_in_at_once_the_joints_end_at_the_same_angles(case):
-    everything = grasps.changed(case, *OMITTED_ITEMS)
-    one, other = grasps.ends(everything, case), grasps.ends(GraspSimulation(case.hand, case.patches), case)
-    assert grasps.turned(one, other) < grasps.GIVING_WAY
+    everything = grasps.changed_simulation(case, *OMITTED_ITEMS)
+    one, other = (
+        grasps.final_joints(everything, case),
+        grasps.final_joints(GraspSimulation(case.hand, case.patches), case),
+    )
+    assert grasps.joint_difference(one, other) < grasps.GIVING_WAY
 
 
 def test_a_held_object_gives_way_less_than_a_tenth_of_a_micrometre(case):
-    simulation = grasps.changed(case, "object degrees of freedom")
-    grasps.ends(simulation, case)
+    simulation = grasps.changed_simulation(case, "object degrees of freedom")
+    grasps.final_joints(simulation, case)
     assert simulation.data.ncon > 0
     assert 0 < np.abs(simulation.data.qpos[-7:-4]).max() < 1e-7
 
 
 def test_a_loose_object_is_pushed_away(case):
-    simulation = grasps.changed(case, "loose object")
-    grasps.ends(simulation, case)
+    simulation = grasps.changed_simulation(case, "loose object")
+    grasps.final_joints(simulation, case)
     assert np.abs(simulation.data.qpos[-7:-4]).max() > 1e-3

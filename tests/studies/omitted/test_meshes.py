@@ -5,7 +5,7 @@ import pytest
 import trimesh
 
 from palpate.mesh.decimate import collapse, decimate
-from studies.omitted.meshes import ITEMS, Level, apart, misstated, omissions
+from studies.omitted.meshes import ITEMS, Level, omissions, record_difference, vertex_distance
 from studies.omitted.omission import OMITTED
 from tests.studies.omitted.small_run import SETTINGS
 
@@ -29,22 +29,22 @@ def test_the_result_is_the_same(found, item):
 
 
 def test_what_is_stated_of_a_level_that_is_the_source_is_zero(found):
-    stated = found["distance to the source"].without().stated
-    assert stated["source_to_level"] == stated["level_to_source"] == {"mean": 0.0, "max": 0.0}
+    record = found["distance to the source"].without().record
+    assert record["source_to_level"] == record["level_to_source"] == {"mean": 0.0, "max": 0.0}
     # With it, it was measured: what is measured of a surface against itself is rounding.
-    assert 0 < found["distance to the source"].with_it().stated["source_to_level"]["max"] < 1e-9
+    assert 0 < found["distance to the source"].with_it().record["source_to_level"]["max"] < 1e-9
 
 
 def test_differences_are_seen():
     vertices, faces = np.zeros((3, 3)), np.array([[0, 1, 2]])
-    stated = {way: {"mean": 0.0, "max": 0.0} for way in ("source_to_level", "level_to_source")}
-    level = Level(vertices, faces, stated)
-    assert apart(level, level) == 0
-    assert apart(level, level._replace(vertices=vertices + 1e-3)) == pytest.approx(1e-3)
-    assert apart(level, level._replace(faces=faces[:, ::-1])) == np.inf
-    assert apart(level, level._replace(vertices=np.zeros((4, 3)))) == np.inf
-    worse = stated | {"level_to_source": {"mean": 0.0, "max": 0.25}}
-    assert misstated(level, level._replace(stated=worse)) == 0.25
+    record = {way: {"mean": 0.0, "max": 0.0} for way in ("source_to_level", "level_to_source")}
+    level = Level(vertices, faces, record)
+    assert vertex_distance(level, level) == 0
+    assert vertex_distance(level, level._replace(vertices=vertices + 1e-3)) == pytest.approx(1e-3)
+    assert vertex_distance(level, level._replace(faces=faces[:, ::-1])) == np.inf
+    assert vertex_distance(level, level._replace(vertices=np.zeros((4, 3)))) == np.inf
+    worse = record | {"level_to_source": {"mean": 0.0, "max": 0.25}}
+    assert record_difference(level, level._replace(record=worse)) == 0.25
 
 
 def test_a_mesh_that_is_small_already_is_not_decimated():

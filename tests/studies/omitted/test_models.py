@@ -25,9 +25,9 @@ from studies.omitted.models import (
     VISION,
     SpareGraph,
     build,
+    copy_weights,
     difference,
-    predicted,
-    widened,
+    predict,
 )
 from tests.models.batches import SMALL, random_batch
 from tests.training.test_data import made  # noqa: F401
@@ -58,10 +58,10 @@ def test_a_needless_part_without_weight_changes_no_vertex(experiment, naive):
     sizes = [sum(tensor.numel() for tensor in (*model.parameters(), *model.buffers())) for model in (less, more)]
     assert sizes[0] < sizes[1]
     batch = random_batch(2, experiment["grasps"], seed=3)
-    one, other = (predicted(model, batch) for model in (widened(less, more), less))
+    one, other = (predict(model, batch) for model in (copy_weights(less, more), less))
     assert difference(one, other) <= EXACT
-    moved = other.tensors["vertices"][:, : len(less.start)] - less.start
-    assert moved.norm(dim=2).mean() > 0.01
+    displacement = other.tensors["vertices"][:, : len(less.start)] - less.start
+    assert displacement.norm(dim=2).mean() > 0.01
 
 
 def test_a_needless_part_with_weight_changes_vertices():
@@ -69,10 +69,10 @@ def test_a_needless_part_with_weight_changes_vertices():
     torch.manual_seed(1)
     less, more = build(TOUCH, SMALL).double().eval(), build(TOUCH, SMALL, [IMAGE]).double().eval()
     batch = random_batch(2, 1, seed=3)
-    widened(less, more)
+    copy_weights(less, more)
     with torch.no_grad():
         more.gcn.layers[0].weight[0] += 0.1
-    assert difference(predicted(more, batch), predicted(less, batch)) > 1e-6
+    assert difference(predict(more, batch), predict(less, batch)) > 1e-6
 
 
 @pytest.mark.parametrize("experiment", EXPERIMENTS)

@@ -4,7 +4,17 @@ import time
 
 import numpy as np
 
-from studies.omitted.omission import COLUMNS, DIFFERS, NOT_MODELLED, OMITTED, SAME, STAYS, Omission, in_words, report
+from studies.omitted.omission import (
+    COLUMNS,
+    DIFFERS,
+    NOT_MODELLED,
+    OMITTED,
+    SAME,
+    STAYS,
+    Omission,
+    report,
+    verdict_text,
+)
 
 
 def omission(extra: float, **options) -> Omission:
@@ -42,5 +52,5 @@ def test_bytes_are_those_of_the_results():
 
 
 def test_words_name_the_state_of_what_is_not_omitted():
-    assert in_words(True, OMITTED) == SAME and in_words(False, OMITTED) == DIFFERS
-    assert in_words(True, STAYS) == "same, stays" and in_words(False, NOT_MODELLED) == "differs, not modelled"
+    assert verdict_text(True, OMITTED) == SAME and verdict_text(False, OMITTED) == DIFFERS
+    assert verdict_text(True, STAYS) == "same, stays" and verdict_text(False, NOT_MODELLED) == "differs, not modelled"

@@ -16,15 +16,15 @@ from palpate.scene import Lights
 from palpate.vision import Renderer, looking_at
 from studies.omitted.omission import DIFFERS, SAME, results
 from studies.omitted.renders import (
-    ALONE,
     CYCLES_WITH,
-    HELD,
+    OCCLUDED,
     OMITTED_ITEMS,
+    UNOCCLUDED,
     VIEW,
     NaiveRenderer,
     add_unused_texture,
     omissions,
-    rewritten,
+    rewrite_glb,
 )
 from tests.vision.scenes import grasp_poses, painted, scene_of
 
@@ -116,7 +116,7 @@ def test_items_with_a_bound_change_little(torus, expected, item):
 @pytest.mark.parametrize("item", ["lamp", "ambient light", "first bounce of light", "hand"])
 def test_items_that_stay_change_the_picture(torus, expected, item):
     lights = {"lamp": Lights(strength=0.0), "ambient light": Lights(ambient=0.0)}.get(item, Lights())
-    _, held, *_ = pictures(replace(torus, lights=lights), {(HELD, item)})
+    _, held, *_ = pictures(replace(torus, lights=lights), {(OCCLUDED, item)})
     difference = np.abs(held.rgb.astype(int) - expected[1].rgb)
     assert difference.max() > 10
     if item == "hand":
@@ -139,7 +139,7 @@ def test_the_engine_renders_what_is_needed_and_the_naive_one_more(torus, monkeyp
     calls.clear()
     renderer = NaiveRenderer(4, "cpu")
     items = ("hand", "render for every grasp", "samples of mask and depth")
-    renderer.changes = frozenset((ALONE, item) for item in items)
+    renderer.changes = frozenset((UNOCCLUDED, item) for item in items)
     renderer.render(torus)
     assert calls == 4 * [(4, links)] + 2 * [(4, links), (1, links)]
 
@@ -159,7 +159,7 @@ def test_the_engine_logs_how_much_it_omits(torus, caplog):
 
 def changed_file(scene, folder, change):
     """The scene with a file whose JSON is changed."""
-    (folder / "visual.glb").write_bytes(rewritten(scene.visual_file.read_bytes(), change))
+    (folder / "visual.glb").write_bytes(rewrite_glb(scene.visual_file.read_bytes(), change))
     return replace(scene, object_folder=folder, link_pose=())
 
 
@@ -173,7 +173,7 @@ def test_textures_of_no_triangle_are_not_read(torus, tmp_path, monkeypatch):
 
     monkeypatch.setattr(Renderer, "_render", look)
     scene = changed_file(torus, tmp_path, add_unused_texture)
-    without, with_it = (pictures(scene, changes)[:1] for changes in ((), {(ALONE, "materials of no triangle")}))
+    without, with_it = (pictures(scene, changes)[:1] for changes in ((), {(UNOCCLUDED, "materials of no triangle")}))
     assert_same(without, with_it)
     renders = len(seen) // 2
     assert "unused" not in seen[0][1] and "unused" in seen[renders][1]
@@ -190,7 +190,7 @@ def test_a_lamp_of_the_file_shines_only_if_asked_to(torus, tmp_path):
         tree["scenes"][0]["nodes"].append(len(tree["nodes"]) - 1)
 
     scene = changed_file(torus, tmp_path, add_lamp)
-    lit = {(kind, "cameras and lamps of the file") for kind in (ALONE, VIEW)}
+    lit = {(kind, "cameras and lamps of the file") for kind in (UNOCCLUDED, VIEW)}
     plain, dark, bright = (pictures(each, changes) for each, changes in ((torus, ()), (scene, ()), (scene, lit)))
     assert_same([plain[0], *plain[3:]], dark)
     for image, other in zip(bright, dark, strict=True):
@@ -200,6 +200,6 @@ def test_a_lamp_of_the_file_shines_only_if_asked_to(torus, tmp_path):
 def test_rewriting_nothing_keeps_the_rest_of_a_file(tmp_path):
     glb = trimesh.Scene([trimesh.creation.box()]).export(file_type="glb")
     path = tmp_path / "box.glb"
-    path.write_bytes(rewritten(glb, lambda tree: tree["asset"].update(extras=json.dumps("more" * 5))))
+    path.write_bytes(rewrite_glb(glb, lambda tree: tree["asset"].update(extras=json.dumps("more" * 5))))
     assert len(path.read_bytes()) > len(glb)
     assert trimesh.load_scene(path).triangles.tolist() == trimesh.creation.box().triangles.tolist()

@@ -12,7 +12,7 @@ from palpate.grasp.grasp import Grasper
 from palpate.grasp.patches import surface_patches
 from palpate.grasp.penetration import geom_surface
 from palpate.hand import allegro, from_mjcf
-from studies.omitted.reach import WithinReach, reach_of
+from studies.omitted.reach import ReachLimitedSimulation, reach_of
 from studies.omitted.simulations import ChangedSimulation, EveryFace, EveryPair
 from tests.hand import grippers
 
@@ -123,7 +123,7 @@ def test_no_joint_positions_take_the_hand_out_of_its_reach():
 
 
 def test_patches_out_of_reach_are_those_with_no_point_in_reach(patches):
-    simulation = WithinReach(HAND, patches, TIMESTEP)
+    simulation = ReachLimitedSimulation(HAND, patches, TIMESTEP)
     pose = np.eye(4)
     pose[:3, 3] = (0.03, 0, 0.4)
     simulation.place(pose, HAND.open_joint_positions)
@@ -135,7 +135,7 @@ def test_patches_out_of_reach_are_those_with_no_point_in_reach(patches):
     pose[:3, 3] = 0
     simulation.place(pose, HAND.open_joint_positions)
     assert simulation.model.geom_contype[of_object(simulation.model)].all()
-    assert simulation.within(np.zeros(3)).all()
+    assert simulation.reachable(np.zeros(3)).all()
 
 
 def test_grasps_say_how_much_is_omitted_and_are_the_same_with_it_put_in(patches):

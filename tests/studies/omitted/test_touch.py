@@ -45,7 +45,7 @@ def test_the_result_is_the_same_bit_by_bit(found, key):
 
 def test_some_sensors_touch_and_some_don_t(run):
     folder, subject = run
-    touched = omitted.Touched(folder, subject, "embree")
+    touched = omitted.TouchSubject(folder, subject, "embree")
     sensed = touch.sense_scene(touched.scene)
     assert sensed.success.shape == touched.scene.sensor_position.shape[:2] == (2, 4)
     assert sensed.success.any() and not sensed.success.all()
@@ -59,33 +59,33 @@ def test_some_sensors_touch_and_some_don_t(run):
 @pytest.mark.parametrize("method", touch.TRACERS)
 def test_with_everything_in_at_once_nothing_changes(run, method):
     folder, subject = run
-    touched = omitted.Touched(folder, subject, method)
+    touched = omitted.TouchSubject(folder, subject, method)
     tracer = touched.tracer(omitted.EveryFace, omitted.EveryPixel, omitted.EveryPixelForSuccess)
     everything = omitted.sense_every_reading(tracer, *touched.sensors)
     default = touch.sense_scene(touched.scene, touch.scene_tracer(touched.scene, method))
-    assert omitted.deeper(everything.depth, default.depth) == 0
-    assert omitted.brighter(everything, default) == 0
-    assert omitted.moved(omitted.sense_every_cloud(tracer, *touched.sensors), default) == 0
+    assert omitted.depth_difference(everything.depth, default.depth) == 0
+    assert omitted.reading_difference(everything, default) == 0
+    assert omitted.cloud_difference(omitted.sense_every_cloud(tracer, *touched.sensors), default) == 0
 
 
 def test_differences_are_seen(run):
     folder, subject = run
-    touched = omitted.Touched(folder, subject, "embree")
+    touched = omitted.TouchSubject(folder, subject, "embree")
     sensed = touch.sense_scene(touched.scene)
     pixel = tuple(np.argwhere(np.isfinite(sensed.depth))[0])
     depth, reading = sensed.depth.copy(), sensed.reading.copy()
     depth[pixel] = np.inf
-    assert omitted.deeper(sensed.depth, depth) == np.inf
+    assert omitted.depth_difference(sensed.depth, depth) == np.inf
     depth[pixel] = sensed.depth[pixel] + np.float32(0.5)
-    assert omitted.deeper(sensed.depth, depth) == pytest.approx(0.5)
+    assert omitted.depth_difference(sensed.depth, depth) == pytest.approx(0.5)
     reading[pixel] = 0
-    assert omitted.brighter(sensed, sensed._replace(reading=reading)) == sensed.reading[pixel].max() > 0
-    assert omitted.moved(sensed, sensed._replace(point_count=sensed.point_count + 1)) == np.inf
-    assert omitted.moved(sensed, sensed._replace(points=sensed.points + 1)) == pytest.approx(1)
-    assert omitted.differing(sensed.success, ~sensed.success) == sensed.success.size
+    assert omitted.reading_difference(sensed, sensed._replace(reading=reading)) == sensed.reading[pixel].max() > 0
+    assert omitted.cloud_difference(sensed, sensed._replace(point_count=sensed.point_count + 1)) == np.inf
+    assert omitted.cloud_difference(sensed, sensed._replace(points=sensed.points + 1)) == pytest.approx(1)
+    assert omitted.count_differing(sensed.success, ~sensed.success) == sensed.success.size
     arrays = touched.arrays(sensed)
     changed = arrays | {"success": ~arrays["success"]}
-    assert omitted.changed(omitted.written(arrays), omitted.written(changed)) == sensed.success.size
+    assert omitted.store_difference(omitted.write_store(arrays), omitted.write_store(changed)) == sensed.success.size
 
 
 def sensors():
@@ -139,9 +139,9 @@ def test_empty_chunks_are_on_disk_only_in_the_naive_store():
         "point_count": np.zeros((1, 1, 4), dtype=np.int32),
         "empty_reading": np.ones((5, 5, 3), dtype=np.uint8),
     }
-    less = omitted.written(arrays)
+    less = omitted.write_store(arrays)
     files = []
-    for folder in (less, omitted.written_with_empty_chunks(arrays, less)):
+    for folder in (less, omitted.write_store_with_empty_chunks(arrays, less)):
         path = Path(folder.name) / "touch.zarr"
         files.append({str(file.relative_to(path)) for file in path.rglob("c/**/*") if file.is_file()})
         for key, array in arrays.items():

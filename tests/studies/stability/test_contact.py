@@ -1,4 +1,4 @@
-"""Cases of contact hold on an object that the library makes, and fail where what guards them is gone."""
+"""Cases of contact hold on a procedural object, and fail without the code that guards them."""
 
 import numpy as np
 import pytest
@@ -8,29 +8,29 @@ from palpate.grasp.closing import GraspSimulation
 from palpate.grasp.grasp import PENETRATING, UNSETTLED, UNSTABLE, Grasper
 from palpate.grasp.patches import surface_patches
 from palpate.mesh import load_collision, prepare
-from studies.stability import shapes as plain
+from studies.stability import shapes as simple_shapes
 from studies.stability.cases import FAILS, HOLDS, REJECTED, examine
+from studies.stability.closings import (
+    CLOSED,
+    HAND,
+    JOINT_TOLERANCE,
+    RecordingSimulation,
+    changed_copy,
+    closing_setup,
+    hold_targets,
+    joints_agree,
+    soundness,
+)
 from studies.stability.contact import (
     CASES,
-    all_of,
+    combined,
     converges,
-    faster,
+    faster_closing,
     gains,
     mass,
-    none_unsound,
-    refused,
+    no_unsound_accepted,
+    none_accepted,
     solref,
-)
-from studies.stability.watched import (
-    HAND,
-    JOINT,
-    TOUCHED,
-    Recorded,
-    agree,
-    held,
-    setting,
-    sound,
-    variant,
 )
 from studies.subjects import Subject
 
@@ -45,7 +45,7 @@ def subject(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def on_a_plate():
-    return plain.alone(plain.facing(plain.plate(), plain.bent()))
+    return simple_shapes.shape_setup(simple_shapes.placed_at_pad(simple_shapes.plate(), simple_shapes.bent_finger()))
 
 
 @pytest.mark.parametrize("case", [case for case in CASES if case.short], ids=str)
@@ -56,23 +56,25 @@ def test_short_cases_hold(case, subject):
 
 def test_every_finding_of_an_exploding_contact_fails(subject):
     """No refsafe, and contacts a thousand times stiffer than the time step can follow."""
-    exploded = setting(subject).watch(solref(4e-6, safe=False))
-    verdicts = {finding.quantity: finding.verdict for finding in sound(exploded)}
+    exploded = closing_setup(subject).record(solref(4e-6, safe=False))
+    verdicts = {finding.quantity: finding.verdict for finding in soundness(exploded)}
     assert verdicts["engine's warnings"] == FAILS
     assert verdicts["kinetic energy over the servos' work"] == FAILS
-    assert agree(exploded, setting(subject).watch()).verdict == FAILS
+    assert joints_agree(exploded, closing_setup(subject).record()).verdict == FAILS
 
 
 def test_energy_that_no_servo_gave_is_seen_though_the_engine_does_not_warn():
     """A finger that starts in a plate, and is meant to stay where it is, is pushed out by the contact."""
     still = HAND.open_joint_positions
-    pushed = plain.alone(plain.facing(plain.plate(width=0.02), still, 0.001), still).watch()
-    assert not pushed[0].warnings and pushed[0].gain > 1
-    verdicts = {finding.quantity: finding.verdict for finding in sound(pushed)}
+    pushed = simple_shapes.shape_setup(
+        simple_shapes.placed_at_pad(simple_shapes.plate(width=0.02), still, 0.001), still
+    ).record()
+    assert not pushed[0].warnings and pushed[0].energy_gain > 1
+    verdicts = {finding.quantity: finding.verdict for finding in soundness(pushed)}
     assert verdicts["engine's warnings"] == HOLDS
     assert verdicts["kinetic energy over the servos' work"] == FAILS
-    assert none_unsound([pushed[0]._replace(outcome=TOUCHED)], "").verdict == FAILS
-    assert none_unsound([pushed[0]._replace(outcome=UNSETTLED)], "").verdict == HOLDS
+    assert no_unsound_accepted([pushed[0]._replace(outcome=CLOSED)], "").verdict == FAILS
+    assert no_unsound_accepted([pushed[0]._replace(outcome=UNSETTLED)], "").verdict == HOLDS
 
 
 def test_depth_at_a_time_step_of_20_ms_is_why_it_is_rejected(subject):
@@ -84,19 +86,19 @@ def test_depth_at_a_time_step_of_20_ms_is_why_it_is_rejected(subject):
         simulation.ramp = simulation.ramp[::5]
         simulation.steps = len(simulation.ramp)
 
-    watched = setting(subject).watch(slow)
-    assert [finding.verdict for finding in sound(watched)][-1] == FAILS
-    assert {PENETRATING, UNSETTLED} & {each.outcome for each in watched}
+    recorded = closing_setup(subject).record(slow)
+    assert [finding.verdict for finding in soundness(recorded)][-1] == FAILS
+    assert {PENETRATING, UNSETTLED} & {each.outcome for each in recorded}
     with pytest.raises(ValueError, match="not between"):
         GraspSimulation(HAND, surface_patches(load_collision(subject.folder)), 0.02)
 
 
 def test_heavy_links_still_move_at_the_end_and_are_not_taken(subject):
-    heavy = setting(subject).watch(mass(1e4))
+    heavy = closing_setup(subject).record(mass(1e4))
     assert {each.outcome for each in heavy} == {UNSETTLED}
-    assert refused(heavy, "").verdict == REJECTED
-    assert refused(setting(subject).watch(), "").verdict == FAILS
-    assert agree(heavy, setting(subject).watch()).verdict == FAILS
+    assert none_accepted(heavy, "").verdict == REJECTED
+    assert none_accepted(closing_setup(subject).record(), "").verdict == FAILS
+    assert joints_agree(heavy, closing_setup(subject).record()).verdict == FAILS
 
 
 def test_energy_of_a_free_undamped_finger_is_that_of_its_servos_springs():
@@ -108,7 +110,9 @@ def test_energy_of_a_free_undamped_finger_is_that_of_its_servos_springs():
         simulation.model.opt.timestep = 1e-4
         simulation.ramp = np.ones(600)
 
-    simulation = Recorded(variant(plain.alone(plain.far()).grasper.simulation, undamped))
+    simulation = RecordingSimulation(
+        changed_copy(simple_shapes.shape_setup(simple_shapes.distant_ball()).grasper.simulation, undamped)
+    )
     simulation.place(np.eye(4), HAND.open_joint_positions)
     targets = HAND.open_joint_positions.copy()
     targets[5] = 0.4
@@ -120,28 +124,33 @@ def test_energy_of_a_free_undamped_finger_is_that_of_its_servos_springs():
 
 
 def test_a_knob_that_does_not_converge_fails(on_a_plate):
-    ends = [on_a_plate.watch(all_of(gains(factor), held)) for factor in (1, 1.1, 2, 8)]
+    ends = [on_a_plate.record(combined(gains(factor), hold_targets)) for factor in (1, 1.1, 2, 8)]
     assert converges(ends, "gains").verdict == FAILS
     assert converges(ends[::-1], "gains").verdict == HOLDS
 
 
 def test_a_wall_in_the_way_is_seen_in_the_agreement(on_a_plate):
-    nothing = plain.alone(plain.far())
-    change = agree(on_a_plate.watch(held), nothing.watch(held))
-    assert change.verdict == FAILS and change.value > JOINT
-    assert agree(on_a_plate.watch(all_of(faster(10), held)), on_a_plate.watch(held)).verdict == HOLDS
+    nothing = simple_shapes.shape_setup(simple_shapes.distant_ball())
+    joint_change = joints_agree(on_a_plate.record(hold_targets), nothing.record(hold_targets))
+    assert joint_change.verdict == FAILS and joint_change.value > JOINT_TOLERANCE
+    assert (
+        joints_agree(
+            on_a_plate.record(combined(faster_closing(10), hold_targets)), on_a_plate.record(hold_targets)
+        ).verdict
+        == HOLDS
+    )
 
 
 def test_recording_does_not_change_a_closing(subject):
-    on = setting(subject)
-    simulation, closing = on.grasper.simulation, on.closings[0]
+    setup = closing_setup(subject)
+    simulation, closing = setup.grasper.simulation, setup.closings[0]
     simulation.place(closing.pose, HAND.open_joint_positions)
     expected = simulation.close(closing.targets).joint_positions
-    np.testing.assert_array_equal(on.watch()[0].joints, expected)
+    np.testing.assert_array_equal(setup.record()[0].joints, expected)
 
 
 def test_reasons_are_told_apart(subject):
-    on = setting(subject)
-    assert isinstance(on.grasper, Grasper)
-    assert UNSTABLE in {each.outcome for each in on.watch(solref(4e-6, safe=False))}
-    assert {each.outcome for each in on.watch()} == {TOUCHED}
+    setup = closing_setup(subject)
+    assert isinstance(setup.grasper, Grasper)
+    assert UNSTABLE in {each.outcome for each in setup.record(solref(4e-6, safe=False))}
+    assert {each.outcome for each in setup.record()} == {CLOSED}

@@ -1,4 +1,4 @@
-"""The short cases of geometry hold, and fail where what guards them is taken away."""
+"""The short cases of geometry hold, and fail without the code that guards them."""
 
 import numpy as np
 import pytest
@@ -29,7 +29,7 @@ def unseen(self, points):
     """A projection that forgets that there is a side behind the camera."""
     seen = (np.asarray(points, dtype=float) - self.position) @ self.rotation @ camera.IMAGE_FROM_CAMERA
     with np.errstate(divide="ignore", invalid="ignore"):
-        return self.focal_length * seen[..., :2] / seen[..., 2:] + self.size / 2, seen[..., 2]
+        return self.focal_length * seen[..., :2] / seen[..., 2:] + self.size_preserved / 2, seen[..., 2]
 
 
 def whole(mesh, cell=None, thickness=None):
@@ -85,7 +85,7 @@ def test_clearance_of_a_box():
 def test_looks_along():
     for axis in range(3):
         for sign in (1, -1):
-            frame = geometry.looks_along(axis, sign)
+            frame = geometry.rotation_along(axis, sign)
             np.testing.assert_array_equal(frame[:, 0], sign * np.eye(3)[axis])
             np.testing.assert_allclose(frame.T @ frame, np.eye(3))
             assert np.linalg.det(frame) == pytest.approx(1)

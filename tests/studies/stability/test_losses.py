@@ -1,4 +1,4 @@
-"""The short cases of losses and training, on a tube, and that some would see what they look for."""
+"""The short cases of losses and training hold on a tube, and some fail without the code that guards them."""
 
 import numpy as np
 import pytest
@@ -45,14 +45,14 @@ def test_brute_force_by_hand():
 
 
 def test_clouds_are_of_the_object(subject):
-    held = small_data(subject)
-    radius = np.linalg.norm(held["points"][0][:, :2], axis=1)
+    data = small_data(subject)
+    radius = np.linalg.norm(data["points"][0][:, :2], axis=1)
     assert radius.min() > 0.0495 and radius.max() < 0.1205
-    outside = held["charts"][0, ..., 0].size
-    assert outside == 5 * 4 * 81 and held["success"].all()
+    outside = data["charts"][0, ..., 0].size
+    assert outside == 5 * 4 * 81 and data["success"].all()
     # The charts' middles lie on the surface: a distance to a sample of it.
-    middles = held["charts"][0, :, :, 40].reshape(-1, 3)
-    assert cKDTree(held["points"][0]).query(middles)[0].max() < 1e-6
+    middles = data["charts"][0, :, :, 40].reshape(-1, 3)
+    assert cKDTree(data["points"][0]).query(middles)[0].max() < 1e-6
 
 
 def test_a_square_root_in_the_distance_would_be_seen(subject, monkeypatch):

@@ -1,4 +1,4 @@
-"""The short cases of touch hold, and each fails where what guards it is taken away."""
+"""The short cases of touch hold, and each fails without the code that guards it."""
 
 import numpy as np
 import pytest
@@ -65,8 +65,8 @@ def test_fails_without_its_guard(name, subject, monkeypatch):
 
 
 def test_exact_depth_of_a_plane_and_a_hole():
-    pose = rays.turned(1)
-    mesh = rays.seen_from(rays.sheet(0.01, 2.0), pose)
+    pose = rays.random_pose(1)
+    mesh = rays.in_pose(rays.sheet(0.01, 2.0), pose)
     middle = rays.PIXEL_CENTRES[50]
     expected = 0.01 + 2 * (0.8 * (rays.PIXELS[:, 0] - middle) + 0.6 * (rays.PIXELS[:, 1] - middle))
     expected = np.where((expected >= 0) & (expected <= rays.SENSOR_RANGE), expected, np.inf)
@@ -75,8 +75,8 @@ def test_exact_depth_of_a_plane_and_a_hole():
 
 
 def test_disagreement_is_seen():
-    pose = rays.turned(2)
-    mesh = rays.seen_from(rays.sheet(0.01), pose)
+    pose = rays.random_pose(2)
+    mesh = rays.in_pose(rays.sheet(0.01), pose)
     depth = np.full((100, 100), 0.01)
     assert rays.disagreement(depth, mesh.triangles, pose) == pytest.approx((0, 0), abs=1e-9)
     depth[3, 4], depth[5, 6] = np.inf, 0.011
