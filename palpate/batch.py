@@ -1,4 +1,4 @@
-"""What every stage shares when it works through a batch of objects: seeds, rejection, progress."""
+"""Processing of a batch of objects, shared by all stages: seeds, rejections, progress."""
 
 import csv
 import hashlib

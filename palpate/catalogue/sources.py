@@ -1,4 +1,4 @@
-"""Where objects come from: which mesh files a source holds, by class, and what each object is called.
+"""Sources of objects: the mesh files of a source by class, and the names of objects.
 
 Looking costs a listing of folders: no mesh is opened.
 """
@@ -39,7 +39,7 @@ Count = int | str
 
 
 class CatalogueError(ValueError):
-    """The source does not hold what the config asks for; the message says where and what to do."""
+    """The source lacks what the config requests; the message names the place and the remedy."""
 
 
 class SourceObject(NamedTuple):

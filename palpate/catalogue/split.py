@@ -1,4 +1,4 @@
-"""Which split an object belongs to: decided by its name alone."""
+"""The split of an object, decided by its name alone."""
 
 import hashlib
 from collections.abc import Mapping

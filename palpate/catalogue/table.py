@@ -58,7 +58,7 @@ def read_catalogue(path: Path | str) -> list[CatalogueEntry]:
 
 
 def batch_names(object_count: int, batch_size: int) -> list[str]:
-    """`batch-0000` and so on, as many as it takes to hold so many objects."""
+    """The names `batch-0000`, ... of the batches of a number of objects."""
     return [f"batch-{i:04d}" for i in range(-(-object_count // batch_size))]
 
 

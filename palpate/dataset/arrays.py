@@ -56,7 +56,7 @@ class JoinedArray(Sequence):
         return len(self._entries)
 
     def __getitem__(self, index: Index | tuple) -> np.ndarray:
-        """What numpy would give of the whole array; only the chunks that it needs are read.
+        """Indexes as a numpy array does; reads only the chunks that are needed.
 
         The first axis (objects) takes a number, a slice, a list of numbers or a boolean mask; the others take numbers
         and slices with a positive step. Raises IndexError for any other index, or one out of range.

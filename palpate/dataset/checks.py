@@ -1,4 +1,4 @@
-"""What is checked of one object: every array of its rows, against the contract, the mesh and each other.
+"""Checks of one object: every array of its rows, against the contract, the mesh and each other.
 
 Each check is a number that must not exceed its limit: a distance, or a count of wrong values. `CHECKS` says
 what each measures.
@@ -116,7 +116,7 @@ class CheckedObject:
 
     @cached_property
     def see_through(self) -> bool:
-        """Whether the mesh has materials that let through what is behind them; not, if nothing says so."""
+        """Whether the mesh has transparent materials; False if its record does not state it."""
         try:
             return json.loads((self.folder / "mesh.json").read_text())["visual.glb"]["see_through"]
         except (OSError, ValueError, LookupError, TypeError):
@@ -215,7 +215,7 @@ def check_grasps(item: CheckedObject) -> Measured:
 
 
 def check_touch(item: CheckedObject) -> Measured:
-    """What the sensors of one object read."""
+    """The touches of one object."""
     rows = item.rows["touch"]
     depth, success, count = rows["depth"], rows["success"], rows["point_count"]
     shape = success.shape
@@ -267,7 +267,7 @@ def check_together(item: CheckedObject) -> Measured:
 
 
 def _borderline(item: CheckedObject, position: np.ndarray, rotation: np.ndarray) -> bool:
-    """Whether a sensor would begin or cease to touch if it moved by `BORDER` along one of its axes."""
+    """Whether a shift of a sensor by `BORDER` along one of its axes would change its success."""
     shifts = BORDER * np.concatenate([np.eye(3), np.zeros((1, 3)), -np.eye(3)]) @ rotation.T
     caster = RayCaster(item.mesh)
     try:
@@ -317,7 +317,7 @@ def _cloud_distance(item: CheckedObject) -> np.ndarray:
 
 
 def _depth_in_hand(hand: Hand, link_pose: np.ndarray, points: np.ndarray) -> float:
-    """How deep the deepest of points (n, 3) is in the hand's colliding geoms; 0 if none is inside."""
+    """Largest depth of points (n, 3) in the hand's colliding geoms; 0 if none is inside."""
     centres = hand.geom_poses(link_pose)[:, :3, 3]
     vertices = [np.linalg.norm(corners, axis=1).max(initial=0) for corners in hand.geom_vertices]
     reach = np.maximum(hand.geom_size.sum(axis=1), vertices)[:, None]  # no less than the geom's radius

@@ -1,4 +1,4 @@
-"""A run's dataset: every store, joined over batches, read only where it is looked at.
+"""A run's dataset: every store, joined over batches, read lazily.
 
 dataset = palpate.Dataset("results/default")
 grasp = dataset["bottle-0007"].grasps[0]
@@ -41,7 +41,7 @@ class Dataset(Sequence):
         self._entries = self._usable()
 
     def _usable(self) -> dict[str, CatalogueEntry]:
-        """The catalogue less what the stages asked for rejected, and less what their stores do not hold."""
+        """The catalogue without the objects that these stages rejected or whose stores lack them."""
         run = self._run
         rejected = run.rejected(self._asked)
         stores = [(stage, spec) for stage, spec in CONTRACT.items() if stage in self._asked]
@@ -235,7 +235,7 @@ class ObjectRecord(_Record):
 
     @cached_property
     def grasps(self) -> list["GraspRecord"]:
-        """Its grasps, as many as the first stage that has them says."""
+        """Its grasps; their number is that of the first stage that has grasps."""
         return [GraspRecord(self._run, self._entry, number) for number in range(self._run.grasps(self._entry))]
 
     def __repr__(self) -> str:

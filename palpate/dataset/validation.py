@@ -65,7 +65,7 @@ class Finding(NamedTuple):
 
 
 class _Batch:
-    """One batch under validation: what could be opened, and the findings so far."""
+    """One batch under validation: its opened stores, and the findings so far."""
 
     def __init__(self, run: Run, name: str, stages: Sequence[str], max_penetration: float):
         self.run, self.name = run, name
@@ -82,20 +82,20 @@ class _Batch:
             self.open(stage)
 
     def add(self, check: str, store: str, value: float, object: str = "", where: str = "") -> None:
-        """Note one finding."""
+        """Add one finding."""
         value, limit = float(value), float(self.limits[check])
         self.findings.append(Finding(check, store, self.name, object, where, value, limit))
 
     @contextmanager
     def reading(self, stage: str, object: str = "") -> Iterator[None]:
-        """Note an error of a store that is read in the block; the block ends there."""
+        """Context in which an error of reading a store becomes a finding and ends the block."""
         try:
             yield
         except StoreError as error:
             self.add("readable", stage, 1, object, str(error))
 
     def open(self, stage: str) -> None:
-        """Open the store, if it keeps the contract's names, shapes and types; else what is wrong is noted."""
+        """Open the store; adds a finding if its names, shapes or types violate the contract."""
         path = self.run.folder / CONTRACT[stage].path(self.name)
         with self.reading(stage):
             store = Store(path)
@@ -114,7 +114,7 @@ class _Batch:
             self.stores[stage], self.objects[stage] = store, objects
 
     def hand(self) -> Hand | None:
-        """The hand in the grasps store; None, and noted, if it is incomplete."""
+        """The hand in the grasps store; None, with a finding, if it is incomplete."""
         if "grasps" not in self.stores:
             return None
         store = self.stores["grasps"]
@@ -143,7 +143,7 @@ class _Batch:
         return self.stores[stage].header(name)[0][1]
 
     def check_grasp_count(self) -> None:
-        """Every store has as many grasps an object as the grasps store."""
+        """All stores have the same number of grasps an object."""
         if "grasps" not in self.stores:
             return
         expected = self.grasps_per_object("grasps")
@@ -152,7 +152,7 @@ class _Batch:
                 self.add("grasp count", stage, abs(self.grasps_per_object(stage) - expected))
 
     def check_empty_reading(self) -> None:
-        """The untouched gel looks as the sensor's model says."""
+        """The stored empty reading equals that of the sensor's model."""
         if "touch" not in self.stores:
             return
         with self.reading("touch"):
@@ -185,7 +185,7 @@ class _Batch:
             self.measure("touch", name, check_together(item))
 
     def measure(self, store: str, name: str, measured: Measured) -> None:
-        """Note the worst of what each check measured; NaN counts as infinite."""
+        """Add the worst value of each check; NaN counts as infinite."""
         for check, values in measured:
             values = np.asarray(values, dtype=float)
             values = np.where(np.isnan(values), np.inf, values)
@@ -270,14 +270,14 @@ def combine_validation(batches: Iterable[Path | str], catalogue: Path | str, rej
 
 
 def _where(group: list[Finding]) -> str:
-    """What failed, at most `NAMED` of it by name; nothing if all passed."""
+    """Names of what failed, at most `NAMED`; empty if all passed."""
     failed = [": ".join(filter(None, (finding.object, finding.where))) for finding in group if not finding.ok]
     more = [f"and {len(failed) - NAMED} more"] if len(failed) > NAMED else []
     return "; ".join([*failed[:NAMED], *more])
 
 
 def _check_run(catalogue: list[CatalogueEntry], rejected: list[dict], validated: set[str]) -> Iterator[Finding]:
-    """What only the whole run can tell."""
+    """Checks that need the whole run."""
 
     def finding(check: str, store: str, wrong: Iterable[str]) -> Finding:
         wrong = sorted(wrong)

@@ -84,7 +84,7 @@ class GraspSimulation:
         self._joints = slice(len(hand.joint_link))  # the hand's, in qpos
 
     def specification(self, hand: Hand, patches: list[np.ndarray], timestep: float, stiffness: float) -> mujoco.MjSpec:
-        """Hand and object, with contacts as stiff as the time step lets them be; arguments as of the class."""
+        """Hand and object, with contacts as stiff as the time step allows; arguments as for the class."""
         spec = build_spec(hand, stiffness)
         option = spec.option
         option.timestep = timestep
@@ -113,7 +113,7 @@ class GraspSimulation:
         mujoco.mj_forward(self.model, self.data)
 
     def in_contact(self) -> bool:
-        """Whether the hand touches the object in the present state; itself it may touch."""
+        """Whether the hand touches the object in the present state; contact with itself does not count."""
         one, other = (self.model.geom_bodyid[self.data.contact.geom] == self._object).T
         return bool((one != other).any())
 

@@ -212,7 +212,7 @@ def in_world(grasps: list[Grasp], attempts: int, discarded: dict[str, int], omit
 
 
 def omitted(hand: Hand, patches: int, visual_faces: int) -> dict[str, int]:
-    """What the simulation of one object omits, and how much of each; given numbers of patches and faces."""
+    """The omissions in the simulation of one object, with counts; given numbers of patches and faces."""
     palm = int((hand.geom_collides & (hand.geom_link == 0)).sum())
     return {
         "visual faces": visual_faces,

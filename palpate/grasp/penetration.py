@@ -1,4 +1,4 @@
-"""How deep the hand is in the object or in itself: closed forms against true surfaces, no engine involved."""
+"""Penetration of the hand into the object or itself: closed forms against true surfaces, without the engine."""
 
 from collections.abc import Callable
 

@@ -1,4 +1,4 @@
-"""Where the palm goes: tangent to a random point of the object's exterior surface."""
+"""Placement of the palm: tangent to a random point of the object's exterior surface."""
 
 from typing import NamedTuple
 

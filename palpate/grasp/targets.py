@@ -20,7 +20,7 @@ THUMB = 3  # the sensor that may stay open
 
 
 class Workspace:
-    """Where the sensors of a hand can be and look, in the palm frame; the same for every object."""
+    """Reachable positions and directions of a hand's sensors, in the palm frame; the same for every object."""
 
     def __init__(self, hand: Hand, rng: np.random.Generator):
         self.hand = hand
@@ -33,7 +33,7 @@ class Workspace:
         self.trees = [cKDTree(features[:, sensor]) for sensor in range(SENSORS)]
 
     def apex(self, link_pose: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Where the gels are and where they look: (..., 4, 3) each, of link poses (..., L, 4, 4)."""
+        """Positions and directions of the gels, (..., 4, 3) each, for link poses (..., L, 4, 4)."""
         position, rotation = self.hand.sensor_frames(link_pose)
         direction = rotation[..., 0]
         return position + self.contact_distance[:, None] * direction, direction

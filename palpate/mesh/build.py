@@ -166,7 +166,7 @@ def _describe(vertices, faces):
 
 
 def _see_through(glb):
-    """Whether a material of a binary glTF file lets through what is behind it (its `alphaMode`)."""
+    """Whether a binary glTF file has a transparent material (by its `alphaMode`)."""
     length = int.from_bytes(glb[12:16], "little")  # of the JSON chunk, which is the first (glTF 2.0, 4.4)
     materials = json.loads(glb[20 : 20 + length]).get("materials", [])
     return any(material.get("alphaMode", "OPAQUE") != "OPAQUE" for material in materials)

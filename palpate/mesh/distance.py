@@ -1,11 +1,11 @@
-"""How far two surfaces are from each other, measured: mean, and the largest distance found."""
+"""Distance between two surfaces: the mean, and the largest found."""
 
 import igl
 import numpy as np
 
 SAMPLES = 8_000
 
-# The search for the largest distance goes on so many times with so many triangles.
+# Rounds of the search for the largest distance, and triangles in each.
 ROUNDS, BEAM = 6, 250
 
 

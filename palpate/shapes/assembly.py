@@ -1,4 +1,4 @@
-"""From solids with materials to closed, textured meshes of a bounded number of faces."""
+"""Assembles solids with materials into closed, textured meshes of a bounded number of faces."""
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass

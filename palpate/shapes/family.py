@@ -1,4 +1,4 @@
-"""The classes, and how an index becomes an object."""
+"""The procedural classes, and objects by class and index."""
 
 import numpy as np
 import trimesh

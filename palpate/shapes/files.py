@@ -1,4 +1,4 @@
-"""Procedural objects as files that anyone's loader reads: GLB, or OBJ with MTL and textures."""
+"""Procedural objects as files: GLB, or OBJ with MTL and textures."""
 
 from pathlib import Path
 

@@ -21,7 +21,7 @@ def part(solid: Manifold, material: Material) -> Part:
 
 
 def furniture(rng, wooden: float) -> Material:
-    """What stocks and grips are made of: wood with the probability `wooden`, else polymer."""
+    """Material of stocks and grips: wood with the probability `wooden`, else polymer."""
     return wood(rng) if rng.uniform() < wooden else polymer(rng)
 
 

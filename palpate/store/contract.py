@@ -1,6 +1,6 @@
 """The dataset contract: which arrays each store has, and their shapes, types, units and frames, as data.
 
-The table is `contract.csv`; all that writes, reads, checks or documents a store goes by it. Its shapes are
+The table is `contract.csv`; all code that writes, reads, checks or documents a store uses it. Its shapes are
 written with symbols (see `SYMBOLS`): within one store a symbol stands for one number. `record` says how many
 leading axes are cut into chunks of length one, so that one object's or one sensor's data is one read.
 """

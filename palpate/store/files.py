@@ -35,11 +35,11 @@ REQUIRED_ATTRIBUTES = ("config_digest", "seed")
 
 
 class StoreError(ValueError):
-    """A store, or the arrays meant for one, does not keep the contract; the message names the file."""
+    """A store, or arrays to be written, violate the contract; the message names the file."""
 
 
 def write(path: Path | str, stage: str, arrays: Mapping[str, np.ndarray], attributes: Mapping[str, Any]) -> None:
-    """Write one batch's store, whole or not at all.
+    """Write one batch's store atomically.
 
     Chunks that hold nothing but the array's fill value, such as those of sensors that touched nothing, are not
     written (Zarr's setting `array.write_empty_chunks` is False): they read as the fill value.

@@ -1,4 +1,4 @@
-"""From the results of each object of a batch to the batch's store."""
+"""Joins the results of a batch's objects, and writes the batch's store."""
 
 import hashlib
 import json
@@ -47,7 +47,7 @@ def write_batch(
     config: Any,
     more: Mapping[str, np.ndarray] = MappingProxyType({}),
 ) -> None:
-    """Write what a stage made of a batch: the table of its rejections, then its store, both atomically.
+    """Write a stage's results for a batch: the table of rejections, then the store, both atomically.
 
     path, stage: of the store, as for `write`; records: the objects' arrays, as for `join`, and `more` arrays
     of the batch; rejected: path of the table (.csv); config: the part of the config that the store depends

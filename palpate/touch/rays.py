@@ -1,4 +1,4 @@
-"""Depth maps by ray casting: Embree names the face, double precision says where it is hit."""
+"""Depth maps by ray casting: Embree finds the face, its plane gives the depth in double precision."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""What every way of tracing a depth map shares: only faces and pixels that can be in touch are looked at."""
+"""Base of all tracers of depth maps: only faces and pixels that can be in contact are traced."""
 
 from abc import ABC, abstractmethod
 from typing import NamedTuple
@@ -83,7 +83,7 @@ class Tracer(ABC):
         return success
 
     def faces_in_reach(self, position: np.ndarray, rotation: np.ndarray) -> np.ndarray:
-        """The faces that are looked at for any sensor: (f,) bool, of the faces that have an area.
+        """The faces that are traced for any sensor: (f,) bool, of the faces that have an area.
 
         position: (..., 3), rotation: (..., 3, 3) of the sensors.
         """

@@ -1,4 +1,4 @@
-"""Blender as a module: how it is imported, and what goes wrong when it isn't."""
+"""Imports Blender as a module, with its pitfalls."""
 
 import os
 import sys
@@ -58,7 +58,7 @@ def _one_core():
 
 @contextmanager
 def quiet():
-    """Without Blender's chatter on standard output, which it writes past Python's `sys.stdout`."""
+    """Suppresses Blender's messages on standard output, which bypass Python's `sys.stdout`."""
     sys.stdout.flush()
     saved = os.dup(1)
     nowhere = os.open(os.devnull, os.O_WRONLY)

@@ -1,4 +1,4 @@
-"""What a render is: colours, mask and depth as arrays, and how they come out of Blender's EXR files."""
+"""Rendered images: colours, mask and depth as arrays, read from Blender's EXR files."""
 
 from pathlib import Path
 from typing import NamedTuple

@@ -1,4 +1,4 @@
-"""What can be drawn besides an object's file: coloured triangles, as plain arrays."""
+"""Meshes to draw besides an object's file: coloured triangles, as plain arrays."""
 
 from typing import NamedTuple
 

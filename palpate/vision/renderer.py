@@ -368,7 +368,7 @@ class Renderer:
 
 
 class _TemporaryData:
-    """Removes what was added to Blender's data within the context."""
+    """Removes data blocks that were added to Blender within the context."""
 
     def __enter__(self) -> None:
         self._before = {block.session_uid for block in _blocks()}
@@ -384,7 +384,7 @@ def _blocks() -> list:
 
 
 def _memory_folder() -> Path:
-    """A new folder for what passes from Blender to numpy; in memory where the system has one there."""
+    """A new folder for files that pass from Blender to numpy, in memory where the system has such a folder."""
     shared = Path("/dev/shm")
     enough = shared.is_dir() and shutil.disk_usage(shared).free > FREE_MEMORY
     return Path(tempfile.mkdtemp(prefix="palpate-vision-", dir=shared if enough else None))
@@ -413,7 +413,7 @@ def _choose_device(device: str) -> str:
 
 
 def _set_up_render(scene, threads: int, device: str) -> None:
-    """The settings that stay."""
+    """Render settings that are the same for all images."""
     render, layer = scene.render, scene.view_layers[0]
     render.engine = "CYCLES"
     render.resolution_percentage = 100

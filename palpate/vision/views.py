@@ -67,7 +67,7 @@ class Views(NamedTuple):
 
 
 def viewpoints(generator: np.random.Generator, count: int = COUNT) -> list[Viewpoint]:
-    """So many viewpoints, drawn as Choy et al. drew theirs; the first are the same whatever the count."""
+    """`count` viewpoints with the distribution of Choy et al.; the first are the same whatever the count."""
     low, high = zip(AZIMUTH, ELEVATION, DISTANCE, strict=True)
     drawn = generator.uniform(low, high, (count, 3))
     return [Viewpoint(azimuth, elevation, 0.0, distance) for azimuth, elevation, distance in drawn.tolist()]

@@ -1,11 +1,11 @@
-"""Error and time of what charts are computed with.
+"""Run time of the operations on charts, compared with alternatives.
 
     python -m studies.benchmarks.charts [--only aggregate | chamfer] [--threads 2]
 
-Sums over neighbourhoods and Chamfer distances, each beside the other ways that were tried, their runs taken
-in turn. Clouds are those of a dataset. Times are medians: of processor time with one thread (what else the
-machine does hardly shows), of wall time with several. Fits of touch charts, and how the error of a Chamfer
-distance follows from its points, are in the report of error against run time (`studies`).
+Sums over neighbourhoods and Chamfer distances, each compared with alternatives in alternating runs. Clouds are those
+of a dataset. Times are medians: of processor time with one thread (hardly affected by other load), of wall time with
+several. Fits of touch charts, and the error of a Chamfer distance by its points, are in the report of error against
+run time (`studies`).
 """
 
 import argparse
@@ -27,18 +27,19 @@ from palpate.charts import (
     sample_faces,
     vision_atlas,
 )
+from palpate.charts.atlas import CHART_VERTICES, TOUCH_VERTICES, VISION_CHARTS
 from palpate.charts.chamfer import nearest_in_blocks
 from studies.timing import interleaved
 
 
-def medians(ways: dict[str, Callable[[], object]], runs: int) -> dict[str, float]:
-    """Milliseconds of each way; runs are taken in turn, so that all meet the same conditions."""
+def medians(methods: dict[str, Callable[[], object]], runs: int) -> dict[str, float]:
+    """Milliseconds of each method; their runs alternate, so that conditions are the same for all."""
     clock = time.process_time if torch.get_num_threads() == 1 else time.perf_counter
-    return {name: round(1e3 * spent.seconds, 3) for name, spent in interleaved(ways, runs, clock=clock).items()}
+    return {name: round(1e3 * spent.seconds, 3) for name, spent in interleaved(methods, runs, clock=clock).items()}
 
 
 def sums(graph: Graph) -> dict[str, Callable[[Tensor], Tensor]]:
-    """Ways to apply the normalised adjacency to features (V, n), all with the same result."""
+    """Methods to apply the normalised adjacency to features (V, n), all with the same result."""
     vertices, touches = graph.vertices, graph.touch_charts
     start, neighbour, weight = graph.start, graph.neighbour, graph.weight.float()
     left, dense = graph.left.float(), graph.dense().float()
@@ -49,8 +50,9 @@ def sums(graph: Graph) -> dict[str, Callable[[Tensor], Tensor]]:
     padded_weight = torch.zeros(padded.shape)
     padded[row, place], padded_weight[row, place] = neighbour.long(), weight
     local = sparse.to_dense()
-    charts = torch.stack([local[19 * c : 19 * c + 19, 19 * c : 19 * c + 19] for c in range(96)])
-    touch = local[1824:1905, 1824:1905]
+    n, vision = CHART_VERTICES, VISION_CHARTS * CHART_VERTICES
+    charts = torch.stack([local[n * c : n * (c + 1), n * c : n * (c + 1)] for c in range(VISION_CHARTS)])
+    touch = local[vision:, vision:][:TOUCH_VERTICES, :TOUCH_VERTICES]
     joined = torch.cat([vision_atlas().joined, vision_atlas().joined.flip(1)]).T
     joined_weight = local[joined[0], joined[1]][:, None]
 
@@ -59,8 +61,10 @@ def sums(graph: Graph) -> dict[str, Callable[[Tensor], Tensor]]:
 
     def blocks(x: Tensor) -> Tensor:
         y = torch.empty_like(x)
-        torch.bmm(charts, x[:1824].view(96, 19, -1), out=y[:1824].view(96, 19, -1))
-        torch.bmm(touch.expand(touches, -1, -1), x[1824:].view(touches, 81, -1), out=y[1824:].view(touches, 81, -1))
+        shape = (VISION_CHARTS, n, -1)
+        torch.bmm(charts, x[:vision].view(shape), out=y[:vision].view(shape))
+        shape = (touches, TOUCH_VERTICES, -1)
+        torch.bmm(touch.expand(touches, -1, -1), x[vision:].view(shape), out=y[vision:].view(shape))
         return block(x, y.index_add_(0, joined[0], x[joined[1]] * joined_weight))
 
     def weighted_rows(x: Tensor) -> Tensor:
@@ -85,29 +89,29 @@ def aggregate(runs: int) -> pd.DataFrame:
     for grasps, batch, channels in ((1, 2, 22), (1, 2, 84), (1, 8, 22), (1, 16, 84), (5, 8, 84)):
         graph = Graph(4 * grasps)
         x = torch.rand(graph.vertices, batch * channels)
-        ways = sums(graph)
-        expected = ways["dense"](x)
-        for way in ways.values():
+        methods = sums(graph)
+        expected = methods["dense"](x)
+        for way in methods.values():
             torch.testing.assert_close(way(x), expected, rtol=1e-4, atol=1e-5)
-        timed = {name: lambda way=way, x=x: way(x) for name, way in ways.items()}
+        timed = {name: lambda way=way, x=x: way(x) for name, way in methods.items()}
         features = x.view(graph.vertices, batch, channels).requires_grad_()
         adjacency = graph.dense().float()
         gradient = torch.rand(features.shape)
 
-        def ours(graph=graph, features=features, gradient=gradient):
+        def aggregate_gradient(graph=graph, features=features, gradient=gradient):
             return torch.autograd.grad(graph.aggregate(features), features, gradient)
 
-        def plain(adjacency=adjacency, features=features, gradient=gradient):
+        def dense_gradient(adjacency=adjacency, features=features, gradient=gradient):
             y = (adjacency @ features.flatten(1)).view_as(features)
             return torch.autograd.grad(y, features, gradient)
 
-        timed |= {"dense, both passes": plain, "aggregate, both passes": ours}
+        timed |= {"dense, both passes": dense_gradient, "aggregate, both passes": aggregate_gradient}
         rows.append({"V": graph.vertices, "B": batch, "C": channels, **medians(timed, runs)})
     return pd.DataFrame(rows)
 
 
 def predictions(points: np.ndarray, random: np.random.Generator) -> dict[str, np.ndarray]:
-    """What a training step compares with the truth: the atlas at first, near the surface in the end."""
+    """Predicted points of a training step: on the atlas at first, near the surface in the end."""
     atlas = vision_atlas()
     seeded = torch.Generator().manual_seed(0)
     first = sample_faces(atlas.vertices[None], atlas.faces, len(points), seeded)[0].numpy()
@@ -129,21 +133,21 @@ def chamfer(dataset: palpate.Dataset, runs: int) -> pd.DataFrame:
                 predicted = predictions(truth, random)[stage]
                 p, q = torch.from_numpy(predicted), torch.from_numpy(truth)
                 tree = build_tree(q)
-                ways: dict[str, Callable[[], object]] = {
+                methods: dict[str, Callable[[], object]] = {
                     "all pairs": lambda p=p, q=q: [pairs.min(dim=1) for d in [torch.cdist(p, q)] for pairs in (d, d.T)],
                     "blocks": lambda p=p, q=q: (nearest_in_blocks(p, q), nearest_in_blocks(q, p)),
                     "tree, library's defaults": lambda p=p, q=q: (cKDTree(q).query(p), cKDTree(p).query(q)),
                 }
                 for leaf in (16, 32, 64, 128):
-                    ways[f"tree, leaf {leaf}"] = lambda p=p, q=q, leaf=leaf: [
+                    methods[f"tree, leaf {leaf}"] = lambda p=p, q=q, leaf=leaf: [
                         cKDTree(b, leafsize=leaf, balanced_tree=False, compact_nodes=False).query(a)
                         for a, b in ((p, q), (q, p))
                     ]
-                ways["chamfer_distance"] = lambda p=p, q=q: chamfer_distance([p], [q])
-                ways["chamfer_distance, tree kept"] = lambda p=p, q=q, tree=tree: chamfer_distance(
+                methods["chamfer_distance"] = lambda p=p, q=q: chamfer_distance([p], [q])
+                methods["chamfer_distance, tree kept"] = lambda p=p, q=q, tree=tree: chamfer_distance(
                     [p], [q], b_trees=[tree]
                 )
-                found.append(medians(ways, 1 if n > 5000 else runs))
+                found.append(medians(methods, 1 if n > 5000 else runs))
             rows.append({"points": n, "prediction": stage, **pd.DataFrame(found).mean().round(2)})
     return pd.DataFrame(rows)
 

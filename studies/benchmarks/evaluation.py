@@ -1,10 +1,12 @@
-"""How wrong evaluations are, at what cost.
+"""Errors of evaluations, and their run time.
 
     python -m studies.benchmarks.evaluation results/small [--objects N]
 
-Prints, for objects of a run that has been built: what a perfect prediction (the true mesh) scores, which is
-the error of sampling, against the points sampled, for the Chamfer distance and for rings; the time of both;
-and how often the 95 % intervals hold the truth in simulated runs, by objects a class and seeds.
+Prints, for objects of a run that has been built:
+
+- the scores of a perfect prediction (the true mesh), which are the error of sampling, by number of points, for the
+  Chamfer distance and for rings, with their times;
+- the coverage of the 95 % intervals in simulated runs, by objects a class and seeds.
 """
 
 import argparse
@@ -16,20 +18,20 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 import numpy as np
 import pandas as pd
 import torch
+from palpate.evaluation.rings import RINGS, CloudSurface, MeshSurface, ring_distances, ring_points
 
 from palpate import Dataset
 from palpate.charts import build_tree, sample_faces
 from palpate.evaluation.metrics import score, seeded
-from palpate.evaluation.rings import RINGS, CloudSurface, MeshSurface, ring_distances, ring_points
 from palpate.mesh import OBJECT_POSITION, load_visual
 from palpate.results.bootstrap import interval
 
 POINTS = (1_000, 3_000, 10_000, 30_000)
-RUNS = 400  # simulated, behind each coverage
+RUNS = 400  # simulated for each coverage
 
 
-def picked(run: str, number: int) -> list:
-    """The same number of objects of each class, evenly over it."""
+def select_objects(run: str, number: int) -> list:
+    """The same number of objects of each class, evenly spaced."""
     dataset = Dataset(run)
     items = []
     for name in dataset.classes:
@@ -45,11 +47,11 @@ def surface(item) -> tuple[torch.Tensor, torch.Tensor]:
     return vertices[None], torch.from_numpy(np.asarray(mesh.faces)).long()
 
 
-def sampling(items: list) -> pd.DataFrame:
-    """What the true cloud scores against the mesh's own points, by their number: mean over objects."""
+def sampling_error(items: list) -> pd.DataFrame:
+    """Chamfer distance of points sampled on the true mesh to the true cloud, by their number: mean over objects."""
     rows = []
     for item in items:
-        # Interior faces of a mesh are no part of its surface: the cloud stands for both sides.
+        # Interior faces of a mesh are not part of its exterior: the reference is the cloud.
         truth = torch.from_numpy(item.points)
         shuffled = truth[torch.randperm(len(truth), generator=seeded(0, item.name))]
         half = shuffled[: len(truth) // 2]
@@ -66,8 +68,8 @@ def sampling(items: list) -> pd.DataFrame:
     return table.rename(index={0: "cloud against cloud, 10000"})
 
 
-def rings(items: list) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """What the true mesh scores in rings, by the points sampled on it; and mesh and cloud as surfaces."""
+def ring_error(items: list) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """Ring distances of the true mesh, by number of points sampled; and mesh and cloud compared as surfaces."""
     rows, surfaces = [], []
     for item in items:
         mesh, cloud = MeshSurface(load_visual(item.mesh), OBJECT_POSITION), CloudSurface(item.points)
@@ -99,35 +101,34 @@ def rings(items: list) -> tuple[pd.DataFrame, pd.DataFrame]:
 
 
 def coverage() -> pd.DataFrame:
-    """How often the interval of a difference holds the truth, and its mean width, in simulated runs.
+    """How often the interval of a difference contains the truth, and its mean width, in simulated runs.
 
-    Errors are the sum of what makes an object hard (deviation 1, the same for both models), what it is for
-    one model (0.2), and, with several seeds, of a shift of each training (0.2) and of each training on each
-    object (0.2).
+    An error is the sum of the object's difficulty (deviation 1, the same for both models) and its difficulty for one
+    model (0.2). With several seeds, each training adds a shift (0.2), and one for each object (0.2).
     """
     rows = []
     rng = np.random.default_rng(0)
     for shape in ("normal", "lognormal"):
         for each, seeds in ((2, 1), (4, 1), (10, 1), (40, 1), (10, 2), (10, 3), (40, 3)):
             classes = np.repeat(np.arange(4), each)
-            estimates = [_simulated(rng, shape, classes, seeds, run) for run in range(RUNS)]
+            estimates = [_simulated_run(rng, shape, classes, seeds, run) for run in range(RUNS)]
             inside = np.mean([estimate.low <= 0 <= estimate.high for estimate in estimates])
             width = np.mean([estimate.high - estimate.low for estimate in estimates])
             rows.append((shape, each, seeds, 100 * inside, width))
     return pd.DataFrame(rows, columns=["errors", "objects a class", "seeds", "inside, %", "width"])
 
 
-def _simulated(rng, shape: str, classes: np.ndarray, seeds: int, run: int):
+def _simulated_run(rng, shape: str, classes: np.ndarray, seeds: int, run: int):
     count = len(classes)
 
-    def own():
+    def own_error():
         return 0.2 * (rng.normal(size=count) if shape == "normal" else rng.lognormal(size=count) - np.exp(0.5))
 
-    hard = rng.normal(size=count)
+    difficulty = rng.normal(size=count)
     spread = 0.2 if seeds > 1 else 0.0
 
     def model():
-        return hard + own() + rng.normal(0, spread, (seeds, 1)) + rng.normal(0, spread, (seeds, count))
+        return difficulty + own_error() + rng.normal(0, spread, (seeds, 1)) + rng.normal(0, spread, (seeds, count))
 
     return interval([model(), model()], classes, lambda m: m[..., 0] - m[..., 1], resamples=500, seed=run)
 
@@ -138,10 +139,10 @@ def main() -> None:
     parser.add_argument("--objects", type=int, default=3, help="a class")
     arguments = parser.parse_args()
     torch.set_num_threads(1)
-    items = picked(arguments.run, arguments.objects)
+    items = select_objects(arguments.run, arguments.objects)
     print(f"{len(items)} objects of {arguments.run}\n\nThe true mesh as the prediction, m^2 x 9000:")
-    print(sampling(items).round(4).to_string())
-    error, surfaces = rings(items)
+    print(sampling_error(items).round(4).to_string())
+    error, surfaces = ring_error(items)
     print("\nThe true mesh in rings, m^2:")
     print(error.to_string(float_format="%.2e"))
     print("\nA touch's rings on a mesh and on a cloud:")

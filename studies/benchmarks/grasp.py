@@ -1,4 +1,4 @@
-"""What grasps cost, and their statistics: `python -m studies.benchmarks.grasp [table ...]`.
+"""Run time of grasps, and their statistics: `python -m studies.benchmarks.grasp [table ...]`.
 
 Tables: stages, statistics (default: both). Objects are procedural, `--objects` of each class, with the meshes
 and surface points that the workflow gives them by default: the first row of the statistics is that of a
@@ -56,9 +56,9 @@ def procedural(class_name: str, index: int) -> Shape:
 
 
 def statistics(count: int) -> pd.DataFrame:
-    """The default's grasps, and those with the thumb in every attempt or the best of more attempts."""
+    """Statistics of grasps with the default settings, other shares of thumb grasps, and more attempts."""
     rows = {}
-    made = {name: [procedural(name, index) for index in range(count)] for name in shapes.CLASSES}
+    objects = {name: [procedural(name, index) for index in range(count)] for name in shapes.CLASSES}
     for label, settings in {
         f"default: attempts 5, thumb_share {THUMB_SHARE}": {},
         "thumb_share 0": {"thumb_share": 0.0},
@@ -67,7 +67,7 @@ def statistics(count: int) -> pd.DataFrame:
         "attempts 20, thumb_share 1": {"attempts": 20, "thumb_share": 1.0},
     }.items():
         touches, spent = {}, []
-        for name, members in made.items():
+        for name, members in objects.items():
             found = []
             for each in members:
                 start = time.process_time()
@@ -89,7 +89,7 @@ def statistics(count: int) -> pd.DataFrame:
 
 
 def stages(count: int) -> pd.DataFrame:
-    """Where the time of an object goes, in ms of processor time."""
+    """Processor time of each step of an object's grasps, ms."""
     rows = []
     for shape in [procedural(name, index) for name in shapes.CLASSES for index in range(count)]:
         spent = {}

@@ -1,4 +1,4 @@
-"""What a run cost, by stage: from the benchmark files that Snakemake wrote beside the results.
+"""Run time and memory of a run by stage, from Snakemake's benchmark files.
 
     python -m studies.benchmarks.pipeline results/small
 

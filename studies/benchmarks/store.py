@@ -1,9 +1,8 @@
-"""How long writing a batch's stores takes, and how big they are, by compression; and validation's time.
+"""Times to write a batch's stores, and their sizes, by compression; and the time of validation.
 
     python -m studies.benchmarks.store results/<run> [--batch batch-0000] [--repeats 3]
 
-Takes the arrays of a batch that was really made. Times are ms of processor time an object, medians; sizes kB
-an object.
+Uses the arrays of a batch of a built run. Times are medians, in ms of processor time an object; sizes in kB an object.
 """
 
 import argparse

@@ -1,15 +1,15 @@
-"""The model as one would write it down first: what the fast one is tested against, and compared with in time.
+"""A straightforward implementation of the model: the reference for tests and timings of the fast one.
 
-Layout (sample, vertex, channel); a dense vertex-by-vertex adjacency; the image encoded again at each
-deformation; pooling by reading the four cells around each vertex; all pairs of points for the Chamfer
-distance. It reads the weights of a `palpate.models.Reconstruction`, and none of its code but the
-convolutions.
+Layout (sample, vertex, channel); a dense adjacency matrix; the image encoded again at each deformation; pooling from
+the four cells around each vertex; all pairs of points for the Chamfer distance. It uses the weights of a
+`palpate.models.Reconstruction`, and of its code only the convolutions.
 """
 
 import torch
 
 from palpate.camera import FOCAL_LENGTH, IMAGE_SIZE, paper_camera
 from palpate.charts import ATLAS_RADIUS, sphere, vision_atlas
+from palpate.charts.atlas import TOUCH_VERTICES
 from palpate.mesh import OBJECT_POSITION
 from palpate.models import Reconstruction
 
@@ -26,7 +26,7 @@ def pixels(positions: torch.Tensor) -> torch.Tensor:
 
 
 def pool(features: torch.Tensor, place: torch.Tensor) -> torch.Tensor:
-    """(B, C, n, n) map, (B, V, 2) place in [0, 1] over it -> (B, V, C): the four cells, weighed."""
+    """(B, C, n, n) map, (B, V, 2) place in [0, 1] over it -> (B, V, C), by bilinear interpolation."""
     samples, _, size, _ = features.shape
     cell = (place * size - 0.5).clamp(0, size - 1)
     low = cell.detach().floor().long().clamp(max=size - 2)
@@ -69,7 +69,7 @@ def reconstruct(model: Reconstruction, batch: dict, adjacency: torch.Tensor) -> 
                     touch[sample, sensor] = batch["position"][sample, sensor]
         touch = touch.flatten(1, 2)
     if model.strategy in ("charts", "no_copy") and model.touch:
-        success = batch["success"].to(dtype).repeat_interleave(81, dim=1)
+        success = batch["success"].to(dtype).repeat_interleave(TOUCH_VERTICES, dim=1)
         vision = torch.zeros(samples, len(start), dtype=dtype)
         mask = torch.cat([vision, 2 * success - 1], dim=1)[..., None]
         stays = torch.ones_like(success) if model.held else success

@@ -1,4 +1,4 @@
-"""What the steps of touch cost: `python -m studies.benchmarks.touch [--runs N]`.
+"""Run time of the steps of touch: `python -m studies.benchmarks.touch [--runs N]`.
 
 Four sensors press on a 20,480-face object, as in a grasp. Times are processor time (all threads added up, as
 on one core), medians over the runs. Errors against time: `studies.error_vs_runtime.touch`.
@@ -43,7 +43,7 @@ def four_contacts(mesh: trimesh.Trimesh, seed: int) -> tuple[np.ndarray, np.ndar
     return points - CONTACT * rotation[:, :, 0], rotation
 
 
-def whole_grasp(mesh, runs: int) -> pd.DataFrame:
+def grasp_steps(mesh, runs: int) -> pd.DataFrame:
     caster = RayCaster(mesh)
     position, rotation = four_contacts(mesh, seed=0)
     away = position - 0.03 * rotation[:, :, 0]
@@ -71,7 +71,7 @@ def main() -> None:
     runs = parser.parse_args().runs
     mesh = bumpy_sphere()
     print(f"{len(mesh.faces)} faces, median of {runs} runs\n")
-    print(whole_grasp(mesh, runs).to_string(index=False, float_format=lambda number: f"{number:.3g}"))
+    print(grasp_steps(mesh, runs).to_string(index=False, float_format=lambda number: f"{number:.3g}"))
 
 
 if __name__ == "__main__":

@@ -1,16 +1,16 @@
-"""Which recipe reaches the lowest validation loss in a given time.
+"""Finds the recipe with the lowest validation loss in a given time.
 
     python -m studies.benchmarks.training results/<run> [--experiment charts_occluded_touch] [--recipe fast]
         [--seconds 200 | --steps 1000] [--windows 1] [--validate-on results/<larger run>] [--seeds 0 1]
         [--variants NAME ...]
 
-Each variant of `VARIANTS` (default: all), or one given as YAML, changes some keys of the recipe. Its steps
-are timed first, and as many made as fit in the seconds of processor time, on one core (or --steps, whatever
-they take); the schedule ends with the last. The run's stores must be there (python -m palpate.training.inputs
-says which).
-With few objects the validation loss says little: --validate-on takes the validation objects of a larger run
-(of the same config but for its size), and the training objects of the first. Losses are on 2,500 points,
---windows windows of each object; the best of the evaluations, as a run would keep it.
+Each variant of `VARIANTS` (default: all), or one given as YAML, changes some keys of the recipe. Its steps are timed
+first. Then it trains for as many steps as fit in the seconds of processor time on one core, or for --steps; the
+schedule ends with the last. The run's stores must exist (python -m palpate.training.inputs lists them).
+
+With few objects the validation loss is inaccurate: --validate-on uses the validation objects of a larger run (of the
+same config but for its size). Losses are on 2,500 points and --windows windows of each object; the table has the best
+evaluation, as a run would keep it.
 """
 
 import argparse
@@ -33,10 +33,10 @@ from palpate.training.data import TrainingData
 from palpate.training.samples import training_samples
 
 PROJECT = Path(__file__).parents[2]
-TIMED = 6  # steps, after as many that are not
+TIMED = 6  # steps, after the same number of untimed ones
 EVALUATIONS = 8
 
-# What differs from the recipe, by name: keys of `reconstruction`, merged over it.
+# Changes of the recipe by name: keys of `reconstruction`, merged over it.
 VARIANTS = yaml.safe_load(
     """
 recipe: {}
@@ -69,7 +69,7 @@ adamw: {optimiser: adamw, weight_decay: 0.01}
 )
 
 
-def combined(own: TrainingData, larger: TrainingData) -> TrainingData:
+def combine(own: TrainingData, larger: TrainingData) -> TrainingData:
     """The training objects of one run and the validation objects of the other."""
     chosen = [(own, own.of_split("train")), (larger, larger.of_split("validation"))]
     arrays = {name: np.concatenate([data[name][rows] for data, rows in chosen]) for name in own.arrays}
@@ -119,7 +119,7 @@ def main() -> None:
     base = recipes.settings(recipe, experiment)
     data = TrainingData.load(options.run, experiment, ("train", "validation"))
     if options.validate_on:
-        data = combined(data, TrainingData.load(options.validate_on, experiment, ["validation"]))
+        data = combine(data, TrainingData.load(options.validate_on, experiment, ["validation"]))
     torch.set_num_threads(1)
     counts = {split: len(data.of_split(split)) for split in ("train", "validation")}
     print(

@@ -1,13 +1,14 @@
-"""One training step, against the same model written down plainly.
+"""One training step of the fast model, compared with a straightforward implementation.
 
     python -m studies.benchmarks.training_step
 
-The plain one is `straightforward.py`: dense adjacency, the image encoded at each deformation, all pairs of
-points. Both take the same weights, batch and sampled points; loss, gradients and the weights
-after a step of Adam are compared, then both are timed, whole and by part, turn by turn in one process.
-Occluded vision and touch, one grasp. `--size paper` is the supplement's network with 2 samples and 10,000
-points; `fast` is as config/recipes.yaml says. Times are the least of the runs, by
-the clock on the wall and by processor time, which other work on the machine hardly changes.
+The straightforward one is `straightforward.py`: dense adjacency, the image encoded at each deformation, all pairs of
+points. Both use the same weights, batch and sampled points. Loss, gradients and the weights after a step of Adam are
+compared; then both are timed alternately in one process, as a whole and by component.
+
+Occluded vision and touch, one grasp. `--size paper` is the supplement's network with 2 samples and 10,000 points;
+`fast` is that of config/recipes.yaml. Times are the least of the runs: wall time, and processor time, which other load
+on the machine hardly changes.
 """
 
 import argparse
@@ -24,12 +25,13 @@ from torch import Tensor
 
 from palpate.camera import IMAGE_SIZE
 from palpate.charts import CHAMFER_SCALE, chamfer_distance, sample_faces
+from palpate.charts.atlas import TOUCH_VERTICES
 from palpate.mesh import OBJECT_POSITION
 from palpate.models import PAPER_ARCHITECTURES, Reconstruction
 from palpate.models.reconstruction import DEFORMATIONS
 from studies.benchmarks import straightforward
 
-# The paper's layers, with starting weights that leave the charts near their start, as after some training.
+# The paper's layers, with initial weights that keep the charts near their start, as after some training.
 STABLE = {"normalise_positions": True, "init": "he", "last_layer_scale": 0.01}
 RECIPES = Path(__file__).parents[2] / "config" / "recipes.yaml"
 FAST = yaml.safe_load(RECIPES.read_text())["fast"]["reconstruction"]
@@ -39,7 +41,7 @@ SIZES = {
 }
 
 
-def made_up_batch(samples: int, points: int) -> tuple[dict[str, Tensor], Tensor]:
+def synthetic_batch(samples: int, points: int) -> tuple[dict[str, Tensor], Tensor]:
     """A batch of random images and touches on an ellipsoid, and points (B, n, 3) on it."""
     random = torch.Generator().manual_seed(0)
     axes, centre = torch.tensor([0.08, 0.1, 0.21]), torch.tensor(OBJECT_POSITION)
@@ -48,7 +50,7 @@ def made_up_batch(samples: int, points: int) -> tuple[dict[str, Tensor], Tensor]
         return axes * torch.nn.functional.normalize(torch.randn(samples, count, 3, generator=random), dim=2) + centre
 
     position = surface(4)
-    sheet = 0.008 * torch.randn(samples, 4, 81, 3, generator=random)
+    sheet = 0.008 * torch.randn(samples, 4, TOUCH_VERTICES, 3, generator=random)
     batch = {
         "image": torch.rand(samples, 3, IMAGE_SIZE, IMAGE_SIZE, generator=random),
         "charts": position[:, :, None] + sheet,
@@ -59,9 +61,9 @@ def made_up_batch(samples: int, points: int) -> tuple[dict[str, Tensor], Tensor]
 
 
 def milliseconds(functions: Sequence[Callable], runs: int) -> list[float]:
-    """Least wall time of each, then least processor time of each.
+    """Least wall time of each function, then least processor time of each.
 
-    They run in turn, so that other work on the machine meets all of them.
+    They run alternately, so that other load on the machine affects all of them.
     """
     wall, processor = ([float("inf")] * len(functions) for _ in range(2))
     for _ in range(runs):
@@ -75,42 +77,42 @@ def milliseconds(functions: Sequence[Callable], runs: int) -> list[float]:
 
 def difference(one: Sequence[Tensor], other: Sequence[Tensor]) -> float:
     """Norm of the difference over the norm, of all tensors together."""
-    apart = sum((a - b).double().square().sum() for a, b in zip(one, other, strict=True))
-    return float((apart / sum(b.double().square().sum() for b in other)).detach().sqrt())
+    squared = sum((a - b).double().square().sum() for a, b in zip(one, other, strict=True))
+    return float((squared / sum(b.double().square().sum() for b in other)).detach().sqrt())
 
 
 def with_gradients(function: Callable[..., Sequence[Tensor]], inputs: Sequence[Tensor]) -> tuple[list, list]:
-    """The function's outputs, and the gradients of a fixed weighing of them by the inputs."""
+    """The function's outputs, and the gradients of a fixed weighted sum of them by the inputs."""
     outputs = function()
     random = torch.Generator().manual_seed(0)
     weights = [torch.randn(output.shape, generator=random) for output in outputs]
     return list(outputs), list(torch.autograd.grad(outputs, inputs, weights))
 
 
-def parts(model: Reconstruction, batch: dict[str, Tensor], truth: Tensor, adjacency: Tensor) -> dict:
-    """Name -> (fast, straightforward): what a step computes of each part, as (outputs, gradients)."""
+def step_components(model: Reconstruction, batch: dict[str, Tensor], truth: Tensor, adjacency: Tensor) -> dict:
+    """Name -> (fast, straightforward) functions of each component of a step, which return (outputs, gradients)."""
     size = batch["image"].shape[-1]
     samples = len(truth)
     random = torch.Generator().manual_seed(1)
     around = 0.1 * torch.randn(samples, model.graph.vertices, 3, generator=random)
     positions = (around + torch.tensor(OBJECT_POSITION)).requires_grad_()
-    turned = positions.detach().transpose(0, 1).contiguous().requires_grad_()
+    positions_vbc = positions.detach().transpose(0, 1).contiguous().requires_grad_()
     maps = [each.detach().requires_grad_() for each in model.encoder(batch["image"])]
     camera = model.camera.float()
     width = len(model.gcn.layers[0].weight)
     features = torch.randn(samples, model.graph.vertices, width, generator=random, requires_grad=True)
-    turned_features = features.detach().transpose(0, 1).contiguous().requires_grad_()
+    features_vbc = features.detach().transpose(0, 1).contiguous().requires_grad_()
     cloud = (0.1 * torch.randn(truth.shape, generator=random) + torch.tensor(OBJECT_POSITION)).requires_grad_()
     encoder_weights, gcn_weights = list(model.encoder.parameters()), list(model.gcn.parameters())
 
     def sums(tensors: list[list[Tensor]]) -> list[Tensor]:
         return [sum(same[1:], start=same[0]) for same in zip(*tensors, strict=True)]
 
-    def thrice(once: Callable[[], Sequence[Tensor]]) -> list[Tensor]:
+    def repeated(once: Callable[[], Sequence[Tensor]]) -> list[Tensor]:
         return sums([list(once()) for _ in range(DEFORMATIONS)])
 
     def pool_fast():
-        return [model.pooling(maps, turned, camera, size).transpose(0, 1)]
+        return [model.pooling(maps, positions_vbc, camera, size).transpose(0, 1)]
 
     def pool_plainly():
         place = straightforward.pixels(positions)
@@ -120,19 +122,19 @@ def parts(model: Reconstruction, batch: dict[str, Tensor], truth: Tensor, adjace
         "encoder": (
             # Its maps serve three deformations.
             lambda: with_gradients(lambda: sums([model.encoder(batch["image"])] * 3), encoder_weights),
-            lambda: with_gradients(lambda: thrice(lambda: model.encoder(batch["image"])), encoder_weights),
+            lambda: with_gradients(lambda: repeated(lambda: model.encoder(batch["image"])), encoder_weights),
         ),
         "pooling, 3 times": (
-            lambda: with_gradients(lambda: thrice(pool_fast), [*maps, turned]),
-            lambda: with_gradients(lambda: thrice(pool_plainly), [*maps, positions]),
+            lambda: with_gradients(lambda: repeated(pool_fast), [*maps, positions_vbc]),
+            lambda: with_gradients(lambda: repeated(pool_plainly), [*maps, positions]),
         ),
         "graph network, 3 times": (
             lambda: with_gradients(
-                lambda: thrice(lambda: [model.gcn(turned_features, model.graph).transpose(0, 1)]),
-                [*gcn_weights, turned_features],
+                lambda: repeated(lambda: [model.gcn(features_vbc, model.graph).transpose(0, 1)]),
+                [*gcn_weights, features_vbc],
             ),
             lambda: with_gradients(
-                lambda: thrice(lambda: [straightforward.graph_network(model, features, adjacency)]),
+                lambda: repeated(lambda: [straightforward.graph_network(model, features, adjacency)]),
                 [*gcn_weights, features],
             ),
         ),
@@ -144,7 +146,7 @@ def parts(model: Reconstruction, batch: dict[str, Tensor], truth: Tensor, adjace
 
 
 class Step:
-    """A model with its optimiser; called, it makes one step and gives loss, gradients and weights."""
+    """A model with its optimiser; a call makes one step and returns loss, gradients and weights."""
 
     def __init__(self, model: Reconstruction, vertices: Callable, distance: Callable, truth: Tensor):
         self.model, self.vertices, self.distance, self.truth = model, vertices, distance, truth
@@ -165,7 +167,7 @@ def compare(name: str, runs: int) -> pd.DataFrame:
     architecture, samples, points = SIZES[name]
     torch.manual_seed(0)
     model = Reconstruction("charts", True, True, 1, architecture)
-    batch, truth = made_up_batch(samples, points)
+    batch, truth = synthetic_batch(samples, points)
     adjacency = model.graph.dense().float()
     fast = Step(deepcopy(model), lambda m: m(batch), chamfer_distance, truth)
     plain = Step(
@@ -180,8 +182,8 @@ def compare(name: str, runs: int) -> pd.DataFrame:
         f"difference: loss {loss:.1e}, gradients {gradients:.1e}, weights after it {weights:.1e}\n"
     )
     rows = []
-    for part, (one, other) in parts(model, batch, truth, adjacency).items():
-        found = [difference(a, _turned(b, a)) for a, b in zip(other(), one(), strict=True)]
+    for part, (one, other) in step_components(model, batch, truth, adjacency).items():
+        found = [difference(a, _matching_layout(b, a)) for a, b in zip(other(), one(), strict=True)]
         rows.append([part, *milliseconds([one, other], runs), *found])
     rows.append(["whole step", *milliseconds([fast, plain], runs), loss, gradients])
     clocks = ["ms", "straightforward, ms", "processor ms", "straightforward, processor ms"]
@@ -191,7 +193,7 @@ def compare(name: str, runs: int) -> pd.DataFrame:
     return table
 
 
-def _turned(tensors: Sequence[Tensor], like: Sequence[Tensor]) -> list[Tensor]:
+def _matching_layout(tensors: Sequence[Tensor], like: Sequence[Tensor]) -> list[Tensor]:
     """Those of layout (V, B, C) as (B, V, C)."""
     return [a if a.shape == b.shape else a.transpose(0, 1) for a, b in zip(tensors, like, strict=True)]
 

@@ -22,6 +22,7 @@ from palpate.grasp.penetration import PenetrationCheck
 from palpate.hand import Hand
 from palpate.touch import RayCaster
 from studies.error_vs_runtime.study import Method, Study
+from studies.scenes import hand_of
 from studies.subjects import Subject
 
 CLOSINGS = 3  # of an object, all with the thumb
@@ -170,7 +171,7 @@ class GraspStudy(Study):
 
     def __init__(self, run: Path, subjects: Sequence[Subject], settings: Mapping[str, Any]):
         self.run, self.subjects = Path(run), subjects
-        self.hand = _hand(self.run, subjects[0].batch)
+        self.hand = hand_of(self.run, subjects[0].batch)
         self.default = library_settings(self.hand, settings["grasps"]["timestep"])
 
     def cases(self) -> Iterable[tuple[str, Case]]:
@@ -273,12 +274,6 @@ def placements(grasper: Grasper, rng: np.random.Generator) -> tuple[np.ndarray, 
     if not poses:
         raise ValueError("no palm pose is free of the object: nothing can be closed")
     return np.array(poses), np.array([grasper.workspace.targets(pose, grasper.surface) for pose in poses])
-
-
-def _hand(run: Path, batch: str) -> Hand:
-    """The hand that made a run's grasps."""
-    arrays = store.read(run / f"grasps/{batch}.h5")
-    return Hand.from_arrays(arrays, prefix="hand/")
 
 
 def study(run: Path, subjects: Sequence[Subject], settings: Mapping[str, Any]) -> GraspStudy:

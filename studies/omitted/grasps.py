@@ -19,6 +19,7 @@ from palpate.mesh import OBJECT_POSITION, load_collision, load_visual
 from studies.omitted.omission import NOT_MODELLED, OMITTED, STAYS, Omission
 from studies.omitted.reach import ReachLimitedSimulation
 from studies.omitted.simulations import ChangedSimulation, EveryFace, EveryPair
+from studies.scenes import hand_of
 from studies.subjects import Subject
 
 CLOSINGS = 4  # an object
@@ -100,8 +101,7 @@ def load_case(run: Path, subject: Subject, timestep: float) -> Case:
     visual, collision = load_visual(subject.folder), load_collision(subject.folder)
     surface = store.read(run / f"surface/{subject.batch}.zarr", "object", "points")
     points = surface["points"][list(surface["object"]).index(subject.name)] - np.array(OBJECT_POSITION)
-    grasps = store.open(run / f"grasps/{subject.batch}.h5")
-    hand = Hand.from_arrays(grasps, prefix="hand/")
+    hand = hand_of(run, subject.batch)
     grasper = Grasper(visual, collision, points, hand, timestep)
     rng, closings = generator(0, subject.name, "left out"), []
     for _ in range(CLOSINGS):

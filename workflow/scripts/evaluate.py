@@ -1,4 +1,4 @@
-"""A trained model, measured on objects that it was not trained on.
+"""Errors of a trained model on objects that it was not trained on.
 
 evaluations/<experiment>/seed-<k>.csv          a row a sample of the validation and test splits: experiment, seed,
                                                object, class, split, window, chamfer (m^2 x 9000), f1_tau, f1_2tau

@@ -1,4 +1,4 @@
-"""Everything that could not be used, of all stages and batches.
+"""The rejected objects of all stages and batches.
 
 rejected.csv    object, stage, reason
 """

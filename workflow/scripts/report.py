@@ -1,4 +1,4 @@
-"""A report: the tables of its items as one, a summary to read, a figure.
+"""A report: the joined tables of its items, a summary in Markdown, a figure.
 
 reports/<report>.csv    the tables in reports/<report>/, one below the other; of error_vs_runtime without `reference`
 reports/<report>.md     the summary

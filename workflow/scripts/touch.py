@@ -1,4 +1,4 @@
-"""What the four sensors of every grasp of a batch read.
+"""Touches of a batch: depth maps, readings and local clouds of the four sensors of every grasp.
 
 touch/<batch>.zarr    success         (o, g, 4)                 bool       whether the sensor is in contact
                       position        (o, g, 4, 3)               float64    world frame, m

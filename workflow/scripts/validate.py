@@ -1,4 +1,4 @@
-"""Fails, naming them, if a check in reports/validation.csv failed, or if no object could be used."""
+"""Fails, with the names, if a check in reports/validation.csv failed or no object could be used."""
 
 import sys
 
