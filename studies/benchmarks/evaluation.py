@@ -18,11 +18,11 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 import numpy as np
 import pandas as pd
 import torch
-from palpate.evaluation.rings import RINGS, CloudSurface, MeshSurface, ring_distances, ring_points
 
 from palpate import Dataset
 from palpate.charts import build_tree, sample_faces
 from palpate.evaluation.metrics import score, seeded
+from palpate.evaluation.rings import RINGS, CloudSurface, MeshSurface, ring_distances, ring_points
 from palpate.mesh import OBJECT_POSITION, load_visual
 from palpate.results.bootstrap import interval
 
