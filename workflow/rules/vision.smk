@@ -35,7 +35,9 @@ rule views:
         objects=batch_objects,
         views=config["views"],
         # Relative paths are the project's.
-        renderings=(str(PROJECT / config["views"]["published_renderings"]) if config["views"]["published_renderings"] else None),
+        renderings=(
+            str(PROJECT / config["views"]["published_renderings"]) if config["views"]["published_renderings"] else None
+        ),
         device=config["vision"]["device"],
         seed=config["seed"],
     script:
