@@ -19,7 +19,7 @@ from palpate.models.encoder import ImageEncoder, ReadingEncoder
 from palpate.models.gcn import GraphNetwork, initialise
 from palpate.models.layers import Concatenate, LinearBlock
 from palpate.models.pooling import MapProducts, PerceptualPooling, relative_camera
-from palpate.models.touch import TouchAttention, TouchPooling, touched_surface
+from palpate.models.touch import TouchAttention, TouchPooling, touches_of
 from palpate.touch.sensor import RESOLUTION
 
 STRATEGIES = ("charts", "no_copy", "no_comm", "sphere")
@@ -117,7 +117,9 @@ class Reconstruction(nn.Module):
                 self.register_parameter(name, weight)
         if self.pools_touch:
             self.touch_pooling = TouchPooling(width)
-            self.touch_attention = TouchAttention(width) if architecture.get("attention") else None
+            # Far vertices learn of touches by attention where nothing else tells of them; beside an image it does not
+            # help (docs/training.md).
+            self.touch_attention = None if vision else TouchAttention(width)
 
     def _build_encoder(self, options: dict[str, Any]) -> int:
         """Builds the image encoder and the pooling; returns the number of features that a vertex gets."""
@@ -176,8 +178,8 @@ class Reconstruction(nn.Module):
         image = self._image_products(batch)
         readings = self._reading_products(batch) if self.reads_readings else None
         if self.pools_touch:
-            surface = touched_surface(batch["charts"], batch["success"].bool())
-            tokens = self.touch_attention.tokens(batch, self._relative) if self.touch_attention else None
+            touches = touches_of(batch)
+            attended = self.touch_attention.keys_and_values(batch, self._relative) if self.touch_attention else None
         for _ in range(self.deformations):
             relative = self._relative(positions)
             products = image(positions) if image else None
@@ -185,9 +187,9 @@ class Reconstruction(nn.Module):
                 readings = readings.expand(len(positions), -1, -1)
                 products = readings if products is None else products + readings
             if self.pools_touch:
-                touch = self.touch_pooling(surface, positions)
-                if tokens is not None:
-                    touch = touch + self.touch_attention(tokens, relative)
+                touch = self.touch_pooling(touches, positions)
+                if attended:
+                    touch = touch + self.touch_attention(*attended, relative)
                 products = touch if products is None else products + touch
             own = relative if mask is None else self.concatenate(relative, mask)
             moved = positions + self.scale * self.gcn(own, self.graph, products)

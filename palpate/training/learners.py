@@ -76,7 +76,12 @@ class Learner(lightning.LightningModule, ABC):
 
     def configure_optimizers(self) -> dict[str, Any]:
         kind = {"adam": torch.optim.Adam, "adamw": torch.optim.AdamW}[self.settings["optimiser"]]
-        optimiser = kind(self.model.parameters(), lr=self.settings["rate"], weight_decay=self.settings["weight_decay"])
+        optimiser = kind(
+            self.model.parameters(),
+            lr=self.settings["rate"],
+            weight_decay=self.settings["weight_decay"],
+            fused=self.device.type == "cpu" or None,  # one pass over all weights, for which a GPU has its own way
+        )
         if self.settings["schedule"] == "constant":
             return {"optimizer": optimiser}
         # The rate reaches `LAST` after the last step, hence one more; torch's rise ends a step before its share.

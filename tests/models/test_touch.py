@@ -8,22 +8,33 @@ import torch
 from palpate.charts import touch_chart
 from palpate.mesh import OBJECT_POSITION
 from palpate.models import Reconstruction
-from palpate.models.touch import chart_normals, pooled_touch, touched_surface
+from palpate.models.touch import chart_normals, pooled_touches, touches_of
 from tests.models.batches import SMALL, random_batch
 
 POOLED = SMALL | {"touch": "pooled"}
 
 
-def by_loop(place, charts, success):
-    """The features (7,) at one place (3,), from the words of `TouchPooling`, in plain numbers."""
-    best, found = math.inf, None
-    for chart, touched in zip(charts.tolist(), success.tolist(), strict=True):
-        for number, vertex in enumerate(chart if touched else []):
-            distance = math.dist(vertex, place.tolist())
-            if distance < best:
-                best, found = distance, (chart, number)
+def by_loop(place, batch, sample):
+    """The features (19,) at one place (3,), from the words of `TouchPooling`, in plain numbers."""
+    place = place.tolist()
+    best, found, empty_best, empty = math.inf, None, math.inf, [0.0] * 5
+    for chart, touched, position, rotation in zip(
+        *(batch[key][sample].tolist() for key in ("charts", "success", "position", "rotation")), strict=True
+    ):
+        if touched:
+            for number, vertex in enumerate(chart):
+                distance = math.dist(vertex, place)
+                if distance < best:
+                    best, found = distance, (chart, number)
+            continue
+        x, y, z = (sum((place[k] - position[k]) * rotation[k][axis] for k in range(3)) for axis in range(3))
+        box = (min(max(x, 0), 0.025), *(min(max(w, -0.01641 / 2), 0.01641 / 2) for w in (y, z)))
+        distance = math.dist((x, y, z), box)
+        if distance < empty_best:
+            empty_best, e = distance, math.exp(-distance / 0.01)
+            empty = [e, *(rotation[k][0] * e for k in range(3)), x / 0.025 * e]
     if found is None:
-        return [0.0] * 7
+        return [0.0] * 14 + empty
     chart, number = found
     row, column = divmod(number, 9)
 
@@ -34,11 +45,12 @@ def by_loop(place, charts, success):
 
     (a, b, c), (d, e, f) = difference((1, 0)), difference((0, 1))
     normal = [b * f - c * e, c * d - a * f, a * e - b * d]
-    length = math.hypot(*normal)
-    offset = [v - p for v, p in zip(chart[number], place.tolist(), strict=True)]
-    near = math.exp(-best / 0.05)
-    across = sum(o * n / length for o, n in zip(offset, normal, strict=True))
-    return [*(o * near / 0.05 for o in offset), near, math.exp(-best / 0.015), across * near / 0.02, 1.0]
+    normal = [n / math.hypot(*normal) for n in normal]
+    offset = [v - p for v, p in zip(chart[number], place, strict=True)]
+    w, v = math.exp(-best / 0.05), math.exp(-best / 0.15)
+    across = sum(o * n for o, n in zip(offset, normal, strict=True))
+    near = [*(o * w / 0.05 for o in offset), w, math.exp(-best / 0.015), across * w / 0.02, *(n * w for n in normal)]
+    return [*near, *(o * v / 0.15 for o in offset), v, 1.0, *empty]
 
 
 def sheets(samples, touches, seed=0):
@@ -52,31 +64,59 @@ def sheets(samples, touches, seed=0):
     return local @ turn.transpose(2, 3) + centre + torch.tensor(OBJECT_POSITION, dtype=torch.float64)
 
 
-@pytest.mark.parametrize("success", [[False] * 4, [False, True, False, False], [True] * 20])
+def touches(success, seed=0):
+    """A batch of touches like those of sensors, some of which are in the sensors' reach."""
+    success = torch.tensor(success)
+    charts = sheets(*success.shape, seed=seed)
+    random = torch.Generator().manual_seed(seed + 10)
+    rotation = torch.linalg.qr(torch.randn(*success.shape, 3, 3, generator=random, dtype=torch.float64))[0]
+    return {"success": success, "charts": charts, "position": charts.mean(2), "rotation": rotation}
+
+
+@pytest.mark.parametrize("success", [[False] * 4, [False, True, False, False], [True] * 20, [True, False] * 10])
 def test_pooling_is_the_loop(success):
-    charts, touched = sheets(2, len(success)), torch.tensor([success, success[::-1]])
-    places = sheets(2, 1, seed=1)[:, 0, ::9].transpose(0, 1)
-    pooled = pooled_touch(touched_surface(charts, touched), places)
-    expected = [[by_loop(place, charts[sample], touched[sample]) for sample, place in enumerate(row)] for row in places]
+    batch = touches([success, success[::-1]])
+    places = sheets(2, 1, seed=1)[:, 0, ::9].transpose(0, 1).clone()
+    # Two in the reach of the first sensor, 1 cm before it, and behind it.
+    ahead = batch["rotation"][:, 0, :, 0]
+    places[0], places[1] = batch["position"][:, 0] + 0.01 * ahead, batch["position"][:, 0] - 0.005 * ahead
+    pooled = pooled_touches(touches_of(batch), places)
+    expected = [[by_loop(place, batch, sample) for sample, place in enumerate(row)] for row in places]
     torch.testing.assert_close(pooled, torch.tensor(expected, dtype=torch.float64), rtol=1e-10, atol=1e-12)
 
 
-def test_gradients_by_finite_differences():
-    # Where the nearest vertex is another one, there is a kink: places and vertices at random are not at one.
-    charts, touched = sheets(1, 2), torch.tensor([[True, False]])
+@pytest.mark.parametrize("success", [[False, False], [True, False], [True] * 20])
+def test_gradients_by_finite_differences(success):
+    # Where another vertex or box becomes the nearest there is a kink: places at random are not at one.
+    batch = touches([success])
     places = sheets(1, 1, seed=1)[:, 0, ::20].transpose(0, 1).clone().requires_grad_()
 
-    def pooled(places, charts):
-        return pooled_touch(touched_surface(charts, touched), places)
+    def pooled(places, charts, position):
+        return pooled_touches(touches_of(batch | {"charts": charts, "position": position}), places)
 
-    assert torch.autograd.gradcheck(pooled, (places, charts.requires_grad_()))
+    charts, position = batch["charts"].requires_grad_(), batch["position"].requires_grad_()
+    assert torch.autograd.gradcheck(pooled, (places, charts, position), fast_mode=True)
 
 
 def test_a_vertex_on_the_touched_surface():
-    charts, touched = sheets(1, 1), torch.ones(1, 1, dtype=torch.bool)
-    places = charts[0, 0, 40:41, None].clone().requires_grad_()
-    pooled = pooled_touch(touched_surface(charts, touched), places)
-    torch.testing.assert_close(pooled[0, 0], torch.tensor([0, 0, 0, 1, 1, 0, 1], dtype=torch.float64))
+    batch = touches([[True]])
+    places = batch["charts"][0, 0, 40:41, None].clone().requires_grad_()
+    pooled = pooled_touches(touches_of(batch), places)
+    expected = torch.zeros(19, dtype=torch.float64)
+    expected[[3, 4, 12, 13]] = 1
+    expected[6:9] = chart_normals(batch["charts"])[0, 0, 40]
+    torch.testing.assert_close(pooled[0, 0], expected)
+    pooled.sum().backward()
+    assert torch.isfinite(places.grad).all()
+
+
+def test_a_vertex_within_a_sensors_reach():
+    batch = touches([[False]])
+    places = (batch["position"] + 0.01 * batch["rotation"][..., 0]).requires_grad_()
+    pooled = pooled_touches(touches_of(batch), places)
+    torch.testing.assert_close(pooled[0, 0, 14:15], torch.ones(1, dtype=torch.float64))
+    torch.testing.assert_close(pooled[0, 0, 15:18], batch["rotation"][0, 0, :, 0])
+    torch.testing.assert_close(pooled[0, 0, 18], torch.tensor(0.4, dtype=torch.float64))
     pooled.sum().backward()
     assert torch.isfinite(places.grad).all()
 
