@@ -48,6 +48,10 @@ include: "workflow/rules/results.smk"
 include: "workflow/rules/targets.smk"
 
 
+onstart:
+    take_folder()
+
+
 localrules:
     all,
 

@@ -12,6 +12,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from tqdm import tqdm
 
+from palpate import lock
+
 log = logging.getLogger(__name__)
 
 
@@ -38,7 +40,10 @@ def log_to(path: Path | str) -> None:
     """Send a job's log lines, what engines print, and the traceback of a failure to its log file.
 
     Standard error stays on the terminal, for the progress bar and for the failure's message.
+    The process counts as a job of the run in whose folder it is, until it ends (`palpate.lock`).
     """
+    if Path(lock.LOCK).exists():
+        lock.share(".")
     file = open(path, "w", buffering=1)  # noqa: SIM115 - it lives as long as the process
     logging.basicConfig(stream=file, level=logging.INFO, format="%(asctime)s %(levelname)s %(message)s", force=True)
     logging.captureWarnings(True)

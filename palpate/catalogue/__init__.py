@@ -1,5 +1,6 @@
 """Which objects a run has: the sources of their meshes, their classes, splits and batches."""
 
+from palpate.catalogue.record import check_same_run, resolve_source, write_record
 from palpate.catalogue.sources import UP_AXIS, CatalogueError, SourceObject, all_classes, class_counts, scan
 from palpate.catalogue.split import PAPER_SPLIT, SPLITS, assign_split
 from palpate.catalogue.table import (
@@ -24,9 +25,12 @@ __all__ = [
     "assign_split",
     "batch_names",
     "build",
+    "check_same_run",
     "checksum",
     "class_counts",
     "companions",
     "read_catalogue",
+    "resolve_source",
     "scan",
+    "write_record",
 ]

@@ -1,13 +1,16 @@
 # What the config means for the workflow: checked first, then the run's folder, its objects and its batches.
+import errno
 import os
 import re
+import sys
 from functools import cache
 
 import yaml
 from snakemake.exceptions import WorkflowError
 from snakemake.io import contains_wildcard
+from snakemake.logging import logger
 
-from palpate import catalogue
+from palpate import atomic, catalogue, lock
 from palpate.configuration import ConfigError, check
 from palpate.training import inputs, recipes
 
@@ -18,7 +21,14 @@ os.environ.setdefault("IGL_NUM_THREADS", "1")
 
 SCHEMAS = PROJECT / "workflow/schemas"
 CONDA = str(PROJECT / "envs/palpate.yaml")
+WHOLE_OUTPUT = re.compile(r"batch-.*|\.snakemake")  # folders in which nothing is written in part
 CLASS_NAME = r"[A-Za-z0-9_][A-Za-z0-9_.-]*"  # as the schemas have it
+
+
+def stop(message):
+    """End the workflow with a message, and without the place in a rule file that Snakemake would add."""
+    logger.error(str(message))
+    sys.exit(1)
 
 
 def checked(path):
@@ -43,12 +53,9 @@ try:
         SCHEMAS / "recipes.schema.yaml",
     )
     RUN_FOLDER = str(PROJECT / config["results"] / config["run"])
-    SOURCE = {
-        "kind": config["source"]["kind"],
-        # Relative paths are the project's, not the run folder's; procedural objects are made in the run's folder.
-        "path": str(PROJECT / (config["source"]["path"] or f"{RUN_FOLDER}/sources")),
-        "up": config["source"]["up"] or catalogue.UP_AXIS[config["source"]["kind"]],
-    }
+    SOURCE = catalogue.resolve_source(config, PROJECT)
+    if workflow.is_main_process:  # its jobs have been let in by it
+        catalogue.check_same_run(RUN_FOLDER, config, PROJECT)
     CLASS_COUNTS = catalogue.class_counts(config, SOURCE)
     ENTRIES = catalogue.scan(SOURCE, CLASS_COUNTS)
     for entry in ENTRIES:
@@ -65,7 +72,26 @@ try:
     TRAINING_MACHINE = {key: config["training"][key] for key in ("device", "devices", "precision")}
     TRAINING_GPUS = 0 if config["training"]["device"] == "cpu" else config["training"]["devices"]
 except (ConfigError, catalogue.CatalogueError) as error:
-    raise WorkflowError(str(error)) from None
+    stop(error)
+
+try:
+    os.makedirs(RUN_FOLDER, exist_ok=True)
+    if not os.access(RUN_FOLDER, os.W_OK):
+        raise PermissionError(errno.EACCES, os.strerror(errno.EACCES))
+except OSError as error:
+    stop(f"{RUN_FOLDER}: {error.strerror}: set `results` in the config to a folder that can be written to")
+
+
+def take_folder():
+    """At the start of a run: have its folder for it alone, as its config says, without what killed runs left."""
+    try:
+        lock.hold(RUN_FOLDER, logger.warning)
+        catalogue.check_same_run(RUN_FOLDER, config, PROJECT)  # again: a run may have begun in the meantime
+        catalogue.write_record(RUN_FOLDER, config)
+        atomic.sweep(RUN_FOLDER, WHOLE_OUTPUT)
+    except (lock.FolderInUse, catalogue.CatalogueError) as error:
+        stop(error)
+
 
 # The authors' dataset is read and not simulated: it comes without meshes and grasps.
 RELEASED = SOURCE["kind"] == "released"
