@@ -2,15 +2,17 @@
 
 from palpate.catalogue.record import check_same_run, resolve_source, write_record
 from palpate.catalogue.sources import UP_AXIS, CatalogueError, SourceObject, all_classes, class_counts, scan
-from palpate.catalogue.split import PAPER_SPLIT, SPLITS, assign_split
+from palpate.catalogue.split import PAPER_SPLIT, SPLITS, assign_split, suggest_split
 from palpate.catalogue.table import (
     COLUMNS,
     CatalogueEntry,
     batch_names,
     build,
+    check_splits,
     checksum,
     companions,
     read_catalogue,
+    splits_of,
 )
 
 __all__ = [
@@ -26,11 +28,14 @@ __all__ = [
     "batch_names",
     "build",
     "check_same_run",
+    "check_splits",
     "checksum",
     "class_counts",
     "companions",
     "read_catalogue",
     "resolve_source",
     "scan",
+    "splits_of",
+    "suggest_split",
     "write_record",
 ]

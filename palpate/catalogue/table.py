@@ -6,13 +6,14 @@ import io
 import json
 import logging
 import re
-from collections.abc import Mapping
+from collections import Counter
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 from urllib.parse import unquote
 
-from palpate.catalogue.sources import CatalogueError, Count, given_splits, scan
-from palpate.catalogue.split import PAPER_SPLIT, assign_split
+from palpate.catalogue.sources import CatalogueError, Count, SourceObject, given_splits, scan
+from palpate.catalogue.split import PAPER_SPLIT, SPLITS, assign_split, suggest_split
 from palpate.released import layout
 
 log = logging.getLogger(__name__)
@@ -62,6 +63,35 @@ def batch_names(object_count: int, batch_size: int) -> list[str]:
     return [f"batch-{i:04d}" for i in range(-(-object_count // batch_size))]
 
 
+def splits_of(
+    entries: Iterable[SourceObject], source: Mapping[str, Any], ratios: Mapping[str, float]
+) -> dict[str, str]:
+    """The split of each object by name: the source's own, or that of its name."""
+    given = given_splits(source)
+    return {entry.object: given.get(entry.object) or assign_split(entry.object, ratios) for entry in entries}
+
+
+def check_splits(splits: Mapping[str, str], needed: Iterable[str], what: str, by_name: bool = True) -> None:
+    """Raise CatalogueError if a split that is needed has none of the objects.
+
+    splits: of each object. what: needs them, as the message names it. by_name: names decide the splits, so that the
+    message can say how to set the config's. Rejections come later and are not known here.
+    """
+    counts = Counter(splits.values())
+    empty = [split for split in needed if not counts[split]]
+    if not empty:
+        return
+    message = (
+        f"no object of this run is in the {' or '.join(empty)} split, which {what} needs "
+        f"({', '.join(f'{split} {counts[split]}' for split in SPLITS)}): "
+    )
+    better = suggest_split(splits) if by_name else None
+    if better:
+        text = ", ".join(f"{split}: {share}" for split, share in better.items())
+        raise CatalogueError(f"{message}set `split: {{{text}}}` in the config, or add objects (`classes`)")
+    raise CatalogueError(f"{message}add objects (`classes`)")
+
+
 def build(
     source: Mapping[str, Any],
     classes: Mapping[str, Count],
@@ -78,13 +108,14 @@ def build(
     import pandas  # slow to import, and the only place that needs it
 
     root = Path(source["path"])
-    entries, splits = scan(source, classes), given_splits(source)
+    entries = scan(source, classes)
+    splits = splits_of(entries, source, ratios)
     batches = batch_names(len(entries), batch_size)
     rows = [
         (
             entry.object,
             entry.class_name,
-            splits.get(entry.object) or assign_split(entry.object, ratios),
+            splits[entry.object],
             batches[position // batch_size],
             entry.source,
             checksum(root / entry.source),

@@ -6,7 +6,6 @@ import sys
 from functools import cache
 
 import yaml
-from snakemake.exceptions import WorkflowError
 from snakemake.io import contains_wildcard
 from snakemake.logging import logger
 
@@ -141,19 +140,33 @@ def hand_files(wildcards):
     return own_hand_files() if HAND else []
 
 
+@cache
+def splits():
+    return catalogue.splits_of(ENTRIES, SOURCE, config["split"])
+
+
+def catalogue_with(needed, what):
+    """The catalogue, for what needs objects in some splits; that there are none is an error before anything runs."""
+    try:
+        catalogue.check_splits(splits(), needed, what, by_name=not RELEASED)
+    except catalogue.CatalogueError as error:
+        stop(error)
+    return "catalogue.csv"
+
+
 def stores_of(name, *more):
     """The catalogue, and the stores of all batches, of the stages that an experiment takes arrays of, and of more.
 
-    Too few grasps for the experiment is an error before anything runs.
+    Too few grasps for the experiment, or no object in a split, is an error before anything runs.
     """
     experiment = EXPERIMENTS["experiments"][name]
     if experiment["grasps"] > config["grasps"]["per_object"]:
-        raise WorkflowError(
+        stop(
             f"experiment {name} takes {experiment['grasps']} grasps, but the config's "
             f"grasps.per_object is {config['grasps']['per_object']}: raise it"
         )
     return {
-        "catalogue": "catalogue.csv",
+        "catalogue": catalogue_with(("train", "validation"), f"experiment {name}"),
         **{
             stage: expand(f"{stage}/{{batch}}.zarr", batch=BATCHES)
             for stage in dict.fromkeys([*inputs.stages(experiment), *more])

@@ -16,21 +16,21 @@ DRAWN += [f"charts_touch_{count}" for count in (2, 3, 4, 5)]
 for name, table in EXPERIMENTS["tables"].items():
     place = f"config/experiments.yaml: table {name}"
     if name not in EXPERIMENT_TABLES:
-        raise WorkflowError(
+        stop(
             f"config/experiments.yaml: no table is called {name}; there are {', '.join(EXPERIMENT_TABLES)}"
         )
     if table["split"] == "train":
-        raise WorkflowError(f"{place}: models are measured on validation or test")
+        stop(f"{place}: models are measured on validation or test")
     for experiment in table["experiments"]:
         if experiment not in EXPERIMENTS["experiments"]:
-            raise WorkflowError(f"{place} has experiment {experiment}, which is not defined")
+            stop(f"{place} has experiment {experiment}, which is not defined")
 
 
 def seeds_of(names, path):
     """A file of each experiment with every seed; an experiment that is not defined is an error."""
     for name in names:
         if name not in EXPERIMENTS["experiments"]:
-            raise WorkflowError(f"experiment {name} is needed, but config/experiments.yaml does not define it")
+            stop(f"experiment {name} is needed, but config/experiments.yaml does not define it")
     return expand(path, experiment=names, seed=config["training"]["seeds"])
 
 
@@ -45,7 +45,7 @@ def rings_of(names):
 def table_setup(table):
     """The experiments of a table as they are defined, and its split; a table that is not defined is an error."""
     if table not in EXPERIMENTS["tables"]:
-        raise WorkflowError(f"config/experiments.yaml defines no table {table}")
+        stop(f"config/experiments.yaml defines no table {table}")
     declared = EXPERIMENTS["tables"][table]
     return {
         "experiments": {name: EXPERIMENTS["experiments"][name] for name in declared["experiments"]},
@@ -94,10 +94,13 @@ def table_inputs(wildcards):
             rejected = expand("rejected/{stage}/{batch}.csv", stage=stages, batch=BATCHES)
             return {"catalogue": "catalogue.csv", "rejected": rejected, **of_batches("touch", "grasps")}
         case "extrapolation" as table:
+            catalogue_with([table_setup(table)["split"]], f"table {table}")
             return {"rings": rings_of(table_setup(table)["experiments"])}
         case "local_touch_charts":
+            catalogue_with([table_settings(wildcards)["split"]], "table local_touch_charts")
             return {"touches": "evaluations/touch_depth.csv"}
         case "claims":
+            catalogue_with(("validation", "test"), "table claims")
             return {
                 "evaluations": evaluations_of(published_experiments()),
                 "rings": rings_of(published_experiments("extrapolation")),
@@ -108,6 +111,7 @@ def table_inputs(wildcards):
         case table if table in ARCHITECTURES:  # read off the modules themselves
             return {}
         case table:
+            catalogue_with([table_setup(table)["split"]], f"table {table}")
             return {"evaluations": evaluations_of(table_setup(table)["experiments"])}
 
 
