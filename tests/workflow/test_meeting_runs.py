@@ -2,9 +2,9 @@
 
 import os
 import re
-import signal
 import socket
 import subprocess
+import time
 
 import pytest
 import yaml
@@ -12,40 +12,65 @@ import yaml
 from tests.workflow.conftest import PROJECT, two_classes
 
 MESHES = "meshes/batch-0000"
+# Python runs a sitecustomize when it starts: a job waits at its first object until a file tells it to go on.
+PATIENCE = """
+import time
+from pathlib import Path
+import palpate.batch
+from palpate.batch import each_object
 
 
-def start(workflow, *arguments):
-    """The workflow in the background, once a job of it runs."""
-    process = subprocess.Popen(
-        workflow.command(*arguments), cwd=PROJECT, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
-        start_new_session=True,
-    )  # fmt: skip
-    while not (workflow.run / f"logs/{MESHES}.log").exists():
-        assert process.poll() is None, "the workflow ended before its first job began"
-    return process
+def patient(objects, function, stage):
+    Path({reached!r}).touch()
+    while not Path({go!r}).exists():
+        time.sleep(0.05)
+    return each_object(objects, function, stage)
 
 
-def test_a_second_run_in_a_folder_is_refused_and_the_first_goes_on(make_workflow):
-    workflow = make_workflow()
-    first = start(workflow, MESHES)
+palpate.batch.each_object = patient
+"""
+
+
+@pytest.fixture
+def first(make_workflow, tmp_path):
+    """A run in the background whose only job works until `go` exists: workflow, process and `go`."""
+    workflow, reached, go = make_workflow(), tmp_path / "reached", tmp_path / "go"
+    (tmp_path / "sitecustomize.py").write_text(PATIENCE.format(reached=str(reached), go=str(go)))
+    environment = os.environ | {"PYTHONPATH": f"{tmp_path}:{PROJECT}"}
+    streams = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+    process = subprocess.Popen(workflow.command(MESHES), cwd=PROJECT, env=environment, **streams)
+    while not reached.exists():
+        assert process.poll() is None, "the workflow ended before its job began"
+        time.sleep(0.05)
+    yield workflow, process, go
+    go.touch()
+    process.wait(300)
+
+
+def test_a_second_run_in_a_folder_is_refused_and_the_first_goes_on(first):
+    workflow, process, go = first
     second = workflow(MESHES)
     assert second.returncode != 0
-    assert f"in use by another run: process {first.pid} on {socket.gethostname()}" in second.stderr
+    assert f"in use by another run: process {process.pid} on {socket.gethostname()}" in second.stderr
     assert "Traceback" not in second.stderr and "WorkflowError" not in second.stderr
     assert workflow.plan(MESHES, "--dry-run").returncode == 0  # to look is allowed
-    assert first.wait(300) == 0 and (workflow.run / MESHES).exists()
+    go.touch()
+    assert process.wait(300) == 0 and (workflow.run / MESHES).exists()
 
 
-def test_after_a_kill_of_the_run_alone_the_next_waits_for_its_jobs_and_sweeps(make_workflow):
-    workflow = make_workflow()
-    first = start(workflow, MESHES)
-    os.kill(first.pid, signal.SIGKILL)
-    first.wait()
+def test_after_a_kill_of_the_run_alone_the_next_waits_for_its_jobs_and_sweeps(first):
+    workflow, process, go = first
+    process.kill()
+    process.wait()
     stale = workflow.run / "meshes/.partial-elsewhere~1~0f-batch-0000"
     stale.mkdir(parents=True)
-    second = workflow(MESHES)
-    assert second.returncode == 0, second.stderr
-    assert "waiting for jobs of a run that was killed: process" in second.stderr
+    with subprocess.Popen(workflow.command(MESHES), cwd=PROJECT, stderr=subprocess.PIPE, text=True) as second:
+        said = next(line for line in second.stderr if "waiting for jobs of a run that was killed" in line)
+        assert re.search(rf"process \d+ on {socket.gethostname()}", said)
+        assert not (workflow.run / MESHES).exists()
+        go.touch()
+        rest = second.stderr.read()
+    assert second.returncode == 0, rest
     assert (workflow.run / MESHES).exists() and not list(workflow.run.rglob(".partial-*"))
 
 

@@ -9,7 +9,7 @@ import yaml
 from snakemake.io import contains_wildcard
 from snakemake.logging import logger
 
-from palpate import atomic, catalogue, lock
+from palpate import atomic, catalogue, lock, terminal
 from palpate.configuration import ConfigError, check
 from palpate.training import inputs, recipes
 
@@ -198,7 +198,7 @@ wildcard_constraints:
     **{"class": CLASS_NAME},
     batch=r"batch-\d+",
     experiment="|".join(map(re.escape, EXPERIMENTS["experiments"])),
-    seed=r"\d+",
+    seed="|".join(map(str, config["training"]["seeds"])),
 
 
 # What everything else is made from.

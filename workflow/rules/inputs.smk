@@ -16,9 +16,7 @@ DRAWN += [f"charts_touch_{count}" for count in (2, 3, 4, 5)]
 for name, table in EXPERIMENTS["tables"].items():
     place = f"config/experiments.yaml: table {name}"
     if name not in EXPERIMENT_TABLES:
-        stop(
-            f"config/experiments.yaml: no table is called {name}; there are {', '.join(EXPERIMENT_TABLES)}"
-        )
+        stop(f"config/experiments.yaml: no table is called {name}; there are {', '.join(EXPERIMENT_TABLES)}")
     if table["split"] == "train":
         stop(f"{place}: models are measured on validation or test")
     for experiment in table["experiments"]:
@@ -204,3 +202,43 @@ def report_tables(report):
 def timed(wildcards):
     """Whether an item measures times: then no other job runs beside it."""
     return wildcards.report in report_items.TIMED
+
+
+def known_targets():
+    """The targets that there are: by name, and every file that is worth asking for."""
+    tables = [*DATASET_TABLES, *MODEL_TABLES, "tuning", *ARCHITECTURES]
+    of_models = {"experiment": EXPERIMENTS["experiments"], "seed": config["training"]["seeds"]}
+    return [
+        *(rule.name for rule in workflow.rules if not rule.has_wildcards() and "/" not in rule.name),
+        *expand("tables/{table}.{form}", table=tables, form=["csv", "md", "tex"]),
+        *expand("figures/{figure}.png", figure=[*DATASET_FIGURES, *MODEL_FIGURES]),
+        *expand("models/{experiment}/seed-{seed}/best.ckpt", **of_models),
+        *expand("evaluations/{experiment}/seed-{seed}.csv", **of_models),
+        *expand("evaluations/rings/{experiment}/seed-{seed}.csv", **of_models),
+        *("catalogue.csv", "rejected.csv", "models/touch_depth/best.ckpt", "evaluations/touch_depth.csv"),
+        *expand("reports/{report}.csv", report=["validation", *report_items.REPORTS]),
+        *expand(
+            "{store}/{batch}.zarr", store=["surface", "touch", "vision", "views", "charts", "rings"], batch=BATCHES
+        ),
+        *expand("meshes/{batch}", batch=BATCHES),
+        *expand("grasps/{batch}.h5", batch=BATCHES),
+    ]
+
+
+def explain_target(path):
+    """What to say of a target that nothing makes."""
+    path = os.path.relpath(path, RUN_FOLDER) if os.path.isabs(path) else path
+    known, seeds = known_targets(), config["training"]["seeds"]
+    names = [name for name in known if "/" not in name and "." not in name]
+    notes = [
+        f"by name: {', '.join(sorted(names))}",
+        f"tables/<table>.csv, .md, .tex: {', '.join([*DATASET_TABLES, *MODEL_TABLES, 'tuning', *ARCHITECTURES])}",
+        f"figures/<figure>.png: {', '.join([*DATASET_FIGURES, *MODEL_FIGURES])}",
+        f"models/<experiment>/seed-<seed>/best.ckpt, evaluations/<experiment>/seed-<seed>.csv: "
+        f"{', '.join(EXPERIMENTS['experiments'])}; seeds {', '.join(map(str, seeds))}",
+        f"meshes/<batch>, <stage>/<batch>.zarr, grasps/<batch>.h5: {BATCHES[0]} to {BATCHES[-1]}",
+    ]
+    seed = re.search(r"/seed-(\d+)\b", path)
+    if seed and int(seed[1]) not in seeds:
+        notes.insert(0, f"the config has no seed {seed[1]}: add it to training.seeds")
+    return terminal.unknown_target(path, known, notes)
