@@ -55,6 +55,15 @@ if workflow.is_main_process:
 
 onstart:
     take_folder()
+    take_terminal()
+
+
+onsuccess:
+    say_end()
+
+
+onerror:
+    say_end()
 
 
 localrules:

@@ -11,6 +11,8 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from tqdm import tqdm
+
 from palpate import lock
 
 log = logging.getLogger(__name__)

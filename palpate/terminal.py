@@ -131,9 +131,20 @@ class Progress(logging.Filter):
     jobs: how many there are of each rule. stream: the terminal, or a file. Attributes: failures, in their order.
     """
 
-    PAGES = {"job_info", "job_started", "job_finished", "progress", "shellcmd", "group_info", "job_error", "group_error"}
+    PAGES = {
+        "job_info",
+        "job_started",
+        "job_finished",
+        "progress",
+        "shellcmd",
+        "group_info",
+        "job_error",
+        "group_error",
+    }
 
-    def __init__(self, jobs: Mapping[str, int], stream: TextIO | None = None, now: Callable[[], float] = time.monotonic):
+    def __init__(
+        self, jobs: Mapping[str, int], stream: TextIO | None = None, now: Callable[[], float] = time.monotonic
+    ):
         super().__init__()
         self.stream = stream or sys.stderr
         self.estimate, self.total = Estimate(jobs, now), sum(jobs.values())
@@ -175,7 +186,7 @@ class Progress(logging.Filter):
                     self.write()
                 return False
         if getattr(record, "exception", None) != "RuleException":
-            return True
+            return record.levelno >= logging.WARNING or self.ended.is_set()
         self.killed = bool(KILLED.search(str(record.msg)))  # else it has the job's command line, and no more
         return False
 
@@ -215,3 +226,21 @@ def failure_line(failure: Failure) -> str:
     """A failed job in one line."""
     said = f": {failure.said}" if failure.said else ""
     return f"failed: {failure.rule} {failure.output}{said}" + (f" (log: {failure.log})" if failure.log else "")
+
+
+def end_lines(
+    folder: Path | str, of_objects: Iterable[str], failures: Sequence[Failure], jobs: int, seconds: float
+) -> list[str]:
+    """The lines at the end of a run: its objects, what failed, where its results are, how long it took.
+
+    of_objects: `palpate.dataset.summary`'s. jobs: those that were done.
+    """
+    folder = Path(folder)
+    places = [place for place in ("tables", "figures", "rejected.csv", "reports/validation.csv", "reports") if
+              (folder / place).exists()]  # fmt: skip
+    return [
+        *of_objects,
+        *map(failure_line, failures),
+        f"{folder}: {', '.join(places) or 'no table or report yet'}",
+        f"{jobs} jobs done{f', {len(failures)} failed' if failures else ''}, in {duration(seconds)}",
+    ]

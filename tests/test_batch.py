@@ -84,8 +84,14 @@ def test_a_job_log_holds_lines_prints_of_engines_and_the_traceback(tmp_path):
     ("error", "said"),
     [
         (OSError(28, "No space left on device", "x.zarr"), "x.zarr: the disk is full: free some space"),
-        (OSError("Can't write data (file write failed: errno = 28, error message = 'No space left on device')"), "full"),
-        (OSError(30, "Read-only file system", "a/b.csv"), "a/b.csv: Read-only file system: give the right to it, or se"),
+        (
+            OSError("Can't write data (file write failed: errno = 28, error message = 'No space left on device')"),
+            "full",
+        ),
+        (
+            OSError(30, "Read-only file system", "a/b.csv"),
+            "a/b.csv: Read-only file system: give the right to it, or se",
+        ),
         (PermissionError(13, "Permission denied", "a/b.csv"), "a/b.csv: Permission denied: give the right to it, or"),
         (MemoryError("Unable to allocate 9 TiB"), "too little memory (Unable to allocate 9 TiB): start again with few"),
         (ValueError("two\nlines"), "ValueError: two lines"),

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 from urllib.parse import unquote
 
+from palpate.catalogue.batches import assign_batches, in_order
 from palpate.catalogue.sources import CatalogueError, Count, SourceObject, given_splits, scan
 from palpate.catalogue.split import PAPER_SPLIT, SPLITS, assign_split, suggest_split
 from palpate.released import layout
@@ -58,11 +59,6 @@ def read_catalogue(path: Path | str) -> list[CatalogueEntry]:
     return entries
 
 
-def batch_names(object_count: int, batch_size: int) -> list[str]:
-    """The names `batch-0000`, ... of the batches of a number of objects."""
-    return [f"batch-{i:04d}" for i in range(-(-object_count // batch_size))]
-
-
 def splits_of(
     entries: Iterable[SourceObject], source: Mapping[str, Any], ratios: Mapping[str, float]
 ) -> dict[str, str]:
@@ -96,10 +92,11 @@ def build(
     source: Mapping[str, Any],
     classes: Mapping[str, Count],
     ratios: Mapping[str, float] = PAPER_SPLIT,
-    batch_size: int = 16,
+    batches: Mapping[str, str] | int = 16,
 ):
-    """The catalogue as a pandas DataFrame with `COLUMNS`, a row an object in the order of `scan`.
+    """The catalogue as a pandas DataFrame with `COLUMNS`, a row an object, batch by batch in the order of `scan`.
 
+    batches: the batch of each object by name, or a batch's size, by which they are formed anew.
     Splits are those that the source gives, or else go by the names. `source` is the mesh file relative to the
     source's path, so that the table is the same on every machine.
     Raises `CatalogueError` as `scan` does, and where a file that it lists does not exist (procedural objects
@@ -110,17 +107,18 @@ def build(
     root = Path(source["path"])
     entries = scan(source, classes)
     splits = splits_of(entries, source, ratios)
-    batches = batch_names(len(entries), batch_size)
+    if isinstance(batches, int):
+        batches = assign_batches([entry.object for entry in entries], batches)
     rows = [
         (
             entry.object,
             entry.class_name,
             splits[entry.object],
-            batches[position // batch_size],
+            batches[entry.object],
             entry.source,
             checksum(root / entry.source),
         )
-        for position, entry in enumerate(entries)
+        for entry in in_order(entries, batches)
     ]
     table = pandas.DataFrame(rows, columns=list(COLUMNS))
     _warn_of_empty_splits(table, ratios)

@@ -1,8 +1,10 @@
 # What the config means for the workflow: checked first, then the run's folder, its objects and its batches.
 import errno
+import itertools
 import os
 import re
 import sys
+from collections import Counter
 from functools import cache
 
 import yaml
@@ -10,6 +12,7 @@ from snakemake.io import contains_wildcard
 from snakemake.logging import logger
 
 from palpate import atomic, catalogue, lock, terminal
+from palpate.batch import QUIET
 from palpate.configuration import ConfigError, check
 from palpate.training import inputs, recipes
 
@@ -59,7 +62,13 @@ try:
     ENTRIES = catalogue.scan(SOURCE, CLASS_COUNTS)
     for entry in ENTRIES:
         checked(f"{SOURCE['path']}/{entry.source}")
-    BATCHES = catalogue.batch_names(len(ENTRIES), config["batch_size"])
+    KNOWN_PLACES = catalogue.read_places(RUN_FOLDER, config["batch_size"])
+    PLACES = catalogue.assign_batches([entry.object for entry in ENTRIES], config["batch_size"], KNOWN_PLACES)
+    ENTRIES = catalogue.in_order(ENTRIES, PLACES)
+    BATCH_ENTRIES = {
+        batch: list(entries) for batch, entries in itertools.groupby(ENTRIES, lambda entry: PLACES[entry.object])
+    }
+    BATCHES = list(BATCH_ENTRIES)
     HAND = config["grasps"]["hand"]
     if config["grasps"]["per_object"] > config["grasps"]["attempts"]:
         raise ConfigError("config grasps: attempts must be at least per_object")
@@ -86,10 +95,35 @@ def take_folder():
     try:
         lock.hold(RUN_FOLDER, logger.warning)
         catalogue.check_same_run(RUN_FOLDER, config, PROJECT)  # again: a run may have begun in the meantime
+        if catalogue.read_places(RUN_FOLDER, config["batch_size"]) != KNOWN_PLACES:
+            stop(f"{RUN_FOLDER}: another run has added objects since this one was started: start it again")
+        catalogue.write_places(RUN_FOLDER, config["batch_size"], PLACES)
         catalogue.write_record(RUN_FOLDER, config)
         atomic.sweep(RUN_FOLDER, WHOLE_OUTPUT)
     except (lock.FolderInUse, catalogue.CatalogueError) as error:
         stop(error)
+
+
+def take_terminal():
+    """From the start on: a line of progress in place of a page a job, unless --printshellcmds or --verbose asks for it."""
+    global PROGRESS
+    PROGRESS = terminal.Progress(Counter(job.rule.name for job in workflow.dag.needrun_jobs()))
+    pages = workflow.output_settings.printshellcmds or workflow.output_settings.verbose
+    for handler in logger.handlers:
+        if handler.name == "DefaultStreamHandler" and not pages:
+            handler.addFilter(PROGRESS)
+            os.environ[QUIET] = "1"
+            PROGRESS.start()
+
+
+def say_end():
+    """At the end of a run: what it has come to."""
+    from palpate.dataset import summary  # loads Zarr and HDF5
+
+    PROGRESS.stop()
+    seconds = PROGRESS.estimate.now() - PROGRESS.estimate.start
+    for line in terminal.end_lines(RUN_FOLDER, summary(RUN_FOLDER), PROGRESS.failures, PROGRESS.done, seconds):
+        logger.warning(line)
 
 
 # The authors' dataset is read and not simulated: it comes without meshes and grasps.
@@ -116,8 +150,9 @@ def source_inputs(entries):
 
 
 def batch_entries(wildcards):
-    first = BATCHES.index(wildcards.batch) * config["batch_size"]
-    return ENTRIES[first : first + config["batch_size"]]
+    if wildcards.batch not in BATCH_ENTRIES:
+        stop(f"the run has no {wildcards.batch}; its batches are {BATCHES[0]} to {BATCHES[-1]}")
+    return BATCH_ENTRIES[wildcards.batch]
 
 
 def batch_sources(wildcards):

@@ -174,7 +174,7 @@ def figure_settings(wildcards):
 
 
 REPORT_OBJECTS = round_robin(ENTRIES, lambda entry: entry.class_name)[: config["reports"]["objects"]]
-REPORT_BATCHES = sorted({BATCHES[ENTRIES.index(entry) // config["batch_size"]] for entry in REPORT_OBJECTS})
+REPORT_BATCHES = sorted({PLACES[entry.object] for entry in REPORT_OBJECTS})
 
 
 def report_item(wildcards):
