@@ -52,7 +52,8 @@ def test_too_few_grasps_are_said_without_snakemakes_frame(make_workflow):
 
 @pytest.fixture(scope="module")
 def smoke(make_workflow):
-    return make_workflow(**yaml.safe_load((PROJECT / "config/smoke.yaml").read_text()) | {"source": PROCEDURAL})
+    config = yaml.safe_load((PROJECT / "config/smoke.yaml").read_text())
+    return make_workflow(**config | {"source": PROCEDURAL, "run": "run"})
 
 
 @pytest.mark.parametrize(
