@@ -11,8 +11,7 @@ import yaml
 
 from palpate.atomic import atomic_write
 from palpate.catalogue.sources import UP_AXIS, CatalogueError, class_counts
-
-RECORD = "config.yaml"
+from palpate.remedy import RECORD
 
 
 def resolve_source(config: Mapping[str, Any], project: Path | str) -> dict[str, str]:

@@ -16,6 +16,7 @@ from palpate.catalogue.batches import assign_batches, in_order
 from palpate.catalogue.sources import CatalogueError, Count, SourceObject, given_splits, scan
 from palpate.catalogue.split import PAPER_SPLIT, SPLITS, assign_split, suggest_split
 from palpate.released import layout
+from palpate.remedy import command
 
 log = logging.getLogger(__name__)
 
@@ -43,8 +44,8 @@ def read_catalogue(path: Path | str) -> list[CatalogueEntry]:
     class, split or batch.
     """
     if not Path(path).is_file():
-        raise CatalogueError(f"{path} does not exist; name a run's folder, or build it with: snakemake catalogue.csv")
-    again = "remove it and build it with: snakemake catalogue.csv"
+        raise CatalogueError(f"{path} does not exist; name a run's folder, or build it with: {command(path)}")
+    again = f"remove it and build it with: {command(path)}"
     with open(path, newline="", encoding="utf-8") as file:
         reader = csv.DictReader(file)
         for column in COLUMNS[:4]:
