@@ -25,7 +25,7 @@ def assign_split(object_name: str, ratios: Mapping[str, float] = PAPER_SPLIT) ->
 def suggest_split(object_names: Iterable[str]) -> dict[str, int] | None:
     """Ratios near the paper's, as whole numbers, that put at least one of the objects in each split.
 
-    None if there are fewer objects than splits, or if two hardly differ in their fraction.
+    None if there are fewer objects than splits.
     """
     fractions = sorted(_fraction(name, SALT) for name in object_names)
     count, cuts, reached = len(fractions), [], 0.0
@@ -37,7 +37,7 @@ def suggest_split(object_names: Iterable[str]) -> dict[str, int] | None:
         least, most = (cuts[-1] if cuts else 0) + 1, count - len(SPLITS) + 1 + position
         cuts.append(min(max(round(reached * count), least), most))
     places = [0.0, *((fractions[cut - 1] + fractions[cut]) / 2 for cut in cuts), 1.0]
-    for whole in (100, 1000, 10_000):
+    for whole in (100, 10_000, 10**6, 10**9):
         edges = [round(place * whole) for place in places]
         found = {split: edges[i + 1] - edges[i] for i, split in enumerate(SPLITS)}
         if min(found.values()) > 0 and {_cut(each, found) for each in fractions} == set(SPLITS):
