@@ -204,12 +204,17 @@ def timed(wildcards):
     return wildcards.report in report_items.TIMED
 
 
+def named_targets():
+    """Rules that can be asked for; those named like files stand for paths from the project's root."""
+    return [rule.name for rule in workflow.rules if not rule.has_wildcards() and rule.name.isidentifier()]
+
+
 def known_targets():
     """The targets that there are: by name, and every file that is worth asking for."""
     tables = [*DATASET_TABLES, *MODEL_TABLES, "tuning", *ARCHITECTURES]
     of_models = {"experiment": EXPERIMENTS["experiments"], "seed": config["training"]["seeds"]}
     return [
-        *(rule.name for rule in workflow.rules if not rule.has_wildcards() and "/" not in rule.name),
+        *named_targets(),
         *expand("tables/{table}.{form}", table=tables, form=["csv", "md", "tex"]),
         *expand("figures/{figure}.png", figure=[*DATASET_FIGURES, *MODEL_FIGURES]),
         *expand("models/{experiment}/seed-{seed}/best.ckpt", **of_models),
@@ -229,16 +234,15 @@ def explain_target(path):
     """What to say of a target that nothing makes."""
     path = os.path.relpath(path, RUN_FOLDER) if os.path.isabs(path) else path
     known, seeds = known_targets(), config["training"]["seeds"]
-    names = [name for name in known if "/" not in name and "." not in name]
     notes = [
-        f"by name: {', '.join(sorted(names))}",
+        f"by name: {', '.join(sorted(named_targets()))}",
         f"tables/<table>.csv, .md, .tex: {', '.join([*DATASET_TABLES, *MODEL_TABLES, 'tuning', *ARCHITECTURES])}",
         f"figures/<figure>.png: {', '.join([*DATASET_FIGURES, *MODEL_FIGURES])}",
         f"models/<experiment>/seed-<seed>/best.ckpt, evaluations/<experiment>/seed-<seed>.csv: "
         f"{', '.join(EXPERIMENTS['experiments'])}; seeds {', '.join(map(str, seeds))}",
         f"meshes/<batch>, <stage>/<batch>.zarr, grasps/<batch>.h5: {BATCHES[0]} to {BATCHES[-1]}",
     ]
-    seed = re.search(r"/seed-(\d+)\b", path)
+    seed = re.search(r"\bseed-(\d+)\b", path)
     if seed and int(seed[1]) not in seeds:
         notes.insert(0, f"the config has no seed {seed[1]}: add it to training.seeds")
     return terminal.unknown_target(path, known, notes)
