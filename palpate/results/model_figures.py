@@ -11,6 +11,7 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.ticker import FormatStrFormatter, LogLocator, MaxNLocator, NullFormatter, PercentFormatter
 
+from palpate.remedy import command
 from palpate.evaluation.rings import RINGS
 from palpate.evaluation.rows import EvaluationError
 from palpate.results.bootstrap import RESAMPLES
@@ -157,7 +158,7 @@ def _panel(setup: Mapping) -> tuple[str, str, str]:
 def _history(path: Path | str) -> pd.DataFrame:
     path = Path(path)
     if not path.exists():
-        raise EvaluationError(f"{path} does not exist; train the model with: snakemake {'/'.join(path.parts[-4:])}")
+        raise EvaluationError(f"{path} does not exist; train the model with: {command(path)}")
     history = pd.read_csv(path)
     missing = [name for name in HISTORY if name not in history]
     if missing:

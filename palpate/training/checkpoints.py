@@ -9,6 +9,7 @@ import torch
 
 from palpate.atomic import atomic_write
 from palpate.models import Reconstruction, TouchDepth, paper_architecture
+from palpate.remedy import command
 
 SCHEMA_VERSION = 1
 
@@ -68,9 +69,8 @@ def read(path: Path | str, kind: str) -> dict[str, Any]:
 
     Raises CheckpointError if it is missing, can't be read, or is of another schema version or kind of model.
     """
-    target = "/".join(Path(path).parts[-4:])
     if not Path(path).exists():
-        raise CheckpointError(f"{path} does not exist; train the model with: snakemake {target}")
+        raise CheckpointError(f"{path} does not exist; train the model with: {command(path)}")
     try:
         content = torch.load(path, map_location="cpu", weights_only=True)
         version, content_kind = content["schema_version"], content["kind"]

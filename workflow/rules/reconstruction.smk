@@ -7,7 +7,7 @@ TUNED = "charts_occluded_touch"
 try:
     TUNING = Paramspace(pandas.DataFrame(tuning.grid(PROJECT / "config/tuning.yaml", config["tuning"]["grid"])))
 except ConfigError as error:
-    raise WorkflowError(str(error)) from None
+    stop(error)
 
 
 # One model of config/experiments.yaml, from just the stores that it takes arrays of (palpate/training/inputs.py), and
