@@ -34,6 +34,13 @@ class Estimate(NamedTuple):
         """The same number, its interval clipped to the range of possible values."""
         return self._replace(low=float(np.clip(self.low, least, most)), high=float(np.clip(self.high, least, most)))
 
+    def sign(self, spread: float = np.nan) -> int:
+        """-1 or 1 if the number is a finding, 0 if it is undecided. It is a finding if its interval excludes 0 and it is
+        larger than `spread`, how far two seeds differ in it (nan: not known)."""
+        if abs(self.value) <= spread:
+            return 0
+        return int(self.low > 0) - int(self.high < 0)
+
 
 def interval(
     values: Sequence[np.ndarray],
