@@ -63,6 +63,42 @@ def test_input_modalities_state_the_papers_averages_only(evaluations):
     assert worst["average"] == pytest.approx(expected.mean()) and worst["vision"] == "–"
 
 
+def test_the_papers_graph_has_a_row_of_its_own_beside_the_papers_value(evaluations):
+    """Experiments of the same set-up and another architecture: labelled, measured apart, the same published value."""
+    setups = {name: synthetic.EXPERIMENTS[name] for name in ("charts_occluded_touch", "charts_touch")}
+    graph = {"architecture": {"touch": "graph", "gcn": {"normalisation": "symmetric"}}, "base": "base_occluded"}
+    setups |= {name.replace("charts", "graph"): setup | graph for name, setup in setups.items()}
+    frame = pd.concat(
+        [
+            evaluations[evaluations["experiment"].isin(setups)],
+            synthetic.evaluations({"graph_occluded_touch": 1.5, "graph_touch": 4.0}, each=4, seeds=(0, 1)),
+        ]
+    )
+    table = tables.input_modalities(frame, setups, resamples=100).set_index("experiment")
+    assert table["model"].tolist() == ["charts"] * 2 + ["charts (paper's graph, equation 1)"] * 2
+    assert table["average_paper"].tolist() == [0.991, 3.05] * 2
+    assert table.loc["graph_touch", "average"] == pytest.approx(4.0, abs=0.1)
+    assert tables.input_label(setups["graph_occluded_touch"]) == "occluded vision + touch (paper's graph, equation 1)"
+
+
+def test_tables_say_how_far_two_seeds_differ(evaluations):
+    """By the difference of the two seeds' averages; with one seed, that nothing is known of it."""
+    setup = synthetic.of_table("input_modalities")
+    table = tables.input_modalities(evaluations, setup, resamples=100).set_index("experiment")
+    shares = []
+    for name in setup:
+        rows = evaluations[(evaluations["experiment"] == name) & (evaluations["split"] == "test")]
+        one, other = (class_means(rows[rows["seed"] == seed], name, "test").mean() for seed in (0, 1))
+        assert table.loc[name, "between_seeds"] == pytest.approx(abs(one - other))
+        shares.append(100 * abs(np.log(one / other)))
+    assert f"differ by {np.mean(shares):.1f} % of its average (mean over models; {max(shares):.1f} % at most)" in (
+        table.attrs["note"]
+    )
+    alone = tables.input_modalities(evaluations[evaluations["seed"] == 0], setup, resamples=100)
+    assert "between_seeds" not in alone and "One seed" in alone.attrs["note"]
+    assert "objects only" in alone.attrs["note"] and "objects only" not in table.attrs["note"]
+
+
 def test_grasps_have_a_row_a_setup(evaluations):
     table = tables.grasps(evaluations, synthetic.of_table("grasps"), resamples=100).set_index("input")
     assert list(table.index) == ["unoccluded vision + touch", "touch"]
