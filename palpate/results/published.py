@@ -16,7 +16,7 @@
 | effects | experiment, compared_with | the differences that the text is about: `palpate.results.effects` |
 """
 
-from collections.abc import Collection
+from collections.abc import Iterable
 from pathlib import Path
 
 import pandas as pd
@@ -33,10 +33,10 @@ def published_experiments(*tables: str) -> list[str]:
     return list(dict.fromkeys(names))
 
 
-def effects(experiments: Collection[str]) -> list[dict[str, str]]:
+def effects(experiments: Iterable[str]) -> list[dict[str, str]]:
     """The rows of `paper/effects.csv` whose two experiments are among those given."""
-    rows = paper_values("effects", text=True).to_dict("records")
-    return [row for row in rows if {row["experiment"], row["compared_with"]} <= set(experiments)]
+    known, rows = set(experiments), paper_values("effects", text=True).to_dict("records")
+    return [row for row in rows if {row["experiment"], row["compared_with"]} <= known]
 
 
 def paper_values(table: str, text: bool = False) -> pd.DataFrame:

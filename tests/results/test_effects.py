@@ -103,4 +103,4 @@ def test_effects_take_only_what_is_defined():
     (only,) = effects(["charts_occluded", "charts_occluded_touch", "charts_touch"])
     assert only["effect"] == "Touch beside occluded vision"
     named = {entry[key] for entry in effects(MEANS | GRAPH) for key in ("experiment", "compared_with")}
-    assert named - set(GRAPH) <= set(MEANS) and len(effects(MEANS | GRAPH)) == len(paper_values("effects"))
+    assert named - set(GRAPH) <= set(MEANS) and len(effects(iter(MEANS | GRAPH))) == len(paper_values("effects"))
