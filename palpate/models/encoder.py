@@ -93,15 +93,16 @@ class ReadingEncoder(nn.Module):
     """The simple CNN that makes features of a touch reading, for strategy `sphere` (section 5.1).
 
     The paper doesn't give its layers. Here: four convolutions (3 x 3, stride 2) of 16, 32, 64, 64 channels,
-    the mean over the map, and a linear layer to `features`. norm: `batch` or `instance`.
+    the mean over the map, and a linear layer to `features`. Nothing is normalised: how much of a reading differs from
+    the empty one, and by how much, is what it says.
     """
 
-    def __init__(self, features: int = 32, channels: Sequence[int] = (16, 32, 64, 64), norm: str = "batch"):
+    def __init__(self, features: int = 32, channels: Sequence[int] = (16, 32, 64, 64)):
         super().__init__()
         self.features = features
         self.layers = nn.Sequential(
             *(
-                ConvolutionBlock(inputs, outputs, stride=2, padding=1, norm=norm)
+                ConvolutionBlock(inputs, outputs, stride=2, padding=1, norm="none")
                 for inputs, outputs in zip((3, *channels), channels, strict=False)
             )
         )

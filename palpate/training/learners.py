@@ -10,6 +10,7 @@ import logging
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping
+from pathlib import Path
 from typing import Any
 
 import lightning.pytorch as lightning
@@ -195,12 +196,20 @@ class StepNumbers:
 class ReconstructionLearner(Learner):
     """Trains reconstruction on the objects of the train split, for a row of config/experiments.yaml.
 
-    data: of the train and validation splits. Raises TrainingDataError if one of them has no object.
+    data: of the train and validation splits. base: the checkpoint of the model that training starts from, instead of
+    random weights. Raises TrainingDataError if a split has no object, CheckpointError for a base that does not fit.
     """
 
     kind = "reconstruction"
 
-    def __init__(self, data: TrainingData, experiment: Mapping[str, Any], settings: Mapping[str, Any], seed: int):
+    def __init__(
+        self,
+        data: TrainingData,
+        experiment: Mapping[str, Any],
+        settings: Mapping[str, Any],
+        seed: int,
+        base: Path | str | None = None,
+    ):
         self.data, self.experiment = data, dict(experiment)
         self.layers = checkpoints.architecture(experiment, settings)
         train = data.of_split("train")
@@ -212,6 +221,7 @@ class ReconstructionLearner(Learner):
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(seed)
             model = checkpoints.build(experiment, self.layers)
+        self.base = checkpoints.continue_from(model, base) if base else None
         super().__init__(model, settings, seed, len(train), len(validation_samples))
 
     def on_fit_start(self) -> None:
@@ -244,13 +254,20 @@ class ReconstructionLearner(Learner):
         vertices = model(batch)
         self.check_finite("the prediction", vertices, batch_samples)
         points = self.settings["validation_points" if validation else "loss_points"]
+        # Charts that do not move give no gradient, but would be the nearest to many true points at the start.
+        faces = model.faces if validation else model.moving_faces
         with torch.autocast(self.device.type, enabled=False):
             return reconstruction_loss(
-                vertices, model.faces, self.truth, [sample.object for sample in batch_samples], points, generator
+                vertices, faces, self.truth, [sample.object for sample in batch_samples], points, generator
             )
 
     def described(self):
-        return {"experiment": self.experiment, "architecture": self.layers, "data": self.data.digest}
+        return {
+            "experiment": self.experiment,
+            "architecture": self.layers,
+            "data": self.data.digest,
+            "base": self.base,
+        }
 
 
 class TouchDepthLearner(Learner):

@@ -60,6 +60,22 @@ def modality(experiment: Mapping[str, Any]) -> str:
 
 
 def settings(recipe: Mapping[str, Any], experiment: Mapping[str, Any]) -> Settings:
-    """How to train one experiment: `reconstruction` with what its modality, then its strategy, change."""
+    """How to train one experiment: `reconstruction` with what its modality, its strategy, then its row change.
+
+    An experiment that goes on from its base model has the settings of `continuation` merged over these.
+    """
+    merged = _merged(recipe, experiment)
+    if merged["architecture"] != "paper":
+        merged["architecture"] = merge(merged["architecture"], experiment.get("architecture", {}))
+    continuation = merged.pop("continuation")
+    return merge(merged, continuation) if base(recipe, experiment) else merged
+
+
+def base(recipe: Mapping[str, Any], experiment: Mapping[str, Any]) -> str | None:
+    """The name of the model that an experiment's training goes on from; None if it starts from random weights."""
+    return experiment.get("base") if _merged(recipe, experiment)["continuation"] else None
+
+
+def _merged(recipe: Mapping[str, Any], experiment: Mapping[str, Any]) -> Settings:
     merged = merge(recipe["reconstruction"], recipe["modalities"].get(modality(experiment), {}))
     return merge(merged, recipe["strategies"].get(experiment["strategy"], {}))

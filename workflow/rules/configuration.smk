@@ -36,6 +36,9 @@ try:
     )
     EXPERIMENTS = yaml.safe_load((PROJECT / "config/experiments.yaml").read_text())
     check(EXPERIMENTS, SCHEMAS / "experiments.schema.yaml", "config/experiments.yaml")
+    for name, experiment in EXPERIMENTS["experiments"].items():
+        if experiment.get("base", name) not in EXPERIMENTS["experiments"]:
+            raise ConfigError(f"config/experiments.yaml: {name} has base {experiment['base']}, which is not defined")
     RECIPE = recipes.resolve(
         PROJECT / "config/recipes.yaml",
         config["training"]["recipe"],
@@ -121,7 +124,7 @@ def stores_of(name, *more):
     Too few grasps for the experiment is an error before anything runs.
     """
     experiment = EXPERIMENTS["experiments"][name]
-    if experiment["grasps"] > config["grasps"]["per_object"]:
+    if experiment["grasps"] > config["grasps"]["per_object"] and not experiment.get("fewer_grasps"):
         raise WorkflowError(
             f"experiment {name} takes {experiment['grasps']} grasps, but the config's "
             f"grasps.per_object is {config['grasps']['per_object']}: raise it"
@@ -137,6 +140,13 @@ def stores_of(name, *more):
 
 def experiment_stores(wildcards):
     return stores_of(wildcards.experiment)
+
+
+def training_inputs(wildcards):
+    """The stores of an experiment, and the model that its training goes on from."""
+    experiment, seed = wildcards.experiment, wildcards.seed
+    base = recipes.base(RECIPE, EXPERIMENTS["experiments"][experiment])
+    return stores_of(experiment) | ({"base": f"models/{base}/seed-{seed}/best.ckpt"} if base else {})
 
 
 def ring_stores(wildcards):

@@ -10,10 +10,11 @@ except ConfigError as error:
     raise WorkflowError(str(error)) from None
 
 
-# One model of config/experiments.yaml, from just the stores that it takes arrays of (palpate/training/inputs.py).
+# One model of config/experiments.yaml, from just the stores that it takes arrays of (palpate/training/inputs.py), and
+# the base model that it goes on from.
 rule reconstruction:
     input:
-        unpack(experiment_stores),
+        unpack(training_inputs),
     output:
         model="models/{experiment}/seed-{seed}/best.ckpt",
         history="models/{experiment}/seed-{seed}/history.csv",
