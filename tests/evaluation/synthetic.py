@@ -70,14 +70,19 @@ def touches(cloud=0.01, chart=0.02, each=6, spread=0.001, rng=0):
 
 
 def published_means() -> dict[str, float]:
-    """The paper's averages: of the validation split where it has them. An experiment of a table that the paper does not
-    have (another architecture) has those of the same set-up."""
+    """The paper's averages: of the validation split where it has them."""
     means = dict(paper_values("grasps")[["experiment", "value"]].itertuples(index=False))
     for table in ("input_modalities", "model_selection"):
         frame = paper_values(table)
         frame = frame[frame["class"] == "average"]
         means |= dict(frame[["experiment", "value"]].itertuples(index=False))
-    setups = {setup(name): means[name] for name in means if name in EXPERIMENTS}
+    return means
+
+
+def means_of_tables() -> dict[str, float]:
+    """Those of the paper, and the same for experiments of the same set-up and another architecture."""
+    means = published_means()
+    setups = {setup(name): mean for name, mean in means.items()}
     of_tables = [name for table in DECLARED["tables"].values() for name in table["experiments"] if name not in means]
     return means | {name: setups[setup(name)] for name in of_tables if setup(name) in setups}
 

@@ -232,7 +232,7 @@ def test_what_is_measured_is_read_back(tmp_path, unoccluded_data):
 def test_an_image_of_several_windows_is_encoded_once(data, unoccluded_data):
     """As many images as objects go through the encoder, and every window's score is that of a model's own call."""
     experiment = {"strategy": "charts", "vision": "unoccluded", "touch": True, "grasps": 1}
-    arrays = {name: data[name] for name in ("points", "success", "position", "charts")}
+    arrays = {name: data[name] for name in ("points", "success", "position", "rotation", "charts")}
     arrays |= {"object": data.objects, "class": data.classes, "split": data.splits}
     both = TrainingData(arrays | {"unoccluded": unoccluded_data["unoccluded"]})
     trained, encoded = untrained(experiment), []
@@ -241,7 +241,8 @@ def test_an_image_of_several_windows_is_encoded_once(data, unoccluded_data):
     assert len(table) == 3 * GRASPS and sum(encoded) == 3
     for row in table.to_dict("records"):
         number, grasp = both.objects.index(row["object"]), row["window"]
-        batch = {key: torch.from_numpy(both[key][number, grasp])[None] for key in ("success", "position", "charts")}
+        keys = ("success", "position", "rotation", "charts")
+        batch = {key: torch.from_numpy(both[key][number, grasp])[None] for key in keys}
         batch["image"] = torch.from_numpy(both["unoccluded"][number]).permute(2, 0, 1)[None].float() / 255
         with torch.inference_mode():
             vertices = trained.model(batch)

@@ -14,7 +14,7 @@ CLASSES = ["bottle", "knife", "cellphone", "rifle"]
 
 @pytest.fixture(scope="module")
 def evaluations() -> pd.DataFrame:
-    means = synthetic.published_means() | {"single_image": 1.0}
+    means = synthetic.means_of_tables() | {"single_image": 1.0}
     return synthetic.evaluations(means, each=4, seeds=(0, 1), seed_spread=0.01)
 
 
@@ -56,7 +56,8 @@ def test_the_note_says_what_the_numbers_stand_on(evaluations):
 
 def test_input_modalities_state_the_papers_averages_only(evaluations):
     table = tables.input_modalities(evaluations, synthetic.of_table("input_modalities"), resamples=100)
-    assert table["average_paper"].tolist() == [0.991, 1.074, 0.804, 0.861, 3.05]
+    papers = table[table["experiment"].str.startswith("charts")]
+    assert papers["average_paper"].tolist() == [0.991, 1.074, 0.804, 0.861, 3.05]
     assert "bottle_paper" not in table and "bottle" in table
     worst = table.set_index("experiment").loc["charts_touch"]
     expected = class_means(evaluations, "charts_touch", "test")
@@ -70,7 +71,7 @@ def test_the_papers_graph_has_a_row_of_its_own_beside_the_papers_value(evaluatio
     setups |= {name.replace("charts", "graph"): setup | graph for name, setup in setups.items()}
     frame = pd.concat(
         [
-            evaluations[evaluations["experiment"].isin(setups)],
+            evaluations[evaluations["experiment"].str.startswith("charts")],
             synthetic.evaluations({"graph_occluded_touch": 1.5, "graph_touch": 4.0}, each=4, seeds=(0, 1)),
         ]
     )

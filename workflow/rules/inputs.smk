@@ -69,7 +69,9 @@ def claims_decidable():
 
 MADE = list(filter(is_made, EXPERIMENTS["tables"]))
 # The differences of experiments that are defined and see no more grasps than the run has.
-EFFECTS = effects(name for name, row in EXPERIMENTS["experiments"].items() if row["grasps"] <= config["grasps"]["per_object"])
+EFFECTS = effects(
+    name for name, row in EXPERIMENTS["experiments"].items() if row["grasps"] <= config["grasps"]["per_object"]
+)
 MODEL_TABLES = [*MADE, "local_touch_charts", *(["claims"] if claims_decidable() else [])]
 MODEL_TABLES += ["touch_effect"] if EFFECTS else []
 TRAINED = sorted({name for table in MADE for name in table_setup(table)["experiments"]})

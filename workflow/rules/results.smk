@@ -14,7 +14,17 @@ rule table:
     benchmark:
         "benchmarks/{table}.tsv"
     wildcard_constraints:
-        table="|".join([*DATASET_TABLES, *EXPERIMENT_TABLES, "local_touch_charts", "claims", "touch_effect", "tuning", *ARCHITECTURES]),
+        table="|".join(
+            [
+                *DATASET_TABLES,
+                *EXPERIMENT_TABLES,
+                "local_touch_charts",
+                "claims",
+                "touch_effect",
+                "tuning",
+                *ARCHITECTURES,
+            ]
+        ),
     params:
         settings=table_settings,
     script:
