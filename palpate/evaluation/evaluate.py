@@ -22,6 +22,7 @@ from palpate.dataset.reader import GraspRecord, ObjectRecord
 from palpate.evaluation.metrics import score, seeded
 from palpate.evaluation.rings import RINGS, SAMPLES, ring_distances, ring_points
 from palpate.evaluation.rows import COLUMNS, RING_COLUMNS, SPLITS, TOUCH_COLUMNS, EvaluationError
+from palpate.evaluation.surface_quality import plane_normals, surface_quality, topology
 from palpate.models import Reconstruction, TouchDepth
 from palpate.training import Assembler, Machine, Sample, TrainingData, windows
 from palpate.training.losses import sheet
@@ -71,15 +72,18 @@ def evaluate(
     models differ by their meshes only. `seconds` is the prediction's time, an equal share of its batch's. Raises
     EvaluationError, naming the object, for a prediction that is not finite.
     """
-    rows, tree, last = [], None, None
-    truth = torch.from_numpy(data["points"]).to(trained.device)
+    rows, last = [], None
+    surface = topology(trained.experiment["strategy"])
     for sample, vertices, seconds in predictions(trained, data, splits):
         name = data.objects[sample.object]
-        cloud = truth[sample.object]
         if last != sample.object:
-            tree, last = build_tree(cloud) if cloud.device.type == "cpu" else None, sample.object
-        predicted = _sampled(trained, vertices, points, name)
-        rows.append(_row(trained, data, sample) | score(predicted, cloud, tree)._asdict() | {"seconds": seconds})
+            points_of_object = data["points"][sample.object]
+            cloud = torch.from_numpy(points_of_object).to(trained.device)
+            tree, last = build_tree(cloud), sample.object
+            normals = plane_normals(points_of_object, tree)
+        scores = score(_sampled(trained, vertices, points, name), cloud, tree)
+        quality = surface_quality(vertices.cpu().numpy(), surface, tree, normals)
+        rows.append(_row(trained, data, sample) | scores._asdict() | quality._asdict() | {"seconds": seconds})
     return pd.DataFrame(rows, columns=COLUMNS)
 
 

@@ -15,7 +15,7 @@ import pandas as pd
 from palpate.charts import CHAMFER_SCALE
 from palpate.evaluation.metrics import PIXEL2MESH_SCALE, TAU, pixel2mesh_chamfer
 from palpate.evaluation.rings import RINGS
-from palpate.evaluation.rows import EvaluationError
+from palpate.evaluation.rows import QUALITY, EvaluationError
 from palpate.results.bootstrap import RESAMPLES, Estimate
 from palpate.results.errors import AVERAGE, Errors, errors
 from palpate.results.published import paper_values
@@ -31,6 +31,13 @@ VISION_NAMES = {"occluded": "occluded", "unoccluded": "unoccluded", "views": "vi
 PAPER_OBJECTS = {"validation": 258, "test": 175}  # supplement, Dataset Statistics
 TOUCH_PARTS = {"cloud": "local point cloud", "chart": "touch chart"}
 STEPS_NOTE = " The paper trained for at most 260 epochs in batches of 16."
+QUALITY_LABELS = {"bend": "bend_degrees", "folded": "folded_percent", "gap": "gap_mm", "across": "across_degrees"}
+QUALITY_NOTE = (
+    " bend: mean angle between adjacent faces of a chart; folded: pairs of them bent by more than 90 degrees; gap: mean "
+    "distance of boundary vertices that the initial sphere joins; across: mean angle between a face and the true "
+    "surface. Vision charts only."
+)
+
 # Name -> strategy, vision, touch, grasps and what else, as in config/experiments.yaml.
 Experiments = Mapping[str, Mapping[str, Any]]
 SETUP = ("strategy", "vision", "touch", "grasps")  # what makes a row of the paper's tables
@@ -250,6 +257,21 @@ def single_image(
         "renderings: not this run's objects."
     )
     return _finish(rows, split, found, note, decimals=2, exact={"chamfer": 3})
+
+
+def surface_quality(
+    evaluations: pd.DataFrame, experiments: Experiments, split: str = "test", resamples: int = RESAMPLES
+) -> pd.DataFrame:
+    """How smooth predicted surfaces are, on average over classes: the columns that
+    `palpate.evaluation.surface_quality` explains. The paper states nothing of it."""
+    scores = {column: errors(evaluations, list(experiments), split, column) for column in QUALITY}
+    rows = []
+    for name, setup in experiments.items():
+        row: dict[str, Any] = {"experiment": name, **_inputs(setup)}
+        for column, label in QUALITY_LABELS.items():
+            row |= _columns(label, scores[column].estimate([name], resamples=resamples))
+        rows.append(row | size_columns(scores["bend"], name))
+    return _finish(rows, split, scores["bend"], QUALITY_NOTE, decimals=1)
 
 
 def tuning(points: Sequence[Mapping[str, Any]], trained: Sequence[Mapping[str, Any]]) -> pd.DataFrame:

@@ -38,7 +38,10 @@ def evaluations(means: dict[str, float], each=6, seeds=(0,), spread=0.02, window
                 for (name, kind), harder in zip(names, hard, strict=True):
                     for window in range(windows):
                         error = mean + harder + shift + rng.normal(0, spread)
-                        rows.append((experiment, seed, name, kind, split, window, error, 50.0, 70.0, 0.1, 700))
+                        quality = 20 + error, 1.0, 2.0, 30.0
+                        rows.append(
+                            (experiment, seed, name, kind, split, window, error, 50.0, 70.0, *quality, 0.1, 700)
+                        )
     return pd.DataFrame(rows, columns=COLUMNS)
 
 

@@ -9,7 +9,7 @@ import torch
 import trimesh
 
 from palpate import Dataset, store
-from palpate.charts import build_tree, sample_faces, touch_chart
+from palpate.charts import build_tree, sample_faces, touch_chart, vision_atlas
 from palpate.evaluation import evaluate as evaluation
 from palpate.evaluation.evaluate import Trained, evaluate, evaluate_rings, evaluate_touch, training_steps
 from palpate.evaluation.metrics import score, seeded
@@ -129,6 +129,8 @@ def test_every_sample_is_scored_against_its_own_object(data):
         pairs = torch.cdist(points.double(), torch.from_numpy(data["points"][number]).double()) ** 2
         naive = 9000 * (pairs.amin(dim=0).mean() + pairs.amin(dim=1).mean())
         assert row["chamfer"] == pytest.approx(float(naive), rel=1e-3)
+        mesh = trimesh.Trimesh(vertices[0].numpy(), vision_atlas().faces.numpy(), process=False)
+        assert row["bend"] == pytest.approx(np.degrees(mesh.face_adjacency_angles).mean(), rel=1e-3)
 
 
 def test_it_does_not_depend_on_how_many_are_predicted_together(data, monkeypatch):

@@ -67,7 +67,7 @@ def test_the_interval_pairs_seeds_and_objects():
             base = 1 + rng.normal(0, 0.5)
             for name, kind in synthetic.objects(4):
                 for experiment, shift in (("charts_occluded", 0), ("charts_occluded_touch", difference)):
-                    rows.append((experiment, seed, name, kind, split, 0, base + shift, 50.0, 70.0, 0.1, 700))
+                    rows.append((experiment, seed, name, kind, split, 0, base + shift, *[1.0] * 6, 0.1, 700))
     table = touch_effect(pd.DataFrame(rows, columns=COLUMNS), resamples=20_000)
     found = row(table, "Touch beside occluded vision", "test")
     low, high = stats.t.interval(0.95, 2, np.mean(differences), stats.sem(differences))

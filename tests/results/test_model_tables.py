@@ -100,6 +100,14 @@ def test_tables_say_how_far_two_seeds_differ(evaluations):
     assert "objects only" in alone.attrs["note"] and "objects only" not in table.attrs["note"]
 
 
+def test_surface_quality_has_the_average_of_each_number(evaluations):
+    table = tables.surface_quality(evaluations, synthetic.of_table("input_modalities"), resamples=100)
+    row = table.set_index("experiment").loc["charts_occluded_touch"]
+    assert row["bend_degrees"] == pytest.approx(class_means(evaluations, row.name, "test", "bend").mean())
+    assert [row[name] for name in ("folded_percent", "gap_mm", "across_degrees")] == [1.0, 2.0, 30.0]
+    assert row["bend_degrees_low"] < row["bend_degrees"] < row["bend_degrees_high"]
+
+
 def test_grasps_have_a_row_a_setup(evaluations):
     table = tables.grasps(evaluations, synthetic.of_table("grasps"), resamples=100).set_index("input")
     assert list(table.index) == ["unoccluded vision + touch", "touch"]

@@ -74,6 +74,7 @@ EFFECTS = effects(
 )
 MODEL_TABLES = [*MADE, "local_touch_charts", *(["claims"] if claims_decidable() else [])]
 MODEL_TABLES += ["touch_effect"] if EFFECTS else []
+MODEL_TABLES += ["surface_quality"] if "input_modalities" in MADE else []
 TRAINED = sorted({name for table in MADE for name in table_setup(table)["experiments"]})
 # They show meshes and hands.
 DATASET_FIGURES = [] if RELEASED else ["data_point", "grasp_steps", *expand("examples_{name}", name=CLASS_COUNTS)]
@@ -113,6 +114,8 @@ def table_inputs(wildcards):
             return {"evaluations": evaluations_of(names)}
         case "tuning":
             return {"trainings": expand("tuning/{point}/training.json", point=TUNING.instance_patterns)}
+        case "surface_quality":
+            return {"evaluations": evaluations_of(table_setup("input_modalities")["experiments"])}
         case table if table in ARCHITECTURES:  # read off the modules themselves
             return {}
         case table:
@@ -127,6 +130,8 @@ def table_settings(wildcards):
             return {"resamples": config["evaluation"]["resamples"]}
         case "tuning":
             return {"points": TUNING.dataframe.to_dict("records")}
+        case "surface_quality":
+            return table_setup("input_modalities")
         case table if table in EXPERIMENT_TABLES:
             return table_setup(table)
         case _:

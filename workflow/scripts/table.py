@@ -11,6 +11,7 @@ single_image              reconstruction from single images, Pixel2Mesh's protoc
 local_touch_charts        Chamfer distance (m^2 x 9000) of local predictions, by class
 claims                    this run's verdict on each claim of the paper that a number decides
 touch_effect              what touch, grasps, copying and communication change, on both splits, beside the paper's
+surface_quality           angles between faces, torn charts and faces across the true surface, by input
 tuning                    the grid of hyperparameters: the result of each of its points, the best first
 architectures/<model>     layers of the live module beside the paper's
 """
