@@ -11,7 +11,9 @@ SPLITS = ("validation", "test")  # that models are measured on
 
 # A row a sample: one object with one window of its grasps, or one image of it.
 _SAMPLE = ("experiment", "seed", "object", "class", "split", "window")
-COLUMNS = (*_SAMPLE, "chamfer", "f1_tau", "f1_2tau", "seconds", "steps")
+SCORES = ("chamfer", "f1_tau", "f1_2tau")
+QUALITY = ("bend", "folded", "gap", "across")  # palpate.evaluation.surface_quality
+COLUMNS = (*_SAMPLE, *SCORES, *QUALITY, "seconds", "steps")
 # A row a sample, successful touch and ring.
 RING_COLUMNS = (*_SAMPLE, "grasp", "sensor", "ring", "points", "distance", "steps")
 # A row a successful touch.

@@ -49,7 +49,12 @@ class ImageEncoder(nn.Module):
         self.channels = [widths[number - 1] for number in pool]
 
     def forward(self, image: torch.Tensor) -> list[torch.Tensor]:
-        """(B, 3, H, W) image in [0, 1] -> the pooled layers' maps, each (B, channels, h, w)."""
+        """(B, 3, H, W) image in [0, 1] -> the pooled layers' maps, each (B, channels, h, w).
+
+        One image that is expanded to B samples (`Tensor.expand`) is encoded once.
+        """
+        if len(image) > 1 and image.stride(0) == 0:
+            return [features.expand(len(image), -1, -1, -1) for features in self(image[:1])]
         maps = []
         for number, layer in enumerate(self.layers, start=1):
             image = layer(image)

@@ -1,5 +1,5 @@
 # Which tables, figures and reports there are, and just the files that each is made from.
-from palpate.results.published import OF_EXPERIMENTS, paper_values, published_experiments
+from palpate.results.published import OF_EXPERIMENTS, effects, paper_values, published_experiments
 from studies import items as report_items
 from studies.subjects import round_robin
 
@@ -66,7 +66,13 @@ def claims_decidable():
 
 
 MADE = list(filter(is_made, EXPERIMENTS["tables"]))
+# The differences of experiments that are defined and see no more grasps than the run has.
+EFFECTS = effects(
+    name for name, row in EXPERIMENTS["experiments"].items() if row["grasps"] <= config["grasps"]["per_object"]
+)
 MODEL_TABLES = [*MADE, "local_touch_charts", *(["claims"] if claims_decidable() else [])]
+MODEL_TABLES += ["touch_effect"] if EFFECTS else []
+MODEL_TABLES += ["surface_quality"] if "input_modalities" in MADE else []
 TRAINED = sorted({name for table in MADE for name in table_setup(table)["experiments"]})
 # They show meshes and hands.
 DATASET_FIGURES = [] if RELEASED else ["data_point", "grasp_steps", *expand("examples_{name}", name=CLASS_COUNTS)]
@@ -104,8 +110,13 @@ def table_inputs(wildcards):
                 "rings": rings_of(published_experiments("extrapolation")),
                 "touches": "evaluations/touch_depth.csv",
             }
+        case "touch_effect":
+            names = sorted({row[key] for row in EFFECTS for key in ("experiment", "compared_with")})
+            return {"evaluations": evaluations_of(names)}
         case "tuning":
             return {"trainings": expand("tuning/{point}/training.json", point=TUNING.instance_patterns)}
+        case "surface_quality":
+            return {"evaluations": evaluations_of(table_setup("input_modalities")["experiments"])}
         case table if table in ARCHITECTURES:  # read off the modules themselves
             return {}
         case table:
@@ -117,10 +128,12 @@ def table_settings(wildcards):
     match wildcards.table:
         case "local_touch_charts":
             return {"split": "test", "resamples": config["evaluation"]["resamples"]}
-        case "claims":
+        case "claims" | "touch_effect":
             return {"resamples": config["evaluation"]["resamples"]}
         case "tuning":
             return {"points": TUNING.dataframe.to_dict("records")}
+        case "surface_quality":
+            return table_setup("input_modalities")
         case table if table in EXPERIMENT_TABLES:
             return table_setup(table)
         case _:
