@@ -13,6 +13,7 @@ from torch import nn
 from palpate.camera import IMAGE_SIZE, paper_camera
 from palpate.charts.atlas import ATLAS_RADIUS, TOUCH_VERTICES, chart_faces, sphere, vision_atlas
 from palpate.charts.graph import Graph
+from palpate.charts.sample import sample_faces
 from palpate.hand import SENSORS
 from palpate.mesh import OBJECT_POSITION
 from palpate.models.encoder import ImageEncoder, ReadingEncoder
@@ -174,6 +175,14 @@ class Reconstruction(nn.Module):
             moved = positions + self.scale * self.gcn(self.concatenate(*features), self.graph)
             positions = moved if enforced is None else torch.where(enforced, positions, moved)
         return positions
+
+    def mesh(self, prediction: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        """One sample's prediction as a mesh: its vertices (V, 3), metres, world frame, and `faces`."""
+        return prediction, self.faces
+
+    def sample(self, prediction: torch.Tensor, n: int, generator: torch.Generator | None = None) -> torch.Tensor:
+        """Points (B, n, 3) on the meshes whose vertices `forward` predicts, uniform by area."""
+        return sample_faces(prediction, self.faces, n, generator)
 
     def check(self, batch: Mapping[str, torch.Tensor]) -> None:
         """Raises ValueError if a key is missing, of another shape, or has NaN or infinite values.

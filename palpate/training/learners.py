@@ -19,8 +19,9 @@ from torch import Tensor
 from palpate.models import TouchDepth
 from palpate.training import checkpoints
 from palpate.training.data import TrainingData, TrainingDataError
-from palpate.training.losses import Truth, reconstruction_loss, touch_depth_loss, touched
+from palpate.training.losses import Truth, cloud_loss, touch_depth_loss, touched
 from palpate.training.samples import Assembler, shuffled, spread, training_samples, windows
+from palpate.training.single_image import LOSSES
 from palpate.training.touches import Touches
 
 log = logging.getLogger(__name__)
@@ -241,13 +242,16 @@ class ReconstructionLearner(Learner):
             key: value.to(dtype) if value.is_floating_point() else value
             for key, value in self.assemble(batch_samples).items()
         }
-        vertices = model(batch)
-        self.check_finite("the prediction", vertices, batch_samples)
+        loss = None if validation else LOSSES.get(self.experiment["strategy"])
+        predictions = model.stages(batch) if loss else [model(batch)]
+        for prediction in predictions:
+            self.check_finite("the prediction", prediction, batch_samples)
         points = self.settings["validation_points" if validation else "loss_points"]
+        against = self.truth, [sample.object for sample in batch_samples], points, generator
         with torch.autocast(self.device.type, enabled=False):
-            return reconstruction_loss(
-                vertices, model.faces, self.truth, [sample.object for sample in batch_samples], points, generator
-            )
+            if loss:
+                return loss(model, predictions, *against)
+            return cloud_loss(model.sample(predictions[-1].to(dtype), points, generator), *against)
 
     def described(self):
         return {"experiment": self.experiment, "architecture": self.layers, "data": self.data.digest}

@@ -60,6 +60,12 @@ def modality(experiment: Mapping[str, Any]) -> str:
 
 
 def settings(recipe: Mapping[str, Any], experiment: Mapping[str, Any]) -> Settings:
-    """How to train one experiment: `reconstruction` with what its modality, then its strategy, change."""
+    """How to train one experiment: `reconstruction` with what its modality, then its strategy, change.
+
+    Its steps, epochs and the steps between evaluations are then multiplied by `steps_factor`, if there is one.
+    """
     merged = merge(recipe["reconstruction"], recipe["modalities"].get(modality(experiment), {}))
-    return merge(merged, recipe["strategies"].get(experiment["strategy"], {}))
+    merged = merge(merged, recipe["strategies"].get(experiment["strategy"], {}))
+    factor = merged.pop("steps_factor", 1)
+    lengths = ("steps", "epochs", "evaluate_every")
+    return merged | {key: merged[key] and max(1, round(factor * merged[key])) for key in lengths}
