@@ -185,7 +185,8 @@ class Voxels(SingleImageModel):
             nn.ConvTranspose3d(coarse, fine, 4, stride=2, padding=1)
             for coarse, fine in zip(channels, channels[1:], strict=False)
         )
-        self.cells = nn.Conv3d(channels[-1], 1, KERNEL, padding=1)
+        # With stride 1 the transposed convolution is a convolution, and on a processor 20 times as fast as torch's.
+        self.cells = nn.ConvTranspose3d(channels[-1], 1, KERNEL, padding=1)
 
     def stages(self, batch):
         """(B, 32, 32, 32), along x, y, z: log-odds that a cell is occupied."""

@@ -47,7 +47,7 @@ def deformed_sphere_loss(
         there = (vertices - at).square().sum(dim=2).mean(dim=1)
         back = one_sided_distance([subsample(cloud, n, generator) for cloud in clouds], vertices)
         edges = vertices[:, model.edges[:, 0]] - vertices[:, model.edges[:, 1]]
-        change = laplacian(vertices, model.edges) - laplacian(before, model.edges)
+        change = laplacian(vertices - before, model.edges)  # the coordinates are linear in the vertices
         normal = torch.stack([of[i] for of, i in zip(normals, index, strict=True)])
         total = (
             total
