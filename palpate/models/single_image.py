@@ -56,8 +56,20 @@ class SingleImageModel(nn.Module, ABC):
         """The prediction (B, ...), as `stages` describes it.
 
         batch: `image` (B, 3, S, S) in [0, 1], and `camera` (B, 3, 4) from the world (m) to homogeneous pixels.
+
+        Raises ValueError if one is missing or of another shape, or the image is too small for the encoder.
         """
         return self.stages(batch)[-1]
+
+    def maps(self, batch: Mapping[str, Tensor]) -> list[Tensor]:
+        """The encoder's maps of the images; raises what `forward` raises."""
+        image, camera = (tuple(getattr(batch.get(key), "shape", ())) for key in ("image", "camera"))
+        if len(image) != 4 or image[1] != 3 or image[2] != image[3]:
+            raise ValueError(f"image has shape {image}, expected (B, 3, S, S)")
+        if camera != (image[0], 3, 4):
+            raise ValueError(f"camera has shape {camera}, expected ({image[0]}, 3, 4)")
+        self.encoder.sizes(image[-1])
+        return self.encoder(batch["image"])
 
     @abstractmethod
     def stages(self, batch: Mapping[str, Tensor]) -> list[Tensor]:
@@ -96,7 +108,7 @@ class PointSet(SingleImageModel):
 
     def stages(self, batch):
         """The points (B, N, 3) m, world frame."""
-        *maps, x = self.encoder(batch["image"])
+        *maps, x = self.maps(batch)
         of_code = self.points(self.code(x)).unflatten(1, (-1, 3))
         for up, skip, mix, features in zip(self.up, self.skip, self.mix, maps[::-1], strict=True):
             x = torch.relu(up(x, output_size=features.shape[2:]) + skip(features))
@@ -148,8 +160,8 @@ class DeformedSphere(SingleImageModel):
 
     def stages(self, batch):
         """The vertices (B, V, 3) m, world frame, after each block."""
-        image = batch["image"]
-        maps, camera = self.encoder(image), relative_camera(batch["camera"].to(image.dtype), image.shape[-1])
+        maps, image = self.maps(batch), batch["image"]
+        camera = relative_camera(batch["camera"].to(image.dtype), image.shape[-1])
         positions = self.start[:, None].expand(-1, len(image), -1)
         stages = []
         for block in self.blocks:
@@ -190,7 +202,7 @@ class Voxels(SingleImageModel):
 
     def stages(self, batch):
         """(B, 32, 32, 32), along x, y, z: log-odds that a cell is occupied."""
-        x = self.base(self.code(self.encoder(batch["image"])[-1])).unflatten(1, (-1, BASE, BASE, BASE))
+        x = self.base(self.code(self.maps(batch)[-1])).unflatten(1, (-1, BASE, BASE, BASE))
         for up in self.up:
             x = functional.leaky_relu(up(functional.leaky_relu(x, SLOPE)), SLOPE)
         return [self.cells(x)[:, 0]]
