@@ -41,10 +41,12 @@ def main() -> None:
     recipe = recipes.resolve(PROJECT / "config/recipes.yaml", options.recipe, options.override, schema)
     data = TrainingData.load(options.run, experiments[OURS], ("train", "validation"))
     trainings = {name: Training(data, experiment, recipe) for name, experiment in experiments.items()}
-    # An object's tree, normals and cells are made once, in its first step.
+    # An object's tree, normals and cells are made once, in its first step: here before all.
+    truth = trainings[OURS].learner.truth
+    for derive in (truth.trees, truth.normals, truth.occupied):
+        derive(data.of_split("train"))
     for each in trainings.values():
-        for derived in (each.learner.truth.trees, each.learner.truth.normals, each.learner.truth.occupied):
-            derived(data.of_split("train"))
+        each.learner.truth = truth
     seconds = {name: [] for name in trainings}
     for number in range(options.steps):
         for name, each in trainings.items():
