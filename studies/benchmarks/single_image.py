@@ -1,6 +1,7 @@
 """Processor time of a training step of every experiment of the single-image table, and the steps for equal time.
 
     python -m studies.benchmarks.single_image results/<run> [--recipe fast] [--steps 40] [--override YAML]
+    python -m studies.benchmarks.single_image results/<run> --limits     what true cells and true points score
 
 The experiments take turns, a step each, so that other work on the machine slows all alike. `steps_factor` of
 config/recipes.yaml is the last column. The run needs its stores `surface` and `views`.
@@ -18,13 +19,18 @@ import torch
 import yaml
 from tabulate import tabulate
 
-from palpate import training
-from palpate.training import recipes
+from palpate import Dataset, training
+from palpate.charts import sample_faces
+from palpate.evaluation.evaluate import POINTS
+from palpate.evaluation.metrics import pixel2mesh_chamfer, score, seeded
+from palpate.models.single_image import grid_surface, occupied
+from palpate.training import inputs, recipes
 from palpate.training.data import TrainingData
 from palpate.training.samples import training_samples
 
 PROJECT = Path(__file__).parents[2]
 OURS = "single_image"
+LEVELS, COUNTS = (0.4, 0.5, 0.7, 0.9), (1024, 1481)
 
 
 def main() -> None:
@@ -33,8 +39,14 @@ def main() -> None:
     parser.add_argument("--recipe", default="fast")
     parser.add_argument("--steps", type=int, default=40, help="the first quarter warms up")
     parser.add_argument("--override", type=yaml.safe_load, default={}, help="of the recipe, as training.override")
+    parser.add_argument("--limits", action="store_true", help="score the truth as these networks represent it")
     options = parser.parse_args()
     torch.set_num_threads(1)
+    if options.limits:
+        points = [item for item in inputs.INPUTS if item.name == "points"]
+        data = TrainingData.read(Dataset(options.run, [points[0].stage]), points, ["validation"])
+        print(tabulate(limits(data), ("truth", "Chamfer distance", "F1 at tau", "F1 at 2 tau"), "github"))
+        return
     declared = yaml.safe_load((PROJECT / "config/experiments.yaml").read_text())
     experiments = {name: declared["experiments"][name] for name in declared["tables"]["single_image"]["experiments"]}
     schema = PROJECT / "workflow/schemas/recipes.schema.yaml"
@@ -57,6 +69,24 @@ def main() -> None:
         parameters = sum(weights.numel() for weights in each.learner.model.parameters())
         rows.append((name, f"{parameters:,}", f"{1e3 * middle[name]:.0f}", f"{middle[OURS] / middle[name]:.2f}"))
     print(tabulate(rows, ("experiment", "parameters", "ms a step", "steps for equal time"), "github"))
+
+
+def limits(data: TrainingData) -> list[tuple]:
+    """Scores of true cells and of some of the true points, by the table's protocol, averaged over the objects."""
+    scores: dict[str, list[tuple]] = {}
+    for points in torch.from_numpy(data["points"]):
+        cells, order = occupied(points).numpy(), torch.randperm(len(points), generator=seeded(0, "limits"))
+        for level in LEVELS:
+            vertices, faces = map(torch.from_numpy, grid_surface(cells, level))
+            sampled = sample_faces(vertices[None], faces, POINTS, seeded(0, "limits"))[0]
+            scores.setdefault(f"cells, level {level}", []).append(score(sampled, points))
+        some, others = points[order[: len(order) // 2]], points[order[len(order) // 2 :]]
+        for count in COUNTS:
+            scores.setdefault(f"{count} points, against {len(others)} others", []).append(score(some[:count], others))
+    means = {name: torch.tensor(found, dtype=torch.float64).mean(dim=0).tolist() for name, found in scores.items()}
+    return [
+        (name, f"{pixel2mesh_chamfer(one):.3f}", f"{f1:.1f}", f"{two:.1f}") for name, (one, f1, two) in means.items()
+    ]
 
 
 class Training:
