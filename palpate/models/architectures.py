@@ -42,7 +42,8 @@ PAPER_ARCHITECTURES: dict[str, dict[str, Any]] = {
 # their publications state, after the encoder that the paper has for single images.
 _ENCODER = {key: value for key, value in PAPER_ARCHITECTURES["single_image"]["encoder"].items() if key != "project"}
 SINGLE_IMAGE_ARCHITECTURES: dict[str, dict[str, Any]] = {
-    "psg": {"encoder": _ENCODER, "decoder": {"hidden": 2048, "points": 256}},
+    # A map of each block, as the deconvolutions take them.
+    "psg": {"encoder": _ENCODER | {"pool": [10, 15, 20, 25]}, "decoder": {"hidden": 2048, "points": 256}},
     "pixel2mesh": {
         "encoder": _ENCODER,
         "gcn": {"layers": 14, "width": 128},

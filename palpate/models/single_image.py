@@ -11,6 +11,7 @@ All have the image encoder of `Reconstruction`. docs/single_image.md says what e
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
+from itertools import pairwise
 from typing import Any
 
 import igl
@@ -92,15 +93,21 @@ class PointSet(SingleImageModel):
     its size. Every cell of the last one gives a point. Points are predicted in the view's frame, about the object.
 
     architecture: its `decoder` has `hidden`, the width of the fully connected layer, and `points`, how many
-    the branch gives.
+    the branch gives. The encoder has padding 1, and its pooled maps are of blocks that follow each other.
     """
 
     def __init__(self, architecture: Mapping[str, Any]):
         super().__init__(architecture)
+        steps = [step for _, step in self.encoder.centres()]
+        if self.encoder.padding != 1 or any(after != 2 * before for before, after in pairwise(steps)):
+            raise ValueError(
+                "psg: each pooled map must be half as wide as the one before: set the encoder's padding to 1, and pool "
+                "to one layer of each of its last blocks"
+            )
         decoder, widths = architecture["decoder"], self.encoder.channels[::-1]
         self.code = image_code(widths[0], decoder["hidden"])
         self.points = nn.Linear(decoder["hidden"], 3 * decoder["points"])
-        pairs = list(zip(widths, widths[1:], strict=False))
+        pairs = list(pairwise(widths))
         self.up = nn.ModuleList(nn.ConvTranspose2d(deep, flat, KERNEL, stride=2, padding=1) for deep, flat in pairs)
         self.skip = nn.ModuleList(nn.Conv2d(flat, flat, KERNEL, padding=1) for _, flat in pairs)
         self.mix = nn.ModuleList(nn.Conv2d(flat, flat, KERNEL, padding=1) for _, flat in pairs)
@@ -194,8 +201,7 @@ class Voxels(SingleImageModel):
         self.code = image_code(self.encoder.channels[-1], decoder["hidden"])
         self.base = nn.Linear(decoder["hidden"], channels[0] * BASE**3)
         self.up = nn.ModuleList(
-            nn.ConvTranspose3d(coarse, fine, 4, stride=2, padding=1)
-            for coarse, fine in zip(channels, channels[1:], strict=False)
+            nn.ConvTranspose3d(coarse, fine, 4, stride=2, padding=1) for coarse, fine in pairwise(channels)
         )
         # With stride 1 the transposed convolution is a convolution, and on a processor 20 times as fast as torch's.
         self.cells = nn.ConvTranspose3d(channels[-1], 1, KERNEL, padding=1)

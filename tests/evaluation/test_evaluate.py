@@ -143,7 +143,9 @@ def test_the_published_single_image_networks_are_measured_by_the_same_protocol(d
     arrays["camera"] = cameras.reshape(len(SPLITS), GRASPS, 3, 4)
     torch.manual_seed(MODEL_SEED)
     decoder = {"hidden": 8, "points": 50, "channels": [4, 4, 4, 4], "level": 0.5}
-    model = SINGLE_IMAGE_MODELS[strategy](SMALL | {"decoder": decoder}).eval()
+    model = SINGLE_IMAGE_MODELS[strategy](
+        SMALL | {"encoder": SMALL["encoder"] | {"padding": 1}, "decoder": decoder}
+    ).eval()
     experiment = {"strategy": strategy, "vision": "views", "touch": False, "grasps": 1}
     table = evaluate(Trained(model, "model", experiment, 3, 700), TrainingData(arrays), points=300)
     assert table["object"].tolist() == [name for name in list(SPLITS)[1:] for _ in range(GRASPS)]

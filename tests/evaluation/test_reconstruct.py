@@ -21,7 +21,10 @@ from tests.models.batches import SMALL
 from tests.results.conftest import ATTRIBUTES, BATCH, build_run
 
 ARCHITECTURE = SMALL | {"gcn": {"layers": 3, "width": 12}, "last_layer_scale": 1.0}
-ARCHITECTURE |= {"decoder": {"hidden": 8, "points": 50, "channels": [4, 4, 4, 4], "level": 0.5}}
+ARCHITECTURE |= {
+    "encoder": SMALL["encoder"] | {"padding": 1},
+    "decoder": {"hidden": 8, "points": 50, "channels": [4, 4, 4, 4], "level": 0.5},
+}
 EXPERIMENTS = {
     "charts_occluded_touch": {"strategy": "charts", "vision": "occluded", "touch": True, "grasps": 1},
     "no_copy_unoccluded_touch": {"strategy": "no_copy", "vision": "unoccluded", "touch": True, "grasps": 1},

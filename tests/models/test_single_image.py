@@ -230,3 +230,13 @@ def test_the_published_sizes_on_the_papers_encoder():
     assert isinstance(models["r2n2"], Voxels) and models["r2n2"].base.in_features == 1024
     encoder = PAPER_ARCHITECTURES["single_image"]["encoder"]
     assert all(len(model.encoder.layers) == sum(encoder["layers"]) for model in models.values())
+    images = {"image": torch.rand(1, 3, 137, 137), "camera": batch(1)["camera"].float()}
+    with torch.inference_mode():
+        shapes = {name: tuple(model(images).shape) for name, model in models.items()}
+    assert shapes == {"psg": (1, 256 + 35 * 35, 3), "pixel2mesh": (1, 1154, 3), "r2n2": (1, 32, 32, 32)}
+
+
+@pytest.mark.parametrize("wrong", [{"padding": 0}, {"layers": [1, 2], "pool": [2, 3]}])
+def test_the_points_need_maps_that_halve(wrong):
+    with pytest.raises(ValueError, match="half as wide"):
+        built("psg", encoder=ENCODER | wrong)
