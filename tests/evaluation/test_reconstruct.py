@@ -14,7 +14,7 @@ from palpate import store, vision
 from palpate.dataset import Dataset
 from palpate.evaluation import reconstruct
 from palpate.evaluation.reconstruct import GraspTouches, ReconstructionError, Reconstructor
-from palpate.models import TouchDepth
+from palpate.models import SINGLE_IMAGE_MODELS, TouchDepth
 from palpate.store import StoreError
 from palpate.training import Assembler, CheckpointError, Sample, TrainingData, checkpoints, object_charts
 from tests.models.batches import SMALL
@@ -64,6 +64,8 @@ def run(tmp_path_factory):
     checkpoints.save(folder / "models/touch_depth/best.ckpt", "touch_depth", unet, {"width": 4})
     for name, experiment in EXPERIMENTS.items():
         model = checkpoints.build(experiment, ARCHITECTURE)
+        if experiment["strategy"] == "r2n2":  # untrained, all cells are as probable, whatever the image
+            torch.nn.init.normal_(model.cells.weight, std=1e3)
         described = {"experiment": experiment, "architecture": ARCHITECTURE}
         checkpoints.save(folder / f"models/{name}/seed-0/best.ckpt", "reconstruction", model, described)
     touch = store.read(folder / f"touch/{BATCH}.zarr")
@@ -114,9 +116,6 @@ def of_data(run, name, sample):
         ("charts_occluded", (1,), 0),
         ("charts_touch_2", (1, 0), 0),
         ("single_image", (), 1),
-        ("single_image_psg", (), 1),
-        ("single_image_pixel2mesh", (), 1),
-        ("single_image_r2n2", (), 1),
     ],
 )
 def test_a_record_gives_what_its_training_data_give(run, dataset, name, grasps, view):
@@ -129,7 +128,26 @@ def test_a_record_gives_what_its_training_data_give(run, dataset, name, grasps, 
     np.testing.assert_array_equal(shape.faces, faces)
     assert vertices.std(axis=0).min() > 0.01  # the prediction is a shape, and another object's is another
     other, _ = of_data(run, name, Sample(0, grasps, view))
-    assert other.shape != vertices.shape or np.abs(other - vertices).max() > 1e-4
+    assert np.abs(other - vertices).max() > 1e-4
+
+
+@pytest.mark.parametrize("strategy", SINGLE_IMAGE_MODELS)
+def test_a_view_gives_what_a_published_network_predicts_for_it(run, dataset, strategy, tmp_path):
+    """Its mesh, or its points without faces, and that as a file."""
+    name = f"single_image_{strategy}"
+    model = Reconstructor(folder_of(run, name))
+    image, touches, camera = reconstruct.of_object(dataset["knife-0000"], model.experiment, None, 1)
+    shape = model(image, touches, camera)
+    vertices, faces = of_data(run, name, Sample(1, (), 1))
+    np.testing.assert_allclose(shape.vertices, vertices, atol=1e-6)
+    np.testing.assert_array_equal(shape.faces, faces)
+    assert len(vertices) and (len(faces) > 0) == (strategy != "psg")
+    other, _ = of_data(run, name, Sample(1, (), 0))
+    assert other.shape != vertices.shape or np.abs(other - vertices).max() > 1e-5
+    mesh = reconstruct.reconstruct(image, camera=camera, model=folder_of(run, name))
+    mesh.export(tmp_path / "x.ply")
+    read = trimesh.load(tmp_path / "x.ply", process=False)
+    np.testing.assert_allclose(read.vertices, vertices, atol=1e-6)
 
 
 def test_charts_without_touch_are_left_out_where_they_are_only_copied(run, dataset):
