@@ -23,7 +23,7 @@ from palpate.evaluation.metrics import score, seeded
 from palpate.evaluation.rings import RINGS, SAMPLES, ring_distances, ring_points
 from palpate.evaluation.rows import COLUMNS, RING_COLUMNS, SPLITS, TOUCH_COLUMNS, EvaluationError
 from palpate.evaluation.surface_quality import plane_normals, surface_quality, topology
-from palpate.models import Reconstruction, TouchDepth
+from palpate.models import Reconstruction, SingleImageModel, TouchDepth
 from palpate.training import Assembler, Machine, Sample, TrainingData, windows
 from palpate.training.losses import sheet
 from palpate.training.touches import channels_first, predict_depth
@@ -37,7 +37,7 @@ POINTS = 10_000  # on a prediction, and on the truth (the published evaluation)
 class Trained(NamedTuple):
     """A trained model, with its experiment's name and row, seed, training steps and device."""
 
-    model: Reconstruction
+    model: Reconstruction | SingleImageModel
     name: str
     experiment: Mapping[str, Any]
     seed: int
@@ -134,9 +134,10 @@ def _touches(item: ObjectRecord) -> list[list[_Touch]]:
 
 
 def predictions(trained: Trained, data: TrainingData, splits: Sequence[str]) -> Iterator[tuple[Sample, Tensor, float]]:
-    """Each sample of some splits with the vertices (V, 3) that the model predicts, and the seconds it took.
+    """Each sample of some splits with what the model predicts, its vertices (V, 3), and the seconds it took.
 
-    Raises EvaluationError if there is no object, or a vertex is not finite.
+    Of the published single-image networks: what their `stages` describe.
+    Raises EvaluationError if there is no object, or a prediction is not finite.
     """
     samples = windows(data, trained.experiment, *splits)
     if not samples:
@@ -177,9 +178,12 @@ def _batches(samples: Sequence[Sample]) -> Iterator[list[Sample]]:
             yield part
 
 
-def _sampled(trained: Trained, vertices: Tensor, count: int, name: str) -> Tensor:
-    """(count, 3) points on the mesh, from random numbers that depend on the object's name only."""
-    return sample_faces(vertices[None], trained.model.faces, count, seeded(0, name, "evaluation"))[0]
+def _sampled(trained: Trained, prediction: Tensor, count: int, name: str) -> Tensor:
+    """(count, 3) points on the mesh, from random numbers that depend on the object's name only.
+
+    Of a model that predicts points, these as they are.
+    """
+    return trained.model.sample(prediction[None], count, seeded(0, name, "evaluation"))[0]
 
 
 def _row(trained: Trained, data: TrainingData, sample: Sample) -> dict[str, Any]:

@@ -12,13 +12,10 @@ from scipy.spatial import cKDTree
 from torch import Tensor
 
 from palpate.batch import generator
-from palpate.charts import CHAMFER_SCALE, build_tree, nearest
-from palpate.mesh import DIAGONAL
+from palpate.charts import CHAMFER_SCALE, PIXEL2MESH_SCALE, build_tree, nearest
 
-# Single images are judged as in Mesh R-CNN's published evaluation with Pixel2Mesh's protocol: meshes of
-# ShapeNet, whose bounding boxes have a diagonal of 1, are scaled by 0.57, distances squared and compared with
-# tau = 1e-4 and 2 tau. Ours have a diagonal of `DIAGONAL`, hence the factor.
-PIXEL2MESH_SCALE = 0.57 / DIAGONAL
+# Single images are judged as in Mesh R-CNN's published evaluation with Pixel2Mesh's protocol: meshes are scaled
+# by `PIXEL2MESH_SCALE`, distances squared and compared with tau = 1e-4 and 2 tau.
 TAU = 1e-4
 # That protocol's tables print the Chamfer distance in thousandths (an F1 of 70 % at tau means distances
 # squared of about 1e-4; the tables say 0.4).

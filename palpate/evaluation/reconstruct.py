@@ -163,10 +163,10 @@ class Reconstructor:
         # As a training's, also in memory: convolutions round otherwise in another layout.
         batch |= {name: to_colours(batch[name]) for name in ("image", "reading") if name in batch}
         with torch.inference_mode():
-            vertices = self._model(batch)[0].cpu().numpy()
+            vertices, faces = (values.cpu().numpy() for values in self._model.mesh(self._model(batch)[0]))
         if not np.isfinite(vertices).all():
             raise ReconstructionError(f"{self.path} predicts NaN or infinite vertices: train the model again")
-        return self._shape(vertices, success)
+        return self._shape(vertices, faces, success)
 
     def _image_inputs(self, image: np.ndarray | None, camera: np.ndarray | None) -> dict[str, np.ndarray]:
         """The image, and for a single view its camera, as the model takes them."""
@@ -234,8 +234,7 @@ class Reconstructor:
             return inputs | {"charts": self._charts(touches)}
         return inputs | {"reading": touches.reading}
 
-    def _shape(self, vertices: np.ndarray, success: np.ndarray) -> Shape:
-        faces = self._model.faces.cpu().numpy()
+    def _shape(self, vertices: np.ndarray, faces: np.ndarray, success: np.ndarray) -> Shape:
         if not self.takes_charts:
             return Shape(vertices, faces, np.zeros(len(faces), dtype=bool))
         from palpate.charts import touch_chart

@@ -13,6 +13,7 @@ from torch import Tensor, nn
 from palpate.camera import IMAGE_SIZE, paper_camera
 from palpate.charts.atlas import ATLAS_RADIUS, TOUCH_VERTICES, chart_faces, sphere, vision_atlas
 from palpate.charts.graph import Graph
+from palpate.charts.sample import sample_faces
 from palpate.hand import SENSORS
 from palpate.mesh import OBJECT_POSITION
 from palpate.models.encoder import ImageEncoder, ReadingEncoder
@@ -195,6 +196,18 @@ class Reconstruction(nn.Module):
             moved = positions + self.scale * self.gcn(own, self.graph, products)
             positions = moved if fixed is None else torch.where(fixed, positions, moved)
         return positions
+
+    def stages(self, batch: Mapping[str, Tensor]) -> list[Tensor]:
+        """What the loss of a training step looks at: the vertices that `forward` predicts."""
+        return [self(batch)]
+
+    def mesh(self, prediction: Tensor) -> tuple[Tensor, Tensor]:
+        """One sample's prediction as a mesh: its vertices (V, 3), metres, world frame, and `faces`."""
+        return prediction, self.faces
+
+    def sample(self, prediction: Tensor, n: int, generator: torch.Generator | None = None) -> Tensor:
+        """Points (B, n, 3) on the meshes whose vertices `forward` predicts, uniform by area."""
+        return sample_faces(prediction, self.faces, n, generator)
 
     def check(self, batch: Mapping[str, Tensor]) -> None:
         """Raises ValueError if a key is missing, of another shape, or has NaN or infinite values.

@@ -30,6 +30,7 @@ from palpate.results.published import paper_values
 
 HISTORY = ("step", "seconds", "train_loss", "validation_loss")
 COLUMNS = 4  # panels beside each other
+OTHER_LOSS = (STRATEGY_NAMES["r2n2"],)  # trained by the cells' cross entropy, which has no place on the axis
 
 
 @styled
@@ -95,7 +96,7 @@ def error_over_rings(
 @styled
 def training_curves(histories: Mapping[tuple[str, int], Path | str], experiments: Experiments, path) -> None:
     """Loss against run time of every training, a panel for each kind of input: on the validation split
-    (solid) and in training (faint).
+    (solid) and in training (faint, but for `OTHER_LOSS`).
 
     histories: (experiment, seed) -> its `history.csv`. Raises EvaluationError, naming the file, if one is
     missing or lacks a column.
@@ -105,7 +106,7 @@ def training_curves(histories: Mapping[tuple[str, int], Path | str], experiments
     for (name, _), file in histories.items():
         panel, label, colour = _panel(experiments[name])
         history = _history(file)
-        losses.append(history[list(HISTORY[2:])])
+        losses.append(history[["validation_loss"] if label in OTHER_LOSS else list(HISTORY[2:])])
         panels.setdefault(panel, []).append((label, colour, history, name not in named))
         named.add(name)
     bottom = min(part.min(axis=None) for part in losses) / 1.2
@@ -126,7 +127,8 @@ def training_curves(histories: Mapping[tuple[str, int], Path | str], experiments
         )
         for label, colour, history, first in curves:
             minutes = history["seconds"] / 60
-            axes.plot(minutes, history["train_loss"], color=colour, lw=0.8, alpha=0.35)
+            if label not in OTHER_LOSS:
+                axes.plot(minutes, history["train_loss"], color=colour, lw=0.8, alpha=0.35)
             axes.plot(
                 minutes,
                 history["validation_loss"],

@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from palpate.charts import CHAMFER_SCALE
-from palpate.evaluation.metrics import PIXEL2MESH_SCALE, TAU, pixel2mesh_chamfer
+from palpate.charts import CHAMFER_SCALE, PIXEL2MESH_SCALE
+from palpate.evaluation.metrics import TAU, pixel2mesh_chamfer
 from palpate.evaluation.rings import RINGS
 from palpate.evaluation.rows import QUALITY, EvaluationError
 from palpate.results.bootstrap import RESAMPLES, Estimate
@@ -26,7 +26,12 @@ STRATEGY_NAMES = {
     "no_copy": "charts, no copying",
     "no_comm": "charts, no communication",
     "charts": "charts",
+    "psg": "PSG",
+    "pixel2mesh": "Pixel2Mesh",
+    "r2n2": "3D-R2N2",
 }
+# Rows measured for the table of single images: ours, and the published networks that are built here.
+SINGLE_IMAGE_NAMES = STRATEGY_NAMES | {"charts": "charts (ours)"}
 VISION_NAMES = {"occluded": "occluded", "unoccluded": "unoccluded", "views": "views", "none": "–"}
 PAPER_OBJECTS = {"validation": 258, "test": 175}  # supplement, Dataset Statistics
 TOUCH_PARTS = {"cloud": "local point cloud", "chart": "touch chart"}
@@ -224,15 +229,15 @@ def single_image(
     evaluations: pd.DataFrame, experiments: Experiments, split: str = "test", resamples: int = RESAMPLES
 ) -> pd.DataFrame:
     """Single-image reconstruction by Pixel2Mesh's protocol (supplement, table "Single image 3D shape
-    reconstructing results"): measured rows first, then the paper's own, then those that it cites.
+    reconstructing results"): the models measured here first, then the paper's own row, then those that it cites.
 
-    `chamfer` is in thousandths at the protocol's scale, `f1_tau` and `f1_2tau` in percent.
+    Column `source` is `measured` or `cited`: what is cited was measured on other objects. `chamfer` is in thousandths at the protocol's scale, `f1_tau` and `f1_2tau` in percent.
     """
     columns = ("chamfer", "f1_tau", "f1_2tau")
     scores = {column: errors(evaluations, list(experiments), split, column) for column in columns}
     found, rows = scores["chamfer"], []
-    for name in experiments:
-        row: dict[str, Any] = {"method": name, "from": "this run"}
+    for name, setup in experiments.items():
+        row: dict[str, Any] = {"source": "measured", "method": SINGLE_IMAGE_NAMES[setup["strategy"]], "from": name}
         for column in columns:
             estimate = scores[column].estimate([name], resamples=resamples)
             if column == "chamfer":
@@ -244,6 +249,7 @@ def single_image(
         cited = record["cited_by_the_paper"] == "yes"
         rows.append(
             {
+                "source": "cited",
                 "method": record["method"],
                 "from": "cited by the paper" if cited else "the paper",
                 **{column: record[column] for column in ("chamfer", "f1_tau", "f1_2tau")},
@@ -253,8 +259,9 @@ def single_image(
         " Pixel2Mesh's protocol as in Mesh R-CNN's evaluation: meshes scaled by "
         f"{PIXEL2MESH_SCALE:.2f} (0.57 for a bounding box of diagonal 1; here it is 0.5), squared distances, "
         f"tau = {TAU:g}; Chamfer distance in "
-        "thousandths. The rows of the paper and those it cites are of ShapeNet's 13 classes and published "
-        "renderings: not this run's objects."
+        "thousandths. Measured rows: models of this run, trained on the same views for the same processor time; "
+        "PSG, Pixel2Mesh and 3D-R2N2 built from their publications (docs/single_image.md). Cited rows: of ShapeNet's "
+        "13 classes and published renderings, not this run's objects."
     )
     return _finish(rows, split, found, note, decimals=2, exact={"chamfer": 3})
 

@@ -8,7 +8,14 @@ from typing import Any
 import torch
 
 from palpate.atomic import atomic_write
-from palpate.models import Reconstruction, TouchDepth, paper_architecture
+from palpate.models import (
+    SINGLE_IMAGE_ARCHITECTURES,
+    SINGLE_IMAGE_MODELS,
+    Reconstruction,
+    SingleImageModel,
+    TouchDepth,
+    paper_architecture,
+)
 from palpate.remedy import command
 
 SCHEMA_VERSION = 1
@@ -19,14 +26,21 @@ class CheckpointError(ValueError):
 
 
 def architecture(experiment: Mapping[str, Any], settings: Mapping[str, Any]) -> dict[str, Any]:
-    """The layers of an experiment's model: those of its settings, or the paper's for its modalities."""
+    """The layers of an experiment's model: those of its settings, or the paper's for its modalities.
+
+    Of the published single-image networks those of their publications stand for the paper's.
+    """
     if settings["architecture"] == "paper":
+        if experiment["strategy"] in SINGLE_IMAGE_ARCHITECTURES:
+            return SINGLE_IMAGE_ARCHITECTURES[experiment["strategy"]]
         return paper_architecture(experiment["vision"], experiment["touch"])
     return dict(settings["architecture"])
 
 
-def build(experiment: Mapping[str, Any], layers: Mapping[str, Any]) -> Reconstruction:
+def build(experiment: Mapping[str, Any], layers: Mapping[str, Any]) -> Reconstruction | SingleImageModel:
     """The untrained model of a row of config/experiments.yaml."""
+    if experiment["strategy"] in SINGLE_IMAGE_MODELS:
+        return SINGLE_IMAGE_MODELS[experiment["strategy"]](layers)
     vision = experiment["vision"] != "none"
     return Reconstruction(experiment["strategy"], vision, experiment["touch"], experiment["grasps"], layers)
 
@@ -88,7 +102,7 @@ def read(path: Path | str, kind: str) -> dict[str, Any]:
     return content
 
 
-def load(path: Path | str, experiment: Mapping[str, Any] | None = None) -> Reconstruction:
+def load(path: Path | str, experiment: Mapping[str, Any] | None = None) -> Reconstruction | SingleImageModel:
     """A trained reconstruction model in evaluation mode, on the CPU.
 
     path: `<run>/models/<experiment>/seed-<k>/best.ckpt`. experiment: the row of config/experiments.yaml that

@@ -20,8 +20,9 @@ from torch import Tensor
 from palpate.models import TouchDepth
 from palpate.training import checkpoints
 from palpate.training.data import TrainingData, TrainingDataError
-from palpate.training.losses import Truth, reconstruction_loss, touch_depth_loss, touched
+from palpate.training.losses import Truth, cloud_loss, moving_charts_loss, touch_depth_loss, touched
 from palpate.training.samples import Assembler, shuffled, spread, training_samples, windows
+from palpate.training.single_image import LOSSES
 from palpate.training.touches import Touches
 
 log = logging.getLogger(__name__)
@@ -256,15 +257,16 @@ class ReconstructionLearner(Learner):
             key: value.to(dtype) if value.is_floating_point() else value
             for key, value in self.assemble(batch_samples).items()
         }
-        vertices = model(batch)
-        self.check_finite("the prediction", vertices, batch_samples)
+        loss = None if validation else LOSSES.get(self.experiment["strategy"], moving_charts_loss)
+        predictions = model.stages(batch) if loss else [model(batch)]
+        for prediction in predictions:
+            self.check_finite("the prediction", prediction, batch_samples)
         points = self.settings["validation_points" if validation else "loss_points"]
-        # Charts that do not move give no gradient, but would be the nearest to many true points at the start.
-        faces = model.faces if validation else model.moving_faces
+        against = self.truth, [sample.object for sample in batch_samples], points, generator
         with torch.autocast(self.device.type, enabled=False):
-            return reconstruction_loss(
-                vertices, faces, self.truth, [sample.object for sample in batch_samples], points, generator
-            )
+            if loss:
+                return loss(model, predictions, *against)
+            return cloud_loss(model.sample(predictions[-1].to(dtype), points, generator), *against)
 
     def described(self):
         return {

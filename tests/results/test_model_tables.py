@@ -14,7 +14,8 @@ CLASSES = ["bottle", "knife", "cellphone", "rifle"]
 
 @pytest.fixture(scope="module")
 def evaluations() -> pd.DataFrame:
-    means = synthetic.means_of_tables() | {"single_image": 1.0}
+    means = synthetic.means_of_tables()
+    means |= {name: 1.0 + 0.1 * k for k, name in enumerate(synthetic.of_table("single_image"))}
     return synthetic.evaluations(means, each=4, seeds=(0, 1), seed_spread=0.01)
 
 
@@ -149,10 +150,28 @@ def test_single_image_is_by_pixel2meshs_protocol_and_cites(evaluations):
     chamfer = class_means(evaluations, "single_image", "test").mean()
     assert measured["chamfer"] == pytest.approx(chamfer / 9000 * (0.57 / 0.5) ** 2 * 1000)
     assert measured["f1_tau"] == pytest.approx(50) and measured["f1_2tau"] == pytest.approx(70)
-    assert table["from"].tolist() == ["this run", "the paper", *["cited by the paper"] * 8]
-    assert table.iloc[1]["chamfer"] == 0.369
-    # What is cited has no interval and is no result of this run.
-    assert table.iloc[1:][["chamfer_low", "objects", "seeds", "steps"]].isna().all(axis=None)
+    assert table.iloc[4]["chamfer"] == 0.369
+    assert table["from"].tolist()[4:] == ["the paper", *["cited by the paper"] * 8]
+
+
+def test_the_single_image_table_parts_what_is_measured_from_what_is_cited(evaluations, tmp_path):
+    experiments = synthetic.of_table("single_image")
+    made = tables.single_image(evaluations, experiments, resamples=100)
+    write_table(made, tmp_path / "single_image.csv")
+    table = pd.read_csv(tmp_path / "single_image.csv")
+    assert table["source"].tolist() == ["measured"] * 4 + ["cited"] * 9
+    measured, cited = table[table["source"] == "measured"], table[table["source"] == "cited"]
+    assert measured["from"].tolist() == list(experiments)
+    assert measured["method"].tolist() == ["charts (ours)", "PSG", "Pixel2Mesh", "3D-R2N2"]
+    for row in measured.to_dict("records"):
+        chamfer = class_means(evaluations, row["from"], "test").mean()
+        assert row["chamfer"] == pytest.approx(chamfer / 9000 * (0.57 / 0.5) ** 2 * 1000, rel=1e-5)
+    assert measured[["chamfer_low", "objects", "seeds", "steps"]].notna().all(axis=None)
+    # What is cited has no interval and is no result of this run, also where the method is measured too.
+    assert {"PSG", "Pixel2Mesh", "3D-R2N2", "N3MR", "MVD", "GEOMetrics"} <= set(cited["method"])
+    assert cited[["chamfer_low", "objects", "seeds", "steps"]].isna().all(axis=None)
+    lines = (tmp_path / "single_image.md").read_text().splitlines()[2:15]
+    assert [line.split("|")[1].strip() for line in lines] == table["source"].tolist()
 
 
 def test_classes_that_the_paper_has_not_stand_without_its_values(evaluations):
