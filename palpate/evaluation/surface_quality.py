@@ -7,10 +7,10 @@ Four numbers tell crumpled sheets, torn charts and spikes apart, of the vision c
 - `folded`: percent of these pairs whose angle is above 90 degrees: one of the two is turned over against the other.
 - `gap`: mean distance in mm between boundary vertices that were one point of the initial sphere: how far charts are
   torn apart. 0 for the sphere.
-- `across`: mean angle in degrees, weighted by area, between every fourth face and the true surface at the point nearest to
-  its centre; 0 where they are parallel, 57 for random faces. It is the angle of the normal consistency of Mescheder et
-  al. (2019, Occupancy Networks). True normals are those of a plane through the nearest points (Hoppe et al. 1992, Surface
-  Reconstruction from Unorganized Points). Their sign is not known on thin objects, and is not used.
+- `across`: mean angle in degrees, weighted by area, between every fourth face and the true surface at the point nearest
+  to its centre; 0 where they are parallel, 57 for random faces. It is the angle of the normal consistency of Mescheder
+  et al. (2019, Occupancy Networks). True normals are those of a plane through the nearest points (Hoppe et al. 1992,
+  Surface Reconstruction from Unorganized Points). Their sign is not known on thin objects, and is not used.
 """
 
 from functools import cache
