@@ -17,6 +17,7 @@ import numpy as np
 from palpate.camera import IMAGE_SIZE
 from palpate.dataset import Dataset
 from palpate.hand import SENSORS
+from palpate.remedy import command
 from palpate.store import CONTRACT, Store
 from palpate.touch.sensor import RESOLUTION
 from palpate.training.inputs import takes_charts, takes_grasps
@@ -124,7 +125,7 @@ class Reconstructor:
             if not (touch_depth / CHECKPOINT).is_file():
                 raise ReconstructionError(
                     f"{touch_depth / CHECKPOINT} does not exist: the U-Net that turns readings into charts "
-                    "lies beside the run's experiments; train it with: snakemake models/touch_depth/best.ckpt"
+                    f"lies beside the run's experiments; train it with: {command(touch_depth / CHECKPOINT)}"
                 )
             self._charts = TouchCharts(touch_depth, device, fit)
 
@@ -322,8 +323,7 @@ def checkpoint(model: Path | str) -> Path:
     raise ReconstructionError(
         f"{found} does not exist; trained are: {', '.join(known)}"
         if known
-        else f"{found} does not exist, and nothing is trained there; train it with: "
-        f"snakemake {'/'.join(found.parts[-4:])}"
+        else f"{found} does not exist, and nothing is trained there; train it with: {command(found)}"
     )
 
 
@@ -380,7 +380,7 @@ def _named_model(models: Path, experiment: str, seed: int | None) -> Path:
     if not seeds:
         raise ReconstructionError(
             f"no experiment {experiment!r} is trained in {models}; "
-            + (f"trained are: {', '.join(known)}" if known else "nothing is: snakemake --cores 2 all")
+            + (f"trained are: {', '.join(known)}" if known else f"nothing is: {command(models, 'all')}")
         )
     return checkpoint(models / seeds[0])
 

@@ -11,6 +11,7 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.ticker import FormatStrFormatter, LogLocator, MaxNLocator, NullFormatter, PercentFormatter
 
+from palpate.remedy import command
 from palpate.evaluation.rings import RINGS
 from palpate.evaluation.rows import EvaluationError
 from palpate.results.bootstrap import RESAMPLES
@@ -19,6 +20,7 @@ from palpate.results.model_tables import (
     STRATEGY_NAMES,
     Experiments,
     input_label,
+    model_label,
     ring_errors,
     ring_key,
     setups,
@@ -149,17 +151,19 @@ def training_curves(histories: Mapping[tuple[str, int], Path | str], experiments
 def _panel(setup: Mapping) -> tuple[str, str, str]:
     """The panel that an experiment's curve is in, its name there (its strategy, or how many grasps), its
     colour."""
-    label, grasps = input_label(setup), setup["grasps"]
+    label, grasps = input_label({**setup, "architecture": {}}), setup["grasps"]
     if grasps > 1:
         return f"{label}, more grasps", f"{grasps} grasps", COLOURS[grasps % len(COLOURS)]
+    name = model_label(setup)
+    # Strategies first; one with another architecture is a curve of its own.
     number = list(STRATEGY_NAMES).index(setup["strategy"])
-    return label, STRATEGY_NAMES[setup["strategy"]], COLOURS[number]
+    return label, name, COLOURS[number if name in STRATEGY_NAMES.values() else len(STRATEGY_NAMES)]
 
 
 def _history(path: Path | str) -> pd.DataFrame:
     path = Path(path)
     if not path.exists():
-        raise EvaluationError(f"{path} does not exist; train the model with: snakemake {'/'.join(path.parts[-4:])}")
+        raise EvaluationError(f"{path} does not exist; train the model with: {command(path)}")
     history = pd.read_csv(path)
     missing = [name for name in HISTORY if name not in history]
     if missing:

@@ -19,6 +19,7 @@ from zarr.codecs import BloscCodec, Crc32cCodec
 
 import palpate
 from palpate.atomic import atomic_write
+from palpate.remedy import command
 from palpate.store.contract import CONTRACT, FRAMES, SCHEMA_VERSION, UNITS, ArraySpec, StoreSpec
 from palpate.store.shards import is_shard, read_rows, shard_file
 
@@ -193,7 +194,7 @@ class Store:
     def __init__(self, path: Path | str):
         self.path = Path(path)
         if not self.path.exists():
-            raise StoreError(f"{self.path} does not exist; build it with: snakemake {self._target}")
+            raise StoreError(f"{self.path} does not exist; build it with: {command(self.path)}")
         self._headers: dict[str, zarr.Array] = {}
         with self._arrays() as arrays:
             attributes = dict(arrays.attrs)
@@ -214,9 +215,7 @@ class Store:
     @property
     def _rebuild(self) -> str:
         """The command that builds all stores of the run again: they have one schema version."""
-        run = self.path.resolve().parents[1].name
-        config = "" if run == "default" else f" --configfile <the config of run {run}>"
-        return f"snakemake --cores 2 --forceall dataset {self._target}{config}"
+        return f"{command(self.path, 'dataset', self._target)} --forceall"
 
     @contextmanager
     def _arrays(self) -> Iterator[h5py.File | zarr.Group]:
@@ -232,7 +231,7 @@ class Store:
         except Exception as error:
             raise StoreError(
                 f"{self.path} can't be read ({type(error).__name__}: {error}); "
-                f"remove it and build it again with: snakemake {self._target}"
+                f"remove it and build it again with: {command(self.path)}"
             ) from error
 
     @cached_property
@@ -252,7 +251,7 @@ class Store:
         if array.attrs.get("written") and not (file.exists() and file.stat().st_size):
             raise StoreError(
                 f"{self.path} has lost {file.relative_to(self.path)}, the values of array {name!r}; "
-                f"remove the store and build it again with: snakemake {self._target}"
+                f"remove the store and build it again with: {command(self.path)}"
             )
         return self._headers.setdefault(name, array)
 

@@ -1,5 +1,6 @@
 """Trained models as files: weights, with the experiment and settings behind them. Safe to load (no code in them)."""
 
+import hashlib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -15,6 +16,7 @@ from palpate.models import (
     TouchDepth,
     paper_architecture,
 )
+from palpate.remedy import command
 
 SCHEMA_VERSION = 1
 
@@ -43,6 +45,28 @@ def build(experiment: Mapping[str, Any], layers: Mapping[str, Any]) -> Reconstru
     return Reconstruction(experiment["strategy"], vision, experiment["touch"], experiment["grasps"], layers)
 
 
+def continue_from(model: Reconstruction, path: Path | str) -> str:
+    """Give an untrained model the weights of a trained one, its base; returns the SHA-256 of these weights.
+
+    Inputs that the base does not have start with weight 0, so that the model predicts what its base does: rows of the
+    first layer's weights, and whole weights of inputs. Raises CheckpointError if the base has weights that the model
+    has not.
+    """
+    base = read(path, "reconstruction")["weights"]
+    own = model.state_dict()
+    digest = hashlib.sha256()
+    for name, values in base.items():
+        wanted = own[name].shape if name in own else None
+        if wanted is None or values.shape[1:] != wanted[1:] or tuple(values.shape[:1]) > tuple(wanted[:1]):
+            raise CheckpointError(f"{path} is no base of this model: its {name} does not fit; choose another base")
+        own[name].zero_()
+        own[name][tuple(slice(size) for size in values.shape)].copy_(values)
+        digest.update(name.encode() + values.numpy().tobytes())
+    for name in set(model.INPUT_WEIGHTS) & set(own) - set(base):
+        torch.nn.init.zeros_(own[name])
+    return digest.hexdigest()
+
+
 def save(path: Path | str, kind: str, model: torch.nn.Module, described: Mapping[str, Any]) -> None:
     """Write a checkpoint atomically.
 
@@ -59,9 +83,8 @@ def read(path: Path | str, kind: str) -> dict[str, Any]:
 
     Raises CheckpointError if it is missing, can't be read, or is of another schema version or kind of model.
     """
-    target = "/".join(Path(path).parts[-4:])
     if not Path(path).exists():
-        raise CheckpointError(f"{path} does not exist; train the model with: snakemake {target}")
+        raise CheckpointError(f"{path} does not exist; train the model with: {command(path)}")
     try:
         content = torch.load(path, map_location="cpu", weights_only=True)
         version, content_kind = content["schema_version"], content["kind"]

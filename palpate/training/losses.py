@@ -7,6 +7,7 @@ from scipy.spatial import cKDTree
 from torch import Tensor
 
 from palpate.charts import CHAMFER_SCALE, build_tree, one_sided_distance, sample_faces
+from palpate.models import Reconstruction
 from palpate.models.single_image import occupied
 from palpate.touch.sensor import PIXEL_CENTRES
 
@@ -67,6 +68,22 @@ def reconstruction_loss(
     Returns: (B,), differentiable in the vertices.
     """
     return cloud_loss(sample_faces(vertices.to(truth.points.dtype), faces, n, generator), truth, objects, n, generator)
+
+
+def moving_charts_loss(
+    model: Reconstruction,
+    predictions: Sequence[Tensor],
+    truth: Truth,
+    objects: Sequence[int],
+    n: int,
+    generator: torch.Generator,
+) -> Tensor:
+    """`reconstruction_loss` (B,) of the charts that move, of the last of the model's `stages`.
+
+    Charts that do not move give no gradient. At the start, where the others are far away, they would be the nearest to
+    up to half of the true points.
+    """
+    return reconstruction_loss(predictions[-1], model.moving_faces, truth, objects, n, generator)
 
 
 def cloud_loss(points: Tensor, truth: Truth, objects: Sequence[int], n: int, generator: torch.Generator) -> Tensor:

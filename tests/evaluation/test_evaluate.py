@@ -9,7 +9,7 @@ import torch
 import trimesh
 
 from palpate import Dataset, store
-from palpate.charts import build_tree, sample_faces, touch_chart
+from palpate.charts import build_tree, sample_faces, touch_chart, vision_atlas
 from palpate.evaluation import evaluate as evaluation
 from palpate.evaluation.evaluate import Trained, evaluate, evaluate_rings, evaluate_touch, training_steps
 from palpate.evaluation.metrics import score, seeded
@@ -130,6 +130,8 @@ def test_every_sample_is_scored_against_its_own_object(data):
         pairs = torch.cdist(points.double(), torch.from_numpy(data["points"][number]).double()) ** 2
         naive = 9000 * (pairs.amin(dim=0).mean() + pairs.amin(dim=1).mean())
         assert row["chamfer"] == pytest.approx(float(naive), rel=1e-3)
+        mesh = trimesh.Trimesh(vertices[0].numpy(), vision_atlas().faces.numpy(), process=False)
+        assert row["bend"] == pytest.approx(np.degrees(mesh.face_adjacency_angles).mean(), rel=1e-3)
 
 
 @pytest.mark.parametrize("strategy", SINGLE_IMAGE_MODELS)
@@ -263,3 +265,25 @@ def test_what_is_measured_is_read_back(tmp_path, unoccluded_data):
     table = evaluate(untrained(UNOCCLUDED), unoccluded_data, points=300)
     table.to_csv(tmp_path / "seed-3.csv", index=False)
     pd.testing.assert_frame_equal(pd.read_csv(tmp_path / "seed-3.csv"), table)
+
+
+def test_an_image_of_several_windows_is_encoded_once(data, unoccluded_data):
+    """As many images as objects go through the encoder, and every window's score is that of a model's own call."""
+    experiment = {"strategy": "charts", "vision": "unoccluded", "touch": True, "grasps": 1}
+    arrays = {name: data[name] for name in ("points", "success", "position", "rotation", "charts")}
+    arrays |= {"object": data.objects, "class": data.classes, "split": data.splits}
+    both = TrainingData(arrays | {"unoccluded": unoccluded_data["unoccluded"]})
+    trained, encoded = untrained(experiment), []
+    trained.model.encoder.layers[0].register_forward_pre_hook(lambda _, images: encoded.append(len(images[0])))
+    table = evaluate(trained, both, points=300)
+    assert len(table) == 3 * GRASPS and sum(encoded) == 3
+    for row in table.to_dict("records"):
+        number, grasp = both.objects.index(row["object"]), row["window"]
+        keys = ("success", "position", "rotation", "charts")
+        batch = {key: torch.from_numpy(both[key][number, grasp])[None] for key in keys}
+        batch["image"] = torch.from_numpy(both["unoccluded"][number]).permute(2, 0, 1)[None].float() / 255
+        with torch.inference_mode():
+            vertices = trained.model(batch)
+        points = sample_faces(vertices, trained.model.faces, 300, seeded(0, row["object"], "evaluation"))[0]
+        pairs = torch.cdist(points.double(), torch.from_numpy(both["points"][number]).double()) ** 2
+        assert row["chamfer"] == pytest.approx(float(9000 * (pairs.amin(0).mean() + pairs.amin(1).mean())), rel=1e-3)

@@ -14,7 +14,7 @@ CLASSES = ["bottle", "knife", "cellphone", "rifle"]
 
 @pytest.fixture(scope="module")
 def evaluations() -> pd.DataFrame:
-    means = synthetic.published_means()
+    means = synthetic.means_of_tables()
     means |= {name: 1.0 + 0.1 * k for k, name in enumerate(synthetic.of_table("single_image"))}
     return synthetic.evaluations(means, each=4, seeds=(0, 1), seed_spread=0.01)
 
@@ -57,11 +57,56 @@ def test_the_note_says_what_the_numbers_stand_on(evaluations):
 
 def test_input_modalities_state_the_papers_averages_only(evaluations):
     table = tables.input_modalities(evaluations, synthetic.of_table("input_modalities"), resamples=100)
-    assert table["average_paper"].tolist() == [0.991, 1.074, 0.804, 0.861, 3.05]
+    papers = table[table["experiment"].str.startswith("charts")]
+    assert papers["average_paper"].tolist() == [0.991, 1.074, 0.804, 0.861, 3.05]
     assert "bottle_paper" not in table and "bottle" in table
     worst = table.set_index("experiment").loc["charts_touch"]
     expected = class_means(evaluations, "charts_touch", "test")
     assert worst["average"] == pytest.approx(expected.mean()) and worst["vision"] == "–"
+
+
+def test_the_papers_graph_has_a_row_of_its_own_beside_the_papers_value(evaluations):
+    """Experiments of the same set-up and another architecture: labelled, measured apart, the same published value."""
+    setups = {name: synthetic.EXPERIMENTS[name] for name in ("charts_occluded_touch", "charts_touch")}
+    graph = {"architecture": {"touch": "graph", "gcn": {"normalisation": "symmetric"}}, "base": "base_occluded"}
+    setups |= {name.replace("charts", "graph"): setup | graph for name, setup in setups.items()}
+    frame = pd.concat(
+        [
+            evaluations[evaluations["experiment"].str.startswith("charts")],
+            synthetic.evaluations({"graph_occluded_touch": 1.5, "graph_touch": 4.0}, each=4, seeds=(0, 1)),
+        ]
+    )
+    table = tables.input_modalities(frame, setups, resamples=100).set_index("experiment")
+    assert table["model"].tolist() == ["charts"] * 2 + ["charts (paper's graph, equation 1)"] * 2
+    assert table["average_paper"].tolist() == [0.991, 3.05] * 2
+    assert table.loc["graph_touch", "average"] == pytest.approx(4.0, abs=0.1)
+    assert tables.input_label(setups["graph_occluded_touch"]) == "occluded vision + touch (paper's graph, equation 1)"
+
+
+def test_tables_say_how_far_two_seeds_differ(evaluations):
+    """By the difference of the two seeds' averages; with one seed, that nothing is known of it."""
+    setup = synthetic.of_table("input_modalities")
+    table = tables.input_modalities(evaluations, setup, resamples=100).set_index("experiment")
+    shares = []
+    for name in setup:
+        rows = evaluations[(evaluations["experiment"] == name) & (evaluations["split"] == "test")]
+        one, other = (class_means(rows[rows["seed"] == seed], name, "test").mean() for seed in (0, 1))
+        assert table.loc[name, "between_seeds"] == pytest.approx(abs(one - other))
+        shares.append(100 * abs(np.log(one / other)))
+    assert f"differ by {np.mean(shares):.1f} % of its average (mean over models; {max(shares):.1f} % at most)" in (
+        table.attrs["note"]
+    )
+    alone = tables.input_modalities(evaluations[evaluations["seed"] == 0], setup, resamples=100)
+    assert "between_seeds" not in alone and "One seed" in alone.attrs["note"]
+    assert "objects only" in alone.attrs["note"] and "objects only" not in table.attrs["note"]
+
+
+def test_surface_quality_has_the_average_of_each_number(evaluations):
+    table = tables.surface_quality(evaluations, synthetic.of_table("input_modalities"), resamples=100)
+    row = table.set_index("experiment").loc["charts_occluded_touch"]
+    assert row["bend_degrees"] == pytest.approx(class_means(evaluations, row.name, "test", "bend").mean())
+    assert [row[name] for name in ("folded_percent", "gap_mm", "across_degrees")] == [1.0, 2.0, 30.0]
+    assert row["bend_degrees_low"] < row["bend_degrees"] < row["bend_degrees_high"]
 
 
 def test_grasps_have_a_row_a_setup(evaluations):
