@@ -164,8 +164,8 @@ def test_predicted_cells_are_measured_on_their_surface(level):
     radius = 0.14
     depth, centre = ball(radius)
     model = built("r2n2", decoder=ARCHITECTURES["r2n2"]["decoder"] | {"level": level})
-    # Log-odds of a probability that reaches the level at the radius.
-    odds = torch.from_numpy(np.log(level / (1 - level)) + depth / CELL)
+    # Log-odds of a probability that reaches the level at the radius, and is nearly linear between two cells there.
+    odds = torch.from_numpy(np.log(level / (1 - level)) + depth / (8 * CELL))
     points = model.sample(odds[None], 4000, torch.Generator().manual_seed(0))
     assert points.shape == (1, 4000, 3)
     away = (points[0] - torch.from_numpy(centre)).norm(dim=1)
