@@ -12,6 +12,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from tqdm import tqdm
 
+from palpate.checksums import DamagedFile, read_rows
+
 log = logging.getLogger(__name__)
 
 
@@ -59,8 +61,8 @@ def each_object(
 
     Returns the results by object, in order, and the rejections. `UnusableObject` gives its message as the reason;
     any other exception is an error of ours or of an engine: its traceback goes to the log as well. Raises
-    OSError and MemoryError as they come: a full disk says nothing about the object, which is tried again
-    when the stage is.
+    OSError, MemoryError and `palpate.checksums.DamagedFile` as they come: a full disk, or a file that was damaged, says
+    nothing about the object, which is tried again when the stage is.
     """
     objects = list(objects)
     results, rejections = {}, []
@@ -72,7 +74,7 @@ def each_object(
         except UnusableObject as error:
             rejections.append(Rejection(name, stage, str(error)))
             log.warning("%s %d/%d: %s rejected: %s", stage, position, len(objects), name, error)
-        except (OSError, MemoryError):
+        except (OSError, MemoryError, DamagedFile):
             log.error("%s %d/%d: %s was not finished", stage, position, len(objects), name)
             raise
         except Exception as error:
@@ -82,17 +84,21 @@ def each_object(
 
 
 def read_rejections(paths: Iterable[Path | str]) -> list[Rejection]:
-    """The rejections in files that `write_rejections` wrote, in their order."""
+    """The rejections in files that `write_rejections` wrote, in their order.
+
+    Raises `palpate.checksums.DamagedFile`, naming the file and the remedy, if one is missing or not as it was written.
+    """
     rejections = []
-    for path in paths:
-        with open(path, newline="") as file:
-            rejections += [Rejection(**row) for row in csv.DictReader(file)]
+    for path in map(Path, paths):
+        target = "/".join(path.parts[-3:]) if "rejected" in path.parts else path.name
+        rows = read_rows(path, Rejection._fields, f"remove it and build it with: snakemake {target}")
+        rejections += [Rejection(*(row[field] for field in Rejection._fields)) for row in rows]
     return rejections
 
 
 def write_rejections(path: Path | str, rejections: Iterable[Rejection]) -> None:
     """Write the columns object, stage, reason; the header is there even if nothing was rejected."""
-    with open(path, "w", newline="") as file:
+    with open(path, "w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
         writer.writerow(Rejection._fields)
         writer.writerows(rejections)

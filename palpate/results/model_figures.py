@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import FormatStrFormatter, LogLocator, MaxNLocator, NullFormatter, PercentFormatter
 
 from palpate.evaluation.rings import RINGS
-from palpate.evaluation.rows import EvaluationError
+from palpate.evaluation.rows import EvaluationError, read_table
 from palpate.results.bootstrap import RESAMPLES
 from palpate.results.errors import errors
 from palpate.results.model_tables import (
@@ -158,11 +158,7 @@ def _history(path: Path | str) -> pd.DataFrame:
     path = Path(path)
     if not path.exists():
         raise EvaluationError(f"{path} does not exist; train the model with: snakemake {'/'.join(path.parts[-4:])}")
-    history = pd.read_csv(path)
-    missing = [name for name in HISTORY if name not in history]
-    if missing:
-        raise EvaluationError(f"{path} has no columns {missing}; remove it and train the model again")
-    return history
+    return read_table(path, HISTORY, "remove it and train the model again")
 
 
 def _line(axes: Axes, x: Sequence[int], estimates: Sequence, colour: str, label: str) -> None:

@@ -5,12 +5,14 @@ Zarr v3 with the sharding codec (a chunk is one record, a shard one array of the
 
 import importlib.metadata
 import json
+import os
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 
+import google_crc32c
 import h5py
 import numcodecs.blosc
 import numpy as np
@@ -18,6 +20,7 @@ import zarr
 from zarr.codecs import BloscCodec, Crc32cCodec
 
 import palpate
+from palpate import checksums
 from palpate.atomic import atomic_write
 from palpate.store.contract import CONTRACT, FRAMES, SCHEMA_VERSION, UNITS, ArraySpec, StoreSpec
 from palpate.store.shards import is_shard, read_rows, shard_file
@@ -32,6 +35,12 @@ numcodecs.blosc.use_threads = False
 COMPRESSION = {"cname": "zstd", "clevel": 1, "shuffle": "shuffle"}
 STRING_KINDS = "UOST"  # numpy's kinds of types that hold text
 REQUIRED_ATTRIBUTES = ("config_digest", "seed")
+# A Zarr store's attribute: `files`, the manifest of all files but the one that holds it, and `crc32c`, the checksum of
+# the other attributes and the manifest.
+MANIFEST = "manifest"
+ROOT = "zarr.json"  # the file of a Zarr group's attributes, and of an array's header
+# Bytes before the content of an HDF5 file (its user block, which HDF5 skips): the content's size and CRC-32C as JSON.
+USER_BLOCK = 512
 
 
 class StoreError(ValueError):
@@ -137,7 +146,7 @@ def _text(path: Path, name: str, array: np.ndarray) -> np.ndarray:
 
 
 def _write_zarr(path: Path, spec: StoreSpec, arrays: dict[str, np.ndarray], attributes: dict[str, Any]) -> None:
-    group = zarr.create_group(path, attributes=attributes)
+    group = zarr.create_group(path)
     for name in filter(arrays.__contains__, spec.arrays):
         array, array_spec = arrays[name], spec.arrays[name]
         text = array_spec.dtype == "string"
@@ -151,19 +160,42 @@ def _write_zarr(path: Path, spec: StoreSpec, arrays: dict[str, np.ndarray], attr
             shards=shard if shard != chunk else None,
             compressors=[Crc32cCodec()] if text else [BloscCodec(**COMPRESSION), Crc32cCodec()],
             fill_value=array_spec.fill if text else array.dtype.type(array_spec.fill),
-            attributes={
-                "meaning": array_spec.meaning,
-                "unit": array_spec.unit,
-                # Zarr reads a file that is missing as the fill value.
-                "written": bool((array != array_spec.fill).any()),
-            },
+            attributes={"meaning": array_spec.meaning, "unit": array_spec.unit},
         )
         if array.size:
             target[...] = array
+    seal(path, attributes)
+
+
+def seal(path: Path, attributes: Mapping[str, Any] | None = None) -> None:
+    """Have a store that is written state what it holds: its files' sizes and checksums.
+
+    attributes: those to give to a Zarr store; by default those that it has.
+    """
+    if path.suffix != ".zarr":
+        stated = _user_block(path.read_bytes()[USER_BLOCK:])
+        with path.open("r+b") as file:
+            file.write(stated)
+        return
+    group = zarr.open_group(path, mode="r+")
+    attributes = dict(group.attrs if attributes is None else attributes)
+    attributes.pop(MANIFEST, None)
+    # Zarr reads a file that is missing as the fill value.
+    files = {name: stated for name, stated in checksums.manifest_of(path).items() if name != ROOT}
+    group.attrs.put({**attributes, MANIFEST: {"crc32c": _crc(attributes, files), "files": files}})
+
+
+def _user_block(content: bytes) -> bytes:
+    stated = {"size": len(content), "crc32c": google_crc32c.value(content)}
+    return json.dumps(stated).encode().ljust(USER_BLOCK)
+
+
+def _crc(attributes: Mapping[str, Any], files: checksums.Manifest) -> int:
+    return google_crc32c.value(json.dumps([attributes, files], sort_keys=True).encode())
 
 
 def _write_hdf5(path: Path, spec: StoreSpec, arrays: dict[str, np.ndarray], attributes: dict[str, Any]) -> None:
-    with h5py.File(path, "w") as file:
+    with h5py.File(path, "w", userblock_size=USER_BLOCK) as file:
         file.attrs.update({name: json.dumps(value, sort_keys=True) for name, value in attributes.items()})
         for name, array in arrays.items():
             if array.dtype == object:  # of fixed length: those of variable length have no checksums
@@ -173,6 +205,7 @@ def _write_hdf5(path: Path, spec: StoreSpec, arrays: dict[str, np.ndarray], attr
             dataset = file.create_dataset(name, data=array, **whole_array)
             if name in spec.arrays:
                 dataset.attrs.update({"meaning": spec.arrays[name].meaning, "unit": spec.arrays[name].unit})
+    seal(path)
 
 
 def _as_str(values: np.ndarray) -> np.ndarray:
@@ -187,7 +220,8 @@ class Store:
 
     Arrays are read when they are asked for, and then only the records that the index needs. Nothing stays
     open, so it is safe to fork. Raises StoreError, naming the file and the remedy, if the store is missing,
-    unreadable, or of another schema version.
+    unreadable, or of another schema version, or lacks a file that was written or has one of another size. Every value
+    that is read is compared with its checksum.
     """
 
     def __init__(self, path: Path | str):
@@ -197,14 +231,45 @@ class Store:
         self._headers: dict[str, zarr.Array] = {}
         with self._arrays() as arrays:
             attributes = dict(arrays.attrs)
-        text = self.path.suffix != ".zarr"  # HDF5 has no nested attributes: there each is a JSON text
-        self.attributes = {name: json.loads(value) if text else value for name, value in attributes.items()}
-        version = self.attributes.get("schema_version")
+            if not isinstance(arrays, zarr.Group):  # HDF5 has no nested attributes: there each is a JSON text
+                attributes = {name: json.loads(value) for name, value in attributes.items()}
+        version = attributes.get("schema_version")
         if version != SCHEMA_VERSION:
             raise StoreError(
                 f"{self.path} has schema version {version}, but this palpate reads version {SCHEMA_VERSION}; "
                 f"use the palpate that made it, or build the run again with: {self._rebuild}"
             )
+        stated = attributes.pop(MANIFEST, {})
+        self.attributes, self._files = attributes, stated.get("files", {})
+        if self.path.suffix == ".zarr" and stated.get("crc32c") != _crc(self.attributes, self._files):
+            raise self._damaged([f"{ROOT} has changed since it was written (checksum)"])
+        self._require_intact(contents=False)
+
+    def _require_intact(self, contents: bool) -> None:
+        """Raise StoreError, naming the first files, if files are missing or of another size (or content)."""
+        if self.path.suffix == ".zarr":
+            found = checksums.damage(self.path, self._files, contents)
+        else:  # one file, of some 30 kB an object
+            data = self.path.read_bytes()
+            intact = data[:USER_BLOCK] == _user_block(data[USER_BLOCK:])
+            found = [] if intact else ["it has changed since it was written (checksum)"]
+        if found:
+            raise self._damaged(found)
+
+    def _damaged(self, lines: list[str]) -> StoreError:
+        return StoreError(
+            f"{self.path} is damaged: {checksums.listed(lines)}; "
+            f"remove it and build it again with: snakemake {self._target}"
+        )
+
+    def verify(self) -> None:
+        """Compare all files with their checksums. Raises StoreError, naming the first, if any is not as written."""
+        self._require_intact(contents=True)
+
+    @property
+    def digest(self) -> int:
+        """CRC-32C of what the store states of its files: other content has another digest."""
+        return _crc(self.attributes, self._files) if self._files else checksums.measure(self.path)[1]
 
     @property
     def _target(self) -> str:
@@ -241,20 +306,33 @@ class Store:
 
     def _array(self, arrays: h5py.File | zarr.Group, name: str) -> h5py.Dataset | zarr.Array:
         """One array, not read; StoreError if there is none such."""
-        if name in self._headers:
-            return self._headers[name]
-        if name not in arrays:
-            raise StoreError(f"{self.path} has no array {name!r}")
-        array = arrays[name]
         if self.path.suffix != ".zarr":
-            return array
-        file = shard_file(self.path / name, array)
-        if array.attrs.get("written") and not (file.exists() and file.stat().st_size):
-            raise StoreError(
-                f"{self.path} has lost {file.relative_to(self.path)}, the values of array {name!r}; "
-                f"remove the store and build it again with: snakemake {self._target}"
-            )
-        return self._headers.setdefault(name, array)
+            if name not in arrays:
+                raise StoreError(f"{self.path} has no array {name!r}")
+            return arrays[name]
+        if name not in self._headers:
+            self._headers[name] = self._opened(arrays, name)
+        array = self._headers[name]
+        # At every read, because Zarr takes a missing file for one of fill values.
+        shard = shard_file(Path(name), array).as_posix()
+        stated = {shard: self._files[shard]} if shard in self._files else {}
+        found = checksums.damage(self.path, stated)
+        if not stated and os.path.exists(self.path / shard):
+            found = [f"{shard} was not written with it"]
+        if found:
+            raise self._damaged(found)
+        return array
+
+    def _opened(self, group: zarr.Group, name: str) -> zarr.Array:
+        """An array whose header is the one that was written."""
+        header = f"{name}/{ROOT}"
+        if header not in self._files:
+            if (self.path / header).exists():
+                raise self._damaged([f"{header} was not written with it"])
+            raise StoreError(f"{self.path} has no array {name!r}")
+        if found := checksums.damage(self.path, {header: self._files[header]}, contents=True):
+            raise self._damaged(found)
+        return group[name]
 
     def names(self) -> list[str]:
         """Names of all arrays, sorted; those in groups as `hand/<name>`."""

@@ -13,7 +13,7 @@ params = snakemake.params
 table = catalogue.build(params.source, params.classes, params.split, params.batch_size)
 configuration.check(table.to_dict("records"), params.schema, "catalogue.csv")
 for (_, rows), path in zip(table.groupby("batch"), snakemake.output.batches, strict=True):
-    with atomic_write(path) as partial:
+    with atomic_write(path, checksum=True) as partial:
         rows.to_csv(partial, index=False)
-with atomic_write(snakemake.output.catalogue) as partial:
+with atomic_write(snakemake.output.catalogue, checksum=True) as partial:
     table.to_csv(partial, index=False)

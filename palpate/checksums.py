@@ -1,0 +1,180 @@
+"""What files held when they were written: sizes and checksums, to tell lost, cut and altered files from whole ones.
+
+A folder of many files carries `manifest.json`. A table or a record carries `.<name>.crc32c` beside it. Stores of a
+batch carry theirs within (`palpate.store.files`).
+"""
+
+import csv
+import io
+import json
+import os
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+
+import google_crc32c
+
+MANIFEST = "manifest.json"
+BLOCK = 1 << 20  # bytes that are read at once
+
+Manifest = Mapping[str, list[int]]  # path from the folder on -> bytes, CRC-32C
+
+
+class DamagedFile(ValueError):
+    """A file is missing or not as it was written; the message names it and the remedy."""
+
+
+def measure(path: Path | str) -> list[int]:
+    """Bytes and CRC-32C of a file."""
+    size = crc = 0
+    with open(path, "rb", buffering=0) as file:
+        while block := file.read(BLOCK):
+            size, crc = size + len(block), google_crc32c.extend(crc, block)
+    return [size, crc]
+
+
+def manifest_of(folder: Path | str) -> dict[str, list[int]]:
+    """The manifest of all files in a folder but its own `manifest.json`, in order."""
+    folder = Path(folder)
+    files = sorted(path for path in folder.rglob("*") if path.is_file() and path != folder / MANIFEST)
+    return {path.relative_to(folder).as_posix(): measure(path) for path in files}
+
+
+def write_manifest(folder: Path | str) -> None:
+    """Write a folder's `manifest.json`, when all its files are there."""
+    (Path(folder) / MANIFEST).write_text(json.dumps(manifest_of(folder), indent=0) + "\n")
+
+
+def read_manifest(folder: Path | str, remedy: str) -> dict[str, list[int]]:
+    """A folder's `manifest.json`. Raises DamagedFile if it is missing or can't be read."""
+    path = Path(folder) / MANIFEST
+    try:
+        found = json.loads(path.read_bytes())
+        return {str(name): [int(size), int(crc)] for name, (size, crc) in found.items()}
+    except FileNotFoundError:
+        raise DamagedFile(f"{path} does not exist, so what {folder} should hold is unknown; {remedy}") from None
+    except (OSError, ValueError, AttributeError, TypeError) as error:
+        raise DamagedFile(f"{path} can't be read ({type(error).__name__}); {remedy}") from None
+
+
+def damage(folder: Path | str, files: Manifest, contents: bool = False) -> list[str]:
+    """What is wrong with a folder's files by a manifest, one line a file: "visual.glb is missing".
+
+    contents: compare checksums too, which reads every file; else existence and sizes only.
+    """
+    lines = (_difference(os.path.join(folder, name), expected, contents) for name, expected in files.items())
+    return [f"{name} {line}" for name, line in zip(files, lines, strict=True) if line]
+
+
+def _difference(path: str, expected: list[int], contents: bool) -> str:
+    """How a file differs from what was written; empty if it does not."""
+    try:
+        size = os.stat(path).st_size
+        if size == expected[0] and contents:
+            size, crc = measure(path)
+            if crc != expected[1]:
+                return "has changed since it was written (checksum)"
+    except (FileNotFoundError, NotADirectoryError):
+        return "is missing"
+    except OSError as error:
+        return f"can't be read ({error.strerror})"
+    return "" if size == expected[0] else f"has {size} bytes, but {expected[0]} were written"
+
+
+def listed(lines: Iterable[str], most: int = 3) -> str:
+    """The first few of some lines in one, and how many more there are."""
+    lines = list(lines)
+    return "; ".join([*lines[:most], *([f"and {len(lines) - most} more"] if len(lines) > most else [])])
+
+
+def sidecar(path: Path | str) -> Path:
+    """Where the checksum of a single file is kept."""
+    path = Path(path)
+    return path.with_name(f".{path.name}.crc32c")
+
+
+def write_sidecar(path: Path | str) -> None:
+    """Write the size and checksum of a single file beside it."""
+    size, crc = measure(path)
+    sidecar(path).write_text(f"{size} {crc}\n")
+
+
+def changed(folder: Path | str) -> list[Path]:
+    """Files in a folder, and in folders below, that are not those that the checksums beside them are of.
+
+    Stores and folders with a manifest are passed over, and so are hidden folders. A file that was removed is no finding:
+    it is built again.
+    """
+    found = []
+    for place, folders, files in os.walk(folder):
+        folders[:] = (
+            [] if MANIFEST in files else sorted(n for n in folders if not n.startswith(".") and ".zarr" not in n)
+        )
+        for path in (Path(place, name) for name in sorted(files) if sidecar(Path(place, name)).name in files):
+            if sidecar(path).read_bytes().split() != [b"%d" % number for number in measure(path)]:
+                found.append(path)
+    return found
+
+
+def read_text(path: Path | str, remedy: str) -> str:
+    """The text of a table or record that a run wrote.
+
+    A file without a checksum beside it, written by hand or by another program, is taken as it is.
+    Raises DamagedFile if the file is missing, empty, not UTF-8, without the line break at its end, or not the one that
+    its checksum is of.
+    """
+    path = Path(path)
+    try:
+        data = path.read_bytes()
+    except (FileNotFoundError, NotADirectoryError):
+        raise DamagedFile(f"{path} does not exist; {remedy}") from None
+    except OSError as error:
+        raise DamagedFile(f"{path} can't be read ({error.strerror}); {remedy}") from None
+    if not data.strip():
+        raise DamagedFile(f"{path} is empty; {remedy}")
+    try:
+        text = data.decode("utf-8")
+    except UnicodeDecodeError:
+        raise DamagedFile(f"{path} is not text; {remedy}") from None
+    if "\0" in text:
+        raise DamagedFile(f"{path} is not text; {remedy}")
+    if not text.endswith("\n"):
+        raise DamagedFile(f"{path} is cut off: no line break at its end; {remedy}")
+    try:
+        expected = sidecar(path).read_bytes()
+    except FileNotFoundError:
+        return text
+    if expected.split() != [b"%d" % len(data), b"%d" % google_crc32c.value(data)]:
+        raise DamagedFile(
+            f"{path} has changed since it was written ({sidecar(path).name} has another checksum); {remedy}, "
+            f"or remove {sidecar(path).name} if the change is yours"
+        )
+    return text
+
+
+def read_rows(path: Path | str, columns: Iterable[str], remedy: str) -> list[dict[str, str]]:
+    """Rows of a CSV table that a run wrote: values by column.
+
+    Raises DamagedFile as `read_text` does, and if a column is missing or a line has more or fewer values than the first.
+    """
+    lines = csv.DictReader(io.StringIO(read_text(path, remedy), newline=""), strict=True)
+    try:
+        rows = list(lines)
+    except csv.Error as error:
+        raise DamagedFile(f"{path} is no table ({error}); {remedy}") from None
+    if missing := [name for name in columns if name not in (lines.fieldnames or ())]:
+        raise DamagedFile(f"{path} has no column {missing[0]!r}; {remedy}")
+    for number, row in enumerate(rows, start=1):
+        if None in row or None in row.values():
+            raise DamagedFile(f"{path} lacks a value, or has one too many, in row {number}; {remedy}")
+    return rows
+
+
+def read_record(path: Path | str, remedy: str) -> dict:
+    """The JSON object of a record that a run wrote. Raises DamagedFile as `read_text` does, and if it is none."""
+    try:
+        record = json.loads(read_text(path, remedy))
+    except json.JSONDecodeError as error:
+        raise DamagedFile(f"{path} is no JSON ({error}); {remedy}") from None
+    if not isinstance(record, dict):
+        raise DamagedFile(f"{path} holds no record; {remedy}")
+    return record
