@@ -101,16 +101,16 @@ def write_sidecar(path: Path | str) -> None:
 def changed(folder: Path | str) -> list[Path]:
     """Files in a folder, and in folders below, that are not those that the checksums beside them are of.
 
-    Stores and folders with a manifest are passed over, and so are hidden folders. A file that was removed is no finding:
-    it is built again.
+    Stores and folders with a manifest are passed over, and so are hidden folders. A file that was removed is no
+    finding: it is built again.
     """
     found = []
     for place, folders, files in os.walk(folder):
-        folders[:] = (
-            [] if MANIFEST in files else sorted(n for n in folders if not n.startswith(".") and ".zarr" not in n)
-        )
-        for path in (Path(place, name) for name in sorted(files) if sidecar(Path(place, name)).name in files):
-            if sidecar(path).read_bytes().split() != [b"%d" % number for number in measure(path)]:
+        passed_over = MANIFEST in files
+        folders[:] = [] if passed_over else sorted(x for x in folders if not x.startswith(".") and ".zarr" not in x)
+        for path in (Path(place, name) for name in sorted(files)):
+            stated = sidecar(path)
+            if stated.name in files and stated.read_bytes().split() != [b"%d" % number for number in measure(path)]:
                 found.append(path)
     return found
 
@@ -154,7 +154,8 @@ def read_text(path: Path | str, remedy: str) -> str:
 def read_rows(path: Path | str, columns: Iterable[str], remedy: str) -> list[dict[str, str]]:
     """Rows of a CSV table that a run wrote: values by column.
 
-    Raises DamagedFile as `read_text` does, and if a column is missing or a line has more or fewer values than the first.
+    Raises DamagedFile as `read_text` does, and if a column is missing or a line has more or fewer values than the
+    first.
     """
     lines = csv.DictReader(io.StringIO(read_text(path, remedy), newline=""), strict=True)
     try:
