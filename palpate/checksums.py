@@ -119,8 +119,8 @@ def read_text(path: Path | str, remedy: str) -> str:
     """The text of a table or record that a run wrote.
 
     A file without a checksum beside it, written by hand or by another program, is taken as it is.
-    Raises DamagedFile if the file is missing, empty, not UTF-8, without the line break at its end, or not the one that
-    its checksum is of.
+    Raises DamagedFile if the file is missing, empty, not UTF-8, not the one that its checksum is of, or a table without
+    a line break at its end.
     """
     path = Path(path)
     try:
@@ -137,7 +137,7 @@ def read_text(path: Path | str, remedy: str) -> str:
         raise DamagedFile(f"{path} is not text; {remedy}") from None
     if "\0" in text:
         raise DamagedFile(f"{path} is not text; {remedy}")
-    if not text.endswith("\n"):
+    if path.suffix == ".csv" and not text.endswith("\n"):  # a record that is cut off is no JSON
         raise DamagedFile(f"{path} is cut off: no line break at its end; {remedy}")
     try:
         expected = sidecar(path).read_bytes()

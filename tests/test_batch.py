@@ -10,6 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from palpate.batch import Rejection, UnusableObject, each_object, generator, read_rejections, write_rejections
+from palpate.checksums import DamagedFile
 
 
 @given(st.integers(0, 2**32), st.lists(st.text(max_size=5), min_size=1, max_size=3))
@@ -38,7 +39,7 @@ def test_one_object_that_fails_does_not_cost_the_batch(caplog):
     assert "halving 4/4: longer" in caplog.text
 
 
-@pytest.mark.parametrize("error", [OSError(28, "No space left on device"), MemoryError()])
+@pytest.mark.parametrize("error", [OSError(28, "No space left on device"), MemoryError(), DamagedFile("cut off")])
 def test_what_the_machine_lacks_is_no_fault_of_the_object(error, caplog):
     def stop(name: str) -> None:
         raise error

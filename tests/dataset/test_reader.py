@@ -8,6 +8,8 @@ import pytest
 
 import palpate
 import palpate.store
+from palpate.atomic import atomic_write
+from palpate.batch import Rejection, write_rejections
 from palpate.catalogue import CatalogueError
 from palpate.store import StoreError
 from palpate.touch import empty_reading
@@ -356,3 +358,31 @@ def test_records_survive_pickling(built):
     record.grasps[0].depth  # noqa: B018
     copy = pickle.loads(pickle.dumps(record))
     np.testing.assert_array_equal(copy.grasps[1].depth, record.grasps[1].depth)
+
+
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [(b"", "is empty"), (b"\xff\xfe\x00\x01\n", "is not text"), (b"object,class,split,batch\n", "lists no object")],
+)
+def test_a_catalogue_that_is_empty_or_no_text_is_named_with_the_remedy(run, content, said):
+    (run / "catalogue.csv").write_bytes(content)
+    with pytest.raises(CatalogueError, match=f"{run}/catalogue.csv {said}; remove it and .* snakemake catalogue.csv"):
+        palpate.Dataset(run)
+
+
+def test_a_table_of_rejections_that_is_lost_or_damaged_is_an_error(run):
+    tables = {batch: run / f"rejected/touch/{batch}.csv" for batch in ("batch-0000", "batch-0001")}
+    for table in tables.values():
+        table.parent.mkdir(parents=True, exist_ok=True)
+        with atomic_write(table, checksum=True) as partial:
+            write_rejections(partial, [Rejection("ball-0001", "touch", "no touch")])
+    dataset = palpate.Dataset(run)
+    assert len(dataset.rejections()) == 2
+    table = tables["batch-0001"]
+    content = table.read_text()
+    for change in (lambda: table.write_text(content.replace("0001", "0002")), table.unlink):
+        change()
+        with pytest.raises(StoreError, match=f"{table} .*; remove it and .*: snakemake rejected/touch/batch-0001.csv"):
+            palpate.Dataset(run)
+    shutil.rmtree(run / "touch/batch-0001.zarr")  # not made yet
+    assert len(palpate.Dataset(run).rejections()) == 1
