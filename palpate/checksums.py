@@ -1,38 +1,34 @@
 """What files held when they were written: sizes and checksums, to tell lost, cut and altered files from whole ones.
 
-A folder of many files carries `manifest.json`. A table or a record carries `.<name>.crc32c` beside it. Stores of a
-batch carry theirs within (`palpate.store.files`).
+A folder of many files carries `manifest.json`. A table or a record carries `.<name>.sha256` beside it, which
+`sha256sum --check` reads too. Stores of a batch carry theirs within (`palpate.store.files`).
+
+SHA-256 and no CRC: chunks of Zarr end with their CRC-32C, so that of the whole file is the same whatever it holds.
 """
 
 import csv
+import hashlib
 import io
 import json
 import os
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
-import google_crc32c
-
 MANIFEST = "manifest.json"
-BLOCK = 1 << 20  # bytes that are read at once
-
-Manifest = Mapping[str, list[int]]  # path from the folder on -> bytes, CRC-32C
+Manifest = Mapping[str, Sequence]  # path from the folder on -> number of bytes, SHA-256
 
 
 class DamagedFile(ValueError):
     """A file is missing or not as it was written; the message names it and the remedy."""
 
 
-def measure(path: Path | str) -> list[int]:
-    """Bytes and CRC-32C of a file."""
-    size = crc = 0
+def measure(path: Path | str) -> list:
+    """Number of bytes and SHA-256 of a file."""
     with open(path, "rb", buffering=0) as file:
-        while block := file.read(BLOCK):
-            size, crc = size + len(block), google_crc32c.extend(crc, block)
-    return [size, crc]
+        return [os.fstat(file.fileno()).st_size, hashlib.file_digest(file, "sha256").hexdigest()]
 
 
-def manifest_of(folder: Path | str) -> dict[str, list[int]]:
+def manifest_of(folder: Path | str) -> dict[str, list]:
     """The manifest of all files in a folder but its own `manifest.json`, in order."""
     folder = Path(folder)
     files = sorted(path for path in folder.rglob("*") if path.is_file() and path != folder / MANIFEST)
@@ -44,12 +40,12 @@ def write_manifest(folder: Path | str) -> None:
     (Path(folder) / MANIFEST).write_text(json.dumps(manifest_of(folder), indent=0) + "\n")
 
 
-def read_manifest(folder: Path | str, remedy: str) -> dict[str, list[int]]:
+def read_manifest(folder: Path | str, remedy: str) -> dict[str, list]:
     """A folder's `manifest.json`. Raises DamagedFile if it is missing or can't be read."""
     path = Path(folder) / MANIFEST
     try:
         found = json.loads(path.read_bytes())
-        return {str(name): [int(size), int(crc)] for name, (size, crc) in found.items()}
+        return {name: [int(size), str(digest)] for name, (size, digest) in found.items()}
     except FileNotFoundError:
         raise DamagedFile(f"{path} does not exist, so what {folder} should hold is unknown; {remedy}") from None
     except (OSError, ValueError, AttributeError, TypeError) as error:
@@ -65,13 +61,13 @@ def damage(folder: Path | str, files: Manifest, contents: bool = False) -> list[
     return [f"{name} {line}" for name, line in zip(files, lines, strict=True) if line]
 
 
-def _difference(path: str, expected: list[int], contents: bool) -> str:
+def _difference(path: str, expected: Sequence, contents: bool) -> str:
     """How a file differs from what was written; empty if it does not."""
     try:
         size = os.stat(path).st_size
         if size == expected[0] and contents:
-            size, crc = measure(path)
-            if crc != expected[1]:
+            size, digest = measure(path)
+            if digest != expected[1]:
                 return "has changed since it was written (checksum)"
     except (FileNotFoundError, NotADirectoryError):
         return "is missing"
@@ -89,13 +85,12 @@ def listed(lines: Iterable[str], most: int = 3) -> str:
 def sidecar(path: Path | str) -> Path:
     """Where the checksum of a single file is kept."""
     path = Path(path)
-    return path.with_name(f".{path.name}.crc32c")
+    return path.with_name(f".{path.name}.sha256")
 
 
 def write_sidecar(path: Path | str) -> None:
-    """Write the size and checksum of a single file beside it."""
-    size, crc = measure(path)
-    sidecar(path).write_text(f"{size} {crc}\n")
+    """Write the checksum of a single file beside it, as `sha256sum` does."""
+    sidecar(path).write_text(f"{measure(path)[1]}  {Path(path).name}\n")
 
 
 def changed(folder: Path | str) -> list[Path]:
@@ -110,7 +105,7 @@ def changed(folder: Path | str) -> list[Path]:
         folders[:] = [] if passed_over else sorted(x for x in folders if not x.startswith(".") and ".zarr" not in x)
         for path in (Path(place, name) for name in sorted(files)):
             stated = sidecar(path)
-            if stated.name in files and stated.read_bytes().split() != [b"%d" % number for number in measure(path)]:
+            if stated.name in files and stated.read_bytes()[:64] != measure(path)[1].encode():
                 found.append(path)
     return found
 
@@ -143,7 +138,7 @@ def read_text(path: Path | str, remedy: str) -> str:
         expected = sidecar(path).read_bytes()
     except FileNotFoundError:
         return text
-    if expected.split() != [b"%d" % len(data), b"%d" % google_crc32c.value(data)]:
+    if expected[:64] != hashlib.sha256(data).hexdigest().encode():
         raise DamagedFile(
             f"{path} has changed since it was written ({sidecar(path).name} has another checksum); {remedy}, "
             f"or remove {sidecar(path).name} if the change is yours"

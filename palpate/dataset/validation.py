@@ -213,9 +213,9 @@ def check_files(run: Path | str, batch: str, stages: Sequence[str] = STAGES) -> 
     """
     folder, findings = Path(run), []
 
-    def compare(stage: str, digest: Callable[[], int]) -> None:
+    def compare(stage: str, digest: Callable[[], str]) -> None:
         try:
-            value, where = 0, f"{digest():08x}"
+            value, where = 0, digest()
         except (StoreError, checksums.DamagedFile, OSError) as error:
             value, where = 1, str(error)
         findings.append(Finding("files", stage, batch, "", where, value, CHECKS["files"].limit))
@@ -236,8 +236,8 @@ def _verified(path: Path) -> Store:
     return store
 
 
-def _folder_digest(folder: Path, command: str) -> int:
-    """CRC-32C of a folder's manifest, whose files are as it states. Raises DamagedFile otherwise."""
+def _folder_digest(folder: Path, command: str) -> str:
+    """SHA-256 of a folder's manifest, whose files are as it states. Raises DamagedFile otherwise."""
     remedy = f"remove {folder} and build it again with: {command}"
     if found := checksums.damage(folder, checksums.read_manifest(folder, remedy), contents=True):
         raise checksums.DamagedFile(f"{folder} is damaged: {checksums.listed(found)}; {remedy}")

@@ -3,6 +3,7 @@
 Zarr v3 with the sharding codec (a chunk is one record, a shard one array of the batch) or HDF5, by the suffix.
 """
 
+import hashlib
 import importlib.metadata
 import json
 import os
@@ -12,7 +13,6 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-import google_crc32c
 import h5py
 import numcodecs.blosc
 import numpy as np
@@ -35,11 +35,11 @@ numcodecs.blosc.use_threads = False
 COMPRESSION = {"cname": "zstd", "clevel": 1, "shuffle": "shuffle"}
 STRING_KINDS = "UOST"  # numpy's kinds of types that hold text
 REQUIRED_ATTRIBUTES = ("config_digest", "seed")
-# A Zarr store's attribute: `files`, the manifest of all files but the one that holds it, and `crc32c`, the checksum of
+# A Zarr store's attribute: `files`, the manifest of all files but the one that holds it, and `sha256`, the checksum of
 # the other attributes and the manifest.
 MANIFEST = "manifest"
 ROOT = "zarr.json"  # the file of a Zarr group's attributes, and of an array's header
-# Bytes before the content of an HDF5 file (its user block, which HDF5 skips): the content's size and CRC-32C as JSON.
+# Bytes before the content of an HDF5 file (its user block, which HDF5 skips): the content's size and SHA-256 as JSON.
 USER_BLOCK = 512
 
 
@@ -182,16 +182,16 @@ def seal(path: Path, attributes: Mapping[str, Any] | None = None) -> None:
     attributes.pop(MANIFEST, None)
     # Zarr reads a file that is missing as the fill value.
     files = {name: stated for name, stated in checksums.manifest_of(path).items() if name != ROOT}
-    group.attrs.put({**attributes, MANIFEST: {"crc32c": _crc(attributes, files), "files": files}})
+    group.attrs.put({**attributes, MANIFEST: {"sha256": _digest(attributes, files), "files": files}})
 
 
 def _user_block(content: bytes) -> bytes:
-    stated = {"size": len(content), "crc32c": google_crc32c.value(content)}
+    stated = {"size": len(content), "sha256": hashlib.sha256(content).hexdigest()}
     return json.dumps(stated).encode().ljust(USER_BLOCK)
 
 
-def _crc(attributes: Mapping[str, Any], files: checksums.Manifest) -> int:
-    return google_crc32c.value(json.dumps([attributes, files], sort_keys=True).encode())
+def _digest(attributes: Mapping[str, Any], files: checksums.Manifest) -> str:
+    return hashlib.sha256(json.dumps([attributes, files], sort_keys=True).encode()).hexdigest()
 
 
 def _write_hdf5(path: Path, spec: StoreSpec, arrays: dict[str, np.ndarray], attributes: dict[str, Any]) -> None:
@@ -229,6 +229,8 @@ class Store:
         if not self.path.exists():
             raise StoreError(f"{self.path} does not exist; build it with: snakemake {self._target}")
         self._headers: dict[str, zarr.Array] = {}
+        if self.path.suffix != ".zarr":
+            self._require_intact_hdf5()
         with self._arrays() as arrays:
             attributes = dict(arrays.attrs)
             if not isinstance(arrays, zarr.Group):  # HDF5 has no nested attributes: there each is a JSON text
@@ -241,19 +243,27 @@ class Store:
             )
         stated = attributes.pop(MANIFEST, {})
         self.attributes, self._files = attributes, stated.get("files", {})
-        if self.path.suffix == ".zarr" and stated.get("crc32c") != _crc(self.attributes, self._files):
+        if self.path.suffix == ".zarr" and stated.get("sha256") != _digest(self.attributes, self._files):
             raise self._damaged([f"{ROOT} has changed since it was written (checksum)"])
-        self._require_intact(contents=False)
+        if self.path.suffix == ".zarr":
+            self._require_intact(contents=False)
+
+    def _require_intact_hdf5(self) -> None:
+        """Raise StoreError if an HDF5 file, some 30 kB an object, is not as it was written.
+
+        Before HDF5 opens it: of some damaged files it never returns. Files of earlier versions have no user block.
+        """
+        with self._reading():
+            data = self.path.read_bytes()
+        earlier = data.startswith(b"\x89HDF\r\n\x1a\n")
+        if not earlier and data[:USER_BLOCK] != _user_block(data[USER_BLOCK:]):
+            raise self._damaged(["it has changed since it was written (checksum)"])
 
     def _require_intact(self, contents: bool) -> None:
         """Raise StoreError, naming the first files, if files are missing or of another size (or content)."""
-        if self.path.suffix == ".zarr":
-            found = checksums.damage(self.path, self._files, contents)
-        else:  # one file, of some 30 kB an object
-            data = self.path.read_bytes()
-            intact = data[:USER_BLOCK] == _user_block(data[USER_BLOCK:])
-            found = [] if intact else ["it has changed since it was written (checksum)"]
-        if found:
+        if self.path.suffix != ".zarr":
+            self._require_intact_hdf5()
+        elif found := checksums.damage(self.path, self._files, contents):
             raise self._damaged(found)
 
     def _damaged(self, lines: list[str]) -> StoreError:
@@ -267,9 +277,9 @@ class Store:
         self._require_intact(contents=True)
 
     @property
-    def digest(self) -> int:
-        """CRC-32C of what the store states of its files: other content has another digest."""
-        return _crc(self.attributes, self._files) if self._files else checksums.measure(self.path)[1]
+    def digest(self) -> str:
+        """SHA-256 of what the store states of its files: other content has another digest."""
+        return _digest(self.attributes, self._files) if self._files else checksums.measure(self.path)[1]
 
     @property
     def _target(self) -> str:
@@ -286,12 +296,17 @@ class Store:
     @contextmanager
     def _arrays(self) -> Iterator[h5py.File | zarr.Group]:
         """The file or folder, open for reading; errors in the block become a StoreError that names it."""
-        try:
+        with self._reading():
             if self.path.suffix == ".zarr":
                 yield self._group
             else:
                 with h5py.File(self.path, "r") as file:
                     yield file
+
+    @contextmanager
+    def _reading(self) -> Iterator[None]:
+        try:
+            yield
         except (StoreError, IndexError):  # about the array asked for, not about the file
             raise
         except Exception as error:

@@ -41,11 +41,10 @@ def _stores(stage: str, run: Path) -> Iterator[object]:
 def _meshes(run: Path) -> Iterator[object]:
     for batch in sorted((run / "meshes").glob("batch-*")):
         for name in mesh.usable(batch):
-            yield name
-            for load in (mesh.load_visual, mesh.load_collision):
-                loaded = load(batch / name)
-                yield from (loaded.vertices.tobytes(), loaded.faces.tobytes())
-            yield mesh.mesh_file(batch / name, "mesh.json").read_bytes()
+            yield name, mesh.load_visual(batch / name).vertices.tobytes()
+            yield from (
+                mesh.mesh_file(batch / name, path.name).read_bytes() for path in sorted((batch / name).iterdir())
+            )
 
 
 def _rejections(run: Path) -> Iterator[object]:

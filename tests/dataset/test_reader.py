@@ -251,14 +251,17 @@ def test_a_catalogue_alone_opens(run):
 
 def test_objects_rejected_before_the_whole_list_is_made_are_left_out(run):
     (run / "rejected.csv").unlink()
-    (run / "rejected/surface").mkdir(parents=True)
-    (run / "rejected/surface/batch-0000.csv").write_text("object,stage,reason\nblock-0000,surface,no area\n")
+    reject(run, "surface", "batch-0000", "block-0000")
     assert palpate.Dataset(run).objects == ["ball-0000", "ball-0002"]
 
 
 def reject(run, stage, batch, name):
+    """A stage's tables of all batches, of which one rejected an object."""
     path = run / f"rejected/{stage}/{batch}.csv"
     path.parent.mkdir(parents=True, exist_ok=True)
+    for other in ("batch-0000", "batch-0001"):
+        if not (path.parent / f"{other}.csv").exists():
+            (path.parent / f"{other}.csv").write_text("object,stage,reason\n")
     path.write_text(f"object,stage,reason\n{name},{stage},too thin\n")
 
 

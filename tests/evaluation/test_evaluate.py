@@ -238,7 +238,7 @@ def test_an_evaluation_that_is_no_table_is_named_with_the_remedy(tmp_path, conte
     path = tmp_path / "evaluations/a/seed-0.csv"
     path.parent.mkdir(parents=True)
     path.write_bytes(content)
-    with pytest.raises(EvaluationError, match=f"{path} .*build it with: snakemake evaluations/a/seed-0.csv"):
+    with pytest.raises(EvaluationError, match=f"(?s){path} .*build it with: snakemake evaluations/a/seed-0.csv"):
         read([path])
 
 
