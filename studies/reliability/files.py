@@ -205,12 +205,13 @@ def moved(run: Path, rng: np.random.Generator, tries: int) -> list[Try]:
     return outcomes
 
 
+def each_damage(kind: Kind, run: Path, rng: np.random.Generator, tries: int) -> list[Try]:
+    """Each of `DAMAGES`, so often."""
+    return [found for damage in DAMAGES.values() for found in apply(kind, damage, run, rng, tries)]
+
+
 FAULTS = [
-    *(
-        Fault(f"{kind.name}: {name}", partial(apply, kind, damage))
-        for kind in KINDS
-        for name, damage in DAMAGES.items()
-    ),
+    *(Fault(f"{kind.name}: {', '.join(DAMAGES)}", partial(each_damage, kind)) for kind in KINDS),
     Fault("all values of an array removed", values_removed),
     Fault("folder moved elsewhere", moved),
 ]

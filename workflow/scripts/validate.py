@@ -16,8 +16,8 @@ start, params = time.perf_counter(), snakemake.params
 findings, anew = validation.check_again(".", snakemake.input.batches, params.max_penetration)
 checks = validation.combine_validation(findings, ".", params.sources)
 objects = {finding.object for finding in findings if finding.object}
-checked = f"{len(checks)} checks, {len(objects)} objects, {len(snakemake.input.batches)} batches ({anew} anew)"
-took = f"in {time.perf_counter() - start:.1f} s"
+checked = f"{len(checks)} checks, {len(objects)} objects"
+took = f"in {time.perf_counter() - start:.1f} s (values of {anew} of {len(snakemake.input.batches)} batches anew)"
 
 failed = checks[~checks.passed]
 if len(failed):
