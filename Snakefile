@@ -48,6 +48,24 @@ include: "workflow/rules/results.smk"
 include: "workflow/rules/targets.smk"
 
 
+if workflow.is_main_process:
+    for each in logger.handlers:
+        each.addFilter(terminal.Errors(explain_target))
+
+
+onstart:
+    take_folder()
+    take_terminal()
+
+
+onsuccess:
+    say_end()
+
+
+onerror:
+    say_end()
+
+
 localrules:
     all,
 

@@ -1,29 +1,40 @@
 """Outputs that appear whole or not at all, whenever the process is killed."""
 
 import os
+import re
+import secrets
 import shutil
+import socket
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 from palpate.checksums import sidecar, write_sidecar
 
+# `.partial-<machine>~<process>~<random>-<name>`, and the same with `replaced`: no two writers share one.
+TEMPORARY = re.compile(r"\.(?:partial|replaced)-(?P<machine>[^~]*)~(?P<process>\d+)~[0-9a-f]+-(?P<name>.+)")
+# What versions before these names wrote.
+FORMER = re.compile(r"\.(?:partial|replaced)-.+")
+
 
 @contextmanager
 def atomic_write(path: Path | str, checksum: bool = False) -> Iterator[Path]:
     """A temporary path beside `path` for a file or a folder, renamed to `path` when the block succeeds.
 
-    The temporary name keeps the suffix, because many writers go by it. Whatever stood at `path` is replaced;
-    what a killed run left behind is removed first. If the block raises, `path` is as it was before.
+    The temporary name is this writer's own, and keeps the suffix, because many writers go by it. Whatever stood
+    at `path` is replaced. What killed processes of this machine left of the same path is removed first.
     checksum: keep the file's checksum beside it, which `palpate.checksums.read_text` reads it by.
-    Raises FileNotFoundError if the block wrote nothing.
+    If the block raises, `path` is as it was before. Raises FileNotFoundError if the block wrote nothing.
     """
     path = Path(path)
-    partial = path.with_name(f".partial-{path.name}")
-    replaced = path.with_name(f".replaced-{path.name}")
+    owner = f"{machine()}~{os.getpid()}~{secrets.token_hex(4)}"
+    partial = path.with_name(f".partial-{owner}-{path.name}")
+    replaced = path.with_name(f".replaced-{owner}-{path.name}")
     path.parent.mkdir(parents=True, exist_ok=True)
-    for leftover in (partial, replaced):
-        remove(leftover)
+    for name in os.listdir(path.parent):
+        match = TEMPORARY.fullmatch(name)
+        if match and match["name"] == path.name and match["machine"] == machine() and not is_alive(match["process"]):
+            remove(path.parent / name)
     try:
         yield partial
         if not os.path.lexists(partial):
@@ -37,6 +48,37 @@ def atomic_write(path: Path | str, checksum: bool = False) -> Iterator[Path]:
     finally:
         remove(partial)
         remove(replaced)
+
+
+def machine() -> str:
+    """This machine's name, as it stands in file names."""
+    return re.sub(r"[^A-Za-z0-9.-]", "_", socket.gethostname())[:64]
+
+
+def is_alive(process: int | str) -> bool:
+    """Whether a process of this machine exists, by its number."""
+    try:
+        os.kill(int(process), 0)
+    except ProcessLookupError:
+        return False
+    except PermissionError:  # another user's
+        pass
+    return True
+
+
+def sweep(folder: Path, whole: re.Pattern[str]) -> list[Path]:
+    """Remove what killed processes of any machine left below a folder, and return the removed paths.
+
+    Nothing may be writing there. Folders whose name matches `whole` are outputs: they are not looked into.
+    """
+    removed = []
+    for place, folders, files in os.walk(folder):
+        left = [name for name in [*folders, *files] if FORMER.fullmatch(name)]
+        for name in left:
+            remove(Path(place, name))
+        removed += [Path(place, name) for name in left]
+        folders[:] = [name for name in folders if name not in left and not whole.fullmatch(name)]
+    return removed
 
 
 def remove(path: Path) -> None:

@@ -1,6 +1,7 @@
 """Processing of a batch of objects, shared by all stages: seeds, rejections, progress."""
 
 import csv
+import errno
 import hashlib
 import logging
 import os
@@ -12,9 +13,14 @@ from typing import Any, NamedTuple
 import numpy as np
 from tqdm import tqdm
 
+from palpate import lock
 from palpate.checksums import DamagedFile, read_rows
+from palpate.remedy import command
 
 log = logging.getLogger(__name__)
+
+# In a job's environment: a run has the terminal, and jobs print nothing on it. tqdm heeds it too.
+QUIET = "TQDM_DISABLE"
 
 
 class UnusableObject(ValueError):
@@ -39,8 +45,12 @@ def generator(seed: int, *names: str) -> np.random.Generator:
 def log_to(path: Path | str) -> None:
     """Send a job's log lines, what engines print, and the traceback of a failure to its log file.
 
-    Standard error stays on the terminal, for the progress bar and for the failure's message.
+    The last line of a job that failed is its error in one line (`plain`). Standard error stays on the terminal, for
+    the progress bar and for that line.
+    The process counts as a job of the run in whose folder it is, until it ends (`palpate.lock`).
     """
+    if Path(lock.LOCK).exists():
+        lock.share(".")
     file = open(path, "w", buffering=1)  # noqa: SIM115 - it lives as long as the process
     logging.basicConfig(stream=file, level=logging.INFO, format="%(asctime)s %(levelname)s %(message)s", force=True)
     logging.captureWarnings(True)
@@ -49,9 +59,25 @@ def log_to(path: Path | str) -> None:
 
     def excepthook(kind, error, traceback):
         log.critical("stopped", exc_info=(kind, error, traceback))
-        sys.__excepthook__(kind, error, traceback)
+        print(plain(error), flush=True)
+        if QUIET not in os.environ:  # else the run says it
+            print(plain(error), file=sys.stderr)
 
     sys.excepthook = excepthook
+
+
+def plain(error: BaseException) -> str:
+    """An error in one line, with the remedy where it is the machine's: a full disk, no right to write, no memory."""
+    text = " ".join(str(error).split())
+    if isinstance(error, MemoryError):
+        return f"too little memory{f' ({text})' if text else ''}: start again with fewer --cores, or free some memory"
+    if isinstance(error, OSError):
+        place = error.filename or os.getcwd()
+        if error.errno in (errno.ENOSPC, errno.EDQUOT) or os.strerror(errno.ENOSPC) in text:
+            return f"{place}: the disk is full: free some space and start again; what is finished stays"
+        if error.errno in (errno.EROFS, errno.EACCES, errno.EPERM):
+            return f"{place}: {error.strerror}: give the right to it, or set `results` in the config to another folder"
+    return f"{type(error).__name__}: {text}"
 
 
 def each_object(
@@ -90,8 +116,7 @@ def read_rejections(paths: Iterable[Path | str]) -> list[Rejection]:
     """
     rejections = []
     for path in map(Path, paths):
-        target = "/".join(path.parts[-3:]) if "rejected" in path.parts else path.name
-        rows = read_rows(path, Rejection._fields, f"remove it and build it with: snakemake {target}")
+        rows = read_rows(path, Rejection._fields, f"remove it and build it with: {command(path)}")
         rejections += [Rejection(*(row[field] for field in Rejection._fields)) for row in rows]
     return rejections
 

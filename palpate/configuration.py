@@ -1,6 +1,7 @@
 """Config files and tables are checked against a JSON schema before anything runs."""
 
 import difflib
+import math
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -39,6 +40,15 @@ def _say(error: jsonschema.ValidationError) -> Iterator[str]:
         yield f"{where or 'top level'}: {error.message}"
 
 
+def _not_finite(value: Any, where: tuple[str, ...] = ()) -> Iterator[str]:
+    """A line for each number in nested dictionaries and lists that is NaN or infinite: no bound of a schema sees it."""
+    if isinstance(value, dict | list):
+        for key, item in value.items() if isinstance(value, dict) else enumerate(value):
+            yield from _not_finite(item, (*where, str(key)))
+    elif isinstance(value, float) and not math.isfinite(value):
+        yield f"{'.'.join(where) or 'top level'}: {value} is not a finite number"
+
+
 def check(instance: Any, schema: Path | str, what: str) -> None:
     """Raise `ConfigError` with one line for each misfit of `instance` to the schema file.
 
@@ -48,5 +58,6 @@ def check(instance: Any, schema: Path | str, what: str) -> None:
     errors = sorted(validator.iter_errors(instance), key=lambda error: list(map(str, error.absolute_path)))
     # A key that is wrong in several ways (a failed `required` names each missing key) is said once.
     lines = list(dict.fromkeys(line for error in errors for line in _say(error)))
+    lines += _not_finite(instance)
     if lines:
         raise ConfigError(f"{what} does not fit {Path(schema).name}:\n" + "\n".join(f"  {line}" for line in lines))

@@ -1,4 +1,5 @@
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -8,7 +9,7 @@ import numpy as np
 import pytest
 
 import palpate.store
-from palpate.atomic import atomic_write
+from palpate.atomic import atomic_write, sweep
 from palpate.store import read, write
 
 
@@ -76,6 +77,40 @@ def test_leftovers_of_a_killed_run_are_removed(tmp_path, folder):
     assert [entry.name for entry in tmp_path.iterdir()] == ["thing"]
 
 
+@pytest.mark.parametrize("folder", [False, True])
+def test_two_writers_of_one_path_do_not_disturb_each_other(tmp_path, folder):
+    path = tmp_path / "thing.txt"
+    code = (
+        "import os, sys\nfrom palpate.atomic import atomic_write\n"
+        "with atomic_write(sys.argv[1]) as partial:\n"
+        "    place = partial\n"
+        "    if int(sys.argv[2]): os.mkdir(partial); place = partial / 'inner.txt'\n"
+        "    place.write_text('theirs')\n"
+        "    print('half', flush=True)\n"
+        "    input()\n"
+    )
+    command = [sys.executable, "-c", code, str(path), str(int(folder))]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout.readline() == "half\n"
+        with atomic_write(path) as partial:
+            make(partial, "ours", folder)
+        assert content(path) == "ours"
+        process.communicate("\n")
+    assert process.returncode == 0 and content(path) == "theirs"
+    assert [entry.name for entry in tmp_path.iterdir()] == ["thing.txt"]
+
+
+def test_what_killed_processes_left_is_swept_and_nothing_else(tmp_path):
+    keep = ["a/thing.txt", "a/partial.txt", "a/.hidden", "a/batch-0000.zarr/.partial-x~1~a-inside"]
+    stale = ["a/.partial-elsewhere~7~0f-thing.txt", "a/b/.replaced-here~8~0f-batch-0000/x", ".partial-last.ckpt"]
+    for name in keep + stale:
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).write_text("")
+    removed = sweep(tmp_path, re.compile("batch-.*"))
+    assert len(removed) == len(stale)
+    assert sorted(str(path.relative_to(tmp_path)) for path in tmp_path.rglob("*") if path.is_file()) == sorted(keep)
+
+
 def points(objects):
     names = np.array([f"a-{number}" for number in range(objects)])
     clouds = np.random.default_rng(0).random((objects, 10000, 3), dtype=np.float32)
@@ -93,14 +128,13 @@ palpate.store.write(sys.argv[2], "surface", test_atomic.points(400), test_atomic
 
 def test_a_write_that_is_killed_leaves_no_store_and_the_next_succeeds(tmp_path):
     path = tmp_path / "surface" / "batch-0000.zarr"
-    partial = path.with_name(".partial-batch-0000.zarr")
     command = [sys.executable, "-c", WRITE, os.path.dirname(__file__), str(path)]
     with subprocess.Popen(command) as process:
-        while not (partial / "points" / "zarr.json").exists():  # in the middle: the points are not there yet
+        while not list(path.parent.glob(".partial-*/points/zarr.json")):  # in the middle: no points yet
             assert process.poll() is None
             time.sleep(0.001)
         process.send_signal(signal.SIGKILL)
-    assert partial.exists() and not path.exists()
+    assert list(path.parent.glob(".partial-*-batch-0000.zarr")) and not path.exists()
     with pytest.raises(palpate.store.StoreError, match="does not exist"):
         read(path)
     arrays = points(2)

@@ -9,7 +9,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from palpate.batch import Rejection, UnusableObject, each_object, generator, read_rejections, write_rejections
+from palpate.batch import (
+    Rejection,
+    UnusableObject,
+    each_object,
+    generator,
+    plain,
+    read_rejections,
+    write_rejections,
+)
 from palpate.checksums import DamagedFile
 
 
@@ -69,3 +77,26 @@ def test_a_job_log_holds_lines_prints_of_engines_and_the_traceback(tmp_path):
     assert done.returncode == 1
     assert "ValueError: the end" in done.stderr and done.stdout == ""
     assert "INFO a line" in log and "an engine" in log and "ValueError: the end" in log
+    assert "Traceback" in log and "Traceback" not in done.stderr
+    assert log.splitlines()[-1] == "ValueError: the end"
+
+
+@pytest.mark.parametrize(
+    ("error", "said"),
+    [
+        (OSError(28, "No space left on device", "x.zarr"), "x.zarr: the disk is full: free some space"),
+        (
+            OSError("Can't write data (file write failed: errno = 28, error message = 'No space left on device')"),
+            "full",
+        ),
+        (
+            OSError(30, "Read-only file system", "a/b.csv"),
+            "a/b.csv: Read-only file system: give the right to it, or se",
+        ),
+        (PermissionError(13, "Permission denied", "a/b.csv"), "a/b.csv: Permission denied: give the right to it, or"),
+        (MemoryError("Unable to allocate 9 TiB"), "too little memory (Unable to allocate 9 TiB): start again with few"),
+        (ValueError("two\nlines"), "ValueError: two lines"),
+    ],
+)
+def test_an_error_is_one_line_with_its_remedy(error, said):
+    assert said in plain(error) and "\n" not in plain(error)

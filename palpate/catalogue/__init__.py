@@ -1,15 +1,18 @@
 """Which objects a run has: the sources of their meshes, their classes, splits and batches."""
 
+from palpate.catalogue.batches import assign_batches, batch_number, in_order, read_places, write_places
+from palpate.catalogue.record import check_same_run, resolve_source, write_record
 from palpate.catalogue.sources import UP_AXIS, CatalogueError, SourceObject, all_classes, class_counts, scan
-from palpate.catalogue.split import PAPER_SPLIT, SPLITS, assign_split
+from palpate.catalogue.split import PAPER_SPLIT, SPLITS, assign_split, suggest_split
 from palpate.catalogue.table import (
     COLUMNS,
     CatalogueEntry,
-    batch_names,
     build,
+    check_splits,
     checksum,
     companions,
     read_catalogue,
+    splits_of,
 )
 
 __all__ = [
@@ -21,12 +24,22 @@ __all__ = [
     "CatalogueError",
     "SourceObject",
     "all_classes",
+    "assign_batches",
     "assign_split",
-    "batch_names",
+    "batch_number",
     "build",
+    "check_same_run",
+    "check_splits",
     "checksum",
     "class_counts",
     "companions",
+    "in_order",
     "read_catalogue",
+    "read_places",
+    "resolve_source",
     "scan",
+    "splits_of",
+    "suggest_split",
+    "write_places",
+    "write_record",
 ]

@@ -59,7 +59,8 @@ def scan(source: Mapping[str, Any], classes: Mapping[str, Count]) -> list[Source
     choice, the same on every machine. Procedural objects are listed whether their files have been written or
     not.
 
-    Raises `CatalogueError` for an unknown kind or class, a missing folder, no mesh, or fewer than asked for.
+    Raises `CatalogueError` for an unknown kind or class, a missing folder, no mesh, fewer than asked for, or a
+    link that leads nowhere.
     """
     kind = source["kind"]
     if kind not in _FINDERS:
@@ -78,6 +79,8 @@ def scan(source: Mapping[str, Any], classes: Mapping[str, Count]) -> list[Source
         if count != "all" and (isinstance(count, bool) or not isinstance(count, int) or count < 1):
             raise CatalogueError(f"class {name}: expected a number of objects from 1 up, or `all`, not {count!r}")
         entries += _FINDERS[kind](root, name, count)
+    if kind != "procedural":
+        _check_links(root, entries)
     return entries
 
 
@@ -134,6 +137,15 @@ def _holds_mesh(folder: Path, kind: str) -> bool:
 def _check_folder(root: Path, kind: str) -> None:
     if not root.is_dir():
         raise CatalogueError(f"{root}: no such folder: set source.path to the folder of the {kind} source")
+
+
+def _check_links(root: Path, entries: Iterable[SourceObject]) -> None:
+    for entry in entries:
+        path = root / entry.source
+        if path.is_symlink() and not path.exists():
+            raise CatalogueError(
+                f"{path}: a link to {os.readlink(path)}, where there is no file: mend the link or remove it"
+            )
 
 
 def _procedural(root: Path, name: str, count: Count) -> list[SourceObject]:

@@ -1,7 +1,7 @@
 """The split of an object, decided by its name alone."""
 
 import hashlib
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 
 # Objects of the paper's dataset in each split (Smith et al. 2020, supplement, Dataset Statistics).
 PAPER_SPLIT = {"train": 1298, "validation": 258, "test": 175}
@@ -20,6 +20,29 @@ def assign_split(object_name: str, ratios: Mapping[str, float] = PAPER_SPLIT) ->
     name begins with its class, every class is split in these proportions (up to chance: this is no quota).
     """
     return _cut(_fraction(object_name, SALT), ratios)
+
+
+def suggest_split(object_names: Iterable[str]) -> dict[str, int] | None:
+    """Ratios near the paper's, as whole numbers, that put at least one of the objects in each split.
+
+    None if there are fewer objects than splits.
+    """
+    fractions = sorted(_fraction(name, SALT) for name in object_names)
+    count, cuts, reached = len(fractions), [], 0.0
+    if count < len(SPLITS):
+        return None
+    total = sum(PAPER_SPLIT.values())
+    for position, split in enumerate(SPLITS[:-1]):
+        reached += PAPER_SPLIT[split] / total
+        least, most = (cuts[-1] if cuts else 0) + 1, count - len(SPLITS) + 1 + position
+        cuts.append(min(max(round(reached * count), least), most))
+    places = [0.0, *((fractions[cut - 1] + fractions[cut]) / 2 for cut in cuts), 1.0]
+    for whole in (100, 10_000, 10**6, 10**9):
+        edges = [round(place * whole) for place in places]
+        found = {split: edges[i + 1] - edges[i] for i, split in enumerate(SPLITS)}
+        if min(found.values()) > 0 and {_cut(each, found) for each in fractions} == set(SPLITS):
+            return found
+    return None
 
 
 def _fraction(object_name: str, salt: str) -> float:

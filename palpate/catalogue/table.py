@@ -5,15 +5,18 @@ import io
 import json
 import logging
 import re
-from collections.abc import Mapping
+from collections import Counter
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 from urllib.parse import unquote
 
-from palpate.catalogue.sources import CatalogueError, Count, given_splits, scan
-from palpate.catalogue.split import PAPER_SPLIT, assign_split
+from palpate.catalogue.batches import assign_batches, in_order
+from palpate.catalogue.sources import CatalogueError, Count, SourceObject, given_splits, scan
+from palpate.catalogue.split import PAPER_SPLIT, SPLITS, assign_split, suggest_split
 from palpate.checksums import DamagedFile, read_rows
 from palpate.released import layout
+from palpate.remedy import command
 
 log = logging.getLogger(__name__)
 
@@ -41,8 +44,8 @@ def read_catalogue(path: Path | str) -> list[CatalogueEntry]:
     rows, or lacks a value of object, class, split or batch.
     """
     if not Path(path).is_file():
-        raise CatalogueError(f"{path} does not exist; name a run's folder, or build it with: snakemake catalogue.csv")
-    again = "remove it and build it with: snakemake catalogue.csv"
+        raise CatalogueError(f"{path} does not exist; name a run's folder, or build it with: {command(path)}")
+    again = f"remove it and build it with: {command(path)}"
     try:
         rows = read_rows(path, COLUMNS[:4], again)
     except DamagedFile as error:
@@ -56,19 +59,44 @@ def read_catalogue(path: Path | str) -> list[CatalogueEntry]:
     return entries
 
 
-def batch_names(object_count: int, batch_size: int) -> list[str]:
-    """The names `batch-0000`, ... of the batches of a number of objects."""
-    return [f"batch-{i:04d}" for i in range(-(-object_count // batch_size))]
+def splits_of(
+    entries: Iterable[SourceObject], source: Mapping[str, Any], ratios: Mapping[str, float]
+) -> dict[str, str]:
+    """The split of each object by name: the source's own, or that of its name."""
+    given = given_splits(source)
+    return {entry.object: given.get(entry.object) or assign_split(entry.object, ratios) for entry in entries}
+
+
+def check_splits(splits: Mapping[str, str], needed: Iterable[str], what: str, by_name: bool = True) -> None:
+    """Raise CatalogueError if a split that is needed has none of the objects.
+
+    splits: of each object. what: needs them, as the message names it. by_name: names decide the splits, so that the
+    message can say how to set the config's. Rejections come later and are not known here.
+    """
+    counts = Counter(splits.values())
+    empty = [split for split in needed if not counts[split]]
+    if not empty:
+        return
+    message = (
+        f"no object of this run is in the {' or '.join(empty)} split, which {what} needs "
+        f"({', '.join(f'{split} {counts[split]}' for split in SPLITS)}): "
+    )
+    better = suggest_split(splits) if by_name else None
+    if better:
+        text = ", ".join(f"{split}: {share}" for split, share in better.items())
+        raise CatalogueError(f"{message}set `split: {{{text}}}` in the config, or add objects (`classes`)")
+    raise CatalogueError(f"{message}add objects (`classes`)")
 
 
 def build(
     source: Mapping[str, Any],
     classes: Mapping[str, Count],
     ratios: Mapping[str, float] = PAPER_SPLIT,
-    batch_size: int = 16,
+    batches: Mapping[str, str] | int = 16,
 ):
-    """The catalogue as a pandas DataFrame with `COLUMNS`, a row an object in the order of `scan`.
+    """The catalogue as a pandas DataFrame with `COLUMNS`, a row an object, batch by batch in the order of `scan`.
 
+    batches: the batch of each object by name, or a batch's size, by which they are formed anew.
     Splits are those that the source gives, or else go by the names. `source` is the mesh file relative to the
     source's path, so that the table is the same on every machine.
     Raises `CatalogueError` as `scan` does, and where a file that it lists does not exist (procedural objects
@@ -77,18 +105,20 @@ def build(
     import pandas  # slow to import, and the only place that needs it
 
     root = Path(source["path"])
-    entries, splits = scan(source, classes), given_splits(source)
-    batches = batch_names(len(entries), batch_size)
+    entries = scan(source, classes)
+    splits = splits_of(entries, source, ratios)
+    if isinstance(batches, int):
+        batches = assign_batches([entry.object for entry in entries], batches)
     rows = [
         (
             entry.object,
             entry.class_name,
-            splits.get(entry.object) or assign_split(entry.object, ratios),
-            batches[position // batch_size],
+            splits[entry.object],
+            batches[entry.object],
             entry.source,
             checksum(root / entry.source),
         )
-        for position, entry in enumerate(entries)
+        for entry in in_order(entries, batches)
     ]
     table = pandas.DataFrame(rows, columns=list(COLUMNS))
     _warn_of_empty_splits(table, ratios)

@@ -9,7 +9,14 @@ from palpate.charts.atlas import (
     touch_chart,
     vision_atlas,
 )
-from palpate.charts.chamfer import CHAMFER_SCALE, build_tree, chamfer_distance, nearest, one_sided_distance
+from palpate.charts.chamfer import (
+    CHAMFER_SCALE,
+    PIXEL2MESH_SCALE,
+    build_tree,
+    chamfer_distance,
+    nearest,
+    one_sided_distance,
+)
 from palpate.charts.fit import fit_adam, fit_direct
 from palpate.charts.graph import Graph
 from palpate.charts.sample import sample_faces
@@ -17,6 +24,7 @@ from palpate.charts.sample import sample_faces
 __all__ = [
     "ATLAS_RADIUS",
     "CHAMFER_SCALE",
+    "PIXEL2MESH_SCALE",
     "Atlas",
     "Graph",
     "TouchChart",

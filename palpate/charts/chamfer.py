@@ -11,7 +11,11 @@ import torch
 from scipy.spatial import cKDTree
 from torch import Tensor
 
+from palpate.mesh import DIAGONAL
+
 CHAMFER_SCALE = 9000  # the tables' factor (the published evaluation)
+# From metres to Pixel2Mesh's unit of length: it scales ShapeNet's meshes, whose boxes have a diagonal of 1, by 0.57.
+PIXEL2MESH_SCALE = 0.57 / DIAGONAL
 BLOCK_PAIRS = 1 << 24  # pairs of a query and a point held at a time on a GPU: 64 MiB of float32 distances
 LEAF_SIZE = 64  # points in a leaf of a k-d tree, chosen in docs/charts.md
 

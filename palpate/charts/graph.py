@@ -122,6 +122,7 @@ class Graph(nn.Module):
         ends = torch.zeros(2 if self.touch_charts else 0, self.vertices, dtype=torch.float64)
         if self.touch_charts:
             ends[0, boundary] = ends[1, self.reference] = 1
+        self._converted: dict[torch.dtype, tuple[Tensor, ...]] = {}
         self.register_buffer("neighbour", neighbour.int(), persistent=False)
         self.register_buffer("start", start.int(), persistent=False)
         self.register_buffer("weight", weight, persistent=False)
@@ -145,13 +146,24 @@ class Graph(nn.Module):
         if x.ndim < 2 or len(x) != self.vertices:
             raise ValueError(f"features of shape {tuple(x.shape)}; must be ({self.vertices}, ..., channels)")
         rows = x.reshape(self.vertices, -1).contiguous()
+        weight, transposed, left, right = self._factors_as(x.dtype)
+        factors = (transposed, weight, right, left) if transpose else (weight, transposed, left, right)
         with torch.autocast(x.device.type, enabled=False):
-            factors = self.weight, self.transposed, self.left, self.right
-            if transpose:
-                factors = self.transposed, self.weight, self.right, self.left
-            factors = [factor.to(x.dtype) for factor in factors]
             y = NeighbourhoodSum.apply(rows, self.neighbour, self.start, *factors)
         return y.view(x.shape)
+
+    def _factors_as(self, dtype: torch.dtype) -> tuple[Tensor, ...]:
+        """The factors of the sum in the type of the features, converted once."""
+        if dtype not in self._converted:
+            factors = self.weight, self.transposed, self.left, self.right
+            with torch.inference_mode(False):  # kept for training, whatever the first use
+                self._converted[dtype] = tuple(factor.to(dtype) for factor in factors)
+        return self._converted[dtype]
+
+    def _apply(self, function, *arguments):
+        """Called where the module goes to another device or type."""
+        self._converted.clear()
+        return super()._apply(function, *arguments)
 
     forward = aggregate
 

@@ -4,5 +4,6 @@ Reading needs no engine; `palpate.dataset.validation` loads the packages that ma
 """
 
 from palpate.dataset.reader import Dataset
+from palpate.dataset.summary import summary
 
-__all__ = ["Dataset"]
+__all__ = ["Dataset", "summary"]

@@ -8,6 +8,7 @@ import numpy as np
 
 from palpate.catalogue import CatalogueEntry
 from palpate.dataset.run import Run
+from palpate.remedy import command
 from palpate.store.contract import CONTRACT
 from palpate.store.files import Store, StoreError
 
@@ -143,7 +144,7 @@ class JoinedArray(Sequence):
         above = f"NaN, infinite or above {limit:g}" if np.isfinite(limit) else "NaN or infinite"
         return StoreError(
             f"{path}: {self._name} of {entry.object} is {above}; remove the store and build it again with: "
-            f"snakemake {self._stage}/{path.name}, or omit the object"
+            f"{command(path)}; or omit the object"
         )
 
 

@@ -8,6 +8,7 @@ from typing import Any
 from palpate.batch import read_rejections
 from palpate.catalogue import CatalogueEntry, read_catalogue
 from palpate.checksums import DamagedFile
+from palpate.remedy import command
 from palpate.store.contract import CONTRACT
 from palpate.store.files import Store, StoreError
 
@@ -71,7 +72,11 @@ class Run:
         path = self.folder / CONTRACT[stage].path(batch)
         if path not in self._stores:
             if not self.has(stage):
-                raise StoreError(f"{self.folder} has no {stage}; build it with: snakemake --cores 2 dataset")
+                numbers = [each.removeprefix("batch-") for each in self.batches]
+                in_row = len(numbers) > 2 and int(numbers[-1]) - int(numbers[0]) == len(numbers) - 1
+                names = [f"batch-{{{numbers[0]}..{numbers[-1]}}}"] if in_row else self.batches
+                targets = [CONTRACT[stage].path(each) for each in names]
+                raise StoreError(f"{self.folder} has no {stage}; build it with: {command(self.folder, *targets)}")
             self._stores[path] = Store(path)
         return self._stores[path]
 
@@ -97,7 +102,7 @@ class Run:
                 )
         raise StoreError(
             f"{path} does not hold {entry.object}, which the catalogue puts in {entry.batch}; "
-            f"remove it and build it again with: snakemake {stage}/{path.name}"
+            f"remove it and build it again with: {command(path)}"
         )
 
     def grasps(self, entry: CatalogueEntry) -> int:

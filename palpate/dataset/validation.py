@@ -28,6 +28,7 @@ from palpate.dataset.checks import (
 )
 from palpate.dataset.run import Run
 from palpate.hand import Hand
+from palpate.remedy import command
 from palpate.store.contract import CONTRACT, SENSOR_NAMES
 from palpate.store.files import REQUIRED_ATTRIBUTES, Store, StoreError, check_headers, describe
 from palpate.touch import empty_reading
@@ -220,13 +221,13 @@ def check_files(run: Path | str, batch: str, stages: Sequence[str] = STAGES) -> 
             value, where = 1, str(error)
         findings.append(Finding("files", stage, batch, "", where, value, CHECKS["files"].limit))
 
-    compare("meshes", lambda: _folder_digest(folder / "meshes" / batch, f"snakemake meshes/{batch}"))
+    compare("meshes", lambda: _folder_digest(folder / "meshes" / batch))
     for stage, spec in CONTRACT.items():
         path = folder / spec.path(batch)
         if stage in stages or path.exists():
             compare(stage, lambda path=path: _verified(path).digest)
     if (folder / "exr" / batch).exists():
-        compare("exr", lambda: _folder_digest(folder / "exr" / batch, f"snakemake --forcerun vision exr/{batch}"))
+        compare("exr", lambda: _folder_digest(folder / "exr" / batch))
     return findings
 
 
@@ -236,9 +237,9 @@ def _verified(path: Path) -> Store:
     return store
 
 
-def _folder_digest(folder: Path, command: str) -> str:
+def _folder_digest(folder: Path) -> str:
     """SHA-256 of a folder's manifest, whose files are as it states. Raises DamagedFile otherwise."""
-    remedy = f"remove {folder} and build it again with: {command}"
+    remedy = f"remove {folder} and build it again with: {command(folder)}"
     if found := checksums.damage(folder, checksums.read_manifest(folder, remedy), contents=True):
         raise checksums.DamagedFile(f"{folder} is damaged: {checksums.listed(found)}; {remedy}")
     return checksums.measure(folder / checksums.MANIFEST)[1]
@@ -278,7 +279,7 @@ def write_findings(path: Path | str, findings: Iterable[Finding]) -> None:
 
 def read_findings(path: Path | str) -> list[Finding]:
     """The findings that `write_findings` wrote."""
-    remedy = f"remove it and build it with: snakemake reports/validation/{Path(path).name}"
+    remedy = f"remove it and build it with: {command(path)}"
     rows = checksums.read_rows(path, Finding._fields, remedy)
     return [Finding(**{**row, "value": float(row["value"]), "limit": float(row["limit"])}) for row in rows]
 

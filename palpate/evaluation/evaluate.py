@@ -4,7 +4,7 @@ import logging
 import sys
 import time
 from collections.abc import Iterator, Mapping, Sequence
-from itertools import islice
+from itertools import groupby, islice
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -17,11 +17,13 @@ from tqdm import tqdm
 from palpate import checksums, training
 from palpate.charts import CHAMFER_SCALE, build_tree, chamfer_distance, sample_faces, touch_chart
 from palpate.dataset import Dataset
-from palpate.dataset.reader import GraspRecord
+from palpate.dataset.reader import GraspRecord, ObjectRecord
 from palpate.evaluation.metrics import score, seeded
 from palpate.evaluation.rings import RINGS, SAMPLES, ring_distances, ring_points
 from palpate.evaluation.rows import COLUMNS, RING_COLUMNS, SPLITS, TOUCH_COLUMNS, EvaluationError
-from palpate.models import Reconstruction, TouchDepth
+from palpate.evaluation.surface_quality import plane_normals, surface_quality, topology
+from palpate.models import Reconstruction, SingleImageModel, TouchDepth
+from palpate.remedy import command
 from palpate.training import Assembler, Machine, Sample, TrainingData, windows
 from palpate.training.losses import sheet
 from palpate.training.touches import channels_first, predict_depth
@@ -35,7 +37,7 @@ POINTS = 10_000  # on a prediction, and on the truth (the published evaluation)
 class Trained(NamedTuple):
     """A trained model, with its experiment's name and row, seed, training steps and device."""
 
-    model: Reconstruction
+    model: Reconstruction | SingleImageModel
     name: str
     experiment: Mapping[str, Any]
     seed: int
@@ -61,7 +63,7 @@ def training_steps(summary: Path | str) -> int:
     Raises EvaluationError, naming the file and the remedy, if it is missing, damaged or does not say.
     """
     summary = Path(summary)
-    remedy = f"remove it and train the model again with: snakemake {'/'.join(summary.parts[-4:])}"
+    remedy = f"remove it and train the model again with: {command(summary)}"
     try:
         return int(checksums.read_record(summary, remedy)["steps"])
     except checksums.DamagedFile as error:
@@ -80,15 +82,18 @@ def evaluate(
     models differ by their meshes only. `seconds` is the prediction's time, an equal share of its batch's. Raises
     EvaluationError, naming the object, for a prediction that is not finite.
     """
-    rows, tree, last = [], None, None
-    truth = torch.from_numpy(data["points"]).to(trained.device)
+    rows, last = [], None
+    surface = topology(trained.experiment["strategy"])
     for sample, vertices, seconds in predictions(trained, data, splits):
         name = data.objects[sample.object]
-        cloud = truth[sample.object]
         if last != sample.object:
-            tree, last = build_tree(cloud) if cloud.device.type == "cpu" else None, sample.object
-        predicted = _sampled(trained, vertices, points, name)
-        rows.append(_row(trained, data, sample) | score(predicted, cloud, tree)._asdict() | {"seconds": seconds})
+            points_of_object = data["points"][sample.object]
+            cloud = torch.from_numpy(points_of_object).to(trained.device)
+            tree, last = build_tree(cloud), sample.object
+            normals = plane_normals(points_of_object, tree)
+        scores = score(_sampled(trained, vertices, points, name), cloud, tree)
+        quality = surface_quality(vertices.cpu().numpy(), surface, tree, normals)
+        rows.append(_row(trained, data, sample) | scores._asdict() | quality._asdict() | {"seconds": seconds})
     return pd.DataFrame(rows, columns=COLUMNS)
 
 
@@ -101,30 +106,48 @@ def evaluate_rings(
     sample's grasps, or of all grasps if no input of the model depends on a grasp.
     dataset: the run's, with its stores of touch and rings. `distance` (m^2) is nan for a ring without surface.
     """
-    rows = []
+    rows, touches, last = [], [], None
     for sample, vertices, _ in predictions(trained, data, [split]):
-        item = dataset[data.objects[sample.object]]
-        predicted = _sampled(trained, vertices, points, item.name)
-        tree = build_tree(predicted) if predicted.device.type == "cpu" else None
-        for number in sample.grasps or range(len(item.grasps)):
-            grasp = item.grasps[number]
-            for sensor in np.flatnonzero(grasp.success):
-                pose = grasp.position[sensor], grasp.rotation[sensor]
-                rings = ring_points(grasp.ring_depth[sensor], *pose)
-                distances = ring_distances(rings, predicted, tree)
-                for ring, in_ring, distance in zip(RINGS, rings, distances, strict=True):
-                    rows.append(
-                        _row(trained, data, sample)
-                        | {"grasp": number, "sensor": sensor, "ring": ring}
-                        | {"points": len(in_ring), "distance": distance}
-                    )
+        name = data.objects[sample.object]
+        if last != name:
+            touches, last = _touches(dataset[name]), name
+        # An object's touches in one search: its prediction and the search's start cost as much as a touch.
+        numbers = sample.grasps or range(len(touches))
+        chosen = [touch for number in numbers for touch in touches[number]]
+        rings = [ring for touch in chosen for ring in touch.rings]
+        distances = ring_distances(rings, _sampled(trained, vertices, points, name))
+        of_sample = _row(trained, data, sample)
+        places = ((touch, ring) for touch in chosen for ring in RINGS)
+        for (touch, ring), in_ring, distance in zip(places, rings, distances, strict=True):
+            of_ring = {"grasp": touch.grasp, "sensor": touch.sensor, "ring": ring}
+            rows.append(of_sample | of_ring | {"points": len(in_ring), "distance": distance})
     return pd.DataFrame(rows, columns=RING_COLUMNS)
 
 
-def predictions(trained: Trained, data: TrainingData, splits: Sequence[str]) -> Iterator[tuple[Sample, Tensor, float]]:
-    """Each sample of some splits with the vertices (V, 3) that the model predicts, and the seconds it took.
+class _Touch(NamedTuple):
+    """A successful touch and the true surface points of the rings around it."""
 
-    Raises EvaluationError if there is no object, or a vertex is not finite.
+    grasp: int
+    sensor: int
+    rings: list[np.ndarray]
+
+
+def _touches(item: ObjectRecord) -> list[list[_Touch]]:
+    """The successful touches of each grasp of an object."""
+    found = []
+    for number, grasp in enumerate(item.grasps):
+        poses = {sensor: (grasp.position[sensor], grasp.rotation[sensor]) for sensor in np.flatnonzero(grasp.success)}
+        found.append(
+            [_Touch(number, sensor, ring_points(grasp.ring_depth[sensor], *pose)) for sensor, pose in poses.items()]
+        )
+    return found
+
+
+def predictions(trained: Trained, data: TrainingData, splits: Sequence[str]) -> Iterator[tuple[Sample, Tensor, float]]:
+    """Each sample of some splits with what the model predicts, its vertices (V, 3), and the seconds it took.
+
+    Of the published single-image networks: what their `stages` describe.
+    Raises EvaluationError if there is no object, or a prediction is not finite.
     """
     samples = windows(data, trained.experiment, *splits)
     if not samples:
@@ -134,11 +157,14 @@ def predictions(trained: Trained, data: TrainingData, splits: Sequence[str]) -> 
     assemble = Assembler(data, trained.experiment, trained.device)
     label = f"{trained.name} seed {trained.seed}"
     bar = tqdm(total=len(samples), desc=label, unit="sample", disable=not sys.stderr.isatty())
-    left, done = iter(samples), 0
-    while part := list(islice(left, BATCH_SIZE)):
+    done = 0
+    for part in _batches(samples):
         start = time.perf_counter()
+        batch = assemble(part)
+        if trained.experiment["vision"] == "unoccluded" and len({sample.object for sample in part}) == 1:
+            batch["image"] = batch["image"][:1].expand_as(batch["image"])  # encoded once
         with torch.inference_mode():
-            vertices = trained.model(assemble(part)).float()
+            vertices = trained.model(batch).float()
         if trained.device.type == "cuda":
             torch.cuda.synchronize()
         seconds = (time.perf_counter() - start) / len(part)
@@ -154,9 +180,20 @@ def predictions(trained: Trained, data: TrainingData, splits: Sequence[str]) -> 
     bar.close()
 
 
-def _sampled(trained: Trained, vertices: Tensor, count: int, name: str) -> Tensor:
-    """(count, 3) points on the mesh, from random numbers that depend on the object's name only."""
-    return sample_faces(vertices[None], trained.model.faces, count, seeded(0, name, "evaluation"))[0]
+def _batches(samples: Sequence[Sample]) -> Iterator[list[Sample]]:
+    """Samples that are predicted together: of one object where it has several, else of several objects."""
+    of_objects = [list(group) for _, group in groupby(samples, lambda sample: sample.object)]
+    for left in map(iter, of_objects if len(samples) > len(of_objects) else [samples]):
+        while part := list(islice(left, BATCH_SIZE)):
+            yield part
+
+
+def _sampled(trained: Trained, prediction: Tensor, count: int, name: str) -> Tensor:
+    """(count, 3) points on the mesh, from random numbers that depend on the object's name only.
+
+    Of a model that predicts points, these as they are.
+    """
+    return trained.model.sample(prediction[None], count, seeded(0, name, "evaluation"))[0]
 
 
 def _row(trained: Trained, data: TrainingData, sample: Sample) -> dict[str, Any]:

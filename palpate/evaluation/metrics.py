@@ -6,18 +6,16 @@ distance in m^2.
 
 from typing import NamedTuple
 
+import numpy as np
 import torch
 from scipy.spatial import cKDTree
 from torch import Tensor
 
 from palpate.batch import generator
-from palpate.charts import CHAMFER_SCALE, nearest
-from palpate.mesh import DIAGONAL
+from palpate.charts import CHAMFER_SCALE, PIXEL2MESH_SCALE, build_tree, nearest
 
-# Single images are judged as in Mesh R-CNN's published evaluation with Pixel2Mesh's protocol: meshes of
-# ShapeNet, whose bounding boxes have a diagonal of 1, are scaled by 0.57, distances squared and compared with
-# tau = 1e-4 and 2 tau. Ours have a diagonal of `DIAGONAL`, hence the factor.
-PIXEL2MESH_SCALE = 0.57 / DIAGONAL
+# Single images are judged as in Mesh R-CNN's published evaluation with Pixel2Mesh's protocol: meshes are scaled
+# by `PIXEL2MESH_SCALE`, distances squared and compared with tau = 1e-4 and 2 tau.
 TAU = 1e-4
 # That protocol's tables print the Chamfer distance in thousandths (an F1 of 70 % at tau means distances
 # squared of about 1e-4; the tables say 0.4).
@@ -53,8 +51,12 @@ def score(prediction: Tensor, truth: Tensor, tree: cKDTree | None = None) -> Sco
     is the harmonic mean of precision (share of predicted points with a true point nearer than the threshold)
     and recall (the other way round), 0 if both are. Raises ValueError if a cloud is empty or not finite.
     """
-    to_truth = squared_distances(prediction, truth, tree)
-    to_prediction = squared_distances(truth, prediction)
+    if prediction.device.type == "cpu":
+        true, predicted = tree or build_tree(truth), build_tree(prediction)
+        to_truth, to_prediction = _between_trees(predicted, true), _between_trees(true, predicted)
+    else:
+        pairs = (prediction, truth), (truth, prediction)
+        to_truth, to_prediction = (squared_distances(*pair).cpu().numpy() for pair in pairs)
     thresholds = [tau / PIXEL2MESH_SCALE**2 for tau in (TAU, 2 * TAU)]
     return Score(
         CHAMFER_SCALE * float(to_truth.mean() + to_prediction.mean()),
@@ -62,10 +64,16 @@ def score(prediction: Tensor, truth: Tensor, tree: cKDTree | None = None) -> Sco
     )
 
 
-def _f1(to_truth: Tensor, to_prediction: Tensor, threshold: float) -> float:
-    precision = float((to_truth < threshold).double().mean())
-    recall = float((to_prediction < threshold).double().mean())
-    return 200 * precision * recall / (precision + recall) if precision + recall else 0.0
+def _between_trees(queries: cKDTree, points: cKDTree) -> np.ndarray:
+    """(n,) m^2 squared distance from each point of one tree to the nearest of the other, in the order of the first's
+    leaves: neighbouring queries walk the same branches, which takes a fifth to a quarter less time."""
+    distance, _ = points.query(queries.data[queries.indices], workers=torch.get_num_threads())
+    return distance**2
+
+
+def _f1(to_truth: np.ndarray, to_prediction: np.ndarray, threshold: float) -> float:
+    precision, recall = np.mean(to_truth < threshold), np.mean(to_prediction < threshold)
+    return float(200 * precision * recall / (precision + recall)) if precision + recall else 0.0
 
 
 def pixel2mesh_chamfer(chamfer):

@@ -17,6 +17,7 @@ import numpy as np
 from palpate.camera import IMAGE_SIZE
 from palpate.dataset import Dataset
 from palpate.hand import SENSORS
+from palpate.remedy import command
 from palpate.store import CONTRACT, Store
 from palpate.touch.sensor import RESOLUTION
 from palpate.training.inputs import takes_charts, takes_grasps
@@ -124,7 +125,7 @@ class Reconstructor:
             if not (touch_depth / CHECKPOINT).is_file():
                 raise ReconstructionError(
                     f"{touch_depth / CHECKPOINT} does not exist: the U-Net that turns readings into charts "
-                    "lies beside the run's experiments; train it with: snakemake models/touch_depth/best.ckpt"
+                    f"lies beside the run's experiments; train it with: {command(touch_depth / CHECKPOINT)}"
                 )
             self._charts = TouchCharts(touch_depth, device, fit)
 
@@ -162,10 +163,10 @@ class Reconstructor:
         # As a training's, also in memory: convolutions round otherwise in another layout.
         batch |= {name: to_colours(batch[name]) for name in ("image", "reading") if name in batch}
         with torch.inference_mode():
-            vertices = self._model(batch)[0].cpu().numpy()
+            vertices, faces = (values.cpu().numpy() for values in self._model.mesh(self._model(batch)[0]))
         if not np.isfinite(vertices).all():
             raise ReconstructionError(f"{self.path} predicts NaN or infinite vertices: train the model again")
-        return self._shape(vertices, success)
+        return self._shape(vertices, faces, success)
 
     def _image_inputs(self, image: np.ndarray | None, camera: np.ndarray | None) -> dict[str, np.ndarray]:
         """The image, and for a single view its camera, as the model takes them."""
@@ -233,8 +234,7 @@ class Reconstructor:
             return inputs | {"charts": self._charts(touches)}
         return inputs | {"reading": touches.reading}
 
-    def _shape(self, vertices: np.ndarray, success: np.ndarray) -> Shape:
-        faces = self._model.faces.cpu().numpy()
+    def _shape(self, vertices: np.ndarray, faces: np.ndarray, success: np.ndarray) -> Shape:
         if not self.takes_charts:
             return Shape(vertices, faces, np.zeros(len(faces), dtype=bool))
         from palpate.charts import touch_chart
@@ -323,8 +323,7 @@ def checkpoint(model: Path | str) -> Path:
     raise ReconstructionError(
         f"{found} does not exist; trained are: {', '.join(known)}"
         if known
-        else f"{found} does not exist, and nothing is trained there; train it with: "
-        f"snakemake {'/'.join(found.parts[-4:])}"
+        else f"{found} does not exist, and nothing is trained there; train it with: {command(found)}"
     )
 
 
@@ -381,7 +380,7 @@ def _named_model(models: Path, experiment: str, seed: int | None) -> Path:
     if not seeds:
         raise ReconstructionError(
             f"no experiment {experiment!r} is trained in {models}; "
-            + (f"trained are: {', '.join(known)}" if known else "nothing is: snakemake --cores 2 all")
+            + (f"trained are: {', '.join(known)}" if known else f"nothing is: {command(models, 'all')}")
         )
     return checkpoint(models / seeds[0])
 

@@ -7,7 +7,7 @@ of the published evaluation (`calc_local_chamfer`).
 """
 
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +17,6 @@ from scipy.spatial import cKDTree
 from torch import Tensor
 
 from palpate import store
-from palpate.charts import build_tree
 from palpate.evaluation.metrics import squared_distances
 from palpate.surface.embree import RayMesh
 from palpate.touch.sensor import SENSOR_RANGE, SENSOR_WIDTH
@@ -112,20 +111,22 @@ def ring_points(depth: np.ndarray, position: np.ndarray, rotation: np.ndarray) -
     return [points[found & (rings == ring)] @ np.asarray(rotation).T + position for ring in RINGS]
 
 
-def ring_distances(rings: list[np.ndarray], prediction: Tensor, tree: cKDTree | None = None) -> np.ndarray:
+def ring_distances(rings: Sequence[np.ndarray], prediction: Tensor, tree: cKDTree | None = None) -> np.ndarray:
     """Mean squared distance from the points of each ring to the nearest point of a prediction.
 
     Args:
-        rings: five arrays (n, 3), prediction: (m, 3) points on it; metres, one frame.
+        rings: k arrays (n, 3), of any number of touches, prediction: (m, 3) points on it; metres, one frame.
         tree: `palpate.charts.build_tree(prediction)`, if it is there already.
 
-    Returns: (5,) m^2, nan for a ring without points. Raises ValueError for a prediction that is empty or not
+    Returns: (k,) m^2, nan for a ring without points. Raises ValueError for a prediction that is empty or not
     finite.
     """
-    if tree is None and prediction.device.type == "cpu":
-        tree = build_tree(prediction)
-    clouds = [torch.as_tensor(points, dtype=torch.float32, device=prediction.device) for points in rings]
-    return np.array([float(squared_distances(c, prediction, tree).mean()) if len(c) else np.nan for c in clouds])
+    sizes = [len(points) for points in rings]
+    if not sum(sizes):
+        return np.full(len(rings), np.nan)
+    together = torch.as_tensor(np.concatenate(rings), dtype=torch.float32, device=prediction.device)
+    squared = squared_distances(together, prediction, tree).split(sizes)
+    return np.array([float(of_ring.mean()) if len(of_ring) else np.nan for of_ring in squared])
 
 
 def project_batch(touch: Path | str, surface: Callable[[str], MeshSurface | CloudSurface]) -> dict[str, np.ndarray]:

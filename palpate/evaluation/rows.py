@@ -7,12 +7,15 @@ from pathlib import Path
 import pandas as pd
 
 from palpate import checksums
+from palpate.remedy import command
 
 SPLITS = ("validation", "test")  # that models are measured on
 
 # A row a sample: one object with one window of its grasps, or one image of it.
 _SAMPLE = ("experiment", "seed", "object", "class", "split", "window")
-COLUMNS = (*_SAMPLE, "chamfer", "f1_tau", "f1_2tau", "seconds", "steps")
+SCORES = ("chamfer", "f1_tau", "f1_2tau")
+QUALITY = ("bend", "folded", "gap", "across")  # palpate.evaluation.surface_quality
+COLUMNS = (*_SAMPLE, *SCORES, *QUALITY, "seconds", "steps")
 # A row a sample, successful touch and ring.
 RING_COLUMNS = (*_SAMPLE, "grasp", "sensor", "ring", "points", "distance", "steps")
 # A row a successful touch.
@@ -43,10 +46,9 @@ def read(paths: Iterable[Path | str], columns: Sequence[str] = COLUMNS) -> pd.Da
     """
     frames = []
     for path in map(Path, paths):
-        target = "/".join(path.parts[-3:])
         if not path.exists():
-            raise EvaluationError(f"{path} does not exist; build it with: snakemake {target}")
-        frames.append(read_table(path, columns, f"remove it and build it with: snakemake {target}"))
+            raise EvaluationError(f"{path} does not exist; build it with: {command(path)}")
+        frames.append(read_table(path, columns, f"remove it and build it with: {command(path)}"))
     if not frames:
         raise EvaluationError("no evaluations were given")
     return pd.concat(frames, ignore_index=True)

@@ -11,6 +11,7 @@ from palpate import checksums
 from palpate.batch import UnusableObject
 from palpate.mesh.isolation import isolated
 from palpate.mesh.load import FORMATS
+from palpate.remedy import command
 
 DIAGONAL = 0.5
 OBJECT_POSITION = (0.0, 0.0, 0.6)
@@ -100,7 +101,7 @@ def usable(batch: Path | str, contents: bool = False) -> list[str]:
 
 
 def _remedy(batch: Path | str) -> str:
-    return f"remove {batch} and build it again with: snakemake meshes/{Path(batch).name}"
+    return f"remove {batch} and build it again with: {command(batch)}"
 
 
 def load_visual(folder: Path | str) -> trimesh.Trimesh:

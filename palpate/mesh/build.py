@@ -39,7 +39,8 @@ def build(
 
     Arguments and errors are those of `palpate.mesh.prepare`. Returns what `mesh.json` holds.
     """
-    parts = load_parts(source)
+    replaced: dict[str, str] = {}
+    parts = load_parts(source, replaced)
     vertices, faces, part = _joined(parts, source)
     vertices = vertices @ UP[up].T
     repaired = repair(vertices, faces, part)
@@ -73,6 +74,7 @@ def build(
             "faces": len(repaired.faces),
             "parts": len(parts),
             "up": up,
+            "replaced_textures": replaced,
             "bounding_box": [corner.tolist() for corner in box],
         },
         "scale": float(scale),

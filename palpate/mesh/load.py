@@ -1,5 +1,6 @@
 """Reading a mesh file of any supported format as a list of triangle meshes with their materials."""
 
+import logging
 from functools import partial
 from pathlib import Path
 
@@ -8,25 +9,36 @@ import trimesh
 import trimesh.path
 
 from palpate.batch import UnusableObject
+from palpate.mesh import textures
+
+log = logging.getLogger(__name__)
 
 FORMATS = ("obj", "glb", "gltf", "stl", "ply", "off", "dae", "3mf")
 
 
-def load_parts(path: Path | str) -> list[trimesh.Trimesh]:
+def load_parts(path: Path | str, replaced: dict[str, str] | None = None) -> list[trimesh.Trimesh]:
     """Every triangle mesh of a file, as it is stored, placed by the file's scene graph.
 
     A geometry that the graph has several times comes several times. Nothing is merged or repaired here. The
     order is that of the names of the graph's nodes, so it does not change from run to run.
 
-    Raises `UnusableObject` if the file can't be read, or holds no triangles, or refers to vertices that it lacks.
+    A texture or material library that is missing or can't be used is neutral grey (`palpate.mesh.textures`); replaced
+    gets what is wrong with it, by its name.
+
+    Raises `UnusableObject` if the file can't be read, or holds no triangles, or refers to vertices that it lacks;
+    MemoryError, naming the file, if there is too little memory for it.
     """
     path = Path(path)
     if path.suffix.lower().lstrip(".") not in FORMATS:
         raise UnusableObject(f"{path}: a mesh file ends in one of .{', .'.join(FORMATS)}: convert it to one of these")
     if not path.is_file():
         raise UnusableObject(f"{path}: there is no such file: correct the path or remove the object")
+    resolver = textures.Resolver(path)
     try:
-        loaded = trimesh.load_scene(path, process=False)
+        loaded = trimesh.load_scene(path, process=False, resolver=resolver)
+        problems, materials = textures.within(path)
+    except MemoryError as error:  # says nothing about the object
+        raise MemoryError(f"while loading {path}, {path.stat().st_size / 1e6:.0f} MB {error}".strip()) from None
     except Exception as error:  # the readers raise whatever a broken file makes them trip over
         raise UnusableObject(
             f"{path}: can't be read as {path.suffix.lower()} ({type(error).__name__}: {error}): "
@@ -42,6 +54,12 @@ def load_parts(path: Path | str) -> list[trimesh.Trimesh]:
                 f"{path}: a face refers to vertex {part.faces.max()} of {len(part.vertices)}: "
                 "the file is damaged, export it again"
             )
+        textures.make_neutral(part, materials)
+    problems |= resolver.replaced
+    for name, problem in problems.items():
+        log.warning("%s: %s: %s: drawn in neutral grey", path, name, problem)
+    if replaced is not None:
+        replaced |= problems
     return parts
 
 

@@ -38,6 +38,21 @@ PAPER_ARCHITECTURES: dict[str, dict[str, Any]] = {
     },
 }
 
+# The published single-image networks (`palpate.models.single_image`): decoders and graph networks of the sizes that
+# their publications state, after the encoder that the paper has for single images.
+_ENCODER = {key: value for key, value in PAPER_ARCHITECTURES["single_image"]["encoder"].items() if key != "project"}
+SINGLE_IMAGE_ARCHITECTURES: dict[str, dict[str, Any]] = {
+    # A map of each block, as the deconvolutions take them.
+    "psg": {"encoder": _ENCODER | {"pool": [10, 15, 20, 25]}, "decoder": {"hidden": 2048, "points": 256}},
+    "pixel2mesh": {
+        "encoder": _ENCODER,
+        "gcn": {"layers": 14, "width": 128},
+        "init": "he",
+        "last_layer_scale": 0.01,
+    },
+    "r2n2": {"encoder": _ENCODER, "decoder": {"hidden": 1024, "channels": [128, 128, 128, 64], "level": 0.4}},
+}
+
 
 def paper_architecture(vision: str, touch: bool) -> dict[str, Any]:
     """The paper's architecture for a vision (`occluded`, `unoccluded`, `views`, `none`) with or without touch."""

@@ -49,7 +49,12 @@ class ImageEncoder(nn.Module):
         self.channels = [widths[number - 1] for number in pool]
 
     def forward(self, image: torch.Tensor) -> list[torch.Tensor]:
-        """(B, 3, H, W) image in [0, 1] -> the pooled layers' maps, each (B, channels, h, w)."""
+        """(B, 3, H, W) image in [0, 1] -> the pooled layers' maps, each (B, channels, h, w).
+
+        One image that is expanded to B samples (`Tensor.expand`) is encoded once.
+        """
+        if len(image) > 1 and image.stride(0) == 0:
+            return [features.expand(len(image), -1, -1, -1) for features in self(image[:1])]
         maps = []
         for number, layer in enumerate(self.layers, start=1):
             image = layer(image)
@@ -88,15 +93,16 @@ class ReadingEncoder(nn.Module):
     """The simple CNN that makes features of a touch reading, for strategy `sphere` (section 5.1).
 
     The paper doesn't give its layers. Here: four convolutions (3 x 3, stride 2) of 16, 32, 64, 64 channels,
-    the mean over the map, and a linear layer to `features`. norm: `batch` or `instance`.
+    the mean over the map, and a linear layer to `features`. Nothing is normalised: how much of a reading differs from
+    the empty one, and by how much, is what it says.
     """
 
-    def __init__(self, features: int = 32, channels: Sequence[int] = (16, 32, 64, 64), norm: str = "batch"):
+    def __init__(self, features: int = 32, channels: Sequence[int] = (16, 32, 64, 64)):
         super().__init__()
         self.features = features
         self.layers = nn.Sequential(
             *(
-                ConvolutionBlock(inputs, outputs, stride=2, padding=1, norm=norm)
+                ConvolutionBlock(inputs, outputs, stride=2, padding=1, norm="none")
                 for inputs, outputs in zip((3, *channels), channels, strict=False)
             )
         )

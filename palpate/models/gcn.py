@@ -13,17 +13,32 @@ INITS = ("paper", "he")
 
 
 class ZeroNeighbour(torch.autograd.Function):
-    """relu(A(X W) + b), where A sums the first `shared` channels over neighbourhoods, in few passes.
+    """relu(A(X W + P) + b), where A sums the first `shared` channels over neighbourhoods, in few passes.
 
-    One matrix product with the bias in it, then the shared channels and the ReLU in place. Forward and
-    backward are the plain layer's (tests/models/test_gcn.py); docs/models.md has the times of both.
+    P, or None, are the products of other inputs with their weights. One matrix product with the bias or P in it, then
+    the shared channels and the ReLU in place. Forward and backward are the plain layer's (tests/models/test_gcn.py);
+    docs/models.md has the times of both.
     """
 
     @staticmethod
-    def forward(ctx: Any, x: Tensor, weight: Tensor, bias: Tensor, graph: Graph, shared: int, relu: bool):
-        late = bias.clone()  # The bias of the shared channels comes after the sum.
-        late[:shared] = 0
-        y = torch.addmm(late, x.flatten(0, 1), weight).view(*x.shape[:2], -1)
+    def forward(
+        ctx: Any,
+        x: Tensor,
+        weight: Tensor,
+        bias: Tensor,
+        products: Tensor | None,
+        graph: Graph,
+        shared: int,
+        relu: bool,
+    ):
+        rows = x.flatten(0, 1)
+        if products is None:
+            late = bias.clone()  # The bias of the shared channels comes after the sum.
+            late[:shared] = 0
+            y = torch.addmm(late, rows, weight).view(*x.shape[:2], -1)
+        else:
+            y = torch.addmm(products.flatten(0, 1), rows, weight).view(*x.shape[:2], -1)
+            y[..., shared:] += bias[shared:]
         if shared:
             y[..., :shared] = graph.aggregate(y[..., :shared]).add_(bias[:shared])
         if relu:
@@ -45,59 +60,80 @@ class ZeroNeighbour(torch.autograd.Function):
             gradient[..., : ctx.shared] = ctx.graph.aggregate(shared, transpose=True)
         rows = gradient.flatten(0, 1)
         of_x = (rows @ weight.T).view(x.shape) if ctx.needs_input_grad[0] else None
-        return of_x, x.flatten(0, 1).T @ rows, of_bias, None, None, None
+        of_products = gradient if ctx.needs_input_grad[3] else None
+        return of_x, x.flatten(0, 1).T @ rows, of_bias, of_products, None, None, None
+
+
+@torch.no_grad()
+def initialise(weight: Tensor, init: str, scale: float = 1.0, fan_in: int | None = None) -> None:
+    """Fill weights (inputs, outputs) with random numbers, times `scale`.
+
+    init: `he`, normal of variance 2 / fan_in; `paper`, the published code's uniform numbers. fan_in: the number of
+    inputs that are summed; the weights' rows if None. Raises ValueError for another init.
+    """
+    inputs = fan_in or len(weight)
+    if init == "he":
+        weight.normal_(std=math.sqrt(2 / inputs))
+    elif init == "paper":
+        bound = 1.8 / math.sqrt(inputs + 1)
+        weight.uniform_(-bound, bound)
+    else:
+        raise ValueError(f"init {init!r}: choose one of {list(INITS)}")
+    weight.mul_(scale)
 
 
 class ZeroNeighbourLayer(nn.Module):
-    """X W; the first third of the output channels summed over the neighbourhood; bias; ReLU.
+    """X W; the first third of the output channels, or all, summed over the neighbourhood; bias; ReLU.
 
     The graph operation is `Graph.aggregate`, the normalised sum of section 3's equation over a vertex and its
     neighbours. It works on `outputs // 3` channels only, the others pass (the published code; a
-    zero-neighbour layer is GEOMetrics'). relu: False for the last layer of a network.
+    zero-neighbour layer is GEOMetrics'). The last layer of a network has relu False, and sums all of its channels,
+    the coordinates (as in the published code).
     """
 
     def __init__(self, inputs: int, outputs: int, relu: bool = True):
         super().__init__()
         self.weight = nn.Parameter(torch.empty(inputs, outputs))
         self.bias = nn.Parameter(torch.empty(outputs))
-        self.shared = outputs // 3
+        self.shared = outputs // 3 if relu else outputs
         self.relu = relu
         self.initialise("he")
 
-    @torch.no_grad()
-    def initialise(self, init: str, scale: float = 1.0) -> None:
-        """`he`: normal of variance 2 / inputs, bias 0; `paper`: the published code's uniform numbers.
+    def initialise(self, init: str, scale: float = 1.0, fan_in: int | None = None) -> None:
+        """Random weights as `initialise` makes them, and a bias: 0 for `he`, else the published code's."""
+        initialise(self.weight, init, scale, fan_in)
+        with torch.no_grad():
+            self.bias.zero_() if init == "he" else self.bias.uniform_(-0.1, 0.1)
 
-        The weights are then multiplied by `scale`.
+    def forward(self, x: Tensor, graph: Graph, products: Tensor | None = None) -> Tensor:
+        """(V, B, inputs) -> (V, B, outputs).
+
+        products: (V, B, outputs) of further inputs with their weights, added before the neighbourhoods are summed.
         """
-        if init == "he":
-            self.weight.normal_(std=math.sqrt(2 / len(self.weight)))
-            self.bias.zero_()
-        elif init == "paper":
-            bound = 1.8 / math.sqrt(len(self.weight) + 1)
-            self.weight.uniform_(-bound, bound)
-            self.bias.uniform_(-0.1, 0.1)
-        else:
-            raise ValueError(f"init {init!r}: choose one of {list(INITS)}")
-        self.weight.mul_(scale)
-
-    def forward(self, x: Tensor, graph: Graph) -> Tensor:
-        """(V, B, inputs) -> (V, B, outputs)."""
-        weight, bias = self.weight, self.bias
+        tensors = [x, self.weight, self.bias, products]
         device = x.device.type
         if torch.is_autocast_enabled(device):
-            x, weight, bias = (tensor.to(torch.get_autocast_dtype(device)) for tensor in (x, weight, bias))
+            tensors = [tensor if tensor is None else tensor.to(torch.get_autocast_dtype(device)) for tensor in tensors]
         with torch.autocast(device, enabled=False):
-            return ZeroNeighbour.apply(x, weight, bias, graph, self.shared, self.relu)
+            return ZeroNeighbour.apply(*tensors, graph, self.shared, self.relu)
 
 
 class GraphNetwork(nn.Module):
     """`layers` zero-neighbour layers of `width` channels; the last gives the 3 coordinates of a residual.
 
-    init, last_layer_scale: see `ZeroNeighbourLayer.initialise`; the scale is the last layer's weights'.
+    init, last_layer_scale: see `initialise`; the scale is the last layer's weights'. fan_in: the number of inputs of
+    the first layer, where it takes products of further inputs.
     """
 
-    def __init__(self, inputs: int, width: int, layers: int, init: str = "he", last_layer_scale: float = 0.01):
+    def __init__(
+        self,
+        inputs: int,
+        width: int,
+        layers: int,
+        init: str = "he",
+        last_layer_scale: float = 0.01,
+        fan_in: int | None = None,
+    ):
         super().__init__()
         if layers < 1 or width < 3:
             raise ValueError(f"gcn: {layers} layers of width {width}: at least 1 layer, of width 3")
@@ -106,10 +142,11 @@ class GraphNetwork(nn.Module):
             ZeroNeighbourLayer(widths[k], widths[k + 1], relu=k < layers - 1) for k in range(layers)
         )
         for k, layer in enumerate(self.layers):
-            layer.initialise(init, last_layer_scale if k == layers - 1 else 1.0)
+            layer.initialise(init, last_layer_scale if k == layers - 1 else 1.0, None if k else fan_in)
 
-    def forward(self, x: Tensor, graph: Graph) -> Tensor:
-        """(V, B, inputs) -> (V, B, 3)."""
-        for layer in self.layers:
+    def forward(self, x: Tensor, graph: Graph, products: Tensor | None = None) -> Tensor:
+        """(V, B, inputs) -> (V, B, 3); products: see `ZeroNeighbourLayer.forward`, of the first layer."""
+        x = self.layers[0](x, graph, products)
+        for layer in self.layers[1:]:
             x = layer(x, graph)
         return x

@@ -3,24 +3,29 @@
 import torch
 from torch import nn
 
-NORMS = {"batch": nn.BatchNorm2d, "instance": lambda channels: nn.InstanceNorm2d(channels, affine=True)}
+NORMS = {
+    "batch": nn.BatchNorm2d,
+    "instance": lambda channels: nn.InstanceNorm2d(channels, affine=True),
+    "none": lambda channels: nn.Identity(),
+}
 
 
 class ConvolutionBlock(nn.Sequential):
-    """A row of the paper's tables: convolution, normalisation (`norm`: batch or instance), ReLU.
+    """A row of the paper's tables: convolution, normalisation (`norm`: batch, instance or none), ReLU.
 
     (B, inputs, H, W) -> (B, outputs, H', W') with H' = (H + 2 padding - kernel) // stride + 1. The
-    convolution has no bias, because normalisation would remove it.
+    convolution has a bias only without normalisation, which would remove it; its weights then keep the size of
+    features (He et al. 2015).
     """
 
     def __init__(self, inputs: int, outputs: int, kernel=3, stride=1, padding=0, norm="batch"):
         if norm not in NORMS:
             raise ValueError(f"norm {norm!r}: choose one of {sorted(NORMS)}")
-        super().__init__(
-            nn.Conv2d(inputs, outputs, kernel, stride, padding, bias=False),
-            NORMS[norm](outputs),
-            nn.ReLU(inplace=True),
-        )
+        convolution = nn.Conv2d(inputs, outputs, kernel, stride, padding, bias=norm == "none")
+        if norm == "none":
+            nn.init.kaiming_normal_(convolution.weight, nonlinearity="relu")
+            nn.init.zeros_(convolution.bias)
+        super().__init__(convolution, NORMS[norm](outputs), nn.ReLU(inplace=True))
 
 
 class Concatenate(nn.Module):

@@ -4,21 +4,23 @@ Only what an experiment takes is built: no image encoder without vision, no read
 `sphere`, and a graph with just the touch charts of its grasps.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import torch
-from torch import nn
+from torch import Tensor, nn
 
 from palpate.camera import IMAGE_SIZE, paper_camera
 from palpate.charts.atlas import ATLAS_RADIUS, TOUCH_VERTICES, chart_faces, sphere, vision_atlas
 from palpate.charts.graph import Graph
+from palpate.charts.sample import sample_faces
 from palpate.hand import SENSORS
 from palpate.mesh import OBJECT_POSITION
 from palpate.models.encoder import ImageEncoder, ReadingEncoder
-from palpate.models.gcn import GraphNetwork
+from palpate.models.gcn import GraphNetwork, initialise
 from palpate.models.layers import Concatenate, LinearBlock
-from palpate.models.pooling import PerceptualPooling, relative_camera
+from palpate.models.pooling import MapProducts, PerceptualPooling, relative_camera
+from palpate.models.touch import TouchAttention, TouchPooling, touches_of
 from palpate.touch.sensor import RESOLUTION
 
 STRATEGIES = ("charts", "no_copy", "no_comm", "sphere")
@@ -55,6 +57,9 @@ class Reconstruction(nn.Module):
     touch, no touch where the strategy is about touch charts, no vision for `no_comm`.
     """
 
+    # The first layer's weights of inputs that not every model has.
+    INPUT_WEIGHTS = ("image_weight", "reading_weight")
+
     def __init__(
         self,
         strategy: str,
@@ -67,13 +72,16 @@ class Reconstruction(nn.Module):
         _check_experiment(strategy, vision, touch, grasps)
         self.strategy, self.vision, self.touch = strategy, vision, touch
         self.sensors = SENSORS * grasps if touch else 0
-        deformed = self.sensors if strategy in ("charts", "no_copy") else 0
-        kind = {"no_comm": "no_comm", "sphere": "sphere"}.get(strategy, "charts")
-        self.graph = Graph(deformed, kind, architecture["gcn"].get("normalisation", "symmetric"))
-        unsuccessful = architecture.get("unsuccessful", "free")
-        if unsuccessful not in ("free", "held"):
-            raise ValueError(f"unsuccessful {unsuccessful!r}; must be free or held")
-        self.held = unsuccessful == "held"
+        path = _choice(architecture, "touch", ("graph", "pooled"))
+        self.pools_touch = touch and path == "pooled" and strategy in ("charts", "no_copy")
+        in_graph = self.sensors if path == "graph" and strategy in ("charts", "no_copy") else 0
+        self.graph = Graph(
+            in_graph,
+            {"no_comm": "no_comm", "sphere": "sphere"}.get(strategy, "charts"),
+            architecture["gcn"].get("normalisation", "symmetric"),
+        )
+        self.copies_touch = touch and (strategy == "no_comm" or (strategy == "charts" and path == "pooled"))
+        self.held = _choice(architecture, "unsuccessful", ("free", "held")) == "held"
         self.deformations = architecture.get("deformations", DEFORMATIONS)
         if self.deformations < 1:
             raise ValueError(f"{self.deformations} deformations: at least 1")
@@ -82,24 +90,37 @@ class Reconstruction(nn.Module):
         self.register_buffer("centre", torch.tensor(centre, dtype=torch.float64), persistent=False)
         start = sphere()[0] if strategy == "sphere" else vision_atlas().vertices
         self.register_buffer("start", start.clone(), persistent=False)
-        copied = self.sensors if strategy == "no_comm" else 0
-        faces = chart_faces(copied) if copied else self.graph.faces
+        faces = chart_faces(self.sensors) if self.copies_touch else self.graph.faces
         self.register_buffer("faces", faces.clone(), persistent=False)
+        fixed_touch = strategy == "charts" and self.held
+        moving = chart_faces(0) if fixed_touch else self.graph.faces
+        self.register_buffer("moving_faces", moving.clone(), persistent=False)
 
-        self.pooled = self._build_encoder(dict(architecture["encoder"])) if self.vision else 0
-        inputs = self.pooled + 3
-        if deformed:
-            inputs += 1
+        of_image = self._build_encoder(dict(architecture["encoder"])) if self.vision else 0
+        of_vertex = 3 + (self.graph.touch_charts > 0)
+        of_readings = 0
         self.reads_readings = touch and strategy == "sphere"
         if self.reads_readings:
-            norm = architecture["encoder"]["norm"] if vision else "batch"
-            self.reading_encoder = ReadingEncoder(norm=norm)
-            inputs += self.sensors * (self.reading_encoder.features + POSE_FEATURES)
+            self.reading_encoder = ReadingEncoder()
+            of_readings = self.sensors * (self.reading_encoder.features + POSE_FEATURES)
         self.concatenate = Concatenate(-1)
-        gcn = architecture["gcn"]
+        gcn, init = architecture["gcn"], architecture["init"]
+        inputs = of_image + of_vertex + of_readings
         self.gcn = GraphNetwork(
-            inputs, gcn["width"], gcn["layers"], architecture["init"], architecture["last_layer_scale"]
+            of_vertex, gcn["width"], gcn["layers"], init, architecture["last_layer_scale"], fan_in=inputs
         )
+        # The first layer's weights, by what they are applied to; those of a vertex's own inputs are in `gcn`.
+        width = self.gcn.layers[0].weight.shape[1]
+        for name, rows in (("image_weight", of_image), ("reading_weight", of_readings)):
+            if rows:
+                weight = nn.Parameter(torch.empty(rows, width))
+                initialise(weight, init, fan_in=inputs)
+                self.register_parameter(name, weight)
+        if self.pools_touch:
+            self.touch_pooling = TouchPooling(width)
+            # Far vertices learn of touches by attention where nothing else tells of them; beside an image it does not
+            # help (docs/training.md).
+            self.touch_attention = None if vision else TouchAttention(width)
 
     def _build_encoder(self, options: dict[str, Any]) -> int:
         """Builds the image encoder and the pooling; returns the number of features that a vertex gets."""
@@ -111,9 +132,10 @@ class Reconstruction(nn.Module):
         self.register_buffer("camera", relative_camera(matrix, IMAGE_SIZE), persistent=False)
         features = sum(self.encoder.channels)
         self.project = LinearBlock(features, project) if project else None
+        self.map_products = MapProducts()
         return project or features
 
-    def forward(self, batch: Mapping[str, torch.Tensor]) -> torch.Tensor:
+    def forward(self, batch: Mapping[str, Tensor]) -> Tensor:
         """Vertices (B, V, 3) of the final mesh, metres, world frame; its faces are `faces`.
 
         batch, of what the experiment uses (T = 4 x grasps; all but the image in the world frame, metres):
@@ -129,53 +151,65 @@ class Reconstruction(nn.Module):
 
         Raises ValueError if a key is missing, of another shape or type. `check` also looks at the values.
         """
-        positions = self.deform(batch, *self._initial(batch, self._check_shapes(batch)))
-        if self.touch and self.strategy == "no_comm":
+        positions, mask, fixed = self._initial(batch, self._check_shapes(batch))
+        positions = self.deform(batch, positions, mask, fixed)
+        if self.copies_touch:
             positions = torch.cat([positions, self._touch_charts(batch)[0]])
         return positions.transpose(0, 1).contiguous()
 
-    def _initial(
-        self, batch: Mapping[str, torch.Tensor], samples: int
-    ) -> tuple[torch.Tensor, list[torch.Tensor], torch.Tensor | None]:
-        """Initial vertices (V, B, 3), their constant features (V, B, ...), and which vertices are fixed (V, B, 1).
-
-        The last is None if all vertices move.
-        """
+    def _initial(self, batch: Mapping[str, Tensor], samples: int) -> tuple[Tensor, Tensor | None, Tensor | None]:
+        """Initial vertices (V, B, 3); with touch charts in the graph their mask (V, B, 1), and which vertices are
+        fixed (V, B, 1), or None if all move."""
         positions = self.start[:, None].expand(-1, samples, -1)
-        given = []
-        enforced = None
-        if self.graph.touch_charts:
-            charts, success = self._touch_charts(batch)
-            positions = torch.cat([positions, charts])
-            mask = torch.where(success, SUCCESSFUL, UNSUCCESSFUL).to(charts.dtype)
-            given.append(torch.cat([mask.new_zeros(len(self.start), samples, 1), mask]))
-            if self.strategy == "charts":
-                stays = torch.ones_like(success) if self.held else success
-                enforced = torch.cat([success.new_zeros(len(self.start), samples, 1), stays])
-        if self.reads_readings:
-            given.append(self._touch_features(batch).expand(len(positions), -1, -1))
-        return positions, given, enforced
+        if not self.graph.touch_charts:
+            return positions, None, None
+        charts, success = self._touch_charts(batch)
+        mask = torch.where(success, SUCCESSFUL, UNSUCCESSFUL).to(charts.dtype)
+        mask = torch.cat([mask.new_zeros(len(self.start), samples, 1), mask])
+        fixed = None
+        if self.strategy == "charts":
+            stays = torch.ones_like(success) if self.held else success
+            fixed = torch.cat([success.new_zeros(len(self.start), samples, 1), stays])
+        return torch.cat([positions, charts]), mask, fixed
 
     def deform(
-        self,
-        batch: Mapping[str, torch.Tensor],
-        positions: torch.Tensor,
-        given: list[torch.Tensor],
-        enforced: torch.Tensor | None,
-    ) -> torch.Tensor:
+        self, batch: Mapping[str, Tensor], positions: Tensor, mask: Tensor | None, fixed: Tensor | None
+    ) -> Tensor:
         """Vertices (V, B, 3) after all deformations, from what `_initial` gives."""
-        maps, camera = self._image_maps(batch)
+        image = self._image_products(batch)
+        readings = self._reading_products(batch) if self.reads_readings else None
+        if self.pools_touch:
+            touches = touches_of(batch)
+            attended = self.touch_attention.keys_and_values(batch, self._relative) if self.touch_attention else None
         for _ in range(self.deformations):
-            features = [*given]
-            if self.vision:
-                pooled = self.pooling(maps, positions, camera, batch["image"].shape[-1])
-                features.insert(0, self.project(pooled) if self.project else pooled)
-            features.insert(int(self.vision), self._relative(positions))
-            moved = positions + self.scale * self.gcn(self.concatenate(*features), self.graph)
-            positions = moved if enforced is None else torch.where(enforced, positions, moved)
+            relative = self._relative(positions)
+            products = image(positions) if image else None
+            if readings is not None:
+                readings = readings.expand(len(positions), -1, -1)
+                products = readings if products is None else products + readings
+            if self.pools_touch:
+                touch = self.touch_pooling(touches, positions)
+                if attended:
+                    touch = touch + self.touch_attention(*attended, relative)
+                products = touch if products is None else products + touch
+            own = relative if mask is None else self.concatenate(relative, mask)
+            moved = positions + self.scale * self.gcn(own, self.graph, products)
+            positions = moved if fixed is None else torch.where(fixed, positions, moved)
         return positions
 
-    def check(self, batch: Mapping[str, torch.Tensor]) -> None:
+    def stages(self, batch: Mapping[str, Tensor]) -> list[Tensor]:
+        """What the loss of a training step looks at: the vertices that `forward` predicts."""
+        return [self(batch)]
+
+    def mesh(self, prediction: Tensor) -> tuple[Tensor, Tensor]:
+        """One sample's prediction as a mesh: its vertices (V, 3), metres, world frame, and `faces`."""
+        return prediction, self.faces
+
+    def sample(self, prediction: Tensor, n: int, generator: torch.Generator | None = None) -> Tensor:
+        """Points (B, n, 3) on the meshes whose vertices `forward` predicts, uniform by area."""
+        return sample_faces(prediction, self.faces, n, generator)
+
+    def check(self, batch: Mapping[str, Tensor]) -> None:
         """Raises ValueError if a key is missing, of another shape, or has NaN or infinite values.
 
         For where data come in: it reads every value, which a training step should not wait for.
@@ -189,32 +223,39 @@ class Reconstruction(nn.Module):
                 where = "" if key != "charts" else " of a successful touch"
                 raise ValueError(f"{key}: NaN or infinite values{where}")
 
-    def _relative(self, positions: torch.Tensor) -> torch.Tensor:
+    def _relative(self, positions: Tensor) -> Tensor:
         """Positions (..., 3) as the network takes them: around the object's centre, in radii of the atlas."""
         return (positions - self.centre.to(positions.dtype)) / self.scale
 
-    def _image_maps(self, batch):
-        """The image's maps, and the camera relative to the image, or twice None."""
+    def _image_products(self, batch) -> Callable[[Tensor], Tensor] | None:
+        """From positions (V, B, 3) to the image's features there times their weights (V, B, width); None without."""
         if not self.vision:
-            return None, None
+            return None
         image = batch["image"]
+        size = image.shape[-1]
         camera = self.camera.to(image.dtype)
         if batch.get("camera") is not None:
-            camera = relative_camera(batch["camera"].to(image.dtype), image.shape[-1])
-        return self.encoder(image), camera
+            camera = relative_camera(batch["camera"].to(image.dtype), size)
+        maps = self.encoder(image)
+        if self.project:
+            return lambda positions: self.project(self.pooling(maps, positions, camera, size)) @ self.image_weight
+        products = self.map_products(maps, self.image_weight)
+        return lambda positions: self.pooling.products(products, positions, camera, size)
 
-    def _touch_charts(self, batch) -> tuple[torch.Tensor, torch.Tensor]:
+    def _touch_charts(self, batch) -> tuple[Tensor, Tensor]:
         """Touch charts (81 T, B, 3), those without success all at the sensor; success (81 T, B, 1)."""
         success = batch["success"].bool()[:, :, None, None].expand(-1, -1, TOUCH_VERTICES, -1)
         charts = torch.where(success, batch["charts"], batch["position"][:, :, None])
         return tuple(x.flatten(1, 2).transpose(0, 1) for x in (charts, success))
 
-    def _touch_features(self, batch) -> torch.Tensor:
-        """(B, features) of all touches: of the reading, the sensor's position and rotation, and success."""
+    def _reading_products(self, batch) -> Tensor:
+        """The features of all touches, of the reading, the sensor's position and rotation, and success, times their
+        weights: (B, width)."""
         success = batch["success"][..., None].to(batch["reading"].dtype)
         shown = self.reading_encoder(batch["reading"].flatten(0, 1)).unflatten(0, success.shape[:2]) * success
         position = self._relative(batch["position"])
-        return torch.cat([shown, position, batch["rotation"].flatten(2), success], dim=2).flatten(1)
+        features = torch.cat([shown, position, batch["rotation"].flatten(2), success], dim=2)
+        return features.flatten(1) @ self.reading_weight
 
     def _shapes(self, batch) -> dict[str, tuple[int | None, ...]]:
         """The keys that are read, and their shapes after the first axis; None for a size that is free."""
@@ -224,12 +265,16 @@ class Reconstruction(nn.Module):
             if batch.get("camera") is not None:
                 shapes["camera"] = (3, 4)
         if self.touch:
-            shapes |= {"success": (self.sensors,), "position": (self.sensors, 3)}
+            touches = self.sensors
+            if self.pools_touch and batch.get("success") is not None:  # any number of grasps up to its own
+                touches = min(batch["success"].shape[-1], self.sensors)
+            shapes |= {"success": (touches,), "position": (touches, 3)}
+            if self.reads_readings or self.pools_touch:
+                shapes["rotation"] = (touches, 3, 3)
             if self.reads_readings:
-                shapes["rotation"] = (self.sensors, 3, 3)
-                shapes["reading"] = (self.sensors, 3, RESOLUTION, RESOLUTION)
+                shapes["reading"] = (touches, 3, RESOLUTION, RESOLUTION)
             if self.strategy != "sphere":
-                shapes["charts"] = (self.sensors, TOUCH_VERTICES, 3)
+                shapes["charts"] = (touches, TOUCH_VERTICES, 3)
         return shapes
 
     def _check_shapes(self, batch) -> int:
@@ -269,3 +314,11 @@ def _check_experiment(strategy: str, vision: bool, touch: bool, grasps: int) -> 
         raise ValueError("strategy no_comm without vision would deform the vision charts without knowing anything")
     if grasps < 1:
         raise ValueError(f"{grasps} grasps: at least 1")
+
+
+def _choice(architecture: Mapping[str, Any], option: str, known: tuple[str, ...]) -> str:
+    """The value of an option, the first of those known if it is missing; ValueError for another."""
+    value = architecture.get(option, known[0])
+    if value not in known:
+        raise ValueError(f"{option} {value!r}; must be {' or '.join(known)}")
+    return value

@@ -13,7 +13,7 @@ from palpate.mesh import OBJECT_POSITION
 from palpate.models.architectures import PAPER_ARCHITECTURES
 from palpate.models.gcn import ZeroNeighbourLayer
 from palpate.models.layers import Concatenate, ConvolutionBlock, LinearBlock
-from palpate.models.pooling import PerceptualPooling
+from palpate.models.pooling import MapProducts, PerceptualPooling
 from palpate.models.reconstruction import Reconstruction
 from palpate.models.touch_depth import TouchDepth
 from palpate.results.published import paper_values
@@ -47,6 +47,7 @@ OPERATIONS: dict[type[nn.Module], Callable[[Any], str]] = {
     nn.MaxPool2d: lambda layer: _convolution(layer, "MaxPooling", 2),
     Concatenate: lambda layer: "Concatenate",
     PerceptualPooling: lambda layer: "perceptual feature pooling",
+    MapProducts: lambda layer: "perceptual feature pooling",
     ZeroNeighbourLayer: lambda layer: "GCN Layer",
 }
 
@@ -59,6 +60,8 @@ class _Recorder:
         self.names: dict[int, str] = {}
         self.tensors: list[Tensor] = []  # An id stays a tensor's own as long as the tensor lives.
         self.recorded: set[nn.Module] = set()
+        self.image_features: Tensor | None = None  # what a vertex has of the image
+        self.vertices: Tensor | None = None  # what it has besides
         if image is not None:
             self.call(image, image_name)
             self.row("image", "", image_name, image)
@@ -77,21 +80,35 @@ class _Recorder:
         if module in self.recorded:
             return
         self.recorded.add(module)
+        if isinstance(module, MapProducts):
+            # The first layer's weights are applied to the maps: what is pooled has the maps' channels.
+            output = torch.empty(1, 1, sum(features.shape[1] for features in inputs[0]))
+        if isinstance(module, ZeroNeighbourLayer) and self.vertices is None:
+            inputs = (self.first_input(inputs[0]),)
         tensors_in = [tensor for each in inputs for tensor in (each if isinstance(each, list) else [each])]
         tensors_in = [tensor for tensor in tensors_in if isinstance(tensor, Tensor)]
-        if isinstance(module, PerceptualPooling):
+        if isinstance(module, MapProducts | PerceptualPooling):
             tensors_in = inputs[0]
-        if isinstance(module, Concatenate):
-            vertices = [tensor for tensor in tensors_in if id(tensor) not in self.names]
-            if vertices:
-                self.row("vertices", "", VERTICES, torch.cat(vertices, dim=-1))
-            if len(vertices) == len(tensors_in):
-                self.call(output, VERTICES)
-                return
-        sources = " ".join(dict.fromkeys(self.names.get(id(tensor), VERTICES) for tensor in tensors_in))
+        if isinstance(module, Concatenate) and all(id(tensor) not in self.names for tensor in tensors_in):
+            return  # a vertex's own inputs
+        self.step([self.names.get(id(tensor), VERTICES) for tensor in tensors_in], OPERATIONS[type(module)](module), output)
+        if isinstance(module, MapProducts | PerceptualPooling | LinearBlock):
+            self.image_features = output
+
+    def step(self, sources: list[str], operation: str, output: Tensor) -> None:
         index = str(1 + sum(row["index"].isdigit() for row in self.rows))
-        self.row(index, sources, OPERATIONS[type(module)](module), output)
+        self.row(index, " ".join(dict.fromkeys(sources)), operation, output)
         self.call(output, f"({index})")
+
+    def first_input(self, own: Tensor) -> Tensor:
+        """The whole input of the first graph layer: a vertex's own (V, B, C), and the image's, which comes as products."""
+        self.vertices = own
+        self.row("vertices", "", VERTICES, own)
+        if self.image_features is None:
+            return own
+        joined = torch.empty(1, 1, self.image_features.shape[-1] + own.shape[-1])
+        self.step([self.names[id(self.image_features)], VERTICES], "Concatenate", joined)
+        return joined
 
 
 @torch.no_grad()

@@ -2,8 +2,9 @@
 
 An experiment's errors are an array (k seeds, n objects). Its average is the mean over classes of the mean
 over a class's objects (and over seeds), as in the paper's tables (table "Model selection", row 1:
-(0.775 + 0.572 + 1.262 + 0.643) / 4 = 0.813). Experiments are measured on the same objects, so that a
-difference is taken object by object.
+(0.775 + 0.572 + 1.262 + 0.643) / 4 = 0.813). Experiments are measured on the same objects and trained with the same
+seeds, so that a difference is paired by both: it is taken object by object and seed by seed. What an object makes hard,
+and what two trainings inherit from the base model of their seed, is then in both terms and cancels.
 """
 
 from collections.abc import Callable, Sequence
@@ -16,6 +17,10 @@ LEVEL = 0.95
 RESAMPLES = 2000
 SEED = 0
 STEP = 1e-4  # of the means, relative, for the slope of a statistic
+# A variance between two or three seeds is often far too small by chance, and Welch and Satterthwaite's degrees of freedom
+# are then those of the many objects. So it counts 1 + 8 / f^2 times in them, f being its own: intervals contain the truth
+# in 94 to 97 of 100 simulated runs instead of 88 to 95 (docs/evaluation.md).
+SEEDS_WEIGHT = 8.0
 
 
 class Estimate(NamedTuple):
@@ -29,6 +34,13 @@ class Estimate(NamedTuple):
         """The same number, its interval clipped to the range of possible values."""
         return self._replace(low=float(np.clip(self.low, least, most)), high=float(np.clip(self.high, least, most)))
 
+    def sign(self, spread: float = np.nan) -> int:
+        """-1 or 1 if the number is a finding, 0 if it is undecided. It is a finding if its interval excludes 0 and it is
+        larger than `spread`, how far two seeds differ in it (nan: not known)."""
+        if abs(self.value) <= spread:
+            return 0
+        return int(self.low > 0) - int(self.high < 0)
+
 
 def interval(
     values: Sequence[np.ndarray],
@@ -40,18 +52,20 @@ def interval(
     """A statistic of the experiments' averages, with its bootstrap interval.
 
     Args:
-        values: one (k, n) array an experiment: its error with each of its k seeds for each of n objects.
+        values: one (k, n) array an experiment: its error with each of k seeds, the same and in the same order for all
+            experiments, for each of n objects. One of a single seed, (1, n), is the same for every seed.
         classes: (n,) class of each object.
         statistic: from averages (..., experiments) to numbers (...); by default the first one's average.
 
-    Objects are drawn within their class, the same for all experiments; seeds within their experiment. Of n
-    objects (or k seeds) n - 1 are drawn, which makes the variance of a mean of few unbiased (McCarthy and
-    Snowden 1985, The Bootstrap and Finite Population Sampling). The interval is Student's on the bootstrap's
-    standard error (Efron and Tibshirani 1993, An Introduction to the Bootstrap, section 12.2), with the
-    degrees of freedom of Welch and Satterthwaite: percentiles of a few objects or seeds are too narrow. An
-    experiment with one seed shows no spread over seeds; a class with one object shows none at all, and the
-    interval is (nan, nan). Drawing objects and seeds separately errs, if at all, towards too wide (Owen 2007,
-    The Pigeonhole Bootstrap).
+    The pigeonhole bootstrap (Owen 2007, section 3): objects are drawn within their class and seeds apart from them,
+    both the same for all experiments, and an average of a drawing is sum_so w_s w_o y_so, with the shares w of each
+    seed s and object o among those drawn. For a difference y_so = m + a_s + b_o + e_so its variance is
+    var(a) / k + var(b) / n + 3 var(e) / (k n): right for seeds and objects, and if at all too wide for what is left.
+    Of n objects (or k seeds) n - 1 are drawn, which makes the variance of a mean of few unbiased (McCarthy and Snowden
+    1985, The Bootstrap and Finite Population Sampling). The interval is Student's on the bootstrap's standard error
+    (Efron and Tibshirani 1993, An Introduction to the Bootstrap, section 12.2), with the degrees of freedom of Welch
+    and Satterthwaite (see `SEEDS_WEIGHT`): percentiles of a few objects or seeds are too narrow. With one seed the interval is over objects
+    only. A class with one object shows no spread, and the interval is (nan, nan).
 
     Raises ValueError if the arrays do not fit each other, hold no object, or are not finite.
     """
@@ -64,6 +78,22 @@ def interval(
     replicates = statistic(_replicates(values, classes, resamples, np.random.default_rng(seed)))
     half = float(t.ppf((1 + LEVEL) / 2, freedom) * np.nanstd(replicates, ddof=1))
     return Estimate(value, value - half, value + half)
+
+
+def between_seeds(
+    values: Sequence[np.ndarray],
+    classes: np.ndarray,
+    statistic: Callable[[np.ndarray], np.ndarray] = lambda means: means[..., 0],
+) -> float:
+    """How far two seeds differ in a statistic of the experiments' averages: the mean of |difference| over all pairs of
+    seeds (Gini's mean difference). nan with one seed. Arguments and errors are those of `interval`."""
+    values, classes = _checked(values, classes)
+    weights = _class_weights(classes)
+    seeds = max(map(len, values))
+    averages = np.stack([np.broadcast_to(array @ weights, seeds) for array in values], axis=1)
+    by_seed = statistic(averages)
+    first, second = np.triu_indices(seeds, k=1)
+    return float(np.abs(by_seed[first] - by_seed[second]).mean()) if seeds > 1 else np.nan
 
 
 def ratio_interval(numerator: np.ndarray, denominator: np.ndarray, classes: np.ndarray) -> Estimate:
@@ -99,6 +129,8 @@ def _checked(values, classes) -> tuple[list[np.ndarray], np.ndarray]:
     shapes = [array.shape for array in values]
     if not len(classes) or not shapes or any(k == 0 or n != len(classes) for k, n in shapes):
         raise ValueError(f"(seeds, {len(classes)} objects) expected for each experiment, got {shapes}")
+    if len({k for k, _ in shapes if k > 1}) > 1:
+        raise ValueError(f"differences are paired by seed: as many seeds expected for each experiment, got {shapes}")
     if not all(np.isfinite(array).all() for array in values):
         raise ValueError("errors must be finite")
     return values, classes
@@ -116,11 +148,10 @@ def _replicates(values, classes, resamples: int, rng: np.random.Generator) -> np
     for name in np.unique(classes):
         members = np.flatnonzero(classes == name)
         weights[:, members] = _drawn(len(members), resamples, rng) / len(np.unique(classes))
+    seeds = _drawn(max(map(len, values)), resamples, rng)
     return np.stack(
         [
-            np.einsum("rk,rk->r", weights @ array.T, _drawn(len(array), resamples, rng))
-            if len(array) > 1
-            else weights @ array[0]
+            np.einsum("rk,rk->r", weights @ array.T, seeds) if len(array) > 1 else weights @ array[0]
             for array in values
         ],
         axis=1,
@@ -128,7 +159,9 @@ def _replicates(values, classes, resamples: int, rng: np.random.Generator) -> np
 
 
 def _drawn(count: int, resamples: int, rng: np.random.Generator) -> np.ndarray:
-    """(resamples, count) shares of each of `count` among count - 1 that are drawn with replacement."""
+    """(resamples, count) shares of each of `count` among count - 1 that are drawn with replacement; 1 of a single one."""
+    if count == 1:
+        return np.ones((resamples, 1))
     return rng.multinomial(count - 1, np.full(count, 1 / count), size=resamples) / (count - 1)
 
 
@@ -148,10 +181,12 @@ def _degrees_of_freedom(values, classes, slopes: np.ndarray) -> float:
         (by_object[classes == name].var(ddof=1) / count / len(names) ** 2, count - 1)
         for name, count in zip(names, counts, strict=True)
     ]
-    weights = _class_weights(classes)
-    for slope, array in zip(slopes, values, strict=True):
-        if len(array) > 1:
-            parts.append((slope**2 * (array @ weights).var(ddof=1) / len(array), len(array) - 1))
+    seeds = max(map(len, values))
+    if seeds > 1:
+        weights = _class_weights(classes)
+        by_seed = sum(slope * (array @ weights) for slope, array in zip(slopes, values, strict=True))
+        weight = 1 + SEEDS_WEIGHT / (seeds - 1) ** 2
+        parts.append((weight * np.broadcast_to(by_seed, seeds).var(ddof=1) / seeds, seeds - 1))
     variance, freedom = np.array(parts).T
     total = variance.sum()
     # Nothing varies: the interval has no width, whatever it is stretched by.

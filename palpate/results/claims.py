@@ -2,8 +2,8 @@
 
 `paper/claims.csv` has a row a claim. Its statistic is a number of averages that must be negative: a difference
 of errors, a slope, an error less what is allowed. The claim holds if the whole 95 % interval is below zero, does
-not if all of it is above, and is undecided otherwise. Where a statistic has bounds, these must be negative
-instead, all of them.
+not if all of it is above, and is undecided otherwise; it is undecided too if two seeds differ by more than the number.
+Where a statistic has bounds, these must be negative instead, all of them.
 
 Columns of the file:
     claim, section           the sentence, and where the paper makes it
@@ -25,9 +25,9 @@ from typing import NamedTuple
 import numpy as np
 import pandas as pd
 
-from palpate.results.bootstrap import RESAMPLES
+from palpate.results.bootstrap import RESAMPLES, Estimate
 from palpate.results.errors import AVERAGE, Errors, errors
-from palpate.results.model_tables import INTERVALS, ring_errors, ring_key, size_columns, touch_errors
+from palpate.results.model_tables import intervals_note, ring_errors, ring_key, size_columns, touch_errors
 from palpate.results.published import paper_values, published_experiments
 
 HOLDS, FAILS, UNDECIDED = "holds", "does not hold", "undecided"
@@ -114,15 +114,19 @@ def decide(
         touches: of `evaluations/touch_depth.csv`.
 
     Columns: claim, section, split, measured with its interval (`_low`, `_high`) and the same of the paper's
-    numbers (`_paper`), unit, verdict, paper_agrees (whether the paper's numbers themselves are so: it states
-    no spread), objects, seeds, steps. Raises EvaluationError if an experiment is missing.
+    numbers (`_paper`), between_seeds (how far two seeds differ in it), unit, verdict, paper_agrees (whether the paper's
+    numbers themselves are so: it states no spread), objects, seeds, steps. Raises EvaluationError if an experiment is
+    missing.
     """
     measured_by = _errors_of_tables(evaluations, rings, touches)
     rows = []
     for claim in claims():
         found = measured_by[claim.table]
         estimate = found.estimate(claim.experiments, claim.measured, resamples)
-        bounds = [found.estimate(claim.experiments, bound, resamples) for bound in claim.bounds]
+        bounds = [
+            (found.estimate(claim.experiments, bound, resamples), found.between_seeds(claim.experiments, bound))
+            for bound in claim.bounds
+        ]
         means = _published(claim)
         rows.append(
             {
@@ -133,8 +137,9 @@ def decide(
                 "measured_low": estimate.low,
                 "measured_high": estimate.high,
                 "measured_paper": float(claim.measured(means)),
+                "between_seeds": found.between_seeds(claim.experiments, claim.measured),
                 "unit": claim.unit,
-                "verdict": verdict([(bound.low, bound.high) for bound in bounds]),
+                "verdict": verdict(bounds),
                 "paper_agrees": "yes" if all(bound(means) < 0 for bound in claim.bounds) else "no",
                 **size_columns(found, *claim.experiments),
             }
@@ -144,21 +149,20 @@ def decide(
     table.attrs["note"] = (
         f"{counts.get(HOLDS, 0)} of {len(table)} claims hold, {counts.get(FAILS, 0)} do not, "
         f"{counts.get(UNDECIDED, 0)} are undecided by this run. A claim is that a number is negative (where "
-        "it names a bound: within it); it holds or not if the whole interval says so. Differences are taken "
-        "object by object. `paper agrees`: whether the paper's own numbers, without an interval, say so. "
-        f"{INTERVALS} With one seed the interval knows nothing of the spread over seeds."
+        "it names a bound: within it); it holds or not if the whole interval says so, and two seeds differ by less "
+        "(`between seeds`). Differences are paired by object and seed. `paper agrees`: whether the paper's own numbers, "
+        f"without an interval, say so. {intervals_note(int(table['seeds'].max()))}"
     )
     table.attrs["decimals"] = None
     return table
 
 
-def verdict(intervals: list[tuple[float, float]]) -> str:
-    """Of intervals (low, high) that must all be below zero; one that is not known (nan) decides nothing."""
-    if all(high < 0 for _, high in intervals):
-        return HOLDS
-    if any(low > 0 for low, _ in intervals):
+def verdict(bounds: list[tuple[Estimate, float]]) -> str:
+    """Of numbers that must all be negative, each with how far two seeds differ in it (see `Estimate.sign`)."""
+    signs = [estimate.sign(spread) for estimate, spread in bounds]
+    if 1 in signs:
         return FAILS
-    return UNDECIDED
+    return HOLDS if all(sign == -1 for sign in signs) else UNDECIDED
 
 
 def _errors_of_tables(evaluations, rings, touches) -> dict[str, Errors]:

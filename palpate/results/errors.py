@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 
 from palpate.evaluation.rows import EvaluationError
-from palpate.results.bootstrap import RESAMPLES, Estimate, interval
+from palpate.results.bootstrap import RESAMPLES, Estimate, between_seeds, interval
 
 AVERAGE = "average"
 PAPER_CLASSES = ("bottle", "knife", "cellphone", "rifle")  # in its tables' order
@@ -46,6 +46,11 @@ class Errors(NamedTuple):
             return interval(values, self.classes, statistic, resamples)
         return interval(values, self.classes, resamples=resamples).within(0)
 
+    def between_seeds(self, experiments: Sequence[str], statistic=None) -> float:
+        """How far two seeds differ in a statistic of the averages of some experiments; nan with one seed."""
+        values = [self.values[name] for name in experiments]
+        return between_seeds(values, self.classes, *([statistic] if statistic else []))
+
 
 def errors(
     frame: pd.DataFrame,
@@ -59,8 +64,8 @@ def errors(
     Args:
         frame: rows of `palpate.evaluation.rows.read`; `column` holds the error, `key` names the experiment.
 
-    Raises EvaluationError if an experiment has no rows, experiments were measured on different objects, one
-    was measured twice, or an error is not finite.
+    Raises EvaluationError if an experiment has no rows, experiments were measured on different objects or trained with
+    different seeds, one was measured twice, or an error is not finite.
     """
     frame = frame[frame["split"] == split]
     known = set(frame[key])
@@ -75,6 +80,7 @@ def errors(
         raise EvaluationError(f"{bad[key]!r}, seed {bad['seed']}, {bad['object']}: {column} is {bad[column]}")
     _once(frame, key)
     classes = frame.drop_duplicates("object").set_index("object")["class"].sort_index()
+    seeds = sorted(set(frame["seed"]))
     values, steps = {}, {}
     for name in experiments:
         rows = frame[frame[key] == name]
@@ -84,6 +90,11 @@ def errors(
             raise EvaluationError(
                 f"experiment {name!r} was not measured on {unmatched[:3]} of the {split} split with every seed, "
                 "but others were: evaluate all of them on the same dataset"
+            )
+        if list(table.index) != seeds:
+            raise EvaluationError(
+                f"experiment {name!r} was measured with the seeds {list(table.index)}, but others with {seeds}: "
+                "differences are paired by seed; train and evaluate it with all of training.seeds"
             )
         values[name] = table.to_numpy()
         steps[name] = (int(rows["steps"].min()), int(rows["steps"].max()))

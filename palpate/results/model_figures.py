@@ -11,6 +11,7 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.ticker import FormatStrFormatter, LogLocator, MaxNLocator, NullFormatter, PercentFormatter
 
+from palpate.remedy import command
 from palpate.evaluation.rings import RINGS
 from palpate.evaluation.rows import EvaluationError, read_table
 from palpate.results.bootstrap import RESAMPLES
@@ -19,6 +20,7 @@ from palpate.results.model_tables import (
     STRATEGY_NAMES,
     Experiments,
     input_label,
+    model_label,
     ring_errors,
     ring_key,
     setups,
@@ -28,6 +30,7 @@ from palpate.results.published import paper_values
 
 HISTORY = ("step", "seconds", "train_loss", "validation_loss")
 COLUMNS = 4  # panels beside each other
+OTHER_LOSS = (STRATEGY_NAMES["r2n2"],)  # trained by the cells' cross entropy, which has no place on the axis
 
 
 @styled
@@ -93,7 +96,7 @@ def error_over_rings(
 @styled
 def training_curves(histories: Mapping[tuple[str, int], Path | str], experiments: Experiments, path) -> None:
     """Loss against run time of every training, a panel for each kind of input: on the validation split
-    (solid) and in training (faint).
+    (solid) and in training (faint, but for `OTHER_LOSS`).
 
     histories: (experiment, seed) -> its `history.csv`. Raises EvaluationError, naming the file, if one is
     missing or lacks a column.
@@ -103,7 +106,7 @@ def training_curves(histories: Mapping[tuple[str, int], Path | str], experiments
     for (name, _), file in histories.items():
         panel, label, colour = _panel(experiments[name])
         history = _history(file)
-        losses.append(history[list(HISTORY[2:])])
+        losses.append(history[["validation_loss"] if label in OTHER_LOSS else list(HISTORY[2:])])
         panels.setdefault(panel, []).append((label, colour, history, name not in named))
         named.add(name)
     bottom = min(part.min(axis=None) for part in losses) / 1.2
@@ -124,7 +127,8 @@ def training_curves(histories: Mapping[tuple[str, int], Path | str], experiments
         )
         for label, colour, history, first in curves:
             minutes = history["seconds"] / 60
-            axes.plot(minutes, history["train_loss"], color=colour, lw=0.8, alpha=0.35)
+            if label not in OTHER_LOSS:
+                axes.plot(minutes, history["train_loss"], color=colour, lw=0.8, alpha=0.35)
             axes.plot(
                 minutes,
                 history["validation_loss"],
@@ -147,18 +151,20 @@ def training_curves(histories: Mapping[tuple[str, int], Path | str], experiments
 def _panel(setup: Mapping) -> tuple[str, str, str]:
     """The panel that an experiment's curve is in, its name there (its strategy, or how many grasps), its
     colour."""
-    label, grasps = input_label(setup), setup["grasps"]
+    label, grasps = input_label({**setup, "architecture": {}}), setup["grasps"]
     if grasps > 1:
         return f"{label}, more grasps", f"{grasps} grasps", COLOURS[grasps % len(COLOURS)]
+    name = model_label(setup)
+    # Strategies first; one with another architecture is a curve of its own.
     number = list(STRATEGY_NAMES).index(setup["strategy"])
-    return label, STRATEGY_NAMES[setup["strategy"]], COLOURS[number]
+    return label, name, COLOURS[number if name in STRATEGY_NAMES.values() else len(STRATEGY_NAMES)]
 
 
 def _history(path: Path | str) -> pd.DataFrame:
     path = Path(path)
     if not path.exists():
-        raise EvaluationError(f"{path} does not exist; train the model with: snakemake {'/'.join(path.parts[-4:])}")
-    return read_table(path, HISTORY, "remove it and train the model again")
+        raise EvaluationError(f"{path} does not exist; train the model with: {command(path)}")
+    return read_table(path, HISTORY, f"remove it and train the model again with: {command(path)}")
 
 
 def _line(axes: Axes, x: Sequence[int], estimates: Sequence, colour: str, label: str) -> None:

@@ -1,7 +1,8 @@
 """The models' tables: measured averages with their intervals, the paper's values beside.
 
 Each function gives a DataFrame of numbers. A measured column `x` is followed by `x_low` and `x_high`, its
-95 % interval, and `x_paper` where the paper states it. The frame's `attrs["note"]` describes the data behind its
+95 % interval, and `x_paper` where the paper states it. `between_seeds` is how far two seeds of a row's model differ in
+its average; with one seed it is left out. The frame's `attrs["note"]` describes the data behind its
 numbers; `palpate.results.tables` writes it.
 """
 
@@ -11,10 +12,10 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from palpate.charts import CHAMFER_SCALE
-from palpate.evaluation.metrics import PIXEL2MESH_SCALE, TAU, pixel2mesh_chamfer
+from palpate.charts import CHAMFER_SCALE, PIXEL2MESH_SCALE
+from palpate.evaluation.metrics import TAU, pixel2mesh_chamfer
 from palpate.evaluation.rings import RINGS
-from palpate.evaluation.rows import EvaluationError
+from palpate.evaluation.rows import QUALITY, EvaluationError
 from palpate.results.bootstrap import RESAMPLES, Estimate
 from palpate.results.errors import AVERAGE, Errors, errors
 from palpate.results.published import paper_values
@@ -25,18 +26,27 @@ STRATEGY_NAMES = {
     "no_copy": "charts, no copying",
     "no_comm": "charts, no communication",
     "charts": "charts",
+    "psg": "PSG",
+    "pixel2mesh": "Pixel2Mesh",
+    "r2n2": "3D-R2N2",
 }
+# Rows measured for the table of single images: ours, and the published networks that are built here.
+SINGLE_IMAGE_NAMES = STRATEGY_NAMES | {"charts": "charts (ours)"}
 VISION_NAMES = {"occluded": "occluded", "unoccluded": "unoccluded", "views": "views", "none": "–"}
 PAPER_OBJECTS = {"validation": 258, "test": 175}  # supplement, Dataset Statistics
 TOUCH_PARTS = {"cloud": "local point cloud", "chart": "touch chart"}
 STEPS_NOTE = " The paper trained for at most 260 epochs in batches of 16."
-INTERVALS = (
-    "In brackets: 95 % bootstrap interval over objects, within classes, and over seeds where there are "
-    "several; none where a class has a single object."
+QUALITY_LABELS = {"bend": "bend_degrees", "folded": "folded_percent", "gap": "gap_mm", "across": "across_degrees"}
+QUALITY_NOTE = (
+    " bend: mean angle between adjacent faces of a chart; folded: pairs of them bent by more than 90 degrees; gap: mean "
+    "distance of boundary vertices that the initial sphere joins; across: mean angle between a face and the true "
+    "surface. Vision charts only."
 )
 
-# Name -> strategy, vision, touch, grasps, as in config/experiments.yaml.
+# Name -> strategy, vision, touch, grasps and what else, as in config/experiments.yaml.
 Experiments = Mapping[str, Mapping[str, Any]]
+SETUP = ("strategy", "vision", "touch", "grasps")  # what makes a row of the paper's tables
+PAPERS_GRAPH = "paper's graph, equation 1"  # touch charts in the graph, `architecture: {touch: graph}`
 
 
 def model_selection(
@@ -54,11 +64,9 @@ def model_selection(
         row = {
             "row": number,
             "experiment": name,
-            "model": STRATEGY_NAMES[setup["strategy"]],
-            "vision": VISION_NAMES[setup["vision"]],
-            "touch": "yes" if setup["touch"] else "no",
+            **_inputs(setup),
         }
-        rows.append(row | _by_class(found, name, published, resamples) | size_columns(found, name))
+        rows.append(row | _by_class(found, name, name, published, resamples) | size_columns(found, name))
     return _finish(rows, split, found, STEPS_NOTE)
 
 
@@ -66,17 +74,19 @@ def input_modalities(
     evaluations: pd.DataFrame, experiments: Experiments, split: str = "test", resamples: int = RESAMPLES
 ) -> pd.DataFrame:
     """Chamfer distance (m^2 x 9000) with different inputs, by class and on average (table "Test set
-    results"); the paper states averages only."""
+    results"); the paper states averages only.
+
+    A model with another architecture is a row of its own, labelled with it, beside the paper's value of the same
+    set-up; the paper's claims are decided by the experiments of the paper's names alone.
+    """
     found = errors(evaluations, list(experiments), split)
     published = paper_values("input_modalities").set_index(["experiment", "class"])["value"]
+    stated = {_setup(experiments[name]): name for name, _ in published.index if name in experiments}
     rows = []
     for name, setup in experiments.items():
-        row = {
-            "experiment": name,
-            "vision": VISION_NAMES[setup["vision"]],
-            "touch": "yes" if setup["touch"] else "no",
-        }
-        rows.append(row | _by_class(found, name, published, resamples) | size_columns(found, name))
+        row = {"experiment": name, **_inputs(setup)}
+        by_class = _by_class(found, name, stated.get(_setup(setup), name), published, resamples)
+        rows.append(row | by_class | size_columns(found, name))
     return _finish(rows, split, found, STEPS_NOTE)
 
 
@@ -90,7 +100,7 @@ def local_touch_charts(touches: pd.DataFrame, split: str = "test", resamples: in
     found = touch_errors(touches, split)
     published = paper_values("local_touch_charts").assign(part="cloud").set_index(["part", "class"])["value"]
     rows = [
-        {"prediction": label} | _by_class(found, part, published, resamples) | size_columns(found, part)
+        {"prediction": label} | _by_class(found, part, part, published, resamples) | size_columns(found, part)
         for part, label in TOUCH_PARTS.items()
     ]
     counts = touches[touches["split"] == split]
@@ -139,10 +149,30 @@ def setups(experiments: Experiments) -> dict[str, dict[int, str]]:
 
 
 def input_label(setup: Mapping[str, Any]) -> str:
-    """An experiment's inputs as text: `unoccluded vision + touch`."""
+    """An experiment's inputs as text: `unoccluded vision + touch`, and whether touch enters by the paper's graph."""
     names = {"none": [], "views": ["single view"]}
     vision = names.get(setup["vision"], [f"{setup['vision']} vision"])
-    return " + ".join([*vision, *(["touch"] if setup["touch"] else [])]) or "nothing"
+    return _with_graph(" + ".join([*vision, *(["touch"] if setup["touch"] else [])]) or "nothing", setup)
+
+
+def model_label(setup: Mapping[str, Any]) -> str:
+    """An experiment's strategy as text, and whether touch enters by the paper's graph."""
+    return _with_graph(STRATEGY_NAMES[setup["strategy"]], setup)
+
+
+def _with_graph(label: str, setup: Mapping[str, Any]) -> str:
+    in_graph = setup["touch"] and setup.get("architecture", {}).get("touch") == "graph"
+    return f"{label} ({PAPERS_GRAPH})" if in_graph else label
+
+
+def _inputs(setup: Mapping[str, Any]) -> dict[str, str]:
+    """The columns that say what a row's model is and takes."""
+    vision, touch = VISION_NAMES[setup["vision"]], "yes" if setup["touch"] else "no"
+    return {"model": model_label(setup), "vision": vision, "touch": touch}
+
+
+def _setup(experiment: Mapping[str, Any]) -> tuple:
+    return tuple(experiment[key] for key in SETUP)
 
 
 def extrapolation(
@@ -199,16 +229,17 @@ def single_image(
     evaluations: pd.DataFrame, experiments: Experiments, split: str = "test", resamples: int = RESAMPLES
 ) -> pd.DataFrame:
     """Single-image reconstruction by Pixel2Mesh's protocol (supplement, table "Single image 3D shape
-    reconstructing results"): measured rows first, then the paper's own, then those that it cites.
+    reconstructing results"): the models measured here first, then the paper's own row, then those that it cites.
 
-    `chamfer` is in thousandths at the protocol's scale, `f1_tau` and `f1_2tau` in percent.
+    Column `source` is `measured` or `cited`: what is cited was measured on other objects. `chamfer` is in thousandths at the protocol's scale, `f1_tau` and `f1_2tau` in percent.
     """
-    rows = []
-    for name in experiments:
-        row: dict[str, Any] = {"method": name, "from": "this run"}
-        for column in ("chamfer", "f1_tau", "f1_2tau"):
-            found = errors(evaluations, [name], split, column)
-            estimate = found.estimate([name], resamples=resamples)
+    columns = ("chamfer", "f1_tau", "f1_2tau")
+    scores = {column: errors(evaluations, list(experiments), split, column) for column in columns}
+    found, rows = scores["chamfer"], []
+    for name, setup in experiments.items():
+        row: dict[str, Any] = {"source": "measured", "method": SINGLE_IMAGE_NAMES[setup["strategy"]], "from": name}
+        for column in columns:
+            estimate = scores[column].estimate([name], resamples=resamples)
             if column == "chamfer":
                 estimate = Estimate(*(pixel2mesh_chamfer(number) for number in estimate))
             row |= _columns(column, estimate)
@@ -218,6 +249,7 @@ def single_image(
         cited = record["cited_by_the_paper"] == "yes"
         rows.append(
             {
+                "source": "cited",
                 "method": record["method"],
                 "from": "cited by the paper" if cited else "the paper",
                 **{column: record[column] for column in ("chamfer", "f1_tau", "f1_2tau")},
@@ -227,10 +259,26 @@ def single_image(
         " Pixel2Mesh's protocol as in Mesh R-CNN's evaluation: meshes scaled by "
         f"{PIXEL2MESH_SCALE:.2f} (0.57 for a bounding box of diagonal 1; here it is 0.5), squared distances, "
         f"tau = {TAU:g}; Chamfer distance in "
-        "thousandths. The rows of the paper and those it cites are of ShapeNet's 13 classes and published "
-        "renderings: not this run's objects."
+        "thousandths. Measured rows: models of this run, trained on the same views for the same processor time; "
+        "PSG, Pixel2Mesh and 3D-R2N2 built from their publications (docs/single_image.md). Cited rows: of ShapeNet's "
+        "13 classes and published renderings, not this run's objects."
     )
     return _finish(rows, split, found, note, decimals=2, exact={"chamfer": 3})
+
+
+def surface_quality(
+    evaluations: pd.DataFrame, experiments: Experiments, split: str = "test", resamples: int = RESAMPLES
+) -> pd.DataFrame:
+    """How smooth predicted surfaces are, on average over classes: the columns that
+    `palpate.evaluation.surface_quality` explains. The paper states nothing of it."""
+    scores = {column: errors(evaluations, list(experiments), split, column) for column in QUALITY}
+    rows = []
+    for name, setup in experiments.items():
+        row: dict[str, Any] = {"experiment": name, **_inputs(setup)}
+        for column, label in QUALITY_LABELS.items():
+            row |= _columns(label, scores[column].estimate([name], resamples=resamples))
+        rows.append(row | size_columns(scores["bend"], name))
+    return _finish(rows, split, scores["bend"], QUALITY_NOTE, decimals=1)
 
 
 def tuning(points: Sequence[Mapping[str, Any]], trained: Sequence[Mapping[str, Any]]) -> pd.DataFrame:
@@ -246,14 +294,17 @@ def tuning(points: Sequence[Mapping[str, Any]], trained: Sequence[Mapping[str, A
     return table
 
 
-def _by_class(found: Errors, name: str, published: pd.Series, resamples: int) -> dict[str, float]:
-    """An experiment's measured and published columns: each class, then the average."""
+def _by_class(found: Errors, name: str, stated: str, published: pd.Series, resamples: int) -> dict[str, float]:
+    """An experiment's measured and published columns: each class, then the average, and how far two seeds differ in it.
+
+    stated: the experiment whose published values stand beside.
+    """
     row = {}
     for label in (*found.class_names, AVERAGE):
         part = found if label == AVERAGE else found.of_class(label)
         row |= _columns(label, part.estimate([name], resamples=resamples))
-        row[f"{label}_paper"] = published.get((name, label), np.nan)
-    return row
+        row[f"{label}_paper"] = published.get((stated, label), np.nan)
+    return row | {"between_seeds": found.between_seeds([name])}
 
 
 def _columns(label: str, estimate: Estimate) -> dict[str, float]:
@@ -271,6 +322,25 @@ def size_columns(found: Errors, *names: str) -> dict[str, Any]:
     }
 
 
+def intervals_note(seeds: int) -> str:
+    """What stands in brackets in a table of models with so many seeds."""
+    over = "objects, within classes, and over seeds" if seeds > 1 else "objects only, within classes"
+    known = "" if seeds > 1 else " One seed: nothing is known of the spread between trainings."
+    return f"In brackets: 95 % bootstrap interval over {over}; none where a class has a single object.{known}"
+
+
+def _between_seeds(found: Errors) -> str:
+    """How far two seeds of one model differ, over all models of a table."""
+    # A difference of logarithms is a relative difference.
+    shares = np.array([found.between_seeds([name], lambda means: np.log(means[..., 0])) for name in found.values])
+    if np.isnan(shares).all():
+        return ""
+    return (
+        f" Two seeds of one model differ by {100 * shares.mean():.1f} % of its average (mean over models; "
+        f"{100 * shares.max():.1f} % at most)."
+    )
+
+
 def _finish(
     rows: list[dict],
     split: str,
@@ -281,12 +351,13 @@ def _finish(
 ) -> pd.DataFrame:
     """The frame, with its note and how its numbers are printed; no columns of values that nobody states."""
     table = pd.DataFrame(rows)
-    empty = [name for name in table if name.endswith("_paper") and table[name].isna().all()]
+    empty = [name for name in table if name.endswith(("_paper", "between_seeds")) and table[name].isna().all()]
     table = table.drop(columns=empty).astype({"objects": "Int64", "seeds": "Int64"})
     classes = ", ".join(f"{np.sum(found.classes == name)} {name}" for name in found.class_names)
+    seeds = min(map(len, found.values.values()))
     table.attrs["note"] = (
         f"This run: {len(found.objects)} objects of the {split} split ({classes}); the paper: "
-        f"{PAPER_OBJECTS[split]}.{note} {INTERVALS}"
+        f"{PAPER_OBJECTS[split]}.{note} {intervals_note(seeds)}{_between_seeds(found)}"
     )
     table.attrs["decimals"] = decimals
     table.attrs["exact"] = exact or {}

@@ -13,8 +13,10 @@
 | architectures | model, index | words |
 | contradictions | model, index | what in `architectures` contradicts itself, and what is meant |
 | claims | claim, split | what decides each claim of the text: `palpate.results.claims` |
+| effects | experiment, compared_with | the differences that the text is about: `palpate.results.effects` |
 """
 
+from collections.abc import Iterable
 from pathlib import Path
 
 import pandas as pd
@@ -29,6 +31,12 @@ def published_experiments(*tables: str) -> list[str]:
     """The experiments that the paper has numbers of in these tables (if none: `OF_EXPERIMENTS`)."""
     names = (name for table in tables or OF_EXPERIMENTS for name in paper_values(table)["experiment"])
     return list(dict.fromkeys(names))
+
+
+def effects(experiments: Iterable[str]) -> list[dict[str, str]]:
+    """The rows of `paper/effects.csv` whose two experiments are among those given."""
+    known, rows = set(experiments), paper_values("effects", text=True).to_dict("records")
+    return [row for row in rows if {row["experiment"], row["compared_with"]} <= known]
 
 
 def paper_values(table: str, text: bool = False) -> pd.DataFrame:

@@ -1,14 +1,19 @@
 """The figure of reconstructions across modalities and numbers of grasps, rendered by Blender.
 
+All meshes of a row are seen by one camera. It is as close as `ZOOM`, or as far away as it takes to show `SHOWN` of the
+vertices of every mesh. Vertices that are still outside are marked at the edge of the picture, and counted.
+
 Import it before anything that loads embree (trimesh does), because it loads Blender.
 """
 
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection
 
 from palpate.vision import blender
 
@@ -24,7 +29,7 @@ from palpate.evaluation.reconstruct import (  # noqa: E402  (Blender comes befor
     of_object,
 )
 from palpate.mesh import OBJECT_POSITION, load_visual  # noqa: E402
-from palpate.results.page import FAINT, LABEL, TITLE, new_figure, save, save_sentence, styled  # noqa: E402
+from palpate.results.page import COLOURS, FAINT, INK, LABEL, TITLE, new_figure, save, save_sentence, styled  # noqa: E402
 from palpate.results.surface_view import CLAY  # noqa: E402
 from palpate.vision import Mesh, Renderer, spheres  # noqa: E402
 from palpate.camera import Camera, paper_camera  # noqa: E402
@@ -47,6 +52,9 @@ PIXELS = 240
 # The paper's camera with a narrower field of view: objects, 0.5 m across at most, fill its image to two
 # thirds, and predictions can be as large as the initial sphere.
 ZOOM = 1.3
+SHOWN = 0.98  # of the vertices of each mesh of a row
+MARGIN = 0.03  # of the picture's edge, free on each side where the camera moves away
+WIRE = 0.006  # m: sides this far behind the surface that the picture shows are hidden
 
 
 @styled
@@ -56,12 +64,14 @@ def reconstructions(
     path: Path | str,
     fit: str = "direct",
     threads: int = 1,
+    wires: bool = False,
 ) -> None:
     """Draw the first test object of every class as each model reconstructs it, with inputs and ground truth.
 
     models: folder of each trained model by its experiment, of `EXPERIMENTS`; of these, columns are drawn for
     those given. A model that takes n grasps gets the object's first n; images are those of the first.
-    fit: how touch charts are fitted, `direct` or `adam`. threads: of the CPU, for the renderer.
+    fit: how touch charts are fitted, `direct` or `adam`. threads: of the CPU, for the renderer. wires: draw the sides
+    of the faces too.
 
     Raises ValueError for an experiment that the figure has no column for, and what `Reconstructor` raises.
     """
@@ -71,19 +81,72 @@ def reconstructions(
     if not records:
         return save_sentence("No usable test object in this run", path)
     setups = [setup for setup in SETUPS if setup[0] in models]
-    renderer = Renderer(samples=SAMPLES, threads=threads)
-    camera = shared_camera(PIXELS)
-
-    def render(mesh: Mesh) -> np.ndarray:
-        return renderer.render_meshes([mesh], camera=camera).rgb
-
-    cells = {(row, "truth"): render(ground_truth(record)) for row, record in enumerate(records)}
+    meshes = {(row, "truth"): ground_truth(record) for row, record in enumerate(records)}
     for experiment, *_ in setups:
         reconstructor = Reconstructor(models[experiment], fit=fit)
         for row, record in enumerate(records):
             shape = reconstructor(*of_object(record, reconstructor.experiment))
-            cells[row, experiment] = render(coloured(shape))
-    _page(records, setups, cells, path)
+            meshes[row, experiment] = coloured(shape)
+    renderer = Renderer(samples=SAMPLES, threads=threads)
+    cells, zooms = {}, []
+    for row in range(len(records)):
+        of_row = {column: mesh for (number, column), mesh in meshes.items() if number == row}
+        zooms.append(zoom_of(of_row.values()))
+        camera = shared_camera(PIXELS, zooms[row])
+        for column, mesh in of_row.items():
+            image = renderer.render_meshes([mesh], camera=camera)
+            sides = visible_sides(mesh, camera, image.depth) if wires and column != "truth" else None
+            cells[row, column] = Cell(image.rgb, *marks(mesh, camera), sides)
+    _page(records, setups, cells, zooms, path)
+
+
+class Cell(NamedTuple):
+    """A picture (s, s, 3); where vertices leave it, at its edge (k, 2) in pixels, and how many do; sides (n, 2, 2)."""
+
+    rgb: np.ndarray
+    edge: np.ndarray
+    outside: int
+    sides: np.ndarray | None
+
+
+def drawn_vertices(mesh: Mesh) -> np.ndarray:
+    """(n, 3) the vertices of faces that have an area: charts without a touch are points somewhere."""
+    corners = np.asarray(mesh.vertices)[mesh.faces]
+    area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+    return np.asarray(mesh.vertices)[np.unique(mesh.faces[area > 0])]
+
+
+def zoom_of(meshes: Iterable[Mesh]) -> float:
+    """How much closer than the paper's the camera is for these meshes to be in its picture."""
+    zooms = [ZOOM]
+    for mesh in meshes:
+        pixels, depth = paper_camera(1).project(drawn_vertices(mesh))
+        away = np.abs(pixels - 0.5).max(axis=1)
+        away[depth <= 0] = np.inf
+        # The least distance within which so many are; one that is not finite moves no camera.
+        reach = np.quantile(away, SHOWN, method="higher")
+        zooms += [(0.5 - MARGIN) / reach] if np.isfinite(reach) else []
+    return min(zooms)
+
+
+def marks(mesh: Mesh, camera: Camera) -> tuple[np.ndarray, int]:
+    """Where vertices that are outside the picture leave it, (k, 2) pixels on its edge, and their number."""
+    pixels, depth = camera.project(drawn_vertices(mesh))
+    inside = (depth > 0) & ((pixels >= 0) & (pixels <= camera.size)).all(axis=1)
+    left = pixels[~inside & (depth > 0)] - camera.size / 2
+    # From the picture's middle to the vertex, as far as the edge.
+    edge = left / np.abs(left).max(axis=1, keepdims=True) * camera.size / 2 + camera.size / 2
+    return np.unique(np.round(edge), axis=0), int(np.sum(~inside))
+
+
+def visible_sides(mesh: Mesh, camera: Camera, depth: np.ndarray) -> np.ndarray:
+    """(n, 2, 2) pixels of both ends of the faces' sides that nothing hides, by the middle of each."""
+    sides = np.unique(np.sort(mesh.faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1), axis=0)
+    ends = np.asarray(mesh.vertices)[sides]
+    middle, away = camera.project(ends.mean(axis=1))
+    inside = (away > 0) & ((middle >= 0) & (middle < camera.size)).all(axis=1)
+    sides, (column, row), away = ends[inside], middle[inside].astype(int).T, away[inside]
+    return camera.project(sides[away <= depth[row, column].astype(float) + WIRE])[0]
 
 
 def test_objects(dataset: Dataset) -> list[ObjectRecord]:
@@ -111,18 +174,20 @@ def coloured(shape: Shape) -> Mesh:
     return Mesh(shape.vertices, shape.faces, np.where(shape.touch[:, None], TOUCH_COLOUR, VISION_COLOUR))
 
 
-def shared_camera(size: int) -> Camera:
-    """The camera of all of the figure's renders: the paper's, `ZOOM` times closer."""
+def shared_camera(size: int, zoom: float = ZOOM) -> Camera:
+    """The camera of all renders of a row: the paper's, `zoom` times closer."""
     camera = paper_camera(size)
-    return replace(camera, focal_length=ZOOM * camera.focal_length)
+    return replace(camera, focal_length=zoom * camera.focal_length)
 
 
-def frame(size: int) -> tuple[float, float]:
+def frame(size: int, zoom: float = ZOOM) -> tuple[float, float]:
     """From which to which pixel coordinate, both ways, `shared_camera` sees an image of the dataset."""
-    return 0.5 * size * (1 - 1 / ZOOM), 0.5 * size * (1 + 1 / ZOOM)
+    return 0.5 * size * (1 - 1 / zoom), 0.5 * size * (1 + 1 / zoom)
 
 
-def _page(records: list[ObjectRecord], setups: list[tuple], cells: dict, path: Path | str) -> None:
+def _page(
+    records: list[ObjectRecord], setups: list[tuple], cells: dict, zooms: list[float], path: Path | str
+) -> None:
     cell, gap, between, left, head = 1.3, 0.02, 0.14, 0.3, 0.5  # inches
     columns = [("image", "Input images", "occluded"), ("image", "Input images", "unoccluded")]
     columns += [("truth", "", "Ground truth"), *setups]
@@ -161,12 +226,24 @@ def _page(records: list[ObjectRecord], setups: list[tuple], cells: dict, path: P
         for column, image in enumerate((record.grasps[0].occluded, record.unoccluded)):
             panel = axes(row, column)
             panel.imshow(image, interpolation="antialiased")
-            low, high = frame(len(image))
+            low, high = frame(len(image), zooms[row])
             # Matplotlib has the middle of the first pixel at 0.
             panel.set(xlim=(low - 0.5, high - 0.5), ylim=(high - 0.5, low - 0.5))
         for column, (name, *_) in enumerate(columns[2:], start=2):
-            axes(row, column).imshow(cells[row, name], interpolation="antialiased")
+            _draw(axes(row, column), cells[row, name])
     save(figure, path)
+
+
+def _draw(panel: Axes, cell: Cell) -> None:
+    panel.imshow(cell.rgb, interpolation="antialiased")
+    size = len(cell.rgb)
+    panel.set(xlim=(-0.5, size - 0.5), ylim=(size - 0.5, -0.5))
+    # Matplotlib has the middle of the first pixel at 0.
+    if cell.sides is not None:
+        panel.add_collection(LineCollection(cell.sides - 0.5, colors=INK, linewidths=0.15))
+    if cell.outside:
+        panel.plot(*(cell.edge.T - 0.5), "o", color=COLOURS[1], ms=2.5, mew=0, clip_on=False)
+        panel.text(2, size - 4, f"{cell.outside} outside", color=COLOURS[1], fontsize=LABEL - 3)
 
 
 def _groups(columns: Iterable[tuple]) -> list[tuple[str, list[int]]]:

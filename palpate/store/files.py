@@ -22,6 +22,7 @@ from zarr.codecs import BloscCodec, Crc32cCodec
 import palpate
 from palpate import checksums
 from palpate.atomic import atomic_write
+from palpate.remedy import command
 from palpate.store.contract import CONTRACT, FRAMES, SCHEMA_VERSION, UNITS, ArraySpec, StoreSpec
 from palpate.store.shards import is_shard, read_rows, shard_file
 
@@ -227,7 +228,7 @@ class Store:
     def __init__(self, path: Path | str):
         self.path = Path(path)
         if not self.path.exists():
-            raise StoreError(f"{self.path} does not exist; build it with: snakemake {self._target}")
+            raise StoreError(f"{self.path} does not exist; build it with: {command(self.path)}")
         self._headers: dict[str, zarr.Array] = {}
         if self.path.suffix != ".zarr":
             self._require_intact_hdf5()
@@ -269,7 +270,7 @@ class Store:
     def _damaged(self, lines: list[str]) -> StoreError:
         return StoreError(
             f"{self.path} is damaged: {checksums.listed(lines)}; "
-            f"remove it and build it again with: snakemake {self._target}"
+            f"remove it and build it again with: {command(self.path)}"
         )
 
     def verify(self) -> None:
@@ -289,9 +290,7 @@ class Store:
     @property
     def _rebuild(self) -> str:
         """The command that builds all stores of the run again: they have one schema version."""
-        run = self.path.resolve().parents[1].name
-        config = "" if run == "default" else f" --configfile <the config of run {run}>"
-        return f"snakemake --cores 2 --forceall dataset {self._target}{config}"
+        return f"{command(self.path, 'dataset', self._target)} --forceall"
 
     @contextmanager
     def _arrays(self) -> Iterator[h5py.File | zarr.Group]:
@@ -312,7 +311,7 @@ class Store:
         except Exception as error:
             raise StoreError(
                 f"{self.path} can't be read ({type(error).__name__}: {error}); "
-                f"remove it and build it again with: snakemake {self._target}"
+                f"remove it and build it again with: {command(self.path)}"
             ) from error
 
     @cached_property

@@ -1,5 +1,6 @@
 """Trained models as files: weights, with the experiment and settings behind them. Safe to load (no code in them)."""
 
+import hashlib
 import zipfile
 from collections.abc import Mapping
 from pathlib import Path
@@ -8,7 +9,15 @@ from typing import Any
 import torch
 
 from palpate.atomic import atomic_write
-from palpate.models import Reconstruction, TouchDepth, paper_architecture
+from palpate.models import (
+    SINGLE_IMAGE_ARCHITECTURES,
+    SINGLE_IMAGE_MODELS,
+    Reconstruction,
+    SingleImageModel,
+    TouchDepth,
+    paper_architecture,
+)
+from palpate.remedy import command
 
 SCHEMA_VERSION = 1
 
@@ -18,16 +27,45 @@ class CheckpointError(ValueError):
 
 
 def architecture(experiment: Mapping[str, Any], settings: Mapping[str, Any]) -> dict[str, Any]:
-    """The layers of an experiment's model: those of its settings, or the paper's for its modalities."""
+    """The layers of an experiment's model: those of its settings, or the paper's for its modalities.
+
+    Of the published single-image networks those of their publications stand for the paper's.
+    """
     if settings["architecture"] == "paper":
+        if experiment["strategy"] in SINGLE_IMAGE_ARCHITECTURES:
+            return SINGLE_IMAGE_ARCHITECTURES[experiment["strategy"]]
         return paper_architecture(experiment["vision"], experiment["touch"])
     return dict(settings["architecture"])
 
 
-def build(experiment: Mapping[str, Any], layers: Mapping[str, Any]) -> Reconstruction:
+def build(experiment: Mapping[str, Any], layers: Mapping[str, Any]) -> Reconstruction | SingleImageModel:
     """The untrained model of a row of config/experiments.yaml."""
+    if experiment["strategy"] in SINGLE_IMAGE_MODELS:
+        return SINGLE_IMAGE_MODELS[experiment["strategy"]](layers)
     vision = experiment["vision"] != "none"
     return Reconstruction(experiment["strategy"], vision, experiment["touch"], experiment["grasps"], layers)
+
+
+def continue_from(model: Reconstruction, path: Path | str) -> str:
+    """Give an untrained model the weights of a trained one, its base; returns the SHA-256 of these weights.
+
+    Inputs that the base does not have start with weight 0, so that the model predicts what its base does: rows of the
+    first layer's weights, and whole weights of inputs. Raises CheckpointError if the base has weights that the model
+    has not.
+    """
+    base = read(path, "reconstruction")["weights"]
+    own = model.state_dict()
+    digest = hashlib.sha256()
+    for name, values in base.items():
+        wanted = own[name].shape if name in own else None
+        if wanted is None or values.shape[1:] != wanted[1:] or tuple(values.shape[:1]) > tuple(wanted[:1]):
+            raise CheckpointError(f"{path} is no base of this model: its {name} does not fit; choose another base")
+        own[name].zero_()
+        own[name][tuple(slice(size) for size in values.shape)].copy_(values)
+        digest.update(name.encode() + values.numpy().tobytes())
+    for name in set(model.INPUT_WEIGHTS) & set(own) - set(base):
+        torch.nn.init.zeros_(own[name])
+    return digest.hexdigest()
 
 
 def save(path: Path | str, kind: str, model: torch.nn.Module, described: Mapping[str, Any]) -> None:
@@ -46,9 +84,8 @@ def read(path: Path | str, kind: str) -> dict[str, Any]:
 
     Raises CheckpointError if it is missing, damaged or can't be read, or is of another schema version or kind of model.
     """
-    target = "/".join(Path(path).parts[-4:])
     if not Path(path).exists():
-        raise CheckpointError(f"{path} does not exist; train the model with: snakemake {target}")
+        raise CheckpointError(f"{path} does not exist; train the model with: {command(path)}")
     require_intact(path)
     try:
         content = torch.load(path, map_location="cpu", weights_only=True)
@@ -85,7 +122,7 @@ def require_intact(path: Path | str) -> None:
         )
 
 
-def load(path: Path | str, experiment: Mapping[str, Any] | None = None) -> Reconstruction:
+def load(path: Path | str, experiment: Mapping[str, Any] | None = None) -> Reconstruction | SingleImageModel:
     """A trained reconstruction model in evaluation mode, on the CPU.
 
     path: `<run>/models/<experiment>/seed-<k>/best.ckpt`. experiment: the row of config/experiments.yaml that

@@ -63,7 +63,7 @@ INPUTS = (
     Input("success", "touch", "success", "bool", *_TOUCH),
     Input("position", "touch", "position", "float32", *_TOUCH),
     Input("charts", "charts", "vertices", "float32", "touch comes as charts", takes_charts),
-    Input("rotation", "touch", "rotation", "float32", *_READINGS),
+    Input("rotation", "touch", "rotation", "float32", *_TOUCH),
     Input("reading", "touch", "reading", "uint8", *_READINGS),
 )
 

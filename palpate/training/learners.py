@@ -10,6 +10,7 @@ import logging
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping
+from pathlib import Path
 from typing import Any
 
 import lightning.pytorch as lightning
@@ -19,8 +20,9 @@ from torch import Tensor
 from palpate.models import TouchDepth
 from palpate.training import checkpoints
 from palpate.training.data import TrainingData, TrainingDataError
-from palpate.training.losses import Truth, reconstruction_loss, touch_depth_loss, touched
+from palpate.training.losses import Truth, cloud_loss, moving_charts_loss, touch_depth_loss, touched
 from palpate.training.samples import Assembler, shuffled, spread, training_samples, windows
+from palpate.training.single_image import LOSSES
 from palpate.training.touches import Touches
 
 log = logging.getLogger(__name__)
@@ -75,7 +77,12 @@ class Learner(lightning.LightningModule, ABC):
 
     def configure_optimizers(self) -> dict[str, Any]:
         kind = {"adam": torch.optim.Adam, "adamw": torch.optim.AdamW}[self.settings["optimiser"]]
-        optimiser = kind(self.model.parameters(), lr=self.settings["rate"], weight_decay=self.settings["weight_decay"])
+        optimiser = kind(
+            self.model.parameters(),
+            lr=self.settings["rate"],
+            weight_decay=self.settings["weight_decay"],
+            fused=self.device.type == "cpu" or None,  # one pass over all weights, for which a GPU has its own way
+        )
         if self.settings["schedule"] == "constant":
             return {"optimizer": optimiser}
         # The rate reaches `LAST` after the last step, hence one more; torch's rise ends a step before its share.
@@ -195,12 +202,20 @@ class StepNumbers:
 class ReconstructionLearner(Learner):
     """Trains reconstruction on the objects of the train split, for a row of config/experiments.yaml.
 
-    data: of the train and validation splits. Raises TrainingDataError if one of them has no object.
+    data: of the train and validation splits. base: the checkpoint of the model that training starts from, instead of
+    random weights. Raises TrainingDataError if a split has no object, CheckpointError for a base that does not fit.
     """
 
     kind = "reconstruction"
 
-    def __init__(self, data: TrainingData, experiment: Mapping[str, Any], settings: Mapping[str, Any], seed: int):
+    def __init__(
+        self,
+        data: TrainingData,
+        experiment: Mapping[str, Any],
+        settings: Mapping[str, Any],
+        seed: int,
+        base: Path | str | None = None,
+    ):
         self.data, self.experiment = data, dict(experiment)
         self.layers = checkpoints.architecture(experiment, settings)
         train = data.of_split("train")
@@ -212,6 +227,7 @@ class ReconstructionLearner(Learner):
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(seed)
             model = checkpoints.build(experiment, self.layers)
+        self.base = checkpoints.continue_from(model, base) if base else None
         super().__init__(model, settings, seed, len(train), len(validation_samples))
 
     def on_fit_start(self) -> None:
@@ -241,16 +257,24 @@ class ReconstructionLearner(Learner):
             key: value.to(dtype) if value.is_floating_point() else value
             for key, value in self.assemble(batch_samples).items()
         }
-        vertices = model(batch)
-        self.check_finite("the prediction", vertices, batch_samples)
+        loss = None if validation else LOSSES.get(self.experiment["strategy"], moving_charts_loss)
+        predictions = model.stages(batch) if loss else [model(batch)]
+        for prediction in predictions:
+            self.check_finite("the prediction", prediction, batch_samples)
         points = self.settings["validation_points" if validation else "loss_points"]
+        against = self.truth, [sample.object for sample in batch_samples], points, generator
         with torch.autocast(self.device.type, enabled=False):
-            return reconstruction_loss(
-                vertices, model.faces, self.truth, [sample.object for sample in batch_samples], points, generator
-            )
+            if loss:
+                return loss(model, predictions, *against)
+            return cloud_loss(model.sample(predictions[-1].to(dtype), points, generator), *against)
 
     def described(self):
-        return {"experiment": self.experiment, "architecture": self.layers, "data": self.data.digest}
+        return {
+            "experiment": self.experiment,
+            "architecture": self.layers,
+            "data": self.data.digest,
+            "base": self.base,
+        }
 
 
 class TouchDepthLearner(Learner):

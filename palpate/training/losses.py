@@ -7,19 +7,25 @@ from scipy.spatial import cKDTree
 from torch import Tensor
 
 from palpate.charts import CHAMFER_SCALE, build_tree, one_sided_distance, sample_faces
+from palpate.models import Reconstruction
+from palpate.models.single_image import occupied
 from palpate.touch.sensor import PIXEL_CENTRES
 
 # Squared difference of a pixel to the untouched reading, summed over colours in [0, 1], above which it counts
 # as touched (supplement, "Optimization Details" of local touch charts).
 TOUCHED = 0.001
+# Neighbours, itself among them, through which the plane at a surface point is laid.
+NORMAL_NEIGHBOURS = 12
 
 
 class Truth:
-    """True surface points of objects (o, n, 3), with a k-d tree of each, built when it is first asked for."""
+    """True surface points of objects (o, n, 3); what is derived from them is made when it is first asked for."""
 
     def __init__(self, points: Tensor):
         self.points = points
         self._trees: dict[int, cKDTree] = {}
+        self._normals: dict[int, Tensor] = {}
+        self._occupied: dict[int, Tensor] = {}
 
     def clouds(self, objects: Sequence[int]) -> list[Tensor]:
         """The clouds of the numbered objects."""
@@ -32,6 +38,19 @@ class Truth:
         for number in set(objects) - set(self._trees):
             self._trees[number] = build_tree(self.points[number])
         return [self._trees[number] for number in objects]
+
+    def normals(self, objects: Sequence[int]) -> list[Tensor]:
+        """The unit normals (n, 3) at their points, of either sign."""
+        for number in set(objects) - set(self._normals):
+            tree = self._trees.get(number)
+            self._normals[number] = point_normals(self.points[number], tree)
+        return [self._normals[number] for number in objects]
+
+    def occupied(self, objects: Sequence[int]) -> list[Tensor]:
+        """Their cells (32, 32, 32) bool, as `palpate.models.single_image.occupied` has them."""
+        for number in set(objects) - set(self._occupied):
+            self._occupied[number] = occupied(self.points[number])
+        return [self._occupied[number] for number in objects]
 
 
 def reconstruction_loss(
@@ -48,11 +67,44 @@ def reconstruction_loss(
 
     Returns: (B,), differentiable in the vertices.
     """
-    points = sample_faces(vertices.to(truth.points.dtype), faces, n, generator)
-    clouds = truth.clouds(objects)
+    return cloud_loss(sample_faces(vertices.to(truth.points.dtype), faces, n, generator), truth, objects, n, generator)
+
+
+def moving_charts_loss(
+    model: Reconstruction,
+    predictions: Sequence[Tensor],
+    truth: Truth,
+    objects: Sequence[int],
+    n: int,
+    generator: torch.Generator,
+) -> Tensor:
+    """`reconstruction_loss` (B,) of the charts that move, of the last of the model's `stages`.
+
+    Charts that do not move give no gradient. At the start, where the others are far away, they would be the nearest to
+    up to half of the true points.
+    """
+    return reconstruction_loss(predictions[-1], model.moving_faces, truth, objects, n, generator)
+
+
+def cloud_loss(points: Tensor, truth: Truth, objects: Sequence[int], n: int, generator: torch.Generator) -> Tensor:
+    """Chamfer distance of predicted points (B, m, 3) to their objects, as `reconstruction_loss` has it: (B,)."""
+    points, clouds = points.to(truth.points.dtype), truth.clouds(objects)
     there = one_sided_distance(points, clouds, truth.trees(objects))
     back = one_sided_distance([subsample(cloud, n, generator) for cloud in clouds], points)
     return CHAMFER_SCALE * (there + back)
+
+
+def point_normals(points: Tensor, tree: cKDTree | None = None) -> Tensor:
+    """Unit normals (n, 3), of either sign, of the planes that fit the points (n, 3) around each best.
+
+    The surface stores have no normals. tree: `palpate.charts.build_tree(points)`, if it is there already.
+    """
+    cloud = points.detach().cpu().double()
+    _, near = (tree or build_tree(cloud)).query(cloud.numpy(), min(NORMAL_NEIGHBOURS, len(cloud)))
+    around = cloud[torch.from_numpy(near)]
+    around = around - around.mean(dim=1, keepdim=True)
+    # Eigenvalues rise: the first eigenvector is the direction in which the points spread least.
+    return torch.linalg.eigh(around.transpose(1, 2) @ around).eigenvectors[..., 0].to(points)
 
 
 def subsample(points: Tensor, n: int | None, generator: torch.Generator) -> Tensor:

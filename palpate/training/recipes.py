@@ -60,6 +60,26 @@ def modality(experiment: Mapping[str, Any]) -> str:
 
 
 def settings(recipe: Mapping[str, Any], experiment: Mapping[str, Any]) -> Settings:
-    """How to train one experiment: `reconstruction` with what its modality, then its strategy, change."""
+    """How to train one experiment: `reconstruction` with what its modality, its strategy, then its row change.
+
+    An experiment that goes on from its base model has the settings of `continuation` merged over these. Steps, epochs
+    and the steps between evaluations are then multiplied by `steps_factor`, if there is one.
+    """
+    merged = _merged(recipe, experiment)
+    if merged["architecture"] != "paper":
+        merged["architecture"] = merge(merged["architecture"], experiment.get("architecture", {}))
+    continuation = merged.pop("continuation")
+    merged = merge(merged, continuation) if base(recipe, experiment) else merged
+    factor = merged.pop("steps_factor", 1)
+    lengths = ("steps", "epochs", "evaluate_every")
+    return merged | {key: merged[key] and max(1, round(factor * merged[key])) for key in lengths}
+
+
+def base(recipe: Mapping[str, Any], experiment: Mapping[str, Any]) -> str | None:
+    """The name of the model that an experiment's training goes on from; None if it starts from random weights."""
+    return experiment.get("base") if _merged(recipe, experiment)["continuation"] else None
+
+
+def _merged(recipe: Mapping[str, Any], experiment: Mapping[str, Any]) -> Settings:
     merged = merge(recipe["reconstruction"], recipe["modalities"].get(modality(experiment), {}))
     return merge(merged, recipe["strategies"].get(experiment["strategy"], {}))

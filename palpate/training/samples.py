@@ -31,6 +31,8 @@ def _grasps_a_sample(data: TrainingData, experiment: Mapping[str, Any]) -> int:
     """How many grasps a sample has: 0 if the model takes none. Raises TrainingDataError if there are fewer."""
     if not takes_grasps(experiment):
         return 0
+    if experiment.get("fewer_grasps"):
+        return min(experiment["grasps"], data.grasps)
     if experiment["grasps"] > data.grasps:
         raise TrainingDataError(
             f"{data.source}: {data.grasps} grasps an object, but the experiment needs "
@@ -90,11 +92,18 @@ def training_samples(
     data: TrainingData, experiment: Mapping[str, Any], size: int, seed: int, step: int
 ) -> list[Sample]:
     """The samples of one training step: objects of the train split in random order, each with a random subset
-    of its grasps, in random order, or a random view."""
+    of its grasps, in random order, or a random view.
+
+    They depend on nothing but the number of grasps that the experiment takes, so that experiments with the same number
+    see the same samples at the same step. An experiment with `fewer_grasps` takes a random number of them, up to its
+    own, the same for all samples of a step.
+    """
     objects = data.of_split("train")
     n = _grasps_a_sample(data, experiment)
     # A stream of its own; `shuffled` seeds its streams with two numbers.
     random = np.random.default_rng([seed, step, 1])
+    if n and experiment.get("fewer_grasps"):
+        n = int(np.random.default_rng([seed, step, 2]).integers(n)) + 1
     samples = []
     for place in shuffled(len(objects), size, seed, step):
         grasps = tuple(int(g) for g in random.permutation(data.grasps)[:n]) if n else ()

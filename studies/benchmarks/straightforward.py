@@ -12,6 +12,7 @@ from palpate.charts import ATLAS_RADIUS, sphere, vision_atlas
 from palpate.charts.atlas import TOUCH_VERTICES
 from palpate.mesh import OBJECT_POSITION
 from palpate.models import Reconstruction
+from palpate.models.touch import TouchAttention
 
 
 def pixels(positions: torch.Tensor) -> torch.Tensor:
@@ -42,11 +43,97 @@ def pool(features: torch.Tensor, place: torch.Tensor) -> torch.Tensor:
     return pooled
 
 
-def graph_network(model: Reconstruction, features: torch.Tensor, adjacency: torch.Tensor) -> torch.Tensor:
-    """(B, V, C) -> (B, V, 3), every neighbourhood a row of the dense adjacency."""
+def empty_space(positions: torch.Tensor, batch: dict) -> torch.Tensor:
+    """(B, V, 3) -> (B, V, 5): the second half of what `palpate.models.touch.TouchPooling` describes, by all pairs."""
+    pooled = []
+    for place, *poses, success in zip(positions, batch["position"], batch["rotation"], batch["success"], strict=True):
+        features = torch.zeros(len(place), 5, dtype=place.dtype)
+        least = torch.full((len(place), 1), torch.inf, dtype=place.dtype)
+        for position, rotation, touched in zip(*poses, success.tolist(), strict=True):
+            if touched:
+                continue
+            x, y, z = ((place - position) @ axis for axis in rotation.T)
+            sides = [(-x, x - 0.025), (y.abs() - 0.01641 / 2,), (z.abs() - 0.01641 / 2,)]
+            squares = [torch.stack([*side, torch.zeros_like(x)]).amax(0).square() for side in sides]
+            # The root's gradient at 0 is not a number; inside there is none.
+            inside = sum(squares) == 0
+            distance = torch.where(inside, 0.0, torch.where(inside, 1.0, sum(squares)).sqrt())[:, None]
+            empty = (-distance / 0.01).exp()
+            found = torch.cat([empty, rotation[:, 0] * empty, x[:, None] / 0.025 * empty], dim=1)
+            features = torch.where(distance < least, found, features)
+            least = torch.minimum(distance, least)
+        pooled.append(features)
+    return torch.stack(pooled)
+
+
+def nearest_touch(positions: torch.Tensor, charts: torch.Tensor, success: torch.Tensor) -> torch.Tensor:
+    """(B, V, 3), (B, T, 81, 3), (B, T) -> (B, V, 14): what `TouchPooling` says of the touched surface, by all pairs.
+
+    The normal is the sum of the directions across the four quarters around a chart's vertex.
+    """
+    pooled = []
+    for place, sheets, touched in zip(positions, charts, success, strict=True):
+        features = torch.zeros(len(place), 14, dtype=place.dtype)
+        if touched.any():
+            grid = sheets[touched].unflatten(1, (9, 9))
+            steps = []
+            for axis in (1, 2):
+                ahead, behind = (grid.roll(shift, axis) for shift in (-1, 1))
+                count = torch.full((9,), 2.0, dtype=place.dtype)
+                count[[0, -1]] = 1.0
+                last, first = (torch.arange(9) == 8), (torch.arange(9) == 0)
+                shape = [1, 1, 1, 1]
+                shape[axis] = 9
+                ahead = torch.where(last.view(shape), grid, ahead)
+                behind = torch.where(first.view(shape), grid, behind)
+                steps.append((ahead - behind) / count.view(shape))
+            normals = torch.linalg.cross(*steps)
+            normals = (normals / normals.norm(dim=-1, keepdim=True)).flatten(0, 2)
+            points = grid.flatten(0, 2)
+            nearest = (place.detach()[:, None] - points.detach()[None]).square().sum(2).argmin(1)
+            offset = points[nearest] - place
+            distance = offset.square().sum(1, keepdim=True).sqrt()
+            near = (-distance / 0.05).exp()
+            far = (-distance / 0.15).exp()
+            across = (offset * normals[nearest]).sum(1, keepdim=True)
+            columns = [offset * near / 0.05, near, (-distance / 0.015).exp(), across * near / 0.02]
+            columns += [normals[nearest] * near, offset * far / 0.15, far, torch.ones_like(near)]
+            features = torch.cat(columns, dim=1)
+        pooled.append(features)
+    return torch.stack(pooled)
+
+
+def attended_touches(
+    attention: TouchAttention, places: torch.Tensor, batch: dict, centre: torch.Tensor, scale: torch.Tensor
+) -> torch.Tensor:
+    """What vertices at relative places (B, V, 3) take from all touches, one touch after the other: (B, V, channels)."""
+    query, scores, taken = attention.query(places), [], []
+    for touch in range(batch["success"].shape[1]):
+        rows = []
+        for sample, success in enumerate(batch["success"][:, touch].tolist()):
+            at = batch["position"][sample, touch]
+            shape = torch.zeros(9, 3, dtype=places.dtype)
+            if success:
+                vertices = batch["charts"][sample, touch][[0, 4, 8, 36, 40, 44, 72, 76, 80]]
+                at, shape = vertices[4], (vertices - vertices[4]) / 0.02
+            direction = batch["rotation"][sample, touch, :, 0]
+            said = torch.tensor([float(success)], dtype=places.dtype)
+            rows.append(torch.cat([(at - centre) / scale, direction, said, shape.flatten()]))
+        taken.append(attention.touch(torch.stack(rows)))
+        key = attention.key(taken[-1])
+        scores.append((query * key[:, None]).sum(2) / key.shape[1] ** 0.5)
+    share = torch.stack(scores).softmax(dim=0)
+    return sum(weight[..., None] * value[:, None] for weight, value in zip(share, taken, strict=True))
+
+
+def graph_network(
+    model: Reconstruction, features: torch.Tensor, weight: torch.Tensor, adjacency: torch.Tensor
+) -> torch.Tensor:
+    """(B, V, C) -> (B, V, 3), every neighbourhood a row of the dense adjacency. weight: of the first layer, whole."""
     for k, layer in enumerate(model.gcn.layers):
-        features = features @ layer.weight
-        shared = features.shape[-1] // 3
+        features = features @ (layer.weight if k else weight)
+        last = k == len(model.gcn.layers) - 1
+        shared = features.shape[-1] if last else features.shape[-1] // 3
         summed = adjacency @ features[..., :shared]
         features = torch.cat([summed, features[..., shared:]], dim=-1) + layer.bias
         if k < len(model.gcn.layers) - 1:
@@ -68,7 +155,7 @@ def reconstruct(model: Reconstruction, batch: dict, adjacency: torch.Tensor) -> 
                 if not batch["success"][sample, sensor]:
                     touch[sample, sensor] = batch["position"][sample, sensor]
         touch = touch.flatten(1, 2)
-    if model.strategy in ("charts", "no_copy") and model.touch:
+    if model.graph.touch_charts:
         success = batch["success"].to(dtype).repeat_interleave(TOUCH_VERTICES, dim=1)
         vision = torch.zeros(samples, len(start), dtype=dtype)
         mask = torch.cat([vision, 2 * success - 1], dim=1)[..., None]
@@ -78,13 +165,17 @@ def reconstruct(model: Reconstruction, batch: dict, adjacency: torch.Tensor) -> 
     scale = torch.tensor(model.scale, dtype=dtype)
     centre = torch.tensor(OBJECT_POSITION if model.scale == ATLAS_RADIUS else (0.0, 0.0, 0.0), dtype=dtype)
     for _ in range(3):
-        features = []
+        features, weights = [], []
         if model.vision:
             pooled = [pool(each, pixels(positions)) for each in model.encoder(batch["image"])]
             features.append(torch.cat(pooled, dim=-1))
             if model.project:
                 features[0] = model.project(features[0])
+            weights.append(model.image_weight)
         features.append((positions - centre) / scale)
+        weights.append(model.gcn.layers[0].weight)
+        if mask is not None:
+            features.append(mask)
         if model.strategy == "sphere" and model.touch:
             touches = []
             for sensor in range(model.sensors):
@@ -94,13 +185,20 @@ def reconstruct(model: Reconstruction, batch: dict, adjacency: torch.Tensor) -> 
             shown = model.reading_encoder(batch["reading"].flatten(0, 1)).unflatten(0, (samples, -1))
             rows = [torch.cat([shown[:, k] * s, p, r, s], dim=1) for k, s, p, r in touches]
             features.append(torch.cat(rows, dim=1)[:, None].expand(-1, positions.shape[1], -1))
-        if mask is not None:
-            features.append(mask)
-        moved = positions + scale * graph_network(model, torch.cat(features, dim=-1), adjacency)
+            weights.append(model.reading_weight)
+        if model.pools_touch:
+            features.append(nearest_touch(positions, batch["charts"], batch["success"]))
+            features.append(empty_space(positions, batch))
+            weights.append(model.touch_pooling.weight)
+            if model.touch_attention:
+                features.append(attended_touches(model.touch_attention, features[0], batch, centre, scale))
+                weights.append(model.touch_attention.weight)
+        residual = graph_network(model, torch.cat(features, dim=-1), torch.cat(weights), adjacency)
+        moved = positions + scale * residual
         if fixed is not None and model.strategy == "charts":
             moved = torch.where(fixed, positions, moved)
         positions = moved
-    if model.strategy == "no_comm":
+    if model.copies_touch:
         positions = torch.cat([positions, touch], dim=1)
     return positions
 

@@ -55,6 +55,7 @@ def synthetic_batch(samples: int, points: int) -> tuple[dict[str, Tensor], Tenso
         "image": torch.rand(samples, 3, IMAGE_SIZE, IMAGE_SIZE, generator=random),
         "charts": position[:, :, None] + sheet,
         "position": position,
+        "rotation": torch.eye(3).expand(samples, 4, 3, 3),
         "success": torch.rand(samples, 4, generator=random) < 0.62,
     }
     return batch, surface(points)
@@ -99,9 +100,16 @@ def step_components(model: Reconstruction, batch: dict[str, Tensor], truth: Tens
     positions_vbc = positions.detach().transpose(0, 1).contiguous().requires_grad_()
     maps = [each.detach().requires_grad_() for each in model.encoder(batch["image"])]
     camera = model.camera.float()
-    width = len(model.gcn.layers[0].weight)
-    features = torch.randn(samples, model.graph.vertices, width, generator=random, requires_grad=True)
-    features_vbc = features.detach().transpose(0, 1).contiguous().requires_grad_()
+    own, width = model.gcn.layers[0].weight.shape
+    features, products = (
+        torch.randn(samples, model.graph.vertices, count, generator=random, requires_grad=True)
+        for count in (own, width)
+    )
+    features_vbc, products_vbc = (
+        tensor.detach().transpose(0, 1).contiguous().requires_grad_() for tensor in (features, products)
+    )
+    # The first layer of the straightforward one takes the products as features with weights 1.
+    first = torch.cat([model.gcn.layers[0].weight, torch.eye(width)])
     cloud = (0.1 * torch.randn(truth.shape, generator=random) + torch.tensor(OBJECT_POSITION)).requires_grad_()
     encoder_weights, gcn_weights = list(model.encoder.parameters()), list(model.gcn.parameters())
 
@@ -112,11 +120,13 @@ def step_components(model: Reconstruction, batch: dict[str, Tensor], truth: Tens
         return sums([list(once()) for _ in range(DEFORMATIONS)])
 
     def pool_fast():
-        return [model.pooling(maps, positions_vbc, camera, size).transpose(0, 1)]
+        weighted = model.map_products(maps, model.image_weight)
+        pooled = [model.pooling.products(weighted, positions_vbc, camera, size) for _ in range(DEFORMATIONS)]
+        return sums([[each.transpose(0, 1)] for each in pooled])
 
     def pool_plainly():
         place = straightforward.pixels(positions)
-        return [torch.cat([straightforward.pool(each, place) for each in maps], dim=-1)]
+        return [torch.cat([straightforward.pool(each, place) for each in maps], dim=-1) @ model.image_weight]
 
     return {
         "encoder": (
@@ -124,18 +134,22 @@ def step_components(model: Reconstruction, batch: dict[str, Tensor], truth: Tens
             lambda: with_gradients(lambda: sums([model.encoder(batch["image"])] * 3), encoder_weights),
             lambda: with_gradients(lambda: repeated(lambda: model.encoder(batch["image"])), encoder_weights),
         ),
-        "pooling, 3 times": (
-            lambda: with_gradients(lambda: repeated(pool_fast), [*maps, positions_vbc]),
-            lambda: with_gradients(lambda: repeated(pool_plainly), [*maps, positions]),
+        "pooling and its weights, 3 times": (
+            lambda: with_gradients(pool_fast, [*maps, model.image_weight, positions_vbc]),
+            lambda: with_gradients(lambda: repeated(pool_plainly), [*maps, model.image_weight, positions]),
         ),
         "graph network, 3 times": (
             lambda: with_gradients(
-                lambda: repeated(lambda: [model.gcn(features_vbc, model.graph).transpose(0, 1)]),
-                [*gcn_weights, features_vbc],
+                lambda: repeated(lambda: [model.gcn(features_vbc, model.graph, products_vbc).transpose(0, 1)]),
+                [*gcn_weights, features_vbc, products_vbc],
             ),
             lambda: with_gradients(
-                lambda: repeated(lambda: [straightforward.graph_network(model, features, adjacency)]),
-                [*gcn_weights, features],
+                lambda: repeated(
+                    lambda: [
+                        straightforward.graph_network(model, torch.cat([features, products], dim=2), first, adjacency)
+                    ]
+                ),
+                [*gcn_weights, features, products],
             ),
         ),
         "Chamfer distance": (

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import torch
-from torch import Tensor
+from torch import Tensor, nn
 
 from palpate import store
 from palpate.charts import Graph, touch_chart
@@ -18,7 +18,7 @@ from palpate.charts.atlas import TOUCH_VERTICES
 from palpate.charts.graph import mesh_edges
 from palpate.dataset import Dataset
 from palpate.hand import SENSORS
-from palpate.models import GraphNetwork, Reconstruction
+from palpate.models import Reconstruction
 from palpate.models.encoder import ReadingEncoder
 from palpate.models.reconstruction import POSE_FEATURES
 from palpate.training import TrainingData, checkpoints, recipes
@@ -83,7 +83,7 @@ class SpareGraph(Graph):
 
 
 class NaiveReconstruction(Reconstruction):
-    """A model with needless inputs, whose features are further inputs of its graph network.
+    """A model with needless inputs, whose features are further inputs of its first layer.
 
     naive: subset of `IMAGE`, `READING` and `SPARE`, by default all. Without touch there is no reading to encode.
     """
@@ -100,26 +100,23 @@ class NaiveReconstruction(Reconstruction):
         super().__init__(strategy, vision or IMAGE in naive, touch, grasps, architecture)
         if READING in naive and touch and not self.reads_readings:
             self.reads_readings = True
-            self.reading_encoder = ReadingEncoder(norm=architecture["encoder"]["norm"] if vision else "batch")
+            self.reading_encoder = ReadingEncoder()
             features = self.sensors * (self.reading_encoder.features + POSE_FEATURES)
-            gcn = architecture["gcn"]
-            self.gcn = GraphNetwork(
-                len(self.gcn.layers[0].weight) + features,
-                *(gcn["width"], gcn["layers"], architecture["init"], architecture["last_layer_scale"]),
-            )
+            self.reading_weight = nn.Parameter(torch.empty(features, architecture["gcn"]["width"]))
         if SPARE in naive:
             charts, graph = self.graph.touch_charts, self.graph
             self.graph = SpareGraph(charts, graph.kind, graph.normalisation, SENSORS * GRASPS - charts)
 
-    def deform(self, batch, positions, given, enforced):
-        """As `Reconstruction.deform`, with rows for spare touch charts: in the centre, without features."""
+    def deform(self, batch, positions, mask, fixed):
+        """As `Reconstruction.deform`, with rows for spare touch charts: in the centre, with mask 0."""
         moving = len(positions)
         spare = self.graph.vertices - moving
         resting = self.centre.to(positions.dtype).expand(spare, positions.shape[1], 3)
-        given = [torch.cat([values, values.new_zeros(spare, *values.shape[1:])]) for values in given]
-        if enforced is not None:
-            enforced = torch.cat([enforced, enforced.new_zeros(spare, *enforced.shape[1:])])
-        return super().deform(batch, torch.cat([positions, resting]), given, enforced)[:moving]
+        mask, fixed = (
+            None if values is None else torch.cat([values, values.new_zeros(spare, *values.shape[1:])])
+            for values in (mask, fixed)
+        )
+        return super().deform(batch, torch.cat([positions, resting]), mask, fixed)[:moving]
 
 
 class Result(NamedTuple):
@@ -243,13 +240,11 @@ def build(experiment: Mapping[str, Any], layers: Mapping[str, Any], naive: Itera
 @torch.no_grad()
 def copy_weights(engine: Reconstruction, naive: Reconstruction) -> Reconstruction:
     """Copy the weights of `engine` to `naive`; features that only `naive` has get weight 0."""
-    weights = engine.state_dict()
-    first = "gcn.layers.0.weight"
-    wide = torch.zeros_like(naive.state_dict()[first])
-    # Pooled features come first, those of readings last.
-    start = naive.pooled - engine.pooled
-    wide[start : start + len(weights[first])] = weights[first]
-    naive.load_state_dict(naive.state_dict() | weights | {first: wide})
+    weights = naive.state_dict()
+    for name in Reconstruction.INPUT_WEIGHTS:
+        if name in weights:
+            weights[name].zero_()
+    naive.load_state_dict(weights | engine.state_dict())
     return naive
 
 

@@ -1,13 +1,15 @@
 """Splits: a function of the name alone, in proportion."""
 
+import re
 from collections import Counter
 
 import pytest
+import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import binom
 
-from palpate.catalogue import PAPER_SPLIT, assign_split, scan
+from palpate.catalogue import PAPER_SPLIT, CatalogueError, assign_split, check_splits, scan, suggest_split
 
 PAPER_COUNTS = {"bottle": 487, "knife": 416, "cellphone": 493, "rifle": 335}
 ratios = st.fixed_dictionaries(dict.fromkeys(PAPER_SPLIT, st.integers(0, 50))).filter(lambda each: sum(each.values()))
@@ -67,3 +69,29 @@ def test_procedural_classes_are_close_to_the_paper(count):
             expected = len(entries) * share / total
             assert abs(found[split] - expected) <= max(2.1, 0.2 * expected)
             assert found[split] >= 1
+
+
+@given(names=st.lists(st.text(min_size=1), min_size=3, max_size=60, unique=True))
+def test_a_suggested_split_has_an_object_of_each(names):
+    found = suggest_split(names)
+    assert found is not None and all(isinstance(share, int) and share > 0 for share in found.values())
+    assert {assign_split(name, found) for name in names} == set(PAPER_SPLIT)
+
+
+def test_of_many_objects_a_suggested_split_is_near_the_papers():
+    found, total = suggest_split(f"mug-{number}" for number in range(2000)), sum(PAPER_SPLIT.values())
+    for split, share in found.items():
+        assert abs(share / sum(found.values()) - PAPER_SPLIT[split] / total) < 0.05
+
+
+def test_a_split_without_objects_is_an_error_that_says_how_to_set_it():
+    splits = {"a": "train", "b": "train", "c": "test"}
+    check_splits(splits, ["train", "test"], "table x")
+    with pytest.raises(CatalogueError, match=r"in the validation split, which table x needs .*validation 0") as error:
+        check_splits(splits, ["train", "validation"], "table x")
+    said = re.search(r"set `(split: \{.*\})` in the config", str(error.value))
+    shares = yaml.safe_load(said[1])["split"]
+    check_splits({name: assign_split(name, shares) for name in splits}, PAPER_SPLIT, "table x")
+    with pytest.raises(CatalogueError, match=r"add objects") as error:
+        check_splits({"a": "train", "b": "train"}, ["test"], "table x")
+    assert "set `split" not in str(error.value)

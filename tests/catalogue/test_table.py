@@ -6,7 +6,7 @@ import shutil
 
 import pytest
 
-from palpate.catalogue import COLUMNS, CatalogueError, batch_names, build, checksum
+from palpate.catalogue import COLUMNS, CatalogueError, build, checksum
 from palpate.catalogue.table import companions
 from tests.mesh import nasty
 
@@ -21,7 +21,7 @@ def source(tmp_path):
 
 
 def test_rows(source):
-    table = build(source, {"pan": "all", "mug": 4}, batch_size=3)
+    table = build(source, {"pan": "all", "mug": 4}, batches=3)
     assert tuple(table.columns) == COLUMNS
     assert list(table["class"]) == ["pan"] * 3 + ["mug"] * 4
     assert list(table["batch"]) == ["batch-0000"] * 3 + ["batch-0001"] * 3 + ["batch-0002"]
@@ -40,19 +40,11 @@ def test_the_table_does_not_depend_on_the_place(source, tmp_path):
 
 
 def test_other_objects_change_no_row_but_its_batch(source):
-    before = build(source, {"mug": "all", "pan": "all"}, batch_size=2).set_index("object")
+    before = build(source, {"mug": "all", "pan": "all"}, batches=2).set_index("object")
     (source["path"] / "mug" / "00.obj").write_text("new")
-    after = build(source, {"mug": "all", "pan": "all"}, batch_size=2).set_index("object")
+    after = build(source, {"mug": "all", "pan": "all"}, batches=2).set_index("object")
     same = ["class", "split", "source", "checksum"]
     assert after.loc[before.index, same].equals(before[same])
-
-
-@pytest.mark.parametrize(
-    ("objects", "size", "count"), [(0, 16, 0), (1, 16, 1), (16, 16, 1), (17, 16, 2), (1732, 16, 109)]
-)
-def test_batch_names(objects, size, count):
-    assert len(batch_names(objects, size)) == count
-    assert batch_names(objects, size)[-1:] == ([f"batch-{count - 1:04d}"] if count else [])
 
 
 def test_a_class_without_a_split_is_said(source, caplog):

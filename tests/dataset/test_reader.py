@@ -206,7 +206,7 @@ def test_a_stage_that_was_not_built_is_named_with_the_command_that_builds_it(run
     dataset = palpate.Dataset(run)
     assert stage not in dataset.stages
     assert dataset["ball-0000"].points.shape == (500, 3)
-    with pytest.raises(StoreError, match=f"has no {stage}; build it with: snakemake --cores 2 dataset"):
+    with pytest.raises(StoreError, match=f"has no {stage}; build it with: snakemake {stage}/batch-0000"):
         getattr(dataset["ball-0000"].grasps[0], array)
     with pytest.raises(StoreError, match=f"has no {stage}; build it with"):
         dataset.array(stage, array)[0]

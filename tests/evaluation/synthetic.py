@@ -38,7 +38,10 @@ def evaluations(means: dict[str, float], each=6, seeds=(0,), spread=0.02, window
                 for (name, kind), harder in zip(names, hard, strict=True):
                     for window in range(windows):
                         error = mean + harder + shift + rng.normal(0, spread)
-                        rows.append((experiment, seed, name, kind, split, window, error, 50.0, 70.0, 0.1, 700))
+                        quality = 20 + error, 1.0, 2.0, 30.0
+                        rows.append(
+                            (experiment, seed, name, kind, split, window, error, 50.0, 70.0, *quality, 0.1, 700)
+                        )
     return pd.DataFrame(rows, columns=COLUMNS)
 
 
@@ -77,6 +80,18 @@ def published_means() -> dict[str, float]:
         frame = frame[frame["class"] == "average"]
         means |= dict(frame[["experiment", "value"]].itertuples(index=False))
     return means
+
+
+def means_of_tables() -> dict[str, float]:
+    """Those of the paper, and the same for experiments of the same set-up and another architecture."""
+    means = published_means()
+    setups = {setup(name): mean for name, mean in means.items()}
+    of_tables = [name for table in DECLARED["tables"].values() for name in table["experiments"] if name not in means]
+    return means | {name: setups[setup(name)] for name in of_tables if setup(name) in setups}
+
+
+def setup(name: str) -> tuple:
+    return tuple(EXPERIMENTS[name][key] for key in ("strategy", "vision", "touch", "grasps"))
 
 
 def published_rings() -> dict[tuple[str, int], float]:

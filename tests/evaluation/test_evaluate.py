@@ -9,16 +9,17 @@ import torch
 import trimesh
 
 from palpate import Dataset, store
-from palpate.charts import build_tree, sample_faces, touch_chart
+from palpate.charts import build_tree, sample_faces, touch_chart, vision_atlas
 from palpate.evaluation import evaluate as evaluation
 from palpate.evaluation.evaluate import Trained, evaluate, evaluate_rings, evaluate_touch, training_steps
 from palpate.evaluation.metrics import score, seeded
 from palpate.evaluation.rings import MeshSurface, project_batch, ring_points
 from palpate.evaluation.rows import COLUMNS, RING_COLUMNS, TOUCH_COLUMNS, EvaluationError, read
 from palpate.mesh import OBJECT_POSITION
-from palpate.models import Reconstruction, TouchDepth
+from palpate.models import SINGLE_IMAGE_MODELS, Reconstruction, TouchDepth
 from palpate.touch import RayCaster, empty_reading, sense
 from palpate.training import TrainingData
+from palpate.vision import views
 from tests.models.batches import SMALL
 
 SPLITS = {"ball-0000": "train", "ball-0001": "validation", "ball-0002": "test", "ball-0003": "test"}
@@ -129,6 +130,43 @@ def test_every_sample_is_scored_against_its_own_object(data):
         pairs = torch.cdist(points.double(), torch.from_numpy(data["points"][number]).double()) ** 2
         naive = 9000 * (pairs.amin(dim=0).mean() + pairs.amin(dim=1).mean())
         assert row["chamfer"] == pytest.approx(float(naive), rel=1e-3)
+        mesh = trimesh.Trimesh(vertices[0].numpy(), vision_atlas().faces.numpy(), process=False)
+        assert row["bend"] == pytest.approx(np.degrees(mesh.face_adjacency_angles).mean(), rel=1e-3)
+
+
+@pytest.mark.parametrize("strategy", SINGLE_IMAGE_MODELS)
+def test_the_published_single_image_networks_are_measured_by_the_same_protocol(data, strategy):
+    """By all pairs: Pixel2Mesh on 300 points of its faces, 3D-R2N2 on its cells' surface, PSG's points as they are."""
+    rng = np.random.default_rng(1)
+    arrays = {"object": np.array(data.objects), "class": np.array(data.classes), "split": np.array(data.splits)}
+    arrays |= {"points": data["points"], "views": data["occluded"][..., :137, :137, :]}
+    at = views.viewpoints(rng, len(SPLITS) * GRASPS)
+    cameras = np.stack([views.camera(viewpoint).matrix() for viewpoint in at]).astype(np.float32)
+    arrays["camera"] = cameras.reshape(len(SPLITS), GRASPS, 3, 4)
+    torch.manual_seed(MODEL_SEED)
+    decoder = {"hidden": 8, "points": 50, "channels": [4, 4, 4, 4], "level": 0.5}
+    model = SINGLE_IMAGE_MODELS[strategy](
+        SMALL | {"encoder": SMALL["encoder"] | {"padding": 1}, "decoder": decoder}
+    ).eval()
+    experiment = {"strategy": strategy, "vision": "views", "touch": False, "grasps": 1}
+    table = evaluate(Trained(model, "model", experiment, 3, 700), TrainingData(arrays), points=300)
+    assert table["object"].tolist() == [name for name in list(SPLITS)[1:] for _ in range(GRASPS)]
+    for row in table.to_dict("records"):
+        number, view = data.objects.index(row["object"]), row["window"]
+        image = torch.from_numpy(arrays["views"][number, view]).permute(2, 0, 1)[None].float() / 255
+        with torch.inference_mode():
+            found = model({"image": image, "camera": torch.from_numpy(arrays["camera"][number, view])[None]})
+        if strategy == "psg":
+            points = found[0]
+        else:
+            vertices, faces = model.mesh(found[0])
+            points = sample_faces(vertices[None], faces, 300, seeded(0, row["object"], "evaluation"))[0]
+        pairs = torch.cdist(points.double(), torch.from_numpy(data["points"][number]).double()) ** 2
+        there, back = pairs.amin(dim=1), pairs.amin(dim=0)
+        assert row["chamfer"] == pytest.approx(float(9000 * (there.mean() + back.mean())), rel=1e-3)
+        for column, threshold in (("f1_tau", 1e-4), ("f1_2tau", 2e-4)):
+            near = [float((side * (0.57 / 0.5) ** 2 < threshold).double().mean()) for side in (there, back)]
+            assert row[column] == pytest.approx(200 * near[0] * near[1] / max(sum(near), 1e-9), abs=0.2)
 
 
 def test_it_does_not_depend_on_how_many_are_predicted_together(data, monkeypatch):
@@ -246,3 +284,25 @@ def test_what_is_measured_is_read_back(tmp_path, unoccluded_data):
     table = evaluate(untrained(UNOCCLUDED), unoccluded_data, points=300)
     table.to_csv(tmp_path / "seed-3.csv", index=False)
     pd.testing.assert_frame_equal(pd.read_csv(tmp_path / "seed-3.csv"), table)
+
+
+def test_an_image_of_several_windows_is_encoded_once(data, unoccluded_data):
+    """As many images as objects go through the encoder, and every window's score is that of a model's own call."""
+    experiment = {"strategy": "charts", "vision": "unoccluded", "touch": True, "grasps": 1}
+    arrays = {name: data[name] for name in ("points", "success", "position", "rotation", "charts")}
+    arrays |= {"object": data.objects, "class": data.classes, "split": data.splits}
+    both = TrainingData(arrays | {"unoccluded": unoccluded_data["unoccluded"]})
+    trained, encoded = untrained(experiment), []
+    trained.model.encoder.layers[0].register_forward_pre_hook(lambda _, images: encoded.append(len(images[0])))
+    table = evaluate(trained, both, points=300)
+    assert len(table) == 3 * GRASPS and sum(encoded) == 3
+    for row in table.to_dict("records"):
+        number, grasp = both.objects.index(row["object"]), row["window"]
+        keys = ("success", "position", "rotation", "charts")
+        batch = {key: torch.from_numpy(both[key][number, grasp])[None] for key in keys}
+        batch["image"] = torch.from_numpy(both["unoccluded"][number]).permute(2, 0, 1)[None].float() / 255
+        with torch.inference_mode():
+            vertices = trained.model(batch)
+        points = sample_faces(vertices, trained.model.faces, 300, seeded(0, row["object"], "evaluation"))[0]
+        pairs = torch.cdist(points.double(), torch.from_numpy(both["points"][number]).double()) ** 2
+        assert row["chamfer"] == pytest.approx(float(9000 * (pairs.amin(0).mean() + pairs.amin(1).mean())), rel=1e-3)

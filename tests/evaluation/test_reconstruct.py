@@ -14,13 +14,17 @@ from palpate import store, vision
 from palpate.dataset import Dataset
 from palpate.evaluation import reconstruct
 from palpate.evaluation.reconstruct import GraspTouches, ReconstructionError, Reconstructor
-from palpate.models import TouchDepth
+from palpate.models import SINGLE_IMAGE_MODELS, TouchDepth
 from palpate.store import StoreError
 from palpate.training import Assembler, CheckpointError, Sample, TrainingData, checkpoints, object_charts
 from tests.models.batches import SMALL
 from tests.results.conftest import ATTRIBUTES, BATCH, build_run
 
 ARCHITECTURE = SMALL | {"gcn": {"layers": 3, "width": 12}, "last_layer_scale": 1.0}
+ARCHITECTURE |= {
+    "encoder": SMALL["encoder"] | {"padding": 1},
+    "decoder": {"hidden": 8, "points": 50, "channels": [4, 4, 4, 4], "level": 0.5},
+}
 EXPERIMENTS = {
     "charts_occluded_touch": {"strategy": "charts", "vision": "occluded", "touch": True, "grasps": 1},
     "no_copy_unoccluded_touch": {"strategy": "no_copy", "vision": "unoccluded", "touch": True, "grasps": 1},
@@ -29,6 +33,9 @@ EXPERIMENTS = {
     "charts_occluded": {"strategy": "charts", "vision": "occluded", "touch": False, "grasps": 1},
     "charts_touch_2": {"strategy": "charts", "vision": "none", "touch": True, "grasps": 2},
     "single_image": {"strategy": "charts", "vision": "views", "touch": False, "grasps": 1},
+    "single_image_psg": {"strategy": "psg", "vision": "views", "touch": False, "grasps": 1},
+    "single_image_pixel2mesh": {"strategy": "pixel2mesh", "vision": "views", "touch": False, "grasps": 1},
+    "single_image_r2n2": {"strategy": "r2n2", "vision": "views", "touch": False, "grasps": 1},
 }
 VIEWS, VIEW_SIZE = 2, 137
 
@@ -57,6 +64,8 @@ def run(tmp_path_factory):
     checkpoints.save(folder / "models/touch_depth/best.ckpt", "touch_depth", unet, {"width": 4})
     for name, experiment in EXPERIMENTS.items():
         model = checkpoints.build(experiment, ARCHITECTURE)
+        if experiment["strategy"] == "r2n2":  # untrained, all cells are as probable, whatever the image
+            torch.nn.init.normal_(model.cells.weight, std=1e3)
         described = {"experiment": experiment, "architecture": ARCHITECTURE}
         checkpoints.save(folder / f"models/{name}/seed-0/best.ckpt", "reconstruction", model, described)
     touch = store.read(folder / f"touch/{BATCH}.zarr")
@@ -94,7 +103,8 @@ def of_data(run, name, sample):
     model = checkpoints.load(folder_of(run, name) / "best.ckpt")
     with torch.inference_mode():
         batch = Assembler(TrainingData.load(run, experiment), experiment)([sample])
-        return model(batch)[0].numpy(), model.faces.numpy()
+        vertices, faces = model.mesh(model(batch)[0])
+        return vertices.numpy(), faces.numpy()
 
 
 @pytest.mark.parametrize(
@@ -119,6 +129,25 @@ def test_a_record_gives_what_its_training_data_give(run, dataset, name, grasps, 
     assert vertices.std(axis=0).min() > 0.01  # the prediction is a shape, and another object's is another
     other, _ = of_data(run, name, Sample(0, grasps, view))
     assert np.abs(other - vertices).max() > 1e-4
+
+
+@pytest.mark.parametrize("strategy", SINGLE_IMAGE_MODELS)
+def test_a_view_gives_what_a_published_network_predicts_for_it(run, dataset, strategy, tmp_path):
+    """Its mesh, or its points without faces, and that as a file."""
+    name = f"single_image_{strategy}"
+    model = Reconstructor(folder_of(run, name))
+    image, touches, camera = reconstruct.of_object(dataset["knife-0000"], model.experiment, None, 1)
+    shape = model(image, touches, camera)
+    vertices, faces = of_data(run, name, Sample(1, (), 1))
+    np.testing.assert_allclose(shape.vertices, vertices, atol=1e-6)
+    np.testing.assert_array_equal(shape.faces, faces)
+    assert len(vertices) and (len(faces) > 0) == (strategy != "psg")
+    other, _ = of_data(run, name, Sample(1, (), 0))
+    assert other.shape != vertices.shape or np.abs(other - vertices).max() > 1e-5
+    mesh = reconstruct.reconstruct(image, camera=camera, model=folder_of(run, name))
+    mesh.export(tmp_path / "x.ply")
+    read = trimesh.load(tmp_path / "x.ply", process=False)
+    np.testing.assert_allclose(read.vertices, vertices, atol=1e-6)
 
 
 def test_charts_without_touch_are_left_out_where_they_are_only_copied(run, dataset):

@@ -265,7 +265,7 @@ def test_an_object_far_from_the_origin_keeps_its_shape_or_is_refused(tmp_path, s
 
 
 def test_meshes_of_a_batch_that_are_lost_or_changed_are_an_error(knotted, tmp_path):
-    batch = tmp_path / "batch-0000"
+    batch = tmp_path / "meshes/batch-0000"
     shutil.copytree(knotted[0] / "out", batch / "mug-0001")
     before = mesh.load_visual(batch / "mug-0001")  # of an object alone, without a manifest
     checksums.write_manifest(batch)

@@ -12,7 +12,7 @@ from palpate.models import GraphNetwork, ZeroNeighbourLayer
 def plain_layer(layer, x, adjacency):
     """The published layer's order of things: product, first third over neighbours, join, bias, ReLU."""
     y = torch.einsum("vbi,io->vbo", x, layer.weight)
-    third = layer.weight.shape[1] // 3
+    third = layer.weight.shape[1] // 3 if layer.relu else layer.weight.shape[1]  # all channels of the last layer
     y = torch.cat([torch.einsum("uv,vbo->ubo", adjacency, y[..., :third]), y[..., third:]], dim=-1)
     y = y + layer.bias
     return y.clamp(min=0) if layer.relu else y

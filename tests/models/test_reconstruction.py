@@ -35,10 +35,14 @@ def model_of(strategy, vision, touch, grasps, architecture=SMALL, seed=0):
         {},
         {"normalise_positions": False, "init": "paper"},
         {"unsuccessful": "held", "gcn": SMALL["gcn"] | {"normalisation": "separate"}},
+        {"touch": "pooled"},
     ],
 )
 def test_same_vertices_and_gradients_as_the_straightforward_model(experiment, options):
     model = model_of(*experiment, architecture=SMALL | options)
+    if model.pools_touch:
+        for weight in (model.touch_pooling, model.touch_attention):
+            torch.nn.init.normal_(weight.weight) if weight else None
     batch = random_batch(2, experiment[3])
     adjacency = model.graph.dense()
     direction = torch.randn(2, int(model.faces.max()) + 1, 3, dtype=torch.float64)

@@ -113,7 +113,7 @@ def test_what_is_whole_and_has_a_split_is_listed(tree, caplog):
 def test_the_catalogue_takes_their_splits(tree):
     source = {"kind": "released", "path": tree}
     assert all_classes(source) == {"0001": "all", "0002": "all"}
-    table = build(source, {"0002": "all", "0001": 1}, batch_size=1)
+    table = build(source, {"0002": "all", "0001": 1}, batches=1)
     assert table["object"].tolist()[0] == "0002-a.b"
     assert table["source"].tolist()[0] == "surfaces/0002/a.b.npy"
     assert (

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from palpate.results.bootstrap import Estimate, interval, ratio_interval
+from palpate.results.bootstrap import Estimate, between_seeds, interval, ratio_interval
 
 FOUR = np.repeat(["bottle", "knife", "cellphone", "rifle"], 6)
 
@@ -68,6 +68,58 @@ def test_the_true_difference_is_inside_in_about_95_of_100_runs(seeds, each, seed
     assert bounds[0] <= inside / runs <= bounds[1]
 
 
+@pytest.mark.parametrize(("seeds", "each", "own_spread"), [(1, 10, 0.0), (2, 10, 0.1), (3, 5, 0.02), (3, 20, 0.1)])
+def test_continuations_of_one_base_are_compared_within_its_seed(seeds, each, own_spread):
+    """Models that start from the base of their seed: its shift, far larger than the difference, cancels; the interval
+    contains the truth in about 95 of 100 runs, and its width is that of the spreads that remain."""
+    rng = np.random.default_rng(11)
+    classes = np.repeat(np.arange(4), each)
+    runs, inside, errors, variances = 300, 0, [], []
+    for run in range(runs):
+        base = rng.normal(0, 1, 4 * each) + rng.normal(0, 1, (seeds, 1))
+
+        def model(mean, base=base):
+            return mean + base + rng.normal(0, 0.2, 4 * each) + rng.normal(0, own_spread, (seeds, 1))
+
+        found = interval([model(1.0), model(0.9)], classes, difference, resamples=400, seed=run)
+        inside += found.low <= 0.1 <= found.high
+        errors.append(found.value - 0.1)
+        variances.append((found.high - found.low) ** 2 / 4)
+    assert 0.92 <= inside / runs <= 0.99
+    known = 2 * 0.2**2 / (4 * each) + 2 * own_spread**2 / seeds  # of the difference; the shift of 1 is not in it
+    assert np.mean(np.square(errors)) == pytest.approx(known, rel=0.3)
+    assert np.mean(variances) > 1.96**2 * known * 0.9
+
+
+def test_the_variance_of_a_difference_is_that_of_its_seeds_and_objects():
+    """Many seeds and objects, where Student's factor is the normal one: by the formula in the docstring."""
+    rng = np.random.default_rng(8)
+    seeds, objects = 40, 400
+    a, b, e = rng.normal(0, 0.1, (seeds, 1)), rng.normal(0, 0.5, objects), rng.normal(0, 1.0, (seeds, objects))
+    found = interval([a + b + e, np.zeros((seeds, objects))], np.zeros(objects), difference, resamples=4000)
+    known = a.var() / seeds + b.var() / objects + 3 * e.var() / (seeds * objects)
+    assert ((found.high - found.low) / 2 / 1.99) ** 2 == pytest.approx(known, rel=0.12)
+
+
+def test_two_seeds_differ_by_the_mean_over_all_pairs():
+    """By a loop over pairs, of the class average, of a difference, and where one experiment has a single seed."""
+    rng = np.random.default_rng(9)
+    classes = np.array(["a"] * 5 + ["b"] * 3)
+    one, other, fixed = rng.normal(1, 1, (4, 8)), rng.normal(2, 1, (4, 8)), rng.normal(0, 1, (1, 8))
+
+    def average(row):
+        return (row[:5].mean() + row[5:].mean()) / 2
+
+    def pairs(numbers):
+        return np.mean([abs(numbers[i] - numbers[j]) for i in range(4) for j in range(i)])
+
+    assert between_seeds([one], classes) == pytest.approx(pairs([average(row) for row in one]))
+    differences = [average(a) - average(b) for a, b in zip(one, other, strict=True)]
+    assert between_seeds([one, other], classes, difference) == pytest.approx(pairs(differences))
+    assert between_seeds([one, fixed], classes, difference) == pytest.approx(pairs([average(row) for row in one]))
+    assert np.isnan(between_seeds([fixed], classes))
+
+
 def test_pairing_takes_out_what_objects_have_in_common():
     rng = np.random.default_rng(4)
     hard = rng.normal(0, 1, 24)
@@ -122,6 +174,7 @@ def test_the_same_numbers_give_the_same_interval():
         ([np.zeros((1, 0))], np.zeros(0)),
         ([], np.zeros(4)),
         ([np.array([[1.0, np.nan]])], np.zeros(2)),
+        ([np.zeros((2, 4)), np.zeros((3, 4))], np.zeros(4)),
     ],
 )
 def test_arrays_that_do_not_fit_are_errors(values, classes):

@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 
 from palpate.evaluation.rows import EvaluationError
+from palpate.results.bootstrap import Estimate
 from palpate.results.claims import FAILS, HOLDS, STATISTICS, UNDECIDED, claims, decide, verdict
 from palpate.results.published import paper_values, published_experiments
 from tests.evaluation import synthetic
@@ -152,4 +153,27 @@ def test_the_note_counts_the_verdicts():
     ],
 )
 def test_a_verdict_needs_the_whole_interval(intervals, expected):
-    assert verdict(intervals) == expected
+    bounds = [Estimate((low + high) / 2, low, high) for low, high in intervals]
+    assert verdict([(bound, np.nan) for bound in bounds]) == expected
+    assert verdict([(bound, 0.0) for bound in bounds]) == expected
+    # If two seeds differ by more than the number, nothing is decided.
+    assert verdict([(bound, 10.0) for bound in bounds]) == UNDECIDED
+
+
+def test_a_difference_within_that_of_two_seeds_is_undecided():
+    """Seeds of one model are 0.03 apart and those of the other are not: the models differ by 0.02, each object says so,
+    and with many seeds the interval does too."""
+    means = dict.fromkeys(MEANS, 1.0) | {"charts_occluded_touch": 0.985}
+    claim = "Copying touch charts helps (occluded vision)"
+    seeds = tuple(range(20))
+    row = decided(means, spread=1e-4, seeds=seeds, seed_spread=0.012).loc[claim]
+    assert row["measured_high"] < 0 and row["verdict"] == UNDECIDED
+    assert row["between_seeds"] == pytest.approx(2 * 0.012 * np.sqrt(2) / np.sqrt(np.pi), rel=0.35)
+    assert decided(means, spread=1e-4, seeds=seeds).loc[claim, "verdict"] == HOLDS
+
+
+def test_seeds_that_do_not_pair_are_an_error():
+    frame = synthetic.evaluations(MEANS, each=2, seeds=(0, 1))
+    frame = frame[(frame["experiment"] != "charts_occluded") | (frame["seed"] == 0)]
+    with pytest.raises(EvaluationError, match=r"'charts_occluded' was measured with the seeds \[0\], but others with"):
+        decide(frame, synthetic.rings(RINGS, each=2), synthetic.touches(each=2), 100)

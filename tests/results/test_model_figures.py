@@ -88,3 +88,12 @@ def test_a_history_that_is_missing_or_broken_is_named(tmp_path):
     path.write_text("step,seconds\n1,2\n")
     with pytest.raises(EvaluationError, match="train_loss"):
         figures.training_curves({("charts_touch", 0): path}, synthetic.EXPERIMENTS, tmp_path / "a.png")
+
+
+def test_the_papers_graph_is_a_curve_of_its_own_beside_the_others():
+    charts = {"strategy": "charts", "vision": "occluded", "touch": True, "grasps": 1}
+    graph = charts | {"architecture": {"touch": "graph"}}
+    (panel, label, colour), (its_panel, its_label, its_colour) = map(figures._panel, (charts, graph))
+    assert its_panel == panel and its_label != label and its_colour != colour
+    every = [figures._panel(charts | {"strategy": name}) for name in ("sphere", "no_copy", "no_comm")]
+    assert its_colour not in [colour for _, _, colour in every]

@@ -14,7 +14,8 @@ CLASSES = ["bottle", "knife", "cellphone", "rifle"]
 
 @pytest.fixture(scope="module")
 def evaluations() -> pd.DataFrame:
-    means = synthetic.published_means() | {"single_image": 1.0}
+    means = synthetic.means_of_tables()
+    means |= {name: 1.0 + 0.1 * k for k, name in enumerate(synthetic.of_table("single_image"))}
     return synthetic.evaluations(means, each=4, seeds=(0, 1), seed_spread=0.01)
 
 
@@ -56,11 +57,56 @@ def test_the_note_says_what_the_numbers_stand_on(evaluations):
 
 def test_input_modalities_state_the_papers_averages_only(evaluations):
     table = tables.input_modalities(evaluations, synthetic.of_table("input_modalities"), resamples=100)
-    assert table["average_paper"].tolist() == [0.991, 1.074, 0.804, 0.861, 3.05]
+    papers = table[table["experiment"].str.startswith("charts")]
+    assert papers["average_paper"].tolist() == [0.991, 1.074, 0.804, 0.861, 3.05]
     assert "bottle_paper" not in table and "bottle" in table
     worst = table.set_index("experiment").loc["charts_touch"]
     expected = class_means(evaluations, "charts_touch", "test")
     assert worst["average"] == pytest.approx(expected.mean()) and worst["vision"] == "–"
+
+
+def test_the_papers_graph_has_a_row_of_its_own_beside_the_papers_value(evaluations):
+    """Experiments of the same set-up and another architecture: labelled, measured apart, the same published value."""
+    setups = {name: synthetic.EXPERIMENTS[name] for name in ("charts_occluded_touch", "charts_touch")}
+    graph = {"architecture": {"touch": "graph", "gcn": {"normalisation": "symmetric"}}, "base": "base_occluded"}
+    setups |= {name.replace("charts", "graph"): setup | graph for name, setup in setups.items()}
+    frame = pd.concat(
+        [
+            evaluations[evaluations["experiment"].str.startswith("charts")],
+            synthetic.evaluations({"graph_occluded_touch": 1.5, "graph_touch": 4.0}, each=4, seeds=(0, 1)),
+        ]
+    )
+    table = tables.input_modalities(frame, setups, resamples=100).set_index("experiment")
+    assert table["model"].tolist() == ["charts"] * 2 + ["charts (paper's graph, equation 1)"] * 2
+    assert table["average_paper"].tolist() == [0.991, 3.05] * 2
+    assert table.loc["graph_touch", "average"] == pytest.approx(4.0, abs=0.1)
+    assert tables.input_label(setups["graph_occluded_touch"]) == "occluded vision + touch (paper's graph, equation 1)"
+
+
+def test_tables_say_how_far_two_seeds_differ(evaluations):
+    """By the difference of the two seeds' averages; with one seed, that nothing is known of it."""
+    setup = synthetic.of_table("input_modalities")
+    table = tables.input_modalities(evaluations, setup, resamples=100).set_index("experiment")
+    shares = []
+    for name in setup:
+        rows = evaluations[(evaluations["experiment"] == name) & (evaluations["split"] == "test")]
+        one, other = (class_means(rows[rows["seed"] == seed], name, "test").mean() for seed in (0, 1))
+        assert table.loc[name, "between_seeds"] == pytest.approx(abs(one - other))
+        shares.append(100 * abs(np.log(one / other)))
+    assert f"differ by {np.mean(shares):.1f} % of its average (mean over models; {max(shares):.1f} % at most)" in (
+        table.attrs["note"]
+    )
+    alone = tables.input_modalities(evaluations[evaluations["seed"] == 0], setup, resamples=100)
+    assert "between_seeds" not in alone and "One seed" in alone.attrs["note"]
+    assert "objects only" in alone.attrs["note"] and "objects only" not in table.attrs["note"]
+
+
+def test_surface_quality_has_the_average_of_each_number(evaluations):
+    table = tables.surface_quality(evaluations, synthetic.of_table("input_modalities"), resamples=100)
+    row = table.set_index("experiment").loc["charts_occluded_touch"]
+    assert row["bend_degrees"] == pytest.approx(class_means(evaluations, row.name, "test", "bend").mean())
+    assert [row[name] for name in ("folded_percent", "gap_mm", "across_degrees")] == [1.0, 2.0, 30.0]
+    assert row["bend_degrees_low"] < row["bend_degrees"] < row["bend_degrees_high"]
 
 
 def test_grasps_have_a_row_a_setup(evaluations):
@@ -104,10 +150,28 @@ def test_single_image_is_by_pixel2meshs_protocol_and_cites(evaluations):
     chamfer = class_means(evaluations, "single_image", "test").mean()
     assert measured["chamfer"] == pytest.approx(chamfer / 9000 * (0.57 / 0.5) ** 2 * 1000)
     assert measured["f1_tau"] == pytest.approx(50) and measured["f1_2tau"] == pytest.approx(70)
-    assert table["from"].tolist() == ["this run", "the paper", *["cited by the paper"] * 8]
-    assert table.iloc[1]["chamfer"] == 0.369
-    # What is cited has no interval and is no result of this run.
-    assert table.iloc[1:][["chamfer_low", "objects", "seeds", "steps"]].isna().all(axis=None)
+    assert table.iloc[4]["chamfer"] == 0.369
+    assert table["from"].tolist()[4:] == ["the paper", *["cited by the paper"] * 8]
+
+
+def test_the_single_image_table_parts_what_is_measured_from_what_is_cited(evaluations, tmp_path):
+    experiments = synthetic.of_table("single_image")
+    made = tables.single_image(evaluations, experiments, resamples=100)
+    write_table(made, tmp_path / "single_image.csv")
+    table = pd.read_csv(tmp_path / "single_image.csv")
+    assert table["source"].tolist() == ["measured"] * 4 + ["cited"] * 9
+    measured, cited = table[table["source"] == "measured"], table[table["source"] == "cited"]
+    assert measured["from"].tolist() == list(experiments)
+    assert measured["method"].tolist() == ["charts (ours)", "PSG", "Pixel2Mesh", "3D-R2N2"]
+    for row in measured.to_dict("records"):
+        chamfer = class_means(evaluations, row["from"], "test").mean()
+        assert row["chamfer"] == pytest.approx(chamfer / 9000 * (0.57 / 0.5) ** 2 * 1000, rel=1e-5)
+    assert measured[["chamfer_low", "objects", "seeds", "steps"]].notna().all(axis=None)
+    # What is cited has no interval and is no result of this run, also where the method is measured too.
+    assert {"PSG", "Pixel2Mesh", "3D-R2N2", "N3MR", "MVD", "GEOMetrics"} <= set(cited["method"])
+    assert cited[["chamfer_low", "objects", "seeds", "steps"]].isna().all(axis=None)
+    lines = (tmp_path / "single_image.md").read_text().splitlines()[2:15]
+    assert [line.split("|")[1].strip() for line in lines] == table["source"].tolist()
 
 
 def test_classes_that_the_paper_has_not_stand_without_its_values(evaluations):

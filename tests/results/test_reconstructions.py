@@ -4,6 +4,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+import trimesh
 import yaml
 from PIL import Image
 
@@ -14,7 +15,7 @@ from palpate.models import TouchDepth
 from palpate.results import reconstructions as figure
 from palpate.results.page import DPI
 from palpate.training import checkpoints
-from palpate.vision import Renderer, paper_camera
+from palpate.vision import Mesh, Renderer, paper_camera
 from tests.models.batches import SMALL
 
 PROJECT = Path(__file__).parents[2]
@@ -87,6 +88,56 @@ def test_images_are_cut_to_what_the_renders_show():
     np.testing.assert_allclose(of_image, figure.shared_camera(90).project(points)[0] / 90, atol=1e-9)
 
 
+def sphere_of_points(radius: float, spikes=()) -> Mesh:
+    """A sphere around the object's centre, with single triangles that reach out to some points."""
+    ball = trimesh.creation.icosphere(subdivisions=3, radius=radius)
+    vertices, faces = ball.vertices + OBJECT_POSITION, ball.faces
+    for spike in spikes:
+        tip = np.array([spike, [spike[0] + 1e-3, *spike[1:]], OBJECT_POSITION])
+        faces = np.vstack([faces, len(vertices) + np.arange(3)])
+        vertices = np.vstack([vertices, tip])
+    return Mesh(vertices, faces)
+
+
+def test_the_camera_of_a_row_shows_every_mesh_of_it():
+    """A small object is seen as near as `ZOOM`; beside a large prediction all move away, until it is in the picture;
+    a single spike moves no camera."""
+    assert figure.zoom_of([sphere_of_points(0.1)]) == figure.ZOOM
+    large = sphere_of_points(0.4)
+    zoom = figure.zoom_of([sphere_of_points(0.1), large])
+    assert zoom < figure.ZOOM
+    pixels, _ = figure.shared_camera(100, zoom).project(large.vertices)
+    inside = ((pixels > 0) & (pixels < 100)).all(axis=1)
+    assert figure.SHOWN <= inside.mean() and np.quantile(np.abs(pixels - 50).max(axis=1), figure.SHOWN) > 45
+    spiked = sphere_of_points(0.1, spikes=[[0.0, 0.0, 3.0]])
+    assert figure.zoom_of([spiked]) == figure.ZOOM
+
+
+def test_vertices_outside_the_picture_are_marked_at_its_edge():
+    """On the line from the picture's middle; the points of charts without a touch are none of them."""
+    camera = figure.shared_camera(100)
+    centre = camera.project(np.array(OBJECT_POSITION))[0]
+    assert figure.marks(sphere_of_points(0.1), camera)[1] == 0
+    mesh = sphere_of_points(0.1, spikes=[[0.0, 0.0, 1.3]])
+    edge, outside = figure.marks(mesh, camera)
+    assert outside == 2 and (edge[:, 1] == 0).all() and (np.abs(edge[:, 0] - centre[0]) < 10).all()
+    point = Mesh(np.vstack([mesh.vertices, [[5.0, 5.0, 0.6]]]), np.vstack([mesh.faces, [len(mesh.vertices)] * 3]))
+    assert figure.marks(point, camera)[1] == 2
+    behind = sphere_of_points(0.1, spikes=[np.array(camera.position) * 1.5])
+    assert figure.marks(behind, camera)[1] == 2
+
+
+def test_wires_are_the_sides_that_nothing_hides():
+    """Of a sphere, those of the half that faces the camera."""
+    camera, mesh = figure.shared_camera(120), sphere_of_points(0.15)
+    depth = Renderer(samples=1).render_meshes([mesh], camera=camera).depth
+    shown = figure.visible_sides(mesh, camera, depth)
+    ends = mesh.vertices[trimesh.Trimesh(mesh.vertices, mesh.faces, process=False).edges_unique]
+    facing = ((ends.mean(axis=1) - OBJECT_POSITION) * (camera.position - ends.mean(axis=1))).sum(axis=1)
+    assert len(shown) == pytest.approx((facing > 0).sum(), rel=0.15)
+    assert ((shown > 0) & (shown < 120)).all()
+
+
 def test_ground_truth_is_the_objects_surface_in_the_world(dataset):
     record = dataset["knife-0000"]
     mesh = figure.ground_truth(record)
@@ -113,7 +164,7 @@ def test_every_model_given_has_its_column(dataset, models, tmp_path, small):
     figure.reconstructions(dataset, models, tmp_path / "a.png")
     figure.reconstructions(dataset, models, tmp_path / "b.png")
     assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
-    figure.reconstructions(dataset, {"charts_touch": models["charts_touch"]}, tmp_path / "one.png")
+    figure.reconstructions(dataset, {"charts_touch": models["charts_touch"]}, tmp_path / "one.png", wires=True)
     two, one = (np.asarray(Image.open(tmp_path / f"{n}.png").convert("RGB")) for n in ("a", "one"))
     cell = 1.32 * DPI
     assert two.shape[1] - one.shape[1] == pytest.approx(cell, abs=1)

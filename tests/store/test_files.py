@@ -245,11 +245,14 @@ def test_another_schema_version_is_refused(tmp_path, stage):
 
 
 def test_a_run_of_an_earlier_version_is_refused_with_the_command_that_builds_it_again(tmp_path):
-    for run, config in (("default", ""), ("rods", " --configfile <the config of run rods>")):
+    (tmp_path / "rods").mkdir()
+    (tmp_path / "rods/config.yaml").touch()
+    configs = {"old": f"<the config of the run in {tmp_path}/old>", "rods": f"{tmp_path}/rods/config.yaml"}
+    for run, config in configs.items():
         path = path_of(tmp_path / run, "touch")
         write(path, "touch", arrays_of("touch", 1), ATTRIBUTES)
         zarr.open_group(path).attrs["schema_version"] = 1
-        command = f"snakemake --cores 2 --forceall dataset touch/batch-0000.zarr{config}"
+        command = f"snakemake dataset touch/batch-0000.zarr --cores 2 --configfile {config} --forceall"
         with pytest.raises(StoreError, match=f"{path} has schema version 1, but .* version 3; .* {command}$"):
             palpate.store.open(path)
 

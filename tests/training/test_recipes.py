@@ -40,6 +40,26 @@ def test_every_experiment_has_settings():
         assert recipes.settings(recipe, experiment)["batch"] >= 1, name
 
 
+@pytest.mark.parametrize("name", ["fast", "paper"])
+def test_the_published_single_image_networks_keep_their_share_of_the_steps(name):
+    """Of whatever length single_image has: of steps, epochs, and the steps between evaluations."""
+    factor = 1.3
+    for lengths in ({"steps": 1000, "evaluate_every": 100}, {"steps": 4000, "epochs": 30}):
+        override = {"reconstruction": lengths, "modalities": {"single_image": {"epochs": lengths.get("epochs")}}}
+        recipe = resolve(override | {"strategies": {"psg": {"steps_factor": factor}}}, name)
+        ours = recipes.settings(recipe, EXPERIMENTS["single_image"])
+        theirs = recipes.settings(recipe, EXPERIMENTS["single_image_psg"])
+        assert "steps_factor" not in theirs  # it has been applied: a checkpoint's settings hold the steps themselves
+        assert {key: ours[key] for key in lengths} == lengths
+        for key in ("steps", "epochs", "evaluate_every"):
+            assert theirs[key] == (ours[key] and pytest.approx(factor * ours[key], abs=0.5))
+
+
+def test_a_length_never_falls_to_none():
+    recipe = resolve({"reconstruction": {"steps": 4}, "strategies": {"r2n2": {"steps_factor": 0.01}}})
+    assert recipes.settings(recipe, EXPERIMENTS["single_image_r2n2"])["steps"] == 1
+
+
 def test_an_override_is_merged_deeply_and_the_file_left_as_it_is():
     before = resolve({})
     changed = resolve({"reconstruction": {"rate": 0.5, "architecture": {"gcn": {"layers": 2}}}})

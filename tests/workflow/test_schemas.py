@@ -1,6 +1,7 @@
 """Config files and experiments are checked before anything runs, in one clear message."""
 
 import copy
+import math
 from pathlib import Path
 
 import pytest
@@ -64,6 +65,14 @@ def test_smoke_has_an_object_of_every_split():
         ({"grasps": {"timestep": 0.1}}, "grasps.timestep: 0.1 is greater than the maximum of 0.01"),
         ({"grasps": {"hand": {"mjcf": "hand.xml"}}}, "grasps.hand.sensors: missing"),
         ({"run": "a/b"}, "run: 'a/b' does not match"),
+        ({"vision": {"samples": 10**8}}, "vision.samples: 100000000 is greater than the maximum of 65536"),
+        ({"classes": [{"class": "bottle", "objects": 10**8}]}, "classes.0.objects: 100000000 is greater than the max"),
+        ({"grasps": {"max_penetration": math.nan}}, "grasps.max_penetration: nan is not a finite number"),
+        ({"split": {"train": math.nan}}, "split.train: nan is not a finite number"),
+        (
+            {"training": {"override": {"reconstruction": {"rate": math.nan}}}},
+            "training.override.reconstruction.rate: n",
+        ),
     ],
 )
 def test_each_mistake_is_one_clear_line(overlay, said):
@@ -73,6 +82,32 @@ def test_each_mistake_is_one_clear_line(overlay, said):
     assert lines[0] == "config.yaml does not fit config.schema.yaml:"
     assert len(lines) == 2
     assert lines[1].strip().startswith(said)
+
+
+def bounds(schema: dict, path: str = "") -> dict[str, bool]:
+    """Whether each number of a schema has a greatest value, by its path."""
+    types = schema.get("type", [])
+    found = {}
+    if {"integer", "number"} & set([types] if isinstance(types, str) else types):
+        found[path] = "maximum" in schema
+    children = schema.get("properties", {}) | {key: schema[key] for key in ("items", "else") if key in schema}
+    for name, child in children.items():
+        found |= bounds(child, f"{path}.{name}")
+    return found
+
+
+def test_every_number_has_a_greatest_value():
+    found = bounds(yaml.safe_load(SCHEMA.read_text()))
+    assert len(found) > 25
+    assert [path for path, bounded in found.items() if not bounded] == []
+
+
+@pytest.mark.parametrize("value", [math.inf, -math.inf, math.nan])
+def test_numbers_that_are_not_finite_are_refused_in_recipes_too(value):
+    recipes = yaml.safe_load((PROJECT / "config/recipes.yaml").read_text())
+    recipes["fast"]["reconstruction"]["weight_decay"] = value
+    with pytest.raises(ConfigError, match="fast.reconstruction.weight_decay: .* is not a finite number"):
+        check(recipes, PROJECT / "workflow/schemas/recipes.schema.yaml", "recipes.yaml")
 
 
 def test_all_mistakes_are_said_at_once():

@@ -29,7 +29,7 @@ rule catalogue:
         source=SOURCE,
         classes=CLASS_COUNTS,
         split=config["split"],
-        batch_size=config["batch_size"],
+        batches={entry.object: PLACES[entry.object] for entry in ENTRIES},
         schema=SCHEMAS / "catalogue.schema.yaml",
     script:
         "../scripts/catalogue.py"

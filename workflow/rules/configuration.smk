@@ -1,13 +1,18 @@
 # What the config means for the workflow: checked first, then the run's folder, its objects and its batches.
+import errno
+import itertools
 import os
 import re
+import sys
+from collections import Counter
 from functools import cache
 
 import yaml
-from snakemake.exceptions import WorkflowError
 from snakemake.io import contains_wildcard
+from snakemake.logging import logger
 
-from palpate import catalogue
+from palpate import atomic, catalogue, lock, terminal
+from palpate.batch import QUIET
 from palpate.configuration import ConfigError, check
 from palpate.training import inputs, recipes
 
@@ -18,7 +23,14 @@ os.environ.setdefault("IGL_NUM_THREADS", "1")
 
 SCHEMAS = PROJECT / "workflow/schemas"
 CONDA = str(PROJECT / "envs/palpate.yaml")
+WHOLE_OUTPUT = re.compile(r"batch-.*|\.snakemake")  # folders in which nothing is written in part
 CLASS_NAME = r"[A-Za-z0-9_][A-Za-z0-9_.-]*"  # as the schemas have it
+
+
+def stop(message):
+    """End the workflow with a message, and without the place in a rule file that Snakemake would add."""
+    logger.error(str(message))
+    sys.exit(1)
 
 
 def checked(path):
@@ -36,6 +48,9 @@ try:
     )
     EXPERIMENTS = yaml.safe_load((PROJECT / "config/experiments.yaml").read_text())
     check(EXPERIMENTS, SCHEMAS / "experiments.schema.yaml", "config/experiments.yaml")
+    for name, experiment in EXPERIMENTS["experiments"].items():
+        if experiment.get("base", name) not in EXPERIMENTS["experiments"]:
+            raise ConfigError(f"config/experiments.yaml: {name} has base {experiment['base']}, which is not defined")
     RECIPE = recipes.resolve(
         PROJECT / "config/recipes.yaml",
         config["training"]["recipe"],
@@ -43,17 +58,20 @@ try:
         SCHEMAS / "recipes.schema.yaml",
     )
     RUN_FOLDER = str(PROJECT / config["results"] / config["run"])
-    SOURCE = {
-        "kind": config["source"]["kind"],
-        # Relative paths are the project's, not the run folder's; procedural objects are made in the run's folder.
-        "path": str(PROJECT / (config["source"]["path"] or f"{RUN_FOLDER}/sources")),
-        "up": config["source"]["up"] or catalogue.UP_AXIS[config["source"]["kind"]],
-    }
+    SOURCE = catalogue.resolve_source(config, PROJECT)
+    if workflow.is_main_process:  # its jobs have been let in by it
+        catalogue.check_same_run(RUN_FOLDER, config, PROJECT)
     CLASS_COUNTS = catalogue.class_counts(config, SOURCE)
     ENTRIES = catalogue.scan(SOURCE, CLASS_COUNTS)
     for entry in ENTRIES:
         checked(f"{SOURCE['path']}/{entry.source}")
-    BATCHES = catalogue.batch_names(len(ENTRIES), config["batch_size"])
+    KNOWN_PLACES = catalogue.read_places(RUN_FOLDER, config["batch_size"])
+    PLACES = catalogue.assign_batches([entry.object for entry in ENTRIES], config["batch_size"], KNOWN_PLACES)
+    ENTRIES = catalogue.in_order(ENTRIES, PLACES)
+    BATCH_ENTRIES = {
+        batch: list(entries) for batch, entries in itertools.groupby(ENTRIES, lambda entry: PLACES[entry.object])
+    }
+    BATCHES = list(BATCH_ENTRIES)
     HAND = config["grasps"]["hand"]
     if config["grasps"]["per_object"] > config["grasps"]["attempts"]:
         raise ConfigError("config grasps: attempts must be at least per_object")
@@ -65,7 +83,51 @@ try:
     TRAINING_MACHINE = {key: config["training"][key] for key in ("device", "devices", "precision")}
     TRAINING_GPUS = 0 if config["training"]["device"] == "cpu" else config["training"]["devices"]
 except (ConfigError, catalogue.CatalogueError) as error:
-    raise WorkflowError(str(error)) from None
+    stop(error)
+
+try:
+    os.makedirs(RUN_FOLDER, exist_ok=True)
+    if not os.access(RUN_FOLDER, os.W_OK):
+        raise PermissionError(errno.EACCES, os.strerror(errno.EACCES))
+except OSError as error:
+    stop(f"{RUN_FOLDER}: {error.strerror}: set `results` in the config to a folder that can be written to")
+
+
+def take_folder():
+    """At the start of a run: have its folder for it alone, as its config says, without what killed runs left."""
+    try:
+        lock.hold(RUN_FOLDER, logger.warning)
+        catalogue.check_same_run(RUN_FOLDER, config, PROJECT)  # again: a run may have begun in the meantime
+        if catalogue.read_places(RUN_FOLDER, config["batch_size"]) != KNOWN_PLACES:
+            stop(f"{RUN_FOLDER}: another run has added objects since this one was started: start it again")
+        catalogue.write_places(RUN_FOLDER, config["batch_size"], PLACES)
+        catalogue.write_record(RUN_FOLDER, config)
+        atomic.sweep(RUN_FOLDER, WHOLE_OUTPUT)
+    except (lock.FolderInUse, catalogue.CatalogueError) as error:
+        stop(error)
+
+
+def take_terminal():
+    """From the start on: a line of progress in place of a page a job, unless --printshellcmds or --verbose asks for it."""
+    global PROGRESS
+    PROGRESS = terminal.Progress(Counter(job.rule.name for job in workflow.dag.needrun_jobs()))
+    pages = workflow.output_settings.printshellcmds or workflow.output_settings.verbose
+    for handler in logger.handlers:
+        if handler.name == "DefaultStreamHandler" and not pages:
+            handler.addFilter(PROGRESS)
+            os.environ[QUIET] = "1"
+            PROGRESS.start()
+
+
+def say_end():
+    """At the end of a run: what it has come to."""
+    from palpate.dataset import summary  # loads Zarr and HDF5
+
+    PROGRESS.stop()
+    seconds = PROGRESS.estimate.now() - PROGRESS.estimate.start
+    for line in terminal.end_lines(RUN_FOLDER, summary(RUN_FOLDER), PROGRESS.failures, PROGRESS.done, seconds):
+        logger.warning(line)
+
 
 # The authors' dataset is read and not simulated: it comes without meshes and grasps.
 RELEASED = SOURCE["kind"] == "released"
@@ -91,8 +153,9 @@ def source_inputs(entries):
 
 
 def batch_entries(wildcards):
-    first = BATCHES.index(wildcards.batch) * config["batch_size"]
-    return ENTRIES[first : first + config["batch_size"]]
+    if wildcards.batch not in BATCH_ENTRIES:
+        stop(f"the run has no {wildcards.batch}; its batches are {BATCHES[0]} to {BATCHES[-1]}")
+    return BATCH_ENTRIES[wildcards.batch]
 
 
 def batch_sources(wildcards):
@@ -115,19 +178,33 @@ def hand_files(wildcards):
     return own_hand_files() if HAND else []
 
 
+@cache
+def splits():
+    return catalogue.splits_of(ENTRIES, SOURCE, config["split"])
+
+
+def catalogue_with(needed, what):
+    """The catalogue, for what needs objects in some splits; that there are none is an error before anything runs."""
+    try:
+        catalogue.check_splits(splits(), needed, what, by_name=not RELEASED)
+    except catalogue.CatalogueError as error:
+        stop(error)
+    return "catalogue.csv"
+
+
 def stores_of(name, *more):
     """The catalogue, and the stores of all batches, of the stages that an experiment takes arrays of, and of more.
 
-    Too few grasps for the experiment is an error before anything runs.
+    Too few grasps for the experiment, or no object in a split, is an error before anything runs.
     """
     experiment = EXPERIMENTS["experiments"][name]
-    if experiment["grasps"] > config["grasps"]["per_object"]:
-        raise WorkflowError(
+    if experiment["grasps"] > config["grasps"]["per_object"] and not experiment.get("fewer_grasps"):
+        stop(
             f"experiment {name} takes {experiment['grasps']} grasps, but the config's "
             f"grasps.per_object is {config['grasps']['per_object']}: raise it"
         )
     return {
-        "catalogue": "catalogue.csv",
+        "catalogue": catalogue_with(("train", "validation"), f"experiment {name}"),
         **{
             stage: expand(f"{stage}/{{batch}}.zarr", batch=BATCHES)
             for stage in dict.fromkeys([*inputs.stages(experiment), *more])
@@ -137,6 +214,13 @@ def stores_of(name, *more):
 
 def experiment_stores(wildcards):
     return stores_of(wildcards.experiment)
+
+
+def training_inputs(wildcards):
+    """The stores of an experiment, and the model that its training goes on from."""
+    experiment, seed = wildcards.experiment, wildcards.seed
+    base = recipes.base(RECIPE, EXPERIMENTS["experiments"][experiment])
+    return stores_of(experiment) | ({"base": f"models/{base}/seed-{seed}/best.ckpt"} if base else {})
 
 
 def ring_stores(wildcards):
@@ -159,7 +243,7 @@ wildcard_constraints:
     **{"class": CLASS_NAME},
     batch=r"batch-\d+",
     experiment="|".join(map(re.escape, EXPERIMENTS["experiments"])),
-    seed=r"\d+",
+    seed="|".join(map(str, config["training"]["seeds"])),
 
 
 # What everything else is made from.

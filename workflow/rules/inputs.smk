@@ -1,5 +1,5 @@
 # Which tables, figures and reports there are, and just the files that each is made from.
-from palpate.results.published import OF_EXPERIMENTS, paper_values, published_experiments
+from palpate.results.published import OF_EXPERIMENTS, effects, paper_values, published_experiments
 from studies import items as report_items
 from studies.subjects import round_robin
 
@@ -16,21 +16,19 @@ DRAWN += [f"charts_touch_{count}" for count in (2, 3, 4, 5)]
 for name, table in EXPERIMENTS["tables"].items():
     place = f"config/experiments.yaml: table {name}"
     if name not in EXPERIMENT_TABLES:
-        raise WorkflowError(
-            f"config/experiments.yaml: no table is called {name}; there are {', '.join(EXPERIMENT_TABLES)}"
-        )
+        stop(f"config/experiments.yaml: no table is called {name}; there are {', '.join(EXPERIMENT_TABLES)}")
     if table["split"] == "train":
-        raise WorkflowError(f"{place}: models are measured on validation or test")
+        stop(f"{place}: models are measured on validation or test")
     for experiment in table["experiments"]:
         if experiment not in EXPERIMENTS["experiments"]:
-            raise WorkflowError(f"{place} has experiment {experiment}, which is not defined")
+            stop(f"{place} has experiment {experiment}, which is not defined")
 
 
 def seeds_of(names, path):
     """A file of each experiment with every seed; an experiment that is not defined is an error."""
     for name in names:
         if name not in EXPERIMENTS["experiments"]:
-            raise WorkflowError(f"experiment {name} is needed, but config/experiments.yaml does not define it")
+            stop(f"experiment {name} is needed, but config/experiments.yaml does not define it")
     return expand(path, experiment=names, seed=config["training"]["seeds"])
 
 
@@ -45,7 +43,7 @@ def rings_of(names):
 def table_setup(table):
     """The experiments of a table as they are defined, and its split; a table that is not defined is an error."""
     if table not in EXPERIMENTS["tables"]:
-        raise WorkflowError(f"config/experiments.yaml defines no table {table}")
+        stop(f"config/experiments.yaml defines no table {table}")
     declared = EXPERIMENTS["tables"][table]
     return {
         "experiments": {name: EXPERIMENTS["experiments"][name] for name in declared["experiments"]},
@@ -68,7 +66,13 @@ def claims_decidable():
 
 
 MADE = list(filter(is_made, EXPERIMENTS["tables"]))
+# The differences of experiments that are defined and see no more grasps than the run has.
+EFFECTS = effects(
+    name for name, row in EXPERIMENTS["experiments"].items() if row["grasps"] <= config["grasps"]["per_object"]
+)
 MODEL_TABLES = [*MADE, "local_touch_charts", *(["claims"] if claims_decidable() else [])]
+MODEL_TABLES += ["touch_effect"] if EFFECTS else []
+MODEL_TABLES += ["surface_quality"] if "input_modalities" in MADE else []
 TRAINED = sorted({name for table in MADE for name in table_setup(table)["experiments"]})
 # They show meshes and hands.
 DATASET_FIGURES = [] if RELEASED else ["data_point", "grasp_steps", *expand("examples_{name}", name=CLASS_COUNTS)]
@@ -94,20 +98,29 @@ def table_inputs(wildcards):
             rejected = expand("rejected/{stage}/{batch}.csv", stage=stages, batch=BATCHES)
             return {"catalogue": "catalogue.csv", "rejected": rejected, **of_batches("touch", "grasps")}
         case "extrapolation" as table:
+            catalogue_with([table_setup(table)["split"]], f"table {table}")
             return {"rings": rings_of(table_setup(table)["experiments"])}
         case "local_touch_charts":
+            catalogue_with([table_settings(wildcards)["split"]], "table local_touch_charts")
             return {"touches": "evaluations/touch_depth.csv"}
         case "claims":
+            catalogue_with(("validation", "test"), "table claims")
             return {
                 "evaluations": evaluations_of(published_experiments()),
                 "rings": rings_of(published_experiments("extrapolation")),
                 "touches": "evaluations/touch_depth.csv",
             }
+        case "touch_effect":
+            names = sorted({row[key] for row in EFFECTS for key in ("experiment", "compared_with")})
+            return {"evaluations": evaluations_of(names)}
         case "tuning":
             return {"trainings": expand("tuning/{point}/training.json", point=TUNING.instance_patterns)}
+        case "surface_quality":
+            return {"evaluations": evaluations_of(table_setup("input_modalities")["experiments"])}
         case table if table in ARCHITECTURES:  # read off the modules themselves
             return {}
         case table:
+            catalogue_with([table_setup(table)["split"]], f"table {table}")
             return {"evaluations": evaluations_of(table_setup(table)["experiments"])}
 
 
@@ -115,10 +128,12 @@ def table_settings(wildcards):
     match wildcards.table:
         case "local_touch_charts":
             return {"split": "test", "resamples": config["evaluation"]["resamples"]}
-        case "claims":
+        case "claims" | "touch_effect":
             return {"resamples": config["evaluation"]["resamples"]}
         case "tuning":
             return {"points": TUNING.dataframe.to_dict("records")}
+        case "surface_quality":
+            return table_setup("input_modalities")
         case table if table in EXPERIMENT_TABLES:
             return table_setup(table)
         case _:
@@ -172,7 +187,7 @@ def figure_settings(wildcards):
 
 
 REPORT_OBJECTS = round_robin(ENTRIES, lambda entry: entry.class_name)[: config["reports"]["objects"]]
-REPORT_BATCHES = sorted({BATCHES[ENTRIES.index(entry) // config["batch_size"]] for entry in REPORT_OBJECTS})
+REPORT_BATCHES = sorted({PLACES[entry.object] for entry in REPORT_OBJECTS})
 
 
 def report_item(wildcards):
@@ -200,3 +215,47 @@ def report_tables(report):
 def timed(wildcards):
     """Whether an item measures times: then no other job runs beside it."""
     return wildcards.report in report_items.TIMED
+
+
+def named_targets():
+    """Rules that can be asked for; those named like files stand for paths from the project's root."""
+    return [rule.name for rule in workflow.rules if not rule.has_wildcards() and rule.name.isidentifier()]
+
+
+def known_targets():
+    """The targets that there are: by name, and every file that is worth asking for."""
+    tables = [*DATASET_TABLES, *MODEL_TABLES, "tuning", *ARCHITECTURES]
+    of_models = {"experiment": EXPERIMENTS["experiments"], "seed": config["training"]["seeds"]}
+    return [
+        *named_targets(),
+        *expand("tables/{table}.{form}", table=tables, form=["csv", "md", "tex"]),
+        *expand("figures/{figure}.png", figure=[*DATASET_FIGURES, *MODEL_FIGURES]),
+        *expand("models/{experiment}/seed-{seed}/best.ckpt", **of_models),
+        *expand("evaluations/{experiment}/seed-{seed}.csv", **of_models),
+        *expand("evaluations/rings/{experiment}/seed-{seed}.csv", **of_models),
+        *("catalogue.csv", "rejected.csv", "models/touch_depth/best.ckpt", "evaluations/touch_depth.csv"),
+        *expand("reports/{report}.csv", report=["validation", *report_items.REPORTS]),
+        *expand(
+            "{store}/{batch}.zarr", store=["surface", "touch", "vision", "views", "charts", "rings"], batch=BATCHES
+        ),
+        *expand("meshes/{batch}", batch=BATCHES),
+        *expand("grasps/{batch}.h5", batch=BATCHES),
+    ]
+
+
+def explain_target(path):
+    """What to say of a target that nothing makes."""
+    path = os.path.relpath(path, RUN_FOLDER) if os.path.isabs(path) else path
+    known, seeds = known_targets(), config["training"]["seeds"]
+    notes = [
+        f"by name: {', '.join(sorted(named_targets()))}",
+        f"tables/<table>.csv, .md, .tex: {', '.join([*DATASET_TABLES, *MODEL_TABLES, 'tuning', *ARCHITECTURES])}",
+        f"figures/<figure>.png: {', '.join([*DATASET_FIGURES, *MODEL_FIGURES])}",
+        f"models/<experiment>/seed-<seed>/best.ckpt, evaluations/<experiment>/seed-<seed>.csv: "
+        f"{', '.join(EXPERIMENTS['experiments'])}; seeds {', '.join(map(str, seeds))}",
+        f"meshes/<batch>, <stage>/<batch>.zarr, grasps/<batch>.h5: {BATCHES[0]} to {BATCHES[-1]}",
+    ]
+    seed = re.search(r"\bseed-(\d+)\b", path)
+    if seed and int(seed[1]) not in seeds:
+        notes.insert(0, f"the config has no seed {seed[1]}: add it to training.seeds")
+    return terminal.unknown_target(path, known, notes)

@@ -7,13 +7,14 @@ TUNED = "charts_occluded_touch"
 try:
     TUNING = Paramspace(pandas.DataFrame(tuning.grid(PROJECT / "config/tuning.yaml", config["tuning"]["grid"])))
 except ConfigError as error:
-    raise WorkflowError(str(error)) from None
+    stop(error)
 
 
-# One model of config/experiments.yaml, from just the stores that it takes arrays of (palpate/training/inputs.py).
+# One model of config/experiments.yaml, from just the stores that it takes arrays of (palpate/training/inputs.py), and
+# the base model that it goes on from.
 rule reconstruction:
     input:
-        unpack(experiment_stores),
+        unpack(training_inputs),
     output:
         model="models/{experiment}/seed-{seed}/best.ckpt",
         history="models/{experiment}/seed-{seed}/history.csv",

@@ -14,7 +14,18 @@ rule table:
     benchmark:
         "benchmarks/{table}.tsv"
     wildcard_constraints:
-        table="|".join([*DATASET_TABLES, *EXPERIMENT_TABLES, "local_touch_charts", "claims", "tuning", *ARCHITECTURES]),
+        table="|".join(
+            [
+                *DATASET_TABLES,
+                *EXPERIMENT_TABLES,
+                "local_touch_charts",
+                "claims",
+                "touch_effect",
+                "surface_quality",
+                "tuning",
+                *ARCHITECTURES,
+            ]
+        ),
     params:
         settings=table_settings,
     script:

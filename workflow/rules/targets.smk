@@ -1,5 +1,15 @@
 # What is asked for by name: snakemake dataset, validate, smoke.
-import sys
+
+
+# Files of the run that the command line names from the project's root, as a shell completes them.
+FROM_ROOT = [path for path in sys.argv[1:] if os.path.abspath(PROJECT / path).startswith(f"{RUN_FOLDER}/")]
+for path in dict.fromkeys(FROM_ROOT):
+
+    rule:
+        name:
+            path
+        input:
+            os.path.relpath(PROJECT / path, RUN_FOLDER),
 
 
 localrules:

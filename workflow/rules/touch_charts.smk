@@ -1,7 +1,7 @@
 # The U-Net from a touch reading to depth, trained on the successful touches of the train split.
 rule touch_depth:
     input:
-        catalogue="catalogue.csv",
+        catalogue=lambda wildcards: catalogue_with(("train", "validation"), "the model of touches"),
         touch=expand("touch/{batch}.zarr", batch=BATCHES),
     output:
         model="models/touch_depth/best.ckpt",

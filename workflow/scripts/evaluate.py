@@ -2,7 +2,9 @@
 
 evaluations/<experiment>/seed-<k>.csv          a row a sample of the validation and test splits: experiment, seed,
                                                object, class, split, window, chamfer (m^2 x 9000), f1_tau, f1_2tau
-                                               (%, Pixel2Mesh's protocol), seconds (of the prediction), steps
+                                               (%, Pixel2Mesh's protocol), bend (degrees), folded (%), gap (mm), across
+                                               (degrees; palpate.evaluation.surface_quality), seconds (of the
+                                               prediction), steps
 evaluations/rings/<experiment>/seed-<k>.csv    a row a sample of one split, touch and ring of true surface around it:
                                                experiment, seed, object, class, split, window, grasp, sensor, ring
                                                (1..5), points, distance (mean squared, m^2, from these points to the

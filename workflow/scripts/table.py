@@ -10,6 +10,8 @@ extrapolation             error in square rings around each touch, m^2 and m^2 x
 single_image              reconstruction from single images, Pixel2Mesh's protocol
 local_touch_charts        Chamfer distance (m^2 x 9000) of local predictions, by class
 claims                    this run's verdict on each claim of the paper that a number decides
+touch_effect              what touch, grasps, copying and communication change, on both splits, beside the paper's
+surface_quality           angles between faces, torn charts and faces across the true surface, by input
 tuning                    the grid of hyperparameters: the result of each of its points, the best first
 architectures/<model>     layers of the live module beside the paper's
 """
@@ -51,6 +53,10 @@ def table(name: str, settings: dict) -> pd.DataFrame:
             from palpate.results import claims
 
             return claims.decide(evaluations(), rings(), touches(), **settings)
+        case ["touch_effect"]:
+            from palpate.results import effects
+
+            return effects.touch_effect(evaluations(), **settings)
         case ["dataset_statistics" | "grasp_success" | "penetration"]:
             from palpate.results import dataset_tables
 

@@ -23,7 +23,9 @@ if params.get("experiment"):
         layers = checkpoints.architecture(params.experiment, settings)
         settings = tuning.point_settings(settings, layers, params.point, params.steps)
     data = training.TrainingData.load(".", params.experiment, splits)
-    learner = training.ReconstructionLearner(data, params.experiment, settings, params.seed)
+    learner = training.ReconstructionLearner(
+        data, params.experiment, settings, params.seed, snakemake.input.get("base")
+    )
 else:
     touches = [training.read_touches(Dataset(".", ["touch"]), split) for split in splits]
     learner = training.TouchDepthLearner(*touches, settings, params.seed)

@@ -1,0 +1,94 @@
+"""Which batch an object is in: one that it keeps, whatever other objects come and go.
+
+    <results>/<run>/batches.json    batch_size, and the batch of every object that the run ever had
+
+An object that leaves keeps its place, so that nothing else moves into its batch. New ones fill the last batch, then
+further ones.
+"""
+
+import csv
+import json
+from collections import Counter
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+
+from palpate.atomic import atomic_write
+from palpate.catalogue.sources import CatalogueError, SourceObject
+from palpate.checksums import DamagedFile, read_record
+
+PLACES = "batches.json"
+
+
+def batch_name(number: int) -> str:
+    """`batch-0000`, ..."""
+    return f"batch-{number:04d}"
+
+
+def batch_number(name: str) -> int:
+    """The number in a batch's name."""
+    return int(name.removeprefix("batch-"))
+
+
+def assign_batches(names: Iterable[str], batch_size: int, known: Mapping[str, str] | None = None) -> dict[str, str]:
+    """The batch of each object by name, the known ones' first: those stay, the others fill the last batch and new ones.
+
+    A batch has places for `batch_size` objects. Without known ones they are filled in the order of the names given.
+    """
+    places = dict(known or {})
+    counts = Counter(places.values())
+    number = max(map(batch_number, counts), default=0)
+    filled = counts[batch_name(number)]
+    for name in names:
+        if name in places:
+            continue
+        if filled >= batch_size:
+            number, filled = number + 1, 0
+        places[name] = batch_name(number)
+        filled += 1
+    return places
+
+
+def in_order(entries: Iterable[SourceObject], places: Mapping[str, str]) -> list[SourceObject]:
+    """The objects batch by batch, within a batch in the order given."""
+    return sorted(entries, key=lambda entry: batch_number(places[entry.object]))
+
+
+def read_places(folder: Path | str, batch_size: int) -> dict[str, str]:
+    """The batch of every object that the run in a folder has had; empty if it has none, or another batch size.
+
+    Of a run without the file, as older versions left it, `catalogue.csv` says it.
+    Raises CatalogueError, naming the file and the remedy, if the file is damaged.
+    """
+    path = Path(folder, PLACES)
+    if not path.exists():
+        return _of_catalogue(Path(folder, "catalogue.csv"), batch_size)
+    try:
+        held = read_record(path, "remove it, and catalogue.csv says the batches")
+        places = {str(name): batch_name(batch_number(batch)) for name, batch in held["objects"].items()}
+        return places if held["batch_size"] == batch_size else {}
+    except DamagedFile as error:
+        raise CatalogueError(str(error)) from None
+    except (ValueError, KeyError, TypeError, AttributeError) as error:
+        raise CatalogueError(
+            f"{path} is damaged ({type(error).__name__}): remove it, and catalogue.csv says the batches"
+        ) from None
+
+
+def _of_catalogue(path: Path, batch_size: int) -> dict[str, str]:
+    try:
+        with path.open(newline="", encoding="utf-8") as file:
+            places = {row["object"]: batch_name(batch_number(row["batch"])) for row in csv.DictReader(file)}
+    except (OSError, ValueError, KeyError, csv.Error):  # none yet, or damaged: it is made again
+        return {}
+    counts = Counter(places.values())
+    full = set(counts) - {max(counts, key=batch_number, default="")}
+    return places if all(counts[batch] == batch_size for batch in full) else {}
+
+
+def write_places(folder: Path | str, batch_size: int, places: Mapping[str, str]) -> None:
+    """Write the batch of every object that the run has or had, if what stands there is another."""
+    path = Path(folder, PLACES)
+    text = json.dumps({"batch_size": batch_size, "objects": dict(places)}, indent=0) + "\n"
+    if not path.exists() or path.read_text(encoding="utf-8", errors="replace") != text:
+        with atomic_write(path, checksum=True) as partial:
+            partial.write_text(text, encoding="utf-8")

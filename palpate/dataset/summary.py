@@ -1,0 +1,43 @@
+"""What a run has come to, in a few lines: objects used and rejected, why, and the splits."""
+
+import re
+from collections import Counter
+from pathlib import Path
+
+from palpate.catalogue import SPLITS, CatalogueError
+from palpate.dataset.run import Run
+
+MOST_REASONS = 3
+
+
+def summary(folder: Path | str) -> list[str]:
+    """Lines on the objects of a run: how many are used, rejected with the commonest reasons, and in each split.
+
+    An object is used if no stage has rejected it so far. Empty if the run has no catalogue yet.
+    """
+    run = Run(folder)
+    try:
+        entries = run.catalogue
+    except CatalogueError:
+        return []
+    rows = [row for row in run.rejections() if row["object"] in entries]
+    rejected = {row["object"] for row in rows}
+    used = Counter(entry.split for name, entry in entries.items() if name not in rejected)
+    counts = ", ".join(f"{split} {used[split]}" for split in SPLITS)
+    lines = [f"objects: {len(entries)}, used {len(entries) - len(rejected)} ({counts}), rejected {len(rejected)}"]
+    reasons = Counter((row["stage"], kind_of_reason(row["reason"])) for row in rows)
+    lines += [f"  {count} at {stage}: {reason}" for (stage, reason), count in reasons.most_common(MOST_REASONS)]
+    if len(reasons) > MOST_REASONS:
+        lines.append(f"  and {len(reasons) - MOST_REASONS} other reasons")
+    return lines
+
+
+def kind_of_reason(reason: str) -> str:
+    """A reason without what differs from object to object: its file's path in front, and the numbers.
+
+    >>> kind_of_reason("/a/b.stl: holds 12 points, no triangles: export the object's faces")
+    "holds N points, no triangles: export the object's faces"
+    """
+    start, colon, rest = reason.partition(": ")
+    text = rest if colon and "/" in start else reason
+    return re.sub(r"\d[\d,.]*(?:e[+-]?\d+)?", "N", " ".join(text.split()))

@@ -1,0 +1,98 @@
+"""How smooth a predicted surface is: angles between faces, torn charts, and faces that lie across the true surface.
+
+Four numbers tell crumpled sheets, torn charts and spikes apart, of the vision charts (or the sphere) alone:
+
+- `bend`: mean angle in degrees between adjacent faces of a chart, 0 where it is flat (the angle that discrete shells
+  resist: Grinspun et al. 2003, Discrete Shells). A sphere of the atlas's size and faces has 4.9.
+- `folded`: percent of these pairs whose angle is above 90 degrees: one of the two is turned over against the other.
+- `gap`: mean distance in mm between boundary vertices that were one point of the initial sphere: how far charts are
+  torn apart. 0 for the sphere.
+- `across`: mean angle in degrees, weighted by area, between a face and the true surface at the point nearest to its
+  centre; 0 where they are parallel, 57 for random faces. It is the angle of the normal consistency of Mescheder et al.
+  (2019, Occupancy Networks). True normals are those of a plane through the nearest points (Hoppe et al. 1992,
+  Surface Reconstruction from Unorganized Points). Their sign is not known on thin objects, and is not used.
+"""
+
+from functools import cache
+from typing import NamedTuple
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from palpate.charts import sphere, vision_atlas
+
+FOLDED = 90.0  # degrees
+# Points of a plane through the true surface: 10,000 points on 0.2 m^2 then have planes 1 cm wide.
+PLANE_POINTS = 16
+
+
+class Quality(NamedTuple):
+    """The numbers of the module's text: degrees, percent, mm, degrees."""
+
+    bend: float
+    folded: float
+    gap: float
+    across: float
+
+
+class Topology(NamedTuple):
+    """Faces (F, 3), pairs (E, 2) of faces that share a side within a chart, pairs (J, 2) of joined vertices."""
+
+    faces: np.ndarray
+    adjacent: np.ndarray
+    joined: np.ndarray
+
+
+@cache
+def topology(strategy: str) -> Topology:
+    """Of the vision charts, or of the closed sphere for strategy `sphere`."""
+    if strategy == "sphere":
+        faces, joined = sphere()[1].numpy(), np.zeros((0, 2), dtype=int)
+    else:
+        atlas = vision_atlas()
+        faces, joined = atlas.faces.numpy(), atlas.joined.numpy()
+    return Topology(faces, adjacent_faces(faces), joined)
+
+
+def adjacent_faces(faces: np.ndarray) -> np.ndarray:
+    """(E, 2) numbers of the faces (F, 3) on either side of each side that two of them share."""
+    sides = np.sort(faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
+    order = np.lexsort(sides.T)
+    shared = np.flatnonzero((sides[order[1:]] == sides[order[:-1]]).all(axis=1))
+    return np.stack([order[shared], order[shared + 1]], axis=1) // 3
+
+
+def plane_normals(points: np.ndarray, tree: cKDTree) -> np.ndarray:
+    """(n, 3) unit normals, of either sign, of the planes through the neighbours of points (n, 3) in their tree."""
+    points = np.asarray(points, dtype=float)
+    _, neighbours = tree.query(points, k=min(PLANE_POINTS, len(points)))
+    centred = points[neighbours] - points[neighbours].mean(axis=1, keepdims=True)
+    _, axes = np.linalg.eigh(np.swapaxes(centred, 1, 2) @ centred)
+    return axes[:, :, 0]  # that of the least spread
+
+
+def surface_quality(vertices: np.ndarray, surface: Topology, tree: cKDTree, normals: np.ndarray) -> Quality:
+    """The numbers of one prediction.
+
+    Args:
+        vertices: (V, 3) metres, of which `surface` takes the first. tree: of the true points, in the same frame.
+        normals: (n, 3) of the true points, from `plane_normals`.
+
+    Faces without area have no direction and are left out.
+    """
+    corners = np.asarray(vertices, dtype=float)[surface.faces]
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    doubled = np.linalg.norm(normal, axis=1)
+    normal /= np.maximum(doubled, np.finfo(float).tiny)[:, None]
+    first, second = surface.adjacent[(doubled[surface.adjacent] > 0).all(axis=1)].T
+    angles = np.degrees(np.arccos(np.clip((normal[first] * normal[second]).sum(axis=1), -1, 1)))
+    apart = np.linalg.norm(np.subtract(*np.asarray(vertices, dtype=float)[surface.joined.T]), axis=1)
+    _, nearest = tree.query(corners.mean(axis=1))
+    parallel = np.abs((normal * normals[nearest]).sum(axis=1))
+    across = np.degrees(np.arccos(np.clip(parallel, 0, 1)))
+    return Quality(
+        bend=float(angles.mean()),
+        folded=100 * float(np.mean(angles > FOLDED)),
+        gap=1000 * float(apart.mean()) if len(apart) else 0.0,
+        across=float(np.average(across, weights=doubled)),
+    )

@@ -1,0 +1,268 @@
+"""Published networks from a single image to a shape, to compare with: a point set, a deformed sphere, voxels.
+
+| strategy | published as | here |
+|---|---|---|
+| `psg` | PSG: Fan et al. 2017, "A Point Set Generation Network" | `PointSet` |
+| `pixel2mesh` | Pixel2Mesh: Wang et al. 2018 | `DeformedSphere` |
+| `r2n2` | 3D-R2N2: Choy et al. 2016, its encoder and decoder | `Voxels` |
+
+All have the image encoder of `Reconstruction`. docs/single_image.md says what else differs from the publications.
+"""
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from itertools import pairwise
+from typing import Any
+
+import igl
+import numpy as np
+import torch
+from scipy.ndimage import binary_fill_holes
+from torch import Tensor, nn
+from torch.nn import functional
+
+from palpate.charts.atlas import ATLAS_RADIUS, sphere
+from palpate.charts.graph import Graph, mesh_edges
+from palpate.charts.sample import sample_faces
+from palpate.mesh import DIAGONAL, OBJECT_POSITION
+from palpate.models.encoder import KERNEL, ImageEncoder
+from palpate.models.gcn import GraphNetwork
+from palpate.models.layers import LinearBlock
+from palpate.models.pooling import PerceptualPooling, relative_camera
+
+CODE_CELLS = 4  # an image becomes one vector from its last map, averaged onto 4 x 4 cells whatever its size
+SLOPE = 0.1  # of 3D-R2N2's leaky ReLUs
+BASE = 4  # cells along an edge of the voxel grid that the decoder begins with
+GRID = 32  # and of the one it ends with
+# Of the grid's edge, m: no side of an object's box is longer than its diagonal.
+GRID_EDGE = DIAGONAL
+CELL = GRID_EDGE / GRID
+
+
+class SingleImageModel(nn.Module, ABC):
+    """From one view to a shape.
+
+    architecture: layers, as in `palpate.models.architectures` and config/recipes.yaml; `encoder` as
+    `Reconstruction` takes it.
+    """
+
+    def __init__(self, architecture: Mapping[str, Any]):
+        super().__init__()
+        options = dict(architecture["encoder"])
+        self.alignment, _ = options.pop("alignment", "extent"), options.pop("project", None)
+        self.encoder = ImageEncoder(**options)
+        self.register_buffer("centre", torch.tensor(OBJECT_POSITION, dtype=torch.float64), persistent=False)
+
+    def forward(self, batch: Mapping[str, Tensor]) -> Tensor:
+        """The prediction (B, ...), as `stages` describes it.
+
+        batch: `image` (B, 3, S, S) in [0, 1], and `camera` (B, 3, 4) from the world (m) to homogeneous pixels.
+
+        Raises ValueError if one is missing or of another shape, or the image is too small for the encoder.
+        """
+        return self.stages(batch)[-1]
+
+    def maps(self, batch: Mapping[str, Tensor]) -> list[Tensor]:
+        """The encoder's maps of the images; raises what `forward` raises."""
+        image, camera = (tuple(getattr(batch.get(key), "shape", ())) for key in ("image", "camera"))
+        if len(image) != 4 or image[1] != 3 or image[2] != image[3]:
+            raise ValueError(f"image has shape {image}, expected (B, 3, S, S)")
+        if camera != (image[0], 3, 4):
+            raise ValueError(f"camera has shape {camera}, expected ({image[0]}, 3, 4)")
+        self.encoder.sizes(image[-1])
+        return self.encoder(batch["image"])
+
+    @abstractmethod
+    def stages(self, batch: Mapping[str, Tensor]) -> list[Tensor]:
+        """Every prediction (B, ...) that the training's loss looks at, the last being that of `forward`."""
+
+    @abstractmethod
+    def mesh(self, prediction: Tensor) -> tuple[Tensor, Tensor]:
+        """One sample's prediction as a mesh: vertices (V, 3) m, world frame, and faces (F, 3) int64."""
+
+    def sample(self, prediction: Tensor, n: int, generator: torch.Generator | None = None) -> Tensor:
+        """Points (B, n, 3) m, world frame, of predictions (B, ...): uniform by area on the mesh of each."""
+        meshes = [self.mesh(each) for each in prediction]
+        return torch.cat([sample_faces(vertices[None], faces, n, generator) for vertices, faces in meshes])
+
+
+class PointSet(SingleImageModel):
+    """PSG with two branches (its section 4.1): a fully connected one, and one of deconvolutions.
+
+    The deconvolutions go from the encoder's last pooled map back to its first, each adding the pooled map of
+    its size. Every cell of the last one gives a point. Points are predicted in the view's frame, about the object.
+
+    architecture: its `decoder` has `hidden`, the width of the fully connected layer, and `points`, how many
+    the branch gives. The encoder has padding 1, and its pooled maps are of blocks that follow each other.
+    """
+
+    def __init__(self, architecture: Mapping[str, Any]):
+        super().__init__(architecture)
+        steps = [step for _, step in self.encoder.centres()]
+        if self.encoder.padding != 1 or any(after != 2 * before for before, after in pairwise(steps)):
+            raise ValueError(
+                "psg: each pooled map must be half as wide as the one before: set the encoder's padding to 1, and pool "
+                "to one layer of each of its last blocks"
+            )
+        decoder, widths = architecture["decoder"], self.encoder.channels[::-1]
+        self.code = image_code(widths[0], decoder["hidden"])
+        self.points = nn.Linear(decoder["hidden"], 3 * decoder["points"])
+        pairs = list(pairwise(widths))
+        self.up = nn.ModuleList(nn.ConvTranspose2d(deep, flat, KERNEL, stride=2, padding=1) for deep, flat in pairs)
+        self.skip = nn.ModuleList(nn.Conv2d(flat, flat, KERNEL, padding=1) for _, flat in pairs)
+        self.mix = nn.ModuleList(nn.Conv2d(flat, flat, KERNEL, padding=1) for _, flat in pairs)
+        self.cells = nn.Conv2d(widths[-1], 3, KERNEL, padding=1)
+
+    def stages(self, batch):
+        """The points (B, N, 3) m, world frame."""
+        *maps, x = self.maps(batch)
+        of_code = self.points(self.code(x)).unflatten(1, (-1, 3))
+        for up, skip, mix, features in zip(self.up, self.skip, self.mix, maps[::-1], strict=True):
+            x = torch.relu(up(x, output_size=features.shape[2:]) + skip(features))
+            x = torch.relu(mix(x))
+        of_cells = self.cells(x).flatten(2).transpose(1, 2)
+        seen = torch.cat([of_code, of_cells], dim=1).to(batch["camera"].dtype)
+        return [ATLAS_RADIUS * seen @ view_axes(batch["camera"]) + self.centre.to(seen.dtype)]
+
+    def mesh(self, prediction):
+        """The points, and no faces."""
+        return prediction, torch.empty(0, 3, dtype=torch.int64, device=prediction.device)
+
+    def sample(self, prediction, n, generator=None):
+        """The predicted points as they are, whatever n: there is no surface to sample."""
+        return prediction
+
+
+class DeformedSphere(SingleImageModel):
+    """Pixel2Mesh without unpooling: a sphere deformed in several blocks with weights of their own.
+
+    Each block's graph network moves the vertices by the image features where they project and by their places.
+
+    architecture: `gcn`, `init` and `last_layer_scale` as `Reconstruction` takes them, and `deformations`, the
+    number of blocks (3 if it is missing, as published).
+
+    Attributes:
+        faces: (2304, 3) int64. edges: (E, 2) int64, each once. start: (V, 3) m, the sphere.
+    """
+
+    def __init__(self, architecture: Mapping[str, Any]):
+        super().__init__(architecture)
+        gcn = architecture["gcn"]
+        vertices, faces = sphere()
+        self.register_buffer("start", vertices.clone(), persistent=False)
+        self.register_buffer("faces", faces.clone(), persistent=False)
+        self.register_buffer("edges", mesh_edges(faces).sort(dim=1).values.unique(dim=0), persistent=False)
+        self.graph = Graph(0, "sphere")
+        self.pooling = PerceptualPooling(self.alignment, self.encoder.centres())
+        self.blocks = nn.ModuleList(
+            GraphNetwork(
+                sum(self.encoder.channels) + 3,
+                gcn["width"],
+                gcn["layers"],
+                architecture["init"],
+                architecture["last_layer_scale"],
+            )
+            for _ in range(architecture.get("deformations", 3))
+        )
+
+    def stages(self, batch):
+        """The vertices (B, V, 3) m, world frame, after each block."""
+        maps, image = self.maps(batch), batch["image"]
+        camera = relative_camera(batch["camera"].to(image.dtype), image.shape[-1])
+        positions = self.start[:, None].expand(-1, len(image), -1)
+        stages = []
+        for block in self.blocks:
+            pooled = self.pooling(maps, positions, camera, image.shape[-1])
+            places = (positions - self.centre.to(positions.dtype)) / ATLAS_RADIUS
+            positions = positions + ATLAS_RADIUS * block(torch.cat([pooled, places], dim=-1), self.graph)
+            stages.append(positions.transpose(0, 1))
+        return stages
+
+    def mesh(self, prediction):
+        """The deformed sphere."""
+        return prediction, self.faces
+
+
+class Voxels(SingleImageModel):
+    """3D-R2N2's encoder and decoder on one view: the image as a vector, a grid of 4^3 cells, deconvolutions to 32^3.
+
+    The grid is a cube of `GRID_EDGE` around the object, along the world's axes: the camera is not used.
+
+    architecture: its `decoder` has `hidden`, the vector's length, `channels` of the grids of 4, 8, 16 and 32
+    cells an edge, and `level`, the probability at which the surface is drawn.
+    """
+
+    def __init__(self, architecture: Mapping[str, Any]):
+        super().__init__(architecture)
+        decoder = architecture["decoder"]
+        channels, self.level = decoder["channels"], decoder["level"]
+        if BASE << (len(channels) - 1) != GRID:
+            raise ValueError(f"decoder: channels {list(channels)} must be of grids of 4, 8, 16 and 32 cells an edge")
+        self.code = image_code(self.encoder.channels[-1], decoder["hidden"])
+        self.base = nn.Linear(decoder["hidden"], channels[0] * BASE**3)
+        self.up = nn.ModuleList(
+            nn.ConvTranspose3d(coarse, fine, 4, stride=2, padding=1) for coarse, fine in pairwise(channels)
+        )
+        # With stride 1 the transposed convolution is a convolution, and on a processor 20 times as fast as torch's.
+        self.cells = nn.ConvTranspose3d(channels[-1], 1, KERNEL, padding=1)
+
+    def stages(self, batch):
+        """(B, 32, 32, 32), along x, y, z: log-odds that a cell is occupied."""
+        x = self.base(self.code(self.maps(batch)[-1])).unflatten(1, (-1, BASE, BASE, BASE))
+        for up in self.up:
+            x = functional.leaky_relu(up(functional.leaky_relu(x, SLOPE)), SLOPE)
+        return [self.cells(x)[:, 0]]
+
+    def mesh(self, prediction):
+        """The surface at `level`; at half the greatest probability if no cell reaches it."""
+        probability = prediction.detach().double().sigmoid().cpu().numpy()
+        vertices, faces = grid_surface(probability, min(self.level, probability.max() / 2))
+        return torch.from_numpy(vertices).to(prediction), torch.from_numpy(faces).to(prediction.device)
+
+
+def image_code(channels: int, hidden: int) -> nn.Sequential:
+    """(B, channels, h, w) to (B, hidden)."""
+    return nn.Sequential(nn.AdaptiveAvgPool2d(CODE_CELLS), nn.Flatten(), LinearBlock(channels * CODE_CELLS**2, hidden))
+
+
+def view_axes(camera: Tensor) -> Tensor:
+    """The axes of views in the world: right, down and forward, the rows of (B, 3, 3).
+
+    camera: (B, 3, 4) from homogeneous world coordinates to homogeneous pixels; square pixels without skew.
+    """
+    forward = functional.normalize(camera[:, 2, :3], dim=1)
+    across = camera[:, 0, :3]
+    right = functional.normalize(across - (across * forward).sum(dim=1, keepdim=True) * forward, dim=1)
+    return torch.stack([right, torch.linalg.cross(forward, right), forward], dim=1)
+
+
+def occupied(points: Tensor) -> Tensor:
+    """The cells (32, 32, 32) bool, along x, y, z, that surface points (n, 3) m lie in or enclose.
+
+    As the published voxels, cells are occupied that the surface passes, and those within it.
+    """
+    index = ((points.detach().cpu().double() - torch.tensor(OBJECT_POSITION)) / CELL + GRID / 2).floor().long()
+    shell = np.zeros((GRID, GRID, GRID), dtype=bool)
+    shell[tuple(index.clamp(0, GRID - 1).numpy().T)] = True
+    return torch.from_numpy(binary_fill_holes(shell)).to(points.device)
+
+
+def grid_surface(values: np.ndarray, level: float) -> tuple[np.ndarray, np.ndarray]:
+    """The surface where values (32, 32, 32) at the cells' centres equal a level > 0, by marching cubes.
+
+    Values outside the grid are 0, so that it is closed. Returns vertices (V, 3) float64 m, world frame, and
+    faces (F, 3) int64, counterclockwise seen from where values are lower.
+    """
+    padded = np.pad(values.astype(np.float64), 1)
+    line = (np.arange(GRID + 2) - (GRID + 1) / 2) * CELL
+    z, y, x = np.meshgrid(line, line, line, indexing="ij")  # libigl's order: x varies fastest
+    places = np.stack([x, y, z], axis=-1).reshape(-1, 3) + OBJECT_POSITION
+    vertices, faces, _ = igl.marching_cubes(padded.transpose(2, 1, 0).ravel(), places, *[GRID + 2] * 3, level)
+    return vertices, faces[:, ::-1].copy()
+
+
+SINGLE_IMAGE_MODELS: dict[str, type[SingleImageModel]] = {
+    "psg": PointSet,
+    "pixel2mesh": DeformedSphere,
+    "r2n2": Voxels,
+}

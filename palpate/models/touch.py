@@ -1,0 +1,165 @@
+"""How touch enters the deformation of the vision charts: pooled near each vertex, and looked up from far ones."""
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import NamedTuple
+
+import torch
+from scipy.spatial import cKDTree
+from torch import Tensor, nn
+from torch.nn import functional
+
+from palpate.charts import build_tree, nearest
+from palpate.charts.atlas import TOUCH_SIDE
+from palpate.touch.sensor import SENSOR_RANGE, SENSOR_WIDTH
+
+NEARER, NEAR, FAR = 0.015, 0.05, 0.15  # m, the lengths over which a touch fades
+ACROSS = 0.02  # m, the unit of the distance along the normal
+EMPTY = 0.01  # m, the length over which the space before a sensor without success fades
+SURFACE_FEATURES, EMPTY_FEATURES = 14, 5
+
+
+class Touches(NamedTuple):
+    """The touches of one sample, in the world frame, metres.
+
+    Attributes:
+        points: (n, 3) vertices of the successful touches' charts; n is 0 without any.
+        normals: (n, 3) unit normals of the charts there, out of the object.
+        tree: the points' k-d tree, on a CPU, if there are any; else None.
+        position, rotation: (m, 3), (m, 3, 3) of the sensors without success, which have nothing in their reach.
+    """
+
+    points: Tensor
+    normals: Tensor
+    tree: cKDTree | None
+    position: Tensor
+    rotation: Tensor
+
+
+def chart_normals(charts: Tensor) -> Tensor:
+    """Unit normals (..., 81, 3) of touch charts (..., 81, 3), towards the sensor: by central differences.
+
+    A place where the chart is folded to a line has the normal 0.
+    """
+    grid = charts.unflatten(-2, (TOUCH_SIDE, TOUCH_SIDE))
+    down, right = torch.gradient(grid, dim=(-3, -2))
+    return functional.normalize(torch.linalg.cross(down, right), dim=-1).flatten(-3, -2)
+
+
+def touches_of(batch: Mapping[str, Tensor]) -> list[Touches]:
+    """The touches of each sample of a batch, as `Reconstruction` takes it. Charts without success are not read."""
+    touches = []
+    for sample, success in enumerate(batch["success"].bool()):
+        charts = batch["charts"][sample][success]
+        points = charts.flatten(0, 1)
+        tree = build_tree(points) if len(points) and points.device.type == "cpu" else None
+        poses = batch["position"][sample][~success], batch["rotation"][sample][~success]
+        touches.append(Touches(points, chart_normals(charts).flatten(0, 1), tree, *poses))
+    return touches
+
+
+class TouchPooling(nn.Module):
+    """What the touches near a vertex tell it, times weights that start at zero; as image features are pooled where a
+    vertex is seen.
+
+    Of the nearest touched surface: with o the offset (m) to the nearest vertex of a successful touch chart, r its
+    length, n the chart's unit normal there, w = exp(-r / 0.05) and v = exp(-r / 0.15): o w / 0.05, w, exp(-r / 0.015),
+    (o . n) w / 0.02, n w, o v / 0.15, v, and 1. All are 0 if nothing was touched.
+
+    Of the nearest empty space: a sensor without success has no surface in its reach, a box before it as wide as the
+    sensor and as deep as its range. With d the distance (m) to the nearest such box, e = exp(-d / 0.01), a the sensor's
+    direction, and x the distance (m) from the sensor's plane: e, a e, and x e / 0.025. All are 0 if there is none.
+
+    The search for the nearest has no gradient, the features have.
+    """
+
+    def __init__(self, width: int):
+        super().__init__()
+        self.weight = nn.Parameter(torch.zeros(SURFACE_FEATURES + EMPTY_FEATURES, width))
+
+    def forward(self, touches: Sequence[Touches], positions: Tensor) -> Tensor:
+        """positions (V, B, 3), metres, world -> (V, B, width)."""
+        features = pooled_touches(touches, positions)
+        return features @ self.weight.to(features.dtype)
+
+
+def pooled_touches(touches: Sequence[Touches], positions: Tensor) -> Tensor:
+    """The features (V, B, 19) that `TouchPooling` describes, at positions (V, B, 3)."""
+    pooled = [
+        torch.cat([_surface_features(sample, place), _empty_features(sample, place)], dim=1)
+        for sample, place in zip(touches, positions.unbind(1), strict=True)
+    ]
+    return torch.stack(pooled, dim=1)
+
+
+def _surface_features(touches: Touches, place: Tensor) -> Tensor:
+    """(V, 14) of the nearest touched surface."""
+    if not len(touches.points):
+        return place.new_zeros(len(place), SURFACE_FEATURES)
+    index = nearest(place, touches.points, touches.tree)
+    offset, normal = touches.points[index] - place, touches.normals[index]
+    distance = torch.linalg.vector_norm(offset, dim=1, keepdim=True)
+    nearer, near, far = (torch.exp(-distance / length) for length in (NEARER, NEAR, FAR))
+    across = (offset * normal).sum(dim=1, keepdim=True)
+    of_near = [offset * near / NEAR, near, nearer, across * near / ACROSS, normal * near]
+    return torch.cat([*of_near, offset * far / FAR, far, torch.ones_like(far)], dim=1)
+
+
+def _empty_features(touches: Touches, place: Tensor) -> Tensor:
+    """(V, 5) of the nearest empty space."""
+    if not len(touches.position):
+        return place.new_zeros(len(place), EMPTY_FEATURES)
+    with torch.no_grad():
+        local = torch.einsum("vmk,mkj->vmj", place[:, None] - touches.position, touches.rotation)
+        index = _outside(local).argmin(dim=1)
+    position, rotation = touches.position[index], touches.rotation[index]
+    local = ((place - position)[:, None] @ rotation)[:, 0]
+    empty = torch.exp(-_outside(local)[:, None] / EMPTY)
+    return torch.cat([empty, rotation[..., 0] * empty, local[:, :1] / SENSOR_RANGE * empty], dim=1)
+
+
+def _outside(local: Tensor) -> Tensor:
+    """Distance (...), metres, of points (..., 3) in a sensor's frame to the sensor's reach; 0 within."""
+    half = local.new_tensor([SENSOR_RANGE, SENSOR_WIDTH, SENSOR_WIDTH]) / 2
+    beyond = (local - local.new_tensor([SENSOR_RANGE / 2, 0, 0])).abs() - half
+    return torch.linalg.vector_norm(beyond.clamp(min=0), dim=-1)
+
+
+class TouchAttention(nn.Module):
+    """What each vertex takes from all touches, near or far: attention, whose output's weights start at zero.
+
+    Scaled dot-product attention (Vaswani et al. 2017) with one head: a query from the vertex's position, a key and a
+    value from each touch. A touch is told by its position and its sensor's direction, by whether it succeeded, and by
+    the shape of its chart. The order and the number of the touches do not matter.
+
+    width: of the output. channels: of the touches' features.
+    """
+
+    GRID = slice(0, None, 4)  # Each fourth vertex along a side of a chart: 3 x 3 of them.
+    TOLD = 3 + 3 + 1 + 9 * 3
+
+    def __init__(self, width: int, channels: int = 64):
+        super().__init__()
+        self.touch = nn.Sequential(nn.Linear(self.TOLD, channels), nn.ReLU(), nn.Linear(channels, channels), nn.ReLU())
+        self.key = nn.Linear(channels, channels // 2)
+        self.query = nn.Sequential(nn.Linear(3, channels), nn.ReLU(), nn.Linear(channels, channels // 2))
+        self.weight = nn.Parameter(torch.zeros(channels, width))
+
+    def keys_and_values(
+        self, batch: Mapping[str, Tensor], relative: Callable[[Tensor], Tensor]
+    ) -> tuple[Tensor, Tensor]:
+        """Keys (B, T, channels / 2), and values times the output's weights (B, T, width), of the touches of a batch.
+
+        batch: as `Reconstruction` takes it. relative: from positions (..., 3) to those that the network takes.
+        """
+        success = batch["success"].bool()[..., None]
+        grid = batch["charts"].unflatten(2, (TOUCH_SIDE, TOUCH_SIDE))[:, :, self.GRID, self.GRID].flatten(2, 3)
+        centre = torch.where(success, grid[:, :, 4], batch["position"])
+        shape = torch.where(success[..., None], (grid - centre[:, :, None]) / ACROSS, 0.0).flatten(2)
+        told = torch.cat([relative(centre), batch["rotation"][..., 0], success.to(shape.dtype), shape], dim=2)
+        features = self.touch(told)
+        return self.key(features), features @ self.weight
+
+    def forward(self, keys: Tensor, values: Tensor, relative: Tensor) -> Tensor:
+        """What vertices at relative positions (V, B, 3) take: (V, B, width)."""
+        query = self.query(relative).transpose(0, 1)
+        return functional.scaled_dot_product_attention(query, keys, values).transpose(0, 1)

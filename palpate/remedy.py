@@ -1,0 +1,37 @@
+"""The commands that messages name: with the config of the run that they are about, so that they work as they stand."""
+
+import os
+import re
+import shlex
+from pathlib import Path
+
+RECORD = "config.yaml"  # in a run's folder: the config that it was last started with
+FOLDERS = ("catalogue.csv", "meshes", "models", "evaluations")  # one of them is in a run's folder of old, too
+BRACES = re.compile(r"[\w./-]*\{\d+\.\.\d+\}[\w./-]*")  # as bash counts them up: batch-{0000..0012}
+
+
+def run_folder(path: Path | str) -> Path:
+    """The run's folder that a path is in, or is: the nearest with a config, else the nearest that looks like one's.
+
+    If none does, the folder's folder, which is where stores stand in a run.
+    """
+    path = Path(os.path.abspath(path))
+    places = [path, *path.parents]
+    for marks in ((RECORD,), FOLDERS):
+        for place in places:
+            if any((place / mark).exists() for mark in marks):
+                return place
+    return path.parent if path.name == "catalogue.csv" or len(path.parents) < 2 else path.parents[1]
+
+
+def command(path: Path | str, *targets: str) -> str:
+    """The command that makes a file of a run, or some of the run's targets instead: from the project's root.
+
+    path: the file, or any path in the run if targets are given. Braces in targets are left to the shell.
+    """
+    folder = run_folder(path)
+    asked = targets or (os.path.relpath(os.path.abspath(path), folder),)
+    record = folder / RECORD
+    config = shlex.quote(str(record)) if record.is_file() else f"<the config of the run in {folder}>"
+    words = [each if BRACES.fullmatch(each) else shlex.quote(each) for each in asked]
+    return f"snakemake {' '.join(words)} --cores 2 --configfile {config}"

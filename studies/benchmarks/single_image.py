@@ -1,0 +1,114 @@
+"""Processor time of a training step of every experiment of the single-image table, and the steps for equal time.
+
+    python -m studies.benchmarks.single_image results/<run> [--recipe fast] [--steps 40] [--override YAML]
+    python -m studies.benchmarks.single_image results/<run> --limits     what true cells and true points score
+
+The experiments take turns, a step each, so that other work on the machine slows all alike. `steps_factor` of
+config/recipes.yaml is the last column. The run needs its stores `surface` and `views`.
+"""
+
+import argparse
+import os
+import statistics
+import time
+from pathlib import Path
+
+os.environ.setdefault("OMP_NUM_THREADS", "1")
+
+import torch
+import yaml
+from tabulate import tabulate
+
+from palpate import Dataset, training
+from palpate.charts import sample_faces
+from palpate.evaluation.evaluate import POINTS
+from palpate.evaluation.metrics import pixel2mesh_chamfer, score, seeded
+from palpate.models.single_image import grid_surface, occupied
+from palpate.training import inputs, recipes
+from palpate.training.data import TrainingData
+from palpate.training.samples import training_samples
+
+PROJECT = Path(__file__).parents[2]
+OURS = "single_image"
+LEVELS, COUNTS = (0.4, 0.5, 0.7, 0.9), (1024, 1481)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("run", type=Path)
+    parser.add_argument("--recipe", default="fast")
+    parser.add_argument("--steps", type=int, default=40, help="the first quarter warms up")
+    parser.add_argument("--override", type=yaml.safe_load, default={}, help="of the recipe, as training.override")
+    parser.add_argument("--limits", action="store_true", help="score the truth as these networks represent it")
+    options = parser.parse_args()
+    torch.set_num_threads(1)
+    if options.limits:
+        points = [item for item in inputs.INPUTS if item.name == "points"]
+        data = TrainingData.read(Dataset(options.run, [points[0].stage]), points, ["validation"])
+        print(tabulate(limits(data), ("truth", "Chamfer distance", "F1 at tau", "F1 at 2 tau"), "github"))
+        return
+    declared = yaml.safe_load((PROJECT / "config/experiments.yaml").read_text())
+    experiments = {name: declared["experiments"][name] for name in declared["tables"]["single_image"]["experiments"]}
+    schema = PROJECT / "workflow/schemas/recipes.schema.yaml"
+    recipe = recipes.resolve(PROJECT / "config/recipes.yaml", options.recipe, options.override, schema)
+    data = TrainingData.load(options.run, experiments[OURS], ("train", "validation"))
+    trainings = {name: Training(data, experiment, recipe) for name, experiment in experiments.items()}
+    # An object's tree, normals and cells are made once, in its first step: here before all.
+    truth = trainings[OURS].learner.truth
+    for derive in (truth.trees, truth.normals, truth.occupied):
+        derive(data.of_split("train"))
+    for each in trainings.values():
+        each.learner.truth = truth
+    seconds = {name: [] for name in trainings}
+    for number in range(options.steps):
+        for name, each in trainings.items():
+            seconds[name].append(each.step(number))
+    middle = {name: statistics.median(times[len(times) // 4 :]) for name, times in seconds.items()}
+    rows = []
+    for name, each in trainings.items():
+        parameters = sum(weights.numel() for weights in each.learner.model.parameters())
+        rows.append((name, f"{parameters:,}", f"{1e3 * middle[name]:.0f}", f"{middle[OURS] / middle[name]:.2f}"))
+    print(tabulate(rows, ("experiment", "parameters", "ms a step", "steps for equal time"), "github"))
+
+
+def limits(data: TrainingData) -> list[tuple]:
+    """Scores of true cells and of some of the true points, by the table's protocol, averaged over the objects."""
+    scores: dict[str, list[tuple]] = {}
+    for points in torch.from_numpy(data["points"]):
+        cells, order = occupied(points).numpy(), torch.randperm(len(points), generator=seeded(0, "limits"))
+        for level in LEVELS:
+            vertices, faces = map(torch.from_numpy, grid_surface(cells, level))
+            sampled = sample_faces(vertices[None], faces, POINTS, seeded(0, "limits"))[0]
+            scores.setdefault(f"cells, level {level}", []).append(score(sampled, points))
+        some, others = points[order[: len(order) // 2]], points[order[len(order) // 2 :]]
+        for count in COUNTS:
+            scores.setdefault(f"{count} points, against {len(others)} others", []).append(score(some[:count], others))
+    means = {name: torch.tensor(found, dtype=torch.float64).mean(dim=0).tolist() for name, found in scores.items()}
+    return [
+        (name, f"{pixel2mesh_chamfer(one):.3f}", f"{f1:.1f}", f"{two:.1f}") for name, (one, f1, two) in means.items()
+    ]
+
+
+class Training:
+    """An experiment's training, a step at a time: without Lightning, whose share is the same for all."""
+
+    def __init__(self, data: TrainingData, experiment: dict, recipe: dict):
+        self.data, self.experiment = data, experiment
+        self.learner = training.ReconstructionLearner(data, experiment, recipes.settings(recipe, experiment), 0)
+        self.learner.on_fit_start()
+        self.optimiser = self.learner.configure_optimizers()["optimizer"]
+
+    def step(self, number: int) -> float:
+        """Make the training step of a number; returns the seconds of processor time that it took."""
+        learner, start = self.learner, time.process_time()
+        self.optimiser.zero_grad()
+        samples = training_samples(self.data, self.experiment, learner.settings["batch"], 0, number)
+        learner.losses(samples, torch.Generator().manual_seed(number), learner.model).mean().backward()
+        if learner.settings["clip"]:
+            torch.nn.utils.clip_grad_norm_(learner.model.parameters(), learner.settings["clip"])
+        self.optimiser.step()
+        return time.process_time() - start
+
+
+if __name__ == "__main__":
+    main()

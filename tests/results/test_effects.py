@@ -1,0 +1,107 @@
+import numpy as np
+import pandas as pd
+import pytest
+from scipy import stats
+
+from palpate.evaluation.rows import COLUMNS
+from palpate.results.effects import touch_effect
+from palpate.results.published import effects, paper_values
+from tests.evaluation import synthetic
+
+MEANS = synthetic.published_means()
+GRAPH = {f"graph_{rest}": MEANS[f"charts_{rest}"] + 0.05 for rest in ("occluded_touch", "unoccluded_touch", "touch")}
+
+
+def measured(means=MEANS, **kwargs) -> pd.DataFrame:
+    return touch_effect(synthetic.evaluations(means, **kwargs), resamples=200)
+
+
+def row(table: pd.DataFrame, effect: str, split: str) -> pd.Series:
+    found = table[(table["effect"] == effect) & (table["split"] == split)]
+    assert len(found) == 1, effect
+    return found.iloc[0]
+
+
+def test_a_difference_is_that_of_the_class_averages():
+    frame = synthetic.evaluations(MEANS, each=3, seeds=(0, 1, 2), seed_spread=0.02)
+    table = touch_effect(frame, resamples=200)
+    for one in table.to_dict("records"):
+        of_split = frame[frame["split"] == one["split"]]
+        averages = [
+            of_split[of_split["experiment"] == name].groupby(["class", "object"])["chamfer"].mean().groupby("class").mean()
+            for name in (one["experiment"], one["compared_with"])
+        ]
+        mine, other = (average.mean() for average in averages)
+        assert one["difference"] == pytest.approx(mine - other)
+        assert one["percent"] == pytest.approx(100 * (mine / other - 1))
+        assert one["difference_low"] < one["difference"] < one["difference_high"]
+        assert (one["objects"], one["seeds"]) == (12, 3)
+
+
+def test_both_splits_stand_below_each_other_with_the_papers_percent():
+    table = measured(each=3)
+    assert table["split"].tolist() == ["validation", "test"] * (len(table) // 2)
+    assert table["effect"].tolist()[::2] == table["effect"].tolist()[1::2]
+    # Typed from the paper's tables.
+    for effect, split, percent in (
+        ("Touch beside occluded vision", "test", 100 * (0.991 / 1.074 - 1)),
+        ("Touch beside unoccluded vision", "test", 100 * (0.804 / 0.861 - 1)),
+        ("Five grasps beside unoccluded vision", "test", 100 * (0.654 / 0.861 - 1)),
+        ("Five grasps against one (touch alone)", "test", 100 * (1.237 / 3.050 - 1)),
+    ):
+        assert row(table, effect, split)["percent_paper"] == pytest.approx(percent)
+    assert np.isnan(row(table, "Five grasps beside unoccluded vision", "validation")["percent_paper"])
+    selection = paper_values("model_selection")
+    average = selection[selection["class"] == "average"].set_index("experiment")["value"]
+    copying = 100 * (average["charts_occluded_touch"] / average["no_copy_occluded_touch"] - 1)
+    assert row(table, "Copying (occluded vision)", "validation")["percent_paper"] == pytest.approx(copying)
+
+
+def test_the_interval_pairs_seeds_and_objects():
+    """Base models 0.5 apart between seeds, continued with and without touch: Student's interval of the seeds'
+    differences, and a finding; without pairing nothing could be said."""
+    rng = np.random.default_rng(0)
+    rows, differences = [], (-0.08, -0.10, -0.11)
+    for split in ("validation", "test"):
+        for seed, difference in enumerate(differences):
+            base = 1 + rng.normal(0, 0.5)
+            for name, kind in synthetic.objects(4):
+                for experiment, shift in (("charts_occluded", 0), ("charts_occluded_touch", difference)):
+                    rows.append((experiment, seed, name, kind, split, 0, base + shift, *[1.0] * 6, 0.1, 700))
+    table = touch_effect(pd.DataFrame(rows, columns=COLUMNS), resamples=20_000)
+    found = row(table, "Touch beside occluded vision", "test")
+    low, high = stats.t.interval(0.95, 2, np.mean(differences), stats.sem(differences))
+    assert [found["difference_low"], found["difference_high"]] == pytest.approx([low, high], abs=0.002)
+    assert found["between_seeds"] == pytest.approx(0.02) and found["verdict"] == "better"
+    assert len(table) == 2  # what was not measured has no row
+
+
+def test_verdicts_are_of_findings():
+    means = dict.fromkeys(MEANS, 1.0) | {"charts_occluded_touch": 0.9, "charts_unoccluded_touch": 1.1}
+    seeds = (0, 1, 2)
+    table = measured(means, each=4, seeds=seeds, spread=0.01)
+    assert row(table, "Touch beside occluded vision", "test")["verdict"] == "better"
+    assert row(table, "Touch beside unoccluded vision", "test")["verdict"] == "worse"
+    apart = measured(means, each=4, seeds=seeds, spread=0.01, seed_spread=0.3)
+    assert row(apart, "Touch beside occluded vision", "test")["verdict"] == "undecided"
+    assert row(apart, "Touch beside unoccluded vision", "test")["verdict"] == "undecided"
+    one = measured(means, each=4, spread=0.01)
+    assert row(one, "Touch beside occluded vision", "test")["verdict"] == "better (one seed)"
+    assert "objects only" in one.attrs["note"] and "objects only" not in table.attrs["note"]
+
+
+def test_the_papers_graph_has_rows_of_its_own():
+    table = measured(MEANS | GRAPH, each=3)
+    graph = row(table, "Touch beside occluded vision (paper's graph, equation 1)", "test")
+    assert graph["percent_paper"] == pytest.approx(100 * (0.991 / 1.074 - 1))
+    assert graph["experiment"] == "graph_occluded_touch" and graph["compared_with"] == "charts_occluded"
+    pooled = row(table, "Touch pooled, against the paper's graph (touch alone)", "validation")
+    assert pooled["difference"] == pytest.approx(-0.05, abs=0.02) and np.isnan(pooled["percent_paper"])
+
+
+def test_effects_take_only_what_is_defined():
+    assert effects(["charts_occluded", "sphere_occluded"]) == []
+    (only,) = effects(["charts_occluded", "charts_occluded_touch", "charts_touch"])
+    assert only["effect"] == "Touch beside occluded vision"
+    named = {entry[key] for entry in effects(MEANS | GRAPH) for key in ("experiment", "compared_with")}
+    assert named - set(GRAPH) <= set(MEANS) and len(effects(iter(MEANS | GRAPH))) == len(paper_values("effects"))

@@ -1,0 +1,131 @@
+"""What a run prints: progress with an estimate, failures in a line, unknown targets, and the end."""
+
+import io
+import logging
+
+import pytest
+
+from palpate.terminal import Errors, Estimate, Failure, Progress, duration, end_lines, last_line, unknown_target
+
+
+class Clock:
+    time = 0.0
+
+    def __call__(self):
+        return self.time
+
+
+def record(event=None, level=logging.INFO, msg="", **fields):
+    return logging.makeLogRecord({"levelno": level, "msg": msg, "event": event, **fields})
+
+
+@pytest.mark.parametrize("side_by_side", [1, 2, 4])
+def test_with_jobs_that_take_what_their_rule_takes_the_estimate_is_the_time_left(side_by_side):
+    """40 jobs of two rules, in turn, on some cores: after each round of jobs, what is left by simple counting."""
+    clock = Clock()
+    estimate = Estimate({"short": 20, "long": 20}, clock)
+    assert estimate.seconds() is None
+    for number in range(0, 40, side_by_side):
+        rule = "short" if number // side_by_side % 2 == 0 else "long"
+        for job in range(number, number + side_by_side):
+            estimate.begin(job, rule)
+        clock.time += 3 if rule == "short" else 11
+        for job in range(number, number + side_by_side):
+            estimate.end(job)
+        done = number // side_by_side + 1
+        if done >= 2:
+            shorts, longs = 20 // side_by_side - (done + 1) // 2, 20 // side_by_side - done // 2
+            assert estimate.seconds() == pytest.approx(3 * shorts + 11 * longs)
+
+
+def test_the_estimate_counts_what_a_running_job_has_done_and_no_failed_job():
+    clock = Clock()
+    estimate = Estimate({"a": 4}, clock)
+    estimate.begin(0, "a")
+    clock.time = 10
+    estimate.end(0)
+    estimate.begin(1, "a")
+    clock.time = 14
+    assert estimate.seconds() == pytest.approx(26)  # 6 of this one, two more
+    estimate.end(1, done=False)
+    assert estimate.seconds() == pytest.approx(20 * 14 / 14, rel=0.5) and estimate.took == {"a": [10]}
+
+
+@pytest.mark.parametrize(("seconds", "said"), [(12.4, "12 s"), (185, "3 min 5 s"), (4800, "1 h 20 min")])
+def test_durations_are_as_one_reads_them(seconds, said):
+    assert duration(seconds) == said
+
+
+def test_progress_is_one_line_and_a_failure_is_one_line(tmp_path):
+    clock, stream = Clock(), io.StringIO()
+    progress = Progress({"meshes": 3}, stream, clock)
+    log = tmp_path / "meshes.log"
+    log.write_text("Traceback\n  ...\nx.zarr: the disk is full: free some space\n\n")
+    pages = [
+        record("job_info", jobid=1, rule_name="meshes", output=["meshes/batch-0000"], log=[str(log)]),
+        record("job_info", jobid=2, rule_name="meshes", output=["meshes/batch-0001"], log=[str(log)]),
+        record("job_finished", job_id=1),
+        record("progress", done=1, total=3),
+        record("error", logging.ERROR, "RuleException: exit status 1", exception="RuleException"),
+        record("job_error", logging.ERROR, jobid=2, rule_name="meshes", output=["meshes/batch-0001"], log=[str(log)]),
+        record(None, logging.INFO, "Select jobs to execute..."),
+    ]
+    for page in pages:
+        clock.time += 10
+        assert not progress.filter(page)
+    assert progress.filter(record(None, logging.WARNING, "something else"))
+    assert progress.line() == "1 of 3 jobs done, 1 failed, 1 min 10 s so far, about 20 s left"
+    assert stream.getvalue() == (
+        f"failed: meshes meshes/batch-0001: x.zarr: the disk is full: free some space (log: {log})\n"
+    )
+    progress.stop()
+    assert progress.filter(record(None, logging.INFO, "the end"))
+
+
+def test_a_job_that_the_system_killed_is_said_to_be(tmp_path):
+    progress = Progress({"grasps": 1}, io.StringIO(), Clock())
+    progress.filter(record("job_info", jobid=1, rule_name="grasps", output=["g.h5"], log=[]))
+    progress.filter(record("error", logging.ERROR, "died with <Signals.SIGKILL: 9>.", exception="RuleException"))
+    progress.filter(record("job_error", logging.ERROR, jobid=1, rule_name="grasps", output=["g.h5"], log=[]))
+    assert "memory is short" in progress.failures[0].said
+
+
+@pytest.mark.parametrize(
+    ("kind", "text", "said"),
+    [
+        ("MissingRuleException", "\nNo rule to produce a/b.csv (if you use input functions", "<a/b.csv>"),
+        (
+            "MissingInputException",
+            "in rule results/x/t.csv in file ...:\nMissing input files for rule results/x/t.csv:\n"
+            "    affected files:\n        t.csv",
+            "<t.csv>",
+        ),
+        ("OSError", "Traceback\n\nOSError: [Errno 28] No space left on device: 'x'\n\n", "OSError: [Errno 28]"),
+        ("WorkflowError", "as it is", "as it is"),
+    ],
+)  # fmt: skip
+def test_errors_are_plain(kind, text, said):
+    held = record("error", logging.ERROR, text, exception=kind)
+    assert Errors(lambda path: f"<{path}>").filter(held)
+    assert held.msg.startswith(said) and (said == "as it is" or "\n" not in held.msg)
+
+
+def test_an_unknown_target_without_a_near_one_gets_the_notes_alone():
+    assert unknown_target("zzzz", ["dataset", "all"], ["by name: all"]) == "no target zzzz\n  by name: all"
+
+
+def test_the_last_line_of_a_log(tmp_path):
+    (tmp_path / "log").write_bytes(b"one\n\xff two \n\n")
+    assert last_line(tmp_path / "log").endswith("two") and last_line(tmp_path / "none") == ""
+
+
+def test_the_end_names_objects_failures_places_and_time(tmp_path):
+    (tmp_path / "tables").mkdir()
+    failure = Failure("meshes", "meshes/batch-0000", "/l/x.log", "ValueError: no")
+    lines = end_lines(tmp_path, ["objects: 3"], [failure], 7, 61)
+    assert lines == [
+        "objects: 3",
+        "failed: meshes meshes/batch-0000: ValueError: no (log: /l/x.log)",
+        f"{tmp_path}: tables",
+        "7 jobs done, 1 failed, in 1 min 1 s",
+    ]

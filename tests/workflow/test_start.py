@@ -1,0 +1,96 @@
+"""What is said at the start, before anything runs: splits, targets, seeds, folders, and configs, each in one line."""
+
+import os
+import re
+
+import pytest
+import yaml
+
+from tests.workflow.conftest import PROJECT
+
+PROCEDURAL = {"kind": "procedural", "path": None}
+FEW = [{"class": "bottle", "objects": 3}]
+
+
+def lines(result) -> list[str]:
+    """What a dry run prints from the building of the graph of jobs on."""
+    return result.stdout.rpartition("Building DAG of jobs...")[2].strip().splitlines()
+
+
+def test_too_few_objects_for_a_split_is_said_at_the_start_with_the_way_to_set_it(make_workflow):
+    workflow = make_workflow(source=PROCEDURAL, classes=FEW)
+    for target in ("models/charts_occluded/seed-0/best.ckpt", "models/touch_depth/best.ckpt", "tables/grasps.csv"):
+        (line,) = lines(workflow.plan(target, "--dry-run"))
+        assert "no object of this run is in the validation split" in line and "needs (train 2, validation 0" in line
+    split = yaml.safe_load(re.search(r"`(split: \{.*?\})` in the config", line)[1])
+    assert workflow.changed(**split).planned("tables/grasps.csv") >= {"reconstruction", "evaluate", "table"}
+    assert "vision" in workflow.planned("dataset")  # which needs no split
+
+
+@pytest.mark.parametrize(
+    ("config", "said"),
+    [
+        ({"results": "/proc/nowhere"}, "/proc/nowhere/run: No such file or directory: set `results` in the config"),
+        ({"vision": {"samples": 10**8}}, "  vision.samples: 100000000 is greater than the maximum of 65536"),
+        ({"grasps": {"hand": {"mjcf": "no.xml", "sensors": "no.yaml"}}}, "no.xml: no such file"),
+        ({"tuning": {"grid": "vast"}}, "vast"),
+    ],
+    ids=["results", "samples", "hand", "grid"],
+)
+def test_errors_of_the_config_come_without_snakemakes_frame(make_workflow, config, said):
+    result = make_workflow(**config).plan("dataset")
+    assert result.returncode != 0 and said in result.stderr
+    for frame in ("WorkflowError", "configuration.smk", "Traceback", ", line "):
+        assert frame not in result.stderr, result.stderr
+
+
+def test_too_few_grasps_are_said_without_snakemakes_frame(make_workflow):
+    workflow = make_workflow(grasps={"per_object": 2, "attempts": 2}, split={"train": 1, "validation": 1, "test": 1})
+    (line,) = lines(workflow.plan("models/charts_touch_5/seed-0/best.ckpt", "--dry-run"))
+    assert line.startswith("experiment charts_touch_5 takes 5 grasps")
+
+
+@pytest.fixture(scope="module")
+def smoke(make_workflow):
+    config = yaml.safe_load((PROJECT / "config/smoke.yaml").read_text())
+    return make_workflow(**config | {"source": PROCEDURAL, "run": "run"})
+
+
+@pytest.mark.parametrize(
+    ("target", "said"),
+    [
+        ("tables/graps.csv", "did you mean tables/grasps.csv"),
+        ("datset", "did you mean dataset"),
+        ("models/charts_tuch/seed-0/best.ckpt", "did you mean models/charts_touch/seed-0/best.ckpt"),
+        ("models/charts_touch/seed-7/best.ckpt", "the config has no seed 7: add it to training.seeds"),
+        ("evaluations/charts_touch/seed-7.csv", "the config has no seed 7: add it to training.seeds"),
+        ("figures/example_knife.png", "did you mean figures/examples_knife.png"),
+    ],
+)
+def test_an_unknown_target_is_named_with_the_nearest_and_with_those_there_are(smoke, target, said):
+    result = smoke.plan(target, "--dry-run")
+    found = lines(result)
+    assert result.returncode != 0 and found[0].startswith(f"no target {target}")
+    assert any(said in line for line in found)
+    listed = "\n".join(found[1:])
+    for known in ("all, catalogue, dataset", "dataset_statistics", "examples_knife", "charts_touch", "batch-0000"):
+        assert known in listed
+    assert "Exception" not in result.stdout
+
+
+def test_a_batch_that_there_is_not_is_one_line(smoke):
+    assert lines(smoke.plan("meshes/batch-0099", "--dry-run")) == [
+        "the run has no batch-0099; its batches are batch-0000 to batch-0000"
+    ]
+
+
+@pytest.mark.parametrize("place", [str, os.path.relpath], ids=["absolute", "relative"])
+def test_a_path_from_the_root_is_the_runs(smoke, place, monkeypatch):
+    target = place(smoke.run / "surface/batch-0000.zarr")
+    monkeypatch.chdir(PROJECT)
+    monkeypatch.setattr("sys.argv", ["snakemake", target])
+    assert smoke.planned(target) == {target, "shapes", "meshes", "surface"}
+    wrong = place(smoke.run / "tables/graps.csv")
+    monkeypatch.setattr("sys.argv", ["snakemake", wrong])
+    found = lines(smoke.plan(wrong, "--dry-run"))
+    assert found[0].startswith("no target tables/graps.csv; did you mean tables/grasps.csv")
