@@ -6,8 +6,8 @@
 
 Each variant of `VARIANTS` (default: all), or one given as YAML, changes some keys of the recipe. Its steps are timed
 first. Then it trains for as many steps as fit in the seconds of processor time on one core, or for --steps; the
-schedule ends with the last. The run's stores must exist (python -m palpate.training.inputs lists them). With --base each
-seed goes on from that model of its seed, with the recipe's settings of a continuation.
+schedule ends with the last. The run's stores must exist (python -m palpate.training.inputs lists them). With --base
+each seed goes on from that model of its seed, with the recipe's settings of a continuation.
 
 With few objects the validation loss is inaccurate: --validate-on uses the validation objects of a larger run (of the
 same config but for its size). Losses are on 2,500 points and --windows windows of each object; the table has the best
@@ -50,9 +50,9 @@ large encoder:
   architecture: {encoder: {channels: [16, 32, 64, 128, 256], layers: [1, 2, 2, 3, 3], pool: [5, 8, 11]}}
 batch norm, batch 2: {batch: 2, architecture: {encoder: {norm: batch}}}
 batch norm, batch 2, rate 6e-3: {batch: 2, rate: 6.0e-3, architecture: {encoder: {norm: batch}}}
-symmetric: {architecture: {gcn: {normalisation: symmetric}}}
-mean: {architecture: {gcn: {normalisation: mean}}}
-symmetric, free: {architecture: {unsuccessful: free, gcn: {normalisation: symmetric}}}
+graph: {architecture: {touch: graph}}
+graph, mean: {architecture: {touch: graph, gcn: {normalisation: mean}}}
+graph, free: {architecture: {touch: graph, unsuccessful: free}}
 batch 2: {batch: 2}
 batch 4: {batch: 4}
 1000 points: {loss_points: 1000}

@@ -147,7 +147,7 @@ def test_touch_reaches_every_chart_only_where_charts_communicate():
 def test_bad_input():
     with pytest.raises(ValueError, match="must be charts, no_comm or sphere"):
         Graph(4, "cube")
-    with pytest.raises(ValueError, match="symmetric, mean or separate"):
+    with pytest.raises(ValueError, match="symmetric or mean"):
         Graph(4, normalisation="none")
     with pytest.raises(ValueError, match="0 or more"):
         Graph(-1)
