@@ -9,6 +9,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from palpate.checksums import sidecar, write_sidecar
+
 # `.partial-<machine>~<process>~<random>-<name>`, and the same with `replaced`: no two writers share one.
 TEMPORARY = re.compile(r"\.(?:partial|replaced)-(?P<machine>[^~]*)~(?P<process>\d+)~[0-9a-f]+-(?P<name>.+)")
 # What versions before these names wrote.
@@ -16,11 +18,12 @@ FORMER = re.compile(r"\.(?:partial|replaced)-.+")
 
 
 @contextmanager
-def atomic_write(path: Path | str) -> Iterator[Path]:
+def atomic_write(path: Path | str, checksum: bool = False) -> Iterator[Path]:
     """A temporary path beside `path` for a file or a folder, renamed to `path` when the block succeeds.
 
     The temporary name is this writer's own, and keeps the suffix, because many writers go by it. Whatever stood
     at `path` is replaced. What killed processes of this machine left of the same path is removed first.
+    checksum: keep the file's checksum beside it, which `palpate.checksums.read_text` reads it by.
     If the block raises, `path` is as it was before. Raises FileNotFoundError if the block wrote nothing.
     """
     path = Path(path)
@@ -38,7 +41,10 @@ def atomic_write(path: Path | str) -> Iterator[Path]:
             raise FileNotFoundError(f"{path}: nothing was written to its temporary path {partial}")
         if os.path.lexists(path) and (path.is_dir() or partial.is_dir()):  # renaming replaces files only
             os.replace(path, replaced)
+        sidecar(path).unlink(missing_ok=True)  # first: a file is never beside the checksum of another
         os.replace(partial, path)
+        if checksum:
+            write_sidecar(path)
     finally:
         remove(partial)
         remove(replaced)

@@ -14,6 +14,8 @@ import numpy as np
 from tqdm import tqdm
 
 from palpate import lock
+from palpate.checksums import DamagedFile, read_rows
+from palpate.remedy import command
 
 log = logging.getLogger(__name__)
 
@@ -85,8 +87,8 @@ def each_object(
 
     Returns the results by object, in order, and the rejections. `UnusableObject` gives its message as the reason;
     any other exception is an error of ours or of an engine: its traceback goes to the log as well. Raises
-    OSError and MemoryError as they come: a full disk says nothing about the object, which is tried again
-    when the stage is.
+    OSError, MemoryError and `palpate.checksums.DamagedFile` as they come: a full disk, or a file that was damaged, says
+    nothing about the object, which is tried again when the stage is.
     """
     objects = list(objects)
     results, rejections = {}, []
@@ -98,7 +100,7 @@ def each_object(
         except UnusableObject as error:
             rejections.append(Rejection(name, stage, str(error)))
             log.warning("%s %d/%d: %s rejected: %s", stage, position, len(objects), name, error)
-        except (OSError, MemoryError):
+        except (OSError, MemoryError, DamagedFile):
             log.error("%s %d/%d: %s was not finished", stage, position, len(objects), name)
             raise
         except Exception as error:
@@ -108,17 +110,20 @@ def each_object(
 
 
 def read_rejections(paths: Iterable[Path | str]) -> list[Rejection]:
-    """The rejections in files that `write_rejections` wrote, in their order."""
+    """The rejections in files that `write_rejections` wrote, in their order.
+
+    Raises `palpate.checksums.DamagedFile`, naming the file and the remedy, if one is missing or not as it was written.
+    """
     rejections = []
-    for path in paths:
-        with open(path, newline="") as file:
-            rejections += [Rejection(**row) for row in csv.DictReader(file)]
+    for path in map(Path, paths):
+        rows = read_rows(path, Rejection._fields, f"remove it and build it with: {command(path)}")
+        rejections += [Rejection(*(row[field] for field in Rejection._fields)) for row in rows]
     return rejections
 
 
 def write_rejections(path: Path | str, rejections: Iterable[Rejection]) -> None:
     """Write the columns object, stage, reason; the header is there even if nothing was rejected."""
-    with open(path, "w", newline="") as file:
+    with open(path, "w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
         writer.writerow(Rejection._fields)
         writer.writerows(rejections)

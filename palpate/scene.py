@@ -12,7 +12,7 @@ import numpy as np
 
 from palpate.camera import Camera, paper_camera
 from palpate.hand.hand import SENSORS, Hand
-from palpate.mesh import OBJECT_POSITION
+from palpate.mesh import OBJECT_POSITION, mesh_file
 
 # What a scene takes from a store of grasps, by the names there.
 GRASP_ARRAYS = ("link_pose", "sensor_position", "sensor_rotation")
@@ -81,5 +81,5 @@ class Scene:
 
     @property
     def visual_file(self) -> Path:
-        """The object's geometry and materials, in its own frame."""
-        return self.object_folder / "visual.glb"
+        """The object's geometry and materials, in its own frame; raises as `palpate.mesh.mesh_file` does."""
+        return mesh_file(self.object_folder, "visual.glb")

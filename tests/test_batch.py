@@ -18,6 +18,7 @@ from palpate.batch import (
     read_rejections,
     write_rejections,
 )
+from palpate.checksums import DamagedFile
 
 
 @given(st.integers(0, 2**32), st.lists(st.text(max_size=5), min_size=1, max_size=3))
@@ -46,7 +47,7 @@ def test_one_object_that_fails_does_not_cost_the_batch(caplog):
     assert "halving 4/4: longer" in caplog.text
 
 
-@pytest.mark.parametrize("error", [OSError(28, "No space left on device"), MemoryError()])
+@pytest.mark.parametrize("error", [OSError(28, "No space left on device"), MemoryError(), DamagedFile("cut off")])
 def test_what_the_machine_lacks_is_no_fault_of_the_object(error, caplog):
     def stop(name: str) -> None:
         raise error

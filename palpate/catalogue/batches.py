@@ -14,6 +14,7 @@ from pathlib import Path
 
 from palpate.atomic import atomic_write
 from palpate.catalogue.sources import CatalogueError, SourceObject
+from palpate.checksums import DamagedFile, read_record
 
 PLACES = "batches.json"
 
@@ -62,9 +63,11 @@ def read_places(folder: Path | str, batch_size: int) -> dict[str, str]:
     if not path.exists():
         return _of_catalogue(Path(folder, "catalogue.csv"), batch_size)
     try:
-        held = json.loads(path.read_text(encoding="utf-8"))
+        held = read_record(path, "remove it, and catalogue.csv says the batches")
         places = {str(name): batch_name(batch_number(batch)) for name, batch in held["objects"].items()}
         return places if held["batch_size"] == batch_size else {}
+    except DamagedFile as error:
+        raise CatalogueError(str(error)) from None
     except (ValueError, KeyError, TypeError, AttributeError) as error:
         raise CatalogueError(
             f"{path} is damaged ({type(error).__name__}): remove it, and catalogue.csv says the batches"
@@ -87,5 +90,5 @@ def write_places(folder: Path | str, batch_size: int, places: Mapping[str, str])
     path = Path(folder, PLACES)
     text = json.dumps({"batch_size": batch_size, "objects": dict(places)}, indent=0) + "\n"
     if not path.exists() or path.read_text(encoding="utf-8", errors="replace") != text:
-        with atomic_write(path) as partial:
+        with atomic_write(path, checksum=True) as partial:
             partial.write_text(text, encoding="utf-8")

@@ -1,6 +1,5 @@
 """The catalogue: one row an object, with its split, its batch and the checksum of what it is made from."""
 
-import csv
 import hashlib
 import io
 import json
@@ -15,6 +14,7 @@ from urllib.parse import unquote
 from palpate.catalogue.batches import assign_batches, in_order
 from palpate.catalogue.sources import CatalogueError, Count, SourceObject, given_splits, scan
 from palpate.catalogue.split import PAPER_SPLIT, SPLITS, assign_split, suggest_split
+from palpate.checksums import DamagedFile, read_rows
 from palpate.released import layout
 from palpate.remedy import command
 
@@ -40,18 +40,17 @@ class CatalogueEntry(NamedTuple):
 def read_catalogue(path: Path | str) -> list[CatalogueEntry]:
     """The rows of a `catalogue.csv`, or of one batch's, in their order.
 
-    Raises CatalogueError, naming the file and the remedy, if it is missing, has no rows, or lacks a value of object,
-    class, split or batch.
+    Raises CatalogueError, naming the file and the remedy, if it is missing, no text, not as it was written, has no
+    rows, or lacks a value of object, class, split or batch.
     """
     if not Path(path).is_file():
         raise CatalogueError(f"{path} does not exist; name a run's folder, or build it with: {command(path)}")
     again = f"remove it and build it with: {command(path)}"
-    with open(path, newline="", encoding="utf-8") as file:
-        reader = csv.DictReader(file)
-        for column in COLUMNS[:4]:
-            if column not in (reader.fieldnames or ()):
-                raise CatalogueError(f"{path} has no column {column!r}; {again}")
-        entries = [CatalogueEntry(*(row.get(column) or "" for column in COLUMNS)) for row in reader]
+    try:
+        rows = read_rows(path, COLUMNS[:4], again)
+    except DamagedFile as error:
+        raise CatalogueError(str(error)) from None
+    entries = [CatalogueEntry(*(row.get(column, "") for column in COLUMNS)) for row in rows]
     if not entries:
         raise CatalogueError(f"{path} lists no object; {again}")
     for number, entry in enumerate(entries, start=2):

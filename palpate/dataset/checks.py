@@ -16,7 +16,7 @@ import numpy as np
 import trimesh
 
 from palpate.hand import MAX_PENETRATION, Hand
-from palpate.mesh import DIAGONAL, OBJECT_POSITION, load_visual
+from palpate.mesh import DIAGONAL, OBJECT_POSITION, load_visual, mesh_file
 from palpate.surface.embree import RayMesh
 from palpate.touch import SENSOR_RANGE, RayCaster, local_points, shade
 from palpate.vision import paper_camera
@@ -44,6 +44,7 @@ class Check(NamedTuple):
 
 CHECKS = {
     # Of every store.
+    "files": Check(0, "1 if a file is missing, or not the one that was written (size, checksum)"),
     "readable": Check(0, "stores, arrays or meshes that are missing or can't be read"),
     "arrays": Check(0, "1 if an array's name, shape or type is not the contract's"),
     "attributes": Check(0, "attributes that are missing: config digest, seed, versions, units, frames"),
@@ -92,6 +93,8 @@ CHECKS = {
         "without the hand or at another depth, or hidden by nothing nearer; of 500 pixels if it has fewer",
     ),
     # Of the whole run.
+    "tables": Check(0, "tables, records and checkpoints that are not as they were written (size, checksum)"),
+    "sources": Check(0, "objects whose source file is missing, or not the one of the catalogue (SHA-256)"),
     "unique": Check(0, "rows of the catalogue whose object it has already"),
     "one split": Check(0, "objects in two splits, or in none of train, validation and test"),
     "batches": Check(0, "batches of the catalogue without a report"),
@@ -118,7 +121,7 @@ class CheckedObject:
     def see_through(self) -> bool:
         """Whether the mesh has transparent materials; False if its record does not state it."""
         try:
-            return json.loads((self.folder / "mesh.json").read_text())["visual.glb"]["see_through"]
+            return json.loads(mesh_file(self.folder, "mesh.json").read_text())["visual.glb"]["see_through"]
         except (OSError, ValueError, LookupError, TypeError):
             return False
 

@@ -1,21 +1,16 @@
 """The files of one run: its catalogue, its rejections, and its stores."""
 
-import csv
 from collections.abc import Iterable
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 
+from palpate.batch import read_rejections
 from palpate.catalogue import CatalogueEntry, read_catalogue
+from palpate.checksums import DamagedFile
 from palpate.remedy import command
 from palpate.store.contract import CONTRACT
 from palpate.store.files import Store, StoreError
-
-
-def read_rows(path: Path) -> list[dict[str, str]]:
-    """Rows of a table with a header."""
-    with path.open(newline="", encoding="utf-8") as file:
-        return list(csv.DictReader(file))
 
 
 class Run:
@@ -45,14 +40,24 @@ class Run:
     def rejections(self, batch: str | None = None, stages: Iterable[str] | None = None) -> list[dict[str, str]]:
         """Rows object, stage, reason, of one batch or of all, at some stages or at any.
 
-        Of `rejected/<stage>/<batch>.csv`, or of `rejected.csv` if no stage has written its own yet.
+        Of `rejected/<stage>/<batch>.csv`, or of `rejected.csv` if no stage has written its own yet. Raises StoreError
+        if one can't be read, or is missing though the batch's store is there.
         """
         found = sorted(path.name for path in self.folder.glob("rejected/*"))
         batches = self.batches if batch is None else [batch]
-        paths = [self.folder / f"rejected/{stage}/{name}.csv" for stage in found for name in batches]
-        paths = [path for path in paths if path.exists()] or [self.folder / "rejected.csv"]
-        rows = [row for path in paths if path.exists() for row in read_rows(path)]
-        return rows if stages is None else [row for row in rows if row["stage"] in set(stages)]
+        paths = {self.folder / f"rejected/{stage}/{name}.csv": (stage, name) for stage in found for name in batches}
+        paths = {path: made for path, made in paths.items() if path.exists() or self._was_made(*made)}
+        whole = self.folder / "rejected.csv"
+        try:
+            rows = read_rejections(paths or ([whole] if whole.exists() else []))
+        except DamagedFile as error:
+            raise StoreError(str(error)) from None
+        return [row._asdict() for row in rows if stages is None or row.stage in set(stages)]
+
+    def _was_made(self, stage: str, batch: str) -> bool:
+        """Whether a stage has finished a batch: its store is written after its rejections."""
+        path = CONTRACT[stage].path(batch) if stage in CONTRACT else f"{stage}/{batch}"
+        return (self.folder / path).exists()
 
     def rejected(self, stages: Iterable[str] | None = None) -> set[str]:
         """Objects rejected so far, at some stages or at any."""

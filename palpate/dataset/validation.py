@@ -10,8 +10,10 @@ from typing import NamedTuple
 import numpy as np
 import pandas as pd
 
+from palpate import checksums
 from palpate.atomic import atomic_write
-from palpate.catalogue import SPLITS, CatalogueEntry, read_catalogue
+from palpate.batch import Rejection, read_rejections
+from palpate.catalogue import SPLITS, CatalogueEntry, CatalogueError, checksum, read_catalogue
 from palpate.dataset.checks import (
     CHECKS,
     MAX_PENETRATION,
@@ -24,8 +26,9 @@ from palpate.dataset.checks import (
     check_touch,
     check_vision,
 )
-from palpate.dataset.run import Run, read_rows
+from palpate.dataset.run import Run
 from palpate.hand import Hand
+from palpate.remedy import command
 from palpate.store.contract import CONTRACT, SENSOR_NAMES
 from palpate.store.files import REQUIRED_ATTRIBUTES, Store, StoreError, check_headers, describe
 from palpate.touch import empty_reading
@@ -203,13 +206,52 @@ class _Batch:
         return ", ".join([f"grasp {grasp}", *(f"sensor {self.sensor_names[i]}" for i in sensor)])
 
 
+def check_files(run: Path | str, batch: str, stages: Sequence[str] = STAGES) -> list[Finding]:
+    """Compare all files of a batch with their checksums: meshes, the stores of `stages`, and what else is there.
+
+    `where` of a finding that passed is the digest of what the files held: as long as it stays, so does everything that
+    was found in their values.
+    """
+    folder, findings = Path(run), []
+
+    def compare(stage: str, digest: Callable[[], str]) -> None:
+        try:
+            value, where = 0, digest()
+        except (StoreError, checksums.DamagedFile, OSError) as error:
+            value, where = 1, str(error)
+        findings.append(Finding("files", stage, batch, "", where, value, CHECKS["files"].limit))
+
+    compare("meshes", lambda: _folder_digest(folder / "meshes" / batch))
+    for stage, spec in CONTRACT.items():
+        path = folder / spec.path(batch)
+        if stage in stages or path.exists():
+            compare(stage, lambda path=path: _verified(path).digest)
+    if (folder / "exr" / batch).exists():
+        compare("exr", lambda: _folder_digest(folder / "exr" / batch))
+    return findings
+
+
+def _verified(path: Path) -> Store:
+    store = Store(path)
+    store.verify()
+    return store
+
+
+def _folder_digest(folder: Path) -> str:
+    """SHA-256 of a folder's manifest, whose files are as it states. Raises DamagedFile otherwise."""
+    remedy = f"remove {folder} and build it again with: {command(folder)}"
+    if found := checksums.damage(folder, checksums.read_manifest(folder, remedy), contents=True):
+        raise checksums.DamagedFile(f"{folder} is damaged: {checksums.listed(found)}; {remedy}")
+    return checksums.measure(folder / checksums.MANIFEST)[1]
+
+
 def validate_batch(
     run: Path | str,
     batch: str,
     max_penetration: float = MAX_PENETRATION,
     stages: Sequence[str] = STAGES,
 ) -> list[Finding]:
-    """Check every array of every store of one batch.
+    """Check every file and every array of every store of one batch.
 
     run: the run's folder. max_penetration: metres, by which the run's grasps were accepted. stages: whose
     stores are checked; one that is missing fails. Needs `catalogue.csv` and the meshes. What is wrong with
@@ -224,12 +266,12 @@ def validate_batch(
     stored = {name for objects in checked.objects.values() for name in objects}
     for name in [name for name in checked.catalogue if name in stored]:
         checked.check_object(name, hand)
-    return checked.findings
+    return [*check_files(run, batch, stages), *checked.findings]
 
 
 def write_findings(path: Path | str, findings: Iterable[Finding]) -> None:
     """Write a batch's findings as a table with the columns of `Finding`."""
-    with atomic_write(path) as partial, partial.open("w", newline="", encoding="utf-8") as file:
+    with atomic_write(path, checksum=True) as partial, partial.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
         writer.writerow(Finding._fields)
         writer.writerows(findings)
@@ -237,21 +279,48 @@ def write_findings(path: Path | str, findings: Iterable[Finding]) -> None:
 
 def read_findings(path: Path | str) -> list[Finding]:
     """The findings that `write_findings` wrote."""
-    return [
-        Finding(**{**row, "value": float(row["value"]), "limit": float(row["limit"])}) for row in read_rows(Path(path))
-    ]
+    remedy = f"remove it and build it with: {command(path)}"
+    rows = checksums.read_rows(path, Finding._fields, remedy)
+    return [Finding(**{**row, "value": float(row["value"]), "limit": float(row["limit"])}) for row in rows]
 
 
-def combine_validation(batches: Iterable[Path | str], catalogue: Path | str, rejected: Path | str) -> pd.DataFrame:
+def check_again(
+    run: Path | str, batches: Iterable[Path | str], max_penetration: float = MAX_PENETRATION
+) -> tuple[list[Finding], int]:
+    """The findings of a run whose batches were validated before, and how many batches had to be validated anew.
+
+    batches: tables of `write_findings`. All files are compared with their checksums. Values are looked at again if the
+    files are intact but not those that the table is about.
+    """
+    findings, anew = [], 0
+    for path in map(Path, batches):
+        before = read_findings(path)
+        now = check_files(run, path.stem)
+        states = {finding.store: finding.where for finding in now if finding.ok}
+        about = {finding.store: finding.where for finding in before if finding.check == "files"}
+        if all(finding.ok for finding in now) and any(states.get(store) != state for store, state in about.items()):
+            findings += validate_batch(run, path.stem, max_penetration)
+            anew += 1
+        else:
+            findings += [*now, *(finding for finding in before if finding.check != "files")]
+    return findings, anew
+
+
+def combine_validation(findings: Sequence[Finding], run: Path | str, sources: Path | str | None = None) -> pd.DataFrame:
     """One row a check, store and batch, after the checks that need the whole run.
 
-    batches: tables of `write_findings`. catalogue, rejected: the run's tables.
+    findings: of all batches. run: its folder, with catalogue and rejections. sources: the folder of the source files,
+    which are compared with the catalogue's checksums if it is given.
     Columns: check, store, batch, objects (how many were checked; 0 for a check of a whole store), worst,
     limit, passed, where (what failed: object, grasp, sensor).
     """
-    findings = [finding for path in batches for finding in read_findings(path)]
+    run = Path(run)
+    catalogue, rejected = read_catalogue(run / "catalogue.csv"), read_rejections([run / "rejected.csv"])
     validated = {finding.batch for finding in findings}
-    findings = [*_check_run(read_catalogue(catalogue), read_rows(Path(rejected)), validated), *findings]
+    of_run = [*_check_run(catalogue, rejected, validated), _check_tables(run)]
+    if sources is not None:
+        of_run.append(_check_sources(catalogue, Path(sources)))
+    findings = [*of_run, *findings]
     groups: dict[tuple[str, str, str], list[Finding]] = {}
     for finding in findings:
         groups.setdefault((finding.check, finding.store, finding.batch), []).append(finding)
@@ -276,23 +345,41 @@ def _where(group: list[Finding]) -> str:
     return "; ".join([*failed[:NAMED], *more])
 
 
-def _check_run(catalogue: list[CatalogueEntry], rejected: list[dict], validated: set[str]) -> Iterator[Finding]:
+def _of_run(check: str, store: str, wrong: Iterable[str]) -> Finding:
+    """The finding of a check that needs the whole run, from the names of what is wrong."""
+    wrong = sorted(wrong)
+    return Finding(check, store, "", "", ", ".join(wrong[:NAMED]), len(wrong), CHECKS[check].limit)
+
+
+def _check_tables(run: Path) -> Finding:
+    """All tables, records and checkpoints that have a checksum beside them."""
+    return _of_run("tables", "run", (path.relative_to(run).as_posix() for path in checksums.changed(run)))
+
+
+def _check_sources(catalogue: list[CatalogueEntry], root: Path) -> Finding:
+    """Source files against the catalogue: Snakemake sees a change by its time only, and clocks can be wrong."""
+
+    def same(entry: CatalogueEntry) -> bool:
+        try:
+            return checksum(root / entry.source) == entry.checksum
+        except (CatalogueError, OSError):
+            return False
+
+    return _of_run("sources", "catalogue", (entry.object for entry in catalogue if not same(entry)))
+
+
+def _check_run(catalogue: list[CatalogueEntry], rejected: list[Rejection], validated: set[str]) -> Iterator[Finding]:
     """Checks that need the whole run."""
-
-    def finding(check: str, store: str, wrong: Iterable[str]) -> Finding:
-        wrong = sorted(wrong)
-        return Finding(check, store, "", "", ", ".join(wrong[:NAMED]), len(wrong), CHECKS[check].limit)
-
     names = [entry.object for entry in catalogue]
     splits: dict[str, set[str]] = {}
     for entry in catalogue:
         splits.setdefault(entry.object, set()).add(entry.split)
-    yield finding("unique", "catalogue", (name for name, count in Counter(names).items() if count > 1))
-    yield finding(
+    yield _of_run("unique", "catalogue", (name for name, count in Counter(names).items() if count > 1))
+    yield _of_run(
         "one split",
         "catalogue",
         (name for name, found in splits.items() if len(found) > 1 or found - set(SPLITS)),
     )
-    yield finding("batches", "catalogue", {entry.batch for entry in catalogue} - validated)
-    unexplained = (row for row in rejected if row["object"] not in splits or not row["reason"].strip())
-    yield finding("rejections", "rejected", (row["object"] for row in unexplained))
+    yield _of_run("batches", "catalogue", {entry.batch for entry in catalogue} - validated)
+    unexplained = (row for row in rejected if row.object not in splits or not row.reason.strip())
+    yield _of_run("rejections", "rejected", (row.object for row in unexplained))

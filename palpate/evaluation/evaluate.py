@@ -1,6 +1,5 @@
 """Errors of trained models on every object of a split, every ring around its touches, and every touch."""
 
-import json
 import logging
 import sys
 import time
@@ -15,7 +14,7 @@ import torch
 from torch import Tensor
 from tqdm import tqdm
 
-from palpate import training
+from palpate import checksums, training
 from palpate.charts import CHAMFER_SCALE, build_tree, chamfer_distance, sample_faces, touch_chart
 from palpate.dataset import Dataset
 from palpate.dataset.reader import GraspRecord, ObjectRecord
@@ -24,6 +23,7 @@ from palpate.evaluation.rings import RINGS, SAMPLES, ring_distances, ring_points
 from palpate.evaluation.rows import COLUMNS, RING_COLUMNS, SPLITS, TOUCH_COLUMNS, EvaluationError
 from palpate.evaluation.surface_quality import surface_quality, topology
 from palpate.models import Reconstruction, SingleImageModel, TouchDepth
+from palpate.remedy import command
 from palpate.training import Assembler, Machine, Sample, TrainingData, windows
 from palpate.training.losses import sheet
 from palpate.training.touches import channels_first, predict_depth
@@ -58,8 +58,18 @@ def load(
 
 
 def training_steps(summary: Path | str) -> int:
-    """Number of training steps of a model, from its `training.json`."""
-    return int(json.loads(Path(summary).read_text())["steps"])
+    """Number of training steps of a model, from its `training.json`.
+
+    Raises EvaluationError, naming the file and the remedy, if it is missing, damaged or does not say.
+    """
+    summary = Path(summary)
+    remedy = f"remove it and train the model again with: {command(summary)}"
+    try:
+        return int(checksums.read_record(summary, remedy)["steps"])
+    except checksums.DamagedFile as error:
+        raise EvaluationError(str(error)) from None
+    except (KeyError, TypeError, ValueError):
+        raise EvaluationError(f"{summary} does not say how many steps were trained; {remedy}") from None
 
 
 def evaluate(

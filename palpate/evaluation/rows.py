@@ -1,10 +1,12 @@
 """The files of evaluations: their columns, and reading them back."""
 
+import io
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 import pandas as pd
 
+from palpate import checksums
 from palpate.remedy import command
 
 SPLITS = ("validation", "test")  # that models are measured on
@@ -24,21 +26,29 @@ class EvaluationError(ValueError):
     """An evaluation is missing or not what it must be; the message names the file or the experiment."""
 
 
+def read_table(path: Path, columns: Sequence[str], remedy: str) -> pd.DataFrame:
+    """The columns of one file; objects and classes stay text. Raises EvaluationError if it is damaged or lacks one."""
+    try:
+        frame = pd.read_csv(io.StringIO(checksums.read_text(path, remedy)), dtype={"object": str, "class": str})
+    except (checksums.DamagedFile, ValueError) as error:  # ValueError: pandas' ParserError
+        message = str(error) if isinstance(error, checksums.DamagedFile) else f"{path} is no table ({error}); {remedy}"
+        raise EvaluationError(message) from None
+    if missing := [name for name in columns if name not in frame.columns]:
+        raise EvaluationError(f"{path} has no columns {missing}; {remedy}")
+    return frame[list(columns)]
+
+
 def read(paths: Iterable[Path | str], columns: Sequence[str] = COLUMNS) -> pd.DataFrame:
     """The rows of evaluation files, one after the other.
 
-    Raises EvaluationError naming the first file that does not exist, lacks a column, or holds an error that
-    is not a number.
+    Raises EvaluationError naming the first file that does not exist, lacks a column, is damaged, or holds an error
+    that is not a number.
     """
     frames = []
     for path in map(Path, paths):
         if not path.exists():
             raise EvaluationError(f"{path} does not exist; build it with: {command(path)}")
-        frame = pd.read_csv(path, dtype={"object": str, "class": str})
-        missing = [name for name in columns if name not in frame.columns]
-        if missing:
-            raise EvaluationError(f"{path} has no columns {missing}; remove it and build it with: {command(path)}")
-        frames.append(frame[list(columns)])
+        frames.append(read_table(path, columns, f"remove it and build it with: {command(path)}"))
     if not frames:
         raise EvaluationError("no evaluations were given")
     return pd.concat(frames, ignore_index=True)

@@ -7,9 +7,11 @@ from typing import Any
 import numpy as np
 import trimesh
 
+from palpate import checksums
 from palpate.batch import UnusableObject
 from palpate.mesh.isolation import isolated
 from palpate.mesh.load import FORMATS
+from palpate.remedy import command
 
 DIAGONAL = 0.5
 OBJECT_POSITION = (0.0, 0.0, 0.6)
@@ -20,7 +22,9 @@ __all__ = [
     "OBJECT_POSITION",
     "load_collision",
     "load_visual",
+    "mesh_file",
     "prepare",
+    "usable",
     "undecimated_levels",
 ]
 
@@ -66,9 +70,43 @@ def undecimated_levels(record: Mapping[str, Any]) -> dict[str, int]:
     return found
 
 
+def mesh_file(folder: Path | str, name: str) -> Path:
+    """Path of a file in an object's folder, compared with its checksum.
+
+    A run's batch of meshes has a manifest; a folder that `prepare` wrote alone has none, and is taken as it is.
+    Raises `palpate.checksums.DamagedFile` if the file is missing or not the one that was written.
+    """
+    folder = Path(folder)
+    path, batch = folder / name, folder.parent
+    if (batch / checksums.MANIFEST).exists():
+        relative, remedy = f"{folder.name}/{name}", _remedy(batch)
+        files = checksums.read_manifest(batch, remedy)
+        if relative not in files:
+            raise checksums.DamagedFile(f"{path} was not written with {batch}; {remedy}")
+        if found := checksums.damage(batch, {relative: files[relative]}, contents=True):
+            raise checksums.DamagedFile(f"{batch}: {found[0]}; {remedy}")
+    return path
+
+
+def usable(batch: Path | str, contents: bool = False) -> list[str]:
+    """Names of the objects that a run's batch of meshes holds, by its manifest.
+
+    contents: compare all files with their checksums, too. Raises `palpate.checksums.DamagedFile`, naming the first
+    files, if the manifest is missing, or files are missing, of another size, or changed.
+    """
+    files = checksums.read_manifest(batch, _remedy(batch))
+    if found := checksums.damage(batch, files, contents):
+        raise checksums.DamagedFile(f"{batch} is damaged: {checksums.listed(found)}; {_remedy(batch)}")
+    return list(dict.fromkeys(name.split("/")[0] for name in files))
+
+
+def _remedy(batch: Path | str) -> str:
+    return f"remove {batch} and build it again with: {command(batch)}"
+
+
 def load_visual(folder: Path | str) -> trimesh.Trimesh:
     """The geometry of `visual.glb`, every face, as one mesh in the object's own frame, without materials."""
-    loaded = trimesh.load_scene(Path(folder) / "visual.glb", process=False, skip_materials=True)
+    loaded = trimesh.load_scene(mesh_file(folder, "visual.glb"), process=False, skip_materials=True)
     parts = list(loaded.geometry.values())
     start = np.cumsum([0] + [len(part.vertices) for part in parts])
     return trimesh.Trimesh(
@@ -81,4 +119,4 @@ def load_visual(folder: Path | str) -> trimesh.Trimesh:
 
 def load_collision(folder: Path | str) -> trimesh.Trimesh:
     """`collision.ply`, the decimated surface, in the object's own frame."""
-    return trimesh.load_mesh(Path(folder) / "collision.ply", process=False)
+    return trimesh.load_mesh(mesh_file(folder, "collision.ply"), process=False)

@@ -17,7 +17,7 @@ blender.load()
 from palpate.dataset import Dataset  # noqa: E402
 from palpate.dataset.reader import GraspRecord  # noqa: E402
 from palpate.hand import Hand  # noqa: E402  (Blender comes before what loads embree)
-from palpate.mesh import DIAGONAL, OBJECT_POSITION, load_visual  # noqa: E402
+from palpate.mesh import DIAGONAL, OBJECT_POSITION, load_visual, mesh_file  # noqa: E402
 from palpate.results.dataset_figures import example_grasp  # noqa: E402
 from palpate.results.page import TITLE, new_figure, save, save_sentence, styled  # noqa: E402
 from palpate.store import read  # noqa: E402
@@ -65,7 +65,7 @@ def grasp_steps(dataset: Dataset, path: Path | str, threads: int = 1) -> None:
     renderer = Renderer(samples=SAMPLES, threads=threads)
     pictures = [
         renderer.render_meshes(
-            visual_glb=grasp.object.mesh / "visual.glb",
+            visual_glb=mesh_file(grasp.object.mesh, "visual.glb"),
             hand=None if pose is None else hand,
             link_pose=pose,
             camera=camera,

@@ -13,7 +13,7 @@ from matplotlib.ticker import FormatStrFormatter, LogLocator, MaxNLocator, NullF
 
 from palpate.remedy import command
 from palpate.evaluation.rings import RINGS
-from palpate.evaluation.rows import EvaluationError
+from palpate.evaluation.rows import EvaluationError, read_table
 from palpate.results.bootstrap import RESAMPLES
 from palpate.results.errors import errors
 from palpate.results.model_tables import (
@@ -164,11 +164,7 @@ def _history(path: Path | str) -> pd.DataFrame:
     path = Path(path)
     if not path.exists():
         raise EvaluationError(f"{path} does not exist; train the model with: {command(path)}")
-    history = pd.read_csv(path)
-    missing = [name for name in HISTORY if name not in history]
-    if missing:
-        raise EvaluationError(f"{path} has no columns {missing}; remove it and train the model again")
-    return history
+    return read_table(path, HISTORY, f"remove it and train the model again with: {command(path)}")
 
 
 def _line(axes: Axes, x: Sequence[int], estimates: Sequence, colour: str, label: str) -> None:

@@ -10,7 +10,8 @@ from dataclasses import dataclass
 from importlib import resources
 
 # 1: arrays of grasps were (og, ...), object by object, with `object_index` and `grasp_index`.
-SCHEMA_VERSION = 2
+# 2: stores did not state which files they hold, with sizes and checksums.
+SCHEMA_VERSION = 3
 # The order of every axis of length 4 that counts sensors; of an own hand it is that of `hand/sensor_names`.
 SENSOR_NAMES = ("index", "middle", "ring", "thumb")
 

@@ -3,8 +3,10 @@
 Zarr v3 with the sharding codec (a chunk is one record, a shard one array of the batch) or HDF5, by the suffix.
 """
 
+import hashlib
 import importlib.metadata
 import json
+import os
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import cached_property
@@ -18,6 +20,7 @@ import zarr
 from zarr.codecs import BloscCodec, Crc32cCodec
 
 import palpate
+from palpate import checksums
 from palpate.atomic import atomic_write
 from palpate.remedy import command
 from palpate.store.contract import CONTRACT, FRAMES, SCHEMA_VERSION, UNITS, ArraySpec, StoreSpec
@@ -33,6 +36,12 @@ numcodecs.blosc.use_threads = False
 COMPRESSION = {"cname": "zstd", "clevel": 1, "shuffle": "shuffle"}
 STRING_KINDS = "UOST"  # numpy's kinds of types that hold text
 REQUIRED_ATTRIBUTES = ("config_digest", "seed")
+# A Zarr store's attribute: `files`, the manifest of all files but the one that holds it, and `sha256`, the checksum of
+# the other attributes and the manifest.
+MANIFEST = "manifest"
+ROOT = "zarr.json"  # the file of a Zarr group's attributes, and of an array's header
+# Bytes before the content of an HDF5 file (its user block, which HDF5 skips): the content's size and SHA-256 as JSON.
+USER_BLOCK = 512
 
 
 class StoreError(ValueError):
@@ -138,7 +147,7 @@ def _text(path: Path, name: str, array: np.ndarray) -> np.ndarray:
 
 
 def _write_zarr(path: Path, spec: StoreSpec, arrays: dict[str, np.ndarray], attributes: dict[str, Any]) -> None:
-    group = zarr.create_group(path, attributes=attributes)
+    group = zarr.create_group(path)
     for name in filter(arrays.__contains__, spec.arrays):
         array, array_spec = arrays[name], spec.arrays[name]
         text = array_spec.dtype == "string"
@@ -152,19 +161,42 @@ def _write_zarr(path: Path, spec: StoreSpec, arrays: dict[str, np.ndarray], attr
             shards=shard if shard != chunk else None,
             compressors=[Crc32cCodec()] if text else [BloscCodec(**COMPRESSION), Crc32cCodec()],
             fill_value=array_spec.fill if text else array.dtype.type(array_spec.fill),
-            attributes={
-                "meaning": array_spec.meaning,
-                "unit": array_spec.unit,
-                # Zarr reads a file that is missing as the fill value.
-                "written": bool((array != array_spec.fill).any()),
-            },
+            attributes={"meaning": array_spec.meaning, "unit": array_spec.unit},
         )
         if array.size:
             target[...] = array
+    seal(path, attributes)
+
+
+def seal(path: Path, attributes: Mapping[str, Any] | None = None) -> None:
+    """Have a store that is written state what it holds: its files' sizes and checksums.
+
+    attributes: those to give to a Zarr store; by default those that it has.
+    """
+    if path.suffix != ".zarr":
+        stated = _user_block(path.read_bytes()[USER_BLOCK:])
+        with path.open("r+b") as file:
+            file.write(stated)
+        return
+    group = zarr.open_group(path, mode="r+")
+    attributes = dict(group.attrs if attributes is None else attributes)
+    attributes.pop(MANIFEST, None)
+    # Zarr reads a file that is missing as the fill value.
+    files = {name: stated for name, stated in checksums.manifest_of(path).items() if name != ROOT}
+    group.attrs.put({**attributes, MANIFEST: {"sha256": _digest(attributes, files), "files": files}})
+
+
+def _user_block(content: bytes) -> bytes:
+    stated = {"size": len(content), "sha256": hashlib.sha256(content).hexdigest()}
+    return json.dumps(stated).encode().ljust(USER_BLOCK)
+
+
+def _digest(attributes: Mapping[str, Any], files: checksums.Manifest) -> str:
+    return hashlib.sha256(json.dumps([attributes, files], sort_keys=True).encode()).hexdigest()
 
 
 def _write_hdf5(path: Path, spec: StoreSpec, arrays: dict[str, np.ndarray], attributes: dict[str, Any]) -> None:
-    with h5py.File(path, "w") as file:
+    with h5py.File(path, "w", userblock_size=USER_BLOCK) as file:
         file.attrs.update({name: json.dumps(value, sort_keys=True) for name, value in attributes.items()})
         for name, array in arrays.items():
             if array.dtype == object:  # of fixed length: those of variable length have no checksums
@@ -174,6 +206,7 @@ def _write_hdf5(path: Path, spec: StoreSpec, arrays: dict[str, np.ndarray], attr
             dataset = file.create_dataset(name, data=array, **whole_array)
             if name in spec.arrays:
                 dataset.attrs.update({"meaning": spec.arrays[name].meaning, "unit": spec.arrays[name].unit})
+    seal(path)
 
 
 def _as_str(values: np.ndarray) -> np.ndarray:
@@ -188,7 +221,8 @@ class Store:
 
     Arrays are read when they are asked for, and then only the records that the index needs. Nothing stays
     open, so it is safe to fork. Raises StoreError, naming the file and the remedy, if the store is missing,
-    unreadable, or of another schema version.
+    unreadable, or of another schema version, or lacks a file that was written or has one of another size. Every value
+    that is read is compared with its checksum.
     """
 
     def __init__(self, path: Path | str):
@@ -196,16 +230,57 @@ class Store:
         if not self.path.exists():
             raise StoreError(f"{self.path} does not exist; build it with: {command(self.path)}")
         self._headers: dict[str, zarr.Array] = {}
+        if self.path.suffix != ".zarr":
+            self._require_intact_hdf5()
         with self._arrays() as arrays:
             attributes = dict(arrays.attrs)
-        text = self.path.suffix != ".zarr"  # HDF5 has no nested attributes: there each is a JSON text
-        self.attributes = {name: json.loads(value) if text else value for name, value in attributes.items()}
-        version = self.attributes.get("schema_version")
+            if not isinstance(arrays, zarr.Group):  # HDF5 has no nested attributes: there each is a JSON text
+                attributes = {name: json.loads(value) for name, value in attributes.items()}
+        version = attributes.get("schema_version")
         if version != SCHEMA_VERSION:
             raise StoreError(
                 f"{self.path} has schema version {version}, but this palpate reads version {SCHEMA_VERSION}; "
                 f"use the palpate that made it, or build the run again with: {self._rebuild}"
             )
+        stated = attributes.pop(MANIFEST, {})
+        self.attributes, self._files = attributes, stated.get("files", {})
+        if self.path.suffix == ".zarr" and stated.get("sha256") != _digest(self.attributes, self._files):
+            raise self._damaged([f"{ROOT} has changed since it was written (checksum)"])
+        if self.path.suffix == ".zarr":
+            self._require_intact(contents=False)
+
+    def _require_intact_hdf5(self) -> None:
+        """Raise StoreError if an HDF5 file, some 30 kB an object, is not as it was written.
+
+        Before HDF5 opens it: of some damaged files it never returns. Files of earlier versions have no user block.
+        """
+        with self._reading():
+            data = self.path.read_bytes()
+        earlier = data.startswith(b"\x89HDF\r\n\x1a\n")
+        if not earlier and data[:USER_BLOCK] != _user_block(data[USER_BLOCK:]):
+            raise self._damaged(["it has changed since it was written (checksum)"])
+
+    def _require_intact(self, contents: bool) -> None:
+        """Raise StoreError, naming the first files, if files are missing or of another size (or content)."""
+        if self.path.suffix != ".zarr":
+            self._require_intact_hdf5()
+        elif found := checksums.damage(self.path, self._files, contents):
+            raise self._damaged(found)
+
+    def _damaged(self, lines: list[str]) -> StoreError:
+        return StoreError(
+            f"{self.path} is damaged: {checksums.listed(lines)}; "
+            f"remove it and build it again with: {command(self.path)}"
+        )
+
+    def verify(self) -> None:
+        """Compare all files with their checksums. Raises StoreError, naming the first, if any is not as written."""
+        self._require_intact(contents=True)
+
+    @property
+    def digest(self) -> str:
+        """SHA-256 of what the store states of its files: other content has another digest."""
+        return _digest(self.attributes, self._files) if self._files else checksums.measure(self.path)[1]
 
     @property
     def _target(self) -> str:
@@ -220,12 +295,17 @@ class Store:
     @contextmanager
     def _arrays(self) -> Iterator[h5py.File | zarr.Group]:
         """The file or folder, open for reading; errors in the block become a StoreError that names it."""
-        try:
+        with self._reading():
             if self.path.suffix == ".zarr":
                 yield self._group
             else:
                 with h5py.File(self.path, "r") as file:
                     yield file
+
+    @contextmanager
+    def _reading(self) -> Iterator[None]:
+        try:
+            yield
         except (StoreError, IndexError):  # about the array asked for, not about the file
             raise
         except Exception as error:
@@ -240,20 +320,33 @@ class Store:
 
     def _array(self, arrays: h5py.File | zarr.Group, name: str) -> h5py.Dataset | zarr.Array:
         """One array, not read; StoreError if there is none such."""
-        if name in self._headers:
-            return self._headers[name]
-        if name not in arrays:
-            raise StoreError(f"{self.path} has no array {name!r}")
-        array = arrays[name]
         if self.path.suffix != ".zarr":
-            return array
-        file = shard_file(self.path / name, array)
-        if array.attrs.get("written") and not (file.exists() and file.stat().st_size):
-            raise StoreError(
-                f"{self.path} has lost {file.relative_to(self.path)}, the values of array {name!r}; "
-                f"remove the store and build it again with: {command(self.path)}"
-            )
-        return self._headers.setdefault(name, array)
+            if name not in arrays:
+                raise StoreError(f"{self.path} has no array {name!r}")
+            return arrays[name]
+        if name not in self._headers:
+            self._headers[name] = self._opened(arrays, name)
+        array = self._headers[name]
+        # At every read, because Zarr takes a missing file for one of fill values.
+        shard = shard_file(Path(name), array).as_posix()
+        stated = {shard: self._files[shard]} if shard in self._files else {}
+        found = checksums.damage(self.path, stated)
+        if not stated and os.path.exists(self.path / shard):
+            found = [f"{shard} was not written with it"]
+        if found:
+            raise self._damaged(found)
+        return array
+
+    def _opened(self, group: zarr.Group, name: str) -> zarr.Array:
+        """An array whose header is the one that was written."""
+        header = f"{name}/{ROOT}"
+        if header not in self._files:
+            if (self.path / header).exists():
+                raise self._damaged([f"{header} was not written with it"])
+            raise StoreError(f"{self.path} has no array {name!r}")
+        if found := checksums.damage(self.path, {header: self._files[header]}, contents=True):
+            raise self._damaged(found)
+        return group[name]
 
     def names(self) -> list[str]:
         """Names of all arrays, sorted; those in groups as `hand/<name>`."""

@@ -53,7 +53,7 @@ def write_batch(
     of the batch; rejected: path of the table (.csv); config: the part of the config that the store depends
     on. Raises StoreError as `write` does.
     """
-    with atomic_write(rejected) as partial:
+    with atomic_write(rejected, checksum=True) as partial:
         write_rejections(partial, rejections)
     attributes = {"seed": seed, "config_digest": config_digest(config)}
     write(path, stage, {**join(stage, records), **more}, attributes)

@@ -1,6 +1,7 @@
 """Trained models as files: weights, with the experiment and settings behind them. Safe to load (no code in them)."""
 
 import hashlib
+import zipfile
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -74,17 +75,18 @@ def save(path: Path | str, kind: str, model: torch.nn.Module, described: Mapping
     `architecture`, or `width`), and further values that JSON can hold.
     """
     weights = {name: value.detach().cpu() for name, value in model.state_dict().items()}
-    with atomic_write(path) as partial:
-        torch.save({"schema_version": SCHEMA_VERSION, "kind": kind, **described, "weights": weights}, partial)
+    with atomic_write(path) as partial, open(partial, "wb") as file:  # by its name torch would name the content too
+        torch.save({"schema_version": SCHEMA_VERSION, "kind": kind, **described, "weights": weights}, file)
 
 
 def read(path: Path | str, kind: str) -> dict[str, Any]:
     """The content of a checkpoint.
 
-    Raises CheckpointError if it is missing, can't be read, or is of another schema version or kind of model.
+    Raises CheckpointError if it is missing, damaged or can't be read, or is of another schema version or kind of model.
     """
     if not Path(path).exists():
         raise CheckpointError(f"{path} does not exist; train the model with: {command(path)}")
+    require_intact(path)
     try:
         content = torch.load(path, map_location="cpu", weights_only=True)
         version, content_kind = content["schema_version"], content["kind"]
@@ -100,6 +102,24 @@ def read(path: Path | str, kind: str) -> dict[str, Any]:
     if content_kind != kind:
         raise CheckpointError(f"{path} is a model of kind {content_kind}, expected {kind}")
     return content
+
+
+def require_intact(path: Path | str) -> None:
+    """Raise CheckpointError if a file that torch saved is not as it was written.
+
+    It is a ZIP archive, whose members have checksums (CRC-32). torch.load does not look at them.
+    """
+    try:
+        with zipfile.ZipFile(path) as archive:
+            wrong = archive.testzip()
+    except Exception as error:  # whatever a damaged directory of the archive makes the reader trip over
+        raise CheckpointError(
+            f"{path} is no checkpoint of Palpate ({type(error).__name__}: {error}); remove it and train again"
+        ) from error
+    if wrong is not None:
+        raise CheckpointError(
+            f"{path} has changed since it was written (checksum of {wrong}); remove it and train the model again"
+        )
 
 
 def load(path: Path | str, experiment: Mapping[str, Any] | None = None) -> Reconstruction | SingleImageModel:

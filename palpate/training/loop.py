@@ -21,6 +21,7 @@ import torch
 from lightning.pytorch.callbacks import EarlyStopping
 from tqdm import tqdm
 
+from palpate import checksums
 from palpate.atomic import atomic_write
 from palpate.training import checkpoints
 from palpate.training.learners import Diverged, Learner
@@ -258,9 +259,14 @@ def _identity(learner: Learner, machine: Machine) -> str:
 
 
 def _resumable(checkpoints_folder: Path, identity: str) -> Path | None:
-    """The last checkpoint of an interrupted training with this identity; checkpoints of another are removed."""
+    """The last checkpoint of an interrupted training with this identity; checkpoints of another are removed.
+
+    Raises CheckpointError or DamagedFile if it is damaged: training anew is the user's choice.
+    """
     marker, last = checkpoints_folder / "identity", checkpoints_folder / LAST
-    if last.exists() and marker.exists() and marker.read_text() == identity:
+    remedy = f"remove {checkpoints_folder} to train from the start"
+    if last.exists() and marker.exists() and checksums.read_text(marker, remedy).strip() == identity:
+        checkpoints.require_intact(last)
         return last
     if checkpoints_folder.exists():
         log.info(
@@ -269,7 +275,8 @@ def _resumable(checkpoints_folder: Path, identity: str) -> Path | None:
         )
         shutil.rmtree(checkpoints_folder)
     checkpoints_folder.mkdir(parents=True)
-    marker.write_text(identity)
+    with atomic_write(marker, checksum=True) as partial:
+        partial.write_text(identity + "\n")
     return None
 
 
@@ -292,12 +299,13 @@ def _summary(learner: Learner, recorder: Recorder, machine: Machine, accelerator
 
 def _write(folder: Path, checkpoints_folder: Path, history: list[dict[str, float]], summary: dict[str, Any]) -> None:
     folder.mkdir(parents=True, exist_ok=True)
-    with atomic_write(folder / "history.csv") as partial, open(partial, "w", newline="") as file:
+    with atomic_write(folder / "history.csv", checksum=True) as partial, open(partial, "w", newline="") as file:
         writer = csv.DictWriter(file, HISTORY)
         writer.writeheader()
         writer.writerows(history)
-    with atomic_write(folder / "training.json") as partial:
+    with atomic_write(folder / "training.json", checksum=True) as partial:
         partial.write_text(json.dumps(summary, indent=2, sort_keys=True) + "\n")
-    with atomic_write(folder / BEST) as partial:
+    checkpoints.require_intact(checkpoints_folder / BEST)
+    with atomic_write(folder / BEST, checksum=True) as partial:
         shutil.copyfile(checkpoints_folder / BEST, partial)
     shutil.rmtree(checkpoints_folder)

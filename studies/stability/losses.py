@@ -39,7 +39,7 @@ BATCH, ATTRIBUTES = "batch-0000", {"seed": 0, "config_digest": "0"}
 SETTINGS = {
     "architecture": {
         "encoder": {"channels": [8, 16], "layers": [1, 2], "pool": [1, 3], "norm": "instance", "padding": 1},
-        "gcn": {"layers": 4, "width": 32, "normalisation": "separate"},
+        "gcn": {"layers": 4, "width": 32},
         "unsuccessful": "held",
         "normalise_positions": True,
         "init": "he",
@@ -720,10 +720,10 @@ def corrupt_data(subject: Subject) -> Iterator[Finding]:
         yield equal("objects of the whole store", len(load()), 1)
         changed = bytearray(whole)
         changed[len(whole) // 2] ^= 0x10
-        refused = rf"{path.name} can't be read"
-        yield rejects("cut in half", lambda: read(whole[: len(whole) // 2]), store.StoreError, refused)
-        yield rejects("no byte", lambda: read(b""), store.StoreError, rf"{path.name} has lost points")
-        yield rejects("one bit changed", lambda: read(bytes(changed)), store.StoreError, refused)
+        size = rf"{path.name} is damaged: points/.* bytes, but {len(whole)} were written"
+        yield rejects("cut in half", lambda: read(whole[: len(whole) // 2]), store.StoreError, size)
+        yield rejects("no byte", lambda: read(b""), store.StoreError, size)
+        yield rejects("one bit changed", lambda: read(bytes(changed)), store.StoreError, rf"{path.name} can't be read")
 
         def with_point(value: float) -> TrainingData:
             points = arrays["points"].copy()

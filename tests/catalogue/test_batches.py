@@ -49,7 +49,7 @@ def test_places_are_kept_in_the_runs_folder(tmp_path):
     assert read_places(tmp_path, 2) == places
     assert read_places(tmp_path, 3) == {}  # formed anew
     (tmp_path / "batches.json").write_text("[]")
-    with pytest.raises(CatalogueError, match="batches.json is damaged .*: remove it"):
+    with pytest.raises(CatalogueError, match="batches.json has changed .*; remove it"):
         read_places(tmp_path, 2)
 
 

@@ -8,6 +8,8 @@ import pytest
 
 import palpate
 import palpate.store
+from palpate.atomic import atomic_write
+from palpate.batch import Rejection, write_rejections
 from palpate.catalogue import CatalogueError
 from palpate.store import StoreError
 from palpate.touch import empty_reading
@@ -249,14 +251,17 @@ def test_a_catalogue_alone_opens(run):
 
 def test_objects_rejected_before_the_whole_list_is_made_are_left_out(run):
     (run / "rejected.csv").unlink()
-    (run / "rejected/surface").mkdir(parents=True)
-    (run / "rejected/surface/batch-0000.csv").write_text("object,stage,reason\nblock-0000,surface,no area\n")
+    reject(run, "surface", "batch-0000", "block-0000")
     assert palpate.Dataset(run).objects == ["ball-0000", "ball-0002"]
 
 
 def reject(run, stage, batch, name):
+    """A stage's tables of all batches, of which one rejected an object."""
     path = run / f"rejected/{stage}/{batch}.csv"
     path.parent.mkdir(parents=True, exist_ok=True)
+    for other in ("batch-0000", "batch-0001"):
+        if not (path.parent / f"{other}.csv").exists():
+            (path.parent / f"{other}.csv").write_text("object,stage,reason\n")
     path.write_text(f"object,stage,reason\n{name},{stage},too thin\n")
 
 
@@ -356,3 +361,31 @@ def test_records_survive_pickling(built):
     record.grasps[0].depth  # noqa: B018
     copy = pickle.loads(pickle.dumps(record))
     np.testing.assert_array_equal(copy.grasps[1].depth, record.grasps[1].depth)
+
+
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [(b"", "is empty"), (b"\xff\xfe\x00\x01\n", "is not text"), (b"object,class,split,batch\n", "lists no object")],
+)
+def test_a_catalogue_that_is_empty_or_no_text_is_named_with_the_remedy(run, content, said):
+    (run / "catalogue.csv").write_bytes(content)
+    with pytest.raises(CatalogueError, match=f"{run}/catalogue.csv {said}; remove it and .* snakemake catalogue.csv"):
+        palpate.Dataset(run)
+
+
+def test_a_table_of_rejections_that_is_lost_or_damaged_is_an_error(run):
+    tables = {batch: run / f"rejected/touch/{batch}.csv" for batch in ("batch-0000", "batch-0001")}
+    for table in tables.values():
+        table.parent.mkdir(parents=True, exist_ok=True)
+        with atomic_write(table, checksum=True) as partial:
+            write_rejections(partial, [Rejection("ball-0001", "touch", "no touch")])
+    dataset = palpate.Dataset(run)
+    assert len(dataset.rejections()) == 2
+    table = tables["batch-0001"]
+    content = table.read_text()
+    for change in (lambda: table.write_text(content.replace("0001", "0002")), table.unlink):
+        change()
+        with pytest.raises(StoreError, match=f"{table} .*; remove it and .*: snakemake rejected/touch/batch-0001.csv"):
+            palpate.Dataset(run)
+    shutil.rmtree(run / "touch/batch-0001.zarr")  # not made yet
+    assert len(palpate.Dataset(run).rejections()) == 1

@@ -10,8 +10,17 @@ import trimesh
 import zarr
 
 import palpate.store
+from palpate import checksums
+from palpate.atomic import atomic_write
 from palpate.dataset.checks import CHECKS, CheckedObject, check_together, rotation_error
-from palpate.dataset.validation import combine_validation, validate_batch, write_findings
+from palpate.dataset.validation import (
+    check_again,
+    combine_validation,
+    read_findings,
+    validate_batch,
+    write_findings,
+)
+from palpate.store.files import seal
 from palpate.touch import RayCaster, SphereTracer
 from palpate.touch.sensor import PIXEL, SENSOR_RANGE, SENSOR_WIDTH
 
@@ -183,10 +192,32 @@ def file(path, change):
     return damage
 
 
-def without_seed(text):
-    metadata = json.loads(text)
-    del metadata["attributes"]["seed"]
-    return json.dumps(metadata).encode()
+def without_seed(run):
+    path = run / f"vision/{BATCH}.zarr"
+    attributes = dict(zarr.open_group(path).attrs)
+    del attributes["seed"]
+    seal(path, attributes)
+
+
+def lose(path):
+    """A damage: a file is gone, or a folder with all in it."""
+    return file(path, None)
+
+
+def flip_inside(run):
+    """A file keeps its size."""
+    path = run / f"touch/{BATCH}.zarr"
+    content = (path / "success/c/0/0/0").read_bytes()
+    other = bytearray(content)
+    other[len(other) // 2] ^= 1
+    (path / "success/c/0/0/0").write_bytes(other)
+
+
+def change_sealed_table(run):
+    table = run / "evaluations.csv"
+    with atomic_write(table, checksum=True) as partial:
+        partial.write_text("chamfer\n1.45\n")
+    table.write_text("chamfer\n1.85\n")
 
 
 def flip_a_bit(data):
@@ -198,6 +229,7 @@ def scale_mesh(factor, shift=0.0):
         path = run / "meshes" / BATCH / OBJECT / "visual.glb"
         mesh = trimesh.load_mesh(path)
         mesh.apply_scale(factor).apply_translation([0, shift, 0]).export(path)
+        checksums.write_manifest(run / "meshes" / BATCH)
 
     return damage
 
@@ -206,10 +238,17 @@ def retype(run):
     group = zarr.open_group(run / f"surface/{BATCH}.zarr")
     points = group["points"][:]
     group.create_array("points", data=points.astype(np.float64), overwrite=True)
+    seal(run / f"surface/{BATCH}.zarr")
 
 
 def extra_array(run):
     zarr.open_group(run / f"vision/{BATCH}.zarr").create_array("glow", data=np.zeros(3))
+    seal(run / f"vision/{BATCH}.zarr")
+
+
+def without_depth(run):
+    shutil.rmtree(run / f"touch/{BATCH}.zarr/depth")
+    seal(run / f"touch/{BATCH}.zarr")
 
 
 def hand_without_ranges(arrays):
@@ -245,9 +284,23 @@ DAMAGES = {
     "arrays": [
         ("surface", retype),
         ("vision", extra_array),
-        ("touch", file(f"touch/{BATCH}.zarr/depth", None)),
+        ("touch", without_depth),
     ],
-    "attributes": [("vision", file(f"vision/{BATCH}.zarr/zarr.json", without_seed))],
+    "files": [
+        ("surface", lose(f"surface/{BATCH}.zarr/points/c")),
+        ("touch", lose(f"touch/{BATCH}.zarr/success/c/0/0/0")),
+        ("touch", file(f"touch/{BATCH}.zarr/success/c/0/0/0", lambda data: data[:-1])),
+        ("touch", flip_inside),
+        ("grasps", file(f"grasps/{BATCH}.h5", flip_a_bit)),
+        ("meshes", file(f"meshes/{BATCH}/{OBJECT}/visual.glb", flip_a_bit)),
+        ("meshes", lose(f"meshes/{BATCH}/manifest.json")),
+    ],
+    "tables": [("run", change_sealed_table)],
+    "sources": [
+        ("catalogue", lose(f"sources/{OBJECT}.obj")),
+        ("catalogue", file(f"sources/{OBJECT}.obj", lambda data: data + b"v 0 0 0\n")),
+    ],
+    "attributes": [("vision", without_seed)],
     "objects": [
         ("touch", edit("touch", drop_all)),
         ("vision", edit("vision", rename)),
@@ -339,7 +392,8 @@ def validate(run, *others) -> pd.DataFrame:
     """The report on BATCH, and on the batches of other tables."""
     table = run / f"reports/validation/{BATCH}.csv"
     write_findings(table, validate_batch(run, BATCH))
-    return combine_validation([table, *others], run / "catalogue.csv", run / "rejected.csv")
+    findings = [finding for path in (table, *others) for finding in read_findings(path)]
+    return combine_validation(findings, run, run / "sources")
 
 
 @pytest.fixture(scope="module")
@@ -358,6 +412,29 @@ def test_a_good_run_passes_every_check(run, pair):
     clouds = report[(report.check == "on mesh") & (report.store == "touch")].set_index("batch")
     assert clouds.objects.to_dict() == {BATCH: 1, PAIR: 2}
     assert (report["where"] == "").all()
+
+
+def test_asking_again_compares_every_file_and_looks_at_values_again_where_files_are_others(run):
+    tables = [run / f"reports/validation/{batch}.csv" for batch in (PAIR, BATCH)]
+    for table in tables:
+        write_findings(table, validate_batch(run, table.stem))
+    before = [finding for table in tables for finding in read_findings(table)]
+    again, anew = check_again(run, tables)
+    assert anew == 0 and sorted(again) == sorted(before)
+    store = run / f"touch/{BATCH}.zarr"
+    kept = shutil.copytree(store, run / "kept.zarr")
+    # A store that was built again, with wrong values: the table is older than it, whatever the times of the files.
+    put("touch", "points", (0, 1, 2, 3), np.inf)(run)
+    again, anew = check_again(run, tables)
+    assert anew == 1 and {finding.check for finding in again if not finding.ok} >= {"finite"}
+    # A file of it is damaged: its values are not worth a look.
+    shutil.rmtree(store)
+    kept.rename(store)
+    (store / "depth/c/0/0/0/0/0").unlink()
+    again, anew = check_again(run, tables)
+    failed = [finding for finding in again if not finding.ok]
+    assert anew == 0 and [(finding.check, finding.store) for finding in failed] == [("files", "touch")]
+    assert "depth/c/0/0/0/0/0 is missing" in failed[0].where
 
 
 def test_every_check_has_a_damage_that_it_catches():
@@ -412,6 +489,7 @@ def test_a_transparent_mesh_may_show_what_is_behind_it_only(run, see_through, sh
     """Some of the object's pixels show nothing, or something further off or nearer than its first face."""
     record = {"visual.glb": {"see_through": see_through}}
     (run / "meshes" / BATCH / OBJECT / "mesh.json").write_text(json.dumps(record))
+    checksums.write_manifest(run / "meshes" / BATCH)
     window = (..., slice(26, 38), slice(22, 30))  # on the object, left of what hides it
 
     def change(arrays):

@@ -14,7 +14,7 @@ from palpate.evaluation import evaluate as evaluation
 from palpate.evaluation.evaluate import Trained, evaluate, evaluate_rings, evaluate_touch, training_steps
 from palpate.evaluation.metrics import score, seeded
 from palpate.evaluation.rings import MeshSurface, project_batch, ring_points
-from palpate.evaluation.rows import COLUMNS, RING_COLUMNS, TOUCH_COLUMNS, EvaluationError
+from palpate.evaluation.rows import COLUMNS, RING_COLUMNS, TOUCH_COLUMNS, EvaluationError, read
 from palpate.mesh import OBJECT_POSITION
 from palpate.models import SINGLE_IMAGE_MODELS, Reconstruction, TouchDepth
 from palpate.touch import RayCaster, empty_reading, sense
@@ -259,6 +259,25 @@ def test_a_prediction_that_is_not_finite_names_the_object(unoccluded_data):
 def test_the_steps_are_those_of_the_training(tmp_path):
     (tmp_path / "training.json").write_text(json.dumps({"steps": 450, "best_step": 300}))
     assert training_steps(tmp_path / "training.json") == 450
+
+
+@pytest.mark.parametrize("content", [None, "", '{"steps": 4', '{"step": 4}', '{"steps": "many"}', "[4]"])
+def test_a_record_that_does_not_say_the_steps_is_named_with_the_remedy(tmp_path, content):
+    path = tmp_path / "models/a/seed-0/training.json"
+    path.parent.mkdir(parents=True)
+    if content is not None:
+        path.write_text(content)
+    with pytest.raises(EvaluationError, match=f"{path} .*train the model again with: snakemake models/a/seed-0/"):
+        training_steps(path)
+
+
+@pytest.mark.parametrize("content", [b"", b"\xff\n", b"chamfer\n1\n", b"a,b\n1,2,3\n1,2,3,4\n", b"chamfer\n1"])
+def test_an_evaluation_that_is_no_table_is_named_with_the_remedy(tmp_path, content):
+    path = tmp_path / "evaluations/a/seed-0.csv"
+    path.parent.mkdir(parents=True)
+    path.write_bytes(content)
+    with pytest.raises(EvaluationError, match=f"(?s){path} .*build it with: snakemake evaluations/a/seed-0.csv"):
+        read([path])
 
 
 def test_what_is_measured_is_read_back(tmp_path, unoccluded_data):

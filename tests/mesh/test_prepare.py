@@ -4,6 +4,7 @@ import faulthandler
 import hashlib
 import json
 import os
+import shutil
 import signal
 import time
 
@@ -13,8 +14,9 @@ import trimesh
 from PIL import Image
 from scipy.spatial import cKDTree
 
-from palpate import mesh
+from palpate import checksums, mesh
 from palpate.batch import UnusableObject
+from palpate.checksums import DamagedFile
 from palpate.mesh import topology
 from palpate.mesh.decimate import decimate
 from palpate.mesh.isolation import isolated
@@ -260,3 +262,23 @@ def test_an_object_far_from_the_origin_keeps_its_shape_or_is_refused(tmp_path, s
     else:
         with pytest.raises(UnusableObject, match=r"rounded by up to .* \(single precision\)"):
             mesh.prepare(path, tmp_path / "out")
+
+
+def test_meshes_of_a_batch_that_are_lost_or_changed_are_an_error(knotted, tmp_path):
+    batch = tmp_path / "meshes/batch-0000"
+    shutil.copytree(knotted[0] / "out", batch / "mug-0001")
+    before = mesh.load_visual(batch / "mug-0001")  # of an object alone, without a manifest
+    checksums.write_manifest(batch)
+    assert mesh.usable(batch, contents=True) == ["mug-0001"]
+    np.testing.assert_array_equal(mesh.load_visual(batch / "mug-0001").vertices, before.vertices)
+    loads = {"visual.glb": mesh.load_visual, "collision.ply": mesh.load_collision}
+    for name, load in loads.items():
+        path = batch / "mug-0001" / name
+        content = path.read_bytes()
+        path.write_bytes(content[:-9] + bytes([content[-9] ^ 1]) + content[-8:])
+        with pytest.raises(DamagedFile, match=f"{name} has changed .*snakemake meshes/batch-0000"):
+            load(batch / "mug-0001")
+        path.unlink()
+        with pytest.raises(DamagedFile, match=f"mug-0001/{name} is missing.*snakemake meshes/batch-0000"):
+            mesh.usable(batch)
+        path.write_bytes(content)

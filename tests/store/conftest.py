@@ -1,5 +1,6 @@
 """A small run made by the real functions: three objects in two batches, and one that was rejected."""
 
+import hashlib
 import shutil
 from pathlib import Path
 
@@ -8,6 +9,7 @@ import pytest
 import trimesh
 
 import palpate.store
+from palpate import checksums
 from palpate.batch import generator
 from palpate.hand import allegro
 from palpate.mesh import DIAGONAL, OBJECT_POSITION
@@ -113,12 +115,14 @@ def vision(name: str) -> dict[str, np.ndarray]:
 
 def build(folder: Path) -> None:
     """Write the whole run."""
-    rows = [
-        f"{name},{name.split('-')[0]},{SPLITS[name]},{batch},{name}.obj,00"
-        for batch, names in BATCHES.items()
-        for name in names
-    ]
-    folder.mkdir(parents=True, exist_ok=True)
+    rows = []
+    (folder / "sources").mkdir(parents=True)
+    for batch, names in BATCHES.items():
+        for name in names:
+            source = folder / "sources" / f"{name}.obj"
+            source.write_text(f"# {name}\n")
+            digest = hashlib.sha256(source.read_bytes()).hexdigest()
+            rows.append(f"{name},{name.split('-')[0]},{SPLITS[name]},{batch},{source.name},{digest}")
     (folder / "catalogue.csv").write_text("object,class,split,batch,source,checksum\n" + "\n".join(rows) + "\n")
     (folder / "rejected.csv").write_text(f"object,stage,reason\n{REJECTED},grasps,too few grasps\n")
     hand = {f"hand/{key}": array for key, array in allegro().to_arrays().items()}
@@ -127,6 +131,7 @@ def build(folder: Path) -> None:
             mesh_folder = folder / "meshes" / batch / name
             mesh_folder.mkdir(parents=True)
             shape(name).export(mesh_folder / "visual.glb")
+        checksums.write_manifest(folder / "meshes" / batch)
         kept = [name for name in names if name != REJECTED]
         grasps = {name: grasp(name) for name in kept}
         arrays = {

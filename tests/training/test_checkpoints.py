@@ -1,5 +1,6 @@
 """Trained models as files: what is written is loaded, and what can't be used is said."""
 
+import numpy as np
 import pytest
 import torch
 import yaml
@@ -61,7 +62,9 @@ def test_of_another_experiment(path):
 
 def test_of_another_architecture(path):
     changed(path, architecture=ARCHITECTURE | {"gcn": {"layers": 3, "width": 12}})
-    with pytest.raises(CheckpointError, match="weights are of another architecture .*gcn.layers.0.weight"):
+    with pytest.raises(
+        CheckpointError, match="weights are of another architecture .*(image_weight|gcn.layers.0.weight)"
+    ):
         load(path)
 
 
@@ -107,3 +110,28 @@ def test_the_papers_architecture_is_that_of_what_the_model_sees():
     }.items():
         assert architecture(experiments[name], {"architecture": "paper"}) == PAPER_ARCHITECTURES[key]
     assert architecture(TOUCH_ONLY, {"architecture": ARCHITECTURE}) == ARCHITECTURE
+
+
+def test_no_altered_bit_changes_the_model_without_an_error(path, model):
+    content, expected, rng = path.read_bytes(), model.state_dict(), np.random.default_rng(0)
+    noticed = 0
+    for place in rng.choice(len(content), 150, replace=False):
+        altered = bytearray(content)
+        altered[place] ^= 1 << rng.integers(8)
+        path.write_bytes(altered)
+        try:
+            found = load(path).state_dict()
+        except CheckpointError as error:
+            noticed += 1
+            assert str(path) in str(error) and "train" in str(error)
+        else:  # a byte that no reader looks at, such as padding
+            assert all(torch.equal(found[name], value) for name, value in expected.items())
+    assert noticed > 50
+
+
+@pytest.mark.parametrize("kept", [0, 10, 0.5, -1])
+def test_a_checkpoint_that_was_cut_off_is_an_error(path, kept):
+    content = path.read_bytes()
+    path.write_bytes(content[: int(kept * len(content)) if kept == 0.5 else kept])
+    with pytest.raises(CheckpointError, match=f"{path} is no checkpoint of Palpate .*; remove it and train again"):
+        load(path)

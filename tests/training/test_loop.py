@@ -134,6 +134,19 @@ def test_work_in_progress_of_another_config_is_not_taken(trained, tmp_path, monk
     assert same(weights(tmp_path), weights(trained[0]))
 
 
+@pytest.mark.parametrize("name", ["last.ckpt", "identity"])
+def test_damaged_work_in_progress_is_an_error_and_stays(tmp_path, monkeypatch, name):
+    interrupted(tmp_path, monkeypatch, 5)
+    path = tmp_path / "checkpoints" / name
+    content = path.read_bytes()
+    path.write_bytes(content[: len(content) // 2])
+    with pytest.raises(ValueError, match=f"{path} .*remove"):
+        run(tmp_path)
+    assert path.exists()
+    path.write_bytes(content)
+    run(tmp_path)
+
+
 def test_interrupted_before_its_first_evaluation_it_begins_anew(trained, tmp_path, monkeypatch):
     interrupted(tmp_path, monkeypatch, 1)
     run(tmp_path)

@@ -59,14 +59,18 @@ rule validation:
         "../scripts/validation.py"
 
 
-# A target that fails if a check failed or nothing could be used; the report stays, to be read.
+# A target that checks at each call, and fails if a check failed or nothing could be used.
 rule validate:
     input:
         table="reports/validation.csv",
+        batches=expand("reports/validation/{batch}.csv", batch=BATCHES),
         catalogue="catalogue.csv",
         rejected="rejected.csv",
     log:
         "logs/validate.log",
+    params:
+        max_penetration=config["grasps"]["max_penetration"],
+        sources=SOURCE["path"],
     script:
         "../scripts/validate.py"
 

@@ -16,7 +16,7 @@ table = catalogue.build(params.source, params.classes, params.split, params.batc
 configuration.check(table.to_dict("records"), params.schema, "catalogue.csv")
 rows_of = dict(iter(table.groupby("batch")))
 for path in map(Path, snakemake.output.batches):
-    with atomic_write(path) as partial:
+    with atomic_write(path, checksum=True) as partial:
         rows_of[path.stem].to_csv(partial, index=False)
-with atomic_write(snakemake.output.catalogue) as partial:
+with atomic_write(snakemake.output.catalogue, checksum=True) as partial:
     table.to_csv(partial, index=False)

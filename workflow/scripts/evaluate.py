@@ -44,5 +44,5 @@ def measured() -> pd.DataFrame:
 
 log_to(snakemake.log[0])
 torch.set_num_threads(snakemake.threads)
-with atomic_write(snakemake.output.table) as path:
+with atomic_write(snakemake.output.table, checksum=True) as path:
     measured().to_csv(path, index=False)

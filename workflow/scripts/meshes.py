@@ -4,6 +4,7 @@ meshes/<batch>/<object>/visual.glb       full resolution, materials and textures
                         collision.ply    what the hand collides with
                         level-<n>.ply    further decimation levels
                         mesh.json        faces, repairs made, measured distance to the source
+                manifest.json           sizes and checksums of all these files
 rejected/meshes/<batch>.csv              object, stage, reason
 """
 
@@ -11,7 +12,7 @@ import logging
 import shutil
 from pathlib import Path
 
-from palpate import mesh
+from palpate import checksums, mesh
 from palpate.atomic import atomic_write
 from palpate.batch import each_object, log_to, write_rejections
 
@@ -19,7 +20,10 @@ log_to(snakemake.log[0])
 log = logging.getLogger("meshes")
 objects, settings, source = snakemake.params.objects, snakemake.params.mesh, snakemake.params.source
 
-with atomic_write(snakemake.output.meshes) as batch, atomic_write(snakemake.output.rejected) as rejected:
+with (
+    atomic_write(snakemake.output.meshes) as batch,
+    atomic_write(snakemake.output.rejected, checksum=True) as rejected,
+):
     batch.mkdir()
 
     def prepare(name: str) -> None:
@@ -40,3 +44,4 @@ with atomic_write(snakemake.output.meshes) as batch, atomic_write(snakemake.outp
 
     _, rejections = each_object(objects, prepare, "meshes")
     write_rejections(rejected, rejections)
+    checksums.write_manifest(batch)

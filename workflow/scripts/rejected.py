@@ -7,5 +7,5 @@ from palpate.atomic import atomic_write
 from palpate.batch import log_to, read_rejections, write_rejections
 
 log_to(snakemake.log[0])
-with atomic_write(snakemake.output.table) as path:
+with atomic_write(snakemake.output.table, checksum=True) as path:
     write_rejections(path, read_rejections(snakemake.input.parts))

@@ -40,7 +40,7 @@ if agreement:
     logging.info("readings lie on %.1f %% of their depths' pixels (%.1f %% if turned over)", same, turned)
     if turned > same:
         logging.warning("rows and columns of the readings look exchanged: the depths fit better turned over")
-with atomic_write(snakemake.output.rejected) as rejected:
+with atomic_write(snakemake.output.rejected, checksum=True) as rejected:
     write_rejections(rejected, rejections)
 for stage in ("surface", "touch", "vision"):
     arrays = store.join(stage, {name: records[stage] for name, records in found.items()})

@@ -25,7 +25,8 @@ def sample(name: str) -> dict[str, np.ndarray]:
     return {"points": points + mesh.OBJECT_POSITION}
 
 
-usable = [name for name in snakemake.params.objects if (meshes / name).is_dir()]
+prepared = set(mesh.usable(meshes))
+usable = [name for name in snakemake.params.objects if name in prepared]
 points, rejections = each_object(usable, sample, "surface")
 store.write_batch(
     snakemake.output.surface,

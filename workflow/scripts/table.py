@@ -16,11 +16,9 @@ tuning                    the grid of hyperparameters: the result of each of its
 architectures/<model>     layers of the live module beside the paper's
 """
 
-import json
-from pathlib import Path
-
 import pandas as pd
 
+from palpate import checksums
 from palpate.batch import log_to
 from palpate.evaluation import rows
 from palpate.results.tables import write_table
@@ -48,7 +46,8 @@ def table(name: str, settings: dict) -> pd.DataFrame:
         case ["tuning"]:
             from palpate.results import model_tables
 
-            trained = [json.loads(Path(path).read_text()) for path in snakemake.input.trainings]
+            remedy = "remove it and train this point again"
+            trained = [checksums.read_record(path, remedy) for path in snakemake.input.trainings]
             return model_tables.tuning(settings["points"], trained)
         case ["claims"]:
             from palpate.results import claims

@@ -8,7 +8,6 @@ from palpate.batch import log_to
 from palpate.dataset import validation
 
 log_to(snakemake.log[0])
-with atomic_write(snakemake.output.table) as path:
-    validation.combine_validation(
-        snakemake.input.batches, catalogue=snakemake.input.catalogue, rejected=snakemake.input.rejected
-    ).to_csv(path, index=False)
+findings = [finding for path in snakemake.input.batches for finding in validation.read_findings(path)]
+with atomic_write(snakemake.output.table, checksum=True) as path:
+    validation.combine_validation(findings, ".").to_csv(path, index=False)

@@ -29,14 +29,15 @@ def look(name: str) -> dict[str, np.ndarray]:
     if params.renderings:
         # <synset>/<model>/model.obj shows in <synset>/<model>/rendering/.
         folder = Path(params.renderings, *Path(params.objects[name]).parts[:2], "rendering")
-        record = json.loads((meshes / name / "mesh.json").read_text())
+        record = json.loads(mesh.mesh_file(meshes / name, "mesh.json").read_text())
         surface = mesh.load_visual(meshes / name).vertices + mesh.OBJECT_POSITION
         return views.published(folder, record, surface, count, size)._asdict()
     at = views.viewpoints(generator(params.seed, name, "views"), count)
     return views.render(renderer, Scene(meshes / name), at, size)._asdict()
 
 
-usable = [name for name in params.objects if (meshes / name).is_dir()]
+prepared = set(mesh.usable(meshes))
+usable = [name for name in params.objects if name in prepared]
 seen, rejections = each_object(usable, look, "views")
 store.write_batch(
     snakemake.output.views,

@@ -4,7 +4,7 @@ vision/<batch>.zarr    unoccluded                      (o, 256, 256, 3)     uint
                        occluded                        (o, g, 256, 256, 3)    uint8
                        unoccluded_mask, occluded_mask  (..., 256, 256)      uint8      255: the object
                        unoccluded_depth, occluded_depth                     float16    m along its axis
-exr/<batch>/           multilayer EXR masters, if the config keeps them
+exr/<batch>/           multilayer EXR masters, if the config keeps them, and manifest.json: sizes and checksums
 rejected/vision/<batch>.csv    object, stage, reason
 """
 
@@ -16,7 +16,7 @@ import numpy as np
 from palpate.atomic import atomic_write
 from palpate.vision import Renderer, paper_camera  # Blender: before anything that loads embree
 
-from palpate import store  # isort: skip
+from palpate import checksums, store  # isort: skip
 from palpate.batch import each_object, log_to  # isort: skip
 from palpate.hand import Hand  # isort: skip
 from palpate.scene import GRASP_ARRAYS, Scene  # isort: skip
@@ -40,6 +40,8 @@ with ExitStack() as outputs:
         return arrays
 
     images, rejections = each_object(grasps["object"], render, "vision")
+    if masters:
+        checksums.write_manifest(masters)
 
 store.write_batch(
     snakemake.output.vision,

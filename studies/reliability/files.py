@@ -1,0 +1,217 @@
+"""Faults of files: each kind of file of a run is removed, emptied, cut, zeroed and altered at random places."""
+
+import json
+import os
+import shutil
+from collections.abc import Callable, Iterator
+from functools import partial
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from palpate import checksums, mesh, store
+from palpate.batch import read_rejections
+from palpate.catalogue import read_catalogue
+from palpate.dataset.run import Run
+from palpate.dataset.validation import check_files, read_findings
+from palpate.evaluation import rows
+from palpate.training import checkpoints
+from palpate.training.loop import HISTORY
+from studies.reliability.fault import Fault, Try
+
+BLOCK = 4096  # bytes: what file systems write at once, and lose at once
+
+
+class Kind(NamedTuple):
+    """One kind of file: its name, where such files are, and what is read of them all, to compare."""
+
+    name: str
+    patterns: tuple[str, ...]
+    read: Callable[[Path], object]
+
+
+def _stores(stage: str, run: Path) -> Iterator[object]:
+    for batch in Run(run).batches:
+        path = run / store.CONTRACT[stage].path(batch)
+        yield json.dumps(store.open(path).attributes, sort_keys=True)
+        yield from (values.tobytes() for _, values in sorted(store.read(path).items()))
+
+
+def _meshes(run: Path) -> Iterator[object]:
+    for batch in sorted((run / "meshes").glob("batch-*")):
+        for name in mesh.usable(batch):
+            yield name, mesh.load_visual(batch / name).vertices.tobytes()
+            yield from (
+                mesh.mesh_file(batch / name, path.name).read_bytes() for path in sorted((batch / name).iterdir())
+            )
+
+
+def _rejections(run: Path) -> Iterator[object]:
+    yield from map(tuple, (each.items() for each in Run(run).rejections()))
+    yield from read_rejections([run / "rejected.csv"])
+
+
+def _masters(run: Path) -> Iterator[object]:
+    """Only users read them; `manifest.json` says what they must be."""
+    yield from (path.read_bytes() for path in sorted(run.glob("exr/*/*.exr")))
+
+
+def _weights(run: Path) -> Iterator[object]:
+    for path in sorted(run.glob("models/**/seed-*")):
+        content = checkpoints.read(path / "best.ckpt", "reconstruction")
+        yield from (tensor.numpy().tobytes() for tensor in content.pop("weights").values())
+        yield repr(content)
+
+
+def _records(run: Path) -> Iterator[object]:
+    for path in sorted(run.glob("models/**/seed-*")):
+        yield checksums.read_record(path / "training.json", "train the model again")
+
+
+def _histories(run: Path) -> Iterator[object]:
+    for path in sorted(run.glob("models/**/seed-*")):
+        yield rows.read_table(path / "history.csv", HISTORY, "train the model again").to_csv()
+
+
+def _evaluations(run: Path) -> Iterator[object]:
+    trained = [path.relative_to(run / "models") for path in sorted(run.glob("models/**/seed-*"))]
+    yield rows.read([run / "evaluations" / f"{name}.csv" for name in trained]).to_csv()
+
+
+def _validation(run: Path) -> Iterator[object]:
+    for batch in Run(run).batches:
+        yield from read_findings(run / f"reports/validation/{batch}.csv")
+
+
+KINDS = (
+    Kind("meshes", ("meshes/*/*/*", "meshes/*/manifest.json"), _meshes),
+    *(
+        Kind(f"{stage} store", (f"{stage}/*.h5", f"{stage}/*.zarr/**/*"), partial(_stores, stage))
+        for stage in store.CONTRACT
+    ),
+    Kind("catalogue.csv", ("catalogue.csv",), lambda run: read_catalogue(run / "catalogue.csv")),
+    Kind("rejected csv", ("rejected.csv", "rejected/*/*.csv"), _rejections),
+    Kind("EXR masters", ("exr/*/*",), _masters),
+    Kind("checkpoint", ("models/*/seed-*/best.ckpt",), _weights),
+    Kind("training.json", ("models/*/seed-*/training.json",), _records),
+    Kind("history.csv", ("models/*/seed-*/history.csv",), _histories),
+    Kind("evaluation csv", ("evaluations/*/seed-*.csv",), _evaluations),
+    Kind("validation csv", ("reports/validation/batch-*.csv",), _validation),
+)
+
+
+def removed(path: Path, rng: np.random.Generator) -> None:
+    """The file is not there."""
+    path.unlink()
+
+
+def emptied(path: Path, rng: np.random.Generator) -> None:
+    """The file has no bytes."""
+    path.write_bytes(b"")
+
+
+def cut(path: Path, rng: np.random.Generator) -> None:
+    """The file ends at a random place."""
+    content = path.read_bytes()
+    path.write_bytes(content[: rng.integers(len(content))])
+
+
+def zeroed(path: Path, rng: np.random.Generator) -> None:
+    """A block of the file is zeros: its size was written, its data not."""
+    content = bytearray(path.read_bytes())
+    start = BLOCK * int(rng.integers(-(-len(content) // BLOCK)))
+    content[start : start + BLOCK] = bytes(len(content[start : start + BLOCK]))
+    path.write_bytes(content)
+
+
+def altered(path: Path, rng: np.random.Generator) -> None:
+    """One bit of the file is another."""
+    content = bytearray(path.read_bytes())
+    content[rng.integers(len(content))] ^= 1 << int(rng.integers(8))
+    path.write_bytes(content)
+
+
+DAMAGES = {
+    "removed": removed,
+    "emptied": emptied,
+    "cut off": cut,
+    "a block of zeros": zeroed,
+    "a bit altered": altered,
+}
+
+
+def apply(kind: Kind, damage: Callable, run: Path, rng: np.random.Generator, tries: int) -> list[Try]:
+    """Damage files of a kind, one at a time, at random; each is as it was at the end. No tries if there are none."""
+    found = {path for pattern in kind.patterns for path in run.glob(pattern) if path.is_file() and path.stat().st_size}
+    files = sorted(path for path in found if not path.name.startswith("."))
+    if not files:
+        return []
+    expected, outcomes = list(kind.read(run)), []
+    for _ in range(tries):
+        path = files[rng.integers(len(files))]
+        content, times = path.read_bytes(), path.stat()
+        damage(path, rng)
+        outcomes.append(outcome(kind, run, expected))
+        path.write_bytes(content)
+        os.utime(path, ns=(times.st_atime_ns, times.st_mtime_ns))
+    return outcomes
+
+
+def outcome(kind: Kind, run: Path, expected: list) -> Try:
+    """Who notices that a run is damaged. An error that is not ours, or names no file, counts as `silent`."""
+    try:
+        unchanged = list(kind.read(run)) == expected
+    except Exception as error:  # whatever a damaged file makes a reader trip over
+        ours = type(error).__module__.startswith("palpate.") and str(run) in str(error)
+        return Try("reader" if ours else "silent", f"{type(error).__name__}: {error}")
+    if message := validate(run):
+        return Try("validate", message)
+    return Try("unchanged" if unchanged else "silent")
+
+
+def validate(run: Path) -> str:
+    """What `snakemake validate` says of a run's files: the first that is not as written; empty if all are."""
+    for batch in Run(run).batches:
+        for finding in check_files(run, batch):
+            if not finding.ok:
+                return finding.where
+    return "".join(f"{path} has changed since it was written" for path in checksums.changed(run)[:1])
+
+
+def values_removed(run: Path, rng: np.random.Generator, tries: int) -> list[Try]:
+    """All values of an array of a Zarr store are gone: a copy that stopped. Its header is there."""
+    folders, outcomes = sorted(run.glob("*/batch-*.zarr/*/c")), []
+    kinds = {kind.name: kind for kind in KINDS}
+    for number in rng.integers(len(folders), size=tries):
+        kind, aside = kinds[f"{folders[number].parts[-4]} store"], run / ".aside"
+        expected = list(kind.read(run))
+        folders[number].rename(aside)
+        outcomes.append(outcome(kind, run, expected))
+        aside.rename(folders[number])
+    return outcomes
+
+
+def moved(run: Path, rng: np.random.Generator, tries: int) -> list[Try]:
+    """The run's folder is moved to another place: everything is read there as before."""
+    present = [kind for kind in KINDS if any(True for pattern in kind.patterns for _ in run.glob(pattern))]
+    expected, outcomes = {kind.name: list(kind.read(run)) for kind in present}, []
+    for number in range(min(tries, 3)):
+        elsewhere = run.parent / f"another place {number}" / "another name"
+        elsewhere.parent.mkdir()
+        shutil.move(run, elsewhere)
+        outcomes += [outcome(kind, elsewhere, expected[kind.name]) for kind in present]
+        shutil.move(elsewhere, run)
+    return outcomes
+
+
+def each_damage(kind: Kind, run: Path, rng: np.random.Generator, tries: int) -> list[Try]:
+    """Each of `DAMAGES`, so often."""
+    return [found for damage in DAMAGES.values() for found in apply(kind, damage, run, rng, tries)]
+
+
+FAULTS = [
+    *(Fault(f"{kind.name}: {', '.join(DAMAGES)}", partial(each_damage, kind)) for kind in KINDS),
+    Fault("all values of an array removed", values_removed),
+    Fault("folder moved elsewhere", moved),
+]

@@ -1,0 +1,58 @@
+"""The study of faults: it counts what it should, and leaves the run as it was."""
+
+import shutil
+
+import numpy as np
+import pytest
+
+from palpate.dataset.validation import validate_batch, write_findings
+from studies.reliability import clock, files
+from studies.reliability.fault import COLUMNS, Try, row
+from tests.store.conftest import *  # noqa: F403
+
+
+@pytest.fixture(scope="module")
+def copy(built, tmp_path_factory):
+    run = shutil.copytree(built, tmp_path_factory.mktemp("faults") / "run")
+    for batch in ("batch-0000", "batch-0001"):
+        write_findings(run / f"reports/validation/{batch}.csv", validate_batch(run, batch))
+    return run
+
+
+def contents(run):
+    return {path.relative_to(run): path.read_bytes() for path in run.rglob("*") if path.is_file()}
+
+
+@pytest.mark.parametrize("kind", [kind for kind in files.KINDS if kind.name in ("surface store", "grasps store")])
+@pytest.mark.parametrize("damage", files.DAMAGES.values())
+def test_no_fault_of_a_store_is_silent(copy, kind, damage):
+    before = contents(copy)
+    tries = files.apply(kind, damage, copy, np.random.default_rng(0), 3)
+    assert len(tries) == 3 and {found.noticed for found in tries} <= {"reader", "validate", "unchanged"}
+    assert contents(copy) == before
+
+
+def test_what_nobody_notices_is_silent(copy):
+    def rename(path, rng):
+        content = path.read_text()
+        path.write_text(content.replace("ball-0002", "ball-0003"))
+
+    kind = next(kind for kind in files.KINDS if kind.name == "catalogue.csv")  # without a checksum beside it here
+    rng = np.random.default_rng(0)
+    assert {found.noticed for found in files.apply(kind, rename, copy, rng, 1)} == {"silent"}
+
+
+def test_values_that_are_gone_a_moved_folder_and_a_clock(copy):
+    rng, before = np.random.default_rng(0), contents(copy)
+    assert {found.noticed for found in files.values_removed(copy, rng, 2)} == {"reader"}
+    assert {found.noticed for found in files.moved(copy, rng, 1)} == {"unchanged"}
+    assert {found.noticed for found in clock.source_changed(copy, rng, 1)} == {"validate"}
+    assert {found.noticed for found in clock.store_rebuilt(copy, rng, 1)} == {"validate"}
+    assert contents(copy) == before
+
+
+def test_a_row_counts_each_outcome(tmp_path):
+    tries = [Try("reader", f"StoreError: {tmp_path}/touch is damaged\nmore"), Try("silent"), Try("reader")]
+    found = row("cut", tries, tmp_path)
+    assert list(found) == list(COLUMNS)
+    assert list(found.values()) == ["cut", 3, 2, 0, 0, 1, "StoreError: touch is damaged"]
