@@ -24,7 +24,7 @@ USABLE = ["brick-millimetres", "can-nested-flat", "can-tall"]
 
 
 def digests(run: Path) -> dict[str, str]:
-    """SHA-256 of every file that a run made, but for records of how it went: times, logs, locks, config, Snakemake's."""
+    """SHA-256 of every file that a run made, but for records of how it went: times, logs, locks, config."""
     return {
         str(path.relative_to(run)): hashlib.sha256(path.read_bytes()).hexdigest()
         for path in sorted(run.rglob("*"))
