@@ -25,6 +25,7 @@ ARCHITECTURE |= {
     "encoder": SMALL["encoder"] | {"padding": 1},
     "decoder": {"hidden": 8, "points": 50, "channels": [4, 4, 4, 4], "level": 0.5},
 }
+POOLED = {"architecture": {"touch": "pooled"}}
 EXPERIMENTS = {
     "charts_occluded_touch": {"strategy": "charts", "vision": "occluded", "touch": True, "grasps": 1},
     "no_copy_unoccluded_touch": {"strategy": "no_copy", "vision": "unoccluded", "touch": True, "grasps": 1},
@@ -32,6 +33,8 @@ EXPERIMENTS = {
     "sphere_occluded_touch": {"strategy": "sphere", "vision": "occluded", "touch": True, "grasps": 1},
     "charts_occluded": {"strategy": "charts", "vision": "occluded", "touch": False, "grasps": 1},
     "charts_touch_2": {"strategy": "charts", "vision": "none", "touch": True, "grasps": 2},
+    "pooled_occluded_touch": {"strategy": "charts", "vision": "occluded", "touch": True, "grasps": 1} | POOLED,
+    "pooled_no_copy_touch_2": {"strategy": "no_copy", "vision": "none", "touch": True, "grasps": 2} | POOLED,
     "single_image": {"strategy": "charts", "vision": "views", "touch": False, "grasps": 1},
     "single_image_psg": {"strategy": "psg", "vision": "views", "touch": False, "grasps": 1},
     "single_image_pixel2mesh": {"strategy": "pixel2mesh", "vision": "views", "touch": False, "grasps": 1},
@@ -63,10 +66,13 @@ def run(tmp_path_factory):
     unet = TouchDepth(width=4).eval()
     checkpoints.save(folder / "models/touch_depth/best.ckpt", "touch_depth", unet, {"width": 4})
     for name, experiment in EXPERIMENTS.items():
-        model = checkpoints.build(experiment, ARCHITECTURE)
+        architecture = ARCHITECTURE | experiment.get("architecture", {})
+        model = checkpoints.build(experiment, architecture)
+        if "architecture" in experiment:  # weights that start at zero
+            torch.nn.init.normal_(model.touch_pooling.weight)
         if experiment["strategy"] == "r2n2":  # untrained, all cells are as probable, whatever the image
             torch.nn.init.normal_(model.cells.weight, std=1e3)
-        described = {"experiment": experiment, "architecture": ARCHITECTURE}
+        described = {"experiment": experiment, "architecture": architecture}
         checkpoints.save(folder / f"models/{name}/seed-0/best.ckpt", "reconstruction", model, described)
     touch = store.read(folder / f"touch/{BATCH}.zarr")
     vertices = np.stack([object_charts(unet, touch, row) for row in range(len(touch["object"]))])
@@ -115,6 +121,7 @@ def of_data(run, name, sample):
         ("sphere_occluded_touch", (1,), 0),
         ("charts_occluded", (1,), 0),
         ("charts_touch_2", (1, 0), 0),
+        ("pooled_no_copy_touch_2", (1, 0), 0),
         ("single_image", (), 1),
     ],
 )
@@ -150,10 +157,11 @@ def test_a_view_gives_what_a_published_network_predicts_for_it(run, dataset, str
     np.testing.assert_allclose(read.vertices, vertices, atol=1e-6)
 
 
-def test_charts_without_touch_are_left_out_where_they_are_only_copied(run, dataset):
-    name = "no_comm_unoccluded_touch"
+@pytest.mark.parametrize("name", ["no_comm_unoccluded_touch", "pooled_occluded_touch"])
+def test_charts_without_touch_are_left_out_where_they_are_only_copied(run, dataset, name):
     grasp = next(g for g in dataset["knife-0000"].grasps if 0 < g.success.sum() < 4)
-    shape = Reconstructor(folder_of(run, name))(grasp.object.unoccluded, grasp)
+    image = grasp.occluded if "_occluded" in name else grasp.object.unoccluded
+    shape = Reconstructor(folder_of(run, name))(image, grasp)
     vertices, faces = of_data(run, name, Sample(1, (grasp.number,)))
     np.testing.assert_allclose(shape.vertices, vertices, atol=1e-6)
     triangles = vertices[faces]
@@ -162,6 +170,7 @@ def test_charts_without_touch_are_left_out_where_they_are_only_copied(run, datas
     assert gone and len(gone) == 128 * (4 - grasp.success.sum())
     points = {tuple(face) for face in faces[(normal == 0).all(axis=1)]}
     assert gone <= points
+    assert shape.touch.sum() == 128 * grasp.success.sum()
 
 
 def test_touch_faces_are_the_charts_at_the_touches(run, dataset):
