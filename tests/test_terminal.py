@@ -88,6 +88,8 @@ def test_a_job_that_the_system_killed_is_said_to_be(tmp_path):
     progress.filter(record("error", logging.ERROR, "died with <Signals.SIGKILL: 9>.", exception="RuleException"))
     progress.filter(record("job_error", logging.ERROR, jobid=1, rule_name="grasps", output=["g.h5"], log=[]))
     assert "memory is short" in progress.failures[0].said
+    progress.filter(record("job_error", logging.ERROR, jobid=2, rule_name="grasps", output=["h.h5"], log=[]))
+    assert progress.failures[1].said == "ended from outside"  # it had no time for a line in its log
 
 
 @pytest.mark.parametrize(
