@@ -13,7 +13,8 @@ BRACES = re.compile(r"[\w./-]*\{\d+\.\.\d+\}[\w./-]*")  # as bash counts them up
 def run_folder(path: Path | str) -> Path:
     """The run's folder that a path is in, or is: the nearest with a config, else the nearest that looks like one's.
 
-    If none does, the folder's folder, which is where stores stand in a run.
+    If none does, the one that a folder of such a name in the path would be in; else the folder's folder, which is where
+    stores stand in a run.
     """
     path = Path(os.path.abspath(path))
     places = [path, *path.parents]
@@ -21,6 +22,9 @@ def run_folder(path: Path | str) -> Path:
         for place in places:
             if any((place / mark).exists() for mark in marks):
                 return place
+    for place in places:
+        if place.name in FOLDERS[1:]:
+            return place.parent
     return path.parent if path.name == "catalogue.csv" or len(path.parents) < 2 else path.parents[1]
 
 

@@ -14,7 +14,7 @@ from torch.nn import functional
 from palpate.charts.atlas import TOUCH_VERTICES, chart_faces, sphere, touch_chart, vision_atlas
 
 Kind = Literal["charts", "no_comm", "sphere"]
-Normalisation = Literal["symmetric", "mean", "separate"]
+Normalisation = Literal["symmetric", "mean"]
 
 
 def mesh_edges(faces: Tensor) -> Tensor:
@@ -67,9 +67,7 @@ class Graph(nn.Module):
         touch_charts: number of touch charts, 0 or more (4 a grasp).
         kind: `charts`; `no_comm`, vision charts only (touch charts are copied into the prediction, but are
             not in the graph); or `sphere`, the vertices and edges of `sphere()`.
-        normalisation: `symmetric`, the paper's equation 1; `mean`, as in the published code; or `separate`:
-            equation 1 as if there were no touch charts, to which a boundary vertex adds the reference
-            vertices with their weight in the mean; a reference vertex takes the mean.
+        normalisation: `symmetric`, the paper's equation 1, or `mean`, as in the published code.
 
     Attributes:
         vertices: V, number of vertices in the graph.
@@ -80,8 +78,8 @@ class Graph(nn.Module):
 
     def __init__(self, touch_charts: int = 0, kind: Kind = "charts", normalisation: Normalisation = "symmetric"):
         super().__init__()
-        if normalisation not in ("symmetric", "mean", "separate"):
-            raise ValueError(f"normalisation {normalisation!r}; must be symmetric, mean or separate")
+        if normalisation not in ("symmetric", "mean"):
+            raise ValueError(f"normalisation {normalisation!r}; must be symmetric or mean")
         if kind not in ("charts", "no_comm", "sphere"):
             raise ValueError(f"graph of kind {kind!r}; must be charts, no_comm or sphere")
         if touch_charts < 0:
@@ -114,11 +112,6 @@ class Graph(nn.Module):
             count[self.reference] += len(boundary)
         out, into = _factors(count, self.normalisation == "symmetric")
         weight, transposed = out[row] * into[neighbour], into[row] * out[neighbour]
-        if self.normalisation == "separate":
-            alone, _ = _factors(near, True)
-            for receiver, weights in ((row, weight), (neighbour, transposed)):
-                chart = ~torch.isin(receiver, self.reference)
-                weights[chart] = (alone[row] * alone[neighbour])[chart]
         ends = torch.zeros(2 if self.touch_charts else 0, self.vertices, dtype=torch.float64)
         if self.touch_charts:
             ends[0, boundary] = ends[1, self.reference] = 1
@@ -132,8 +125,8 @@ class Graph(nn.Module):
 
     def aggregate(self, x: Tensor, transpose: bool = False) -> Tensor:
         """The normalised sum over each vertex and its neighbours: `symmetric`,
-        y_u = sum_v x_v / sqrt((|N_u| + 1) (|N_v| + 1)) (paper, equation 1), their `mean`,
-        y_u = sum_v x_v / (|N_u| + 1), or both, `separate`.
+        y_u = sum_v x_v / sqrt((|N_u| + 1) (|N_v| + 1)) (paper, equation 1), or their `mean`,
+        y_u = sum_v x_v / (|N_u| + 1).
 
         Args:
             x: (V, B, C) features, or (V, C), of any strides; float32 or float64, or bfloat16 or float16.
@@ -184,16 +177,7 @@ class Graph(nn.Module):
                     adjacent[u, together] = 1
             for u in self.reference.tolist():
                 adjacent[u, atlas.boundary] = adjacent[atlas.boundary, u] = 1
-        mean = adjacent / adjacent.sum(dim=1)[:, None]
+        degree = adjacent.sum(dim=1)
         if self.normalisation == "mean":
-            return mean
-        by_touch = torch.zeros_like(adjacent)
-        if self.normalisation == "separate":
-            for u in self.reference.tolist():
-                by_touch[u, atlas.boundary] = by_touch[atlas.boundary, u] = 1
-        near = adjacent - by_touch
-        degree = near.sum(dim=1)
-        dense = near / (degree[:, None] * degree[None]).sqrt() + mean * by_touch
-        if self.normalisation == "separate":
-            dense[self.reference] = mean[self.reference]
-        return dense
+            return adjacent / degree[:, None]
+        return adjacent / (degree[:, None] * degree[None]).sqrt()

@@ -21,7 +21,7 @@ from palpate.dataset.reader import GraspRecord, ObjectRecord
 from palpate.evaluation.metrics import score, seeded
 from palpate.evaluation.rings import RINGS, SAMPLES, ring_distances, ring_points
 from palpate.evaluation.rows import COLUMNS, RING_COLUMNS, SPLITS, TOUCH_COLUMNS, EvaluationError
-from palpate.evaluation.surface_quality import plane_normals, surface_quality, topology
+from palpate.evaluation.surface_quality import surface_quality, topology
 from palpate.models import Reconstruction, SingleImageModel, TouchDepth
 from palpate.remedy import command
 from palpate.training import Assembler, Machine, Sample, TrainingData, windows
@@ -87,12 +87,10 @@ def evaluate(
     for sample, vertices, seconds in predictions(trained, data, splits):
         name = data.objects[sample.object]
         if last != sample.object:
-            points_of_object = data["points"][sample.object]
-            cloud = torch.from_numpy(points_of_object).to(trained.device)
-            tree, last = build_tree(cloud), sample.object
-            normals = plane_normals(points_of_object, tree)
+            cloud, last = torch.from_numpy(data["points"][sample.object]).to(trained.device), sample.object
+            tree = build_tree(cloud)
         scores = score(_sampled(trained, vertices, points, name), cloud, tree)
-        quality = surface_quality(vertices.cpu().numpy(), surface, tree, normals)
+        quality = surface_quality(vertices.cpu().numpy(), surface, tree)
         rows.append(_row(trained, data, sample) | scores._asdict() | quality._asdict() | {"seconds": seconds})
     return pd.DataFrame(rows, columns=COLUMNS)
 

@@ -216,7 +216,8 @@ class Voxels(SingleImageModel):
     def mesh(self, prediction):
         """The surface at `level`; at half the greatest probability if no cell reaches it."""
         probability = prediction.detach().double().sigmoid().cpu().numpy()
-        vertices, faces = grid_surface(probability, min(self.level, probability.max() / 2))
+        greatest = probability.max()
+        vertices, faces = grid_surface(probability, self.level if greatest > self.level else greatest / 2)
         return torch.from_numpy(vertices).to(prediction), torch.from_numpy(faces).to(prediction.device)
 
 

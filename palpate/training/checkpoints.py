@@ -75,8 +75,8 @@ def save(path: Path | str, kind: str, model: torch.nn.Module, described: Mapping
     `architecture`, or `width`), and further values that JSON can hold.
     """
     weights = {name: value.detach().cpu() for name, value in model.state_dict().items()}
-    with atomic_write(path) as partial:
-        torch.save({"schema_version": SCHEMA_VERSION, "kind": kind, **described, "weights": weights}, partial)
+    with atomic_write(path) as partial, open(partial, "wb") as file:  # by its name torch would name the content too
+        torch.save({"schema_version": SCHEMA_VERSION, "kind": kind, **described, "weights": weights}, file)
 
 
 def read(path: Path | str, kind: str) -> dict[str, Any]:

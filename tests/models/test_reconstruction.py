@@ -34,7 +34,7 @@ def model_of(strategy, vision, touch, grasps, architecture=SMALL, seed=0):
     [
         {},
         {"normalise_positions": False, "init": "paper"},
-        {"unsuccessful": "held", "gcn": SMALL["gcn"] | {"normalisation": "separate"}},
+        {"unsuccessful": "held", "gcn": SMALL["gcn"] | {"normalisation": "mean"}},
         {"touch": "pooled"},
     ],
 )

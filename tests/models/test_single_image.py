@@ -159,12 +159,13 @@ def test_a_grid_that_is_full_is_closed():
     assert mesh.is_watertight and mesh.volume == pytest.approx(0.5**3, rel=0.02)
 
 
-def test_predicted_cells_are_measured_on_their_surface():
+@pytest.mark.parametrize("level", [0.4, 0.9])
+def test_predicted_cells_are_measured_on_their_surface(level):
     radius = 0.14
     depth, centre = ball(radius)
-    model = built("r2n2")
-    # Log-odds of a probability that reaches the level, 0.4, at the radius.
-    odds = torch.from_numpy(np.log(0.4 / 0.6) + depth / CELL)
+    model = built("r2n2", decoder=ARCHITECTURES["r2n2"]["decoder"] | {"level": level})
+    # Log-odds of a probability that reaches the level at the radius, and is nearly linear between two cells there.
+    odds = torch.from_numpy(np.log(level / (1 - level)) + depth / (8 * CELL))
     points = model.sample(odds[None], 4000, torch.Generator().manual_seed(0))
     assert points.shape == (1, 4000, 3)
     away = (points[0] - torch.from_numpy(centre)).norm(dim=1)

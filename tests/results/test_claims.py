@@ -177,3 +177,14 @@ def test_seeds_that_do_not_pair_are_an_error():
     frame = frame[(frame["experiment"] != "charts_occluded") | (frame["seed"] == 0)]
     with pytest.raises(EvaluationError, match=r"'charts_occluded' was measured with the seeds \[0\], but others with"):
         decide(frame, synthetic.rings(RINGS, each=2), synthetic.touches(each=2), 100)
+
+
+def test_claims_of_the_model_selection_compare_the_rows_that_the_paper_names():
+    """Section 5.1 by the numbers of the table's rows: charts against the sphere, copying, communication, unoccluded
+    against occluded, touch against none; the second is the one that must be worse."""
+    number = paper_values("model_selection").drop_duplicates("experiment").set_index("experiment")["row"]
+    named = {(4, 1), (8, 5), (10, 9), (12, 11)} | {(4, 2), (8, 6)} | {(4, 3), (8, 7)}
+    named |= {(1, 5), (2, 6), (3, 7), (4, 8), (9, 11), (10, 12)} | {(4, 10), (8, 12), (1, 9), (5, 11)}
+    rows = paper_values("claims", text=True)
+    rows = rows[(rows["table"] == "model_selection") & (rows["parameters"] == "1 -1")]
+    assert {tuple(number[name] for name in pair.split("; ")) for pair in rows["experiments"]} == named

@@ -84,10 +84,10 @@ def test_a_batch_sample_by_sample():
     for place, sample in enumerate(samples):
         image = data["occluded"][sample.object, sample.grasps[0]].transpose(2, 0, 1) / 255
         np.testing.assert_allclose(batch["image"][place], image, atol=1e-7)
-        for name in ("success", "position", "charts"):
+        for name in ("success", "position", "rotation", "charts"):
             expected = np.concatenate([data[name][sample.object, grasp] for grasp in sample.grasps])
             np.testing.assert_array_equal(batch[name][place], expected)
-    assert set(batch) == {"image", "success", "position", "charts"}
+    assert set(batch) == {"image", "success", "position", "rotation", "charts"}
 
 
 def test_a_batch_of_readings_and_of_views():

@@ -6,7 +6,10 @@ import shutil
 import pytest
 import yaml
 
+from palpate.results.published import effects
 from tests.workflow.conftest import PROJECT, plan
+
+SETUPS = yaml.safe_load((PROJECT / "config/experiments.yaml").read_text())["experiments"]
 
 
 @pytest.fixture
@@ -38,7 +41,8 @@ def counts(project, *targets) -> dict[str, int]:
 
 def test_a_table_trains_and_measures_just_its_experiments(project):
     table = counts(project, "tables/model_selection.csv")
-    assert (table["reconstruction"], table["evaluate"], table["table"]) == (12, 12, 1)
+    # The table's experiments, and the four base models that they go on from: these are not measured.
+    assert (table["reconstruction"], table["evaluate"], table["table"]) == (12 + 4, 12, 1)
     assert not {"views", "rings", "evaluate_touch"} & set(table)
     local = counts(project, "tables/local_touch_charts.csv")
     assert not {"vision", "views", "reconstruction"} & set(local) and local["evaluate_touch"] == 1
@@ -47,23 +51,32 @@ def test_a_table_trains_and_measures_just_its_experiments(project):
     assert set(counts(project, "tables/architectures/occluded.csv")) == {"table"}
 
 
+def test_effects_take_the_experiments_that_are_compared(project):
+    found = counts(project, "tables/touch_effect.csv")
+    compared = {row[key] for row in effects(SETUPS) for key in ("experiment", "compared_with")}
+    assert found["evaluate"] == len(compared) > 12 and "evaluate_rings" not in found
+    quality = counts(project, "tables/surface_quality.csv")
+    assert quality["evaluate"] == 8 and quality["table"] == 1  # those of input_modalities
+
+
 def test_every_seed_is_trained_and_measured(project):
     more = project / "more.yaml"
     more.write_text("training: {seeds: [0, 3]}\n")
     table = counts(project, "tables/extrapolation.csv", "--configfile", str(more))
-    assert table["evaluate_rings"] == table["reconstruction"] == 8
+    assert table["evaluate_rings"] == 8 and table["reconstruction"] == 8 + 2 * 2  # of two bases
 
 
 def test_a_table_that_is_not_declared_is_not_built(project):
     def grasps_only(held):
         held["tables"] = {"grasps": held["tables"]["grasps"]}
-        names = held["tables"]["grasps"]["experiments"]
+        names = [*held["tables"]["grasps"]["experiments"]]
+        names += {held["experiments"][name]["base"] for name in names}
         held["experiments"] = {name: held["experiments"][name] for name in names}
 
     declared(project, grasps_only)
     # Of `all`, figures of models that are not declared are not the tables' matter: ask for the tables.
     found = counts(project, "tables/grasps.csv", "figures/multi_grasp.png", "figures/training_curves.png")
-    assert found["reconstruction"] == 10
+    assert found["reconstruction"] == 10 + 2
     for target, message in (
         ("tables/claims.csv", "is needed, but config/experiments.yaml does not define it"),
         ("tables/input_modalities.csv", "defines no table input_modalities"),

@@ -13,7 +13,9 @@ import pandas as pd
 import pytest
 
 import palpate
+from palpate.lock import JOBS_LOCK, LOCK
 from palpate.mesh import FORMATS
+from palpate.remedy import RECORD
 from tests.mesh import nasty
 from tests.workflow.conftest import PROJECT
 
@@ -22,13 +24,13 @@ USABLE = ["brick-millimetres", "can-nested-flat", "can-tall"]
 
 
 def digests(run: Path) -> dict[str, str]:
-    """SHA-256 of every file that a run made, but for records of how it went: times, logs, Snakemake's own."""
+    """SHA-256 of every file that a run made, but for records of how it went: times, logs, locks, config, Snakemake's."""
     return {
         str(path.relative_to(run)): hashlib.sha256(path.read_bytes()).hexdigest()
         for path in sorted(run.rglob("*"))
         if path.is_file()
         and not path.name.startswith(".snakemake")
-        and path.relative_to(run).parts[0] not in (".snakemake", "logs", "benchmarks")
+        and path.relative_to(run).parts[0] not in (".snakemake", "logs", "benchmarks", LOCK, JOBS_LOCK, RECORD)
     }
 
 
