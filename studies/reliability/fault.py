@@ -31,8 +31,8 @@ class Fault(NamedTuple):
 
 
 def row(name: str, tries: Sequence[Try], run: Path) -> dict[str, str | int]:
-    """One row of the table; the run's path is left out of its message."""
+    """One row of the table; the run's path is RUN in its message."""
     counts = [sum(found.noticed == each for found in tries) for each in ("reader", "validate", "unchanged", "silent")]
     messages = [found.message for found in tries if found.message]
     example = (messages[0] if messages else "").splitlines()[:1]
-    return dict(zip(COLUMNS, (name, len(tries), *counts, "".join(example).replace(f"{run}/", "")), strict=True))
+    return dict(zip(COLUMNS, (name, len(tries), *counts, "".join(example).replace(str(run), "RUN")), strict=True))

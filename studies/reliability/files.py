@@ -75,8 +75,8 @@ def _histories(run: Path) -> Iterator[object]:
 
 
 def _evaluations(run: Path) -> Iterator[object]:
-    trained = [path.relative_to(run / "models") for path in sorted(run.glob("models/**/seed-*"))]
-    yield rows.read([run / "evaluations" / f"{name}.csv" for name in trained]).to_csv()
+    known = sorted(run.glob("evaluations/*/.seed-*.csv.sha256"))  # also of one that was removed
+    yield rows.read([path.with_name(path.name[1:].removesuffix(".sha256")) for path in known]).to_csv()
 
 
 def _validation(run: Path) -> Iterator[object]:

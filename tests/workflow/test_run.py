@@ -164,7 +164,7 @@ def test_a_run_in_which_nothing_can_be_used_is_whole_but_not_valid(make_workflow
 
 
 def test_asking_to_validate_checks_each_time_and_says_what_it_found(finished):
-    said = r"\d+ checks, 2 objects: passed"
+    said = r"\d+ checks, 3 objects: passed"
     assert re.search(said, finished("validate").stderr)
     values = finished.run / "surface/batch-0000.zarr/points/c"
     values.rename(finished.run / "aside")
@@ -173,7 +173,7 @@ def test_asking_to_validate_checks_each_time_and_says_what_it_found(finished):
     finally:
         (finished.run / "aside").rename(values)
     assert result.returncode != 0
-    assert re.search(r"\d+ checks, 2 objects: 1 failed", result.stderr)
+    assert re.search(r"\d+ checks, 3 objects: 1 failed", result.stderr)
     assert "points/c/0/0/0 is missing; remove it and build it again with: snakemake surface/" in result.stderr
     assert re.search(said, finished("validate").stderr)
 

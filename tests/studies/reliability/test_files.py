@@ -55,4 +55,4 @@ def test_a_row_counts_each_outcome(tmp_path):
     tries = [Try("reader", f"StoreError: {tmp_path}/touch is damaged\nmore"), Try("silent"), Try("reader")]
     found = row("cut", tries, tmp_path)
     assert list(found) == list(COLUMNS)
-    assert list(found.values()) == ["cut", 3, 2, 0, 0, 1, "StoreError: touch is damaged"]
+    assert list(found.values()) == ["cut", 3, 2, 0, 0, 1, "StoreError: RUN/touch is damaged"]
