@@ -29,9 +29,9 @@ def measure(path: Path | str) -> list:
 
 
 def manifest_of(folder: Path | str) -> dict[str, list]:
-    """The manifest of all files in a folder but its own `manifest.json`, in order."""
+    """The manifest of all files in a folder but its own `manifest.json` and hidden ones (Snakemake's), in order."""
     folder = Path(folder)
-    files = sorted(path for path in folder.rglob("*") if path.is_file() and path != folder / MANIFEST)
+    files = sorted(path for path in folder.rglob("[!.]*") if path.is_file() and path != folder / MANIFEST)
     return {path.relative_to(folder).as_posix(): measure(path) for path in files}
 
 

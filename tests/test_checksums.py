@@ -93,6 +93,7 @@ def test_a_folder_says_what_is_missing_cut_and_changed(tmp_path):
     for name in ("a/visual.glb", "a/mesh.json", "b/visual.glb"):
         (tmp_path / name).parent.mkdir(exist_ok=True)
         (tmp_path / name).write_bytes(b"content of " + name.encode())
+    (tmp_path / "a/.snakemake_timestamp").touch()
     checksums.write_manifest(tmp_path)
     files = checksums.read_manifest(tmp_path, REMEDY)
     assert list(files) == ["a/mesh.json", "a/visual.glb", "b/visual.glb"]
