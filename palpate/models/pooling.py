@@ -151,7 +151,8 @@ class PerceptualPooling(nn.Module):
         else:
             cell = (place + 1) * (edge / 2) - 0.5
         cell = cell.clamp(0, edge - 1)
-        low = cell.detach().floor().clamp(max=max(edge - 2, 0))
+        # A position that is no number has some cell, and no number for its weights.
+        low = cell.detach().nan_to_num().floor().clamp(max=max(edge - 2, 0))
         right, down = (cell - low).unbind(dim=-1)
         weight = torch.stack([(1 - down) * (1 - right), (1 - down) * right, down * (1 - right), down * right], dim=-1)
         low = low.long()

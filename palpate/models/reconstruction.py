@@ -11,7 +11,7 @@ import torch
 from torch import Tensor, nn
 
 from palpate.camera import IMAGE_SIZE, paper_camera
-from palpate.charts.atlas import ATLAS_RADIUS, TOUCH_VERTICES, chart_faces, sphere, vision_atlas
+from palpate.charts.atlas import ATLAS_RADIUS, TOUCH_VERTICES, chart_faces, sphere, touch_chart, vision_atlas
 from palpate.charts.graph import Graph
 from palpate.charts.sample import sample_faces
 from palpate.hand import SENSORS
@@ -92,6 +92,7 @@ class Reconstruction(nn.Module):
         self.register_buffer("start", start.clone(), persistent=False)
         faces = chart_faces(self.sensors) if self.copies_touch else self.graph.faces
         self.register_buffer("faces", faces.clone(), persistent=False)
+        self._mesh_vertices = int(faces.max()) + 1
         fixed_touch = strategy == "charts" and self.held
         moving = chart_faces(0) if fixed_touch else self.graph.faces
         self.register_buffer("moving_faces", moving.clone(), persistent=False)
@@ -202,12 +203,17 @@ class Reconstruction(nn.Module):
         return [self(batch)]
 
     def mesh(self, prediction: Tensor) -> tuple[Tensor, Tensor]:
-        """One sample's prediction as a mesh: its vertices (V, 3), metres, world frame, and `faces`."""
-        return prediction, self.faces
+        """One sample's prediction as a mesh: its vertices (V, 3), metres, world frame, and their faces."""
+        return prediction, self._faces_of(len(prediction))
 
     def sample(self, prediction: Tensor, n: int, generator: torch.Generator | None = None) -> Tensor:
         """Points (B, n, 3) on the meshes whose vertices `forward` predicts, uniform by area."""
-        return sample_faces(prediction, self.faces, n, generator)
+        return sample_faces(prediction, self._faces_of(prediction.shape[1]), n, generator)
+
+    def _faces_of(self, vertices: int) -> Tensor:
+        """`faces`, less those of touch charts that a sample with fewer grasps than the model's does not have."""
+        missing = self._mesh_vertices - vertices
+        return self.faces[: len(self.faces) - missing // TOUCH_VERTICES * len(touch_chart().faces)]
 
     def check(self, batch: Mapping[str, Tensor]) -> None:
         """Raises ValueError if a key is missing, of another shape, or has NaN or infinite values.

@@ -95,7 +95,8 @@ def _surface_features(touches: Touches, place: Tensor) -> Tensor:
     """(V, 14) of the nearest touched surface."""
     if not len(touches.points):
         return place.new_zeros(len(place), SURFACE_FEATURES)
-    index = nearest(place, touches.points, touches.tree)
+    # A place that is no number has some nearest vertex, and no number for its features.
+    index = nearest(place.detach().nan_to_num(), touches.points, touches.tree)
     offset, normal = touches.points[index] - place, touches.normals[index]
     distance = torch.linalg.vector_norm(offset, dim=1, keepdim=True)
     nearer, near, far = (torch.exp(-distance / length) for length in (NEARER, NEAR, FAR))

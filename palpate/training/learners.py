@@ -81,7 +81,8 @@ class Learner(lightning.LightningModule, ABC):
             self.model.parameters(),
             lr=self.settings["rate"],
             weight_decay=self.settings["weight_decay"],
-            fused=self.device.type == "cpu" or None,  # one pass over all weights, for which a GPU has its own way
+            # One pass over all weights on a CPU; a GPU has its own way, and Lightning refuses it in mixed precision.
+            fused=(self.device.type == "cpu" and not (self._trainer and "mixed" in self.trainer.precision)) or None,
         )
         if self.settings["schedule"] == "constant":
             return {"optimizer": optimiser}

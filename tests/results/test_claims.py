@@ -92,7 +92,7 @@ def test_flat_at_the_bound_is_undecided():
 
 
 def test_near_perfect_is_against_the_least_global_error():
-    least = min(MEANS[name] for name in synthetic.of_table("input_modalities"))
+    least = min(MEANS[name] for name in synthetic.of_table("input_modalities") if name in MEANS)
     for cloud, expected in ((0.04 * least, HOLDS), (0.06 * least, FAILS)):
         row = rows(decided(cloud=cloud), "near perfect")
         assert row["verdict"].item() == expected

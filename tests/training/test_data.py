@@ -91,7 +91,9 @@ def test_objects_that_all_stores_have(made):
 
 def test_rows_are_those_of_the_stores(made):
     found = TrainingData.load(made[0], OCCLUDED_TOUCH)
-    assert found.grasps == GRASPS and set(found.arrays) == {"points", "occluded", "success", "position", "charts"}
+    assert found.grasps == GRASPS and set(found.arrays) == {
+        *("points", "occluded", "success", "position", "rotation", "charts")
+    }
     for number, name in enumerate(found.objects):
         for ours, stage, theirs in [
             ("points", "surface", "points"),
@@ -99,6 +101,7 @@ def test_rows_are_those_of_the_stores(made):
             ("charts", "charts", "vertices"),
             ("success", "touch", "success"),
             ("position", "touch", "position"),
+            ("rotation", "touch", "rotation"),
         ]:
             np.testing.assert_array_equal(found[ours][number], row(made, stage, name, theirs))
     with pytest.raises(TrainingDataError, match="the experiment takes no unoccluded"):
@@ -168,7 +171,7 @@ def test_values_that_cannot_be_are_noticed_and_named(run, stage, name, value):
 
 def test_a_rotation_out_of_range_is_noticed(run):
     change(run, "touch", "rotation", (0, 0, 0, 0, 0), 1.5)
-    assert len(TrainingData.load(run[0], TOUCH))
+    assert len(TrainingData.load(run[0], TOUCH | {"architecture": {"touch": "graph"}}))
     with pytest.raises(StoreError, match="rotation of a-0 is NaN, infinite or above 1.001"):
         TrainingData.load(run[0], READINGS)
 

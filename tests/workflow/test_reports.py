@@ -5,7 +5,7 @@ import shutil
 import pandas as pd
 import pytest
 
-from tests.workflow.conftest import Workflow
+from tests.workflow.conftest import EVERY_SPLIT, Workflow
 
 RULES = {"report_item", "report", "reports"}
 
@@ -39,10 +39,10 @@ def test_a_subset_of_stages(finished, stages, files):
 
 
 def test_all_stages_and_what_they_are_made_from(make_workflow):
-    jobs = make_workflow().jobs("reports")
+    jobs = make_workflow(split=EVERY_SPLIT).jobs("reports")
     assert len(report_files(jobs)) == 10 + 4 + 5
     assert {"meshes", "surface", "grasps", "touch", "vision", "touch_depth"} <= {job.rule for job in jobs}
-    of_touch = make_workflow(reports={"stages": ["touch"]}).planned("reports")
+    of_touch = make_workflow(split=EVERY_SPLIT, reports={"stages": ["touch"]}).planned("reports")
     assert {"meshes", "surface", "grasps"} <= of_touch and not {"touch", "vision", "touch_depth"} & of_touch
 
 
