@@ -155,3 +155,20 @@ def test_order_and_number_of_touches(vision):
     torch.testing.assert_close(model(batch), model(turned), rtol=1e-9, atol=1e-12)
     twice = batch | {key: torch.cat([batch[key]] * 2, dim=1) for key in keys}
     torch.testing.assert_close(model(batch), model(twice), rtol=1e-9, atol=1e-12)
+
+
+def test_a_sample_with_fewer_grasps_has_fewer_charts_in_its_mesh():
+    torch.manual_seed(0)
+    model = Reconstruction("charts", False, True, 5, POOLED).double()
+    batch = random_batch(1, 2)
+    vertices = model(batch)
+    shown, faces = model.mesh(vertices[0])
+    assert len(shown) == 1824 + 8 * 81 and len(faces) == 2304 + 8 * 128
+    assert faces.unique().tolist() == list(range(len(shown)))
+    assert model.sample(vertices, 10, torch.Generator().manual_seed(0)).shape == (1, 10, 3)
+
+
+def test_a_place_that_is_no_number_has_no_numbers():
+    batch = touches([[True, False]])
+    places = torch.full((3, 1, 3), torch.nan, dtype=torch.float64)
+    assert torch.isnan(pooled_touches(touches_of(batch), places)[..., :13]).all()
