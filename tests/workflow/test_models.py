@@ -29,6 +29,7 @@ def tiny(make_workflow):
                     "batch": 1,
                     "loss_points": 200,
                     "validation_points": 200,
+                    "continuation": {"steps": STEPS, "evaluate_every": 10},
                 },
             },
         },

@@ -183,7 +183,7 @@ def test_nothing_is_left_to_do(finished):
 
 
 def test_a_killed_run_goes_on_and_ends_in_the_same_bytes(finished, make_workflow):
-    workflow = make_workflow()
+    workflow = make_workflow(split=EVERY_SPLIT)
     # Between stages, and in the middle of one: its log is there, its store not yet.
     for path in ("meshes/batch-0000", "logs/grasps/batch-0000.log", "logs/vision/batch-0000.log"):
         workflow.kill_when(path, "dataset")
