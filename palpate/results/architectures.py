@@ -91,7 +91,9 @@ class _Recorder:
             tensors_in = inputs[0]
         if isinstance(module, Concatenate) and all(id(tensor) not in self.names for tensor in tensors_in):
             return  # a vertex's own inputs
-        self.step([self.names.get(id(tensor), VERTICES) for tensor in tensors_in], OPERATIONS[type(module)](module), output)
+        self.step(
+            [self.names.get(id(tensor), VERTICES) for tensor in tensors_in], OPERATIONS[type(module)](module), output
+        )
         if isinstance(module, MapProducts | PerceptualPooling | LinearBlock):
             self.image_features = output
 
@@ -101,7 +103,7 @@ class _Recorder:
         self.call(output, f"({index})")
 
     def first_input(self, own: Tensor) -> Tensor:
-        """The whole input of the first graph layer: a vertex's own (V, B, C), and the image's, which comes as products."""
+        """The whole input of the first graph layer: a vertex's own (V, B, C), and the image's, which are products."""
         self.vertices = own
         self.row("vertices", "", VERTICES, own)
         if self.image_features is None:

@@ -17,9 +17,9 @@ LEVEL = 0.95
 RESAMPLES = 2000
 SEED = 0
 STEP = 1e-4  # of the means, relative, for the slope of a statistic
-# A variance between two or three seeds is often far too small by chance, and Welch and Satterthwaite's degrees of freedom
-# are then those of the many objects. So it counts 1 + 8 / f^2 times in them, f being its own: intervals contain the truth
-# in 94 to 97 of 100 simulated runs instead of 88 to 95 (docs/evaluation.md).
+# A variance between two or three seeds is often far too small by chance. Welch and Satterthwaite's degrees of freedom
+# are then those of the many objects. So it counts 1 + 8 / f^2 times in them, f being its own degrees. Intervals then
+# contain the truth in 94 to 97 of 100 simulated runs, instead of 88 to 95 (docs/evaluation.md).
 SEEDS_WEIGHT = 8.0
 
 
@@ -35,8 +35,11 @@ class Estimate(NamedTuple):
         return self._replace(low=float(np.clip(self.low, least, most)), high=float(np.clip(self.high, least, most)))
 
     def sign(self, spread: float = np.nan) -> int:
-        """-1 or 1 if the number is a finding, 0 if it is undecided. It is a finding if its interval excludes 0 and it is
-        larger than `spread`, how far two seeds differ in it (nan: not known)."""
+        """-1 or 1 if the number is a finding, 0 if it is undecided.
+
+        It is a finding if its interval excludes 0 and it is larger than `spread`, how far two seeds differ in it (nan:
+        not known).
+        """
         if abs(self.value) <= spread:
             return 0
         return int(self.low > 0) - int(self.high < 0)
@@ -64,8 +67,8 @@ def interval(
     Of n objects (or k seeds) n - 1 are drawn, which makes the variance of a mean of few unbiased (McCarthy and Snowden
     1985, The Bootstrap and Finite Population Sampling). The interval is Student's on the bootstrap's standard error
     (Efron and Tibshirani 1993, An Introduction to the Bootstrap, section 12.2), with the degrees of freedom of Welch
-    and Satterthwaite (see `SEEDS_WEIGHT`): percentiles of a few objects or seeds are too narrow. With one seed the interval is over objects
-    only. A class with one object shows no spread, and the interval is (nan, nan).
+    and Satterthwaite (see `SEEDS_WEIGHT`): percentiles of a few objects or seeds are too narrow. With one seed the
+    interval is over objects only. A class with one object shows no spread, and the interval is (nan, nan).
 
     Raises ValueError if the arrays do not fit each other, hold no object, or are not finite.
     """
@@ -150,16 +153,13 @@ def _replicates(values, classes, resamples: int, rng: np.random.Generator) -> np
         weights[:, members] = _drawn(len(members), resamples, rng) / len(np.unique(classes))
     seeds = _drawn(max(map(len, values)), resamples, rng)
     return np.stack(
-        [
-            np.einsum("rk,rk->r", weights @ array.T, seeds) if len(array) > 1 else weights @ array[0]
-            for array in values
-        ],
+        [np.einsum("rk,rk->r", weights @ array.T, seeds) if len(array) > 1 else weights @ array[0] for array in values],
         axis=1,
     )
 
 
 def _drawn(count: int, resamples: int, rng: np.random.Generator) -> np.ndarray:
-    """(resamples, count) shares of each of `count` among count - 1 that are drawn with replacement; 1 of a single one."""
+    """(resamples, count) shares of each of `count` among count - 1 drawn with replacement; 1 of a single one."""
     if count == 1:
         return np.ones((resamples, 1))
     return rng.multinomial(count - 1, np.full(count, 1 / count), size=resamples) / (count - 1)

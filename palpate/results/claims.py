@@ -150,8 +150,8 @@ def decide(
         f"{counts.get(HOLDS, 0)} of {len(table)} claims hold, {counts.get(FAILS, 0)} do not, "
         f"{counts.get(UNDECIDED, 0)} are undecided by this run. A claim is that a number is negative (where "
         "it names a bound: within it); it holds or not if the whole interval says so, and two seeds differ by less "
-        "(`between seeds`). Differences are paired by object and seed. `paper agrees`: whether the paper's own numbers, "
-        f"without an interval, say so. {intervals_note(int(table['seeds'].max()))}"
+        "(`between seeds`). Differences are paired by object and seed. `paper agrees`: whether the paper's own "
+        f"numbers, without an interval, say so. {intervals_note(int(table['seeds'].max()))}"
     )
     table.attrs["decimals"] = None
     return table

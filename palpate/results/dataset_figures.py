@@ -123,7 +123,11 @@ def example_grasp(dataset: Dataset) -> GraspRecord | None:
     def merit(grasp: GraspRecord) -> float:
         unoccluded, occluded = (grasp.object.unoccluded_mask > 0).mean(), (grasp.occluded_mask > 0).mean()
         relief = grasp.reading[grasp.success].std(axis=(1, 2)).mean(axis=-1)
-        return np.sqrt(unoccluded) * (1 - abs(occluded / max(unoccluded, 1e-9) - VISIBLE)) * relief.min(initial=FULL_RELIEF)
+        return (
+            np.sqrt(unoccluded)
+            * (1 - abs(occluded / max(unoccluded, 1e-9) - VISIBLE))
+            * relief.min(initial=FULL_RELIEF)
+        )
 
     return max((dataset[int(row)].grasps[number] for row, number in candidates), key=merit)
 

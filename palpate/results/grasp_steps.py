@@ -14,6 +14,7 @@ from palpate.vision import blender
 
 blender.load()
 
+from palpate.camera import Camera, looking_at  # noqa: E402
 from palpate.dataset import Dataset  # noqa: E402
 from palpate.dataset.reader import GraspRecord  # noqa: E402
 from palpate.hand import Hand  # noqa: E402  (Blender comes before what loads embree)
@@ -23,7 +24,6 @@ from palpate.results.page import TITLE, new_figure, save, save_sentence, styled 
 from palpate.store import read  # noqa: E402
 from palpate.surface.embree import RayMesh  # noqa: E402
 from palpate.vision import Renderer  # noqa: E402
-from palpate.camera import Camera, looking_at  # noqa: E402
 from palpate.vision.geom import triangles  # noqa: E402
 
 STEPS = (

@@ -12,6 +12,7 @@ from palpate.vision import blender
 
 blender.load()
 
+from palpate.camera import Camera  # noqa: E402
 from palpate.charts.atlas import touch_chart  # noqa: E402  (Blender comes before embree)
 from palpate.dataset import Dataset  # noqa: E402
 from palpate.dataset.reader import GraspRecord, ObjectRecord  # noqa: E402
@@ -26,7 +27,6 @@ from palpate.results.page import FAINT, LABEL, TITLE, new_figure, save, save_sen
 from palpate.results.reconstructions import test_objects  # noqa: E402
 from palpate.touch import SENSOR_WIDTH  # noqa: E402
 from palpate.vision import Mesh, Renderer, looking_at, spheres  # noqa: E402
-from palpate.camera import Camera  # noqa: E402
 
 STAGES = ("touch",)  # whose objects can be drawn
 HEADINGS = ("reading", "true cloud", "predicted cloud", "touch chart")

@@ -11,9 +11,9 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.ticker import FormatStrFormatter, LogLocator, MaxNLocator, NullFormatter, PercentFormatter
 
-from palpate.remedy import command
 from palpate.evaluation.rings import RINGS
 from palpate.evaluation.rows import EvaluationError, read_table
+from palpate.remedy import command
 from palpate.results.bootstrap import RESAMPLES
 from palpate.results.errors import errors
 from palpate.results.model_tables import (

@@ -38,8 +38,8 @@ TOUCH_PARTS = {"cloud": "local point cloud", "chart": "touch chart"}
 STEPS_NOTE = " The paper trained for at most 260 epochs in batches of 16."
 QUALITY_LABELS = {"bend": "bend_degrees", "folded": "folded_percent", "gap": "gap_mm", "across": "across_degrees"}
 QUALITY_NOTE = (
-    " bend: mean angle between adjacent faces of a chart; folded: pairs of them bent by more than 90 degrees; gap: mean "
-    "distance of boundary vertices that the initial sphere joins; across: mean angle between a face and the true "
+    " bend: mean angle between adjacent faces of a chart; folded: pairs of them bent by more than 90 degrees; gap: "
+    "mean distance of boundary vertices that the initial sphere joins; across: mean angle between a face and the true "
     "surface. Vision charts only."
 )
 
@@ -231,7 +231,8 @@ def single_image(
     """Single-image reconstruction by Pixel2Mesh's protocol (supplement, table "Single image 3D shape
     reconstructing results"): the models measured here first, then the paper's own row, then those that it cites.
 
-    Column `source` is `measured` or `cited`: what is cited was measured on other objects. `chamfer` is in thousandths at the protocol's scale, `f1_tau` and `f1_2tau` in percent.
+    Column `source` is `measured` or `cited`: what is cited was measured on other objects. `chamfer` is in thousandths
+    at the protocol's scale, `f1_tau` and `f1_2tau` in percent.
     """
     columns = ("chamfer", "f1_tau", "f1_2tau")
     scores = {column: errors(evaluations, list(experiments), split, column) for column in columns}

@@ -19,6 +19,7 @@ from palpate.vision import blender
 
 blender.load()
 
+from palpate.camera import Camera, paper_camera  # noqa: E402
 from palpate.dataset import Dataset  # noqa: E402
 from palpate.dataset.reader import ObjectRecord  # noqa: E402
 from palpate.evaluation.reconstruct import (  # noqa: E402  (Blender comes before embree)
@@ -32,7 +33,6 @@ from palpate.mesh import OBJECT_POSITION, load_visual  # noqa: E402
 from palpate.results.page import COLOURS, FAINT, INK, LABEL, TITLE, new_figure, save, save_sentence, styled  # noqa: E402
 from palpate.results.surface_view import CLAY  # noqa: E402
 from palpate.vision import Mesh, Renderer, spheres  # noqa: E402
-from palpate.camera import Camera, paper_camera  # noqa: E402
 
 # Columns: the experiment, the group it stands in, and its own heading.
 SETUPS = (
@@ -185,9 +185,7 @@ def frame(size: int, zoom: float = ZOOM) -> tuple[float, float]:
     return 0.5 * size * (1 - 1 / zoom), 0.5 * size * (1 + 1 / zoom)
 
 
-def _page(
-    records: list[ObjectRecord], setups: list[tuple], cells: dict, zooms: list[float], path: Path | str
-) -> None:
+def _page(records: list[ObjectRecord], setups: list[tuple], cells: dict, zooms: list[float], path: Path | str) -> None:
     cell, gap, between, left, head = 1.3, 0.02, 0.14, 0.3, 0.5  # inches
     columns = [("image", "Input images", "occluded"), ("image", "Input images", "unoccluded")]
     columns += [("truth", "", "Ground truth"), *setups]

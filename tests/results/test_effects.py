@@ -28,7 +28,11 @@ def test_a_difference_is_that_of_the_class_averages():
     for one in table.to_dict("records"):
         of_split = frame[frame["split"] == one["split"]]
         averages = [
-            of_split[of_split["experiment"] == name].groupby(["class", "object"])["chamfer"].mean().groupby("class").mean()
+            of_split[of_split["experiment"] == name]
+            .groupby(["class", "object"])["chamfer"]
+            .mean()
+            .groupby("class")
+            .mean()
             for name in (one["experiment"], one["compared_with"])
         ]
         mine, other = (average.mean() for average in averages)

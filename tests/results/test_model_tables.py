@@ -93,8 +93,9 @@ def test_tables_say_how_far_two_seeds_differ(evaluations):
         one, other = (class_means(rows[rows["seed"] == seed], name, "test").mean() for seed in (0, 1))
         assert table.loc[name, "between_seeds"] == pytest.approx(abs(one - other))
         shares.append(100 * abs(np.log(one / other)))
-    assert f"differ by {np.mean(shares):.1f} % of its average (mean over models; {max(shares):.1f} % at most)" in (
-        table.attrs["note"]
+    assert (
+        f"differ by {np.mean(shares):.1f} % of its average (mean over models; {max(shares):.1f} % at most)"
+        in (table.attrs["note"])
     )
     alone = tables.input_modalities(evaluations[evaluations["seed"] == 0], setup, resamples=100)
     assert "between_seeds" not in alone and "One seed" in alone.attrs["note"]
