@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
+from palpate.camera import Camera
 from palpate.catalogue import CatalogueEntry
 from palpate.dataset.arrays import JoinedArray, fill_untouched
 from palpate.dataset.run import Run
@@ -132,6 +133,10 @@ class Dataset(Sequence):
         values = self.array(stage, name).load()
         return values if dtype is None else values.astype(dtype, copy=False)
 
+    def cameras(self) -> np.ndarray:
+        """(o, k, 3, 4) float64 projections of the k cameras, from homogeneous world coordinates (m) to pixels."""
+        return self.load("vision", "intrinsics") @ self.load("vision", "extrinsics")
+
     def readings(self) -> np.ndarray:
         """(o, g, 4, r, r, 3) uint8 readings in memory; a sensor that touched nothing reads the empty gel."""
         return fill_untouched(self.load("touch", "reading"), self.load("touch", "success"), self.empty_reading)
@@ -182,14 +187,36 @@ class _Record:
     of_grasps = False
     index: tuple[int, ...] = ()  # within the object's row
 
-    def __init__(self, run: Run, entry: CatalogueEntry):
-        self._run, self._entry = run, entry
+    def __init__(self, run: Run, entry: CatalogueEntry, camera: int = 0):
+        self._run, self._entry, self.camera_number = run, entry, camera
 
     def _read(self, name: str) -> np.ndarray:
-        """The row in array `name`, as it is stored."""
+        """The row in array `name`, as it is stored; of an array with an axis of cameras, that of the record's."""
         stage = _stage_of_arrays(self.of_grasps)[name]
         row = self._run.row(stage, self._entry)
-        return self._run.store(stage, self._entry.batch).get(name, (row, *self.index))
+        of_camera = (self.camera_number,) if "k" in CONTRACT[stage].arrays[name].shape else ()
+        return self._run.store(stage, self._entry.batch).get(name, (row, *self.index, *of_camera))
+
+    @cached_property
+    def cameras(self) -> int:
+        """Number of the scene's cameras."""
+        return self._run.store("vision", self._entry.batch).header("intrinsics")[0][1]
+
+    def _with_camera(self, number: int) -> int:
+        if number not in range(self.cameras):
+            raise IndexError(f"{self!r} has no camera {number}: it has {self.cameras}, numbered from 0")
+        return number
+
+    @property
+    def vision_camera(self) -> Camera:
+        """The camera of its images; `vision_camera.pose()` (4, 4), `.project(points)`, `.rays()`."""
+        size = self._run.store("vision", self._entry.batch).header("unoccluded")[0][2]
+        return Camera.from_matrices(self.intrinsics, self.extrinsics, size)
+
+    @property
+    def camera_pose(self) -> np.ndarray:
+        """(4, 4) pose of its images' camera in the world, m: columns are x right, y up, -z into the scene, position."""
+        return self.vision_camera.pose()
 
     def __getattr__(self, name: str) -> np.ndarray:
         if name not in _stage_of_arrays(self.of_grasps):
@@ -205,8 +232,14 @@ class _Record:
 class ObjectRecord(_Record):
     """One object: `class_name`, `split`, `batch`, `mesh` (folder), `grasps`, and by name every array of the
     contract with one row an object: `points`, `attempts`, `unoccluded`, `unoccluded_mask`,
-    `unoccluded_depth`.
+    `unoccluded_depth`, and the `intrinsics` (3, 3) and `extrinsics` (3, 4) of their camera.
+
+    Images, masks, depths and matrices are those of the scene's first camera; `seen_by(1)` gives the next one's.
     """
+
+    def seen_by(self, number: int) -> "ObjectRecord":
+        """The same object with the images of another of its `cameras`. Raises IndexError if there is none."""
+        return ObjectRecord(self._run, self._entry, self._with_camera(number))
 
     @property
     def name(self) -> str:
@@ -236,7 +269,8 @@ class ObjectRecord(_Record):
     @cached_property
     def grasps(self) -> list["GraspRecord"]:
         """Its grasps; their number is that of the first stage that has grasps."""
-        return [GraspRecord(self._run, self._entry, number) for number in range(self._run.grasps(self._entry))]
+        numbers = range(self._run.grasps(self._entry))
+        return [GraspRecord(self._run, self._entry, number, self.camera_number) for number in numbers]
 
     def __repr__(self) -> str:
         return f"ObjectRecord({self.name!r}, class {self.class_name}, {self.split}, {self.batch})"
@@ -244,7 +278,8 @@ class ObjectRecord(_Record):
 
 class GraspRecord(_Record):
     """One grasp: by name every array of the contract with one row a grasp, among them `palm_pose`,
-    `joint_positions`, `penetration`, `success`, `position`, `rotation`, `depth`, `occluded`, `occluded_mask`.
+    `joint_positions`, `penetration`, `success`, `position`, `rotation`, `depth`, `occluded`, `occluded_mask`; and the
+    `intrinsics` (3, 3) and `extrinsics` (3, 4) of the images' camera, the first one; `seen_by(1)` is the next one's.
 
     Arrays with one row a sensor are in the order of `sensors`. `reading` and `points` differ from the store:
     an untouched sensor reads the empty gel, and the clouds are cut at their count.
@@ -252,15 +287,29 @@ class GraspRecord(_Record):
 
     of_grasps = True
 
-    def __init__(self, run: Run, entry: CatalogueEntry, number: int):
-        super().__init__(run, entry)
+    def __init__(self, run: Run, entry: CatalogueEntry, number: int, camera: int = 0):
+        super().__init__(run, entry, camera)
         self.number = number
         self.index = (number,)
 
     @property
     def object(self) -> ObjectRecord:
-        """The object that is grasped."""
-        return ObjectRecord(self._run, self._entry)
+        """The object that is grasped, seen by the same camera."""
+        return ObjectRecord(self._run, self._entry, self.camera_number)
+
+    def seen_by(self, number: int) -> "GraspRecord":
+        """The same grasp with the images of another of the `cameras`. Raises IndexError if there is none."""
+        return GraspRecord(self._run, self._entry, self.number, self._with_camera(number))
+
+    @cached_property
+    def intrinsics(self) -> np.ndarray:
+        """(3, 3) from x right, y down, z into the scene of the camera, m, to homogeneous pixels."""
+        return self.object.intrinsics
+
+    @cached_property
+    def extrinsics(self) -> np.ndarray:
+        """(3, 4) from homogeneous world coordinates, m, to x right, y down, z into the scene of the camera."""
+        return self.object.extrinsics
 
     @cached_property
     def sensors(self) -> tuple[str, ...]:

@@ -11,7 +11,8 @@ from importlib import resources
 
 # 1: arrays of grasps were (og, ...), object by object, with `object_index` and `grasp_index`.
 # 2: stores did not state which files they hold, with sizes and checksums.
-SCHEMA_VERSION = 3
+# 3: images had one camera, which was not stored.
+SCHEMA_VERSION = 4
 # The order of every axis of length 4 that counts sensors; of an own hand it is that of `hand/sensor_names`.
 SENSOR_NAMES = ("index", "middle", "ring", "thumb")
 
@@ -23,7 +24,9 @@ SYMBOLS = {
     "l": "links of the hand",
     "r": "rows, and columns, of a reading (100)",
     "rr": "pixels of a reading (10000)",
+    "k": "cameras of a scene (1)",
     "p": "rows, and columns, of an image (256)",
+    "c": "channels of an image (3; 4, the last one opacity, with a transparent background)",
     "v": "views of an object (24)",
     "q": "rows, and columns, of a view (137)",
     "w": "rows, and columns, of the grid of the rings around a touch (100)",

@@ -19,7 +19,8 @@ from palpate.models import (
 )
 from palpate.remedy import command
 
-SCHEMA_VERSION = 1
+# 1: models had the paper's camera, which was not stored.
+SCHEMA_VERSION = 2
 
 
 class CheckpointError(ValueError):
@@ -72,7 +73,8 @@ def save(path: Path | str, kind: str, model: torch.nn.Module, described: Mapping
     """Write a checkpoint atomically.
 
     kind: `reconstruction` or `touch_depth`. described: what `load` needs to build the model (`experiment` and
-    `architecture`, or `width`), and further values that JSON can hold.
+    `architecture`, or `width`), and further values that JSON can hold: for `palpate.reconstruct` the `camera` that all
+    images had, a (3, 4) projection to pixels or None, and their `image_size`.
     """
     weights = {name: value.detach().cpu() for name, value in model.state_dict().items()}
     with atomic_write(path) as partial, open(partial, "wb") as file:  # by its name torch would name the content too

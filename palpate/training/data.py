@@ -6,8 +6,9 @@ Positions are in the world frame.
 | array | shape | type |
 |---|---|---|
 | `points` | (o, n, 3) m | float32 |
-| `unoccluded`, `occluded` | (o, p, p, 3), (o, g, p, p, 3) | uint8 |
-| `views`, `camera` | (o, v, q, q, 3), (o, v, 3, 4) to pixels | uint8, float32 |
+| `unoccluded`, `occluded` | (o, k, p, p, c), (o, g, k, p, p, c) | uint8 |
+| `views` | (o, v, q, q, 3) | uint8 |
+| `camera` | (o, k, 3, 4), or (o, v, 3, 4) of views, to pixels | float32 |
 | `success` | (o, g, 4) | bool |
 | `position`, `rotation` | (o, g, 4, 3) m, (o, g, 4, 3, 3) | float32 |
 | `charts` | (o, g, 4, 81, 3) m | float32 |
@@ -40,7 +41,7 @@ class TrainingData:
 
     Attributes:
         objects, classes, splits: lists of (o,) names. grasps: g, grasps an object, 0 if no array has that
-        axis. views: v, 0 likewise.
+        axis. views: v, or k for images of the dataset's cameras; 0 without images.
 
     Raises TrainingDataError, naming the object, if a value is NaN or infinite.
     """
@@ -52,7 +53,7 @@ class TrainingData:
         )
         of_grasps = next((name for name in ("success", "occluded") if name in self), None)
         self.grasps = self[of_grasps].shape[1] if of_grasps else 0
-        self.views = self["views"].shape[1] if "views" in self else 0
+        self.views = self["camera"].shape[1] if "camera" in self else 0
         for name, values in self.arrays.items():
             finite = np.isfinite(values.reshape(len(values), -1)).all(axis=1) if values.dtype.kind == "f" else True
             if not np.all(finite):
@@ -68,6 +69,19 @@ class TrainingData:
             digest.update(f"\0{name} {values.dtype} {values.shape}".encode())
             digest.update(np.ascontiguousarray(values).data)
         return digest.hexdigest()
+
+    @property
+    def common_camera(self) -> np.ndarray | None:
+        """(3, 4) float32 the camera of all images, to pixels; None if there are several, or no images."""
+        if "camera" not in self:
+            return None
+        cameras = self["camera"].reshape(-1, 3, 4)
+        return cameras[0] if (cameras == cameras[0]).all() else None
+
+    @property
+    def image_size(self) -> int | None:
+        """Width and height of the images, pixels; None without images."""
+        return next((self[name].shape[-2] for name in ("unoccluded", "occluded", "views") if name in self), None)
 
     @classmethod
     def load(cls, run: Path | str, experiment: Mapping[str, Any], splits: Iterable[str] = SPLITS) -> "TrainingData":
@@ -95,12 +109,7 @@ class TrainingData:
             "class": [record.class_name for record in records],
             "split": [record.split for record in records],
         }
-        loaded = {
-            # A sensor that touched nothing reads the empty gel, which stores omit.
-            item.name: chosen.readings() if item.name == "reading" else chosen.load(item.stage, item.array, item.dtype)
-            for item in arrays
-        }
-        return cls(names | loaded, repr(chosen))
+        return cls(names | {item.name: _read(chosen, item) for item in arrays}, repr(chosen))
 
     def __getitem__(self, name: str) -> np.ndarray:
         if name not in self.arrays:
@@ -116,3 +125,11 @@ class TrainingData:
     def of_split(self, *splits: str) -> list[int]:
         """Numbers of the objects of these splits, in the catalogue's order."""
         return [number for number, split in enumerate(self.splits) if split in splits]
+
+
+def _read(dataset: Dataset, item: Input) -> np.ndarray:
+    if item.name == "reading":  # a sensor that touched nothing reads the empty gel, which stores omit
+        return dataset.readings()
+    if (item.stage, item.name) == ("vision", "camera"):
+        return dataset.cameras().astype(item.dtype)
+    return dataset.load(item.stage, item.array, item.dtype)

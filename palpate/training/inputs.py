@@ -42,7 +42,8 @@ class Input(NamedTuple):
     """An array in a training's memory.
 
     Attributes:
-        name: of the array there. stage, array: of the store that it is read from. dtype: in memory.
+        name: of the array there. stage, array: of the store that it is read from (intrinsics and extrinsics are
+            multiplied). dtype: in memory.
         when, condition: which experiments take it, as text and as a function.
     """
 
@@ -64,6 +65,14 @@ INPUTS = (
     Input("points", "surface", "points", "float32", "always: the truth", lambda experiment: True),
     Input("unoccluded", "vision", "unoccluded", "uint8", *_vision("unoccluded")),
     Input("occluded", "vision", "occluded", "uint8", *_vision("occluded")),
+    Input(
+        "camera",
+        "vision",
+        "intrinsics, extrinsics",
+        "float32",
+        "vision is unoccluded or occluded",
+        lambda experiment: experiment["vision"] in ("unoccluded", "occluded"),
+    ),
     Input("views", "views", "image", "uint8", *_vision("views")),
     Input("camera", "views", "camera", "float32", *_vision("views")),
     Input("success", "touch", "success", "bool", *_TOUCH),

@@ -270,11 +270,15 @@ class ReconstructionLearner(Learner):
             return cloud_loss(model.sample(predictions[-1].to(dtype), points, generator), *against)
 
     def described(self):
+        camera = self.data.common_camera
         return {
             "experiment": self.experiment,
             "architecture": self.layers,
             "data": self.data.digest,
             "base": self.base,
+            # What an image is taken to be of that comes without its camera.
+            "camera": None if camera is None else camera.tolist(),
+            "image_size": self.data.image_size,
         }
 
 

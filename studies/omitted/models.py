@@ -37,7 +37,7 @@ SPHERE = BOTH | {"strategy": "sphere"}
 ARRAYS = {
     "unoccluded renders": ("unoccluded",),
     "occluded renders": ("occluded",),
-    "views": ("views", "camera"),
+    "views": ("views",),
     "touch": ("success", "position", "rotation"),
     "touch charts": ("charts",),
     "touch readings": ("reading",),
@@ -173,9 +173,9 @@ def data_omission(
 
 def load_samples(run: Path, subject: Subject, experiment: Mapping[str, Any], extra: Iterable[str] = ()) -> Result:
     """The samples of an object, from the arrays that an experiment needs and `extra`, and the bytes of these arrays."""
-    names = {item.name for item in inputs(experiment)} | set(extra)
+    arrays = [*inputs(experiment), *(item for item in INPUTS if item.name in extra)]
     dataset = Dataset(run, stages(experiment)).select([subject.name])
-    data = TrainingData.read(dataset, [item for item in INPUTS if item.name in names])
+    data = TrainingData.read(dataset, arrays)
     samples = windows(data, experiment, *data.splits)
     return Result(Assembler(data, experiment)(samples), sum(values.nbytes for values in data.arrays.values()))
 

@@ -56,7 +56,7 @@ def test_records_are_the_rows_of_the_stores(built, name):
     np.testing.assert_array_equal(record.points, surface["points"][surface["object"].tolist().index(name)])
     position = grasps["object"].tolist().index(name)
     assert record.attempts == 7
-    np.testing.assert_array_equal(record.unoccluded, vision["unoccluded"][position])
+    np.testing.assert_array_equal(record.unoccluded, vision["unoccluded"][position, 0])
     assert len(record.grasps) == GRASPS
     for number, grasp in enumerate(record.grasps):
         row = position, number
@@ -64,7 +64,7 @@ def test_records_are_the_rows_of_the_stores(built, name):
             np.testing.assert_array_equal(getattr(grasp, array), grasps[array][row])
         for array in ("success", "position", "rotation", "depth"):
             np.testing.assert_array_equal(getattr(grasp, array), touch[array][row])
-        np.testing.assert_array_equal(grasp.occluded, vision["occluded"][row])
+        np.testing.assert_array_equal(grasp.occluded, vision["occluded"][row][0])
         for sensor in range(4):
             count = touch["point_count"][row][sensor]
             np.testing.assert_array_equal(grasp.points[sensor], touch["points"][row][sensor, :count])

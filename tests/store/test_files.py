@@ -476,7 +476,8 @@ def test_reading_a_dataset_loads_no_engine():
 
 def test_optional_arrays_may_be_missing_and_others_may_not(tmp_path):
     path, arrays = path_of(tmp_path, "vision"), arrays_of("vision", 2)
-    kept = {name: arrays[name] for name in ("object", "unoccluded", "occluded", "unoccluded_mask")}
+    names = ("object", "unoccluded", "occluded", "unoccluded_mask", "intrinsics", "extrinsics")
+    kept = {name: arrays[name] for name in names}
     write(path, "vision", kept, ATTRIBUTES)
     assert_same(read(path), kept)
     with pytest.raises(StoreError, match="no array 'occluded_depth'"):
@@ -487,11 +488,12 @@ def test_optional_arrays_may_be_missing_and_others_may_not(tmp_path):
 
 
 def test_arrays_that_no_object_has_are_left_out_if_they_are_optional():
-    record = {"unoccluded": np.zeros((2, 2, 3)), "occluded": np.zeros((3, 2, 2, 3))}
-    assert set(join("vision", {"a": record})) == {"object", "unoccluded", "occluded"}
+    record = {"unoccluded": np.zeros((1, 2, 2, 3)), "occluded": np.zeros((3, 1, 2, 2, 3))}
+    record |= {"intrinsics": np.eye(3)[None], "extrinsics": np.eye(3, 4)[None]}
+    assert set(join("vision", {"a": record})) == {"object", *record}
     assert "unoccluded_mask" in join("vision", {})
-    masked = record | {"unoccluded_mask": np.zeros((2, 2))}
+    masked = record | {"unoccluded_mask": np.zeros((1, 2, 2))}
     with pytest.raises(KeyError, match="unoccluded_mask"):
         join("vision", {"a": masked, "b": record})
     with pytest.raises(KeyError, match="occluded"):
-        join("vision", {"a": {"unoccluded": np.zeros((2, 2, 3))}})
+        join("vision", {"a": {"unoccluded": np.zeros((1, 2, 2, 3))}})

@@ -29,7 +29,7 @@ VIEWS = UNOCCLUDED | {"vision": "views"}
 def arrays_of(stage, names, seed):
     """Random arrays of the contract's shapes."""
     random = np.random.default_rng(seed)
-    sizes = {"o": len(names), "g": GRASPS, "n": 7, "r": 3, "rr": 9, "p": 5, "v": 2, "q": 4}
+    sizes = {"o": len(names), "g": GRASPS, "n": 7, "r": 3, "rr": 9, "k": 2, "p": 5, "c": 3, "v": 2, "q": 4}
     found = {}
     for name, spec in store.CONTRACT[stage].arrays.items():
         shape = [axis if isinstance(axis, int) else sizes[axis] for axis in spec.shape]
@@ -92,7 +92,7 @@ def test_objects_that_all_stores_have(made):
 def test_rows_are_those_of_the_stores(made):
     found = TrainingData.load(made[0], OCCLUDED_TOUCH)
     assert found.grasps == GRASPS and set(found.arrays) == {
-        *("points", "occluded", "success", "position", "rotation", "charts")
+        *("points", "occluded", "camera", "success", "position", "rotation", "charts")
     }
     for number, name in enumerate(found.objects):
         for ours, stage, theirs in [
@@ -104,6 +104,9 @@ def test_rows_are_those_of_the_stores(made):
             ("rotation", "touch", "rotation"),
         ]:
             np.testing.assert_array_equal(found[ours][number], row(made, stage, name, theirs))
+        matrices = (row(made, "vision", name, array) for array in ("intrinsics", "extrinsics"))
+        expected = [k @ e for k, e in zip(*matrices, strict=True)]
+        np.testing.assert_allclose(found["camera"][number], expected, rtol=1e-6)
     with pytest.raises(TrainingDataError, match="the experiment takes no unoccluded"):
         found["unoccluded"]
 
@@ -137,7 +140,7 @@ def test_the_same_data_have_the_same_digest_and_others_another(run):
     assert TrainingData.load(run[0], TOUCH).digest == digest
     assert TrainingData.load(run[0], TOUCH, ["train"]).digest != digest
     assert TrainingData.load(run[0], READINGS).digest != digest
-    change(run, "vision", "occluded", (0, 0, 0, 0), 7)  # which this experiment does not take
+    change(run, "vision", "occluded", (0, 0, 0, 0, 0), 7)  # which this experiment does not take
     assert TrainingData.load(run[0], TOUCH).digest == digest
     change(run, "charts", "vertices", (0, 0, 0, 0), 1.5)
     assert TrainingData.load(run[0], TOUCH).digest != digest

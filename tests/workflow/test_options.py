@@ -40,7 +40,7 @@ def test_sizes_are_those_of_the_config(run):
     dataset = palpate.Dataset(run)
     assert dataset.objects == ["can-nested-flat", "can-tall"]
     assert dataset.array("surface", "points").shape == (2, POINTS, 3)
-    assert dataset.array("vision", "occluded").shape == (2, GRASPS, SIZE, SIZE, 3)
+    assert dataset.array("vision", "occluded").shape == (2, GRASPS, 1, SIZE, SIZE, 3)
     assert dataset.array("grasps", "joint_positions").shape == (2, GRASPS, 5)  # the gripper's hinges
     names = {path.name for path in dataset[0].mesh.iterdir()}
     assert names == {"visual.glb", "collision.ply", "level-200.ply", "level-100.ply", "mesh.json"}
@@ -51,10 +51,10 @@ def test_masters_hold_what_the_store_holds(run):
     assert len(list((run / "exr/batch-0000").glob("*.exr"))) == 2 * (1 + GRASPS)
     for number, name in enumerate(stored["object"]):
         image = read_layers(run / f"exr/batch-0000/{name}-unoccluded.exr").image((1, 1, 1))
-        np.testing.assert_array_equal(image.rgb, stored["unoccluded"][number])
+        np.testing.assert_array_equal(image.rgb, stored["unoccluded"][number, 0])
         for grasp in range(GRASPS):
             image = read_layers(run / f"exr/batch-0000/{name}-grasp-{grasp}.exr").image((1, 1, 1))
-            np.testing.assert_array_equal(image.depth, stored["occluded_depth"][number, grasp])
+            np.testing.assert_array_equal(image.depth, stored["occluded_depth"][number, grasp, 0])
 
 
 def test_the_files_that_an_own_hand_names_are_inputs_of_its_grasps(make_workflow, tmp_path):
