@@ -27,10 +27,10 @@ class Light:
         kind: `sun` shines in one direction everywhere; `point` in all directions from a sphere; `area` from a square,
             to one side; `ambient` is the same from everywhere.
         energy: of a sun W / m2, of a point or an area W; of an ambient light its radiance, of which 1 is white.
-        position: (3,) in the world, m; of a sun just the direction from the target counts. target: (3,) that a sun or an
-            area shines at; None is the object's place.
-        size: of a sun its extent in degrees, of a point its radius and of an area its side in m: the larger, the softer
-            its shadows.
+        position: (3,) in the world, m; of a sun just the direction from the target counts.
+        target: (3,) that a sun or an area shines at; None is the object's place.
+        size: of a sun its extent in degrees, of a point its radius and of an area its side in m: the larger, the
+            softer its shadows.
         colour: (3,) sRGB in 0..1, by which the energy is multiplied.
     """
 

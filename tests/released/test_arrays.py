@@ -208,7 +208,7 @@ def test_images_are_resized_and_put_over_white(tree):
     half = np.zeros((40, 40, 4), dtype=np.uint8)
     half[:20] = (10, 20, 30, 255)
     Image.fromarray(half).save(tree / "images/0001/00012/unoccluded.png")
-    over = released.read_vision(tree, ENTRY, 1, 40)["unoccluded"]
+    over = released.read_vision(tree, ENTRY, 1, 40)["unoccluded"][0]
     assert (over[:20] == [10, 20, 30]).all() and (over[20:] == 255).all()
 
 

@@ -19,7 +19,7 @@ from palpate.store import CONTRACT, StoreError, join, read, write
 from palpate.store.files import seal
 
 ATTRIBUTES = {"config_digest": "ab" * 32, "seed": 3}
-SIZES = {"n": 5, "j": 3, "l": 2, "r": 4, "rr": 16, "p": 6, "v": 2, "q": 3, "w": 5}
+SIZES = {"n": 5, "j": 3, "l": 2, "r": 4, "rr": 16, "k": 2, "p": 6, "c": 3, "v": 2, "q": 3, "w": 5}
 STAGES = tuple(CONTRACT)
 
 
@@ -76,7 +76,7 @@ def contents(draw):
     objects = draw(st.integers(0, 2))
     sizes = {"o": objects, "g": draw(st.integers(1, 2))}
     sizes |= {"n": draw(st.integers(0, 3)), "j": 2, "l": 1, "r": 2, "rr": 4, "p": draw(st.integers(1, 3))}
-    sizes |= {"v": draw(st.integers(1, 2)), "q": 2, "w": 2}
+    sizes |= {"k": draw(st.integers(1, 2)), "c": 4, "v": draw(st.integers(1, 2)), "q": 2, "w": 2}
     names = st.text(st.characters(codec="utf-8", exclude_characters="\0"), min_size=1, max_size=5)
     arrays = {}
     for name, spec in CONTRACT[stage].arrays.items():
@@ -240,7 +240,7 @@ def test_another_schema_version_is_refused(tmp_path, stage):
         with h5py.File(path, "a") as file:
             file.attrs["schema_version"] = "99"
         seal(path)
-    with pytest.raises(StoreError, match=r"batch-0000.* has schema version 99, but .* version 3"):
+    with pytest.raises(StoreError, match=r"batch-0000.* has schema version 99, but .* version 4"):
         palpate.store.open(path)
 
 
@@ -253,7 +253,7 @@ def test_a_run_of_an_earlier_version_is_refused_with_the_command_that_builds_it_
         write(path, "touch", arrays_of("touch", 1), ATTRIBUTES)
         zarr.open_group(path).attrs["schema_version"] = 1
         command = f"snakemake dataset touch/batch-0000.zarr --cores 2 --configfile {config} --forceall"
-        with pytest.raises(StoreError, match=f"{path} has schema version 1, but .* version 3; .* {command}$"):
+        with pytest.raises(StoreError, match=f"{path} has schema version 1, but .* version 4; .* {command}$"):
             palpate.store.open(path)
 
 

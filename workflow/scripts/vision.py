@@ -31,7 +31,7 @@ with ExitStack() as outputs:
     masters = outputs.enter_context(atomic_write(snakemake.output.masters[0])) if settings["exr"] else None
     renderer = Renderer(settings["samples"], settings["device"], snakemake.threads, masters)
 
-    def render(name: str) -> dict[str, np.ndarray]:
+    def render(name: str) -> dict:
         row = grasps["object"].tolist().index(name)
         of_object = {array: grasps[array][row] for array in GRASP_ARRAYS}
         pictures = renderer.render_cameras(Scene.from_grasps(meshes / name, of_object, hand, **look), cameras)
