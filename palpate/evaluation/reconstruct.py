@@ -119,7 +119,7 @@ class Reconstructor:
 
         content = checkpoints.read(self.path, "reconstruction")
         self.experiment = content["experiment"]
-        self._camera, self._image_size = content["camera"], content["image_size"]
+        self._camera, self._image_size = content.get("camera"), content.get("image_size")
         self._model = checkpoints.load(self.path).to(device)
         self._charts = None
         if self.takes_charts:
