@@ -8,10 +8,11 @@ import pytest
 
 from palpate import Dataset, store
 from palpate.store import StoreError
+from palpate.training import ReconstructionLearner, checkpoints
 from palpate.training.data import TrainingData, TrainingDataError
 from palpate.training.inputs import INPUTS, stages
 from palpate.training.samples import windows
-from tests.training.conftest import OCCLUDED_TOUCH, made_up
+from tests.training.conftest import OCCLUDED_TOUCH, SETTINGS, made_up
 
 ATTRIBUTES = {"seed": 0, "config_digest": "0"}
 BATCHES = {
@@ -218,3 +219,16 @@ def test_more_arrays_change_no_sample(made):
     assert windows(data, OCCLUDED_TOUCH, "train") == windows(
         TrainingData.load(made[0], OCCLUDED_TOUCH), OCCLUDED_TOUCH, "train"
     )
+
+
+def test_one_camera_of_all_images_is_common(tmp_path):
+    one, several, touch = made_up("occluded"), made_up("unoccluded", cameras=2), made_up("none")
+    np.testing.assert_array_equal(one.common_camera, one["camera"][3, 0])
+    assert several.common_camera is None and touch.common_camera is None
+    assert one.image_size == several.image_size == 24 and touch.image_size is None
+    assert (one.views, several.views, touch.views) == (1, 2, 0)
+    learner = ReconstructionLearner(one, OCCLUDED_TOUCH, SETTINGS, seed=0)
+    checkpoints.save(tmp_path / "a.ckpt", "reconstruction", learner.model, learner.described())
+    held = checkpoints.read(tmp_path / "a.ckpt", "reconstruction")
+    np.testing.assert_array_equal(np.float32(held["camera"]), one["camera"][0, 0])
+    assert held["image_size"] == 24
