@@ -35,7 +35,7 @@ def test_too_few_objects_for_a_split_is_said_at_the_start_with_the_way_to_set_it
         ({"grasps": {"hand": {"mjcf": "no.xml", "sensors": "no.yaml"}}}, "no.xml: no such file"),
         (
             {"vision": {"cameras": [{"position": [1, 0, 1], "target": [2, 0, 1]}]}},
-            "vision.cameras.0: the object's place",
+            "vision.cameras.0: the object's",
         ),
         ({"vision": {"lights": [{"kind": "sun", "energy": 1}]}}, "vision.lights.0: light of kind sun needs a position"),
         ({"tuning": {"grid": "vast"}}, "vast"),
