@@ -80,7 +80,10 @@ CHECKS = {
     "empty reading": Check(0, "grey levels between the empty reading and that of a sensor that touches nothing"),
     # Of vision.
     "mask values": Check(0, "mask pixels neither 0 nor 255"),
-    "camera": Check(EXACT, "distance of cameras' rotations from orthonormal; inf if pixels are not square and centred"),
+    "camera": Check(
+        EXACT,
+        "distance of cameras' rotations from orthonormal; inf if matrices are not finite, or pixels not square and centred",
+    ),
     "image depth": Check(0, "depth pixels that are NaN or out of the scene, or finite where the object's mask is 0"),
     "seen": Check(0, "images that are of one colour, and unoccluded masks without a pixel"),
     "picture of mesh": Check(
@@ -248,7 +251,8 @@ def check_vision(item: CheckedObject) -> Measured:
     images = np.concatenate([rows["unoccluded"][None], rows["occluded"]])
     one_colour = (images == images[:, :, :1, :1]).all(axis=(2, 3, 4))
     yield "seen", int(one_colour.sum()) + int((rows["unoccluded_mask"] != 255).all(axis=(1, 2)).sum())
-    error = rotation_error(rows["extrinsics"][..., :3]).max()
+    finite = np.isfinite(rows["extrinsics"]).all()
+    error = rotation_error(rows["extrinsics"][..., :3]).max() if finite else np.inf
     try:
         seen = [_Pictures.of_camera(rows, number) for number in range(len(rows["intrinsics"]))]
     except ValueError:
