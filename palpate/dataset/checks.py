@@ -82,7 +82,7 @@ CHECKS = {
     "mask values": Check(0, "mask pixels neither 0 nor 255"),
     "camera": Check(
         EXACT,
-        "distance of cameras' rotations from orthonormal; inf if matrices are not finite, or pixels not square and centred",
+        "distance of cameras' rotations from orthonormal; inf if matrices are not finite or not a camera's",
     ),
     "image depth": Check(0, "depth pixels that are NaN or out of the scene, or finite where the object's mask is 0"),
     "seen": Check(0, "images that are of one colour, and unoccluded masks without a pixel"),

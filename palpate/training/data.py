@@ -7,8 +7,8 @@ Positions are in the world frame.
 |---|---|---|
 | `points` | (o, n, 3) m | float32 |
 | `unoccluded`, `occluded` | (o, k, p, p, c), (o, g, k, p, p, c) | uint8 |
-| `views` | (o, v, q, q, 3) | uint8 |
-| `camera` | (o, k, 3, 4), or (o, v, 3, 4) of views, to pixels | float32 |
+| `image_camera`, of these | (o, k, 3, 4) to pixels | float32 |
+| `views`, `camera` | (o, v, q, q, 3), (o, v, 3, 4) to pixels | uint8, float32 |
 | `success` | (o, g, 4) | bool |
 | `position`, `rotation` | (o, g, 4, 3) m, (o, g, 4, 3, 3) | float32 |
 | `charts` | (o, g, 4, 81, 3) m | float32 |
@@ -25,7 +25,7 @@ import numpy as np
 
 from palpate.catalogue import SPLITS
 from palpate.dataset import Dataset
-from palpate.training.inputs import Input, inputs, stages
+from palpate.training.inputs import Input, camera_array, inputs, stages
 
 IN_MEMORY = "the data in memory"  # in messages
 
@@ -41,7 +41,7 @@ class TrainingData:
 
     Attributes:
         objects, classes, splits: lists of (o,) names. grasps: g, grasps an object, 0 if no array has that
-        axis. views: v, or k for images of the dataset's cameras; 0 without images.
+        axis.
 
     Raises TrainingDataError, naming the object, if a value is NaN or infinite.
     """
@@ -53,7 +53,6 @@ class TrainingData:
         )
         of_grasps = next((name for name in ("success", "occluded") if name in self), None)
         self.grasps = self[of_grasps].shape[1] if of_grasps else 0
-        self.views = self["camera"].shape[1] if "camera" in self else 0
         for name, values in self.arrays.items():
             finite = np.isfinite(values.reshape(len(values), -1)).all(axis=1) if values.dtype.kind == "f" else True
             if not np.all(finite):
@@ -70,18 +69,22 @@ class TrainingData:
             digest.update(np.ascontiguousarray(values).data)
         return digest.hexdigest()
 
-    @property
-    def common_camera(self) -> np.ndarray | None:
-        """(3, 4) float32 the camera of all images, to pixels; None if there are several, or no images."""
-        if "camera" not in self:
+    def images(self, experiment: Mapping[str, Any]) -> int:
+        """Images that an experiment has of one object, or of one grasp: its views, or cameras; 0 without vision."""
+        name = camera_array(experiment)
+        return self[name].shape[1] if name else 0
+
+    def common_camera(self, experiment: Mapping[str, Any]) -> np.ndarray | None:
+        """(3, 4) float32 the camera of all images of an experiment; None if there are several, or no images."""
+        name = camera_array(experiment)
+        if not name:
             return None
-        cameras = self["camera"].reshape(-1, 3, 4)
+        cameras = self[name].reshape(-1, 3, 4)
         return cameras[0] if (cameras == cameras[0]).all() else None
 
-    @property
-    def image_size(self) -> int | None:
-        """Width and height of the images, pixels; None without images."""
-        return next((self[name].shape[-2] for name in ("unoccluded", "occluded", "views") if name in self), None)
+    def image_size(self, experiment: Mapping[str, Any]) -> int | None:
+        """Width and height, pixels, of an experiment's images; None without vision."""
+        return None if experiment["vision"] == "none" else self[experiment["vision"]].shape[-2]
 
     @classmethod
     def load(cls, run: Path | str, experiment: Mapping[str, Any], splits: Iterable[str] = SPLITS) -> "TrainingData":
@@ -130,6 +133,6 @@ class TrainingData:
 def _read(dataset: Dataset, item: Input) -> np.ndarray:
     if item.name == "reading":  # a sensor that touched nothing reads the empty gel, which stores omit
         return dataset.readings()
-    if (item.stage, item.name) == ("vision", "camera"):
+    if item.name == "image_camera":
         return dataset.cameras().astype(item.dtype)
     return dataset.load(item.stage, item.array, item.dtype)

@@ -38,6 +38,11 @@ def takes_directions(experiment: Experiment) -> bool:
     return experiment["touch"] and experiment["strategy"] != "no_comm" and not in_graph
 
 
+def camera_array(experiment: Experiment) -> str | None:
+    """The name of the cameras, (o, v, 3, 4), of the images that an experiment takes; None if it takes none."""
+    return {"none": None, "views": "camera"}.get(experiment["vision"], "image_camera")
+
+
 class Input(NamedTuple):
     """An array in a training's memory.
 
@@ -66,7 +71,7 @@ INPUTS = (
     Input("unoccluded", "vision", "unoccluded", "uint8", *_vision("unoccluded")),
     Input("occluded", "vision", "occluded", "uint8", *_vision("occluded")),
     Input(
-        "camera",
+        "image_camera",
         "vision",
         "intrinsics, extrinsics",
         "float32",

@@ -270,7 +270,7 @@ class ReconstructionLearner(Learner):
             return cloud_loss(model.sample(predictions[-1].to(dtype), points, generator), *against)
 
     def described(self):
-        camera = self.data.common_camera
+        camera = self.data.common_camera(self.experiment)
         return {
             "experiment": self.experiment,
             "architecture": self.layers,
@@ -278,7 +278,7 @@ class ReconstructionLearner(Learner):
             "base": self.base,
             # What an image is taken to be of that comes without its camera.
             "camera": None if camera is None else camera.tolist(),
-            "image_size": self.data.image_size,
+            "image_size": self.data.image_size(self.experiment),
         }
 
 

@@ -8,7 +8,7 @@ import torch
 from torch import Tensor
 
 from palpate.training.data import TrainingData, TrainingDataError
-from palpate.training.inputs import inputs, takes_grasps
+from palpate.training.inputs import camera_array, inputs, takes_grasps
 
 
 class Sample(NamedTuple):
@@ -51,7 +51,7 @@ def windows(data: TrainingData, experiment: Mapping[str, Any], *splits: str) -> 
     n, total = _grasps_a_sample(data, experiment), data.grasps
     starts = range(1) if n in (0, total) else range(total)
     of_grasps = [tuple((start + k) % total for k in range(n)) for start in starts]
-    of_object = [(grasps, view) for grasps in of_grasps for view in range(data.views or 1)]
+    of_object = [(grasps, view) for grasps in of_grasps for view in range(data.images(experiment) or 1)]
     return [
         Sample(number, grasps, view, window)
         for number in data.of_split(*splits)
@@ -102,7 +102,8 @@ def training_samples(
         n = int(np.random.default_rng([seed, step, 2]).integers(n)) + 1
     chosen = [objects[place] for place in shuffled(len(objects), size, seed, step)]
     grasps = [tuple(int(g) for g in random.permutation(data.grasps)[:n]) if n else () for _ in chosen]
-    views = [int(random.integers(data.views)) if data.views else 0 for _ in chosen]  # after all grasps: see above
+    images = data.images(experiment)
+    views = [int(random.integers(images)) if images else 0 for _ in chosen]  # after all grasps: see above
     return [Sample(*each) for each in zip(chosen, grasps, views, strict=True)]
 
 
@@ -126,6 +127,7 @@ class Assembler:
     def __init__(self, data: TrainingData, experiment: Mapping[str, Any], device: torch.device | str = "cpu"):
         self.device = torch.device(device)
         names = [item.name for item in inputs(experiment) if item.name != "points"]
+        self.cameras = camera_array(experiment)
         self.tensors = {name: torch.from_numpy(data[name]).to(device) for name in names}
 
     def __call__(self, samples: Sequence[Sample]) -> dict[str, Tensor]:
@@ -134,8 +136,8 @@ class Assembler:
         for name in self.IMAGE_ARRAYS:
             if name in self.tensors:
                 batch["image"] = to_colours(self._image(name, objects, samples))
-        if "camera" in self.tensors:
-            batch["camera"] = self.tensors["camera"][objects, self._index([s.view for s in samples])]
+        if self.cameras:
+            batch["camera"] = self.tensors[self.cameras][objects, self._index([s.view for s in samples])]
         touch_arrays = [name for name in self.TOUCH_ARRAYS if name in self.tensors]
         if touch_arrays:
             grasps = self._index([sample.grasps for sample in samples])

@@ -35,9 +35,9 @@ SPHERE = BOTH | {"strategy": "sphere"}
 
 # The arrays of an omission of data, and the stage that makes them.
 ARRAYS = {
-    "unoccluded renders": ("unoccluded",),
+    "unoccluded renders": ("unoccluded", "image_camera"),
     "occluded renders": ("occluded",),
-    "views": ("views",),
+    "views": ("views", "camera"),
     "touch": ("success", "position", "rotation"),
     "touch charts": ("charts",),
     "touch readings": ("reading",),
@@ -173,9 +173,9 @@ def data_omission(
 
 def load_samples(run: Path, subject: Subject, experiment: Mapping[str, Any], extra: Iterable[str] = ()) -> Result:
     """The samples of an object, from the arrays that an experiment needs and `extra`, and the bytes of these arrays."""
-    arrays = [*inputs(experiment), *(item for item in INPUTS if item.name in extra)]
+    names = {item.name for item in inputs(experiment)} | set(extra)
     dataset = Dataset(run, stages(experiment)).select([subject.name])
-    data = TrainingData.read(dataset, arrays)
+    data = TrainingData.read(dataset, [item for item in INPUTS if item.name in names])
     samples = windows(data, experiment, *data.splits)
     return Result(Assembler(data, experiment)(samples), sum(values.nbytes for values in data.arrays.values()))
 

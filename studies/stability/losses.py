@@ -147,7 +147,7 @@ def small_data(subject: Subject, successful: bool = True, **changed: np.ndarray)
         "split": np.array(["train", "train", "validation"]),
         "points": torch.stack(clouds).numpy(),
         "unoccluded": np.stack([density_image(cloud) for cloud in clouds])[:, None],
-        "camera": np.tile(paper_camera(32).matrix().astype(np.float32), (len(clouds), 1, 1, 1)),
+        "image_camera": np.tile(paper_camera(32).matrix().astype(np.float32), (len(clouds), 1, 1, 1)),
         "success": success,
         "position": position,
         "rotation": rotation,

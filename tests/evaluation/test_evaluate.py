@@ -94,7 +94,7 @@ def data(run) -> TrainingData:
         "split": np.array(list(SPLITS.values())),
         "points": (points + OBJECT_POSITION).astype(np.float32),
         "occluded": rng.integers(0, 256, (len(SPLITS), GRASPS, 1, 256, 256, 3), dtype=np.uint8),
-        "camera": CAMERAS,
+        "image_camera": CAMERAS,
     }
     return TrainingData(arrays)
 
@@ -103,7 +103,7 @@ def data(run) -> TrainingData:
 def unoccluded_data(data) -> TrainingData:
     arrays = {name: np.array(getattr(data, attribute)) for name, attribute in
               (("object", "objects"), ("class", "classes"), ("split", "splits"))}  # fmt: skip
-    arrays |= {"points": data["points"], "unoccluded": data["occluded"][:, 0], "camera": CAMERAS}
+    arrays |= {"points": data["points"], "unoccluded": data["occluded"][:, 0], "image_camera": CAMERAS}
     return TrainingData(arrays)
 
 
@@ -242,7 +242,7 @@ def test_touch_charts_and_clouds_are_scored_where_they_are(run):
 
 def test_a_split_without_objects_is_an_error(data, run):
     arrays = {"object": np.array(["a"]), "class": np.array(["b"]), "split": np.array(["train"])}
-    arrays |= {"points": data["points"][:1], "unoccluded": data["occluded"][:1, 0], "camera": CAMERAS[:1]}
+    arrays |= {"points": data["points"][:1], "unoccluded": data["occluded"][:1, 0], "image_camera": CAMERAS[:1]}
     alone = TrainingData(arrays)
     with pytest.raises(EvaluationError, match="no object in validation or test"):
         evaluate(untrained(UNOCCLUDED), alone)
@@ -294,7 +294,7 @@ def test_an_image_of_several_windows_is_encoded_once(data, unoccluded_data):
     experiment = {"strategy": "charts", "vision": "unoccluded", "touch": True, "grasps": 1}
     arrays = {name: data[name] for name in ("points", "success", "position", "rotation", "charts")}
     arrays |= {"object": data.objects, "class": data.classes, "split": data.splits}
-    both = TrainingData(arrays | {"unoccluded": unoccluded_data["unoccluded"], "camera": CAMERAS})
+    both = TrainingData(arrays | {"unoccluded": unoccluded_data["unoccluded"], "image_camera": CAMERAS})
     trained, encoded = untrained(experiment), []
     trained.model.encoder.layers[0].register_forward_pre_hook(lambda _, images: encoded.append(len(images[0])))
     table = evaluate(trained, both, points=300)

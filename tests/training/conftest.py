@@ -57,7 +57,7 @@ def made_up(
         arrays["unoccluded"] = random.integers(0, 256, (o, cameras, 24, 24, 3), dtype=np.uint8)
     if vision in ("occluded", "unoccluded"):
         around = [paper_camera(24), *(looking_at(OBJECT_POSITION, (1, k, 1), 24) for k in range(1, cameras))]
-        arrays["camera"] = np.tile(np.stack([each.matrix() for each in around]).astype(np.float32), (o, 1, 1, 1))
+        arrays["image_camera"] = np.tile(np.stack([each.matrix() for each in around]).astype(np.float32), (o, 1, 1, 1))
     if vision == "views":
         arrays["views"] = random.integers(0, 256, (o, 5, 24, 24, 3), dtype=np.uint8)
         arrays["camera"] = random.standard_normal((o, 5, 3, 4)).astype(np.float32)

@@ -93,7 +93,7 @@ def test_objects_that_all_stores_have(made):
 def test_rows_are_those_of_the_stores(made):
     found = TrainingData.load(made[0], OCCLUDED_TOUCH)
     assert found.grasps == GRASPS and set(found.arrays) == {
-        *("points", "occluded", "camera", "success", "position", "rotation", "charts")
+        *("points", "occluded", "image_camera", "success", "position", "rotation", "charts")
     }
     for number, name in enumerate(found.objects):
         for ours, stage, theirs in [
@@ -107,14 +107,14 @@ def test_rows_are_those_of_the_stores(made):
             np.testing.assert_array_equal(found[ours][number], row(made, stage, name, theirs))
         matrices = (row(made, "vision", name, array) for array in ("intrinsics", "extrinsics"))
         expected = [k @ e for k, e in zip(*matrices, strict=True)]
-        np.testing.assert_allclose(found["camera"][number], expected, rtol=1e-6)
+        np.testing.assert_allclose(found["image_camera"][number], expected, rtol=1e-6)
     with pytest.raises(TrainingDataError, match="the experiment takes no unoccluded"):
         found["unoccluded"]
 
 
 def test_views(made):
     found = TrainingData.load(made[0], VIEWS)
-    assert (found.views, found.grasps, len(found)) == (2, 0, 5)
+    assert (found.images(VIEWS), found.grasps, len(found)) == (2, 0, 5)
     np.testing.assert_array_equal(found["views"][3], row(made, "views", "b-1", "image"))
     np.testing.assert_array_equal(found["camera"][3], row(made, "views", "b-1", "camera").astype(np.float32))
 
@@ -223,12 +223,12 @@ def test_more_arrays_change_no_sample(made):
 
 def test_one_camera_of_all_images_is_common(tmp_path):
     one, several, touch = made_up("occluded"), made_up("unoccluded", cameras=2), made_up("none")
-    np.testing.assert_array_equal(one.common_camera, one["camera"][3, 0])
-    assert several.common_camera is None and touch.common_camera is None
-    assert one.image_size == several.image_size == 24 and touch.image_size is None
-    assert (one.views, several.views, touch.views) == (1, 2, 0)
+    np.testing.assert_array_equal(one.common_camera(OCCLUDED_TOUCH), one["image_camera"][3, 0])
+    assert several.common_camera(UNOCCLUDED) is None and touch.common_camera(TOUCH) is None
+    assert one.image_size(OCCLUDED_TOUCH) == several.image_size(UNOCCLUDED) == 24 and touch.image_size(TOUCH) is None
+    assert (one.images(OCCLUDED_TOUCH), several.images(UNOCCLUDED), one.images(TOUCH)) == (1, 2, 0)
     learner = ReconstructionLearner(one, OCCLUDED_TOUCH, SETTINGS, seed=0)
     checkpoints.save(tmp_path / "a.ckpt", "reconstruction", learner.model, learner.described())
     held = checkpoints.read(tmp_path / "a.ckpt", "reconstruction")
-    np.testing.assert_array_equal(np.float32(held["camera"]), one["camera"][0, 0])
+    np.testing.assert_array_equal(np.float32(held["camera"]), one["image_camera"][0, 0])
     assert held["image_size"] == 24

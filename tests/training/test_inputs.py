@@ -9,7 +9,7 @@ import yaml
 from palpate.models import SINGLE_IMAGE_MODELS
 from palpate.store import CONTRACT
 from palpate.training.checkpoints import build
-from palpate.training.inputs import INPUTS, inputs, main, stages, takes_charts, takes_readings
+from palpate.training.inputs import INPUTS, camera_array, inputs, main, stages, takes_charts, takes_readings
 from palpate.training.recipes import merge
 from tests.training.conftest import ARCHITECTURE
 
@@ -31,7 +31,8 @@ def test_an_experiment_takes_what_its_model_reads_and_no_more(name):
     reads, images = set(model._shapes({})), {"unoccluded", "occluded", "views"}
     taken = names(experiment)
     assert len(taken & images) == ("image" in reads) == hasattr(model, "encoder")
-    assert taken - images - {"points"} == reads - {"image"}
+    assert taken - images - {"points", "camera", "image_camera"} == reads - {"image", "camera"}
+    assert camera_array(experiment) in taken if hasattr(model, "encoder") else camera_array(experiment) is None
     assert ("reading" in taken) == hasattr(model, "reading_encoder")
     assert model.graph.touch_charts == (4 * experiment["grasps"] if "architecture" in experiment else 0)
 
@@ -67,5 +68,7 @@ def test_the_table_is_printed(capsys):
     printed = capsys.readouterr().out
     assert "| charts_touch_5 " in printed and "surface, touch, charts" in printed
     assert re.search(r"\| camera +\| views camera +\| float32 \| vision is views", printed)
-    assert re.search(r"\| camera +\| vision intrinsics, extrinsics \| float32 \| vision is unoccluded or", printed)
+    assert re.search(
+        r"\| image_camera +\| vision intrinsics, extrinsics \| float32 \| vision is unoccluded or", printed
+    )
     assert main([]) == 2 and "usage" in capsys.readouterr().err

@@ -87,7 +87,7 @@ def test_a_batch_sample_by_sample():
         for name in ("success", "position", "rotation", "charts"):
             expected = np.concatenate([data[name][sample.object, grasp] for grasp in sample.grasps])
             np.testing.assert_array_equal(batch[name][place], expected)
-        np.testing.assert_array_equal(batch["camera"][place], data["camera"][sample.object, sample.view])
+        np.testing.assert_array_equal(batch["camera"][place], data["image_camera"][sample.object, sample.view])
     assert set(batch) == {"image", "camera", "success", "position", "rotation", "charts"}
 
 
@@ -107,7 +107,7 @@ def test_an_unoccluded_image_goes_with_any_grasp():
     for place, view in enumerate((0, 2)):
         image = data["unoccluded"][3, view].transpose(2, 0, 1) / 255
         np.testing.assert_allclose(batch["image"][place], image, atol=1e-7)
-        np.testing.assert_array_equal(batch["camera"][place], data["camera"][3, view])
+        np.testing.assert_array_equal(batch["camera"][place], data["image_camera"][3, view])
 
 
 def test_images_of_several_cameras_are_samples_of_their_own():
