@@ -58,6 +58,7 @@ def small_run(folder: Path, name: str) -> SmallRun:
     """A run in `folder/name`, of which nothing is made yet."""
     config = yaml.safe_load((PROJECT / "config/smoke.yaml").read_text())
     config |= {"run": name, "results": str(folder)}
+    config["training"]["device"] = "cpu"  # on a cluster, `auto` asks for a GPU
     path = folder / f"{name}.yaml"
     path.write_text(yaml.safe_dump(config, sort_keys=False))
     return SmallRun(folder / name, path)
