@@ -9,7 +9,7 @@ reading with row 0 at the top is what the camera behind the gel sees, not mirror
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -28,7 +28,7 @@ GEOMETRY = ("width", "resolution", "range", "gel")
 
 @dataclass(frozen=True, eq=False)
 class Sensor:
-    """A touch sensor with a square plane of pixels, metres; made by `load` or `described`.
+    """A touch sensor with a square plane of pixels, metres; made by `load` or `from_description`.
 
     Attributes:
         name: of its file.
@@ -108,6 +108,33 @@ class Sensor:
             "background": True if self.background is not None else None,
         }
 
+    @classmethod
+    def from_description(
+        cls, description: Mapping[str, Any], background: np.ndarray | None = None, what: str = "a sensor"
+    ) -> "Sensor":
+        """The sensor of a description, as a file or a store has it.
+
+        background: the image of the untouched gel, if the description says that there is one. what: it is called in
+        messages. Raises `ConfigError` for a description that does not fit `palpate/sensors/schema.yaml`, or a gel that
+        can't be.
+        """
+        check(dict(description), SCHEMA, what)
+        values = {key: value for key, value in description.items() if key not in ("gel", "background")}
+        gel = description["gel"]
+        radius = None if gel == "flat" else float(gel["radius"])
+        if radius is not None and radius < description["width"] / 2:
+            raise ConfigError(
+                f"{what}: gel.radius {radius:g} m is less than half of width: the gel has to reach its rim"
+            )
+        sensor = cls(**values, gel_radius=radius, background=background if description["background"] else None)
+        if not (sensor.range - sensor.sag > 0).all():
+            raise ConfigError(
+                f"{what}: the rim of the gel lies behind the sensor plane: a greater range, or a flatter gel"
+            )
+        if not sensor.lights["height"] >= sensor.range:
+            raise ConfigError(f"{what}: lights.height is less than range: surfaces in range would be above the lights")
+        return sensor
+
     def misfit(self, other: "Sensor") -> str:
         """In what the geometry of another sensor differs, as words; empty if data of one fit the other."""
         mine, theirs = self.description(), other.description()
@@ -117,27 +144,6 @@ class Sensor:
 def pixel_centres(resolution: int, width: float) -> np.ndarray:
     """(resolution,) centres of the pixels of a sensor `width` metres wide, along y or z."""
     return ((np.arange(resolution) + 0.5) / resolution - 0.5) * width
-
-
-def described(description: Mapping[str, Any], background: np.ndarray | None = None, what: str = "a sensor") -> Sensor:
-    """The sensor of a description, as a file or a store has it.
-
-    background: the image of the untouched gel, if the description says that there is one. what: it is called in
-    messages. Raises `ConfigError` for a description that does not fit `palpate/sensors/schema.yaml`, or a gel that
-    can't be.
-    """
-    check(dict(description), SCHEMA, what)
-    values = {key: value for key, value in description.items() if key not in ("gel", "background")}
-    gel = description["gel"]
-    radius = None if gel == "flat" else float(gel["radius"])
-    if radius is not None and radius < description["width"] / 2:
-        raise ConfigError(f"{what}: gel.radius {radius:g} m is less than half of width: the gel has to reach its rim")
-    sensor = Sensor(**values, gel_radius=radius, background=background if description["background"] else None)
-    if not (sensor.range - sensor.sag > 0).all():
-        raise ConfigError(f"{what}: the rim of the gel lies behind the sensor plane: a greater range, or a flatter gel")
-    if not sensor.lights["height"] >= sensor.range:
-        raise ConfigError(f"{what}: lights.height is less than range: surfaces in range would be above the lights")
-    return sensor
 
 
 def sensor_file(sensor: str, folder: Path | str = ".") -> Path:
@@ -157,30 +163,46 @@ def shipped() -> list[str]:
     return sorted(path.stem for path in SHIPPED.glob("*.yaml") if path != SCHEMA)
 
 
-def load(sensor: str, folder: Path | str = ".") -> Sensor:
-    """A sensor by a name of those shipped, or the path of its file; see `sensor_file`.
-
-    `background` in a file is the path of an image, from the file's folder; it is resized to the reading's pixels.
-    Raises `ConfigError`, naming the file, for one that can't be read or does not fit.
-    """
-    path = sensor_file(sensor, folder)
+def read(path: Path) -> dict[str, Any]:
+    """The keys of a sensor's file. Raises `ConfigError`, naming it, if it can't be read or has none."""
     try:
         description = yaml.safe_load(path.read_text(encoding="utf-8"))
     except (yaml.YAMLError, UnicodeDecodeError) as error:
         raise ConfigError(f"{path}: can't be read as YAML: {error}") from None
     if not isinstance(description, dict):
         raise ConfigError(f"{path}: expected the keys of a sensor, as in {SHIPPED / 'digit.yaml'}")
-    image, background = description.get("background"), None
-    if isinstance(image, bool):
+    return description
+
+
+def background_file(path: Path) -> Path | None:
+    """The image of the untouched gel that a sensor's file names, from its folder; None if it names none.
+
+    Raises `ConfigError` as `read` does, and for something else than a path.
+    """
+    image = read(path).get("background")
+    if not isinstance(image, str | None):
         raise ConfigError(f"{path}: background: expected the path of an image, or null")
-    if isinstance(image, str):
-        size = int(description.get("resolution", 1))
-        try:
-            with Image.open(path.parent / image) as picture:
-                background = np.asarray(picture.convert("RGB").resize((size, size), Image.Resampling.BILINEAR))
-        except OSError as error:
-            raise ConfigError(f"{path}: background {path.parent / image}: {error}") from None
-    return described(description, background, str(path))
+    return path.parent / image if image else None
+
+
+def read_background(path: Path | str, resolution: int) -> np.ndarray:
+    """(resolution, resolution, 3) uint8 image of an untouched gel, resized. Raises `ConfigError` if it is none."""
+    try:
+        with Image.open(path) as picture:
+            return np.asarray(picture.convert("RGB").resize((resolution, resolution), Image.Resampling.BILINEAR))
+    except OSError as error:
+        raise ConfigError(f"{path}: can't be read as the image of an untouched gel: {error}") from None
+
+
+def load(sensor: str, folder: Path | str = ".") -> Sensor:
+    """A sensor by a name of those shipped, or the path of its file; see `sensor_file`.
+
+    Raises `ConfigError`, naming the file, for one that can't be read or does not fit.
+    """
+    path = sensor_file(sensor, folder)
+    found = Sensor.from_description({**read(path), "background": None}, what=str(path))
+    image = background_file(path)
+    return replace(found, background=read_background(image, found.resolution)) if image else found
 
 
 DIGIT = load("digit")

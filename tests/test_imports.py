@@ -11,7 +11,19 @@ import palpate
 ROOT = Path(palpate.__file__).parent
 # From what everything else stands on to what stands on everything else; docs/design.md has the same order.
 ORDER = (
-    *("checksums", "atomic", "lock", "terminal", "remedy", "batch", "configuration", "camera", "mesh", "surface"),
+    *(
+        "checksums",
+        "atomic",
+        "lock",
+        "terminal",
+        "remedy",
+        "batch",
+        "configuration",
+        "camera",
+        "sensor",
+        "mesh",
+        "surface",
+    ),
     *("hand", "scene", "touch", "grasp", "vision", "shapes", "store", "released", "catalogue", "dataset", "charts"),
     *("models", "training", "evaluation", "results"),
 )

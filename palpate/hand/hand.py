@@ -57,7 +57,8 @@ class Hand:
     def __post_init__(self) -> None:
         if not len(self.sensor_link) or self.sensor_thumb.all():
             raise ValueError(
-                f"hand {self.name!r} has no touch sensor" + " but the thumb's" * bool(len(self.sensor_link))
+                f"hand {self.name!r} has no touch sensor"
+                + " but the thumb's" * bool(len(self.sensor_link))
                 + ": name one or more sensor frames of other fingers"
             )
         if not np.isfinite(self.joint_range).all() or (self.joint_range[:, 0] > self.joint_range[:, 1]).any():

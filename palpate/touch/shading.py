@@ -20,7 +20,8 @@ def impression(depth: np.ndarray, sensor: Sensor = DIGIT) -> np.ndarray:
 
     w is the distance of the undeformed gel, of each pixel.
     """
-    return np.maximum(sensor.reach.astype(depth.dtype) - depth, 0)
+    reach = sensor.range if sensor.gel_radius is None else sensor.reach.astype(depth.dtype)
+    return np.maximum(reach - depth, 0)
 
 
 def normals(height: np.ndarray, pixel: float = DIGIT.pixel) -> np.ndarray:

@@ -114,7 +114,7 @@ def test_the_allegro_survives_the_way_through_a_file(tmp_path):
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ('name="right_curl"', 'name="right_curl" type="slide"', "'right_curl' is not a hinge"),
+        ('name="right_curl"', 'name="right_curl" type="ball"', "'right_curl' is neither hinge nor slide"),
         ('name="right_bend"', 'name="right_bend" limited="false"', "'right_bend' has no range"),
         (
             "</worldbody>",

@@ -15,10 +15,11 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 import palpate.store
+from palpate.sensor import DIGIT
 from palpate.store import CONTRACT, StoreError, join, read, write
 from palpate.store.files import seal
 
-ATTRIBUTES = {"config_digest": "ab" * 32, "seed": 3}
+ATTRIBUTES = {"config_digest": "ab" * 32, "seed": 3, "sensor": DIGIT.description()}
 SIZES = {"n": 5, "j": 3, "l": 2, "r": 4, "rr": 16, "p": 6, "v": 2, "q": 3, "w": 5}
 STAGES = tuple(CONTRACT)
 

@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 
 from palpate.batch import Rejection, read_rejections
+from palpate.sensor import DIGIT
 from palpate.store import Store, StoreError, config_digest, join, read, write, write_batch
 
-ATTRIBUTES = {"seed": 0, "config_digest": config_digest({})}
+ATTRIBUTES = {"seed": 0, "config_digest": config_digest({}), "sensor": DIGIT.description()}
 
 
 def record(number: int, grasps: int) -> dict[str, np.ndarray]:

@@ -7,13 +7,14 @@ import numpy as np
 import pytest
 
 from palpate import Dataset, store
+from palpate.sensor import DIGIT
 from palpate.store import StoreError
 from palpate.training.data import TrainingData, TrainingDataError
 from palpate.training.inputs import INPUTS, stages
 from palpate.training.samples import windows
 from tests.training.conftest import OCCLUDED_TOUCH, made_up
 
-ATTRIBUTES = {"seed": 0, "config_digest": "0"}
+ATTRIBUTES = {"seed": 0, "config_digest": "0", "sensor": DIGIT.description()}
 BATCHES = {
     "batch-0000": [("a-0", "a", "train"), ("a-1", "a", "validation"), ("b-0", "b", "test")],
     "batch-0001": [("b-1", "b", "train")],
