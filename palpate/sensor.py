@@ -128,11 +128,9 @@ class Sensor:
             )
         sensor = cls(**values, gel_radius=radius, background=background if description["background"] else None)
         if not (sensor.range - sensor.sag > 0).all():
-            raise ConfigError(
-                f"{what}: the rim of the gel lies behind the sensor plane: a greater range, or a flatter gel"
-            )
+            raise ConfigError(f"{what}: the rim of the gel is behind the sensor plane: raise range, or gel.radius")
         if not sensor.lights["height"] >= sensor.range:
-            raise ConfigError(f"{what}: lights.height is less than range: surfaces in range would be above the lights")
+            raise ConfigError(f"{what}: lights.height must be range or more: no surface in range above the lights")
         return sensor
 
     def misfit(self, other: "Sensor") -> str:

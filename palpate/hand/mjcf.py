@@ -153,9 +153,10 @@ class _Reader:
         if count == 0:
             parent = self._add_link(name, parent, position, rotation)
         for number, joint in enumerate(range(first, first + count)):
-            if model.jnt_type[joint] not in (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE):
+            kind = mujoco.mjtJoint(model.jnt_type[joint])
+            if kind not in (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE):
                 raise ValueError(f"joint {model.joint(joint).name!r} is neither hinge nor slide: others can't be read")
-            slides = model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_SLIDE
+            slides = kind == mujoco.mjtJoint.mjJNT_SLIDE
             if not model.jnt_limited[joint]:
                 raise ValueError(f"joint {model.joint(joint).name!r} has no range: give it one")
             anchor_now, axis = model.jnt_pos[joint].copy(), model.jnt_axis[joint].copy()

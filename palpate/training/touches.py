@@ -63,7 +63,7 @@ def read_touches(dataset: Dataset, *splits: str) -> Touches:
             for part in touches.reading.split(256)
         ]
     )
-    return touches._replace(reading=touches.reading[shown], depth=touches.depth[shown])
+    return Touches(touches.reading[shown], touches.depth[shown], touches.empty, touches.sensor)
 
 
 def channels_first(images: np.ndarray) -> Tensor:

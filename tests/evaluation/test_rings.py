@@ -11,7 +11,9 @@ from palpate.evaluation.rings import (
     RINGS,
     CloudSurface,
     MeshSurface,
+    plane,
     project_batch,
+    reach,
     ring_distances,
     ring_points,
 )
@@ -79,11 +81,8 @@ def test_rays_that_pass_by_are_left_out():
 
 def test_another_part_far_behind_is_left_out():
     near, width = slab(0.01, SENSOR_WIDTH), 0.2
-    for behind, counts in (
-        (0.95 * reach(DIGIT), [400, 1200, 2000, 2800, 3600]),
-        (1.05 * reach(DIGIT), [400, 0, 0, 0, 0]),
-    ):
-        both = trimesh.util.concatenate([near, slab(behind, width)])
+    for share, counts in ((0.95, [400, 1200, 2000, 2800, 3600]), (1.05, [400, 0, 0, 0, 0])):
+        both = trimesh.util.concatenate([near, slab(share * reach(DIGIT), width)])
         depth = MeshSurface(both).project(np.zeros(3), np.eye(3))
         assert [len(points) for points in ring_points(depth, np.zeros(3), np.eye(3))] == counts
 
@@ -170,7 +169,7 @@ def test_a_batch_has_rings_around_successful_touches_only(tmp_path):
         {"seed": 0, "config_digest": "", "sensor": DIGIT.description()},
     )
     surfaces = {"a": MeshSurface(ball, centre), "b": MeshSurface(slab(0.02, 0.2, ahead))}
-    rings = project_batch(path, surfaces.get)
+    rings = project_batch(path, lambda name, sensor: surfaces[name])
     assert rings["object"].tolist() == ["a", "b"] and rings["ring_depth"].shape == (2, 2, 4, GRID, GRID)
     assert np.isinf(rings["ring_depth"][:, :, 1]).all()
     expected = surfaces["a"].project(position[1, 2], rotation[1, 2])
