@@ -150,12 +150,12 @@ def project_batch(
     touch: the batch's touch store; surface: from an object's name and the sensor to what its rings are projected onto.
     """
     touches = store.read(touch, "object", "success", "position", "rotation")
-    sensor = Sensor.from_description(store.open(touch).attributes["sensor"])
+    kind = Sensor.from_description(store.open(touch).attributes["sensor"])
     names, success = touches["object"], touches["success"]
     depth = np.full((*success.shape, GRID, GRID), np.inf, dtype=np.float32)
     for place, name in enumerate(names):
         log.info("rings %d/%d: %s", place + 1, len(names), name)
-        onto = surface(str(name), sensor)
+        onto = surface(str(name), kind)
         for grasp, sensor in zip(*np.nonzero(success[place]), strict=True):
             index = place, grasp, sensor
             depth[index] = onto.project(touches["position"][index], touches["rotation"][index])

@@ -28,10 +28,9 @@ def test_a_plate_touches_where_the_gel_reaches_it(kind, tracer):
     for distance in (0.012, 0.02, 0.0249, 0.0251):
         sensed = sense(tracer(plate(distance), sensor=kind), *POSE)
         y, z = np.meshgrid(kind.pixel_centres, kind.pixel_centres)
-        # A plate meets a sphere of radius R, whose apex is at w, within a circle of the square radius R^2 - (R - w + d)^2.
-        within = (
-            y**2 + z**2 <= 0.015**2 - (distance - 0.01) ** 2 if kind is DOME else np.full(y.shape, distance < 0.025)
-        )
+        # A plate at d meets a sphere of radius R, its centre at w - R, within a circle: R^2 - (d - w + R)^2.
+        circle = y**2 + z**2 <= 0.015**2 - (distance - 0.01) ** 2
+        within = circle if kind is DOME else np.full(y.shape, distance < 0.025)
         assert sensed.success[0] == within.any()
         np.testing.assert_array_equal(np.isfinite(sensed.depth[0]), within)
         assert np.allclose(sensed.depth[0][within], distance, atol=2e-5)
