@@ -31,7 +31,7 @@ def test_the_shipped_sensors_have_their_published_sizes():
     mini, dome = load("gelsight_mini"), load("dome360")
     assert mini.pixel == pytest.approx(18.6e-3 / 320, rel=0.03)  # the field of view, 18.6 x 14.3 mm on 320 x 240
     assert mini.width == 14.3e-3 and mini.resolution == 240
-    assert dome.width == 0.030 and dome.gel_radius == 0.015
+    assert dome.width == 0.020 and dome.gel_radius == 0.010  # the gel of TACTO's OmniTact is 20 mm wide
     # OpenCV's standard deviation of a kernel of k pixels, of Taxim's kernels and its pixels of 0.0295 mm.
     sigmas = [0.0295e-3 * (0.3 * ((k - 1) * 0.5 - 1) + 0.8) for k in (201, 101, 51, 21, 11, 5)]
     np.testing.assert_allclose(mini.smoothing["pyramid"], sigmas, rtol=1e-12)
@@ -41,11 +41,11 @@ def test_the_shipped_sensors_have_their_published_sizes():
 def test_a_round_gel_is_a_cap_of_a_sphere():
     dome = load("dome360")
     y, z = np.meshgrid(dome.pixel_centres, dome.pixel_centres)
-    inside = np.hypot(y, z) <= 0.015
+    inside = np.hypot(y, z) <= 0.010
     np.testing.assert_array_equal(dome.on_gel, inside)
     # The apex is at the range, the centre of the sphere a radius nearer.
-    distance = np.sqrt((dome.reach[inside] - (0.025 - 0.015)) ** 2 + y[inside] ** 2 + z[inside] ** 2)
-    np.testing.assert_allclose(distance, 0.015, atol=1e-12)
+    distance = np.sqrt((dome.reach[inside] - (0.025 - 0.010)) ** 2 + y[inside] ** 2 + z[inside] ** 2)
+    np.testing.assert_allclose(distance, 0.010, atol=1e-12)
     assert (dome.reach[~inside] == -np.inf).all() and np.isfinite(dome.sag).all()
     assert (DIGIT.reach == 0.025).all() and DIGIT.on_gel.all()
 
@@ -60,7 +60,7 @@ def test_a_description_brings_the_sensor_back(name):
 
 def test_what_differs_is_named():
     assert DIGIT.misfit(load("dome360")) == (
-        "width 0.01641 and 0.03, resolution 100 and 200, gel flat and {'radius': 0.015}"
+        "width 0.01641 and 0.02, resolution 100 and 200, gel flat and {'radius': 0.01}"
     )
 
 

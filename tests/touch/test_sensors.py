@@ -25,11 +25,11 @@ def plate(distance: float) -> trimesh.Trimesh:
 @pytest.mark.parametrize("kind", [DOME, MINI], ids=lambda kind: kind.name)
 @pytest.mark.parametrize("tracer", [RayCaster, SphereTracer])
 def test_a_plate_touches_where_the_gel_reaches_it(kind, tracer):
-    for distance in (0.012, 0.02, 0.0249, 0.0251):
+    for distance in (0.016, 0.02, 0.0249, 0.0251):
         sensed = sense(tracer(plate(distance), sensor=kind), *POSE)
         y, z = np.meshgrid(kind.pixel_centres, kind.pixel_centres)
         # A plate at d meets a sphere of radius R, its centre at w - R, within a circle: R^2 - (d - w + R)^2.
-        circle = y**2 + z**2 <= 0.015**2 - (distance - 0.01) ** 2
+        circle = y**2 + z**2 <= 0.01**2 - (distance - 0.015) ** 2
         within = circle if kind is DOME else np.full(y.shape, distance < 0.025)
         assert sensed.success[0] == within.any()
         np.testing.assert_array_equal(np.isfinite(sensed.depth[0]), within)
@@ -55,8 +55,8 @@ def test_a_round_gel_shades_its_own_shape_and_nothing_beside_it():
     # Light by light, in double precision, from the sphere's normal.
     row, column = 22, 35
     y, z = DOME.pixel_centres[column], DOME.pixel_centres[row]
-    normal = np.array([-y, -z, np.sqrt(0.015**2 - y**2 - z**2)]) / 0.015
-    height = 0.015 - np.sqrt(0.015**2 - y**2 - z**2)
+    normal = np.array([-y, -z, np.sqrt(0.01**2 - y**2 - z**2)]) / 0.01
+    height = 0.01 - np.sqrt(0.01**2 - y**2 - z**2)
     towards = DOME.light_positions - [y, z, height]
     cosine = towards @ normal / np.linalg.norm(towards, axis=1)
     np.testing.assert_allclose(empty[row, column], np.maximum(255 * cosine, 0), atol=2)
