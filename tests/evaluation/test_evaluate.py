@@ -64,7 +64,7 @@ def run(tmp_path_factory):
     path = folder / "touch" / "batch-0000.zarr"
     arrays = store.join("touch", touch) | {"empty_reading": empty_reading()}
     store.write(path, "touch", arrays, ATTRIBUTES)
-    rings = project_batch(path, lambda name: MeshSurface(ball(name), OBJECT_POSITION))
+    rings = project_batch(path, lambda name, _: MeshSurface(ball(name), OBJECT_POSITION))
     store.write(folder / "rings" / "batch-0000.zarr", "rings", rings, ATTRIBUTES)
     # Each chart is the sensor's own square: its points are on the sensor plane.
     grid = np.concatenate([np.zeros((81, 1)), touch_chart().grid.numpy()], axis=1)
