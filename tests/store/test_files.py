@@ -249,7 +249,7 @@ def test_another_schema_version_is_refused(tmp_path, stage):
         with h5py.File(path, "a") as file:
             file.attrs["schema_version"] = "99"
         seal(path)
-    with pytest.raises(StoreError, match=r"batch-0000.* has schema version 99, but .* version 3"):
+    with pytest.raises(StoreError, match=r"batch-0000.* has schema version 99, but .* version 4"):
         palpate.store.open(path)
 
 
@@ -262,7 +262,7 @@ def test_a_run_of_an_earlier_version_is_refused_with_the_command_that_builds_it_
         write(path, "touch", arrays_of("touch", 1), ATTRIBUTES)
         zarr.open_group(path).attrs["schema_version"] = 1
         command = f"snakemake dataset touch/batch-0000.zarr --cores 2 --configfile {config} --forceall"
-        with pytest.raises(StoreError, match=f"{path} has schema version 1, but .* version 3; .* {command}$"):
+        with pytest.raises(StoreError, match=f"{path} has schema version 1, but .* version 4; .* {command}$"):
             palpate.store.open(path)
 
 
