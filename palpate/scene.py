@@ -12,7 +12,7 @@ import numpy as np
 
 from palpate.camera import Camera, looking_at, paper_camera, paper_focal_length, rotation_of
 from palpate.configuration import ConfigError
-from palpate.hand.hand import SENSORS, Hand
+from palpate.hand.hand import Hand
 from palpate.mesh import OBJECT_POSITION, mesh_file
 
 # What a scene takes from a store of grasps, by the names there.
@@ -72,8 +72,8 @@ class Scene:
     object_folder: Path
     hand: Hand | None = None
     link_pose: np.ndarray = field(default_factory=lambda: np.zeros((0, 0, 4, 4)))
-    sensor_position: np.ndarray = field(default_factory=lambda: np.zeros((0, SENSORS, 3)))
-    sensor_rotation: np.ndarray = field(default_factory=lambda: np.zeros((0, SENSORS, 3, 3)))
+    sensor_position: np.ndarray = field(default_factory=lambda: np.zeros((0, 0, 3)))
+    sensor_rotation: np.ndarray = field(default_factory=lambda: np.zeros((0, 0, 3, 3)))
     object_position: tuple[float, float, float] = OBJECT_POSITION
     camera: Camera = field(default_factory=paper_camera)
     lights: tuple[Light, ...] = LIGHTS

@@ -9,10 +9,10 @@ Positions are in the world frame.
 | `unoccluded`, `occluded` | (o, k, p, p, c), (o, g, k, p, p, c) | uint8 |
 | `image_camera`, of these | (o, k, 3, 4) to pixels | float32 |
 | `views`, `camera` | (o, v, q, q, 3), (o, v, 3, 4) to pixels | uint8, float32 |
-| `success` | (o, g, 4) | bool |
-| `position`, `rotation` | (o, g, 4, 3) m, (o, g, 4, 3, 3) | float32 |
-| `charts` | (o, g, 4, 81, 3) m | float32 |
-| `reading` (that of an untouched sensor is the empty one) | (o, g, 4, 100, 100, 3) | uint8 |
+| `success` | (o, g, s) | bool |
+| `position`, `rotation` | (o, g, s, 3) m, (o, g, s, 3, 3) | float32 |
+| `charts` | (o, g, s, 81, 3) m | float32 |
+| `reading` (that of an untouched sensor is the empty one) | (o, g, s, r, r, 3) | uint8 |
 """
 
 import hashlib
@@ -25,6 +25,7 @@ import numpy as np
 
 from palpate.catalogue import SPLITS
 from palpate.dataset import Dataset
+from palpate.sensor import DIGIT, Sensor
 from palpate.training.inputs import Input, camera_array, inputs, stages
 
 IN_MEMORY = "the data in memory"  # in messages
@@ -37,22 +38,26 @@ class TrainingDataError(ValueError):
 class TrainingData:
     """Objects and their arrays in memory: `data["points"]` and the others as numpy arrays, first axis objects.
 
-    arrays: by name, among them `object`, `class` and `split` (o,). source: what messages call them.
+    arrays: by name, among them `object`, `class` and `split` (o,). source: what messages call them. sensor: the kind of
+    touch sensor that touches are of.
 
     Attributes:
         objects, classes, splits: lists of (o,) names. grasps: g, grasps an object, 0 if no array has that
-        axis.
+        axis. hand_sensors: s, None if no array has that axis.
 
     Raises TrainingDataError, naming the object, if a value is NaN or infinite.
     """
 
-    def __init__(self, arrays: Mapping[str, Sequence[str] | np.ndarray], source: str = IN_MEMORY):
-        self.source, self.arrays = source, dict(arrays)
+    def __init__(
+        self, arrays: Mapping[str, Sequence[str] | np.ndarray], source: str = IN_MEMORY, sensor: Sensor = DIGIT
+    ):
+        self.source, self.arrays, self.sensor = source, dict(arrays), sensor
         self.objects, self.classes, self.splits = (
             [str(name) for name in self.arrays.pop(key)] for key in ("object", "class", "split")
         )
         of_grasps = next((name for name in ("success", "occluded") if name in self), None)
         self.grasps = self[of_grasps].shape[1] if of_grasps else 0
+        self.hand_sensors = self["success"].shape[2] if "success" in self else None
         for name, values in self.arrays.items():
             finite = np.isfinite(values.reshape(len(values), -1)).all(axis=1) if values.dtype.kind == "f" else True
             if not np.all(finite):
@@ -112,7 +117,9 @@ class TrainingData:
             "class": [record.class_name for record in records],
             "split": [record.split for record in records],
         }
-        return cls(names | {item.name: _read(chosen, item) for item in arrays}, repr(chosen))
+        touched = any(item.stage == "touch" for item in arrays)
+        loaded = {item.name: _read(chosen, item) for item in arrays}
+        return cls(names | loaded, repr(chosen), dataset.sensor if touched else DIGIT)
 
     def __getitem__(self, name: str) -> np.ndarray:
         if name not in self.arrays:
