@@ -26,7 +26,7 @@ from palpate.dataset.checks import (
     check_touch,
     check_vision,
 )
-from palpate.dataset.run import Run
+from palpate.dataset.run import BEFORE, Run
 from palpate.hand import Hand
 from palpate.remedy import command
 from palpate.store.contract import CONTRACT, SENSOR_NAMES
@@ -35,13 +35,6 @@ from palpate.touch import empty_reading
 
 NAMED = 5  # how many failures a row names
 STAGES = ("surface", "grasps", "touch", "vision")  # what makes a dataset
-# An object rejected at one of these stages, or at one without a store (meshes), is not in the store.
-BEFORE = {
-    "surface": ("surface",),
-    "grasps": ("surface", "grasps"),
-    "touch": ("surface", "grasps", "touch"),
-    "vision": ("surface", "grasps", "vision"),
-}
 OF_OBJECT: dict[str, Callable] = {
     "surface": check_surface,
     "grasps": check_grasps,
