@@ -11,6 +11,8 @@ from palpate.dataset.run import Run
 from palpate.store.contract import CONTRACT, ArraySpec
 from palpate.store.files import StoreError
 
+COLOURS = ("RGB", "sRGB")  # units of arrays whose last axis is the colour
+
 
 class GraspDataset(Sequence):
     """The grasps of some objects, object by object: `grasps[i]` is a dictionary, read when it is asked for.
@@ -23,7 +25,8 @@ class GraspDataset(Sequence):
     touched nothing reads the empty gel. An object's array that is named as one of a grasp has its stage before it:
     `surface_points`.
 
-    Attributes: arrays, the names of the arrays. Raises StoreError if there is no object, or a stage that the arrays
+    Attributes: arrays, the names of the arrays; sources, their stages and contracts by name; images, which of them are
+    pictures, and whether these have colours. Raises StoreError if there is no object, or a stage that the arrays
     need is missing; KeyError, with the right names, for an unknown array.
     """
 
@@ -40,7 +43,9 @@ class GraspDataset(Sequence):
         self.arrays = tuple(arrays)
         if unknown := [name for name in self.arrays if name not in known]:
             raise KeyError(f"no array {', '.join(map(repr, unknown))} of grasps; there are {', '.join(known)}")
-        self._sources = {name: known[name] for name in self.arrays}
+        self.sources = {name: known[name] for name in self.arrays}
+        pictures = {name: spec for name, (_, spec) in self.sources.items() if spec.dtype == "uint8"}
+        self.images = {name: spec.unit in COLOURS for name, spec in pictures.items()}
 
     def _stored(self, stage: str, spec: ArraySpec) -> bool:
         """Whether the first object has the array: optional ones may be missing."""
@@ -57,7 +62,7 @@ class GraspDataset(Sequence):
         number, grasp = divmod(number, self._of_object)
         entry = self._entries[number]
         item = {"object": entry.object, "class": entry.class_name, "split": entry.split, "grasp": grasp}
-        return item | {name: self._read(entry, grasp, *source) for name, source in self._sources.items()}
+        return item | {name: self._read(entry, grasp, *source) for name, source in self.sources.items()}
 
     def _read(self, entry: CatalogueEntry, grasp: int, stage: str, spec: ArraySpec) -> np.ndarray:
         store, row = self._run.store(stage, entry.batch), self._run.row(stage, entry)

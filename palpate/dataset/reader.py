@@ -9,7 +9,7 @@ import difflib
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -22,6 +22,8 @@ from palpate.store.files import StoreError
 
 if TYPE_CHECKING:
     import pandas
+
+    from palpate.hand import Hand
 
 # In the order in which an object goes through them; `released` reads a dataset that was not made here.
 STAGES = ("released", "meshes", *CONTRACT)
@@ -51,6 +53,21 @@ class Dataset(Sequence):
         view._run, view._asked = self._run, self._asked
         view._entries = {entry.object: entry for entry in entries}
         return view
+
+    @property
+    def folder(self) -> Path:
+        """The run's folder."""
+        return self._run.folder
+
+    @property
+    def name(self) -> str:
+        """The run's name: that of its folder."""
+        return self.folder.resolve().name
+
+    @property
+    def config(self) -> dict[str, Any]:
+        """The config that the run was last started with; empty if the run does not have it."""
+        return self._run.config
 
     @property
     def objects(self) -> list[str]:
@@ -225,6 +242,11 @@ class _Record:
         self._run, self._entry = run, entry
         self._values: dict[str, np.ndarray] = {}  # that were read
 
+    @property
+    def stages(self) -> list[str]:
+        """The stages that the run has a store of."""
+        return [stage for stage in CONTRACT if self._run.has(stage)]
+
     def _read(self, name: str) -> np.ndarray:
         """The row in array `name`, as it is stored; read once."""
         if name not in self._values:
@@ -282,6 +304,13 @@ class ObjectRecord(_Record):
     def mesh(self) -> Path:
         """Folder of its meshes, which are in its own frame: centred at the origin, not at (0, 0, 0.6)."""
         return self._run.folder / "meshes" / self.batch / self.name
+
+    @cached_property
+    def hand(self) -> "Hand":
+        """The hand that grasps it, as its store of grasps carries it. Raises StoreError if the run has no grasps."""
+        from palpate.hand import Hand
+
+        return Hand.from_arrays(self._run.store("grasps", self.batch), prefix="hand/")
 
     @cached_property
     def grasps(self) -> list["GraspRecord"]:

@@ -6,10 +6,12 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any, TypeVar
 
+import yaml
+
 from palpate.batch import read_rejections
 from palpate.catalogue import CatalogueEntry, read_catalogue
 from palpate.checksums import DamagedFile
-from palpate.remedy import command
+from palpate.remedy import RECORD, command
 from palpate.store.contract import CONTRACT
 from palpate.store.files import Store, StoreError
 
@@ -48,6 +50,18 @@ class Run:
     def catalogue(self) -> dict[str, CatalogueEntry]:
         """Rows of `catalogue.csv` by object, in its order. Raises CatalogueError if it is missing or broken."""
         return {entry.object: entry for entry in read_catalogue(self.folder / "catalogue.csv")}
+
+    @cached_property
+    def config(self) -> dict[str, Any]:
+        """The config that the run was last started with; empty for a run without `config.yaml`."""
+        path = self.folder / RECORD
+        if not path.is_file():
+            return {}
+        try:
+            found = yaml.safe_load(path.read_text(encoding="utf-8"))
+        except (yaml.YAMLError, UnicodeDecodeError) as error:
+            raise StoreError(f"{path} can't be read as YAML: {error}") from None
+        return found if isinstance(found, dict) else {}
 
     @cached_property
     def batches(self) -> list[str]:
