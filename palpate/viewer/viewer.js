@@ -30,8 +30,7 @@
     renderer.render(scene, eye);
   }
 
-  function resize() {
-    const { clientWidth: width, clientHeight: height } = canvas.parentElement;
+  function resize(width = canvas.parentElement.clientWidth, height = canvas.parentElement.clientHeight) {
     renderer.setSize(width, height);
     eye.aspect = width / height;
     eye.updateProjectionMatrix();
@@ -161,7 +160,7 @@
     });
   }
   controls.addEventListener("change", render);
-  window.addEventListener("resize", resize);
+  window.addEventListener("resize", () => resize());
 
   const bytes = Uint8Array.from(atob(page.glb), (letter) => letter.charCodeAt(0));
   new THREE.GLTFLoader().parse(bytes.buffer, "", (loaded) => {
@@ -175,7 +174,7 @@
     if (state.camera === null) frame();
     else look(state.camera);
     render();
-    window.viewer = { scene, eye, controls, leaves, canvas, render };
+    window.viewer = { scene, eye, controls, leaves, canvas, render, resize };
     document.body.dataset.state = "ready";
   }, (error) => {
     document.getElementById("message").textContent = `The scene can't be shown: ${error.message}`;
