@@ -35,7 +35,7 @@ def write_parquet(
         import pyarrow
         from pyarrow import parquet
     except ImportError as error:
-        raise ImportError("Parquet needs pyarrow: pip install pyarrow; WebDataset does not") from error
+        raise ImportError(f"Parquet needs pyarrow: pip install 'pyarrow<26'; WebDataset does not ({error})") from error
     splits = grasps_by_split(dataset, arrays)
     with atomic_write(Path(folder)) as partial:
         for split, grasps in splits.items():

@@ -57,7 +57,7 @@
       from.set(aside.z, 0, -aside.x);
       const gels = boxOf((kind) => kind === "gel").getCenter(new THREE.Vector3()).sub(hand.getCenter(new THREE.Vector3()));
       if (from.dot(gels) < 0) from.negate(); // where the fingers are
-      from.addScaledVector(aside, 0.25).setY(0.35);
+      from.addScaledVector(aside, 0.6).setY(0.4);
     }
     eye.up.set(0, 1, 0);
     eye.position.copy(centre).addScaledVector(from.normalize(), distance);
@@ -118,6 +118,8 @@
         // Points on a surface are drawn before it.
         Object.assign(part.material, { polygonOffset: true, polygonOffsetFactor: 1, polygonOffsetUnits: 4 });
       }
+      // There are no surroundings that metal could reflect: it would be black.
+      if (part.material.metalness > 0.3) part.material.metalness = 0.3;
       if (kind === "gel") { // as it was read, whatever the light
         part.material.emissive?.set(0xffffff);
         part.material.emissiveMap = part.material.map;
