@@ -105,12 +105,12 @@ def run_page(path: Path | str, dataset: Dataset, most: int = MOST_OBJECTS) -> in
         for kind in dataset.classes
     )
     heads = "".join(f'<th class="faint">{split}</th>' for split in SPLITS)
-    shown = dataset[:most]
-    cells = "".join(_cell(record, path.parent, dataset.folder) for record in shown)
+    shown, stages = dataset[:most], dataset.stages
+    cells = "".join(_cell(record, stages, path.parent, dataset.folder) for record in shown)
     left_out = f", the first {len(shown)} shown" if len(shown) < len(dataset) else ""
     body = f"""<body class="run">
 <h1>{escape(dataset.name)}</h1>
-<p>{len(dataset)} objects{left_out}; {len(dataset.rejections())} rejections; stages: {", ".join(dataset.stages)}.</p>
+<p>{len(dataset)} objects{left_out}; {len(dataset.rejections())} rejections; stages: {", ".join(stages)}.</p>
 <table><tr><th class="faint">class</th>{heads}</tr>{rows}</table>
 <p><input id="filter" type="search" placeholder="name, class or split"> <span id="count" class="faint"></span></p>
 <div class="grid">{cells}</div>
@@ -165,9 +165,9 @@ def _figure(image: np.ndarray, caption: str) -> str:
     return f'<figure><img src="{data_uri(image)}" alt=""><figcaption>{caption}</figcaption></figure>'
 
 
-def _cell(record: ObjectRecord, folder: Path, run: Path) -> str:
+def _cell(record: ObjectRecord, stages: Sequence[str], folder: Path, run: Path) -> str:
     """One object in the page of a run: thumbnail, name, class and split."""
-    picture = _thumbnail(record)
+    picture = _thumbnail(record, stages)
     image = f'<img src="{picture}" alt="" loading="lazy">' if picture else '<span class="none">no image</span>'
     name, page = escape(record.name), f"{record.name}.html"
     if (folder / page).exists():
@@ -179,10 +179,10 @@ def _cell(record: ObjectRecord, folder: Path, run: Path) -> str:
     return f'<figure data-words="{escape(words)}">{image}<figcaption>{caption}</figcaption></figure>\n'
 
 
-def _thumbnail(record: ObjectRecord) -> str:
-    """The object's image in small, as a data URI; empty if the run has none."""
+def _thumbnail(record: ObjectRecord, stages: Sequence[str]) -> str:
+    """The object's image in small, as a data URI; empty if the run has none. stages: those of the run."""
     for stage, name in (("vision", "unoccluded"), ("views", "image")):
-        if stage in record.stages:
+        if stage in stages:
             images = getattr(record, name)
             return data_uri(images.reshape(-1, *images.shape[-3:])[0], THUMBNAIL)
     return ""
