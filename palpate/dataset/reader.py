@@ -9,7 +9,7 @@ import difflib
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, overload
 
 import numpy as np
 
@@ -197,6 +197,11 @@ class Dataset(Sequence):
 
     def __iter__(self) -> Iterator["ObjectRecord"]:
         return (ObjectRecord(self._run, entry) for entry in self._entries.values())
+
+    @overload
+    def __getitem__(self, key: str | int) -> "ObjectRecord": ...
+    @overload
+    def __getitem__(self, key: slice) -> "Dataset": ...
 
     def __getitem__(self, key: str | int | slice) -> "ObjectRecord | Dataset":
         """An object by its name or number; a slice gives a dataset."""
