@@ -12,15 +12,15 @@ from pathlib import Path
 
 import matplotlib
 import numpy as np
+from palpate.sensor import load
 
 from palpate import store, touch
 from palpate.catalogue import read_catalogue
 from palpate.hand import Hand
 from palpate.scene import GRASP_ARRAYS, Scene
-from palpate.sensor import load
 
 matplotlib.use("Agg")
-import matplotlib.pyplot as plt  # noqa: E402
+import matplotlib.pyplot as plt
 
 OUTPUT = Path("results/examples")
 OUTPUT.mkdir(parents=True, exist_ok=True)
@@ -39,9 +39,8 @@ for name in ("digit", "gelsight_mini", "dome360"):
     sensor = load(name)
     sensed[name] = touch.sense_scene(scene, touch.scene_tracer(scene, "embree", sensor))
     touched = sensed[name].success
-    print(
-        f"{name}: {sensor.resolution} pixels, {1000 * sensor.width:.1f} mm wide, {touched.sum()} of {touched.size} touch"
-    )
+    size = f"{1000 * sensor.width:.1f} mm wide, {sensor.resolution} pixels"
+    print(f"{name}: {size}, {touched.sum()} of {touched.size} sensors touch")
 
 # %% The grasp in which most of the first one's sensors touch.
 best = int(np.argmax(sensed["digit"].success.sum(axis=1)))

@@ -15,8 +15,8 @@ import numpy as np
 import palpate
 
 matplotlib.use("Agg")
-import matplotlib.pyplot as plt  # noqa: E402
-from mpl_toolkits.mplot3d.art3d import Poly3DCollection  # noqa: E402
+import matplotlib.pyplot as plt
+from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
 OUTPUT = Path("results/examples")
 OUTPUT.mkdir(parents=True, exist_ok=True)

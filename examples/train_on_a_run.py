@@ -15,7 +15,7 @@ from torch.utils.data import DataLoader
 import palpate
 
 matplotlib.use("Agg")
-import matplotlib.pyplot as plt  # noqa: E402
+import matplotlib.pyplot as plt
 
 OUTPUT = Path("results/examples")
 OUTPUT.mkdir(parents=True, exist_ok=True)
