@@ -27,8 +27,8 @@ BEFORE = {
     "rings": ("touch", "grasps", "surface"),
 }
 T = TypeVar("T")
-# Stores whose headers are remembered, the latest used: about 40 kB each.
-REMEMBERED_STORES = 256
+# Stores whose headers are remembered, the latest used: some 16 kB each (studies/benchmarks/reader.py).
+REMEMBERED_STORES = 1024
 
 
 class Run:

@@ -1,7 +1,7 @@
 """Memory and time that `palpate.Dataset` takes on a large run, which is simulated with tiny arrays.
 
     python -m studies.benchmarks.reader [--objects 100000] [--batch-size 16] [--batches 1000] [--reads 5000]
-                                       [--remembered 256]
+                                       [--remembered 1024]
 
 Catalogue and tables of rejections are of all objects. Stores of the first batches have names of their own; the others'
 are links to the first, as nothing but their existence is looked at. Grasps are read at random from the first batches.
