@@ -100,11 +100,7 @@ class TrainingData:
             "class": [record.class_name for record in records],
             "split": [record.split for record in records],
         }
-        loaded = {
-            # A sensor that touched nothing reads the empty gel, which stores omit.
-            item.name: chosen.readings() if item.name == "reading" else chosen.load(item.stage, item.array, item.dtype)
-            for item in arrays
-        }
+        loaded = {item.name: chosen.load(item.stage, item.array, item.dtype) for item in arrays}
         touched = any(item.stage == "touch" for item in arrays)
         return cls(names | loaded, repr(chosen), dataset.sensor if touched else DIGIT)
 
