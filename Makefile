@@ -30,7 +30,7 @@ test: env
 
 lint: env
 	$(BIN)/ruff check .
-	$(BIN)/ruff format --check palpate tests workflow studies
+	$(BIN)/ruff format --check palpate tests workflow studies examples
 	$(BIN)/snakefmt --check Snakefile workflow
 	$(BIN)/snakemake --lint
 
@@ -54,13 +54,13 @@ env: .venv/installed
 slurm: env
 	$(BIN)/pip install --quiet --no-deps --requirement envs/slurm.txt
 
-# Resolve envs/requirements.in again: requirements.txt for pip, and from it palpate.yaml for conda. The CUDA packages
-# are left to torch, which names their exact versions itself: a CPU build of torch must not bring them.
+# Resolve envs/requirements.in and development.in again: requirements.txt for pip, and from it palpate.yaml for conda.
+# The CUDA packages are left to torch, which names their exact versions itself: a CPU build of torch must not bring them.
 lock: env
 	$(BIN)/pip install --quiet uv==$(UV_VERSION)
 	@printf '# Locked: made from requirements.in by `make lock`. Python 3.11, Linux.\n' > envs/requirements.txt
 	$(BIN)/uv pip compile --quiet --python-version 3.11 --no-header --no-annotate --no-emit-index-url \
-	  envs/requirements.in | grep -vE '^(nvidia-|cuda-|triton)' >> envs/requirements.txt
+	  envs/requirements.in envs/development.in | grep -vE '^(nvidia-|cuda-|triton)' >> envs/requirements.txt
 	@{ printf '# Made from requirements.txt by `make lock`: the same list, for Snakemake with conda.\n'; \
 	  printf 'channels: [conda-forge, nodefaults]\ndependencies:\n  - python=3.11\n  - pip\n  - pip:\n'; \
 	  sed -n 's/^[a-z].*/      - &/p' envs/requirements.txt; } > envs/palpate.yaml

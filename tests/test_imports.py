@@ -13,7 +13,7 @@ ROOT = Path(palpate.__file__).parent
 ORDER = (
     *("checksums", "atomic", "lock", "locked", "terminal", "remedy", "batch", "configuration", "camera", "sensor"),
     *("mesh", "surface", "hand", "scene", "touch", "grasp", "vision", "shapes", "store", "released", "catalogue"),
-    *("dataset", "charts", "models", "training", "evaluation", "results"),
+    *("dataset", "charts", "models", "training", "evaluation", "results", "viewer", "interchange", "command"),
 )
 # Packages that may import an engine: by the name that is imported.
 ENGINES = {

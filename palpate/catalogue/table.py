@@ -5,6 +5,7 @@ import io
 import json
 import logging
 import re
+import sys
 from collections import Counter
 from collections.abc import Iterable, Mapping
 from pathlib import Path
@@ -50,7 +51,15 @@ def read_catalogue(path: Path | str) -> list[CatalogueEntry]:
         rows = read_rows(path, COLUMNS[:4], again)
     except DamagedFile as error:
         raise CatalogueError(str(error)) from None
-    entries = [CatalogueEntry(*(row.get(column, "") for column in COLUMNS)) for row in rows]
+    entries = [
+        # Class, split and batch are one text for all rows that share them: a run may have 100,000 objects.
+        CatalogueEntry(
+            row["object"],
+            *(sys.intern(row[column]) for column in COLUMNS[1:4]),
+            *(row.get(column, "") for column in COLUMNS[4:]),
+        )
+        for row in rows
+    ]
     if not entries:
         raise CatalogueError(f"{path} lists no object; {again}")
     for number, entry in enumerate(entries, start=2):

@@ -15,6 +15,7 @@ from palpate.store.files import Store, StoreError
 # Greatest coordinate of the world, metres: a larger one is in another unit, or broken.
 MAX_COORDINATE = 10.0
 MAX_ROTATION = 1.001  # greatest element of a rotation matrix, with its rounding
+SENSOR_AXES = len(CONTRACT["touch"].arrays["success"].shape)  # axes that count objects, grasps and sensors
 
 Index = int | slice | Sequence[int] | np.ndarray
 
@@ -22,12 +23,13 @@ Index = int | slice | Sequence[int] | np.ndarray
 class JoinedArray(Sequence):
     """One array of many batches as if it were one, `(o, ...)` or `(o, g, ...)`; read where it is indexed.
 
-    Values are as they are stored: `reading` of a sensor that touched nothing is 0 (`Dataset.readings` gives the
-    empty gel instead), and rows of local clouds past their `point_count` are 0.
+    Values are as they are stored, but for `reading`: a sensor that touched nothing reads the empty gel, which stores
+    omit. Rows of local clouds past their `point_count` are 0.
     """
 
     def __init__(self, run: Run, stage: str, name: str, entries: list[CatalogueEntry]):
         self._run, self._stage, self._name, self._entries = run, stage, name, entries
+        self._spec = CONTRACT[stage].arrays[name]
 
     def _record(self) -> tuple[tuple[int, ...], np.dtype]:
         """Shape and type of one object's record; StoreError if there is no object to tell it by."""
@@ -51,53 +53,116 @@ class JoinedArray(Sequence):
     @property
     def ndim(self) -> int:
         """Number of its axes."""
-        return len(CONTRACT[self._stage].arrays[self._name].shape)
+        return len(self._spec.shape)
+
+    @property
+    def size(self) -> int:
+        """Number of its elements."""
+        return int(np.prod(self.shape, dtype=object))
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes that the whole takes in memory."""
+        return self.size * self.dtype.itemsize
+
+    @property
+    def attrs(self) -> dict[str, Any]:
+        """What the contract says of the array (stage, axes, unit, meaning), and the attributes of the first store.
+
+        Those are units, frames, seed, schema version, digest of the config and versions of what made it.
+        """
+        spec = {"stage": self._stage, "axes": self._spec.axes, "unit": self._spec.unit, "meaning": self._spec.meaning}
+        return spec | (self._run.store(self._stage, self._entries[0].batch).attributes if self._entries else {})
 
     def __len__(self) -> int:
         return len(self._entries)
 
     def __getitem__(self, index: Index | tuple) -> np.ndarray:
-        """Indexes as a numpy array does; reads only the chunks that are needed.
+        """Indexes as numpy does: numbers, slices, lists, boolean masks, `...`, and several of them.
 
-        The first axis (objects) takes a number, a slice, a list of numbers or a boolean mask; the others take numbers
-        and slices with a positive step. Raises IndexError for any other index, or one out of range.
+        Numbers and slices with a positive step read only the chunks that they need; so does one list or mask of
+        objects before them. With other lists, masks and steps the objects that are needed are read whole. Raises
+        IndexError for an index out of range, too many of them, or a new axis.
         """
         first, further = self._split(index)
+        try:
+            if not (_is_basic(first) or np.ndim(first) <= 1) or not all(map(_is_basic, further)):
+                return self._gathered(first, further)
+            return self._read(first, self._within(further))
+        except (IndexError, TypeError) as error:
+            raise IndexError(f"{self!r}: {error}") from None
+
+    def _split(self, index: Index | tuple) -> tuple[Index, tuple]:
+        """The index of the first axis, and those of the further axes that have one."""
+        given = index if isinstance(index, tuple) else (index,)
+        axes = sum(_axes(item) for item in given)
+        if axes > self.ndim:
+            raise IndexError(f"{self!r} has {self.ndim} axes, but the index has {axes}")
+        place = next((place for place, item in enumerate(given) if item is Ellipsis), None)
+        if place is not None:
+            given = given[:place] + (slice(None),) * (self.ndim - axes) + given[place + 1 :]
+        if any(item is None or item is Ellipsis or isinstance(item, bool | np.bool_) for item in given):
+            raise IndexError(f"{self!r} takes one `...`, no new axis and no single bool; index the result")
+        first, *further = given or (slice(None),)
+        return first, tuple(further)
+
+    def _within(self, further: tuple) -> tuple[int | slice, ...]:
+        """Numbers and slices for the axes after the first, the numbers counted from the axis' start."""
+        lengths = self._record()[0]
+        return tuple(
+            item if isinstance(item, slice) else range(length)[item]
+            for length, item in zip(lengths, further, strict=False)
+        )
+
+    def _read(self, first: Index, further: tuple[int | slice, ...]) -> np.ndarray:
+        """One object, or the objects of a slice, a list or a mask, and of each what `further` picks."""
         if isinstance(first, int | np.integer):
             entry = self._entries[first]
-            return self._store(entry.batch).get(self._name, (self._run.row(self._stage, entry), *further))
+            row = self._run.row(self._stage, entry)
+            return self._filled(entry.batch, self._store(entry.batch).get(self._name, (row, *further)), row, further)
         entries = [self._entries[number] for number in np.arange(len(self))[first]]
         shape, dtype = self._record()
         shape = [axis for axis in map(_length, shape, further) if axis is not None] + list(shape[len(further) :])
-        text = CONTRACT[self._stage].arrays[self._name].dtype == "string"
+        text = self._spec.dtype == "string"
         result = np.empty((len(entries), *shape), object if text else dtype)
         places: dict[str, list[int]] = {}
         for place, entry in enumerate(entries):
             places.setdefault(entry.batch, []).append(place)
         for batch, of_batch in places.items():
             rows = [self._run.row(self._stage, entries[place]) for place in of_batch]
-            result[of_batch] = self._store(batch).rows(self._name, rows, *further)
+            values = self._store(batch).rows(self._name, rows, *further)
+            result[of_batch] = self._filled(batch, values, rows, further)
         return result.astype(str) if text else result
 
-    def _split(self, index: Index | tuple) -> tuple[Index, tuple[int | slice, ...]]:
-        """The index of the first axis, and those of the further axes that have one."""
-        given = index if isinstance(index, tuple) else (index,)
-        place = next((place for place, item in enumerate(given) if item is Ellipsis), None)
-        if place is not None:
-            missing = (slice(None),) * (self.ndim - len(given) + 1)
-            given = given[:place] + missing + given[place + 1 :]
-        first, *further = given or (slice(None),)
-        if len(given) > self.ndim:
-            raise IndexError(f"{self!r} has {self.ndim} axes, but the index has {len(given)}")
-        for item in further:
-            if not (isinstance(item, slice) and (item.step is None or item.step > 0) or _is_integer(item)):
-                raise IndexError(f"axes after the first take numbers and slices with a positive step, not {item!r}")
-        lengths = self._record()[0]
-        within = [
-            item if isinstance(item, slice) else range(length)[item]
-            for length, item in zip(lengths, further, strict=False)
-        ]
-        return first, tuple(within)
+    def _filled(self, batch: str, values: np.ndarray, rows: int | list[int], further: tuple) -> np.ndarray:
+        """Values of a batch; in readings, the empty gel for sensors that touched nothing."""
+        if (self._stage, self._name) != ("touch", "reading"):
+            return values
+        store, sensors = self._run.store(self._stage, batch), SENSOR_AXES - 1
+        of_sensors = further[:sensors]
+        success = (
+            store.get("success", (rows, *of_sensors))
+            if isinstance(rows, int)
+            else store.rows("success", rows, *of_sensors)
+        )
+        return fill_untouched(values, success, store.get("empty_reading")[further[sensors:]])
+
+    def _gathered(self, first: Index, further: tuple) -> np.ndarray:
+        """What an index picks that is not of numbers and slices only: by numpy, of the objects that it needs."""
+        if isinstance(first, slice):
+            return self._read(first, ())[(slice(None), *further)]
+        if _is_integer(first):
+            return self._read([first], ())[(0, *further)]
+        first = np.asarray(first)
+        if first.dtype == bool:
+            if first.shape != self.shape[: first.ndim]:
+                raise IndexError(f"a mask {first.shape} for an array {self.shape}")
+            rows = np.flatnonzero(first.reshape(len(first), -1).any(axis=1))
+            return self._read(rows, ())[(first[rows], *further)]
+        if first.size and not -len(self) <= first.min() <= first.max() < len(self):
+            raise IndexError(f"object {first.max()} of {len(self)}" if first.max() >= len(self) else f"{first.min()}")
+        rows, inverse = np.unique(np.where(first < 0, first + len(self), first).astype(int), return_inverse=True)
+        return self._read(rows, ())[(inverse.reshape(first.shape), *further)]
 
     def _store(self, batch: str) -> Store:
         """The store of a batch. Raises StoreError if its records have another shape than those of the first."""
@@ -115,7 +180,10 @@ class JoinedArray(Sequence):
         return self[:] if dtype is None else self[:].astype(dtype)
 
     def __repr__(self) -> str:
-        return f"JoinedArray({self._stage} {self._name!r}, shape {self.shape}, {self.dtype})"
+        if not self._entries:
+            return f"JoinedArray({self._stage} {self._name!r} {self._spec.axes}, no object)"
+        unit = f", {self._spec.unit}" if self._spec.unit else ""
+        return f"JoinedArray({self._stage} {self._name!r} {self._spec.axes}, shape {self.shape}, {self.dtype}{unit})"
 
     def load(self) -> np.ndarray:
         """The whole array in memory, its values checked.
@@ -124,8 +192,7 @@ class JoinedArray(Sequence):
         stand where the contract's fill value is +inf), if a length is above 10 m, or an element of a rotation above
         1.001. Rows of local clouds past their `point_count` are 0, whatever is stored there.
         """
-        values = self[:]
-        spec = CONTRACT[self._stage].arrays[self._name]
+        values, spec = self[:], self._spec
         if spec.shape[-2:] == ("rr", 3):
             count = JoinedArray(self._run, self._stage, "point_count", self._entries)[:]
             values[np.arange(values.shape[-2]) >= count[..., None]] = 0
@@ -156,15 +223,27 @@ def _is_integer(item: Any) -> bool:
     return not isinstance(item, bool | np.bool_)
 
 
+def _is_basic(item: Any) -> bool:
+    """Whether an index of one axis is a number, or a slice with a positive step."""
+    return isinstance(item, slice) and (item.step is None or item.step > 0) or _is_integer(item)
+
+
+def _axes(item: Any) -> int:
+    """How many axes of the array an item of an index is for."""
+    if item is None or item is Ellipsis:
+        return 0
+    mask = not isinstance(item, slice) and np.asarray(item).dtype == bool
+    return np.ndim(item) if mask else 1
+
+
 def _length(axis: int, index: int | slice) -> int | None:
     """Length of an axis that is indexed; None if it disappears."""
     return len(range(axis)[index]) if isinstance(index, slice) else None
 
 
 def fill_untouched(reading: np.ndarray, success: np.ndarray, empty: np.ndarray) -> np.ndarray:
-    """Readings (..., r, r, 3) in which sensors that touched nothing (`success` (...) False) read the empty gel.
+    """Readings in which sensors that touched nothing read the empty gel; stores omit these, so that they are 0.
 
-    Stores omit these readings: there they are 0. empty: (r, r, 3). The result is `reading` itself, changed.
+    success: bool, of any shape; reading: (*success.shape, *empty.shape). empty: the empty gel, (r, r, 3) or a part.
     """
-    reading[~success] = empty
-    return reading
+    return np.where(np.asarray(success)[(..., *[None] * np.ndim(empty))], reading, empty)

@@ -5,19 +5,27 @@ grasp = dataset["bottle-0007"].grasps[0]
 grasp.reading, grasp.success, grasp.points
 """
 
-from collections.abc import Iterable, Iterator, Sequence
-from functools import cache, cached_property
+import difflib
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from functools import cached_property
 from pathlib import Path
+from typing import TYPE_CHECKING, Any, overload
 
 import numpy as np
 
 from palpate.camera import Camera
 from palpate.catalogue import CatalogueEntry
 from palpate.dataset.arrays import JoinedArray, fill_untouched
+from palpate.dataset.grasps import GraspDataset
 from palpate.dataset.run import Run
 from palpate.sensor import Sensor
-from palpate.store.contract import CONTRACT, SENSOR_NAMES
+from palpate.store.contract import CONTRACT, SENSOR_NAMES, ArraySpec
 from palpate.store.files import StoreError
+
+if TYPE_CHECKING:
+    import pandas
+
+    from palpate.hand import Hand
 
 # In the order in which an object goes through them; `released` reads a dataset that was not made here.
 STAGES = ("released", "meshes", *CONTRACT)
@@ -40,28 +48,28 @@ class Dataset(Sequence):
         self._asked = tuple(stages)
         if unknown := sorted(set(self._asked) - set(STAGES)):
             raise ValueError(f"no stage {', '.join(unknown)}: expected some of {', '.join(STAGES)}")
-        self._entries = self._usable()
-
-    def _usable(self) -> dict[str, CatalogueEntry]:
-        """The catalogue without the objects that these stages rejected or whose stores lack them."""
-        run = self._run
-        rejected = run.rejected(self._asked)
-        stores = [(stage, spec) for stage, spec in CONTRACT.items() if stage in self._asked]
-
-        def in_all_stores(entry: CatalogueEntry) -> bool:
-            return all(
-                entry.object in run.objects(stage, entry.batch)
-                for stage, spec in stores
-                if (run.folder / spec.path(entry.batch)).exists()
-            )
-
-        return {name: entry for name, entry in run.catalogue.items() if name not in rejected and in_all_stores(entry)}
+        self._entries = self._run.usable(self._asked)
 
     def _view(self, entries: Iterable[CatalogueEntry]) -> "Dataset":
         view = object.__new__(Dataset)
         view._run, view._asked = self._run, self._asked
         view._entries = {entry.object: entry for entry in entries}
         return view
+
+    @property
+    def folder(self) -> Path:
+        """The run's folder."""
+        return self._run.folder
+
+    @property
+    def name(self) -> str:
+        """The run's name: that of its folder."""
+        return self.folder.resolve().name
+
+    @property
+    def config(self) -> dict[str, Any]:
+        """The config that the run was last started with; empty if the run does not have it."""
+        return self._run.config
 
     @property
     def objects(self) -> list[str]:
@@ -105,7 +113,7 @@ class Dataset(Sequence):
             return self._entries[name]
         if name in self._run.rejected(self._asked):
             raise KeyError(f"{name!r} was rejected; {self._run.folder / 'rejected.csv'} has the reason")
-        raise KeyError(f"{name!r} is not among the {len(self)} objects of {self!r}")
+        raise KeyError(f"{name!r} is not among the {len(self)} objects of {self!r}{_nearest(name, self._entries)}")
 
     @property
     def grasps_per_object(self) -> int:
@@ -117,9 +125,15 @@ class Dataset(Sequence):
     def array(self, stage: str, name: str) -> JoinedArray:
         """One array of a stage, joined over batches and read where it is indexed: these objects' rows, in their order.
 
-        Its shape is the contract's, (o, ...) or (o, g, ...), and its values are as they are stored. Raises KeyError
-        if the array does not have a row an object.
+        Its shape is the contract's, (o, ...) or (o, g, ...). Its values are as they are stored, but for readings: a
+        sensor that touched nothing reads the empty gel. Raises KeyError, with the names that there are, for another
+        stage or array, and if the array does not have a row an object.
         """
+        if stage not in CONTRACT:
+            raise KeyError(f"no stage {stage!r} with arrays: expected one of {', '.join(CONTRACT)}")
+        if name not in CONTRACT[stage].arrays:
+            known = ", ".join(CONTRACT[stage].arrays)
+            raise KeyError(f"{stage} has no array {name!r}: its arrays are {known}")
         spec = CONTRACT[stage].arrays[name]
         if not spec.of_objects:
             raise KeyError(f"{stage} {name!r} {spec.axes} has no rows of objects")
@@ -138,9 +152,41 @@ class Dataset(Sequence):
         """(o, k, 3, 4) float64 projections of the k cameras, from homogeneous world coordinates (m) to pixels."""
         return self.load("vision", "intrinsics") @ self.load("vision", "extrinsics")
 
-    def readings(self) -> np.ndarray:
-        """(o, g, s, r, r, 3) uint8 readings in memory; a sensor that touched nothing reads the empty gel."""
-        return fill_untouched(self.load("touch", "reading"), self.load("touch", "success"), self.empty_reading)
+    def grasps(self, split: str | None = None, arrays: Iterable[str] | None = None) -> GraspDataset:
+        """All grasps as a map-style dataset of dictionaries, for `torch.utils.data.DataLoader` as it is.
+
+        split: train, validation or test; all by default. arrays: which to read, by their names in the dictionaries;
+        all by default. See `palpate.dataset.GraspDataset`.
+        """
+        chosen = self if split is None else self.split(split)
+        return GraspDataset(self._run, chosen._entries.values(), self._asked, arrays)
+
+    def table(self) -> "pandas.DataFrame":
+        """A row a grasp: object, class, split, batch, grasp, touches, and the object's row in `array`.
+
+        grasp: its number, from 0. touches: how many sensors touch the object. So `dataset.array("touch",
+        "depth")[row, grasp]` is that grasp's. A run without touches has a row an object, without grasp and touches.
+        """
+        import pandas
+
+        entries = list(self._entries.values())
+        table = pandas.DataFrame(
+            {
+                "object": [entry.object for entry in entries],
+                "class": [entry.class_name for entry in entries],
+                "split": [entry.split for entry in entries],
+                "batch": [entry.batch for entry in entries],
+                "row": np.arange(len(entries)),
+            }
+        )
+        stage, name = ("touch", "success") if "touch" in self.stages else ("grasps", "touches")
+        if stage not in self.stages or not entries:
+            return table
+        touches = self.array(stage, name)[:].sum(axis=2)  # (o, g)
+        table = table.loc[table.index.repeat(touches.shape[1])].reset_index(drop=True)
+        table.insert(4, "grasp", np.tile(np.arange(touches.shape[1]), len(entries)))
+        table.insert(5, "touches", touches.ravel())
+        return table
 
     @property
     def empty_reading(self) -> np.ndarray:
@@ -166,6 +212,11 @@ class Dataset(Sequence):
     def __iter__(self) -> Iterator["ObjectRecord"]:
         return (ObjectRecord(self._run, entry) for entry in self._entries.values())
 
+    @overload
+    def __getitem__(self, key: str | int) -> "ObjectRecord": ...
+    @overload
+    def __getitem__(self, key: slice) -> "Dataset": ...
+
     def __getitem__(self, key: str | int | slice) -> "ObjectRecord | Dataset":
         """An object by its name or number; a slice gives a dataset."""
         if isinstance(key, str):
@@ -179,15 +230,10 @@ class Dataset(Sequence):
         return f"Dataset({str(self._run.folder)!r}: {len(self)} objects ({counts}); {', '.join(self.stages)})"
 
 
-@cache
-def _stage_of_arrays(of_grasps: bool) -> dict[str, str]:
-    """The stage of each array with a row a grasp, or of each other array with a row an object."""
-    return {
-        name: stage
-        for stage, spec in CONTRACT.items()
-        for name, array in spec.arrays.items()
-        if array.of_objects and array.of_grasps == of_grasps and name != "object"
-    }
+def _nearest(name: str, known: Iterable[str]) -> str:
+    """The end of a message about a name that there is none of: the nearest ones."""
+    close = difflib.get_close_matches(name, list(known), n=3)
+    return f"; did you mean {' or '.join(close)}?" if close else ""
 
 
 class _Record:
@@ -195,16 +241,40 @@ class _Record:
 
     of_grasps = False
     index: tuple[int, ...] = ()  # within the object's row
+    stage_of: dict[str, str] = {}  # by the names of the arrays
+
+    def __init_subclass__(cls) -> None:
+        """Gives the class a property, with its shape, type and unit in `help()`, for each array of its rows."""
+        leading = 2 if cls.of_grasps else 1
+        found = {
+            name: (stage, spec)
+            for stage, store in CONTRACT.items()
+            for name, spec in store.arrays.items()
+            if spec.of_objects and spec.of_grasps == cls.of_grasps and name != "object"
+        }
+        cls.stage_of = {name: stage for name, (stage, _) in found.items()}
+        for name, (stage, spec) in found.items():
+            if name not in vars(cls):
+                setattr(cls, name, property(_reader(name), doc=_described(stage, spec, leading)))
 
     def __init__(self, run: Run, entry: CatalogueEntry, camera: int = 0):
         self._run, self._entry, self.camera_number = run, entry, camera
+        self._values: dict[str, np.ndarray] = {}  # that were read
+
+    @property
+    def stages(self) -> list[str]:
+        """The stages that the run has a store of."""
+        return [stage for stage in CONTRACT if self._run.has(stage)]
 
     def _read(self, name: str) -> np.ndarray:
-        """The row in array `name`, as it is stored; of an array with an axis of cameras, that of the record's."""
-        stage = _stage_of_arrays(self.of_grasps)[name]
-        row = self._run.row(stage, self._entry)
-        of_camera = (self.camera_number,) if "k" in CONTRACT[stage].arrays[name].shape else ()
-        return self._run.store(stage, self._entry.batch).get(name, (row, *self.index, *of_camera))
+        """The row in array `name`, as it is stored, of the record's camera if there is an axis of them; read once."""
+        if name not in self._values:
+            stage = self.stage_of[name]
+            row = self._run.row(stage, self._entry)
+            of_camera = (self.camera_number,) if "k" in CONTRACT[stage].arrays[name].shape else ()
+            values = self._run.store(stage, self._entry.batch).get(name, (row, *self.index, *of_camera))
+            self._values[name] = values
+        return self._values[name]
 
     @cached_property
     def cameras(self) -> int:
@@ -228,20 +298,28 @@ class _Record:
         return self.vision_camera.pose()
 
     def __getattr__(self, name: str) -> np.ndarray:
-        if name not in _stage_of_arrays(self.of_grasps):
-            known = ", ".join(sorted(_stage_of_arrays(self.of_grasps)))
-            raise AttributeError(f"{type(self).__name__} has no {name!r}; its arrays are {known}")
-        self.__dict__[name] = self._read(name)  # so that the next look does not read again
-        return self.__dict__[name]
+        known = ", ".join(sorted(self.stage_of))
+        raise AttributeError(
+            f"{type(self).__name__} has no {name!r}{_nearest(name, dir(type(self)))}; its arrays are {known}"
+        )
 
-    def __dir__(self) -> list[str]:
-        return [*super().__dir__(), *_stage_of_arrays(self.of_grasps)]
+
+def _reader(name: str) -> Callable[[_Record], np.ndarray]:
+    return lambda record: record._read(name)
+
+
+def _described(stage: str, spec: ArraySpec, leading: int) -> str:
+    """Shape, type, unit and meaning of a row of an array, whose leading axes are indexed."""
+    axes = [str(axis) for axis in spec.shape[leading:] if axis != "k"]  # a record is of one camera
+    shape = f"({', '.join(axes)}{',' if len(axes) == 1 else ''})"
+    unit = f", {spec.unit}" if spec.unit else ""
+    optional = " Not in every run." if spec.optional else ""
+    return f"{shape} {spec.dtype}{unit}. {spec.meaning}. Of the {stage} store.{optional}"
 
 
 class ObjectRecord(_Record):
-    """One object: `class_name`, `split`, `batch`, `mesh` (folder), `grasps`, and by name every array of the
-    contract with one row an object: `points`, `attempts`, `unoccluded`, `unoccluded_mask`,
-    `unoccluded_depth`, and the `intrinsics` (3, 3) and `extrinsics` (3, 4) of their camera.
+    """One object: `class_name`, `split`, `batch`, `mesh` (folder), `grasps`, and every array of the contract with one
+    row an object. Shapes are in the symbols of docs/dataset.md (`palpate.store.contract.SYMBOLS`).
 
     Images, masks, depths and matrices are those of the scene's first camera; `seen_by(1)` gives the next one's.
     """
@@ -276,6 +354,13 @@ class ObjectRecord(_Record):
         return self._run.folder / "meshes" / self.batch / self.name
 
     @cached_property
+    def hand(self) -> "Hand":
+        """The hand that grasps it, as its store of grasps carries it. Raises StoreError if the run has no grasps."""
+        from palpate.hand import Hand
+
+        return Hand.from_arrays(self._run.store("grasps", self.batch), prefix="hand/")
+
+    @cached_property
     def grasps(self) -> list["GraspRecord"]:
         """Its grasps; their number is that of the first stage that has grasps."""
         numbers = range(self._run.grasps(self._entry))
@@ -286,12 +371,12 @@ class ObjectRecord(_Record):
 
 
 class GraspRecord(_Record):
-    """One grasp: by name every array of the contract with one row a grasp, among them `palm_pose`,
-    `joint_positions`, `penetration`, `success`, `position`, `rotation`, `depth`, `occluded`, `occluded_mask`; and the
-    `intrinsics` (3, 3) and `extrinsics` (3, 4) of the images' camera, the first one; `seen_by(1)` is the next one's.
+    """One grasp: every array of the contract with one row a grasp, and the matrices of its images' camera, the first
+    one; `seen_by(1)` shows the next one's.
 
     Arrays with one row a sensor are in the order of `sensors`. `reading` and `points` differ from the store:
-    an untouched sensor reads the empty gel, and the clouds are cut at their count.
+    an untouched sensor reads the empty gel, and the clouds are cut at their count. Shapes are in the symbols of
+    docs/dataset.md (`palpate.store.contract.SYMBOLS`).
     """
 
     of_grasps = True
@@ -335,13 +420,13 @@ class GraspRecord(_Record):
 
     @cached_property
     def reading(self) -> np.ndarray:
-        """Images of the gels (s, r, r, 3) uint8."""
+        """(s, r, r, 3) uint8, RGB. Images of the s gels; the empty gel of a sensor that touched nothing."""
         empty = self._run.store("touch", self._entry.batch).get("empty_reading")
         return fill_untouched(self._read("reading"), self.success, empty)
 
     @cached_property
     def points(self) -> list[np.ndarray]:
-        """The s local clouds (count, 3) float32 in the world frame; no points for an untouched sensor."""
+        """s of (count, 3) float32, m. The local clouds, world frame; no points of a sensor that touched nothing."""
         stored = self._read("points")
         return [cloud[:count] for cloud, count in zip(stored, self.point_count, strict=True)]
 

@@ -1,24 +1,43 @@
 """The files of one run: its catalogue, its rejections, and its stores."""
 
-from collections.abc import Iterable
+from collections import defaultdict
+from collections.abc import Hashable, Iterable
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
+
+import yaml
 
 from palpate.batch import read_rejections
 from palpate.catalogue import CatalogueEntry, read_catalogue
 from palpate.checksums import DamagedFile
 from palpate.configuration import ConfigError
-from palpate.remedy import command
+from palpate.remedy import RECORD, command
 from palpate.sensor import Sensor
 from palpate.store.contract import CONTRACT
 from palpate.store.files import Store, StoreError
+
+# The stages with rejections that an object must have come through to be in a store, the last one's own first. Stages
+# without a store (meshes, released) come before all of them.
+BEFORE = {
+    "surface": ("surface",),
+    "grasps": ("grasps", "surface"),
+    "touch": ("touch", "grasps", "surface"),
+    "charts": ("touch", "grasps", "surface"),
+    "vision": ("vision", "grasps", "surface"),
+    "views": ("views",),
+    "rings": ("touch", "grasps", "surface"),
+}
+T = TypeVar("T")
+# Stores whose headers are remembered, the latest used: some 16 kB each (studies/benchmarks/reader.py).
+REMEMBERED_STORES = 1024
 
 
 class Run:
     """The files of one run, shared by a dataset, its views and its records.
 
-    Safe to pickle and to fork: nothing stays open, and what is remembered is small (names, array headers).
+    Stores are opened when they are read. Safe to pickle and to fork: nothing stays open, and what is remembered is
+    small (names, array headers), of the catalogue and of the `REMEMBERED_STORES` stores that were used last.
     """
 
     def __init__(self, folder: Path | str):
@@ -28,12 +47,24 @@ class Run:
         self._sensors: dict[str, Sensor] = {}
 
     def __getstate__(self) -> dict[str, Any]:
-        return {**self.__dict__, "_stores": {}}
+        return {**self.__dict__, "_stores": {}, "_objects": {}}
 
     @cached_property
     def catalogue(self) -> dict[str, CatalogueEntry]:
         """Rows of `catalogue.csv` by object, in its order. Raises CatalogueError if it is missing or broken."""
         return {entry.object: entry for entry in read_catalogue(self.folder / "catalogue.csv")}
+
+    @cached_property
+    def config(self) -> dict[str, Any]:
+        """The config that the run was last started with; empty for a run without `config.yaml`."""
+        path = self.folder / RECORD
+        if not path.is_file():
+            return {}
+        try:
+            found = yaml.safe_load(path.read_text(encoding="utf-8"))
+        except (yaml.YAMLError, UnicodeDecodeError) as error:
+            raise StoreError(f"{path} can't be read as YAML: {error}") from None
+        return found if isinstance(found, dict) else {}
 
     @cached_property
     def batches(self) -> list[str]:
@@ -66,6 +97,32 @@ class Run:
         """Objects rejected so far, at some stages or at any."""
         return {row["object"] for row in self.rejections(stages=stages)}
 
+    def usable(self, stages: Iterable[str]) -> dict[str, CatalogueEntry]:
+        """The catalogue without the objects that these stages rejected, or that their stores lack.
+
+        Tables of rejections say what a store lacks; where there are none, the store is opened.
+        """
+        asked, rejected = set(stages), defaultdict(set)
+        for row in self.rejections():
+            rejected[row["object"]].add(row["stage"])
+        excluding: dict[str, set[str]] = {}  # by batch: stages whose rejections count
+        held: dict[str, list[set[str]]] = {}  # by batch: the objects of stores that no table is about
+        for batch in self.batches:
+            excluding[batch], held[batch] = set(asked), []
+            for stage in asked & set(CONTRACT):
+                if not self._was_made(stage, batch):
+                    continue
+                if (self.folder / f"rejected/{BEFORE[stage][0]}/{batch}.csv").exists():
+                    excluding[batch] |= {"released", "meshes", *BEFORE[stage]}
+                else:
+                    held[batch].append(set(self.objects(stage, batch)))
+        return {
+            name: entry
+            for name, entry in self.catalogue.items()
+            if not rejected.get(name, set()) & excluding[entry.batch]
+            and all(name in objects for objects in held[entry.batch])
+        }
+
     def has(self, stage: str) -> bool:
         """Whether any batch of this stage is there."""
         return any((self.folder / CONTRACT[stage].path(batch)).exists() for batch in self.batches)
@@ -73,15 +130,13 @@ class Run:
     def store(self, stage: str, batch: str) -> Store:
         """One batch's store, remembered. Raises StoreError if the run has none of this stage, or not this one."""
         path = self.folder / CONTRACT[stage].path(batch)
-        if path not in self._stores:
-            if not self.has(stage):
-                numbers = [each.removeprefix("batch-") for each in self.batches]
-                in_row = len(numbers) > 2 and int(numbers[-1]) - int(numbers[0]) == len(numbers) - 1
-                names = [f"batch-{{{numbers[0]}..{numbers[-1]}}}"] if in_row else self.batches
-                targets = [CONTRACT[stage].path(each) for each in names]
-                raise StoreError(f"{self.folder} has no {stage}; build it with: {command(self.folder, *targets)}")
-            self._stores[path] = Store(path)
-        return self._stores[path]
+        if path not in self._stores and not self.has(stage):
+            numbers = [each.removeprefix("batch-") for each in self.batches]
+            in_row = len(numbers) > 2 and int(numbers[-1]) - int(numbers[0]) == len(numbers) - 1
+            names = [f"batch-{{{numbers[0]}..{numbers[-1]}}}"] if in_row else self.batches
+            targets = [CONTRACT[stage].path(each) for each in names]
+            raise StoreError(f"{self.folder} has no {stage}; build it with: {command(self.folder, *targets)}")
+        return self._remember(self._stores, path, self._stores.get(path) or Store(path))
 
     def sensor(self, batch: str) -> Sensor:
         """The touch sensor of one batch, remembered. Raises StoreError, naming the file, if it states none."""
@@ -99,10 +154,19 @@ class Run:
     def objects(self, stage: str, batch: str) -> dict[str, int]:
         """Row of each object in one batch's store, remembered."""
         key = (stage, batch)
-        if key not in self._objects:
-            names = self.store(*key).get("object")
-            self._objects[key] = {str(name): row for row, name in enumerate(names)}
-        return self._objects[key]
+        found = self._objects.get(key)
+        if found is None:
+            found = {str(name): row for row, name in enumerate(self.store(*key).get("object"))}
+        return self._remember(self._objects, key, found)
+
+    @staticmethod
+    def _remember(memory: dict[Hashable, T], key: Hashable, value: T) -> T:
+        """The value, which is now the latest of those that are remembered."""
+        memory.pop(key, None)
+        memory[key] = value
+        if len(memory) > REMEMBERED_STORES:
+            del memory[next(iter(memory))]
+        return value
 
     def row(self, stage: str, entry: CatalogueEntry) -> int:
         """Row of the object in its batch's store. Raises StoreError, with the object's rejection, if it has none."""

@@ -1,6 +1,7 @@
 """Validation of a run: batch by batch, so that a workflow can do it in parallel, then joined to one table."""
 
 import csv
+import time
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
@@ -27,7 +28,7 @@ from palpate.dataset.checks import (
     check_touch,
     check_vision,
 )
-from palpate.dataset.run import Run
+from palpate.dataset.run import BEFORE, Run
 from palpate.hand import Hand
 from palpate.remedy import command
 from palpate.sensor import DIGIT, Sensor
@@ -37,13 +38,6 @@ from palpate.touch import empty_reading
 
 NAMED = 5  # how many failures a row names
 STAGES = ("surface", "grasps", "touch", "vision")  # what makes a dataset
-# An object rejected at one of these stages, or at one without a store (meshes), is not in the store.
-BEFORE = {
-    "surface": ("surface",),
-    "grasps": ("surface", "grasps"),
-    "touch": ("surface", "grasps", "touch"),
-    "vision": ("surface", "grasps", "vision"),
-}
 OF_OBJECT: dict[str, Callable] = {
     "surface": check_surface,
     "grasps": check_grasps,
@@ -303,11 +297,15 @@ def check_again(
 ) -> tuple[list[Finding], int]:
     """The findings of a run whose batches were validated before, and how many batches had to be validated anew.
 
-    batches: tables of `write_findings`. All files are compared with their checksums. Values are looked at again if the
-    files are intact but not those that the table is about.
+    batches: tables of `write_findings`, `<batch>.csv`. All files are compared with their checksums. Values are looked
+    at again if the files are intact but not those that the table is about, or if there is no table.
     """
     findings, anew = [], 0
     for path in map(Path, batches):
+        if not path.exists():
+            findings += validate_batch(run, path.stem, max_penetration)
+            anew += 1
+            continue
         before = read_findings(path)
         now = check_files(run, path.stem)
         states = {finding.store: finding.where for finding in now if finding.ok}
@@ -318,6 +316,32 @@ def check_again(
         else:
             findings += [*now, *(finding for finding in before if finding.check != "files")]
     return findings, anew
+
+
+def validate(
+    run: Path | str,
+    batches: Sequence[Path | str],
+    max_penetration: float = MAX_PENETRATION,
+    sources: Path | str | None = None,
+) -> tuple[bool, str]:
+    """Check a run again: whether all checks passed, and what was checked and found, in words.
+
+    batches, max_penetration: as `check_again` takes them. sources: as `combine_validation` does. A run of which no
+    object could be used does not pass.
+    """
+    start, run = time.perf_counter(), Path(run)
+    findings, anew = check_again(run, batches, max_penetration)
+    checks = combine_validation(findings, run, sources)
+    checked = f"{len(checks)} checks, {len({finding.object for finding in findings if finding.object})} objects"
+    took = f"in {time.perf_counter() - start:.1f} s (values of {anew} of {len(batches)} batches anew)"
+    failed = checks[~checks.passed]
+    if len(failed):
+        table = failed.to_string(index=False, max_colwidth=None)
+        return False, f"{checked}: {len(failed)} failed, {took}\n{table}"
+    catalogue, rejected = read_catalogue(run / "catalogue.csv"), read_rejections([run / "rejected.csv"])
+    if {entry.object for entry in catalogue} <= {rejection.object for rejection in rejected}:
+        return False, f"none of {len(catalogue)} objects could be used; the first: {rejected[0].reason}"
+    return True, f"{checked}: passed, {took}"
 
 
 def combine_validation(findings: Sequence[Finding], run: Path | str, sources: Path | str | None = None) -> pd.DataFrame:

@@ -2,11 +2,9 @@
 
 From Python, `palpate.reconstruct`; as a command, with what a run's dataset holds:
 
-    python -m palpate.evaluation.reconstruct results/default charts_occluded_touch bottle-0011 --output x.ply
+    palpate reconstruct results/default charts_occluded_touch bottle-0011 --output x.ply
 """
 
-import argparse
-import sys
 import warnings
 from collections.abc import Sequence
 from pathlib import Path
@@ -170,6 +168,16 @@ class Reconstructor:
         if not np.isfinite(vertices).all():
             raise ReconstructionError(f"{self.path} predicts NaN or infinite vertices: train the model again")
         return self._shape(vertices, faces, success)
+
+    def predictions(self, record, grasps: Sequence[int] | None = None) -> dict[int, "trimesh.Trimesh"]:
+        """Meshes of an object record by the number of the grasp: from each of some grasps, or of all.
+
+        A model of several grasps, or of none, makes one mesh of the first ones, which stands for each.
+        """
+        numbers = list(range(len(record.grasps))) if grasps is None else list(grasps)
+        if takes_grasps(self.experiment) and self.experiment["grasps"] == 1:
+            return {number: self(*of_object(record, self.experiment, [number])).mesh() for number in numbers}
+        return dict.fromkeys(numbers, self(*of_object(record, self.experiment)).mesh())
 
     def _image_inputs(self, image: np.ndarray | None, camera: np.ndarray | None) -> dict[str, np.ndarray]:
         """The image and its camera as the model takes them."""
@@ -340,46 +348,38 @@ def trained(models: Path | str) -> list[str]:
     return sorted(str(path.parent.relative_to(models)) for path in models.glob(f"*/seed-*/{CHECKPOINT}"))
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """The command; returns its exit status."""
-    parser = argparse.ArgumentParser(
-        prog="python -m palpate.evaluation.reconstruct",
-        description="Reconstruct an object of a run's dataset with one of the run's models.",
-    )
-    parser.add_argument("run", type=Path, help="the run's folder, for example results/default")
-    parser.add_argument("experiment", help="of config/experiments.yaml, for example charts_occluded_touch")
-    parser.add_argument("object", help="its name in catalogue.csv, for example bottle-0011")
-    parser.add_argument(
-        "--grasp", type=int, nargs="+", metavar="G", help="numbers of the grasps (default: the first ones)"
-    )
-    parser.add_argument("--view", type=int, default=0, help="number of the view, or of the camera (default: 0)")
-    parser.add_argument("--seed", type=int, help="of the trained model (default: the first there is)")
-    parser.add_argument("--device", default="cpu", help="of torch (default: cpu)")
-    parser.add_argument("--output", type=Path, required=True, help=f"mesh file: {', '.join(FORMATS)}")
-    asked = parser.parse_args(arguments)
-    try:
-        mesh = _reconstruct_from_run(asked)
-    except (ValueError, KeyError, FileNotFoundError) as error:
-        print(error.args[0] if isinstance(error, KeyError) else error, file=sys.stderr)
-        return 1
-    asked.output.parent.mkdir(parents=True, exist_ok=True)
-    mesh.export(asked.output)
-    print(f"{asked.output}: {len(mesh.vertices)} vertices, {len(mesh.faces)} faces, metres, world frame")
-    return 0
+def reconstruct_from_run(
+    run: Path | str,
+    experiment: str,
+    name: str,
+    grasps: Sequence[int] | None = None,
+    view: int = 0,
+    seed: int | None = None,
+    device: str = "cpu",
+) -> "trimesh.Trimesh":
+    """The mesh that one of a run's models predicts for one of its objects.
+
+    experiment: of config/experiments.yaml. name: the object's. grasps, view: as `of_object` takes them. seed: of the
+    trained model; the first there is by default. Raises what `of_object` and `Reconstructor` raise; whatever can be
+    wrong is checked before torch is loaded.
+    """
+    model = named_model(Path(run, "models"), experiment, seed)
+    record = Dataset(run)[name]
+    reconstructor = Reconstructor(model, device)
+    return reconstructor(*of_object(record, reconstructor.experiment, grasps, view)).mesh()
 
 
-def _reconstruct_from_run(asked: argparse.Namespace) -> "trimesh.Trimesh":
-    """The mesh that the command asks for; whatever can be wrong is checked before torch is loaded."""
-    if asked.output.suffix not in FORMATS:
-        raise ReconstructionError(f"{asked.output}: the name must end in one of {', '.join(FORMATS)}")
-    model = _named_model(asked.run / "models", asked.experiment, asked.seed)
-    record = Dataset(asked.run)[asked.object]
-    reconstructor = Reconstructor(model, asked.device)
-    image, touches, camera = of_object(record, reconstructor.experiment, asked.grasp, asked.view)
-    return reconstructor(image, touches, camera).mesh()
+def check_format(path: Path) -> None:
+    """Raise ReconstructionError if a mesh file has a suffix that is not one of `FORMATS`."""
+    if path.suffix not in FORMATS:
+        raise ReconstructionError(f"{path}: the name must end in one of {', '.join(FORMATS)}")
 
 
-def _named_model(models: Path, experiment: str, seed: int | None) -> Path:
+def named_model(models: Path, experiment: str, seed: int | None = None) -> Path:
+    """The checkpoint of an experiment in a run's folder `models`: of a seed, or of the first that is trained.
+
+    Raises ReconstructionError, naming the models that the run has, if there is none.
+    """
     if seed is not None:
         return checkpoint(models / experiment / f"seed-{seed}")
     known = trained(models)
@@ -437,7 +437,3 @@ def _check_finite(what: str, values: np.ndarray) -> None:
 
 def _rgba(colour: tuple[float, float, float]) -> np.ndarray:
     return np.append(np.round(255 * np.array(colour)), 255).astype(np.uint8)
-
-
-if __name__ == "__main__":
-    sys.exit(main())

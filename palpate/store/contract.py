@@ -57,7 +57,7 @@ class ArraySpec:
 
     @property
     def axes(self) -> str:
-        """The symbolic shape as it is printed, for example `(o, g, 4, r, r)` or `(o,)`."""
+        """The symbolic shape as it is printed, for example `(o, g, s, r, r)` or `(o,)`."""
         return f"({', '.join(map(str, self.shape))}{',' if len(self.shape) == 1 else ''})"
 
     @property

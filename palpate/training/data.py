@@ -138,8 +138,6 @@ class TrainingData:
 
 
 def _read(dataset: Dataset, item: Input) -> np.ndarray:
-    if item.name == "reading":  # a sensor that touched nothing reads the empty gel, which stores omit
-        return dataset.readings()
     if item.name == "image_camera":
         return dataset.cameras().astype(item.dtype)
     return dataset.load(item.stage, item.array, item.dtype)

@@ -38,9 +38,8 @@ from palpate.camera import Camera, paper_camera  # noqa: E402
 from palpate.hand import Hand  # noqa: E402
 from palpate.mesh import OBJECT_POSITION  # noqa: E402
 from palpate.scene import LIGHTS, WHITE, Light, Scene  # noqa: E402
-from palpate.vision import geom  # noqa: E402
 from palpate.vision.image import Image, Layers, linear, read_layers, write_layers  # noqa: E402
-from palpate.vision.meshes import Mesh  # noqa: E402
+from palpate.vision.meshes import Mesh, link_mesh  # noqa: E402
 
 log = logging.getLogger(__name__)
 
@@ -504,36 +503,10 @@ def _hand_objects(hand, material) -> list[tuple[int, Any, np.ndarray]]:
     """For every link that has geoms: its number, a Blender object, vertices (n, 3) in the link's frame."""
     made = []
     for link in np.unique(hand.geom_link):
-        mesh = _link_mesh(hand, link)
+        mesh = link_mesh(hand, link)
         body = _blender_object(f"hand-{hand.link_names[link]}", mesh, material)
         made.append((int(link), body, mesh.vertices))
     return made
-
-
-def _link_mesh(hand, link: int) -> Mesh:
-    """A link's geoms, and the bridges between its boxes, as one mesh in the link's frame."""
-    mine = np.flatnonzero(hand.geom_link == link)
-    parts = [
-        (
-            geom.triangles(hand.geom_kind[g], hand.geom_size[g], hand.geom_vertices[g], hand.geom_faces[g]),
-            hand.geom_position[g],
-            hand.geom_rotation[g],
-            hand.geom_rgba[g],
-        )
-        for g in mine
-    ]
-    boxes = [g for g in mine if hand.geom_kind[g] == "box" and np.array_equal(hand.geom_rotation[g], np.eye(3))]
-    for colour in np.unique(hand.geom_rgba[boxes], axis=0):
-        same = [g for g in boxes if np.array_equal(hand.geom_rgba[g], colour)]
-        for size, position in geom.bridges(hand.geom_size[same], hand.geom_position[same]):
-            parts.append((geom.triangles("box", size), position, np.eye(3), colour))
-    starts = np.cumsum([0] + [len(vertices) for (vertices, _, _), *_ in parts])
-    return Mesh(
-        np.concatenate([v @ turn.T + position for (v, _, _), position, turn, _ in parts]),
-        np.concatenate([f + start for ((_, f, _), *_), start in zip(parts, starts, strict=False)]),
-        np.concatenate([np.tile(colour[:3], (len(v), 1)) for (v, _, _), _, _, colour in parts]),
-        np.concatenate([n @ turn.T for (_, _, n), _, turn, _ in parts]),
-    )
 
 
 def _blender_object(name: str, mesh: Mesh, material):

@@ -1,9 +1,11 @@
 import pickle
+import pydoc
 import shutil
 from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
 
 import numpy as np
+import pandas as pd
 import pytest
 
 import palpate
@@ -13,7 +15,7 @@ from palpate.batch import Rejection, write_rejections
 from palpate.camera import looking_at, matrices, paper_camera
 from palpate.catalogue import CatalogueError
 from palpate.mesh import OBJECT_POSITION
-from palpate.store import StoreError
+from palpate.store import CONTRACT, StoreError
 from palpate.touch import empty_reading
 
 OBJECTS = ["ball-0000", "block-0000", "ball-0002"]
@@ -85,17 +87,149 @@ def test_arrays_are_joined_over_batches_in_the_order_of_the_view(built):
     indices = [slice(None), -1, [2, 0, 1], slice(0, 3, 2), mask, mask.tolist(), (1, 1), (2, -1, 3), (slice(0, 2), 1)]
     indices += [(slice(1, 3), slice(None), 0), (mask, slice(1, None), 2, slice(10, 20, 3)), (mask, 0, -1), ...]
     indices += [(..., 5), (0, ..., slice(3)), (slice(3, 3), 1), ([], 0), (np.int64(1), np.int64(0)), ()]
+    touched = expected < np.inf
+    indices += [(0, slice(None, None, -1)), (0, [0, 1]), ([2, -1, 0], [1, 0, 1]), (slice(None, None, -1), [1], 2)]
+    indices += [touched, (touched.any((3, 4)), slice(3), 7), np.array([[0, 1], [-1, -3]]), (mask, [0, 1], [3, 2])]
+    indices += [(slice(1), ..., [5, 1], 0), ([1, 1], ..., slice(None, None, -7))]
     for index in indices:
         np.testing.assert_array_equal(depth[index], expected[index], err_msg=str(index))
         assert depth[index].shape == expected[index].shape and depth[index].dtype == expected.dtype
-    wrong = [3, -4, (0, GRASPS), (0, 0, 0, 0, 0, 0), (0, slice(None, None, -1)), (0, [0, 1]), (0, mask), (0, None)]
+    wrong = [3, -4, (0, GRASPS), (0, 0, 0, 0, 0, 0), (0, mask), (0, None), True, [[0, 3]], "a", [-4, 0], touched[1:]]
     for index in wrong:
         with pytest.raises(IndexError):
             depth[index]
+    assert depth.size == expected.size and depth.nbytes == expected.nbytes
+    assert depth.attrs["unit"] == "m" and depth.attrs["axes"] == "(o, g, s, r, r)" and depth.attrs["seed"] == 0
     turned = dataset.select(["ball-0002", "ball-0000"]).array("surface", "points")
     np.testing.assert_array_equal(turned, [dataset["ball-0002"].points, dataset["ball-0000"].points])
     with pytest.raises(KeyError, match="no rows"):
         dataset.array("touch", "empty_reading")
+
+
+def test_an_untouched_sensor_reads_the_empty_gel_in_every_way_of_reading(built):
+    dataset = palpate.Dataset(built)
+    success, reading = dataset.load("touch", "success"), dataset.array("touch", "reading")
+    stored = {
+        name: palpate.store.read(built / f"touch/{batch}.zarr", "reading")["reading"][row]
+        for batch, kept in {"batch-0000": OBJECTS[:2], "batch-0001": OBJECTS[2:]}.items()
+        for row, name in enumerate(kept)
+    }
+    expected = np.stack([stored[name] for name in OBJECTS])
+    assert not expected[~success].any() and not success.all()
+    expected[~success] = empty_reading()
+    for index in (..., 1, (2, 1), (slice(None), 0, 3), (0, 1, slice(1, 3), slice(7), 3), (1, 0, 2, 4, 9, 1), ~success):
+        np.testing.assert_array_equal(reading[index], expected[index], err_msg=str(index))
+    np.testing.assert_array_equal(dataset.load("touch", "reading"), expected)
+    np.testing.assert_array_equal([[grasp.reading for grasp in record.grasps] for record in dataset], expected)
+    items = [item["reading"] for item in dataset.grasps(arrays=["reading"])]
+    np.testing.assert_array_equal(items, expected.reshape(-1, *expected.shape[2:]))
+
+
+def test_grasps_are_the_records_as_dictionaries(built):
+    dataset = palpate.Dataset(built)
+    grasps = dataset.grasps()
+    records = [grasp for record in dataset for grasp in record.grasps]
+    assert len(grasps) == len(records) == 3 * GRASPS
+    assert {"palm_pose", "reading", "points", "occluded_depth", "unoccluded", "surface_points"} < set(grasps.arrays)
+    for item, grasp in zip(grasps, records, strict=True):
+        record = grasp.object
+        assert (item["object"], item["class"], item["split"]) == (record.name, record.class_name, record.split)
+        assert item["grasp"] == grasp.number
+        for name in set(grasps.arrays) - {"points", "surface_points"}:
+            found = getattr(grasp, name) if name in dir(grasp) else getattr(record, name)
+            of_cameras = "k" in grasps.sources[name][1].shape  # a record shows one, an item has all: here one
+            np.testing.assert_array_equal(item[name], [found] if of_cameras else found, err_msg=name)
+        np.testing.assert_array_equal(item["surface_points"], record.points)
+        for cloud, count, points in zip(item["points"], item["point_count"], grasp.points, strict=True):
+            np.testing.assert_array_equal(cloud[:count], points)
+            assert not cloud[count:].any()
+    assert [item["object"] for item in dataset.grasps("test", [])] == ["block-0000"] * GRASPS
+    assert list(grasps[-1]) == list(grasps[5]) and grasps[-1]["grasp"] == GRASPS - 1
+    for wrong in (3 * GRASPS, -3 * GRASPS - 1):
+        with pytest.raises(IndexError, match=f"grasp {wrong} of {3 * GRASPS}"):
+            grasps[wrong]
+    with pytest.raises(KeyError, match="no array 'gel' of grasps; there are joint_positions, .*surface_points"):
+        dataset.grasps(arrays=["gel"])
+    with pytest.raises(KeyError, match="test, train, validation"):
+        dataset.grasps("tests")
+
+
+def test_a_loader_of_torch_takes_the_grasps_as_they_are(built):
+    from torch.utils.data import DataLoader
+
+    dataset = palpate.Dataset(built)
+    dataset[0].grasps[0].depth  # noqa: B018  (the stores are open when the workers start)
+    grasps = pickle.loads(pickle.dumps(dataset.grasps()))  # as workers that are spawned get it
+    loader = DataLoader(grasps, batch_size=4, num_workers=2)
+    batches = list(loader)
+    assert [len(batch["object"]) for batch in batches] == [4, 2]
+    depth = np.concatenate([batch["depth"].numpy() for batch in batches])
+    np.testing.assert_array_equal(depth, dataset.array("touch", "depth")[:].reshape(depth.shape))
+    assert batches[1]["grasp"].tolist() == [0, 1] and batches[0]["attempts"].tolist() == [7] * 4
+
+
+def test_the_table_has_a_row_a_grasp(run):
+    table = palpate.Dataset(run).table()
+    assert list(table) == ["object", "class", "split", "batch", "grasp", "touches", "row"]
+    success = palpate.Dataset(run).load("touch", "success")
+    assert len(table) == 3 * GRASPS
+    for line in table.itertuples():
+        assert line.object == OBJECTS[line.row] and line.touches == success[line.row, line.grasp].sum()
+    assert table.groupby("object", sort=False)["split"].first().tolist() == ["train", "test", "validation"]
+    shutil.rmtree(run / "touch")
+    pd.testing.assert_frame_equal(palpate.Dataset(run).table(), table)  # by the touches of the grasps
+    shutil.rmtree(run / "grasps")
+    assert list(palpate.Dataset(run).table()) == ["object", "class", "split", "batch", "row"]
+
+
+def test_wrong_names_list_the_right_ones(built):
+    dataset = palpate.Dataset(built)
+    with pytest.raises(KeyError, match="no stage 'tuch' with arrays: expected one of surface, grasps, touch"):
+        dataset.array("tuch", "depth")
+    with pytest.raises(KeyError, match="touch has no array 'color': its arrays are object, success, position"):
+        dataset.load("touch", "color")
+    with pytest.raises(KeyError, match="did you mean ball-0000"):
+        dataset["bal-0000"]
+    with pytest.raises(AttributeError, match="has no 'readings'; did you mean reading"):
+        dataset[0].grasps[0].readings  # noqa: B018
+    with pytest.raises(AttributeError, match="no attribute 'datasets'; there are Dataset, .*reconstruct, .*store"):
+        palpate.datasets  # noqa: B018
+
+
+def test_names_are_complete_and_help_has_units_and_shapes(built):
+    for name in dir(palpate):
+        getattr(palpate, name)
+    assert {"Dataset", "Reconstructor", "StoreError", "reconstruct", "store", "dataset", "vision"} <= set(dir(palpate))
+    assert palpate.store.CONTRACT and set(palpate.__all__) <= set(dir(palpate))
+    grasp = pydoc.render_doc(palpate.dataset.GraspRecord, renderer=pydoc.plaintext)
+    record = pydoc.render_doc(palpate.dataset.ObjectRecord, renderer=pydoc.plaintext)
+    for name, spec in [pair for store in CONTRACT.values() for pair in store.arrays.items()]:
+        text = grasp if spec.of_grasps else record if spec.of_objects and name != "object" else ""
+        if text and name not in ("points", "reading"):
+            axes = spec.shape[2 if spec.of_grasps else 1 :]
+            shape = ", ".join(str(axis) for axis in axes if axis != "k")  # a record is of one camera
+            said = text.split(f"\n |  {name}\n")[1].split("\n |  \n")[0]
+            assert f"({shape}" in said and f"{spec.dtype}, {spec.unit}".rstrip(", ") in said, name
+    assert "(s, r, r, 3) uint8, RGB" in grasp and "(count, 3) float32, m" in grasp
+
+
+def test_opening_a_run_with_tables_of_rejections_opens_no_store(run, monkeypatch):
+    """However many stores there are; and those that were read are forgotten."""
+    reject(run, "grasps", "batch-0001", "ball-0001")
+    for stage in ("surface", "touch", "vision"):
+        reject(run, stage, "batch-0001")
+    opened = []
+    monkeypatch.setattr(palpate.dataset.run, "Store", lambda path: opened.append(path) or palpate.store.Store(path))
+    monkeypatch.setattr(palpate.dataset.run, "REMEMBERED_STORES", 2)
+    dataset = palpate.Dataset(run)
+    assert dataset.objects == OBJECTS and not opened
+    assert palpate.Dataset(run, ["surface", "vision"]).objects == OBJECTS  # vision needs grasps
+    assert palpate.Dataset(run, ["surface"]).objects == [*OBJECTS[:2], "ball-0001", OBJECTS[2]]
+    assert not opened
+    for _ in range(2):
+        for item in dataset.grasps(arrays=["depth", "occluded", "surface_points"]):
+            assert item["depth"].any()
+    assert len(dataset._run._stores) == len(dataset._run._objects) == 2
 
 
 def damaged(run, stage, change, batch="batch-0000"):
@@ -115,9 +249,7 @@ def test_arrays_are_loaded_into_memory_in_the_type_asked_for(built):
     assert position.dtype == np.float32 and position.shape == (3, GRASPS, 4, 3)
     np.testing.assert_array_equal(dataset.empty_reading, empty_reading())
     expected = [[grasp.reading for grasp in record.grasps] for record in dataset]
-    np.testing.assert_array_equal(dataset.readings(), expected)
-    stored = dataset.array("touch", "reading")[:]
-    assert not stored[~dataset.load("touch", "success")].any() and not np.array_equal(stored, expected)
+    np.testing.assert_array_equal(dataset.load("touch", "reading"), expected)
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf, 600.0])
@@ -171,7 +303,7 @@ def test_batches_that_differ_in_shape_are_named(run):
 
 def test_a_dataset_without_objects_has_nothing_to_load(built):
     nothing = palpate.Dataset(built)[:0]
-    for load in (lambda: nothing.load("surface", "points"), lambda: nothing.grasps_per_object, nothing.readings):
+    for load in (lambda: nothing.load("surface", "points"), lambda: nothing.grasps_per_object, nothing.grasps):
         with pytest.raises(StoreError, match="no object .*rejected.csv says why"):
             load()
 
@@ -257,14 +389,15 @@ def test_objects_rejected_before_the_whole_list_is_made_are_left_out(run):
     assert palpate.Dataset(run).objects == ["ball-0000", "ball-0002"]
 
 
-def reject(run, stage, batch, name):
+def reject(run, stage, batch, name=None):
     """A stage's tables of all batches, of which one rejected an object."""
     path = run / f"rejected/{stage}/{batch}.csv"
     path.parent.mkdir(parents=True, exist_ok=True)
     for other in ("batch-0000", "batch-0001"):
         if not (path.parent / f"{other}.csv").exists():
             (path.parent / f"{other}.csv").write_text("object,stage,reason\n")
-    path.write_text(f"object,stage,reason\n{name},{stage},too thin\n")
+    if name:
+        path.write_text(f"object,stage,reason\n{name},{stage},too thin\n")
 
 
 def test_batches_that_the_catalogue_does_not_name_are_not_read(run):

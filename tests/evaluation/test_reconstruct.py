@@ -10,7 +10,7 @@ import trimesh
 import zarr
 
 import palpate
-from palpate import store, vision
+from palpate import command, store, vision
 from palpate.camera import looking_at, matrices, paper_camera
 from palpate.dataset import Dataset
 from palpate.evaluation import reconstruct
@@ -209,7 +209,7 @@ def test_predicted_clouds_lie_where_charts_do(run, dataset):
 def test_the_command_writes_the_mesh_with_its_colours(run, dataset, tmp_path, suffix, capsys):
     path = tmp_path / "new" / f"x{suffix}"
     arguments = [str(run), "charts_occluded_touch", "bottle-0000", "--grasp", "1", "--output", str(path)]
-    assert reconstruct.main(arguments) == 0
+    assert command.main(["reconstruct", *arguments]) == 0
     assert str(path) in capsys.readouterr().out
     grasp = dataset["bottle-0000"].grasps[1]
     expected = palpate.reconstruct(grasp.occluded, grasp, model=folder_of(run, "charts_occluded_touch"))
@@ -219,6 +219,19 @@ def test_the_command_writes_the_mesh_with_its_colours(run, dataset, tmp_path, su
     colours = np.unique(np.asarray(written.visual.vertex_colors)[:, :3], axis=0)
     np.testing.assert_array_equal(colours, [[143, 194, 230], [214, 94, 0]])
     assert np.abs(np.median(written.vertices, axis=0) - (0, 0, 0.6)).max() < 0.3  # the world frame
+
+
+@pytest.mark.parametrize("name", ["charts_occluded", "charts_touch_2", "single_image"])
+def test_predictions_of_all_grasps_are_those_of_each(run, dataset, name):
+    model, record = Reconstructor(folder_of(run, name)), dataset["bottle-0000"]
+    found = model.predictions(record)
+    assert list(found) == [0, 1]
+    for number, mesh in found.items():
+        of_one = name == "charts_occluded"
+        expected = model(*reconstruct.of_object(record, model.experiment, [number] if of_one else None)).mesh()
+        np.testing.assert_array_equal(mesh.vertices, expected.vertices)
+    assert list(model.predictions(record, [1])) == [1]
+    assert (found[0] is found[1]) == (name != "charts_occluded")
 
 
 def test_a_grasp_that_touches_nothing_is_reconstructed_with_a_warning(run, dataset):
@@ -258,7 +271,7 @@ def test_a_model_that_is_not_there_is_answered_with_those_that_are(run):
 )
 def test_the_command_says_what_is_wrong(run, arguments, message, capsys, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    assert reconstruct.main([str(run), *arguments]) == 1
+    assert command.main(["reconstruct", str(run), *arguments]) == 1
     said = capsys.readouterr().err
     assert re.search(message, said), said
     assert said.count("\n") == 1 and not list(tmp_path.iterdir())
@@ -383,5 +396,5 @@ def test_a_dataset_of_another_schema_is_refused(run, tmp_path, capsys):
     with pytest.raises(StoreError, match="schema version 99"):
         Dataset(copy)["bottle-0000"].grasps[0].reading  # noqa: B018
     arguments = [str(copy), "charts_touch_2", "bottle-0000", "--output", str(tmp_path / "x.ply")]
-    assert reconstruct.main(arguments) == 1
+    assert command.main(["reconstruct", *arguments]) == 1
     assert "schema version 99" in capsys.readouterr().err

@@ -122,8 +122,9 @@ def test_views(made):
 
 def test_an_untouched_sensor_reads_the_empty_gel(made):
     found = TrainingData.load(made[0], READINGS)
-    empty = made[1]["touch", "batch-0000"]["empty_reading"]
+    stores = [arrays for (stage, _), arrays in made[1].items() if stage == "touch"]
     for number, name in enumerate(found.objects):
+        (empty,) = (arrays["empty_reading"] for arrays in stores if name in arrays["object"])
         stored = row(made, "touch", name, "reading")
         for index in np.ndindex(GRASPS, 4):
             expected = stored[index] if found["success"][number][index] else empty

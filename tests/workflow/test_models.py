@@ -63,7 +63,7 @@ def test_a_training_that_was_killed_goes_on_to_the_same_model(make_workflow):
     assert json.loads((killed.run / MODEL / "training.json").read_text())["steps"] == STEPS
 
     mesh = killed.run / "bottle.ply"
-    command = [sys.executable, "-m", "palpate.evaluation.reconstruct", str(killed.run), "charts_touch"]
+    command = [sys.executable, "-m", "palpate.command", "reconstruct", str(killed.run), "charts_touch"]
     done = subprocess.run([*command, "bottle-0000", "--output", str(mesh)], capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     assert len(trimesh.load(mesh).faces) >= 96 * 24

@@ -1,0 +1,192 @@
+"""The command `palpate`: look at a run, use its models, check it, hand it on. Snakemake makes runs.
+
+palpate view results/mine mug-01        an HTML page to turn with the mouse; without an object, a page of all
+palpate info results/mine               what a run holds
+palpate validate results/mine           every file and array against what it should be
+palpate reconstruct results/mine charts_occluded_touch mug-01 --output mug.ply
+palpate export results/mine shared      the run as WebDataset, or as Parquet and images, with a data card
+"""
+
+import argparse
+import sys
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import palpate
+
+Parser = argparse.ArgumentParser
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command; returns its exit status: 0, or 1 if it failed, with a line of why on standard error."""
+    parser = Parser(prog="palpate", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--version", action="version", version=f"palpate {palpate.__version__}")
+    commands = parser.add_subparsers(dest="command", required=True, metavar="command")
+    for name, (declare, text, _) in COMMANDS.items():
+        own = commands.add_parser(name, help=text, description=f"{text[0].upper()}{text[1:]}.")
+        own.add_argument("run", type=Path, help="the run's folder, for example results/default")
+        declare(own)
+    asked = parser.parse_args(arguments)
+    try:
+        return COMMANDS[asked.command][2](asked)
+    except (ValueError, LookupError, OSError, ImportError) as error:
+        print(_said(error), file=sys.stderr)
+        return 1
+
+
+def _said(error: Exception) -> str:
+    from palpate.batch import plain
+
+    if isinstance(error, OSError):
+        return plain(error)
+    return str(error.args[0]) if isinstance(error, KeyError) else str(error)
+
+
+def _declare_model(parser: Parser) -> None:
+    parser.add_argument("--seed", type=int, help="of the trained model (default: the first there is)")
+    parser.add_argument("--device", default="cpu", help="of torch (default: cpu)")
+
+
+def _declare_view(parser: Parser) -> None:
+    parser.add_argument("object", nargs="?", help="its name in catalogue.csv (default: a page that lists all objects)")
+    parser.add_argument("--grasps", type=int, nargs="+", metavar="G", help="numbers of the grasps shown (default: all)")
+    parser.add_argument("--model", metavar="EXPERIMENT", help="show its predictions too: charts_occluded_touch, ...")
+    _declare_model(parser)
+    parser.add_argument("--all", action="store_true", help="write the page of every object, and the page of all")
+    parser.add_argument("--output", type=Path, metavar="FOLDER", help="for the pages (default: <run>/viewer)")
+
+
+def view(asked: argparse.Namespace) -> int:
+    """Write pages and print their paths."""
+    from tqdm import tqdm
+
+    from palpate.dataset import Dataset
+    from palpate.viewer import object_page, run_page
+
+    dataset = Dataset(asked.run)
+    folder = asked.output or asked.run / "viewer"
+    names = dataset.objects if asked.all else [asked.object] if asked.object else []
+    records = [dataset[name] for name in names]
+    model = None
+    if asked.model:
+        from palpate.evaluation.reconstruct import Reconstructor, named_model
+
+        if not names:
+            raise ValueError("--model: name an object, or give --all")
+        model = Reconstructor(named_model(asked.run / "models", asked.model, asked.seed), asked.device)
+    for record in tqdm(records, unit="page", disable=len(records) == 1 or not sys.stderr.isatty()):
+        predictions = model.predictions(record, asked.grasps) if model else None
+        path = folder / f"{record.name}.html"
+        scene = object_page(path, record, asked.grasps, predictions, asked.model or "")
+        if not asked.all:
+            print(f"{path}\n{scene}")
+    if asked.all or not asked.object:
+        shown = run_page(folder / "index.html", dataset)
+        print(f"{folder / 'index.html'}: {shown} of {len(dataset)} objects")
+    return 0
+
+
+def _declare_reconstruct(parser: Parser) -> None:
+    parser.add_argument("experiment", help="of config/experiments.yaml, for example charts_occluded_touch")
+    parser.add_argument("object", help="its name in catalogue.csv, for example bottle-0011")
+    parser.add_argument(
+        "--grasp", type=int, nargs="+", metavar="G", help="numbers of the grasps (default: the first ones)"
+    )
+    parser.add_argument("--view", type=int, default=0, help="number of the view, or of the camera (default: 0)")
+    _declare_model(parser)
+    parser.add_argument("--output", type=Path, required=True, help="mesh file; its suffix says the format, as .ply")
+
+
+def reconstruct(asked: argparse.Namespace) -> int:
+    """Write the mesh that a model predicts."""
+    from palpate.atomic import atomic_write
+    from palpate.evaluation.reconstruct import check_format, reconstruct_from_run
+
+    check_format(asked.output)
+    mesh = reconstruct_from_run(
+        asked.run, asked.experiment, asked.object, asked.grasp, asked.view, asked.seed, asked.device
+    )
+    with atomic_write(asked.output) as partial:
+        mesh.export(partial)
+    print(f"{asked.output}: {len(mesh.vertices)} vertices, {len(mesh.faces)} faces, metres, world frame")
+    return 0
+
+
+def _declare_validate(parser: Parser) -> None:
+    parser.add_argument(
+        "--sources", type=Path, metavar="FOLDER", help="of the source meshes, to compare them with the catalogue"
+    )
+
+
+def validate(asked: argparse.Namespace) -> int:
+    """Check a run, and print what was found; 1 if a check failed. Values that a report is about are not read again."""
+    from palpate.dataset import validation
+    from palpate.dataset.run import Run
+
+    run = Run(asked.run)
+    tables = [run.folder / f"reports/validation/{batch}.csv" for batch in run.batches]
+    settings = run.config.get("grasps", {})
+    limit = {"max_penetration": settings["max_penetration"]} if "max_penetration" in settings else {}
+    passed, said = validation.validate(run.folder, tables, sources=asked.sources, **limit)
+    print(said, file=sys.stdout if passed else sys.stderr)
+    return 0 if passed else 1
+
+
+def _declare_info(parser: Parser) -> None:
+    parser.add_argument("object", nargs="?", help="its name in catalogue.csv (default: the whole run)")
+
+
+def info(asked: argparse.Namespace) -> int:
+    """Print what a run, or one of its objects, holds."""
+    from palpate.dataset import Dataset
+    from palpate.dataset.information import object_lines, run_lines
+
+    dataset = Dataset(asked.run)
+    print("\n".join(object_lines(dataset[asked.object]) if asked.object else run_lines(dataset)))
+    return 0
+
+
+def _declare_export(parser: Parser) -> None:
+    parser.add_argument("output", type=Path, help="a new folder")
+    parser.add_argument(
+        "--format",
+        choices=("webdataset", "parquet", "released"),
+        default="webdataset",
+        help="tar shards; Parquet and images as load_dataset of Hugging Face reads them; the authors' released layout",
+    )
+    parser.add_argument("--arrays", nargs="+", metavar="ARRAY", help="which to write (default: all)")
+    parser.add_argument("--license", default="unknown", help="of the data, for the data card: cc-by-4.0, ...")
+    parser.add_argument("--source", default="", help="where the meshes are from and on what terms, for the data card")
+
+
+def export(asked: argparse.Namespace) -> int:
+    """Write a run in another layout, whole or not at all."""
+    from palpate.dataset import Dataset
+
+    if asked.output.exists():
+        raise FileExistsError(f"{asked.output} exists: name a new folder, or remove it")
+    if asked.format == "released":
+        from palpate.released.export import STAGES
+        from palpate.released.export import export as export_released
+
+        count = f"{export_released(Dataset(asked.run, STAGES), asked.output)} objects"
+    else:
+        from palpate.interchange import FORMATS
+
+        write = FORMATS[asked.format]
+        count = f"{write(Dataset(asked.run), asked.output, asked.arrays, asked.license, asked.source)} grasps"
+    print(f"{asked.output}: {count}")
+    return 0
+
+
+COMMANDS: dict[str, tuple[Callable[[Parser], None], str, Callable[[argparse.Namespace], int]]] = {
+    "view": (_declare_view, "write pages that show objects, hands, touches and predictions", view),
+    "reconstruct": (_declare_reconstruct, "reconstruct an object of a run with one of the run's models", reconstruct),
+    "validate": (_declare_validate, "check every file and array of a run", validate),
+    "info": (_declare_info, "print what a run holds", info),
+    "export": (_declare_export, "write a run in another layout, with a data card", export),
+}
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,51 @@
+"""What both layouts share: which arrays are pictures, and the grasps of a split with progress."""
+
+import io
+import sys
+from collections.abc import Iterable, Iterator
+
+import numpy as np
+from PIL import Image
+from tqdm import tqdm
+
+from palpate.catalogue import SPLITS
+from palpate.dataset import Dataset, GraspDataset
+
+# Of an item of `GraspDataset`, what is no array.
+TEXT = ("object", "class", "split")
+
+
+def grasps_by_split(dataset: Dataset, arrays: Iterable[str] | None) -> dict[str, GraspDataset]:
+    """The grasps of each split that has objects. Raises what `Dataset.grasps` raises."""
+    whole = dataset.grasps(arrays=arrays)  # the same arrays in each split, and an error if there is no object
+    found = {record.split for record in dataset}
+    return {split: dataset.grasps(split, whole.arrays) for split in SPLITS if split in found}
+
+
+def with_progress(grasps: GraspDataset, split: str) -> Iterator[dict]:
+    """The items of a split; the terminal has a bar."""
+    return tqdm(
+        (grasps[number] for number in range(len(grasps))),
+        desc=split,
+        total=len(grasps),
+        unit="grasp",
+        disable=not sys.stderr.isatty(),
+    )
+
+
+def pictures(name: str, values: np.ndarray, colours: bool) -> dict[str, np.ndarray]:
+    """The images of an array (..., h, w), with colours (..., h, w, 3 or 4), by name: `reading.0`, `reading.1`, ...
+
+    A single one, as of a single camera, has no number.
+    """
+    images = values.reshape(-1, *values.shape[-3 if colours else -2 :])
+    if len(images) == 1:
+        return {name: images[0]}
+    return {f"{name}.{number}": image for number, image in enumerate(images)}
+
+
+def png(image: np.ndarray) -> bytes:
+    """An image as the bytes of a PNG file."""
+    file = io.BytesIO()
+    Image.fromarray(image).save(file, "PNG")
+    return file.getvalue()

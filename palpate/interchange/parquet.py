@@ -1,0 +1,89 @@
+"""Parquet and a folder of images a split, as `datasets.load_dataset(<folder>)` of Hugging Face reads them.
+
+<folder>/<split>/metadata.parquet                    a row a grasp; columns `<array>_file_name` name images
+        /<split>/<object>/<grasp>/<array>.png        README.md
+"""
+
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from palpate.atomic import atomic_write
+from palpate.dataset import Dataset
+from palpate.interchange.card import write_card
+from palpate.interchange.items import grasps_by_split, pictures, png, with_progress
+
+ROWS = 64  # grasps that are held in memory before they are written
+
+
+def write_parquet(
+    dataset: Dataset,
+    folder: Path | str,
+    arrays: Iterable[str] | None = None,
+    licence: str = "unknown",
+    source: str = "",
+) -> int:
+    """Write the grasps of a dataset as Parquet with images, and a data card; atomically. Returns their number.
+
+    arrays: as `Dataset.grasps` takes them. Images are PNG files: the column `<array>_file_name` has the path of one,
+    `<array>_file_names` a list of paths. Other arrays are nested lists in the contract's types. Raises ImportError if
+    pyarrow is not installed, StoreError if there is no object, KeyError for an unknown array.
+    """
+    try:
+        import pyarrow
+        from pyarrow import parquet
+    except ImportError as error:
+        raise ImportError(f"Parquet needs pyarrow: pip install 'pyarrow<26'; WebDataset does not ({error})") from error
+    splits = grasps_by_split(dataset, arrays)
+    with atomic_write(Path(folder)) as partial:
+        for split, grasps in splits.items():
+            (partial / split).mkdir(parents=True)
+            writer, rows = None, []
+            try:
+                for number, item in enumerate(with_progress(grasps, split), start=1):
+                    rows.append(_row(item, grasps.images, partial / split))
+                    if len(rows) == ROWS or number == len(grasps):
+                        columns = {name: _column(pyarrow, [row[name] for row in rows]) for name in rows[0]}
+                        table = pyarrow.table(columns)
+                        writer = writer or parquet.ParquetWriter(
+                            partial / split / "metadata.parquet", table.schema, compression="zstd"
+                        )
+                        writer.write_table(table)
+                        rows = []
+            finally:
+                if writer is not None:
+                    writer.close()
+        files = {split: f"{split}/**" for split in splits}
+        write_card(partial / "README.md", dataset, next(iter(splits.values())), files, licence, source)
+    return sum(map(len, splits.values()))
+
+
+def _row(item: dict, images: dict[str, bool], folder: Path) -> dict[str, Any]:
+    """A grasp's values by column; its images are written."""
+    row = {}
+    for name, values in item.items():
+        if name not in images:
+            row[name] = values
+            continue
+        paths = []
+        for each, image in pictures(name, values, images[name]).items():
+            path = Path(item["object"], str(item["grasp"]), f"{each}.png")
+            (folder / path).parent.mkdir(parents=True, exist_ok=True)
+            (folder / path).write_bytes(png(image))
+            paths.append(path.as_posix())
+        one = len(paths) == 1
+        row[f"{name}_file_name" if one else f"{name}_file_names"] = paths[0] if one else paths
+    return row
+
+
+def _column(pyarrow: Any, values: list) -> Any:
+    """A column of text, numbers, lists of text, or arrays of one shape, which become nested lists."""
+    if not isinstance(values[0], np.ndarray) or values[0].dtype.kind in "UO":
+        return pyarrow.array(values)
+    stacked = np.stack(values)
+    column = pyarrow.array(stacked.ravel())
+    for length in reversed(stacked.shape[1:]):
+        column = pyarrow.FixedSizeListArray.from_arrays(column, length)
+    return column

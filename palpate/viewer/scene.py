@@ -1,0 +1,155 @@
+"""One object and its grasps as a scene of named nodes, for GLB: object, hand, sensors, clouds, predictions, cameras.
+
+A node is named `<group> <kind> <name>`. Its group is `object`, or `grasp-<number>`; its kind is one of `KINDS`.
+"""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+import trimesh
+from PIL import Image
+from trimesh.visual import TextureVisuals
+from trimesh.visual.material import PBRMaterial
+
+from palpate.dataset import GraspRecord, ObjectRecord
+from palpate.mesh import OBJECT_POSITION, mesh_file
+from palpate.vision.image import linear
+from palpate.vision.meshes import link_mesh
+
+KINDS = ("object", "hand", "gel", "cloud", "prediction", "camera")
+# glTF has y up, the dataset's world z: the scene's root turns one into the other.
+Y_UP = np.array([[1.0, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1]])
+ROOT = "world"
+# sRGB of the sensors, in their order: Okabe and Ito's colours (2008, Color Universal Design).
+SENSOR_COLOURS = ("#D55E00", "#0072B2", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
+POINT_COLOUR = "#9a9a9a"  # of a surface without a mesh
+CAMERA_COLOUR = "#555555"
+CAMERA_LENGTH = 0.12  # m from a camera to the frame that is drawn for it
+
+
+def sensor_colour(sensor: int) -> str:
+    """The colour of a sensor by its number, as HTML has it."""
+    return SENSOR_COLOURS[sensor % len(SENSOR_COLOURS)]
+
+
+def record_scene(
+    record: ObjectRecord, grasps: Sequence[GraspRecord] = (), predictions: Mapping[int, trimesh.Trimesh] | None = None
+) -> trimesh.Scene:
+    """The scene of an object and some of its grasps; `.export(file_type="glb")` gives the bytes of a file.
+
+    Nodes are in the world frame, metres, below a root that turns z up into glTF's y up. What the run does not have
+    (meshes, hand, touches) is left out; without meshes the object is its surface points. predictions: meshes in the
+    world frame by the number of the grasp.
+    """
+    scene = trimesh.Scene(base_frame="root")
+    scene.graph.update(frame_to=ROOT, frame_from="root", matrix=Y_UP)
+    _add_object(scene, record)
+    for intrinsics, extrinsics in cameras(record):
+        _add(scene, "object camera", _frustum(intrinsics, extrinsics))
+    for grasp in grasps:
+        group = f"grasp-{grasp.number}"
+        if "grasps" in grasp.stages:
+            for link in np.unique(record.hand.geom_link):
+                name = f"{group} hand {record.hand.link_names[link]}"
+                _add(scene, name, _link(record, int(link)), grasp.link_pose[link], geometry=f"link {link}")
+        if "touch" in grasp.stages:
+            for number, name in enumerate(grasp.sensors):
+                pose = np.eye(4)
+                pose[:3, :3], pose[:3, 3] = grasp.rotation[number], grasp.position[number]
+                _add(scene, f"{group} gel {name}", _gel(grasp.reading[number], grasp.sensor.width), pose)
+                if len(grasp.points[number]):
+                    _add(scene, f"{group} cloud {name}", _cloud(grasp.points[number], sensor_colour(number)))
+        if predictions and grasp.number in predictions:
+            _add(scene, f"{group} prediction", _coloured(predictions[grasp.number]))
+    return scene
+
+
+def cameras(record: ObjectRecord) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Intrinsics (3, 3) and extrinsics (3, 4) of the cameras that took the images; none without images.
+
+    From world coordinates to x right, y down, z into the scene, and from these to homogeneous pixels.
+    """
+    if "vision" not in record.stages:
+        return []
+    seen = [record.seen_by(number) for number in range(record.cameras)]
+    return [(each.intrinsics, each.extrinsics) for each in seen]
+
+
+def _add(
+    scene: trimesh.Scene, name: str, shape: trimesh.parent.Geometry, pose: np.ndarray | None = None, geometry: str = ""
+) -> None:
+    """A node with a shape; one geometry may have several nodes."""
+    geometry = geometry or name
+    if geometry not in scene.geometry:
+        scene.geometry[geometry] = shape
+    matrix = np.eye(4) if pose is None else pose
+    scene.graph.update(frame_to=name, frame_from=ROOT, matrix=matrix, geometry=geometry)
+
+
+def _add_object(scene: trimesh.Scene, record: ObjectRecord) -> None:
+    """The object's mesh with its materials; its surface points if the run has no meshes."""
+    if not (record.mesh / "visual.glb").exists():
+        _add(scene, "object object points", _cloud(record.points, POINT_COLOUR))
+        return
+    loaded = trimesh.load_scene(mesh_file(record.mesh, "visual.glb"), process=False)
+    place = trimesh.transformations.translation_matrix(OBJECT_POSITION)
+    for number, node in enumerate(loaded.graph.nodes_geometry):
+        pose, geometry = loaded.graph[node]
+        _add(scene, f"object object {number}", loaded.geometry[geometry], place @ pose, f"object {geometry}")
+
+
+def _link(record: ObjectRecord, link: int) -> trimesh.Trimesh:
+    mesh = link_mesh(record.hand, link)
+    made = trimesh.Trimesh(mesh.vertices, mesh.faces, vertex_normals=mesh.normals, process=False)
+    return _with_colours(made, mesh.colours)
+
+
+def _with_colours(mesh: trimesh.Trimesh, colours: np.ndarray) -> trimesh.Trimesh:
+    """A mesh with sRGB colours (n, 3) of its vertices: glTF has them linear. Without a material it would be metal."""
+    rgba = np.column_stack([np.rint(255 * linear(np.asarray(colours))), np.full(len(colours), 255)]).astype(np.uint8)
+    mesh.visual = TextureVisuals(material=PBRMaterial(metallicFactor=0.0, roughnessFactor=0.6, doubleSided=True))
+    mesh.visual.vertex_attributes["color"] = rgba
+    return mesh
+
+
+def _coloured(prediction: trimesh.Trimesh) -> trimesh.Trimesh:
+    return _with_colours(prediction.copy(), np.asarray(prediction.visual.vertex_colors)[:, :3] / 255)
+
+
+def _gel(reading: np.ndarray, width: float) -> trimesh.Trimesh:
+    """The sensor plane, in the sensor's frame, with the reading on it: columns along y, rows along z."""
+    y, z = np.array([[-1, 1, 1, -1], [-1, -1, 1, 1]]) * width / 2
+    # trimesh has (0, 0) at the picture's lower left corner.
+    uv = np.array([[0, 1], [1, 1], [1, 0], [0, 0]], dtype=float)
+    material = PBRMaterial(
+        baseColorTexture=Image.fromarray(reading), doubleSided=True, metallicFactor=0.0, roughnessFactor=1.0
+    )
+    vertices = np.column_stack([np.zeros(4), y, z])
+    # From outside, along -x, its front is seen.
+    return trimesh.Trimesh(
+        vertices, [[0, 1, 2], [0, 2, 3]], visual=TextureVisuals(uv, material=material), process=False
+    )
+
+
+def _cloud(points: np.ndarray, colour: str) -> trimesh.PointCloud:
+    colours = np.tile(_linear_bytes(colour), (len(points), 1))
+    return trimesh.PointCloud(np.asarray(points, dtype=np.float32), colors=colours)
+
+
+def _frustum(intrinsics: np.ndarray, extrinsics: np.ndarray) -> trimesh.path.Path3D:
+    """The camera's centre joined to the frame of its picture, 12 cm before it."""
+    size = 2 * intrinsics[0, 2]
+    corners = np.array([[0, 0, 1], [size, 0, 1], [size, size, 1], [0, size, 1]]) @ np.linalg.inv(intrinsics).T
+    turn, shift = extrinsics[:, :3], extrinsics[:, 3]
+    centre, *frame = (np.vstack([np.zeros(3), CAMERA_LENGTH * corners]) - shift) @ turn
+    path = trimesh.load_path(
+        np.array([*([centre, corner] for corner in frame), *zip(frame, np.roll(frame, 1, 0), strict=True)])
+    )
+    path.colors = np.tile(_linear_bytes(CAMERA_COLOUR), (len(path.entities), 1))
+    return path
+
+
+def _linear_bytes(colour: str) -> np.ndarray:
+    """(4,) uint8 linear RGBA of an HTML colour."""
+    encoded = np.array([int(colour[start : start + 2], 16) for start in (1, 3, 5)]) / 255
+    return np.append(np.rint(255 * linear(encoded)), 255).astype(np.uint8)

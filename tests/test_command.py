@@ -1,0 +1,140 @@
+"""The command `palpate`, called as from a terminal; `reconstruct` is in tests/evaluation/test_reconstruct.py."""
+
+import importlib.metadata
+import re
+import shutil
+import subprocess
+import sys
+import tarfile
+from pathlib import Path
+
+import pytest
+
+import palpate
+from palpate.command import main
+from tests.store.conftest import *  # noqa: F403
+
+
+def test_version_and_help(capsys):
+    for argument, said in (("--version", f"palpate {palpate.__version__}\n"), ("--help", "palpate export")):
+        with pytest.raises(SystemExit) as end:
+            main([argument])
+        assert end.value.code == 0 and said in capsys.readouterr().out
+    with pytest.raises(SystemExit) as end:
+        main(["vieww", "x"])
+    assert end.value.code == 2 and "choose from" in capsys.readouterr().err
+
+
+def test_help_and_info_load_no_engine(built):
+    code = (
+        "import sys; from palpate.command import main; main(['info', sys.argv[1]]); "
+        "sys.exit(any(name in sys.modules for name in ('torch', 'mujoco', 'bpy', 'matplotlib')))"
+    )
+    done = subprocess.run([sys.executable, "-c", code, str(built)], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+
+
+def test_info_of_a_run_and_of_an_object(built, capsys):
+    assert main(["info", str(built)]) == 0
+    said = capsys.readouterr().out
+    assert f"{built}: 3 objects" in said and "ball: train 1, validation 1" in said
+    assert "r, r) (3, 2, 4, 100, 100) float32 m" in said
+    assert main(["info", str(built), "block-0000"]) == 0
+    said = capsys.readouterr().out
+    record = palpate.Dataset(built)["block-0000"]
+    for grasp in record.grasps:
+        names = [name for name, success in zip(grasp.sensors, grasp.success, strict=True) if success]
+        assert f"grasp {grasp.number}: touched by {', '.join(names)}" in said
+
+
+def test_view_writes_pages(run, capsys):
+    assert main(["view", str(run), "ball-0000", "--grasps", "1"]) == 0
+    assert capsys.readouterr().out.split() == [f"{run}/viewer/ball-0000.html", f"{run}/viewer/ball-0000.glb"]
+    assert main(["view", str(run), "--all", "--output", str(run / "pages")]) == 0
+    pages = sorted(path.name for path in (run / "pages").glob("*.html"))
+    assert pages == ["ball-0000.html", "ball-0002.html", "block-0000.html", "index.html"]
+    assert (run / "pages/index.html").read_text().count("<a href=") == 6
+    assert main(["view", str(run)]) == 0
+    assert (run / "viewer/index.html").read_text().count("<a href=") == 2
+
+
+def test_export_writes_a_new_folder_and_never_into_another(built, tmp_path, capsys):
+    assert main(["export", str(built), str(tmp_path / "web"), "--arrays", "reading", "--license", "mit"]) == 0
+    assert capsys.readouterr().out == f"{tmp_path / 'web'}: 6 grasps\n"
+    with tarfile.open(tmp_path / "web/test-000000.tar") as tar:
+        assert tar.getnames()[:2] == ["00000000.json", "00000000.reading.0.png"]
+    assert main(["export", str(built), str(tmp_path / "web")]) == 1
+    assert "exists: name a new folder, or remove it" in capsys.readouterr().err
+    assert main(["export", str(built), str(tmp_path / "theirs"), "--format", "released"]) == 0
+    assert (tmp_path / "theirs/split.npy").exists()
+
+
+def test_validate_checks_and_says_what_it_found(run, capsys):
+    assert main(["validate", str(run)]) == 0
+    assert "checks, 4 objects: passed" in capsys.readouterr().out
+    shutil.rmtree(run / "touch/batch-0001.zarr/depth/c")
+    assert main(["validate", str(run)]) == 1
+    said = capsys.readouterr().err
+    assert "failed" in said and "depth/c/0/0/0/0/0 is missing" in said
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["info", "nowhere"], "nowhere/catalogue.csv does not exist; name a run's folder"),
+        (["view", "{run}", "bal-0000"], "'bal-0000' is not among the 3 objects"),
+        (["view", "{run}", "ball-0000", "--grasps", "7"], "ball-0000 has no grasp 7: it has 2"),
+        (["view", "{run}", "ball-0000", "--model", "charts"], "no experiment 'charts' is trained in"),
+        (["view", "{run}", "--model", "charts"], "--model: name an object, or give --all"),
+        (["export", "{run}", "{run}/out", "--arrays", "gel"], "no array 'gel' of grasps; there are"),
+    ],
+)
+def test_errors_are_one_line(built, arguments, said, capsys):
+    assert main([each.format(run=built) for each in arguments]) == 1
+    printed = capsys.readouterr().err
+    assert said in printed and printed.count("\n") == 1
+    assert not (built / "out").exists() and not (built / "viewer").exists()
+
+
+def test_the_package_installs_whole(tmp_path):
+    """A wheel: every file of the package but its caches, the command, the dependencies, one version."""
+    root = Path(palpate.__file__).parents[1]
+    source = tmp_path / "source"
+    for name in ("palpate", "envs"):
+        shutil.copytree(root / name, source / name, ignore=shutil.ignore_patterns("__pycache__"))
+    for name in ("pyproject.toml", "README.md"):
+        shutil.copy(root / name, source / name)
+    build = [sys.executable, "-m", "pip", "wheel", "--quiet", "--no-deps", "--no-build-isolation"]
+    subprocess.run([*build, "--wheel-dir", tmp_path, source], check=True, capture_output=True)
+    (wheel,) = tmp_path.glob("*.whl")
+    target = tmp_path / "installed"
+    shutil.unpack_archive(wheel, target, "zip")
+    files = {path.relative_to(root).as_posix() for path in (root / "palpate").rglob("*") if path.is_file()}
+    expected = {name for name in files if "__pycache__" not in name}
+    found = {path.relative_to(target).as_posix() for path in (target / "palpate").rglob("*") if path.is_file()}
+    assert found == expected and "palpate/py.typed" in found and "palpate/viewer/three.LICENSE" in found
+    (installed,) = importlib.metadata.distributions(path=[str(target)])
+    assert installed.version == palpate.__version__
+    assert [entry.value for entry in installed.entry_points] == ["palpate.command:main"]
+    needed = {line.split(";")[0].strip() for line in installed.requires if "extra" not in line}
+    assert names(needed) == names((root / "envs/requirements.in").read_text().splitlines())
+    done = subprocess.run(
+        [sys.executable, "-c", "from palpate.viewer.page import _resource; _resource('three.min.js')"],
+        cwd=target, env={"PYTHONPATH": str(target)}, capture_output=True, text=True,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+
+
+def names(lines):
+    """Names of the packages in lines of requirements."""
+    found = (re.match(r"[A-Za-z0-9_.-]+", line) for line in lines)
+    return {match[0].lower().replace("_", "-") for match in found if match}
+
+
+def test_the_lock_file_has_every_dependency():
+    """Also of development: `make lock` makes it from both lists."""
+    root = Path(palpate.__file__).parents[1]
+    locked = names((root / "envs/requirements.txt").read_text().splitlines())
+    for name in ("requirements.in", "development.in"):
+        wanted = names((root / "envs" / name).read_text().splitlines())
+        assert wanted and wanted <= locked

@@ -1,0 +1,3 @@
+"""The small run of the tests of stores."""
+
+from tests.store.conftest import *  # noqa: F403

@@ -1,0 +1,208 @@
+"""The pages, in a real browser: Debian's chromium without a window. Without one these tests are skipped."""
+
+import base64
+import json
+import re
+import shutil
+import subprocess
+from html.parser import HTMLParser
+
+import numpy as np
+import pytest
+import trimesh
+
+import palpate
+from palpate.viewer import object_page, run_page
+
+BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
+needs_browser = pytest.mark.skipif(BROWSER is None, reason="no chromium here (Debian: apt-get install chromium)")
+# No network, no sandbox (CI is root), WebGL in software.
+OPTIONS = (
+    *("--headless=new", "--no-sandbox", "--disable-quic", "--no-first-run", "--disable-background-networking"),
+    *("--disable-component-update", "--disable-sync", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"),
+    *("--host-resolver-rules=MAP * ~NOTFOUND", "--hide-scrollbars", "--window-size=900,500"),
+)
+# Run in the page when it is ready; what it returns stands in the page's title.
+PROBE = """
+<script>
+const wait = setInterval(() => {
+  if (!document.body.dataset.state) return;
+  clearInterval(wait);
+  const { viewer } = window;
+  const found = { state: document.body.dataset.state };
+  const seen = () => {
+    viewer.render();
+    const copy = document.createElement("canvas");
+    copy.width = viewer.canvas.width; copy.height = viewer.canvas.height;
+    const context = copy.getContext("2d");
+    context.drawImage(viewer.canvas, 0, 0);
+    const { data } = context.getImageData(0, 0, copy.width, copy.height);
+    let drawn = 0, hash = 0;
+    for (let i = 0; i < data.length; i += 4) {
+      if (data[i] + data[i + 1] + data[i + 2] < 720) drawn += 1;
+      hash = (hash * 31 + data[i]) % 1000003;
+    }
+    return { drawn: drawn / (data.length / 4), hash };
+  };
+  const shown = () =>
+    viewer.leaves.filter(({ node }) => node.visible).map(({ node }) => node.userData.name ?? node.name);
+  const mouse = { button: 0, buttons: 1, pointerId: 1, pointerType: "mouse", bubbles: true };
+  const send = (type, x, y) =>
+    viewer.canvas.dispatchEvent(new PointerEvent(type, { ...mouse, clientX: x, clientY: y }));
+  (STEPS)(found, seen, shown, send, viewer);
+  document.title = JSON.stringify(found);
+}, 50);
+</script></body>"""
+
+
+class Title(HTMLParser):
+    """Reads the text of the title."""
+
+    def __init__(self, page):
+        super().__init__()
+        self.inside, self.text = False, ""
+        self.feed(page)
+
+    def handle_starttag(self, tag, attributes):
+        self.inside = tag == "title"
+
+    def handle_data(self, data):
+        self.text += data if self.inside else ""
+
+
+def in_browser(page, tmp_path, steps="() => {}", address=""):
+    """What a page's title holds after some steps in the browser."""
+    path = tmp_path / f"probe-{page.name}"
+    path.write_text(page.read_text().replace("</body>", PROBE.replace("STEPS", steps)))
+    command = [BROWSER, *OPTIONS, f"--user-data-dir={tmp_path}/profile", "--virtual-time-budget=20000", "--dump-dom"]
+    done = subprocess.run([*command, f"file://{path}{address}"], capture_output=True, text=True, timeout=120)
+    title = Title(done.stdout).text
+    assert title.startswith("{"), f"{done.stderr[-2000:]}\n{title}"
+    return json.loads(title)
+
+
+@pytest.fixture(scope="module")
+def page(built, tmp_path_factory):
+    record = palpate.Dataset(built)["ball-0000"]
+    prediction = trimesh.creation.box((0.3, 0.3, 0.3)).apply_translation((0, 0, 0.6))
+    prediction.visual.vertex_colors = [200, 30, 30, 255]
+    path = tmp_path_factory.mktemp("pages") / "ball-0000.html"
+    object_page(path, record, predictions=dict.fromkeys((0, 1), prediction), model="some_model")
+    return path
+
+
+def test_a_page_holds_all_that_it_shows(built, page):
+    text = page.read_text()
+    assert not re.search(r"""(?:src|href)\s*=\s*["']?(?:https?:)?//""", text)
+    data = json.loads(re.search(r'<script id="page" type="application/json">(.*?)</script>', text).group(1))
+    assert base64.b64decode(data["glb"]) == page.with_suffix(".glb").read_bytes()
+    assert len(data["cameras"]) == 1
+    grasps = palpate.Dataset(built)["ball-0000"].grasps
+    # Images: alone, and of each grasp in the hand and of its four sensors.
+    assert text.count('src="data:image/png;base64,') == 1 + len(grasps) * (1 + 4)
+    assert text.count("touches nothing") == sum(int((~grasp.success).sum()) for grasp in grasps)
+    assert "prediction of some_model" in text
+
+
+def test_names_can_not_break_a_page(built, tmp_path):
+    record = palpate.Dataset(built)["ball-0000"]
+    record._entry = record._entry._replace(class_name="</script><b>&")
+    object_page(tmp_path / "x.html", record, [])
+    text = (tmp_path / "x.html").read_text()
+    assert "</script><b>" not in text and "&lt;/script&gt;&lt;b&gt;&amp;" in text
+
+
+def test_a_grasp_that_is_not_there_is_an_error_and_no_page(built, tmp_path):
+    with pytest.raises(IndexError, match="ball-0000 has no grasp 2: it has 2"):
+        object_page(tmp_path / "x.html", palpate.Dataset(built)["ball-0000"], [2])
+    assert not list(tmp_path.iterdir())
+
+
+@needs_browser
+def test_an_object_is_drawn_and_turns_with_the_mouse(page, tmp_path):
+    found = in_browser(
+        page,
+        tmp_path,
+        """(found, seen, shown, send, viewer) => {
+          found.shown = shown();
+          found.first = seen();
+          found.again = seen();
+          const before = viewer.eye.position.clone();
+          send("pointerdown", 200, 200); send("pointermove", 320, 230); send("pointerup", 320, 230);
+          found.turned = seen();
+          found.moved = before.distanceTo(viewer.eye.position);
+          found.distances = [before, viewer.eye.position].map((place) => place.distanceTo(viewer.controls.target));
+          for (const box of document.querySelectorAll("input[data-kind]")) {
+            if (box.checked !== (box.dataset.kind === "gel")) box.click();
+          }
+          found.gels = shown();
+          document.querySelector("input[name=grasp][value='1']").click();
+          found.other = shown();
+          found.address = location.hash;
+          found.sections = [...document.querySelectorAll("section")].map((part) => part.hidden);
+        }""",
+    )
+    assert found["state"] == "ready"
+    kinds = {(name.split(" ")[0], name.split(" ")[1]) for name in found["shown"]}
+    expected = {("object", "object"), *(("grasp-0", kind) for kind in ("hand", "gel", "cloud", "prediction"))}
+    assert kinds == expected
+    assert 0.05 < found["first"]["drawn"] < 0.8
+    assert found["first"] == found["again"] != found["turned"]
+    assert found["moved"] > 0.05 and found["distances"][0] == pytest.approx(found["distances"][1])
+    assert len(found["gels"]) == 4 and {name.split(" ")[:2] == ["grasp-0", "gel"] for name in found["gels"]} == {True}
+    assert {name.split(" ")[0] for name in found["other"]} == {"grasp-1"}
+    assert found["address"] == "#grasp=1&hide=object,hand,cloud,prediction,camera"
+    assert found["sections"] == [True, False]
+
+
+@needs_browser
+def test_the_page_sees_what_the_camera_saw(built, page, tmp_path):
+    """The object's outline, from the camera's place, against the mask of the dataset."""
+    found = in_browser(
+        page,
+        tmp_path,
+        """(found, seen, shown, send, viewer) => {
+          const size = 256, copy = document.createElement("canvas");
+          viewer.resize(size, size);
+          viewer.render();
+          copy.width = copy.height = size;
+          const context = copy.getContext("2d");
+          context.drawImage(viewer.canvas, 0, 0, size, size);
+          const { data } = context.getImageData(0, 0, size, size);
+          found.mask = Array.from({ length: size * size }, (_, i) => Number(data[4 * i + 2] < 250)).join("");
+        }""",
+        "#grasp=0&hide=hand,gel,cloud,prediction,camera&camera=0",
+    )
+    drawn = np.array(list(found["mask"])).reshape(256, 256) == "1"
+    expected = palpate.Dataset(built)["ball-0000"].unoccluded_mask > 0
+    expected = expected.repeat(4, axis=0).repeat(4, axis=1)  # of 64 pixels
+    overlap = (drawn & expected).sum() / (drawn | expected).sum()
+    assert overlap > 0.95  # the mask's pixels are four wide
+
+
+@needs_browser
+def test_the_page_of_a_run_lists_and_filters_its_objects(built, page, tmp_path):
+    path = tmp_path / "index.html"
+    shutil.copy(page, tmp_path / "ball-0000.html")
+    assert run_page(path, palpate.Dataset(built)) == 3
+    assert run_page(tmp_path / "few.html", palpate.Dataset(built), most=2) == 2
+    assert "the first 2 shown" in (tmp_path / "few.html").read_text()
+    found = in_browser(
+        path,
+        tmp_path,
+        """(found) => {
+          const names = () => [...document.querySelectorAll("figure:not([hidden]) figcaption")].map((x) => x.innerText);
+          found.all = names();
+          found.links = [...document.querySelectorAll("figcaption a")].map((x) => x.getAttribute("href"));
+          found.pictures = [...document.images].map((x) => x.src.slice(0, 22));
+          const filter = document.getElementById("filter");
+          filter.value = "ball VALID";
+          filter.dispatchEvent(new Event("input"));
+          found.some = names();
+          found.count = document.getElementById("count").textContent;
+        }""",
+    )
+    assert [name.split("\n")[0] for name in found["all"]] == ["ball-0000", "block-0000", "ball-0002"]
+    assert found["links"] == ["ball-0000.html"]
+    assert found["pictures"] == ["data:image/webp;base64"] * 3
+    assert [name.split("\n")[0] for name in found["some"]] == ["ball-0002"] and found["count"] == "1 of 3"
