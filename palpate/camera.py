@@ -5,6 +5,7 @@ from (c, r) to (c + 1, r + 1), so its **centre is at (c + 0.5, r + 0.5)** and th
 size / 2). `project` returns (x, y) = (column, row) coordinates in this system.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,6 +17,8 @@ ROTATION = (70.458, 4.940, 113.540)  # degrees
 # Not in the paper: read off its published projection matrix.
 FOCAL_LENGTH = 406.595  # pixels, for an image of 256 x 256 with the principal point at its centre
 IMAGE_SIZE = 256  # pixels, the width and height of the dataset's images
+
+CONVENTION = "expected square pixels and the principal point at the image's centre"
 
 # A Blender camera looks along its -z with +y up; image coordinates have y down and z into the scene.
 IMAGE_FROM_CAMERA = np.diag([1.0, -1.0, -1.0])
@@ -33,6 +36,18 @@ class Camera:
     rotation: np.ndarray
     focal_length: float
     size: int
+
+    @classmethod
+    def from_matrices(cls, intrinsics: np.ndarray, extrinsics: np.ndarray, size: int) -> "Camera":
+        """The camera of a (3, 3) and a (3, 4) matrix, as `intrinsics` and `extrinsics` give them.
+
+        Raises ValueError if pixels are not square, or the principal point is not the image's centre.
+        """
+        turn, focal_length = np.asarray(extrinsics)[:, :3], float(intrinsics[0][0])
+        camera = cls(-turn.T @ np.asarray(extrinsics)[:, 3], turn.T @ IMAGE_FROM_CAMERA, focal_length, size)
+        if not (focal_length > 0 and np.allclose(intrinsics, camera.intrinsics(), atol=1e-6 * size)):
+            raise ValueError(f"intrinsics {np.asarray(intrinsics).tolist()} of an image of {size} pixels: {CONVENTION}")
+        return camera
 
     def intrinsics(self) -> np.ndarray:
         """(3, 3) matrix from image coordinates (x right, y down, z into the scene) to homogeneous pixels."""
@@ -76,14 +91,35 @@ class Camera:
         return np.stack([column, row, np.ones_like(row)], axis=-1) @ IMAGE_FROM_CAMERA @ self.rotation.T
 
 
+def matrices(cameras: Sequence[Camera]) -> dict[str, np.ndarray]:
+    """Intrinsics (k, 3, 3) and extrinsics (k, 3, 4) of k cameras, as the vision store has them."""
+    return {
+        "intrinsics": np.stack([camera.intrinsics() for camera in cameras]),
+        "extrinsics": np.stack([camera.extrinsics() for camera in cameras]),
+    }
+
+
 def paper_camera(size: int = IMAGE_SIZE) -> Camera:
     """The paper's camera; another size keeps the field of view (34.95 degrees)."""
-    about_x, about_y, about_z = (rotation_about(axis, np.radians(a)) for axis, a in enumerate(ROTATION))
-    return Camera(np.array(POSITION), about_z @ about_y @ about_x, FOCAL_LENGTH * size / IMAGE_SIZE, size)
+    return Camera(np.array(POSITION), rotation_of(ROTATION), paper_focal_length(size), size)
+
+
+def paper_focal_length(size: int) -> float:
+    """The paper's focal length in pixels, for an image of another size: the field of view is the same."""
+    return FOCAL_LENGTH * size / IMAGE_SIZE
+
+
+def rotation_of(angles) -> np.ndarray:
+    """(3, 3) rotation of Euler angles (3,) in degrees as Blender applies them: about fixed x, then y, then z."""
+    about_x, about_y, about_z = (rotation_about(axis, np.radians(angle)) for axis, angle in enumerate(angles))
+    return about_z @ about_y @ about_x
 
 
 def looking_at(target, position, size: int = IMAGE_SIZE, field_of_view: float = 34.95, up=(0.0, 0.0, 1.0)) -> Camera:
-    """A camera at `position` (3,) that looks at `target` (3,) with `up` upwards; field of view in degrees."""
+    """A camera at `position` (3,) that looks at `target` (3,) with `up` upwards; field of view in degrees.
+
+    Raises ValueError if it would look along `up`, or from the target itself.
+    """
     position = np.asarray(position, dtype=float)
     back = position - np.asarray(target, dtype=float)
     right = np.cross(up, back)

@@ -10,7 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from palpate.camera import Camera, paper_camera
+from palpate.camera import Camera, looking_at, paper_camera, paper_focal_length, rotation_of
+from palpate.configuration import ConfigError
 from palpate.hand.hand import Hand
 from palpate.mesh import OBJECT_POSITION, mesh_file
 
@@ -19,20 +20,39 @@ GRASP_ARRAYS = ("link_pose", "sensor_position", "sensor_rotation")
 
 
 @dataclass(frozen=True)
-class Lights:
-    """One lamp, a sun of no extent, and a constant ambient light.
-
-    A white diffuse surface (albedo 0.8) that faces the lamp comes out at 0.8 * (strength / pi + ambient) = 0.9
-    of white.
+class Light:
+    """A light of a scene.
 
     Attributes:
-        direction: (3,) from the object towards the lamp; the default is the camera's upper left.
-        strength: of the lamp, W / m2. ambient: radiance of the ambient light, 1 is white.
+        kind: `sun` shines in one direction everywhere; `point` in all directions from a sphere; `area` from a square,
+            to one side; `ambient` is the same from everywhere.
+        energy: of a sun W / m2, of a point or an area W; of an ambient light its radiance, of which 1 is white.
+        position: (3,) in the world, m; of a sun just the direction from the target counts.
+        target: (3,) that a sun or an area shines at; None is the object's place.
+        size: of a sun its extent in degrees, of a point its radius and of an area its side in m: the larger, the
+            softer its shadows.
+        colour: (3,) sRGB in 0..1, by which the energy is multiplied.
     """
 
-    direction: tuple[float, float, float] = (0.6, -0.55, 1.3)
-    strength: float = 2.1
-    ambient: float = 0.45
+    kind: str
+    energy: float
+    position: tuple[float, float, float] | None = None
+    target: tuple[float, float, float] | None = None
+    size: float = 0.0
+    colour: tuple[float, float, float] = (1.0, 1.0, 1.0)
+
+
+# A sun from the paper's camera's upper left, of no extent, so that its shadows are sharp and free of noise. A white
+# diffuse surface (albedo 0.8) that faces it comes out at 0.8 * (2.1 / pi + 0.45) = 0.9 of white.
+LIGHTS = (Light("sun", 2.1, (0.6, -0.55, 1.9)), Light("ambient", 0.45))
+WHITE = (1.0, 1.0, 1.0)
+# What lights have besides kind, energy and colour.
+LIGHT_KEYS = {
+    "sun": ("position", "target", "size"),
+    "point": ("position", "size"),
+    "area": ("position", "target", "size"),
+    "ambient": (),
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,7 +64,7 @@ class Scene:
         object_position: (3,) of the origin of the object's own frame.
         hand: None if the object is alone; link_pose: (g, L, 4, 4) of its links.
         sensor_position: (g, s, 3), sensor_rotation: (g, s, 3, 3) of the sensors; columns are the frame's axes.
-        camera, lights: what an image is made with.
+        camera, lights: what an image is made with. background: behind all, sRGB in 0..1; None is transparent.
 
     Raises ValueError for poses of links without a hand.
     """
@@ -56,7 +76,8 @@ class Scene:
     sensor_rotation: np.ndarray = field(default_factory=lambda: np.zeros((0, 0, 3, 3)))
     object_position: tuple[float, float, float] = OBJECT_POSITION
     camera: Camera = field(default_factory=paper_camera)
-    lights: Lights = Lights()
+    lights: tuple[Light, ...] = LIGHTS
+    background: tuple[float, float, float] | None = WHITE
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "object_folder", Path(self.object_folder))
@@ -83,3 +104,68 @@ class Scene:
     def visual_file(self) -> Path:
         """The object's geometry and materials, in its own frame; raises as `palpate.mesh.mesh_file` does."""
         return mesh_file(self.object_folder, "visual.glb")
+
+
+def cameras(settings: Mapping[str, Any]) -> list[Camera]:
+    """The cameras of the config's section `vision`: the paper's, or those that it lists.
+
+    Raises ConfigError, naming the camera, if one is not determined, or does not have the object's place in its image.
+    """
+    size = settings["size"]
+    if settings["cameras"] is None:
+        return [paper_camera(size)]
+    return [_camera(f"config vision.cameras.{number}", each, size) for number, each in enumerate(settings["cameras"])]
+
+
+def _camera(where: str, settings: Mapping[str, Any], size: int) -> Camera:
+    if ("target" in settings) == ("rotation" in settings):
+        raise ConfigError(f"{where}: give either `target`, the point that it looks at, or `rotation`")
+    if "focal_length" in settings and "field_of_view" in settings:
+        raise ConfigError(f"{where}: give `focal_length` or `field_of_view`, not both")
+    if "up" in settings and "target" not in settings:
+        raise ConfigError(f"{where}: `up` belongs to `target`: a rotation says where up is")
+    position = np.array(settings["position"], dtype=float)
+    if "rotation" in settings:
+        rotation = rotation_of(settings["rotation"])
+    else:
+        up = {"up": settings["up"]} if "up" in settings else {}
+        try:
+            rotation = looking_at(settings["target"], position, size, **up).rotation
+        except ValueError as error:
+            raise ConfigError(f"{where}: {error}") from None
+    focal_length = settings.get("focal_length", paper_focal_length(size))
+    if "field_of_view" in settings:
+        focal_length = size / 2 / np.tan(np.radians(settings["field_of_view"]) / 2)
+    camera = Camera(position, rotation, float(focal_length), size)
+    (column, row), depth = camera.project(np.array(OBJECT_POSITION))
+    if not (depth > 0 and 0 <= column <= size and 0 <= row <= size):
+        raise ConfigError(f"{where}: the object's place {OBJECT_POSITION} is not in its image: turn or move it")
+    return camera
+
+
+def lights(settings: Mapping[str, Any]) -> tuple[Light, ...]:
+    """The lights of the config's section `vision`: `LIGHTS`, or those that it lists.
+
+    Raises ConfigError, naming the light, if one lacks something, or has what its kind has not.
+    """
+    if settings["lights"] is None:
+        return LIGHTS
+    found = []
+    for number, each in enumerate(settings["lights"]):
+        where, kind = f"config vision.lights.{number}", each["kind"]
+        keys = LIGHT_KEYS[kind]
+        if unknown := sorted(set(each) - {"kind", "energy", "colour", *keys}):
+            raise ConfigError(f"{where}: light of kind {kind} has no {', '.join(unknown)}")
+        if "position" in keys and "position" not in each:
+            raise ConfigError(f"{where}: light of kind {kind} needs a position")
+        if kind == "area" and not each.get("size"):
+            raise ConfigError(f"{where}: light of kind area needs a size above 0, its side in m")
+        if "target" in keys and np.array_equal(each["position"], each.get("target", OBJECT_POSITION)):
+            raise ConfigError(f"{where}: its position is its target: no direction to shine in")
+        found.append(Light(**{key: tuple(value) if isinstance(value, list) else value for key, value in each.items()}))
+    return tuple(found)
+
+
+def background(settings: Mapping[str, Any]) -> tuple[float, float, float] | None:
+    """The background of the config's section `vision`, as a scene has it."""
+    return None if settings["background"] == "transparent" else tuple(settings["background"])

@@ -3,6 +3,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from palpate.camera import Camera, matrices
 from palpate.vision import looking_at, paper_camera
 
 OBJECT = np.array([0.0, 0.0, 0.6])
@@ -51,6 +52,26 @@ def test_rays_go_through_pixel_centres():
     row, column = np.mgrid[:32, :32]
     assert np.allclose(pixels, np.stack([column, row], axis=-1) + 0.5)
     assert np.allclose(seen, depth)
+
+
+def test_a_camera_comes_back_from_its_matrices():
+    for camera in (paper_camera(100), looking_at((0.1, 0.2, 0.3), (1.0, -1.0, 0.8), 64, 70)):
+        stored = matrices([camera])
+        back = Camera.from_matrices(stored["intrinsics"][0], stored["extrinsics"][0], camera.size)
+        np.testing.assert_allclose(back.position, camera.position, atol=1e-12)
+        np.testing.assert_allclose(back.rotation, camera.rotation, atol=1e-12)
+        np.testing.assert_allclose(back.matrix(), camera.matrix(), atol=1e-9)
+        np.testing.assert_allclose(np.linalg.inv(back.pose())[:3] * [[1], [-1], [-1]], camera.extrinsics(), atol=1e-9)
+
+
+@pytest.mark.parametrize("place, value", [((0, 0), 99.0), ((1, 1), 99.0), ((0, 2), 51.0), ((0, 1), 1.0), ((2, 2), 2.0)])
+def test_matrices_that_are_not_of_such_a_camera_are_refused(place, value):
+    intrinsics = paper_camera(100).intrinsics()
+    intrinsics[place] = value
+    with pytest.raises(ValueError, match="expected square pixels and the principal point at the image's centre"):
+        Camera.from_matrices(intrinsics, paper_camera(100).extrinsics(), 100)
+    with pytest.raises(ValueError, match="of an image of 101 pixels"):
+        Camera.from_matrices(paper_camera(100).intrinsics(), paper_camera(100).extrinsics(), 101)
 
 
 def test_points_behind_the_camera_have_no_pixel():

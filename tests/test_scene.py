@@ -7,7 +7,7 @@ import trimesh
 from palpate import touch
 from palpate.hand import allegro
 from palpate.mesh import OBJECT_POSITION, load_visual
-from palpate.scene import GRASP_ARRAYS, Lights, Scene
+from palpate.scene import GRASP_ARRAYS, LIGHTS, Scene
 from palpate.vision import looking_at, paper_camera
 from tests.vision.scenes import grasp_poses
 
@@ -27,7 +27,7 @@ def test_a_scene_of_grasps_has_their_arrays_and_the_defaults(tmp_path):
     assert scene.sensor_position.shape == (2, 4, 3) and scene.sensor_rotation.shape == (2, 4, 3, 3)
     for name, array in arrays.items():
         assert getattr(scene, name) is array
-    assert scene.object_position == OBJECT_POSITION and scene.lights == Lights()
+    assert scene.object_position == OBJECT_POSITION and scene.lights == LIGHTS
     np.testing.assert_array_equal(scene.camera.matrix(), paper_camera().matrix())
     camera = looking_at((0, 0, 0.6), (1, 0, 1), 64)
     assert Scene.from_grasps(tmp_path, arrays, HAND, camera=camera).camera is camera

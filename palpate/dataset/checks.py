@@ -15,12 +15,12 @@ from typing import NamedTuple
 import numpy as np
 import trimesh
 
+from palpate.camera import Camera
 from palpate.hand import MAX_PENETRATION, Hand
 from palpate.mesh import DIAGONAL, OBJECT_POSITION, load_visual, mesh_file
 from palpate.sensor import DIGIT, Sensor
 from palpate.surface.embree import RayMesh
 from palpate.touch import RayCaster, local_points, shade
-from palpate.vision import paper_camera
 
 # libigl would use every core for one batch, but batches are what is done in parallel. Read at its first use.
 os.environ.setdefault("IGL_NUM_THREADS", "1")
@@ -28,7 +28,7 @@ os.environ.setdefault("IGL_NUM_THREADS", "1")
 ON_MESH = 1e-4  # metres
 EXACT = 1e-6  # metres, or per unit of a rotation: float32 coordinates below 1 m are good to 6e-8
 SOFT_LIMIT = 1e-3  # radians; MuJoCo's joint limits give way under load: 0.0003 in 100 grasps of 20 objects
-DEPTH_STEP = 2.0**-10  # metres: the step of a float16 between 1 and 2
+DEPTH_STEP = 2.0**-10  # relative: the step of a float16 between 1 and 2 m, twice that between 2 and 4 m
 HAND_REACH = 0.5  # metres: no part of a hand that touches an object is further from it
 NEAR = 1e-3  # metres around a cloud in which faces are looked at first
 BORDER = 1e-4  # metres: this close to the edge of a sensor's range, tracers need not agree whether it touches
@@ -81,6 +81,10 @@ CHECKS = {
     "empty reading": Check(0, "grey levels between the empty reading and that of a sensor that touches nothing"),
     # Of vision.
     "mask values": Check(0, "mask pixels neither 0 nor 255"),
+    "camera": Check(
+        EXACT,
+        "distance of cameras' rotations from orthonormal; inf if matrices are not finite or not a camera's",
+    ),
     "image depth": Check(0, "depth pixels that are NaN or out of the scene, or finite where the object's mask is 0"),
     "seen": Check(0, "images that are of one colour, and unoccluded masks without a pixel"),
     "picture of mesh": Check(
@@ -242,21 +246,56 @@ def check_touch(item: CheckedObject) -> Measured:
 
 
 def check_vision(item: CheckedObject) -> Measured:
-    """The images of one object."""
+    """The images of one object, by all of its cameras."""
     rows = item.rows["vision"]
-    alone = rows["unoccluded_mask"] == 255, rows["unoccluded_depth"].astype(np.float32)
     masks = np.concatenate([rows["unoccluded_mask"][None], rows["occluded_mask"]])
     yield "mask values", np.sum((masks != 0) & (masks != 255))
-    depths = np.concatenate([rows["unoccluded_depth"][None], rows["occluded_depth"]])
-    centre = np.linalg.norm(paper_camera().position - OBJECT_POSITION)
-    outside = np.abs(depths.astype(np.float32) - centre) > DIAGONAL / 2 + HAND_REACH
-    wrong = np.isnan(depths) | (outside & (depths != np.inf))
-    yield "image depth", np.sum(wrong) + np.sum(alone[0] != np.isfinite(alone[1]))
     images = np.concatenate([rows["unoccluded"][None], rows["occluded"]])
-    one_colour = (images == images[:, :1, :1]).all(axis=(1, 2, 3))
-    yield "seen", int(one_colour.sum()) + int(not alone[0].any())
-    yield "picture of mesh", _picture_error(item, *alone)
-    yield "occlusion", _occlusion_error(rows, *alone)
+    one_colour = (images == images[:, :, :1, :1]).all(axis=(2, 3, 4))
+    yield "seen", int(one_colour.sum()) + int((rows["unoccluded_mask"] != 255).all(axis=(1, 2)).sum())
+    finite = np.isfinite(rows["extrinsics"]).all()
+    error = rotation_error(rows["extrinsics"][..., :3]).max() if finite else np.inf
+    try:
+        seen = [_Pictures.of_camera(rows, number) for number in range(len(rows["intrinsics"]))]
+    except ValueError:
+        error = np.inf
+    yield "camera", error
+    if error <= EXACT:  # else nothing is where it says
+        yield "image depth", sum(map(_depth_error, seen))
+        yield "picture of mesh", max(_picture_error(item, pictures) for pictures in seen)
+        yield "occlusion", np.max([_occlusion_error(pictures) for pictures in seen], axis=0)
+
+
+class _Pictures(NamedTuple):
+    """What one camera saw: object masks (p, p) and (g, p, p) bool, depths of the same shapes, m."""
+
+    camera: Camera
+    mask: np.ndarray
+    depth: np.ndarray
+    occluded_mask: np.ndarray
+    occluded_depth: np.ndarray
+
+    @classmethod
+    def of_camera(cls, rows: dict[str, np.ndarray], number: int) -> "_Pictures":
+        """Of the rows of one object; ValueError if the camera's matrices are none."""
+        mask, depth = rows["unoccluded_mask"][number], rows["unoccluded_depth"][number]
+        camera = Camera.from_matrices(rows["intrinsics"][number], rows["extrinsics"][number], len(mask))
+        of_grasps = rows["occluded_mask"][:, number] == 255, rows["occluded_depth"][:, number].astype(np.float32)
+        return cls(camera, mask == 255, depth.astype(np.float32), *of_grasps)
+
+
+def _depth_error(pictures: _Pictures) -> int:
+    """Number of depths that are wrong on their own: NaN, out of the scene, or not finite just where the object is."""
+    depths = np.concatenate([pictures.depth[None], pictures.occluded_depth])
+    centre = pictures.camera.project(np.array(OBJECT_POSITION))[1]
+    outside = np.abs(depths - centre) > DIAGONAL / 2 + HAND_REACH
+    wrong = np.isnan(depths) | (outside & (depths != np.inf))
+    return int(np.sum(wrong) + np.sum(pictures.mask != np.isfinite(pictures.depth)))
+
+
+def _step(depth: np.ndarray) -> np.ndarray:
+    """By how much stored depths may be off, m: the step of a float16 at depths (...), but no less than 1 m."""
+    return DEPTH_STEP * 2.0 ** np.floor(np.log2(np.where(np.isfinite(depth), np.maximum(depth, 1), 1)))
 
 
 def check_together(item: CheckedObject) -> Measured:
@@ -332,12 +371,12 @@ def _depth_in_hand(hand: Hand, link_pose: np.ndarray, points: np.ndarray) -> flo
     return max(-hand.signed_distance(points, link_pose).min(initial=0), 0)
 
 
-def _picture_error(item: CheckedObject, mask: np.ndarray, depth: np.ndarray) -> float:
+def _picture_error(item: CheckedObject, pictures: _Pictures) -> float:
     """Share of pixels where mask or depth differ from rays cast at the mesh through the pixels' centres.
 
     Where the mesh is transparent, they may show what lies behind it, or nothing.
     """
-    camera = paper_camera(len(mask))
+    camera = pictures.camera
     rays = camera.rays().reshape(-1, 3)
     mesh = RayMesh(item.mesh)
     face = mesh.first_face(np.broadcast_to(camera.position, rays.shape), rays)
@@ -347,19 +386,19 @@ def _picture_error(item: CheckedObject, mask: np.ndarray, depth: np.ndarray) -> 
     first = np.full(len(rays), np.inf)
     with np.errstate(divide="ignore", invalid="ignore"):  # faces seen edge-on
         first[hit] = np.einsum("ni,ni->n", normal, corner - camera.position) / ahead
-    seen, found = mask.ravel(), depth.ravel()
+    seen, found = pictures.mask.ravel(), pictures.depth.ravel()
     with np.errstate(invalid="ignore"):  # inf - inf
-        differs = (hit != seen) | (hit & ~(np.abs(first - found) <= DEPTH_STEP))
+        differs = (hit != seen) | (hit & ~(np.abs(first - found) <= _step(first)))
     if item.see_through:
         differs &= ~(hit & (found > first))
     return _share(differs.sum(), hit.sum())
 
 
-def _occlusion_error(rows: dict[str, np.ndarray], mask: np.ndarray, depth: np.ndarray) -> np.ndarray:
+def _occlusion_error(pictures: _Pictures) -> np.ndarray:
     """Share of the object's pixels that don't fit the image without the hand, for each grasp: (g,)."""
-    seen, nearest = rows["occluded_mask"] == 255, rows["occluded_depth"].astype(np.float32)
+    _, mask, depth, seen, nearest = pictures
     with np.errstate(invalid="ignore"):  # inf - inf
-        same = np.abs(nearest - depth) <= DEPTH_STEP
+        same = np.abs(nearest - depth) <= _step(depth)
     wrong = (seen & ~(mask & same)) | (mask & ~seen & ~(nearest < depth))
     return _share(wrong.sum(axis=(1, 2)), mask.sum())
 

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, overload
 
 import numpy as np
 
+from palpate.camera import Camera
 from palpate.catalogue import CatalogueEntry
 from palpate.dataset.arrays import JoinedArray, fill_untouched
 from palpate.dataset.grasps import GraspDataset
@@ -147,14 +148,17 @@ class Dataset(Sequence):
         values = self.array(stage, name).load()
         return values if dtype is None else values.astype(dtype, copy=False)
 
-    def grasps(self, split: str | None = None, arrays: Iterable[str] | None = None) -> GraspDataset:
+    def grasps(
+        self, split: str | None = None, arrays: Iterable[str] | None = None, camera: int | None = 0
+    ) -> GraspDataset:
         """All grasps as a map-style dataset of dictionaries, for `torch.utils.data.DataLoader` as it is.
 
         split: train, validation or test; all by default. arrays: which to read, by their names in the dictionaries;
-        all by default. See `palpate.dataset.GraspDataset`.
+        all by default. camera: whose images are read; None for those of all, with an axis k.
+        See `palpate.dataset.GraspDataset`.
         """
         chosen = self if split is None else self.split(split)
-        return GraspDataset(self._run, chosen._entries.values(), self._asked, arrays)
+        return GraspDataset(self._run, chosen._entries.values(), self._asked, arrays, camera)
 
     def table(self) -> "pandas.DataFrame":
         """A row a grasp: object, class, split, batch, grasp, touches, and the object's row in `array`.
@@ -182,6 +186,10 @@ class Dataset(Sequence):
         table.insert(4, "grasp", np.tile(np.arange(touches.shape[1]), len(entries)))
         table.insert(5, "touches", touches.ravel())
         return table
+
+    def cameras(self) -> np.ndarray:
+        """(o, k, 3, 4) float64 projections of the k cameras, from homogeneous world coordinates (m) to pixels."""
+        return self.load("vision", "intrinsics") @ self.load("vision", "extrinsics")
 
     @property
     def empty_reading(self) -> np.ndarray:
@@ -252,8 +260,8 @@ class _Record:
             if name not in vars(cls):
                 setattr(cls, name, property(_reader(name), doc=_described(stage, spec, leading)))
 
-    def __init__(self, run: Run, entry: CatalogueEntry):
-        self._run, self._entry = run, entry
+    def __init__(self, run: Run, entry: CatalogueEntry, camera: int = 0):
+        self._run, self._entry, self.camera_number = run, entry, camera
         self._values: dict[str, np.ndarray] = {}  # that were read
 
     @property
@@ -262,12 +270,34 @@ class _Record:
         return [stage for stage in CONTRACT if self._run.has(stage)]
 
     def _read(self, name: str) -> np.ndarray:
-        """The row in array `name`, as it is stored; read once."""
+        """The row in array `name`, as it is stored, of the record's camera where it has an axis of them; read once."""
         if name not in self._values:
             stage = self.stage_of[name]
             row = self._run.row(stage, self._entry)
-            self._values[name] = self._run.store(stage, self._entry.batch).get(name, (row, *self.index))
+            of_camera = (self.camera_number,) if CONTRACT[stage].arrays[name].of_cameras else ()
+            self._values[name] = self._run.store(stage, self._entry.batch).get(name, (row, *self.index, *of_camera))
         return self._values[name]
+
+    @cached_property
+    def cameras(self) -> int:
+        """Number of the scene's cameras."""
+        return self._run.store("vision", self._entry.batch).header("intrinsics")[0][1]
+
+    def _with_camera(self, number: int) -> int:
+        if number not in range(self.cameras):
+            raise IndexError(f"{self!r} has no camera {number}: it has {self.cameras}, numbered from 0")
+        return number
+
+    @property
+    def vision_camera(self) -> Camera:
+        """The camera of its images; `vision_camera.pose()` (4, 4), `.project(points)`, `.rays()`."""
+        size = self._run.store("vision", self._entry.batch).header("unoccluded")[0][2]
+        return Camera.from_matrices(self.intrinsics, self.extrinsics, size)
+
+    @property
+    def camera_pose(self) -> np.ndarray:
+        """(4, 4) pose of its images' camera in the world, m: columns are x right, y up, -z into the scene, position."""
+        return self.vision_camera.pose()
 
     def __getattr__(self, name: str) -> np.ndarray:
         known = ", ".join(sorted(self.stage_of))
@@ -281,9 +311,9 @@ def _reader(name: str) -> Callable[[_Record], np.ndarray]:
 
 
 def _described(stage: str, spec: ArraySpec, leading: int) -> str:
-    """Shape, type, unit and meaning of a row of an array, whose leading axes are indexed."""
-    axes = ", ".join(map(str, spec.shape[leading:]))
-    shape = f"({axes},)" if len(spec.shape) == leading + 1 else f"({axes})"
+    """Shape, type, unit and meaning of a row of an array, whose leading axes are indexed, as is that of cameras."""
+    axes = [str(axis) for axis in spec.shape[leading:] if axis != "k"]
+    shape = f"({axes[0]},)" if len(axes) == 1 else f"({', '.join(axes)})"
     unit = f", {spec.unit}" if spec.unit else ""
     optional = " Not in every run." if spec.optional else ""
     return f"{shape} {spec.dtype}{unit}. {spec.meaning}. Of the {stage} store.{optional}"
@@ -292,7 +322,13 @@ def _described(stage: str, spec: ArraySpec, leading: int) -> str:
 class ObjectRecord(_Record):
     """One object: `class_name`, `split`, `batch`, `mesh` (folder), `grasps`, and every array of the contract with one
     row an object. Shapes are in the symbols of docs/dataset.md (`palpate.store.contract.SYMBOLS`).
+
+    Images, masks, depths and matrices are those of the scene's first camera; `seen_by(1)` gives the next one's.
     """
+
+    def seen_by(self, number: int) -> "ObjectRecord":
+        """The same object with the images of another of its `cameras`. Raises IndexError if there is none."""
+        return ObjectRecord(self._run, self._entry, self._with_camera(number))
 
     @property
     def name(self) -> str:
@@ -329,7 +365,8 @@ class ObjectRecord(_Record):
     @cached_property
     def grasps(self) -> list["GraspRecord"]:
         """Its grasps; their number is that of the first stage that has grasps."""
-        return [GraspRecord(self._run, self._entry, number) for number in range(self._run.grasps(self._entry))]
+        numbers = range(self._run.grasps(self._entry))
+        return [GraspRecord(self._run, self._entry, number, self.camera_number) for number in numbers]
 
     def __repr__(self) -> str:
         return f"ObjectRecord({self.name!r}, class {self.class_name}, {self.split}, {self.batch})"
@@ -345,15 +382,29 @@ class GraspRecord(_Record):
 
     of_grasps = True
 
-    def __init__(self, run: Run, entry: CatalogueEntry, number: int):
-        super().__init__(run, entry)
+    def __init__(self, run: Run, entry: CatalogueEntry, number: int, camera: int = 0):
+        super().__init__(run, entry, camera)
         self.number = number
         self.index = (number,)
 
     @property
     def object(self) -> ObjectRecord:
-        """The object that is grasped."""
-        return ObjectRecord(self._run, self._entry)
+        """The object that is grasped, seen by the same camera."""
+        return ObjectRecord(self._run, self._entry, self.camera_number)
+
+    def seen_by(self, number: int) -> "GraspRecord":
+        """The same grasp with the images of another of the `cameras`. Raises IndexError if there is none."""
+        return GraspRecord(self._run, self._entry, self.number, self._with_camera(number))
+
+    @cached_property
+    def intrinsics(self) -> np.ndarray:
+        """(3, 3) from x right, y down, z into the scene of the camera, m, to homogeneous pixels."""
+        return self.object.intrinsics
+
+    @cached_property
+    def extrinsics(self) -> np.ndarray:
+        """(3, 4) from homogeneous world coordinates, m, to x right, y down, z into the scene of the camera."""
+        return self.object.extrinsics
 
     @cached_property
     def sensors(self) -> tuple[str, ...]:

@@ -79,7 +79,7 @@ def evaluate(
 ) -> pd.DataFrame:
     """Score every sample of some splits: `rows.COLUMNS`, a row a sample.
 
-    A sample is an object with a window of its grasps, or a view of it (see `palpate.training.windows`).
+    A sample is an object with a window of its grasps, and a view or camera (see `palpate.training.windows`).
     `points` are sampled on the predicted mesh, from random numbers that depend on the object only, so that
     models differ by their meshes only. `seconds` is the prediction's time, an equal share of its batch's. Raises
     EvaluationError, naming the object, for a prediction that is not finite.
@@ -168,7 +168,8 @@ def predictions(trained: Trained, data: TrainingData, splits: Sequence[str]) -> 
     for part in _batches(samples):
         start = time.perf_counter()
         batch = assemble(part)
-        if trained.experiment["vision"] == "unoccluded" and len({sample.object for sample in part}) == 1:
+        one_image = len({(sample.object, sample.view) for sample in part}) == 1
+        if trained.experiment["vision"] == "unoccluded" and one_image:
             batch["image"] = batch["image"][:1].expand_as(batch["image"])  # encoded once
         with torch.inference_mode():
             vertices = trained.model(batch).float()

@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from palpate.camera import IMAGE_SIZE
 from palpate.dataset import Dataset
 from palpate.remedy import command
 from palpate.sensor import Sensor
@@ -78,8 +77,9 @@ def reconstruct(
 ) -> "trimesh.Trimesh":
     """The mesh that a trained model predicts from one image, from touches, or from both.
 
-    image: (256, 256, 3) uint8 sRGB from the dataset's camera, row 0 at the top; of a size of its own for a
-    model of single views, with the view's `camera` (3, 4), from homogeneous world coordinates to pixels.
+    image: (s, s, 3) uint8 sRGB, row 0 at the top; of (s, s, 4) the last channel is opacity. camera: (3, 4) the image's,
+    from homogeneous world coordinates to pixels. Without it the image is taken to be of the camera, and of the size,
+    of all images that the model was trained on; models that were trained on several cameras, or on views, need it.
     touches: one grasp, or a sequence of as many as the model takes: grasp records of `palpate.Dataset`, or
     `GraspTouches`. What the model does not take is ignored. model: its folder,
     `<run>/models/<experiment>/seed-<k>`, or the checkpoint in it; a model that takes touch charts also reads
@@ -114,7 +114,9 @@ class Reconstructor:
         self.path = checkpoint(model)
         from palpate.training import checkpoints  # brings torch: after what can be wrong without it
 
-        self.experiment = checkpoints.read(self.path, "reconstruction")["experiment"]
+        content = checkpoints.read(self.path, "reconstruction")
+        self.experiment = content["experiment"]
+        self._camera, self._image_size = content.get("camera"), content.get("image_size")
         self._model = checkpoints.load(self.path).to(device)
         self._charts = None
         if self.takes_charts:
@@ -178,29 +180,27 @@ class Reconstructor:
         return dict.fromkeys(numbers, self(*of_object(record, self.experiment)).mesh())
 
     def _image_inputs(self, image: np.ndarray | None, camera: np.ndarray | None) -> dict[str, np.ndarray]:
-        """The image, and for a single view its camera, as the model takes them."""
-        vision = self.experiment["vision"]
+        """The image and its camera as the model takes them."""
         if image is None:
-            raise ReconstructionError(f"{self.name} takes an image ({vision} vision): give one")
+            raise ReconstructionError(f"{self.name} takes an image ({self.experiment['vision']} vision): give one")
         image = np.asarray(image)
-        size = None if vision == "views" else IMAGE_SIZE
-        square = image.ndim == 3 and image.shape[0] == image.shape[1] and image.shape[2] == 3
+        size = None if camera is not None or self._camera is None else self._image_size
+        square = image.ndim == 3 and image.shape[0] == image.shape[1] and image.shape[2] in (3, 4)
         if not square or (size and len(image) != size):
             wanted = f"({size}, {size}, 3)" if size else "(s, s, 3)"
-            raise ReconstructionError(f"the image has shape {image.shape}, expected {wanted}")
+            remedy = "; of another size, give its camera" if square else ""
+            raise ReconstructionError(f"the image has shape {image.shape}, expected {wanted}{remedy}")
         if image.dtype != np.uint8:
             _check_finite("the image", image)
             raise ReconstructionError(f"the image is of type {image.dtype}, expected uint8 (sRGB, 0 to 255)")
-        inputs = {"image": image}
-        if vision == "views":
-            if np.shape(camera) != (3, 4):  # () of None
-                raise ReconstructionError(
-                    f"{self.name} takes views from all around: give the view's camera (3, 4), from "
-                    f"homogeneous world coordinates to pixels (found an array of shape {np.shape(camera)})"
-                )
-            _check_finite("the camera", np.asarray(camera))
-            inputs["camera"] = np.asarray(camera, dtype=np.float32)
-        return inputs
+        camera = self._camera if camera is None else camera
+        if np.shape(camera) != (3, 4):  # () of None
+            raise ReconstructionError(
+                f"{self.name} was trained on several cameras: give the image's camera (3, 4), from "
+                f"homogeneous world coordinates to pixels (found an array of shape {np.shape(camera)})"
+            )
+        _check_finite("the camera", np.asarray(camera))
+        return {"image": image, "camera": np.asarray(camera, dtype=np.float32)}
 
     def _all_touches(self, touches) -> GraspTouches:
         """All sensors of all grasps in one, checked."""
@@ -397,11 +397,11 @@ def _seed(name: str) -> int:
 
 
 def of_object(record, experiment, grasps: Sequence[int] | None = None, view: int = 0):
-    """The inputs of a model from an object of the dataset: image or None, grasp records, camera or None.
+    """The inputs of a model from an object of the dataset: image or None, grasp records, the image's camera or None.
 
     record: of `palpate.Dataset`. experiment: the model's. grasps: numbers of the grasps, as many as the
     model takes; the first ones by default. An occluded image is that of the first of them. view: number of
-    the view, for a model of single views.
+    the view, for a model of single views, or of the camera.
 
     Raises ReconstructionError for a grasp or view that the object does not have.
     """
@@ -416,12 +416,14 @@ def of_object(record, experiment, grasps: Sequence[int] | None = None, view: int
         if not 0 <= view < len(images):
             raise ReconstructionError(f"{record.name} has no view {view}: it has {len(images)}, numbered from 0")
         return images[view], touches, record.camera[view]
-    image = {
-        "none": lambda: None,
-        "unoccluded": lambda: record.unoccluded,
-        "occluded": lambda: available[numbers[0]].occluded,
-    }[experiment["vision"]]()
-    return image, touches, None
+    if experiment["vision"] == "none":
+        return None, touches, None
+    try:
+        seen = (record if experiment["vision"] == "unoccluded" else available[numbers[0]]).seen_by(view)
+    except IndexError as error:
+        raise ReconstructionError(str(error)) from None
+    image = seen.unoccluded if experiment["vision"] == "unoccluded" else seen.occluded
+    return image, touches, seen.vision_camera.matrix()
 
 
 def _counted(grasps: int) -> str:

@@ -17,9 +17,10 @@ TEXT = ("object", "class", "split")
 
 def grasps_by_split(dataset: Dataset, arrays: Iterable[str] | None) -> dict[str, GraspDataset]:
     """The grasps of each split that has objects. Raises what `Dataset.grasps` raises."""
-    whole = dataset.grasps(arrays=arrays)  # the same arrays in each split, and an error if there is no object
+    camera = None if "vision" in dataset.stages and len(dataset) and dataset[0].cameras > 1 else 0
+    whole = dataset.grasps(arrays=arrays, camera=camera)  # the same arrays in each split, an error without objects
     found = {record.split for record in dataset}
-    return {split: dataset.grasps(split, whole.arrays) for split in SPLITS if split in found}
+    return {split: dataset.grasps(split, whole.arrays, camera) for split in SPLITS if split in found}
 
 
 def with_progress(grasps: GraspDataset, split: str) -> Iterator[dict]:

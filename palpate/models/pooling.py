@@ -16,8 +16,9 @@ NEAR = 1e-3
 
 def relative_camera(camera: Tensor, size: int) -> Tensor:
     """(..., 3, 4) world to homogeneous pixels of an image of `size` -> the same to [-1, 1] over the image."""
-    scale = camera.new_tensor([[2 / size, 0, -1], [0, 2 / size, -1], [0, 0, 1]])
-    return scale @ camera
+    # No product of matrices: in mixed precision it would be in 16 bits.
+    column, row, depth = camera.unbind(dim=-2)
+    return torch.stack([column * (2 / size) - depth, row * (2 / size) - depth, depth], dim=-2)
 
 
 class BilinearSum(torch.autograd.Function):

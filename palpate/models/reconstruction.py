@@ -10,7 +10,6 @@ from typing import Any
 import torch
 from torch import Tensor, nn
 
-from palpate.camera import IMAGE_SIZE, paper_camera
 from palpate.charts.atlas import ATLAS_RADIUS, TOUCH_VERTICES, chart_faces, sphere, touch_chart, vision_atlas
 from palpate.charts.graph import Graph
 from palpate.charts.sample import sample_faces
@@ -138,9 +137,6 @@ class Reconstruction(nn.Module):
         alignment, project = options.pop("alignment", "extent"), options.pop("project", None)
         self.encoder = ImageEncoder(**options)
         self.pooling = PerceptualPooling(alignment, self.encoder.centres())
-        camera = paper_camera()
-        matrix = torch.from_numpy(camera.intrinsics() @ camera.extrinsics())
-        self.register_buffer("camera", relative_camera(matrix, IMAGE_SIZE), persistent=False)
         features = sum(self.encoder.channels)
         self.project = LinearBlock(features, project) if project else None
         self.map_products = MapProducts()
@@ -155,7 +151,7 @@ class Reconstruction(nn.Module):
         | key | shape | for |
         |---|---|---|
         | `image` | (B, 3, S, S), float in [0, 1] | vision |
-        | `camera` | (B, 3, 4) world to homogeneous pixels; the dataset's if missing | vision |
+        | `camera` | (B, 3, 4) world to homogeneous pixels of the image | vision |
         | `success` | (B, T) bool | touch |
         | `position` | (B, T, 3) of the sensors | touch |
         | `charts` | (B, T, 81, 3), not read where success is False | touch, but for `sphere` |
@@ -251,9 +247,7 @@ class Reconstruction(nn.Module):
             return None
         image = batch["image"]
         size = image.shape[-1]
-        camera = self.camera.to(image.dtype)
-        if batch.get("camera") is not None:
-            camera = relative_camera(batch["camera"].to(image.dtype), size)
+        camera = relative_camera(batch["camera"].to(image.dtype), size)
         maps = self.encoder(image)
         if self.project:
             return lambda positions: self.project(self.pooling(maps, positions, camera, size)) @ self.image_weight
@@ -279,9 +273,7 @@ class Reconstruction(nn.Module):
         """The keys that are read, and their shapes after the first axis; None for a size that is free."""
         shapes: dict[str, tuple[int | None, ...]] = {}
         if self.vision:
-            shapes["image"] = (3, None, None)
-            if batch.get("camera") is not None:
-                shapes["camera"] = (3, 4)
+            shapes |= {"image": (3, None, None), "camera": (3, 4)}
         if self.touch:
             touches = self.sensors
             if self.pools_touch and batch.get("success") is not None:  # any number of grasps up to its own

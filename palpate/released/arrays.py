@@ -23,6 +23,7 @@ from PIL import Image
 from scipy.spatial.transform import Rotation
 
 from palpate.batch import UnusableObject
+from palpate.camera import matrices, paper_camera
 from palpate.mesh import DIAGONAL, OBJECT_POSITION
 from palpate.released.layout import EMPTY_READING, ReleasedObject
 from palpate.released.pickles import load_plain
@@ -179,14 +180,15 @@ def orientation_agreement(touch: Mapping[str, np.ndarray], empty_reading: np.nda
 
 
 def read_vision(root: Path | str, entry: ReleasedObject, grasps: int, size: int) -> dict[str, np.ndarray]:
-    """The record of the vision store: images (size, size, 3) uint8; there are no masks and no depths.
+    """The record of the vision store: images (size, size, 3) uint8 of the paper's camera; no masks, no depths.
 
     Images of another size are resized, as the authors' loader does; transparent ones are put over white.
     Raises UnusableObject, naming the file, if an image is missing or can't be read.
     """
     return {
-        "unoccluded": _image(entry.image(root), size),
-        "occluded": np.stack([_image(entry.image(root, grasp), size) for grasp in range(grasps)]),
+        "unoccluded": _image(entry.image(root), size)[None],
+        "occluded": np.stack([_image(entry.image(root, grasp), size) for grasp in range(grasps)])[:, None],
+        **matrices([paper_camera(size)]),
     }
 
 

@@ -9,6 +9,7 @@ from PIL import Image
 from scipy.spatial.transform import Rotation
 
 from palpate.atomic import atomic_write
+from palpate.camera import paper_camera
 from palpate.mesh import DIAGONAL, OBJECT_POSITION
 from palpate.released.arrays import SENSORS, SHEET_IN_CHART
 from palpate.released.layout import EMPTY_READING, SPLITS, ReleasedObject
@@ -24,7 +25,8 @@ def export(dataset, folder: Path | str) -> int:
 
     dataset: a `palpate.Dataset` of the stages `STAGES`. folder: written atomically. Sheets are written if the run has
     touch charts. Returns the number of objects. Raises StoreError if there is no object, or surface, touch or vision
-    have not been built, or if the run has another sensor or number of sensors.
+    have not been built, if the run has another sensor or number of sensors, or if images have another camera than the
+    paper's, more than one, or an opacity.
     """
     if not len(dataset):
         raise StoreError(f"{dataset!r}: no object with surface, touch and vision: nothing to export")
@@ -34,6 +36,7 @@ def export(dataset, folder: Path | str) -> int:
             f"{dataset!r}: the released layout holds {SENSORS} sensors a grasp, as the DIGIT; this run has {sensors}, "
             f"{dataset.sensor.name}{f' ({misfit})' if misfit else ''}: it can't be exported"
         )
+    _require_paper_camera(dataset)
     with atomic_write(Path(folder)) as root:
         splits: dict[str, list[str]] = {name: [] for name in SPLITS}
         theirs = {ours: name for name, ours in SPLITS.items()}
@@ -44,6 +47,19 @@ def export(dataset, folder: Path | str) -> int:
         _save(root / "split.npy", splits)
         _save(root / EMPTY_READING, dataset.empty_reading.transpose(1, 0, 2))
     return len(dataset)
+
+
+def _require_paper_camera(dataset) -> None:
+    """Raise StoreError if images are not as the layout, which states no camera, takes them to be."""
+    *_, size, channels = dataset.array("vision", "unoccluded").shape
+    found, paper = dataset.cameras(), paper_camera(size).matrix()
+    if found.shape[1] != 1 or not np.allclose(found, paper, rtol=1e-6):
+        raise StoreError(
+            f"{dataset!r}: the authors' layout has images of the paper's one camera, but this run has "
+            f"{'others' if found.shape[1] == 1 else found.shape[1]}: export a run with vision.cameras null"
+        )
+    if channels != 3:
+        raise StoreError(f"{dataset!r}: the authors' layout has opaque images: export a run with a vision.background")
 
 
 def _export_object(record, root: Path, entry: ReleasedObject, charts: bool) -> None:

@@ -7,7 +7,7 @@ import pandas as pd
 import torch
 from torch import Tensor, nn
 
-from palpate.camera import IMAGE_SIZE
+from palpate.camera import IMAGE_SIZE, paper_camera
 from palpate.charts.atlas import TOUCH_VERTICES
 from palpate.mesh import OBJECT_POSITION
 from palpate.models.architectures import PAPER_ARCHITECTURES
@@ -196,12 +196,16 @@ def architecture_table(name: str) -> pd.DataFrame:
         return compare(name, read_layers(TouchDepth().eval(), _image(RESOLUTION)))
     architecture = PAPER_ARCHITECTURES[name]
     model = Reconstruction("charts", "encoder" in architecture, "touch" in name, 1, architecture).eval()
-    batch = {"image": _image(VIEW_SIZE if name == "single_image" else IMAGE_SIZE)} if model.vision else {}
+    batch = _seen(VIEW_SIZE if name == "single_image" else IMAGE_SIZE) if model.vision else {}
     if model.touch:
         position = torch.tensor(OBJECT_POSITION).expand(1, model.sensors, 3)
         batch |= {"success": torch.ones(1, model.sensors, dtype=torch.bool), "position": position}
         batch["charts"] = position[:, :, None].expand(-1, -1, TOUCH_VERTICES, -1)
     return compare(name, read_layers(model, batch))
+
+
+def _seen(size: int) -> dict[str, Tensor]:
+    return {"image": _image(size), "camera": torch.from_numpy(paper_camera(size).matrix()).float()[None]}
 
 
 def _image(size: int) -> Tensor:

@@ -49,7 +49,7 @@ STAGES = ("surface", "touch", "vision")  # whose objects can be drawn
 POINT = 0.004  # m, radius of a surface point, where there is no mesh
 SAMPLES = 16
 PIXELS = 240
-# The paper's camera with a narrower field of view: objects, 0.5 m across at most, fill its image to two
+# The images' camera with a narrower field of view. By the paper's, objects, 0.5 m across at most, fill its image to two
 # thirds, and predictions can be as large as the initial sphere.
 ZOOM = 1.3
 SHOWN = 0.98  # of the vertices of each mesh of a row
@@ -91,8 +91,9 @@ def reconstructions(
     cells, zooms = {}, []
     for row in range(len(records)):
         of_row = {column: mesh for (number, column), mesh in meshes.items() if number == row}
-        zooms.append(zoom_of(of_row.values()))
-        camera = shared_camera(PIXELS, zooms[row])
+        seen_by = records[row].vision_camera
+        zooms.append(zoom_of(of_row.values(), seen_by))
+        camera = shared_camera(PIXELS, zooms[row], seen_by)
         for column, mesh in of_row.items():
             image = renderer.render_meshes([mesh], camera=camera)
             sides = visible_sides(mesh, camera, image.depth) if wires and column != "truth" else None
@@ -116,11 +117,11 @@ def drawn_vertices(mesh: Mesh) -> np.ndarray:
     return np.asarray(mesh.vertices)[np.unique(mesh.faces[area > 0])]
 
 
-def zoom_of(meshes: Iterable[Mesh]) -> float:
-    """How much closer than the paper's the camera is for these meshes to be in its picture."""
+def zoom_of(meshes: Iterable[Mesh], images: Camera | None = None) -> float:
+    """How much closer than the images' (None: the paper's) the camera is for these meshes to be in its picture."""
     zooms = [ZOOM]
     for mesh in meshes:
-        pixels, depth = paper_camera(1).project(drawn_vertices(mesh))
+        pixels, depth = shared_camera(1, 1.0, images).project(drawn_vertices(mesh))
         away = np.abs(pixels - 0.5).max(axis=1)
         away[depth <= 0] = np.inf
         # The least distance within which so many are; one that is not finite moves no camera.
@@ -174,10 +175,10 @@ def coloured(shape: Shape) -> Mesh:
     return Mesh(shape.vertices, shape.faces, np.where(shape.touch[:, None], TOUCH_COLOUR, VISION_COLOUR))
 
 
-def shared_camera(size: int, zoom: float = ZOOM) -> Camera:
-    """The camera of all renders of a row: the paper's, `zoom` times closer."""
-    camera = paper_camera(size)
-    return replace(camera, focal_length=zoom * camera.focal_length)
+def shared_camera(size: int, zoom: float = ZOOM, images: Camera | None = None) -> Camera:
+    """The camera of all renders of a row: that of its images (None: the paper's), `zoom` times closer."""
+    camera = images or paper_camera()
+    return replace(camera, focal_length=zoom * camera.focal_length * size / camera.size, size=size)
 
 
 def frame(size: int, zoom: float = ZOOM) -> tuple[float, float]:

@@ -11,7 +11,8 @@ from importlib import resources
 
 # 1: arrays of grasps were (og, ...), object by object, with `object_index` and `grasp_index`.
 # 2: stores did not state which files they hold, with sizes and checksums.
-# 3: touch stores did not state their sensor; hands had hinges only, and four sensors.
+# 3: touch stores did not state their sensor; hands had hinges only, and four sensors; images had one camera, which was
+#    not stored.
 SCHEMA_VERSION = 4
 # The Allegro's, in the order of every axis that counts sensors; of another hand it is that of `hand/sensor_names`.
 SENSOR_NAMES = ("index", "middle", "ring", "thumb")
@@ -25,7 +26,9 @@ SYMBOLS = {
     "l": "links of the hand",
     "r": "rows, and columns, of a reading (100)",
     "rr": "pixels of a reading (10000)",
+    "k": "cameras of a scene (1)",
     "p": "rows, and columns, of an image (256)",
+    "c": "channels of an image (3; 4, the last one opacity, with a transparent background)",
     "v": "views of an object (24)",
     "q": "rows, and columns, of a view (137)",
     "w": "rows, and columns, of the grid of the rings around a touch (100)",
@@ -66,6 +69,11 @@ class ArraySpec:
     def of_grasps(self) -> bool:
         """Whether the first two axes count the objects and the grasps of each."""
         return self.shape[:2] == ("o", "g")
+
+    @property
+    def of_cameras(self) -> bool:
+        """Whether it has an axis of the scene's cameras, after those of objects and grasps."""
+        return "k" in self.shape
 
     def sizes(self, shape: tuple[int, ...]) -> dict[str, int]:
         """The number that each symbol stands for in an array of this shape.

@@ -21,7 +21,8 @@ from palpate.models.reconstruction import HAND_SENSORS
 from palpate.remedy import command
 from palpate.sensor import DIGIT, Sensor
 
-SCHEMA_VERSION = 1
+# 1: models had the paper's camera, which was not stored.
+SCHEMA_VERSION = 2
 
 
 class CheckpointError(ValueError):
@@ -82,7 +83,9 @@ def save(path: Path | str, kind: str, model: torch.nn.Module, described: Mapping
     """Write a checkpoint atomically.
 
     kind: `reconstruction` or `touch_depth`. described: what `load` needs to build the model (`experiment` and
-    `architecture`, or `width`; `sensor` and `hand_sensors`), and further values that JSON can hold.
+    `architecture`, or `width`; `sensor` and `hand_sensors`), and further values that JSON can hold: for
+    `palpate.reconstruct` the `camera` that all images had, a (3, 4) projection to pixels or None, and their
+    `image_size`.
     """
     weights = {name: value.detach().cpu() for name, value in model.state_dict().items()}
     with atomic_write(path) as partial, open(partial, "wb") as file:  # by its name torch would name the content too

@@ -6,7 +6,8 @@ Positions are in the world frame.
 | array | shape | type |
 |---|---|---|
 | `points` | (o, n, 3) m | float32 |
-| `unoccluded`, `occluded` | (o, p, p, 3), (o, g, p, p, 3) | uint8 |
+| `unoccluded`, `occluded` | (o, k, p, p, c), (o, g, k, p, p, c) | uint8 |
+| `image_camera`, of these | (o, k, 3, 4) to pixels | float32 |
 | `views`, `camera` | (o, v, q, q, 3), (o, v, 3, 4) to pixels | uint8, float32 |
 | `success` | (o, g, s) | bool |
 | `position`, `rotation` | (o, g, s, 3) m, (o, g, s, 3, 3) | float32 |
@@ -25,7 +26,7 @@ import numpy as np
 from palpate.catalogue import SPLITS
 from palpate.dataset import Dataset
 from palpate.sensor import DIGIT, Sensor
-from palpate.training.inputs import Input, inputs, stages
+from palpate.training.inputs import Input, camera_array, inputs, stages
 
 IN_MEMORY = "the data in memory"  # in messages
 
@@ -42,7 +43,7 @@ class TrainingData:
 
     Attributes:
         objects, classes, splits: lists of (o,) names. grasps: g, grasps an object, 0 if no array has that
-        axis. views: v, 0 likewise. hand_sensors: s, None if no array has that axis.
+        axis. hand_sensors: s, None if no array has that axis.
 
     Raises TrainingDataError, naming the object, if a value is NaN or infinite.
     """
@@ -56,7 +57,6 @@ class TrainingData:
         )
         of_grasps = next((name for name in ("success", "occluded") if name in self), None)
         self.grasps = self[of_grasps].shape[1] if of_grasps else 0
-        self.views = self["views"].shape[1] if "views" in self else 0
         self.hand_sensors = self["success"].shape[2] if "success" in self else None
         for name, values in self.arrays.items():
             finite = np.isfinite(values.reshape(len(values), -1)).all(axis=1) if values.dtype.kind == "f" else True
@@ -73,6 +73,23 @@ class TrainingData:
             digest.update(f"\0{name} {values.dtype} {values.shape}".encode())
             digest.update(np.ascontiguousarray(values).data)
         return digest.hexdigest()
+
+    def images(self, experiment: Mapping[str, Any]) -> int:
+        """Images that an experiment has of one object, or of one grasp: its views, or cameras; 0 without vision."""
+        name = camera_array(experiment)
+        return self[name].shape[1] if name else 0
+
+    def common_camera(self, experiment: Mapping[str, Any]) -> np.ndarray | None:
+        """(3, 4) float32 the camera of all images of an experiment; None if there are several, or no images."""
+        name = camera_array(experiment)
+        if not name:
+            return None
+        cameras = self[name].reshape(-1, 3, 4)
+        return cameras[0] if (cameras == cameras[0]).all() else None
+
+    def image_size(self, experiment: Mapping[str, Any]) -> int | None:
+        """Width and height, pixels, of an experiment's images; None without vision."""
+        return None if experiment["vision"] == "none" else self[experiment["vision"]].shape[-2]
 
     @classmethod
     def load(cls, run: Path | str, experiment: Mapping[str, Any], splits: Iterable[str] = SPLITS) -> "TrainingData":
@@ -100,8 +117,8 @@ class TrainingData:
             "class": [record.class_name for record in records],
             "split": [record.split for record in records],
         }
-        loaded = {item.name: chosen.load(item.stage, item.array, item.dtype) for item in arrays}
         touched = any(item.stage == "touch" for item in arrays)
+        loaded = {item.name: _read(chosen, item) for item in arrays}
         return cls(names | loaded, repr(chosen), dataset.sensor if touched else DIGIT)
 
     def __getitem__(self, name: str) -> np.ndarray:
@@ -118,3 +135,9 @@ class TrainingData:
     def of_split(self, *splits: str) -> list[int]:
         """Numbers of the objects of these splits, in the catalogue's order."""
         return [number for number, split in enumerate(self.splits) if split in splits]
+
+
+def _read(dataset: Dataset, item: Input) -> np.ndarray:
+    if item.name == "image_camera":
+        return dataset.cameras().astype(item.dtype)
+    return dataset.load(item.stage, item.array, item.dtype)

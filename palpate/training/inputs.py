@@ -38,11 +38,17 @@ def takes_directions(experiment: Experiment) -> bool:
     return experiment["touch"] and experiment["strategy"] != "no_comm" and not in_graph
 
 
+def camera_array(experiment: Experiment) -> str | None:
+    """The name of the cameras, (o, v, 3, 4), of the images that an experiment takes; None if it takes none."""
+    return {"none": None, "views": "camera"}.get(experiment["vision"], "image_camera")
+
+
 class Input(NamedTuple):
     """An array in a training's memory.
 
     Attributes:
-        name: of the array there. stage, array: of the store that it is read from. dtype: in memory.
+        name: of the array there. stage, array: of the store that it is read from (intrinsics and extrinsics are
+            multiplied). dtype: in memory.
         when, condition: which experiments take it, as text and as a function.
     """
 
@@ -64,6 +70,14 @@ INPUTS = (
     Input("points", "surface", "points", "float32", "always: the truth", lambda experiment: True),
     Input("unoccluded", "vision", "unoccluded", "uint8", *_vision("unoccluded")),
     Input("occluded", "vision", "occluded", "uint8", *_vision("occluded")),
+    Input(
+        "image_camera",
+        "vision",
+        "intrinsics, extrinsics",
+        "float32",
+        "vision is unoccluded or occluded",
+        lambda experiment: experiment["vision"] in ("unoccluded", "occluded"),
+    ),
     Input("views", "views", "image", "uint8", *_vision("views")),
     Input("camera", "views", "camera", "float32", *_vision("views")),
     Input("success", "touch", "success", "bool", *_TOUCH),

@@ -284,11 +284,15 @@ class ReconstructionLearner(Learner):
         return {"hand_sensors": self.model.hand_sensors, "sensor": self.model.sensor.description()}
 
     def described(self):
+        camera = self.data.common_camera(self.experiment)
         return {
             "experiment": self.experiment,
             "architecture": self.layers,
             "data": self.data.digest,
             "base": self.base,
+            # What an image is taken to be of that comes without its camera.
+            "camera": None if camera is None else camera.tolist(),
+            "image_size": self.data.image_size(self.experiment),
         } | self.described_sensor()
 
 

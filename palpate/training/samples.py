@@ -8,7 +8,7 @@ import torch
 from torch import Tensor
 
 from palpate.training.data import TrainingData, TrainingDataError
-from palpate.training.inputs import inputs, takes_grasps
+from palpate.training.inputs import camera_array, inputs, takes_grasps
 
 
 class Sample(NamedTuple):
@@ -17,7 +17,7 @@ class Sample(NamedTuple):
     Attributes:
         object: its number in the data.
         grasps: numbers of its grasps; an occluded image is that of the first.
-        view: number of its view, for models that take views.
+        view: number of the view, or of the camera, that its image is of.
         window: number of this sample among those of its object, in an evaluation.
     """
 
@@ -44,18 +44,14 @@ def _grasps_a_sample(data: TrainingData, experiment: Mapping[str, Any]) -> int:
 def windows(data: TrainingData, experiment: Mapping[str, Any], *splits: str) -> list[Sample]:
     """The samples that an evaluation on some splits has, object by object.
 
-    Grasps g to g + n - 1, modulo the number of grasps, for every g (once if n is all of them); every view for
-    a model that takes views; one sample for a model that takes neither touch nor occluded vision. The paper
-    leaves open which grasps it measures on.
+    Grasps g to g + n - 1, modulo the number of grasps, for every g (once if n is all of them); none for a model that
+    takes neither touch nor occluded vision. Each of them with every view, or every camera. The paper leaves open which
+    grasps it measures on.
     """
     n, total = _grasps_a_sample(data, experiment), data.grasps
-    if experiment["vision"] == "views":
-        of_object = [((), view) for view in range(data.views)]
-    elif not n:
-        of_object = [((), 0)]
-    else:
-        starts = range(1) if n == total else range(total)
-        of_object = [(tuple((start + k) % total for k in range(n)), 0) for start in starts]
+    starts = range(1) if n in (0, total) else range(total)
+    of_grasps = [tuple((start + k) % total for k in range(n)) for start in starts]
+    of_object = [(grasps, view) for grasps in of_grasps for view in range(data.images(experiment) or 1)]
     return [
         Sample(number, grasps, view, window)
         for number in data.of_split(*splits)
@@ -92,7 +88,7 @@ def training_samples(
     data: TrainingData, experiment: Mapping[str, Any], size: int, seed: int, step: int
 ) -> list[Sample]:
     """The samples of one training step: objects of the train split in random order, each with a random subset
-    of its grasps, in random order, or a random view.
+    of its grasps, in random order, and the image of a random view or camera.
 
     They depend on nothing but the number of grasps that the experiment takes, so that experiments with the same number
     see the same samples at the same step. An experiment with `fewer_grasps` takes a random number of them, up to its
@@ -104,12 +100,11 @@ def training_samples(
     random = np.random.default_rng([seed, step, 1])
     if n and experiment.get("fewer_grasps"):
         n = int(np.random.default_rng([seed, step, 2]).integers(n)) + 1
-    samples = []
-    for place in shuffled(len(objects), size, seed, step):
-        grasps = tuple(int(g) for g in random.permutation(data.grasps)[:n]) if n else ()
-        view = int(random.integers(data.views)) if experiment["vision"] == "views" else 0
-        samples.append(Sample(objects[place], grasps, view))
-    return samples
+    chosen = [objects[place] for place in shuffled(len(objects), size, seed, step)]
+    grasps = [tuple(int(g) for g in random.permutation(data.grasps)[:n]) if n else () for _ in chosen]
+    images = data.images(experiment)
+    views = [int(random.integers(images)) if images else 0 for _ in chosen]  # after all grasps: see above
+    return [Sample(*each) for each in zip(chosen, grasps, views, strict=True)]
 
 
 class Assembler:
@@ -120,7 +115,7 @@ class Assembler:
     | key | shape | unit |
     |---|---|---|
     | `image` | (B, 3, s, s) float32 | sRGB in [0, 1] |
-    | `camera` | (B, 3, 4) float32 | world, m, to pixels of a view |
+    | `camera` | (B, 3, 4) float32 | world, m, to pixels of the image |
     | `success`, `position`, `rotation` | (B, s n), (B, s n, 3), (B, s n, 3, 3) | m, world |
     | `charts` | (B, s n, 81, 3) float32 | m, world |
     | `reading` | (B, s n, 3, r, r) float32 | RGB in [0, 1] |
@@ -132,6 +127,7 @@ class Assembler:
     def __init__(self, data: TrainingData, experiment: Mapping[str, Any], device: torch.device | str = "cpu"):
         self.device = torch.device(device)
         names = [item.name for item in inputs(experiment) if item.name != "points"]
+        self.cameras = camera_array(experiment)
         self.tensors = {name: torch.from_numpy(data[name]).to(device) for name in names}
 
     def __call__(self, samples: Sequence[Sample]) -> dict[str, Tensor]:
@@ -140,8 +136,8 @@ class Assembler:
         for name in self.IMAGE_ARRAYS:
             if name in self.tensors:
                 batch["image"] = to_colours(self._image(name, objects, samples))
-        if "camera" in self.tensors:
-            batch["camera"] = self.tensors["camera"][objects, self._index([s.view for s in samples])]
+        if self.cameras:
+            batch["camera"] = self.tensors[self.cameras][objects, self._index([s.view for s in samples])]
         touch_arrays = [name for name in self.TOUCH_ARRAYS if name in self.tensors]
         if touch_arrays:
             grasps = self._index([sample.grasps for sample in samples])
@@ -152,15 +148,22 @@ class Assembler:
         return batch
 
     def _image(self, name: str, objects: Tensor, samples: Sequence[Sample]) -> Tensor:
-        if name == "unoccluded":
-            return self.tensors[name][objects]
-        second = [sample.view if name == "views" else sample.grasps[0] for sample in samples]
-        return self.tensors[name][objects, self._index(second)]
+        views = self._index([sample.view for sample in samples])
+        if name == "occluded":
+            return self.tensors[name][objects, self._index([sample.grasps[0] for sample in samples]), views]
+        return self.tensors[name][objects, views]
 
     def _index(self, numbers: Sequence) -> Tensor:
         return torch.tensor(numbers, dtype=torch.int64, device=self.device)
 
 
 def to_colours(images: Tensor) -> Tensor:
-    """Pixels (..., s, s, 3) uint8 as (..., 3, s, s) float32 in [0, 1]; the layout in memory is kept."""
-    return images.movedim(-1, -3).float() / 255
+    """Pixels (..., s, s, 3) uint8 as (..., 3, s, s) float32 in [0, 1]; the layout in memory is kept.
+
+    Of four channels the last is opacity: these images are put over white.
+    """
+    colours = images.movedim(-1, -3).float() / 255
+    if colours.shape[-3] == 3:
+        return colours
+    colours, opacity = colours.split((3, 1), dim=-3)
+    return 1 - opacity * (1 - colours)

@@ -11,7 +11,6 @@ from PIL import Image
 from trimesh.visual import TextureVisuals
 from trimesh.visual.material import PBRMaterial
 
-from palpate.camera import paper_camera
 from palpate.dataset import GraspRecord, ObjectRecord
 from palpate.mesh import OBJECT_POSITION, mesh_file
 from palpate.vision.image import linear
@@ -72,10 +71,8 @@ def cameras(record: ObjectRecord) -> list[tuple[np.ndarray, np.ndarray]]:
     """
     if "vision" not in record.stages:
         return []
-    if "intrinsics" in type(record).stage_of:
-        return list(zip(record.intrinsics, record.extrinsics, strict=True))
-    camera = paper_camera(record.unoccluded.shape[-2])
-    return [(camera.intrinsics(), camera.extrinsics())]
+    seen = [record.seen_by(number) for number in range(record.cameras)]
+    return [(each.intrinsics, each.extrinsics) for each in seen]
 
 
 def _add(

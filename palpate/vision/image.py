@@ -1,10 +1,13 @@
 """Rendered images: colours, mask and depth as arrays, read from Blender's EXR files."""
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 import OpenEXR
+
+from palpate.camera import Camera, matrices
 
 # Names of the channels in Blender's files and in those kept, by pass.
 CHANNELS = {
@@ -52,6 +55,17 @@ class Layers(NamedTuple):
         depth = np.where(nothing, np.inf, self.depth).astype(np.float16)
         mask = np.where(~nothing & (self.index > 0.5), 255, 0).astype(np.uint8)
         return Image(over_background(self.combined, background), mask, depth)
+
+
+def vision_record(pictures: Sequence[tuple[Image, list[Image]]], cameras: Sequence[Camera]) -> dict[str, np.ndarray]:
+    """The record of the vision store of one object, from its k cameras and what `Renderer.render_cameras` made."""
+    alone = [image for image, _ in pictures]
+    held = list(zip(*(images for _, images in pictures), strict=True))  # g grasps of k cameras
+    record = {}
+    for suffix, field in {"": "rgb", "_mask": "mask", "_depth": "depth"}.items():
+        record[f"unoccluded{suffix}"] = np.stack([getattr(image, field) for image in alone])
+        record[f"occluded{suffix}"] = np.array([[getattr(image, field) for image in images] for images in held])
+    return record | matrices(cameras)
 
 
 def read_layers(path: Path | str) -> Layers:

@@ -21,6 +21,7 @@ import shutil
 import tempfile
 import weakref
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -36,14 +37,14 @@ from palpate.batch import UnusableObject  # noqa: E402
 from palpate.camera import Camera, paper_camera  # noqa: E402
 from palpate.hand import Hand  # noqa: E402
 from palpate.mesh import OBJECT_POSITION  # noqa: E402
-from palpate.scene import Lights, Scene  # noqa: E402
+from palpate.scene import LIGHTS, WHITE, Light, Scene  # noqa: E402
 from palpate.vision.image import Image, Layers, linear, read_layers, write_layers  # noqa: E402
 from palpate.vision.meshes import Mesh, link_mesh  # noqa: E402
 
 log = logging.getLogger(__name__)
 
 SAMPLES = 16
-# What a scene of CAD parts under one lamp needs of Cycles, and no more, by Blender's names.
+# What a scene of CAD parts under one or a few lamps needs of Cycles, and no more, by Blender's names.
 CYCLES = {
     "seed": 0,
     "use_denoising": False,
@@ -59,9 +60,6 @@ CYCLES = {
     "transparent_max_bounces": 8,
     "volume_bounces": 0,
 }
-
-SUN_ANGLE = 0.0  # radians; a point: shadows are sharp, and free of noise
-WHITE = (1.0, 1.0, 1.0)
 
 # The hand's plastic.
 ROUGHNESS = 0.45
@@ -131,68 +129,83 @@ class Renderer:
         self.device = _choose_device(device)
         self._scene = bpy.context.scene
         _set_up_render(self._scene, threads, self.device)
-        self._lamp = _add_light(self._scene)
+        self._ambient = _add_ambient(self._scene)
         self._camera = _link(self._scene, bpy.data.objects.new("camera", bpy.data.cameras.new("camera")))
         self._scene.camera = self._camera
         self._origin = _link(self._scene, bpy.data.objects.new("origin", None))
         self._plastic = _coloured_material("plastic", ROUGHNESS)
 
     def render(self, scene: Scene) -> tuple[Image, list[Image]]:
-        """The object of a scene alone, and with the hand in each of its g grasps, over white.
+        """The object of a scene alone, and with the hand in each of its g grasps, over the scene's background.
 
-        EXR files are named after the object. Logs how much was omitted.
+        Raises what `render_cameras` raises.
+        """
+        return self.render_cameras(scene, [scene.camera])[0]
 
-        Raises UnusableObject where the object's file can't be read or holds no triangles, or where the image of
+    def render_cameras(self, scene: Scene, cameras: Sequence[Camera]) -> list[tuple[Image, list[Image]]]:
+        """What `render` gives, from each of the cameras instead of the scene's own.
+
+        The object's file is read once. EXR files are named after the object, and after the number of the camera if it
+        is not the first. Logs how much was omitted.
+
+        Raises UnusableObject where the object's file can't be read or holds no triangles, or where an image of
         the object alone doesn't show it; the next scene renders all the same.
         """
         self._take_hand(scene.hand)
         self._omitted_pixels = 0
+        grasps = range(len(scene.link_pose))
+        seen = [(replace(scene, camera=each), f"-camera-{k}" if k else "") for k, each in enumerate(cameras)]
         with _TemporaryData():
-            self._light(scene.lights)
+            self._light(scene.lights, scene.object_position)
             points = self._import(scene.visual_file, scene.object_position)
-            unoccluded = self._draw_unoccluded(scene, points)
-            if not unoccluded.image(WHITE).mask.any():
-                size = scene.camera.size
-                raise UnusableObject(
-                    f"{scene.visual_file}: no pixel of {size} x {size} shows the object: make its materials less "
-                    "transparent, or the object thicker"
-                )
-            occluded = [self._draw_occluded(scene, points, grasp) for grasp in range(len(scene.link_pose))]
+            unoccluded = []
+            for each, suffix in seen:
+                unoccluded.append(self._draw_unoccluded(each, points, suffix))
+                if not unoccluded[-1].image(None).mask.any():
+                    size = each.camera.size
+                    raise UnusableObject(
+                        f"{scene.visual_file}: no pixel of {size} x {size} shows the object"
+                        f"{suffix.replace('-', ' ')}: make its materials less transparent, or the object thicker"
+                    )
+            occluded = [[self._draw_occluded(each, points, grasp, suffix) for grasp in grasps] for each, suffix in seen]
         log.info(
             "%s: omitted: %d renders of the object alone again; %s of %s pixels around what is drawn",
-            scene.name, max(0, len(occluded) - 1), f"{self._omitted_pixels:,}",
-            f"{(1 + len(occluded)) * unoccluded.index.size:,}",
+            scene.name, len(seen) * max(0, len(grasps) - 1), f"{self._omitted_pixels:,}",
+            f"{(1 + len(grasps)) * sum(each.index.size for each in unoccluded):,}",
         )  # fmt: skip
-        return unoccluded.image(WHITE), [layers.image(WHITE) for layers in occluded]
+        behind = None if scene.background is None else tuple(linear(scene.background))
+        return [
+            (alone.image(behind), [layers.image(behind) for layers in held])
+            for alone, held in zip(unoccluded, occluded, strict=True)
+        ]
 
-    def _draw_unoccluded(self, scene: Scene, points: np.ndarray) -> Layers:
-        """The object alone. points: (n, 3) its vertices in the world."""
-        return self._draw(scene.camera, points, f"{scene.name}-unoccluded")
+    def _draw_unoccluded(self, scene: Scene, points: np.ndarray, suffix: str = "") -> Layers:
+        """The object alone. points: (n, 3) its vertices in the world. suffix: of the EXR file's name."""
+        return self._draw(scene.camera, points, f"{scene.name}-unoccluded{suffix}")
 
-    def _draw_occluded(self, scene: Scene, points: np.ndarray, grasp: int) -> Layers:
+    def _draw_occluded(self, scene: Scene, points: np.ndarray, grasp: int, suffix: str = "") -> Layers:
         """The object with the hand in one of the scene's grasps. points: (n, 3) the object's vertices in the world."""
         points = np.concatenate([points, self._pose_hand(scene.link_pose[grasp])])
-        return self._draw(scene.camera, points, f"{scene.name}-grasp-{grasp}")
+        return self._draw(scene.camera, points, f"{scene.name}-grasp-{grasp}{suffix}")
 
     def render_views(self, scene: Scene, cameras: Sequence[Camera]) -> list[Image]:
         """The object of a scene alone over white, from each of the cameras instead of its own.
 
-        The object's file is read once, and Cycles keeps what it made of it. The lamp goes with the camera, so
-        that no view looks at the dark side: it stands to each as it stands to the scene's. An image's size is its
+        The object's file is read once, and Cycles keeps what it made of it. The lamps go with the camera, so
+        that no view looks at the dark side: they stand to each as they stand to the scene's. An image's size is its
         camera's. Raises UnusableObject where the file can't be read or holds no triangles.
         """
         self._take_hand(None)
         self._omitted_pixels = 0
         render = self._scene.render
-        from_camera = scene.camera.rotation.T @ scene.lights.direction
         with _TemporaryData():
-            self._light(scene.lights)
+            lamps = self._light(scene.lights, scene.object_position)
             points = self._import(scene.visual_file, scene.object_position)
             layers = []
             render.use_persistent_data = True
             try:
                 for camera in cameras:
-                    _point(self._lamp, camera.rotation @ from_camera)
+                    _pose_lamps(lamps, scene.object_position, camera.rotation @ scene.camera.rotation.T)
                     layers.append(self._draw(camera, points))
             finally:
                 render.use_persistent_data = False
@@ -224,7 +237,7 @@ class Renderer:
         """
         self._take_hand(hand)
         with _TemporaryData():
-            self._light(Lights())
+            self._light(LIGHTS, OBJECT_POSITION)
             drawn = [np.zeros((0, 3))]
             if visual_glb is not None:
                 drawn.append(self._import(Path(visual_glb), OBJECT_POSITION))
@@ -294,11 +307,13 @@ class Renderer:
             points.append(vertices @ pose[:3, :3].T + pose[:3, 3])
         return np.concatenate(points)
 
-    def _light(self, lights: Lights) -> None:
-        """Set the lamp and the ambient light."""
-        _point(self._lamp, lights.direction)
-        self._lamp.data.energy = lights.strength
-        self._scene.world.node_tree.nodes["Background"].inputs["Strength"].default_value = lights.ambient
+    def _light(self, lights: Sequence[Light], centre: Sequence[float]) -> list[tuple[Any, Light]]:
+        """Put a scene's lamps into Blender, around the object's place, and set the ambient light; returns the lamps."""
+        ambient = [light.energy * linear(light.colour) for light in lights if light.kind == "ambient"]
+        self._ambient["Color"].default_value = (*np.sum(ambient, axis=0), 1) if ambient else (0, 0, 0, 1)
+        lamps = [(_lamp(self._scene, light), light) for light in lights if light.kind != "ambient"]
+        _pose_lamps(lamps, centre, np.eye(3))
+        return lamps
 
     def _draw(
         self, camera: Camera, points: np.ndarray, master: str | None = None, samples: int | None = None
@@ -429,23 +444,37 @@ def _set_up_render(scene, threads: int, device: str) -> None:
     scene.cycles.device = device.upper()
 
 
-def _add_light(scene):
-    """The constant ambient light, and the lamp, which is returned."""
-    lamp = bpy.data.lights.new("lamp", "SUN")
-    lamp.angle = SUN_ANGLE
-    body = _link(scene, bpy.data.objects.new("lamp", lamp))
+def _add_ambient(scene):
+    """A constant ambient light; returns the inputs of its node."""
     scene.world = bpy.data.worlds.new("ambient")
     scene.world.use_nodes = True
-    background = scene.world.node_tree.nodes["Background"].inputs
-    background["Color"].default_value = (1, 1, 1, 1)
     # Of a constant light the surfaces' own samples are the better ones: they follow the cosine.
     scene.world.cycles.sampling_method = "NONE"
+    return scene.world.node_tree.nodes["Background"].inputs
+
+
+def _lamp(scene, light: Light):
+    """A lamp, not yet posed. Cameras don't see it, only what it lights."""
+    data = bpy.data.lights.new("lamp", light.kind.upper())
+    data.energy, data.color = light.energy, linear(light.colour)
+    if light.kind == "sun":
+        data.angle = np.radians(light.size)
+    elif light.kind == "point":
+        data.shadow_soft_size = light.size
+    else:
+        data.size = light.size
+    body = _link(scene, bpy.data.objects.new("lamp", data))
+    body.visible_camera = False
     return body
 
 
-def _point(lamp, towards) -> None:
-    """Turn a sun so that it shines from the direction `towards` (3,), seen from the object."""
-    lamp.rotation_euler = Vector(towards).to_track_quat("Z", "Y").to_euler()
+def _pose_lamps(lamps: Iterable[tuple[Any, Light]], centre: Sequence[float], turn: np.ndarray) -> None:
+    """Put lamps where their lights are, turned by a rotation (3, 3) about the object's place `centre` (3,)."""
+    for body, light in lamps:
+        target = centre if light.target is None else light.target
+        away = turn @ np.subtract(light.position, target)
+        body.location = centre + turn @ np.subtract(light.position, centre)
+        body.rotation_euler = Vector(away).to_track_quat("Z", "Y").to_euler()
 
 
 def _matrix(pose: np.ndarray) -> Matrix:

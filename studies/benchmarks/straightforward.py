@@ -7,7 +7,6 @@ the four cells around each vertex; all pairs of points for the Chamfer distance.
 
 import torch
 
-from palpate.camera import FOCAL_LENGTH, IMAGE_SIZE, paper_camera
 from palpate.charts import ATLAS_RADIUS, sphere, vision_atlas
 from palpate.charts.atlas import TOUCH_VERTICES
 from palpate.mesh import OBJECT_POSITION
@@ -15,15 +14,13 @@ from palpate.models import Reconstruction
 from palpate.models.touch import TouchAttention
 
 
-def pixels(positions: torch.Tensor) -> torch.Tensor:
-    """(B, V, 3) in the world -> (B, V, 2) column and row of the dataset's image, over its size."""
-    camera = paper_camera()
-    right, up, back = torch.from_numpy(camera.rotation).to(positions).T
-    away = positions - torch.from_numpy(camera.position).to(positions)
-    depth = -(away @ back)
-    column = FOCAL_LENGTH * (away @ right) / depth + IMAGE_SIZE / 2
-    row = -FOCAL_LENGTH * (away @ up) / depth + IMAGE_SIZE / 2
-    return torch.stack([column, row], dim=-1) / IMAGE_SIZE
+def pixels(positions: torch.Tensor, batch: dict) -> torch.Tensor:
+    """(B, V, 3) in the world -> (B, V, 2) column and row in the batch's images, over their size."""
+    places = []
+    for points, camera in zip(positions, batch["camera"], strict=True):
+        column, row, depth = (points @ line[:3] + line[3] for line in camera)
+        places.append(torch.stack([column / depth, row / depth], dim=-1))
+    return torch.stack(places) / batch["image"].shape[-1]
 
 
 def pool(features: torch.Tensor, place: torch.Tensor) -> torch.Tensor:
@@ -167,7 +164,7 @@ def reconstruct(model: Reconstruction, batch: dict, adjacency: torch.Tensor) -> 
     for _ in range(3):
         features, weights = [], []
         if model.vision:
-            pooled = [pool(each, pixels(positions)) for each in model.encoder(batch["image"])]
+            pooled = [pool(each, pixels(positions, batch)) for each in model.encoder(batch["image"])]
             features.append(torch.cat(pooled, dim=-1))
             if model.project:
                 features[0] = model.project(features[0])

@@ -23,11 +23,12 @@ import torch
 import yaml
 from torch import Tensor
 
-from palpate.camera import IMAGE_SIZE
+from palpate.camera import IMAGE_SIZE, paper_camera
 from palpate.charts import CHAMFER_SCALE, chamfer_distance, sample_faces
 from palpate.charts.atlas import TOUCH_VERTICES
 from palpate.mesh import OBJECT_POSITION
 from palpate.models import PAPER_ARCHITECTURES, Reconstruction
+from palpate.models.pooling import relative_camera
 from palpate.models.reconstruction import DEFORMATIONS
 from studies.benchmarks import straightforward
 
@@ -53,6 +54,7 @@ def synthetic_batch(samples: int, points: int) -> tuple[dict[str, Tensor], Tenso
     sheet = 0.008 * torch.randn(samples, 4, TOUCH_VERTICES, 3, generator=random)
     batch = {
         "image": torch.rand(samples, 3, IMAGE_SIZE, IMAGE_SIZE, generator=random),
+        "camera": torch.from_numpy(paper_camera().matrix()).float().expand(samples, 3, 4),
         "charts": position[:, :, None] + sheet,
         "position": position,
         "rotation": torch.eye(3).expand(samples, 4, 3, 3),
@@ -99,7 +101,7 @@ def step_components(model: Reconstruction, batch: dict[str, Tensor], truth: Tens
     positions = (around + torch.tensor(OBJECT_POSITION)).requires_grad_()
     positions_vbc = positions.detach().transpose(0, 1).contiguous().requires_grad_()
     maps = [each.detach().requires_grad_() for each in model.encoder(batch["image"])]
-    camera = model.camera.float()
+    camera = relative_camera(batch["camera"], size)
     own, width = model.gcn.layers[0].weight.shape
     features, products = (
         torch.randn(samples, model.graph.vertices, count, generator=random, requires_grad=True)
@@ -125,7 +127,7 @@ def step_components(model: Reconstruction, batch: dict[str, Tensor], truth: Tens
         return sums([[each.transpose(0, 1)] for each in pooled])
 
     def pool_plainly():
-        place = straightforward.pixels(positions)
+        place = straightforward.pixels(positions, batch)
         return [torch.cat([straightforward.pool(each, place) for each in maps], dim=-1) @ model.image_weight]
 
     return {

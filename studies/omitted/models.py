@@ -34,7 +34,7 @@ SPHERE = BOTH | {"strategy": "sphere"}
 
 # The arrays of an omission of data, and the stage that makes them.
 ARRAYS = {
-    "unoccluded renders": ("unoccluded",),
+    "unoccluded renders": ("unoccluded", "image_camera"),
     "occluded renders": ("occluded",),
     "views": ("views", "camera"),
     "touch": ("success", "position", "rotation"),

@@ -87,7 +87,7 @@ class NaiveRenderer(Renderer):
         self._kind = VIEW
         return super().render_views(scene, cameras)
 
-    def _draw_unoccluded(self, scene: Scene, points: np.ndarray):
+    def _draw_unoccluded(self, scene: Scene, points: np.ndarray, suffix: str = ""):
         if self._changed("hand") and len(scene.link_pose):
             away = scene.link_pose[0].copy()
             away[:, :3, 3] += OUT_OF_SIGHT
@@ -96,7 +96,7 @@ class NaiveRenderer(Renderer):
             layers = super()._draw_unoccluded(scene, points)
         return layers
 
-    def _draw_occluded(self, scene: Scene, points: np.ndarray, grasp: int):
+    def _draw_occluded(self, scene: Scene, points: np.ndarray, grasp: int, suffix: str = ""):
         self._kind = OCCLUDED
         if self._changed("hand"):
             return self._draw(scene.camera, points)

@@ -13,13 +13,13 @@ import torch
 from torch import Tensor
 
 from palpate import Dataset, store
-from palpate.camera import IMAGE_SIZE
+from palpate.camera import paper_camera
 from palpate.charts import chamfer_distance, fit_adam, fit_direct, sample_faces, touch_chart
 from palpate.charts.atlas import TOUCH_VERTICES
 from palpate.charts.fit import placed
 from palpate.mesh import OBJECT_POSITION, load_collision
 from palpate.models import Reconstruction, TouchDepth
-from palpate.models.pooling import PerceptualPooling
+from palpate.models.pooling import PerceptualPooling, relative_camera
 from palpate.sensor import DIGIT
 from palpate.touch.sensor import RESOLUTION, SENSOR_WIDTH
 from palpate.training.data import TrainingData, TrainingDataError
@@ -148,7 +148,8 @@ def small_data(subject: Subject, successful: bool = True, **changed: np.ndarray)
         "class": np.array([subject.class_name] * 3),
         "split": np.array(["train", "train", "validation"]),
         "points": torch.stack(clouds).numpy(),
-        "unoccluded": np.stack([density_image(cloud) for cloud in clouds]),
+        "unoccluded": np.stack([density_image(cloud) for cloud in clouds])[:, None],
+        "image_camera": np.tile(paper_camera(32).matrix().astype(np.float32), (len(clouds), 1, 1, 1)),
         "success": success,
         "position": position,
         "rotation": rotation,
@@ -484,13 +485,14 @@ def one_colour(subject: Subject) -> Iterator[Finding]:
 @CASES.case("vertices at the camera and behind it", "models")
 def at_the_camera(subject: Subject) -> Iterator[Finding]:
     """Perspective projection divides by depth, and early in training a vertex may be anywhere."""
-    model = model_and_batch(subject)[0]
-    centre = -torch.linalg.solve(model.camera[:, :3], model.camera[:, 3])
-    ahead = torch.linalg.solve(model.camera[:, :3], torch.tensor([0, 0, 1.0], dtype=torch.float64))
+    size = 256
+    camera = relative_camera(torch.from_numpy(paper_camera(size).matrix()), size)
+    centre = -torch.linalg.solve(camera[:, :3], camera[:, 3])
+    ahead = torch.linalg.solve(camera[:, :3], torch.tensor([0, 0, 1.0], dtype=torch.float64))
     steps = torch.tensor([0, 1e-12, -1e-12, -1.0, 1e6, -1e6], dtype=torch.float64)
     places = (centre + steps[:, None] * ahead).float()[:, None].requires_grad_()
     maps = [torch.rand(1, 4, 16, 16, generator=seeded())]
-    features = PerceptualPooling()(maps, places, model.camera.float(), IMAGE_SIZE)
+    features = PerceptualPooling()(maps, places, camera.float(), size)
     features.sum().backward()
     yield equal("NaN or infinite features and gradients", count_nonfinite(features.detach(), places.grad), 0)
     yield at_most("largest feature", float(features.detach().abs().max()), 1.0)
@@ -686,7 +688,7 @@ def diverging(subject: Subject) -> Iterator[Finding]:
 
 def write_stores(folder: Path, subject: Subject, *stages: str) -> None:
     """Write a run: stores of one untouched object of the train split, and the catalogue."""
-    sizes = {"o": 1, "g": 2, "n": 500, "r": 4, "rr": 16, "p": 8}
+    sizes = {"o": 1, "g": 2, "n": 500, "r": 4, "rr": 16, "k": 1, "p": 8, "c": 3}
     for stage in stages:
         arrays = {}
         for name, spec in store.CONTRACT[stage].arrays.items():
@@ -737,7 +739,7 @@ def corrupt_data(subject: Subject) -> Iterator[Finding]:
         for value in (np.nan, np.inf, 600.0):
             yield rejects(f"{value} among points", lambda v=value: with_point(v), store.StoreError, named)
         images = store.read(folder / store.CONTRACT["vision"].path(BATCH))
-        three = images | {"unoccluded": np.zeros((3, 8, 8, 3), np.uint8)}
+        three = images | {"unoccluded": np.zeros((3, 1, 8, 8, 3), np.uint8)}
         yield rejects(
             "three images of one object",
             lambda: store.write(folder / store.CONTRACT["vision"].path(BATCH), "vision", three, ATTRIBUTES),

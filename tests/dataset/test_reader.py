@@ -12,7 +12,9 @@ import palpate
 import palpate.store
 from palpate.atomic import atomic_write
 from palpate.batch import Rejection, write_rejections
+from palpate.camera import looking_at, matrices, paper_camera
 from palpate.catalogue import CatalogueError
+from palpate.mesh import OBJECT_POSITION
 from palpate.store import CONTRACT, StoreError
 from palpate.touch import empty_reading
 
@@ -58,7 +60,7 @@ def test_records_are_the_rows_of_the_stores(built, name):
     np.testing.assert_array_equal(record.points, surface["points"][surface["object"].tolist().index(name)])
     position = grasps["object"].tolist().index(name)
     assert record.attempts == 7
-    np.testing.assert_array_equal(record.unoccluded, vision["unoccluded"][position])
+    np.testing.assert_array_equal(record.unoccluded, vision["unoccluded"][position, 0])
     assert len(record.grasps) == GRASPS
     for number, grasp in enumerate(record.grasps):
         row = position, number
@@ -66,7 +68,7 @@ def test_records_are_the_rows_of_the_stores(built, name):
             np.testing.assert_array_equal(getattr(grasp, array), grasps[array][row])
         for array in ("success", "position", "rotation", "depth"):
             np.testing.assert_array_equal(getattr(grasp, array), touch[array][row])
-        np.testing.assert_array_equal(grasp.occluded, vision["occluded"][row])
+        np.testing.assert_array_equal(grasp.occluded, vision["occluded"][row][0])
         for sensor in range(4):
             count = touch["point_count"][row][sensor]
             np.testing.assert_array_equal(grasp.points[sensor], touch["points"][row][sensor, :count])
@@ -203,7 +205,8 @@ def test_names_are_complete_and_help_has_units_and_shapes(built):
     for name, spec in [pair for store in CONTRACT.values() for pair in store.arrays.items()]:
         text = grasp if spec.of_grasps else record if spec.of_objects and name != "object" else ""
         if text and name not in ("points", "reading"):
-            shape = ", ".join(map(str, spec.shape[2 if spec.of_grasps else 1 :]))
+            axes = spec.shape[2 if spec.of_grasps else 1 :]
+            shape = ", ".join(str(axis) for axis in axes if axis != "k")  # a record has one camera
             said = text.split(f"\n |  {name}\n")[1].split("\n |  \n")[0]
             assert f"({shape}" in said and f"{spec.dtype}, {spec.unit}".rstrip(", ") in said, name
     assert "(s, r, r, 3) uint8, RGB" in grasp and "(count, 3) float32, m" in grasp
@@ -520,3 +523,40 @@ def test_a_table_of_rejections_that_is_lost_or_damaged_is_an_error(run):
             palpate.Dataset(run)
     shutil.rmtree(run / "touch/batch-0001.zarr")  # not made yet
     assert len(palpate.Dataset(run).rejections()) == 1
+
+
+def test_a_record_shows_one_camera_and_the_others_are_asked_for(run):
+    cameras = [paper_camera(64), looking_at(OBJECT_POSITION, (-0.5, 1.0, 0.8), 64)]
+    for batch in ("batch-0000", "batch-0001"):
+        path = run / palpate.store.CONTRACT["vision"].path(batch)
+        arrays, attributes = palpate.store.read(path), palpate.store.open(path).attributes
+        for name in set(arrays) - {"object"}:
+            axis = 2 if name.startswith("occluded") else 1
+            arrays[name] = np.concatenate([arrays[name], np.flip(arrays[name], axis + 1)], axis=axis)
+        arrays |= {name: np.tile(each, (len(arrays["object"]), 1, 1, 1)) for name, each in matrices(cameras).items()}
+        palpate.store.write(path, "vision", arrays, attributes)
+    dataset = palpate.Dataset(run)
+    record = dataset["block-0000"]
+    grasp, row = record.grasps[1], 1
+    arrays = palpate.store.read(run / palpate.store.CONTRACT["vision"].path("batch-0000"))
+    for number, camera in enumerate(cameras):
+        for seen, of_grasp in ((record.seen_by(number), False), (grasp.seen_by(number), True)):
+            assert seen.cameras == 2
+            np.testing.assert_array_equal(seen.intrinsics, camera.intrinsics())
+            np.testing.assert_array_equal(seen.extrinsics, camera.extrinsics())
+            np.testing.assert_allclose(seen.camera_pose, camera.pose(), atol=1e-9)
+            points = np.random.default_rng(0).normal(size=(5, 3))
+            np.testing.assert_allclose(seen.vision_camera.project(points)[1], camera.project(points)[1], atol=1e-9)
+            alone = seen.object if of_grasp else seen
+            np.testing.assert_array_equal(alone.unoccluded_depth, arrays["unoccluded_depth"][row, number])
+            held = seen if of_grasp else seen.grasps[1]
+            np.testing.assert_array_equal(held.occluded, arrays["occluded"][row, 1, number])
+    np.testing.assert_array_equal(grasp.occluded_mask, arrays["occluded_mask"][row, 1, 0])
+    np.testing.assert_array_equal(grasp.success, grasp.seen_by(1).success)
+    expected = [[camera.matrix() for camera in cameras]] * len(dataset)
+    np.testing.assert_allclose(dataset.cameras(), expected, atol=1e-12)
+    for item in (record, grasp):
+        with pytest.raises(IndexError, match="has no camera 2: it has 2, numbered from 0"):
+            item.seen_by(2)
+        with pytest.raises(IndexError):
+            item.seen_by(-1)

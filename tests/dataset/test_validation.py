@@ -168,12 +168,12 @@ def see_what_is_not_there(arrays):
 
 def shift_picture(arrays):
     for name in ("unoccluded_mask", "unoccluded_depth"):
-        arrays[name] = np.roll(arrays[name], 2, axis=2)
+        arrays[name] = np.roll(arrays[name], 2, axis=3)
 
 
 def flip_pictures(arrays):
     for name in ("unoccluded_mask", "unoccluded_depth"):
-        arrays[name] = arrays[name][:, :, ::-1]
+        arrays[name] = arrays[name][..., ::-1]
 
 
 def nothing_seen(arrays):
@@ -356,11 +356,17 @@ DAMAGES = {
     "reading": [("touch", touched(swap_readings))],
     "untouched": [("touch", edit("touch", fill_reading_of_untouched))],
     "empty reading": [("touch", add("touch", "empty_reading", (5, 6, 1), 1))],
-    "mask values": [("vision", put("vision", "occluded_mask", (0, 1, 30, 30), 254))],
+    "mask values": [("vision", put("vision", "occluded_mask", (0, 1, 0, 30, 30), 254))],
+    "camera": [
+        ("vision", put("vision", "intrinsics", (0, 0, 1, 1), 100.0)),
+        ("vision", put("vision", "intrinsics", (0, 0, 0, 0), NAN)),
+        ("vision", add("vision", "extrinsics", (0, 0, 0, 0), 1e-5)),
+        ("vision", put("vision", "extrinsics", (0, 0, 2, 3), NAN)),
+    ],
     "image depth": [
-        ("vision", put("vision", "occluded_depth", (0, 0, 0, 0), NAN)),
-        ("vision", put("vision", "occluded_depth", (0, 1, 5, 5), 3.0)),
-        ("vision", put("vision", "unoccluded_depth", (0, 0, 0), 1.0)),
+        ("vision", put("vision", "occluded_depth", (0, 0, 0, 0, 0), NAN)),
+        ("vision", put("vision", "occluded_depth", (0, 1, 0, 5, 5), 3.0)),
+        ("vision", put("vision", "unoccluded_depth", (0, 0, 0, 0), 1.0)),
     ],
     "seen": [
         ("vision", put("vision", "occluded", (0, 1), 128)),
@@ -370,6 +376,8 @@ DAMAGES = {
         ("vision", edit("vision", shift_picture)),
         ("vision", edit("vision", flip_pictures)),
         ("vision", add("vision", "unoccluded_depth", (0,), 2e-3)),
+        ("vision", add("vision", "intrinsics", (0, 0, [0, 1], [0, 1]), 4.0)),
+        ("vision", add("vision", "extrinsics", (0, 0, 2, 3), 0.03)),
     ],
     "occlusion": [
         ("vision", edit("vision", hide_behind_nothing)),

@@ -9,6 +9,7 @@ import torch
 import trimesh
 
 from palpate import Dataset, store
+from palpate.camera import paper_camera
 from palpate.charts import build_tree, sample_faces, touch_chart, vision_atlas
 from palpate.evaluation import evaluate as evaluation
 from palpate.evaluation.evaluate import Trained, evaluate, evaluate_rings, evaluate_touch, training_steps
@@ -30,6 +31,7 @@ ATTRIBUTES = {"seed": 0, "config_digest": "", "sensor": DIGIT.description()}
 OCCLUDED_TOUCH = {"strategy": "charts", "vision": "occluded", "touch": True, "grasps": 1}
 UNOCCLUDED = {"strategy": "charts", "vision": "unoccluded", "touch": False, "grasps": 1}
 MODEL_SEED = 7
+CAMERAS = np.tile(paper_camera().matrix().astype(np.float32), (len(SPLITS), 1, 1, 1))  # of images, (o, 1, 3, 4)
 
 
 def ball(name: str) -> trimesh.Trimesh:
@@ -92,7 +94,8 @@ def data(run) -> TrainingData:
         "class": np.array(["ball"] * len(SPLITS)),
         "split": np.array(list(SPLITS.values())),
         "points": (points + OBJECT_POSITION).astype(np.float32),
-        "occluded": rng.integers(0, 256, (len(SPLITS), GRASPS, 256, 256, 3), dtype=np.uint8),
+        "occluded": rng.integers(0, 256, (len(SPLITS), GRASPS, 1, 256, 256, 3), dtype=np.uint8),
+        "image_camera": CAMERAS,
     }
     return TrainingData(arrays)
 
@@ -101,7 +104,7 @@ def data(run) -> TrainingData:
 def unoccluded_data(data) -> TrainingData:
     arrays = {name: np.array(getattr(data, attribute)) for name, attribute in
               (("object", "objects"), ("class", "classes"), ("split", "splits"))}  # fmt: skip
-    arrays |= {"points": data["points"], "unoccluded": data["occluded"][:, 0]}
+    arrays |= {"points": data["points"], "unoccluded": data["occluded"][:, 0], "image_camera": CAMERAS}
     return TrainingData(arrays)
 
 
@@ -124,9 +127,9 @@ def test_every_sample_is_scored_against_its_own_object(data):
         number, grasp = data.objects.index(row["object"]), row["window"]
         of_touch = {key: torch.from_numpy(data[key][number, grasp])[None] for key in
                     ("success", "position", "rotation", "charts")}  # fmt: skip
-        image = torch.from_numpy(data["occluded"][number, grasp]).permute(2, 0, 1)[None].float() / 255
+        image = torch.from_numpy(data["occluded"][number, grasp, 0]).permute(2, 0, 1)[None].float() / 255
         with torch.inference_mode():
-            vertices = trained.model(of_touch | {"image": image})
+            vertices = trained.model(of_touch | {"image": image, "camera": torch.from_numpy(CAMERAS[0])})
         points = sample_faces(vertices, trained.model.faces, 300, seeded(0, row["object"], "evaluation"))[0]
         pairs = torch.cdist(points.double(), torch.from_numpy(data["points"][number]).double()) ** 2
         naive = 9000 * (pairs.amin(dim=0).mean() + pairs.amin(dim=1).mean())
@@ -140,7 +143,7 @@ def test_the_published_single_image_networks_are_measured_by_the_same_protocol(d
     """By all pairs: Pixel2Mesh on 300 points of its faces, 3D-R2N2 on its cells' surface, PSG's points as they are."""
     rng = np.random.default_rng(1)
     arrays = {"object": np.array(data.objects), "class": np.array(data.classes), "split": np.array(data.splits)}
-    arrays |= {"points": data["points"], "views": data["occluded"][..., :137, :137, :]}
+    arrays |= {"points": data["points"], "views": data["occluded"][:, :, 0, :137, :137, :]}
     at = views.viewpoints(rng, len(SPLITS) * GRASPS)
     cameras = np.stack([views.camera(viewpoint).matrix() for viewpoint in at]).astype(np.float32)
     arrays["camera"] = cameras.reshape(len(SPLITS), GRASPS, 3, 4)
@@ -240,7 +243,7 @@ def test_touch_charts_and_clouds_are_scored_where_they_are(run):
 
 def test_a_split_without_objects_is_an_error(data, run):
     arrays = {"object": np.array(["a"]), "class": np.array(["b"]), "split": np.array(["train"])}
-    arrays |= {"points": data["points"][:1], "unoccluded": data["occluded"][:1, 0]}
+    arrays |= {"points": data["points"][:1], "unoccluded": data["occluded"][:1, 0], "image_camera": CAMERAS[:1]}
     alone = TrainingData(arrays)
     with pytest.raises(EvaluationError, match="no object in validation or test"):
         evaluate(untrained(UNOCCLUDED), alone)
@@ -292,7 +295,7 @@ def test_an_image_of_several_windows_is_encoded_once(data, unoccluded_data):
     experiment = {"strategy": "charts", "vision": "unoccluded", "touch": True, "grasps": 1}
     arrays = {name: data[name] for name in ("points", "success", "position", "rotation", "charts")}
     arrays |= {"object": data.objects, "class": data.classes, "split": data.splits}
-    both = TrainingData(arrays | {"unoccluded": unoccluded_data["unoccluded"]})
+    both = TrainingData(arrays | {"unoccluded": unoccluded_data["unoccluded"], "image_camera": CAMERAS})
     trained, encoded = untrained(experiment), []
     trained.model.encoder.layers[0].register_forward_pre_hook(lambda _, images: encoded.append(len(images[0])))
     table = evaluate(trained, both, points=300)
@@ -301,7 +304,8 @@ def test_an_image_of_several_windows_is_encoded_once(data, unoccluded_data):
         number, grasp = both.objects.index(row["object"]), row["window"]
         keys = ("success", "position", "rotation", "charts")
         batch = {key: torch.from_numpy(both[key][number, grasp])[None] for key in keys}
-        batch["image"] = torch.from_numpy(both["unoccluded"][number]).permute(2, 0, 1)[None].float() / 255
+        batch["image"] = torch.from_numpy(both["unoccluded"][number, 0]).permute(2, 0, 1)[None].float() / 255
+        batch["camera"] = torch.from_numpy(CAMERAS[0])
         with torch.inference_mode():
             vertices = trained.model(batch)
         points = sample_faces(vertices, trained.model.faces, 300, seeded(0, row["object"], "evaluation"))[0]

@@ -11,9 +11,11 @@ import zarr
 
 import palpate
 from palpate import command, store, vision
+from palpate.camera import looking_at, matrices, paper_camera
 from palpate.dataset import Dataset
 from palpate.evaluation import reconstruct
 from palpate.evaluation.reconstruct import GraspTouches, ReconstructionError, Reconstructor
+from palpate.mesh import OBJECT_POSITION
 from palpate.models import SINGLE_IMAGE_MODELS, TouchDepth
 from palpate.store import StoreError
 from palpate.training import Assembler, CheckpointError, Sample, TrainingData, checkpoints, object_charts
@@ -44,16 +46,17 @@ VIEWS, VIEW_SIZE = 2, 137
 
 
 def noisy_images(meshes, hand, grasp):
-    """Images of noise: models that take them right predict what they do on the training data."""
+    """Images of noise by two cameras: models that take them right predict what they do on the training data."""
     rng = np.random.default_rng(len(str(meshes)))
     count = len(grasp["palm_pose"])
     return {
-        "unoccluded": rng.integers(0, 256, (256, 256, 3), np.uint8),
-        "occluded": rng.integers(0, 256, (count, 256, 256, 3), np.uint8),
-        "unoccluded_mask": np.zeros((256, 256), np.uint8),
-        "occluded_mask": np.zeros((count, 256, 256), np.uint8),
-        "unoccluded_depth": np.ones((256, 256), np.float16),
-        "occluded_depth": np.ones((count, 256, 256), np.float16),
+        "unoccluded": rng.integers(0, 256, (2, 256, 256, 3), np.uint8),
+        "occluded": rng.integers(0, 256, (count, 2, 256, 256, 3), np.uint8),
+        "unoccluded_mask": np.zeros((2, 256, 256), np.uint8),
+        "occluded_mask": np.zeros((count, 2, 256, 256), np.uint8),
+        "unoccluded_depth": np.ones((2, 256, 256), np.float16),
+        "occluded_depth": np.ones((count, 2, 256, 256), np.float16),
+        **matrices([paper_camera(), looking_at(OBJECT_POSITION, (-0.4, 0.9, 1.1))]),
     }
 
 
@@ -72,7 +75,9 @@ def run(tmp_path_factory):
             torch.nn.init.normal_(model.touch_pooling.weight)
         if experiment["strategy"] == "r2n2":  # untrained, all cells are as probable, whatever the image
             torch.nn.init.normal_(model.cells.weight, std=1e3)
-        described = {"experiment": experiment, "architecture": architecture}
+        # As if it had been trained on images of the first camera only.
+        camera = None if experiment["vision"] == "views" else vision.paper_camera().matrix().tolist()
+        described = {"experiment": experiment, "architecture": architecture, "camera": camera, "image_size": 256}
         checkpoints.save(folder / f"models/{name}/seed-0/best.ckpt", "reconstruction", model, described)
     touch = store.read(folder / f"touch/{BATCH}.zarr")
     vertices = np.stack([object_charts(unet, touch, row) for row in range(len(touch["object"]))])
@@ -120,6 +125,8 @@ def of_data(run, name, sample):
         ("no_copy_unoccluded_touch", (0,), 0),
         ("sphere_occluded_touch", (1,), 0),
         ("charts_occluded", (1,), 0),
+        ("charts_occluded", (1,), 1),
+        ("no_copy_unoccluded_touch", (0,), 1),
         ("charts_touch_2", (1, 0), 0),
         ("pooled_no_copy_touch_2", (1, 0), 0),
         ("single_image", (), 1),
@@ -282,8 +289,7 @@ def bad(array, value):
         ("charts_occluded_touch", {"image": None}, "takes an image .occluded vision.: give one"),
         ("charts_occluded_touch", {"touches": None}, "takes 1 grasp, but touches of 0"),
         ("charts_occluded_touch", {"touches": lambda g: [g, g]}, "takes 1 grasp, but touches of 2"),
-        ("charts_occluded", {"image": lambda i: i[:200]}, r"shape \(200, 256, 3\), expected \(256, 256, 3\)"),
-        ("charts_occluded", {"image": lambda i: i[::2, ::2]}, r"shape \(128, 128, 3\)"),
+        ("charts_occluded", {"image": lambda i: i[:200]}, r"shape \(200, 256, 3\), expected \(s, s, 3\)"),
         ("charts_occluded", {"image": lambda i: i[..., :1]}, r"shape \(256, 256, 1\)"),
         ("charts_occluded", {"image": lambda i: bad(i, np.nan)}, "the image has NaN"),
         ("charts_occluded", {"image": lambda i: i / 255}, "type float64, expected uint8"),
@@ -300,7 +306,8 @@ def bad(array, value):
             {"success": lambda a: a[:3]},
             r"success of 2 grasps has shape \(6,\), expected \(8,\)",
         ),
-        ("single_image", {"camera": None}, "give the view's camera"),
+        ("single_image", {"camera": None}, "was trained on several cameras: give the image's camera"),
+        ("charts_occluded", {"camera": lambda c: c[:2]}, r"the image's camera \(3, 4\), .* array of shape \(2, 4\)"),
         ("single_image", {"camera": lambda c: bad(c, np.nan)}, "the camera has NaN"),
     ],
 )
@@ -320,6 +327,31 @@ def test_what_is_missing_or_wrong_is_said(run, dataset, name, change, message):
         ]
     with pytest.raises(ReconstructionError, match=message):
         model(**given)
+
+
+def test_an_image_without_its_camera_is_of_the_one_that_the_model_was_trained_on(run, dataset):
+    model, record = Reconstructor(folder_of(run, "charts_occluded")), dataset["bottle-0000"]
+    image, _, camera = reconstruct.of_object(record, model.experiment, (0,))
+    np.testing.assert_array_equal(model(image).vertices, model(image, camera=camera).vertices)
+    other, _, second = reconstruct.of_object(record, model.experiment, (0,), 1)
+    assert np.abs(second - camera).max() > 0.1 and (other != image).any()
+    assert np.abs(model(other, camera=second).vertices - model(other).vertices).max() > 1e-5
+    with pytest.raises(ReconstructionError, match=r"\(128, 128, 3\), expected \(256, 256, 3\); .*, give its camera"):
+        model(image[::2, ::2])
+    half = np.diag([0.5, 0.5, 1]) @ camera
+    assert np.isfinite(model(image[::2, ::2], camera=half).vertices).all()
+    with pytest.raises(ReconstructionError, match="no camera 2: it has 2, numbered from 0"):
+        reconstruct.of_object(record, model.experiment, (0,), 2)
+
+
+def test_an_image_with_opacity_is_taken_over_white(run, dataset):
+    model, grasp = Reconstructor(folder_of(run, "charts_occluded")), dataset["bottle-0000"].grasps[0]
+    opacity = np.zeros((256, 256, 1), np.uint8)
+    opacity[:100] = 255
+    white = np.where(opacity, grasp.occluded, 255)
+    found = model(np.concatenate([grasp.occluded, opacity], axis=2))
+    np.testing.assert_allclose(found.vertices, model(white).vertices, atol=1e-6)
+    assert np.abs(found.vertices - model(grasp.occluded).vertices).max() > 1e-5
 
 
 def test_charts_that_are_not_finite_are_an_error(run, dataset):

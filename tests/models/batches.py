@@ -2,6 +2,7 @@
 
 import torch
 
+from palpate.camera import paper_camera
 from palpate.mesh import OBJECT_POSITION
 
 SMALL = {
@@ -33,6 +34,7 @@ def random_batch(samples: int, grasps: int, seed: int = 0, size: int = 40, dtype
     success[:, 0], success[:, 1] = True, False
     return {
         "image": torch.rand(samples, 3, size, size, generator=random, dtype=dtype),
+        "camera": torch.from_numpy(paper_camera(size).matrix()).to(dtype).repeat(samples, 1, 1),
         "success": success,
         "position": position,
         "rotation": torch.linalg.qr(normal(samples, touches, 3, 3))[0],

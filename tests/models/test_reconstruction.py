@@ -192,15 +192,14 @@ def test_normalised_positions_are_a_change_of_unit():
     torch.testing.assert_close(moved, expected.expand(VISION, 3), rtol=0, atol=1e-6)
 
 
-def test_the_default_camera_is_the_datasets_whatever_the_size():
+def test_every_image_is_looked_up_by_its_own_camera():
     model, batch = model_of("charts", True, False, 1), random_batch(2, 1, size=64)
-    camera = paper_camera(64)
-    matrix = torch.from_numpy(camera.intrinsics() @ camera.extrinsics()).expand(2, 3, 4)
-    torch.testing.assert_close(model(batch | {"camera": matrix}), model(batch), rtol=0, atol=1e-6)
-    turned = matrix.flip(0).clone()
+    turned = batch["camera"].clone()
     turned[0, 0] *= 1.1
     assert (model(batch | {"camera": turned})[0] != model(batch)[0]).any()
-    assert torch.equal(model(batch | {"camera": turned})[1], model(batch | {"camera": matrix})[1])
+    assert torch.equal(model(batch | {"camera": turned})[1], model(batch)[1])
+    # Homogeneous: a camera times a number is the same camera.
+    torch.testing.assert_close(model(batch | {"camera": 3 * batch["camera"]}), model(batch), rtol=0, atol=1e-9)
 
 
 def test_the_sphere_feels_position_rotation_success_and_reading():
@@ -251,7 +250,7 @@ def test_impossible_experiments(strategy, vision, touch, grasps, message):
         Reconstruction(strategy, vision, touch, grasps, SMALL)
 
 
-@pytest.mark.parametrize("key", ["image", "success", "position", "charts"])
+@pytest.mark.parametrize("key", ["image", "camera", "success", "position", "charts"])
 def test_a_missing_key_is_named(key):
     model, batch = model_of("charts", True, True, 1), random_batch(1, 1)
     del batch[key]

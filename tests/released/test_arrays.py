@@ -10,6 +10,7 @@ from PIL import Image
 
 import palpate.store
 from palpate.batch import UnusableObject, each_object
+from palpate.camera import paper_camera
 from palpate.catalogue import CatalogueError, all_classes, build, scan
 from palpate.dataset import Dataset
 from palpate.released import arrays as released
@@ -199,13 +200,15 @@ def test_points_that_are_on_no_grid_are_kept(tree, caplog):
 
 def test_images_are_resized_and_put_over_white(tree):
     images = released.read_vision(tree, ENTRY, 2, 40)
-    assert set(images) == {"unoccluded", "occluded"} and images["occluded"].shape == (2, 40, 40, 3)
-    assert_array_equal(images["occluded"][1], np.asarray(Image.open(tree / "images/0001/00012/1.png")))
-    assert released.read_vision(tree, ENTRY, 1, 32)["unoccluded"].shape == (32, 32, 3)
+    assert set(images) == {"unoccluded", "occluded", "intrinsics", "extrinsics"}
+    assert images["occluded"].shape == (2, 1, 40, 40, 3)
+    assert_array_equal(images["intrinsics"][0] @ images["extrinsics"][0], paper_camera(40).matrix())
+    assert_array_equal(images["occluded"][1, 0], np.asarray(Image.open(tree / "images/0001/00012/1.png")))
+    assert released.read_vision(tree, ENTRY, 1, 32)["unoccluded"].shape == (1, 32, 32, 3)
     half = np.zeros((40, 40, 4), dtype=np.uint8)
     half[:20] = (10, 20, 30, 255)
     Image.fromarray(half).save(tree / "images/0001/00012/unoccluded.png")
-    over = released.read_vision(tree, ENTRY, 1, 40)["unoccluded"]
+    over = released.read_vision(tree, ENTRY, 1, 40)["unoccluded"][0]
     assert (over[:20] == [10, 20, 30]).all() and (over[20:] == 255).all()
 
 
@@ -330,8 +333,8 @@ def test_a_run_comes_back_as_it_was(run, exported):
         surface = released.read_surface(exported, entry, len(record.points), None)
         assert_array_equal(surface["points"], record.points)
         images = released.read_vision(exported, entry, GRASPS, SIZE)
-        assert_array_equal(images["unoccluded"], record.unoccluded)
-        assert_array_equal(images["occluded"], [grasp.occluded for grasp in record.grasps])
+        assert_array_equal(images["unoccluded"][0], record.unoccluded)
+        assert_array_equal(images["occluded"][:, 0], [grasp.occluded for grasp in record.grasps])
         felt = palpate.store.join("touch", {record.name: released.read_touch(exported, entry, GRASPS)})
         one = dataset.select([record.name])
         for name in ("success", "position", "reading", "points", "point_count"):
@@ -403,6 +406,27 @@ def test_charts_go_out_as_sheets_and_come_back(run, tmp_path):
         assert np.load(tmp_path / f"released/sheets/ball/0000/sheets_{grasp_number}_{sensor}.npy").shape == (1,)
     back = released.read_charts(tmp_path / "released", ReleasedObject("ball", "0000"), GRASPS)["vertices"]
     assert_allclose(back, [each.vertices for each in record.grasps], atol=1e-7)
+
+
+@pytest.mark.parametrize("change, message", [("another", "others"), ("two", "has 2"), ("opacity", "opaque images")])
+def test_images_that_the_layout_has_no_camera_for_are_not_exported(run, tmp_path, change, message):
+    for batch in BATCHES:
+        path = run / palpate.store.CONTRACT["vision"].path(batch)
+        arrays = palpate.store.read(path)
+        if change == "another":
+            arrays["extrinsics"][..., 3] += 0.01
+        elif change == "two":
+            axis = {name: 2 if name.startswith("occluded") else 1 for name in arrays if name != "object"}
+            arrays |= {name: np.repeat(arrays[name], 2, axis=place) for name, place in axis.items()}
+        else:
+            arrays |= {
+                name: np.concatenate([arrays[name], 255 + 0 * arrays[name][..., :1]], axis=-1)
+                for name in ("unoccluded", "occluded")
+            }
+        palpate.store.write(path, "vision", arrays, ATTRIBUTES)
+    with pytest.raises(StoreError, match=message):
+        export(Dataset(run, STAGES), tmp_path / "released")
+    assert not (tmp_path / "released").exists()
 
 
 def test_a_run_without_images_is_not_exported(run, tmp_path):

@@ -14,6 +14,8 @@ from palpate.mesh import OBJECT_POSITION, load_visual, prepare
 from palpate.sensor import DIGIT
 from palpate.store import join, write
 from palpate.touch import RayCaster, empty_reading, sense
+from palpate.vision import Image, paper_camera
+from palpate.vision.image import vision_record
 
 ATTRIBUTES = {"config_digest": "test", "seed": 0, "sensor": DIGIT.description()}
 BATCH = "batch-0000"
@@ -108,16 +110,12 @@ def touch_record(tracer, grasp) -> dict[str, np.ndarray]:
 def plain_images(meshes, hand, grasp) -> dict[str, np.ndarray]:
     """Images of an object that the hand hides by half."""
     count, size = len(grasp["palm_pose"]), 64
-    half = np.zeros((count, size, size), np.uint8)
-    half[:, : size // 2] = 255
-    return {
-        "unoccluded": np.full((size, size, 3), 200, np.uint8),
-        "occluded": np.full((count, size, size, 3), 90, np.uint8),
-        "unoccluded_mask": np.full((size, size), 255, np.uint8),
-        "occluded_mask": half,
-        "unoccluded_depth": np.ones((size, size), np.float16),
-        "occluded_depth": np.ones((count, size, size), np.float16),
-    }
+    half = np.zeros((size, size), np.uint8)
+    half[: size // 2] = 255
+    depth = np.ones((size, size), np.float16)
+    alone = Image(np.full((size, size, 3), 200, np.uint8), np.full((size, size), 255, np.uint8), depth)
+    held = Image(np.full((size, size, 3), 90, np.uint8), half, depth)
+    return vision_record([(alone, [held] * count)], [paper_camera(size)])
 
 
 @pytest.fixture(scope="session")

@@ -7,6 +7,7 @@ import pytest
 import torch
 from torch import nn
 
+from palpate.camera import paper_camera
 from palpate.models import PAPER_ARCHITECTURES, Reconstruction, TouchDepth, paper_architecture
 from palpate.models.gcn import ZeroNeighbourLayer
 from palpate.models.layers import ConvolutionBlock
@@ -14,7 +15,7 @@ from palpate.results.architectures import architecture_table, compare, paper_row
 from palpate.results.tables import write_table
 
 TABLES = ["touch_depth", *PAPER_ARCHITECTURES]
-IMAGE = {"image": torch.rand(1, 3, 256, 256)}
+IMAGE = {"image": torch.rand(1, 3, 256, 256), "camera": torch.from_numpy(paper_camera().matrix()).float()[None]}
 
 
 @pytest.fixture(scope="module")

@@ -14,7 +14,7 @@ from palpate.models import TouchDepth
 from palpate.results import reconstructions as figure
 from palpate.results.page import DPI
 from palpate.training import checkpoints
-from palpate.vision import Mesh, Renderer, paper_camera
+from palpate.vision import Mesh, Renderer, looking_at, paper_camera
 from tests.models.batches import SMALL
 
 PROJECT = Path(__file__).parents[2]
@@ -79,12 +79,14 @@ def test_colours_are_where_the_charts_project():
     assert hue(np.array(TOUCH_COLOUR) * 255) == 1 and hue(np.array(VISION_COLOUR) * 255) == -1
 
 
-def test_images_are_cut_to_what_the_renders_show():
+@pytest.mark.parametrize("images", [paper_camera(256), looking_at(OBJECT_POSITION, (-0.7, 1.1, 0.2), 256, 50)])
+def test_images_are_cut_to_what_the_renders_show(images):
     rng = np.random.default_rng(0)
     points = OBJECT_POSITION + rng.uniform(-0.2, 0.2, size=(50, 3))
     low, high = figure.frame(256)
-    of_image = (paper_camera(256).project(points)[0] - low) / (high - low)
-    np.testing.assert_allclose(of_image, figure.shared_camera(90).project(points)[0] / 90, atol=1e-9)
+    of_image = (images.project(points)[0] - low) / (high - low)
+    seen = figure.shared_camera(90, images=images).project(points)[0]
+    np.testing.assert_allclose(of_image, seen / 90, atol=1e-9)
 
 
 def sphere_of_points(radius: float, spikes=()) -> Mesh:

@@ -15,7 +15,8 @@ from palpate.hand import allegro
 from palpate.mesh import DIAGONAL, OBJECT_POSITION
 from palpate.sensor import DIGIT
 from palpate.touch import RayCaster, empty_reading, sense
-from palpate.vision import paper_camera
+from palpate.vision import Image, paper_camera
+from palpate.vision.image import vision_record
 
 ATTRIBUTES = {"config_digest": "0" * 64, "seed": 0, "sensor": DIGIT.description()}
 BATCHES = {"batch-0000": ["ball-0000", "block-0000"], "batch-0001": ["ball-0001", "ball-0002"]}
@@ -104,14 +105,8 @@ def vision(name: str) -> dict[str, np.ndarray]:
     mask = np.where(np.isfinite(depth), 255, 0)
     wall = np.arange(SIZE) >= SIZE // 2
     image = np.where(mask[..., None], np.uint8(200), np.uint8(90)) * np.ones(3, np.uint8)
-    return {
-        "unoccluded": image,
-        "occluded": np.stack([np.where(wall[:, None], np.uint8(50), image)] * GRASPS),
-        "unoccluded_mask": mask,
-        "occluded_mask": np.stack([np.where(wall, 0, mask)] * GRASPS),
-        "unoccluded_depth": depth,
-        "occluded_depth": np.stack([np.where(wall, 0.7, depth)] * GRASPS),
-    }
+    held = Image(np.where(wall[:, None], np.uint8(50), image), np.where(wall, 0, mask), np.where(wall, 0.7, depth))
+    return vision_record([(Image(image, mask, depth), [held] * GRASPS)], [camera])
 
 
 def build(folder: Path) -> None:

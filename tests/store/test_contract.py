@@ -30,12 +30,14 @@ PROMISED = {
         "empty_reading": ((100, 100, 3), "uint8"),
     },
     "vision": {
-        "unoccluded": ((2, 256, 256, 3), "uint8"),
-        "occluded": ((2, 5, 256, 256, 3), "uint8"),
-        "unoccluded_mask": ((2, 256, 256), "uint8"),
-        "occluded_mask": ((2, 5, 256, 256), "uint8"),
-        "unoccluded_depth": ((2, 256, 256), "float16"),
-        "occluded_depth": ((2, 5, 256, 256), "float16"),
+        "unoccluded": ((2, 1, 256, 256, 3), "uint8"),
+        "occluded": ((2, 5, 1, 256, 256, 3), "uint8"),
+        "unoccluded_mask": ((2, 1, 256, 256), "uint8"),
+        "occluded_mask": ((2, 5, 1, 256, 256), "uint8"),
+        "unoccluded_depth": ((2, 1, 256, 256), "float16"),
+        "occluded_depth": ((2, 5, 1, 256, 256), "float16"),
+        "intrinsics": ((2, 1, 3, 3), "float64"),
+        "extrinsics": ((2, 1, 3, 4), "float64"),
     },
     "views": {
         "image": ((2, 24, 137, 137, 3), "uint8"),
@@ -43,7 +45,8 @@ PROMISED = {
         "camera": ((2, 24, 3, 4), "float64"),
     },
 }
-SIZES = {"o": 2, "g": 5, "n": 10000, "s": 4, "j": 16, "r": 100, "rr": 10000, "p": 256, "v": 24, "q": 137}
+SIZES = {"o": 2, "g": 5, "n": 10000, "s": 4, "j": 16, "r": 100, "rr": 10000, "k": 1, "p": 256, "c": 3, "v": 24}
+SIZES |= {"q": 137}
 
 
 def test_the_contract_holds_what_was_promised():

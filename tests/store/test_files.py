@@ -20,7 +20,7 @@ from palpate.store import CONTRACT, StoreError, join, read, write
 from palpate.store.files import seal
 
 ATTRIBUTES = {"config_digest": "ab" * 32, "seed": 3, "sensor": DIGIT.description()}
-SIZES = {"n": 5, "s": 4, "j": 3, "l": 2, "r": 4, "rr": 16, "p": 6, "v": 2, "q": 3, "w": 5}
+SIZES = {"n": 5, "s": 4, "j": 3, "l": 2, "r": 4, "rr": 16, "k": 2, "p": 6, "c": 3, "v": 2, "q": 3, "w": 5}
 STAGES = tuple(CONTRACT)
 
 
@@ -85,7 +85,7 @@ def contents(draw):
         "rr": 4,
         "p": draw(st.integers(1, 3)),
     }
-    sizes |= {"v": draw(st.integers(1, 2)), "q": 2, "w": 2}
+    sizes |= {"k": draw(st.integers(1, 2)), "c": 4, "v": draw(st.integers(1, 2)), "q": 2, "w": 2}
     names = st.text(st.characters(codec="utf-8", exclude_characters="\0"), min_size=1, max_size=5)
     arrays = {}
     for name, spec in CONTRACT[stage].arrays.items():
@@ -485,7 +485,8 @@ def test_reading_a_dataset_loads_no_engine():
 
 def test_optional_arrays_may_be_missing_and_others_may_not(tmp_path):
     path, arrays = path_of(tmp_path, "vision"), arrays_of("vision", 2)
-    kept = {name: arrays[name] for name in ("object", "unoccluded", "occluded", "unoccluded_mask")}
+    names = ("object", "unoccluded", "occluded", "unoccluded_mask", "intrinsics", "extrinsics")
+    kept = {name: arrays[name] for name in names}
     write(path, "vision", kept, ATTRIBUTES)
     assert_same(read(path), kept)
     with pytest.raises(StoreError, match="no array 'occluded_depth'"):
@@ -496,11 +497,12 @@ def test_optional_arrays_may_be_missing_and_others_may_not(tmp_path):
 
 
 def test_arrays_that_no_object_has_are_left_out_if_they_are_optional():
-    record = {"unoccluded": np.zeros((2, 2, 3)), "occluded": np.zeros((3, 2, 2, 3))}
-    assert set(join("vision", {"a": record})) == {"object", "unoccluded", "occluded"}
+    record = {"unoccluded": np.zeros((1, 2, 2, 3)), "occluded": np.zeros((3, 1, 2, 2, 3))}
+    record |= {"intrinsics": np.eye(3)[None], "extrinsics": np.eye(3, 4)[None]}
+    assert set(join("vision", {"a": record})) == {"object", *record}
     assert "unoccluded_mask" in join("vision", {})
-    masked = record | {"unoccluded_mask": np.zeros((2, 2))}
+    masked = record | {"unoccluded_mask": np.zeros((1, 2, 2))}
     with pytest.raises(KeyError, match="unoccluded_mask"):
         join("vision", {"a": masked, "b": record})
     with pytest.raises(KeyError, match="occluded"):
-        join("vision", {"a": {"unoccluded": np.zeros((2, 2, 3))}})
+        join("vision", {"a": {"unoccluded": np.zeros((1, 2, 2, 3))}})

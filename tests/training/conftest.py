@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from palpate.camera import looking_at, paper_camera
 from palpate.mesh import OBJECT_POSITION
 from palpate.training.data import TrainingData
 
@@ -35,7 +36,9 @@ OCCLUDED_TOUCH = {"strategy": "charts", "vision": "occluded", "touch": True, "gr
 TOUCH_ONLY = {"strategy": "charts", "vision": "none", "touch": True, "grasps": 2}
 
 
-def made_up(vision: str = "occluded", touch: str = "charts", grasps: int = 3, seed: int = 0) -> TrainingData:
+def made_up(
+    vision: str = "occluded", touch: str = "charts", grasps: int = 3, seed: int = 0, cameras: int = 1
+) -> TrainingData:
     """Seven ellipsoids, with random pixels."""
     random = np.random.default_rng(seed)
     o = len(SPLITS)
@@ -49,9 +52,12 @@ def made_up(vision: str = "occluded", touch: str = "charts", grasps: int = 3, se
         "points": points.astype(np.float32),
     }
     if vision == "occluded":
-        arrays["occluded"] = random.integers(0, 256, (o, grasps, 24, 24, 3), dtype=np.uint8)
+        arrays["occluded"] = random.integers(0, 256, (o, grasps, cameras, 24, 24, 3), dtype=np.uint8)
     if vision == "unoccluded":
-        arrays["unoccluded"] = random.integers(0, 256, (o, 24, 24, 3), dtype=np.uint8)
+        arrays["unoccluded"] = random.integers(0, 256, (o, cameras, 24, 24, 3), dtype=np.uint8)
+    if vision in ("occluded", "unoccluded"):
+        around = [paper_camera(24), *(looking_at(OBJECT_POSITION, (1, k, 1), 24) for k in range(1, cameras))]
+        arrays["image_camera"] = np.tile(np.stack([each.matrix() for each in around]).astype(np.float32), (o, 1, 1, 1))
     if vision == "views":
         arrays["views"] = random.integers(0, 256, (o, 5, 24, 24, 3), dtype=np.uint8)
         arrays["camera"] = random.standard_normal((o, 5, 3, 4)).astype(np.float32)

@@ -70,7 +70,7 @@ def test_of_another_architecture(path):
 
 def test_of_another_schema_version(path):
     changed(path, schema_version=7)
-    with pytest.raises(CheckpointError, match="schema version 7, but this palpate reads version 1"):
+    with pytest.raises(CheckpointError, match="schema version 7, but this palpate reads version 2"):
         load(path)
 
 

@@ -9,10 +9,11 @@ import pytest
 from palpate import Dataset, store
 from palpate.sensor import DIGIT
 from palpate.store import StoreError
+from palpate.training import ReconstructionLearner, checkpoints
 from palpate.training.data import TrainingData, TrainingDataError
 from palpate.training.inputs import INPUTS, stages
 from palpate.training.samples import windows
-from tests.training.conftest import OCCLUDED_TOUCH, made_up
+from tests.training.conftest import OCCLUDED_TOUCH, SETTINGS, made_up
 
 ATTRIBUTES = {"seed": 0, "config_digest": "0", "sensor": DIGIT.description()}
 BATCHES = {
@@ -30,7 +31,7 @@ VIEWS = UNOCCLUDED | {"vision": "views"}
 def arrays_of(stage, names, seed):
     """Random arrays of the contract's shapes."""
     random = np.random.default_rng(seed)
-    sizes = {"o": len(names), "g": GRASPS, "n": 7, "s": 4, "r": 3, "rr": 9, "p": 5, "v": 2, "q": 4}
+    sizes = {"o": len(names), "g": GRASPS, "n": 7, "s": 4, "r": 3, "rr": 9, "k": 2, "p": 5, "c": 3, "v": 2, "q": 4}
     found = {}
     for name, spec in store.CONTRACT[stage].arrays.items():
         shape = [axis if isinstance(axis, int) else sizes[axis] for axis in spec.shape]
@@ -93,7 +94,7 @@ def test_objects_that_all_stores_have(made):
 def test_rows_are_those_of_the_stores(made):
     found = TrainingData.load(made[0], OCCLUDED_TOUCH)
     assert found.grasps == GRASPS and set(found.arrays) == {
-        *("points", "occluded", "success", "position", "rotation", "charts")
+        *("points", "occluded", "image_camera", "success", "position", "rotation", "charts")
     }
     for number, name in enumerate(found.objects):
         for ours, stage, theirs in [
@@ -105,13 +106,16 @@ def test_rows_are_those_of_the_stores(made):
             ("rotation", "touch", "rotation"),
         ]:
             np.testing.assert_array_equal(found[ours][number], row(made, stage, name, theirs))
+        matrices = (row(made, "vision", name, array) for array in ("intrinsics", "extrinsics"))
+        expected = [k @ e for k, e in zip(*matrices, strict=True)]
+        np.testing.assert_allclose(found["image_camera"][number], expected, rtol=1e-6)
     with pytest.raises(TrainingDataError, match="the experiment takes no unoccluded"):
         found["unoccluded"]
 
 
 def test_views(made):
     found = TrainingData.load(made[0], VIEWS)
-    assert (found.views, found.grasps, len(found)) == (2, 0, 5)
+    assert (found.images(VIEWS), found.grasps, len(found)) == (2, 0, 5)
     np.testing.assert_array_equal(found["views"][3], row(made, "views", "b-1", "image"))
     np.testing.assert_array_equal(found["camera"][3], row(made, "views", "b-1", "camera").astype(np.float32))
 
@@ -139,7 +143,7 @@ def test_the_same_data_have_the_same_digest_and_others_another(run):
     assert TrainingData.load(run[0], TOUCH).digest == digest
     assert TrainingData.load(run[0], TOUCH, ["train"]).digest != digest
     assert TrainingData.load(run[0], READINGS).digest != digest
-    change(run, "vision", "occluded", (0, 0, 0, 0), 7)  # which this experiment does not take
+    change(run, "vision", "occluded", (0, 0, 0, 0, 0), 7)  # which this experiment does not take
     assert TrainingData.load(run[0], TOUCH).digest == digest
     change(run, "charts", "vertices", (0, 0, 0, 0), 1.5)
     assert TrainingData.load(run[0], TOUCH).digest != digest
@@ -217,3 +221,16 @@ def test_more_arrays_change_no_sample(made):
     assert windows(data, OCCLUDED_TOUCH, "train") == windows(
         TrainingData.load(made[0], OCCLUDED_TOUCH), OCCLUDED_TOUCH, "train"
     )
+
+
+def test_one_camera_of_all_images_is_common(tmp_path):
+    one, several, touch = made_up("occluded"), made_up("unoccluded", cameras=2), made_up("none")
+    np.testing.assert_array_equal(one.common_camera(OCCLUDED_TOUCH), one["image_camera"][3, 0])
+    assert several.common_camera(UNOCCLUDED) is None and touch.common_camera(TOUCH) is None
+    assert one.image_size(OCCLUDED_TOUCH) == several.image_size(UNOCCLUDED) == 24 and touch.image_size(TOUCH) is None
+    assert (one.images(OCCLUDED_TOUCH), several.images(UNOCCLUDED), one.images(TOUCH)) == (1, 2, 0)
+    learner = ReconstructionLearner(one, OCCLUDED_TOUCH, SETTINGS, seed=0)
+    checkpoints.save(tmp_path / "a.ckpt", "reconstruction", learner.model, learner.described())
+    held = checkpoints.read(tmp_path / "a.ckpt", "reconstruction")
+    np.testing.assert_array_equal(np.float32(held["camera"]), one["image_camera"][0, 0])
+    assert held["image_size"] == 24

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from palpate.training.data import TrainingDataError
-from palpate.training.samples import Assembler, Sample, shuffled, spread, training_samples, windows
+from palpate.training.samples import Assembler, Sample, shuffled, spread, to_colours, training_samples, windows
 from tests.training.conftest import OCCLUDED_TOUCH, TOUCH_ONLY, made_up
 
 VIEWS = {"strategy": "charts", "vision": "views", "touch": False, "grasps": 1}
@@ -77,17 +77,18 @@ def test_a_step_does_not_depend_on_those_before(data):
 
 
 def test_a_batch_sample_by_sample():
-    data = made_up("occluded", "charts")
-    samples = [Sample(2, (1, 0)), Sample(5, (2, 1)), Sample(2, (0, 2))]
+    data = made_up("occluded", "charts", cameras=2)
+    samples = [Sample(2, (1, 0)), Sample(5, (2, 1), 1), Sample(2, (0, 2))]
     batch = Assembler(data, TOUCH_ONLY | {"vision": "occluded"})(samples)
     assert batch["image"].dtype == torch.float32 and tuple(batch["image"].shape) == (3, 3, 24, 24)
     for place, sample in enumerate(samples):
-        image = data["occluded"][sample.object, sample.grasps[0]].transpose(2, 0, 1) / 255
+        image = data["occluded"][sample.object, sample.grasps[0], sample.view].transpose(2, 0, 1) / 255
         np.testing.assert_allclose(batch["image"][place], image, atol=1e-7)
         for name in ("success", "position", "rotation", "charts"):
             expected = np.concatenate([data[name][sample.object, grasp] for grasp in sample.grasps])
             np.testing.assert_array_equal(batch[name][place], expected)
-    assert set(batch) == {"image", "success", "position", "rotation", "charts"}
+        np.testing.assert_array_equal(batch["camera"][place], data["image_camera"][sample.object, sample.view])
+    assert set(batch) == {"image", "camera", "success", "position", "rotation", "charts"}
 
 
 def test_a_batch_of_readings_and_of_views():
@@ -101,6 +102,31 @@ def test_a_batch_of_readings_and_of_views():
 
 
 def test_an_unoccluded_image_goes_with_any_grasp():
-    data = made_up("unoccluded", "charts")
-    batch = Assembler(data, OCCLUDED_TOUCH | {"vision": "unoccluded"})([Sample(3, (2,))])
-    np.testing.assert_allclose(batch["image"][0], data["unoccluded"][3].transpose(2, 0, 1) / 255, atol=1e-7)
+    data = made_up("unoccluded", "charts", cameras=3)
+    batch = Assembler(data, OCCLUDED_TOUCH | {"vision": "unoccluded"})([Sample(3, (2,)), Sample(3, (1,), 2)])
+    for place, view in enumerate((0, 2)):
+        image = data["unoccluded"][3, view].transpose(2, 0, 1) / 255
+        np.testing.assert_allclose(batch["image"][place], image, atol=1e-7)
+        np.testing.assert_array_equal(batch["camera"][place], data["image_camera"][3, view])
+
+
+def test_images_of_several_cameras_are_samples_of_their_own():
+    one, three = (made_up("occluded", "charts", cameras=count) for count in (1, 3))
+    measured = windows(three, OCCLUDED_TOUCH, "test")
+    assert {(sample.grasps, sample.view) for sample in measured} == {((g,), k) for g in range(3) for k in range(3)}
+    assert sorted(sample.window for sample in measured) == list(range(9))
+    seen = [training_samples(three, OCCLUDED_TOUCH, 2, 7, step) for step in range(60)]
+    assert {sample.view for samples in seen for sample in samples} == {0, 1, 2}
+    # Objects and grasps are those that a run with one camera sees, and an experiment without images.
+    for step, samples in enumerate(seen):
+        assert [each._replace(view=0) for each in samples] == training_samples(one, OCCLUDED_TOUCH, 2, 7, step)
+        assert [each._replace(view=0) for each in samples] == training_samples(
+            made_up("none", "charts"), OCCLUDED_TOUCH | {"vision": "none"}, 2, 7, step
+        )
+
+
+def test_opacity_is_put_over_white():
+    pixels = np.array([[[200, 100, 0, 255], [200, 100, 0, 0], [200, 100, 0, 51]]], np.uint8)
+    found = to_colours(torch.from_numpy(pixels))
+    expected = np.array([[200, 100, 0], [255, 255, 255], [244, 224, 204]]).T[:, None] / 255
+    np.testing.assert_allclose(found, expected, atol=1e-6)

@@ -7,6 +7,7 @@ import trimesh
 from PIL import Image as PillowImage
 
 from palpate.batch import UnusableObject
+from palpate.camera import matrices, paper_camera
 from palpate.dataset.checks import CHECKS, CheckedObject, check_vision
 from palpate.mesh import prepare
 from palpate.vision import Renderer
@@ -34,7 +35,8 @@ def failed(folder):
     image, _ = Renderer(samples=1, device="cpu").render(scene_of(folder / "visual.glb", size=SIZE))
     rows = {}
     for array, values in (("", image.rgb), ("_mask", image.mask), ("_depth", image.depth)):
-        rows |= {f"unoccluded{array}": values, f"occluded{array}": values[None]}
+        rows |= {f"unoccluded{array}": values[None], f"occluded{array}": values[None, None]}
+    rows |= matrices([paper_camera(SIZE)])
     found = {check: np.max(value) for check, value in check_vision(CheckedObject({"vision": rows}, folder))}
     return {check: value for check, value in found.items() if not value <= CHECKS[check].limit}
 

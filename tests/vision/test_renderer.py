@@ -10,7 +10,7 @@ from scipy.ndimage import binary_erosion
 
 from palpate.batch import UnusableObject
 from palpate.mesh import OBJECT_POSITION
-from palpate.scene import Lights, Scene
+from palpate.scene import LIGHTS, Scene
 from palpate.vision import Mesh, Renderer, looking_at, paper_camera, spheres
 from palpate.vision.image import read_layers
 from tests.vision.scenes import ball, grasp_poses, painted, scene_of
@@ -54,8 +54,8 @@ def test_the_lights_of_a_scene_shine_on_it_and_on_no_other(write_glb):
     path = write_glb("ball", painted(ball((0, 0, 0), 0.2), (0.8, 0.8, 0.8)))
     renderer, plain = Renderer(samples=4, device="cpu"), scene_of(path, size=64)
     expected, _ = renderer.render(plain)
-    dark = replace(plain, lights=Lights(strength=0.0, ambient=0.0))
-    below = replace(plain, lights=Lights(direction=(0.6, -0.55, -1.3)))
+    dark = replace(plain, lights=())
+    below = replace(plain, lights=(replace(LIGHTS[0], position=(0.6, -0.55, -0.7)), LIGHTS[1]))
     shown = binary_erosion(expected.mask > 0, iterations=2)  # no pixel mixed with the background
     assert renderer.render(dark)[0].rgb[shown].max() < 3
     upper, lower = (renderer.render(scene)[0].rgb[shown].astype(int) for scene in (plain, below))

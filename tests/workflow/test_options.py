@@ -1,4 +1,6 @@
-"""Every option that is not the default, in one run: own hand and sensor, tracing, surface method, sizes, masters."""
+"""Every option that is not the default, in one run: hand, sensor, cameras, lights, tracing, surface method, masters."""
+
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -7,12 +9,17 @@ import yaml
 from PIL import Image
 
 import palpate
+from palpate.camera import looking_at
 from palpate.sensor import SHIPPED
 from palpate.store import read
 from palpate.vision.image import read_layers
 from tests.hand import grippers
 
 GRASPS, POINTS, SIZE = 2, 2000, 48
+CAMERAS = [
+    {"position": [1.0, -0.8, 1.0], "target": [0, 0, 0.6]},
+    {"position": [0, 2.5, 0.6], "rotation": [90, 0, 180], "field_of_view": 20},  # farther away than 2 m
+]
 SENSORS = grippers.SENSORS | {"sensors": grippers.SENSORS["sensors"][:3], "thumb": ["right_end"]}
 PIXELS = 40
 
@@ -42,7 +49,8 @@ def run(make_workflow, tmp_path_factory):
             "hand": {"sensors": str(hand / "sensors.yaml"), "mjcf": str(hand / "hand.xml")},
         },
         touch={"method": "sphere_tracing", "sensor": str(hand / "own.yaml")},
-        vision={"size": SIZE, "samples": 2, "device": "cpu", "exr": True},
+        vision={"size": SIZE, "samples": 2, "device": "cpu", "exr": True, "background": "transparent"}
+        | {"cameras": CAMERAS, "lights": [{"kind": "point", "energy": 9, "position": [1, -1, 2]}]},
         mesh={"collision_faces": 500, "levels": [200, 100]},
     )
     result = workflow("dataset", "validate")
@@ -54,7 +62,7 @@ def test_sizes_are_those_of_the_config(run):
     dataset = palpate.Dataset(run)
     assert dataset.objects == ["can-nested-flat", "can-tall"]
     assert dataset.array("surface", "points").shape == (2, POINTS, 3)
-    assert dataset.array("vision", "occluded").shape == (2, GRASPS, SIZE, SIZE, 3)
+    assert dataset.array("vision", "occluded").shape == (2, GRASPS, 2, SIZE, SIZE, 4)
     assert dataset.array("grasps", "joint_positions").shape == (2, GRASPS, 5)  # the gripper's hinges
     assert dataset.array("touch", "reading").shape == (2, GRASPS, 3, PIXELS, PIXELS, 3)
     assert dataset.sensor.name == "own" and dataset.sensor.gel_radius == 0.02
@@ -65,13 +73,24 @@ def test_sizes_are_those_of_the_config(run):
 
 def test_masters_hold_what_the_store_holds(run):
     stored = read(run / "vision/batch-0000.zarr")
-    assert len(list((run / "exr/batch-0000").glob("*.exr"))) == 2 * (1 + GRASPS)
+    assert len(list((run / "exr/batch-0000").glob("*.exr"))) == 2 * (1 + GRASPS) * len(CAMERAS)
     for number, name in enumerate(stored["object"]):
-        image = read_layers(run / f"exr/batch-0000/{name}-unoccluded.exr").image((1, 1, 1))
-        np.testing.assert_array_equal(image.rgb, stored["unoccluded"][number])
-        for grasp in range(GRASPS):
-            image = read_layers(run / f"exr/batch-0000/{name}-grasp-{grasp}.exr").image((1, 1, 1))
-            np.testing.assert_array_equal(image.depth, stored["occluded_depth"][number, grasp])
+        for camera, end in enumerate(("", "-camera-1")):
+            image = read_layers(run / f"exr/batch-0000/{name}-unoccluded{end}.exr").image(None)
+            np.testing.assert_array_equal(image.rgb, stored["unoccluded"][number, camera])
+            for grasp in range(GRASPS):
+                image = read_layers(run / f"exr/batch-0000/{name}-grasp-{grasp}{end}.exr").image(None)
+                np.testing.assert_array_equal(image.depth, stored["occluded_depth"][number, grasp, camera])
+
+
+def test_cameras_are_those_of_the_config(run):
+    dataset = palpate.Dataset(run)
+    expected = [
+        looking_at((0, 0, 0.6), (1, -0.8, 1), SIZE),
+        replace(looking_at((0, 0, 0.6), (0, 2.5, 0.6), SIZE), focal_length=SIZE / 2 / np.tan(np.radians(10))),
+    ]
+    np.testing.assert_allclose(dataset.cameras(), [[camera.matrix() for camera in expected]] * 2, atol=1e-2)
+    assert dataset[0].cameras == 2
 
 
 def test_the_files_that_an_own_hand_names_are_inputs_of_its_grasps(make_workflow, tmp_path):

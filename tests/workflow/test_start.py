@@ -33,9 +33,14 @@ def test_too_few_objects_for_a_split_is_said_at_the_start_with_the_way_to_set_it
         ({"results": "/proc/nowhere"}, "/proc/nowhere/run: No such file or directory: set `results` in the config"),
         ({"vision": {"samples": 10**8}}, "  vision.samples: 100000000 is greater than the maximum of 65536"),
         ({"grasps": {"hand": {"mjcf": "no.xml", "sensors": "no.yaml"}}}, "no.xml: no such file"),
+        (
+            {"vision": {"cameras": [{"position": [1, 0, 1], "target": [2, 0, 1]}]}},
+            "vision.cameras.0: the object's",
+        ),
+        ({"vision": {"lights": [{"kind": "sun", "energy": 1}]}}, "vision.lights.0: light of kind sun needs a position"),
         ({"tuning": {"grid": "vast"}}, "vast"),
     ],
-    ids=["results", "samples", "hand", "grid"],
+    ids=["results", "samples", "hand", "cameras", "lights", "grid"],
 )
 def test_errors_of_the_config_come_without_snakemakes_frame(make_workflow, config, said):
     result = make_workflow(**config).plan("dataset")

@@ -85,6 +85,13 @@ try:
     for path in (HAND or {}).values():
         if not (PROJECT / path).is_file():
             raise ConfigError(f"config grasps.hand: {PROJECT / path}: no such file")
+    if workflow.is_main_process and (config["vision"]["cameras"] or config["vision"]["lights"]):
+        from palpate import scene  # loads trimesh
+
+        scene.cameras(config["vision"])
+        scene.lights(config["vision"])
+    if SOURCE["kind"] == "released" and config["vision"]["cameras"]:
+        raise ConfigError("config vision.cameras: a released dataset has the paper's camera: set it to null")
     TRAINING_MACHINE = {key: config["training"][key] for key in ("device", "devices", "precision")}
     TRAINING_GPUS = 0 if config["training"]["device"] == "cpu" else config["training"]["devices"]
 except (ConfigError, catalogue.CatalogueError) as error:

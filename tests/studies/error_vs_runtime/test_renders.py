@@ -9,7 +9,7 @@ from numpy.testing import assert_array_equal
 
 from palpate.hand import allegro
 from palpate.mesh import OBJECT_POSITION
-from palpate.scene import Lights
+from palpate.scene import LIGHTS
 from palpate.vision import image, paper_camera, renderer
 from studies.error_vs_runtime.renders import REFERENCE, REFERENCE_CYCLES, ImagePair, Renders, crop, study
 from studies.omitted.renders import rewrite_glb
@@ -57,9 +57,9 @@ def test_the_reference_of_a_matte_ball_is_the_closed_form(tmp_path):
     a, b, c = (rays**2).sum(-1), rays @ out, out @ out - 0.2**2
     root = np.sqrt(np.maximum(b**2 - a * c, 0))
     normal = (out + rays * ((-b - root) / a)[..., None]) / 0.2
-    lights = Lights()
-    lamp = np.array(lights.direction) / np.linalg.norm(lights.direction)
-    light = lights.strength / np.pi * np.maximum(normal @ lamp, 0) + lights.ambient
+    sun, ambient = LIGHTS
+    lamp = np.subtract(sun.position, OBJECT_POSITION)
+    light = sun.energy / np.pi * np.maximum(normal @ lamp / np.linalg.norm(lamp), 0) + ambient.energy
     inside = b**2 - a * c > 0.1 * (b**2 - a * c).max()
     expected = image.srgb(ALBEDO * light)[..., None] * np.ones(3)
     assert inside.mean() > 0.4

@@ -12,7 +12,7 @@ from numpy.testing import assert_array_equal
 
 from palpate.hand import allegro
 from palpate.mesh import OBJECT_POSITION
-from palpate.scene import Lights
+from palpate.scene import LIGHTS
 from palpate.vision import Renderer, looking_at
 from studies.omitted.omission import DIFFERS, SAME, results
 from studies.omitted.renders import (
@@ -115,7 +115,7 @@ def test_items_with_a_bound_change_little(torus, expected, item):
 
 @pytest.mark.parametrize("item", ["lamp", "ambient light", "first bounce of light", "hand"])
 def test_items_that_stay_change_the_picture(torus, expected, item):
-    lights = {"lamp": Lights(strength=0.0), "ambient light": Lights(ambient=0.0)}.get(item, Lights())
+    lights = {"lamp": LIGHTS[1:], "ambient light": LIGHTS[:1]}.get(item, LIGHTS)
     _, held, *_ = pictures(replace(torus, lights=lights), {(OCCLUDED, item)})
     difference = np.abs(held.rgb.astype(int) - expected[1].rgb)
     assert difference.max() > 10
