@@ -16,7 +16,7 @@ import numpy as np
 import trimesh
 
 from palpate.hand import MAX_PENETRATION, Hand
-from palpate.mesh import DIAGONAL, OBJECT_POSITION, load_visual, mesh_file
+from palpate.mesh import DIAGONAL, OBJECT_POSITION, load_visual, mesh_file, read_record
 from palpate.surface.embree import RayMesh
 from palpate.touch import SENSOR_RANGE, RayCaster, local_points, shade
 from palpate.vision import paper_camera
@@ -54,7 +54,8 @@ CHECKS = {
     "finite": Check(0, "values that are NaN or infinite and must not be"),
     "rotation": Check(EXACT, "distance of rotations from orthonormal with determinant +1"),
     # Of the meshes and the surface.
-    "scale": Check(EXACT, "m that the mesh's bounding box is off its centre or the diagonal of 0.5 m"),
+    "scale": Check(EXACT, "m that the mesh's bounding box is off its centre, or its diagonal off 0.5 m or its own"),
+    "scale factor": Check(0, "difference between the scale in surface and in the mesh's record"),
     "inside box": Check(EXACT, "m that a surface point lies outside the object's bounding box"),
     "on mesh": Check(ON_MESH, "m between a point (of the surface, or of a local cloud) and the mesh"),
     # Of the grasps.
@@ -118,6 +119,16 @@ class CheckedObject:
         return mesh
 
     @cached_property
+    def diagonal(self) -> float:
+        """What the mesh's bounding box should measure from corner to corner, m: of an object that keeps its size, the
+        source file's box at the scale that the object was given."""
+        record = read_record(self.folder)
+        if record.get("source", {}).get("scale", "diagonal") == "diagonal":
+            return DIAGONAL
+        low, high = np.array(record["source"]["bounding_box"])
+        return record["scale"] * float(np.linalg.norm(high - low))
+
+    @cached_property
     def see_through(self) -> bool:
         """Whether the mesh has transparent materials; False if its record does not state it."""
         try:
@@ -177,7 +188,7 @@ def check_mesh(item: CheckedObject) -> Measured:
     """Whether the mesh keeps the contract's frame."""
     low, high = item.mesh.bounds
     off_centre = np.abs((low + high) / 2 - OBJECT_POSITION).max()
-    yield "scale", max(off_centre, abs(np.linalg.norm(high - low) - DIAGONAL))
+    yield "scale", max(off_centre, abs(np.linalg.norm(high - low) - item.diagonal))
 
 
 def check_surface(item: CheckedObject) -> Measured:
@@ -185,6 +196,8 @@ def check_surface(item: CheckedObject) -> Measured:
     points = item.rows["surface"]["points"]
     yield "finite", np.sum(~np.isfinite(points))
     low, high = item.mesh.bounds
+    if "scale" in item.rows["surface"]:
+        yield "scale factor", abs(item.rows["surface"]["scale"] - read_record(item.folder)["scale"])
     yield "inside box", np.maximum(low - points, points - high).max(initial=0)
     yield "on mesh", item.distance(points).max(initial=0)
 
@@ -247,7 +260,7 @@ def check_vision(item: CheckedObject) -> Measured:
     yield "mask values", np.sum((masks != 0) & (masks != 255))
     depths = np.concatenate([rows["unoccluded_depth"][None], rows["occluded_depth"]])
     centre = np.linalg.norm(paper_camera().position - OBJECT_POSITION)
-    outside = np.abs(depths.astype(np.float32) - centre) > DIAGONAL / 2 + HAND_REACH
+    outside = np.abs(depths.astype(np.float32) - centre) > item.diagonal / 2 + HAND_REACH
     wrong = np.isnan(depths) | (outside & (depths != np.inf))
     yield "image depth", np.sum(wrong) + np.sum(alone[0] != np.isfinite(alone[1]))
     images = np.concatenate([rows["unoccluded"][None], rows["occluded"]])

@@ -204,8 +204,8 @@ class _Record:
 
 class ObjectRecord(_Record):
     """One object: `class_name`, `split`, `batch`, `mesh` (folder), `grasps`, and by name every array of the
-    contract with one row an object: `points`, `attempts`, `unoccluded`, `unoccluded_mask`,
-    `unoccluded_depth`.
+    contract with one row an object: `points`, `scale`, `attempts`, `unoccluded`, `unoccluded_mask`,
+    `unoccluded_depth`; `normalised` says whether it has the one size of all.
     """
 
     @property
@@ -222,6 +222,11 @@ class ObjectRecord(_Record):
     def split(self) -> str:
         """Its split: train, validation or test."""
         return self._entry.split
+
+    @property
+    def normalised(self) -> bool:
+        """Whether it was scaled to the one size of all, a diagonal of 0.5 m; otherwise it has its source's size."""
+        return self._entry.normalised
 
     @property
     def batch(self) -> str:

@@ -36,16 +36,20 @@ class TrainingDataError(ValueError):
 class TrainingData:
     """Objects and their arrays in memory: `data["points"]` and the others as numpy arrays, first axis objects.
 
-    arrays: by name, among them `object`, `class` and `split` (o,). source: what messages call them.
+    arrays: by name, among them `object`, `class` and `split` (o,). source: what messages call them. one_size: whether
+    all objects were scaled to one size.
 
     Attributes:
         objects, classes, splits: lists of (o,) names. grasps: g, grasps an object, 0 if no array has that
-        axis. views: v, 0 likewise.
+        axis. views: v, 0 likewise. largest: m, the diagonal of the largest object of the train split, from corner to
+        corner of its points' box, if objects keep their size; None where all have one size.
 
     Raises TrainingDataError, naming the object, if a value is NaN or infinite.
     """
 
-    def __init__(self, arrays: Mapping[str, Sequence[str] | np.ndarray], source: str = IN_MEMORY):
+    def __init__(
+        self, arrays: Mapping[str, Sequence[str] | np.ndarray], source: str = IN_MEMORY, one_size: bool = True
+    ):
         self.source, self.arrays = source, dict(arrays)
         self.objects, self.classes, self.splits = (
             [str(name) for name in self.arrays.pop(key)] for key in ("object", "class", "split")
@@ -59,6 +63,9 @@ class TrainingData:
                 raise TrainingDataError(
                     f"{source}: {name} of {self.objects[int(np.argmin(finite))]} is NaN or infinite"
                 )
+
+        sized = [] if one_size else [self["points"][number].astype(float) for number in self.of_split("train")]
+        self.largest = max((float(np.linalg.norm(np.ptp(points, axis=0))) for points in sized), default=None)
 
     @cached_property
     def digest(self) -> str:
@@ -100,7 +107,7 @@ class TrainingData:
             item.name: chosen.readings() if item.name == "reading" else chosen.load(item.stage, item.array, item.dtype)
             for item in arrays
         }
-        return cls(names | loaded, repr(chosen))
+        return cls(names | loaded, repr(chosen), all(record.normalised for record in records))
 
     def __getitem__(self, name: str) -> np.ndarray:
         if name not in self.arrays:

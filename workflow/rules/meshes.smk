@@ -11,8 +11,8 @@ rule meshes:
     benchmark:
         "benchmarks/meshes/{batch}.tsv"
     params:
-        objects=batch_objects,
-        source=SOURCE,
+        objects=batch_meshes,
+        folder=SOURCE["path"],
         mesh=config["mesh"],
     script:
         "../scripts/meshes.py"
