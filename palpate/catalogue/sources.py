@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from palpate.batch import UnusableObject
-from palpate.catalogue.companions import richness
+from palpate.catalogue.companion_files import richness
 from palpate.catalogue.object_table import ObjectTable, Scale, read_object_table
 from palpate.configuration import ConfigError
 from palpate.released.layout import SURFACES, ReleasedObject, read_released
@@ -383,7 +383,7 @@ def _warn_of_folders_without(root: Path, kind: str, class_name: str | None, foun
 
 
 # What tells apart files of one object: `textured.obj` and `nontextured.stl`, `mug_textured.obj` and `mug.stl`.
-VARIANT = re.compile(r"[-_ .]?(?<![A-Za-z])((non|un)[-_]?)?textured(?![A-Za-z])", re.IGNORECASE)
+VARIANT = re.compile(r"[-_ .]?(?<![A-Za-z0-9])((non|un)[-_]?)?textured(?![A-Za-z0-9])", re.IGNORECASE)
 
 
 def _richest(root: Path, candidates: list[_Candidate]) -> list[_Candidate]:
@@ -498,27 +498,27 @@ def _object(class_name: str, path: str) -> str:
 
 
 def _distinct(entries: list[SourceObject]) -> list[SourceObject]:
-    """The entries, with a hash of the file at the end of each name that another file has already.
-
-    The file with the fewest folders above it keeps the name; of equals the first by name.
-    """
+    """The entries, with a hash of the file at the end of each name that one before it has already."""
     taken: set[str] = set()
-    names = {}
-    for entry in sorted(entries, key=lambda entry: (entry.source.count("/"), entry.source)):
+    renamed = []
+    for entry in entries:
         name = entry.object
         if name in taken:
             name += f"-{_hash(entry.source)}"
             log.warning("%s: the name %s is another object's: called %s", entry.source, entry.object, name)
         taken.add(name)
-        names[entry.source] = name
-    return [entry._replace(object=names[entry.source]) for entry in entries]
+        renamed.append(entry._replace(object=name))
+    return renamed
 
 
 def _chosen(entries: list[SourceObject], folder: Path, name: str, count: Count) -> list[SourceObject]:
-    """`count` of the entries, sorted by name, after checking that there are enough; names differ."""
+    """`count` of the entries, sorted by name, after checking that there are enough.
+
+    Names differ: of two alike that with fewer folders above its file keeps it, so that one which is there mostly does.
+    """
     if not entries:
         raise CatalogueError(f"{folder}: no mesh found for class {name}: expected files {', '.join(MESH_SUFFIXES)}")
-    entries = _distinct(entries)
+    entries = _distinct(sorted(entries, key=lambda entry: (entry.source.count("/"), entry.source)))
     if count != "all":
         if len(entries) < count:
             raise CatalogueError(

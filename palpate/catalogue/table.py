@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from palpate.catalogue.batches import assign_batches, in_order
-from palpate.catalogue.companions import companions
+from palpate.catalogue.companion_files import companions
 from palpate.catalogue.sources import CatalogueError, Count, SourceObject, scan
 from palpate.catalogue.split import PAPER_SPLIT, SPLITS, assign_split, suggest_split
 from palpate.checksums import DamagedFile, read_rows

@@ -48,7 +48,7 @@ def test_a_class_may_have_any_name_that_is_safe_in_a_path(make_workflow, tmp_pat
 @pytest.mark.parametrize(
     ("file", "said"),
     [
-        ("coffee mug/a.stl", "class 'coffee mug': use letters, digits"),
+        ("coffee<mug>/a.stl", "class 'coffee<mug>': use letters, digits"),
         (
             "mug/b{1}.stl",
             "mug/b{1}.stl: Snakemake takes {...} and <...> in a path for placeholders: rename it",
@@ -95,8 +95,7 @@ def test_abc_in_its_layout(make_workflow, tmp_path):
     assert list(table["class"]) == ["part"] * 3
     assert table["source"][2] == "00000002/00000002_abc_trimesh_000.obj"
     assert workflow.planned("dataset") >= STAGES - {"catalogue"}
-    result = make_workflow(source=source).plan("all")
-    assert result.returncode != 0 and "list those of abc" in result.stderr
+    assert len(make_workflow(source=source).jobs("meshes/batch-0000")[0].inputs) == 3
 
 
 def test_a_relative_path_is_the_projects(make_workflow, tmp_path):
