@@ -197,7 +197,7 @@ def check_surface(item: CheckedObject) -> Measured:
     yield "finite", np.sum(~np.isfinite(points))
     low, high = item.mesh.bounds
     if "scale" in item.rows["surface"]:
-        yield "scale factor", abs(item.rows["surface"]["scale"] - read_record(item.folder)["scale"])
+        yield "scale factor", abs(item.rows["surface"]["scale"] - read_record(item.folder).get("scale", np.nan))
     yield "inside box", np.maximum(low - points, points - high).max(initial=0)
     yield "on mesh", item.distance(points).max(initial=0)
 
