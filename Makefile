@@ -4,7 +4,7 @@ CORES ?= $(shell nproc)
 BIN := .venv/bin
 UV_VERSION := 0.13.8
 
-.PHONY: run smoke test lint env lock
+.PHONY: run smoke test lint env slurm lock
 
 run: env
 	$(BIN)/snakemake --cores $(CORES) all validate
@@ -32,6 +32,10 @@ env: .venv/installed
 	$(BIN)/pip install --quiet --no-deps --editable .
 	touch $@
 
+# What profiles/slurm needs besides. It declares another NumPy than the locked one: no dependencies.
+slurm: env
+	$(BIN)/pip install --quiet --no-deps --requirement envs/slurm.txt
+
 # Resolve envs/requirements.in again: requirements.txt for pip, and from it palpate.yaml for conda. The CUDA packages
 # are left to torch, which names their exact versions itself: a CPU build of torch must not bring them.
 lock: env
@@ -42,3 +46,6 @@ lock: env
 	@{ printf '# Made from requirements.txt by `make lock`: the same list, for Snakemake with conda.\n'; \
 	  printf 'channels: [conda-forge, nodefaults]\ndependencies:\n  - python=3.11\n  - pip\n  - pip:\n'; \
 	  sed -n 's/^[a-z].*/      - &/p' envs/requirements.txt; } > envs/palpate.yaml
+	@printf '# Locked: made from slurm.in by `make lock`. In addition to requirements.txt, by pip install --no-deps.\n' > envs/slurm.txt
+	$(BIN)/uv pip compile --quiet --python-version 3.11 --no-header --no-annotate --no-emit-index-url \
+	  --override envs/requirements.txt envs/slurm.in | grep -vxFf envs/requirements.txt >> envs/slurm.txt

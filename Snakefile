@@ -54,6 +54,7 @@ if workflow.is_main_process:
 
 
 onstart:
+    check_environment()
     take_folder()
     take_terminal()
 

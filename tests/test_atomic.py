@@ -4,6 +4,7 @@ import signal
 import subprocess
 import sys
 import time
+from contextlib import contextmanager
 
 import numpy as np
 import pytest
@@ -55,31 +56,9 @@ def test_writing_nothing_is_an_error(tmp_path):
         pass
 
 
-@pytest.mark.parametrize("folder", [False, True])
-def test_leftovers_of_a_killed_run_are_removed(tmp_path, folder):
-    path = tmp_path / "thing"
-    code = (
-        "import os, sys, palpate.store\n"
-        "with palpate.atomic.atomic_write(sys.argv[1]) as partial:\n"
-        "    os.mkdir(partial) if int(sys.argv[2]) else partial.write_text('half')\n"
-        "    print('half', flush=True)\n"
-        "    input()\n"
-    )
-    command = [sys.executable, "-c", code, str(path), str(int(folder))]
-    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
-        assert process.stdout.readline() == "half\n"
-        process.send_signal(signal.SIGKILL)
-    assert not path.exists()
-    assert len(list(tmp_path.iterdir())) == 1
-    with atomic_write(path) as partial:
-        make(partial, "new", folder)
-    assert content(path) == "new"
-    assert [entry.name for entry in tmp_path.iterdir()] == ["thing"]
-
-
-@pytest.mark.parametrize("folder", [False, True])
-def test_two_writers_of_one_path_do_not_disturb_each_other(tmp_path, folder):
-    path = tmp_path / "thing.txt"
+@contextmanager
+def other_writer(path, folder):
+    """Another process that has written `theirs`, and ends its write when it is told a line."""
     code = (
         "import os, sys\nfrom palpate.atomic import atomic_write\n"
         "with atomic_write(sys.argv[1]) as partial:\n"
@@ -92,6 +71,26 @@ def test_two_writers_of_one_path_do_not_disturb_each_other(tmp_path, folder):
     command = [sys.executable, "-c", code, str(path), str(int(folder))]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout.readline() == "half\n"
+        yield process
+
+
+@pytest.mark.parametrize("folder", [False, True])
+def test_leftovers_of_a_killed_run_are_removed(tmp_path, folder):
+    path = tmp_path / "thing"
+    with other_writer(path, folder) as process:
+        process.send_signal(signal.SIGKILL)
+    assert not path.exists()
+    assert len(list(tmp_path.iterdir())) == 1
+    with atomic_write(path) as partial:
+        make(partial, "new", folder)
+    assert content(path) == "new"
+    assert [entry.name for entry in tmp_path.iterdir()] == ["thing"]
+
+
+@pytest.mark.parametrize("folder", [False, True])
+def test_two_writers_of_one_path_do_not_disturb_each_other(tmp_path, folder):
+    path = tmp_path / "thing.txt"
+    with other_writer(path, folder) as process:
         with atomic_write(path) as partial:
             make(partial, "ours", folder)
         assert content(path) == "ours"

@@ -1,6 +1,13 @@
 """Which objects a run has: the sources of their meshes, their classes, splits and batches."""
 
-from palpate.catalogue.batches import assign_batches, batch_number, in_order, read_places, write_places
+from palpate.catalogue.batches import (
+    assign_batches,
+    batch_number,
+    in_order,
+    read_places,
+    resolve_batch_size,
+    write_places,
+)
 from palpate.catalogue.record import check_same_run, resolve_source, write_record
 from palpate.catalogue.sources import (
     UP_AXIS,
@@ -45,6 +52,7 @@ __all__ = [
     "in_order",
     "read_catalogue",
     "read_places",
+    "resolve_batch_size",
     "resolve_source",
     "scan",
     "splits_of",

@@ -17,6 +17,8 @@ from palpate.catalogue.sources import CatalogueError, SourceObject
 from palpate.checksums import DamagedFile, read_record
 
 PLACES = "batches.json"
+# With `batch_size: auto`. Snakemake takes a few ms a job, and more in a run of tens of thousands.
+USUAL_SIZE, MOST_BATCHES = 16, 625
 
 
 def batch_name(number: int) -> str:
@@ -53,6 +55,18 @@ def in_order(entries: Iterable[SourceObject], places: Mapping[str, str]) -> list
     return sorted(entries, key=lambda entry: batch_number(places[entry.object]))
 
 
+def resolve_batch_size(batch_size: int | str, objects: int, folder: Path | str) -> int:
+    """Objects a batch: the config's number, or for `auto` that of the run in a folder, so that its batches stay.
+
+    A run that is new has `USUAL_SIZE`, and more where this many objects would otherwise be over `MOST_BATCHES`.
+    Raises CatalogueError, naming the file and the remedy, if the run's own is damaged.
+    """
+    if batch_size != "auto":
+        return batch_size
+    path = Path(folder, PLACES)
+    return _read(path)[0] if path.exists() else max(USUAL_SIZE, -(-objects // MOST_BATCHES))
+
+
 def read_places(folder: Path | str, batch_size: int) -> dict[str, str]:
     """The batch of every object that the run in a folder has had; empty if it has none, or another batch size.
 
@@ -62,10 +76,17 @@ def read_places(folder: Path | str, batch_size: int) -> dict[str, str]:
     path = Path(folder, PLACES)
     if not path.exists():
         return _of_catalogue(Path(folder, "catalogue.csv"), batch_size)
+    size, places = _read(path)
+    return places if size == batch_size else {}
+
+
+def _read(path: Path) -> tuple[int, dict[str, str]]:
+    """The batch size, and the batch of every object, as `write_places` wrote them."""
     try:
         held = read_record(path, "remove it, and catalogue.csv says the batches")
-        places = {str(name): batch_name(batch_number(batch)) for name, batch in held["objects"].items()}
-        return places if held["batch_size"] == batch_size else {}
+        return int(held["batch_size"]), {
+            str(name): batch_name(batch_number(batch)) for name, batch in held["objects"].items()
+        }
     except DamagedFile as error:
         raise CatalogueError(str(error)) from None
     except (ValueError, KeyError, TypeError, AttributeError) as error:

@@ -19,6 +19,7 @@ from palpate.charts.chamfer import (
 )
 from palpate.charts.fit import fit_adam, fit_direct
 from palpate.charts.graph import Graph
+from palpate.charts.normals import plane_normals
 from palpate.charts.sample import sample_faces
 
 __all__ = [
@@ -35,6 +36,7 @@ __all__ = [
     "fit_direct",
     "nearest",
     "one_sided_distance",
+    "plane_normals",
     "sample_faces",
     "sphere",
     "touch_chart",

@@ -235,14 +235,13 @@ class Reconstructor:
         return inputs | {"reading": touches.reading}
 
     def _shape(self, vertices: np.ndarray, faces: np.ndarray, success: np.ndarray) -> Shape:
-        copies = getattr(self._model, "copies_touch", False)
-        if not (copies or (self.takes_charts and self._model.graph.touch_charts)):  # no touch charts in the mesh
+        if not (self.takes_charts and self._model.shows_touch):  # no touch charts in the mesh
             return Shape(vertices, faces, np.zeros(len(faces), dtype=bool))
         from palpate.charts import touch_chart
 
         of_charts = np.repeat(success, len(touch_chart().faces))
         touch = np.concatenate([np.zeros(len(faces) - len(of_charts), dtype=bool), of_charts])
-        if copies:  # charts without success are points
+        if self._model.copies_touch:  # charts without success are points
             shown = np.concatenate([np.ones(len(faces) - len(of_charts), dtype=bool), of_charts])
             faces, touch = faces[shown], touch[shown]
         return Shape(vertices, faces, touch)

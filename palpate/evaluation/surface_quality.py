@@ -9,8 +9,7 @@ Four numbers tell crumpled sheets, torn charts and spikes apart, of the vision c
   torn apart. 0 for the sphere.
 - `across`: mean angle in degrees, weighted by area, between every fourth face and the true surface at the point nearest
   to its centre; 0 where they are parallel, 57 for random faces. It is the angle of the normal consistency of Mescheder
-  et al. (2019, Occupancy Networks). True normals are those of a plane through the nearest points (Hoppe et al. 1992,
-  Surface Reconstruction from Unorganized Points). Their sign is not known on thin objects, and is not used.
+  et al. (2019, Occupancy Networks). True normals are `palpate.charts.plane_normals`; their sign is not used.
 """
 
 from functools import cache
@@ -19,13 +18,11 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial import cKDTree
 
-from palpate.charts import sphere, vision_atlas
+from palpate.charts import plane_normals, sphere, vision_atlas
 from palpate.models.reconstruction import STRATEGIES
 
 FOLDED = 90.0  # degrees
 ACROSS_EVERY = 4  # faces: an angle to the true surface costs as much as a hundred between faces
-# Points of a plane through the true surface: 10,000 points on 0.2 m^2 then have planes 1 cm wide.
-PLANE_POINTS = 16
 
 
 class Quality(NamedTuple):
@@ -55,23 +52,9 @@ def topology(strategy: str) -> Topology | None:
     else:
         atlas = vision_atlas()
         faces, joined = atlas.faces.numpy(), atlas.joined.numpy()
-    return Topology(faces, adjacent_faces(faces), joined)
+    from trimesh.graph import face_adjacency  # here: bpy must be imported before trimesh
 
-
-def adjacent_faces(faces: np.ndarray) -> np.ndarray:
-    """(E, 2) numbers of the faces (F, 3) on either side of each side that two of them share."""
-    sides = np.sort(faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
-    order = np.lexsort(sides.T)
-    shared = np.flatnonzero((sides[order[1:]] == sides[order[:-1]]).all(axis=1))
-    return np.stack([order[shared], order[shared + 1]], axis=1) // 3
-
-
-def plane_normals(points: np.ndarray, tree: cKDTree) -> np.ndarray:
-    """(n, 3) unit normals, of either sign, of the planes through the neighbours of points (n, 3) in a tree."""
-    _, neighbours = tree.query(points, k=min(PLANE_POINTS, tree.n))
-    centred = tree.data[neighbours] - tree.data[neighbours].mean(axis=1, keepdims=True)
-    _, axes = np.linalg.eigh(np.swapaxes(centred, 1, 2) @ centred)
-    return axes[:, :, 0]  # that of the least spread
+    return Topology(faces, face_adjacency(faces), joined)
 
 
 def surface_quality(vertices: np.ndarray, surface: Topology | None, tree: cKDTree) -> Quality:

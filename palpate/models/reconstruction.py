@@ -1,7 +1,7 @@
 """The reconstruction network: charts deformed several times by features of the image and of the touches.
 
 Only what an experiment takes is built: no image encoder without vision, no reading encoder but for strategy
-`sphere`, and a graph with just the touch charts of its grasps.
+`sphere`, and touch charts in the graph only where the architecture's `touch` is `graph`.
 """
 
 from collections.abc import Callable, Mapping
@@ -44,23 +44,28 @@ class Reconstruction(nn.Module):
     """From an image, touches, or both, to the vertices of a mesh (paper, section 3 and supplement).
 
     Args:
-        strategy: `charts`, the paper's; `no_copy`: touch charts are deformed like the others; `no_comm`:
-            touch charts are no part of the graph, and only added to the mesh; `sphere`: a closed sphere is
-            deformed, each of its vertices knowing features of all touch readings (section 5.1).
+        strategy: whether vision charts are told of touches, and whether touch charts are copied into the mesh:
+            `charts`, the paper's: both; `no_copy`: told only (in the paper's graph the touch charts are deformed
+            like the others); `no_comm`: copied only; `sphere`: a closed sphere is deformed, each of its vertices
+            knowing features of all touch readings (section 5.1).
         vision: whether it takes an image.
         touch: whether it takes touches.
         grasps: how many grasps it takes, four touches each.
         architecture: layers and options, as in `palpate.models.architectures` and config/recipes.yaml. Of the
-            options, `unsuccessful` says whether the vertices of unsuccessful touch charts are deformed
+            options, `touch` says how vision charts are told of touches: `graph` (the paper's, if it is missing),
+            touch charts are in the graph, or `pooled`, features of the nearest touches at every vertex.
+            `unsuccessful` says whether the vertices of unsuccessful touch charts in the graph are deformed
             (`free`, the paper's, if it is missing) or stay at the fingertip (`held`), and `deformations` how
             often the charts are deformed (3 times, as in the paper, if it is missing), and `radius` what the
             initial sphere has, in metres (`ATLAS_RADIUS` if it is missing).
 
     Attributes:
-        faces: (F, 3) int64 faces of the mesh whose vertices `forward` gives; those of a touch chart without
-            success have no area in `no_comm`.
+        faces: (F, 3) int64 faces of the mesh whose vertices `forward` gives. Vision charts come first, then touch
+            charts; where these are copied, those without success have no area.
+        moving_faces: (M, 3) int64, those of charts that the network moves.
         sensors: number of touches, 4 times the grasps, or 0.
-        pooled: number of features that the image gives a vertex.
+        copies_touch: whether touch charts are added to the mesh as they are.
+        shows_touch: whether the mesh has touch charts, copied or deformed.
 
     Raises ValueError for an option that is not known, or a combination that can't be: neither vision nor
     touch, no touch where the strategy is about touch charts, no vision for `no_comm`.
@@ -90,6 +95,7 @@ class Reconstruction(nn.Module):
             architecture["gcn"].get("normalisation", "symmetric"),
         )
         self.copies_touch = touch and (strategy == "no_comm" or (strategy == "charts" and path == "pooled"))
+        self.shows_touch = self.copies_touch or in_graph > 0
         self.held = _choice(architecture, "unsuccessful", ("free", "held")) == "held"
         self.deformations = architecture.get("deformations", DEFORMATIONS)
         if self.deformations < 1:
@@ -149,7 +155,8 @@ class Reconstruction(nn.Module):
     def forward(self, batch: Mapping[str, Tensor]) -> Tensor:
         """Vertices (B, V, 3) of the final mesh, metres, world frame; its faces are `faces`.
 
-        batch, of what the experiment uses (T = 4 x grasps; all but the image in the world frame, metres):
+        batch, of what the experiment uses (all but the image in the world frame, metres). T is 4 x grasps; with
+        pooled touches it may be less, for samples of fewer grasps, which then have no charts of the others:
 
         | key | shape | for |
         |---|---|---|
@@ -158,7 +165,8 @@ class Reconstruction(nn.Module):
         | `success` | (B, T) bool | touch |
         | `position` | (B, T, 3) of the sensors | touch |
         | `charts` | (B, T, 81, 3), not read where success is False | touch, but for `sphere` |
-        | `rotation`, `reading` | (B, T, 3, 3), (B, T, 3, 100, 100) in [0, 1] | touch, `sphere` |
+        | `rotation` | (B, T, 3, 3), the sensors' axes as columns | touch, pooled or `sphere` |
+        | `reading` | (B, T, 3, 100, 100) in [0, 1] | touch, `sphere` |
 
         Raises ValueError if a key is missing, of another shape or type. `check` also looks at the values.
         """

@@ -6,7 +6,7 @@ import torch
 from scipy.spatial import cKDTree
 from torch import Tensor
 
-from palpate.charts import CHAMFER_SCALE, build_tree, one_sided_distance, sample_faces
+from palpate.charts import CHAMFER_SCALE, build_tree, one_sided_distance, plane_normals, sample_faces
 from palpate.models import Reconstruction
 from palpate.models.single_image import occupied
 from palpate.touch.sensor import PIXEL_CENTRES
@@ -14,8 +14,6 @@ from palpate.touch.sensor import PIXEL_CENTRES
 # Squared difference of a pixel to the untouched reading, summed over colours in [0, 1], above which it counts
 # as touched (supplement, "Optimization Details" of local touch charts).
 TOUCHED = 0.001
-# Neighbours, itself among them, through which the plane at a surface point is laid.
-NORMAL_NEIGHBOURS = 12
 
 
 class Truth:
@@ -42,8 +40,10 @@ class Truth:
     def normals(self, objects: Sequence[int]) -> list[Tensor]:
         """The unit normals (n, 3) at their points, of either sign."""
         for number in set(objects) - set(self._normals):
-            tree = self._trees.get(number)
-            self._normals[number] = point_normals(self.points[number], tree)
+            points = self.points[number]
+            cloud = points.detach().cpu().double().numpy()
+            tree = self._trees.get(number) or build_tree(points)
+            self._normals[number] = torch.from_numpy(plane_normals(cloud, tree)).to(points)
         return [self._normals[number] for number in objects]
 
     def occupied(self, objects: Sequence[int], relative_size: float = 1.0) -> list[Tensor]:
@@ -92,19 +92,6 @@ def cloud_loss(points: Tensor, truth: Truth, objects: Sequence[int], n: int, gen
     there = one_sided_distance(points, clouds, truth.trees(objects))
     back = one_sided_distance([subsample(cloud, n, generator) for cloud in clouds], points)
     return CHAMFER_SCALE * (there + back)
-
-
-def point_normals(points: Tensor, tree: cKDTree | None = None) -> Tensor:
-    """Unit normals (n, 3), of either sign, of the planes that fit the points (n, 3) around each best.
-
-    The surface stores have no normals. tree: `palpate.charts.build_tree(points)`, if it is there already.
-    """
-    cloud = points.detach().cpu().double()
-    _, near = (tree or build_tree(cloud)).query(cloud.numpy(), min(NORMAL_NEIGHBOURS, len(cloud)))
-    around = cloud[torch.from_numpy(near)]
-    around = around - around.mean(dim=1, keepdim=True)
-    # Eigenvalues rise: the first eigenvector is the direction in which the points spread least.
-    return torch.linalg.eigh(around.transpose(1, 2) @ around).eigenvectors[..., 0].to(points)
 
 
 def subsample(points: Tensor, n: int | None, generator: torch.Generator) -> Tensor:

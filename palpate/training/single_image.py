@@ -85,5 +85,5 @@ def voxel_loss(
     return functional.binary_cross_entropy_with_logits(odds, there, reduction="none").mean(dim=(1, 2, 3))
 
 
-# By strategy; those that are missing are trained by the Chamfer distance of points on the predicted mesh.
+# By strategy; `palpate.training.losses.moving_charts_loss` is that of all others.
 LOSSES = {"psg": point_set_loss, "pixel2mesh": deformed_sphere_loss, "r2n2": voxel_loss}

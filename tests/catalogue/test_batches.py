@@ -4,7 +4,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from palpate.catalogue import CatalogueError, assign_batches, build, read_places, write_places
+from palpate.catalogue import (
+    CatalogueError,
+    assign_batches,
+    build,
+    read_places,
+    resolve_batch_size,
+    write_places,
+)
 
 names = st.lists(st.text("abcdef", min_size=1, max_size=4), max_size=30, unique=True)
 
@@ -51,6 +58,15 @@ def test_places_are_kept_in_the_runs_folder(tmp_path):
     (tmp_path / "batches.json").write_text("[]")
     with pytest.raises(CatalogueError, match="batches.json has changed .*; remove it"):
         read_places(tmp_path, 2)
+
+
+@pytest.mark.parametrize(("objects", "size"), [(3, 16), (10_000, 16), (10_001, 17), (100_000, 160)])
+def test_large_runs_have_larger_batches_and_a_run_keeps_its_own(tmp_path, objects, size):
+    assert resolve_batch_size("auto", objects, tmp_path) == size
+    assert -(-objects // size) <= 625
+    assert resolve_batch_size(5, objects, tmp_path) == 5
+    write_places(tmp_path, size, assign_batches(map(str, range(objects)), size))
+    assert resolve_batch_size("auto", 10 * objects, tmp_path) == size
 
 
 def test_of_an_older_run_the_catalogue_says_the_places(tmp_path):

@@ -11,7 +11,7 @@ import yaml
 from snakemake.io import contains_wildcard
 from snakemake.logging import logger
 
-from palpate import atomic, catalogue, lock, terminal
+from palpate import atomic, catalogue, lock, locked, terminal
 from palpate.batch import QUIET
 from palpate.configuration import ConfigError, absolute, check
 from palpate.training import inputs, recipes
@@ -65,8 +65,9 @@ try:
     ENTRIES = catalogue.scan(SOURCE, CLASS_COUNTS)
     for entry in ENTRIES:
         checked(f"{SOURCE['path']}/{entry.source}")
-    KNOWN_PLACES = catalogue.read_places(RUN_FOLDER, config["batch_size"])
-    PLACES = catalogue.assign_batches([entry.object for entry in ENTRIES], config["batch_size"], KNOWN_PLACES)
+    BATCH_SIZE = catalogue.resolve_batch_size(config["batch_size"], len(ENTRIES), RUN_FOLDER)
+    KNOWN_PLACES = catalogue.read_places(RUN_FOLDER, BATCH_SIZE)
+    PLACES = catalogue.assign_batches([entry.object for entry in ENTRIES], BATCH_SIZE, KNOWN_PLACES)
     ENTRIES = catalogue.in_order(ENTRIES, PLACES)
     BATCH_ENTRIES = {
         batch: list(entries) for batch, entries in itertools.groupby(ENTRIES, lambda entry: PLACES[entry.object])
@@ -99,13 +100,20 @@ def take_folder():
     try:
         lock.hold(RUN_FOLDER, logger.warning)
         catalogue.check_same_run(RUN_FOLDER, config, PROJECT)  # again: a run may have begun in the meantime
-        if catalogue.read_places(RUN_FOLDER, config["batch_size"]) != KNOWN_PLACES:
+        if catalogue.read_places(RUN_FOLDER, BATCH_SIZE) != KNOWN_PLACES:
             stop(f"{RUN_FOLDER}: another run has added objects since this one was started: start it again")
-        catalogue.write_places(RUN_FOLDER, config["batch_size"], PLACES)
+        catalogue.write_places(RUN_FOLDER, BATCH_SIZE, PLACES)
         catalogue.write_record(RUN_FOLDER, config)
         atomic.sweep(RUN_FOLDER, WHOLE_OUTPUT)
     except (lock.FolderInUse, catalogue.CatalogueError) as error:
         stop(error)
+
+
+def check_environment():
+    """At the start of a run: say in one line where the environment is not the locked one."""
+    if others := locked.differences(PROJECT / "envs/requirements.txt"):
+        more = f" and {len(others) - 5} more" if len(others) > 5 else ""
+        logger.warning(f"this environment is not the locked one: {', '.join(others[:5])}{more}; `make env` builds that")
 
 
 def take_terminal():

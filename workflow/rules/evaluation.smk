@@ -31,7 +31,7 @@ rule evaluate:
         "benchmarks/evaluate/{experiment}-{seed}.tsv"
     threads: config["training"]["threads"]
     resources:
-        mem_mb=lambda wildcards, input: 4000 + 2 * stored_mb(input),
+        mem_mb=lambda wildcards, input: 2000 + 2 * stored_mb(input),
         runtime=240,
         gpu=min(TRAINING_GPUS, 1),
     params:

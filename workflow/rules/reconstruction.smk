@@ -25,7 +25,7 @@ rule reconstruction:
         "benchmarks/reconstruction/{experiment}-{seed}.tsv"
     threads: config["training"]["threads"]
     resources:
-        mem_mb=lambda wildcards, input: 4000 + 4 * stored_mb(input),
+        mem_mb=lambda wildcards, input: 2000 + 4 * stored_mb(input),
         runtime=1440,
         gpu=TRAINING_GPUS,
     params:

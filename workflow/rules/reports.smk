@@ -16,7 +16,7 @@ rule report_item:
     wildcard_constraints:
         report="|".join(report_items.REPORTS),
     # It works on one thread.
-    threads: lambda wildcards: (workflow.cores or 1) if timed(wildcards) else 1
+    threads: lambda wildcards: (workflow.resource_settings.cores or 1) if timed(wildcards) else 1
     resources:
         mem_mb=6000,
         runtime=120,

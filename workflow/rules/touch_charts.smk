@@ -13,7 +13,7 @@ rule touch_depth:
         "benchmarks/touch_depth.tsv"
     threads: config["training"]["threads"]
     resources:
-        mem_mb=lambda wildcards, input: 4000 + 8 * stored_mb(input),
+        mem_mb=lambda wildcards, input: 2000 + 8 * stored_mb(input),
         runtime=720,
         gpu=TRAINING_GPUS,
     params:

@@ -1,0 +1,24 @@
+"""Whether this environment has the versions that Palpate is locked to."""
+
+import re
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+
+PIN = re.compile(r"([A-Za-z0-9_.-]+)==([^\s;#]+)")
+
+
+def differences(requirements: Path | str) -> list[str]:
+    """Packages that are installed in another version than a requirements file pins, each as `name 2.0 (locked: 1.0)`.
+
+    Builds of one version (`2.13.0+cpu`) are the same. A package that is not installed says so when it is imported.
+    """
+    found = []
+    for line in Path(requirements).read_text().splitlines():
+        if pin := PIN.match(line):
+            try:
+                installed = version(pin[1])
+            except PackageNotFoundError:
+                continue
+            if installed.partition("+")[0] != pin[2].partition("+")[0]:
+                found.append(f"{pin[1]} {installed} (locked: {pin[2]})")
+    return found
