@@ -91,7 +91,7 @@ def check_splits(splits: Mapping[str, str], needed: Iterable[str], what: str, by
     if better:
         text = ", ".join(f"{split}: {share}" for split, share in better.items())
         raise CatalogueError(f"{message}set `split: {{{text}}}` in the config, or add objects (`classes`)")
-    raise CatalogueError(f"{message}add objects (`classes`)")
+    raise CatalogueError(f"{message}add objects (`classes`), or put some into it where the splits are given")
 
 
 def build(
