@@ -4,10 +4,18 @@ CORES ?= $(shell nproc)
 BIN := .venv/bin
 UV_VERSION := 0.13.8
 
-.PHONY: run smoke test lint env slurm lock
+.PHONY: demo run smoke test lint site env slurm lock
+
+# A few objects: their data and pictures, without training.
+demo: env
+	$(BIN)/snakemake --cores $(CORES) dataset validate --configfile config/demo.yaml
+	PYTHONWARNINGS=ignore $(BIN)/snakemake dataset --configfile config/demo.yaml --quiet all --report report.html
+	@echo "results/demo/report.html has the pictures and tables."
 
 run: env
 	$(BIN)/snakemake --cores $(CORES) all validate
+	PYTHONWARNINGS=ignore $(BIN)/snakemake all --quiet all --report report.html
+	@echo "results/default/report.html has the tables, figures and claims."
 
 smoke: env
 	$(BIN)/snakemake --cores $(CORES) smoke
@@ -20,6 +28,11 @@ lint: env
 	$(BIN)/ruff format --check palpate tests workflow studies
 	$(BIN)/snakefmt --check Snakefile workflow
 	$(BIN)/snakemake --lint
+
+# The documentation as a site, in site/.
+site: env
+	$(BIN)/pip install --quiet --no-deps --requirement envs/docs.txt
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet --strict
 
 env: .venv/installed
 	@$(BIN)/python -m palpate.vision.system --install
@@ -46,6 +59,8 @@ lock: env
 	@{ printf '# Made from requirements.txt by `make lock`: the same list, for Snakemake with conda.\n'; \
 	  printf 'channels: [conda-forge, nodefaults]\ndependencies:\n  - python=3.11\n  - pip\n  - pip:\n'; \
 	  sed -n 's/^[a-z].*/      - &/p' envs/requirements.txt; } > envs/palpate.yaml
-	@printf '# Locked: made from slurm.in by `make lock`. In addition to requirements.txt, by pip install --no-deps.\n' > envs/slurm.txt
-	$(BIN)/uv pip compile --quiet --python-version 3.11 --no-header --no-annotate --no-emit-index-url \
-	  --override envs/requirements.txt envs/slurm.in | grep -vxFf envs/requirements.txt >> envs/slurm.txt
+	@for extra in slurm docs; do \
+	  printf "# Locked: made from $$extra.in by \`make lock\`. In addition to requirements.txt, by pip install --no-deps.\n" > envs/$$extra.txt; \
+	  $(BIN)/uv pip compile --quiet --python-version 3.11 --no-header --no-annotate --no-emit-index-url \
+	    --override envs/requirements.txt envs/$$extra.in | grep -vxFf envs/requirements.txt >> envs/$$extra.txt; \
+	done

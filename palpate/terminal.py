@@ -195,7 +195,8 @@ class Progress(logging.Filter):
         self.outputs.pop(record.jobid, None)
         log = next(iter(record.log or []), "")
         output = next(iter(record.output or []), record.rule_name)
-        said, self.killed = KILLED_SAID if self.killed else last_line(log) or "ended from outside", False
+        executor = (getattr(record, "rule_msg", None) or "ended from outside").strip().splitlines()[0]  # a cluster's
+        said, self.killed = KILLED_SAID if self.killed else last_line(log) or executor, False
         failure = Failure(record.rule_name, str(output), os.path.abspath(log) if log else "", said)
         self.failures.append(failure)
         print(failure_line(failure), file=self.stream, flush=True)

@@ -121,6 +121,16 @@ def test_the_last_line_of_a_log(tmp_path):
     assert last_line(tmp_path / "log").endswith("two") and last_line(tmp_path / "none") == ""
 
 
+def test_of_a_job_that_a_cluster_refuses_its_word_is_passed_on(tmp_path):
+    stream = io.StringIO()
+    progress = Progress({"touch_depth": 2}, stream, Clock())
+    message = "SLURM sbatch failed. The error message was 'Invalid generic resource'.\n    sbatch call: ..."
+    fields = {"rule_name": "touch_depth", "output": ["best.ckpt"], "log": [str(tmp_path / "touch_depth.log")]}
+    progress.filter(record("job_error", logging.ERROR, jobid=1, rule_msg=message, **fields))
+    progress.filter(record("job_error", logging.ERROR, jobid=2, rule_msg=None, **fields))
+    assert [each.said for each in progress.failures] == [message.splitlines()[0], "ended from outside"]
+
+
 def test_the_end_names_objects_failures_places_and_time(tmp_path):
     (tmp_path / "tables").mkdir()
     failure = Failure("meshes", "meshes/batch-0000", "/l/x.log", "ValueError: no")

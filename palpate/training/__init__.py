@@ -9,7 +9,8 @@ LAZY_EXPORTS = {
     "checkpoints": ("CheckpointError", "load", "load_touch_depth"),
     "samples": ("Assembler", "Sample", "windows"),
     "learners": ("Diverged", "ReconstructionLearner", "TouchDepthLearner"),
-    "loop": ("Machine", "train"),
+    "machine": ("Machine",),
+    "loop": ("train",),
     "losses": ("Truth", "reconstruction_loss"),
     "touches": ("Touches", "object_charts", "read_touches", "touch_charts"),
 }

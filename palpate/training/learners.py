@@ -24,6 +24,7 @@ from palpate.training.data import TrainingData, TrainingDataError
 from palpate.training.losses import Truth, cloud_loss, moving_charts_loss, touch_depth_loss, touched
 from palpate.training.samples import Assembler, shuffled, spread, training_samples, windows
 from palpate.training.single_image import LOSSES
+from palpate.training.surface_terms import SurfaceTerms
 from palpate.training.touches import Touches
 
 log = logging.getLogger(__name__)
@@ -238,6 +239,10 @@ class ReconstructionLearner(Learner):
         self.assemble = Assembler(self.data, self.experiment, self.device)
         points = torch.from_numpy(self.data["points"]).to(self.device)
         self.truth = Truth(points.to(next(self.model.parameters()).dtype))
+        self.terms = None
+        if self.settings.get("surface_terms") and self.experiment["strategy"] not in LOSSES:
+            charts = self.experiment["strategy"] != "sphere"
+            self.terms = SurfaceTerms(self.model.moving_faces, charts, self.settings["surface_terms"])
 
     def training_batch(self, step):
         batch = self.settings["batch"]
@@ -269,7 +274,8 @@ class ReconstructionLearner(Learner):
         against = self.truth, [sample.object for sample in batch_samples], points, generator
         with torch.autocast(self.device.type, enabled=False):
             if loss:
-                return loss(model, predictions, *against)
+                found = loss(model, predictions, *against)
+                return found + self.terms(predictions[-1].to(dtype)) if self.terms else found
             return cloud_loss(model.sample(predictions[-1].to(dtype), points, generator), *against)
 
     def described(self):

@@ -14,7 +14,7 @@ import sys
 import time
 import warnings
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import lightning.pytorch as lightning
 import torch
@@ -25,6 +25,7 @@ from palpate import checksums
 from palpate.atomic import atomic_write
 from palpate.training import checkpoints
 from palpate.training.learners import Diverged, Learner
+from palpate.training.machine import Machine
 
 log = logging.getLogger(__name__)
 
@@ -34,33 +35,6 @@ HISTORY = ("step", "seconds", "train_loss", "validation_loss", "rate")
 LOG_EVERY, LOG_SHARE = 10.0, 0.02
 BEST, LAST = "best.ckpt", "last.ckpt"
 PRECISIONS = ("32-true", "64-true", "bf16-mixed", "16-mixed")
-
-
-class Machine(NamedTuple):
-    """What a model is trained on.
-
-    Weights are kept in float32 or more: in bfloat16 a position is good to a millimetre, and float16 ends at
-    6e-8, above most gradients. So precision `bf16-true` and `16-true` are refused.
-
-    Attributes:
-        device: `auto` (a GPU if there is one), `cpu` or `gpu`. devices: number of GPUs.
-        precision: as Lightning names it. threads: of the CPU.
-    """
-
-    device: str = "auto"
-    devices: int = 1
-    precision: str = "32-true"
-    threads: int = 1
-
-    def accelerator(self) -> str:
-        """Lightning's name of the device. Raises ValueError if a GPU is asked for and there is none."""
-        if self.device == "gpu" and not torch.cuda.is_available():
-            raise ValueError("config training.device is gpu, but torch finds none: set it to auto or cpu")
-        return "gpu" if self.device != "cpu" and torch.cuda.is_available() else "cpu"
-
-    def torch_device(self) -> torch.device:
-        """The device, for a model that runs without Lightning."""
-        return torch.device("cuda" if self.accelerator() == "gpu" else "cpu")
 
 
 class Recorder(lightning.Callback):

@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import yaml
 
+from palpate.evaluation import rows
 from palpate.lock import JOBS_LOCK, LOCK
 from palpate.remedy import RECORD
 from palpate.training import checkpoints
@@ -18,8 +19,8 @@ from palpate.training import checkpoints
 PROJECT = Path(__file__).parents[2]
 # The data with their tables and figures, and a model that goes on from another, with its evaluation.
 TARGETS = ("dataset", "evaluations/charts_occluded_touch/seed-0.csv")
-# Records of how a run went: times, places, processes.
-OF_THE_WAY = (".snakemake", "logs", "benchmarks", LOCK, JOBS_LOCK, RECORD, "models")
+# Records of how a run went: times, places, processes. Models and evaluations have some too.
+OF_THE_WAY = (".snakemake", "logs", "benchmarks", LOCK, JOBS_LOCK, RECORD, "models", "evaluations")
 
 
 class SmallRun(NamedTuple):
@@ -35,7 +36,7 @@ class SmallRun(NamedTuple):
             return subprocess.Popen(command, cwd=PROJECT, stdout=output, stderr=output, start_new_session=True)
 
     def contents(self) -> dict[str, str]:
-        """SHA-256 of all that the run made, by path; of a model, that of its weights."""
+        """SHA-256 of all that the run made, by path; of a model that of its weights, of an evaluation without times."""
         files = [path for path in sorted(self.folder.rglob("*")) if path.is_file()]
         parts = {path: path.relative_to(self.folder).parts[0] for path in files}
         found = {
@@ -47,6 +48,9 @@ class SmallRun(NamedTuple):
             weights = checkpoints.read(path, "reconstruction")["weights"]
             digest = hashlib.sha256(b"".join(weights[name].numpy().tobytes() for name in sorted(weights)))
             found[str(path.relative_to(self.folder))] = digest.hexdigest()
+        for path in sorted(self.folder.glob("evaluations/*/seed-*.csv")):
+            errors = rows.read([path]).drop(columns="seconds", errors="ignore").to_csv()
+            found[str(path.relative_to(self.folder))] = hashlib.sha256(errors.encode()).hexdigest()
         return found
 
     def remove(self) -> None:
@@ -58,6 +62,7 @@ def small_run(folder: Path, name: str) -> SmallRun:
     """A run in `folder/name`, of which nothing is made yet."""
     config = yaml.safe_load((PROJECT / "config/smoke.yaml").read_text())
     config |= {"run": name, "results": str(folder)}
+    config["training"]["device"] = "cpu"  # on a cluster, `auto` asks for a GPU
     path = folder / f"{name}.yaml"
     path.write_text(yaml.safe_dump(config, sort_keys=False))
     return SmallRun(folder / name, path)

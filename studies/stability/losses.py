@@ -23,8 +23,9 @@ from palpate.models.pooling import PerceptualPooling
 from palpate.touch.sensor import RESOLUTION, SENSOR_WIDTH
 from palpate.training.data import TrainingData, TrainingDataError
 from palpate.training.learners import Diverged, ReconstructionLearner
-from palpate.training.loop import Machine, train
+from palpate.training.loop import train
 from palpate.training.losses import Truth, reconstruction_loss, touch_depth_loss
+from palpate.training.machine import Machine
 from palpate.training.samples import Assembler, Sample
 from palpate.training.touches import predict_depth, read_touches
 from studies.stability.cases import Cases, Finding, at_least, at_most, equal, rejects

@@ -16,7 +16,8 @@ import torch
 from palpate.training.checkpoints import load
 from palpate.training.data import TrainingDataError
 from palpate.training.learners import Diverged, ReconstructionLearner
-from palpate.training.loop import Machine, train
+from palpate.training.loop import train
+from palpate.training.machine import Machine
 from palpate.training.samples import windows
 from tests.training.conftest import ARCHITECTURE, OCCLUDED_TOUCH, SETTINGS, TOUCH_ONLY, made_up
 

@@ -16,8 +16,9 @@ from palpate.charts import plane_normals
 from palpate.mesh import OBJECT_POSITION
 from palpate.training.checkpoints import architecture, build, load
 from palpate.training.learners import Diverged, ReconstructionLearner
-from palpate.training.loop import Machine, train
+from palpate.training.loop import train
 from palpate.training.losses import Truth
+from palpate.training.machine import Machine
 from palpate.training.samples import windows
 from palpate.training.single_image import LOSSES, laplacian, slant
 from tests.training.conftest import ARCHITECTURE, SETTINGS, made_up

@@ -12,7 +12,8 @@ from palpate.touch import SENSOR_RANGE, empty_reading, local_points, shade
 from palpate.touch.sensor import PIXEL_CENTRES
 from palpate.training.data import TrainingDataError
 from palpate.training.learners import TouchDepthLearner
-from palpate.training.loop import Machine, train
+from palpate.training.loop import train
+from palpate.training.machine import Machine
 from palpate.training.touches import predict_depth, read_touches, touch_charts
 from tests.training.test_data import ATTRIBUTES
 
