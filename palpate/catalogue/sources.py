@@ -122,6 +122,9 @@ def scan(source: Mapping[str, Any], classes: Mapping[str, Count]) -> list[Source
             f"source {kind} has one class, the config has {', '.join(classes)}: keep one of them, or say which object "
             "is of which class in a CSV file (source.objects)"
         )
+    unknown = sorted(set(table.of_class) - set(classes))
+    if unknown:
+        log.warning("%s: lines about classes that this run does not have: %s", source["objects"], _listed(unknown))
     everything = _by_class(_candidates(source, None), table) if table.gives_classes else {}
     entries = []
     for name, count in classes.items():

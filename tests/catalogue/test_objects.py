@@ -206,6 +206,13 @@ def test_a_table_says_class_split_up_and_scale(tmp_path):
     assert list(table["scale"]) == ["0.001", "keep"] and list(table["split"]) == ["test", "validation"]
 
 
+def test_a_line_about_a_class_that_the_run_does_not_have_is_said(tmp_path, caplog):
+    tree(tmp_path, "mug/a.obj", "pan/b.obj")
+    (tmp_path / "objects.csv").write_text("class,split\nmgu,test\nmug,train\n")
+    assert scan(source(tmp_path, objects=tmp_path / "objects.csv"), {"mug": "all"})[0].split == "train"
+    assert "lines about classes that this run does not have: mgu" in caplog.text and "mug" not in caplog.text
+
+
 def test_classes_of_a_flat_folder_come_from_the_table(tmp_path):
     tree(tmp_path, *(f"{name}.obj" for name in "abc"))
     (tmp_path / "objects.csv").write_text("path,class\na.obj,mug\nb.obj,pan\n")
