@@ -4,7 +4,7 @@ CORES ?= $(shell nproc)
 BIN := .venv/bin
 UV_VERSION := 0.13.8
 
-.PHONY: demo run smoke test lint site env slurm lock
+.PHONY: demo run smoke examples test lint site env slurm lock
 
 # A few objects: their data and pictures, without training.
 demo: env
@@ -19,6 +19,11 @@ run: env
 
 smoke: env
 	$(BIN)/snakemake --cores $(CORES) smoke
+
+# On the smoke run.
+examples: env
+	for each in bring_meshes train_on_a_run reconstruct_a_grasp compare_sensors; do \
+	  $(BIN)/python examples/$$each.py || exit 1; done
 
 test: env
 	$(BIN)/pytest --numprocesses $(CORES) --dist loadfile

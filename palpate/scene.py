@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from palpate.camera import Camera, paper_camera
-from palpate.hand.hand import SENSORS, Hand
+from palpate.hand.hand import Hand
 from palpate.mesh import OBJECT_POSITION, mesh_file
 
 # What a scene takes from a store of grasps, by the names there.
@@ -52,8 +52,8 @@ class Scene:
     object_folder: Path
     hand: Hand | None = None
     link_pose: np.ndarray = field(default_factory=lambda: np.zeros((0, 0, 4, 4)))
-    sensor_position: np.ndarray = field(default_factory=lambda: np.zeros((0, SENSORS, 3)))
-    sensor_rotation: np.ndarray = field(default_factory=lambda: np.zeros((0, SENSORS, 3, 3)))
+    sensor_position: np.ndarray = field(default_factory=lambda: np.zeros((0, 0, 3)))
+    sensor_rotation: np.ndarray = field(default_factory=lambda: np.zeros((0, 0, 3, 3)))
     object_position: tuple[float, float, float] = OBJECT_POSITION
     camera: Camera = field(default_factory=paper_camera)
     lights: Lights = Lights()

@@ -11,6 +11,7 @@ import pytest
 
 import palpate.store
 from palpate.atomic import atomic_write, sweep
+from palpate.sensor import DIGIT
 from palpate.store import read, write
 
 
@@ -116,7 +117,7 @@ def points(objects):
     return {"object": names, "points": clouds}
 
 
-ATTRIBUTES = {"config_digest": "", "seed": 0}
+ATTRIBUTES = {"config_digest": "", "seed": 0, "sensor": DIGIT.description()}
 WRITE = """
 import sys
 sys.path.insert(0, sys.argv[1])

@@ -11,9 +11,9 @@ import palpate
 ROOT = Path(palpate.__file__).parent
 # From what everything else stands on to what stands on everything else; docs/design.md has the same order.
 ORDER = (
-    *("checksums", "atomic", "lock", "locked", "terminal", "remedy", "batch", "configuration", "camera", "mesh"),
-    *("surface", "hand", "scene", "touch", "grasp", "vision", "shapes", "store", "released", "catalogue", "dataset"),
-    *("charts", "models", "training", "evaluation", "results"),
+    *("checksums", "atomic", "lock", "locked", "terminal", "remedy", "batch", "configuration", "camera", "sensor"),
+    *("mesh", "surface", "hand", "scene", "touch", "grasp", "vision", "shapes", "store", "released", "catalogue"),
+    *("dataset", "charts", "models", "training", "evaluation", "results"),
 )
 # Packages that may import an engine: by the name that is imported.
 ENGINES = {

@@ -16,7 +16,7 @@ import torch
 from torch import Tensor
 
 from palpate.mesh import DIAGONAL, OBJECT_POSITION
-from palpate.touch.sensor import SENSOR_WIDTH
+from palpate.sensor import DIGIT
 
 ATLAS_RADIUS = 0.26  # m, around the object's centre (the published atlas)
 VISION_CHARTS = 96
@@ -203,9 +203,9 @@ def sphere() -> tuple[Tensor, Tensor]:
 
 @cache
 @torch.inference_mode(False)  # kept for all later uses, whatever the first one
-def touch_chart() -> TouchChart:
-    """The sheet of 9 x 9 vertices over the whole sensor plane."""
-    line = torch.linspace(-SENSOR_WIDTH / 2, SENSOR_WIDTH / 2, TOUCH_SIDE)
+def touch_chart(width: float = DIGIT.width) -> TouchChart:
+    """The sheet of 9 x 9 vertices over the whole plane of a sensor `width` metres wide. Its faces are any sensor's."""
+    line = torch.linspace(-width / 2, width / 2, TOUCH_SIDE)
     z, y = torch.meshgrid(line, line, indexing="ij")
     corner = (torch.arange(TOUCH_SIDE - 1)[:, None] * TOUCH_SIDE + torch.arange(TOUCH_SIDE - 1)).ravel()
     right, below = corner + 1, corner + TOUCH_SIDE

@@ -11,7 +11,7 @@ from torch import Tensor
 from palpate.charts.atlas import TOUCH_SIDE, touch_chart
 from palpate.charts.chamfer import CHAMFER_SCALE, build_tree, chamfer_distance
 from palpate.charts.sample import sample_faces
-from palpate.touch.sensor import SENSOR_WIDTH
+from palpate.sensor import DIGIT
 
 STOP = 0.0006 / CHAMFER_SCALE  # square metres: the supplement's loss to stop at, in the tables' unit
 
@@ -29,7 +29,7 @@ def spread(valid: Tensor, count: int) -> Tensor:
     return torch.where(total > 0, found, 0)
 
 
-def fit_direct(depth: Tensor, valid: Tensor, position: Tensor, rotation: Tensor) -> Tensor:
+def fit_direct(depth: Tensor, valid: Tensor, position: Tensor, rotation: Tensor, width: float = DIGIT.width) -> Tensor:
     """Touch charts of height fields, by resampling: nine of the pixel rows that hold contact, evenly spread,
     and in each of them nine of its pixels in contact. Every vertex is a point of the cloud.
 
@@ -37,6 +37,7 @@ def fit_direct(depth: Tensor, valid: Tensor, position: Tensor, rotation: Tensor)
         depth: (k, r, r) metres from the sensor plane at the centres of pixels; used where valid.
         valid: (k, r, r) bool, pixels in contact, one or more each.
         position: (k, 3) metres and rotation: (k, 3, 3) of the sensors; columns are the frame's axes.
+        width: metres, of the sensors.
 
     Returns: (k, 81, 3) in the frame and type of the positions, vertices ordered as in `touch_chart()`.
 
@@ -51,7 +52,7 @@ def fit_direct(depth: Tensor, valid: Tensor, position: Tensor, rotation: Tensor)
     column = spread(valid.gather(1, row[..., None].expand(-1, -1, resolution)), TOUCH_SIDE)  # (k, 9, 9)
     row = row[..., None].expand_as(column)
     x = depth.flatten(1).gather(1, (row * resolution + column).flatten(1))
-    y, z = (((at + 0.5) / resolution - 0.5) * SENSOR_WIDTH for at in (column.flatten(1), row.flatten(1)))
+    y, z = (((at + 0.5) / resolution - 0.5) * width for at in (column.flatten(1), row.flatten(1)))
     return placed(torch.stack([x, y, z], dim=2), position, rotation)
 
 
@@ -69,6 +70,7 @@ def fit_adam(
     stop: float = STOP,
     samples: int = 2000,
     generator: torch.Generator | None = None,
+    width: float = DIGIT.width,
 ) -> Tensor:
     """Touch charts by the paper's optimisation (supplement, "Converting Point Clouds to Charts").
 
@@ -84,6 +86,7 @@ def fit_adam(
         samples: points on each sheet a step. With so few that their own spacing exceeds `stop`, it is
             never reached: 1,000 are too few for the supplement's (docs/charts.md).
         generator: of the samples; the default one if None.
+        width: metres, of the sensors.
 
     Returns: (k, 81, 3), vertices ordered as in `touch_chart()`; of the step with the lowest loss if it did
     not fall below `stop`.
@@ -92,7 +95,7 @@ def fit_adam(
     """
     if len(points) != len(position):
         raise ValueError(f"{len(points)} point clouds for {len(position)} sensors; must be as many")
-    chart = touch_chart()
+    chart = touch_chart(width)
     faces = chart.faces.to(position.device)
     trees = [build_tree(cloud) for cloud in points] if position.device.type == "cpu" else [None] * len(points)
     # Tensors made in inference mode could not be differentiated: copies can.

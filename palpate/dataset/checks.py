@@ -17,8 +17,9 @@ import trimesh
 
 from palpate.hand import MAX_PENETRATION, Hand
 from palpate.mesh import DIAGONAL, OBJECT_POSITION, load_visual, mesh_file, read_record
+from palpate.sensor import DIGIT, Sensor
 from palpate.surface.embree import RayMesh
-from palpate.touch import SENSOR_RANGE, RayCaster, local_points, shade
+from palpate.touch import RayCaster, local_points, shade
 from palpate.vision import paper_camera
 
 # libigl would use every core for one batch, but batches are what is done in parallel. Read at its first use.
@@ -59,7 +60,7 @@ CHECKS = {
     "inside box": Check(EXACT, "m that a surface point lies outside the object's bounding box"),
     "on mesh": Check(ON_MESH, "m between a point (of the surface, or of a local cloud) and the mesh"),
     # Of the grasps.
-    "joint limits": Check(SOFT_LIMIT, "rad that a joint is out of its range"),
+    "joint limits": Check(SOFT_LIMIT, "rad (of a slide m) that a joint is out of its range"),
     "kinematics": Check(EXACT, "m between links or sensors and the hand's kinematics at the joint positions"),
     "penetration": Check(MAX_PENETRATION, "m of penetration; inf if negative"),
     "in hand": Check(MAX_PENETRATION, "m that a surface point is inside the hand"),
@@ -105,11 +106,12 @@ CHECKS = {
 
 @dataclass
 class CheckedObject:
-    """One object of a batch: its rows of every store that has it, its mesh, and the hand."""
+    """One object of a batch: its rows of every store that has it, its mesh, the hand and its kind of sensor."""
 
     rows: dict[str, dict[str, np.ndarray]]  # stage -> array -> the object's row
     folder: Path
     hand: Hand | None = None
+    sensor: Sensor = DIGIT
 
     @cached_property
     def mesh(self) -> trimesh.Trimesh:
@@ -238,7 +240,7 @@ def check_touch(item: CheckedObject) -> Measured:
     numeric = [rows[name].reshape(*shape, -1) for name in ("position", "rotation", "points")]
     yield "finite", sum(np.sum(~np.isfinite(values), axis=2) for values in numeric)
     yield "rotation", rotation_error(rows["rotation"])
-    in_range = (depth > 0) & (depth <= SENSOR_RANGE)
+    in_range = (depth > 0) & (depth <= item.sensor.reach.astype(depth.dtype))
     yield "touch depth", np.sum(~in_range & (depth != np.inf), axis=(2, 3))
     finite = np.isfinite(depth)
     yield "success", success != finite.any(axis=(2, 3))
@@ -247,8 +249,8 @@ def check_touch(item: CheckedObject) -> Measured:
     padding = np.arange(rows["points"].shape[2]) >= count[..., None]
     yield "padding", np.sum(padding & rows["points"].any(axis=3), axis=2)
     yield "untouched", ~success & rows["reading"].any(axis=(2, 3, 4))
-    yield "points", _each_sensor(rows, _points_error)
-    yield "reading", _each_sensor(rows, _reading_error)
+    yield "points", _each_sensor(item, _points_error)
+    yield "reading", _each_sensor(item, _reading_error)
     yield "on mesh", _cloud_distance(item)
 
 
@@ -285,7 +287,7 @@ def check_together(item: CheckedObject) -> Measured:
 def _borderline(item: CheckedObject, position: np.ndarray, rotation: np.ndarray) -> bool:
     """Whether a shift of a sensor by `BORDER` along one of its axes would change its success."""
     shifts = BORDER * np.concatenate([np.eye(3), np.zeros((1, 3)), -np.eye(3)]) @ rotation.T
-    caster = RayCaster(item.mesh)
+    caster = RayCaster(item.mesh, sensor=item.sensor)
     try:
         touches = caster.succeeds(position + shifts, np.tile(rotation, (len(shifts), 1, 1)))
     except ValueError:  # no pose at all
@@ -303,28 +305,29 @@ def rotation_error(rotations: np.ndarray) -> np.ndarray:
 SENSED = ("depth", "position", "rotation", "points", "reading")  # of one sensor
 
 
-def _each_sensor(rows: dict[str, np.ndarray], error: Callable) -> np.ndarray:
+def _each_sensor(item: CheckedObject, error: Callable) -> np.ndarray:
     """`error` of each successful sensor; 0 for the others."""
+    rows = item.rows["touch"]
     result = np.zeros(rows["success"].shape)
     for index in zip(*np.nonzero(rows["success"]), strict=True):
-        result[index] = error(*(rows[name][index] for name in SENSED))
+        result[index] = error(item.sensor, *(rows[name][index] for name in SENSED))
     return result
 
 
-def _points_error(depth, position, rotation, points, reading) -> float:
+def _points_error(sensor, depth, position, rotation, points, reading) -> float:
     try:
-        expected = local_points(depth, position, rotation)
+        expected = local_points(depth, position, rotation, sensor)
     except ValueError:  # no position at all, or one that no point can be stored at
         return np.inf
     return np.abs(points[: len(expected)] - expected).max(initial=0)
 
 
-def _reading_error(depth, position, rotation, points, reading) -> float:
-    return np.inf if not (depth > -np.inf).all() else np.abs(shade(depth).astype(int) - reading).max()
+def _reading_error(sensor, depth, position, rotation, points, reading) -> float:
+    return np.inf if not (depth > -np.inf).all() else np.abs(shade(depth, sensor).astype(int) - reading).max()
 
 
 def _cloud_distance(item: CheckedObject) -> np.ndarray:
-    """Furthest point of each local cloud from the mesh: (g, 4)."""
+    """Furthest point of each local cloud from the mesh: (g, s)."""
     rows = item.rows["touch"]
     distance = np.zeros(rows["point_count"].shape)
     for index in zip(*np.nonzero(rows["point_count"] > 0), strict=True):

@@ -14,6 +14,7 @@ import numpy as np
 from palpate.catalogue import CatalogueEntry
 from palpate.dataset.arrays import JoinedArray, fill_untouched
 from palpate.dataset.run import Run
+from palpate.sensor import Sensor
 from palpate.store.contract import CONTRACT, SENSOR_NAMES
 from palpate.store.files import StoreError
 
@@ -133,7 +134,7 @@ class Dataset(Sequence):
         return values if dtype is None else values.astype(dtype, copy=False)
 
     def readings(self) -> np.ndarray:
-        """(o, g, 4, r, r, 3) uint8 readings in memory; a sensor that touched nothing reads the empty gel."""
+        """(o, g, s, r, r, 3) uint8 readings in memory; a sensor that touched nothing reads the empty gel."""
         return fill_untouched(self.load("touch", "reading"), self.load("touch", "success"), self.empty_reading)
 
     @property
@@ -142,6 +143,14 @@ class Dataset(Sequence):
         if not self._entries:
             raise StoreError(f"{self!r}: no object whose touch store has the empty reading; rejected.csv says why")
         return self._run.store("touch", next(iter(self._entries.values())).batch).get("empty_reading")
+
+    @property
+    def sensor(self) -> Sensor:
+        """The kind of touch sensor that the readings are of, as their store states it. Raises StoreError if there is
+        no object."""
+        if not self._entries:
+            raise StoreError(f"{self!r}: no object whose touch store has the sensor; rejected.csv says why")
+        return self._run.sensor(next(iter(self._entries.values())).batch)
 
     def __len__(self) -> int:
         return len(self._entries)
@@ -276,14 +285,19 @@ class GraspRecord(_Record):
         return tuple(str(name) for name in names)
 
     @cached_property
+    def sensor(self) -> Sensor:
+        """The kind of touch sensor that the readings are of."""
+        return self._run.sensor(self._entry.batch)
+
+    @cached_property
     def reading(self) -> np.ndarray:
-        """Images of the four gels (4, 100, 100, 3) uint8."""
+        """Images of the gels (s, r, r, 3) uint8."""
         empty = self._run.store("touch", self._entry.batch).get("empty_reading")
         return fill_untouched(self._read("reading"), self.success, empty)
 
     @cached_property
     def points(self) -> list[np.ndarray]:
-        """The four local clouds (count, 3) float32 in the world frame; no points for an untouched sensor."""
+        """The s local clouds (count, 3) float32 in the world frame; no points for an untouched sensor."""
         stored = self._read("points")
         return [cloud[:count] for cloud, count in zip(stored, self.point_count, strict=True)]
 

@@ -8,7 +8,9 @@ from typing import Any
 from palpate.batch import read_rejections
 from palpate.catalogue import CatalogueEntry, read_catalogue
 from palpate.checksums import DamagedFile
+from palpate.configuration import ConfigError
 from palpate.remedy import command
+from palpate.sensor import Sensor
 from palpate.store.contract import CONTRACT
 from palpate.store.files import Store, StoreError
 
@@ -23,6 +25,7 @@ class Run:
         self.folder = Path(folder)
         self._stores: dict[Path, Store] = {}
         self._objects: dict[tuple[str, str], dict[str, int]] = {}
+        self._sensors: dict[str, Sensor] = {}
 
     def __getstate__(self) -> dict[str, Any]:
         return {**self.__dict__, "_stores": {}}
@@ -79,6 +82,19 @@ class Run:
                 raise StoreError(f"{self.folder} has no {stage}; build it with: {command(self.folder, *targets)}")
             self._stores[path] = Store(path)
         return self._stores[path]
+
+    def sensor(self, batch: str) -> Sensor:
+        """The touch sensor of one batch, remembered. Raises StoreError, naming the file, if it states none."""
+        if batch not in self._sensors:
+            store = self.store("touch", batch)
+            try:
+                self._sensors[batch] = Sensor.from_description(store.attributes["sensor"], store.get("empty_reading"))
+            except (KeyError, ConfigError) as error:
+                raise StoreError(
+                    f"{store.path} does not state its sensor ({error}); remove it and build it again with: "
+                    f"{command(store.path)}"
+                ) from None
+        return self._sensors[batch]
 
     def objects(self, stage: str, batch: str) -> dict[str, int]:
         """Row of each object in one batch's store, remembered."""

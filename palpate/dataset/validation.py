@@ -14,6 +14,7 @@ from palpate import checksums
 from palpate.atomic import atomic_write
 from palpate.batch import Rejection, read_rejections
 from palpate.catalogue import SPLITS, CatalogueEntry, CatalogueError, checksum, read_catalogue
+from palpate.configuration import ConfigError
 from palpate.dataset.checks import (
     CHECKS,
     MAX_PENETRATION,
@@ -29,8 +30,9 @@ from palpate.dataset.checks import (
 from palpate.dataset.run import Run
 from palpate.hand import Hand
 from palpate.remedy import command
+from palpate.sensor import DIGIT, Sensor
 from palpate.store.contract import CONTRACT, SENSOR_NAMES
-from palpate.store.files import REQUIRED_ATTRIBUTES, Store, StoreError, check_headers, describe
+from palpate.store.files import Store, StoreError, check_headers, describe
 from palpate.touch import empty_reading
 
 NAMED = 5  # how many failures a row names
@@ -104,7 +106,7 @@ class _Batch:
             store = Store(path)
             objects = store.get("object").tolist()
             self.add("readable", stage, 0)
-            expected = {*describe(CONTRACT[stage]), *REQUIRED_ATTRIBUTES}
+            expected = {*describe(CONTRACT[stage]), *CONTRACT[stage].attributes}
             missing = sorted(expected - set(store.attributes))
             self.add("attributes", stage, len(missing), where=", ".join(missing))
             try:
@@ -128,6 +130,18 @@ class _Batch:
         except (KeyError, ValueError) as error:  # ValueError: StoreError, or a hand that makes no sense
             self.add("readable", "grasps", 1, where=f"hand: {type(error).__name__}: {error}")
             return None
+
+    def sensor(self) -> Sensor:
+        """The sensor that the touch store states; the default, with a finding, if it states none."""
+        if "touch" not in self.stores:
+            return DIGIT
+        store = self.stores["touch"]
+        try:
+            with self.reading("touch"):
+                return Sensor.from_description(store.attributes["sensor"], store.get("empty_reading"))
+        except (KeyError, ConfigError) as error:
+            self.add("readable", "touch", 1, where=f"sensor: {type(error).__name__}: {error}")
+        return DIGIT
 
     def check_objects(self, stage: str) -> None:
         """The store's objects are the catalogue's except the rejected ones, in order."""
@@ -154,12 +168,12 @@ class _Batch:
             if stage in self.stores and self.objects[stage]:
                 self.add("grasp count", stage, abs(self.grasps_per_object(stage) - expected))
 
-    def check_empty_reading(self) -> None:
-        """The stored empty reading equals that of the sensor's model."""
+    def check_empty_reading(self, sensor: Sensor) -> None:
+        """The stored empty reading equals that of the sensor."""
         if "touch" not in self.stores:
             return
         with self.reading("touch"):
-            stored, expected = self.stores["touch"].get("empty_reading").astype(int), empty_reading()
+            stored, expected = self.stores["touch"].get("empty_reading").astype(int), empty_reading(sensor)
             same = stored.shape == expected.shape
             self.add("empty reading", "touch", np.abs(stored - expected).max() if same else np.inf)
 
@@ -168,9 +182,9 @@ class _Batch:
         row, specs = self.objects[stage].index(name), CONTRACT[stage].arrays
         return {key: self.stores[stage].get(key, row) for key, spec in specs.items() if spec.of_objects}
 
-    def check_object(self, name: str, hand: Hand | None) -> None:
+    def check_object(self, name: str, hand: Hand | None, sensor: Sensor) -> None:
         """Everything about one object."""
-        item = CheckedObject({}, self.run.folder / "meshes" / self.name / name, hand)
+        item = CheckedObject({}, self.run.folder / "meshes" / self.name / name, hand, sensor)
         try:
             self.measure("meshes", name, check_mesh(item))
         except Exception as error:  # the reader raises whatever a broken file makes it trip over
@@ -261,11 +275,11 @@ def validate_batch(
     for stage in checked.stores:
         checked.check_objects(stage)
     checked.check_grasp_count()
-    checked.check_empty_reading()
-    hand = checked.hand()
+    hand, sensor = checked.hand(), checked.sensor()
+    checked.check_empty_reading(sensor)
     stored = {name for objects in checked.objects.values() for name in objects}
     for name in [name for name in checked.catalogue if name in stored]:
-        checked.check_object(name, hand)
+        checked.check_object(name, hand, sensor)
     return [*check_files(run, batch, stages), *checked.findings]
 
 

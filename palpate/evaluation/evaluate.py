@@ -24,7 +24,9 @@ from palpate.evaluation.rows import COLUMNS, RING_COLUMNS, SPLITS, TOUCH_COLUMNS
 from palpate.evaluation.surface_quality import surface_quality, topology
 from palpate.models import Reconstruction, SingleImageModel, TouchDepth
 from palpate.remedy import command
+from palpate.sensor import Sensor
 from palpate.training import Assembler, Machine, Sample, TrainingData, windows
+from palpate.training.checkpoints import require_sensor
 from palpate.training.losses import sheet
 from palpate.training.touches import channels_first, predict_depth
 
@@ -108,7 +110,7 @@ def evaluate_rings(
     for sample, vertices, _ in predictions(trained, data, [split]):
         name = data.objects[sample.object]
         if last != name:
-            touches, last = _touches(dataset[name]), name
+            touches, last = _touches(dataset[name], dataset.sensor), name
         # An object's touches in one search: its prediction and the search's start cost as much as a touch.
         numbers = sample.grasps or range(len(touches))
         chosen = [touch for number in numbers for touch in touches[number]]
@@ -130,13 +132,16 @@ class _Touch(NamedTuple):
     rings: list[np.ndarray]
 
 
-def _touches(item: ObjectRecord) -> list[list[_Touch]]:
-    """The successful touches of each grasp of an object."""
+def _touches(item: ObjectRecord, kind: Sensor) -> list[list[_Touch]]:
+    """The successful touches of each grasp of an object, of a kind of sensor."""
     found = []
     for number, grasp in enumerate(item.grasps):
         poses = {sensor: (grasp.position[sensor], grasp.rotation[sensor]) for sensor in np.flatnonzero(grasp.success)}
         found.append(
-            [_Touch(number, sensor, ring_points(grasp.ring_depth[sensor], *pose)) for sensor, pose in poses.items()]
+            [
+                _Touch(number, sensor, ring_points(grasp.ring_depth[sensor], *pose, kind))
+                for sensor, pose in poses.items()
+            ]
         )
     return found
 
@@ -145,13 +150,17 @@ def predictions(trained: Trained, data: TrainingData, splits: Sequence[str]) -> 
     """Each sample of some splits with what the model predicts, its vertices (V, 3), and the seconds it took.
 
     Of the published single-image networks: what their `stages` describe.
-    Raises EvaluationError if there is no object, or a prediction is not finite.
+    Raises EvaluationError if there is no object, or a prediction is not finite; CheckpointError if the touches are of
+    another sensor than the model's.
     """
     samples = windows(data, trained.experiment, *splits)
     if not samples:
         raise EvaluationError(
             f"{data.source}: no object in {' or '.join(splits)}: more objects are needed (config classes)"
         )
+    model = trained.model
+    if trained.experiment["touch"]:
+        require_sensor(model.hand_sensors, model.sensor, data.hand_sensors, data.sensor, f"model {trained.name}")
     assemble = Assembler(data, trained.experiment, trained.device)
     label = f"{trained.name} seed {trained.seed}"
     bar = tqdm(total=len(samples), desc=label, unit="sample", disable=not sys.stderr.isatty())
@@ -219,8 +228,9 @@ def evaluate_touch(
         model: in evaluation mode, on any device; steps: those it was trained for.
         dataset: the run's, with its stores of touch and charts.
 
-    Raises EvaluationError if these splits have no successful touch.
+    Raises EvaluationError if these splits have no successful touch; CheckpointError if they are of another sensor.
     """
+    require_sensor(None, model.sensor, None, dataset.sensor, "the model of touches")
     records = [record for record in dataset if record.split in splits]
     rows, empty = [], channels_first(dataset.empty_reading)
     for record in tqdm(records, desc="touch depth", unit="object", disable=not sys.stderr.isatty()):
@@ -242,12 +252,12 @@ def _local_scores(
     """Errors (m^2 x 9000) of the clouds and of the charts of some sensors of one grasp."""
     if not len(sensors):
         return [], []
-    device = next(model.parameters()).device
+    device, width = next(model.parameters()).device, model.sensor.width
     depth, valid = predict_depth(model, channels_first(grasp.reading[sensors]).to(device), empty.to(device))
     true = torch.from_numpy(grasp.depth[sensors]).to(device)
     # A distance does not depend on the frame: clouds are compared in the sensor's, charts in the world.
-    clouds = [cloud[mask] for cloud, mask in zip(sheet(depth), valid, strict=True)]
-    truths = [cloud[mask] for cloud, mask in zip(sheet(true), torch.isfinite(true), strict=True)]
+    clouds = [cloud[mask] for cloud, mask in zip(sheet(depth, width), valid, strict=True)]
+    truths = [cloud[mask] for cloud, mask in zip(sheet(true, width), torch.isfinite(true), strict=True)]
     chart = torch.from_numpy(grasp.vertices[sensors]).to(device)
     on_charts = sample_faces(chart, touch_chart().faces.to(device), points, draw)
     world = [torch.from_numpy(grasp.points[sensor]).to(device) for sensor in sensors]

@@ -16,10 +16,9 @@ import numpy as np
 
 from palpate.camera import IMAGE_SIZE
 from palpate.dataset import Dataset
-from palpate.hand import SENSORS
 from palpate.remedy import command
+from palpate.sensor import Sensor
 from palpate.store import CONTRACT, Store
-from palpate.touch.sensor import RESOLUTION
 from palpate.training.inputs import takes_charts, takes_grasps
 
 if TYPE_CHECKING:
@@ -36,8 +35,8 @@ TOUCH_COLOUR = (0.84, 0.37, 0.00)
 class GraspTouches(NamedTuple):
     """Readings and poses of the sensors of one grasp: the part of a grasp record that a model needs.
 
-    reading: (4, 100, 100, 3) uint8 images of the gels. position: (4, 3) metres and rotation: (4, 3, 3) of the
-    sensors in the world, columns of a rotation being the sensor's axes. success: (4,) bool, whether the
+    reading: (s, r, r, 3) uint8 images of the gels. position: (s, 3) metres and rotation: (s, 3, 3) of the
+    sensors in the world, columns of a rotation being the sensor's axes. success: (s,) bool, whether the
     sensor touches the object.
     """
 
@@ -128,6 +127,8 @@ class Reconstructor:
                     f"lies beside the run's experiments; train it with: {command(touch_depth / CHECKPOINT)}"
                 )
             self._charts = TouchCharts(touch_depth, device, fit)
+            own = self._model.sensor
+            checkpoints.require_sensor(None, own, None, self._charts.model.sensor, f"{self.path} (but not its U-Net)")
 
     @property
     def name(self) -> str:
@@ -200,12 +201,18 @@ class Reconstructor:
             raise ReconstructionError(
                 f"{self.name} takes {_counted(self.grasps)}, but touches of {len(grasps)} were given"
             )
+        for grasp in grasps:  # records of a dataset say what they are of; `GraspTouches` do not
+            if differs := self._model.sensor.misfit(getattr(grasp, "sensor", self._model.sensor)):
+                raise ReconstructionError(
+                    f"{self.name} was trained with sensor {self._model.sensor.name!r}, but the touches are of "
+                    f"{grasp.sensor.name!r}: {differs}; take a model of their run"
+                )
         sensors = GraspTouches(
             *(np.concatenate([getattr(grasp, name) for grasp in grasps]) for name in GraspTouches._fields)
         )
-        count = SENSORS * len(grasps)
+        count, side = self._model.sensors, self._model.sensor.resolution
         shapes = {
-            "reading": (count, RESOLUTION, RESOLUTION, 3),
+            "reading": (count, side, side, 3),
             "position": (count, 3),
             "rotation": (count, 3, 3),
             "success": (count,),
@@ -258,7 +265,7 @@ class TouchCharts:
         from palpate.training import load_touch_depth
 
         self.model = load_touch_depth(self.path).to(device)
-        self.empty_reading = _empty_reading(self.path.parents[2])
+        self.empty_reading = _empty_reading(self.path.parents[2], self.model.sensor)
         self.fit = fit
 
     def __call__(self, touches: GraspTouches) -> np.ndarray:
@@ -292,7 +299,7 @@ class TouchCharts:
         return [
             (points[mask].double() @ torch.from_numpy(turn).T + torch.from_numpy(origin)).numpy()
             for points, mask, turn, origin in zip(
-                sheet(depth).cpu(),
+                sheet(depth, self.model.sensor.width).cpu(),
                 valid.cpu(),
                 touches.rotation[success],
                 touches.position[success],
@@ -301,13 +308,13 @@ class TouchCharts:
         ]
 
 
-def _empty_reading(run: Path) -> np.ndarray:
-    """(100, 100, 3) uint8 reading of an untouched sensor: the run's, or the simulated one if it has none."""
+def _empty_reading(run: Path, sensor: Sensor) -> np.ndarray:
+    """(r, r, 3) uint8 reading of an untouched sensor: the run's, or the simulated one if it has none."""
     for path in sorted(run.glob(CONTRACT["touch"].path("*"))):
         return Store(path).get("empty_reading")
     from palpate.touch import empty_reading
 
-    return empty_reading()
+    return empty_reading(sensor)
 
 
 def checkpoint(model: Path | str) -> Path:

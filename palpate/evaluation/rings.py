@@ -8,6 +8,7 @@ of the published evaluation (`calc_local_chamfer`).
 
 import logging
 from collections.abc import Callable, Sequence
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -18,47 +19,55 @@ from torch import Tensor
 
 from palpate import store
 from palpate.evaluation.metrics import squared_distances
+from palpate.sensor import DIGIT, Sensor
 from palpate.surface.embree import RayMesh
-from palpate.touch.sensor import SENSOR_RANGE, SENSOR_WIDTH
 
 log = logging.getLogger(__name__)
 
 RINGS = (1, 2, 3, 4, 5)
 GRID = 100  # points along a side of the grid
 SAMPLES = 30_000  # on a prediction: with 10,000, 0.2 m^2 of surface is 6e-6 m^2 from its nearest sample
-# Surface further than this from the sensor plane is another part of the object, not the touch's surroundings:
-# the sensor's range, and as much as the outermost ring is from the centre.
-REACH = SENSOR_RANGE + RINGS[-1] * SENSOR_WIDTH / 2
 # Neighbours of a point of a cloud (a mesh's stand-in) that its disc must reach for discs to leave no gaps:
 # with uniform points a ray passes between discs of this size once in 150 times (Poisson, e^-5).
 DISC_NEIGHBOURS = 5
 
-_SIDE = ((np.arange(GRID) + 0.5) / GRID - 0.5) * RINGS[-1] * SENSOR_WIDTH
-_Y, _Z = np.meshgrid(_SIDE, _SIDE)
-# (10000, 3) the grid on the sensor plane, sensor frame, row-major.
-PLANE = np.stack([np.zeros(GRID**2), _Y.ravel(), _Z.ravel()], axis=1)
+_SIDE = ((np.arange(GRID) + 0.5) / GRID - 0.5) * RINGS[-1]  # sensor widths
 # (100, 100) the ring that each point of the grid belongs to.
-RING = np.ceil(2 * np.maximum(np.abs(_Y), np.abs(_Z)) / SENSOR_WIDTH).astype(int)
+RING = np.ceil(2 * np.maximum(*np.abs(np.meshgrid(_SIDE, _SIDE)))).astype(int)
+
+
+@cache
+def plane(width: float) -> np.ndarray:
+    """(10000, 3) the grid on the plane of a sensor `width` metres wide, sensor frame, row-major."""
+    y, z = np.meshgrid(_SIDE * width, _SIDE * width)
+    return np.stack([np.zeros(GRID**2), y.ravel(), z.ravel()], axis=1)
+
+
+def reach(sensor: Sensor) -> float:
+    """Metres from the sensor plane beyond which surface is another part of the object, not the touch's surroundings:
+    the sensor's range, and as much as the outermost ring is from the centre."""
+    return sensor.range + RINGS[-1] * sensor.width / 2
 
 
 class MeshSurface:
     """A mesh that rings are projected onto, by ray casting."""
 
-    def __init__(self, mesh: trimesh.Trimesh, object_position=(0.0, 0.0, 0.0)):
-        """mesh: in its own frame, metres; object_position: (3,) of that frame's origin in the world.
+    def __init__(self, mesh: trimesh.Trimesh, object_position=(0.0, 0.0, 0.0), sensor: Sensor = DIGIT):
+        """mesh: in its own frame, metres; object_position: (3,) of that frame's origin in the world; sensor: that the
+        rings are around.
 
         Raises ValueError if no face has an area.
         """
-        self._mesh = RayMesh(mesh)
+        self._mesh, self._plane, self._reach = RayMesh(mesh), plane(sensor.width), reach(sensor)
         self._object_position = np.asarray(object_position, dtype=float)
 
     def project(self, position: np.ndarray, rotation: np.ndarray) -> np.ndarray:
         """(100, 100) float32 distance from the grid of a sensor at `position` (3,), `rotation` (3, 3), world,
-        to the first face of either orientation along its x; +inf where there is none within `REACH`."""
+        to the first face of either orientation along its x; +inf where there is none within `reach`."""
         origin = np.asarray(position) - self._object_position
-        start = PLANE @ np.asarray(rotation).T + origin
+        start = self._plane @ np.asarray(rotation).T + origin
         direction = np.asarray(rotation)[:, 0]
-        face = self._mesh.first_face(start, direction[None], REACH)
+        face = self._mesh.first_face(start, direction[None], self._reach)
         hit = face >= 0
         corners, normal = self._mesh.triangles[face[hit]], self._mesh.normals[face[hit]]
         with np.errstate(divide="ignore", invalid="ignore"):  # faces seen edge-on
@@ -67,7 +76,7 @@ class MeshSurface:
         ahead = (corners - origin) @ direction
         along = np.clip(np.nan_to_num(along, nan=0), ahead.min(axis=1), ahead.max(axis=1))
         depth = np.full(len(face), np.inf)
-        depth[hit] = np.where((along >= 0) & (along <= REACH), along, np.inf)
+        depth[hit] = np.where((along >= 0) & (along <= self._reach), along, np.inf)
         return depth.reshape(GRID, GRID).astype(np.float32)
 
 
@@ -75,8 +84,10 @@ class CloudSurface:
     """A point cloud that rings are projected onto, for runs that have no meshes: each point is a small disc,
     as wide as the cloud is apart, that faces the sensor."""
 
-    def __init__(self, points: np.ndarray):
-        """points: (n, 3) on the surface, world frame, metres. Raises ValueError for fewer than 6."""
+    def __init__(self, points: np.ndarray, sensor: Sensor = DIGIT):
+        """points: (n, 3) on the surface, world frame, metres; sensor: that the rings are around. Raises ValueError for
+        fewer than 6."""
+        self._sensor = sensor
         self._points = np.asarray(points, dtype=float)
         if len(self._points) <= DISC_NEIGHBOURS:
             raise ValueError(f"a cloud of {len(self._points)} points is no surface to project rings onto")
@@ -86,12 +97,12 @@ class CloudSurface:
     def project(self, position: np.ndarray, rotation: np.ndarray) -> np.ndarray:
         """As `MeshSurface.project`, to the first disc."""
         local = (self._points - position) @ np.asarray(rotation)
-        half = RINGS[-1] * SENSOR_WIDTH / 2 + self.radius
-        near = (local[:, 0] >= 0) & (local[:, 0] <= REACH) & (np.abs(local[:, 1:]) <= half).all(axis=1)
+        half = RINGS[-1] * self._sensor.width / 2 + self.radius
+        near = (local[:, 0] >= 0) & (local[:, 0] <= reach(self._sensor)) & (np.abs(local[:, 1:]) <= half).all(axis=1)
         depth = np.full(GRID**2, np.inf)
         if near.any():
             local = local[near]
-            rays, points = cKDTree(PLANE[:, 1:]), cKDTree(local[:, 1:])
+            rays, points = cKDTree(plane(self._sensor.width)[:, 1:]), cKDTree(local[:, 1:])
             pairs = points.sparse_distance_matrix(rays, self.radius, output_type="coo_matrix")
             first, ahead = depth.copy(), local[pairs.row, 0]
             np.minimum.at(first, pairs.col, ahead)
@@ -102,9 +113,11 @@ class CloudSurface:
         return depth.reshape(GRID, GRID).astype(np.float32)
 
 
-def ring_points(depth: np.ndarray, position: np.ndarray, rotation: np.ndarray) -> list[np.ndarray]:
+def ring_points(
+    depth: np.ndarray, position: np.ndarray, rotation: np.ndarray, sensor: Sensor = DIGIT
+) -> list[np.ndarray]:
     """The surface points of each ring, from what `project` gave: five arrays (n, 3), world frame, metres."""
-    points = PLANE.copy()
+    points = plane(sensor.width).copy()
     points[:, 0] = depth.ravel()
     found = np.isfinite(depth.ravel())
     rings = RING.ravel()
@@ -129,17 +142,20 @@ def ring_distances(rings: Sequence[np.ndarray], prediction: Tensor, tree: cKDTre
     return np.array([float(of_ring.mean()) if len(of_ring) else np.nan for of_ring in squared])
 
 
-def project_batch(touch: Path | str, surface: Callable[[str], MeshSurface | CloudSurface]) -> dict[str, np.ndarray]:
+def project_batch(
+    touch: Path | str, surface: Callable[[str, Sensor], MeshSurface | CloudSurface]
+) -> dict[str, np.ndarray]:
     """The arrays of a batch's rings store: rings around every successful touch.
 
-    touch: the batch's touch store; surface: from an object's name to what its rings are projected onto.
+    touch: the batch's touch store; surface: from an object's name and the sensor to what its rings are projected onto.
     """
     touches = store.read(touch, "object", "success", "position", "rotation")
+    kind = Sensor.from_description(store.open(touch).attributes["sensor"])
     names, success = touches["object"], touches["success"]
     depth = np.full((*success.shape, GRID, GRID), np.inf, dtype=np.float32)
     for place, name in enumerate(names):
         log.info("rings %d/%d: %s", place + 1, len(names), name)
-        onto = surface(str(name))
+        onto = surface(str(name), kind)
         for grasp, sensor in zip(*np.nonzero(success[place]), strict=True):
             index = place, grasp, sensor
             depth[index] = onto.project(touches["position"][index], touches["rotation"][index])

@@ -16,6 +16,7 @@ from palpate.grasp.placement import palm_pose, with_normals
 from palpate.grasp.targets import Workspace
 from palpate.hand import MAX_PENETRATION, Hand
 from palpate.mesh import OBJECT_POSITION
+from palpate.sensor import DIGIT, Sensor
 from palpate.touch import RayCaster
 
 MAX_PLACEMENTS = 50  # random palm poses for one attempt
@@ -39,9 +40,9 @@ class Grasp(NamedTuple):
     joint_positions: np.ndarray  # (J,)
     palm_pose: np.ndarray  # (4, 4)
     link_pose: np.ndarray  # (L, 4, 4)
-    sensor_position: np.ndarray  # (4, 3)
-    sensor_rotation: np.ndarray  # (4, 3, 3)
-    touches: np.ndarray  # (4,) bool
+    sensor_position: np.ndarray  # (s, 3)
+    sensor_rotation: np.ndarray  # (s, 3, 3)
+    touches: np.ndarray  # (s,) bool
     penetration: float
 
 
@@ -52,9 +53,9 @@ class GraspSet:
     joint_positions: np.ndarray  # (g, J)
     palm_pose: np.ndarray  # (g, 4, 4)
     link_pose: np.ndarray  # (g, L, 4, 4)
-    sensor_position: np.ndarray  # (g, 4, 3)
-    sensor_rotation: np.ndarray  # (g, 4, 3, 3)
-    touches: np.ndarray  # (g, 4) bool
+    sensor_position: np.ndarray  # (g, s, 3)
+    sensor_rotation: np.ndarray  # (g, s, 3, 3)
+    touches: np.ndarray  # (g, s) bool
     penetration: np.ndarray  # (g,) float32: the hand in the object, or in itself
     attempts: int  # made in all
     discarded: dict[str, int]  # how many of them gave no grasp, by reason
@@ -73,6 +74,7 @@ class Grasper:
         timestep: float = TIMESTEP,
         max_penetration: float = MAX_PENETRATION,
         thumb_share: float = THUMB_SHARE,
+        sensor: Sensor = DIGIT,
     ):
         """surface_points: (N, 3) on the object's exterior; the other arguments are `grasp_object`'s.
 
@@ -95,7 +97,7 @@ class Grasper:
                 f"hand {hand.name!r}: open, its links are {1e3 * depth:.1f} mm deep in each other, and no"
                 f" grasp may be deeper than {1e3 * max_penetration:g} mm: change `open`, or the geoms"
             )
-        self.caster = RayCaster(visual)
+        self.caster = RayCaster(visual, sensor=sensor)
 
     def attempt(self, rng: np.random.Generator) -> Grasp | str:
         """One random placement and closing: the grasp, or the reason why there is none."""
@@ -151,6 +153,7 @@ def grasp_object(
     timestep: float = TIMESTEP,
     max_penetration: float = MAX_PENETRATION,
     thumb_share: float = THUMB_SHARE,
+    sensor: Sensor = DIGIT,
 ) -> GraspSet:
     """Grasp an object: `attempts` grasps with at least one touch are made, the best `per_object` are kept.
 
@@ -164,7 +167,8 @@ def grasp_object(
         timestep: of the simulation, seconds.
         max_penetration: metres; a deeper grasp is not accepted.
         thumb_share: share of the attempts in which the thumb closes too. With 1 more sensors touch than in the
-            paper's dataset.
+            paper's dataset. Of no effect for a hand without a thumb.
+        sensor: the hand's sensors, which decide what touches.
 
     Returns the grasps in the world frame.
 
@@ -176,7 +180,7 @@ def grasp_object(
     own_points = np.asarray(surface_points, dtype=float) - OBJECT_POSITION
     if np.abs(own_points - visual.bounds.mean(axis=0)).max() > visual.extents.max():
         raise ValueError(f"surface points are far from the object at {OBJECT_POSITION}: give them in the world frame")
-    grasper = Grasper(visual, collision, own_points, hand, timestep, max_penetration, thumb_share)
+    grasper = Grasper(visual, collision, own_points, hand, timestep, max_penetration, thumb_share, sensor)
     grasps, discarded = [], Counter()
     while len(grasps) < attempts and len(grasps) + discarded.total() < max_attempts:
         result = grasper.attempt(rng)

@@ -4,7 +4,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from palpate.grasp.placement import Surface
-from palpate.hand import SENSORS, Hand
+from palpate.hand import Hand
 
 PRESS = 0.003  # metres that the gel's apex aims below the surface
 # Metres that a unit of difference in direction counts for: 30 degrees off are as bad as 15 mm off.
@@ -16,7 +16,6 @@ ITERATIONS = 5
 DAMPING = 1e-3  # m^2, of the first step
 DAMPING_FACTOR = 4.0  # divides the damping after a step that gains, multiplies it after one that doesn't
 GEL_SEARCH = 0.05  # metres in front of the sensor's origin in which its gel is looked for
-THUMB = 3  # the sensor that may stay open
 
 
 class Workspace:
@@ -30,10 +29,10 @@ class Workspace:
         apex, direction = self.apex(hand.forward(np.eye(4), self.configurations))
         features = np.concatenate([apex, DIRECTION_LENGTH * direction], axis=-1)
         self.open_apex = self.apex(hand.forward(np.eye(4), hand.open_joint_positions))[0]
-        self.trees = [cKDTree(features[:, sensor]) for sensor in range(SENSORS)]
+        self.trees = [cKDTree(features[:, sensor]) for sensor in range(len(hand.sensor_link))]
 
     def apex(self, link_pose: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Positions and directions of the gels, (..., 4, 3) each, for link poses (..., L, 4, 4)."""
+        """Positions and directions of the gels, (..., s, 3) each, for link poses (..., L, 4, 4)."""
         position, rotation = self.hand.sensor_frames(link_pose)
         direction = rotation[..., 0]
         return position + self.contact_distance[:, None] * direction, direction
@@ -45,14 +44,14 @@ class Workspace:
         the one that it comes nearest to. That point is kept even if it can't be reached: contact stops the
         finger.
 
-        palm_pose: (4, 4) in the surface's frame. thumb: whether the last sensor's finger closes too.
+        palm_pose: (4, 4) in the surface's frame. thumb: whether the fingers of `sensor_thumb` close too.
         """
         hand = self.hand
         points = (surface.points - palm_pose[:3, 3]) @ palm_pose[:3, :3]
         normals = surface.normals @ palm_pose[:3, :3]
         goals = points - PRESS * normals
         features = np.concatenate([goals, -DIRECTION_LENGTH * normals], axis=1)
-        chosen_points = np.empty((CANDIDATES, SENSORS), dtype=int)
+        chosen_points = np.empty((CANDIDATES, len(self.trees)), dtype=int)
         joints = np.tile(hand.open_joint_positions, (CANDIDATES, 1))
         for sensor, tree in enumerate(self.trees):
             away = np.linalg.norm(goals - self.open_apex[sensor], axis=1)
@@ -65,7 +64,7 @@ class Workspace:
         joints, miss = self.solve(joints, goals[chosen_points], -normals[chosen_points])
 
         targets = hand.open_joint_positions.copy()
-        for sensor in range(SENSORS if thumb else THUMB):
+        for sensor in np.flatnonzero(thumb | ~hand.sensor_thumb):
             moved = self.moves[sensor]
             targets[moved] = joints[miss[:, sensor].argmin(), moved]
         return targets
@@ -73,8 +72,8 @@ class Workspace:
     def solve(self, joints: np.ndarray, goal: np.ndarray, inward: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Inverse kinematics by Levenberg-Marquardt, within the joints' ranges, in the palm frame.
 
-        joints: (..., J) to start from; goal, inward: (..., 4, 3) where each gel shall be and look. Returns
-        joint positions (..., J) and how far each gel is off (..., 4), metres, with directions weighted by
+        joints: (..., J) to start from; goal, inward: (..., s, 3) where each gel shall be and look. Returns
+        joint positions (..., J) and how far each gel is off (..., s), metres, with directions weighted by
         `DIRECTION_LENGTH`. Joints that move several sensors follow the last one that gains by it.
         """
         low, high = self.hand.joint_range.T
@@ -97,21 +96,21 @@ class Workspace:
         return joints, miss
 
     def _linearised(self, joints, goal, inward) -> tuple[np.ndarray, np.ndarray]:
-        """Error of each gel's place and direction (..., 4, 6), and the Jacobian."""
+        """Error of each gel's place and direction (..., s, 6), and the Jacobian."""
         pose = self.hand.forward(np.eye(4), joints)
         apex, direction = self.apex(pose)
         error = np.concatenate([goal - apex, DIRECTION_LENGTH * (inward - direction)], axis=-1)
         return error, self.jacobian(pose, apex, direction)
 
     def jacobian(self, pose: np.ndarray, apex: np.ndarray, direction: np.ndarray) -> np.ndarray:
-        """Derivatives (..., 4, 6, J) of `solve`'s place and direction of each gel by the joints."""
+        """Derivatives (..., s, 6, J) of `solve`'s place and direction of each gel by the joints."""
         hand = self.hand
         frames = pose[..., hand.joint_link, :, :]
         axis = (frames[..., :3, :3] @ hand.joint_axis[:, :, None])[..., None, :, :, 0]  # (..., 1, J, 3)
-        arm = apex[..., :, None, :] - frames[..., None, :, :3, 3]  # (..., 4, J, 3)
-        columns = np.concatenate(
-            [np.cross(axis, arm), DIRECTION_LENGTH * np.cross(axis, direction[..., :, None, :])], axis=-1
-        )
+        arm = apex[..., :, None, :] - frames[..., None, :, :3, 3]  # (..., s, J, 3)
+        slides = hand.joint_slides[:, None]
+        turned = DIRECTION_LENGTH * np.cross(axis, direction[..., :, None, :])
+        columns = np.concatenate([np.where(slides, axis, np.cross(axis, arm)), np.where(slides, 0, turned)], axis=-1)
         return np.swapaxes(columns * self.moves[:, :, None], -1, -2)
 
 
@@ -134,8 +133,8 @@ def solve_positive_definite(matrix: np.ndarray, right: np.ndarray) -> np.ndarray
 
 
 def sensor_joints(hand: Hand) -> np.ndarray:
-    """Which joints move which sensor: (4, J) bool."""
-    moves = np.zeros((SENSORS, len(hand.joint_link)), dtype=bool)
+    """Which joints move which sensor: (s, J) bool."""
+    moves = np.zeros((len(hand.sensor_link), len(hand.joint_link)), dtype=bool)
     for sensor, link in enumerate(hand.sensor_link):
         while link >= 0:
             if hand.joint_of_link[link] >= 0:
@@ -145,11 +144,11 @@ def sensor_joints(hand: Hand) -> np.ndarray:
 
 
 def contact_distance(hand: Hand) -> np.ndarray:
-    """Distance (4,) in metres from each sensor's origin to where its +x axis leaves its link's geoms."""
+    """Distance (s,) in metres from each sensor's origin to where its +x axis leaves its link's geoms."""
     link_pose = hand.forward(np.eye(4), hand.open_joint_positions)
     position, rotation = hand.sensor_frames(link_pose)
     along = np.linspace(0, GEL_SEARCH, 501)
-    distances = np.zeros(SENSORS)
+    distances = np.zeros(len(hand.sensor_link))
     for sensor, link in enumerate(hand.sensor_link):
         ray = position[sensor] + along[:, None] * rotation[sensor][:, 0]
         inside = hand.signed_distance(ray, link_pose, links=[link]) < 0

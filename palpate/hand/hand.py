@@ -1,4 +1,4 @@
-"""A robot hand as plain data: a tree of links on hinges, closed geoms, and four touch sensors.
+"""A robot hand as plain data: a tree of links on hinges and slides, closed geoms, and touch sensors.
 
 Nothing here knows an engine: touch simulation and renderer read the same `Hand` as the grasp simulation.
 """
@@ -10,18 +10,17 @@ import numpy as np
 
 from palpate.hand.distance import GEOM_KINDS, half_spaces, signed_distance
 
-SENSORS = 4  # the dataset contract: four touch sensors a grasp
 MAX_PENETRATION = 0.001  # m that a grasp's hand may be in the object or in itself; `grasps.max_penetration`
 SMALLEST, LARGEST = 0.01, 1.0  # m, from end to end: hands of other sizes don't close in a stable way
 
 
 @dataclass(frozen=True, eq=False)
 class Hand:
-    """A kinematic tree of L links with J hinges, G geoms and 4 touch sensors. Metres, radians.
+    """A kinematic tree of L links with J joints, G geoms and s touch sensors. Metres, radians.
 
     Links come in an order in which parents precede children; link 0 is the palm, its frame is the palm frame.
-    Joint `j` turns link `joint_link[j]` about an axis through the origin of the link's frame; a link that no
-    joint names is fixed to its parent.
+    Joint `j` turns link `joint_link[j]` about an axis through the origin of the link's frame, or slides it along the
+    axis. A link that no joint names is fixed to its parent.
 
     Geom sizes follow MuJoCo: box (half extents), sphere (radius), capsule and cylinder (radius, half length
     along z), ellipsoid (half axes); a mesh is the convex hull of its vertices and has no size.
@@ -36,6 +35,7 @@ class Hand:
     link_rotation: np.ndarray  # (L, 3, 3) in the parent's frame, with all joints at 0
     joint_link: np.ndarray  # (J,) int
     joint_axis: np.ndarray  # (J, 3) unit vector in the link's frame
+    joint_slides: np.ndarray  # (J,) bool: a slide, whose positions are metres; the others are hinges: radians
     joint_range: np.ndarray  # (J, 2)
     geom_link: np.ndarray  # (G,) int
     geom_kind: tuple[str, ...]  # G of GEOM_KINDS
@@ -46,21 +46,23 @@ class Hand:
     geom_collides: np.ndarray  # (G,) bool; the others are drawn only
     geom_vertices: tuple[np.ndarray, ...]  # G of (V, 3) in the geom's frame, empty unless the geom is a mesh
     geom_faces: tuple[np.ndarray, ...]  # G of (F, 3) int
-    sensor_names: tuple[str, ...]  # 4
-    sensor_link: np.ndarray  # (4,) int
-    sensor_position: np.ndarray  # (4, 3) in the link's frame
-    sensor_rotation: np.ndarray  # (4, 3, 3) in the link's frame; x out of the gel, y columns, z rows
+    sensor_names: tuple[str, ...]  # s
+    sensor_thumb: np.ndarray  # (s,) bool: of the thumb, which closes in a share of the attempts only
+    sensor_link: np.ndarray  # (s,) int
+    sensor_position: np.ndarray  # (s, 3) in the link's frame
+    sensor_rotation: np.ndarray  # (s, 3, 3) in the link's frame; x out of the gel, y columns, z rows
     open_joint_positions: np.ndarray  # (J,)
     palm_anchor: np.ndarray  # (4, 4) in the palm frame: on the palm's face, x its outward normal, z to the fingers
 
     def __post_init__(self) -> None:
-        if len(self.sensor_link) != SENSORS:
+        if not len(self.sensor_link) or self.sensor_thumb.all():
             raise ValueError(
-                f"hand {self.name!r} has {len(self.sensor_link)} touch sensors, the dataset's arrays hold"
-                f" {SENSORS} a grasp: name {SENSORS} sensor frames"
+                f"hand {self.name!r} has no touch sensor"
+                + " but the thumb's" * bool(len(self.sensor_link))
+                + ": name one or more sensor frames of other fingers"
             )
         if not np.isfinite(self.joint_range).all() or (self.joint_range[:, 0] > self.joint_range[:, 1]).any():
-            raise ValueError(f"hand {self.name!r}: every joint needs a finite range (low, high) in radians")
+            raise ValueError(f"hand {self.name!r}: every joint needs a finite range (low, high) in radians or metres")
         unknown = set(self.geom_kind) - set(GEOM_KINDS)
         if unknown:
             raise ValueError(
@@ -101,7 +103,7 @@ class Hand:
         pose = np.zeros((*leading, len(self.link_names), 4, 4))
         pose[..., 3, 3] = 1
         pose[..., 0, :, :] = palm_pose
-        turn = rotation_about(self.joint_axis, joint_positions)  # (..., J, 3, 3)
+        turn = rotation_about(self.joint_axis, np.where(self.joint_slides, 0, joint_positions))  # (..., J, 3, 3)
         for link in range(1, len(self.link_names)):
             parent = pose[..., self.link_parent[link], :, :]
             rotation = parent[..., :3, :3] @ self.link_rotation[link]
@@ -110,10 +112,12 @@ class Hand:
                 rotation = rotation @ turn[..., joint, :, :]
             pose[..., link, :3, :3] = rotation
             pose[..., link, :3, 3] = parent[..., :3, :3] @ self.link_position[link] + parent[..., :3, 3]
+            if joint >= 0 and self.joint_slides[joint]:
+                pose[..., link, :3, 3] += joint_positions[..., joint, None] * (rotation @ self.joint_axis[joint])
         return pose
 
     def sensor_frames(self, link_pose: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Sensor positions (..., 4, 3) and rotations (..., 4, 3, 3), of link poses (..., L, 4, 4)."""
+        """Sensor positions (..., s, 3) and rotations (..., s, 3, 3), of link poses (..., L, 4, 4)."""
         pose = np.asarray(link_pose)[..., self.sensor_link, :, :]
         rotation = pose[..., :3, :3] @ self.sensor_rotation
         position = (pose[..., :3, :3] @ self.sensor_position[:, :, None])[..., 0] + pose[..., :3, 3]
@@ -143,7 +147,7 @@ class Hand:
         return nearest
 
     def adjacent_links(self) -> np.ndarray:
-        """Which links never collide with each other, (L, L) bool: rigidly joined, or one hinge apart.
+        """Which links never collide with each other, (L, L) bool: rigidly joined, or one joint apart.
 
         Links without colliding geoms (the joints of a body with several hinges) don't separate their
         neighbours.

@@ -22,24 +22,26 @@ GEOM_KIND = {
 
 
 def from_mjcf(path: Path | str, sensors: Mapping | Path | str) -> Hand:
-    """Read a hand of hinges from a model file, with the frames of its four sensors.
+    """Read a hand of hinges and slides from a model file, with the frames of its sensors.
 
     sensors: a mapping, or a YAML file that holds one, with the keys
 
-    - `sensors`: four of `{site: name}` or `{body: name, position: [x, y, z], rotation: [roll, pitch, yaw]}`
+    - `sensors`: one or more of `{site: name}` or `{body: name, position: [x, y, z], rotation: [roll, pitch, yaw]}`
       (metres, radians, fixed axes); x points out of the gel, y along the columns and z along the rows of a
       reading.
     - `palm` (optional): the palm's body; default: the first one. The hand is everything from it on.
     - `anchor` (optional): a site on the palm's face, x its outward normal and z along the fingers, which is
       aimed at the object; default: the face of the palm's collision geoms in +x, at y = z = 0 of the palm's
       body.
-    - `open` (optional): joint positions of the open hand in radians; default: those of the file.
+    - `open` (optional): joint positions of the open hand in radians or metres; default: those of the file.
+    - `thumb` (optional): names of the sensors (sites or bodies) of the thumb, which closes in a share of the attempts
+      only (`grasps.thumb_share`); default: none, all fingers close in each.
 
     The palm's frame is that of its body. Every joint is driven by a servo of its own; its range is the
     file's.
 
-    Raises ValueError, naming the file, for what a `Hand` can't be: joints other than hinges, coupled joints,
-    unlimited joints, sensors other than four.
+    Raises ValueError, naming the file, for what a `Hand` can't be: joints other than hinges and slides, coupled
+    joints, unlimited joints, no sensor.
     """
     path = Path(path)
     description = sensors
@@ -75,12 +77,12 @@ def model_files(path: Path | str) -> list[Path]:
 
 
 class _Reader:
-    """Rebases every body's frame so that its origin is on its hinge's axis, as `Hand` has it."""
+    """Rebases every body's frame so that its origin is on its joint's axis, as `Hand` has it."""
 
     def __init__(self, model: mujoco.MjModel, name: str):
         self.model, self.name = model, name
         if (model.eq_type == mujoco.mjtEq.mjEQ_JOINT).any():
-            raise ValueError("joints coupled by an equality can't be read: each hinge needs a servo of its own")
+            raise ValueError("joints coupled by an equality can't be read: each joint needs a servo of its own")
         self.links, self.joints, self.reference = [], [], []
         self.link_of_body: dict[int, int] = {}
         self.origin_of_body: dict[int, np.ndarray] = {}  # the body frame's origin in its link's frame
@@ -95,6 +97,9 @@ class _Reader:
                 self._add_body(body)
         geoms = [geom for geom in range(model.ngeom) if model.geom_bodyid[geom] in self.link_of_body]
         sensors = [self._sensor(sensor) for sensor in description["sensors"]]
+        names, thumb = [sensor[0] for sensor in sensors], description.get("thumb") or []
+        if unknown := sorted(set(thumb) - set(names)):
+            raise ValueError(f"`thumb` names {', '.join(unknown)}, which no sensor is called: {', '.join(names)}")
         joint_range = np.array([joint[2] for joint in self.joints], dtype=float).reshape(-1, 2)
         start = np.asarray(description.get("open", self.reference), dtype=float)
         if start.shape != (len(self.joints),):
@@ -108,6 +113,7 @@ class _Reader:
             link_rotation=np.array([link[3] for link in self.links]),
             joint_link=np.array([joint[0] for joint in self.joints]),
             joint_axis=np.array([joint[1] for joint in self.joints]),
+            joint_slides=np.array([joint[3] for joint in self.joints], dtype=bool),
             joint_range=joint_range,
             geom_link=np.array([self.link_of_body[model.geom_bodyid[geom]] for geom in geoms]),
             geom_kind=kinds,
@@ -120,7 +126,8 @@ class _Reader:
             geom_collides=np.array([self._collides(geom) for geom in geoms]),
             geom_vertices=vertices,
             geom_faces=faces,
-            sensor_names=tuple(sensor[0] for sensor in sensors),
+            sensor_names=tuple(names),
+            sensor_thumb=np.isin(names, thumb),
             sensor_link=np.array([sensor[1] for sensor in sensors]),
             sensor_position=np.array([sensor[2] for sensor in sensors]),
             sensor_rotation=np.array([sensor[3] for sensor in sensors]),
@@ -134,7 +141,7 @@ class _Reader:
         return len(self.links) - 1
 
     def _add_body(self, body: int) -> None:
-        """A body as one link for each of its hinges (one if it has none), each link's origin on its hinge."""
+        """A body as one link for each of its joints (one if it has none), each link's origin on its joint."""
         model = self.model
         name = model.body(body).name or f"body_{body}"
         parent_body = model.body_parentid[body]
@@ -146,17 +153,22 @@ class _Reader:
         if count == 0:
             parent = self._add_link(name, parent, position, rotation)
         for number, joint in enumerate(range(first, first + count)):
-            if model.jnt_type[joint] != mujoco.mjtJoint.mjJNT_HINGE:
-                raise ValueError(f"joint {model.joint(joint).name!r} is not a hinge: only hinges can be read")
+            kind = mujoco.mjtJoint(model.jnt_type[joint])
+            if kind not in (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE):
+                raise ValueError(f"joint {model.joint(joint).name!r} is neither hinge nor slide: others can't be read")
+            slides = kind == mujoco.mjtJoint.mjJNT_SLIDE
             if not model.jnt_limited[joint]:
                 raise ValueError(f"joint {model.joint(joint).name!r} has no range: give it one")
             anchor_now, axis = model.jnt_pos[joint].copy(), model.jnt_axis[joint].copy()
             reference = model.qpos0[model.jnt_qposadr[joint]]
             position = position + rotation @ (anchor_now - anchor)
-            rotation = rotation @ rotation_about(axis, -reference)
+            if slides:
+                position = position - reference * rotation @ axis
+            else:
+                rotation = rotation @ rotation_about(axis, -reference)
             last = number == count - 1
             parent = self._add_link(name if last else f"{name}_{number}", parent, position, rotation)
-            self.joints.append((parent, axis, model.jnt_range[joint].copy()))
+            self.joints.append((parent, axis, model.jnt_range[joint].copy(), slides))
             self.reference.append(reference)
             position, rotation, anchor = np.zeros(3), np.eye(3), anchor_now
         self.link_of_body[body], self.origin_of_body[body] = parent, -anchor

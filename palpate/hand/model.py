@@ -1,4 +1,4 @@
-"""A `Hand` as a MuJoCo specification: hinges with position servos, and those of its geoms that collide."""
+"""A `Hand` as a MuJoCo specification: joints with position servos, and those of its geoms that collide."""
 
 import mujoco
 import numpy as np
@@ -22,15 +22,19 @@ DAMPING = 0.01  # N m s / rad
 # Of the links about a hinge, the open hand's: three times the armature. Heavier links would swing through
 # their targets and still move at the end of a closing: a hand of twice the Allegro's size, by 7 degrees.
 LARGEST_INERTIA = 1.5e-3  # kg m^2
+# m: a slide has a hinge's constants at this arm, about a finger's length: stiffness and masses divided by its square,
+# forces by itself. Its tip gives way as a finger's does.
+ARM = 0.1
 # Links that have no volume of their own (a second hinge of one body) still need some inertia.
 LEAST_MASS, LEAST_INERTIA = 1e-3, 1e-7
 
 
 def build_spec(hand: Hand, stiffness: float = STIFFNESS) -> mujoco.MjSpec:
-    """The hand as an `MjSpec`; bodies, hinges and servos are named as their links.
+    """The hand as an `MjSpec`; bodies, joints and servos are named as their links.
 
     The palm is fixed to the world; its `pos` and `quat` in the model may change between simulations.
-    `stiffness`: the servos' gain in N m / rad; they are critically damped against the armature. Links have the
+    `stiffness`: the servos' gain in N m / rad (of slides / ARM^2, N / m); they are critically damped against the
+    armature. Links have the
     density of water, or less where the servos couldn't stop them in time (`LARGEST_INERTIA`). Masses, gains and
     armature of a user's model file play no part.
 
@@ -48,42 +52,50 @@ def build_spec(hand: Hand, stiffness: float = STIFFNESS) -> mujoco.MjSpec:
         bodies.append(body)
         joint = hand.joint_of_link[link]
         if joint >= 0:
+            slides = hand.joint_slides[joint]
             body.add_joint(
                 name=name,
-                type=mujoco.mjtJoint.mjJNT_HINGE,
+                type=mujoco.mjtJoint.mjJNT_SLIDE if slides else mujoco.mjtJoint.mjJNT_HINGE,
                 axis=hand.joint_axis[joint],
                 range=hand.joint_range[joint],
                 limited=mujoco.mjtLimited.mjLIMITED_TRUE,
-                armature=ARMATURE,
-                damping=[DAMPING, 0, 0],
+                armature=at_arm(ARMATURE, slides),
+                damping=[at_arm(DAMPING, slides), 0, 0],
             )
     for one, other in np.argwhere(np.triu(hand.adjacent_links(), k=1)):
         spec.add_exclude(bodyname1=hand.link_names[one], bodyname2=hand.link_names[other])
-    for link in hand.joint_link:
-        add_servo(spec, hand.link_names[link], stiffness)
+    for link, slides in zip(hand.joint_link, hand.joint_slides, strict=True):
+        add_servo(spec, hand.link_names[link], stiffness, slides)
     for geom in np.flatnonzero(hand.geom_collides):
         add_geom(spec, bodies[hand.geom_link[geom]], hand, geom)
     lighten(spec, hand.open_joint_positions)
     return spec
 
 
+def at_arm(constant: float, slides: bool) -> float:
+    """A hinge's constant, per square of an arm, as it is of a slide at `ARM`; a hinge's as it is."""
+    return constant / ARM**2 if slides else constant
+
+
 def lighten(spec: mujoco.MjSpec, joint_positions: np.ndarray) -> None:
-    """Take as much density off all geoms that no hinge has to turn more than `LARGEST_INERTIA`."""
+    """Take as much density off all geoms that no joint has to move more than `LARGEST_INERTIA`, slides at `ARM`."""
     model = spec.compile()
     model.qpos0[:] = joint_positions
     mujoco.mj_setConst(model, mujoco.MjData(model))
-    inertia = (model.dof_M0 - model.dof_armature).max(initial=0)
+    squared_arm = np.where(model.jnt_type == mujoco.mjtJoint.mjJNT_SLIDE, ARM**2, 1.0)  # a joint a degree of freedom
+    inertia = (squared_arm * (model.dof_M0 - model.dof_armature)).max(initial=0)
     if inertia > LARGEST_INERTIA:
         for geom in spec.geoms:
             geom.density *= LARGEST_INERTIA / inertia
 
 
-def add_servo(spec: mujoco.MjSpec, joint: str, stiffness: float) -> None:
-    """A position servo on a hinge, critically damped against the hinge's armature."""
+def add_servo(spec: mujoco.MjSpec, joint: str, stiffness: float, slides: bool = False) -> None:
+    """A position servo on a hinge or a slide, critically damped against its armature."""
     servo = spec.add_actuator(name=joint, target=joint, trntype=mujoco.mjtTrn.mjTRN_JOINT)
-    servo.set_to_position(kp=stiffness, kv=2 * np.sqrt(stiffness * ARMATURE))
+    servo.set_to_position(kp=at_arm(stiffness, slides), kv=at_arm(2 * np.sqrt(stiffness * ARMATURE), slides))
     servo.forcelimited = mujoco.mjtLimited.mjLIMITED_TRUE
-    servo.forcerange = [-MAX_TORQUE, MAX_TORQUE]
+    force = MAX_TORQUE / ARM if slides else MAX_TORQUE
+    servo.forcerange = [-force, force]
 
 
 def add_geom(spec: mujoco.MjSpec, body: mujoco.MjsBody, hand: Hand, geom: int) -> mujoco.MjsGeom:

@@ -22,15 +22,15 @@ from palpate.charts.atlas import (
 )
 from palpate.charts.graph import Graph
 from palpate.charts.sample import sample_faces
-from palpate.hand import SENSORS
 from palpate.mesh import OBJECT_POSITION
 from palpate.models.encoder import ImageEncoder, ReadingEncoder
 from palpate.models.gcn import GraphNetwork, initialise
 from palpate.models.layers import Concatenate, LinearBlock
 from palpate.models.pooling import MapProducts, PerceptualPooling, relative_camera
 from palpate.models.touch import TouchAttention, TouchPooling, touches_of
-from palpate.touch.sensor import RESOLUTION
+from palpate.sensor import DIGIT, Sensor
 
+HAND_SENSORS = 4  # the Allegro's
 STRATEGIES = ("charts", "no_copy", "no_comm", "sphere")
 DEFORMATIONS = 3  # section 3.1
 # The mask feature. The supplement: 0 for vision charts, a binary feature for a successful touch; the
@@ -50,7 +50,7 @@ class Reconstruction(nn.Module):
             knowing features of all touch readings (section 5.1).
         vision: whether it takes an image.
         touch: whether it takes touches.
-        grasps: how many grasps it takes, four touches each.
+        grasps: how many grasps it takes.
         architecture: layers and options, as in `palpate.models.architectures` and config/recipes.yaml. Of the
             options, `touch` says how vision charts are told of touches: `graph` (the paper's, if it is missing),
             touch charts are in the graph, or `pooled`, features of the nearest touches at every vertex.
@@ -58,12 +58,13 @@ class Reconstruction(nn.Module):
             (`free`, the paper's, if it is missing) or stay at the fingertip (`held`), and `deformations` how
             often the charts are deformed (3 times, as in the paper, if it is missing), and `radius` what the
             initial sphere has, in metres (`ATLAS_RADIUS` if it is missing).
+        hand_sensors: s, touches a grasp: the hand's. sensor: the kind that they are of.
 
     Attributes:
         faces: (F, 3) int64 faces of the mesh whose vertices `forward` gives. Vision charts come first, then touch
             charts; where these are copied, those without success have no area.
         moving_faces: (M, 3) int64, those of charts that the network moves.
-        sensors: number of touches, 4 times the grasps, or 0.
+        sensors: number of touches, s times the grasps, or 0.
         copies_touch: whether touch charts are added to the mesh as they are.
         shows_touch: whether the mesh has touch charts, copied or deformed.
 
@@ -81,11 +82,14 @@ class Reconstruction(nn.Module):
         touch: bool,
         grasps: int,
         architecture: Mapping[str, Any],
+        hand_sensors: int = HAND_SENSORS,
+        sensor: Sensor = DIGIT,
     ):
         super().__init__()
         _check_experiment(strategy, vision, touch, grasps)
+        self.hand_sensors, self.sensor = hand_sensors, sensor
         self.strategy, self.vision, self.touch = strategy, vision, touch
-        self.sensors = SENSORS * grasps if touch else 0
+        self.sensors = hand_sensors * grasps if touch else 0
         path = _choice(architecture, "touch", ("graph", "pooled"))
         self.pools_touch = touch and path == "pooled" and strategy in ("charts", "no_copy")
         in_graph = self.sensors if path == "graph" and strategy in ("charts", "no_copy") else 0
@@ -134,7 +138,7 @@ class Reconstruction(nn.Module):
                 initialise(weight, init, fan_in=inputs)
                 self.register_parameter(name, weight)
         if self.pools_touch:
-            self.touch_pooling = TouchPooling(width)
+            self.touch_pooling = TouchPooling(width, sensor)
             # Far vertices learn of touches by attention where nothing else tells of them; beside an image it does not
             # help (docs/training.md).
             self.touch_attention = None if vision else TouchAttention(width)
@@ -155,7 +159,7 @@ class Reconstruction(nn.Module):
     def forward(self, batch: Mapping[str, Tensor]) -> Tensor:
         """Vertices (B, V, 3) of the final mesh, metres, world frame; its faces are `faces`.
 
-        batch, of what the experiment uses (all but the image in the world frame, metres). T is 4 x grasps; with
+        batch, of what the experiment uses (all but the image in the world frame, metres). T is s x grasps; with
         pooled touches it may be less, for samples of fewer grasps, which then have no charts of the others:
 
         | key | shape | for |
@@ -166,7 +170,7 @@ class Reconstruction(nn.Module):
         | `position` | (B, T, 3) of the sensors | touch |
         | `charts` | (B, T, 81, 3), not read where success is False | touch, but for `sphere` |
         | `rotation` | (B, T, 3, 3), the sensors' axes as columns | touch, pooled or `sphere` |
-        | `reading` | (B, T, 3, 100, 100) in [0, 1] | touch, `sphere` |
+        | `reading` | (B, T, 3, r, r) in [0, 1] | touch, `sphere` |
 
         Raises ValueError if a key is missing, of another shape or type. `check` also looks at the values.
         """
@@ -296,7 +300,7 @@ class Reconstruction(nn.Module):
             if self.reads_readings or self.pools_touch:
                 shapes["rotation"] = (touches, 3, 3)
             if self.reads_readings:
-                shapes["reading"] = (touches, 3, RESOLUTION, RESOLUTION)
+                shapes["reading"] = (touches, 3, self.sensor.resolution, self.sensor.resolution)
             if self.strategy != "sphere":
                 shapes["charts"] = (touches, TOUCH_VERTICES, 3)
         return shapes

@@ -10,7 +10,7 @@ from torch.nn import functional
 
 from palpate.charts import build_tree, nearest
 from palpate.charts.atlas import TOUCH_SIDE
-from palpate.touch.sensor import SENSOR_RANGE, SENSOR_WIDTH
+from palpate.sensor import DIGIT, Sensor
 
 NEARER, NEAR, FAR = 0.015, 0.05, 0.15  # m, the lengths over which a touch fades
 ACROSS = 0.02  # m, the unit of the distance along the normal
@@ -67,25 +67,26 @@ class TouchPooling(nn.Module):
 
     Of the nearest empty space: a sensor without success has no surface in its reach, a box before it as wide as the
     sensor and as deep as its range. With d the distance (m) to the nearest such box, e = exp(-d / 0.01), a the sensor's
-    direction, and x the distance (m) from the sensor's plane: e, a e, and x e / 0.025. All are 0 if there is none.
+    direction, and x the distance (m) from the sensor's plane: e, a e, and x e / range. All are 0 if there is none.
 
-    The search for the nearest has no gradient, the features have.
+    The search for the nearest has no gradient, the features have. width: of the output. sensor: that touches.
     """
 
-    def __init__(self, width: int):
+    def __init__(self, width: int, sensor: Sensor = DIGIT):
         super().__init__()
+        self.sensor = sensor
         self.weight = nn.Parameter(torch.zeros(SURFACE_FEATURES + EMPTY_FEATURES, width))
 
     def forward(self, touches: Sequence[Touches], positions: Tensor) -> Tensor:
         """positions (V, B, 3), metres, world -> (V, B, width)."""
-        features = pooled_touches(touches, positions)
+        features = pooled_touches(touches, positions, self.sensor)
         return features @ self.weight.to(features.dtype)
 
 
-def pooled_touches(touches: Sequence[Touches], positions: Tensor) -> Tensor:
+def pooled_touches(touches: Sequence[Touches], positions: Tensor, sensor: Sensor = DIGIT) -> Tensor:
     """The features (V, B, 19) that `TouchPooling` describes, at positions (V, B, 3)."""
     pooled = [
-        torch.cat([_surface_features(sample, place), _empty_features(sample, place)], dim=1)
+        torch.cat([_surface_features(sample, place), _empty_features(sample, place, sensor)], dim=1)
         for sample, place in zip(touches, positions.unbind(1), strict=True)
     ]
     return torch.stack(pooled, dim=1)
@@ -105,23 +106,23 @@ def _surface_features(touches: Touches, place: Tensor) -> Tensor:
     return torch.cat([*of_near, offset * far / FAR, far, torch.ones_like(far)], dim=1)
 
 
-def _empty_features(touches: Touches, place: Tensor) -> Tensor:
+def _empty_features(touches: Touches, place: Tensor, sensor: Sensor) -> Tensor:
     """(V, 5) of the nearest empty space."""
     if not len(touches.position):
         return place.new_zeros(len(place), EMPTY_FEATURES)
     with torch.no_grad():
         local = torch.einsum("vmk,mkj->vmj", place[:, None] - touches.position, touches.rotation)
-        index = _outside(local).argmin(dim=1)
+        index = _outside(local, sensor).argmin(dim=1)
     position, rotation = touches.position[index], touches.rotation[index]
     local = ((place - position)[:, None] @ rotation)[:, 0]
-    empty = torch.exp(-_outside(local)[:, None] / EMPTY)
-    return torch.cat([empty, rotation[..., 0] * empty, local[:, :1] / SENSOR_RANGE * empty], dim=1)
+    empty = torch.exp(-_outside(local, sensor)[:, None] / EMPTY)
+    return torch.cat([empty, rotation[..., 0] * empty, local[:, :1] / sensor.range * empty], dim=1)
 
 
-def _outside(local: Tensor) -> Tensor:
-    """Distance (...), metres, of points (..., 3) in a sensor's frame to the sensor's reach; 0 within."""
-    half = local.new_tensor([SENSOR_RANGE, SENSOR_WIDTH, SENSOR_WIDTH]) / 2
-    beyond = (local - local.new_tensor([SENSOR_RANGE / 2, 0, 0])).abs() - half
+def _outside(local: Tensor, sensor: Sensor) -> Tensor:
+    """Distance (...), metres, of points (..., 3) in a sensor's frame to the box of its reach; 0 within."""
+    half = local.new_tensor([sensor.range, sensor.width, sensor.width]) / 2
+    beyond = (local - local.new_tensor([sensor.range / 2, 0, 0])).abs() - half
     return torch.linalg.vector_norm(beyond.clamp(min=0), dim=-1)
 
 

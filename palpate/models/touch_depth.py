@@ -4,7 +4,7 @@ import torch
 from torch import nn
 
 from palpate.models.layers import Concatenate, ConvolutionBlock
-from palpate.touch.sensor import RESOLUTION, SENSOR_RANGE
+from palpate.sensor import DIGIT, Sensor
 
 # Metres of impression for one unit of the network's output. The gel stands 18 to 20 mm above the sensor plane
 # and the sensor's range is 25 mm: impressions are up to 7 mm deep.
@@ -15,13 +15,17 @@ class TouchDepth(nn.Module):
     """The U-Net of the supplement's table "U-Net style network": reading -> distance from the sensor plane.
 
     width: channels of the first level (the paper's 64), doubled at each of the four levels below.
+    sensor: whose readings it takes.
 
     The network's output is the impression's depth D' in units of `IMPRESSION`, and the distance is
-    w - D' (supplement, "Simulating Touch"), so that an output of 0 is the far end of the sensor's range.
+    w - D' (supplement, "Simulating Touch"), so that an output of 0 is the undeformed gel.
     """
 
-    def __init__(self, width: int = 64):
+    def __init__(self, width: int = 64, sensor: Sensor = DIGIT):
         super().__init__()
+        self.sensor = sensor
+        # (r, r) metres from the sensor plane, of the undeformed gel.
+        self.register_buffer("gel", torch.from_numpy(sensor.range - sensor.sag), persistent=False)
         channels = [width * 2**level for level in range(5)]
         self.down = nn.ModuleList()
         self.pool = nn.ModuleList(nn.MaxPool2d(2) for _ in channels[1:])
@@ -30,9 +34,9 @@ class TouchDepth(nn.Module):
             self.down.append(nn.Sequential(_same(inputs, outputs), _same(outputs, outputs)))
             inputs = outputs
         self.raise_, self.concatenate, self.up = nn.ModuleList(), nn.ModuleList(), nn.ModuleList()
-        sizes = [RESOLUTION >> level for level in range(5)]
+        sizes = [sensor.resolution >> level for level in range(5)]
         for level in (3, 2, 1, 0):
-            # 12 -> 25 needs one more row and column than twice as many.
+            # 12 -> 25, for example, needs one more row and column than twice as many.
             missing = sizes[level] - 2 * sizes[level + 1]
             self.raise_.append(nn.ConvTranspose2d(2 * channels[level], channels[level], 2, 2, output_padding=missing))
             self.concatenate.append(Concatenate(1))
@@ -40,12 +44,15 @@ class TouchDepth(nn.Module):
         self.depth = nn.Conv2d(width, 1, 1)
 
     def forward(self, reading: torch.Tensor) -> torch.Tensor:
-        """(B, 3, 100, 100) reading in [0, 1] -> (B, 100, 100) metres from the sensor plane along its x.
+        """(B, 3, r, r) reading in [0, 1] -> (B, r, r) metres from the sensor plane along its x.
 
         Rows and columns are the reading's. Raises ValueError if the shape is another.
         """
-        if reading.ndim != 4 or tuple(reading.shape[1:]) != (3, RESOLUTION, RESOLUTION):
-            raise ValueError(f"reading has shape {tuple(reading.shape)}, expected (B, 3, {RESOLUTION}, {RESOLUTION})")
+        side = self.sensor.resolution
+        if reading.ndim != 4 or tuple(reading.shape[1:]) != (3, side, side):
+            raise ValueError(
+                f"reading has shape {tuple(reading.shape)}, expected (B, 3, {side}, {side}) of {self.sensor.name}"
+            )
         levels = []
         x = reading
         for level, down in enumerate(self.down):
@@ -57,7 +64,7 @@ class TouchDepth(nn.Module):
         impression = self.depth(x)[:, 0]
         # In float32 at least: in bfloat16 a depth of 20 mm is good to 0.06 mm.
         impression = impression.to(torch.promote_types(impression.dtype, torch.float32))
-        return SENSOR_RANGE - IMPRESSION * impression
+        return self.gel.to(impression.dtype) - IMPRESSION * impression
 
 
 def _same(inputs: int, outputs: int) -> ConvolutionBlock:

@@ -26,12 +26,12 @@ from palpate.batch import UnusableObject
 from palpate.mesh import DIAGONAL, OBJECT_POSITION
 from palpate.released.layout import EMPTY_READING, ReleasedObject
 from palpate.released.pickles import load_plain
+from palpate.sensor import DIGIT
 from palpate.store.contract import SENSOR_NAMES
-from palpate.touch.sensor import RESOLUTION, SENSOR_WIDTH
 
 log = logging.getLogger(__name__)
 
-SENSORS = len(SENSOR_NAMES)
+SENSORS, RESOLUTION, SENSOR_WIDTH = len(SENSOR_NAMES), DIGIT.resolution, DIGIT.width
 SCENE = ("touch_success", "cam_pos", "cam_rot", "depth", "gel", "points")
 
 # The 25 vertices of a sheet on its grid, rows along z and columns along y, in the order of the initial sheet

@@ -12,6 +12,7 @@ from palpate.atomic import atomic_write
 from palpate.mesh import DIAGONAL, OBJECT_POSITION
 from palpate.released.arrays import SENSORS, SHEET_IN_CHART
 from palpate.released.layout import EMPTY_READING, SPLITS, ReleasedObject
+from palpate.sensor import DIGIT
 from palpate.store.files import StoreError
 
 STAGES = ("surface", "touch", "vision")  # that an exported object must have come through
@@ -23,10 +24,16 @@ def export(dataset, folder: Path | str) -> int:
 
     dataset: a `palpate.Dataset` of the stages `STAGES`. folder: written atomically. Sheets are written if the run has
     touch charts. Returns the number of objects. Raises StoreError if there is no object, or surface, touch or vision
-    have not been built.
+    have not been built, or if the run has another sensor or number of sensors.
     """
     if not len(dataset):
         raise StoreError(f"{dataset!r}: no object with surface, touch and vision: nothing to export")
+    misfit, sensors = DIGIT.misfit(dataset.sensor), dataset.array("touch", "success").shape[2]
+    if misfit or sensors != SENSORS:
+        raise StoreError(
+            f"{dataset!r}: the released layout holds {SENSORS} sensors a grasp, as the DIGIT; this run has {sensors}, "
+            f"{dataset.sensor.name}{f' ({misfit})' if misfit else ''}: it can't be exported"
+        )
     with atomic_write(Path(folder)) as root:
         splits: dict[str, list[str]] = {name: [] for name in SPLITS}
         theirs = {ours: name for name, ours in SPLITS.items()}

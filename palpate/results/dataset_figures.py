@@ -12,17 +12,14 @@ from matplotlib.patches import Circle
 from palpate.dataset.reader import Dataset, GraspRecord
 from palpate.mesh import OBJECT_POSITION, load_visual
 from palpate.results.page import FAINT, LABEL, PALE, TITLE, new_figure, save, save_sentence, styled
-from palpate.results.surface_view import SITE_COLOURS, SurfaceView
-from palpate.touch import SENSOR_WIDTH
+from palpate.results.surface_view import SurfaceView, site_colours
 
 RING = 0.8  # radius of the ring about a site, in sensor widths
 SURFACE_ASPECT = 1.5  # width of a surface's picture over its height: most objects are long
 EXAMPLES = 6  # objects on a sheet
 SHEET_DPI = 100
 CANDIDATES = 60  # grasps looked at for the data point
-# What a data point had best be. With 3 successful touches an empty reading is shown as well; and the hand
-# hides some of the object, but not most of it: this share of it stays visible.
-TOUCHES = (3, 4, 2, 1, 0)
+# What a data point had best be: the hand hides some of the object, but not most of it. This share of it stays visible.
 VISIBLE = 0.65
 FULL_RELIEF = 50.0  # standard deviation of a reading's pixels (0..255); one that varies more is no better
 
@@ -51,13 +48,15 @@ def data_point(dataset: Dataset, path: Path | str) -> None:
         figure.text(x, y, title, ha="center", va="center", fontsize=TITLE)
     _image(place(left[0], head, cell, cell), grasp.occluded)
     _image(place(left[1], head, cell, cell), grasp.object.unoccluded)
-    small = (cell - label) / 2
+    side = max(2, int(np.ceil(np.sqrt(len(grasp.sensors)))))  # readings in a row
+    small = (cell - label) / side
+    step, colours = (cell - small) / (side - 1), site_colours(len(grasp.sensors))
     for sensor, name in enumerate(grasp.sensors):
-        row, column = divmod(sensor, 2)
-        axes = place(left[2] + column * (cell - small), head + row * (cell - small), small, small)
+        row, column = divmod(sensor, side)
+        axes = place(left[2] + column * step, head + row * step, small, small)
         _reading(axes, grasp, sensor)
         touched = grasp.success[sensor]
-        colour = SITE_COLOURS[sensor] if touched else FAINT
+        colour = colours[sensor] if touched else FAINT
         axes.set_title(name if touched else f"{name}: no touch", fontsize=LABEL, pad=3, color=colour)
     _surface(place(left[3], head, widths[3], cell), grasp)
     save(figure, path)
@@ -109,14 +108,16 @@ def examples(dataset: Dataset, class_name: str, path: Path | str) -> None:
 def example_grasp(dataset: Dataset) -> GraspRecord | None:
     """A grasp that shows well what a data point is; None for a dataset without objects.
 
-    Of those with the best number of `TOUCHES`: the object is large in its image, the hand leaves about
+    Of those with the best number of touches (all but one, so that an empty reading is shown as well; else all; else as
+    many as there are): the object is large in its image, the hand leaves about
     `VISIBLE` of it in sight, and there is something to see in every touching sensor's reading. Looks at no
     more than `CANDIDATES` of them, taken evenly.
     """
     if not len(dataset):
         return None
-    touches = dataset.array("touch", "success")[:].sum(axis=2)
-    rank = np.vectorize(TOUCHES.index)(touches)
+    success = dataset.array("touch", "success")[:]
+    touches, sensors = success.sum(axis=2), success.shape[2]
+    rank = np.vectorize(best_counts(sensors).index)(touches)
     best = np.argwhere(rank == rank.min())
     candidates = best[_evenly(len(best), CANDIDATES)]
 
@@ -130,6 +131,11 @@ def example_grasp(dataset: Dataset) -> GraspRecord | None:
         )
 
     return max((dataset[int(row)].grasps[number] for row, number in candidates), key=merit)
+
+
+def best_counts(sensors: int) -> list[int]:
+    """Counts of successful touches that a data point may have, the best first."""
+    return [sensors - 1, sensors, *range(sensors - 2, -1, -1)] if sensors > 1 else [1, 0]
 
 
 def _evenly(count: int, most: int) -> np.ndarray:
@@ -153,7 +159,7 @@ def _reading(axes: Axes, grasp: GraspRecord, sensor: int) -> None:
     """The sensor's image, framed in its site's colour; an untouched one is faded and struck through."""
     touched = grasp.success[sensor]
     axes.imshow(grasp.reading[sensor], interpolation="antialiased", alpha=1 if touched else 0.5)
-    _frame(axes, SITE_COLOURS[sensor] if touched else PALE, 2.2 if touched else 0.8)
+    _frame(axes, site_colours(sensor + 1)[sensor] if touched else PALE, 2.2 if touched else 0.8)
     if not touched:
         axes.plot([0, 1], [0, 1], color=FAINT, linewidth=0.8, transform=axes.transAxes)
 
@@ -161,16 +167,16 @@ def _reading(axes: Axes, grasp: GraspRecord, sensor: int) -> None:
 def _surface(axes: Axes, grasp: GraspRecord) -> None:
     """The object from its best side, a ring about every site: dashed if the object hides it."""
     sites = [cloud - np.array(OBJECT_POSITION) for cloud in grasp.points]
-    surface = SurfaceView(load_visual(grasp.object.mesh), sites)
+    surface = SurfaceView(load_visual(grasp.object.mesh), sites, grasp.sensor)
     box = axes.get_window_extent()
     view = surface.best_view((round(box.height), round(box.width)))
     picture = surface.draw(view)
     axes.imshow(np.clip(picture.image, 0, 1), interpolation="antialiased")
-    for centre, hidden, colour in zip(picture.centres, picture.hidden, SITE_COLOURS, strict=True):
+    for centre, hidden, colour in zip(picture.centres, picture.hidden, site_colours(len(sites)), strict=True):
         if np.isfinite(centre).all():
             ring = Circle(
                 centre,
-                RING * SENSOR_WIDTH / view.scale,
+                RING * grasp.sensor.width / view.scale,
                 fill=False,
                 color=colour,
                 linewidth=1.2,

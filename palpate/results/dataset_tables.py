@@ -6,7 +6,9 @@ The statistics work on three plain frames, which `dataset_frames` reads from a r
 |---|---|---|
 | objects | catalogued object | object, class, split |
 | rejected | rejected object | object, stage, reason |
-| grasps | grasp | object, class, successful_touches (0..4), touches (4), attempts, penetration (m) |
+| grasps | grasp | object, class, successful_touches (0..s), touches (s), attempts, penetration (m) |
+
+s is the number of the hand's sensors.
 """
 
 from collections.abc import Iterator
@@ -18,9 +20,9 @@ import pandas as pd
 
 from palpate.catalogue import SPLITS, read_catalogue
 from palpate.dataset import Dataset
-from palpate.hand import SENSORS
 from palpate.results.bootstrap import Estimate, ratio_interval
 from palpate.results.published import paper_values
+from palpate.store.contract import SENSOR_NAMES
 
 TOTAL = "total"
 MILLIMETRES = 1000.0
@@ -43,14 +45,14 @@ def dataset_frames(run: Path | str) -> Frames:
     grasped = "grasps" in dataset.stages  # a released dataset comes without: nobody knows the attempts
     rejected = pd.DataFrame(dataset.rejections(), columns=["object", "stage", "reason"])
     if not len(dataset):
-        return Frames(objects, rejected, _grasp_frame([], [], np.zeros((0, SENSORS), bool), [], []))
+        return Frames(objects, rejected, _grasp_frame([], [], np.zeros((0, len(SENSOR_NAMES)), bool), [], []))
     success = dataset.array("touch", "success")[:]
     each = dataset.grasps_per_object
     penetration = dataset.array("grasps", "penetration")[:] if grasped else np.full(success.shape[:2], np.nan)
     grasps = _grasp_frame(
         np.repeat(dataset.objects, each),
         np.repeat([record.class_name for record in dataset], each),
-        success.reshape(-1, SENSORS),
+        success.reshape(-1, success.shape[2]),
         np.repeat(dataset.array("grasps", "attempts")[:] if grasped else np.full(len(dataset), np.nan), each),
         penetration.ravel(),
     )
@@ -63,7 +65,7 @@ def _grasp_frame(names, classes, success: np.ndarray, attempts, penetration) -> 
             "object": np.asarray(names, dtype=object),
             "class": np.asarray(classes, dtype=object),
             "successful_touches": success.sum(axis=1),
-            "touches": np.full(len(success), SENSORS),
+            "touches": np.full(len(success), success.shape[1]),
             "attempts": np.asarray(attempts, dtype=float),
             "penetration": np.asarray(penetration, dtype=float),
         }
@@ -114,15 +116,16 @@ def dataset_statistics(frames: Frames) -> pd.DataFrame:
 
 
 def grasp_success(frames: Frames) -> pd.DataFrame:
-    """Share of grasps with 0 to 4 successful touches, by class and in total, the paper's shares beside.
+    """Share of grasps with 0 to s successful touches, by class and in total, the paper's shares beside.
 
     The paper states the shares over all classes only, and promises none with 0.
     """
     objects, _, grasps = frames
+    sensors = int(grasps["touches"].max()) if len(grasps) else len(SENSOR_NAMES)
     published = paper_values("grasp_success").set_index(["class", "successful_touches"])["value"]
     rows = []
     for name, _, of_class in _classes(objects, grasps):
-        for touches in range(SENSORS + 1):
+        for touches in range(sensors + 1):
             by_object = _by_object(of_class.assign(hit=of_class["successful_touches"] == touches, one=1))
             share = _share(by_object, "hit", "one")
             rows.append(

@@ -25,7 +25,6 @@ from palpate.evaluation.reconstruct import (  # noqa: E402
 from palpate.mesh import OBJECT_POSITION  # noqa: E402
 from palpate.results.page import FAINT, LABEL, TITLE, new_figure, save, save_sentence, styled  # noqa: E402
 from palpate.results.reconstructions import test_objects  # noqa: E402
-from palpate.touch import SENSOR_WIDTH  # noqa: E402
 from palpate.vision import Mesh, Renderer, looking_at, spheres  # noqa: E402
 
 STAGES = ("touch",)  # whose objects can be drawn
@@ -92,7 +91,7 @@ def site(grasp: GraspRecord, sensor: int, points: np.ndarray, vertices: np.ndarr
     middle = grasp.position[sensor] + np.median((true - grasp.position[sensor]) @ out) * out
 
     def place(cloud: np.ndarray) -> np.ndarray:
-        return upright(cloud - middle, grasp.rotation[sensor])
+        return upright(cloud - middle, grasp.rotation[sensor], grasp.sensor.width)
 
     chart = place(vertices)
     return [
@@ -102,9 +101,12 @@ def site(grasp: GraspRecord, sensor: int, points: np.ndarray, vertices: np.ndarr
     ]
 
 
-def upright(offsets: np.ndarray, rotation: np.ndarray) -> np.ndarray:
-    """Offsets (n, 3) in the world from a site's middle, as drawn: seen from the sensor's side, enlarged."""
-    return OBJECT_POSITION + DRAWN_WIDTH / SENSOR_WIDTH * offsets @ rotation @ UPRIGHT.T
+def upright(offsets: np.ndarray, rotation: np.ndarray, width: float) -> np.ndarray:
+    """Offsets (n, 3) in the world from a site's middle, as drawn: seen from the sensor's side, enlarged.
+
+    width: of the sensor, metres.
+    """
+    return OBJECT_POSITION + DRAWN_WIDTH / width * offsets @ rotation @ UPRIGHT.T
 
 
 def site_camera(size: int) -> Camera:

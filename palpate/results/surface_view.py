@@ -13,9 +13,8 @@ from matplotlib.colors import to_rgb
 from scipy.spatial import cKDTree
 
 from palpate.results.page import COLOURS
+from palpate.sensor import DIGIT, Sensor
 from palpate.surface.embree import RayMesh
-from palpate.touch import SENSOR_WIDTH
-from palpate.touch.sensor import PIXEL
 
 CLAY = (0.93, 0.92, 0.90)  # RGB of the untouched surface
 SITE_COLOURS = tuple(to_rgb(COLOURS[number]) for number in (1, 0, 2, 3))  # in the order of the sensors
@@ -70,12 +69,17 @@ class Picture:
     silhouette: float
 
 
+def site_colours(count: int) -> list[tuple[float, float, float]]:
+    """Colours of the sites of `count` sensors, in their order; from the first again after four."""
+    return [SITE_COLOURS[sensor % len(SITE_COLOURS)] for sensor in range(count)]
+
+
 class SurfaceView:
     """One object and the sites that sensors touched on it."""
 
-    def __init__(self, mesh: trimesh.Trimesh, sites: list[np.ndarray]):
-        """mesh and sites in one frame, metres; sites: at most four arrays (n, 3) of touched points."""
-        self._mesh = RayMesh(mesh)
+    def __init__(self, mesh: trimesh.Trimesh, sites: list[np.ndarray], sensor: Sensor = DIGIT):
+        """mesh and sites in one frame, metres; sites: arrays (n, 3) of points that sensors of one kind touched."""
+        self._mesh, self._sensor = RayMesh(mesh), sensor
         self._vertices = self._mesh.triangles.reshape(-1, 3)
         self._sites = [np.asarray(site, float).reshape(-1, 3) for site in sites]
         self._site = np.repeat(np.arange(len(sites)), [len(site) for site in self._sites])
@@ -103,7 +107,7 @@ class SurfaceView:
 
         def merit(direction: tuple[int, int]) -> float:
             preview = self.draw(self.view(*direction, (PREVIEW, PREVIEW)), preview=True)
-            return (np.sqrt(preview.area).sum() + SENSOR_WIDTH) * np.sqrt(preview.silhouette)
+            return (np.sqrt(preview.area).sum() + self._sensor.width) * np.sqrt(preview.silhouette)
 
         return self.view(*max(itertools.product(AZIMUTHS, ELEVATIONS), key=merit), shape)
 
@@ -125,7 +129,7 @@ class SurfaceView:
         site = self._site_of(points)
         pixel = (view.scale / samples) ** 2
         area = pixel * np.bincount(site[site >= 0], minlength=len(self._sites))
-        colours = np.array([*SITE_COLOURS[: len(self._sites)], CLAY])[site]
+        colours = np.array([*site_colours(len(self._sites)), CLAY])[site]
         if not preview:
             colours = colours * self._light(points, normal, view)[:, None]
         image = np.zeros((len(origins), 4))
@@ -133,7 +137,7 @@ class SurfaceView:
         height, width = view.shape
         image = image.reshape(height, samples, width, samples, 4).mean(axis=(1, 3))
         image[..., :3] /= np.maximum(image[..., 3:], 1e-9)  # the mean was of premultiplied colours
-        whole = np.array([len(cloud) * PIXEL**2 for cloud in self._sites])
+        whole = np.array([len(cloud) * self._sensor.pixel**2 for cloud in self._sites])
         return Picture(image, self._centres(view), area, area < HIDDEN_BELOW * whole, pixel * len(hit))
 
     def _site_of(self, points: np.ndarray) -> np.ndarray:

@@ -11,14 +11,16 @@ from importlib import resources
 
 # 1: arrays of grasps were (og, ...), object by object, with `object_index` and `grasp_index`.
 # 2: stores did not state which files they hold, with sizes and checksums.
-SCHEMA_VERSION = 3
-# The order of every axis of length 4 that counts sensors; of an own hand it is that of `hand/sensor_names`.
+# 3: touch stores did not state their sensor; hands had hinges only, and four sensors.
+SCHEMA_VERSION = 4
+# The Allegro's, in the order of every axis that counts sensors; of another hand it is that of `hand/sensor_names`.
 SENSOR_NAMES = ("index", "middle", "ring", "thumb")
 
 SYMBOLS = {
     "o": "objects of the batch",
     "g": "grasps of an object (5)",
     "n": "surface points of an object (10000)",
+    "s": "sensors of the hand (4)",
     "j": "joints of the hand (16)",
     "l": "links of the hand",
     "r": "rows, and columns, of a reading (100)",
@@ -92,6 +94,7 @@ class StoreSpec:
     engines: tuple[str, ...]  # packages whose versions are recorded
     groups: tuple[str, ...]  # groups of further arrays that it may hold
     arrays: dict[str, ArraySpec]
+    attributes: tuple[str, ...] = ("config_digest", "seed")  # that its writer has to give
 
     def path(self, batch: str) -> str:
         """Path of one batch's store in the run's folder."""
@@ -119,7 +122,9 @@ def _arrays(stage: str) -> dict[str, ArraySpec]:
 CONTRACT = {
     "surface": StoreSpec("surface", ".zarr", ("trimesh", "embreex"), (), _arrays("surface")),
     "grasps": StoreSpec("grasps", ".h5", ("mujoco", "trimesh"), ("hand",), _arrays("grasps")),
-    "touch": StoreSpec("touch", ".zarr", ("trimesh", "embreex"), (), _arrays("touch")),
+    "touch": StoreSpec(
+        "touch", ".zarr", ("trimesh", "embreex"), (), _arrays("touch"), ("config_digest", "seed", "sensor")
+    ),
     "charts": StoreSpec("charts", ".zarr", ("torch",), (), _arrays("charts")),
     "vision": StoreSpec("vision", ".zarr", ("bpy",), (), _arrays("vision")),
     "views": StoreSpec("views", ".zarr", ("bpy",), (), _arrays("views")),

@@ -35,7 +35,6 @@ numcodecs.blosc.use_threads = False
 # Chosen in studies/benchmarks/store.py; lossless.
 COMPRESSION = {"cname": "zstd", "clevel": 1, "shuffle": "shuffle"}
 STRING_KINDS = "UOST"  # numpy's kinds of types that hold text
-REQUIRED_ATTRIBUTES = ("config_digest", "seed")
 # A Zarr store's attribute: `files`, the manifest of all files but the one that holds it, and `sha256`, the checksum of
 # the other attributes and the manifest.
 MANIFEST = "manifest"
@@ -57,14 +56,14 @@ def write(path: Path | str, stage: str, arrays: Mapping[str, np.ndarray], attrib
     path: `<run>/<stage>/<batch>.zarr`, or `.h5` for grasps. stage: a key of `CONTRACT`.
     arrays: exactly the contract's arrays, optional ones or not; a group that it allows is given as
     `hand/<name>`.
-    attributes: `config_digest` and `seed`, and what else JSON can hold; versions, units and frames are added.
+    attributes: those of the stage's `StoreSpec`, and what else JSON can hold; versions, units and frames are added.
     The same arrays and attributes give the same bytes. Raises StoreError if a name, shape or type is wrong.
     """
     path = Path(path)
     spec = CONTRACT[stage]
     if path.suffix != spec.suffix:
         raise StoreError(f"{path}: a store of {stage} ends in {spec.suffix}")
-    missing = [name for name in REQUIRED_ATTRIBUTES if name not in attributes]
+    missing = [name for name in spec.attributes if name not in attributes]
     if missing:
         raise StoreError(f"{path}: attributes {missing} are missing")
     arrays = {name: np.asarray(array) for name, array in arrays.items()}

@@ -46,17 +46,18 @@ def write_batch(
     seed: int,
     config: Any,
     more: Mapping[str, np.ndarray] = MappingProxyType({}),
+    attributes: Mapping[str, Any] = MappingProxyType({}),
 ) -> None:
     """Write a stage's results for a batch: the table of rejections, then the store, both atomically.
 
     path, stage: of the store, as for `write`; records: the objects' arrays, as for `join`, and `more` arrays
     of the batch; rejected: path of the table (.csv); config: the part of the config that the store depends
-    on. Raises StoreError as `write` does.
+    on; attributes: further ones that the stage's stores have. Raises StoreError as `write` does.
     """
     with atomic_write(rejected, checksum=True) as partial:
         write_rejections(partial, rejections)
-    attributes = {"seed": seed, "config_digest": config_digest(config)}
-    write(path, stage, {**join(stage, records), **more}, attributes)
+    made_with = {"seed": seed, "config_digest": config_digest(config)}
+    write(path, stage, {**join(stage, records), **more}, {**made_with, **attributes})
 
 
 def config_digest(config: Any) -> str:

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from palpate.touch.sensor import PIXEL, SENSOR_PLANE, SENSOR_RANGE
+from palpate.sensor import DIGIT, Sensor
 from palpate.touch.tracing import Block, Tracer
 
 # How much further than the range, and how far behind the sensor plane, Embree looks: more than its rounding,
@@ -28,9 +28,9 @@ class RayCaster(Tracer):
     and decided in double precision against every face in range; so are all of an object larger than 2 m.
     """
 
-    def __init__(self, mesh, object_position=(0.0, 0.0, 0.0)):
+    def __init__(self, mesh, object_position=(0.0, 0.0, 0.0), sensor: Sensor = DIGIT):
         """As for `Tracer`."""
-        super().__init__(mesh, object_position)
+        super().__init__(mesh, object_position, sensor)
         low, high = self._low.min(axis=1), self._high.max(axis=1)
         self._large = (high - low).max() > _LARGEST
         # Coordinates far from the origin are rounded more.
@@ -38,25 +38,25 @@ class RayCaster(Tracer):
         self._rounding = max(_DOUBLE_ROUNDING, 8 * np.finfo(float).eps * far)
 
     def _depth(self, origin, rotation, block: Block) -> np.ndarray:
-        plane = SENSOR_PLANE[block]
+        plane = self.sensor.plane[block]
         pixels = plane.reshape(-1, 3)
         if self._large:
             return self._exact_depth(pixels[:, 1:], origin, rotation).reshape(plane.shape[:2])
         direction = rotation[:, 0]
         start = pixels @ rotation.T + (origin - _SLACK * direction)
-        hit = self._mesh.first_face(start, direction[None], SENSOR_RANGE + 2 * _SLACK)
+        hit = self._mesh.first_face(start, direction[None], self.sensor.range + 2 * _SLACK)
         depth = np.full(len(pixels), np.inf)
         doubtful = np.zeros(len(pixels), dtype=bool)
         met = np.flatnonzero(hit >= 0)
         if len(met):
             depth[met], doubtful[met] = self._depth_on_faces(hit[met], pixels[met, 1:], origin, rotation)
-            doubtful |= _pits(depth.reshape(plane.shape[:2])).ravel()
+            doubtful |= _pits(depth.reshape(plane.shape[:2]), self.sensor.pixel).ravel()
         settled = np.zeros(len(pixels), dtype=bool)
         while doubtful.any():
             depth[doubtful] = np.minimum(depth[doubtful], self._exact_depth(pixels[doubtful, 1:], origin, rotation))
             settled |= doubtful
             # One pit may have hidden the next.
-            doubtful = _pits(depth.reshape(plane.shape[:2])).ravel() & ~settled
+            doubtful = _pits(depth.reshape(plane.shape[:2]), self.sensor.pixel).ravel() & ~settled
         return depth.reshape(plane.shape[:2])
 
     def _depth_on_faces(self, hit, pixels, origin, rotation) -> tuple[np.ndarray, np.ndarray]:
@@ -87,7 +87,7 @@ class RayCaster(Tracer):
         A face seen edge-on covers no pixel; one on the sensor plane is touched, at depth 0.
         """
         corners, normal = self._in_sensor_frame(self._near_faces(origin, rotation), origin, rotation)
-        low, high = corners[:, :, 2].min(axis=1) - PIXEL, corners[:, :, 2].max(axis=1) + PIXEL
+        low, high = corners[:, :, 2].min(axis=1) - self.sensor.pixel, corners[:, :, 2].max(axis=1) + self.sensor.pixel
         depth = np.empty(len(pixels))
         rows, row = np.unique(pixels[:, 1], return_inverse=True)
         for number, z in enumerate(rows):
@@ -130,12 +130,12 @@ def _planes(corners, normal) -> tuple[np.ndarray, np.ndarray]:
     return np.where(normal[:, 0] == 0, -np.inf, offset), -normal[:, 1:] / across[:, None]
 
 
-def _pits(depth: np.ndarray) -> np.ndarray:
-    """Pixels of a depth map (rows, columns) over a pixel's width deeper than three of four neighbours."""
+def _pits(depth: np.ndarray, pixel: float) -> np.ndarray:
+    """Pixels of a depth map (rows, columns) over a pixel's width (m) deeper than three of four neighbours."""
     around = np.pad(depth, 1, constant_values=-np.inf)
     above, below, left, right = around[:-2, 1:-1], around[2:, 1:-1], around[1:-1, :-2], around[1:-1, 2:]
     second_deepest = np.maximum(
         np.maximum(np.minimum(above, below), np.minimum(left, right)),
         np.minimum(np.maximum(above, below), np.maximum(left, right)),
     )
-    return depth > second_deepest + PIXEL
+    return depth > second_deepest + pixel

@@ -5,8 +5,9 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from palpate.mesh import load_visual
+from palpate.sensor import DIGIT, Sensor
 from palpate.touch.rays import RayCaster
-from palpate.touch.sensor import RESOLUTION, local_points
+from palpate.touch.sensor import local_points
 from palpate.touch.shading import shade
 from palpate.touch.sphere_tracing import SphereTracer
 from palpate.touch.tracing import Tracer
@@ -22,13 +23,13 @@ class TouchReading(NamedTuple):
     """What sensors report; `...` are the leading axes of their poses.
 
     All but `success` and `depth` is computed for sensors in contact only, and 0 for the others: the reading of
-    any other is `empty_reading()`, and it has no points.
+    any other is `empty_reading(sensor)`, and it has no points.
 
     Attributes:
         success: (...) bool, whether anything is in range of the sensor.
-        depth: (..., 100, 100) float32 metres from the sensor plane, +inf where nothing is in range.
-        reading: (..., 100, 100, 3) uint8.
-        points: (..., 10000, 3) float32 local point clouds in the frame of the sensors' poses; the rest is 0.
+        depth: (..., r, r) float32 metres from the sensor plane, +inf where nothing is in range.
+        reading: (..., r, r, 3) uint8.
+        points: (..., r r, 3) float32 local point clouds in the frame of the sensors' poses; the rest is 0.
         point_count: (...) int32, how many rows of `points` are points.
     """
 
@@ -43,7 +44,7 @@ def sense(tracer: Tracer, position: np.ndarray, rotation: np.ndarray) -> TouchRe
     """Simulate touch sensors on one object.
 
     Args:
-        tracer: the object, a `RayCaster` or a `SphereTracer`.
+        tracer: the object, a `RayCaster` or a `SphereTracer`, of the sensors' kind.
         position: (..., 3), rotation: (..., 3, 3) of the sensors; columns of a rotation are the frame's axes.
 
     Raises ValueError for a pose that is not one, and for a sensor in contact too far from the origin.
@@ -52,22 +53,23 @@ def sense(tracer: Tracer, position: np.ndarray, rotation: np.ndarray) -> TouchRe
     position, rotation = np.reshape(position, (-1, 3)), np.reshape(rotation, (-1, 3, 3))
     depth = tracer.trace(position, rotation)
     success = np.isfinite(depth).any(axis=(1, 2))
-    k = len(depth)
-    reading = np.zeros((k, RESOLUTION, RESOLUTION, 3), dtype=np.uint8)
-    points = np.zeros((k, RESOLUTION**2, 3), dtype=np.float32)
+    k, kind = len(depth), tracer.sensor
+    side = kind.resolution
+    reading = np.zeros((k, side, side, 3), dtype=np.uint8)
+    points = np.zeros((k, side**2, 3), dtype=np.float32)
     point_count = np.zeros(k, dtype=np.int32)
     for sensor in np.flatnonzero(success):
-        reading[sensor] = shade(depth[sensor])
-        cloud = local_points(depth[sensor], position[sensor], rotation[sensor])
+        reading[sensor] = shade(depth[sensor], kind)
+        cloud = local_points(depth[sensor], position[sensor], rotation[sensor], kind)
         points[sensor, : len(cloud)] = cloud
         point_count[sensor] = len(cloud)
     arrays = (success, depth, reading, points, point_count)
     return TouchReading(*(array.reshape(*leading, *array.shape[1:]) for array in arrays))
 
 
-def scene_tracer(scene: "Scene", method: str = "embree") -> Tracer:
-    """The search tree of a scene's object, by a method of `TRACERS`."""
-    return TRACERS[method](load_visual(scene.object_folder), scene.object_position)
+def scene_tracer(scene: "Scene", method: str = "embree", sensor: Sensor = DIGIT) -> Tracer:
+    """The search tree of a scene's object for a kind of sensor, by a method of `TRACERS`."""
+    return TRACERS[method](load_visual(scene.object_folder), scene.object_position, sensor=sensor)
 
 
 def sense_scene(scene: "Scene", tracer: Tracer | None = None) -> TouchReading:

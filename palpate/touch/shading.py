@@ -1,75 +1,109 @@
 """From a depth map to a reading: the impression in the gel, its normals, and three coloured lights.
 
 The equations are the supplement's ("Simulating Touch": Phong's reflection without ambient and specular
-terms). It does not give lambda and the lights' positions; they are chosen here, see `LIGHTS` and `DIFFUSE`.
+terms). It does not give lambda and the lights' positions; they are the sensor's (`palpate/sensors/digit.yaml`).
 All lengths are metres, in place of the supplement's mixture (x and y in sensor widths, depth in metres): with
 one unit the normal is the surface's true normal.
 """
 
 import numpy as np
+from scipy.ndimage import gaussian_filter
 
-from palpate.touch.sensor import PIXEL, PIXEL_CENTRES, RESOLUTION, SENSOR_RANGE
+from palpate.sensor import DIGIT, Sensor
 
-# P_r, P_g, P_b: (3, 3) positions of the red, green and blue light as (y, z, height above the undeformed
-# surface), metres. An equilateral triangle around the sensor's axis in the sensor plane (height w, so that no
-# surface in the sensor's range is above the lights), red at the reading's top edge, then clockwise. The radius
-# sqrt(2) w makes the three directions orthogonal at the centre of an untouched reading, which is where
-# shading tells normals apart best.
-_ANGLES = np.deg2rad([-90, 30, 150])
-_RADIUS = np.sqrt(2) * SENSOR_RANGE
-LIGHTS = np.stack([_RADIUS * np.cos(_ANGLES), _RADIUS * np.sin(_ANGLES), np.full(3, SENSOR_RANGE)], axis=1)
-
-# lambda, the diffuse reflection constant, in grey levels: a surface that faces a light reads 255, so no pixel
-# saturates. (The authors' later simulator takes twice that and saturates.)
-DIFFUSE = 255.0
+# Of the default sensor: P_r, P_g, P_b (3, 3) as (y, z, height above the undeformed surface), metres; and lambda.
+LIGHTS, DIFFUSE = DIGIT.light_positions, DIGIT.diffuse
 
 
-def impression(depth: np.ndarray) -> np.ndarray:
-    """D' = ReLU(w - D), metres, same shape as `depth`; 0 where nothing is in range (depth +inf)."""
-    return np.maximum(SENSOR_RANGE - depth, 0)
+def impression(depth: np.ndarray, sensor: Sensor = DIGIT) -> np.ndarray:
+    """D' = ReLU(w - D), metres, same shape as `depth`; 0 where nothing is in range (depth +inf).
+
+    w is the distance of the undeformed gel, of each pixel.
+    """
+    reach = sensor.range if sensor.gel_radius is None else sensor.reach.astype(depth.dtype)
+    return np.maximum(reach - depth, 0)
 
 
-def normals(height: np.ndarray) -> np.ndarray:
-    """Unit normals [-dD'/dx, -dD'/dy, 1] / |.| of impressions (..., 100, 100): (..., 100, 100, 3), float32.
+def normals(height: np.ndarray, pixel: float = DIGIT.pixel) -> np.ndarray:
+    """Unit normals [-dD'/dx, -dD'/dy, 1] / |.| of surfaces (..., r, r): (..., r, r, 3), float32.
 
     Central differences inside, one-sided at the border; first component along the columns (the sensor's y).
+    pixel: metres.
     """
-    along_rows, along_columns = np.gradient(np.asarray(height, dtype=np.float32), PIXEL, axis=(-2, -1))
+    along_rows, along_columns = np.gradient(np.asarray(height, dtype=np.float32), pixel, axis=(-2, -1))
     length = np.sqrt(along_rows**2 + along_columns**2 + 1)
     return np.stack([-along_columns / length, -along_rows / length, 1 / length], axis=-1)
 
 
-def shade(depth: np.ndarray) -> np.ndarray:
+def smoothed(height: np.ndarray, sensor: Sensor) -> np.ndarray:
+    """Impressions (..., r, r) as a soft gel takes them: Taxim's approximation (Si and Yuan 2022, `deformApprox`).
+
+    Gaussian filters, the standard deviations (m) of `pyramid` in turn. After each, what is pressed in by more than
+    `held` of the deepest pixel is put back as it was: there the gel lies on the object. Then a filter of `last`.
+    """
+    settings = sensor.smoothing
+    held = height > settings["held"] * height.max(axis=(-2, -1), keepdims=True)
+    result = height
+    for sigma in settings["pyramid"]:
+        result = np.where(held, height, _filtered(result, sigma / sensor.pixel))
+    return _filtered(result, settings["last"] / sensor.pixel)
+
+
+def _filtered(height: np.ndarray, sigma: float) -> np.ndarray:
+    """Heights (..., r, r) after a Gaussian filter of `sigma` pixels, mirrored at the border."""
+    return gaussian_filter(height, sigma, mode="mirror", axes=(-2, -1))
+
+
+def shade(depth: np.ndarray, sensor: Sensor = DIGIT) -> np.ndarray:
     """Readings of depth maps.
 
     Args:
-        depth: (..., 100, 100) distance from the sensor plane in metres, +inf where nothing is in range.
+        depth: (..., r, r) distance from the sensor plane in metres, +inf where nothing is in range.
 
     Returns:
-        (..., 100, 100, 3) uint8; a channel is lambda n . l of its light, 0 where the surface faces away.
+        (..., r, r, 3) uint8; a channel is lambda n . l of its light, 0 where the surface faces away, and beside a round
+        gel. With a background image the reading is that image, and what shading changes in that of the untouched gel.
 
     Raises ValueError for a depth that is NaN or minus infinity.
     """
     depth = np.asarray(depth, dtype=np.float32)
     if not (depth > -np.inf).all():
         raise ValueError("expected depths in metres, +inf where nothing is in range, got NaN or -inf")
-    height = impression(depth)
-    return lit(height, normals(height))
+    height = impression(depth, sensor)
+    if sensor.smoothing:
+        height = smoothed(height, sensor)
+    reading = _of_surface(height, sensor)
+    if sensor.background is None:
+        return reading
+    change = reading.astype(np.int16) - _of_surface(np.zeros(depth.shape[-2:], np.float32), sensor)
+    return np.clip(sensor.background + change, 0, 255).astype(np.uint8)
 
 
-def lit(height: np.ndarray, normal: np.ndarray) -> np.ndarray:
-    """Readings of impressions (..., 100, 100) float32 with the normals (..., 100, 100, 3): as `shade`."""
+def _of_surface(height: np.ndarray, sensor: Sensor) -> np.ndarray:
+    """Shading (..., r, r, 3) uint8 of the gel with impressions (..., r, r)."""
+    if sensor.gel_radius is None:
+        return lit(height, normals(height, sensor.pixel), sensor)
+    surface = height + sensor.sag.astype(np.float32)
+    return lit(surface, normals(surface, sensor.pixel), sensor) * sensor.on_gel[..., None]
+
+
+def lit(height: np.ndarray, normal: np.ndarray, sensor: Sensor = DIGIT) -> np.ndarray:
+    """Readings of surfaces (..., r, r) float32 with the normals (..., r, r, 3), without a background: as `shade`.
+
+    height: metres above the plane at the sensor's range, towards the sensor plane; of a flat gel the impression.
+    """
+    centres = sensor.pixel_centres.astype(np.float32)
     reading = np.empty((*height.shape, 3), dtype=np.uint8)
-    for channel, light in enumerate(LIGHTS.astype(np.float32)):
-        y = light[0] - PIXEL_CENTRES.astype(np.float32)[None, :]
-        z = light[1] - PIXEL_CENTRES.astype(np.float32)[:, None]
+    for channel, light in enumerate(sensor.light_positions.astype(np.float32)):
+        y = light[0] - centres[None, :]
+        z = light[1] - centres[:, None]
         up = light[2] - height
         cosine = normal[..., 0] * y + normal[..., 1] * z + normal[..., 2] * up
         cosine /= np.sqrt(y**2 + z**2 + up**2)
-        reading[..., channel] = np.rint(np.maximum(DIFFUSE * cosine, 0))
+        reading[..., channel] = np.rint(np.clip(sensor.diffuse * cosine, 0, 255))
     return reading
 
 
-def empty_reading() -> np.ndarray:
-    """(100, 100, 3) uint8, the reading of a sensor that touches nothing."""
-    return shade(np.full((RESOLUTION, RESOLUTION), np.inf))
+def empty_reading(sensor: Sensor = DIGIT) -> np.ndarray:
+    """(r, r, 3) uint8, the reading of a sensor that touches nothing."""
+    return shade(np.full((sensor.resolution, sensor.resolution), np.inf), sensor)

@@ -3,7 +3,7 @@
 import igl
 import numpy as np
 
-from palpate.touch.sensor import SENSOR_PLANE, SENSOR_RANGE
+from palpate.sensor import DIGIT, Sensor
 from palpate.touch.tracing import Block, Tracer
 
 # A point this close to the surface has arrived, metres.
@@ -22,16 +22,17 @@ class SphereTracer(Tracer):
     `tolerance` of an edge counts as a hit. Error against time: docs/touch.md.
     """
 
-    def __init__(self, mesh, object_position=(0.0, 0.0, 0.0), tolerance=TOLERANCE, max_steps=None):
+    def __init__(
+        self, mesh, object_position=(0.0, 0.0, 0.0), tolerance=TOLERANCE, max_steps=None, sensor: Sensor = DIGIT
+    ):
         """As for `Tracer`; `tolerance` in metres and `max_steps` trade error for time.
 
         A ray that is still on its way after `max_steps` is given up as a miss. By default none is: each step
-        is longer than the tolerance, so that after `SENSOR_RANGE` / `tolerance` of them it has left the
-        range.
+        is longer than the tolerance, so that after the range / `tolerance` of them it has left the range.
         """
-        super().__init__(mesh, object_position)
+        super().__init__(mesh, object_position, sensor)
         self._tolerance = tolerance
-        self._max_steps = int(SENSOR_RANGE / tolerance) + 2 if max_steps is None else max_steps
+        self._max_steps = int(sensor.range / tolerance) + 2 if max_steps is None else max_steps
         self._vertices = np.ascontiguousarray(self._mesh.triangles.reshape(-1, 3))
         self._faces = self._without_needles()
         self._tree = igl.AABB()
@@ -50,7 +51,7 @@ class SphereTracer(Tracer):
         return faces
 
     def _depth(self, origin, rotation, block: Block) -> np.ndarray:
-        plane = SENSOR_PLANE[block]
+        plane = self.sensor.plane[block]
         start = plane.reshape(-1, 3) @ rotation.T + origin
         travelled = np.zeros(len(start))
         moving = np.arange(len(start))
@@ -60,7 +61,7 @@ class SphereTracer(Tracer):
             distance = np.sqrt(squared)
             moving, distance = moving[distance > self._tolerance], distance[distance > self._tolerance]
             travelled[moving] += distance
-            moving = moving[travelled[moving] <= SENSOR_RANGE]
+            moving = moving[travelled[moving] <= self.sensor.range]
             if not len(moving):
                 break
         travelled[moving] = np.inf

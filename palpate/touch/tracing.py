@@ -6,8 +6,8 @@ from typing import NamedTuple
 import numpy as np
 import trimesh
 
+from palpate.sensor import DIGIT, Sensor
 from palpate.surface.embree import RayMesh
-from palpate.touch.sensor import PIXEL, RESOLUTION, SENSOR_RANGE, SENSOR_WIDTH
 
 # Margin of the conservative tests in metres, far above their rounding errors.
 _MARGIN = 1e-5
@@ -26,21 +26,23 @@ class Tracer(ABC):
     """Orthographic depth maps of one object, seen from touch sensors.
 
     The depth of a pixel is the distance along the sensor's +x, from the sensor plane, to the first face of
-    either orientation (a mesh need not be closed); +inf where there is none within `SENSOR_RANGE`.
+    either orientation (a mesh need not be closed); +inf where there is none within the pixel's reach.
 
     What can't change a depth is omitted: faces outside the box that the sensor's square sweeps over its range,
     and pixels with no such face before them. `studies/omitted/touch.py` puts both back in and compares.
     """
 
-    def __init__(self, mesh: trimesh.Trimesh, object_position=(0.0, 0.0, 0.0)):
+    def __init__(self, mesh: trimesh.Trimesh, object_position=(0.0, 0.0, 0.0), sensor: Sensor = DIGIT):
         """Build the object's search tree, once for all its grasps.
 
         Args:
             mesh: the object in its own frame, metres.
             object_position: (3,) where the origin of that frame is in the frame of the sensors' poses.
+            sensor: of which all are.
 
         Raises ValueError if no face has an area.
         """
+        self.sensor = sensor
         self._mesh = RayMesh(mesh)
         self._object_position = np.asarray(object_position, dtype=np.float64)
         # (3, f), so that a test of one coordinate reads memory in order.
@@ -54,12 +56,13 @@ class Tracer(ABC):
             position: (k, 3), rotation: (k, 3, 3) of the sensors; columns of a rotation are the frame's axes.
 
         Returns:
-            (k, 100, 100) float32 metres.
+            (k, r, r) float32 metres.
 
         Raises ValueError for a pose that is not one.
         """
         origins, rotation = self._in_object_frame(position, rotation)
-        depth = np.full((len(origins), RESOLUTION, RESOLUTION), np.inf, dtype=np.float32)
+        side = self.sensor.resolution
+        depth = np.full((len(origins), side, side), np.inf, dtype=np.float32)
         for k, origin in enumerate(origins):
             block = self._block_in_reach(origin, rotation[k])
             if block is not None:
@@ -108,11 +111,11 @@ class Tracer(ABC):
 
     def _in_range(self, origin, rotation, block: Block) -> np.ndarray:
         depth = self._depth(origin, rotation, block)
-        return np.where(depth <= SENSOR_RANGE, depth, np.inf)
+        return np.where(depth <= self.sensor.reach[block], depth, np.inf)
 
     @abstractmethod
     def _depth(self, origin, rotation, block: Block) -> np.ndarray:
-        """Depth of a block of pixels, up to `SENSOR_RANGE`; beyond it, any larger number.
+        """Depth of a block of pixels, up to the sensor's range; beyond it, any larger number.
 
         Args:
             origin: (3,) position of the sensor in the object's own frame, rotation: (3, 3).
@@ -129,21 +132,21 @@ class Tracer(ABC):
         faces = self._near_faces(origin, rotation)
         if not len(faces):
             return None
-        half = SENSOR_WIDTH / 2
+        half, pixel, side = self.sensor.width / 2, self.sensor.pixel, self.sensor.resolution
         corners = (self._mesh.triangles[faces] - origin) @ rotation
         low, high = corners.min(axis=1), corners.max(axis=1)
-        box = np.array([[0, -half, -half], [SENSOR_RANGE, half, half]])
+        box = np.array([[0, -half, -half], [self.sensor.range, half, half]])
         meets = ((low <= box[1] + _MARGIN) & (high >= box[0] - _MARGIN)).all(axis=1)
         if not meets.any():
             return None
-        first = np.floor((low[meets, 1:].min(axis=0) - _MARGIN) / PIXEL + RESOLUTION / 2 - 0.5).astype(int)
-        last = np.ceil((high[meets, 1:].max(axis=0) + _MARGIN) / PIXEL + RESOLUTION / 2 - 0.5).astype(int)
-        first, last = np.clip(first, 0, RESOLUTION), np.clip(last + 1, 0, RESOLUTION)
+        first = np.floor((low[meets, 1:].min(axis=0) - _MARGIN) / pixel + side / 2 - 0.5).astype(int)
+        last = np.ceil((high[meets, 1:].max(axis=0) + _MARGIN) / pixel + side / 2 - 0.5).astype(int)
+        first, last = np.clip(first, 0, side), np.clip(last + 1, 0, side)
         return Block(rows=slice(first[1], last[1]), columns=slice(first[0], last[0]))
 
     def _near_faces(self, origin, rotation) -> np.ndarray:
         """Indices of the faces whose bounding box meets the bounding box of the sensor's reach."""
-        half = np.array([SENSOR_RANGE, SENSOR_WIDTH, SENSOR_WIDTH]) / 2
+        half = np.array([self.sensor.range, self.sensor.width, self.sensor.width]) / 2
         centre = origin + rotation[:, 0] * half[0]
         extent = np.abs(rotation) @ half + _MARGIN
         near = np.ones(self._low.shape[1], dtype=bool)

@@ -17,7 +17,9 @@ from palpate.models import (
     TouchDepth,
     paper_architecture,
 )
+from palpate.models.reconstruction import HAND_SENSORS
 from palpate.remedy import command
+from palpate.sensor import DIGIT, Sensor
 
 SCHEMA_VERSION = 1
 
@@ -38,12 +40,16 @@ def architecture(experiment: Mapping[str, Any], settings: Mapping[str, Any]) -> 
     return dict(settings["architecture"])
 
 
-def build(experiment: Mapping[str, Any], layers: Mapping[str, Any]) -> Reconstruction | SingleImageModel:
-    """The untrained model of a row of config/experiments.yaml."""
+def build(
+    experiment: Mapping[str, Any], layers: Mapping[str, Any], hand_sensors: int = HAND_SENSORS, sensor: Sensor = DIGIT
+) -> Reconstruction | SingleImageModel:
+    """The untrained model of a row of config/experiments.yaml, for a hand's number of sensors and their kind."""
     if experiment["strategy"] in SINGLE_IMAGE_MODELS:
         return SINGLE_IMAGE_MODELS[experiment["strategy"]](layers)
     vision = experiment["vision"] != "none"
-    return Reconstruction(experiment["strategy"], vision, experiment["touch"], experiment["grasps"], layers)
+    return Reconstruction(
+        experiment["strategy"], vision, experiment["touch"], experiment["grasps"], layers, hand_sensors, sensor
+    )
 
 
 def continue_from(model: Reconstruction, path: Path | str) -> str:
@@ -51,9 +57,13 @@ def continue_from(model: Reconstruction, path: Path | str) -> str:
 
     Inputs that the base does not have start with weight 0, so that the model predicts what its base does: rows of the
     first layer's weights, and whole weights of inputs. Raises CheckpointError if the base has weights that the model
-    has not.
+    has not, or was trained with another sensor.
     """
-    base = read(path, "reconstruction")["weights"]
+    content = read(path, "reconstruction")
+    if model.touch and content["experiment"]["touch"]:
+        count, sensor = _sensor_of(content)
+        require_sensor(count, sensor, model.hand_sensors, model.sensor, path)
+    base = content["weights"]
     own = model.state_dict()
     digest = hashlib.sha256()
     for name, values in base.items():
@@ -72,7 +82,7 @@ def save(path: Path | str, kind: str, model: torch.nn.Module, described: Mapping
     """Write a checkpoint atomically.
 
     kind: `reconstruction` or `touch_depth`. described: what `load` needs to build the model (`experiment` and
-    `architecture`, or `width`), and further values that JSON can hold.
+    `architecture`, or `width`; `sensor` and `hand_sensors`), and further values that JSON can hold.
     """
     weights = {name: value.detach().cpu() for name, value in model.state_dict().items()}
     with atomic_write(path) as partial, open(partial, "wb") as file:  # by its name torch would name the content too
@@ -135,13 +145,36 @@ def load(path: Path | str, experiment: Mapping[str, Any] | None = None) -> Recon
             f"{path} was trained for {content['experiment']}, but {dict(experiment)} is asked for; "
             "remove it and train the model again"
         )
-    return _filled(path, build(content["experiment"], content["architecture"]), content)
+    return _filled(path, build(content["experiment"], content["architecture"], *_sensor_of(content)), content)
+
+
+def _sensor_of(content: Mapping[str, Any]) -> tuple[int, Sensor]:
+    """A hand's number of sensors and their kind, of a checkpoint. Those that don't say are of the Allegro's DIGITs."""
+    sensor = Sensor.from_description(content["sensor"]) if "sensor" in content else DIGIT
+    return content.get("hand_sensors", HAND_SENSORS), sensor
+
+
+def require_sensor(
+    trained_sensors: int | None, trained: Sensor, data_sensors: int | None, data: Sensor, model: Path | str
+) -> None:
+    """Raise CheckpointError if data are of another kind of sensor than a model, or of another number a hand.
+
+    trained_sensors, data_sensors: of a hand; None: any number. model: what messages call it.
+    """
+    differences = [trained.misfit(data)] if trained.misfit(data) else []
+    if None not in (trained_sensors, data_sensors) and trained_sensors != data_sensors:
+        differences.append(f"sensors of a hand: {trained_sensors} and {data_sensors}")
+    if differences:
+        raise CheckpointError(
+            f"{model} was trained with sensor {trained.name!r}, but the data are of {data.name!r}: "
+            f"{'; '.join(differences)}; train the model with these data, or use data of its sensor"
+        )
 
 
 def load_touch_depth(path: Path | str) -> TouchDepth:
     """The trained U-Net in evaluation mode, on the CPU; raises CheckpointError as `load` does."""
     content = read(path, "touch_depth")
-    return _filled(path, TouchDepth(content["width"]), content)
+    return _filled(path, TouchDepth(content["width"], _sensor_of(content)[1]), content)
 
 
 def _filled(path: Path | str, model: torch.nn.Module, content: Mapping[str, Any]):

@@ -8,10 +8,10 @@ Positions are in the world frame.
 | `points` | (o, n, 3) m | float32 |
 | `unoccluded`, `occluded` | (o, p, p, 3), (o, g, p, p, 3) | uint8 |
 | `views`, `camera` | (o, v, q, q, 3), (o, v, 3, 4) to pixels | uint8, float32 |
-| `success` | (o, g, 4) | bool |
-| `position`, `rotation` | (o, g, 4, 3) m, (o, g, 4, 3, 3) | float32 |
-| `charts` | (o, g, 4, 81, 3) m | float32 |
-| `reading` (that of an untouched sensor is the empty one) | (o, g, 4, 100, 100, 3) | uint8 |
+| `success` | (o, g, s) | bool |
+| `position`, `rotation` | (o, g, s, 3) m, (o, g, s, 3, 3) | float32 |
+| `charts` | (o, g, s, 81, 3) m | float32 |
+| `reading` (that of an untouched sensor is the empty one) | (o, g, s, r, r, 3) | uint8 |
 """
 
 import hashlib
@@ -24,6 +24,7 @@ import numpy as np
 
 from palpate.catalogue import SPLITS
 from palpate.dataset import Dataset
+from palpate.sensor import DIGIT, Sensor
 from palpate.training.inputs import Input, inputs, stages
 
 IN_MEMORY = "the data in memory"  # in messages
@@ -36,27 +37,33 @@ class TrainingDataError(ValueError):
 class TrainingData:
     """Objects and their arrays in memory: `data["points"]` and the others as numpy arrays, first axis objects.
 
-    arrays: by name, among them `object`, `class` and `split` (o,). source: what messages call them. one_size: whether
-    all objects were scaled to one size.
+    arrays: by name, among them `object`, `class` and `split` (o,). source: what messages call them. sensor: the kind of
+    touch sensor that touches are of. one_size: whether all objects were scaled to one size.
 
     Attributes:
         objects, classes, splits: lists of (o,) names. grasps: g, grasps an object, 0 if no array has that
-        axis. views: v, 0 likewise. largest: m, the diagonal of the largest object of the train split, from corner to
-        corner of its points' box, if objects keep their size; None where all have one size.
+        axis. views: v, 0 likewise. hand_sensors: s, None if no array has that axis. largest: m, the diagonal of the
+        largest object of the train split, from corner to corner of its points' box, if objects keep their size; None
+        where all have one size.
 
     Raises TrainingDataError, naming the object, if a value is NaN or infinite.
     """
 
     def __init__(
-        self, arrays: Mapping[str, Sequence[str] | np.ndarray], source: str = IN_MEMORY, one_size: bool = True
+        self,
+        arrays: Mapping[str, Sequence[str] | np.ndarray],
+        source: str = IN_MEMORY,
+        sensor: Sensor = DIGIT,
+        one_size: bool = True,
     ):
-        self.source, self.arrays = source, dict(arrays)
+        self.source, self.arrays, self.sensor = source, dict(arrays), sensor
         self.objects, self.classes, self.splits = (
             [str(name) for name in self.arrays.pop(key)] for key in ("object", "class", "split")
         )
         of_grasps = next((name for name in ("success", "occluded") if name in self), None)
         self.grasps = self[of_grasps].shape[1] if of_grasps else 0
         self.views = self["views"].shape[1] if "views" in self else 0
+        self.hand_sensors = self["success"].shape[2] if "success" in self else None
         for name, values in self.arrays.items():
             finite = np.isfinite(values.reshape(len(values), -1)).all(axis=1) if values.dtype.kind == "f" else True
             if not np.all(finite):
@@ -107,7 +114,9 @@ class TrainingData:
             item.name: chosen.readings() if item.name == "reading" else chosen.load(item.stage, item.array, item.dtype)
             for item in arrays
         }
-        return cls(names | loaded, repr(chosen), all(record.normalised for record in records))
+        touched = any(item.stage == "touch" for item in arrays)
+        one_size = all(record.normalised for record in records)
+        return cls(names | loaded, repr(chosen), dataset.sensor if touched else DIGIT, one_size)
 
     def __getitem__(self, name: str) -> np.ndarray:
         if name not in self.arrays:

@@ -19,6 +19,7 @@ from torch import Tensor
 
 from palpate.charts.atlas import radius_around
 from palpate.models import TouchDepth
+from palpate.models.reconstruction import HAND_SENSORS
 from palpate.training import checkpoints
 from palpate.training.data import TrainingData, TrainingDataError
 from palpate.training.losses import Truth, cloud_loss, moving_charts_loss, touch_depth_loss, touched
@@ -231,7 +232,8 @@ class ReconstructionLearner(Learner):
         self.validation_samples = validation_samples
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(seed)
-            model = checkpoints.build(experiment, self.layers)
+            hand_sensors = data.hand_sensors or HAND_SENSORS
+            model = checkpoints.build(experiment, self.layers, hand_sensors, data.sensor)
         self.base = checkpoints.continue_from(model, base) if base else None
         super().__init__(model, settings, seed, len(train), len(validation_samples))
 
@@ -278,13 +280,19 @@ class ReconstructionLearner(Learner):
                 return found + self.terms(predictions[-1].to(dtype)) if self.terms else found
             return cloud_loss(model.sample(predictions[-1].to(dtype), points, generator), *against)
 
+    def described_sensor(self) -> dict[str, Any]:
+        """What a checkpoint says of the hand's sensors, if its model takes touch."""
+        if not self.experiment["touch"]:
+            return {}
+        return {"hand_sensors": self.model.hand_sensors, "sensor": self.model.sensor.description()}
+
     def described(self):
         return {
             "experiment": self.experiment,
             "architecture": self.layers,
             "data": self.data.digest,
             "base": self.base,
-        }
+        } | self.described_sensor()
 
 
 class TouchDepthLearner(Learner):
@@ -295,7 +303,7 @@ class TouchDepthLearner(Learner):
     def __init__(self, train: Touches, validation: Touches, settings: Mapping[str, Any], seed: int):
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(seed)
-            model = TouchDepth(settings["width"])
+            model = TouchDepth(settings["width"], train.sensor)
         count = min(settings["validation_samples"] or len(validation), len(validation))
         # Evenly, not the first: touches come object by object.
         chosen = torch.arange(count) * len(validation) // count
@@ -305,7 +313,8 @@ class TouchDepthLearner(Learner):
 
     def on_fit_start(self) -> None:
         self.on_device = {
-            name: Touches(*(tensor.to(self.device) for tensor in touches)) for name, touches in self.touches.items()
+            name: Touches(*(tensor.to(self.device) for tensor in touches[:3]), touches.sensor)
+            for name, touches in self.touches.items()
         }
 
     def training_batch(self, step):
@@ -334,7 +343,8 @@ class TouchDepthLearner(Learner):
                 touches.depth[rows].to(dtype),
                 self.settings["loss_points"],
                 generator,
+                touches.sensor.width,
             )
 
     def described(self):
-        return {"width": self.settings["width"]}
+        return {"width": self.settings["width"], "sensor": self.model.sensor.description()}

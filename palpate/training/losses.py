@@ -9,7 +9,7 @@ from torch import Tensor
 from palpate.charts import CHAMFER_SCALE, build_tree, one_sided_distance, plane_normals, sample_faces
 from palpate.models import Reconstruction
 from palpate.models.single_image import occupied
-from palpate.touch.sensor import PIXEL_CENTRES
+from palpate.sensor import DIGIT, pixel_centres
 
 # Squared difference of a pixel to the untouched reading, summed over colours in [0, 1], above which it counts
 # as touched (supplement, "Optimization Details" of local touch charts).
@@ -110,16 +110,21 @@ def touched(reading: Tensor, empty: Tensor) -> Tensor:
     return (reading - empty).square().sum(dim=-3) > TOUCHED
 
 
-def sheet(depth: Tensor) -> Tensor:
-    """Depths (..., r, r) as points (..., r, r, 3) in the sensor's frame, metres: x the depth, y along
-    columns, z along rows."""
-    centres = torch.as_tensor(PIXEL_CENTRES, dtype=depth.dtype, device=depth.device)
+def sheet(depth: Tensor, width: float = DIGIT.width) -> Tensor:
+    """Depths (..., r, r) of a sensor `width` metres wide as points (..., r, r, 3) in its frame, metres: x the depth, y
+    along columns, z along rows."""
+    centres = torch.as_tensor(pixel_centres(depth.shape[-1], width), dtype=depth.dtype, device=depth.device)
     z, y = torch.meshgrid(centres, centres, indexing="ij")
     return torch.stack([depth, y.expand_as(depth), z.expand_as(depth)], dim=-1)
 
 
 def touch_depth_loss(
-    predicted: Tensor, valid: Tensor, depth: Tensor, n: int | None, generator: torch.Generator
+    predicted: Tensor,
+    valid: Tensor,
+    depth: Tensor,
+    n: int | None,
+    generator: torch.Generator,
+    width: float = DIGIT.width,
 ) -> Tensor:
     """Chamfer distance between the predicted and the true local cloud of each touch (paper, section 3.2).
 
@@ -130,6 +135,7 @@ def touch_depth_loss(
         valid: (B, r, r) bool, the pixels whose prediction counts; at least one of each touch.
         depth: (B, r, r) true depth, +inf where nothing is in range.
         n: points of either cloud that look for the nearest of all in the other; None: all.
+        width: metres, of the sensors.
 
     Returns: (B,), differentiable in `predicted`.
 
@@ -140,8 +146,8 @@ def touch_depth_loss(
         without = ~pixels.flatten(1).any(dim=1)
         if without.any():
             raise ValueError(f"touch {int(without.nonzero()[0])} of the batch has no {what}: leave it out")
-    clouds = [cloud[mask] for cloud, mask in zip(sheet(predicted.to(depth.dtype)), valid, strict=True)]
-    truths = [cloud[mask] for cloud, mask in zip(sheet(depth), in_range, strict=True)]
+    clouds = [cloud[mask] for cloud, mask in zip(sheet(predicted.to(depth.dtype), width), valid, strict=True)]
+    truths = [cloud[mask] for cloud, mask in zip(sheet(depth, width), in_range, strict=True)]
     there = one_sided_distance([subsample(cloud, n, generator) for cloud in clouds], truths)
     back = one_sided_distance([subsample(truth, n, generator) for truth in truths], clouds)
     return CHAMFER_SCALE * (there + back)

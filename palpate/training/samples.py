@@ -121,9 +121,9 @@ class Assembler:
     |---|---|---|
     | `image` | (B, 3, s, s) float32 | sRGB in [0, 1] |
     | `camera` | (B, 3, 4) float32 | world, m, to pixels of a view |
-    | `success`, `position`, `rotation` | (B, 4n), (B, 4n, 3), (B, 4n, 3, 3) | m, world |
-    | `charts` | (B, 4n, 81, 3) float32 | m, world |
-    | `reading` | (B, 4n, 3, 100, 100) float32 | RGB in [0, 1] |
+    | `success`, `position`, `rotation` | (B, s n), (B, s n, 3), (B, s n, 3, 3) | m, world |
+    | `charts` | (B, s n, 81, 3) float32 | m, world |
+    | `reading` | (B, s n, 3, r, r) float32 | RGB in [0, 1] |
     """
 
     IMAGE_ARRAYS = ("unoccluded", "occluded", "views")

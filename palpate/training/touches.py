@@ -11,6 +11,7 @@ from palpate.charts import fit
 from palpate.charts.atlas import TOUCH_VERTICES
 from palpate.dataset import Dataset
 from palpate.models import TouchDepth
+from palpate.sensor import DIGIT, Sensor
 from palpate.training.data import TrainingDataError
 from palpate.training.losses import sheet, touched
 
@@ -22,13 +23,14 @@ class Touches(NamedTuple):
     """k successful touches of one split.
 
     Attributes:
-        reading: (k, 3, 100, 100) uint8. depth: (k, 100, 100) float32 metres, +inf where nothing is in range.
-        empty: (3, 100, 100) uint8, the reading of an untouched sensor.
+        reading: (k, 3, r, r) uint8. depth: (k, r, r) float32 metres, +inf where nothing is in range.
+        empty: (3, r, r) uint8, the reading of an untouched sensor. sensor: the kind that they are of.
     """
 
     reading: Tensor
     depth: Tensor
     empty: Tensor
+    sensor: Sensor = DIGIT
 
     def __len__(self) -> int:
         return len(self.reading)
@@ -53,6 +55,7 @@ def read_touches(dataset: Dataset, *splits: str) -> Touches:
         channels_first(np.concatenate(readings)),
         torch.from_numpy(np.concatenate(depths)),
         channels_first(chosen.empty_reading),
+        chosen.sensor,
     )
     shown = torch.cat(
         [
@@ -60,7 +63,7 @@ def read_touches(dataset: Dataset, *splits: str) -> Touches:
             for part in touches.reading.split(256)
         ]
     )
-    return Touches(touches.reading[shown], touches.depth[shown], touches.empty)
+    return Touches(touches.reading[shown], touches.depth[shown], touches.empty, touches.sensor)
 
 
 def channels_first(images: np.ndarray) -> Tensor:
@@ -81,7 +84,7 @@ def touch_charts(
 
     Args:
         model: the trained U-Net, in evaluation mode, on any device.
-        reading: (k, 100, 100, 3) uint8, empty: (100, 100, 3) uint8.
+        reading: (k, r, r, 3) uint8, empty: (r, r, 3) uint8, of the model's sensor.
         success: (k,) bool. position: (k, 3) m, rotation: (k, 3, 3) of the sensors, world frame.
         method: `direct` or `adam`, see `palpate.charts.fit`.
 
@@ -93,12 +96,12 @@ def touch_charts(
     for part in np.array_split(sensors, -(-len(sensors) // PREDICTION_BATCH)) if len(sensors) else []:
         depth, valid = predict_depth(model, channels_first(reading[part]).to(device), channels_first(empty).to(device))
         pose = [torch.from_numpy(array[part]).float() for array in (position, rotation)]
-        charts[part] = fit_charts(depth.cpu(), valid.cpu(), *pose, method).numpy()
+        charts[part] = fit_charts(depth.cpu(), valid.cpu(), *pose, method, model.sensor.width).numpy()
     return charts
 
 
 def object_charts(model: TouchDepth, touch: Mapping[str, np.ndarray], row: int, method: str = "direct") -> np.ndarray:
-    """(g, 4, 81, 3) touch charts of all sensors of one object. touch: arrays of a touch store; row: the object's."""
+    """(g, s, 81, 3) touch charts of all sensors of one object. touch: arrays of a touch store; row: the object's."""
     names = ("success", "position", "rotation")
     sensors = [touch[name][row].reshape(-1, *touch[name].shape[3:]) for name in ("reading", *names)]
     charts = touch_charts(model, sensors[0], touch["empty_reading"], *sensors[1:], method)
@@ -120,12 +123,12 @@ def predict_depth(model: TouchDepth, reading: Tensor, empty: Tensor) -> tuple[Te
     return model(reading).float(), valid
 
 
-def fit_charts(depth: Tensor, valid: Tensor, position: Tensor, rotation: Tensor, method: str) -> Tensor:
-    """Charts (k, 81, 3) fitted to predicted depths (k, r, r) at the valid pixels; world frame."""
+def fit_charts(depth: Tensor, valid: Tensor, position: Tensor, rotation: Tensor, method: str, width: float) -> Tensor:
+    """Charts (k, 81, 3) fitted to predicted depths (k, r, r) of sensors `width` m wide at the valid pixels; world."""
     if method == "direct":
-        return fit.fit_direct(depth, valid, position, rotation)
+        return fit.fit_direct(depth, valid, position, rotation, width)
     clouds = [
         points[mask] @ turn.T + origin
-        for points, mask, turn, origin in zip(sheet(depth), valid, rotation, position, strict=True)
+        for points, mask, turn, origin in zip(sheet(depth, width), valid, rotation, position, strict=True)
     ]
-    return fit.fit_adam(clouds, position, rotation, generator=torch.Generator().manual_seed(0))
+    return fit.fit_adam(clouds, position, rotation, generator=torch.Generator().manual_seed(0), width=width)

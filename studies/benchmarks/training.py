@@ -76,7 +76,7 @@ def combine(own: TrainingData, larger: TrainingData) -> TrainingData:
     arrays = {name: np.concatenate([data[name][rows] for data, rows in chosen]) for name in own.arrays}
     for name, column in {"object": "objects", "class": "classes", "split": "splits"}.items():
         arrays[name] = [getattr(data, column)[row] for data, rows in chosen for row in rows]
-    return TrainingData(arrays)
+    return TrainingData(arrays, sensor=own.sensor)
 
 
 def step_seconds(data: TrainingData, experiment: dict, settings: dict) -> float:

@@ -17,7 +17,6 @@ from palpate.charts import Graph, touch_chart
 from palpate.charts.atlas import TOUCH_VERTICES
 from palpate.charts.graph import mesh_edges
 from palpate.dataset import Dataset
-from palpate.hand import SENSORS
 from palpate.models import Reconstruction
 from palpate.models.encoder import ReadingEncoder
 from palpate.models.reconstruction import POSE_FEATURES
@@ -96,8 +95,9 @@ class NaiveReconstruction(Reconstruction):
         grasps: int,
         architecture: Mapping[str, Any],
         naive: Iterable[str] = (IMAGE, READING, SPARE),
+        **sensors: Any,
     ):
-        super().__init__(strategy, vision or IMAGE in naive, touch, grasps, architecture)
+        super().__init__(strategy, vision or IMAGE in naive, touch, grasps, architecture, **sensors)
         if READING in naive and touch and not self.reads_readings:
             self.reads_readings = True
             self.reading_encoder = ReadingEncoder()
@@ -105,7 +105,7 @@ class NaiveReconstruction(Reconstruction):
             self.reading_weight = nn.Parameter(torch.empty(features, architecture["gcn"]["width"]))
         if SPARE in naive:
             charts, graph = self.graph.touch_charts, self.graph
-            self.graph = SpareGraph(charts, graph.kind, graph.normalisation, SENSORS * GRASPS - charts)
+            self.graph = SpareGraph(charts, graph.kind, graph.normalisation, self.hand_sensors * GRASPS - charts)
 
     def deform(self, batch, positions, mask, fixed):
         """As `Reconstruction.deform`, with rows for spare touch charts: in the centre, with mask 0."""
@@ -192,8 +192,9 @@ def model_omission(
 ) -> Omission:
     """An omission of models: the prediction of an object; size: bytes of parameters and graph."""
     torch.manual_seed(0)
-    engine = experiment_model(experiment, recipe)
-    naive = copy_weights(engine, experiment_model(experiment, recipe, [name]))
+    sensors = sensors_of(run)
+    engine = experiment_model(experiment, recipe, **sensors)
+    naive = copy_weights(engine, experiment_model(experiment, recipe, [name], **sensors))
     batch = first_sample(run, subject)
     return Omission(
         "experiment",
@@ -209,6 +210,12 @@ def model_omission(
     )
 
 
+def sensors_of(run: Path) -> dict[str, Any]:
+    """What a model has to know of a run's sensors: `hand_sensors` and `sensor`."""
+    dataset = Dataset(run, ["touch"])
+    return {"hand_sensors": dataset.array("touch", "success").shape[2], "sensor": dataset.sensor}
+
+
 def first_sample(run: Path, subject: Subject) -> dict[str, Tensor]:
     """All inputs that any model could need of an object at its first grasp."""
     return {
@@ -219,22 +226,24 @@ def first_sample(run: Path, subject: Subject) -> dict[str, Tensor]:
 
 
 def experiment_model(
-    experiment: Mapping[str, Any], recipe: Mapping[str, Any], naive: Iterable[str] = ()
+    experiment: Mapping[str, Any], recipe: Mapping[str, Any], naive: Iterable[str] = (), **sensors: Any
 ) -> Reconstruction:
-    """The untrained model of an experiment; naive: its needless inputs.
+    """The untrained model of an experiment; naive: its needless inputs; sensors: as `sensors_of` has them.
 
     Its layers are those of vision and touch, so that there is an encoder to add. The scale of the last layer lets
     vertices move by decimetres, as after training.
     """
     layers = checkpoints.architecture(BOTH, recipes.settings(recipe, BOTH)) | {"last_layer_scale": LAST_LAYER}
-    return build(experiment, layers, naive).eval()
+    return build(experiment, layers, naive, **sensors).eval()
 
 
-def build(experiment: Mapping[str, Any], layers: Mapping[str, Any], naive: Iterable[str] = ()) -> Reconstruction:
+def build(
+    experiment: Mapping[str, Any], layers: Mapping[str, Any], naive: Iterable[str] = (), **sensors: Any
+) -> Reconstruction:
     """The untrained model of an experiment, with needless inputs if any are named."""
     vision = experiment["vision"] != "none"
     setup = experiment["strategy"], vision, experiment["touch"], experiment["grasps"], layers
-    return NaiveReconstruction(*setup, naive) if naive else Reconstruction(*setup)
+    return NaiveReconstruction(*setup, naive, **sensors) if naive else Reconstruction(*setup, **sensors)
 
 
 @torch.no_grad()

@@ -11,13 +11,14 @@ import zarr
 from palpate import store, touch
 from palpate.mesh import load_visual
 from palpate.scene import Scene
+from palpate.sensor import DIGIT
 from palpate.touch import TouchReading, Tracer
 from palpate.touch.tracing import Block
 from studies.omitted.omission import Omission
 from studies.scenes import scene_of
 from studies.subjects import Subject
 
-ATTRIBUTES = {"config_digest": "", "seed": 0}
+ATTRIBUTES = {"config_digest": "", "seed": 0, "sensor": DIGIT.description()}
 ALWAYS, UNTOUCHED = "always", "a sensor touches nothing"
 
 

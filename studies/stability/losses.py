@@ -20,6 +20,7 @@ from palpate.charts.fit import placed
 from palpate.mesh import OBJECT_POSITION, load_collision
 from palpate.models import Reconstruction, TouchDepth
 from palpate.models.pooling import PerceptualPooling
+from palpate.sensor import DIGIT
 from palpate.touch.sensor import RESOLUTION, SENSOR_WIDTH
 from palpate.training.data import TrainingData, TrainingDataError
 from palpate.training.learners import Diverged, ReconstructionLearner
@@ -36,7 +37,7 @@ ROUNDING = 1e-5  # relative, of sums of thousands of numbers in float32
 GRASPS = 5
 EXPERIMENT = {"strategy": "charts", "vision": "unoccluded", "touch": True, "grasps": GRASPS}
 VISION = EXPERIMENT | {"touch": False, "grasps": 1}
-BATCH, ATTRIBUTES = "batch-0000", {"seed": 0, "config_digest": "0"}
+BATCH, ATTRIBUTES = "batch-0000", {"seed": 0, "config_digest": "0", "sensor": DIGIT.description()}
 SETTINGS = {
     "architecture": {
         "encoder": {"channels": [8, 16], "layers": [1, 2], "pool": [1, 3], "norm": "instance", "padding": 1},

@@ -17,6 +17,7 @@ from palpate.evaluation.rings import MeshSurface, project_batch, ring_points
 from palpate.evaluation.rows import COLUMNS, RING_COLUMNS, TOUCH_COLUMNS, EvaluationError, read
 from palpate.mesh import OBJECT_POSITION
 from palpate.models import SINGLE_IMAGE_MODELS, Reconstruction, TouchDepth
+from palpate.sensor import DIGIT
 from palpate.touch import RayCaster, empty_reading, sense
 from palpate.training import TrainingData
 from palpate.vision import views
@@ -25,7 +26,7 @@ from tests.models.batches import SMALL
 SPLITS = {"ball-0000": "train", "ball-0001": "validation", "ball-0002": "test", "ball-0003": "test"}
 RADII = dict(zip(SPLITS, (0.05, 0.06, 0.07, 0.08), strict=True))
 GRASPS = 2
-ATTRIBUTES = {"seed": 0, "config_digest": ""}
+ATTRIBUTES = {"seed": 0, "config_digest": "", "sensor": DIGIT.description()}
 OCCLUDED_TOUCH = {"strategy": "charts", "vision": "occluded", "touch": True, "grasps": 1}
 UNOCCLUDED = {"strategy": "charts", "vision": "unoccluded", "touch": False, "grasps": 1}
 MODEL_SEED = 7
@@ -63,7 +64,7 @@ def run(tmp_path_factory):
     path = folder / "touch" / "batch-0000.zarr"
     arrays = store.join("touch", touch) | {"empty_reading": empty_reading()}
     store.write(path, "touch", arrays, ATTRIBUTES)
-    rings = project_batch(path, lambda name: MeshSurface(ball(name), OBJECT_POSITION))
+    rings = project_batch(path, lambda name, _: MeshSurface(ball(name), OBJECT_POSITION))
     store.write(folder / "rings" / "batch-0000.zarr", "rings", rings, ATTRIBUTES)
     # Each chart is the sensor's own square: its points are on the sensor plane.
     grid = np.concatenate([np.zeros((81, 1)), touch_chart().grid.numpy()], axis=1)

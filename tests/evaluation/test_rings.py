@@ -7,16 +7,17 @@ from scipy.spatial.transform import Rotation
 from palpate import store
 from palpate.evaluation.rings import (
     GRID,
-    PLANE,
-    REACH,
     RING,
     RINGS,
     CloudSurface,
     MeshSurface,
+    plane,
     project_batch,
+    reach,
     ring_distances,
     ring_points,
 )
+from palpate.sensor import DIGIT
 from palpate.touch import SENSOR_WIDTH, RayCaster, empty_reading, sense
 
 RADIUS = 0.08
@@ -38,7 +39,7 @@ def test_rings_are_bands_between_squares():
     """Ring r: the points between the squares of r - 1 and r sensor widths; ring 1: the sensor itself."""
     counts = [int((ring == RING).sum()) for ring in RINGS]
     assert counts == [400 * (2 * ring - 1) for ring in RINGS] and sum(counts) == GRID**2
-    y, z = PLANE[:, 1:].T
+    y, z = plane(SENSOR_WIDTH)[:, 1:].T
     for ring in RINGS:
         far = np.maximum(np.abs(y), np.abs(z))[RING.ravel() == ring] / (SENSOR_WIDTH / 2)
         assert ring - 1 < far.min() and far.max() < ring
@@ -65,7 +66,7 @@ def test_on_a_sphere_points_lie_where_the_equation_says():
     gap = 0.015
     centre = POSITION + OBLIQUE[:, 0] * (RADIUS + gap)
     depth = MeshSurface(ball, centre).project(POSITION, OBLIQUE)
-    across = (PLANE[:, 1:] ** 2).sum(axis=1)
+    across = (plane(SENSOR_WIDTH)[:, 1:] ** 2).sum(axis=1)
     expected = RADIUS + gap - np.sqrt(RADIUS**2 - across)
     assert np.allclose(depth.ravel(), expected, atol=2e-5)
     points = np.concatenate(ring_points(depth, POSITION, OBLIQUE))
@@ -80,8 +81,8 @@ def test_rays_that_pass_by_are_left_out():
 
 def test_another_part_far_behind_is_left_out():
     near, width = slab(0.01, SENSOR_WIDTH), 0.2
-    for behind, counts in ((0.95 * REACH, [400, 1200, 2000, 2800, 3600]), (1.05 * REACH, [400, 0, 0, 0, 0])):
-        both = trimesh.util.concatenate([near, slab(behind, width)])
+    for share, counts in ((0.95, [400, 1200, 2000, 2800, 3600]), (1.05, [400, 0, 0, 0, 0])):
+        both = trimesh.util.concatenate([near, slab(share * reach(DIGIT), width)])
         depth = MeshSurface(both).project(np.zeros(3), np.eye(3))
         assert [len(points) for points in ring_points(depth, np.zeros(3), np.eye(3))] == counts
 
@@ -165,10 +166,10 @@ def test_a_batch_has_rings_around_successful_touches_only(tmp_path):
         path,
         "touch",
         arrays | {"object": np.array(["a", "b"]), "empty_reading": empty_reading()},
-        {"seed": 0, "config_digest": ""},
+        {"seed": 0, "config_digest": "", "sensor": DIGIT.description()},
     )
     surfaces = {"a": MeshSurface(ball, centre), "b": MeshSurface(slab(0.02, 0.2, ahead))}
-    rings = project_batch(path, surfaces.get)
+    rings = project_batch(path, lambda name, sensor: surfaces[name])
     assert rings["object"].tolist() == ["a", "b"] and rings["ring_depth"].shape == (2, 2, 4, GRID, GRID)
     assert np.isinf(rings["ring_depth"][:, :, 1]).all()
     expected = surfaces["a"].project(position[1, 2], rotation[1, 2])

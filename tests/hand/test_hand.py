@@ -100,15 +100,11 @@ def test_arrays_bring_the_hand_back_through_hdf5(hand, tmp_path):
             assert one == other
 
 
-def test_the_contract_has_four_sensors(hand):
-    with pytest.raises(ValueError, match="3 touch sensors.*name 4 sensor frames"):
-        replace(
-            hand,
-            sensor_names=hand.sensor_names[:3],
-            sensor_link=hand.sensor_link[:3],
-            sensor_position=hand.sensor_position[:3],
-            sensor_rotation=hand.sensor_rotation[:3],
-        )
+@pytest.mark.parametrize(("kept", "message"), [(slice(0), "no touch sensor:"), (slice(3, 4), "but the thumb's")])
+def test_a_hand_has_sensors_besides_the_thumbs(hand, kept, message):
+    names = ("sensor_names", "sensor_thumb", "sensor_link", "sensor_position", "sensor_rotation")
+    with pytest.raises(ValueError, match=message):
+        replace(hand, **{name: getattr(hand, name)[kept] for name in names})
 
 
 def test_joint_positions_of_the_wrong_number_are_named(hand):

@@ -114,7 +114,11 @@ def test_the_allegro_survives_the_way_through_a_file(tmp_path):
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ('name="right_curl"', 'name="right_curl" type="slide"', "'right_curl' is not a hinge"),
+        (
+            'name="right_curl"',
+            'name="right_curl" type="ball" limited="false"',
+            "'right_curl' is neither hinge nor slide",
+        ),
         ('name="right_bend"', 'name="right_bend" limited="false"', "'right_bend' has no range"),
         (
             "</worldbody>",
@@ -129,10 +133,20 @@ def test_what_cannot_be_read_is_named_with_the_file(model_file, old, new, messag
         from_mjcf(model_file, grippers.SENSORS)
 
 
-def test_three_sensors_or_an_unknown_site_are_named_with_the_file(model_file):
+def test_a_hand_has_as_many_sensors_as_are_named_and_a_thumb_if_it_is_named(model_file):
     sensors = grippers.SENSORS["sensors"]
-    with pytest.raises(ValueError, match="gripper.xml.*3 touch sensors"):
-        from_mjcf(model_file, {"sensors": sensors[:3]})
+    hand = from_mjcf(model_file, {"sensors": sensors[:3], "thumb": ["right_end"]})
+    assert hand.sensor_names == ("left_low", "left_high", "right_end")
+    assert hand.sensor_thumb.tolist() == [False, False, True]
+    assert not from_mjcf(model_file, grippers.SENSORS).sensor_thumb.any()
+    with pytest.raises(ValueError, match="gripper.xml.*`thumb` names middle"):
+        from_mjcf(model_file, {"sensors": sensors, "thumb": ["middle"]})
+
+
+def test_no_sensors_or_an_unknown_site_are_named_with_the_file(model_file):
+    sensors = grippers.SENSORS["sensors"]
+    with pytest.raises(ValueError, match="gripper.xml.*no touch sensor"):
+        from_mjcf(model_file, {"sensors": []})
     with pytest.raises(ValueError, match="gripper.xml.*nowhere"):
         from_mjcf(model_file, {"sensors": [*sensors[:3], {"site": "nowhere"}]})
 

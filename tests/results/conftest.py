@@ -11,10 +11,11 @@ from palpate.batch import generator
 from palpate.dataset import Dataset
 from palpate.hand import allegro
 from palpate.mesh import OBJECT_POSITION, load_visual, prepare
+from palpate.sensor import DIGIT
 from palpate.store import join, write
 from palpate.touch import RayCaster, empty_reading, sense
 
-ATTRIBUTES = {"config_digest": "test", "seed": 0}
+ATTRIBUTES = {"config_digest": "test", "seed": 0, "sensor": DIGIT.description()}
 BATCH = "batch-0000"
 CURL = np.array([0.0, 0.9, 0.7, 0.5] * 3 + [1.2, 0.5, 0.5, 0.5])  # of the joints of a hand about to close
 TRIALS = 60

@@ -31,7 +31,7 @@ def test_a_site_is_seen_from_the_sensor_as_its_reading_shows_it(seed):
 
     def seen(x, y, z):
         offset = np.array([[x, y, z]]) @ turn.T  # of the sensor's frame, to the world
-        pixels, depth = camera.project(figure.upright(offset, turn))
+        pixels, depth = camera.project(figure.upright(offset, turn, SENSOR_WIDTH))
         return pixels[0], depth[0]
 
     step = SENSOR_WIDTH / 2

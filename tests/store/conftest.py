@@ -14,10 +14,11 @@ from palpate import checksums
 from palpate.batch import generator
 from palpate.hand import allegro
 from palpate.mesh import DIAGONAL, OBJECT_POSITION
+from palpate.sensor import DIGIT
 from palpate.touch import RayCaster, empty_reading, sense
 from palpate.vision import paper_camera
 
-ATTRIBUTES = {"config_digest": "0" * 64, "seed": 0}
+ATTRIBUTES = {"config_digest": "0" * 64, "seed": 0, "sensor": DIGIT.description()}
 BATCHES = {"batch-0000": ["ball-0000", "block-0000"], "batch-0001": ["ball-0001", "ball-0002"]}
 SPLITS = {"ball-0000": "train", "block-0000": "test", "ball-0001": "train", "ball-0002": "validation"}
 REJECTED = "ball-0001"

@@ -43,7 +43,7 @@ PROMISED = {
         "camera": ((2, 24, 3, 4), "float64"),
     },
 }
-SIZES = {"o": 2, "g": 5, "n": 10000, "j": 16, "r": 100, "rr": 10000, "p": 256, "v": 24, "q": 137}
+SIZES = {"o": 2, "g": 5, "n": 10000, "s": 4, "j": 16, "r": 100, "rr": 10000, "p": 256, "v": 24, "q": 137}
 
 
 def test_the_contract_holds_what_was_promised():

@@ -15,11 +15,12 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 import palpate.store
+from palpate.sensor import DIGIT
 from palpate.store import CONTRACT, StoreError, join, read, write
 from palpate.store.files import seal
 
-ATTRIBUTES = {"config_digest": "ab" * 32, "seed": 3}
-SIZES = {"n": 5, "j": 3, "l": 2, "r": 4, "rr": 16, "p": 6, "v": 2, "q": 3, "w": 5}
+ATTRIBUTES = {"config_digest": "ab" * 32, "seed": 3, "sensor": DIGIT.description()}
+SIZES = {"n": 5, "s": 4, "j": 3, "l": 2, "r": 4, "rr": 16, "p": 6, "v": 2, "q": 3, "w": 5}
 STAGES = tuple(CONTRACT)
 
 
@@ -75,7 +76,15 @@ def contents(draw):
     stage = draw(st.sampled_from(STAGES))
     objects = draw(st.integers(0, 2))
     sizes = {"o": objects, "g": draw(st.integers(1, 2))}
-    sizes |= {"n": draw(st.integers(0, 3)), "j": 2, "l": 1, "r": 2, "rr": 4, "p": draw(st.integers(1, 3))}
+    sizes |= {
+        "n": draw(st.integers(0, 3)),
+        "s": draw(st.integers(1, 3)),
+        "j": 2,
+        "l": 1,
+        "r": 2,
+        "rr": 4,
+        "p": draw(st.integers(1, 3)),
+    }
     sizes |= {"v": draw(st.integers(1, 2)), "q": 2, "w": 2}
     names = st.text(st.characters(codec="utf-8", exclude_characters="\0"), min_size=1, max_size=5)
     arrays = {}
@@ -202,8 +211,8 @@ WRONG = {
     "unknown": (extra("colour"), r"unknown: \['colour'\]"),
     "group": (extra("hand/x"), r"unknown: \['hand/x'\]"),
     "type": (change("depth", lambda depth: depth.astype("f8")), "'depth' must be float32.*float64"),
-    "axes": (change("success", lambda success: success[0]), r"'success': shape \(o, g, 4\) expected"),
-    "sensors": (change("success", lambda success: success[:, :, :3]), r"'success'.*it is \(2, 2, 3\)"),
+    "axes": (change("success", lambda success: success[0]), r"'success': shape \(o, g, s\) expected"),
+    "sensors": (change("success", lambda success: success[:, :, :3]), "s = 4, but 'success' has s = 3"),
     "grasps": (change("depth", lambda depth: depth[:, 1:]), "'depth' .* g = 1, but 'success' has g = 2"),
     "square": (change("depth", lambda depth: depth[..., 1:]), r"'depth'.*\(2, 2, 4, 4, 3\)"),
     "pixels": (change("points", lambda points: points[..., 1:, :]), "'points': 15 rows, but .* 4 rows"),
@@ -240,7 +249,7 @@ def test_another_schema_version_is_refused(tmp_path, stage):
         with h5py.File(path, "a") as file:
             file.attrs["schema_version"] = "99"
         seal(path)
-    with pytest.raises(StoreError, match=r"batch-0000.* has schema version 99, but .* version 3"):
+    with pytest.raises(StoreError, match=r"batch-0000.* has schema version 99, but .* version 4"):
         palpate.store.open(path)
 
 
@@ -253,7 +262,7 @@ def test_a_run_of_an_earlier_version_is_refused_with_the_command_that_builds_it_
         write(path, "touch", arrays_of("touch", 1), ATTRIBUTES)
         zarr.open_group(path).attrs["schema_version"] = 1
         command = f"snakemake dataset touch/batch-0000.zarr --cores 2 --configfile {config} --forceall"
-        with pytest.raises(StoreError, match=f"{path} has schema version 1, but .* version 3; .* {command}$"):
+        with pytest.raises(StoreError, match=f"{path} has schema version 1, but .* version 4; .* {command}$"):
             palpate.store.open(path)
 
 

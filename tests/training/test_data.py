@@ -9,6 +9,7 @@ import torch
 
 from palpate import Dataset, store
 from palpate.mesh import OBJECT_POSITION
+from palpate.sensor import DIGIT
 from palpate.store import StoreError
 from palpate.training.data import TrainingData, TrainingDataError
 from palpate.training.inputs import INPUTS, stages
@@ -16,7 +17,7 @@ from palpate.training.learners import ReconstructionLearner
 from palpate.training.samples import windows
 from tests.training.conftest import OCCLUDED_TOUCH, SETTINGS, made_up
 
-ATTRIBUTES = {"seed": 0, "config_digest": "0"}
+ATTRIBUTES = {"seed": 0, "config_digest": "0", "sensor": DIGIT.description()}
 BATCHES = {
     "batch-0000": [("a-0", "a", "train"), ("a-1", "a", "validation"), ("b-0", "b", "test")],
     "batch-0001": [("b-1", "b", "train")],
@@ -32,7 +33,7 @@ VIEWS = UNOCCLUDED | {"vision": "views"}
 def arrays_of(stage, names, seed):
     """Random arrays of the contract's shapes."""
     random = np.random.default_rng(seed)
-    sizes = {"o": len(names), "g": GRASPS, "n": 7, "r": 3, "rr": 9, "p": 5, "v": 2, "q": 4}
+    sizes = {"o": len(names), "g": GRASPS, "n": 7, "s": 4, "r": 3, "rr": 9, "p": 5, "v": 2, "q": 4}
     found = {}
     for name, spec in store.CONTRACT[stage].arrays.items():
         shape = [axis if isinstance(axis, int) else sizes[axis] for axis in spec.shape]

@@ -1,23 +1,37 @@
-"""Every option that is not the default, in one run: own hand, tracing, surface method, sizes, masters."""
+"""Every option that is not the default, in one run: own hand and sensor, tracing, surface method, sizes, masters."""
 
 import numpy as np
 import pytest
 import trimesh
 import yaml
+from PIL import Image
 
 import palpate
+from palpate.sensor import SHIPPED
 from palpate.store import read
 from palpate.vision.image import read_layers
 from tests.hand import grippers
 
 GRASPS, POINTS, SIZE = 2, 2000, 48
+SENSORS = grippers.SENSORS | {"sensors": grippers.SENSORS["sensors"][:3], "thumb": ["right_end"]}
+PIXELS = 40
 
 
 @pytest.fixture(scope="module")
 def run(make_workflow, tmp_path_factory):
     hand = tmp_path_factory.mktemp("a hand")  # paths may have spaces
     (hand / "hand.xml").write_text(grippers.two_fingers("degree"))
-    (hand / "sensors.yaml").write_text(yaml.safe_dump(grippers.SENSORS))
+    (hand / "sensors.yaml").write_text(yaml.safe_dump(SENSORS))
+    smoothing = {"pyramid": [5e-4], "last": 1e-4, "held": 0.5}
+    own = {
+        "name": "own",
+        "resolution": PIXELS,
+        "gel": {"radius": 0.02},
+        "smoothing": smoothing,
+        "background": "gel.png",
+    }
+    (hand / "own.yaml").write_text(yaml.safe_dump(yaml.safe_load((SHIPPED / "digit.yaml").read_text()) | own))
+    Image.new("RGB", (64, 64), (90, 120, 100)).save(hand / "gel.png")
     workflow = make_workflow(
         classes=[{"class": "can", "objects": "all"}],
         surface={"method": "depth_maps", "points": POINTS},
@@ -27,7 +41,7 @@ def run(make_workflow, tmp_path_factory):
             "thumb_share": 1.0,
             "hand": {"sensors": str(hand / "sensors.yaml"), "mjcf": str(hand / "hand.xml")},
         },
-        touch={"method": "sphere_tracing"},
+        touch={"method": "sphere_tracing", "sensor": str(hand / "own.yaml")},
         vision={"size": SIZE, "samples": 2, "device": "cpu", "exr": True},
         mesh={"collision_faces": 500, "levels": [200, 100]},
     )
@@ -42,6 +56,9 @@ def test_sizes_are_those_of_the_config(run):
     assert dataset.array("surface", "points").shape == (2, POINTS, 3)
     assert dataset.array("vision", "occluded").shape == (2, GRASPS, SIZE, SIZE, 3)
     assert dataset.array("grasps", "joint_positions").shape == (2, GRASPS, 5)  # the gripper's hinges
+    assert dataset.array("touch", "reading").shape == (2, GRASPS, 3, PIXELS, PIXELS, 3)
+    assert dataset.sensor.name == "own" and dataset.sensor.gel_radius == 0.02
+    assert (dataset.empty_reading == (90, 120, 100)).all() and (dataset.sensor.background == (90, 120, 100)).all()
     names = {path.name for path in dataset[0].mesh.iterdir()}
     assert names == {"visual.glb", "collision.ply", "level-200.ply", "level-100.ply", "mesh.json"}
 

@@ -11,7 +11,7 @@ import yaml
 from snakemake.io import contains_wildcard
 from snakemake.logging import logger
 
-from palpate import atomic, catalogue, lock, locked, terminal
+from palpate import atomic, catalogue, lock, locked, sensor, terminal
 from palpate.batch import QUIET
 from palpate.configuration import ConfigError, absolute, check
 from palpate.training import inputs, recipes
@@ -75,6 +75,10 @@ try:
     BATCHES = list(BATCH_ENTRIES)
     HAND = config["grasps"]["hand"]
     HAND = HAND and {key: absolute(path, PROJECT) for key, path in HAND.items()}
+    SENSOR = sensor.load(config["touch"]["sensor"], PROJECT)
+    SENSOR_BACKGROUND = sensor.background_file(sensor.sensor_file(config["touch"]["sensor"], PROJECT)) or []
+    if SOURCE["kind"] == "released" and SENSOR.misfit(sensor.DIGIT):
+        raise ConfigError("config touch.sensor: the released data are of the DIGIT: leave it `digit`")
     if config["grasps"]["per_object"] > config["grasps"]["attempts"]:
         raise ConfigError("config grasps: attempts must be at least per_object")
     if config["grasps"]["attempts"] > config["grasps"]["max_attempts"]:

@@ -14,6 +14,7 @@ rule grasps:
         "benchmarks/grasps/{batch}.tsv"
     params:
         grasps=config["grasps"],
+        sensor=SENSOR.description(),
         seed=config["seed"],
     script:
         "../scripts/grasps.py"

@@ -1,8 +1,9 @@
-# What the four sensors of every grasp read.
+# What the sensors of every grasp read.
 rule touch:
     input:
         meshes="meshes/{batch}",
         grasps="grasps/{batch}.h5",
+        background=SENSOR_BACKGROUND,
     output:
         touch=directory("touch/{batch}.zarr"),
         rejected="rejected/touch/{batch}.csv",
@@ -11,7 +12,8 @@ rule touch:
     benchmark:
         "benchmarks/touch/{batch}.tsv"
     params:
-        touch=config["touch"],
+        touch={"method": config["touch"]["method"]},
+        sensor=SENSOR.description(),
         seed=config["seed"],
     script:
         "../scripts/touch.py"

@@ -1,6 +1,6 @@
 """Touch charts of a batch.
 
-charts/<batch>.zarr   vertices   (o, g, 4, 81, 3)   float32   m, world frame; at the sensor if it touched nothing
+charts/<batch>.zarr   vertices   (o, g, s, 81, 3)   float32   m, world frame; at the sensor if it touched nothing
                       object     (o,)               string
 """
 
@@ -12,6 +12,8 @@ import torch
 from palpate import store, training
 from palpate.batch import log_to
 from palpate.charts.atlas import TOUCH_VERTICES
+from palpate.sensor import Sensor
+from palpate.training.checkpoints import require_sensor
 
 log = logging.getLogger(__name__)
 log_to(snakemake.log[0])
@@ -19,6 +21,8 @@ torch.set_num_threads(snakemake.threads)
 device = training.Machine(snakemake.params.device).torch_device()
 touch = store.read(snakemake.input.touch, "object", "success", "position", "rotation", "reading", "empty_reading")
 model = training.load_touch_depth(snakemake.input.model).to(device)
+sensor = Sensor.from_description(store.open(snakemake.input.touch).attributes["sensor"])
+require_sensor(None, model.sensor, None, sensor, snakemake.input.model)
 names, success = touch["object"], touch["success"]
 vertices = np.empty((*success.shape, TOUCH_VERTICES, 3), np.float32)
 for place, name in enumerate(names):  # by themselves, so that charts do not depend on the batch

@@ -1,10 +1,10 @@
 """Grasps of a batch: the hand closes on every object.
 
-grasps/<batch>.h5    joint_positions              (o, g, 16)            float64    rad
+grasps/<batch>.h5    joint_positions              (o, g, j)             float64    rad (of slides m)
                      palm_pose                    (o, g, 4, 4)          float64    world frame, m
                      link_pose                    (o, g, L, 4, 4)       float64    world frame, m
-                     sensor_position, _rotation   (o, g, 4, 3[, 3])     float64    world frame, m
-                     touches                      (o, g, 4)             bool
+                     sensor_position, _rotation   (o, g, s, 3[, 3])     float64    world frame, m
+                     touches                      (o, g, s)             bool
                      penetration                  (o, g)                float32    m, independent of the engine
                      attempts                     (o,)                  int32
                      hand/*                                             the hand: links, joints, geoms, sensors
@@ -16,12 +16,14 @@ from pathlib import Path
 
 from palpate import grasp, hand, mesh, store
 from palpate.batch import each_object, generator, log_to
+from palpate.sensor import Sensor
 
 log_to(snakemake.log[0])
 log = logging.getLogger("grasps")
 meshes, seed = Path(snakemake.input.meshes), snakemake.params.seed
 settings = dict(snakemake.params.grasps)
 mjcf_files = settings.pop("hand")
+sensor = Sensor.from_description(snakemake.params.sensor)
 robot = hand.from_mjcf(*snakemake.input.hand) if mjcf_files else hand.allegro()
 surface = store.read(snakemake.input.surface, "object", "points")
 points = dict(zip(surface["object"], surface["points"], strict=True))
@@ -35,6 +37,7 @@ def close_hand(name: str) -> dict:
         points[name],
         robot,
         generator(seed, name, "grasps"),
+        sensor=sensor,
         **settings,
     )
     omitted = ", ".join(f"{count:,} {what}" for what, count in found.omitted.items())
@@ -50,6 +53,6 @@ store.write_batch(
     snakemake.output.rejected,
     rejections,
     seed,
-    snakemake.params.grasps,
+    {"grasps": snakemake.params.grasps, "sensor": snakemake.params.sensor},
     {f"hand/{key}": array for key, array in robot.to_arrays().items()},
 )

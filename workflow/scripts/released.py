@@ -16,6 +16,7 @@ from palpate.atomic import atomic_write
 from palpate.batch import each_object, generator, log_to, write_rejections
 from palpate.released import arrays as released
 from palpate.released.layout import ReleasedObject
+from palpate.sensor import DIGIT
 
 log_to(snakemake.log[0])
 params = snakemake.params
@@ -48,5 +49,6 @@ for stage in ("surface", "touch", "vision"):
         snakemake.output[stage],
         stage,
         arrays | ({"empty_reading": empty_reading} if stage == "touch" else {}),
-        {"seed": params.seed, "config_digest": store.config_digest(settings), "source": "released"},
+        {"seed": params.seed, "config_digest": store.config_digest(settings), "source": "released"}
+        | ({"sensor": DIGIT.description()} if stage == "touch" else {}),
     )

@@ -1,13 +1,13 @@
-"""Touches of a batch: depth maps, readings and local clouds of the four sensors of every grasp.
+"""Touches of a batch: depth maps, readings and local clouds of the sensors of every grasp.
 
-touch/<batch>.zarr    success         (o, g, 4)                 bool       whether the sensor is in contact
-                      position        (o, g, 4, 3)               float64    world frame, m
-                      rotation        (o, g, 4, 3, 3)            float64    columns are the sensor's axes
-                      depth           (o, g, 4, 100, 100)        float32    m from the gel plane, +inf: nothing
-                      reading         (o, g, 4, 100, 100, 3)     uint8
-                      points          (o, g, 4, 10000, 3)       float32    local cloud, world frame, m
-                      point_count     (o, g, 4)                 int32
-                      empty_reading   (100, 100, 3)            uint8      what an untouched sensor reads
+touch/<batch>.zarr    success         (o, g, s)                 bool       whether the sensor is in contact
+                      position        (o, g, s, 3)               float64    world frame, m
+                      rotation        (o, g, s, 3, 3)            float64    columns are the sensor's axes
+                      depth           (o, g, s, r, r)            float32    m from the gel plane, +inf: nothing
+                      reading         (o, g, s, r, r, 3)         uint8
+                      points          (o, g, s, r r, 3)          float32    local cloud, world frame, m
+                      point_count     (o, g, s)                 int32
+                      empty_reading   (r, r, 3)                 uint8      what an untouched sensor reads
 rejected/touch/<batch>.csv    object, stage, reason
 """
 
@@ -20,18 +20,23 @@ from palpate import store, touch
 from palpate.batch import each_object, log_to
 from palpate.hand import Hand
 from palpate.scene import GRASP_ARRAYS, Scene
+from palpate.sensor import Sensor, read_background
 
 log_to(snakemake.log[0])
 log = logging.getLogger("touch")
 meshes, settings = Path(snakemake.input.meshes), snakemake.params.touch
 grasps = store.read(snakemake.input.grasps)
 hand = Hand.from_arrays(grasps, prefix="hand/")
+description = snakemake.params.sensor
+image = snakemake.input.background
+background = read_background(image, description["resolution"]) if image else None
+sensor = Sensor.from_description(description, background)
 
 
 def sense(name: str) -> dict[str, np.ndarray]:
     row = grasps["object"].tolist().index(name)
     scene = Scene.from_grasps(meshes / name, {array: grasps[array][row] for array in GRASP_ARRAYS}, hand)
-    tracer = touch.scene_tracer(scene, settings["method"])
+    tracer = touch.scene_tracer(scene, settings["method"], sensor)
     sensed = touch.sense_scene(scene, tracer)
     faces = tracer.faces_in_reach(scene.sensor_position, scene.sensor_rotation)
     log.info(
@@ -49,6 +54,7 @@ store.write_batch(
     snakemake.output.rejected,
     rejections,
     snakemake.params.seed,
-    settings,
-    {"empty_reading": touch.empty_reading()},
+    {**settings, "sensor": description},
+    {"empty_reading": touch.empty_reading(sensor)},
+    {"sensor": description},
 )

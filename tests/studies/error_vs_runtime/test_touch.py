@@ -6,6 +6,7 @@ import trimesh
 from scipy.spatial.transform import Rotation
 
 from palpate import mesh, store
+from palpate.sensor import DIGIT
 from palpate.touch import PIXEL_CENTRES, SENSOR_RANGE, RayCaster, SphereTracer
 from studies.error_vs_runtime import touch
 from studies.subjects import Subject
@@ -60,7 +61,7 @@ def run(tmp_path_factory):
         "attempts": np.ones(2, dtype=np.int32),
     }
     (folder / "grasps").mkdir()
-    attributes = {"config_digest": "", "seed": 0}
+    attributes = {"config_digest": "", "seed": 0, "sensor": DIGIT.description()}
     store.write(folder / "grasps/batch-0000.h5", "grasps", arrays, attributes)
     return folder, subject
 

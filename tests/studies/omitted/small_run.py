@@ -10,10 +10,11 @@ from palpate.batch import generator
 from palpate.grasp import grasp_object
 from palpate.hand import allegro
 from palpate.mesh import OBJECT_POSITION
+from palpate.sensor import DIGIT
 from studies.subjects import Subject
 
 NAME, BATCH = "beam-0000", "batch-0000"
-ATTRIBUTES = {"config_digest": "0" * 64, "seed": 0}
+ATTRIBUTES = {"config_digest": "0" * 64, "seed": 0, "sensor": DIGIT.description()}
 SETTINGS = {
     "mesh": {"collision_faces": 200},
     "grasps": {"timestep": 0.004},

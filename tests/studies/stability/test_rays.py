@@ -1,5 +1,7 @@
 """The short cases of touch hold, and each fails without the code that guards it."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import trimesh
@@ -38,6 +40,16 @@ def few_steps(self, mesh, object_position=(0.0, 0.0, 0.0)):
     careful(self, mesh, object_position, max_steps=200)
 
 
+def unlimited(self, *arguments):
+    """Depth without the sensor's range."""
+    return self._depth(*arguments)
+
+
+def too_bright(height, normal, kind):
+    return lit(height, normal, replace(kind, diffuse=400.0))
+
+
+lit = shading.lit
 careful = sphere_tracing.SphereTracer.__init__
 NAIVE = {
     "grazing sensor, Embree": (caster, "_NO_WIDTH", 0.1),
@@ -45,12 +57,12 @@ NAIVE = {
     "rays through vertices and along edges": (
         caster,
         "_pits",
-        lambda depth: np.zeros(depth.shape, dtype=bool),
+        lambda depth, pixel: np.zeros(depth.shape, dtype=bool),
     ),
     "sensor plane inside the mesh": (caster, "_EDGE_ON", 0.0),
     "surface on the sensor plane": (caster, "_SLACK", 0.0),
-    "surface exactly at the range limit": (tracing, "SENSOR_RANGE", 0.0251),
-    "steep steps in the impression": (shading, "DIFFUSE", 400.0),
+    "surface exactly at the range limit": (tracing.Tracer, "_in_range", unlimited),
+    "steep steps in the impression": (shading, "lit", too_bright),
     "float32 far from the origin": (sensor, "FURTHEST", np.inf),
     "object much larger than the sensor": (caster, "_LARGEST", np.inf),
     "poses that are none": (tracing.Tracer, "_in_object_frame", unchecked),

@@ -1,0 +1,120 @@
+"""Touch with other sensors than the default: resolution, round gels, smoothing, backgrounds."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import trimesh
+
+from palpate.sensor import DIGIT, Sensor, load
+from palpate.touch import RayCaster, SphereTracer, empty_reading, local_points, sense, shade
+from palpate.touch.shading import impression, smoothed
+
+DOME = Sensor.from_description(load("dome360").description() | {"resolution": 60})
+MINI = Sensor.from_description(load("gelsight_mini").description() | {"resolution": 48})
+POSE = np.zeros((1, 3)), np.eye(3)[None]
+
+
+def plate(distance: float) -> trimesh.Trimesh:
+    """A large plate `distance` ahead of the sensor plane."""
+    mesh = trimesh.creation.box((0.01, 0.2, 0.2))
+    mesh.apply_translation((distance + 0.005, 0, 0))
+    return mesh
+
+
+@pytest.mark.parametrize("kind", [DOME, MINI], ids=lambda kind: kind.name)
+@pytest.mark.parametrize("tracer", [RayCaster, SphereTracer])
+def test_a_plate_touches_where_the_gel_reaches_it(kind, tracer):
+    for distance in (0.016, 0.02, 0.0249, 0.0251):
+        sensed = sense(tracer(plate(distance), sensor=kind), *POSE)
+        y, z = np.meshgrid(kind.pixel_centres, kind.pixel_centres)
+        # A plate at d meets a sphere of radius R, its centre at w - R, within a circle: R^2 - (d - w + R)^2.
+        circle = y**2 + z**2 <= 0.01**2 - (distance - 0.015) ** 2
+        within = circle if kind is DOME else np.full(y.shape, distance < 0.025)
+        assert sensed.success[0] == within.any()
+        np.testing.assert_array_equal(np.isfinite(sensed.depth[0]), within)
+        assert np.allclose(sensed.depth[0][within], distance, atol=2e-5)
+        assert sensed.point_count[0] == within.sum() and sensed.points.shape == (1, kind.resolution**2, 3)
+        assert tracer(plate(distance), sensor=kind).succeeds(*POSE).tolist() == sensed.success.tolist()
+
+
+def test_a_finer_sensor_sees_the_same_surface():
+    """Where pixels of two sensors look along the same ray, they see the same."""
+    ball = trimesh.creation.icosphere(subdivisions=3, radius=0.02)
+    ball.apply_translation((0.035, 0.002, -0.001))
+    fine = replace(DIGIT, resolution=300)  # the centre of each pixel of 100 is that of one of 300
+    coarse, found = (RayCaster(ball, sensor=kind).trace(*POSE)[0] for kind in (DIGIT, fine))
+    np.testing.assert_allclose(found[1::3, 1::3], coarse, atol=1e-7)
+    cloud = local_points(found, np.array([0.1, 0.2, 0.3]), np.eye(3), fine)
+    assert np.abs(cloud[:, 1] - 0.2).max() <= fine.width / 2
+
+
+def test_a_round_gel_shades_its_own_shape_and_nothing_beside_it():
+    empty = empty_reading(DOME)
+    assert (empty[~DOME.on_gel] == 0).all() and (empty[DOME.on_gel].max(axis=1) > 0).all()
+    # Light by light, in double precision, from the sphere's normal.
+    row, column = 22, 35
+    y, z = DOME.pixel_centres[column], DOME.pixel_centres[row]
+    normal = np.array([-y, -z, np.sqrt(0.01**2 - y**2 - z**2)]) / 0.01
+    height = 0.01 - np.sqrt(0.01**2 - y**2 - z**2)
+    towards = DOME.light_positions - [y, z, height]
+    cosine = towards @ normal / np.linalg.norm(towards, axis=1)
+    np.testing.assert_allclose(empty[row, column], np.maximum(255 * cosine, 0), atol=2)
+    # What is pressed in flat is shaded as a flat gel there.
+    pressed = shade(np.full((60, 60), 0.015), DOME)
+    flat = shade(np.full((60, 60), 0.015), replace(DOME, gel_radius=None))
+    middle = slice(25, 35)
+    np.testing.assert_array_equal(pressed[middle, middle], flat[middle, middle])
+
+
+def blurred(height: np.ndarray, sigma: float) -> np.ndarray:
+    """A Gaussian filter as a plain sum over pixels, mirrored at the border."""
+    reach = int(4 * sigma + 0.5)
+    offsets = np.arange(-reach, reach + 1)
+    weights = np.exp(-(offsets**2) / (2 * sigma**2))
+    weights /= weights.sum()
+    padded = np.pad(height, reach, mode="reflect")
+    rows = sum(w * padded[reach + k : reach + k + len(height)] for k, w in zip(offsets, weights, strict=True))
+    return sum(w * rows[:, reach + k : reach + k + height.shape[1]] for k, w in zip(offsets, weights, strict=True))
+
+
+def test_smoothing_is_taxims():
+    depth = np.full((48, 48), np.inf)
+    depth[10:30, 18:33] = 0.0235
+    depth[14:20, 20:25] = 0.0225
+    height = impression(depth, MINI)
+    settings = {"pyramid": [9e-4, 4e-4], "last": 3e-4, "held": 0.4}
+    found = smoothed(height, replace(MINI, smoothing=settings))
+    expected = height
+    for sigma in settings["pyramid"]:
+        expected = np.where(height > 0.4 * 0.0025, height, blurred(expected, sigma / MINI.pixel))
+    expected = blurred(expected, settings["last"] / MINI.pixel)
+    np.testing.assert_allclose(found, expected, atol=1e-9)
+    assert found.max() <= 0.0025 and (found[0] < 1e-4).all()
+
+
+def test_smoothing_softens_edges_and_facets_and_is_off_by_default():
+    """Between the facets of a coarse ball the reading of a soft gel changes less from pixel to pixel."""
+    ball = trimesh.creation.icosphere(subdivisions=2, radius=0.02)
+    ball.apply_translation((0.042, 0, 0))
+    soft = replace(DIGIT, smoothing={"pyramid": [6e-4], "last": 6e-4, "held": 1.0})
+    depth = RayCaster(ball).trace(*POSE)[0]
+    plain, smooth = shade(depth), shade(depth, soft)
+    steps = [np.abs(np.diff(reading.astype(int), axis=1)).max() for reading in (plain, smooth)]
+    assert steps[1] < 0.6 * steps[0]
+    np.testing.assert_array_equal(empty_reading(soft), empty_reading())
+    assert DIGIT.smoothing is None
+
+
+def test_a_background_is_the_empty_reading_and_touch_changes_it_as_without():
+    background = np.random.default_rng(0).integers(90, 160, (100, 100, 3)).astype(np.uint8)
+    kind = replace(DIGIT, background=background)
+    np.testing.assert_array_equal(empty_reading(kind), background)
+    depth = RayCaster(trimesh.creation.icosphere(radius=0.02), (0.0435, 0, 0)).trace(*POSE)[0]
+    change = shade(depth).astype(int) - empty_reading()
+    assert np.abs(change).max() > 20
+    np.testing.assert_array_equal(shade(depth, kind), np.clip(background + change, 0, 255))
+
+
+def test_grey_levels_above_255_saturate():
+    assert shade(np.full((100, 100), 0.02), replace(DIGIT, diffuse=2550)).max() == 255
