@@ -321,7 +321,8 @@ def _described(stage: str, spec: ArraySpec, leading: int) -> str:
 
 class ObjectRecord(_Record):
     """One object: `class_name`, `split`, `batch`, `mesh` (folder), `grasps`, and every array of the contract with one
-    row an object. Shapes are in the symbols of docs/dataset.md (`palpate.store.contract.SYMBOLS`).
+    row an object. Shapes are in the symbols of docs/dataset.md (`palpate.store.contract.SYMBOLS`). `normalised` says
+    whether it has the one size of all.
 
     Images, masks, depths and matrices are those of the scene's first camera; `seen_by(1)` gives the next one's.
     """
@@ -344,6 +345,11 @@ class ObjectRecord(_Record):
     def split(self) -> str:
         """Its split: train, validation or test."""
         return self._entry.split
+
+    @property
+    def normalised(self) -> bool:
+        """Whether it was scaled to the one size of all, a diagonal of 0.5 m; otherwise it has its source's size."""
+        return self._entry.normalised
 
     @property
     def batch(self) -> str:

@@ -35,7 +35,7 @@ SYMBOLS = {
 }
 UNITS = {"length": "metre", "angle": "radian", "colour": "sRGB, 8 bit"}
 FRAMES = {
-    "world": "right-handed, z up; the object's bounding box is centred at (0, 0, 0.6) with a diagonal of 0.5",
+    "world": "right-handed, z up; the object's bounding box is centred at (0, 0, 0.6); its diagonal is 0.5, or its own",
     "rotation": "3 x 3 matrices whose columns are the frame's axes in the world",
     "sensor": "x out of the gel, y along the columns and z along the rows of a reading",
     "image": "row 0 at the top",

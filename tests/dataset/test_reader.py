@@ -560,3 +560,14 @@ def test_a_record_shows_one_camera_and_the_others_are_asked_for(run):
             item.seen_by(2)
         with pytest.raises(IndexError):
             item.seen_by(-1)
+
+
+def test_whether_an_object_has_the_one_size_of_all(run):
+    """By the catalogue; one of an older version has no such column, and one size."""
+    assert all(record.normalised for record in palpate.Dataset(run))
+    rows = [row.split(",") for row in (run / "catalogue.csv").read_text().splitlines()]
+    scales = ["scale", "diagonal", "keep", "0.001", *["diagonal"] * (len(rows) - 4)]
+    (run / "catalogue.csv").write_text("".join(f"{','.join(row)},{s}\n" for row, s in zip(rows, scales, strict=True)))
+    sizes = {record.name: record.normalised for record in palpate.Dataset(run, [])}
+    assert sizes == {row[0]: scale == "diagonal" for row, scale in zip(rows[1:], scales[1:], strict=True)}
+    assert palpate.Dataset(run)[0].scale == 0.001  # of its file's unit, in metres
