@@ -21,6 +21,17 @@ class ConfigError(ValueError):
     """A config, catalogue or experiment that does not fit its schema; the message lists every misfit."""
 
 
+def absolute(path: Path | str, project: Path | str) -> str:
+    """A path of the config: `~` is the user's home folder, a relative one is the project's.
+
+    Raises `ConfigError` for the home folder of a user that there is none of.
+    """
+    try:
+        return str(Path(project) / Path(path).expanduser())
+    except RuntimeError as error:
+        raise ConfigError(f"{path}: {error}: write the path out") from None
+
+
 def _say(error: jsonschema.ValidationError) -> Iterator[str]:
     where = ".".join(str(step) for step in error.absolute_path)
     if error.validator == "additionalProperties" and error.validator_value is False:

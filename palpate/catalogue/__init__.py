@@ -9,7 +9,15 @@ from palpate.catalogue.batches import (
     write_places,
 )
 from palpate.catalogue.record import check_same_run, resolve_source, write_record
-from palpate.catalogue.sources import UP_AXIS, CatalogueError, SourceObject, all_classes, class_counts, scan
+from palpate.catalogue.sources import (
+    UP_AXIS,
+    CatalogueError,
+    SourceObject,
+    all_classes,
+    class_counts,
+    file_name,
+    scan,
+)
 from palpate.catalogue.split import PAPER_SPLIT, SPLITS, assign_split, suggest_split
 from palpate.catalogue.table import (
     COLUMNS,
@@ -40,6 +48,7 @@ __all__ = [
     "checksum",
     "class_counts",
     "companions",
+    "file_name",
     "in_order",
     "read_catalogue",
     "read_places",

@@ -10,21 +10,23 @@ from typing import Any
 import yaml
 
 from palpate.atomic import atomic_write
-from palpate.catalogue.sources import UP_AXIS, CatalogueError, class_counts
+from palpate.catalogue.sources import DEFAULTS, UP_AXIS, CatalogueError, class_counts
+from palpate.configuration import absolute
 from palpate.remedy import RECORD
 
 
-def resolve_source(config: Mapping[str, Any], project: Path | str) -> dict[str, str]:
-    """The source of a checked config: its kind, its absolute path and its up axis.
+def resolve_source(config: Mapping[str, Any], project: Path | str) -> dict[str, Any]:
+    """The source of a checked config: its keys, with absolute paths and the up axis of its kind.
 
-    Relative paths are the project's. Procedural objects are made in the run's folder.
+    Relative paths are the project's. Procedural objects are made in the run's folder. Keys that a config of an older
+    version lacks have their defaults.
     """
-    source = config["source"]
-    made_in = Path(project, config["results"], config["run"], "sources")
-    return {
-        "kind": source["kind"],
-        "path": str(Path(project) / source["path"] if source["path"] else made_in),
+    source = DEFAULTS | dict(config["source"])
+    made_in = Path(absolute(config["results"], project), config["run"], "sources")
+    return source | {
+        "path": absolute(source["path"], project) if source["path"] else str(made_in),
         "up": source["up"] or UP_AXIS[source["kind"]],
+        "objects": absolute(source["objects"], project) if source["objects"] else None,
     }
 
 
@@ -64,7 +66,7 @@ def _differences(recorded: Mapping[str, Any], config: Mapping[str, Any], project
     before, now = resolve_source(recorded, project), resolve_source(config, project)
     if before["kind"] == now["kind"] == "procedural":  # made in the run's folder, which may have been moved
         before["path"] = now["path"]
-    pairs = {f"source.{key}": (before[key], now[key]) for key in before}
+    pairs = {f"source.{key}": (before[key], now[key]) for key in now}
     pairs["seed"] = recorded["seed"], config["seed"]
     lines = [f"{key}: {old} there, {new} in this config" for key, (old, new) in pairs.items() if old != new]
     if not lines and not recorded["classes"] == config["classes"] == "all":

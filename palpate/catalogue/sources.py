@@ -3,23 +3,28 @@
 Looking costs a listing of folders: no mesh is opened.
 """
 
+import glob
 import hashlib
 import logging
 import os
 import re
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from palpate.batch import UnusableObject
+from palpate.catalogue.companion_files import richness
+from palpate.catalogue.object_table import ObjectTable, Scale, read_object_table
 from palpate.configuration import ConfigError
 from palpate.released.layout import SURFACES, ReleasedObject, read_released
 
 log = logging.getLogger(__name__)
 
 MESH_SUFFIXES = (".obj", ".glb", ".gltf", ".stl", ".ply", ".off", ".dae", ".3mf")
-ABC_SUFFIXES = (".obj", ".stl")
+# Of classes, as the schemas of config and catalogue have it: letters of any script and digits, with spaces and some
+# signs between them.
+CLASS_NAME = r"\w([\w .,()&'+-]*[\w.)+-])?"
 
 # ShapeNetCore's folders of the paper's classes (WordNet synset offsets). Others are asked for by their
 # number.
@@ -29,13 +34,43 @@ SYNSETS = {"bottle": "02876657", "knife": "03624134", "cellphone": "02992529", "
 # at its source once a job.
 PROCEDURAL = ("bottle", "knife", "cellphone", "rifle")
 
-# The mesh within a model's folder, by version of ShapeNetCore.
-SHAPENET_FILES = ("model.obj", "models/model_normalized.obj")
-
-# The up axis of a source whose config does not say it.
-UP_AXIS = {"procedural": "z", "folder": "z", "shapenet": "y", "abc": "z", "released": "z"}
-
 Count = int | str
+
+
+class Layout(NamedTuple):
+    """Where the data sets of a kind have their meshes, and how they stand.
+
+    Attributes:
+        patterns: of mesh files below the source's path, the best first; `{class}` is the folder of a class. An object
+            is what its wildcards stand for, and has the first file that exists. `**` alone is any mesh, at any depth.
+        up: the up axis, or `format`: that of the file's format (`FORMAT_UP`).
+        suffixes: of mesh files.
+    """
+
+    patterns: tuple[str, ...]
+    up: str
+    suffixes: tuple[str, ...] = MESH_SUFFIXES
+
+
+# Layouts as their publishers have them, unpacked. ShapeNetCore v1 and v2: a class's folder is its synset. ABC: chunks
+# of OBJ or STL files. YCB: scans by Google's scanner, then those of Berkeley's, for not every object has all. Google
+# Scanned Objects: as the zip files of Gazebo Fuel. Objaverse 1.0: as its package `objaverse` downloads it.
+LAYOUTS = {
+    "folder": Layout(("{class}/**",), "format"),
+    "shapenet": Layout(("{class}/*/model.obj", "{class}/*/models/model_normalized.obj"), "y"),
+    "abc": Layout(("**",), "z", (".obj", ".stl")),
+    "ycb": Layout(
+        tuple(f"*/{scan}/textured.obj" for scan in ("google_16k", "google_64k", "google_512k", "tsdf", "poisson")), "z"
+    ),
+    "google_scanned_objects": Layout(("*/meshes/model.obj",), "z"),
+    "objaverse": Layout(("glbs/*/*.glb", "hf-objaverse-v1/glbs/*/*.glb"), "y"),
+}
+# glTF's is y (its specification, section 3.4). Other formats have none, or allow any; CAD and scans have z as a rule.
+FORMAT_UP = {".glb": "y", ".gltf": "y"}
+# The up axis of a source whose config does not say it.
+UP_AXIS = {"procedural": "z", "released": "z", **{kind: layout.up for kind, layout in LAYOUTS.items()}}
+ONE_CLASS = "object"  # of a source without folders of classes, where nothing else says one
+DEFAULTS = {"pattern": None, "up": None, "scale": "diagonal", "objects": None, "variants": "richest"}
 
 
 class CatalogueError(ValueError):
@@ -43,71 +78,104 @@ class CatalogueError(ValueError):
 
 
 class SourceObject(NamedTuple):
-    """An object: its name, its class, and its mesh file relative to the source's path, with forward
-    slashes."""
+    """An object, and how its mesh is taken.
+
+    Attributes:
+        object, class_name: names. source: its mesh file relative to the source's path, with forward slashes.
+        up: the file's up axis. scale: `diagonal`, `keep`, or metres a unit of the file.
+        split: what the source or the user gives it; empty where its name decides.
+        others: further files of the same object, which are not used.
+    """
 
     object: str
     class_name: str
     source: str
+    up: str = "z"
+    scale: Scale = "diagonal"
+    split: str = ""
+    others: tuple[str, ...] = ()
 
 
 def scan(source: Mapping[str, Any], classes: Mapping[str, Count]) -> list[SourceObject]:
     """The objects of a run, class by class in the order asked for, within a class by name.
 
-    `source` has `kind` (a key of `UP_AXIS`) and `path`; `classes` maps each class to a number of objects, or
-    to "all". Of more objects than asked for, those are taken whose names have the smallest hashes: an even
-    choice, the same on every machine. Procedural objects are listed whether their files have been written or
-    not.
+    `source` has `kind` (a key of `UP_AXIS`) and `path`, and may have the keys of `DEFAULTS`, as `resolve_source` gives
+    them; `classes` maps each class to a number of objects, or to "all". Of more objects than asked for, those are
+    taken whose names have the smallest hashes: an even choice, the same on every machine. Procedural objects are
+    listed whether their files have been written or not.
 
     Raises `CatalogueError` for an unknown kind or class, a missing folder, no mesh, fewer than asked for, or a
-    link that leads nowhere.
+    link that leads nowhere; `ConfigError` for the file of `objects`.
     """
-    kind = source["kind"]
-    if kind not in _FINDERS:
-        raise CatalogueError(f"source kind {kind!r}: expected one of {', '.join(_FINDERS)}")
+    source = DEFAULTS | dict(source)
+    kind, root = source["kind"], Path(source["path"])
+    if kind not in UP_AXIS:
+        raise CatalogueError(f"source kind {kind!r}: expected one of {', '.join(UP_AXIS)}")
     if not classes:
         raise CatalogueError("no classes: name at least one, with a number of objects or `all`")
-    if kind == "abc" and len(classes) != 1:
-        raise CatalogueError(f"source abc has one class, the config has {', '.join(classes)}: keep one of them")
-    root = Path(source["path"])
+    _check_classes(classes)
     if kind != "procedural":
         _check_folder(root, kind)
+    table = _object_table(source)
+    if kind in LAYOUTS and not table.gives_classes and not _has_class_folders(source) and len(classes) > 1:
+        raise CatalogueError(
+            f"source {kind} has one class, the config has {', '.join(classes)}: keep one of them, or say which object "
+            "is of which class in a CSV file (source.objects)"
+        )
+    unknown = sorted(set(table.of_class) - set(classes))
+    if unknown:
+        log.warning("%s: lines about classes that this run does not have: %s", source["objects"], _listed(unknown))
+    everything = _by_class(_candidates(source, None), table) if table.gives_classes else {}
     entries = []
     for name, count in classes.items():
-        if _safe(name) != name:
-            raise CatalogueError(f"class {name!r}: use letters, digits, '_', '.' and '-', beginning with no '.' or '-'")
-        if count != "all" and (isinstance(count, bool) or not isinstance(count, int) or count < 1):
-            raise CatalogueError(f"class {name}: expected a number of objects from 1 up, or `all`, not {count!r}")
-        entries += _FINDERS[kind](root, name, count)
+        if kind == "procedural":
+            entries += [_with_given(entry, table, source) for entry in _procedural(name, count)]
+            continue
+        if kind == "released":
+            found, folder = _released(root, name), root / SURFACES / name
+        elif table.gives_classes:
+            found, folder = everything.get(name, []), Path(source["objects"])
+        else:
+            found, folder = _candidates(source, name), _place(source, name)
+        if not found and source["pattern"]:
+            raise CatalogueError(f"{root}: {_expected(source)}")
+        entries += _chosen([_with_given(entry, table, source) for entry in found], folder, name, count)
     if kind != "procedural":
         _check_links(root, entries)
-    return entries
+    return _distinct(entries)
 
 
 def all_classes(source: Mapping[str, Any]) -> dict[str, Count]:
-    """Every class that a folder holds, with all of its objects: what `classes: all` stands for.
+    """Every class that a source holds, with all of its objects: what `classes: all` stands for.
 
     A class is a folder of the source's path that isn't hidden and holds a mesh, at any depth (one that holds
-    none is omitted with a warning); ShapeNet's are named where a name is known.
-    Raises `CatalogueError` if the folder is missing or holds none, and for sources whose classes only the
-    config knows.
+    none is omitted with a warning); ShapeNet's are named where a name is known. A source without folders of classes
+    has one, `ONE_CLASS`, but for what `objects` says.
+    Raises `CatalogueError` if the folder is missing or holds none, and for procedural objects, which have no end.
     """
+    source = DEFAULTS | dict(source)
     kind, root = source["kind"], Path(source["path"])
     if kind == "released":
         return dict.fromkeys([each.class_name for each in _released_objects(root)], "all")
-    if kind not in ("folder", "shapenet"):
-        raise CatalogueError(f"classes: `all` means the folders of a folder or shapenet source; list those of {kind}")
+    if kind not in LAYOUTS:
+        raise CatalogueError(f"classes: `all` means the classes of files that there are; list those of {kind}")
     _check_folder(root, kind)
-    folders = sorted(entry.name for entry in os.scandir(root) if entry.is_dir() and not entry.name.startswith("."))
-    if kind == "shapenet":
-        folders = [folder for folder in folders if re.fullmatch(r"\d{8}", folder)]
+    table = _object_table(source)
+    if table.gives_classes or source["pattern"] or not _has_class_folders(source):
+        found = _by_class(_candidates(source, None), table)
+        if not found:
+            raise CatalogueError(f"{root}: {_expected(source)}")
+        return dict.fromkeys(sorted(found), "all")
+    folders = _class_folders(root, kind)
     empty = [folder for folder in folders if not _holds_mesh(root / folder, kind)]
     if empty:
         log.warning("%s: no mesh in %s: no classes", root, _listed(empty))
     if len(empty) == len(folders):
-        raise CatalogueError(f"{root}: no folder of a class in it: put meshes in {root}/<class>/")
-    names = {synset: name for name, synset in SYNSETS.items()} if kind == "shapenet" else {}
-    return {names.get(folder, folder): "all" for folder in folders if folder not in empty}
+        raise CatalogueError(
+            f"{root}: no folder of a class in it: put meshes in {root}/<class>/, or set source.pattern "
+            '("*.obj" for files without such folders)'
+        )
+    return {_class_of_folder(folder, kind): "all" for folder in folders if folder not in empty}
 
 
 def class_counts(config: Mapping[str, Any], source: Mapping[str, Any]) -> dict[str, Count]:
@@ -128,12 +196,6 @@ def class_counts(config: Mapping[str, Any], source: Mapping[str, Any]) -> dict[s
     return {row["class"]: row["objects"] for row in config["classes"]}
 
 
-def _holds_mesh(folder: Path, kind: str) -> bool:
-    if kind == "shapenet":
-        return any((folder / model / file).is_file() for model in os.listdir(folder) for file in SHAPENET_FILES)
-    return any(True for _ in _each_mesh(folder, MESH_SUFFIXES))
-
-
 def _check_folder(root: Path, kind: str) -> None:
     if not root.is_dir():
         raise CatalogueError(f"{root}: no such folder: set source.path to the folder of the {kind} source")
@@ -148,7 +210,227 @@ def _check_links(root: Path, entries: Iterable[SourceObject]) -> None:
             )
 
 
-def _procedural(root: Path, name: str, count: Count) -> list[SourceObject]:
+def _check_classes(classes: Mapping[str, Count]) -> None:
+    file_names: dict[str, str] = {}
+    for name, count in classes.items():
+        if not re.fullmatch(CLASS_NAME, str(name)):
+            raise CatalogueError(
+                f"class {name!r}: use letters, digits, spaces, '_', '.' and '-', beginning with a letter, digit or '_'"
+            )
+        if count != "all" and (isinstance(count, bool) or not isinstance(count, int) or count < 1):
+            raise CatalogueError(f"class {name}: expected a number of objects from 1 up, or `all`, not {count!r}")
+        twin = file_names.setdefault(file_name(name), name)
+        if twin != name:
+            raise CatalogueError(f"classes {twin!r} and {name!r} would have files of one name: rename one of them")
+
+
+def _object_table(source: Mapping[str, Any]) -> ObjectTable:
+    return read_object_table(source["objects"], source["path"]) if source["objects"] else ObjectTable()
+
+
+def _patterns(source: Mapping[str, Any]) -> tuple[str, ...]:
+    return (source["pattern"],) if source["pattern"] else LAYOUTS[source["kind"]].patterns
+
+
+def _has_class_folders(source: Mapping[str, Any]) -> bool:
+    return source["kind"] in LAYOUTS and all("{class}" in pattern.split("/") for pattern in _patterns(source))
+
+
+def _place(source: Mapping[str, Any], name: str) -> Path:
+    """The folder that a class's meshes are in, for messages."""
+    root = Path(source["path"])
+    own = _has_class_folders(source) and not source["pattern"]
+    return root / _folder_of_class(name, source["kind"]) if own else root
+
+
+def _expected(source: Mapping[str, Any]) -> str:
+    """What to say of a source in which no mesh is found."""
+    said = f"no mesh found for {' or '.join(_patterns(source))}"
+    if not source["pattern"]:
+        return f"{said}: expected files {', '.join(LAYOUTS[source['kind']].suffixes)}"
+    inner = "" if "{class}" in source["pattern"] else " (patterns begin at source.path; `{class}/...` has classes)"
+    return f"{said}: correct source.pattern{inner}"
+
+
+def _class_folders(root: Path, kind: str) -> list[str]:
+    folders = sorted(entry.name for entry in os.scandir(root) if entry.is_dir() and not entry.name.startswith("."))
+    return [folder for folder in folders if kind != "shapenet" or re.fullmatch(r"\d{8}", folder)]
+
+
+def _class_of_folder(folder: str, kind: str) -> str:
+    names = {synset: name for name, synset in SYNSETS.items()} if kind == "shapenet" else {}
+    return names.get(folder, folder)
+
+
+def _folder_of_class(name: str, kind: str) -> str:
+    if kind != "shapenet" or re.fullmatch(r"\d{8}", name):
+        return name
+    if name not in SYNSETS:
+        raise CatalogueError(
+            f"class {name}: ShapeNet classes known by name are {', '.join(SYNSETS)}; name others by their "
+            "synset number (eight digits)"
+        )
+    return SYNSETS[name]
+
+
+def _holds_mesh(folder: Path, kind: str) -> bool:
+    layout = LAYOUTS[kind]
+    if layout.patterns == ("{class}/**",):
+        return any(True for _ in _each_mesh(folder, layout.suffixes))
+    return any(_matches(folder, pattern.removeprefix("{class}/"), layout) for pattern in layout.patterns)
+
+
+class _Candidate(NamedTuple):
+    """A mesh file that may be taken: its class, its path below the source's, and the part of it that names it."""
+
+    class_name: str
+    file: str
+    name: str
+    others: tuple[str, ...] = ()
+
+
+def _candidates(source: Mapping[str, Any], class_name: str | None) -> list[SourceObject]:
+    """The objects of a class, or of all classes, without what users say of them."""
+    kind, root = source["kind"], Path(source["path"])
+    candidates: list[_Candidate] = []
+    for pattern in _patterns(source):
+        better = {(each.class_name, each.name): place for place, each in enumerate(candidates)}
+        for each in _of_pattern(root, pattern, kind, class_name):
+            place = better.get((each.class_name, each.name))
+            if place is None:
+                candidates.append(each)
+            else:
+                candidates[place] = candidates[place]._replace(others=(*candidates[place].others, each.file))
+    if not source["pattern"]:
+        _warn_of_folders_without(root, kind, class_name, candidates)
+    if source["variants"] == "richest":
+        candidates = _richest(root, candidates)
+    return [
+        SourceObject(each.name, each.class_name, each.file, others=tuple(sorted(each.others))) for each in candidates
+    ]
+
+
+def _of_pattern(root: Path, pattern: str, kind: str, class_name: str | None) -> Iterator[_Candidate]:
+    """The mesh files that a pattern matches; class_name: of this class, or None for those of all."""
+    layout, steps = LAYOUTS[kind], pattern.split("/")
+    if "{class}" not in steps:
+        of_class = dict.fromkeys([""], class_name or ONE_CLASS)
+    else:
+        place = steps.index("{class}")
+        before = "/".join(steps[:place])
+        if class_name is not None:
+            folder = _folder_of_class(class_name, kind)
+            _check_class_folder(root, before, folder, class_name, kind)
+            of_class = {folder: class_name}
+        else:
+            above = [Path(each) for each in _matching_folders(root, before)]
+            of_class = {
+                folder: _class_of_folder(folder, kind) for each in above for folder in _class_folders(root / each, kind)
+            }
+    for folder, name in sorted(of_class.items()):
+        filled = [glob.escape(folder) if step == "{class}" else step for step in steps]
+        fixed = [not glob.has_magic(step) or step == glob.escape(folder) != "" for step in filled]
+        head = next((i for i, each in enumerate(fixed) if not each), 0)
+        tail = next((i for i, each in enumerate(fixed[::-1]) if not each), 0)
+        for file in _matches(root, "/".join(filled), layout):
+            parts = file.split("/")
+            kept = "/".join(parts[head : len(parts) - tail])
+            yield _Candidate(name, file, kept if tail else _without_suffix(kept))
+
+
+def _matching_folders(root: Path, pattern: str) -> list[str]:
+    return sorted(glob.glob(f"{pattern}/", root_dir=root)) if pattern else ["."]
+
+
+def _check_class_folder(root: Path, before: str, folder: str, class_name: str, kind: str) -> None:
+    if glob.has_magic(before) or (root / before / folder).is_dir():
+        return
+    path = root / before / folder
+    if kind == "shapenet":
+        raise CatalogueError(f"{path}: no such folder: it holds ShapeNet's class {class_name}; unpack it there")
+    present = _class_folders(path.parent, kind) if path.parent.is_dir() else []
+    raise CatalogueError(
+        f"{path}: no such folder: the class {class_name} has its meshes there; {path.parent} has {_listed(present)}"
+    )
+
+
+def _matches(root: Path, pattern: str, layout: Layout) -> list[str]:
+    """Mesh files below a folder that a pattern matches, relative to it, sorted; hidden files and folders never."""
+    if pattern == "**" or pattern.endswith("/**"):
+        within = pattern[:-3]
+        folders = glob.glob(within, root_dir=root) if within else [""]
+        found = [
+            Path(folder, file).as_posix() for folder in folders for file in _each_mesh(root / folder, layout.suffixes)
+        ]
+    else:
+        found = glob.glob(pattern, root_dir=root, recursive=True)
+        found = [file for file in found if file.lower().endswith(layout.suffixes) and not (root / file).is_dir()]
+    return sorted(found)
+
+
+def _warn_of_folders_without(root: Path, kind: str, class_name: str | None, found: Iterable[_Candidate]) -> None:
+    """Name the objects' folders of a published layout in which no mesh is."""
+    pattern = LAYOUTS[kind].patterns[0].split("/")
+    of_class = pattern[0] == "{class}"
+    if "*" in pattern[-1] or (of_class and class_name is None):
+        return
+    place = root / _folder_of_class(class_name, kind) if of_class else root
+    names = {each.name for each in found}
+    without = [
+        entry.name
+        for entry in os.scandir(place)
+        if entry.is_dir() and entry.name not in names and not entry.name.startswith(".")
+    ]
+    if without:
+        log.warning("%s: no mesh in %d models: %s", place, len(without), _listed(sorted(without)))
+
+
+# What tells apart files of one object: `textured.obj` and `nontextured.stl`, `mug_textured.obj` and `mug.stl`.
+VARIANT = re.compile(r"[-_ .]?(?<![A-Za-z0-9])((non|un)[-_]?)?textured(?![A-Za-z0-9])", re.IGNORECASE)
+
+
+def _richest(root: Path, candidates: list[_Candidate]) -> list[_Candidate]:
+    """One candidate for all files of a folder that differ in format or texture only: the one that holds most."""
+    groups: dict[tuple[str, str], list[_Candidate]] = {}
+    for each in candidates:
+        folder, _, file = each.file.rpartition("/")
+        groups.setdefault((folder, VARIANT.sub("", _without_suffix(file))), []).append(each)
+
+    def rank(each: _Candidate) -> tuple:
+        return -richness(root / each.file), MESH_SUFFIXES.index(Path(each.file).suffix.lower()), each.file
+
+    chosen = []
+    for group in groups.values():
+        best, *others = sorted(group, key=rank) if len(group) > 1 else group
+        chosen.append(best._replace(others=(*best.others, *(each.file for each in others))))
+    return chosen
+
+
+def _by_class(entries: Iterable[SourceObject], table: ObjectTable) -> dict[str, list[SourceObject]]:
+    """The objects of each class, after what users say of classes."""
+    found: dict[str, list[SourceObject]] = {}
+    for entry in entries:
+        name = table.of(entry.source, entry.class_name).class_name
+        found.setdefault(name, []).append(entry._replace(class_name=name))
+    return found
+
+
+def _with_given(entry: SourceObject, table: ObjectTable, source: Mapping[str, Any]) -> SourceObject:
+    """An object with its own name, up axis, scale and split."""
+    if source["kind"] in ("procedural", "released"):
+        return entry._replace(up=source["up"] or UP_AXIS[source["kind"]], scale=source["scale"])
+    given = table.of(entry.source, entry.class_name)
+    up = given.up or source["up"] or UP_AXIS[source["kind"]]
+    up = FORMAT_UP.get(Path(entry.source).suffix.lower(), "z") if up == "format" else up
+    return entry._replace(
+        object=_object(entry.class_name, entry.object),
+        up=up,
+        scale=given.scale or source["scale"],
+        split=given.split or entry.split,
+    )
+
+
+def _procedural(name: str, count: Count) -> list[SourceObject]:
     if name not in PROCEDURAL:
         raise CatalogueError(f"class {name}: the procedural classes are {', '.join(PROCEDURAL)}")
     if count == "all":
@@ -162,51 +444,17 @@ def procedural_suffix(index: int) -> str:
     return ".obj" if index % 3 == 2 else ".glb"
 
 
-def _folder(root: Path, name: str, count: Count) -> list[SourceObject]:
-    folder = root / name
-    if not folder.is_dir():
-        present = sorted(entry.name for entry in os.scandir(root) if entry.is_dir())
-        raise CatalogueError(
-            f"{folder}: no such folder: the class {name} has its meshes there; {root} has {_listed(present)}"
-        )
-    files = _meshes(folder, MESH_SUFFIXES)
-    return _chosen([SourceObject(_object(name, file), name, f"{name}/{file}") for file in files], folder, name, count)
-
-
-def _abc(root: Path, name: str, count: Count) -> list[SourceObject]:
-    files = _meshes(root, ABC_SUFFIXES)
-    return _chosen([SourceObject(_object(name, file), name, file) for file in files], root, name, count)
-
-
-def _shapenet(root: Path, name: str, count: Count) -> list[SourceObject]:
-    synset = name if re.fullmatch(r"\d{8}", name) else SYNSETS.get(name)
-    if synset is None:
-        raise CatalogueError(
-            f"class {name}: ShapeNet classes known by name are {', '.join(SYNSETS)}; name others by their "
-            "synset number (eight digits)"
-        )
-    folder = root / synset
-    if not folder.is_dir():
-        raise CatalogueError(f"{folder}: no such folder: it holds ShapeNet's class {name}; unpack it there")
-    entries, without = [], []
-    for model in sorted(entry.name for entry in os.scandir(folder) if entry.is_dir()):
-        file = next((file for file in SHAPENET_FILES if (folder / model / file).is_file()), None)
-        if file is None:
-            without.append(model)
-        else:
-            entries.append(SourceObject(_object(name, model), name, f"{synset}/{model}/{file}"))
-    if without:
-        log.warning("%s: no mesh in %d models: %s", folder, len(without), _listed(without))
-    return _chosen(entries, folder, name, count)
-
-
-def _released(root: Path, name: str, count: Count) -> list[SourceObject]:
+def _released(root: Path, name: str) -> list[SourceObject]:
     objects = _released_objects(root)
-    entries = [SourceObject(_object(name, each.name), name, each.source) for each in objects if each.class_name == name]
+    entries = [
+        SourceObject(_object(name, each.name), name, each.source, split=each.split)
+        for each in objects
+        if each.class_name == name
+    ]
     if not entries:
         present = dict.fromkeys(each.class_name for each in objects)
         raise CatalogueError(f"{root}: no object of class {name}; it has {_listed(present)}")
-    return _chosen(entries, root / SURFACES / name, name, count)
+    return entries
 
 
 def _released_objects(root: Path) -> list[ReleasedObject]:
@@ -214,28 +462,6 @@ def _released_objects(root: Path) -> list[ReleasedObject]:
         return read_released(root)
     except UnusableObject as error:
         raise CatalogueError(str(error)) from None
-
-
-def given_splits(source: Mapping[str, Any]) -> dict[str, str]:
-    """The splits that a source itself gives its objects, by name; empty where names decide."""
-    if source["kind"] != "released":
-        return {}
-    objects = _released_objects(Path(source["path"]))
-    return {_object(each.class_name, each.name): each.split for each in objects}
-
-
-_FINDERS: dict[str, Callable[[Path, str, Count], list[SourceObject]]] = {
-    "procedural": _procedural,
-    "folder": _folder,
-    "shapenet": _shapenet,
-    "abc": _abc,
-    "released": _released,
-}
-
-
-def _meshes(folder: Path, suffixes: tuple[str, ...]) -> list[str]:
-    """Mesh files below the folder, relative to it, sorted; hidden files and folders are omitted."""
-    return sorted(_each_mesh(folder, suffixes))
 
 
 def _each_mesh(folder: Path, suffixes: tuple[str, ...]) -> Iterator[str]:
@@ -246,36 +472,56 @@ def _each_mesh(folder: Path, suffixes: tuple[str, ...]) -> Iterator[str]:
                 yield (Path(place) / name).relative_to(folder).as_posix()
 
 
-def _object(class_name: str, file: str) -> str:
-    """The object's name: class and path without the suffix, folders joined by '-'.
+def _without_suffix(file: str) -> str:
+    return re.sub(rf"({'|'.join(map(re.escape, MESH_SUFFIXES))})$", "", file, flags=re.IGNORECASE)
+
+
+def file_name(class_name: str) -> str:
+    """A class's name as a part of file names: spaces are `_`; where other characters have to go, a hash follows."""
+    spaced = class_name.replace(" ", "_")
+    safe = re.sub(r"[^A-Za-z0-9_.-]", "_", spaced)
+    return safe if safe == spaced else f"{safe}-{_hash(class_name)}"
+
+
+def _hash(text: str) -> str:
+    return hashlib.sha256(text.encode()).hexdigest()[:8]
+
+
+def _object(class_name: str, path: str) -> str:
+    """The object's name: class and path, folders joined by '-'.
 
     A path that has characters which are not safe in file names loses them and gets a hash of itself instead,
     so that different files keep different names.
     """
-    stem = re.sub(rf"({'|'.join(map(re.escape, MESH_SUFFIXES))})$", "", file, flags=re.IGNORECASE)
-    joined = stem.replace("/", "-")
+    joined = path.replace("/", "-")
     safe = re.sub(r"[^A-Za-z0-9_.-]", "_", joined)
     if safe != joined:
-        safe += f"-{hashlib.sha256(stem.encode()).hexdigest()[:8]}"
-    return f"{class_name}-{safe}"
+        safe += f"-{_hash(path)}"
+    return f"{file_name(class_name)}-{safe}"
 
 
-def _safe(name: str) -> str:
-    return re.sub(r"[^A-Za-z0-9_.-]", "_", str(name)).lstrip(".-")
+def _distinct(entries: list[SourceObject]) -> list[SourceObject]:
+    """The entries, with a hash of the file at the end of each name that one before it has already."""
+    taken: set[str] = set()
+    renamed = []
+    for entry in entries:
+        name = entry.object
+        if name in taken:
+            name += f"-{_hash(entry.source)}"
+            log.warning("%s: the name %s is another object's: called %s", entry.source, entry.object, name)
+        taken.add(name)
+        renamed.append(entry._replace(object=name))
+    return renamed
 
 
 def _chosen(entries: list[SourceObject], folder: Path, name: str, count: Count) -> list[SourceObject]:
-    """`count` of the entries, sorted by name, after checking that there are enough and that names differ."""
+    """`count` of the entries, sorted by name, after checking that there are enough.
+
+    Names differ: of two alike that with fewer folders above its file keeps it, so that one which is there mostly does.
+    """
     if not entries:
         raise CatalogueError(f"{folder}: no mesh found for class {name}: expected files {', '.join(MESH_SUFFIXES)}")
-    by_name: dict[str, SourceObject] = {}
-    for entry in entries:
-        twin = by_name.setdefault(entry.object, entry)
-        if twin is not entry:
-            raise CatalogueError(
-                f"{folder}: {twin.source} and {entry.source} would both be called {entry.object}: "
-                "rename or remove one of them"
-            )
+    entries = _distinct(sorted(entries, key=lambda entry: (entry.source.count("/"), entry.source)))
     if count != "all":
         if len(entries) < count:
             raise CatalogueError(

@@ -1,33 +1,34 @@
 """The catalogue: one row an object, with its split, its batch and the checksum of what it is made from."""
 
 import hashlib
-import io
-import json
 import logging
-import re
 import sys
 from collections import Counter
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
-from urllib.parse import unquote
 
 from palpate.catalogue.batches import assign_batches, in_order
-from palpate.catalogue.sources import CatalogueError, Count, SourceObject, given_splits, scan
+from palpate.catalogue.companion_files import companions
+from palpate.catalogue.sources import CatalogueError, Count, SourceObject, scan
 from palpate.catalogue.split import PAPER_SPLIT, SPLITS, assign_split, suggest_split
 from palpate.checksums import DamagedFile, read_rows
-from palpate.released import layout
 from palpate.remedy import command
 
 log = logging.getLogger(__name__)
 
-COLUMNS = ("object", "class", "split", "batch", "source", "checksum")
+COLUMNS = ("object", "class", "split", "batch", "source", "checksum", "up", "scale", "others")
+
+
+OTHERS = "; "
 
 
 class CatalogueEntry(NamedTuple):
     """One object's row of `catalogue.csv`; the fields are `COLUMNS`, in their order.
 
-    source: its mesh file, relative to the source's path. checksum: see `checksum`.
+    source: its mesh file, relative to the source's path. checksum: see `checksum`. up, scale: how the file is taken, as
+    text; an older table has neither, and its objects have one size. others: further files of the object that are not
+    used, separated by `OTHERS`.
     """
 
     object: str
@@ -36,6 +37,14 @@ class CatalogueEntry(NamedTuple):
     batch: str
     source: str = ""
     checksum: str = ""
+    up: str = ""
+    scale: str = ""
+    others: str = ""
+
+    @property
+    def normalised(self) -> bool:
+        """Whether the object was scaled to the one size of all."""
+        return self.scale in ("", "diagonal")
 
 
 def read_catalogue(path: Path | str) -> list[CatalogueEntry]:
@@ -68,12 +77,9 @@ def read_catalogue(path: Path | str) -> list[CatalogueEntry]:
     return entries
 
 
-def splits_of(
-    entries: Iterable[SourceObject], source: Mapping[str, Any], ratios: Mapping[str, float]
-) -> dict[str, str]:
-    """The split of each object by name: the source's own, or that of its name."""
-    given = given_splits(source)
-    return {entry.object: given.get(entry.object) or assign_split(entry.object, ratios) for entry in entries}
+def splits_of(entries: Iterable[SourceObject], ratios: Mapping[str, float]) -> dict[str, str]:
+    """The split of each object by name: the one that the source or the user gives, or that of its name."""
+    return {entry.object: entry.split or assign_split(entry.object, ratios) for entry in entries}
 
 
 def check_splits(splits: Mapping[str, str], needed: Iterable[str], what: str, by_name: bool = True) -> None:
@@ -94,7 +100,7 @@ def check_splits(splits: Mapping[str, str], needed: Iterable[str], what: str, by
     if better:
         text = ", ".join(f"{split}: {share}" for split, share in better.items())
         raise CatalogueError(f"{message}set `split: {{{text}}}` in the config, or add objects (`classes`)")
-    raise CatalogueError(f"{message}add objects (`classes`)")
+    raise CatalogueError(f"{message}add objects (`classes`), or put some into it where the splits are given")
 
 
 def build(
@@ -106,8 +112,8 @@ def build(
     """The catalogue as a pandas DataFrame with `COLUMNS`, a row an object, batch by batch in the order of `scan`.
 
     batches: the batch of each object by name, or a batch's size, by which they are formed anew.
-    Splits are those that the source gives, or else go by the names. `source` is the mesh file relative to the
-    source's path, so that the table is the same on every machine.
+    Splits are those that the source or the user gives, or else go by the names. `source` is the mesh file relative to
+    the source's path, so that the table is the same on every machine.
     Raises `CatalogueError` as `scan` does, and where a file that it lists does not exist (procedural objects
     must have been written).
     """
@@ -115,7 +121,7 @@ def build(
 
     root = Path(source["path"])
     entries = scan(source, classes)
-    splits = splits_of(entries, source, ratios)
+    splits = splits_of(entries, ratios)
     if isinstance(batches, int):
         batches = assign_batches([entry.object for entry in entries], batches)
     rows = [
@@ -126,6 +132,9 @@ def build(
             batches[entry.object],
             entry.source,
             checksum(root / entry.source),
+            entry.up,
+            str(entry.scale),
+            OTHERS.join(entry.others),
         )
         for entry in in_order(entries, batches)
     ]
@@ -157,60 +166,3 @@ def checksum(path: Path) -> str:
 def _digest(path: Path) -> str:
     with open(path, "rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
-
-
-def companions(path: Path, head: int = -1) -> list[str]:
-    """The files, relative to the mesh's folder and sorted, that a mesh file names and that exist: an OBJ's
-    material libraries and their textures, a glTF's buffers and images, a COLLADA file's images; of a released
-    surface the object's images and scenes.
-
-    head: read only so many bytes of an OBJ, which can be long and names its libraries at the top as a rule;
-    -1: all of it.
-    """
-    suffix = path.suffix.lower()
-    if suffix == ".obj":
-        libraries = _existing(path.parent, _obj_libraries(path, head))
-        names = libraries + [name for library in libraries for name in _textures(path.parent / library)]
-    elif suffix == ".gltf":
-        names = _gltf_uris(path)
-    elif suffix == ".dae":
-        text = path.read_text(errors="replace")
-        names = [unquote(name) for name in re.findall(r"<init_from>\s*(?:<ref>)?([^<]+?)\s*<", text)]
-    elif suffix == ".npy":
-        names = layout.files(path)
-    else:
-        names = []
-    return sorted(set(_existing(path.parent, names)))
-
-
-def _obj_libraries(path: Path, head: int) -> list[str]:
-    with open(path, "rb") as file:
-        return [
-            line[7:].decode(errors="replace").strip()
-            for line in (file if head < 0 else io.BytesIO(file.read(head)))
-            if line.startswith((b"mtllib ", b"mtllib\t"))
-        ]
-
-
-def _textures(library: Path) -> list[str]:
-    """What the map statements may name: options stand before the file, whose name may have spaces."""
-    statements = re.findall(
-        r"^\s*(?:map_\w+|bump|disp|decal|refl|norm)\s+(.+?)\s*$",
-        library.read_text(errors="replace"),
-        re.MULTILINE | re.IGNORECASE,
-    )
-    words = [statement.split(" ") for statement in statements]
-    return [" ".join(each[i:]) for each in words for i in range(len(each))]
-
-
-def _gltf_uris(path: Path) -> list[str]:
-    try:
-        tree = json.loads(path.read_text(errors="replace"))
-        items = [*tree.get("buffers", []), *tree.get("images", [])]
-        return [unquote(item["uri"]) for item in items if not item.get("uri", "data:").startswith("data:")]
-    except (ValueError, AttributeError, TypeError):
-        return []  # damaged: the meshes stage says so
-
-
-def _existing(folder: Path, names: list[str]) -> list[str]:
-    return [name for name in names if name and (folder / name).is_file()]

@@ -6,6 +6,7 @@ hexahedron (a cube with a low pyramid on each face: 14 corners, 24 triangles), e
 50 corners, 96 triangles. docs/charts.md says why 96 and not the text's 95.
 """
 
+import math
 from functools import cache
 from itertools import combinations, product
 from typing import NamedTuple
@@ -14,7 +15,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from palpate.mesh import OBJECT_POSITION
+from palpate.mesh import DIAGONAL, OBJECT_POSITION
 from palpate.sensor import DIGIT
 
 ATLAS_RADIUS = 0.26  # m, around the object's centre (the published atlas)
@@ -151,6 +152,22 @@ def welded_patches() -> tuple[np.ndarray, np.ndarray]:
 def placed(directions: np.ndarray) -> Tensor:
     """Vertices (n, 3) float32 on the atlas's sphere."""
     return torch.from_numpy((directions * ATLAS_RADIUS + OBJECT_POSITION).astype(np.float32))
+
+
+def radius_around(diagonal: float) -> float:
+    """Radius (m) of a sphere around objects up to a diagonal (m), as the published atlas is around those of 0.5 m.
+
+    In whole millimetres, upwards.
+    """
+    return math.ceil(1000 * diagonal * (ATLAS_RADIUS / DIAGONAL) - 1e-6) / 1000
+
+
+def resized(vertices: Tensor, radius: float) -> Tensor:
+    """A copy of vertices (n, 3) on the atlas's sphere, on the sphere of another radius (m) around the same centre."""
+    if radius == ATLAS_RADIUS:
+        return vertices.clone()
+    centre = torch.tensor(OBJECT_POSITION, dtype=torch.float64)
+    return (centre + (vertices.double() - centre) * (radius / ATLAS_RADIUS)).to(vertices.dtype)
 
 
 @cache

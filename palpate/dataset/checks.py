@@ -17,7 +17,7 @@ import trimesh
 
 from palpate.camera import Camera
 from palpate.hand import MAX_PENETRATION, Hand
-from palpate.mesh import DIAGONAL, OBJECT_POSITION, load_visual, mesh_file
+from palpate.mesh import DIAGONAL, OBJECT_POSITION, load_visual, mesh_file, read_record
 from palpate.sensor import DIGIT, Sensor
 from palpate.surface.embree import RayMesh
 from palpate.touch import RayCaster, local_points, shade
@@ -55,7 +55,8 @@ CHECKS = {
     "finite": Check(0, "values that are NaN or infinite and must not be"),
     "rotation": Check(EXACT, "distance of rotations from orthonormal with determinant +1"),
     # Of the meshes and the surface.
-    "scale": Check(EXACT, "m that the mesh's bounding box is off its centre or the diagonal of 0.5 m"),
+    "scale": Check(EXACT, "m that the mesh's bounding box is off its centre, or its diagonal off 0.5 m or its own"),
+    "scale factor": Check(0, "difference between the scale in surface and in the mesh's record"),
     "inside box": Check(EXACT, "m that a surface point lies outside the object's bounding box"),
     "on mesh": Check(ON_MESH, "m between a point (of the surface, or of a local cloud) and the mesh"),
     # Of the grasps.
@@ -124,6 +125,16 @@ class CheckedObject:
         return mesh
 
     @cached_property
+    def diagonal(self) -> float:
+        """What the mesh's bounding box should measure from corner to corner, m: of an object that keeps its size, the
+        source file's box at the scale that the object was given."""
+        record = read_record(self.folder)
+        if record.get("source", {}).get("scale", "diagonal") == "diagonal":
+            return DIAGONAL
+        low, high = np.array(record["source"]["bounding_box"])
+        return record["scale"] * float(np.linalg.norm(high - low))
+
+    @cached_property
     def see_through(self) -> bool:
         """Whether the mesh has transparent materials; False if its record does not state it."""
         try:
@@ -183,7 +194,7 @@ def check_mesh(item: CheckedObject) -> Measured:
     """Whether the mesh keeps the contract's frame."""
     low, high = item.mesh.bounds
     off_centre = np.abs((low + high) / 2 - OBJECT_POSITION).max()
-    yield "scale", max(off_centre, abs(np.linalg.norm(high - low) - DIAGONAL))
+    yield "scale", max(off_centre, abs(np.linalg.norm(high - low) - item.diagonal))
 
 
 def check_surface(item: CheckedObject) -> Measured:
@@ -191,6 +202,8 @@ def check_surface(item: CheckedObject) -> Measured:
     points = item.rows["surface"]["points"]
     yield "finite", np.sum(~np.isfinite(points))
     low, high = item.mesh.bounds
+    if "scale" in item.rows["surface"]:
+        yield "scale factor", abs(item.rows["surface"]["scale"] - read_record(item.folder).get("scale", np.nan))
     yield "inside box", np.maximum(low - points, points - high).max(initial=0)
     yield "on mesh", item.distance(points).max(initial=0)
 
@@ -261,7 +274,7 @@ def check_vision(item: CheckedObject) -> Measured:
         error = np.inf
     yield "camera", error
     if error <= EXACT:  # else nothing is where it says
-        yield "image depth", sum(map(_depth_error, seen))
+        yield "image depth", sum(_depth_error(pictures, item.diagonal) for pictures in seen)
         yield "picture of mesh", max(_picture_error(item, pictures) for pictures in seen)
         yield "occlusion", np.max([_occlusion_error(pictures) for pictures in seen], axis=0)
 
@@ -284,11 +297,11 @@ class _Pictures(NamedTuple):
         return cls(camera, mask == 255, depth.astype(np.float32), *of_grasps)
 
 
-def _depth_error(pictures: _Pictures) -> int:
+def _depth_error(pictures: _Pictures, diagonal: float) -> int:
     """Number of depths that are wrong on their own: NaN, out of the scene, or not finite just where the object is."""
     depths = np.concatenate([pictures.depth[None], pictures.occluded_depth])
     centre = pictures.camera.project(np.array(OBJECT_POSITION))[1]
-    outside = np.abs(depths - centre) > DIAGONAL / 2 + HAND_REACH
+    outside = np.abs(depths - centre) > diagonal / 2 + HAND_REACH
     wrong = np.isnan(depths) | (outside & (depths != np.inf))
     return int(np.sum(wrong) + np.sum(pictures.mask != np.isfinite(pictures.depth)))
 

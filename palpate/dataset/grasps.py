@@ -20,10 +20,10 @@ class GraspDataset(Sequence):
     loader = torch.utils.data.DataLoader(dataset.grasps("train", ["reading", "occluded"]), batch_size=8, num_workers=2)
 
     An item has `object`, `class` and `split` (text), `grasp` (its number, from 0), and the arrays of the grasp and of
-    its object, in the contract's shapes and types without the axes o and g (docs/dataset.md): images have their axis of
-    cameras. All items have the same shapes, so that the default collation stacks them: `points` (s, rr, 3) are 0 past
-    `point_count`. A sensor that touched nothing reads the empty gel. An object's array that is named as one of a grasp
-    has its stage before it: `surface_points`.
+    its object, in the contract's shapes and types without the axes o, g and k (docs/dataset.md). All items have the
+    same shapes, so that the default collation stacks them: `points` (s, rr, 3) are 0 past `point_count`. A sensor that
+    touched nothing reads the empty gel. An object's array that is named as one of a grasp has its stage before it:
+    `surface_points`. camera: whose images, masks, depths and matrices are read; None for those of all, with an axis k.
 
     Attributes: arrays, the names of the arrays; sources, their stages and contracts by name; images, which of them are
     pictures, and whether these have colours. Raises StoreError if there is no object, or a stage that the arrays
@@ -31,9 +31,14 @@ class GraspDataset(Sequence):
     """
 
     def __init__(
-        self, run: Run, entries: Iterable[CatalogueEntry], stages: Iterable[str], arrays: Iterable[str] | None
+        self,
+        run: Run,
+        entries: Iterable[CatalogueEntry],
+        stages: Iterable[str],
+        arrays: Iterable[str] | None,
+        camera: int | None = 0,
     ):
-        self._run, self._entries = run, list(entries)
+        self._run, self._entries, self._camera = run, list(entries), camera
         if not self._entries:
             raise StoreError(f"{run.folder}: no object to take grasps of; rejected.csv says why")
         self._of_object = run.grasps(self._entries[0])
@@ -67,6 +72,8 @@ class GraspDataset(Sequence):
     def _read(self, entry: CatalogueEntry, grasp: int, stage: str, spec: ArraySpec) -> np.ndarray:
         store, row = self._run.store(stage, entry.batch), self._run.row(stage, entry)
         place = (row, grasp) if spec.of_grasps else (row,)
+        if spec.of_cameras and self._camera is not None:
+            place += (self._camera,)
         values = store.get(spec.name, place)
         if (stage, spec.name) == ("touch", "reading"):
             return fill_untouched(values, store.get("success", place), store.get("empty_reading"))

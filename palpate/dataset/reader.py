@@ -148,18 +148,17 @@ class Dataset(Sequence):
         values = self.array(stage, name).load()
         return values if dtype is None else values.astype(dtype, copy=False)
 
-    def cameras(self) -> np.ndarray:
-        """(o, k, 3, 4) float64 projections of the k cameras, from homogeneous world coordinates (m) to pixels."""
-        return self.load("vision", "intrinsics") @ self.load("vision", "extrinsics")
-
-    def grasps(self, split: str | None = None, arrays: Iterable[str] | None = None) -> GraspDataset:
+    def grasps(
+        self, split: str | None = None, arrays: Iterable[str] | None = None, camera: int | None = 0
+    ) -> GraspDataset:
         """All grasps as a map-style dataset of dictionaries, for `torch.utils.data.DataLoader` as it is.
 
         split: train, validation or test; all by default. arrays: which to read, by their names in the dictionaries;
-        all by default. See `palpate.dataset.GraspDataset`.
+        all by default. camera: whose images are read; None for those of all, with an axis k.
+        See `palpate.dataset.GraspDataset`.
         """
         chosen = self if split is None else self.split(split)
-        return GraspDataset(self._run, chosen._entries.values(), self._asked, arrays)
+        return GraspDataset(self._run, chosen._entries.values(), self._asked, arrays, camera)
 
     def table(self) -> "pandas.DataFrame":
         """A row a grasp: object, class, split, batch, grasp, touches, and the object's row in `array`.
@@ -187,6 +186,10 @@ class Dataset(Sequence):
         table.insert(4, "grasp", np.tile(np.arange(touches.shape[1]), len(entries)))
         table.insert(5, "touches", touches.ravel())
         return table
+
+    def cameras(self) -> np.ndarray:
+        """(o, k, 3, 4) float64 projections of the k cameras, from homogeneous world coordinates (m) to pixels."""
+        return self.load("vision", "intrinsics") @ self.load("vision", "extrinsics")
 
     @property
     def empty_reading(self) -> np.ndarray:
@@ -267,13 +270,12 @@ class _Record:
         return [stage for stage in CONTRACT if self._run.has(stage)]
 
     def _read(self, name: str) -> np.ndarray:
-        """The row in array `name`, as it is stored, of the record's camera if there is an axis of them; read once."""
+        """The row in array `name`, as it is stored, of the record's camera where it has an axis of them; read once."""
         if name not in self._values:
             stage = self.stage_of[name]
             row = self._run.row(stage, self._entry)
-            of_camera = (self.camera_number,) if "k" in CONTRACT[stage].arrays[name].shape else ()
-            values = self._run.store(stage, self._entry.batch).get(name, (row, *self.index, *of_camera))
-            self._values[name] = values
+            of_camera = (self.camera_number,) if CONTRACT[stage].arrays[name].of_cameras else ()
+            self._values[name] = self._run.store(stage, self._entry.batch).get(name, (row, *self.index, *of_camera))
         return self._values[name]
 
     @cached_property
@@ -309,9 +311,9 @@ def _reader(name: str) -> Callable[[_Record], np.ndarray]:
 
 
 def _described(stage: str, spec: ArraySpec, leading: int) -> str:
-    """Shape, type, unit and meaning of a row of an array, whose leading axes are indexed."""
-    axes = [str(axis) for axis in spec.shape[leading:] if axis != "k"]  # a record is of one camera
-    shape = f"({', '.join(axes)}{',' if len(axes) == 1 else ''})"
+    """Shape, type, unit and meaning of a row of an array, whose leading axes are indexed, as is that of cameras."""
+    axes = [str(axis) for axis in spec.shape[leading:] if axis != "k"]
+    shape = f"({axes[0]},)" if len(axes) == 1 else f"({', '.join(axes)})"
     unit = f", {spec.unit}" if spec.unit else ""
     optional = " Not in every run." if spec.optional else ""
     return f"{shape} {spec.dtype}{unit}. {spec.meaning}. Of the {stage} store.{optional}"
@@ -319,7 +321,8 @@ def _described(stage: str, spec: ArraySpec, leading: int) -> str:
 
 class ObjectRecord(_Record):
     """One object: `class_name`, `split`, `batch`, `mesh` (folder), `grasps`, and every array of the contract with one
-    row an object. Shapes are in the symbols of docs/dataset.md (`palpate.store.contract.SYMBOLS`).
+    row an object. Shapes are in the symbols of docs/dataset.md (`palpate.store.contract.SYMBOLS`). `normalised` says
+    whether it has the one size of all.
 
     Images, masks, depths and matrices are those of the scene's first camera; `seen_by(1)` gives the next one's.
     """
@@ -342,6 +345,11 @@ class ObjectRecord(_Record):
     def split(self) -> str:
         """Its split: train, validation or test."""
         return self._entry.split
+
+    @property
+    def normalised(self) -> bool:
+        """Whether it was scaled to the one size of all, a diagonal of 0.5 m; otherwise it has its source's size."""
+        return self._entry.normalised
 
     @property
     def batch(self) -> str:
@@ -371,8 +379,7 @@ class ObjectRecord(_Record):
 
 
 class GraspRecord(_Record):
-    """One grasp: every array of the contract with one row a grasp, and the matrices of its images' camera, the first
-    one; `seen_by(1)` shows the next one's.
+    """One grasp: every array of the contract with one row a grasp.
 
     Arrays with one row a sensor are in the order of `sensors`. `reading` and `points` differ from the store:
     an untouched sensor reads the empty gel, and the clouds are cut at their count. Shapes are in the symbols of

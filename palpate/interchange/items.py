@@ -17,9 +17,10 @@ TEXT = ("object", "class", "split")
 
 def grasps_by_split(dataset: Dataset, arrays: Iterable[str] | None) -> dict[str, GraspDataset]:
     """The grasps of each split that has objects. Raises what `Dataset.grasps` raises."""
-    whole = dataset.grasps(arrays=arrays)  # the same arrays in each split, and an error if there is no object
+    camera = None if "vision" in dataset.stages and len(dataset) and dataset[0].cameras > 1 else 0
+    whole = dataset.grasps(arrays=arrays, camera=camera)  # the same arrays in each split, an error without objects
     found = {record.split for record in dataset}
-    return {split: dataset.grasps(split, whole.arrays) for split in SPLITS if split in found}
+    return {split: dataset.grasps(split, whole.arrays, camera) for split in SPLITS if split in found}
 
 
 def with_progress(grasps: GraspDataset, split: str) -> Iterator[dict]:
@@ -34,14 +35,11 @@ def with_progress(grasps: GraspDataset, split: str) -> Iterator[dict]:
 
 
 def pictures(name: str, values: np.ndarray, colours: bool) -> dict[str, np.ndarray]:
-    """The images of an array (..., h, w), with colours (..., h, w, 3 or 4), by name: `reading.0`, `reading.1`, ...
-
-    A single one, as of a single camera, has no number.
-    """
-    images = values.reshape(-1, *values.shape[-3 if colours else -2 :])
-    if len(images) == 1:
-        return {name: images[0]}
-    return {f"{name}.{number}": image for number, image in enumerate(images)}
+    """The images of an array (..., h, w), with colours (..., h, w, 3 or 4), by name: `reading.0`, `reading.1`, ..."""
+    shape = values.shape[-3 if colours else -2 :]
+    if values.shape == shape:
+        return {name: values}
+    return {f"{name}.{number}": image for number, image in enumerate(values.reshape(-1, *shape))}
 
 
 def png(image: np.ndarray) -> bytes:

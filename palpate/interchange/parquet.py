@@ -73,7 +73,7 @@ def _row(item: dict, images: dict[str, bool], folder: Path) -> dict[str, Any]:
             (folder / path).parent.mkdir(parents=True, exist_ok=True)
             (folder / path).write_bytes(png(image))
             paths.append(path.as_posix())
-        one = len(paths) == 1
+        one = values.ndim == (3 if images[name] else 2)
         row[f"{name}_file_name" if one else f"{name}_file_names"] = paths[0] if one else paths
     return row
 

@@ -1,5 +1,6 @@
 """Mesh files of an object from a source file of any kind: loaded, repaired, normalised, decimated, measured."""
 
+import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -13,17 +14,24 @@ from palpate.mesh.isolation import isolated
 from palpate.mesh.load import FORMATS
 from palpate.remedy import command
 
-DIAGONAL = 0.5
+DIAGONAL = 0.5  # m, of the bounding boxes of objects that are scaled to one size, as the paper's
+# m, of a bounding box: an object that keeps its size and is smaller, or larger, was given in another unit. A hand does
+# not hold it, either.
+SMALLEST, LARGEST = 0.005, 2.0
 OBJECT_POSITION = (0.0, 0.0, 0.6)
 
 __all__ = [
     "DIAGONAL",
     "FORMATS",
+    "LARGEST",
     "OBJECT_POSITION",
+    "SMALLEST",
+    "diagonal",
     "load_collision",
     "load_visual",
     "mesh_file",
     "prepare",
+    "read_record",
     "usable",
     "undecimated_levels",
 ]
@@ -35,17 +43,20 @@ def prepare(
     up: str = "z",
     collision_faces: int = 4000,
     levels: Sequence[int] = (1000,),
+    scale: str | float = "diagonal",
     time_limit: float = 900.0,
 ) -> dict[str, Any]:
     """Make the mesh files of one object from a source file of any of `FORMATS`.
 
     Writes into the folder `visual.glb` (every face, materials and textures), `collision.ply` and
     `level-<faces>.ply` (decimated, geometry only), all in the object's own frame (metres, z up, bounding-box
-    centre at the origin, diagonal `DIAGONAL`), and `mesh.json`: what was repaired, and how far each level is
+    centre at the origin), and `mesh.json`: what was repaired, and how far each level is
     from the source. Returns what `mesh.json` holds. `up` is the source's up axis, "x", "y" or "z".
-    A mesh that has no more faces than a level asks for is that level.
+    `scale` is "diagonal" for a bounding box with the diagonal `DIAGONAL`, "keep" for a file in metres, or the metres
+    that a unit of the file is. A mesh that has no more faces than a level asks for is that level.
 
-    Raises `UnusableObject` if the file can't be read or holds no surface, or takes more than `time_limit` seconds;
+    Raises `UnusableObject` if the file can't be read or holds no surface, or takes more than `time_limit` seconds, or
+    is not `SMALLEST` to `LARGEST` across at the scale that it is given;
     OSError or MemoryError if the machine is at fault (a full disk, no memory).
     """
     source, folder = Path(source), Path(folder)
@@ -53,7 +64,7 @@ def prepare(
     from palpate.mesh.build import build
 
     try:
-        return isolated(build, source, folder, up, collision_faces, tuple(levels), seconds=time_limit)
+        return isolated(build, source, folder, up, collision_faces, tuple(levels), scale, seconds=time_limit)
     except UnusableObject as error:
         message = str(error)
         raise UnusableObject(message if str(source) in message else f"{source}: {message}") from None
@@ -68,6 +79,17 @@ def undecimated_levels(record: Mapping[str, Any]) -> dict[str, int]:
             found[name] = faces
         faces = level["faces"]
     return found
+
+
+def read_record(folder: Path | str) -> dict[str, Any]:
+    """What `mesh.json` holds; empty if a folder that is no run's has none. Raises as `mesh_file` does."""
+    path = mesh_file(folder, "mesh.json")
+    return json.loads(path.read_text()) if path.exists() else {}
+
+
+def diagonal(folder: Path | str) -> float:
+    """Metres from corner to corner of an object's bounding box: `DIAGONAL`, unless it keeps its size."""
+    return read_record(folder).get("diagonal", DIAGONAL)
 
 
 def mesh_file(folder: Path | str, name: str) -> Path:

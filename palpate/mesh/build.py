@@ -8,7 +8,7 @@ import numpy as np
 import trimesh
 
 from palpate.batch import UnusableObject
-from palpate.mesh import DIAGONAL, topology
+from palpate.mesh import DIAGONAL, LARGEST, SMALLEST, topology
 from palpate.mesh.decimate import decimate
 from palpate.mesh.distance import Surface, distance
 from palpate.mesh.load import load_parts
@@ -23,6 +23,9 @@ UP = {
 }
 
 
+# Metres a unit, for messages: millimetre, centimetre, inch, metre.
+UNITS = (0.001, 0.01, 0.0254, 1.0)
+
 # Largest rounding of a source's coordinates that is accepted, as a share of its diagonal: 0.05 mm of an object
 # of 0.5 m, a third of a pixel of touch.
 COARSEST = 1e-4
@@ -34,6 +37,7 @@ def build(
     up: str,
     collision_faces: int,
     levels: tuple[int, ...],
+    scale: str | float = "diagonal",
 ) -> dict[str, Any]:
     """Write `visual.glb`, `collision.ply`, `level-<faces>.ply` and `mesh.json` into the folder.
 
@@ -48,7 +52,8 @@ def build(
         raise UnusableObject(f"{source}: none of its {len(repaired.faces)} triangles has an area: export its surface")
     faces = repaired.faces[repaired.keep]
     box = repaired.vertices[faces].min(axis=(0, 1)), repaired.vertices[faces].max(axis=(0, 1))
-    centre, scale = (box[0] + box[1]) / 2, DIAGONAL / np.linalg.norm(box[1] - box[0])
+    centre, asked = (box[0] + box[1]) / 2, scale
+    diagonal, scale = _size(source, np.linalg.norm(box[1] - box[0]), asked)
 
     for number, mesh in enumerate(parts):
         mine = part == number
@@ -74,10 +79,12 @@ def build(
             "faces": len(repaired.faces),
             "parts": len(parts),
             "up": up,
+            "scale": asked,
             "replaced_textures": replaced,
             "bounding_box": [corner.tolist() for corner in box],
         },
         "scale": float(scale),
+        "diagonal": float(diagonal),
         "repairs": repaired.counts,
         "visual.glb": _describe(vertices, faces) | {"see_through": _see_through(glb)},
     }
@@ -85,6 +92,23 @@ def build(
     record |= _write_levels(folder, vertices, faces, counts)
     (folder / "mesh.json").write_text(json.dumps(record, indent=1) + "\n")
     return record
+
+
+def _size(source, extent, asked):
+    """Diagonal (m) of an object's box and factor from its file's unit to metres; extent: the diagonal in that unit."""
+    if asked == "diagonal":
+        return DIAGONAL, DIAGONAL / extent
+    scale = 1.0 if asked == "keep" else float(asked)
+    diagonal = scale * extent
+    if not SMALLEST <= diagonal <= LARGEST:
+        fitting = [f"{unit:g}" for unit in UNITS if SMALLEST <= unit * extent <= LARGEST]
+        raise UnusableObject(
+            f"{source}: at scale {asked} it is {diagonal:.3g} m across, and objects that keep their size have "
+            f"{SMALLEST:g} to {LARGEST:g} m: is its unit another? Give its metres a unit as `scale` (0.001 for "
+            f"millimetres{'; here ' + ' or '.join(fitting) + ' would fit' if fitting else ''}), in the config's source "
+            "or for this object in the file of source.objects, or `diagonal`"
+        )
+    return diagonal, scale
 
 
 def _joined(parts, source):

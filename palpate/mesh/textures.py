@@ -17,6 +17,8 @@ LARGEST = 16384  # pixels a side: the largest that common GPUs take as a texture
 # PIL warns above this number of pixels and refuses twice as many; by itself it refuses 16k textures.
 PIL.Image.MAX_IMAGE_PIXELS = LARGEST**2
 IMAGES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".tga", ".gif", ".webp")
+# Seen from the mesh file's folder: beside it, and where Gazebo's models have them, as Google's scanned objects.
+FOLDERS = (".", "../materials/textures")
 GREY = 0.5  # linear RGB
 MADE_UP = np.asarray(color_image())
 MARK = "palpate: neutral grey"  # in the comment of an image that stands for one that can't be used
@@ -36,7 +38,8 @@ class Resolver(FilePathResolver):
         """The content of a file; raises what reading it raises, but for images."""
         image = str(name).strip().lower().endswith(IMAGES)
         try:
-            data = super().get(str(name).strip().replace("\\", "/"))
+            place = str(name).strip().replace("\\", "/")
+            data = super().get(self._place(place) if image else place)
         except Exception:
             if not image:
                 self.replaced[str(name)] = "there is no such file"
@@ -44,6 +47,11 @@ class Resolver(FilePathResolver):
             return self._instead(name, "there is no such file")
         problem = problem_of(data) if image else None
         return self._instead(name, problem) if problem else data
+
+    def _place(self, name: str) -> str:
+        """The first of `FOLDERS` that has an image, with its name; the name alone if none has it."""
+        places = [Path(folder, name).as_posix() for folder in FOLDERS]
+        return next((place for place in places if Path(self.parent, place).is_file()), name)
 
     def _instead(self, name: str, problem: str) -> bytes:
         self.replaced[str(name)] = problem

@@ -10,7 +10,15 @@ from typing import Any
 import torch
 from torch import Tensor, nn
 
-from palpate.charts.atlas import ATLAS_RADIUS, TOUCH_VERTICES, chart_faces, sphere, touch_chart, vision_atlas
+from palpate.charts.atlas import (
+    ATLAS_RADIUS,
+    TOUCH_VERTICES,
+    chart_faces,
+    resized,
+    sphere,
+    touch_chart,
+    vision_atlas,
+)
 from palpate.charts.graph import Graph
 from palpate.charts.sample import sample_faces
 from palpate.mesh import OBJECT_POSITION
@@ -47,7 +55,8 @@ class Reconstruction(nn.Module):
             touch charts are in the graph, or `pooled`, features of the nearest touches at every vertex.
             `unsuccessful` says whether the vertices of unsuccessful touch charts in the graph are deformed
             (`free`, the paper's, if it is missing) or stay at the fingertip (`held`), and `deformations` how
-            often the charts are deformed (3 times, as in the paper, if it is missing).
+            often the charts are deformed (3 times, as in the paper, if it is missing), and `radius` what the
+            initial sphere has, in metres (`ATLAS_RADIUS` if it is missing).
         hand_sensors: s, touches a grasp: the hand's. sensor: the kind that they are of.
 
     Attributes:
@@ -94,11 +103,12 @@ class Reconstruction(nn.Module):
         self.deformations = architecture.get("deformations", DEFORMATIONS)
         if self.deformations < 1:
             raise ValueError(f"{self.deformations} deformations: at least 1")
-        self.scale = ATLAS_RADIUS if architecture["normalise_positions"] else 1.0
+        radius = architecture.get("radius", ATLAS_RADIUS)
+        self.scale = radius if architecture["normalise_positions"] else 1.0
         centre = OBJECT_POSITION if architecture["normalise_positions"] else (0.0, 0.0, 0.0)
         self.register_buffer("centre", torch.tensor(centre, dtype=torch.float64), persistent=False)
         start = sphere()[0] if strategy == "sphere" else vision_atlas().vertices
-        self.register_buffer("start", start.clone(), persistent=False)
+        self.register_buffer("start", resized(start, radius), persistent=False)
         faces = chart_faces(self.sensors) if self.copies_touch else self.graph.faces
         self.register_buffer("faces", faces.clone(), persistent=False)
         self._mesh_vertices = int(faces.max()) + 1

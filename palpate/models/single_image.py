@@ -21,7 +21,7 @@ from scipy.ndimage import binary_fill_holes
 from torch import Tensor, nn
 from torch.nn import functional
 
-from palpate.charts.atlas import ATLAS_RADIUS, sphere
+from palpate.charts.atlas import ATLAS_RADIUS, resized, sphere
 from palpate.charts.graph import Graph, mesh_edges
 from palpate.charts.sample import sample_faces
 from palpate.mesh import DIAGONAL, OBJECT_POSITION
@@ -42,8 +42,10 @@ CELL = GRID_EDGE / GRID
 class SingleImageModel(nn.Module, ABC):
     """From one view to a shape.
 
-    architecture: layers, as in `palpate.models.architectures` and config/recipes.yaml; `encoder` as
-    `Reconstruction` takes it.
+    architecture: layers, as in `palpate.models.architectures` and config/recipes.yaml; `encoder` and `radius` as
+    `Reconstruction` takes them.
+
+    Attributes: radius, m: of the sphere around all objects; relative_size, of that sphere to the paper's.
     """
 
     def __init__(self, architecture: Mapping[str, Any]):
@@ -51,6 +53,8 @@ class SingleImageModel(nn.Module, ABC):
         options = dict(architecture["encoder"])
         self.alignment, _ = options.pop("alignment", "extent"), options.pop("project", None)
         self.encoder = ImageEncoder(**options)
+        self.radius = architecture.get("radius", ATLAS_RADIUS)
+        self.relative_size = self.radius / ATLAS_RADIUS
         self.register_buffer("centre", torch.tensor(OBJECT_POSITION, dtype=torch.float64), persistent=False)
 
     def forward(self, batch: Mapping[str, Tensor]) -> Tensor:
@@ -122,7 +126,7 @@ class PointSet(SingleImageModel):
             x = torch.relu(mix(x))
         of_cells = self.cells(x).flatten(2).transpose(1, 2)
         seen = torch.cat([of_code, of_cells], dim=1).to(batch["camera"].dtype)
-        return [ATLAS_RADIUS * seen @ view_axes(batch["camera"]) + self.centre.to(seen.dtype)]
+        return [self.radius * seen @ view_axes(batch["camera"]) + self.centre.to(seen.dtype)]
 
     def mesh(self, prediction):
         """The points, and no faces."""
@@ -149,7 +153,7 @@ class DeformedSphere(SingleImageModel):
         super().__init__(architecture)
         gcn = architecture["gcn"]
         vertices, faces = sphere()
-        self.register_buffer("start", vertices.clone(), persistent=False)
+        self.register_buffer("start", resized(vertices, self.radius), persistent=False)
         self.register_buffer("faces", faces.clone(), persistent=False)
         self.register_buffer("edges", mesh_edges(faces).sort(dim=1).values.unique(dim=0), persistent=False)
         self.graph = Graph(0, "sphere")
@@ -173,8 +177,8 @@ class DeformedSphere(SingleImageModel):
         stages = []
         for block in self.blocks:
             pooled = self.pooling(maps, positions, camera, image.shape[-1])
-            places = (positions - self.centre.to(positions.dtype)) / ATLAS_RADIUS
-            positions = positions + ATLAS_RADIUS * block(torch.cat([pooled, places], dim=-1), self.graph)
+            places = (positions - self.centre.to(positions.dtype)) / self.radius
+            positions = positions + self.radius * block(torch.cat([pooled, places], dim=-1), self.graph)
             stages.append(positions.transpose(0, 1))
         return stages
 
@@ -186,7 +190,8 @@ class DeformedSphere(SingleImageModel):
 class Voxels(SingleImageModel):
     """3D-R2N2's encoder and decoder on one view: the image as a vector, a grid of 4^3 cells, deconvolutions to 32^3.
 
-    The grid is a cube of `GRID_EDGE` around the object, along the world's axes: the camera is not used.
+    The grid is a cube of `GRID_EDGE` around the object, along the world's axes: the camera is not used. Where objects
+    keep their size the cube has that of the largest.
 
     architecture: its `decoder` has `hidden`, the vector's length, `channels` of the grids of 4, 8, 16 and 32
     cells an edge, and `level`, the probability at which the surface is drawn.
@@ -217,7 +222,8 @@ class Voxels(SingleImageModel):
         """The surface at `level`; at half the greatest probability if no cell reaches it."""
         probability = prediction.detach().double().sigmoid().cpu().numpy()
         greatest = probability.max()
-        vertices, faces = grid_surface(probability, self.level if greatest > self.level else greatest / 2)
+        level = self.level if greatest > self.level else greatest / 2
+        vertices, faces = grid_surface(probability, level, self.relative_size)
         return torch.from_numpy(vertices).to(prediction), torch.from_numpy(faces).to(prediction.device)
 
 
@@ -237,25 +243,27 @@ def view_axes(camera: Tensor) -> Tensor:
     return torch.stack([right, torch.linalg.cross(forward, right), forward], dim=1)
 
 
-def occupied(points: Tensor) -> Tensor:
+def occupied(points: Tensor, relative_size: float = 1.0) -> Tensor:
     """The cells (32, 32, 32) bool, along x, y, z, that surface points (n, 3) m lie in or enclose.
 
-    As the published voxels, cells are occupied that the surface passes, and those within it.
+    As the published voxels, cells are occupied that the surface passes, and those within it. relative_size: of the grid
+    to the cube of `GRID_EDGE`.
     """
-    index = ((points.detach().cpu().double() - torch.tensor(OBJECT_POSITION)) / CELL + GRID / 2).floor().long()
+    cell = CELL * relative_size
+    index = ((points.detach().cpu().double() - torch.tensor(OBJECT_POSITION)) / cell + GRID / 2).floor().long()
     shell = np.zeros((GRID, GRID, GRID), dtype=bool)
     shell[tuple(index.clamp(0, GRID - 1).numpy().T)] = True
     return torch.from_numpy(binary_fill_holes(shell)).to(points.device)
 
 
-def grid_surface(values: np.ndarray, level: float) -> tuple[np.ndarray, np.ndarray]:
+def grid_surface(values: np.ndarray, level: float, relative_size: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
     """The surface where values (32, 32, 32) at the cells' centres equal a level > 0, by marching cubes.
 
-    Values outside the grid are 0, so that it is closed. Returns vertices (V, 3) float64 m, world frame, and
-    faces (F, 3) int64, counterclockwise seen from where values are lower.
+    Values outside the grid are 0, so that it is closed. relative_size: as for `occupied`. Returns vertices (V, 3)
+    float64 m, world frame, and faces (F, 3) int64, counterclockwise seen from where values are lower.
     """
     padded = np.pad(values.astype(np.float64), 1)
-    line = (np.arange(GRID + 2) - (GRID + 1) / 2) * CELL
+    line = (np.arange(GRID + 2) - (GRID + 1) / 2) * (CELL * relative_size)
     z, y, x = np.meshgrid(line, line, line, indexing="ij")  # libigl's order: x varies fastest
     places = np.stack([x, y, z], axis=-1).reshape(-1, 3) + OBJECT_POSITION
     vertices, faces, _ = igl.marching_cubes(padded.transpose(2, 1, 0).ravel(), places, *[GRID + 2] * 3, level)

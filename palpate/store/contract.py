@@ -35,7 +35,7 @@ SYMBOLS = {
 }
 UNITS = {"length": "metre", "angle": "radian", "colour": "sRGB, 8 bit"}
 FRAMES = {
-    "world": "right-handed, z up; the object's bounding box is centred at (0, 0, 0.6) with a diagonal of 0.5",
+    "world": "right-handed, z up; the object's bounding box is centred at (0, 0, 0.6); its diagonal is 0.5, or its own",
     "rotation": "3 x 3 matrices whose columns are the frame's axes in the world",
     "sensor": "x out of the gel, y along the columns and z along the rows of a reading",
     "image": "row 0 at the top",
@@ -69,6 +69,11 @@ class ArraySpec:
     def of_grasps(self) -> bool:
         """Whether the first two axes count the objects and the grasps of each."""
         return self.shape[:2] == ("o", "g")
+
+    @property
+    def of_cameras(self) -> bool:
+        """Whether it has an axis of the scene's cameras, after those of objects and grasps."""
+        return "k" in self.shape
 
     def sizes(self, shape: tuple[int, ...]) -> dict[str, int]:
         """The number that each symbol stands for in an array of this shape.

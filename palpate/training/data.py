@@ -39,17 +39,22 @@ class TrainingData:
     """Objects and their arrays in memory: `data["points"]` and the others as numpy arrays, first axis objects.
 
     arrays: by name, among them `object`, `class` and `split` (o,). source: what messages call them. sensor: the kind of
-    touch sensor that touches are of.
+    touch sensor that touches are of. one_size: whether all objects were scaled to one size.
 
     Attributes:
         objects, classes, splits: lists of (o,) names. grasps: g, grasps an object, 0 if no array has that
-        axis. hand_sensors: s, None if no array has that axis.
+        axis. hand_sensors: s, None if no array has that axis. largest: m, the diagonal of the largest object of the
+        train split, from corner to corner of its points' box, if objects keep their size; None where all have one size.
 
     Raises TrainingDataError, naming the object, if a value is NaN or infinite.
     """
 
     def __init__(
-        self, arrays: Mapping[str, Sequence[str] | np.ndarray], source: str = IN_MEMORY, sensor: Sensor = DIGIT
+        self,
+        arrays: Mapping[str, Sequence[str] | np.ndarray],
+        source: str = IN_MEMORY,
+        sensor: Sensor = DIGIT,
+        one_size: bool = True,
     ):
         self.source, self.arrays, self.sensor = source, dict(arrays), sensor
         self.objects, self.classes, self.splits = (
@@ -64,6 +69,9 @@ class TrainingData:
                 raise TrainingDataError(
                     f"{source}: {name} of {self.objects[int(np.argmin(finite))]} is NaN or infinite"
                 )
+
+        sized = [] if one_size else [self["points"][number].astype(float) for number in self.of_split("train")]
+        self.largest = max((float(np.linalg.norm(np.ptp(points, axis=0))) for points in sized), default=None)
 
     @cached_property
     def digest(self) -> str:
@@ -119,7 +127,8 @@ class TrainingData:
         }
         touched = any(item.stage == "touch" for item in arrays)
         loaded = {item.name: _read(chosen, item) for item in arrays}
-        return cls(names | loaded, repr(chosen), dataset.sensor if touched else DIGIT)
+        one_size = all(record.normalised for record in records)
+        return cls(names | loaded, repr(chosen), dataset.sensor if touched else DIGIT, one_size)
 
     def __getitem__(self, name: str) -> np.ndarray:
         if name not in self.arrays:

@@ -17,6 +17,7 @@ import lightning.pytorch as lightning
 import torch
 from torch import Tensor
 
+from palpate.charts.atlas import radius_around
 from palpate.models import TouchDepth
 from palpate.models.reconstruction import HAND_SENSORS
 from palpate.training import checkpoints
@@ -221,6 +222,8 @@ class ReconstructionLearner(Learner):
     ):
         self.data, self.experiment = data, dict(experiment)
         self.layers = checkpoints.architecture(experiment, settings)
+        if data.largest is not None:
+            self.layers = {**self.layers, "radius": radius_around(data.largest)}
         train = data.of_split("train")
         validation_samples = spread(windows(data, experiment, "validation"), settings["validation_samples"])
         for split, number in {"train": len(train), "validation": len(validation_samples)}.items():

@@ -46,10 +46,10 @@ class Truth:
             self._normals[number] = torch.from_numpy(plane_normals(cloud, tree)).to(points)
         return [self._normals[number] for number in objects]
 
-    def occupied(self, objects: Sequence[int]) -> list[Tensor]:
-        """Their cells (32, 32, 32) bool, as `palpate.models.single_image.occupied` has them."""
+    def occupied(self, objects: Sequence[int], relative_size: float = 1.0) -> list[Tensor]:
+        """Their cells (32, 32, 32) bool, as `palpate.models.single_image.occupied` has them, of one size of grid."""
         for number in set(objects) - set(self._occupied):
-            self._occupied[number] = occupied(self.points[number])
+            self._occupied[number] = occupied(self.points[number], relative_size)
         return [self._occupied[number] for number in objects]
 
 

@@ -81,7 +81,7 @@ def voxel_loss(
 ) -> Tensor:
     """(B,) mean cross entropy of the cells, in nats; the true cells are those of all surface points."""
     odds = stages[-1].to(truth.points.dtype)
-    there = torch.stack(truth.occupied(objects)).to(odds.dtype)
+    there = torch.stack(truth.occupied(objects, model.relative_size)).to(odds.dtype)
     return functional.binary_cross_entropy_with_logits(odds, there, reduction="none").mean(dim=(1, 2, 3))
 
 

@@ -134,7 +134,7 @@ def _grasp_part(grasp: GraspRecord) -> str:
     """What the page shows of one grasp beside the scene: images, readings."""
     parts = []
     if "vision" in grasp.stages:
-        parts.append(f'<div class="images">{_figures(_of_cameras(grasp, "occluded"), "in the hand")}</div>')
+        parts.append(f'<div class="images">{_figures([seen.occluded for seen in _seen(grasp)], "in the hand")}</div>')
     if "touch" in grasp.stages:
         figures = "".join(
             _figure(
@@ -151,16 +151,17 @@ def _grasp_part(grasp: GraspRecord) -> str:
 def _object_images(record: ObjectRecord) -> str:
     if "vision" not in record.stages:
         return ""
-    return f'<h2>Object alone</h2><div class="images">{_figures(_of_cameras(record, "unoccluded"), "alone")}</div>'
+    figures = _figures([seen.unoccluded for seen in _seen(record)], "alone")
+    return f'<h2>Object alone</h2><div class="images">{figures}</div>'
 
 
-def _of_cameras(record: ObjectRecord | GraspRecord, name: str) -> list[np.ndarray]:
-    """An array of each camera."""
-    return [getattr(record.seen_by(number), name) for number in range(record.cameras)]
+def _seen(record):
+    """A record of an object or a grasp, by each of its cameras."""
+    return [record.seen_by(number) for number in range(record.cameras)]
 
 
 def _figures(images: Sequence[np.ndarray], caption: str) -> str:
-    """Figures of images (p, p, c), one a camera."""
+    """Figures of images (p, p, c): one a camera."""
     names = [caption] if len(images) == 1 else [f"{caption}, camera {number}" for number in range(len(images))]
     return "".join(_figure(image, escape(name)) for image, name in zip(images, names, strict=True))
 

@@ -68,6 +68,9 @@ OBJECT_INDEX = 1  # Blender's pass index of the object; 0 is everything else
 MARGIN = 2  # pixels around what is drawn: as far as the pixel filter reaches (0.75), and rounding
 PIXEL_FILTER = 1.5  # pixels, the width of the Blackman-Harris filter: Blender's default
 POINT_FILTER = 0.01  # pixels: the narrowest that Blender takes
+# m from the camera, Blender's default: nearer surfaces are not seen. Small objects that are looked at from near by have
+# it halfway to them.
+CLIP_START = 0.1
 SHARP_EDGE = np.radians(30)
 
 # Where the glTF importer puts a file's coordinates: y up is turned to z up, (x, y, z) -> (x, -z, y). Files
@@ -331,6 +334,8 @@ class Renderer:
             return Layers.empty(camera.size)
         self._omitted_pixels -= int(np.prod(rectangle[1] - rectangle[0]))
         _crop(self._scene.render, camera.size, *rectangle)
+        nearest = np.min(camera.project(points)[1])
+        self._camera.data.clip_start = max(min(CLIP_START, nearest / 2), CLIP_START / 1000)
         colour = self._render(samples or self.samples, PIXEL_FILTER)
         point = self._render_centres()
         layers = Layers(colour.combined, point.depth, point.index)

@@ -8,7 +8,8 @@ in their metadata is not what Blender used). Azimuth turns clockwise seen from a
 distance (cos e cos a, -cos e sin a, sin e), z up, and looks at the origin.
 
 Here the object is half as large and stands at `palpate.mesh.OBJECT_POSITION`: distances are halved with it,
-so that the images are the same. Numpy only, but for `render`, which is given a Renderer.
+so that the images are the same. Around an object that keeps its size they are in proportion to it. Numpy only,
+but for `render`, which is given a Renderer.
 """
 
 from collections.abc import Iterable, Mapping
@@ -20,7 +21,7 @@ from PIL import Image as PillowImage
 
 from palpate.batch import UnusableObject
 from palpate.camera import Camera, rotation_about
-from palpate.mesh import DIAGONAL, OBJECT_POSITION
+from palpate.mesh import DIAGONAL, OBJECT_POSITION, diagonal
 
 if TYPE_CHECKING:
     from palpate.scene import Scene
@@ -96,7 +97,8 @@ def render(renderer: "Renderer", scene: "Scene", at: Iterable[Viewpoint], size: 
 
     Raises what its `render_views` raises, and UnusableObject if no view shows the object.
     """
-    cameras = [camera(viewpoint, size) for viewpoint in at]
+    scale = diagonal(scene.object_folder)
+    cameras = [camera(viewpoint, size, scale) for viewpoint in at]
     images = renderer.render_views(scene, cameras)
     if not any(image.mask.any() for image in images):
         raise UnusableObject(f"{scene.visual_file}: no view shows the object: make its materials less transparent")

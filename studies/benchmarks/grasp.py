@@ -1,8 +1,9 @@
 """Run time of grasps, and their statistics: `python -m studies.benchmarks.grasp [table ...]`.
 
-Tables: stages, statistics (default: both). Objects are procedural, `--objects` of each class, with the meshes
-and surface points that the workflow gives them by default: the first row of the statistics is that of a
-default run. Times are processor time on one core; medians. Errors against time: `snakemake reports`.
+Tables: stages, statistics, sizes (default: all). Objects are procedural, `--objects` of each class, with the
+meshes and surface points that the workflow gives them by default: the first row of the statistics is that of a
+default run. Those of `sizes` keep their size. Times are processor time on one core; medians. Errors against time:
+`snakemake reports`.
 """
 
 import argparse
@@ -119,9 +120,49 @@ def stages(count: int) -> pd.DataFrame:
     return pd.DataFrame({"median, ms": table.median(), "max, ms": table.max()})
 
 
+def real_sizes() -> dict[str, trimesh.Trimesh]:
+    """Objects in metres, from smaller than a sensor to larger than a hand."""
+    handle = trimesh.creation.torus(0.03, 0.005)
+    handle.apply_transform(trimesh.transformations.rotation_matrix(np.pi / 2, (1, 0, 0))).apply_translation(
+        (0.05, 0, 0)
+    )
+    legs = [trimesh.creation.cylinder(0.02, 0.45, sections=24) for _ in range(4)]
+    for leg, (x, y) in zip(legs, ((-0.2, -0.2), (-0.2, 0.2), (0.2, -0.2), (0.2, 0.2)), strict=True):
+        leg.apply_translation((x, y, -0.22))
+    back = trimesh.creation.box((0.45, 0.03, 0.5)).apply_translation((0, 0.21, 0.25))
+    return {
+        "ball, 8 mm": trimesh.creation.icosphere(radius=0.004),
+        "cube, 2 cm": trimesh.creation.box((0.02, 0.02, 0.02)),
+        "mug": trimesh.util.concatenate([trimesh.creation.annulus(0.038, 0.041, 0.095, sections=64), handle]),
+        "book": trimesh.creation.box((0.2, 0.03, 0.28)),
+        "chair": trimesh.util.concatenate([trimesh.creation.box((0.45, 0.45, 0.04)), back, *legs]),
+        "ball, 1.14 m": trimesh.creation.icosphere(subdivisions=5, radius=0.57),
+    }
+
+
+def sizes(_: int) -> pd.DataFrame:
+    """Grasps of objects that keep their size (`source.scale: keep`)."""
+    rows = {}
+    for name, mesh in real_sizes().items():
+        with tempfile.TemporaryDirectory() as folder:
+            mesh.export(Path(folder) / "object.ply")
+            record = prepare(Path(folder) / "object.ply", Path(folder) / "meshes", levels=(), scale="keep")
+            visual, collision = load_visual(Path(folder) / "meshes"), load_collision(Path(folder) / "meshes")
+        points = sample(visual, POINTS, generator(0, name, "surface")) + OBJECT_POSITION
+        start = time.process_time()
+        found = grasp_object(visual, collision, points, HAND, generator(0, name, "grasps"))
+        rows[name] = {
+            "diagonal, m": record["diagonal"],
+            "touches": " ".join(map(str, found.touches.sum(axis=1))),
+            "attempts": found.attempts,
+            "s": time.process_time() - start,
+        }
+    return pd.DataFrame(rows).T
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    tables = {"stages": stages, "statistics": statistics}
+    tables = {"stages": stages, "statistics": statistics, "sizes": sizes}
     parser.add_argument("tables", nargs="*", metavar="table", help=", ".join(tables))
     parser.add_argument("--objects", type=int, default=2, help="of each class (default 2)")
     arguments = parser.parse_args()

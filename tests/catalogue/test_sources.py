@@ -1,12 +1,15 @@
 """What a source holds: every layout in a small tree, stable choices and names, and clear errors."""
 
 import re
+from pathlib import Path
 
 import pytest
+import yaml
 
 from palpate import catalogue, mesh, shapes
-from palpate.catalogue import CatalogueError, all_classes, class_counts, scan, sources
+from palpate.catalogue import CatalogueError, all_classes, class_counts, companion_files, scan, sources
 from palpate.configuration import ConfigError
+from palpate.mesh import textures
 
 
 def tree(root, *files):
@@ -25,7 +28,19 @@ def test_what_is_repeated_here_agrees_with_its_origin():
     assert sources.PROCEDURAL == shapes.CLASSES
     assert [sources.procedural_suffix(i) for i in range(9)] == [shapes.suffix(i) for i in range(9)]
     assert {suffix[1:] for suffix in sources.MESH_SUFFIXES} == set(mesh.FORMATS)
-    assert set(sources.UP_AXIS.values()) <= {"x", "y", "z"}
+    assert set(sources.UP_AXIS.values()) <= {"x", "y", "z", "format"}
+    assert companion_files.TEXTURE_FOLDERS == textures.FOLDERS and companion_files.IMAGES == textures.IMAGES
+    schemas = [yaml.safe_load(path.read_text()) for path in Path("workflow/schemas").glob("c*.schema.yaml")]
+    assert sorted(_patterns_of_classes(schemas)) == [f"^{sources.CLASS_NAME}$"] * 2
+
+
+def _patterns_of_classes(schema):
+    if isinstance(schema, list):
+        return [pattern for each in schema for pattern in _patterns_of_classes(each)]
+    if not isinstance(schema, dict):
+        return []
+    own = [schema["class"]["pattern"]] if isinstance(schema.get("class"), dict) else []
+    return own + _patterns_of_classes(list(schema.values()))
 
 
 def test_procedural_needs_no_files(tmp_path):
@@ -79,7 +94,11 @@ def test_shapenet(tmp_path, file, caplog):
 def test_abc(tmp_path):
     tree(tmp_path, "00000002.obj", "00000001.stl", "readme.txt", "00000003.glb")
     entries = scan({"kind": "abc", "path": tmp_path}, {"part": "all"})
-    assert entries == [("part-00000001", "part", "00000001.stl"), ("part-00000002", "part", "00000002.obj")]
+    assert [entry[:3] for entry in entries] == [
+        ("part-00000001", "part", "00000001.stl"),
+        ("part-00000002", "part", "00000002.obj"),
+    ]
+    assert all_classes({"kind": "abc", "path": tmp_path}) == {"object": "all"}
 
 
 def test_the_choice_of_objects_is_even_and_stable(tmp_path):
@@ -134,7 +153,7 @@ def test_class_counts(tmp_path):
 @pytest.mark.parametrize(
     ("kind", "classes", "says"),
     [
-        ("folders", {"mug": 1}, "expected one of procedural, folder"),
+        ("folders", {"mug": 1}, "expected one of procedural, released, folder"),
         ("folder", {}, "no classes"),
         ("folder", {"cup": 1}, r"cup: no such folder.*holds|cup: no such folder.*empty, mug"),
         ("folder", {"empty": "all"}, "no mesh"),
@@ -142,7 +161,7 @@ def test_class_counts(tmp_path):
         ("folder", {"mug": 0}, "from 1"),
         ("folder", {"mug": "some"}, "`all`, not 'some'"),
         ("folder", {"../mug": 1}, "use letters"),
-        ("folder", {"twin": "all"}, r"twin/a\.obj and twin/a\.stl.*rename or remove"),
+        ("folder", {"coffee mug": 1, "coffee_mug": 1}, "'coffee mug' and 'coffee_mug' would have files of one name"),
         ("procedural", {"mug": 1}, "bottle, knife, cellphone, rifle"),
         ("procedural", {"bottle": "all"}, "no end"),
         ("shapenet", {"mug": 1}, "synset"),
@@ -151,7 +170,7 @@ def test_class_counts(tmp_path):
     ],
 )
 def test_errors_name_the_place_and_the_remedy(tmp_path, kind, classes, says):
-    tree(tmp_path, "mug/a.obj", "mug/b.obj", "empty/notes.txt", "twin/a.obj", "twin/a.stl")
+    tree(tmp_path, "mug/a.obj", "mug/b.obj", "empty/notes.txt")
     with pytest.raises(CatalogueError, match=says):
         scan({"kind": kind, "path": tmp_path}, classes)
 
@@ -171,8 +190,11 @@ def test_all_classes_needs_folders(tmp_path):
 def test_up_axis_of_every_kind():
     assert catalogue.UP_AXIS == {
         "procedural": "z",
-        "folder": "z",
+        "released": "z",
+        "folder": "format",
         "shapenet": "y",
         "abc": "z",
-        "released": "z",
+        "ycb": "z",
+        "google_scanned_objects": "z",
+        "objaverse": "y",
     }

@@ -7,7 +7,8 @@ import torch
 import trimesh
 
 from palpate.charts import ATLAS_RADIUS, chart_faces, sphere, touch_chart, vision_atlas
-from palpate.mesh import OBJECT_POSITION
+from palpate.charts.atlas import radius_around, resized
+from palpate.mesh import DIAGONAL, OBJECT_POSITION
 from palpate.touch import PIXEL_CENTRES, SENSOR_WIDTH
 
 CENTRE = torch.tensor(OBJECT_POSITION, dtype=torch.float64)
@@ -50,6 +51,18 @@ def test_sphere_is_closed_and_faces_outwards():
     assert ((torch.from_numpy(mesh.face_normals.copy()) * outward).sum(dim=1) > 0.95 * ATLAS_RADIUS).all()
     # An inscribed polyhedron with faces of a few centimetres has nearly the ball's volume.
     assert 0.985 < mesh.volume / (4 / 3 * torch.pi * ATLAS_RADIUS**3) < 1
+
+
+def test_a_sphere_around_larger_and_smaller_objects():
+    """The published one is around objects of 0.5 m; others are in proportion, in whole millimetres."""
+    assert radius_around(DIAGONAL) == ATLAS_RADIUS
+    for diagonal in (0.0123, 0.17, 1.9):
+        assert 0.52 * diagonal <= radius_around(diagonal) < 0.52 * diagonal + 0.001
+    start = vision_atlas().vertices
+    assert torch.equal(resized(start, ATLAS_RADIUS), start)
+    moved = resized(start, 0.05).double() - CENTRE
+    assert (moved.norm(dim=1) - 0.05).abs().max() < 1e-7
+    assert (moved / 0.05 - (start.double() - CENTRE) / ATLAS_RADIUS).abs().max() < 5e-6
 
 
 @pytest.mark.parametrize("vertices", [vision_atlas().vertices, sphere()[0]])

@@ -137,8 +137,7 @@ def test_grasps_are_the_records_as_dictionaries(built):
         assert item["grasp"] == grasp.number
         for name in set(grasps.arrays) - {"points", "surface_points"}:
             found = getattr(grasp, name) if name in dir(grasp) else getattr(record, name)
-            of_cameras = "k" in grasps.sources[name][1].shape  # a record shows one, an item has all: here one
-            np.testing.assert_array_equal(item[name], [found] if of_cameras else found, err_msg=name)
+            np.testing.assert_array_equal(item[name], found, err_msg=name)
         np.testing.assert_array_equal(item["surface_points"], record.points)
         for cloud, count, points in zip(item["points"], item["point_count"], grasp.points, strict=True):
             np.testing.assert_array_equal(cloud[:count], points)
@@ -207,7 +206,7 @@ def test_names_are_complete_and_help_has_units_and_shapes(built):
         text = grasp if spec.of_grasps else record if spec.of_objects and name != "object" else ""
         if text and name not in ("points", "reading"):
             axes = spec.shape[2 if spec.of_grasps else 1 :]
-            shape = ", ".join(str(axis) for axis in axes if axis != "k")  # a record is of one camera
+            shape = ", ".join(str(axis) for axis in axes if axis != "k")  # a record has one camera
             said = text.split(f"\n |  {name}\n")[1].split("\n |  \n")[0]
             assert f"({shape}" in said and f"{spec.dtype}, {spec.unit}".rstrip(", ") in said, name
     assert "(s, r, r, 3) uint8, RGB" in grasp and "(count, 3) float32, m" in grasp
@@ -561,3 +560,14 @@ def test_a_record_shows_one_camera_and_the_others_are_asked_for(run):
             item.seen_by(2)
         with pytest.raises(IndexError):
             item.seen_by(-1)
+
+
+def test_whether_an_object_has_the_one_size_of_all(run):
+    """By the catalogue; one of an older version has no such column, and one size."""
+    assert all(record.normalised for record in palpate.Dataset(run))
+    rows = [row.split(",") for row in (run / "catalogue.csv").read_text().splitlines()]
+    scales = ["scale", "diagonal", "keep", "0.001", *["diagonal"] * (len(rows) - 4)]
+    (run / "catalogue.csv").write_text("".join(f"{','.join(row)},{s}\n" for row, s in zip(rows, scales, strict=True)))
+    sizes = {record.name: record.normalised for record in palpate.Dataset(run, [])}
+    assert sizes == {row[0]: scale == "diagonal" for row, scale in zip(rows[1:], scales[1:], strict=True)}
+    assert palpate.Dataset(run)[0].scale == 0.001  # of its file's unit, in metres

@@ -10,7 +10,7 @@ from palpate.dataset.summary import kind_of_reason
 def test_objects_used_and_rejected_with_the_commonest_reasons(tmp_path):
     splits = ["train"] * 5 + ["validation"] * 2 + ["test"]
     with open(tmp_path / "catalogue.csv", "w", newline="") as file:
-        rows = [(f"mug-{i}", "mug", split, "batch-0000", f"{i}.stl", "") for i, split in enumerate(splits)]
+        rows = [(f"mug-{i}", "mug", split, "batch-0000", f"{i}.stl", *[""] * 4) for i, split in enumerate(splits)]
         csv.writer(file).writerows([COLUMNS, *rows])
     (tmp_path / "rejected/meshes").mkdir(parents=True)
     (tmp_path / "rejected/grasps").mkdir()

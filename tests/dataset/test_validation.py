@@ -20,6 +20,7 @@ from palpate.dataset.validation import (
     validate_batch,
     write_findings,
 )
+from palpate.mesh import OBJECT_POSITION
 from palpate.sensor import DIGIT
 from palpate.store.files import seal
 from palpate.touch import RayCaster, SphereTracer
@@ -235,6 +236,19 @@ def scale_mesh(factor, shift=0.0):
     return damage
 
 
+def keep_size(diagonal):
+    """As if the object had kept its size, which was another one."""
+
+    def damage(run):
+        path = run / "meshes" / BATCH / OBJECT / "mesh.json"
+        record = json.loads(path.read_text())
+        box = [[0, 0, 0], [0, 0, diagonal / record["scale"]]]
+        path.write_text(json.dumps(record | {"source": {"scale": "keep", "bounding_box": box}}))
+        checksums.write_manifest(run / "meshes" / BATCH)
+
+    return damage
+
+
 def retype(run):
     group = zarr.open_group(run / f"surface/{BATCH}.zarr")
     points = group["points"][:]
@@ -322,7 +336,12 @@ DAMAGES = {
         ("grasps", add("grasps", "link_pose", (0, 1, 2, 3, 0), 1e-5)),
         ("touch", add("touch", "rotation", (0, 0, 3), 1e-5)),
     ],
-    "scale": [("meshes", scale_mesh(1.001)), ("meshes", scale_mesh(1, shift=1e-5))],
+    "scale": [
+        ("meshes", scale_mesh(1.001)),
+        ("meshes", scale_mesh(1, shift=1e-5)),
+        ("meshes", keep_size(0.499)),
+    ],
+    "scale factor": [("surface", put("surface", "scale", 0, 0.0011))],
     "inside box": [("surface", put("surface", "points", (0, 7, 2), 0.9))],
     "on mesh": [
         ("surface", put("surface", "points", (0, 7), [0, 0, 0.6])),
@@ -496,8 +515,8 @@ def test_only_the_stages_asked_for_are_needed(run):
 @pytest.mark.parametrize(("shift", "fits"), [(np.inf, True), (0.02, True), (-0.02, False)])
 def test_a_transparent_mesh_may_show_what_is_behind_it_only(run, see_through, shift, fits):
     """Some of the object's pixels show nothing, or something further off or nearer than its first face."""
-    record = {"visual.glb": {"see_through": see_through}}
-    (run / "meshes" / BATCH / OBJECT / "mesh.json").write_text(json.dumps(record))
+    path = run / "meshes" / BATCH / OBJECT / "mesh.json"
+    path.write_text(json.dumps(json.loads(path.read_text()) | {"visual.glb": {"see_through": see_through}}))
     checksums.write_manifest(run / "meshes" / BATCH)
     window = (..., slice(26, 38), slice(22, 30))  # on the object, left of what hides it
 
@@ -573,3 +592,19 @@ def test_rotation_error_of_known_matrices():
     stretched = np.diag([1.0, 1, 1.1])
     errors = rotation_error(np.stack([quarter, mirror, stretched]))
     np.testing.assert_allclose(errors, [0, 2, 0.21], atol=1e-12)
+
+
+def test_an_object_that_kept_its_size_passes_and_may_be_larger_than_the_others(run):
+    """Its mesh, its points and its record are twice as large; only what saw or touched it as it was fails."""
+    scale_mesh(2)(run)
+    keep_size(1.0)(run)
+
+    def double(arrays):
+        row = arrays["object"].tolist().index(OBJECT)
+        arrays["points"][row] = 2 * (arrays["points"][row] - OBJECT_POSITION) + OBJECT_POSITION
+
+    edit("surface", double)(run)
+    found = [finding for finding in validate_batch(run, BATCH) if finding.object == OBJECT]
+    found = [finding for finding in found if finding.store in ("meshes", "surface")]
+    assert {"scale", "scale factor", "inside box", "on mesh"} <= {finding.check for finding in found}
+    assert all(finding.ok for finding in found), [finding for finding in found if not finding.ok]

@@ -27,7 +27,7 @@ def test_rows_are_the_grasps(built, tmp_path, monkeypatch):
             for name in ("points", "depth", "palm_pose", "success", "penetration", "attempts", "occluded_depth"):
                 np.testing.assert_array_equal(np.array(row[name], item[name].dtype), item[name], err_msg=name)
             paths = [row["occluded_file_name"], *row["reading_file_names"]]
-            for path, image in zip(paths, [*item["occluded"], *item["reading"]], strict=True):
+            for path, image in zip(paths, [item["occluded"], *item["reading"]], strict=True):
                 with Image.open(tmp_path / "out" / split / path) as picture:
                     np.testing.assert_array_equal(np.asarray(picture), image)
     assert (tmp_path / "out/README.md").read_text().startswith("---\nlicense: unknown\n")

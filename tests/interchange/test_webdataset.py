@@ -44,7 +44,7 @@ def test_samples_are_the_grasps(built, tmp_path, shard_bytes):
             described = json.loads(files.pop("json"))
             assert described == {name: item[name] for name in ("object", "class", "split", "grasp")}
             for name in ("unoccluded", "occluded_mask"):
-                np.testing.assert_array_equal(picture(files.pop(f"{name}.png")), item[name][0])
+                np.testing.assert_array_equal(picture(files.pop(f"{name}.png")), item[name])
             for sensor in range(4):
                 np.testing.assert_array_equal(picture(files.pop(f"reading.{sensor}.png")), item["reading"][sensor])
             for name in ("points", "depth", "palm_pose", "occluded_depth", "attempts", "surface_points"):

@@ -20,6 +20,18 @@ SMALL = {
 }
 
 
+def resized_world(batch: dict, camera: torch.Tensor, factor: float) -> dict:
+    """A batch as it would be if everything but the readings were `factor` times as large, around the object's centre.
+
+    camera: (B, 3, 4) of the batch; the resized one sees the same pixels.
+    """
+    centre = torch.tensor(OBJECT_POSITION, dtype=camera.dtype)
+    back = torch.eye(4, dtype=camera.dtype) / factor
+    back[:3, 3], back[3, 3] = centre * (1 - 1 / factor), 1
+    moved = {key: factor * (batch[key] - centre) + centre for key in ("position", "charts") if key in batch}
+    return batch | moved | {"camera": camera @ back}
+
+
 def random_batch(samples: int, grasps: int, seed: int = 0, size: int = 40, dtype=torch.float64) -> dict:
     """Every key that a model may read; about half of the touches are successful, at least one and not all."""
     random = torch.Generator().manual_seed(seed)

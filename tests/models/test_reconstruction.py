@@ -8,7 +8,7 @@ from palpate.charts import ATLAS_RADIUS, sphere, vision_atlas
 from palpate.mesh import OBJECT_POSITION
 from palpate.models import Reconstruction
 from studies.benchmarks import straightforward
-from tests.models.batches import SMALL, random_batch
+from tests.models.batches import SMALL, random_batch, resized_world
 
 EXPERIMENTS = [
     ("charts", True, True, 1),
@@ -190,6 +190,22 @@ def test_normalised_positions_are_a_change_of_unit():
     moved = model(random_batch(1, 1))[0] - vision_atlas().vertices.double()
     expected = 3 * ATLAS_RADIUS * torch.tensor([0.5, 0.0, -1.0], dtype=torch.float64)
     torch.testing.assert_close(moved, expected.expand(VISION, 3), rtol=0, atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    "experiment", [("charts", True, True, 1), ("sphere", True, True, 1), ("charts", False, True, 2)]
+)
+def test_in_a_world_of_another_size_the_same_weights_give_the_same_shape(experiment):
+    """Objects that keep their size: with its sphere in proportion, the model does not know how large the world is."""
+    factor, centre = 0.3, torch.tensor(OBJECT_POSITION, dtype=torch.float64)
+    model = model_of(*experiment)
+    smaller = model_of(*experiment, architecture=SMALL | {"radius": factor * ATLAS_RADIUS})
+    batch, camera = random_batch(2, experiment[3]), paper_camera(40)
+    matrix = torch.from_numpy(camera.intrinsics() @ camera.extrinsics()).expand(2, 3, 4)
+    expected = centre + factor * (model(batch | {"camera": matrix}) - centre)
+    found = smaller(resized_world(batch, matrix, factor))
+    assert (expected - smaller(batch | {"camera": matrix})).abs().max() > 0.01
+    torch.testing.assert_close(found, expected, rtol=0, atol=1e-6)
 
 
 def test_every_image_is_looked_up_by_its_own_camera():

@@ -13,7 +13,7 @@ from palpate.models import PAPER_ARCHITECTURES, SINGLE_IMAGE_ARCHITECTURES, SING
 from palpate.models.pooling import PerceptualPooling, relative_camera
 from palpate.models.single_image import CELL, DeformedSphere, PointSet, Voxels, grid_surface, occupied, view_axes
 from palpate.vision import views
-from tests.models.batches import SMALL, random_batch
+from tests.models.batches import SMALL, random_batch, resized_world
 
 ENCODER = SMALL["encoder"] | {"padding": 1, "norm": "instance"}
 ARCHITECTURES = {
@@ -215,6 +215,23 @@ def test_points_on_the_grids_edge_stay_in_it():
     corners = torch.tensor([[-0.25] * 3, [0.25] * 3], dtype=torch.float64) + CENTRE
     found = occupied(corners).nonzero()
     assert found.tolist() == [[0, 0, 0], [31, 31, 31]]
+
+
+@pytest.mark.parametrize("strategy", SINGLE_IMAGE_MODELS)
+def test_in_a_world_of_another_size_the_same_weights_give_the_same_shape(strategy):
+    factor, images = 2.5, batch()
+    model, larger = built(strategy), built(strategy, radius=2.5 * ATLAS_RADIUS)
+    (before, faces), (after, same) = (
+        each.mesh(each(resized_world(images, images["camera"], size))[0].detach())
+        for each, size in ((model, 1), (larger, factor))
+    )
+    assert torch.equal(faces, same)
+    torch.testing.assert_close(after, CENTRE + factor * (before - CENTRE), rtol=0, atol=3e-6)
+
+
+def test_cells_are_of_the_grids_size():
+    points = torch.from_numpy(np.random.default_rng(0).uniform(-0.2, 0.2, (300, 3))) + CENTRE
+    assert torch.equal(occupied(3 * (points - CENTRE) + CENTRE, 3.0), occupied(points))
 
 
 def test_the_decoder_must_end_at_32_cells():

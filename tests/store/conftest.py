@@ -1,6 +1,7 @@
 """A small run made by the real functions: three objects in two batches, and one that was rejected."""
 
 import hashlib
+import json
 import shutil
 from pathlib import Path
 
@@ -22,6 +23,7 @@ ATTRIBUTES = {"config_digest": "0" * 64, "seed": 0, "sensor": DIGIT.description(
 BATCHES = {"batch-0000": ["ball-0000", "block-0000"], "batch-0001": ["ball-0001", "ball-0002"]}
 SPLITS = {"ball-0000": "train", "block-0000": "test", "ball-0001": "train", "ball-0002": "validation"}
 REJECTED = "ball-0001"
+SCALE = 0.001  # the sources are in millimetres
 GRASPS = 2  # an object
 SIZE = 64  # pixels of an image
 
@@ -127,11 +129,15 @@ def build(folder: Path) -> None:
             mesh_folder = folder / "meshes" / batch / name
             mesh_folder.mkdir(parents=True)
             shape(name).export(mesh_folder / "visual.glb")
+            record = {"source": {"scale": "diagonal"}, "scale": SCALE, "diagonal": DIAGONAL}
+            (mesh_folder / "mesh.json").write_text(json.dumps(record))
         checksums.write_manifest(folder / "meshes" / batch)
         kept = [name for name in names if name != REJECTED]
         grasps = {name: grasp(name) for name in kept}
         arrays = {
-            "surface": palpate.store.join("surface", {name: {"points": surface_points(name)} for name in names}),
+            "surface": palpate.store.join(
+                "surface", {name: {"points": surface_points(name), "scale": SCALE} for name in names}
+            ),
             "grasps": palpate.store.join("grasps", grasps) | hand,
             "touch": palpate.store.join("touch", {name: touch(name, grasps[name]) for name in kept})
             | {"empty_reading": empty_reading()},

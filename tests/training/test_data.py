@@ -5,13 +5,16 @@ import shutil
 
 import numpy as np
 import pytest
+import torch
 
 from palpate import Dataset, store
+from palpate.mesh import OBJECT_POSITION
 from palpate.sensor import DIGIT
 from palpate.store import StoreError
-from palpate.training import ReconstructionLearner, checkpoints
+from palpate.training import checkpoints
 from palpate.training.data import TrainingData, TrainingDataError
 from palpate.training.inputs import INPUTS, stages
+from palpate.training.learners import ReconstructionLearner
 from palpate.training.samples import windows
 from tests.training.conftest import OCCLUDED_TOUCH, SETTINGS, made_up
 
@@ -234,3 +237,20 @@ def test_one_camera_of_all_images_is_common(tmp_path):
     held = checkpoints.read(tmp_path / "a.ckpt", "reconstruction")
     np.testing.assert_array_equal(np.float32(held["camera"]), one["image_camera"][0, 0])
     assert held["image_size"] == 24
+
+
+def test_models_start_around_the_largest_object_that_they_are_trained_on():
+    """Of objects that keep their size; the test split's are not looked at. The model is built again as it was."""
+    made = made_up()
+    points = made["points"].copy()
+    points[6] = OBJECT_POSITION + 5 * (points[6] - OBJECT_POSITION)  # of the test split
+    names = {"object": made.objects, "class": made.classes, "split": made.splits}
+    data = TrainingData(made.arrays | names | {"points": points}, one_size=False)
+    box = points[:4].max(axis=1) - points[:4].min(axis=1)
+    assert data.largest == pytest.approx(np.sqrt((box**2).sum(axis=1)).max(), rel=1e-6)
+    learner = ReconstructionLearner(data, OCCLUDED_TOUCH, SETTINGS, 0)
+    radius = learner.described()["architecture"]["radius"]
+    assert 0.52 * data.largest <= radius < 0.52 * data.largest + 0.001 and learner.model.scale == radius
+    distance = (learner.model.start.double() - torch.tensor(OBJECT_POSITION)).norm(dim=1)
+    assert (distance - radius).abs().max() < 1e-6
+    assert "radius" not in ReconstructionLearner(made_up(), OCCLUDED_TOUCH, SETTINGS, 0).described()["architecture"]

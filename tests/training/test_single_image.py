@@ -143,7 +143,8 @@ def test_pixel2meshs_regularisers_in_closed_form():
 def test_cross_entropy_of_the_cells(truth):
     odds = 2 * torch.randn(2, 32, 32, 32, dtype=torch.float64, generator=torch.Generator().manual_seed(0))
     odds.requires_grad_()
-    found = LOSSES["r2n2"](None, [odds], truth, [1, 0], PARTIAL, torch.Generator())
+    model = build(experiment("r2n2"), layers("r2n2"))
+    found = LOSSES["r2n2"](model, [odds], truth, [1, 0], PARTIAL, torch.Generator())
     for k, number in enumerate((1, 0)):
         there = truth.occupied([number])[0].numpy()
         probability = 1 / (1 + np.exp(-odds[k].detach().numpy()))

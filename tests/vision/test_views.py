@@ -1,3 +1,5 @@
+import json
+
 import numpy as np
 import pytest
 import trimesh
@@ -51,6 +53,21 @@ def test_masks_are_what_rays_by_the_stored_cameras_meet(write_glb):
         shifts = [(down - 2, over - 2) for down, over in np.ndindex(5, 5)]
         beside = ~np.any([np.roll(seen, shift, (0, 1)) for shift in shifts], axis=0)
         assert (image[beside] == 255).all()
+
+
+def test_views_of_a_small_object_are_those_of_a_large_one(write_glb):
+    """An object that keeps its size is looked at from a distance in proportion to it."""
+    at = views.viewpoints(generator(0, "blocks", "views"), 3)
+    renderer = Renderer(samples=1, device="cpu")
+    large = views.render(renderer, scene_of(write_glb("large", painted(blocks(), (0.5, 0.2, 0.1)))), at, 64)
+    path = write_glb("small", painted(blocks().apply_scale(0.1), (0.5, 0.2, 0.1)))
+    (path.parent / "mesh.json").write_text(json.dumps({"diagonal": 0.1 * DIAGONAL}))
+    small = views.render(renderer, scene_of(path), at, 64)
+    assert ((small.mask > 0) != (large.mask > 0)).sum() <= 4 and (large.mask > 0).sum() > 500
+    there = [
+        -np.linalg.solve(matrix[:, :3], matrix[:, 3]) - OBJECT_POSITION for matrix in (*small.camera, *large.camera)
+    ]
+    assert_allclose(there[:3], 0.1 * np.array(there[3:]))
 
 
 def test_no_view_looks_at_the_dark_side(write_glb):

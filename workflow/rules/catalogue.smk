@@ -18,6 +18,7 @@ rule shapes:
 rule catalogue:
     input:
         sources=lambda wildcards: source_inputs(ENTRIES),
+        objects=[SOURCE["objects"]] if SOURCE["objects"] else [],
     output:
         catalogue="catalogue.csv",
         batches=expand("catalogue/{batch}.csv", batch=BATCHES),

@@ -13,7 +13,7 @@ from snakemake.logging import logger
 
 from palpate import atomic, catalogue, lock, locked, sensor, terminal
 from palpate.batch import QUIET
-from palpate.configuration import ConfigError, check
+from palpate.configuration import ConfigError, absolute, check
 from palpate.training import inputs, recipes
 
 # Jobs find Palpate in this checkout, also in an environment that has only its dependencies (envs/palpate.yaml).
@@ -24,7 +24,7 @@ os.environ.setdefault("IGL_NUM_THREADS", "1")
 SCHEMAS = PROJECT / "workflow/schemas"
 CONDA = str(PROJECT / "envs/palpate.yaml")
 WHOLE_OUTPUT = re.compile(r"batch-.*|\.snakemake")  # folders in which nothing is written in part
-CLASS_NAME = r"[A-Za-z0-9_][A-Za-z0-9_.-]*"  # as the schemas have it
+CLASS_FILE = r"[A-Za-z0-9_][A-Za-z0-9_.-]*"  # a class in a file's name: `catalogue.file_name`
 
 
 def stop(message):
@@ -57,7 +57,7 @@ try:
         config["training"]["override"],
         SCHEMAS / "recipes.schema.yaml",
     )
-    RUN_FOLDER = str(PROJECT / config["results"] / config["run"])
+    RUN_FOLDER = str(Path(absolute(config["results"], PROJECT), config["run"]))
     SOURCE = catalogue.resolve_source(config, PROJECT)
     if workflow.is_main_process:  # its jobs have been let in by it
         catalogue.check_same_run(RUN_FOLDER, config, PROJECT)
@@ -74,6 +74,7 @@ try:
     }
     BATCHES = list(BATCH_ENTRIES)
     HAND = config["grasps"]["hand"]
+    HAND = HAND and {key: absolute(path, PROJECT) for key, path in HAND.items()}
     SENSOR = sensor.load(config["touch"]["sensor"], PROJECT)
     SENSOR_BACKGROUND = sensor.background_file(sensor.sensor_file(config["touch"]["sensor"], PROJECT)) or []
     if SOURCE["kind"] == "released" and SENSOR.misfit(sensor.DIGIT):
@@ -83,8 +84,8 @@ try:
     if config["grasps"]["attempts"] > config["grasps"]["max_attempts"]:
         raise ConfigError("config grasps: max_attempts must be at least attempts")
     for path in (HAND or {}).values():
-        if not (PROJECT / path).is_file():
-            raise ConfigError(f"config grasps.hand: {PROJECT / path}: no such file")
+        if not Path(path).is_file():
+            raise ConfigError(f"config grasps.hand: {path}: no such file")
     if workflow.is_main_process and (config["vision"]["cameras"] or config["vision"]["lights"]):
         from palpate import scene  # loads trimesh
 
@@ -185,11 +186,16 @@ def batch_objects(wildcards):
     return {entry.object: entry.source for entry in batch_entries(wildcards)}
 
 
+def batch_meshes(wildcards):
+    """The mesh file of each object of a batch, its up axis and its scale."""
+    return {entry.object: (entry.source, entry.up, entry.scale) for entry in batch_entries(wildcards)}
+
+
 @cache
 def own_hand_files():
     from palpate.hand import model_files  # loads MuJoCo
 
-    return [checked(str(path)) for path in model_files(PROJECT / HAND["mjcf"])]
+    return [checked(str(path)) for path in model_files(HAND["mjcf"])]
 
 
 def hand_files(wildcards):
@@ -199,13 +205,13 @@ def hand_files(wildcards):
 
 @cache
 def splits():
-    return catalogue.splits_of(ENTRIES, SOURCE, config["split"])
+    return catalogue.splits_of(ENTRIES, config["split"])
 
 
 def catalogue_with(needed, what):
     """The catalogue, for what needs objects in some splits; that there are none is an error before anything runs."""
     try:
-        catalogue.check_splits(splits(), needed, what, by_name=not RELEASED)
+        catalogue.check_splits(splits(), needed, what, by_name=not any(entry.split for entry in ENTRIES))
     except catalogue.CatalogueError as error:
         stop(error)
     return "catalogue.csv"
@@ -259,7 +265,7 @@ def experiment_settings(wildcards):
 
 
 wildcard_constraints:
-    **{"class": CLASS_NAME},
+    **{"class": CLASS_FILE},
     batch=r"batch-\d+",
     experiment="|".join(map(re.escape, EXPERIMENTS["experiments"])),
     seed="|".join(map(str, config["training"]["seeds"])),

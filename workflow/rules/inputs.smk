@@ -74,8 +74,9 @@ MODEL_TABLES = [*MADE, "local_touch_charts", *(["claims"] if claims_decidable() 
 MODEL_TABLES += ["touch_effect"] if EFFECTS else []
 MODEL_TABLES += ["surface_quality"] if "input_modalities" in MADE else []
 TRAINED = sorted({name for table in MADE for name in table_setup(table)["experiments"]})
+CLASS_FILES = {catalogue.file_name(name): name for name in CLASS_COUNTS}
 # They show meshes and hands.
-DATASET_FIGURES = [] if RELEASED else ["data_point", "grasp_steps", *expand("examples_{name}", name=CLASS_COUNTS)]
+DATASET_FIGURES = [] if RELEASED else ["data_point", "grasp_steps", *expand("examples_{name}", name=CLASS_FILES)]
 MODEL_FIGURES = ["training_curves", "reconstructions", "local_predictions", "atlas"]
 MODEL_FIGURES += ["multi_grasp"] if "grasps" in EXPERIMENTS["tables"] else []
 MODEL_FIGURES += ["error_over_rings"] if "extrapolation" in EXPERIMENTS["tables"] else []
@@ -182,6 +183,8 @@ def figure_settings(wildcards):
             }
         case "local_predictions" | "reconstructions":
             return {"fit": config["training"]["chart_fit"]}
+        case figure if figure.startswith("examples_"):
+            return {"class_name": CLASS_FILES[figure.removeprefix("examples_")]}
         case _:
             return {}
 

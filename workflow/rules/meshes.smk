@@ -13,8 +13,8 @@ rule meshes:
     resources:  # measured: 22 MB for a MB of the OBJ in work
         mem_mb=lambda wildcards, input: 2000 + 30 * max(stored_mb([path]) for path in input.sources),
     params:
-        objects=batch_objects,
-        source=SOURCE,
+        objects=batch_meshes,
+        folder=SOURCE["path"],
         mesh=config["mesh"],
     script:
         "../scripts/meshes.py"

@@ -36,7 +36,9 @@ rule views:
         views=config["views"],
         # Relative paths are the project's.
         renderings=(
-            str(PROJECT / config["views"]["published_renderings"]) if config["views"]["published_renderings"] else None
+            absolute(config["views"]["published_renderings"], PROJECT)
+            if config["views"]["published_renderings"]
+            else None
         ),
         device=config["vision"]["device"],
         seed=config["seed"],

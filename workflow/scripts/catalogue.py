@@ -1,6 +1,7 @@
 """The run's objects.
 
-catalogue.csv            object, class, split, batch, source (from the source's path on), checksum (SHA-256)
+catalogue.csv            object, class, split, batch, source (from the source's path on), checksum (SHA-256), up,
+                         scale, others
 catalogue/<batch>.csv    the same rows, of one batch
 """
 

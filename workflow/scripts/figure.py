@@ -57,7 +57,7 @@ def draw(name: str, settings: dict, path: Path) -> None:
             if name == "data_point":
                 dataset_figures.data_point(Dataset("."), path)
             else:
-                dataset_figures.examples(Dataset("."), name.removeprefix("examples_"), path)
+                dataset_figures.examples(Dataset("."), settings["class_name"], path)
 
 
 log_to(snakemake.log[0])

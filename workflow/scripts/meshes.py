@@ -18,7 +18,7 @@ from palpate.batch import each_object, log_to, write_rejections
 
 log_to(snakemake.log[0])
 log = logging.getLogger("meshes")
-objects, settings, source = snakemake.params.objects, snakemake.params.mesh, snakemake.params.source
+objects, settings, sources = snakemake.params.objects, snakemake.params.mesh, Path(snakemake.params.folder)
 
 with (
     atomic_write(snakemake.output.meshes) as batch,
@@ -27,12 +27,13 @@ with (
     batch.mkdir()
 
     def prepare(name: str) -> None:
-        folder = batch / name
+        folder, (file, up, scale) = batch / name, objects[name]
         try:
             record = mesh.prepare(
-                Path(source["path"]) / objects[name],
+                sources / file,
                 folder,
-                up=source["up"],
+                up=up,
+                scale=scale,
                 collision_faces=settings["collision_faces"],
                 levels=settings["levels"],
             )

@@ -1,6 +1,7 @@
 """Surface points of a batch.
 
 surface/<batch>.zarr             points    (o, 10000, 3)    exterior surface, uniform by area; world frame, m
+                                 scale     (o,)             from the source file's unit to metres
 rejected/surface/<batch>.csv     object, stage, reason
 """
 
@@ -22,7 +23,7 @@ def sample(name: str) -> dict[str, np.ndarray]:
         generator(seed, name, "surface"),
         settings["method"],
     )
-    return {"points": points + mesh.OBJECT_POSITION}
+    return {"points": points + mesh.OBJECT_POSITION, "scale": mesh.read_record(meshes / name)["scale"]}
 
 
 prepared = set(mesh.usable(meshes))

@@ -6,7 +6,6 @@ views/<batch>.zarr    image     (o, 24, 137, 137, 3)    uint8      sRGB over whi
 rejected/views/<batch>.csv    object, stage, reason
 """
 
-import json
 from pathlib import Path
 
 import numpy as np
@@ -29,7 +28,7 @@ def look(name: str) -> dict[str, np.ndarray]:
     if params.renderings:
         # <synset>/<model>/model.obj shows in <synset>/<model>/rendering/.
         folder = Path(params.renderings, *Path(params.objects[name]).parts[:2], "rendering")
-        record = json.loads(mesh.mesh_file(meshes / name, "mesh.json").read_text())
+        record = mesh.read_record(meshes / name)
         surface = mesh.load_visual(meshes / name).vertices + mesh.OBJECT_POSITION
         return views.published(folder, record, surface, count, size)._asdict()
     at = views.viewpoints(generator(params.seed, name, "views"), count)

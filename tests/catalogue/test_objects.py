@@ -1,0 +1,351 @@
+"""Objects as people have them: patterns, several formats of one object, tables of objects, published layouts."""
+
+import io
+import json
+import re
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+from PIL import Image
+
+from palpate.catalogue import CatalogueError, all_classes, build, file_name, resolve_source, scan, splits_of
+from palpate.catalogue.companion_files import COLOURS, SHAPE, TEXTURE, companions, richness
+from palpate.catalogue.object_table import read_object_table
+from palpate.configuration import ConfigError
+from palpate.mesh import prepare
+from tests.catalogue.test_sources import names, tree
+
+
+def source(path, kind="folder", **keys):
+    return {"kind": kind, "path": path, **keys}
+
+
+def ball():
+    return trimesh.creation.icosphere(subdivisions=1)
+
+
+def painted(folder: Path, image: str = "texture.png") -> Path:
+    """`textured.obj` with its material, which names a red texture without its folder; `image` is where that lies."""
+    folder.mkdir(parents=True, exist_ok=True)
+    box = trimesh.creation.box((0.1, 0.06, 0.04))
+    box.visual = trimesh.visual.TextureVisuals(
+        uv=np.full((len(box.vertices), 2), 0.5), image=Image.new("RGB", (4, 4), (200, 10, 10))
+    )
+    text, files = trimesh.exchange.obj.export_obj(box, return_texture=True, mtl_name="textured.mtl")
+    (folder / "textured.obj").write_text(text)
+    texture = next(data for name, data in files.items() if name.endswith(".png"))
+    (folder / image).parent.mkdir(parents=True, exist_ok=True)
+    (folder / image).write_bytes(texture)
+    material = re.sub(r"map_Kd .*", f"map_Kd {Path(image).name}", files["textured.mtl"].decode())
+    (folder / "textured.mtl").write_text(material)
+    return folder / "textured.obj"
+
+
+@pytest.fixture
+def formats(tmp_path):
+    """A folder with all formats of one object, as YCB's have."""
+    folder = tmp_path / "can"
+    painted(folder)
+    for suffix in ("ply", "stl"):
+        ball().export(folder / f"nontextured.{suffix}")
+    return tmp_path
+
+
+def test_files_of_one_object_are_one_object_and_the_richest_is_taken(formats):
+    (entry,) = scan(source(formats), {"can": "all"})
+    assert (entry.object, entry.source) == ("can-textured", "can/textured.obj")
+    assert entry.others == ("can/nontextured.ply", "can/nontextured.stl")
+    (row,) = build(source(formats), {"can": "all"}).to_dict("records")
+    assert row["others"] == "can/nontextured.ply; can/nontextured.stl" and (row["up"], row["scale"]) == (
+        "z",
+        "diagonal",
+    )
+    each = scan(source(formats, variants="each"), {"can": "all"})
+    assert len(set(names(each))) == 3 and not any(entry.others for entry in each)
+
+
+def test_colours_are_more_than_none_and_less_than_a_texture(formats):
+    """Of what is left when the texture is lost, the file with colours at its vertices is taken."""
+    coloured = ball()
+    coloured.visual.vertex_colors = np.tile([10, 200, 10, 255], (len(coloured.vertices), 1))
+    coloured.export(formats / "can/nontextured.ply")
+    assert scan(source(formats), {"can": "all"})[0].source == "can/textured.obj"
+    (formats / "can/texture.png").unlink()
+    (formats / "can/textured.mtl").unlink()
+    (entry,) = scan(source(formats), {"can": "all"})
+    assert entry.source == "can/nontextured.ply" and "can/textured.obj" in entry.others
+
+
+@pytest.mark.parametrize("suffix", ["obj", "glb", "gltf", "ply", "off", "dae", "stl"])
+def test_richness_of_every_format(tmp_path, suffix):
+    """What a file holds, as the library that wrote it knows; nothing is richer than it is."""
+    plain, coloured, textured = (tmp_path / f"{name}.{suffix}" for name in ("plain", "coloured", "textured"))
+
+    def write(path, mesh):
+        if suffix == "gltf":
+            files = trimesh.exchange.gltf.export_gltf(trimesh.Scene(mesh))
+            for name, data in files.items():
+                (path if name == "model.gltf" else tmp_path / f"{path.stem}_{name}").write_bytes(data)
+        else:
+            mesh.export(path)
+
+    bare = ball()
+    bare.visual = trimesh.visual.ColorVisuals()
+    write(plain, bare)
+    assert richness(plain) == (COLOURS if suffix == "dae" else SHAPE)  # its writer gives every mesh a material
+    if suffix == "ply":
+        mesh = ball()
+        mesh.visual.vertex_colors = np.tile([10, 200, 10, 255], (len(mesh.vertices), 1))
+        write(coloured, mesh)
+        assert richness(coloured) == COLOURS
+    if suffix == "off":
+        coloured.write_text("COFF\n3 1 0\n0 0 0 9 9 9 9\n1 0 0 9 9 9 9\n0 1 0 9 9 9 9\n3 0 1 2\n")
+        assert richness(coloured) == COLOURS
+    if suffix in ("glb", "gltf", "obj"):
+        mesh = ball()
+        image = Image.new("RGB", (4, 4), (200, 10, 10))
+        mesh.visual = trimesh.visual.TextureVisuals(uv=np.zeros((len(mesh.vertices), 2)), image=image)
+        write(textured, mesh)
+        assert richness(textured) == TEXTURE
+        if suffix == "glb":
+            mesh.visual = trimesh.visual.TextureVisuals(material=trimesh.visual.material.PBRMaterial(name="red"))
+            write(coloured, mesh)
+            assert richness(coloured) == COLOURS
+    (tmp_path / f"cut.{suffix}").write_bytes(textured.read_bytes()[:9] if textured.exists() else b"\x00")
+    assert richness(tmp_path / f"cut.{suffix}") == SHAPE
+
+
+def test_files_that_only_look_alike_are_objects_of_their_own(tmp_path):
+    tree(tmp_path, "mug/a.obj", "mug/A.stl", "mug/b/a.obj", "mug/untextured2.obj", "mug/textureless.obj", "mug/2.obj")
+    assert len(scan(source(tmp_path), {"mug": "all"})) == 6
+
+
+def test_two_objects_of_one_name_get_names_of_their_own(tmp_path, caplog):
+    """The one with fewer folders keeps it, so that an object that is there keeps its name and its split."""
+    tree(tmp_path, "mug/x-a.obj")
+    before = names(scan(source(tmp_path), {"mug": "all"}))
+    tree(tmp_path, "mug/x/a.obj", "mug-x/a.obj")
+    entries = scan(source(tmp_path), {"mug": "all", "mug-x": "all"})
+    found = {entry.source: entry.object for entry in entries}
+    assert len(set(found.values())) == 3 and found["mug/x-a.obj"] == before[0] == "mug-x-a"
+    assert "mug/x/a.obj: the name mug-x-a is another object's" in caplog.text
+
+
+def test_a_pattern_begins_at_the_path(tmp_path):
+    """Names are what its wildcards stand for; without `{class}` there is one class."""
+    tree(tmp_path, *(f"{name}/google_16k/{file}.obj" for name in ("002_can", "003_box") for file in ("textured", "x")))
+    tree(tmp_path, "004_bag/google_64k/textured.obj", ".hidden/google_16k/textured.obj")
+    given = source(tmp_path, pattern="*/google_16k/textured.obj")
+    assert all_classes(given) == {"object": "all"}
+    assert names(scan(given, {"object": "all"})) == ["object-002_can", "object-003_box"]
+    assert names(scan(given, {"food": 2})) == ["food-002_can", "food-003_box"]
+    with pytest.raises(CatalogueError, match=r"one class, the config has a, b.*CSV file"):
+        scan(given, {"a": 1, "b": 1})
+    with pytest.raises(CatalogueError, match=r"no mesh found for \*/poisson/.*`\{class\}/\.\.\.` has classes"):
+        scan(source(tmp_path, pattern="*/poisson/*.obj"), {"food": 1})
+
+
+def test_a_pattern_with_classes(tmp_path):
+    tree(tmp_path, "kitchen/coffee mug/a/google_16k/textured.obj", "kitchen/pan/b/google_16k/textured.obj")
+    tree(tmp_path, "kitchen/[x]/c/google_16k/textured.obj", "kitchen/notes/read.me")
+    given = source(tmp_path, pattern="kitchen/{class}/*/google_16k/textured.obj")
+    assert all_classes(source(tmp_path / "kitchen", pattern="{class}/**/*.obj")).keys() == {"coffee mug", "pan", "[x]"}
+    entries = scan(given, {"pan": "all", "coffee mug": "all"})
+    assert names(entries) == ["pan-b", "coffee_mug-a"]
+    assert [entry.class_name for entry in entries] == ["pan", "coffee mug"]
+    with pytest.raises(CatalogueError, match="kitchen/pot: no such folder.*has .*coffee mug"):
+        scan(given, {"pot": "all"})
+
+
+def test_a_flat_folder_has_a_pattern_too(tmp_path):
+    tree(tmp_path, "a.obj", "b.stl", "c.OBJ", "notes.txt", "deep/d.obj")
+    assert names(scan(source(tmp_path, pattern="*"), {"part": "all"})) == ["part-a", "part-b", "part-c"]
+    assert len(scan(source(tmp_path, pattern="**"), {"part": "all"})) == 4
+
+
+def test_names_of_classes_in_files():
+    assert file_name("coffee-mug") == "coffee-mug" and file_name("coffee mug") == "coffee_mug"
+    assert file_name("чашка") != file_name("ложка")
+    for name in ("чашка", "it's", "a & b"):
+        assert file_name(name).isascii() and not set(file_name(name)) & set(" &'/")
+
+
+def test_the_up_axis_is_the_formats(tmp_path):
+    tree(tmp_path, *(f"mug/{name}" for name in ("a.glb", "b.GLTF", "c.obj", "d.stl", "e.dae")))
+    assert [entry.up for entry in scan(source(tmp_path), {"mug": "all"})] == ["y", "y", "z", "z", "z"]
+    assert {entry.up for entry in scan(source(tmp_path, up="x"), {"mug": "all"})} == {"x"}
+
+
+def test_a_table_says_class_split_up_and_scale(tmp_path):
+    """A longer path counts for more, and a class's line for less than any path's."""
+    tree(tmp_path, "a/1.glb", "a/2.obj", "b/deep/3.obj", "b/4.obj")
+    (tmp_path / "objects.csv").write_text(
+        "\ufeffpath, class, split, up, scale\n"
+        "a/1.glb, tea pot, test, x, 0.001\n"
+        "b/deep, tea pot,,, keep\n"
+        "b/deep/3.obj,,, y,\n"
+        "\n"
+        ", tea pot, validation, z, diagonal\n"
+        ", a, train,,\n"
+    )
+    given = source(tmp_path, objects=str(tmp_path / "objects.csv"))
+    assert list(all_classes(given)) == ["a", "b", "tea pot"]
+    entries = scan(given, {"tea pot": "all", "a": "all", "b": "all"})
+    assert {entry.object: (entry.class_name, entry.split, entry.up, entry.scale) for entry in entries} == {
+        "tea_pot-1": ("tea pot", "test", "x", 0.001),
+        "tea_pot-deep-3": ("tea pot", "validation", "y", "keep"),
+        "a-2": ("a", "train", "z", "diagonal"),
+        "b-4": ("b", "", "z", "diagonal"),
+    }
+    splits = splits_of(entries, {"train": 0, "validation": 1, "test": 0})
+    assert list(splits.values()) == ["test", "validation", "train", "validation"]
+    table = build(given, {"tea pot": "all"})
+    assert list(table["scale"]) == ["0.001", "keep"] and list(table["split"]) == ["test", "validation"]
+
+
+def test_a_line_about_a_class_that_the_run_does_not_have_is_said(tmp_path, caplog):
+    tree(tmp_path, "mug/a.obj", "pan/b.obj")
+    (tmp_path / "objects.csv").write_text("class,split\nmgu,test\nmug,train\n")
+    assert scan(source(tmp_path, objects=tmp_path / "objects.csv"), {"mug": "all"})[0].split == "train"
+    assert "lines about classes that this run does not have: mgu" in caplog.text and "mug" not in caplog.text
+
+
+def test_classes_of_a_flat_folder_come_from_the_table(tmp_path):
+    tree(tmp_path, *(f"{name}.obj" for name in "abc"))
+    (tmp_path / "objects.csv").write_text("path,class\na.obj,mug\nb.obj,pan\n")
+    given = source(tmp_path, pattern="*", objects=tmp_path / "objects.csv")
+    assert all_classes(given) == {"mug": "all", "object": "all", "pan": "all"}
+    assert names(scan(given, {"pan": 1, "mug": 1})) == ["pan-b", "mug-a"]
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("name,split\n", "header is name, split: expected path or class"),
+        ("", "header is missing"),
+        ("split\ntest\n", "expected path or class"),
+        ("path;split\na.obj;test\n", "separated by commas"),
+        ("path,split\na.obj\n", "line 2: 2 fields are expected"),
+        ("path,split\na.obj,test,x\n", "line 2: 2 fields are expected"),
+        ("path,split\na.obj,dev\n", "line 2: split 'dev': expected train, validation, test"),
+        ("path,up\na.obj,w\n", "line 2: up 'w': expected x, y, z"),
+        ("path,scale\na.obj,mm\n", "scale 'mm': expected diagonal, keep, or metres.*0.001 for millimetres"),
+        ("path,scale\na.obj,-1\n", "scale '-1': expected"),
+        ("path,scale\na.obj,inf\n", "scale 'inf': expected"),
+        ("path,scale\na.obj,nan\n", "scale 'nan': expected"),
+        ("path,split\nb.obj,test\n", "b.obj: no such file or folder: correct the path"),
+        ("path,split\n../a.obj,test\n", "not below"),
+        ("path,split\na.obj,test\n./a.obj,train\n", "line 3: there is a line for a.obj already"),
+        ("path,class,split\n,,test\n", "line 2: it says of which object or class"),
+    ],
+)
+def test_mistakes_in_a_table_name_file_line_and_remedy(tmp_path, text, says):
+    tree(tmp_path / "meshes", "a.obj")
+    tree(tmp_path, "a.obj")
+    (tmp_path / "objects.csv").write_text(text)
+    with pytest.raises(ConfigError, match=says) as error:
+        read_object_table(tmp_path / "objects.csv", tmp_path / "meshes")
+    assert str(error.value).startswith(str(tmp_path / "objects.csv"))
+
+
+def test_a_table_that_is_none(tmp_path):
+    with pytest.raises(ConfigError, match="No such file.*set source.objects"):
+        read_object_table(tmp_path / "none.csv", tmp_path)
+    (tmp_path / "utf16.csv").write_text("path,split\n", encoding="utf-16")
+    with pytest.raises(ConfigError, match="no CSV file in UTF-8"):
+        read_object_table(tmp_path / "utf16.csv", tmp_path)
+
+
+def test_ycb(tmp_path, caplog):
+    """Google's scan where there is one, else the next; other scans are recorded, and folders without any named."""
+    for path in ("002_can/google_16k", "002_can/tsdf", "003_box/poisson", "003_box/clouds"):
+        painted(tmp_path / path)
+        ball().export(tmp_path / path / "nontextured.ply")
+    tree(tmp_path, "001_chips/README")
+    given = source(tmp_path, "ycb")
+    assert all_classes(given) == {"object": "all"}
+    entries = scan(given, {"thing": "all"})
+    assert [(entry.object, entry.source, entry.others, entry.up) for entry in entries] == [
+        ("thing-002_can", "002_can/google_16k/textured.obj", ("002_can/tsdf/textured.obj",), "z"),
+        ("thing-003_box", "003_box/poisson/textured.obj", (), "z"),
+    ]
+    assert "no mesh in 1 models: 001_chips" in caplog.text
+    tsdf = scan(given | {"pattern": "*/tsdf/textured.obj"}, {"thing": "all"})
+    assert [entry.source for entry in tsdf] == ["002_can/tsdf/textured.obj"]
+
+
+def test_google_scanned_objects(tmp_path):
+    """Textures are not beside the mesh. They are found, they are part of the checksum, and they are what is drawn."""
+    mesh = painted(tmp_path / "Red_Box" / "meshes", "../materials/textures/texture.png")
+    mesh.rename(mesh.with_name("model.obj"))
+    tree(tmp_path / "Red_Box", "model.sdf", "metadata.pbtxt", "thumbnails/0.jpg")
+    given = source(tmp_path, "google_scanned_objects")
+    (entry,) = scan(given, {"toy": "all"})
+    assert (entry.object, entry.source) == ("toy-Red_Box", "Red_Box/meshes/model.obj")
+    assert companions(tmp_path / entry.source) == ["../materials/textures/texture.png", "textured.mtl"]
+    assert richness(tmp_path / entry.source) == TEXTURE
+    record = prepare(tmp_path / entry.source, tmp_path / "out")
+    assert record["source"]["replaced_textures"] == {}
+    assert images_of(tmp_path / "out/visual.glb") == [(200, 10, 10)]
+    # A texture that was copied beside the mesh comes first.
+    Image.new("RGB", (4, 4), (10, 10, 200)).save(tmp_path / "Red_Box/meshes/texture.png")
+    assert companions(tmp_path / entry.source) == ["texture.png", "textured.mtl"]
+    prepare(tmp_path / entry.source, tmp_path / "again")
+    assert images_of(tmp_path / "again/visual.glb") == [(10, 10, 200)]
+
+
+def images_of(path: Path) -> list[tuple[int, int, int]]:
+    """The colour of the first pixel of each image in a binary glTF file, read by hand."""
+    data = path.read_bytes()
+    length = int.from_bytes(data[12:16], "little")
+    content, binary = json.loads(data[20 : 20 + length]), data[28 + length :]
+    views = [content["bufferViews"][image["bufferView"]] for image in content["images"]]
+    starts = [(view.get("byteOffset", 0), view["byteLength"]) for view in views]
+    return [Image.open(io.BytesIO(binary[a : a + n])).convert("RGB").getpixel((0, 0)) for a, n in starts]
+
+
+@pytest.mark.parametrize("above", ["", "hf-objaverse-v1/"])
+def test_objaverse(tmp_path, above):
+    for folder, uid in (
+        ("000-023", "8476c4170df24cf5bbe6967222d1a42d"),
+        ("000-110", "ead7bd6c4b2640b58dc1b53f88f9d3d1"),
+    ):
+        path = tmp_path / f"{above}glbs/{folder}/{uid}.glb"
+        path.parent.mkdir(parents=True)
+        ball().export(path)
+    tree(tmp_path, f"{above}lvis-annotations.json.gz", f"{above}object-paths.json.gz")
+    (tmp_path / "objects.csv").write_text(f"path,class\n{above}glbs/000-023,mug\n{above}glbs/000-110,pan\n")
+    given = source(tmp_path, "objaverse", objects=tmp_path / "objects.csv")
+    entries = scan(given, all_classes(given))
+    assert [(entry.class_name, entry.up) for entry in entries] == [("mug", "y"), ("pan", "y")]
+    assert names(entries)[0] == "mug-000-023-8476c4170df24cf5bbe6967222d1a42d"
+
+
+def test_shapenet_of_both_versions_is_one_object(tmp_path):
+    tree(tmp_path, "03624134/a/model.obj", "03624134/a/models/model_normalized.obj")
+    (entry,) = scan(source(tmp_path, "shapenet"), {"knife": "all"})
+    assert entry.source == "03624134/a/model.obj" and entry.others == ("03624134/a/models/model_normalized.obj",)
+
+
+def test_home_folders(tmp_path, monkeypatch):
+    monkeypatch.setenv("HOME", str(tmp_path))
+    config = {"results": "~/results", "run": "mine", "source": source("~/meshes", objects="~/objects.csv", up=None)}
+    resolved = resolve_source(config, "/project")
+    assert (resolved["path"], resolved["objects"]) == (f"{tmp_path}/meshes", f"{tmp_path}/objects.csv")
+    assert resolved["up"] == "format"
+    procedural = {**config, "source": {"kind": "procedural", "path": None, "up": None}}
+    assert resolve_source(procedural, "/project")["path"] == f"{tmp_path}/results/mine/sources"
+    tree(tmp_path, "meshes/mug/a.obj")
+    (tmp_path / "objects.csv").write_text("path,split\n~/meshes/mug/a.obj,test\n")
+    assert scan(resolved, {"mug": "all"})[0].split == "test"
+    with pytest.raises(ConfigError, match="write the path out"):
+        resolve_source({**config, "results": "~nobody-of-this-name/x"}, "/project")
+
+
+def test_the_table_does_not_depend_on_the_place_of_the_meshes(formats, tmp_path_factory):
+    elsewhere = tmp_path_factory.mktemp("elsewhere")
+    shutil.copytree(formats / "can", elsewhere / "can")
+    assert build(source(formats), {"can": "all"}).equals(build(source(elsewhere), {"can": "all"}))
