@@ -26,6 +26,7 @@ from palpate.catalogue.table import (
     check_splits,
     checksum,
     companions,
+    empty_splits,
     read_catalogue,
     splits_of,
 )
@@ -48,6 +49,7 @@ __all__ = [
     "checksum",
     "class_counts",
     "companions",
+    "empty_splits",
     "file_name",
     "in_order",
     "read_catalogue",

@@ -1,25 +1,19 @@
 """The catalogue: one row an object, with its split, its batch and the checksum of what it is made from."""
 
 import hashlib
-import logging
 import sys
 from collections import Counter
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
-from palpate.catalogue.batches import assign_batches, in_order
 from palpate.catalogue.companion_files import companions
-from palpate.catalogue.sources import CatalogueError, Count, SourceObject, scan
-from palpate.catalogue.split import PAPER_SPLIT, SPLITS, assign_split, suggest_split
+from palpate.catalogue.sources import CatalogueError, SourceObject
+from palpate.catalogue.split import SPLITS, assign_split, suggest_split
 from palpate.checksums import DamagedFile, read_rows
 from palpate.remedy import command
 
-log = logging.getLogger(__name__)
-
 COLUMNS = ("object", "class", "split", "batch", "source", "checksum", "up", "scale", "others")
-
-
 OTHERS = "; "
 
 
@@ -103,27 +97,15 @@ def check_splits(splits: Mapping[str, str], needed: Iterable[str], what: str, by
     raise CatalogueError(f"{message}add objects (`classes`), or put some into it where the splits are given")
 
 
-def build(
-    source: Mapping[str, Any],
-    classes: Mapping[str, Count],
-    ratios: Mapping[str, float] = PAPER_SPLIT,
-    batches: Mapping[str, str] | int = 16,
-):
-    """The catalogue as a pandas DataFrame with `COLUMNS`, a row an object, batch by batch in the order of `scan`.
+def build(root: Path | str, entries: Iterable[SourceObject], splits: Mapping[str, str], batches: Mapping[str, str]):
+    """The rows of some objects as a pandas DataFrame with `COLUMNS`, in their order.
 
-    batches: the batch of each object by name, or a batch's size, by which they are formed anew.
-    Splits are those that the source or the user gives, or else go by the names. `source` is the mesh file relative to
-    the source's path, so that the table is the same on every machine.
-    Raises `CatalogueError` as `scan` does, and where a file that it lists does not exist (procedural objects
-    must have been written).
+    root: the source's path, from which `source` is, so that the table is the same on every machine. splits, batches:
+    of each object by name. Raises `CatalogueError` if a mesh file does not exist (procedural objects must have been
+    written).
     """
     import pandas  # slow to import, and the only place that needs it
 
-    root = Path(source["path"])
-    entries = scan(source, classes)
-    splits = splits_of(entries, ratios)
-    if isinstance(batches, int):
-        batches = assign_batches([entry.object for entry in entries], batches)
     rows = [
         (
             entry.object,
@@ -131,23 +113,25 @@ def build(
             splits[entry.object],
             batches[entry.object],
             entry.source,
-            checksum(root / entry.source),
+            checksum(Path(root, entry.source)),
             entry.up,
             str(entry.scale),
             OTHERS.join(entry.others),
         )
-        for entry in in_order(entries, batches)
+        for entry in entries
     ]
-    table = pandas.DataFrame(rows, columns=list(COLUMNS))
-    _warn_of_empty_splits(table, ratios)
-    return table
+    return pandas.DataFrame(rows, columns=list(COLUMNS))
 
 
-def _warn_of_empty_splits(table, ratios):
-    for name, rows in table.groupby("class"):
-        empty = [split for split, share in ratios.items() if share > 0 and split not in set(rows["split"])]
-        if empty:
-            log.warning("class %s: none of its %d objects is in %s", name, len(rows), " or ".join(empty))
+def empty_splits(splits: Iterable[tuple[str, str]], ratios: Mapping[str, float]) -> dict[str, list[str]]:
+    """The splits that should have objects and have none, by class. splits: class and split of each object."""
+    found: dict[str, set[str]] = {}
+    for name, split in splits:
+        found.setdefault(name, set()).add(split)
+    empty = {
+        name: [each for each, share in ratios.items() if share > 0 and each not in has] for name, has in found.items()
+    }
+    return {name: names for name, names in empty.items() if names}
 
 
 def checksum(path: Path) -> str:

@@ -72,7 +72,7 @@ class _Batch:
         self.limits["penetration"] = np.float32(max_penetration)  # as it is stored
         self.limits["in hand"] = max_penetration
         self.sensor_names = SENSOR_NAMES
-        self.catalogue = [entry.object for entry in run.catalogue.values() if entry.batch == name]
+        self.catalogue = [entry.object for entry in read_catalogue(run.folder / f"catalogue/{name}.csv")]
         self.rejected = run.rejections(name)
         self.findings: list[Finding] = []
         self.stores: dict[str, Store] = {}
@@ -214,8 +214,8 @@ class _Batch:
         return ", ".join([f"grasp {grasp}", *(f"sensor {self.sensor_names[i]}" for i in sensor)])
 
 
-def check_files(run: Path | str, batch: str, stages: Sequence[str] = STAGES) -> list[Finding]:
-    """Compare all files of a batch with their checksums: meshes, the stores of `stages`, and what else is there.
+def check_files(run: Path | str, batch: str, stages: Sequence[str] = STAGES, others: bool = True) -> list[Finding]:
+    """Compare all files of a batch with their checksums: meshes, the stores of `stages`, and `others` that are there.
 
     `where` of a finding that passed is the digest of what the files held: as long as it stays, so does everything that
     was found in their values.
@@ -232,7 +232,7 @@ def check_files(run: Path | str, batch: str, stages: Sequence[str] = STAGES) -> 
     compare("meshes", lambda: _folder_digest(folder / "meshes" / batch))
     for stage, spec in CONTRACT.items():
         path = folder / spec.path(batch)
-        if stage in stages or path.exists():
+        if stage in stages or (others and path.exists()):
             compare(stage, lambda path=path: _verified(path).digest)
     if (folder / "exr" / batch).exists():
         compare("exr", lambda: _folder_digest(folder / "exr" / batch))
@@ -258,12 +258,14 @@ def validate_batch(
     batch: str,
     max_penetration: float = MAX_PENETRATION,
     stages: Sequence[str] = STAGES,
+    others: bool = True,
 ) -> list[Finding]:
     """Check every file and every array of every store of one batch.
 
     run: the run's folder. max_penetration: metres, by which the run's grasps were accepted. stages: whose
-    stores are checked; one that is missing fails. Needs `catalogue.csv` and the meshes. What is wrong with
-    a store or a mesh never raises: it is a finding.
+    stores are checked; one that is missing fails. others: whether files of further stores are compared as well, where
+    there are some. Needs `catalogue/<batch>.csv` and the meshes. What is wrong with a store or a mesh never raises: it
+    is a finding.
     """
     checked = _Batch(Run(run), batch, stages, max_penetration)
     for stage in checked.stores:
@@ -274,7 +276,7 @@ def validate_batch(
     stored = {name for objects in checked.objects.values() for name in objects}
     for name in [name for name in checked.catalogue if name in stored]:
         checked.check_object(name, hand, sensor)
-    return [*check_files(run, batch, stages), *checked.findings]
+    return [*check_files(run, batch, stages, others), *checked.findings]
 
 
 def write_findings(path: Path | str, findings: Iterable[Finding]) -> None:

@@ -7,11 +7,11 @@ from hypothesis import strategies as st
 from palpate.catalogue import (
     CatalogueError,
     assign_batches,
-    build,
     read_places,
     resolve_batch_size,
     write_places,
 )
+from tests.catalogue.whole import whole_catalogue
 
 names = st.lists(st.text("abcdef", min_size=1, max_size=4), max_size=30, unique=True)
 
@@ -73,7 +73,7 @@ def test_of_an_older_run_the_catalogue_says_the_places(tmp_path):
     for number in range(5):
         (tmp_path / "meshes/mug").mkdir(parents=True, exist_ok=True)
         (tmp_path / f"meshes/mug/{number}.stl").write_text("")
-    table = build({"kind": "folder", "path": tmp_path / "meshes"}, {"mug": "all"}, batches=2)
+    table = whole_catalogue({"kind": "folder", "path": tmp_path / "meshes"}, {"mug": "all"}, batches=2)
     table.to_csv(tmp_path / "catalogue.csv", index=False)
     assert read_places(tmp_path, 2) == dict(zip(table["object"], table["batch"], strict=True))
     assert read_places(tmp_path, 3) == {}
@@ -84,5 +84,5 @@ def test_rows_of_a_catalogue_are_batch_by_batch(tmp_path):
     for name in "abc":
         (tmp_path / f"mug/{name}.stl").write_text("")
     places = {"mug-b": "batch-0000", "mug-c": "batch-0000", "mug-a": "batch-0001", "mug-gone": "batch-0001"}
-    table = build({"kind": "folder", "path": tmp_path}, {"mug": "all"}, batches=places)
+    table = whole_catalogue({"kind": "folder", "path": tmp_path}, {"mug": "all"}, batches=places)
     assert list(zip(table["object"], table["batch"], strict=True)) == list(places.items())[:3]

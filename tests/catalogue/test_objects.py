@@ -11,12 +11,13 @@ import pytest
 import trimesh
 from PIL import Image
 
-from palpate.catalogue import CatalogueError, all_classes, build, file_name, resolve_source, scan, splits_of
+from palpate.catalogue import CatalogueError, all_classes, file_name, resolve_source, scan, splits_of
 from palpate.catalogue.companion_files import COLOURS, SHAPE, TEXTURE, companions, richness
 from palpate.catalogue.object_table import read_object_table
 from palpate.configuration import ConfigError
 from palpate.mesh import prepare
 from tests.catalogue.test_sources import names, tree
+from tests.catalogue.whole import whole_catalogue
 
 
 def source(path, kind="folder", **keys):
@@ -58,7 +59,7 @@ def test_files_of_one_object_are_one_object_and_the_richest_is_taken(formats):
     (entry,) = scan(source(formats), {"can": "all"})
     assert (entry.object, entry.source) == ("can-textured", "can/textured.obj")
     assert entry.others == ("can/nontextured.ply", "can/nontextured.stl")
-    (row,) = build(source(formats), {"can": "all"}).to_dict("records")
+    (row,) = whole_catalogue(source(formats), {"can": "all"}).to_dict("records")
     assert row["others"] == "can/nontextured.ply; can/nontextured.stl" and (row["up"], row["scale"]) == (
         "z",
         "diagonal",
@@ -202,7 +203,7 @@ def test_a_table_says_class_split_up_and_scale(tmp_path):
     }
     splits = splits_of(entries, {"train": 0, "validation": 1, "test": 0})
     assert list(splits.values()) == ["test", "validation", "train", "validation"]
-    table = build(given, {"tea pot": "all"})
+    table = whole_catalogue(given, {"tea pot": "all"})
     assert list(table["scale"]) == ["0.001", "keep"] and list(table["split"]) == ["test", "validation"]
 
 
@@ -348,4 +349,4 @@ def test_home_folders(tmp_path, monkeypatch):
 def test_the_table_does_not_depend_on_the_place_of_the_meshes(formats, tmp_path_factory):
     elsewhere = tmp_path_factory.mktemp("elsewhere")
     shutil.copytree(formats / "can", elsewhere / "can")
-    assert build(source(formats), {"can": "all"}).equals(build(source(elsewhere), {"can": "all"}))
+    assert whole_catalogue(source(formats), {"can": "all"}).equals(whole_catalogue(source(elsewhere), {"can": "all"}))

@@ -6,8 +6,9 @@ import shutil
 
 import pytest
 
-from palpate.catalogue import COLUMNS, CatalogueError, build, checksum
+from palpate.catalogue import COLUMNS, CatalogueError, checksum, empty_splits
 from palpate.catalogue.table import companions
+from tests.catalogue.whole import whole_catalogue
 from tests.mesh import nasty
 
 
@@ -21,7 +22,7 @@ def source(tmp_path):
 
 
 def test_rows(source):
-    table = build(source, {"pan": "all", "mug": 4}, batches=3)
+    table = whole_catalogue(source, {"pan": "all", "mug": 4}, batches=3)
     assert tuple(table.columns) == COLUMNS
     assert list(table["class"]) == ["pan"] * 3 + ["mug"] * 4
     assert list(table["batch"]) == ["batch-0000"] * 3 + ["batch-0001"] * 3 + ["batch-0002"]
@@ -36,25 +37,26 @@ def test_the_table_does_not_depend_on_the_place(source, tmp_path):
     shutil.copytree(source["path"], tmp_path / "elsewhere")
     moved = source | {"path": tmp_path / "elsewhere"}
     classes = {"mug": "all", "pan": "all"}
-    assert build(source, classes).equals(build(moved, classes))
+    assert whole_catalogue(source, classes).equals(whole_catalogue(moved, classes))
 
 
 def test_other_objects_change_no_row_but_its_batch(source):
-    before = build(source, {"mug": "all", "pan": "all"}, batches=2).set_index("object")
+    before = whole_catalogue(source, {"mug": "all", "pan": "all"}, batches=2).set_index("object")
     (source["path"] / "mug" / "00.obj").write_text("new")
-    after = build(source, {"mug": "all", "pan": "all"}, batches=2).set_index("object")
+    after = whole_catalogue(source, {"mug": "all", "pan": "all"}, batches=2).set_index("object")
     same = ["class", "split", "source", "checksum"]
     assert after.loc[before.index, same].equals(before[same])
 
 
-def test_a_class_without_a_split_is_said(source, caplog):
-    build(source, {"mug": 1}, {"train": 1, "validation": 1, "test": 1})
-    assert "class mug: none of its 1 objects is in" in caplog.text
+def test_splits_without_an_object_of_a_class():
+    rows = [("mug", "train"), ("mug", "test"), ("pan", "validation"), ("pan", "train")]
+    assert empty_splits(rows, {"train": 1, "validation": 1, "test": 0}) == {"mug": ["validation"]}
+    assert empty_splits(rows, {"train": 1, "validation": 1, "test": 1}) == {"mug": ["validation"], "pan": ["test"]}
 
 
 def test_procedural_files_must_be_there_for_the_table(tmp_path):
     with pytest.raises(CatalogueError, match="bottle-0000.glb: no such file"):
-        build({"kind": "procedural", "path": tmp_path}, {"bottle": 1})
+        whole_catalogue({"kind": "procedural", "path": tmp_path}, {"bottle": 1})
 
 
 def test_checksum_covers_materials_and_textures(tmp_path):

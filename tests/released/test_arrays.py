@@ -11,7 +11,7 @@ from PIL import Image
 import palpate.store
 from palpate.batch import UnusableObject, each_object
 from palpate.camera import paper_camera
-from palpate.catalogue import CatalogueError, all_classes, build, scan
+from palpate.catalogue import CatalogueError, all_classes, scan
 from palpate.dataset import Dataset
 from palpate.released import arrays as released
 from palpate.released.export import STAGES, export
@@ -19,6 +19,7 @@ from palpate.released.layout import ReleasedObject, read_released
 from palpate.released.pickles import UnsafePickle
 from palpate.store import StoreError
 from palpate.touch import SENSOR_WIDTH, empty_reading
+from tests.catalogue.whole import whole_catalogue
 from tests.store.conftest import ATTRIBUTES, BATCHES, GRASPS, REJECTED, SIZE
 
 EMPTY = np.random.default_rng(9).integers(0, 256, (100, 100, 3), dtype=np.uint8)  # as they have it
@@ -114,7 +115,7 @@ def test_what_is_whole_and_has_a_split_is_listed(tree, caplog):
 def test_the_catalogue_takes_their_splits(tree):
     source = {"kind": "released", "path": tree}
     assert all_classes(source) == {"0001": "all", "0002": "all"}
-    table = build(source, {"0002": "all", "0001": 1}, batches=1)
+    table = whole_catalogue(source, {"0002": "all", "0001": 1}, batches=1)
     assert table["object"].tolist()[0] == "0002-a.b"
     assert table["source"].tolist()[0] == "surfaces/0002/a.b.npy"
     assert (
@@ -128,7 +129,7 @@ def test_the_catalogue_takes_their_splits(tree):
     assert table["batch"].tolist() == ["batch-0000", "batch-0001"]
     before = table["checksum"][0]
     save(tree / "scene_info/0002/a.b/1.npy", scene(7)[0])
-    assert build(source, {"0002": "all"})["checksum"][0] != before
+    assert whole_catalogue(source, {"0002": "all"})["checksum"][0] != before
     with pytest.raises(CatalogueError, match="no object of class cup; it has 0001, 0002"):
         scan(source, {"cup": "all"})
 

@@ -121,7 +121,12 @@ def build(folder: Path) -> None:
             source.write_text(f"# {name}\n")
             digest = hashlib.sha256(source.read_bytes()).hexdigest()
             rows.append(f"{name},{name.split('-')[0]},{SPLITS[name]},{batch},{source.name},{digest}")
-    (folder / "catalogue.csv").write_text("object,class,split,batch,source,checksum\n" + "\n".join(rows) + "\n")
+    header = "object,class,split,batch,source,checksum"
+    (folder / "catalogue.csv").write_text("\n".join([header, *rows]) + "\n")
+    (folder / "catalogue").mkdir()
+    for batch in BATCHES:
+        mine = [row for row in rows if row.split(",")[3] == batch]
+        (folder / f"catalogue/{batch}.csv").write_text("\n".join([header, *mine]) + "\n")
     (folder / "rejected.csv").write_text(f"object,stage,reason\n{REJECTED},grasps,too few grasps\n")
     hand = {f"hand/{key}": array for key, array in allegro().to_arrays().items()}
     for batch, names in BATCHES.items():

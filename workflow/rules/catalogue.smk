@@ -14,23 +14,35 @@ rule shapes:
         "../scripts/shapes.py"
 
 
-# Which objects the run has: class, split, batch, file, checksum; one file of all, and one a batch.
+# The objects of a batch: class, split, file, checksum. By batch, so that one more object is no reason to read all files.
+rule catalogue_batch:
+    input:
+        sources=batch_sources,
+    output:
+        table="catalogue/{batch}.csv",
+    log:
+        "logs/catalogue/{batch}.log",
+    benchmark:
+        "benchmarks/catalogue/{batch}.tsv"
+    params:
+        root=SOURCE["path"],
+        objects=batch_objects_with_splits,
+    script:
+        "../scripts/catalogue_batch.py"
+
+
+# Which objects the run has.
 rule catalogue:
     input:
-        sources=lambda wildcards: source_inputs(ENTRIES),
-        objects=[SOURCE["objects"]] if SOURCE["objects"] else [],
-    output:
-        catalogue="catalogue.csv",
         batches=expand("catalogue/{batch}.csv", batch=BATCHES),
+    output:
+        table="catalogue.csv",
     log:
         "logs/catalogue.log",
     benchmark:
         "benchmarks/catalogue.tsv"
     params:
-        source=SOURCE,
-        classes=CLASS_COUNTS,
         split=config["split"],
-        batches={entry.object: PLACES[entry.object] for entry in ENTRIES},
         schema=SCHEMAS / "catalogue.schema.yaml",
     script:
         "../scripts/catalogue.py"

@@ -186,6 +186,11 @@ def batch_objects(wildcards):
     return {entry.object: entry.source for entry in batch_entries(wildcards)}
 
 
+def batch_objects_with_splits(wildcards):
+    """The fields of a batch's objects, as `catalogue.SourceObject` has them, and then their splits."""
+    return [(*entry, splits()[entry.object]) for entry in batch_entries(wildcards)]
+
+
 def batch_meshes(wildcards):
     """The mesh file of each object of a batch, its up axis and its scale."""
     return {entry.object: (entry.source, entry.up, entry.scale) for entry in batch_entries(wildcards)}

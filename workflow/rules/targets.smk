@@ -22,7 +22,7 @@ localrules:
 rule validate_batch:
     input:
         meshes="meshes/{batch}",
-        catalogue="catalogue.csv",
+        catalogue="catalogue/{batch}.csv",
         surface="surface/{batch}.zarr",
         grasps="grasps/{batch}.h5",
         touch="touch/{batch}.zarr",

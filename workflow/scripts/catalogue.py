@@ -1,23 +1,22 @@
 """The run's objects.
 
-catalogue.csv            object, class, split, batch, source (from the source's path on), checksum (SHA-256), up,
-                         scale, others
-catalogue/<batch>.csv    the same rows, of one batch
+catalogue.csv    the rows of catalogue/<batch>.csv, batch by batch
 """
 
-from pathlib import Path
+import logging
+
+import pandas as pd
 
 from palpate import catalogue, configuration
 from palpate.atomic import atomic_write
 from palpate.batch import log_to
 
 log_to(snakemake.log[0])
-params = snakemake.params
-table = catalogue.build(params.source, params.classes, params.split, params.batches)
-configuration.check(table.to_dict("records"), params.schema, "catalogue.csv")
-rows_of = dict(iter(table.groupby("batch")))
-for path in map(Path, snakemake.output.batches):
-    with atomic_write(path, checksum=True) as partial:
-        rows_of[path.stem].to_csv(partial, index=False)
-with atomic_write(snakemake.output.catalogue, checksum=True) as partial:
+entries = [entry for path in snakemake.input.batches for entry in catalogue.read_catalogue(path)]
+table = pd.DataFrame(entries).set_axis(catalogue.COLUMNS, axis=1)
+configuration.check(table.to_dict("records"), snakemake.params.schema, "catalogue.csv")
+of_classes = zip(table["class"], table["split"], strict=True)
+for name, splits in catalogue.empty_splits(of_classes, snakemake.params.split).items():
+    logging.warning("class %s: none of its %d objects is in %s", name, sum(table["class"] == name), " or ".join(splits))
+with atomic_write(snakemake.output.table, checksum=True) as partial:
     table.to_csv(partial, index=False)

@@ -1,0 +1,17 @@
+"""The objects of a batch.
+
+catalogue/<batch>.csv    object, class, split, batch, source (from the source's path on), checksum (SHA-256), up, scale,
+                         others
+"""
+
+from palpate import catalogue
+from palpate.atomic import atomic_write
+from palpate.batch import log_to
+
+log_to(snakemake.log[0])
+root, batch = snakemake.params.root, snakemake.wildcards.batch
+objects = [(catalogue.SourceObject(*fields), split) for *fields, split in snakemake.params.objects]
+splits = {entry.object: split for entry, split in objects}
+with atomic_write(snakemake.output.table, checksum=True) as partial:
+    table = catalogue.build(root, [entry for entry, _ in objects], splits, dict.fromkeys(splits, batch))
+    table.to_csv(partial, index=False)
