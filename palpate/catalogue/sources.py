@@ -10,6 +10,7 @@ import os
 import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
+from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -203,8 +204,8 @@ def _check_folder(root: Path, kind: str) -> None:
 
 def _check_links(root: Path, entries: Iterable[SourceObject]) -> None:
     for entry in entries:
-        path = root / entry.source
-        if path.is_symlink() and not path.exists():
+        path = os.path.join(root, entry.source)
+        if os.path.islink(path) and not os.path.exists(path):
             raise CatalogueError(
                 f"{path}: a link to {os.readlink(path)}, where there is no file: mend the link or remove it"
             )
@@ -360,7 +361,9 @@ def _matches(root: Path, pattern: str, layout: Layout) -> list[str]:
         within = pattern[:-3]
         folders = glob.glob(within, root_dir=root) if within else [""]
         found = [
-            Path(folder, file).as_posix() for folder in folders for file in _each_mesh(root / folder, layout.suffixes)
+            f"{Path(folder).as_posix()}/{file}" if folder else file
+            for folder in folders
+            for file in _each_mesh(root / folder, layout.suffixes)
         ]
     else:
         found = glob.glob(pattern, root_dir=root, recursive=True)
@@ -421,7 +424,7 @@ def _with_given(entry: SourceObject, table: ObjectTable, source: Mapping[str, An
         return entry._replace(up=source["up"] or UP_AXIS[source["kind"]], scale=source["scale"])
     given = table.of(entry.source, entry.class_name)
     up = given.up or source["up"] or UP_AXIS[source["kind"]]
-    up = FORMAT_UP.get(Path(entry.source).suffix.lower(), "z") if up == "format" else up
+    up = FORMAT_UP.get(os.path.splitext(entry.source)[1].lower(), "z") if up == "format" else up
     return entry._replace(
         object=_object(entry.class_name, entry.object),
         up=up,
@@ -467,15 +470,20 @@ def _released_objects(root: Path) -> list[ReleasedObject]:
 def _each_mesh(folder: Path, suffixes: tuple[str, ...]) -> Iterator[str]:
     for place, folders, files in os.walk(folder):
         folders[:] = [name for name in folders if not name.startswith(".")]
+        within = Path(place).relative_to(folder).as_posix()  # once a folder: there may be 100,000 files
         for name in files:
             if name.lower().endswith(suffixes) and not name.startswith("."):
-                yield (Path(place) / name).relative_to(folder).as_posix()
+                yield name if within == "." else f"{within}/{name}"
+
+
+MESH_SUFFIX = re.compile(rf"({'|'.join(map(re.escape, MESH_SUFFIXES))})$", re.IGNORECASE)
 
 
 def _without_suffix(file: str) -> str:
-    return re.sub(rf"({'|'.join(map(re.escape, MESH_SUFFIXES))})$", "", file, flags=re.IGNORECASE)
+    return MESH_SUFFIX.sub("", file)
 
 
+@cache
 def file_name(class_name: str) -> str:
     """A class's name as a part of file names: spaces are `_`; where other characters have to go, a hash follows."""
     spaced = class_name.replace(" ", "_")
