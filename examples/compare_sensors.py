@@ -12,12 +12,12 @@ from pathlib import Path
 
 import matplotlib
 import numpy as np
-from palpate.sensor import load
 
 from palpate import store, touch
 from palpate.catalogue import read_catalogue
 from palpate.hand import Hand
 from palpate.scene import GRASP_ARRAYS, Scene
+from palpate.sensor import load
 
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt
