@@ -38,7 +38,7 @@ def companions(path: Path, head: int = -1) -> list[str]:
     elif suffix == ".npy":
         names = layout.files(path)
     else:
-        names = []
+        return []
     return sorted(set(_existing(path.parent, names)))
 
 

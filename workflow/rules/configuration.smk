@@ -164,22 +164,25 @@ def mesh_files(path):
     return [path, *(os.path.normpath(folder / name) for name in names)]
 
 
-def source_inputs(entries):
-    """Files that a batch's meshes come from; procedural objects come as one folder a class."""
-    if SOURCE["kind"] == "procedural":
-        return sorted({f"sources/{entry.class_name}" for entry in entries})
-    files = [file for entry in entries for file in mesh_files(f"{SOURCE['path']}/{entry.source}")]
-    return [checked(file) for file in dict.fromkeys(files)]
-
-
 def batch_entries(wildcards):
     if wildcards.batch not in BATCH_ENTRIES:
         stop(f"the run has no {wildcards.batch}; its batches are {BATCHES[0]} to {BATCHES[-1]}")
     return BATCH_ENTRIES[wildcards.batch]
 
 
+@cache
+def sources_of(batch):
+    """Files that a batch's meshes come from; procedural objects come as one folder a class."""
+    entries = BATCH_ENTRIES[batch]
+    if SOURCE["kind"] == "procedural":
+        return sorted({f"sources/{entry.class_name}" for entry in entries})
+    files = [file for entry in entries for file in mesh_files(f"{SOURCE['path']}/{entry.source}")]
+    return [checked(file) for file in dict.fromkeys(files)]
+
+
 def batch_sources(wildcards):
-    return source_inputs(batch_entries(wildcards))
+    batch_entries(wildcards)  # an error if there is no such batch
+    return sources_of(wildcards.batch)
 
 
 def batch_objects(wildcards):
