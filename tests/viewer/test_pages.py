@@ -74,7 +74,7 @@ def in_browser(page, tmp_path, steps="() => {}", address=""):
     """What a page's title holds after some steps in the browser."""
     path = tmp_path / f"probe-{page.name}"
     path.write_text(page.read_text().replace("</body>", PROBE.replace("STEPS", steps)))
-    command = [BROWSER, *OPTIONS, f"--user-data-dir={tmp_path}/profile", "--virtual-time-budget=20000", "--dump-dom"]
+    command = [BROWSER, *OPTIONS, f"--user-data-dir={tmp_path}/profile", "--virtual-time-budget=200000", "--dump-dom"]
     done = subprocess.run([*command, f"file://{path}{address}"], capture_output=True, text=True, timeout=120)
     title = Title(done.stdout).text
     assert title.startswith("{"), f"{done.stderr[-2000:]}\n{title}"

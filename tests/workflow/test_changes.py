@@ -2,7 +2,7 @@
 
 import pytest
 
-STAGES = {"catalogue", "meshes", "surface", "grasps", "touch", "vision", "table"}
+STAGES = {"catalogue_batch", "catalogue", "meshes", "surface", "grasps", "touch", "vision", "table"}
 AFTER_GRASPS = {"touch", "vision", "table"}
 
 
@@ -15,7 +15,7 @@ AFTER_GRASPS = {"touch", "vision", "table"}
         ({"grasps": {"hand": {}}}, "grasps", AFTER_GRASPS),
         ({"surface": {"points": 2000}}, "surface", {"grasps", *AFTER_GRASPS}),
         ({"mesh": {"levels": [500]}}, "meshes", {"surface", "grasps", *AFTER_GRASPS}),
-        ({"split": {"test": 1000}}, "catalogue", {"table"}),
+        ({"split": {"test": 1000}}, "catalogue_batch", {"catalogue", "table"}),
     ],
     ids=["samples", "method", "thumb_share", "hand", "points", "levels", "split"],
 )

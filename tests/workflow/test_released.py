@@ -26,7 +26,7 @@ def workflow(make_workflow, tmp_path_factory):
 
 def test_it_is_read_and_not_simulated(workflow):
     targets = "dataset", "tables/dataset_statistics.csv"
-    assert workflow.planned(*targets) == {"dataset", "catalogue", "released", "rejected", "table"}
+    assert workflow.planned(*targets) == {"dataset", "catalogue_batch", "catalogue", "released", "rejected", "table"}
     result = workflow(*targets)
     assert result.returncode == 0, result.stderr
     dataset = palpate.Dataset(workflow.run)
@@ -46,6 +46,7 @@ def test_it_is_read_and_not_simulated(workflow):
 
 def test_models_need_no_simulation_of_it(workflow):
     assert workflow.planned("models/charts_occluded_touch/seed-0/best.ckpt") <= {
+        "catalogue_batch",
         "catalogue",
         "released",
         "touch_depth",
