@@ -1,6 +1,7 @@
 """Trained models as files: weights, with the experiment and settings behind them. Safe to load (no code in them)."""
 
 import hashlib
+import io
 import zipfile
 from collections.abc import Mapping
 from pathlib import Path
@@ -88,8 +89,10 @@ def save(path: Path | str, kind: str, model: torch.nn.Module, described: Mapping
     `image_size`.
     """
     weights = {name: value.detach().cpu() for name, value in model.state_dict().items()}
-    with atomic_write(path) as partial, open(partial, "wb") as file:  # by its name torch would name the content too
-        torch.save({"schema_version": SCHEMA_VERSION, "kind": kind, **described, "weights": weights}, file)
+    content = io.BytesIO()  # torch's own writing of a file does not say that the disk is full
+    torch.save({"schema_version": SCHEMA_VERSION, "kind": kind, **described, "weights": weights}, content)
+    with atomic_write(path) as partial:
+        partial.write_bytes(content.getbuffer())
 
 
 def read(path: Path | str, kind: str) -> dict[str, Any]:

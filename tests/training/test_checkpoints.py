@@ -1,5 +1,8 @@
 """Trained models as files: what is written is loaded, and what can't be used is said."""
 
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 import torch
@@ -135,3 +138,22 @@ def test_a_checkpoint_that_was_cut_off_is_an_error(path, kept):
     path.write_bytes(content[: int(kept * len(content)) if kept == 0.5 else kept])
     with pytest.raises(CheckpointError, match=f"{path} is no checkpoint of Palpate .*; remove it and train again"):
         load(path)
+
+
+def test_that_a_file_can_not_be_written_is_an_error_of_the_system(tmp_path):
+    """The system refuses further bytes of a file, as on a full disk; nothing is left, and the error says why."""
+    code = (
+        "import resource, signal, sys\n"
+        "from palpate.models import TouchDepth\n"
+        "from palpate.training.checkpoints import save\n"
+        "signal.signal(signal.SIGXFSZ, signal.SIG_IGN)\n"
+        "resource.setrlimit(resource.RLIMIT_FSIZE, (10_000, 10_000))\n"
+        "try:\n"
+        "    save(sys.argv[1], 'touch_depth', TouchDepth(4), {'width': 4})\n"
+        "except OSError as error:\n"
+        "    print(error.strerror)\n"
+    )
+    command = [sys.executable, "-c", code, str(tmp_path / "best.ckpt")]
+    done = subprocess.run(command, capture_output=True, text=True)
+    assert done.stdout == "File too large\n", done.stderr
+    assert not list(tmp_path.iterdir())
