@@ -1,5 +1,6 @@
 # What the config means for the workflow: checked first, then the run's folder, its objects and its batches.
 import errno
+import gc
 import itertools
 import os
 import re
@@ -20,6 +21,10 @@ from palpate.training import inputs, recipes
 os.environ.setdefault("PYTHONPATH", str(PROJECT))
 # Jobs have one thread each. Snakemake limits OpenMP and BLAS by itself; libigl would take every core.
 os.environ.setdefault("IGL_NUM_THREADS", "1")
+
+# A plan is millions of Python objects that stay. To look for cycles among them again and again takes a sixth of the
+# time of planning 100,000 objects.
+gc.set_threshold(200_000, 50, 100)
 
 SCHEMAS = PROJECT / "workflow/schemas"
 CONDA = str(PROJECT / "envs/palpate.yaml")
