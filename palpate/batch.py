@@ -59,8 +59,12 @@ def log_to(path: Path | str) -> None:
 
     def excepthook(kind, error, traceback):
         log.critical("stopped", exc_info=(kind, error, traceback))
-        print(plain(error), flush=True)
-        if QUIET not in os.environ:  # else the run says it
+        said_by_run = QUIET in os.environ
+        try:
+            print(plain(error), flush=True)
+        except OSError:  # a full disk: the run finds nothing in the log
+            said_by_run = False
+        if not said_by_run:
             print(plain(error), file=sys.stderr)
 
     sys.excepthook = excepthook

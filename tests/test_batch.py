@@ -10,6 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from palpate.batch import (
+    QUIET,
     Rejection,
     UnusableObject,
     each_object,
@@ -79,6 +80,18 @@ def test_a_job_log_holds_lines_prints_of_engines_and_the_traceback(tmp_path):
     assert "INFO a line" in log and "an engine" in log and "ValueError: the end" in log
     assert "Traceback" in log and "Traceback" not in done.stderr
     assert log.splitlines()[-1] == "ValueError: the end"
+
+
+def test_a_job_whose_log_is_on_the_full_disk_says_so_on_the_terminal():
+    script = f"import os; os.environ['{QUIET}'] = '1'; from palpate.batch import log_to; log_to('/dev/full');"
+    done = subprocess.run(
+        [sys.executable, "-c", script + "raise OSError(28, 'No space left on device', 'x.zarr')"],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode
+    assert "x.zarr: the disk is full: free some space" in done.stderr
 
 
 @pytest.mark.parametrize(

@@ -6,6 +6,7 @@ Prints the table of docs/reliability.md. Exits with 1 if anything was lost. Fill
 """
 
 import argparse
+import errno
 import os
 import shutil
 import signal
@@ -97,7 +98,8 @@ def disk_full(
                 raise RuntimeError(f"a run of {size} bytes fitted into {room}")
             said = log.read_text()[start:]
             subprocess.run(["mount", "-o", f"remount,size={4 * size}", str(disk)], check=True)
-            lost.append(_end(run, expected, log) + ([] if "No space left" in said else ["no word of the full disk"]))
+            told = any(words in said for words in ("the disk is full", os.strerror(errno.ENOSPC)))
+            lost.append(_end(run, expected, log) + ([] if told else [f"no word of the full disk in: {said}"]))
         finally:
             subprocess.run(["umount", "--lazy", str(disk)], check=True)
         print(f"disk_full: {done + 1} of {tries}", file=sys.stderr, flush=True)
