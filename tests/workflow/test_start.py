@@ -2,9 +2,11 @@
 
 import os
 import re
+from unittest import mock
 
 import pytest
 import yaml
+from snakemake.scheduling.job_scheduler import JobScheduler
 
 from tests.workflow.conftest import PROJECT
 
@@ -99,3 +101,15 @@ def test_a_path_from_the_root_is_the_runs(smoke, place, monkeypatch):
     monkeypatch.setattr("sys.argv", ["snakemake", wrong])
     found = lines(smoke.plan(wrong, "--dry-run"))
     assert found[0].startswith("no target tables/graps.csv; did you mean tables/grasps.csv")
+
+
+def test_jobs_that_ended_leave_no_timers_that_look_for_jobs_every_second(make_workflow):
+    """Snakemake 9's limit of jobs a second does, one for each: hundreds take a core of the run."""
+    workflow = make_workflow()
+    with mock.patch.object(JobScheduler, "_schedule_reevalutation") as timer:
+        run = workflow.plan("catalogue.csv")
+        assert run.returncode == 0 and (workflow.run / "catalogue.csv").exists(), run.stdout + run.stderr
+        timer.assert_not_called()
+        asked = make_workflow().plan("catalogue.csv", "--max-jobs-per-timespan", "50/1s")
+        assert asked.returncode == 0, asked.stdout + asked.stderr
+        timer.assert_called()
