@@ -9,6 +9,9 @@ first. Then it trains for as many steps as fit in the seconds of processor time 
 schedule ends with the last. The run's stores must exist (python -m palpate.training.inputs lists them). With --base
 each seed goes on from that model of its seed, with the recipe's settings of a continuation.
 
+The last columns say how smooth the best model's meshes are (`palpate.evaluation.surface_quality`), the mean over the
+validation windows.
+
 With few objects the validation loss is inaccurate: --validate-on uses the validation objects of a larger run (of the
 same config but for its size). Losses are on 2,500 points and --windows windows of each object; the table has the best
 evaluation, as a run would keep it.
@@ -27,8 +30,12 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 import numpy as np
 import torch
 import yaml
+from scipy.spatial import cKDTree
 
 from palpate import training
+from palpate.evaluation.rows import QUALITY
+from palpate.evaluation.surface_quality import surface_quality, topology
+from palpate.models import Reconstruction
 from palpate.training import recipes
 from palpate.training.data import TrainingData
 from palpate.training.samples import training_samples
@@ -99,6 +106,18 @@ def step_seconds(data: TrainingData, experiment: dict, settings: dict) -> float:
     return statistics.median(times[TIMED:])
 
 
+@torch.no_grad()
+def smoothness(model: Reconstruction, data: TrainingData, experiment: dict, windows: int) -> np.ndarray:
+    """The numbers of `QUALITY` of a model's meshes, on average over so many windows of every validation object."""
+    assemble, surface = training.Assembler(data, experiment), topology(model.strategy)
+    found = [
+        surface_quality(model(assemble([sample]))[0].numpy(), surface, cKDTree(data["points"][sample.object]))
+        for sample in training.windows(data, experiment, "validation")
+        if sample.window < windows
+    ]
+    return np.mean(found, axis=0)
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("run", type=Path)
@@ -131,8 +150,18 @@ def main() -> None:
         f"of one core, {counts['train']} objects to train on, "
         f"{counts['validation']} to validate on, seeds {options.seeds}"
     )
-    print("| variant | parameters | ms a step | steps | best validation loss | at step | last | training loss |")
-    print("|---|---|---|---|---|---|---|---|", flush=True)
+    columns = (
+        "variant",
+        "parameters",
+        "ms a step",
+        "steps",
+        "best validation loss",
+        "at step",
+        "last",
+        "training loss",
+    )
+    print("", *columns, *QUALITY, "", sep=" | ")
+    print("|---" * len(columns + QUALITY) + "|", flush=True)
     for name in options.variants:
         for seed in options.seeds:
             settings = recipes.merge(common, VARIANTS.get(name) if name in VARIANTS else yaml.safe_load(name))
@@ -147,10 +176,13 @@ def main() -> None:
                 machine = training.Machine("cpu")
                 found = training.train(learner, f"{folder}/model", f"{folder}/checkpoints", machine, name)
                 rows = np.genfromtxt(f"{folder}/model/history.csv", delimiter=",", names=True)
+                best = training.load(f"{folder}/model/best.ckpt")
+                smooth = smoothness(best, data, experiment, options.windows)
             print(
                 f"| {name} | {found['parameters']:,} | {1e3 * seconds:.0f} | {steps} "
                 f"| {found['validation_loss']:.2f} | {found['best_step']} "
-                f"| {rows['validation_loss'][-1]:.2f} | {rows['train_loss'][-1]:.2f} |",
+                f"| {rows['validation_loss'][-1]:.2f} | {rows['train_loss'][-1]:.2f} "
+                f"| {' | '.join(f'{number:.1f}' for number in smooth)} |",
                 flush=True,
             )
 
