@@ -20,7 +20,7 @@ from palpate.charts.chamfer import (
 from palpate.charts.fit import fit_adam, fit_direct
 from palpate.charts.graph import Graph
 from palpate.charts.normals import plane_normals
-from palpate.charts.sample import sample_faces
+from palpate.charts.sample import face_areas, sample_faces
 
 __all__ = [
     "ATLAS_RADIUS",
@@ -32,6 +32,7 @@ __all__ = [
     "build_tree",
     "chamfer_distance",
     "chart_faces",
+    "face_areas",
     "fit_adam",
     "fit_direct",
     "nearest",

@@ -6,6 +6,19 @@ from torch import Tensor
 ROUNDING = 8 * torch.finfo(torch.float64).eps  # of a product of two sides, in shares of it
 
 
+def face_areas(corners: Tensor) -> Tensor:
+    """Twice the areas (...) of faces with corners (..., 3, 3), in double precision; 0 for lines and points.
+
+    Products of single precision are lost on a mesh below 1e-19 m, and on long slivers.
+    """
+    first, second, third = corners.double().unbind(dim=-2)
+    one, other = second - first, third - first
+    areas = torch.linalg.cross(one, other).norm(dim=-1)
+    # What rounding leaves of the product of parallel sides is no area.
+    areas[areas <= ROUNDING * one.norm(dim=-1) * other.norm(dim=-1)] = 0
+    return areas
+
+
 def sample_faces(vertices: Tensor, faces: Tensor, n: int, generator: torch.Generator | None = None) -> Tensor:
     """Random points on each mesh of a batch, uniform by area (Osada et al. 2002, "Shape Distributions").
 
@@ -24,12 +37,7 @@ def sample_faces(vertices: Tensor, faces: Tensor, n: int, generator: torch.Gener
     """
     corners = vertices[:, faces]  # (B, F, 3, 3)
     with torch.no_grad():
-        # In double precision: products of single ones are lost on a mesh below 1e-19 m, and on long slivers.
-        first, second, third = corners.detach().double().unbind(dim=2)
-        one, other = second - first, third - first
-        areas = torch.linalg.cross(one, other).norm(dim=2)
-        # What rounding leaves of the product of parallel sides is no area.
-        areas[areas <= ROUNDING * one.norm(dim=2) * other.norm(dim=2)] = 0
+        areas = face_areas(corners.detach())
         reached = areas.cumsum(dim=1)
         total = reached[:, -1:]
         if not torch.isfinite(total).all():

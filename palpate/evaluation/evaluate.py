@@ -15,7 +15,7 @@ from torch import Tensor
 from tqdm import tqdm
 
 from palpate import checksums, training
-from palpate.charts import CHAMFER_SCALE, build_tree, chamfer_distance, sample_faces, touch_chart
+from palpate.charts import CHAMFER_SCALE, build_tree, chamfer_distance, face_areas, sample_faces, touch_chart
 from palpate.dataset import Dataset
 from palpate.dataset.reader import GraspRecord, ObjectRecord
 from palpate.evaluation.metrics import score, seeded
@@ -247,6 +247,14 @@ def evaluate_touch(
     return pd.DataFrame(rows, columns=TOUCH_COLUMNS)
 
 
+def _on_charts(charts: Tensor, points: int, draw: torch.Generator) -> list[Tensor]:
+    """So many points on each of touch charts (T, 81, 3); its vertices where a contact of few pixels left it no area."""
+    faces = touch_chart().faces.to(charts.device)
+    sheets = face_areas(charts[:, faces]).sum(dim=1) > 0
+    sampled = iter(sample_faces(charts[sheets], faces, points, draw))
+    return [next(sampled) if sheet else chart for chart, sheet in zip(charts, sheets, strict=True)]
+
+
 def _local_scores(
     model: TouchDepth, grasp: GraspRecord, sensors: np.ndarray, empty: Tensor, points: int, draw: torch.Generator
 ) -> tuple[list[float], list[float]]:
@@ -260,7 +268,7 @@ def _local_scores(
     clouds = [cloud[mask] for cloud, mask in zip(sheet(depth, width), valid, strict=True)]
     truths = [cloud[mask] for cloud, mask in zip(sheet(true, width), torch.isfinite(true), strict=True)]
     chart = torch.from_numpy(grasp.vertices[sensors]).to(device)
-    on_charts = sample_faces(chart, touch_chart().faces.to(device), points, draw)
+    on_charts = _on_charts(chart, points, draw)
     world = [torch.from_numpy(grasp.points[sensor]).to(device) for sensor in sensors]
     scores = chamfer_distance(clouds, truths), chamfer_distance(on_charts, world)
     return tuple((CHAMFER_SCALE * errors).tolist() for errors in scores)

@@ -1,6 +1,7 @@
 """Small models that were never trained, on a run of spheres: what is measured of them is known otherwise."""
 
 import json
+from unittest import mock
 
 import numpy as np
 import pandas as pd
@@ -239,6 +240,20 @@ def test_touch_charts_and_clouds_are_scored_where_they_are(run):
     # The chart is the sensor plane: from the true surface to it is the depth, from it to the surface is more.
     felt = touch["depth"][index][np.isfinite(touch["depth"][index])].astype(float)
     assert row["chart"] == pytest.approx(9000 * 2 * (felt**2).mean(), rel=0.1)
+
+
+def test_a_touch_chart_without_area_is_scored_by_its_vertices(run):
+    """A contact of a single row of pixels leaves one: among the paper's 1,731 objects there is such a touch."""
+    grasp = Dataset(run, ["touch", "charts"])["ball-0002"].grasps[1]
+    sensors = np.flatnonzero(grasp.success)
+    vertices = grasp.vertices.copy()
+    vertices[sensors[1]] = point = grasp.position[sensors[1]]
+    model, empty = TouchDepth(width=4).eval(), torch.zeros(3, 100, 100)
+    with mock.patch.object(type(grasp), "vertices", vertices, create=True):
+        _, charts = evaluation._local_scores(model, grasp, sensors, empty, 1000, seeded(0, "a"))
+    squared = ((grasp.points[sensors[1]] - point) ** 2).sum(axis=1)
+    assert charts[1] == pytest.approx(9000 * (squared.min() + squared.mean()), rel=1e-3)
+    assert np.isfinite(charts).all() and len(charts) == len(sensors)
 
 
 def test_a_split_without_objects_is_an_error(data, run):
