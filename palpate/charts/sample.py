@@ -7,7 +7,7 @@ ROUNDING = 8 * torch.finfo(torch.float64).eps  # of a product of two sides, in s
 
 
 def face_areas(corners: Tensor) -> Tensor:
-    """Twice the areas (...) of faces with corners (..., 3, 3), in double precision; 0 for lines and points.
+    """Areas (...) of faces with corners (..., 3, 3), in double precision; 0 for lines and points.
 
     Products of single precision are lost on a mesh below 1e-19 m, and on long slivers.
     """
@@ -16,7 +16,7 @@ def face_areas(corners: Tensor) -> Tensor:
     areas = torch.linalg.cross(one, other).norm(dim=-1)
     # What rounding leaves of the product of parallel sides is no area.
     areas[areas <= ROUNDING * one.norm(dim=-1) * other.norm(dim=-1)] = 0
-    return areas
+    return areas / 2
 
 
 def sample_faces(vertices: Tensor, faces: Tensor, n: int, generator: torch.Generator | None = None) -> Tensor:

@@ -248,7 +248,7 @@ def evaluate_touch(
 
 
 def _on_charts(charts: Tensor, points: int, draw: torch.Generator) -> list[Tensor]:
-    """So many points on each of touch charts (T, 81, 3); its vertices where a contact of few pixels left it no area."""
+    """So many points on each of touch charts (T, 81, 3); its vertices where a contact of one pixel left it no area."""
     faces = touch_chart().faces.to(charts.device)
     sheets = face_areas(charts[:, faces]).sum(dim=1) > 0
     sampled = iter(sample_faces(charts[sheets], faces, points, draw))

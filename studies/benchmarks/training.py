@@ -150,18 +150,9 @@ def main() -> None:
         f"of one core, {counts['train']} objects to train on, "
         f"{counts['validation']} to validate on, seeds {options.seeds}"
     )
-    columns = (
-        "variant",
-        "parameters",
-        "ms a step",
-        "steps",
-        "best validation loss",
-        "at step",
-        "last",
-        "training loss",
-    )
-    print("", *columns, *QUALITY, "", sep=" | ")
-    print("|---" * len(columns + QUALITY) + "|", flush=True)
+    columns = ["variant", "parameters", "ms a step", "steps", "best validation loss", "at step", "last", "training loss"]
+    columns += QUALITY
+    print(f"| {' | '.join(columns)} |\n{'|---' * len(columns)}|", flush=True)
     for name in options.variants:
         for seed in options.seeds:
             settings = recipes.merge(common, VARIANTS.get(name) if name in VARIANTS else yaml.safe_load(name))
