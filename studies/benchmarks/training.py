@@ -150,7 +150,7 @@ def main() -> None:
         f"of one core, {counts['train']} objects to train on, "
         f"{counts['validation']} to validate on, seeds {options.seeds}"
     )
-    columns = ["variant", "parameters", "ms a step", "steps", "best validation loss", "at step", "last", "training loss"]
+    columns = ["variant", "parameters", "ms a step", "steps", "best loss", "at step", "last loss", "training loss"]
     columns += QUALITY
     print(f"| {' | '.join(columns)} |\n{'|---' * len(columns)}|", flush=True)
     for name in options.variants:
