@@ -5,13 +5,16 @@ experiment of the paper whose numbers stand beside (none: the paper states nothi
 finding is.
 """
 
+from collections.abc import Iterator
+from typing import Any
+
 import numpy as np
 import pandas as pd
 
 from palpate.evaluation.rows import SPLITS
 from palpate.results.bootstrap import RESAMPLES
 from palpate.results.claims import contrast
-from palpate.results.errors import AVERAGE, errors
+from palpate.results.errors import AVERAGE, Errors, errors
 from palpate.results.model_tables import intervals_note, size_columns
 from palpate.results.published import effects, paper_values
 
@@ -31,54 +34,79 @@ def touch_effect(evaluations: pd.DataFrame, resamples: int = RESAMPLES) -> pd.Da
     if its interval excludes 0 and two seeds differ by less. Raises EvaluationError if experiments were measured on
     different objects or with different seeds.
     """
+    rows = []
+    for row, split, found in _compared(evaluations):
+        pair = {"experiment": row["experiment"], "compared_with": row["compared_with"]}
+        difference = _difference(found, row, _stated(split, AVERAGE), resamples)
+        rows.append({"effect": row["effect"], **pair, "split": split, **difference})
+    return _effects_table(rows, "A difference is the error of `experiment` less that of `compared with`")
+
+
+def touch_effect_by_class(evaluations: pd.DataFrame, resamples: int = RESAMPLES) -> pd.DataFrame:
+    """`touch_effect` for each class: a row a difference, split and class.
+
+    Columns: effect, split, class, error (the average of the experiment that is compared with), its median over objects,
+    and those of `touch_effect` from difference on.
+    """
+    rows = []
+    for row, split, of_all in _compared(evaluations):
+        for name in of_all.class_names:
+            found = of_all.of_class(name)
+            before = found.values[row["compared_with"]].mean(axis=0)
+            known = {"class": name, "error": before.mean(), "median": np.median(before)}
+            difference = _difference(found, row, _stated(split, name), resamples)
+            rows.append({"effect": row["effect"], "split": split, **known, **difference})
+    return _effects_table(rows, "`error` and `median` are of the objects before; a difference is of their average")
+
+
+def _compared(evaluations: pd.DataFrame) -> Iterator[tuple[dict[str, str], str, Errors]]:
+    """The differences whose experiments were measured, with each split and its errors."""
     chosen = effects(set(evaluations["experiment"]))
     names = sorted({name for row in chosen for name in (row["experiment"], row["compared_with"])})
+    of_splits = {split: errors(evaluations, names, split) for split in SPLITS}
+    for row in chosen:
+        for split, found in of_splits.items():
+            yield row, split, found
+
+
+def _difference(found: Errors, row: dict[str, str], stated: dict[str, float], resamples: int) -> dict[str, Any]:
+    """The columns of a difference of two experiments' averages, from `difference` on; `stated` has the paper's."""
+    pair = row["experiment"], row["compared_with"]
     (difference,) = contrast(1, -1)
-    rows = []
-    for split in SPLITS:
-        found, stated = errors(evaluations, names, split), _stated(split)
-        for row in chosen:
-            pair = row["experiment"], row["compared_with"]
-            estimate = found.estimate(pair, difference, resamples)
-            percent = found.estimate(pair, lambda means: 100 * (means[..., 0] / means[..., 1] - 1), resamples)
-            spread = found.between_seeds(pair, difference)
-            sizes = size_columns(found, *pair)
-            sign = estimate.sign(spread)
-            rows.append(
-                {
-                    "effect": row["effect"],
-                    "experiment": pair[0],
-                    "compared_with": pair[1],
-                    "split": split,
-                    "difference": estimate.value,
-                    "difference_low": estimate.low,
-                    "difference_high": estimate.high,
-                    "percent": percent.value,
-                    "percent_low": percent.low,
-                    "percent_high": percent.high,
-                    "percent_paper": 100 * (stated.get(row["stated_as"], np.nan) / stated.get(pair[1], np.nan) - 1),
-                    "between_seeds": spread,
-                    "verdict": VERDICTS[sign] + (ONE_SEED if sign and sizes["seeds"] == 1 else ""),
-                    **sizes,
-                }
-            )
+    estimate = found.estimate(pair, difference, resamples)
+    percent = found.estimate(pair, lambda means: 100 * (means[..., 0] / means[..., 1] - 1), resamples)
+    spread = found.between_seeds(pair, difference)
+    sizes = size_columns(found, *pair)
+    sign = estimate.sign(spread)
+    return {
+        "difference": estimate.value,
+        "difference_low": estimate.low,
+        "difference_high": estimate.high,
+        "percent": percent.value,
+        "percent_low": percent.low,
+        "percent_high": percent.high,
+        "percent_paper": 100 * (stated.get(row["stated_as"], np.nan) / stated.get(pair[1], np.nan) - 1),
+        "between_seeds": spread,
+        "verdict": VERDICTS[sign] + (ONE_SEED if sign and sizes["seeds"] == 1 else ""),
+        **sizes,
+    }
+
+
+def _effects_table(rows: list[dict], what: str) -> pd.DataFrame:
     table = pd.DataFrame(rows).astype({"objects": "Int64", "seeds": "Int64"})
-    order = [row["effect"] for row in chosen]
-    table = table.sort_values("effect", key=lambda column: column.map(order.index), kind="stable", ignore_index=True)
     table.attrs["note"] = (
-        "A difference is the error of `experiment` less that of `compared with`, paired by object and seed. It is a "
-        "finding (better, worse) if its interval excludes 0 and two seeds differ by less (`between seeds`). "
-        f"{intervals_note(int(table['seeds'].max()))}"
+        f"{what}, paired by object and seed. It is a finding (better, worse) if its interval excludes 0 and two seeds "
+        f"differ by less (`between seeds`). {intervals_note(int(table['seeds'].max()))}"
     )
     table.attrs |= {"decimals": 3, "exact": {"percent": 1}}
     return table
 
 
-def _stated(split: str) -> dict[str, float]:
-    """The paper's averages of its experiments on a split."""
+def _stated(split: str, group: str) -> dict[str, float]:
+    """The paper's numbers of its experiments on a split, of a class or the average."""
     stated: dict[str, float] = {}
     for table in ("model_selection",) if split == "validation" else ("grasps", "input_modalities"):
         frame = paper_values(table)
-        frame = frame[frame["class"] == AVERAGE] if "class" in frame else frame
+        frame = frame[frame["class"] == group] if "class" in frame else frame[[group == AVERAGE] * len(frame)]
         stated |= dict(zip(frame["experiment"], frame["value"], strict=True))
     return stated

@@ -4,7 +4,7 @@ import pytest
 from scipy import stats
 
 from palpate.evaluation.rows import COLUMNS
-from palpate.results.effects import touch_effect
+from palpate.results.effects import touch_effect, touch_effect_by_class
 from palpate.results.published import effects, paper_values
 from tests.evaluation import synthetic
 
@@ -101,6 +101,26 @@ def test_the_papers_graph_has_rows_of_its_own():
     assert graph["experiment"] == "graph_occluded_touch" and graph["compared_with"] == "charts_occluded"
     pooled = row(table, "Touch pooled, against the paper's graph (touch alone)", "validation")
     assert pooled["difference"] == pytest.approx(-0.05, abs=0.02) and np.isnan(pooled["percent_paper"])
+
+
+def test_by_class_each_class_is_measured_by_itself():
+    frame = synthetic.evaluations(MEANS, each=3, seeds=(0, 1), seed_spread=0.02)
+    table = touch_effect_by_class(frame, resamples=200)
+    assert len(table) == 4 * len(touch_effect(frame, resamples=200))
+    for one in table[table["effect"] == "Touch beside occluded vision"].to_dict("records"):
+        rows = frame[(frame["split"] == one["split"]) & (frame["class"] == one["class"])]
+        by_object = rows.groupby(["experiment", "object"])["chamfer"].mean()
+        mine, other = by_object["charts_occluded_touch"], by_object["charts_occluded"]
+        assert one["difference"] == pytest.approx(mine.mean() - other.mean())
+        assert one["percent"] == pytest.approx(100 * (mine.mean() / other.mean() - 1))
+        assert (one["error"], one["median"]) == pytest.approx((other.mean(), other.median()))
+        assert one["objects"] == 3 and one["difference_low"] < one["difference"] < one["difference_high"]
+    # The paper has numbers of classes for the validation split only.
+    bottle = table[(table["class"] == "bottle") & (table["effect"] == "Touch beside occluded vision")]
+    stated = paper_values("model_selection").set_index(["experiment", "class"])["value"]
+    percent = 100 * (stated["charts_occluded_touch", "bottle"] / stated["charts_occluded", "bottle"] - 1)
+    paper = bottle.set_index("split")["percent_paper"]
+    assert paper["validation"] == pytest.approx(percent) and np.isnan(paper["test"])
 
 
 def test_effects_take_only_what_is_defined():

@@ -71,7 +71,7 @@ EFFECTS = effects(
     name for name, row in EXPERIMENTS["experiments"].items() if row["grasps"] <= config["grasps"]["per_object"]
 )
 MODEL_TABLES = [*MADE, "local_touch_charts", *(["claims"] if claims_decidable() else [])]
-MODEL_TABLES += ["touch_effect"] if EFFECTS else []
+MODEL_TABLES += ["touch_effect", "touch_effect_by_class"] if EFFECTS else []
 MODEL_TABLES += ["surface_quality"] if "input_modalities" in MADE else []
 TRAINED = sorted({name for table in MADE for name in table_setup(table)["experiments"]})
 CLASS_FILES = {catalogue.file_name(name): name for name in CLASS_COUNTS}
@@ -111,7 +111,7 @@ def table_inputs(wildcards):
                 "rings": rings_of(published_experiments("extrapolation")),
                 "touches": "evaluations/touch_depth.csv",
             }
-        case "touch_effect":
+        case "touch_effect" | "touch_effect_by_class":
             names = sorted({row[key] for row in EFFECTS for key in ("experiment", "compared_with")})
             return {"evaluations": evaluations_of(names)}
         case "tuning":
@@ -129,7 +129,7 @@ def table_settings(wildcards):
     match wildcards.table:
         case "local_touch_charts":
             return {"split": "test", "resamples": config["evaluation"]["resamples"]}
-        case "claims" | "touch_effect":
+        case "claims" | "touch_effect" | "touch_effect_by_class":
             return {"resamples": config["evaluation"]["resamples"]}
         case "tuning":
             return {"points": TUNING.dataframe.to_dict("records")}

@@ -21,6 +21,7 @@ rule table:
                 "local_touch_charts",
                 "claims",
                 "touch_effect",
+                "touch_effect_by_class",
                 "surface_quality",
                 "tuning",
                 *ARCHITECTURES,

@@ -11,6 +11,7 @@ single_image              reconstruction from single images, Pixel2Mesh's protoc
 local_touch_charts        Chamfer distance (m^2 x 9000) of local predictions, by class
 claims                    this run's verdict on each claim of the paper that a number decides
 touch_effect              what touch, grasps, copying and communication change, on both splits, beside the paper's
+touch_effect_by_class     the same for each class
 surface_quality           angles between faces, torn charts and faces across the true surface, by input
 tuning                    the grid of hyperparameters: the result of each of its points, the best first
 architectures/<model>     layers of the live module beside the paper's
@@ -53,10 +54,10 @@ def table(name: str, settings: dict) -> pd.DataFrame:
             from palpate.results import claims
 
             return claims.decide(evaluations(), rings(), touches(), **settings)
-        case ["touch_effect"]:
+        case ["touch_effect" | "touch_effect_by_class"]:
             from palpate.results import effects
 
-            return effects.touch_effect(evaluations(), **settings)
+            return getattr(effects, name)(evaluations(), **settings)
         case ["dataset_statistics" | "grasp_success" | "penetration"]:
             from palpate.results import dataset_tables
 
