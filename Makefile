@@ -26,7 +26,7 @@ examples: env
 	  $(BIN)/python examples/$$each.py || exit 1; done
 
 test: env
-	$(BIN)/pytest --numprocesses $(CORES) --dist loadfile --no-loadscope-reorder --durations 15
+	$(BIN)/pytest --numprocesses $(CORES) --dist loadfile --durations 15
 
 lint: env
 	$(BIN)/ruff check .

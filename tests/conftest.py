@@ -4,6 +4,5 @@ import bpy  # noqa: F401
 
 
 def pytest_collection_modifyitems(items):
-    """The longest files first, those of the workflow: else one process would end with them alone (with xdist, only if
-    it is told not to order files by their number of tests: `make test`)."""
+    """The longest files first, those of the workflow: else one process would end with them alone."""
     items.sort(key=lambda item: "tests/workflow/" not in item.path.as_posix())

@@ -56,7 +56,10 @@ def touch_effect_by_class(evaluations: pd.DataFrame, resamples: int = RESAMPLES)
             known = {"class": name, "error": before.mean(), "median": np.median(before)}
             difference = _difference(found, row, _stated(split, name), resamples)
             rows.append({"effect": row["effect"], "split": split, **known, **difference})
-    return _effects_table(rows, "`error` and `median` are of the objects before; a difference is of their average")
+    return _effects_table(
+        rows,
+        "`error` and `median` are those of what it is compared with. A difference is between averages of the class",
+    )
 
 
 def _compared(evaluations: pd.DataFrame) -> Iterator[tuple[dict[str, str], str, Errors]]:
@@ -93,6 +96,7 @@ def _difference(found: Errors, row: dict[str, str], stated: dict[str, float], re
 
 
 def _effects_table(rows: list[dict], what: str) -> pd.DataFrame:
+    """The table of these rows; its note begins with `what` a difference is."""
     table = pd.DataFrame(rows).astype({"objects": "Int64", "seeds": "Int64"})
     table.attrs["note"] = (
         f"{what}, paired by object and seed. It is a finding (better, worse) if its interval excludes 0 and two seeds "
