@@ -22,6 +22,7 @@ import pandas as pd
 import torch
 import yaml
 from torch import Tensor
+from torch.utils.flop_counter import FlopCounterMode
 
 from palpate.camera import IMAGE_SIZE, paper_camera
 from palpate.charts import CHAMFER_SCALE, chamfer_distance, sample_faces
@@ -179,6 +180,13 @@ class Step:
         return [[loss.detach()], [weight.grad for weight in weights], [weight.detach() for weight in weights]]
 
 
+def product_speed(size: int = 3000, runs: int = 5) -> float:
+    """GFLOP a second of a product of two matrices (size, size), the fastest of the runs."""
+    matrix = torch.randn(size, size)
+    (fastest, _) = milliseconds([lambda: matrix @ matrix], runs)
+    return 2 * size**3 / (1e6 * fastest)
+
+
 def compare(name: str, runs: int) -> pd.DataFrame:
     architecture, samples, points = SIZES[name]
     torch.manual_seed(0)
@@ -193,9 +201,14 @@ def compare(name: str, runs: int) -> pd.DataFrame:
         truth,
     )
     loss, gradients, weights = (difference(*pair) for pair in zip(fast(), plain(), strict=True))
+    with FlopCounterMode(display=False) as counter:
+        fast()
+    operations = counter.get_total_flops() / 1e9
     print(
         f"{name}: {samples} samples, {points} points. One step of both from the same weights, relative "
         f"difference: loss {loss:.1e}, gradients {gradients:.1e}, weights after it {weights:.1e}\n"
+        f"Products and convolutions of a fast step are {operations:.1f} GFLOP; at the speed of a large matrix product "
+        f"they would take {1e3 * operations / product_speed():.0f} ms.\n"
     )
     rows = []
     for part, (one, other) in step_components(model, batch, truth, adjacency).items():
