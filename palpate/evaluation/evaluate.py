@@ -98,16 +98,16 @@ def evaluate(
 
 
 def evaluate_rings(
-    trained: Trained, data: TrainingData, dataset: Dataset, split: str, points: int = SAMPLES
+    trained: Trained, data: TrainingData, dataset: Dataset, splits: Sequence[str], points: int = SAMPLES
 ) -> pd.DataFrame:
-    """Distances from the true surface in the rings around each touch to the predictions of one split.
+    """Distances from the true surface in the rings around each touch to the predictions of some splits.
 
     Columns `rows.RING_COLUMNS`; a row for each sample, successful touch and ring. The touches are those of the
     sample's grasps, or of all grasps if no input of the model depends on a grasp.
     dataset: the run's, with its stores of touch and rings. `distance` (m^2) is nan for a ring without surface.
     """
     rows, touches, last = [], [], None
-    for sample, vertices, _ in predictions(trained, data, [split]):
+    for sample, vertices, _ in predictions(trained, data, splits):
         name = data.objects[sample.object]
         if last != name:
             touches, last = _touches(dataset[name], dataset.sensor), name

@@ -16,10 +16,13 @@
 | effects | experiment, compared_with | the differences that the text is about: `palpate.results.effects` |
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
+from typing import Any
 
 import pandas as pd
+
+from palpate.evaluation.rows import SPLITS
 
 FOLDER = Path(__file__).parent / "paper"
 
@@ -37,6 +40,20 @@ def effects(experiments: Iterable[str]) -> list[dict[str, str]]:
     """The rows of `paper/effects.csv` whose two experiments are among those given."""
     known, rows = set(experiments), paper_values("effects", text=True).to_dict("records")
     return [row for row in rows if {row["experiment"], row["compared_with"]} <= known]
+
+
+def needed_splits(experiment: str, tables: Mapping[str, Mapping[str, Any]]) -> list[str]:
+    """The splits of which a table, a claim or a difference takes an experiment's errors; all `SPLITS` if none does.
+
+    tables: those of config/experiments.yaml, each with its `split` and its `experiments`.
+    """
+    needed = {table["split"] for table in tables.values() if experiment in table["experiments"]}
+    claims = paper_values("claims", text=True)
+    needed |= {row.split for row in claims.itertuples() if experiment in row.experiments.split("; ")}
+    effects_of = paper_values("effects", text=True)
+    if experiment in {*effects_of["experiment"], *effects_of["compared_with"]}:
+        needed |= set(SPLITS)
+    return [split for split in SPLITS if split in needed or not needed]
 
 
 def paper_values(table: str, text: bool = False) -> pd.DataFrame:

@@ -190,7 +190,7 @@ def test_a_model_that_takes_no_grasp_has_one_sample_an_object(unoccluded_data):
 
 def test_rings_are_those_of_the_samples_own_touches(run, data):
     trained = untrained(OCCLUDED_TOUCH)
-    table = evaluate_rings(trained, data, Dataset(run), "test", points=500)
+    table = evaluate_rings(trained, data, Dataset(run), ["test"], points=500)
     assert list(table.columns) == list(RING_COLUMNS) and set(table["object"]) == {"ball-0002", "ball-0003"}
     # Three of four sensors touch, in every grasp; each has five rings.
     assert len(table) == 2 * GRASPS * 3 * 5 and (table["window"] == table["grasp"]).all()
@@ -210,7 +210,7 @@ def test_rings_are_those_of_the_samples_own_touches(run, data):
 
 
 def test_without_touch_rings_are_around_all_touches_of_the_object(run, unoccluded_data):
-    table = evaluate_rings(untrained(UNOCCLUDED), unoccluded_data, Dataset(run), "test", points=500)
+    table = evaluate_rings(untrained(UNOCCLUDED), unoccluded_data, Dataset(run), ["test"], points=500)
     assert len(table) == 2 * GRASPS * 3 * 5 and (table["window"] == 0).all()
     assert set(table["grasp"]) == {0, 1}
 

@@ -1,8 +1,13 @@
 """The paper's numbers were typed in by hand: they must agree with each other, and with what the text says."""
 
+import pandas as pd
 import pytest
 
-from palpate.results.published import paper_values, published_experiments
+from palpate.evaluation.rows import SPLITS
+from palpate.results.claims import decide
+from palpate.results.effects import touch_effect
+from palpate.results.published import needed_splits, paper_values, published_experiments
+from tests.evaluation import synthetic
 from tests.evaluation.synthetic import DECLARED
 
 CLASSES = ["bottle", "knife", "cellphone", "rifle"]
@@ -56,3 +61,32 @@ def test_every_row_says_where_it_stands():
 def test_an_unknown_table_names_the_known_ones():
     with pytest.raises(FileNotFoundError, match="extrapolation"):
         paper_values("nonsense")
+
+
+def test_tables_claims_and_differences_are_the_same_from_the_splits_that_are_needed():
+    means = synthetic.published_means()
+    measured = synthetic.evaluations(means, each=3)
+    kept = [row.split in needed_splits(row.experiment, DECLARED["tables"]) for row in measured.itertuples()]
+    of_needed = measured[kept]
+    assert 0 < len(of_needed) < len(measured)
+    rings, touches = synthetic.rings(synthetic.published_rings(), each=3), synthetic.touches(0.01, each=3)
+    for make in (lambda rows: decide(rows, rings, touches, resamples=50), lambda rows: touch_effect(rows, 50)):
+        pd.testing.assert_frame_equal(make(of_needed), make(measured))
+    for name, table in DECLARED["tables"].items():
+        for experiment in table["experiments"]:
+            assert table["split"] in needed_splits(experiment, DECLARED["tables"]), name
+
+
+@pytest.mark.parametrize(
+    ("experiment", "tables", "splits"),
+    [
+        ("single_image", {"single_image": {"split": "test", "experiments": ["single_image"]}}, ["test"]),
+        ("single_image", {"single_image": {"split": "validation", "experiments": ["single_image"]}}, ["validation"]),
+        ("charts_touch_3", {"grasps": {"split": "validation", "experiments": ["charts_touch_3"]}}, SPLITS),  # a claim's
+        ("charts_touch_3", {}, ["test"]),
+        ("sphere_occluded", {}, SPLITS),  # a difference's
+        ("my_own", {}, SPLITS),
+    ],
+)
+def test_a_split_is_needed_by_a_table_a_claim_or_a_difference(experiment, tables, splits):
+    assert needed_splits(experiment, tables) == list(splits)

@@ -17,7 +17,7 @@ rule rings:
         "../scripts/rings.py"
 
 
-# One trained model on every object that it was not trained on.
+# One trained model on every object of the splits that a table needs.
 rule evaluate:
     input:
         unpack(experiment_stores),
@@ -36,6 +36,7 @@ rule evaluate:
         gpu=min(TRAINING_GPUS, 1),
     params:
         experiment=lambda wildcards: EXPERIMENTS["experiments"][wildcards.experiment],
+        splits=lambda wildcards: needed_splits(wildcards.experiment, EXPERIMENTS["tables"]),
         points=config["evaluation"]["points"],
         device=config["training"]["device"],
     script:
@@ -55,11 +56,11 @@ use rule evaluate as evaluate_rings with:
     benchmark:
         "benchmarks/evaluate_rings/{experiment}-{seed}.tsv"
     params:
-        split=lambda wildcards: EXPERIMENTS["tables"]["extrapolation"]["split"],
+        splits=lambda wildcards: [EXPERIMENTS["tables"]["extrapolation"]["split"]],
         points=None,
 
 
-# The U-Net's clouds, and the charts fitted to them, at every touch that it was not trained on.
+# The U-Net's clouds, and the charts fitted to them, at every touch of a split.
 use rule evaluate as evaluate_touch with:
     input:
         model="models/touch_depth/best.ckpt",
@@ -75,3 +76,4 @@ use rule evaluate as evaluate_touch with:
         "benchmarks/evaluate_touch.tsv"
     params:
         experiment=None,
+        splits=[LOCAL_SPLIT],

@@ -1,5 +1,5 @@
 # Which tables, figures and reports there are, and just the files that each is made from.
-from palpate.results.published import OF_EXPERIMENTS, effects, paper_values, published_experiments
+from palpate.results.published import OF_EXPERIMENTS, effects, needed_splits, paper_values, published_experiments
 from studies import items as report_items
 from studies.subjects import round_robin
 
@@ -9,6 +9,8 @@ DATASET_TABLES = ["dataset_statistics", "grasp_success", *([] if RELEASED else [
 EXPERIMENT_TABLES = [*OF_EXPERIMENTS, "single_image"]
 # The models whose layers the paper tells (supplement, tables of architectures).
 ARCHITECTURES = expand("architectures/{model}", model=paper_values("architectures")["model"].unique())
+# That local predictions are measured on (section 5.3).
+LOCAL_SPLIT = "test"
 # The experiments of figures/reconstructions.png; its columns: palpate/results/reconstructions.py.
 DRAWN = ["charts_occluded", "charts_occluded_touch", "charts_unoccluded", "charts_unoccluded_touch", "charts_touch"]
 DRAWN += [f"charts_touch_{count}" for count in (2, 3, 4, 5)]
@@ -102,7 +104,7 @@ def table_inputs(wildcards):
             catalogue_with([table_setup(table)["split"]], f"table {table}")
             return {"rings": rings_of(table_setup(table)["experiments"])}
         case "local_touch_charts":
-            catalogue_with([table_settings(wildcards)["split"]], "table local_touch_charts")
+            catalogue_with([LOCAL_SPLIT], "table local_touch_charts")
             return {"touches": "evaluations/touch_depth.csv"}
         case "claims":
             catalogue_with(("validation", "test"), "table claims")
@@ -128,7 +130,7 @@ def table_inputs(wildcards):
 def table_settings(wildcards):
     match wildcards.table:
         case "local_touch_charts":
-            return {"split": "test", "resamples": config["evaluation"]["resamples"]}
+            return {"split": LOCAL_SPLIT, "resamples": config["evaluation"]["resamples"]}
         case "claims" | "touch_effect" | "touch_effect_by_class":
             return {"resamples": config["evaluation"]["resamples"]}
         case "tuning":

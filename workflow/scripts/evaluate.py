@@ -1,19 +1,17 @@
 """Errors of a trained model on objects that it was not trained on.
 
-evaluations/<experiment>/seed-<k>.csv          a row a sample of the validation and test splits: experiment, seed,
-                                               object, class, split, window, chamfer (m^2 x 9000), f1_tau, f1_2tau
-                                               (%, Pixel2Mesh's protocol), bend (degrees), folded (%), gap (mm), across
-                                               (degrees; palpate.evaluation.surface_quality), seconds (of the
-                                               prediction), steps
-evaluations/rings/<experiment>/seed-<k>.csv    a row a sample of one split, touch and ring of true surface around it:
-                                               experiment, seed, object, class, split, window, grasp, sensor, ring
-                                               (1..5), points, distance (mean squared, m^2, from these points to the
-                                               prediction), steps
-evaluations/touch_depth.csv                    a row a successful touch of the validation and test splits: object,
-                                               class, split, grasp, sensor, cloud (Chamfer distance of the predicted
-                                               local cloud, m^2 x 9000), chart (that of the chart fitted to it), steps
+evaluations/<experiment>/seed-<k>.csv          a row a sample: experiment, seed, object, class, split, window, chamfer
+                                               (m^2 x 9000), f1_tau, f1_2tau (%, Pixel2Mesh's protocol), bend
+                                               (degrees), folded (%), gap (mm), across (degrees;
+                                               palpate.evaluation.surface_quality), seconds (of the prediction), steps
+evaluations/rings/<experiment>/seed-<k>.csv    a row a sample, touch and ring of true surface around it: experiment,
+                                               seed, object, class, split, window, grasp, sensor, ring (1..5), points,
+                                               distance (mean squared, m^2, from these points to the prediction), steps
+evaluations/touch_depth.csv                    a row a successful touch: object, class, split, grasp, sensor, cloud
+                                               (Chamfer distance of the predicted local cloud, m^2 x 9000), chart (that
+                                               of the chart fitted to it), steps
 
-steps are those of the training.
+They are of the splits that tables need. steps are those of the training.
 """
 
 import pandas as pd
@@ -32,14 +30,13 @@ def measured() -> pd.DataFrame:
         device = training.Machine(params.device).torch_device()
         model = training.load_touch_depth(inputs.model).to(device)
         steps = evaluate.training_steps(inputs.summary)
-        return evaluate.evaluate_touch(model, steps, Dataset(".", ["touch", "charts"]), params.points)
+        return evaluate.evaluate_touch(model, steps, Dataset(".", ["touch", "charts"]), params.points, params.splits)
     name, seed = wildcards.experiment, int(wildcards.seed)
     trained = evaluate.load(inputs.model, inputs.summary, name, params.experiment, seed, params.device)
-    if params.get("split"):
-        data = training.TrainingData.load(".", params.experiment, [params.split])
-        return evaluate.evaluate_rings(trained, data, Dataset(".", ["touch", "rings"]), params.split)
-    data = training.TrainingData.load(".", params.experiment, evaluate.SPLITS)
-    return evaluate.evaluate(trained, data, params.points)
+    data = training.TrainingData.load(".", params.experiment, params.splits)
+    if inputs.get("rings"):
+        return evaluate.evaluate_rings(trained, data, Dataset(".", ["touch", "rings"]), params.splits)
+    return evaluate.evaluate(trained, data, params.points, params.splits)
 
 
 log_to(snakemake.log[0])
