@@ -38,32 +38,32 @@ def tiny(make_workflow):
 
 
 def test_a_training_that_was_killed_goes_on_to_the_same_model(make_workflow):
-    whole, killed = tiny(make_workflow), tiny(make_workflow)
-    result = whole(EVALUATION)
+    workflow = tiny(make_workflow)
+    result = workflow(EVALUATION)
     assert result.returncode == 0, result.stderr
-    assert not (whole.run / "vision").exists() and not (whole.run / "views").exists()
+    assert not (workflow.run / "vision").exists() and not (workflow.run / "views").exists()
 
-    killed.kill_when("checkpoints/charts_touch/seed-0/last.ckpt", EVALUATION)
-    assert not (killed.run / MODEL / "best.ckpt").exists()
-    result = killed(EVALUATION)
+    # The model and its evaluation once more, from the same data and the same base.
+    model, evaluation = workflow.run / MODEL, workflow.run / EVALUATION
+    uninterrupted = model.rename(workflow.run / "uninterrupted")
+    evaluation = evaluation.rename(uninterrupted / "evaluation.csv")
+    workflow.kill_when("checkpoints/charts_touch/seed-0/last.ckpt", EVALUATION)
+    assert not (model / "best.ckpt").exists()
+    result = workflow(EVALUATION)
     assert result.returncode == 0, result.stderr
-    assert "goes on from" in (killed.run / "logs/reconstruction/charts_touch-0.log").read_text()
+    assert "goes on from" in (workflow.run / "logs/reconstruction/charts_touch-0.log").read_text()
 
-    for name in ("best.ckpt", "history.csv"):
-        ours, theirs = (run.run / MODEL / name for run in (whole, killed))
-        if name == "history.csv":
-            frames = [pd.read_csv(path).drop(columns="seconds") for path in (ours, theirs)]
-            pd.testing.assert_frame_equal(*frames, check_exact=True)
-            assert frames[0].step.max() == STEPS
-        else:
-            assert ours.read_bytes() == theirs.read_bytes()
-    errors = [pd.read_csv(run.run / EVALUATION).drop(columns="seconds") for run in (whole, killed)]
+    assert (model / "best.ckpt").read_bytes() == (uninterrupted / "best.ckpt").read_bytes()
+    histories = [pd.read_csv(folder / "history.csv").drop(columns="seconds") for folder in (model, uninterrupted)]
+    pd.testing.assert_frame_equal(*histories, check_exact=True)
+    assert histories[0].step.max() == STEPS
+    errors = [pd.read_csv(path).drop(columns="seconds") for path in (workflow.run / EVALUATION, evaluation)]
     pd.testing.assert_frame_equal(*errors, check_exact=True)
     assert set(errors[0].split) == {"validation", "test"}
-    assert json.loads((killed.run / MODEL / "training.json").read_text())["steps"] == STEPS
+    assert json.loads((model / "training.json").read_text())["steps"] == STEPS
 
-    mesh = killed.run / "bottle.ply"
-    command = [sys.executable, "-m", "palpate.command", "reconstruct", str(killed.run), "charts_touch"]
+    mesh = workflow.run / "bottle.ply"
+    command = [sys.executable, "-m", "palpate.command", "reconstruct", str(workflow.run), "charts_touch"]
     done = subprocess.run([*command, "bottle-0000", "--output", str(mesh)], capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     assert len(trimesh.load(mesh).faces) >= 96 * 24
