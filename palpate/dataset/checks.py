@@ -16,7 +16,7 @@ import numpy as np
 import trimesh
 
 from palpate.camera import Camera
-from palpate.hand import MAX_PENETRATION, Hand
+from palpate.hand import MAX_OUT_OF_RANGE, MAX_PENETRATION, Hand
 from palpate.mesh import DIAGONAL, OBJECT_POSITION, load_visual, mesh_file, read_record
 from palpate.sensor import DIGIT, Sensor
 from palpate.surface.embree import RayMesh
@@ -27,7 +27,6 @@ os.environ.setdefault("IGL_NUM_THREADS", "1")
 
 ON_MESH = 1e-4  # metres
 EXACT = 1e-6  # metres, or per unit of a rotation: float32 coordinates below 1 m are good to 6e-8
-SOFT_LIMIT = 1e-3  # radians; MuJoCo's joint limits give way under load: 0.0003 in 100 grasps of 20 objects
 DEPTH_STEP = 2.0**-10  # relative: the step of a float16 between 1 and 2 m, twice that between 2 and 4 m
 HAND_REACH = 0.5  # metres: no part of a hand that touches an object is further from it
 NEAR = 1e-3  # metres around a cloud in which faces are looked at first
@@ -60,7 +59,7 @@ CHECKS = {
     "inside box": Check(EXACT, "m that a surface point lies outside the object's bounding box"),
     "on mesh": Check(ON_MESH, "m between a point (of the surface, or of a local cloud) and the mesh"),
     # Of the grasps.
-    "joint limits": Check(SOFT_LIMIT, "rad (of a slide m) that a joint is out of its range"),
+    "joint limits": Check(MAX_OUT_OF_RANGE, "rad (of a slide m) that a joint is out of its range"),
     "kinematics": Check(EXACT, "m between links or sensors and the hand's kinematics at the joint positions"),
     "penetration": Check(MAX_PENETRATION, "m of penetration; inf if negative"),
     "in hand": Check(MAX_PENETRATION, "m that a surface point is inside the hand"),
@@ -218,9 +217,8 @@ def check_grasps(item: CheckedObject) -> Measured:
     affine = np.abs(poses[..., 3, :] - [0, 0, 0, 1]).max(axis=(1, 2))
     rotations = np.concatenate([poses[..., :3, :3], rows["sensor_rotation"]], axis=1)
     yield "rotation", np.maximum(rotation_error(rotations).max(axis=1), affine)
-    low, high = hand.joint_range.T
     joints = rows["joint_positions"]
-    yield "joint limits", np.maximum(low - joints, joints - high).max(axis=1).clip(0)
+    yield "joint limits", hand.out_of_range(joints)
     links = hand.forward(rows["palm_pose"], joints)
     position, rotation = hand.sensor_frames(links)
     pairs = (

@@ -14,7 +14,7 @@ from palpate.grasp.patches import surface_patches
 from palpate.grasp.penetration import PenetrationCheck
 from palpate.grasp.placement import palm_pose, with_normals
 from palpate.grasp.targets import Workspace
-from palpate.hand import MAX_PENETRATION, Hand
+from palpate.hand import MAX_OUT_OF_RANGE, MAX_PENETRATION, Hand
 from palpate.mesh import OBJECT_POSITION
 from palpate.sensor import DIGIT, Sensor
 from palpate.touch import RayCaster
@@ -30,6 +30,7 @@ THUMB_SHARE = 0.15
 BLOCKED = "no palm pose free of the object"
 UNSTABLE = "simulation warned or gave NaN"
 UNSETTLED = "still moving at the end"
+OUT_OF_RANGE = "a joint out of its range"
 UNTOUCHED = "no sensor touches"
 PENETRATING = "penetrates too deep"
 
@@ -117,6 +118,8 @@ class Grasper:
             return UNSTABLE
         if not closed.settled:
             return UNSETTLED
+        if self.hand.out_of_range(closed.joint_positions) > MAX_OUT_OF_RANGE:
+            return OUT_OF_RANGE
         links = self.hand.forward(pose, closed.joint_positions)
         position, rotation = self.hand.sensor_frames(links)
         touches = self.caster.succeeds(position, rotation)

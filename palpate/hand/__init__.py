@@ -7,9 +7,9 @@ MuJoCo is imported only to read a user's model (`from_mjcf`, `model_files`) and 
 from pathlib import Path
 
 from palpate.hand.allegro import allegro
-from palpate.hand.hand import MAX_PENETRATION, Hand
+from palpate.hand.hand import MAX_OUT_OF_RANGE, MAX_PENETRATION, Hand
 
-__all__ = ["MAX_PENETRATION", "Hand", "allegro", "from_mjcf", "model_files"]
+__all__ = ["MAX_OUT_OF_RANGE", "MAX_PENETRATION", "Hand", "allegro", "from_mjcf", "model_files"]
 
 
 def from_mjcf(path, sensors) -> Hand:

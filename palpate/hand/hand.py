@@ -11,6 +11,9 @@ import numpy as np
 from palpate.hand.distance import GEOM_KINDS, half_spaces, signed_distance
 
 MAX_PENETRATION = 0.001  # m that a grasp's hand may be in the object or in itself; `grasps.max_penetration`
+# rad (of a slide m) that a grasp's joint may be out of its range: MuJoCo's limits are springs. Of 8,655 grasps one had
+# more than 0.0005.
+MAX_OUT_OF_RANGE = 0.001
 SMALLEST, LARGEST = 0.01, 1.0  # m, from end to end: hands of other sizes don't close in a stable way
 
 
@@ -122,6 +125,11 @@ class Hand:
         rotation = pose[..., :3, :3] @ self.sensor_rotation
         position = (pose[..., :3, :3] @ self.sensor_position[:, :, None])[..., 0] + pose[..., :3, 3]
         return position, rotation
+
+    def out_of_range(self, joint_positions: np.ndarray) -> np.ndarray:
+        """Radians (of a slide metres) that the worst joint is out of its range (...); of joint positions (..., J)."""
+        low, high = self.joint_range.T
+        return np.maximum(low - joint_positions, joint_positions - high).max(axis=-1).clip(0)
 
     def geom_poses(self, link_pose: np.ndarray) -> np.ndarray:
         """Poses (..., G, 4, 4) of the geoms in the world, of link poses (..., L, 4, 4)."""

@@ -23,7 +23,7 @@ import mujoco
 import numpy as np
 
 from palpate.grasp.closing import DURATION, RAMP, GraspSimulation
-from palpate.grasp.grasp import BLOCKED, PENETRATING, UNSETTLED, UNSTABLE, Grasper
+from palpate.grasp.grasp import BLOCKED, OUT_OF_RANGE, PENETRATING, UNSETTLED, UNSTABLE, Grasper
 from palpate.grasp.patches import THICKNESS, surface_patches
 from palpate.grasp.penetration import PenetrationCheck
 from palpate.hand import MAX_PENETRATION, Hand, from_mjcf
@@ -57,6 +57,8 @@ IMPOSSIBLE = """
 </body></worldbody></mujoco>
 """
 HALF_LINK_THICKNESS = 0.0098  # m, of the Allegro's links: up to this depth contact pushes a link back out
+# The grasper's reasons to take no closing, but for those that touch nothing.
+REFUSED = (UNSTABLE, UNSETTLED, OUT_OF_RANGE, PENETRATING)
 Change = Callable[[GraspSimulation], None]
 
 
@@ -137,8 +139,7 @@ def combined(*changes: Change) -> Change:
 
 def none_accepted(recorded: Sequence[RecordedClosing], what: str) -> Finding:
     """Finding: the grasper accepts no closing."""
-    reasons = (UNSTABLE, UNSETTLED, PENETRATING)
-    accepted = [each for each in recorded if each.outcome not in reasons]
+    accepted = [each for each in recorded if each.outcome not in REFUSED]
     note = ", ".join(sorted({each.outcome for each in recorded}))
     finding = equal(f"{what}: closings taken", len(accepted), 0, note=note)
     return finding if accepted else finding._replace(verdict=REJECTED)
@@ -146,8 +147,7 @@ def none_accepted(recorded: Sequence[RecordedClosing], what: str) -> Finding:
 
 def no_unsound_accepted(recorded: Sequence[RecordedClosing], what: str) -> Finding:
     """Finding: the grasper accepts no closing with engine warnings or with more kinetic energy than servo work."""
-    reasons = (UNSTABLE, UNSETTLED, PENETRATING)
-    unsound = [each for each in recorded if each.outcome not in reasons and (each.warnings or each.energy_gain > 1)]
+    unsound = [each for each in recorded if each.outcome not in REFUSED and (each.warnings or each.energy_gain > 1)]
     note = ", ".join(each.outcome for each in recorded)
     return equal(f"{what}: unsound closings taken", len(unsound), 0, note=note)
 

@@ -14,7 +14,7 @@ import trimesh
 from palpate.batch import UnusableObject, generator
 from palpate.grasp import grasp_object
 from palpate.grasp.closing import GraspSimulation
-from palpate.grasp.grasp import UNSETTLED, Grasper
+from palpate.grasp.grasp import OUT_OF_RANGE, UNSETTLED, UNTOUCHED, Grasper
 from palpate.grasp.patches import surface_patches
 from palpate.grasp.penetration import PenetrationCheck
 from palpate.hand import allegro, from_mjcf
@@ -274,3 +274,17 @@ def test_a_hand_that_swings_is_not_settled_and_its_attempt_is_none():
     closed = simulation.close(targets)
     assert closed.finite and not closed.settled
     assert grasper.attempt(np.random.default_rng(0)) == UNSETTLED
+
+
+def test_a_grasp_with_a_joint_pushed_out_of_its_range_is_none():
+    points, _ = trimesh.sample.sample_surface(bottle(), 500, seed=0)
+    grasper = Grasper(bottle(), bottle(), points, HAND)
+    simulation, targets = grasper.simulation, HAND.open_joint_positions.copy()
+    targets[12] = HAND.joint_range[12, 0] - 0.3  # the servo pushes the thumb against its lower limit
+    away = np.eye(4)
+    away[0, 3] = 2.0
+    simulation.place(away, HAND.open_joint_positions)
+    assert grasper.closed_at(away, targets) == UNTOUCHED  # the limit is stiff
+    simulation.model.jnt_solimp[:, :2] = 0.01
+    simulation.place(away, HAND.open_joint_positions)
+    assert grasper.closed_at(away, targets) == OUT_OF_RANGE

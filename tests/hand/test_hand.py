@@ -49,6 +49,15 @@ def test_forward_takes_many_poses_at_once(hand):
     np.testing.assert_allclose(together[1, 2], hand.forward(palms[1, 2], joints[2]), atol=1e-15)
 
 
+def test_out_of_range_is_the_excess_of_the_worst_joint(hand):
+    low, high = hand.joint_range.T
+    joints = np.stack([low, high, (low + high) / 2, low, high])
+    joints[3, 12] -= 0.01
+    joints[4, [2, 5]] += [0.02, 0.03]
+    np.testing.assert_allclose(hand.out_of_range(joints), [0, 0, 0, 0.01, 0.03], atol=1e-15)
+    assert hand.out_of_range(joints[4]) == pytest.approx(0.03)
+
+
 def test_limits_in_the_model_are_radians(hand):
     # With the compiler's default of degrees they would be 57 times as narrow.
     model = build_spec(hand).compile()
