@@ -12,7 +12,7 @@ from palpate.hand.distance import GEOM_KINDS, half_spaces, signed_distance
 
 MAX_PENETRATION = 0.001  # m that a grasp's hand may be in the object or in itself; `grasps.max_penetration`
 # rad (of a slide m) that a grasp's joint may be out of its range: MuJoCo's limits are springs. Of 8,655 grasps one had
-# more than 0.0005.
+# more than 0.0006.
 MAX_OUT_OF_RANGE = 0.001
 SMALLEST, LARGEST = 0.01, 1.0  # m, from end to end: hands of other sizes don't close in a stable way
 
