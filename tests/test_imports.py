@@ -1,6 +1,8 @@
 """Imports go one way: each package imports only those before it in `ORDER`, and engines where they belong."""
 
 import ast
+import subprocess
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -13,7 +15,8 @@ ROOT = Path(palpate.__file__).parent
 ORDER = (
     *("checksums", "atomic", "lock", "locked", "terminal", "remedy", "batch", "configuration", "camera", "sensor"),
     *("mesh", "surface", "hand", "scene", "touch", "grasp", "vision", "shapes", "store", "released", "catalogue"),
-    *("dataset", "charts", "models", "training", "evaluation", "results", "viewer", "interchange", "command"),
+    *("dataset", "protocol", "charts", "models", "training", "evaluation", "results"),
+    *("viewer", "interchange", "command"),
 )
 # Packages that may import an engine: by the name that is imported.
 ENGINES = {
@@ -64,3 +67,11 @@ def test_packages_import_only_those_before_them():
 def test_engines_are_imported_where_they_belong(engine):
     found = {package: place for package, name, place in imports() if name.split(".")[0] == engine}
     assert set(found) <= ENGINES[engine], found
+
+
+def test_tables_of_models_wait_for_no_engine():
+    code = (
+        "import sys; from palpate.results import claims, effects, model_figures, model_tables;"
+        "sys.exit(any(name in sys.modules for name in ('torch', 'mujoco', 'bpy')))"
+    )
+    assert subprocess.run([sys.executable, "-c", code]).returncode == 0

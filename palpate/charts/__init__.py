@@ -10,8 +10,6 @@ from palpate.charts.atlas import (
     vision_atlas,
 )
 from palpate.charts.chamfer import (
-    CHAMFER_SCALE,
-    PIXEL2MESH_SCALE,
     build_tree,
     chamfer_distance,
     nearest,
@@ -24,8 +22,6 @@ from palpate.charts.sample import face_areas, sample_faces
 
 __all__ = [
     "ATLAS_RADIUS",
-    "CHAMFER_SCALE",
-    "PIXEL2MESH_SCALE",
     "Atlas",
     "Graph",
     "TouchChart",

@@ -11,11 +11,6 @@ import torch
 from scipy.spatial import cKDTree
 from torch import Tensor
 
-from palpate.mesh import DIAGONAL
-
-CHAMFER_SCALE = 9000  # the tables' factor (the published evaluation)
-# From metres to Pixel2Mesh's unit of length: it scales ShapeNet's meshes, whose boxes have a diagonal of 1, by 0.57.
-PIXEL2MESH_SCALE = 0.57 / DIAGONAL
 BLOCK_PAIRS = 1 << 24  # pairs of a query and a point held at a time on a GPU: 64 MiB of float32 distances
 LEAF_SIZE = 64  # points in a leaf of a k-d tree, chosen in docs/charts.md
 
@@ -110,7 +105,7 @@ def one_sided_distance(query: Clouds, points: Clouds, trees: Sequence[cKDTree] |
         query, points: (B, n, 3) and (B, m, 3) metres, or sequences of B clouds (n_i, 3) and (m_i, 3).
         trees: `build_tree` of each cloud of points, if they are there already; used on a CPU only.
 
-    Returns: (B,) square metres, float32 for clouds of less; times `CHAMFER_SCALE` in the tables' unit.
+    Returns: (B,) square metres, float32 for clouds of less; times `palpate.protocol.CHAMFER_SCALE` in the tables' unit.
     Differentiable in both clouds.
 
     Raises ValueError if a cloud is empty or holds NaN or infinity, or the numbers of clouds differ.
@@ -131,7 +126,7 @@ def chamfer_distance(
         a, b: (B, n, 3) and (B, m, 3) metres, or sequences of B clouds (n_i, 3) and (m_i, 3).
         a_trees, b_trees: `build_tree` of each cloud, of those that do not change; used on a CPU only.
 
-    Returns: (B,) square metres, float32 for clouds of less; times `CHAMFER_SCALE` in the tables' unit.
+    Returns: (B,) square metres, float32 for clouds of less; times `palpate.protocol.CHAMFER_SCALE` in the tables' unit.
     Differentiable in both clouds.
 
     Raises ValueError if a cloud is empty or holds NaN or infinity, or the numbers of clouds differ.

@@ -9,8 +9,9 @@ import torch
 from torch import Tensor
 
 from palpate.charts.atlas import TOUCH_SIDE, touch_chart
-from palpate.charts.chamfer import CHAMFER_SCALE, build_tree, chamfer_distance
+from palpate.charts.chamfer import build_tree, chamfer_distance
 from palpate.charts.sample import sample_faces
+from palpate.protocol import CHAMFER_SCALE
 from palpate.sensor import DIGIT
 
 STOP = 0.0006 / CHAMFER_SCALE  # square metres: the supplement's loss to stop at, in the tables' unit

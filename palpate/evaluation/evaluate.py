@@ -15,14 +15,15 @@ from torch import Tensor
 from tqdm import tqdm
 
 from palpate import checksums, training
-from palpate.charts import CHAMFER_SCALE, build_tree, chamfer_distance, face_areas, sample_faces, touch_chart
+from palpate.charts import build_tree, chamfer_distance, face_areas, sample_faces, touch_chart
 from palpate.dataset import Dataset
 from palpate.dataset.reader import GraspRecord, ObjectRecord
 from palpate.evaluation.metrics import score, seeded
-from palpate.evaluation.rings import RINGS, SAMPLES, ring_distances, ring_points
+from palpate.evaluation.rings import SAMPLES, ring_distances, ring_points
 from palpate.evaluation.rows import COLUMNS, RING_COLUMNS, SPLITS, TOUCH_COLUMNS, EvaluationError
 from palpate.evaluation.surface_quality import surface_quality, topology
 from palpate.models import Reconstruction, SingleImageModel, TouchDepth
+from palpate.protocol import CHAMFER_SCALE, RINGS
 from palpate.remedy import command
 from palpate.sensor import Sensor
 from palpate.training import Assembler, Machine, Sample, TrainingData, windows

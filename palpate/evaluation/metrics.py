@@ -12,14 +12,8 @@ from scipy.spatial import cKDTree
 from torch import Tensor
 
 from palpate.batch import generator
-from palpate.charts import CHAMFER_SCALE, PIXEL2MESH_SCALE, build_tree, nearest
-
-# Single images are judged as in Mesh R-CNN's published evaluation with Pixel2Mesh's protocol: meshes are scaled
-# by `PIXEL2MESH_SCALE`, distances squared and compared with tau = 1e-4 and 2 tau.
-TAU = 1e-4
-# That protocol's tables print the Chamfer distance in thousandths (an F1 of 70 % at tau means distances
-# squared of about 1e-4; the tables say 0.4).
-PIXEL2MESH_CHAMFER = 1000.0
+from palpate.charts import build_tree, nearest
+from palpate.protocol import CHAMFER_SCALE, PIXEL2MESH_SCALE, TAU
 
 
 class Score(NamedTuple):
@@ -74,11 +68,6 @@ def _between_trees(queries: cKDTree, points: cKDTree) -> np.ndarray:
 def _f1(to_truth: np.ndarray, to_prediction: np.ndarray, threshold: float) -> float:
     precision, recall = np.mean(to_truth < threshold), np.mean(to_prediction < threshold)
     return float(200 * precision * recall / (precision + recall)) if precision + recall else 0.0
-
-
-def pixel2mesh_chamfer(chamfer):
-    """Pixel2Mesh's Chamfer distance, from the paper's (m^2 x 9000): at its scale, in thousandths."""
-    return chamfer / CHAMFER_SCALE * PIXEL2MESH_SCALE**2 * PIXEL2MESH_CHAMFER
 
 
 def seeded(seed: int, *names: str) -> torch.Generator:

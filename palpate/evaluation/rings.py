@@ -19,12 +19,12 @@ from torch import Tensor
 
 from palpate import store
 from palpate.evaluation.metrics import squared_distances
+from palpate.protocol import RINGS
 from palpate.sensor import DIGIT, Sensor
 from palpate.surface.embree import RayMesh
 
 log = logging.getLogger(__name__)
 
-RINGS = (1, 2, 3, 4, 5)
 GRID = 100  # points along a side of the grid
 SAMPLES = 30_000  # on a prediction: with 10,000, 0.2 m^2 of surface is 6e-6 m^2 from its nearest sample
 # Neighbours of a point of a cloud (a mesh's stand-in) that its disc must reach for discs to leave no gaps:

@@ -2,10 +2,27 @@
 
 import torch
 from torch import nn
+from torch.nn import functional
+
+
+class InstanceNorm(nn.InstanceNorm2d):
+    """Instance norm with weights (Ulyanov et al. 2016): (B, channels, H, W), each map of each sample by itself.
+
+    Of one sample it is a batch norm, which on a CPU takes a map in any layout; torch's instance norm copies it.
+    """
+
+    def __init__(self, channels: int):
+        super().__init__(channels, affine=True)
+
+    def forward(self, x: torch.Tensor) -> torch.Tensor:
+        if len(x) > 1:
+            return super().forward(x)
+        return functional.batch_norm(x, None, None, self.weight, self.bias, training=True, eps=self.eps)
+
 
 NORMS = {
     "batch": nn.BatchNorm2d,
-    "instance": lambda channels: nn.InstanceNorm2d(channels, affine=True),
+    "instance": InstanceNorm,
     "none": lambda channels: nn.Identity(),
 }
 

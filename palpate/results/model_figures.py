@@ -11,8 +11,8 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.ticker import FormatStrFormatter, LogLocator, MaxNLocator, NullFormatter, PercentFormatter
 
-from palpate.evaluation.rings import RINGS
 from palpate.evaluation.rows import EvaluationError, read_table
+from palpate.protocol import RINGS
 from palpate.remedy import command
 from palpate.results.bootstrap import RESAMPLES
 from palpate.results.errors import errors

@@ -12,10 +12,8 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from palpate.charts import CHAMFER_SCALE, PIXEL2MESH_SCALE
-from palpate.evaluation.metrics import TAU, pixel2mesh_chamfer
-from palpate.evaluation.rings import RINGS
 from palpate.evaluation.rows import QUALITY, EvaluationError
+from palpate.protocol import CHAMFER_SCALE, PIXEL2MESH_SCALE, RINGS, TAU, pixel2mesh_chamfer
 from palpate.results.bootstrap import RESAMPLES, Estimate
 from palpate.results.errors import AVERAGE, Errors, errors
 from palpate.results.published import paper_values

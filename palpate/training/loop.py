@@ -189,6 +189,9 @@ def train(
     if resume:
         log.info("%s: goes on from %s", label, resume)
         recorder.load_state_dict(torch.load(resume, weights_only=False)["callbacks"][recorder.state_key])
+    # Adam's averages of a weight without gradient fall below 1e-38 in some 800 steps; processors compute with such
+    # numbers many times slower than with 0.
+    torch.set_flush_denormal(True)
     try:
         if not recorder.finished:
             trainer.fit(learner, ckpt_path=resume)
@@ -198,6 +201,8 @@ def train(
             f"{label}: {error}{best}. Lower the rate or clip the gradient (config training.override), "
             "or take precision 32-true, and train again"
         ) from None
+    finally:
+        torch.set_flush_denormal(False)
     summary = {**_summary(learner, recorder, machine, accelerator), "identity": identity}
     if trainer.is_global_zero:
         _write(folder, checkpoints_folder, recorder.history, summary)

@@ -1,4 +1,4 @@
-"""The losses: Chamfer distances in the tables' unit (`palpate.charts.CHAMFER_SCALE` times square metres)."""
+"""The losses: Chamfer distances in the tables' unit (`palpate.protocol.CHAMFER_SCALE` times square metres)."""
 
 from collections.abc import Sequence
 
@@ -6,9 +6,10 @@ import torch
 from scipy.spatial import cKDTree
 from torch import Tensor
 
-from palpate.charts import CHAMFER_SCALE, build_tree, one_sided_distance, plane_normals, sample_faces
+from palpate.charts import build_tree, one_sided_distance, plane_normals, sample_faces
 from palpate.models import Reconstruction
 from palpate.models.single_image import occupied
+from palpate.protocol import CHAMFER_SCALE
 from palpate.sensor import DIGIT, pixel_centres
 
 # Squared difference of a pixel to the untouched reading, summed over colours in [0, 1], above which it counts

@@ -6,8 +6,9 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
-from palpate.charts import CHAMFER_SCALE, PIXEL2MESH_SCALE, nearest, one_sided_distance
+from palpate.charts import nearest, one_sided_distance
 from palpate.models.single_image import DeformedSphere, PointSet, Voxels
+from palpate.protocol import CHAMFER_SCALE, PIXEL2MESH_SCALE
 from palpate.training.losses import Truth, cloud_loss, subsample
 
 # Weights relative to the Chamfer distance (Wang et al. 2018, section 4). Lengths squared are weighed alike

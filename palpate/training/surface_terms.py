@@ -12,8 +12,9 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
-from palpate.charts import CHAMFER_SCALE, vision_atlas
+from palpate.charts import vision_atlas
 from palpate.charts.graph import mesh_edges
+from palpate.protocol import CHAMFER_SCALE
 
 
 class SurfaceTerms:

@@ -27,8 +27,9 @@ from palpate import Dataset, training
 from palpate.charts import build_tree, sample_faces
 from palpate.evaluation.evaluate import evaluate, load
 from palpate.evaluation.metrics import score, seeded
-from palpate.evaluation.rings import RINGS, CloudSurface, MeshSurface, ring_distances, ring_points
+from palpate.evaluation.rings import CloudSurface, MeshSurface, ring_distances, ring_points
 from palpate.mesh import OBJECT_POSITION, load_visual
+from palpate.protocol import RINGS
 from palpate.results.bootstrap import interval
 from palpate.training import checkpoints
 

@@ -22,8 +22,9 @@ from tabulate import tabulate
 from palpate import Dataset, training
 from palpate.charts import sample_faces
 from palpate.evaluation.evaluate import POINTS
-from palpate.evaluation.metrics import pixel2mesh_chamfer, score, seeded
+from palpate.evaluation.metrics import score, seeded
 from palpate.models.single_image import grid_surface, occupied
+from palpate.protocol import pixel2mesh_chamfer
 from palpate.training import inputs, recipes
 from palpate.training.data import TrainingData
 from palpate.training.samples import training_samples

@@ -25,12 +25,13 @@ from torch import Tensor
 from torch.utils.flop_counter import FlopCounterMode
 
 from palpate.camera import IMAGE_SIZE, paper_camera
-from palpate.charts import CHAMFER_SCALE, chamfer_distance, sample_faces
+from palpate.charts import chamfer_distance, sample_faces
 from palpate.charts.atlas import TOUCH_VERTICES
 from palpate.mesh import OBJECT_POSITION
 from palpate.models import PAPER_ARCHITECTURES, Reconstruction
 from palpate.models.pooling import relative_camera
 from palpate.models.reconstruction import DEFORMATIONS
+from palpate.protocol import CHAMFER_SCALE
 from studies.benchmarks import straightforward
 
 # The paper's layers, with initial weights that keep the charts near their start, as after some training.
@@ -54,7 +55,8 @@ def synthetic_batch(samples: int, points: int) -> tuple[dict[str, Tensor], Tenso
     position = surface(4)
     sheet = 0.008 * torch.randn(samples, 4, TOUCH_VERTICES, 3, generator=random)
     batch = {
-        "image": torch.rand(samples, 3, IMAGE_SIZE, IMAGE_SIZE, generator=random),
+        # In memory as a store has it: pixel by pixel.
+        "image": torch.rand(samples, IMAGE_SIZE, IMAGE_SIZE, 3, generator=random).movedim(-1, 1),
         "camera": torch.from_numpy(paper_camera().matrix()).float().expand(samples, 3, 4),
         "charts": position[:, :, None] + sheet,
         "position": position,

@@ -17,11 +17,12 @@ from scipy.spatial import cKDTree
 from torch import Tensor
 from trimesh.triangles import points_to_barycentric
 
-from palpate.charts import CHAMFER_SCALE, build_tree, sample_faces, vision_atlas
+from palpate.charts import build_tree, sample_faces, vision_atlas
 from palpate.charts.chamfer import nearest_in_blocks
 from palpate.evaluation.metrics import score
 from palpate.mesh import OBJECT_POSITION, load_visual
 from palpate.mesh.distance import Surface, sample
+from palpate.protocol import CHAMFER_SCALE
 from palpate.surface import sample as sample_exterior
 from palpate.training import Truth, reconstruction_loss
 from palpate.training.losses import subsample

@@ -17,11 +17,11 @@ import torch
 from scipy.spatial import cKDTree
 
 from palpate import training
-from palpate.charts import CHAMFER_SCALE
 from palpate.evaluation.evaluate import BATCH_SIZE
 from palpate.mesh.distance import sample
 from palpate.models import Reconstruction
 from palpate.models.reconstruction import DEFORMATIONS
+from palpate.protocol import CHAMFER_SCALE
 from palpate.training import Assembler, Machine, ReconstructionLearner, Sample, TrainingData, recipes, windows
 from palpate.training.checkpoints import architecture
 from studies.error_vs_runtime.study import ALL, Method, Study

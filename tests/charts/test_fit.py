@@ -7,8 +7,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from palpate.charts import CHAMFER_SCALE, chamfer_distance, fit_adam, fit_direct, sample_faces, touch_chart
+from palpate.charts import chamfer_distance, fit_adam, fit_direct, sample_faces, touch_chart
 from palpate.charts.fit import spread
+from palpate.protocol import CHAMFER_SCALE
 from palpate.touch import PIXEL_CENTRES, SENSOR_WIDTH, local_points
 
 Y, Z = (torch.from_numpy(grid) for grid in np.meshgrid(PIXEL_CENTRES, PIXEL_CENTRES))

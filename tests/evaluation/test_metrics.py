@@ -5,7 +5,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from palpate.charts import build_tree
-from palpate.evaluation.metrics import pixel2mesh_chamfer, score, seeded, squared_distances
+from palpate.evaluation.metrics import score, seeded, squared_distances
+from palpate.protocol import pixel2mesh_chamfer
 
 
 def clouds(seed: int, n: int, m: int):

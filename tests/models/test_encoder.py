@@ -5,6 +5,7 @@ import torch
 
 from palpate.models import PAPER_ARCHITECTURES, ImageEncoder
 from palpate.models.encoder import ReadingEncoder
+from palpate.models.layers import InstanceNorm
 from tests.models.batches import SMALL
 
 
@@ -76,6 +77,19 @@ def test_an_image_that_is_too_small_is_an_error():
     encoder = ImageEncoder(**PAPER_ARCHITECTURES["occluded"]["encoder"])
     with pytest.raises(ValueError, match="137 x 137 is too small .* nothing is left after layer 16"):
         encoder.sizes(137)
+
+
+@pytest.mark.parametrize("layout", [torch.contiguous_format, torch.channels_last])
+@pytest.mark.parametrize("samples", [1, 3])
+def test_instance_norm_by_its_formula(samples, layout):
+    torch.manual_seed(0)
+    norm = InstanceNorm(5).double()
+    for parameter in norm.parameters():
+        torch.nn.init.normal_(parameter)
+    maps = (3 + 2 * torch.randn(samples, 5, 7, 9, dtype=torch.float64)).contiguous(memory_format=layout)
+    mean, variance = maps.mean(dim=(2, 3), keepdim=True), maps.var(dim=(2, 3), keepdim=True, correction=0)
+    scaled = (maps - mean) / (variance + 1e-5).sqrt()
+    torch.testing.assert_close(norm(maps), scaled * norm.weight[:, None, None] + norm.bias[:, None, None])
 
 
 def test_readings_are_encoded_one_by_one():

@@ -248,6 +248,26 @@ def test_a_spike_of_the_gradient_is_said_where_it_is_not_clipped(tmp_path, monke
     assert len(said) == warns and all("egg-" in record.message for record in said)
 
 
+def test_numbers_below_the_normal_ones_are_0_while_it_trains(tmp_path, monkeypatch):
+    losses, seen = ReconstructionLearner.losses, []
+
+    def half(_=None):
+        seen.append(float(torch.tensor(1.5e-38) / 2))
+
+    def looked_at(self, *arguments):
+        half()
+        found = losses(self, *arguments)
+        if found.requires_grad:
+            found.register_hook(half)
+        return found
+
+    monkeypatch.setattr(ReconstructionLearner, "losses", looked_at)
+    half()
+    run(tmp_path)
+    half()
+    assert len(seen) > 8 and not any(seen[1:-1]) and seen[0] == seen[-1] == pytest.approx(7.5e-39)
+
+
 @pytest.mark.parametrize("precision", ["bf16-true", "16-true"])
 def test_weights_below_float32_are_refused(tmp_path, precision):
     learner = ReconstructionLearner(made_up(), TOUCH_ONLY, SETTINGS, 0)

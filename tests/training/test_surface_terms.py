@@ -5,7 +5,8 @@ import pytest
 import torch
 import trimesh
 
-from palpate.charts import CHAMFER_SCALE, vision_atlas
+from palpate.charts import vision_atlas
+from palpate.protocol import CHAMFER_SCALE
 from palpate.training.learners import ReconstructionLearner
 from palpate.training.surface_terms import SurfaceTerms
 from tests.training.conftest import OCCLUDED_TOUCH, SETTINGS, made_up

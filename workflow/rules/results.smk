@@ -48,6 +48,7 @@ rule figure:
         "benchmarks/{figure}.tsv"
     wildcard_constraints:
         figure="|".join(map(re.escape, [*DATASET_FIGURES, *MODEL_FIGURES, "multi_grasp", "error_over_rings"])),
+    priority: 1  # Those of Blender take half a minute, which a run would wait for at its end.
     params:
         settings=figure_settings,
     script:

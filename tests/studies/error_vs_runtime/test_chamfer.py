@@ -5,8 +5,8 @@ import pytest
 import torch
 import trimesh
 
-from palpate.charts import CHAMFER_SCALE
 from palpate.mesh.distance import Surface, sample
+from palpate.protocol import CHAMFER_SCALE
 from palpate.training import Truth
 from studies.error_vs_runtime import chamfer
 from studies.error_vs_runtime.chamfer import Chamfer, Pair, changed_loss, exact, training_loss
