@@ -1,6 +1,5 @@
 """Processing of a batch of objects, shared by all stages: seeds, rejections, progress."""
 
-import atexit
 import csv
 import errno
 import gc
@@ -53,10 +52,8 @@ def log_to(path: Path | str) -> None:
     The last line of a job that failed is its error in one line (`plain`). Standard error stays on the terminal, for
     the progress bar and for that line.
     The process counts as a job of the run in whose folder it is, until it ends (`palpate.lock`).
-    It looks for garbage seldom, and not when it ends: a job that loads Lightning is 1.3 s shorter by it.
     """
     gc.set_threshold(GARBAGE_AFTER)
-    atexit.register(gc.freeze)
     if Path(lock.LOCK).exists():
         lock.share(".")
     file = open(path, "w", buffering=1)  # noqa: SIM115 - it lives as long as the process
