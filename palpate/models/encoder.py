@@ -55,6 +55,7 @@ class ImageEncoder(nn.Module):
         """
         if len(image) > 1 and image.stride(0) == 0:
             return [features.expand(len(image), -1, -1, -1) for features in self(image[:1])]
+        image = image.contiguous()  # Pixel by pixel, torch's norms lose digits.
         maps = []
         for number, layer in enumerate(self.layers, start=1):
             image = layer(image)

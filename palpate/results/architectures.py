@@ -12,7 +12,7 @@ from palpate.charts.atlas import TOUCH_VERTICES
 from palpate.mesh import OBJECT_POSITION
 from palpate.models.architectures import PAPER_ARCHITECTURES
 from palpate.models.gcn import ZeroNeighbourLayer
-from palpate.models.layers import Concatenate, ConvolutionBlock, InstanceNorm, LinearBlock
+from palpate.models.layers import Concatenate, ConvolutionBlock, LinearBlock
 from palpate.models.pooling import MapProducts, PerceptualPooling
 from palpate.models.reconstruction import Reconstruction
 from palpate.models.touch_depth import TouchDepth
@@ -32,7 +32,7 @@ def _convolution(layer: nn.Conv2d | nn.ConvTranspose2d | nn.MaxPool2d, name: str
 
 def _block(block: nn.Sequential) -> str:
     """The operations of a block of layers, in the wording of the paper's tables."""
-    words = {nn.BatchNorm2d: "BN", InstanceNorm: "IN", nn.ReLU: "ReLU", nn.Linear: "Linear"}
+    words = {nn.BatchNorm2d: "BN", nn.GroupNorm: "IN", nn.ReLU: "ReLU", nn.Linear: "Linear"}
     return " + ".join(
         _convolution(layer, "Conv", 1) if isinstance(layer, nn.Conv2d) else words[type(layer)] for layer in block
     )

@@ -67,8 +67,8 @@ def read_touches(dataset: Dataset, *splits: str) -> Touches:
 
 
 def channels_first(images: np.ndarray) -> Tensor:
-    """(..., r, r, 3) to (..., 3, r, r). The layout in memory is kept: convolutions on a CPU copy less in it."""
-    return torch.from_numpy(np.moveaxis(images, -1, -3))
+    """(..., r, r, 3) to (..., 3, r, r)."""
+    return torch.from_numpy(np.ascontiguousarray(np.moveaxis(images, -1, -3)))
 
 
 def touch_charts(
