@@ -1,4 +1,4 @@
-"""Numbers that published evaluations fix. Needs neither torch nor what measures: tables are made of them, too."""
+"""Numbers that published evaluations fix. Importing them loads no torch, so that a table is made without it."""
 
 from palpate.mesh import DIAGONAL
 

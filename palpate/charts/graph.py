@@ -29,28 +29,24 @@ def _factors(count: Tensor, symmetric: bool) -> tuple[Tensor, Tensor]:
     return count.double().reciprocal(), torch.ones(len(count), dtype=torch.float64)
 
 
-def neighbourhood_sum(x: Tensor, neighbour: Tensor, start: Tensor, *factors: Tensor) -> Tensor:
-    """A x for A = sparse + block, with x of shape (V, n), contiguous; without gradient.
-
-    factors: the weights of A's entries, and of its transpose's; the block's two factors.
-    """
-    weight, _, left, right = factors
-    # Weighted sums of rows; on a CPU twice as fast as a product with a sparse CSR tensor.
-    y = functional.embedding_bag(neighbour, x, start, mode="sum", per_sample_weights=weight, include_last_offset=True)
-    if len(left):
-        with torch.autocast(x.device.type, enabled=False):
-            y.addmm_(left.T, right.flip(0) @ x)
-    return y
-
-
 class NeighbourhoodSum(torch.autograd.Function):
-    """`neighbourhood_sum` with its gradient. Neighbourhoods are mutual, so the transpose of A has the same neighbours,
-    and the gradient is a sum of the same kind, which can be differentiated again."""
+    """A x for A = sparse + block, with x of shape (V, n). Neighbourhoods are mutual, so the transpose of A
+    has the same neighbours, and the gradient is a sum of the same kind, which can be differentiated again.
+
+    weights: those of A's entries, and of its transpose's; ends: the block's two factors.
+    """
 
     @staticmethod
     def forward(ctx: Any, x: Tensor, neighbour: Tensor, start: Tensor, *factors: Tensor) -> Tensor:
         ctx.save_for_backward(neighbour, start, *factors)
-        return neighbourhood_sum(x, neighbour, start, *factors)
+        weight, _, left, right = factors
+        # Weighted sums of rows; on a CPU twice as fast as a product with a sparse CSR tensor.
+        y = functional.embedding_bag(
+            neighbour, x, start, mode="sum", per_sample_weights=weight, include_last_offset=True
+        )
+        if len(left):
+            y.addmm_(left.T, right.flip(0) @ x)
+        return y
 
     @staticmethod
     def backward(ctx: Any, *gradients: Tensor) -> tuple[Tensor | None, ...]:
@@ -145,8 +141,9 @@ class Graph(nn.Module):
         rows = x.reshape(self.vertices, -1).contiguous()
         weight, transposed, left, right = self._factors_as(x.dtype)
         factors = (transposed, weight, right, left) if transpose else (weight, transposed, left, right)
-        summed = NeighbourhoodSum.apply if torch.is_grad_enabled() else neighbourhood_sum
-        return summed(rows, self.neighbour, self.start, *factors).view(x.shape)
+        with torch.autocast(x.device.type, enabled=False):
+            y = NeighbourhoodSum.apply(rows, self.neighbour, self.start, *factors)
+        return y.view(x.shape)
 
     def _factors_as(self, dtype: torch.dtype) -> tuple[Tensor, ...]:
         """The factors of the sum in the type of the features, converted once."""
