@@ -5,10 +5,11 @@ the one that its readings are of, so that the data explain themselves.
 
 Sensor frame: the origin is the centre of the sensor plane, x points out of the gel, y along the columns and z
 along the rows of the reading. Seen from the sensor's inside, along +x, y is to the right and z is down, so a
-reading with row 0 at the top is what the camera behind the gel sees, not mirrored.
+reading with row 0 at the top is what the camera behind the gel sees, not mirrored. On the hand, the gel's face is
+`gel_face` before the origin.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -22,87 +23,123 @@ from palpate.configuration import ConfigError, check
 
 SHIPPED = Path(__file__).with_name("sensors")
 SCHEMA = SHIPPED / "schema.yaml"
-# Of a sensor's description: what decides the shapes of its arrays, and where its points can lie.
-GEOMETRY = ("width", "resolution", "range", "gel")
+# What decides the shapes of a sensor's arrays and where its points can lie; the rest is how a reading looks.
+GEOMETRY = ("width", "height", "resolution", "range", "gel_radius", "gel_face")
+RED_GREEN_BLUE = np.eye(3)
 
 
 @dataclass(frozen=True, eq=False)
 class Sensor:
-    """A touch sensor with a square plane of pixels, metres; made by `load` or `from_description`.
+    """A touch sensor with a rectangular plane of pixels, metres; made by `load` or `from_description`.
 
     Attributes:
         name: of its file.
-        width: edge of the sensor plane. resolution: r, pixels along an edge.
+        width, height: of the sensor plane, along y and z. resolution: (r, c), pixels along z and y: rows, columns.
         range: distance from the sensor plane to the undeformed gel, of a round gel to its apex.
         gel_radius: of the sphere that a round gel is a cap of; None if the gel is flat and as wide as the plane.
+        gel_face: distance from the sensor plane to the face that the hand has there, at which contact stops it.
         lights: `angles` (degrees, of the red, green and blue light around the sensor's axis, from y to z), their
-            `radius` and their `height` above the plane at `range`, towards the sensor plane.
+            `radius` and their `height` above the plane at `range`, towards the sensor plane; or a list of lights with
+            a `colour` and a `position` (y, z, that height) or a `direction` that they are in.
         diffuse: lambda, grey levels of a surface that faces a light.
         smoothing: of the gel, or None: `pyramid`, `last`, `held`; see `palpate.touch.shading.smoothed`.
-        background: (r, r, 3) uint8 image of the untouched gel; None: the shading of the undeformed gel.
+        background: (r, c, 3) uint8 image of the untouched gel; None: the shading of the undeformed gel.
     """
 
     name: str
     width: float
-    resolution: int
+    height: float
+    resolution: tuple[int, int]
     range: float
     gel_radius: float | None
-    lights: Mapping[str, Any]
+    gel_face: float
+    lights: Mapping[str, Any] | Sequence[Mapping[str, Any]]
     diffuse: float
     smoothing: Mapping[str, Any] | None = None
     background: np.ndarray | None = field(default=None, repr=False)
 
     @property
-    def pixel(self) -> float:
-        """Edge of a pixel, metres."""
-        return self.width / self.resolution
+    def pixel(self) -> tuple[float, float]:
+        """Edges of a pixel, metres: along z and along y, as `resolution`."""
+        return self.height / self.resolution[0], self.width / self.resolution[1]
 
     @cached_property
-    def pixel_centres(self) -> np.ndarray:
-        """(r,) centres of the pixels on the sensor plane: y of the columns, and z of the rows."""
-        return pixel_centres(self.resolution, self.width)
+    def pixel_centres(self) -> tuple[np.ndarray, np.ndarray]:
+        """(c,) y of the columns and (r,) z of the rows: centres of the pixels on the sensor plane."""
+        rows, columns = self.resolution
+        return pixel_centres(columns, self.width), pixel_centres(rows, self.height)
 
     @cached_property
     def plane(self) -> np.ndarray:
-        """(r, r, 3) the pixels on the sensor plane, sensor frame."""
-        y, z = np.meshgrid(self.pixel_centres, self.pixel_centres)
+        """(r, c, 3) the pixels on the sensor plane, sensor frame."""
+        y, z = np.meshgrid(*self.pixel_centres)
         return np.stack([np.zeros_like(y), y, z], axis=2)
 
     @cached_property
+    def _off_axis(self) -> np.ndarray:
+        """(r, c) m^2, squared distance of the pixels from the sensor's axis."""
+        y, z = self.pixel_centres
+        return z[:, None] ** 2 + y[None] ** 2
+
+    @property
+    def rim(self) -> float:
+        """Radius of the circle that a round gel covers: as wide as the plane's shorter edge."""
+        return min(self.width, self.height) / 2
+
+    @cached_property
     def on_gel(self) -> np.ndarray:
-        """(r, r) bool, pixels that look at the gel: all, or those within the circle of a round one."""
-        square = self.pixel_centres[:, None] ** 2 + self.pixel_centres[None] ** 2
-        return np.full(square.shape, True) if self.gel_radius is None else square <= (self.width / 2) ** 2
+        """(r, c) bool, pixels that look at the gel: all, or those within the circle of a round one."""
+        return np.full(self.resolution, True) if self.gel_radius is None else self._off_axis <= self.rim**2
 
     @cached_property
     def sag(self) -> np.ndarray:
-        """(r, r) metres that the undeformed gel lies below its apex; beside a round gel as at its rim."""
+        """(r, c) metres that the undeformed gel lies below its apex; beside a round gel as at its rim."""
         if self.gel_radius is None:
-            return np.zeros((self.resolution, self.resolution))
-        square = self.pixel_centres[:, None] ** 2 + self.pixel_centres[None] ** 2
-        return self.gel_radius - np.sqrt(self.gel_radius**2 - np.minimum(square, (self.width / 2) ** 2))
+            return np.zeros(self.resolution)
+        return self.gel_radius - np.sqrt(self.gel_radius**2 - np.minimum(self._off_axis, self.rim**2))
 
     @cached_property
     def reach(self) -> np.ndarray:
-        """(r, r) metres from the sensor plane within which a pixel touches: the undeformed gel; -inf beside it."""
+        """(r, c) metres from the sensor plane within which a pixel touches: the undeformed gel; -inf beside it."""
         return np.where(self.on_gel, self.range - self.sag, -np.inf)
 
     @cached_property
     def light_positions(self) -> np.ndarray:
-        """(3, 3) of the red, green and blue light: (y, z, height above the plane at `range`), metres."""
+        """(n, 3) of the lights: (y, z, height above the plane at `range`), metres; of a far one its direction."""
+        if not isinstance(self.lights, Mapping):
+            return np.array([light.get("position") or light["direction"] for light in self.lights], dtype=float)
         angles = np.deg2rad(self.lights["angles"])
         radius, height = self.lights["radius"], self.lights["height"]
         return np.stack([radius * np.cos(angles), radius * np.sin(angles), np.full(3, height)], axis=1)
+
+    @cached_property
+    def light_colours(self) -> np.ndarray:
+        """(n, 3) red, green and blue of the lights, 1 for `diffuse` grey levels."""
+        ring = isinstance(self.lights, Mapping)
+        return RED_GREEN_BLUE if ring else np.array([light["colour"] for light in self.lights], dtype=float)
+
+    @cached_property
+    def lights_far(self) -> np.ndarray:
+        """(n,) bool, lights that are so far that they shine in one direction."""
+        ring = isinstance(self.lights, Mapping)
+        return np.full(3, False) if ring else np.array(["direction" in light for light in self.lights])
+
+    @property
+    def geometry(self) -> dict[str, Any]:
+        """The attributes of `GEOMETRY`: all that grasps need."""
+        return {key: getattr(self, key) for key in GEOMETRY}
 
     def description(self) -> dict[str, Any]:
         """The sensor as its file has it, for JSON; of a background image only that there is one."""
         return {
             "name": self.name,
             "width": self.width,
-            "resolution": self.resolution,
+            "height": self.height,
+            "resolution": list(self.resolution),
             "range": self.range,
             "gel": "flat" if self.gel_radius is None else {"radius": self.gel_radius},
-            "lights": dict(self.lights),
+            "gel_face": self.gel_face,
+            "lights": self.lights,
             "diffuse": self.diffuse,
             "smoothing": self.smoothing and dict(self.smoothing),
             "background": True if self.background is not None else None,
@@ -115,27 +152,45 @@ class Sensor:
         """The sensor of a description, as a file or a store has it.
 
         background: the image of the untouched gel, if the description says that there is one. what: it is called in
-        messages. Raises `ConfigError` for a description that does not fit `palpate/sensors/schema.yaml`, or a gel that
-        can't be.
+        messages. Raises `ConfigError` for a description that does not fit `palpate/sensors/schema.yaml`, a gel that
+        can't be, or one that the sensor's range does not reach.
         """
         check(dict(description), SCHEMA, what)
         values = {key: value for key, value in description.items() if key not in ("gel", "background")}
-        gel = description["gel"]
-        radius = None if gel == "flat" else float(gel["radius"])
-        if radius is not None and radius < description["width"] / 2:
+        resolution, gel = description["resolution"], description["gel"]
+        rows, columns = (resolution, resolution) if isinstance(resolution, int) else resolution
+        values |= {
+            "resolution": (rows, columns),
+            # Square pixels.
+            "height": description.get("height", description["width"] * (rows / columns)),
+            # Stores of before this key are of the Allegro.
+            "gel_face": description.get("gel_face", 0.019273),
+            "gel_radius": None if gel == "flat" else float(gel["radius"]),
+        }
+        sensor = cls(**values, background=background if description["background"] else None)
+        if gel != "flat" and sensor.gel_radius < sensor.rim:
             raise ConfigError(
-                f"{what}: gel.radius {radius:g} m is less than half of width: the gel has to reach its rim"
+                f"{what}: gel.radius {sensor.gel_radius:g} m is less than half of width: the gel has to reach its rim"
             )
-        sensor = cls(**values, gel_radius=radius, background=background if description["background"] else None)
         if not (sensor.range - sensor.sag > 0).all():
             raise ConfigError(f"{what}: the rim of the gel is behind the sensor plane: raise range, or gel.radius")
-        if not sensor.lights["height"] >= sensor.range:
+        if sensor.range < sensor.gel_face:
+            raise ConfigError(
+                f"{what}: range {sensor.range:g} m does not reach the gel's face on the hand, gel_face "
+                f"{sensor.gel_face:g} m from the sensor plane: nothing could touch; raise range, or lower gel_face"
+            )
+        for number, light in enumerate([] if isinstance(sensor.lights, Mapping) else sensor.lights):
+            if len({"position", "direction"} & set(light)) != 1:
+                raise ConfigError(f"{what}: lights.{number}: expected a position or a direction")
+            if not np.any(light.get("direction", 1)):
+                raise ConfigError(f"{what}: lights.{number}.direction: 0 is not a direction")
+        if not (sensor.light_positions[~sensor.lights_far, 2] >= sensor.range).all():
             raise ConfigError(f"{what}: lights.height must be range or more: no surface in range above the lights")
         return sensor
 
     def misfit(self, other: "Sensor") -> str:
         """In what the geometry of another sensor differs, as words; empty if data of one fit the other."""
-        mine, theirs = self.description(), other.description()
+        mine, theirs = self.geometry, other.geometry
         return ", ".join(f"{key} {mine[key]} and {theirs[key]}" for key in GEOMETRY if mine[key] != theirs[key])
 
 
@@ -161,33 +216,45 @@ def shipped() -> list[str]:
     return sorted(path.stem for path in SHIPPED.glob("*.yaml") if path != SCHEMA)
 
 
-def read(path: Path) -> dict[str, Any]:
-    """The keys of a sensor's file. Raises `ConfigError`, naming it, if it can't be read or has none."""
+def read(path: Path, below: tuple[Path, ...] = ()) -> dict[str, Any]:
+    """The keys of a sensor's file, and of the one that it extends; `background` as a path that can be opened.
+
+    below: the files that extend it. Raises `ConfigError`, naming the file, if it can't be read or has no keys, for a
+    `background` that is no path, and for files that extend each other.
+    """
     try:
         description = yaml.safe_load(path.read_text(encoding="utf-8"))
     except (yaml.YAMLError, UnicodeDecodeError) as error:
         raise ConfigError(f"{path}: can't be read as YAML: {error}") from None
     if not isinstance(description, dict):
         raise ConfigError(f"{path}: expected the keys of a sensor, as in {SHIPPED / 'digit.yaml'}")
-    return description
+    image, base = description.get("background"), description.pop("extends", None)
+    if not isinstance(image, str | None) or not isinstance(base, str | None):
+        key = (
+            "background: expected the path of an image" if isinstance(base, str | None) else "extends: expected a name"
+        )
+        raise ConfigError(f"{path}: {key}, or null")
+    if image:
+        description["background"] = str(path.parent / image)
+    if base is None:
+        return {"name": path.stem} | description
+    if path.resolve() in below:
+        raise ConfigError(f"{path}: extends itself")
+    found = read(sensor_file(base, path.parent), (*below, path.resolve()))
+    return found | {"name": path.stem} | description
 
 
-def background_file(path: Path) -> Path | None:
-    """The image of the untouched gel that a sensor's file names, from its folder; None if it names none.
-
-    Raises `ConfigError` as `read` does, and for something else than a path.
-    """
-    image = read(path).get("background")
-    if not isinstance(image, str | None):
-        raise ConfigError(f"{path}: background: expected the path of an image, or null")
-    return path.parent / image if image else None
+def background_file(path: Path) -> str | None:
+    """The image of the untouched gel that a sensor's file names; None if it names none. Raises as `read` does."""
+    return read(path).get("background")
 
 
-def read_background(path: Path | str, resolution: int) -> np.ndarray:
-    """(resolution, resolution, 3) uint8 image of an untouched gel, resized. Raises `ConfigError` if it is none."""
+def read_background(path: Path | str, resolution: Sequence[int]) -> np.ndarray:
+    """(r, c, 3) uint8 image of an untouched gel, resized to resolution (r, c). Raises `ConfigError` if it is none."""
+    rows, columns = resolution
     try:
         with Image.open(path) as picture:
-            return np.asarray(picture.convert("RGB").resize((resolution, resolution), Image.Resampling.BILINEAR))
+            return np.asarray(picture.convert("RGB").resize((columns, rows), Image.Resampling.BILINEAR))
     except OSError as error:
         raise ConfigError(f"{path}: can't be read as the image of an untouched gel: {error}") from None
 
@@ -198,8 +265,9 @@ def load(sensor: str, folder: Path | str = ".") -> Sensor:
     Raises `ConfigError`, naming the file, for one that can't be read or does not fit.
     """
     path = sensor_file(sensor, folder)
-    found = Sensor.from_description({**read(path), "background": None}, what=str(path))
-    image = background_file(path)
+    description = read(path)
+    image = description.get("background")
+    found = Sensor.from_description({**description, "background": None}, what=str(path))
     return replace(found, background=read_background(image, found.resolution)) if image else found
 
 

@@ -8,15 +8,16 @@ from pathlib import Path
 
 from palpate.hand.allegro import allegro
 from palpate.hand.hand import MAX_OUT_OF_RANGE, MAX_PENETRATION, Hand
+from palpate.sensor import DIGIT
 
 __all__ = ["MAX_OUT_OF_RANGE", "MAX_PENETRATION", "Hand", "allegro", "from_mjcf", "model_files"]
 
 
-def from_mjcf(path, sensors) -> Hand:
+def from_mjcf(path, sensors, gel_face: float = DIGIT.gel_face) -> Hand:
     """A user's hand, read from a MuJoCo model file; see `palpate.hand.mjcf.from_mjcf`."""
     from palpate.hand.mjcf import from_mjcf as read
 
-    return read(path, sensors)
+    return read(path, sensors, gel_face)
 
 
 def model_files(path) -> list[Path]:

@@ -11,6 +11,7 @@ misplaced. Its palm is one box, which jams the thumb in 44 % of configurations.
 import numpy as np
 
 from palpate.hand.hand import Hand, rotation_about
+from palpate.sensor import DIGIT
 
 LINK_COLOUR = (0.10, 0.10, 0.11, 1.0)
 DIGIT_COLOUR = (0.18, 0.18, 0.20, 1.0)
@@ -49,14 +50,17 @@ THUMB_TIP_OFFSET = 0.0303
 # box in the place of both, touch success falls from 0.63 to 0.54.
 DIGIT_BODY = ((-0.0116, 0.0150), (-0.0134, 0.0134), (0.0005, 0.0347))
 GEL_PAD = ((0.0100, 0.0182), (-0.0100, 0.0100), (0.0051, 0.0291))
-SENSOR_ORIGIN = (-0.001073, 0.0, 0.017119)
+SENSOR_ORIGIN = (-0.001073, 0.0, 0.017119)  # of the DIGIT: 19.3 mm behind the gel
 
 # Fingers straight, the thumb to the side at the end of its range: clear of flat objects too.
 OPEN_THUMB = (0.263, 0.0, 0.0, 0.0)
 
 
-def allegro() -> Hand:
-    """The Allegro hand with four DIGITs: 16 joints, four each of index, middle, ring finger and thumb."""
+def allegro(gel_face: float = DIGIT.gel_face) -> Hand:
+    """The Allegro hand with four DIGITs: 16 joints, four each of index, middle, ring finger and thumb.
+
+    gel_face: m from the sensor frame to the gel's face, of another sensor in the DIGIT's place.
+    """
     links, joints, geoms = [], [], []
 
     def add_link(name, parent, position, rotation, joint=None) -> int:
@@ -122,7 +126,7 @@ def allegro() -> Hand:
         sensor_names=("index", "middle", "ring", "thumb"),
         sensor_thumb=np.array([False, False, False, True]),
         sensor_link=np.array(tips),
-        sensor_position=np.tile(np.array(SENSOR_ORIGIN), (4, 1)),
+        sensor_position=np.tile(SENSOR_ORIGIN + np.array([DIGIT.gel_face - gel_face, 0, 0]), (4, 1)),
         sensor_rotation=np.tile(np.eye(3), (4, 1, 1)),
         open_joint_positions=np.array([0.0] * 12 + list(OPEN_THUMB)),
         palm_anchor=anchor,

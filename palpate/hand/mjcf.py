@@ -10,6 +10,7 @@ import yaml
 from scipy.spatial.transform import Rotation
 
 from palpate.hand.hand import Hand, rotation_about
+from palpate.sensor import DIGIT
 
 GEOM_KIND = {
     mujoco.mjtGeom.mjGEOM_BOX: "box",
@@ -21,7 +22,7 @@ GEOM_KIND = {
 }
 
 
-def from_mjcf(path: Path | str, sensors: Mapping | Path | str) -> Hand:
+def from_mjcf(path: Path | str, sensors: Mapping | Path | str, gel_face: float = DIGIT.gel_face) -> Hand:
     """Read a hand of hinges and slides from a model file, with the frames of its sensors.
 
     sensors: a mapping, or a YAML file that holds one, with the keys
@@ -49,7 +50,7 @@ def from_mjcf(path: Path | str, sensors: Mapping | Path | str) -> Hand:
         description = yaml.safe_load(Path(sensors).read_text())
     try:
         model = mujoco.MjModel.from_xml_path(str(path))
-        return _Reader(model, path.stem).hand(description)
+        return _Reader(model, path.stem).hand(description, gel_face)
     except KeyError as error:
         raise ValueError(f"{path}: nothing of this name, or key missing: {error.args[0]}") from None
     except ValueError as error:
@@ -87,7 +88,7 @@ class _Reader:
         self.link_of_body: dict[int, int] = {}
         self.origin_of_body: dict[int, np.ndarray] = {}  # the body frame's origin in its link's frame
 
-    def hand(self, description: Mapping) -> Hand:
+    def hand(self, description: Mapping, gel_face: float) -> Hand:
         model = self.model
         palm = model.body(description["palm"]).id if description.get("palm") else 1
         self._add_link(model.body(palm).name or "palm", -1, np.zeros(3), np.eye(3))
@@ -129,7 +130,7 @@ class _Reader:
             sensor_names=tuple(names),
             sensor_thumb=np.isin(names, thumb),
             sensor_link=np.array([sensor[1] for sensor in sensors]),
-            sensor_position=np.array([sensor[2] for sensor in sensors]),
+            sensor_position=np.array([sensor[2] - gel_face * sensor[3][:, 0] for sensor in sensors]),
             sensor_rotation=np.array([sensor[3] for sensor in sensors]),
             open_joint_positions=np.clip(start, *joint_range.T),
             palm_anchor=self._anchor(description, geoms),
