@@ -28,7 +28,7 @@ loader = DataLoader(dataset.grasps("train", wanted), batch_size=2, shuffle=True)
 
 # %% Readings and depths of the sensors that touch the object; depth in mm, the sensor's range where nothing is.
 def touches(batch: dict) -> tuple[torch.Tensor, torch.Tensor]:
-    """Readings (n, 3, r, r) in [0, 1] and depths (n, r, r), mm, of successful touches."""
+    """Readings (n, 3, r, c) in [0, 1] and depths (n, r, c), mm, of successful touches."""
     readings = batch["reading"][batch["success"]].permute(0, 3, 1, 2).float() / 255
     return readings, (1000 * batch["depth"][batch["success"]]).clamp(max=25)
 

@@ -59,26 +59,31 @@ class Sensor:
     background: np.ndarray | None = field(default=None, repr=False)
 
     @property
+    def size(self) -> tuple[float, float]:
+        """(height, width), in the order of `resolution`."""
+        return self.height, self.width
+
+    @property
     def pixel(self) -> tuple[float, float]:
-        """Edges of a pixel, metres: along z and along y, as `resolution`."""
+        """Edges of a pixel along z and y, metres, in the order of `resolution`."""
         return self.height / self.resolution[0], self.width / self.resolution[1]
 
     @cached_property
     def pixel_centres(self) -> tuple[np.ndarray, np.ndarray]:
-        """(c,) y of the columns and (r,) z of the rows: centres of the pixels on the sensor plane."""
-        rows, columns = self.resolution
-        return pixel_centres(columns, self.width), pixel_centres(rows, self.height)
+        """(r,) z of the rows and (c,) y of the columns: centres of the pixels on the sensor plane."""
+        rows, columns = map(pixel_centres, self.resolution, self.size)
+        return rows, columns
 
     @cached_property
     def plane(self) -> np.ndarray:
         """(r, c, 3) the pixels on the sensor plane, sensor frame."""
-        y, z = np.meshgrid(*self.pixel_centres)
+        z, y = np.meshgrid(*self.pixel_centres, indexing="ij")
         return np.stack([np.zeros_like(y), y, z], axis=2)
 
     @cached_property
     def _off_axis(self) -> np.ndarray:
         """(r, c) m^2, squared distance of the pixels from the sensor's axis."""
-        y, z = self.pixel_centres
+        z, y = self.pixel_centres
         return z[:, None] ** 2 + y[None] ** 2
 
     @property

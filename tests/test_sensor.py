@@ -15,8 +15,8 @@ PUBLISHED = {"edges": (0.00539, 0.0218), "resolution": 100, "range": 0.025}
 
 def test_the_digit_is_the_papers_and_its_lights_as_documented():
     low, high = PUBLISHED["edges"]
-    assert DIGIT.width == round(high - low, 5) and DIGIT.pixel == DIGIT.width / 100
-    assert (DIGIT.resolution, DIGIT.range) == (PUBLISHED["resolution"], PUBLISHED["range"])
+    assert DIGIT.width == round(high - low, 5) and DIGIT.pixel == (DIGIT.width / 100, DIGIT.width / 100)
+    assert (DIGIT.resolution, DIGIT.range) == (2 * (PUBLISHED["resolution"],), PUBLISHED["range"])
     assert DIGIT.gel_radius is DIGIT.smoothing is DIGIT.background is None and DIGIT.diffuse == 255
     angles, radius = np.deg2rad([-90, 30, 150]), np.sqrt(2) * PUBLISHED["range"]
     expected = np.stack([radius * np.cos(angles), radius * np.sin(angles), np.full(3, PUBLISHED["range"])], axis=1)
@@ -29,8 +29,8 @@ def test_the_digit_is_the_papers_and_its_lights_as_documented():
 def test_the_shipped_sensors_have_their_published_sizes():
     assert sensor.shipped() == ["digit", "dome360", "gelsight_mini"]
     mini, dome = load("gelsight_mini"), load("dome360")
-    assert mini.pixel == pytest.approx(18.6e-3 / 320, rel=0.03)  # the field of view, 18.6 x 14.3 mm on 320 x 240
-    assert mini.width == 14.3e-3 and mini.resolution == 240
+    assert (mini.width, mini.height, mini.resolution) == (18.6e-3, 14.3e-3, (240, 320))
+    assert mini.pixel[1] == pytest.approx(18.6e-3 / 320) == pytest.approx(mini.pixel[0], rel=0.03)
     assert dome.width == 0.020 and dome.gel_radius == 0.010  # the gel of TACTO's OmniTact is 20 mm wide
     # OpenCV's standard deviation of a kernel of k pixels, of Taxim's kernels and its pixels of 0.0295 mm.
     sigmas = [0.0295e-3 * (0.3 * ((k - 1) * 0.5 - 1) + 0.8) for k in (201, 101, 51, 21, 11, 5)]
@@ -40,7 +40,7 @@ def test_the_shipped_sensors_have_their_published_sizes():
 
 def test_a_round_gel_is_a_cap_of_a_sphere():
     dome = load("dome360")
-    y, z = np.meshgrid(dome.pixel_centres, dome.pixel_centres)
+    z, y = np.meshgrid(*dome.pixel_centres, indexing="ij")
     inside = np.hypot(y, z) <= 0.010
     np.testing.assert_array_equal(dome.on_gel, inside)
     # The apex is at the range, the centre of the sphere a radius nearer.
@@ -60,7 +60,7 @@ def test_a_description_brings_the_sensor_back(name):
 
 def test_what_differs_is_named():
     assert DIGIT.misfit(load("dome360")) == (
-        "width 0.01641 and 0.02, resolution 100 and 200, gel flat and {'radius': 0.01}"
+        "width 0.01641 and 0.02, height 0.01641 and 0.02, resolution (100, 100) and (200, 200), gel_radius None and 0.01"
     )
 
 

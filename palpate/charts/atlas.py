@@ -203,10 +203,10 @@ def sphere() -> tuple[Tensor, Tensor]:
 
 @cache
 @torch.inference_mode(False)  # kept for all later uses, whatever the first one
-def touch_chart(width: float = DIGIT.width) -> TouchChart:
-    """The sheet of 9 x 9 vertices over the whole plane of a sensor `width` metres wide. Its faces are any sensor's."""
-    line = torch.linspace(-width / 2, width / 2, TOUCH_SIDE)
-    z, y = torch.meshgrid(line, line, indexing="ij")
+def touch_chart(size: tuple[float, float] = DIGIT.size) -> TouchChart:
+    """The sheet of 9 x 9 vertices over the whole plane of a sensor of a size (height, width), metres. Its faces are any
+    sensor's."""
+    z, y = torch.meshgrid(*(torch.linspace(-edge / 2, edge / 2, TOUCH_SIDE) for edge in size), indexing="ij")
     corner = (torch.arange(TOUCH_SIDE - 1)[:, None] * TOUCH_SIDE + torch.arange(TOUCH_SIDE - 1)).ravel()
     right, below = corner + 1, corner + TOUCH_SIDE
     faces = torch.stack([corner, below, right, right, below, below + 1], dim=1).reshape(-1, 3)

@@ -30,30 +30,37 @@ def spread(valid: Tensor, count: int) -> Tensor:
     return torch.where(total > 0, found, 0)
 
 
-def fit_direct(depth: Tensor, valid: Tensor, position: Tensor, rotation: Tensor, width: float = DIGIT.width) -> Tensor:
+def fit_direct(
+    depth: Tensor,
+    valid: Tensor,
+    position: Tensor,
+    rotation: Tensor,
+    size: tuple[float, float] = DIGIT.size,
+) -> Tensor:
     """Touch charts of height fields, by resampling: nine of the pixel rows that hold contact, evenly spread,
     and in each of them nine of its pixels in contact. Every vertex is a point of the cloud.
 
     Args:
-        depth: (k, r, r) metres from the sensor plane at the centres of pixels; used where valid.
-        valid: (k, r, r) bool, pixels in contact, one or more each.
+        depth: (k, r, c) metres from the sensor plane at the centres of pixels; used where valid.
+        valid: (k, r, c) bool, pixels in contact, one or more each.
         position: (k, 3) metres and rotation: (k, 3, 3) of the sensors; columns are the frame's axes.
-        width: metres, of the sensors.
+        size: (height, width) of the sensors, metres.
 
     Returns: (k, 81, 3) in the frame and type of the positions, vertices ordered as in `touch_chart()`.
 
     Raises ValueError if a chart has no valid pixel, or a valid depth is NaN or infinite.
     """
-    k, resolution, _ = depth.shape
+    rows, columns = depth.shape[1:]
     if not valid.flatten(1).any(dim=1).all():
         raise ValueError("a depth map without valid pixels has no touch chart; leave it out")
     if not torch.isfinite(depth[valid]).all():
         raise ValueError("a depth map holds NaN or infinity at valid pixels")
     row = spread(valid.any(dim=2), TOUCH_SIDE)  # (k, 9)
-    column = spread(valid.gather(1, row[..., None].expand(-1, -1, resolution)), TOUCH_SIDE)  # (k, 9, 9)
+    column = spread(valid.gather(1, row[..., None].expand(-1, -1, columns)), TOUCH_SIDE)  # (k, 9, 9)
     row = row[..., None].expand_as(column)
-    x = depth.flatten(1).gather(1, (row * resolution + column).flatten(1))
-    y, z = (((at + 0.5) / resolution - 0.5) * width for at in (column.flatten(1), row.flatten(1)))
+    x = depth.flatten(1).gather(1, (row * columns + column).flatten(1))
+    places = zip((column, row), (columns, rows), reversed(size), strict=True)
+    y, z = (((at.flatten(1) + 0.5) / count - 0.5) * edge for at, count, edge in places)
     return placed(torch.stack([x, y, z], dim=2), position, rotation)
 
 
@@ -71,7 +78,7 @@ def fit_adam(
     stop: float = STOP,
     samples: int = 2000,
     generator: torch.Generator | None = None,
-    width: float = DIGIT.width,
+    size: tuple[float, float] = DIGIT.size,
 ) -> Tensor:
     """Touch charts by the paper's optimisation (supplement, "Converting Point Clouds to Charts").
 
@@ -87,7 +94,7 @@ def fit_adam(
         samples: points on each sheet a step. With so few that their own spacing exceeds `stop`, it is
             never reached: 1,000 are too few for the supplement's (docs/charts.md).
         generator: of the samples; the default one if None.
-        width: metres, of the sensors.
+        size: (height, width) of the sensors, metres.
 
     Returns: (k, 81, 3), vertices ordered as in `touch_chart()`; of the step with the lowest loss if it did
     not fall below `stop`.
@@ -96,7 +103,7 @@ def fit_adam(
     """
     if len(points) != len(position):
         raise ValueError(f"{len(points)} point clouds for {len(position)} sensors; must be as many")
-    chart = touch_chart(width)
+    chart = touch_chart(size)
     faces = chart.faces.to(position.device)
     trees = [build_tree(cloud) for cloud in points] if position.device.type == "cpu" else [None] * len(points)
     # Tensors made in inference mode could not be differentiated: copies can.

@@ -193,7 +193,7 @@ class JoinedArray(Sequence):
         1.001. Rows of local clouds past their `point_count` are 0, whatever is stored there.
         """
         values, spec = self[:], self._spec
-        if spec.shape[-2:] == ("rr", 3):
+        if spec.shape[-2:] == ("rc", 3):
             count = JoinedArray(self._run, self._stage, "point_count", self._entries)[:]
             values[np.arange(values.shape[-2]) >= count[..., None]] = 0
         if values.dtype.kind == "f":
@@ -244,6 +244,6 @@ def _length(axis: int, index: int | slice) -> int | None:
 def fill_untouched(reading: np.ndarray, success: np.ndarray, empty: np.ndarray) -> np.ndarray:
     """Readings in which sensors that touched nothing read the empty gel; stores omit these, so that they are 0.
 
-    success: bool, of any shape; reading: (*success.shape, *empty.shape). empty: the empty gel, (r, r, 3) or a part.
+    success: bool, of any shape; reading: (*success.shape, *empty.shape). empty: the empty gel, (r, c, 3) or a part.
     """
     return np.where(np.asarray(success)[(..., *[None] * np.ndim(empty))], reading, empty)

@@ -21,7 +21,7 @@ class GraspDataset(Sequence):
 
     An item has `object`, `class` and `split` (text), `grasp` (its number, from 0), and the arrays of the grasp and of
     its object, in the contract's shapes and types without the axes o, g and k (docs/dataset.md). All items have the
-    same shapes, so that the default collation stacks them: `points` (s, rr, 3) are 0 past `point_count`. A sensor that
+    same shapes, so that the default collation stacks them: `points` (s, rc, 3) are 0 past `point_count`. A sensor that
     touched nothing reads the empty gel. An object's array that is named as one of a grasp has its stage before it:
     `surface_points`. camera: whose images, masks, depths and matrices are read; None for those of all, with an axis k.
 

@@ -193,7 +193,7 @@ class Dataset(Sequence):
 
     @property
     def empty_reading(self) -> np.ndarray:
-        """(r, r, 3) uint8 reading of an untouched sensor. Raises StoreError if there is no object."""
+        """(r, c, 3) uint8 reading of an untouched sensor. Raises StoreError if there is no object."""
         if not self._entries:
             raise StoreError(f"{self!r}: no object whose touch store has the empty reading; rejected.csv says why")
         return self._run.store("touch", next(iter(self._entries.values())).batch).get("empty_reading")
@@ -427,7 +427,7 @@ class GraspRecord(_Record):
 
     @cached_property
     def reading(self) -> np.ndarray:
-        """(s, r, r, 3) uint8, RGB. Images of the s gels; the empty gel of a sensor that touched nothing."""
+        """(s, r, c, 3) uint8, RGB. Images of the s gels; the empty gel of a sensor that touched nothing."""
         empty = self._run.store("touch", self._entry.batch).get("empty_reading")
         return fill_untouched(self._read("reading"), self.success, empty)
 

@@ -262,12 +262,12 @@ def _local_scores(
     """Errors (m^2 x 9000) of the clouds and of the charts of some sensors of one grasp."""
     if not len(sensors):
         return [], []
-    device, width = next(model.parameters()).device, model.sensor.width
+    device, size = next(model.parameters()).device, model.sensor.size
     depth, valid = predict_depth(model, channels_first(grasp.reading[sensors]).to(device), empty.to(device))
     true = torch.from_numpy(grasp.depth[sensors]).to(device)
     # A distance does not depend on the frame: clouds are compared in the sensor's, charts in the world.
-    clouds = [cloud[mask] for cloud, mask in zip(sheet(depth, width), valid, strict=True)]
-    truths = [cloud[mask] for cloud, mask in zip(sheet(true, width), torch.isfinite(true), strict=True)]
+    clouds = [cloud[mask] for cloud, mask in zip(sheet(depth, size), valid, strict=True)]
+    truths = [cloud[mask] for cloud, mask in zip(sheet(true, size), torch.isfinite(true), strict=True)]
     chart = torch.from_numpy(grasp.vertices[sensors]).to(device)
     on_charts = _on_charts(chart, points, draw)
     world = [torch.from_numpy(grasp.points[sensor]).to(device) for sensor in sensors]

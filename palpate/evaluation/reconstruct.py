@@ -32,7 +32,7 @@ TOUCH_COLOUR = (0.84, 0.37, 0.00)
 class GraspTouches(NamedTuple):
     """Readings and poses of the sensors of one grasp: the part of a grasp record that a model needs.
 
-    reading: (s, r, r, 3) uint8 images of the gels. position: (s, 3) metres and rotation: (s, 3, 3) of the
+    reading: (s, r, c, 3) uint8 images of the gels. position: (s, 3) metres and rotation: (s, 3, 3) of the
     sensors in the world, columns of a rotation being the sensor's axes. success: (s,) bool, whether the
     sensor touches the object.
     """
@@ -218,9 +218,9 @@ class Reconstructor:
         sensors = GraspTouches(
             *(np.concatenate([getattr(grasp, name) for grasp in grasps]) for name in GraspTouches._fields)
         )
-        count, side = self._model.sensors, self._model.sensor.resolution
+        count = self._model.sensors
         shapes = {
-            "reading": (count, side, side, 3),
+            "reading": (count, *self._model.sensor.resolution, 3),
             "position": (count, 3),
             "rotation": (count, 3, 3),
             "success": (count,),
@@ -307,7 +307,7 @@ class TouchCharts:
         return [
             (points[mask].double() @ torch.from_numpy(turn).T + torch.from_numpy(origin)).numpy()
             for points, mask, turn, origin in zip(
-                sheet(depth, self.model.sensor.width).cpu(),
+                sheet(depth, self.model.sensor.size).cpu(),
                 valid.cpu(),
                 touches.rotation[success],
                 touches.position[success],
@@ -317,7 +317,7 @@ class TouchCharts:
 
 
 def _empty_reading(run: Path, sensor: Sensor) -> np.ndarray:
-    """(r, r, 3) uint8 reading of an untouched sensor: the run's, or the simulated one if it has none."""
+    """(r, c, 3) uint8 reading of an untouched sensor: the run's, or the simulated one if it has none."""
     for path in sorted(run.glob(CONTRACT["touch"].path("*"))):
         return Store(path).get("empty_reading")
     from palpate.touch import empty_reading

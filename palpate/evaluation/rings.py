@@ -1,7 +1,7 @@
-"""Square rings of surface points around each touch, and their distance to a prediction (section 5.3).
+"""Rings of surface points around each touch, and their distance to a prediction (section 5.3).
 
 A grid of 100 x 100 points, five times the sensor's size and centred on it, is projected along the sensor's x
-onto the true surface. Ring 1 lies within the sensor's own square, ring r between the squares of r - 1 and r times its
+onto the true surface. Ring 1 lies within the sensor's own plane, ring r between the planes of r - 1 and r times its
 size. Points that meet no surface are omitted. Grid, rings and the number of points sampled on a prediction are those
 of the published evaluation (`calc_local_chamfer`).
 """
@@ -31,22 +31,22 @@ SAMPLES = 30_000  # on a prediction: with 10,000, 0.2 m^2 of surface is 6e-6 m^2
 # with uniform points a ray passes between discs of this size once in 150 times (Poisson, e^-5).
 DISC_NEIGHBOURS = 5
 
-_SIDE = ((np.arange(GRID) + 0.5) / GRID - 0.5) * RINGS[-1]  # sensor widths
+_SIDE = ((np.arange(GRID) + 0.5) / GRID - 0.5) * RINGS[-1]  # sensor widths, and heights
 # (100, 100) the ring that each point of the grid belongs to.
 RING = np.ceil(2 * np.maximum(*np.abs(np.meshgrid(_SIDE, _SIDE)))).astype(int)
 
 
 @cache
-def plane(width: float) -> np.ndarray:
-    """(10000, 3) the grid on the plane of a sensor `width` metres wide, sensor frame, row-major."""
-    y, z = np.meshgrid(_SIDE * width, _SIDE * width)
+def plane(size: tuple[float, float]) -> np.ndarray:
+    """(10000, 3) the grid on the plane of a sensor of a size (height, width), metres; sensor frame, row-major."""
+    z, y = np.meshgrid(*(_SIDE * edge for edge in size), indexing="ij")
     return np.stack([np.zeros(GRID**2), y.ravel(), z.ravel()], axis=1)
 
 
 def reach(sensor: Sensor) -> float:
     """Metres from the sensor plane beyond which surface is another part of the object, not the touch's surroundings:
     the sensor's range, and as much as the outermost ring is from the centre."""
-    return sensor.range + RINGS[-1] * sensor.width / 2
+    return sensor.range + RINGS[-1] * max(sensor.size) / 2
 
 
 class MeshSurface:
@@ -58,7 +58,7 @@ class MeshSurface:
 
         Raises ValueError if no face has an area.
         """
-        self._mesh, self._plane, self._reach = RayMesh(mesh), plane(sensor.width), reach(sensor)
+        self._mesh, self._plane, self._reach = RayMesh(mesh), plane(sensor.size), reach(sensor)
         self._object_position = np.asarray(object_position, dtype=float)
 
     def project(self, position: np.ndarray, rotation: np.ndarray) -> np.ndarray:
@@ -97,12 +97,12 @@ class CloudSurface:
     def project(self, position: np.ndarray, rotation: np.ndarray) -> np.ndarray:
         """As `MeshSurface.project`, to the first disc."""
         local = (self._points - position) @ np.asarray(rotation)
-        half = RINGS[-1] * self._sensor.width / 2 + self.radius
+        half = RINGS[-1] * np.array([self._sensor.width, self._sensor.height]) / 2 + self.radius
         near = (local[:, 0] >= 0) & (local[:, 0] <= reach(self._sensor)) & (np.abs(local[:, 1:]) <= half).all(axis=1)
         depth = np.full(GRID**2, np.inf)
         if near.any():
             local = local[near]
-            rays, points = cKDTree(plane(self._sensor.width)[:, 1:]), cKDTree(local[:, 1:])
+            rays, points = cKDTree(plane(self._sensor.size)[:, 1:]), cKDTree(local[:, 1:])
             pairs = points.sparse_distance_matrix(rays, self.radius, output_type="coo_matrix")
             first, ahead = depth.copy(), local[pairs.row, 0]
             np.minimum.at(first, pairs.col, ahead)
@@ -117,7 +117,7 @@ def ring_points(
     depth: np.ndarray, position: np.ndarray, rotation: np.ndarray, sensor: Sensor = DIGIT
 ) -> list[np.ndarray]:
     """The surface points of each ring, from what `project` gave: five arrays (n, 3), world frame, metres."""
-    points = plane(sensor.width).copy()
+    points = plane(sensor.size).copy()
     points[:, 0] = depth.ravel()
     found = np.isfinite(depth.ravel())
     rings = RING.ravel()

@@ -110,5 +110,5 @@ class ReadingEncoder(nn.Module):
         self.linear = nn.Linear(channels[-1], features)
 
     def forward(self, reading: torch.Tensor) -> torch.Tensor:
-        """(N, 3, r, r) readings in [0, 1] -> (N, features)."""
+        """(N, 3, r, c) readings in [0, 1] -> (N, features)."""
         return torch.relu(self.linear(self.layers(reading).mean(dim=(2, 3))))

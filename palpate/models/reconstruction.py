@@ -166,7 +166,7 @@ class Reconstruction(nn.Module):
         | `position` | (B, T, 3) of the sensors | touch |
         | `charts` | (B, T, 81, 3), not read where success is False | touch, but for `sphere` |
         | `rotation` | (B, T, 3, 3), the sensors' axes as columns | touch, pooled or `sphere` |
-        | `reading` | (B, T, 3, r, r) in [0, 1] | touch, `sphere` |
+        | `reading` | (B, T, 3, r, c) in [0, 1] | touch, `sphere` |
 
         Raises ValueError if a key is missing, of another shape or type. `check` also looks at the values.
         """
@@ -292,7 +292,7 @@ class Reconstruction(nn.Module):
             if self.reads_readings or self.pools_touch:
                 shapes["rotation"] = (touches, 3, 3)
             if self.reads_readings:
-                shapes["reading"] = (touches, 3, self.sensor.resolution, self.sensor.resolution)
+                shapes["reading"] = (touches, 3, *self.sensor.resolution)
             if self.strategy != "sphere":
                 shapes["charts"] = (touches, TOUCH_VERTICES, 3)
         return shapes

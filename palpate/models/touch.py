@@ -65,8 +65,8 @@ class TouchPooling(nn.Module):
     length, n the chart's unit normal there, w = exp(-r / 0.05) and v = exp(-r / 0.15): o w / 0.05, w, exp(-r / 0.015),
     (o . n) w / 0.02, n w, o v / 0.15, v, and 1. All are 0 if nothing was touched.
 
-    Of the nearest empty space: a sensor without success has no surface in its reach, a box before it as wide as the
-    sensor and as deep as its range. With d the distance (m) to the nearest such box, e = exp(-d / 0.01), a the sensor's
+    Of the nearest empty space: a sensor without success has no surface in its reach, a box before it of the sensor's
+    size and as deep as its range. With d the distance (m) to the nearest such box, e = exp(-d / 0.01), a the sensor's
     direction, and x the distance (m) from the sensor's plane: e, a e, and x e / range. All are 0 if there is none.
 
     The search for the nearest has no gradient, the features have. width: of the output. sensor: that touches.
@@ -121,7 +121,7 @@ def _empty_features(touches: Touches, place: Tensor, sensor: Sensor) -> Tensor:
 
 def _outside(local: Tensor, sensor: Sensor) -> Tensor:
     """Distance (...), metres, of points (..., 3) in a sensor's frame to the box of its reach; 0 within."""
-    half = local.new_tensor([sensor.range, sensor.width, sensor.width]) / 2
+    half = local.new_tensor([sensor.range, sensor.width, sensor.height]) / 2
     beyond = (local - local.new_tensor([sensor.range / 2, 0, 0])).abs() - half
     return torch.linalg.vector_norm(beyond.clamp(min=0), dim=-1)
 

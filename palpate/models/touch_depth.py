@@ -24,7 +24,7 @@ class TouchDepth(nn.Module):
     def __init__(self, width: int = 64, sensor: Sensor = DIGIT):
         super().__init__()
         self.sensor = sensor
-        # (r, r) metres from the sensor plane, of the undeformed gel.
+        # (r, c) metres from the sensor plane, of the undeformed gel.
         self.register_buffer("gel", torch.from_numpy(sensor.range - sensor.sag), persistent=False)
         channels = [width * 2**level for level in range(5)]
         self.down = nn.ModuleList()
@@ -34,24 +34,24 @@ class TouchDepth(nn.Module):
             self.down.append(nn.Sequential(_same(inputs, outputs), _same(outputs, outputs)))
             inputs = outputs
         self.raise_, self.concatenate, self.up = nn.ModuleList(), nn.ModuleList(), nn.ModuleList()
-        sizes = [sensor.resolution >> level for level in range(5)]
+        sizes = [tuple(edge >> level for edge in sensor.resolution) for level in range(5)]
         for level in (3, 2, 1, 0):
             # 12 -> 25, for example, needs one more row and column than twice as many.
-            missing = sizes[level] - 2 * sizes[level + 1]
+            missing = tuple(edge - 2 * half for edge, half in zip(sizes[level], sizes[level + 1], strict=True))
             self.raise_.append(nn.ConvTranspose2d(2 * channels[level], channels[level], 2, 2, output_padding=missing))
             self.concatenate.append(Concatenate(1))
             self.up.append(_same(2 * channels[level], channels[level]))
         self.depth = nn.Conv2d(width, 1, 1)
 
     def forward(self, reading: torch.Tensor) -> torch.Tensor:
-        """(B, 3, r, r) reading in [0, 1] -> (B, r, r) metres from the sensor plane along its x.
+        """(B, 3, r, c) reading in [0, 1] -> (B, r, c) metres from the sensor plane along its x.
 
         Rows and columns are the reading's. Raises ValueError if the shape is another.
         """
-        side = self.sensor.resolution
-        if reading.ndim != 4 or tuple(reading.shape[1:]) != (3, side, side):
+        rows, columns = self.sensor.resolution
+        if reading.ndim != 4 or tuple(reading.shape[1:]) != (3, rows, columns):
             raise ValueError(
-                f"reading has shape {tuple(reading.shape)}, expected (B, 3, {side}, {side}) of {self.sensor.name}"
+                f"reading has shape {tuple(reading.shape)}, expected (B, 3, {rows}, {columns}) of {self.sensor.name}"
             )
         levels = []
         x = reading

@@ -32,7 +32,7 @@ from palpate.store.contract import SENSOR_NAMES
 
 log = logging.getLogger(__name__)
 
-SENSORS, RESOLUTION, SENSOR_WIDTH = len(SENSOR_NAMES), DIGIT.resolution, DIGIT.width
+SENSORS, RESOLUTION, SENSOR_WIDTH = len(SENSOR_NAMES), DIGIT.resolution[0], DIGIT.width
 SCENE = ("touch_success", "cam_pos", "cam_rot", "depth", "gel", "points")
 
 # The 25 vertices of a sheet on its grid, rows along z and columns along y, in the order of the initial sheet

@@ -176,7 +176,7 @@ def _surface(axes: Axes, grasp: GraspRecord) -> None:
         if np.isfinite(centre).all():
             ring = Circle(
                 centre,
-                RING * grasp.sensor.width / view.scale,
+                RING * max(grasp.sensor.size) / view.scale,
                 fill=False,
                 color=colour,
                 linewidth=1.2,

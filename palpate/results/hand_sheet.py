@@ -95,7 +95,7 @@ def _draw_side(axes: Axes, name: str, sensor: Sensor, outlines: list) -> None:
     half = 500 * sensor.height
     middle, edges = sensor.resolution[1] // 2, np.array([-half, half])
     reach = 1e3 * sensor.reach[:, middle]
-    axes.fill_betweenx(1e3 * sensor.pixel_centres[1], 0, reach, where=reach > 0, color=END, alpha=0.12, linewidth=0)
+    axes.fill_betweenx(1e3 * sensor.pixel_centres[0], 0, reach, where=reach > 0, color=END, alpha=0.12, linewidth=0)
     for x, colour, style in ((0, INK, ":"), (sensor.gel_face, GEL, "-"), (sensor.range, END, "--")):
         axes.plot(np.full(2, 1e3 * x), edges, color=colour, linestyle=style, linewidth=2)
     for vector, colour in (((1, 0), AXES["x"]), ((0, 1), AXES["z"])):

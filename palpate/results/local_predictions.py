@@ -91,7 +91,7 @@ def site(grasp: GraspRecord, sensor: int, points: np.ndarray, vertices: np.ndarr
     middle = grasp.position[sensor] + np.median((true - grasp.position[sensor]) @ out) * out
 
     def place(cloud: np.ndarray) -> np.ndarray:
-        return upright(cloud - middle, grasp.rotation[sensor], grasp.sensor.width)
+        return upright(cloud - middle, grasp.rotation[sensor], max(grasp.sensor.size))
 
     chart = place(vertices)
     return [
@@ -104,7 +104,7 @@ def site(grasp: GraspRecord, sensor: int, points: np.ndarray, vertices: np.ndarr
 def upright(offsets: np.ndarray, rotation: np.ndarray, width: float) -> np.ndarray:
     """Offsets (n, 3) in the world from a site's middle, as drawn: seen from the sensor's side, enlarged.
 
-    width: of the sensor, metres.
+    width: of the sensor's longer edge, metres.
     """
     return OBJECT_POSITION + DRAWN_WIDTH / width * offsets @ rotation @ UPRIGHT.T
 

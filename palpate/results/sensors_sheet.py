@@ -62,7 +62,7 @@ def draw(path: Path | str) -> None:
     for column, (name, kind) in enumerate(kinds.items()):
         left = SIDE + column * (CELL + GAP)
         sensed = sense(RayCaster(mesh, sensor=kind), position[places], rotation[places])
-        words = f"{1e3 * kind.width:.4g} mm, {kind.resolution} x {kind.resolution}"
+        words = "{:.4g} x {:.4g} mm, {} x {}".format(1e3 * kind.width, 1e3 * kind.height, *reversed(kind.resolution))
         figure.text((left + CELL / 2) / width, 1 - 0.2 / height, name, ha="center", va="center", fontsize=TITLE)
         figure.text(
             (left + CELL / 2) / width, 1 - 0.45 / height, words, ha="center", va="center", fontsize=LABEL, color=FAINT

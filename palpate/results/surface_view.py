@@ -137,7 +137,7 @@ class SurfaceView:
         height, width = view.shape
         image = image.reshape(height, samples, width, samples, 4).mean(axis=(1, 3))
         image[..., :3] /= np.maximum(image[..., 3:], 1e-9)  # the mean was of premultiplied colours
-        whole = np.array([len(cloud) * self._sensor.pixel**2 for cloud in self._sites])
+        whole = np.array([len(cloud) * np.prod(self._sensor.pixel) for cloud in self._sites])
         return Picture(image, self._centres(view), area, area < HIDDEN_BELOW * whole, pixel * len(hit))
 
     def _site_of(self, points: np.ndarray) -> np.ndarray:

@@ -24,11 +24,12 @@ SYMBOLS = {
     "s": "sensors of the hand (4)",
     "j": "joints of the hand (16)",
     "l": "links of the hand",
-    "r": "rows, and columns, of a reading (100)",
-    "rr": "pixels of a reading (10000)",
+    "r": "rows of a reading (100)",
+    "c": "columns of a reading (100)",
+    "rc": "pixels of a reading (10000)",
     "k": "cameras of a scene (1)",
     "p": "rows, and columns, of an image (256)",
-    "c": "channels of an image (3; 4, the last one opacity, with a transparent background)",
+    "b": "channels of an image (3; 4, the last one opacity, with a transparent background)",
     "v": "views of an object (24)",
     "q": "rows, and columns, of a view (137)",
     "w": "rows, and columns, of the grid of the rings around a touch (100)",
@@ -57,7 +58,7 @@ class ArraySpec:
 
     @property
     def axes(self) -> str:
-        """The symbolic shape as it is printed, for example `(o, g, s, r, r)` or `(o,)`."""
+        """The symbolic shape as it is printed, for example `(o, g, s, r, c)` or `(o,)`."""
         return f"({', '.join(map(str, self.shape))}{',' if len(self.shape) == 1 else ''})"
 
     @property

@@ -134,8 +134,10 @@ def check_shape(path: Path, spec: ArraySpec, shape: tuple[int, ...], sizes: dict
                 f"but {source!r} has {symbol} = {expected}"
             )
     values = {symbol: length for symbol, (_, length) in sizes.items()}
-    if "rr" in found and "r" in values and values["rr"] != values["r"] ** 2:
-        raise StoreError(f"{path}: array {spec.name!r}: {values['rr']} rows, but readings have {values['r']} rows")
+    if "rc" in found and "c" in values and values["rc"] != values["r"] * values["c"]:
+        raise StoreError(
+            f"{path}: array {spec.name!r}: {values['rc']} rows, but readings have {values['r']} x {values['c']} pixels"
+        )
 
 
 def _text(path: Path, name: str, array: np.ndarray) -> np.ndarray:

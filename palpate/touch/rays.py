@@ -50,13 +50,13 @@ class RayCaster(Tracer):
         met = np.flatnonzero(hit >= 0)
         if len(met):
             depth[met], doubtful[met] = self._depth_on_faces(hit[met], pixels[met, 1:], origin, rotation)
-            doubtful |= _pits(depth.reshape(plane.shape[:2]), self.sensor.pixel).ravel()
+            doubtful |= _pits(depth.reshape(plane.shape[:2]), max(self.sensor.pixel)).ravel()
         settled = np.zeros(len(pixels), dtype=bool)
         while doubtful.any():
             depth[doubtful] = np.minimum(depth[doubtful], self._exact_depth(pixels[doubtful, 1:], origin, rotation))
             settled |= doubtful
             # One pit may have hidden the next.
-            doubtful = _pits(depth.reshape(plane.shape[:2]), self.sensor.pixel).ravel() & ~settled
+            doubtful = _pits(depth.reshape(plane.shape[:2]), max(self.sensor.pixel)).ravel() & ~settled
         return depth.reshape(plane.shape[:2])
 
     def _depth_on_faces(self, hit, pixels, origin, rotation) -> tuple[np.ndarray, np.ndarray]:
@@ -87,7 +87,8 @@ class RayCaster(Tracer):
         A face seen edge-on covers no pixel; one on the sensor plane is touched, at depth 0.
         """
         corners, normal = self._in_sensor_frame(self._near_faces(origin, rotation), origin, rotation)
-        low, high = corners[:, :, 2].min(axis=1) - self.sensor.pixel, corners[:, :, 2].max(axis=1) + self.sensor.pixel
+        row_height, _ = self.sensor.pixel
+        low, high = corners[:, :, 2].min(axis=1) - row_height, corners[:, :, 2].max(axis=1) + row_height
         depth = np.empty(len(pixels))
         rows, row = np.unique(pixels[:, 1], return_inverse=True)
         for number, z in enumerate(rows):

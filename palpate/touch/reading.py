@@ -27,9 +27,9 @@ class TouchReading(NamedTuple):
 
     Attributes:
         success: (...) bool, whether anything is in range of the sensor.
-        depth: (..., r, r) float32 metres from the sensor plane, +inf where nothing is in range.
-        reading: (..., r, r, 3) uint8.
-        points: (..., r r, 3) float32 local point clouds in the frame of the sensors' poses; the rest is 0.
+        depth: (..., r, c) float32 metres from the sensor plane, +inf where nothing is in range.
+        reading: (..., r, c, 3) uint8.
+        points: (..., r c, 3) float32 local point clouds in the frame of the sensors' poses; the rest is 0.
         point_count: (...) int32, how many rows of `points` are points.
     """
 
@@ -54,9 +54,8 @@ def sense(tracer: Tracer, position: np.ndarray, rotation: np.ndarray) -> TouchRe
     depth = tracer.trace(position, rotation)
     success = np.isfinite(depth).any(axis=(1, 2))
     k, kind = len(depth), tracer.sensor
-    side = kind.resolution
-    reading = np.zeros((k, side, side, 3), dtype=np.uint8)
-    points = np.zeros((k, side**2, 3), dtype=np.float32)
+    reading = np.zeros((*depth.shape, 3), dtype=np.uint8)
+    points = np.zeros((k, np.prod(kind.resolution), 3), dtype=np.float32)
     point_count = np.zeros(k, dtype=np.int32)
     for sensor in np.flatnonzero(success):
         reading[sensor] = shade(depth[sensor], kind)

@@ -16,7 +16,7 @@ def local_points(depth: np.ndarray, position: np.ndarray, rotation: np.ndarray, 
     """The local point cloud of one sensor: its pose applied to its depth map.
 
     Args:
-        depth: (r, r) distance from the sensor plane, +inf where nothing is in range.
+        depth: (r, c) distance from the sensor plane, +inf where nothing is in range.
         position: (3,) and rotation: (3, 3) of the sensor; columns of the rotation are the frame's axes.
 
     Returns:

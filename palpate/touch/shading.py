@@ -1,4 +1,4 @@
-"""From a depth map to a reading: the impression in the gel, its normals, and three coloured lights.
+"""From a depth map to a reading: the impression in the gel, its normals, and coloured lights.
 
 The equations are the supplement's ("Simulating Touch": Phong's reflection without ambient and specular
 terms). It does not give lambda and the lights' positions; they are the sensor's (`palpate/sensors/digit.yaml`).
@@ -24,19 +24,19 @@ def impression(depth: np.ndarray, sensor: Sensor = DIGIT) -> np.ndarray:
     return np.maximum(reach - depth, 0)
 
 
-def normals(height: np.ndarray, pixel: float = DIGIT.pixel) -> np.ndarray:
-    """Unit normals [-dD'/dx, -dD'/dy, 1] / |.| of surfaces (..., r, r): (..., r, r, 3), float32.
+def normals(height: np.ndarray, pixel: tuple[float, float] = DIGIT.pixel) -> np.ndarray:
+    """Unit normals [-dD'/dx, -dD'/dy, 1] / |.| of surfaces (..., r, c): (..., r, c, 3), float32.
 
     Central differences inside, one-sided at the border; first component along the columns (the sensor's y).
-    pixel: metres.
+    pixel: its edges along the rows' and the columns' direction, metres.
     """
-    along_rows, along_columns = np.gradient(np.asarray(height, dtype=np.float32), pixel, axis=(-2, -1))
+    along_rows, along_columns = np.gradient(np.asarray(height, dtype=np.float32), *pixel, axis=(-2, -1))
     length = np.sqrt(along_rows**2 + along_columns**2 + 1)
     return np.stack([-along_columns / length, -along_rows / length, 1 / length], axis=-1)
 
 
 def smoothed(height: np.ndarray, sensor: Sensor) -> np.ndarray:
-    """Impressions (..., r, r) as a soft gel takes them: Taxim's approximation (Si and Yuan 2022, `deformApprox`).
+    """Impressions (..., r, c) as a soft gel takes them: Taxim's approximation (Si and Yuan 2022, `deformApprox`).
 
     Gaussian filters, the standard deviations (m) of `pyramid` in turn. After each, what is pressed in by more than
     `held` of the deepest pixel is put back as it was: there the gel lies on the object. Then a filter of `last`.
@@ -45,24 +45,25 @@ def smoothed(height: np.ndarray, sensor: Sensor) -> np.ndarray:
     held = height > settings["held"] * height.max(axis=(-2, -1), keepdims=True)
     result = height
     for sigma in settings["pyramid"]:
-        result = np.where(held, height, _filtered(result, sigma / sensor.pixel))
-    return _filtered(result, settings["last"] / sensor.pixel)
+        result = np.where(held, height, _filtered(result, sigma, sensor))
+    return _filtered(result, settings["last"], sensor)
 
 
-def _filtered(height: np.ndarray, sigma: float) -> np.ndarray:
-    """Heights (..., r, r) after a Gaussian filter of `sigma` pixels, mirrored at the border."""
-    return gaussian_filter(height, sigma, mode="mirror", axes=(-2, -1))
+def _filtered(height: np.ndarray, sigma: float, sensor: Sensor) -> np.ndarray:
+    """Heights (..., r, c) after a Gaussian filter of `sigma` metres, mirrored at the border."""
+    return gaussian_filter(height, [sigma / edge for edge in sensor.pixel], mode="mirror", axes=(-2, -1))
 
 
 def shade(depth: np.ndarray, sensor: Sensor = DIGIT) -> np.ndarray:
     """Readings of depth maps.
 
     Args:
-        depth: (..., r, r) distance from the sensor plane in metres, +inf where nothing is in range.
+        depth: (..., r, c) distance from the sensor plane in metres, +inf where nothing is in range.
 
     Returns:
-        (..., r, r, 3) uint8; a channel is lambda n . l of its light, 0 where the surface faces away, and beside a round
-        gel. With a background image the reading is that image, and what shading changes in that of the untouched gel.
+        (..., r, c, 3) uint8; the sum over the lights of their colour times lambda n . l, without those that the surface
+        faces away from; 0 beside a round gel. With a background image the reading is that image, and what shading
+        changes in that of the untouched gel.
 
     Raises ValueError for a depth that is NaN or minus infinity.
     """
@@ -80,7 +81,7 @@ def shade(depth: np.ndarray, sensor: Sensor = DIGIT) -> np.ndarray:
 
 
 def _of_surface(height: np.ndarray, sensor: Sensor) -> np.ndarray:
-    """Shading (..., r, r, 3) uint8 of the gel with impressions (..., r, r)."""
+    """Shading (..., r, c, 3) uint8 of the gel with impressions (..., r, c)."""
     if sensor.gel_radius is None:
         return lit(height, normals(height, sensor.pixel), sensor)
     surface = height + sensor.sag.astype(np.float32)
@@ -88,22 +89,24 @@ def _of_surface(height: np.ndarray, sensor: Sensor) -> np.ndarray:
 
 
 def lit(height: np.ndarray, normal: np.ndarray, sensor: Sensor = DIGIT) -> np.ndarray:
-    """Readings of surfaces (..., r, r) float32 with the normals (..., r, r, 3), without a background: as `shade`.
+    """Readings of surfaces (..., r, c) float32 with the normals (..., r, c, 3), without a background: as `shade`.
 
     height: metres above the plane at the sensor's range, towards the sensor plane; of a flat gel the impression.
     """
-    centres = sensor.pixel_centres.astype(np.float32)
-    reading = np.empty((*height.shape, 3), dtype=np.uint8)
-    for channel, light in enumerate(sensor.light_positions.astype(np.float32)):
-        y = light[0] - centres[None, :]
-        z = light[1] - centres[:, None]
-        up = light[2] - height
+    rows, columns = (centres.astype(np.float32) for centres in sensor.pixel_centres)
+    light = np.zeros((*height.shape, 3), dtype=np.float32)
+    lamps = zip(sensor.light_positions.astype(np.float32), sensor.light_colours, sensor.lights_far, strict=True)
+    for (y, z, up), colour, far in lamps:
+        if not far:
+            y, z, up = y - columns[None, :], z - rows[:, None], up - height
         cosine = normal[..., 0] * y + normal[..., 1] * z + normal[..., 2] * up
         cosine /= np.sqrt(y**2 + z**2 + up**2)
-        reading[..., channel] = np.rint(np.clip(sensor.diffuse * cosine, 0, 255))
-    return reading
+        facing = np.maximum(sensor.diffuse * cosine, 0)
+        for channel in np.flatnonzero(colour):
+            light[..., channel] += np.float32(colour[channel]) * facing
+    return np.rint(np.clip(light, 0, 255)).astype(np.uint8)
 
 
 def empty_reading(sensor: Sensor = DIGIT) -> np.ndarray:
-    """(r, r, 3) uint8, the reading of a sensor that touches nothing."""
-    return shade(np.full((sensor.resolution, sensor.resolution), np.inf), sensor)
+    """(r, c, 3) uint8, the reading of a sensor that touches nothing."""
+    return shade(np.full(sensor.resolution, np.inf), sensor)

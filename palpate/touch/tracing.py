@@ -28,7 +28,7 @@ class Tracer(ABC):
     The depth of a pixel is the distance along the sensor's +x, from the sensor plane, to the first face of
     either orientation (a mesh need not be closed); +inf where there is none within the pixel's reach.
 
-    What can't change a depth is omitted: faces outside the box that the sensor's square sweeps over its range,
+    What can't change a depth is omitted: faces outside the box that the sensor's plane sweeps over its range,
     and pixels with no such face before them. `studies/omitted/touch.py` puts both back in and compares.
     """
 
@@ -56,13 +56,12 @@ class Tracer(ABC):
             position: (k, 3), rotation: (k, 3, 3) of the sensors; columns of a rotation are the frame's axes.
 
         Returns:
-            (k, r, r) float32 metres.
+            (k, r, c) float32 metres.
 
         Raises ValueError for a pose that is not one.
         """
         origins, rotation = self._in_object_frame(position, rotation)
-        side = self.sensor.resolution
-        depth = np.full((len(origins), side, side), np.inf, dtype=np.float32)
+        depth = np.full((len(origins), *self.sensor.resolution), np.inf, dtype=np.float32)
         for k, origin in enumerate(origins):
             block = self._block_in_reach(origin, rotation[k])
             if block is not None:
@@ -132,10 +131,14 @@ class Tracer(ABC):
         faces = self._near_faces(origin, rotation)
         if not len(faces):
             return None
-        half, pixel, side = self.sensor.width / 2, self.sensor.pixel, self.sensor.resolution
+        # Along y and z.
+        half, pixel, side = (
+            np.array(each)[::-1] for each in (self.sensor.size, self.sensor.pixel, self.sensor.resolution)
+        )
+        half = half / 2
         corners = (self._mesh.triangles[faces] - origin) @ rotation
         low, high = corners.min(axis=1), corners.max(axis=1)
-        box = np.array([[0, -half, -half], [self.sensor.range, half, half]])
+        box = np.array([[0, *-half], [self.sensor.range, *half]])
         meets = ((low <= box[1] + _MARGIN) & (high >= box[0] - _MARGIN)).all(axis=1)
         if not meets.any():
             return None
@@ -146,7 +149,7 @@ class Tracer(ABC):
 
     def _near_faces(self, origin, rotation) -> np.ndarray:
         """Indices of the faces whose bounding box meets the bounding box of the sensor's reach."""
-        half = np.array([self.sensor.range, self.sensor.width, self.sensor.width]) / 2
+        half = np.array([self.sensor.range, self.sensor.width, self.sensor.height]) / 2
         centre = origin + rotation[:, 0] * half[0]
         extent = np.abs(rotation) @ half + _MARGIN
         near = np.ones(self._low.shape[1], dtype=bool)

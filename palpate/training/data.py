@@ -6,13 +6,13 @@ Positions are in the world frame.
 | array | shape | type |
 |---|---|---|
 | `points` | (o, n, 3) m | float32 |
-| `unoccluded`, `occluded` | (o, k, p, p, c), (o, g, k, p, p, c) | uint8 |
+| `unoccluded`, `occluded` | (o, k, p, p, b), (o, g, k, p, p, b) | uint8 |
 | `image_camera`, of these | (o, k, 3, 4) to pixels | float32 |
 | `views`, `camera` | (o, v, q, q, 3), (o, v, 3, 4) to pixels | uint8, float32 |
 | `success` | (o, g, s) | bool |
 | `position`, `rotation` | (o, g, s, 3) m, (o, g, s, 3, 3) | float32 |
 | `charts` | (o, g, s, 81, 3) m | float32 |
-| `reading` (that of an untouched sensor is the empty one) | (o, g, s, r, r, 3) | uint8 |
+| `reading` (that of an untouched sensor is the empty one) | (o, g, s, r, c, 3) | uint8 |
 """
 
 import hashlib

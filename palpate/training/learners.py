@@ -347,7 +347,7 @@ class TouchDepthLearner(Learner):
                 touches.depth[rows].to(dtype),
                 self.settings["loss_points"],
                 generator,
-                touches.sensor.width,
+                touches.sensor.size,
             )
 
     def described(self):

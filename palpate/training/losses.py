@@ -104,18 +104,18 @@ def subsample(points: Tensor, n: int | None, generator: torch.Generator) -> Tens
 
 
 def touched(reading: Tensor, empty: Tensor) -> Tensor:
-    """Which pixels of readings (..., 3, r, r) in [0, 1] differ from the empty one (3, r, r).
+    """Which pixels of readings (..., 3, r, c) in [0, 1] differ from the empty one (3, r, c).
 
-    Returns: (..., r, r) bool.
+    Returns: (..., r, c) bool.
     """
     return (reading - empty).square().sum(dim=-3) > TOUCHED
 
 
-def sheet(depth: Tensor, width: float = DIGIT.width) -> Tensor:
-    """Depths (..., r, r) of a sensor `width` metres wide as points (..., r, r, 3) in its frame, metres: x the depth, y
-    along columns, z along rows."""
-    centres = torch.as_tensor(pixel_centres(depth.shape[-1], width), dtype=depth.dtype, device=depth.device)
-    z, y = torch.meshgrid(centres, centres, indexing="ij")
+def sheet(depth: Tensor, size: tuple[float, float] = DIGIT.size) -> Tensor:
+    """Depths (..., r, c) as points (..., r, c, 3) in the frame of a sensor of a size (height, width), metres: x the
+    depth, y along columns, z along rows."""
+    centres = [torch.from_numpy(line).to(depth) for line in map(pixel_centres, depth.shape[-2:], size)]
+    z, y = torch.meshgrid(*centres, indexing="ij")
     return torch.stack([depth, y.expand_as(depth), z.expand_as(depth)], dim=-1)
 
 
@@ -125,18 +125,18 @@ def touch_depth_loss(
     depth: Tensor,
     n: int | None,
     generator: torch.Generator,
-    width: float = DIGIT.width,
+    size: tuple[float, float] = DIGIT.size,
 ) -> Tensor:
     """Chamfer distance between the predicted and the true local cloud of each touch (paper, section 3.2).
 
     A distance between clouds does not depend on the frame: here it is the sensor's.
 
     Args:
-        predicted: (B, r, r) metres from the sensor plane.
-        valid: (B, r, r) bool, the pixels whose prediction counts; at least one of each touch.
-        depth: (B, r, r) true depth, +inf where nothing is in range.
+        predicted: (B, r, c) metres from the sensor plane.
+        valid: (B, r, c) bool, the pixels whose prediction counts; at least one of each touch.
+        depth: (B, r, c) true depth, +inf where nothing is in range.
         n: points of either cloud that look for the nearest of all in the other; None: all.
-        width: metres, of the sensors.
+        size: (height, width) of the sensors, metres.
 
     Returns: (B,), differentiable in `predicted`.
 
@@ -147,8 +147,8 @@ def touch_depth_loss(
         without = ~pixels.flatten(1).any(dim=1)
         if without.any():
             raise ValueError(f"touch {int(without.nonzero()[0])} of the batch has no {what}: leave it out")
-    clouds = [cloud[mask] for cloud, mask in zip(sheet(predicted.to(depth.dtype), width), valid, strict=True)]
-    truths = [cloud[mask] for cloud, mask in zip(sheet(depth, width), in_range, strict=True)]
+    clouds = [cloud[mask] for cloud, mask in zip(sheet(predicted.to(depth.dtype), size), valid, strict=True)]
+    truths = [cloud[mask] for cloud, mask in zip(sheet(depth, size), in_range, strict=True)]
     there = one_sided_distance([subsample(cloud, n, generator) for cloud in clouds], truths)
     back = one_sided_distance([subsample(truth, n, generator) for truth in truths], clouds)
     return CHAMFER_SCALE * (there + back)

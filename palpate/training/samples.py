@@ -118,7 +118,7 @@ class Assembler:
     | `camera` | (B, 3, 4) float32 | world, m, to pixels of the image |
     | `success`, `position`, `rotation` | (B, s n), (B, s n, 3), (B, s n, 3, 3) | m, world |
     | `charts` | (B, s n, 81, 3) float32 | m, world |
-    | `reading` | (B, s n, 3, r, r) float32 | RGB in [0, 1] |
+    | `reading` | (B, s n, 3, r, c) float32 | RGB in [0, 1] |
     """
 
     IMAGE_ARRAYS = ("unoccluded", "occluded", "views")

@@ -23,8 +23,8 @@ class Touches(NamedTuple):
     """k successful touches of one split.
 
     Attributes:
-        reading: (k, 3, r, r) uint8. depth: (k, r, r) float32 metres, +inf where nothing is in range.
-        empty: (3, r, r) uint8, the reading of an untouched sensor. sensor: the kind that they are of.
+        reading: (k, 3, r, c) uint8. depth: (k, r, c) float32 metres, +inf where nothing is in range.
+        empty: (3, r, c) uint8, the reading of an untouched sensor. sensor: the kind that they are of.
     """
 
     reading: Tensor
@@ -67,7 +67,7 @@ def read_touches(dataset: Dataset, *splits: str) -> Touches:
 
 
 def channels_first(images: np.ndarray) -> Tensor:
-    """(..., r, r, 3) to (..., 3, r, r)."""
+    """(..., r, c, 3) to (..., 3, r, c)."""
     return torch.from_numpy(np.ascontiguousarray(np.moveaxis(images, -1, -3)))
 
 
@@ -84,7 +84,7 @@ def touch_charts(
 
     Args:
         model: the trained U-Net, in evaluation mode, on any device.
-        reading: (k, r, r, 3) uint8, empty: (r, r, 3) uint8, of the model's sensor.
+        reading: (k, r, c, 3) uint8, empty: (r, c, 3) uint8, of the model's sensor.
         success: (k,) bool. position: (k, 3) m, rotation: (k, 3, 3) of the sensors, world frame.
         method: `direct` or `adam`, see `palpate.charts.fit`.
 
@@ -96,7 +96,7 @@ def touch_charts(
     for part in np.array_split(sensors, -(-len(sensors) // PREDICTION_BATCH)) if len(sensors) else []:
         depth, valid = predict_depth(model, channels_first(reading[part]).to(device), channels_first(empty).to(device))
         pose = [torch.from_numpy(array[part]).float() for array in (position, rotation)]
-        charts[part] = fit_charts(depth.cpu(), valid.cpu(), *pose, method, model.sensor.width).numpy()
+        charts[part] = fit_charts(depth.cpu(), valid.cpu(), *pose, method, model.sensor.size).numpy()
     return charts
 
 
@@ -110,7 +110,7 @@ def object_charts(model: TouchDepth, touch: Mapping[str, np.ndarray], row: int, 
 
 @torch.inference_mode()
 def predict_depth(model: TouchDepth, reading: Tensor, empty: Tensor) -> tuple[Tensor, Tensor]:
-    """Depth (k, r, r) metres, and pixels in contact (k, r, r) bool, of readings (k, 3, r, r) uint8.
+    """Depth (k, r, c) metres, and pixels in contact (k, r, c) bool, of readings (k, 3, r, c) uint8.
 
     For a reading that hardly differs from the empty one, only the pixel that differs most is in contact.
     """
@@ -123,12 +123,14 @@ def predict_depth(model: TouchDepth, reading: Tensor, empty: Tensor) -> tuple[Te
     return model(reading).float(), valid
 
 
-def fit_charts(depth: Tensor, valid: Tensor, position: Tensor, rotation: Tensor, method: str, width: float) -> Tensor:
-    """Charts (k, 81, 3) fitted to predicted depths (k, r, r) of sensors `width` m wide at the valid pixels; world."""
+def fit_charts(
+    depth: Tensor, valid: Tensor, position: Tensor, rotation: Tensor, method: str, size: tuple[float, float]
+) -> Tensor:
+    """Charts (k, 81, 3) fitted to predicted depths (k, r, c) of sensors of a size (m) at the valid pixels; world."""
     if method == "direct":
-        return fit.fit_direct(depth, valid, position, rotation, width)
+        return fit.fit_direct(depth, valid, position, rotation, size)
     clouds = [
         points[mask] @ turn.T + origin
-        for points, mask, turn, origin in zip(sheet(depth, width), valid, rotation, position, strict=True)
+        for points, mask, turn, origin in zip(sheet(depth, size), valid, rotation, position, strict=True)
     ]
-    return fit.fit_adam(clouds, position, rotation, generator=torch.Generator().manual_seed(0), width=width)
+    return fit.fit_adam(clouds, position, rotation, generator=torch.Generator().manual_seed(0), size=size)

@@ -161,7 +161,7 @@ def _seen(record):
 
 
 def _figures(images: Sequence[np.ndarray], caption: str) -> str:
-    """Figures of images (p, p, c): one a camera."""
+    """Figures of images (p, p, b): one a camera."""
     names = [caption] if len(images) == 1 else [f"{caption}, camera {number}" for number in range(len(images))]
     return "".join(_figure(image, escape(name)) for image, name in zip(images, names, strict=True))
 

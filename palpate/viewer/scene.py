@@ -56,7 +56,7 @@ def record_scene(
             for number, name in enumerate(grasp.sensors):
                 pose = np.eye(4)
                 pose[:3, :3], pose[:3, 3] = grasp.rotation[number], grasp.position[number]
-                _add(scene, f"{group} gel {name}", _gel(grasp.reading[number], grasp.sensor.width), pose)
+                _add(scene, f"{group} gel {name}", _gel(grasp.reading[number], grasp.sensor.size), pose)
                 if len(grasp.points[number]):
                     _add(scene, f"{group} cloud {name}", _cloud(grasp.points[number], sensor_colour(number)))
         if predictions and grasp.number in predictions:
@@ -116,9 +116,9 @@ def _coloured(prediction: trimesh.Trimesh) -> trimesh.Trimesh:
     return _with_colours(prediction.copy(), np.asarray(prediction.visual.vertex_colors)[:, :3] / 255)
 
 
-def _gel(reading: np.ndarray, width: float) -> trimesh.Trimesh:
+def _gel(reading: np.ndarray, size: tuple[float, float]) -> trimesh.Trimesh:
     """The sensor plane, in the sensor's frame, with the reading on it: columns along y, rows along z."""
-    y, z = np.array([[-1, 1, 1, -1], [-1, -1, 1, 1]]) * width / 2
+    y, z = np.array([[-1, 1, 1, -1], [-1, -1, 1, 1]]) * np.array(size)[::-1, None] / 2
     # trimesh has (0, 0) at the picture's lower left corner.
     uv = np.array([[0, 1], [1, 1], [1, 0], [0, 0]], dtype=float)
     material = PBRMaterial(

@@ -688,7 +688,7 @@ def diverging(subject: Subject) -> Iterator[Finding]:
 
 def write_stores(folder: Path, subject: Subject, *stages: str) -> None:
     """Write a run: stores of one untouched object of the train split, and the catalogue."""
-    sizes = {"o": 1, "g": 2, "n": 500, "s": 4, "r": 4, "rr": 16, "k": 1, "p": 8, "c": 3}
+    sizes = {"o": 1, "g": 2, "n": 500, "s": 4, "r": 4, "c": 4, "rc": 16, "k": 1, "p": 8, "b": 3}
     for stage in stages:
         arrays = {}
         for name, spec in store.CONTRACT[stage].arrays.items():

@@ -20,7 +20,7 @@ from palpate.store import CONTRACT, StoreError, join, read, write
 from palpate.store.files import seal
 
 ATTRIBUTES = {"config_digest": "ab" * 32, "seed": 3, "sensor": DIGIT.description()}
-SIZES = {"n": 5, "s": 4, "j": 3, "l": 2, "r": 4, "rr": 16, "k": 2, "p": 6, "c": 3, "v": 2, "q": 3, "w": 5}
+SIZES = {"n": 5, "s": 4, "j": 3, "l": 2, "r": 4, "c": 6, "rc": 24, "k": 2, "p": 6, "b": 3, "v": 2, "q": 3, "w": 5}
 STAGES = tuple(CONTRACT)
 
 
@@ -82,10 +82,11 @@ def contents(draw):
         "j": 2,
         "l": 1,
         "r": 2,
-        "rr": 4,
+        "c": 3,
+        "rc": 6,
         "p": draw(st.integers(1, 3)),
     }
-    sizes |= {"k": draw(st.integers(1, 2)), "c": 4, "v": draw(st.integers(1, 2)), "q": 2, "w": 2}
+    sizes |= {"k": draw(st.integers(1, 2)), "b": 4, "v": draw(st.integers(1, 2)), "q": 2, "w": 2}
     names = st.text(st.characters(codec="utf-8", exclude_characters="\0"), min_size=1, max_size=5)
     arrays = {}
     for name, spec in CONTRACT[stage].arrays.items():

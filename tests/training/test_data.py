@@ -34,7 +34,20 @@ VIEWS = UNOCCLUDED | {"vision": "views"}
 def arrays_of(stage, names, seed):
     """Random arrays of the contract's shapes."""
     random = np.random.default_rng(seed)
-    sizes = {"o": len(names), "g": GRASPS, "n": 7, "s": 4, "r": 3, "rr": 9, "k": 2, "p": 5, "c": 3, "v": 2, "q": 4}
+    sizes = {
+        "o": len(names),
+        "g": GRASPS,
+        "n": 7,
+        "s": 4,
+        "r": 3,
+        "c": 4,
+        "rc": 12,
+        "k": 2,
+        "p": 5,
+        "b": 3,
+        "v": 2,
+        "q": 4,
+    }
     found = {}
     for name, spec in store.CONTRACT[stage].arrays.items():
         shape = [axis if isinstance(axis, int) else sizes[axis] for axis in spec.shape]

@@ -14,7 +14,7 @@ rule grasps:
         "benchmarks/grasps/{batch}.tsv"
     params:
         grasps=config["grasps"],
-        sensor=SENSOR.description(),
+        sensor=SENSOR.geometry,
         seed=config["seed"],
     script:
         "../scripts/grasps.py"

@@ -12,19 +12,20 @@ rejected/grasps/<batch>.csv    object, stage, reason
 """
 
 import logging
+from dataclasses import replace
 from pathlib import Path
 
 from palpate import grasp, hand, mesh, store
 from palpate.batch import each_object, generator, log_to
-from palpate.sensor import Sensor
+from palpate.sensor import DIGIT
 
 log_to(snakemake.log[0])
 log = logging.getLogger("grasps")
 meshes, seed = Path(snakemake.input.meshes), snakemake.params.seed
 settings = dict(snakemake.params.grasps)
 mjcf_files = settings.pop("hand")
-sensor = Sensor.from_description(snakemake.params.sensor)
-robot = hand.from_mjcf(*snakemake.input.hand) if mjcf_files else hand.allegro()
+sensor = replace(DIGIT, **snakemake.params.sensor)  # its lights and gel play no part in grasps
+robot = hand.from_mjcf(*snakemake.input.hand, sensor.gel_face) if mjcf_files else hand.allegro(sensor.gel_face)
 surface = store.read(snakemake.input.surface, "object", "points")
 points = dict(zip(surface["object"], surface["points"], strict=True))
 

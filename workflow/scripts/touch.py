@@ -3,11 +3,11 @@
 touch/<batch>.zarr    success         (o, g, s)                 bool       whether the sensor is in contact
                       position        (o, g, s, 3)               float64    world frame, m
                       rotation        (o, g, s, 3, 3)            float64    columns are the sensor's axes
-                      depth           (o, g, s, r, r)            float32    m from the gel plane, +inf: nothing
-                      reading         (o, g, s, r, r, 3)         uint8
-                      points          (o, g, s, r r, 3)          float32    local cloud, world frame, m
+                      depth           (o, g, s, r, c)            float32    m from the gel plane, +inf: nothing
+                      reading         (o, g, s, r, c, 3)         uint8
+                      points          (o, g, s, rc, 3)           float32    local cloud, world frame, m
                       point_count     (o, g, s)                 int32
-                      empty_reading   (r, r, 3)                 uint8      what an untouched sensor reads
+                      empty_reading   (r, c, 3)                 uint8      what an untouched sensor reads
 rejected/touch/<batch>.csv    object, stage, reason
 """
 
