@@ -157,8 +157,8 @@ class Sensor:
         """The sensor of a description, as a file or a store has it.
 
         background: the image of the untouched gel, if the description says that there is one. what: it is called in
-        messages. Raises `ConfigError` for a description that does not fit `palpate/sensors/schema.yaml`, a gel that
-        can't be, or one that the sensor's range does not reach.
+        messages. Raises `ConfigError` for a description that does not fit `palpate/sensors/schema.yaml`, or a gel or a
+        light that can't be.
         """
         check(dict(description), SCHEMA, what)
         values = {key: value for key, value in description.items() if key not in ("gel", "background")}
@@ -179,11 +179,6 @@ class Sensor:
             )
         if not (sensor.range - sensor.sag > 0).all():
             raise ConfigError(f"{what}: the rim of the gel is behind the sensor plane: raise range, or gel.radius")
-        if sensor.range < sensor.gel_face:
-            raise ConfigError(
-                f"{what}: range {sensor.range:g} m does not reach the gel's face on the hand, gel_face "
-                f"{sensor.gel_face:g} m from the sensor plane: nothing could touch; raise range, or lower gel_face"
-            )
         for number, light in enumerate([] if isinstance(sensor.lights, Mapping) else sensor.lights):
             if len({"position", "direction"} & set(light)) != 1:
                 raise ConfigError(f"{what}: lights.{number}: expected a position or a direction")
@@ -267,12 +262,18 @@ def read_background(path: Path | str, resolution: Sequence[int]) -> np.ndarray:
 def load(sensor: str, folder: Path | str = ".") -> Sensor:
     """A sensor by a name of those shipped, or the path of its file; see `sensor_file`.
 
-    Raises `ConfigError`, naming the file, for one that can't be read or does not fit.
+    Raises `ConfigError`, naming the file, for one that can't be read or does not fit, or whose range does not reach the
+    gel's face.
     """
     path = sensor_file(sensor, folder)
     description = read(path)
     image = description.get("background")
     found = Sensor.from_description({**description, "background": None}, what=str(path))
+    if found.range < found.gel_face:
+        raise ConfigError(
+            f"{path}: range {found.range:g} m does not reach the gel's face on the hand, gel_face {found.gel_face:g} m "
+            "from the sensor plane: nothing could touch; raise range, or lower gel_face"
+        )
     return replace(found, background=read_background(image, found.resolution)) if image else found
 
 

@@ -60,7 +60,8 @@ def test_a_description_brings_the_sensor_back(name):
 
 def test_what_differs_is_named():
     assert DIGIT.misfit(load("dome360")) == (
-        "width 0.01641 and 0.02, height 0.01641 and 0.02, resolution (100, 100) and (200, 200), gel_radius None and 0.01"
+        "width 0.01641 and 0.02, height 0.01641 and 0.02, resolution (100, 100) and (200, 200), "
+        "gel_radius None and 0.01"
     )
 
 
@@ -82,7 +83,28 @@ def test_an_own_sensor_is_a_file_and_its_background_an_image_beside_it(own, tmp_
     assert found.name == "mine" and found.background.shape == (40, 40, 3)
     np.testing.assert_array_equal(found.background[7, 9], (10, 200, 30))
     assert found.description()["background"] is True
-    assert sensor.background_file(tmp_path / "own.yaml") == tmp_path / "gel.png"
+    assert sensor.background_file(tmp_path / "own.yaml") == str(tmp_path / "gel.png")
+
+
+def test_a_sensor_may_extend_another_and_be_rectangular(tmp_path):
+    (tmp_path / "gels").mkdir()
+    Image.new("RGB", (64, 32), (10, 200, 30)).save(tmp_path / "gels/gel.png")
+    (tmp_path / "gels/base.yaml").write_text("{extends: digit, resolution: [24, 32], background: gel.png}")
+    (tmp_path / "own.yaml").write_text("{extends: gels/base.yaml, width: 0.032, range: 0.0225}")
+    found = load("own.yaml", tmp_path)
+    assert found.name == "own" and found.size == (0.024, 0.032) and found.pixel == pytest.approx((0.001, 0.001))
+    assert found.plane.shape == (24, 32, 3) and found.background.shape == (24, 32, 3)
+    assert (found.range, found.diffuse, found.lights) == (0.0225, DIGIT.diffuse, DIGIT.lights)
+    np.testing.assert_allclose(found.plane[3, 5], [0, -0.016 + 5.5e-3, -0.012 + 3.5e-3], atol=1e-15)
+    (tmp_path / "gels/base.yaml").write_text("{extends: ../own.yaml}")
+    with pytest.raises(ConfigError, match="own.yaml: extends itself"):
+        load("own.yaml", tmp_path)
+
+
+def test_stores_of_before_rectangles_are_read():
+    old = DIGIT.description() | {"resolution": 100}
+    del old["height"], old["gel_face"]
+    assert not DIGIT.misfit(Sensor.from_description(old))
 
 
 @pytest.mark.parametrize(
@@ -95,6 +117,14 @@ def test_an_own_sensor_is_a_file_and_its_background_an_image_beside_it(own, tmp_
         ({"gel": {"radius": 0.005}}, "gel.radius 0.005 m is less than half of width"),
         ({"gel": {"radius": 0.0083}, "range": 0.005}, "rim of the gel is behind the sensor plane"),
         ({"lights": {"radius": 0.03, "height": 0.01, "angles": [0, 120, 240]}}, "lights.height must be range or more"),
+        ({"range": 0.015}, "range 0.015 m does not reach the gel's face on the hand, gel_face 0.019273 m"),
+        ({"resolution": [100]}, "resolution: .100. is too short"),
+        ({"lights": []}, "lights"),
+        ({"lights": [{"colour": [1, 0, 0]}]}, "lights.0: expected a position or a direction"),
+        ({"lights": [{"colour": [1, 0], "position": [0, 0, 1]}]}, r"lights.0.colour: .1, 0. is too short"),
+        ({"lights": [{"colour": [1, 0, 0], "direction": [0, 0, 0]}]}, "lights.0.direction: 0 is not a direction"),
+        ({"extends": "digitt"}, "digitt: no such file; sensors by name are digit"),
+        ({"extends": 1}, "extends: expected a name"),
         ({"background": "nowhere.png"}, "nowhere.png: can't be read as the image"),
         ({"background": True}, "background: expected the path of an image"),
     ],
@@ -102,7 +132,7 @@ def test_an_own_sensor_is_a_file_and_its_background_an_image_beside_it(own, tmp_
 def test_a_sensor_that_cannot_be_is_named_with_its_file(own, changed, message):
     with pytest.raises(ConfigError, match=message) as raised:
         load(own(**changed))
-    assert "own.yaml" in str(raised.value) or "nowhere.png" in str(raised.value)
+    assert "own.yaml" in str(raised.value) or "nowhere.png" in str(raised.value) or "digitt" in str(raised.value)
 
 
 def test_a_sensor_that_is_not_there_names_those_that_are(tmp_path):

@@ -15,7 +15,6 @@ CANDIDATES = 4  # of these points, how many inverse kinematics tries
 ITERATIONS = 5
 DAMPING = 1e-3  # m^2, of the first step
 DAMPING_FACTOR = 4.0  # divides the damping after a step that gains, multiplies it after one that doesn't
-GEL_SEARCH = 0.05  # metres in front of the sensor's origin in which its gel is looked for
 
 
 class Workspace:
@@ -23,7 +22,7 @@ class Workspace:
 
     def __init__(self, hand: Hand, rng: np.random.Generator):
         self.hand = hand
-        self.contact_distance = contact_distance(hand)
+        self.contact_distance = hand.contact_distance()
         self.moves = sensor_joints(hand)
         self.configurations = rng.uniform(*hand.joint_range.T, (CONFIGURATIONS, len(hand.joint_link)))
         apex, direction = self.apex(hand.forward(np.eye(4), self.configurations))
@@ -141,16 +140,3 @@ def sensor_joints(hand: Hand) -> np.ndarray:
                 moves[sensor, hand.joint_of_link[link]] = True
             link = hand.link_parent[link]
     return moves
-
-
-def contact_distance(hand: Hand) -> np.ndarray:
-    """Distance (s,) in metres from each sensor's origin to where its +x axis leaves its link's geoms."""
-    link_pose = hand.forward(np.eye(4), hand.open_joint_positions)
-    position, rotation = hand.sensor_frames(link_pose)
-    along = np.linspace(0, GEL_SEARCH, 501)
-    distances = np.zeros(len(hand.sensor_link))
-    for sensor, link in enumerate(hand.sensor_link):
-        ray = position[sensor] + along[:, None] * rotation[sensor][:, 0]
-        inside = hand.signed_distance(ray, link_pose, links=[link]) < 0
-        distances[sensor] = along[inside].max() if inside.any() else 0.0
-    return distances

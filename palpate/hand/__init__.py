@@ -8,9 +8,9 @@ from pathlib import Path
 
 from palpate.hand.allegro import allegro
 from palpate.hand.hand import MAX_OUT_OF_RANGE, MAX_PENETRATION, Hand
-from palpate.sensor import DIGIT
+from palpate.sensor import DIGIT, Sensor
 
-__all__ = ["MAX_OUT_OF_RANGE", "MAX_PENETRATION", "Hand", "allegro", "from_mjcf", "model_files"]
+__all__ = ["MAX_OUT_OF_RANGE", "MAX_PENETRATION", "Hand", "allegro", "check_files", "from_mjcf", "model_files"]
 
 
 def from_mjcf(path, sensors, gel_face: float = DIGIT.gel_face) -> Hand:
@@ -18,6 +18,13 @@ def from_mjcf(path, sensors, gel_face: float = DIGIT.gel_face) -> Hand:
     from palpate.hand.mjcf import from_mjcf as read
 
     return read(path, sensors, gel_face)
+
+
+def check_files(model, sensors, sensor: Sensor) -> list[str]:
+    """What is likely a mistake in an own hand's files; see `palpate.hand.mjcf.check_files`."""
+    from palpate.hand.mjcf import check_files as check
+
+    return check(model, sensors, sensor)
 
 
 def model_files(path) -> list[Path]:

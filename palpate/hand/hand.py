@@ -14,6 +14,7 @@ MAX_PENETRATION = 0.001  # m that a grasp's hand may be in the object or in itse
 # rad (of a slide m) that a grasp's joint may be out of its range: MuJoCo's limits are springs. Of 8,655 grasps one had
 # more than 0.0006.
 MAX_OUT_OF_RANGE = 0.001
+GEL_SEARCH = 0.05  # m in front of a sensor's origin in which the surface of its link is looked for
 SMALLEST, LARGEST = 0.01, 1.0  # m, from end to end: hands of other sizes don't close in a stable way
 
 
@@ -89,10 +90,27 @@ class Hand:
             )
 
     def length(self) -> float:
-        """The open hand's largest extent along an axis of the palm, by geoms' centres and sensors, metres."""
+        """The open hand's largest extent along an axis of the palm, by geoms' centres and sensors, metres; or that of a
+        colliding geom, if it is larger."""
         links = self.forward(np.eye(4), self.open_joint_positions)
         places = [self.geom_poses(links)[self.geom_collides, :3, 3], self.sensor_frames(links)[0]]
-        return float(np.ptp(np.concatenate(places), axis=0).max())
+        own = np.array([np.ptp(shape, axis=0).max() if len(shape) else 0 for shape in self.geom_vertices])
+        meshes = np.array(self.geom_kind) == "mesh"  # whose `geom_size` is not theirs
+        geoms = np.where(meshes, own, 2 * self.geom_size.max(axis=1))[self.geom_collides]
+        return float(max(np.ptp(np.concatenate(places), axis=0).max(), geoms.max()))
+
+    def contact_distance(self) -> np.ndarray:
+        """Distance (s,) in metres from each sensor's origin to where its +x axis leaves its link's geoms; 0 if it meets
+        none."""
+        link_pose = self.forward(np.eye(4), self.open_joint_positions)
+        position, rotation = self.sensor_frames(link_pose)
+        along = np.linspace(0, GEL_SEARCH, 501)
+        distances = np.zeros(len(self.sensor_link))
+        for sensor, link in enumerate(self.sensor_link):
+            ray = position[sensor] + along[:, None] * rotation[sensor][:, 0]
+            inside = self.signed_distance(ray, link_pose, links=[link]) < 0
+            distances[sensor] = along[inside].max() if inside.any() else 0.0
+        return distances
 
     def forward(self, palm_pose: np.ndarray, joint_positions: np.ndarray) -> np.ndarray:
         """Pose of every link in the world.

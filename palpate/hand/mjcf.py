@@ -1,7 +1,9 @@
 """A user's hand, read from a MuJoCo model file (MJCF or URDF) into plain data."""
 
-from collections.abc import Mapping
+import logging
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 from xml.etree import ElementTree
 
 import mujoco
@@ -9,8 +11,17 @@ import numpy as np
 import yaml
 from scipy.spatial.transform import Rotation
 
+from palpate.configuration import ConfigError, check
 from palpate.hand.hand import Hand, rotation_about
-from palpate.sensor import DIGIT
+from palpate.sensor import DIGIT, Sensor
+
+log = logging.getLogger(__name__)
+SCHEMA = Path(__file__).with_name("schema.yaml")
+# Of a hinge that is no mistake: at most two turns to a side; all of a hand's more than some degrees wide.
+FURTHEST_TURN, NARROWEST_TURNS = 4 * np.pi, 0.1
+DEGREES = 'does `<compiler angle="..."/>` say degree or radian rightly?'
+OPEN_TOLERANCE = 1e-3  # rad, of a slide m: an `open` that was rounded
+ON_GEL = 0.002  # m that a stated gel's face may be off the link's surface
 
 GEOM_KIND = {
     mujoco.mjtGeom.mjGEOM_BOX: "box",
@@ -28,8 +39,8 @@ def from_mjcf(path: Path | str, sensors: Mapping | Path | str, gel_face: float =
     sensors: a mapping, or a YAML file that holds one, with the keys
 
     - `sensors`: one or more of `{site: name}` or `{body: name, position: [x, y, z], rotation: [roll, pitch, yaw]}`
-      (metres, radians, fixed axes); x points out of the gel, y along the columns and z along the rows of a
-      reading.
+      (metres, radians, fixed axes), at the middle of the gel's face; x points out of the gel, y along the columns and
+      z along the rows of a reading.
     - `palm` (optional): the palm's body; default: the first one. The hand is everything from it on.
     - `anchor` (optional): a site on the palm's face, x its outward normal and z along the fingers, which is
       aimed at the object; default: the face of the palm's collision geoms in +x, at y = z = 0 of the palm's
@@ -38,23 +49,52 @@ def from_mjcf(path: Path | str, sensors: Mapping | Path | str, gel_face: float =
     - `thumb` (optional): names of the sensors (sites or bodies) of the thumb, which closes in a share of the attempts
       only (`grasps.thumb_share`); default: none, all fingers close in each.
 
-    The palm's frame is that of its body. Every joint is driven by a servo of its own; its range is the
-    file's.
+    gel_face: metres from the sensors' frames to the gel's face, of their kind.
 
-    Raises ValueError, naming the file, for what a `Hand` can't be: joints other than hinges and slides, coupled
-    joints, unlimited joints, no sensor.
+    The palm's frame is that of its body. Joints of that body are omitted, for a grasp places the palm; a warning says
+    so. Every other joint is driven by a servo of its own; its range is the file's.
+
+    Raises `ConfigError`, naming the model file, for what a `Hand` can't be: joints other than hinges and slides,
+    coupled joints, unlimited joints, degrees for radians, another size than a hand's; naming the file of the sensors,
+    for a key or a name in it that is wrong, and positions of the open hand out of range.
     """
-    path = Path(path)
-    description = sensors
+    path, named, description = Path(path), f"the sensors of {path}", sensors
     if not isinstance(sensors, Mapping):
-        description = yaml.safe_load(Path(sensors).read_text())
+        named = str(sensors)
+        try:
+            description = yaml.safe_load(Path(sensors).read_text(encoding="utf-8"))
+        except (yaml.YAMLError, UnicodeDecodeError) as error:
+            raise ConfigError(f"{named}: can't be read as YAML: {error}") from None
+    check(description, SCHEMA, named)
     try:
-        model = mujoco.MjModel.from_xml_path(str(path))
-        return _Reader(model, path.stem).hand(description, gel_face)
-    except KeyError as error:
-        raise ValueError(f"{path}: nothing of this name, or key missing: {error.args[0]}") from None
+        return _Reader(mujoco.MjModel.from_xml_path(str(path)), path, named).hand(description, gel_face)
+    except ConfigError:
+        raise
     except ValueError as error:
-        raise ValueError(f"{path}: {error}") from None
+        raise ConfigError(f"{path}: {error}") from None
+
+
+def check_files(model: Path | str, sensors: Path | str, sensor: Sensor) -> list[str]:
+    """Read an own hand's two files as `from_mjcf` does; sentences about what is likely a mistake in them.
+
+    These are sensors whose gel's face, as stated, is not where the surface of their link is: there a finger stops.
+    """
+    hand = from_mjcf(model, sensors, sensor.gel_face)
+    found = []
+    for name, distance in zip(hand.sensor_names, hand.contact_distance(), strict=True):
+        off = distance - sensor.gel_face
+        where = f"{sensors}: sensor {name!r}: the surface of its link is {1e3 * abs(off):.0f} mm"
+        if not distance:
+            found.append(
+                f"{sensors}: sensor {name!r}: x meets no colliding geom of its link: x has to point out of the gel"
+            )
+        elif distance > sensor.range:
+            found.append(
+                f"{where} beyond the gel's face, out of the range of sensor {sensor.name}: it can hardly touch"
+            )
+        elif abs(off) > ON_GEL:
+            found.append(f"{where} {'beyond' if off > 0 else 'behind'} the gel's face: positions are of that face")
+    return found
 
 
 def model_files(path: Path | str) -> list[Path]:
@@ -80,8 +120,9 @@ def model_files(path: Path | str) -> list[Path]:
 class _Reader:
     """Rebases every body's frame so that its origin is on its joint's axis, as `Hand` has it."""
 
-    def __init__(self, model: mujoco.MjModel, name: str):
-        self.model, self.name = model, name
+    def __init__(self, model: mujoco.MjModel, path: Path, named: str):
+        """named: what messages call the description of the sensors."""
+        self.model, self.path, self.named = model, path, named
         if (model.eq_type == mujoco.mjtEq.mjEQ_JOINT).any():
             raise ValueError("joints coupled by an equality can't be read: each joint needs a servo of its own")
         self.links, self.joints, self.reference = [], [], []
@@ -90,24 +131,31 @@ class _Reader:
 
     def hand(self, description: Mapping, gel_face: float) -> Hand:
         model = self.model
-        palm = model.body(description["palm"]).id if description.get("palm") else 1
+        palm = self._find("body", description["palm"]) if description.get("palm") else 1
+        for joint in np.flatnonzero(model.jnt_bodyid == palm):
+            kind = mujoco.mjtJoint(model.jnt_type[joint]).name.removeprefix("mjJNT_").lower()
+            log.warning("%s: the palm's %s joint is omitted: a grasp places the palm", self.path, kind)
         self._add_link(model.body(palm).name or "palm", -1, np.zeros(3), np.eye(3))
         self.link_of_body[palm], self.origin_of_body[palm] = 0, np.zeros(3)
         for body in range(palm + 1, model.nbody):
             if model.body_parentid[body] in self.link_of_body:
                 self._add_body(body)
         geoms = [geom for geom in range(model.ngeom) if model.geom_bodyid[geom] in self.link_of_body]
-        sensors = [self._sensor(sensor) for sensor in description["sensors"]]
+        self._check_turns()
+        given = description["sensors"]
+        if twice := [sensor for number, sensor in enumerate(given) if sensor in given[:number]]:
+            raise ConfigError(f"{self.named}: sensors: {twice[0]} is named twice")
+        sensors = [self._sensor(sensor) for sensor in given]
         names, thumb = [sensor[0] for sensor in sensors], description.get("thumb") or []
         if unknown := sorted(set(thumb) - set(names)):
-            raise ValueError(f"`thumb` names {', '.join(unknown)}, which no sensor is called: {', '.join(names)}")
+            raise ConfigError(
+                f"{self.named}: `thumb` names {', '.join(unknown)}, which no sensor is called: {', '.join(names)}"
+            )
         joint_range = np.array([joint[2] for joint in self.joints], dtype=float).reshape(-1, 2)
-        start = np.asarray(description.get("open", self.reference), dtype=float)
-        if start.shape != (len(self.joints),):
-            raise ValueError(f"`open` has {start.size} joint positions, the hand has {len(self.joints)} joints")
+        start = self._open(description.get("open"), joint_range)
         kinds, vertices, faces = zip(*(self._geom_shape(geom) for geom in geoms), strict=True)
         hand = Hand(
-            name=self.name,
+            name=self.path.stem,
             link_names=tuple(link[0] for link in self.links),
             link_parent=np.array([link[1] for link in self.links]),
             link_position=np.array([link[2] for link in self.links]),
@@ -136,6 +184,40 @@ class _Reader:
             palm_anchor=self._anchor(description, geoms),
         )
         return hand
+
+    def _find(self, kind: str, name: str) -> int:
+        """The number of a body or a site that the description of the sensors names."""
+        try:
+            return getattr(self.model, kind)(name).id
+        except KeyError:
+            known = (getattr(self.model, kind)(number).name for number in range(getattr(self.model, f"n{kind}")))
+            names = ", ".join(filter(None, known))
+            raise ConfigError(f"{self.named}: {self.path} has no {kind} {name!r}, but {names or 'none'}") from None
+
+    def _check_turns(self) -> None:
+        """ValueError if hinges turn so far or so little that degrees must have been taken for radians, or radians for
+        degrees."""
+        turns = [(self.links[link][0], *limits) for link, _, limits, slides in self.joints if not slides]
+        for name, low, high in turns:
+            if max(-low, high) > FURTHEST_TURN:
+                raise ValueError(f"the hinge of {name!r} turns from {low:g} to {high:g} rad: {DEGREES}")
+        if turns and len(turns) == len(self.joints) and max(high - low for _, low, high in turns) < NARROWEST_TURNS:
+            raise ValueError(f"no hinge turns by more than {np.degrees(NARROWEST_TURNS):.0f} degrees: {DEGREES}")
+
+    def _open(self, given: Sequence[float] | None, limits: np.ndarray) -> np.ndarray:
+        """(J,) joint positions of the open hand."""
+        start = np.asarray(self.reference if given is None else given, dtype=float)
+        if start.shape != (len(self.joints),):
+            raise ConfigError(
+                f"{self.named}: `open` has {start.size} joint positions, the hand has {len(self.joints)} joints"
+            )
+        for (link, *_), position, (low, high) in zip(self.joints, start, limits, strict=True):
+            if given is not None and not low - OPEN_TOLERANCE <= position <= high + OPEN_TOLERANCE:
+                raise ConfigError(
+                    f"{self.named}: `open`: {position:g} of the joint of {self.links[link][0]!r} is not within its "
+                    f"range, {low:g} to {high:g}: give radians, of slides metres"
+                )
+        return start
 
     def _add_link(self, name: str, parent: int, position: np.ndarray, rotation: np.ndarray) -> int:
         self.links.append((name, parent, position, rotation))
@@ -174,19 +256,25 @@ class _Reader:
             position, rotation, anchor = np.zeros(3), np.eye(3), anchor_now
         self.link_of_body[body], self.origin_of_body[body] = parent, -anchor
 
-    def _sensor(self, sensor: Mapping) -> tuple[str, int, np.ndarray, np.ndarray]:
+    def _sensor(self, sensor: Mapping[str, Any]) -> tuple[str, int, np.ndarray, np.ndarray]:
         """Name, link, position and rotation of a sensor given by a site, or by a body and a pose in it."""
         model = self.model
+        if len({"site", "body"} & set(sensor)) != 1 or ("site" in sensor and len(sensor) > 1):
+            raise ConfigError(
+                f"{self.named}: sensors: {dict(sensor)}: expected a site, or a body with a position and a rotation"
+            )
+        if np.abs(sensor.get("rotation", 0)).max() > 2 * np.pi:
+            raise ConfigError(f"{self.named}: sensors: rotation {sensor['rotation']}: give radians, not degrees")
         if "site" in sensor:
-            site = model.site(sensor["site"]).id
+            site = self._find("site", sensor["site"])
             name, body = sensor["site"], model.site_bodyid[site]
             position, rotation = model.site_pos[site], _rotation(model.site_quat[site])
         else:
-            name, body = sensor["body"], model.body(sensor["body"]).id
+            name, body = sensor["body"], self._find("body", sensor["body"])
             position = np.asarray(sensor.get("position", (0, 0, 0)), dtype=float)
             rotation = Rotation.from_euler("xyz", sensor.get("rotation", (0, 0, 0))).as_matrix()
         if body not in self.link_of_body:
-            raise ValueError(f"sensor {name!r} is not on the hand: its body is not below the palm")
+            raise ConfigError(f"{self.named}: {name!r} is not on the hand: its body is not below the palm")
         return name, self.link_of_body[body], self.origin_of_body[body] + position, rotation
 
     def _anchor(self, description: Mapping, geoms: list[int]) -> np.ndarray:
@@ -194,7 +282,7 @@ class _Reader:
         if description.get("anchor"):
             _, link, anchor[:3, 3], anchor[:3, :3] = self._sensor({"site": description["anchor"]})
             if link != 0:
-                raise ValueError(f"anchor {description['anchor']!r} is not a site of the palm's body")
+                raise ConfigError(f"{self.named}: anchor {description['anchor']!r} is not a site of the palm's body")
             return anchor
         faces = [self._front(geom) for geom in geoms if self.link_of_body[self.model.geom_bodyid[geom]] == 0]
         anchor[0, 3] = max(faces, default=0.0)

@@ -9,7 +9,6 @@ from palpate.grasp.targets import (
     DIRECTION_LENGTH,
     PRESS,
     Workspace,
-    contact_distance,
     sensor_joints,
     solve_positive_definite,
 )
@@ -23,7 +22,7 @@ def workspace():
 
 def test_gels_are_where_the_facts_say(workspace):
     # The pad's face is at x = 0.0182 of the tip, the sensor's origin at x = -0.001073.
-    np.testing.assert_allclose(contact_distance(workspace.hand), 0.019273, atol=1e-4)
+    np.testing.assert_allclose(workspace.hand.contact_distance(), 0.019273, atol=1e-4)
 
 
 def test_each_sensor_has_its_own_four_joints(workspace):

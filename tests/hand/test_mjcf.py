@@ -1,6 +1,7 @@
 """A user's model file as a hand: the same kinematics as MuJoCo's, and clear errors."""
 
 import importlib.util
+import re
 from pathlib import Path
 
 import mujoco
@@ -8,8 +9,10 @@ import numpy as np
 import pytest
 import yaml
 
-from palpate.hand import allegro, from_mjcf, model_files
+from palpate.configuration import ConfigError
+from palpate.hand import allegro, check_files, from_mjcf, model_files
 from palpate.hand.model import build_spec
+from palpate.sensor import DIGIT, load
 
 _spec = importlib.util.spec_from_file_location("grippers", Path(__file__).with_name("grippers.py"))
 grippers = importlib.util.module_from_spec(_spec)
@@ -24,7 +27,7 @@ def model_file(tmp_path):
 
 
 def test_kinematics_geoms_and_sensors_are_those_of_the_file(model_file):
-    hand = from_mjcf(model_file, grippers.SENSORS)
+    hand = from_mjcf(model_file, grippers.SENSORS, gel_face=0.012)
     assert len(hand.joint_link) == 5 and len(hand.link_names) == 7
     model = mujoco.MjModel.from_xml_path(str(model_file))
     data = mujoco.MjData(model)
@@ -46,8 +49,9 @@ def test_kinematics_geoms_and_sensors_are_those_of_the_file(model_file):
         np.testing.assert_allclose(geoms[:, :3, 3], data.geom_xpos, atol=1e-9)
         np.testing.assert_allclose(geoms[:, :3, :3], data.geom_xmat.reshape(-1, 3, 3), atol=1e-9)
         position, rotation = hand.sensor_frames(links)
-        for sensor, site in enumerate(("left_low", "left_high")):
-            np.testing.assert_allclose(position[sensor], data.site(site).xpos, atol=1e-9)
+        for sensor, site in enumerate(("left_low", "left_high")):  # in the gel's face
+            face = position[sensor] + 0.012 * rotation[sensor][:, 0]
+            np.testing.assert_allclose(face, data.site(site).xpos, atol=1e-9)
             np.testing.assert_allclose(rotation[sensor].ravel(), data.site(site).xmat, atol=1e-9)
 
 
@@ -99,7 +103,7 @@ def test_the_allegro_survives_the_way_through_a_file(tmp_path):
     (tmp_path / "sensors.yaml").write_text(
         yaml.safe_dump({"sensors": sensors, "open": hand.open_joint_positions.tolist()})
     )
-    again = from_mjcf(tmp_path / "allegro.xml", tmp_path / "sensors.yaml")
+    again = from_mjcf(tmp_path / "allegro.xml", tmp_path / "sensors.yaml", gel_face=0.0)
     joints = np.random.default_rng(2).uniform(*hand.joint_range.T)
     for one, other in zip(
         hand.sensor_frames(hand.forward(np.eye(4), joints)),
@@ -145,7 +149,7 @@ def test_a_hand_has_as_many_sensors_as_are_named_and_a_thumb_if_it_is_named(mode
 
 def test_no_sensors_or_an_unknown_site_are_named_with_the_file(model_file):
     sensors = grippers.SENSORS["sensors"]
-    with pytest.raises(ValueError, match="gripper.xml.*no touch sensor"):
+    with pytest.raises(ValueError, match=r"gripper.xml.*\n.*sensors: \[\] should be non-empty"):
         from_mjcf(model_file, {"sensors": []})
     with pytest.raises(ValueError, match="gripper.xml.*nowhere"):
         from_mjcf(model_file, {"sensors": [*sensors[:3], {"site": "nowhere"}]})
@@ -182,3 +186,67 @@ def test_a_hand_in_millimetres_is_named_with_the_file(model_file):
     model_file.write_text(model_file.read_text().replace('pos="0 .04 .035"', 'pos="0 40 35"'))
     with pytest.raises(ValueError, match="gripper.xml.* m from end to end.*lengths in metres"):
         from_mjcf(model_file, grippers.SENSORS)
+
+
+@pytest.mark.parametrize(
+    ("changed", "message"),
+    [
+        ({"sensors": [{"site": "lef_low"}]}, "gripper.xml has no site 'lef_low', but face, left_low, left_high"),
+        ({"palm": "plam"}, "gripper.xml has no body 'plam', but world, palm, left"),
+        ({"anchor": "left_low"}, "anchor 'left_low' is not a site of the palm's body"),
+        ({"sensor": []}, "sensor: unknown key; did you mean 'sensors'?"),
+        ({"sensors": [{"site": "face", "colour": 1}]}, "sensors.0.colour: unknown key"),
+        ({"sensors": [{"site": "left_low"}] * 2}, "{'site': 'left_low'} is named twice"),
+        ({"sensors": [{"site": "left_low", "body": "palm"}]}, "expected a site, or a body with a position"),
+        ({"sensors": [{"position": [0, 0, 0]}]}, "expected a site, or a body with a position"),
+        ({"sensors": [{"body": "left_end", "rotation": [0, 90, 0]}]}, "give radians, not degrees"),
+        ({"open": [0, 45, 0, 0, 0]}, "45 of the joint of 'left' is not within its range, -0.26.* to 1.57"),
+        ({"open": [0, 0]}, "`open` has 2 joint positions, the hand has 5 joints"),
+        ({"palm": "left_end", "anchor": None}, "'right_end' is not on the hand"),
+    ],
+)
+def test_mistakes_in_the_file_of_the_sensors_name_it(model_file, tmp_path, changed, message):
+    (tmp_path / "sensors.yaml").write_text(yaml.safe_dump(grippers.SENSORS | changed))
+    with pytest.raises(ConfigError, match=f"(?s)^{tmp_path / 'sensors.yaml'}.*{message}"):
+        from_mjcf(model_file, tmp_path / "sensors.yaml")
+    (tmp_path / "sensors.yaml").write_text("{")
+    with pytest.raises(ConfigError, match="sensors.yaml: can't be read as YAML"):
+        from_mjcf(model_file, tmp_path / "sensors.yaml")
+
+
+@pytest.mark.parametrize("angle", ["degree", "radian"])
+def test_degrees_for_radians_name_the_model(tmp_path, angle):
+    other = {"degree": "radian", "radian": "degree"}[angle]
+    (tmp_path / "hand.xml").write_text(grippers.two_fingers(angle).replace(f'angle="{angle}"', f'angle="{other}"'))
+    with pytest.raises(ConfigError, match="hand.xml: .*hinge.*does `<compiler angle"):
+        from_mjcf(tmp_path / "hand.xml", grippers.SENSORS)
+
+
+def test_a_palm_of_45_m_is_named_with_the_file(model_file):
+    model_file.write_text(model_file.read_text().replace('size=".015 .05 .03"', 'size=".015 22.5 .03"'))
+    with pytest.raises(ConfigError, match="gripper.xml: .* is 45 m from end to end, not 0.01 to 1 m"):
+        from_mjcf(model_file, grippers.SENSORS)
+
+
+def test_the_palms_own_joints_are_omitted_and_named(model_file, caplog):
+    hand = from_mjcf(model_file, grippers.SENSORS)
+    assert len(hand.joint_link) == 5
+    assert "gripper.xml: the palm's free joint is omitted: a grasp places the palm" in caplog.text
+
+
+def test_a_gel_that_is_not_on_its_link_is_named(model_file, tmp_path):
+    """The jaws' gels are where their sites are; 3 mm or 24 mm off, or turned round, each is a warning."""
+    shipped = [Path(__file__).parents[2] / f"config/hands/wsg50.{ending}" for ending in ("xml", "yaml")]
+    assert check_files(*shipped, DIGIT) == check_files(*shipped, load("dome360")) == []
+    text = shipped[0].read_text()
+    site = 'pos="0.0406 0 0" xyaxes="0 0 -1 0 1 0"'
+    assert site in text
+    for changed, message in {
+        site.replace(" 0 0", " 0 0.003", 1): "'upper_gel': the surface of its link is 3 mm beyond the gel's face: pos",
+        site.replace(" 0 0", " 0 0.024", 1): "'upper_gel': the surface of its link is 24 mm beyond .*out of the range",
+        site.replace(" 0 0", " 0 -0.01", 1): "'upper_gel': the surface of its link is 10 mm behind the gel's face",
+        site.replace("0 0 -1", "0 1 0").replace("0 1 0 0 1 0", "0 1 0 0 0 1"): "'upper_gel': x meets no colliding geom",
+    }.items():
+        (tmp_path / "hand.xml").write_text(text.replace(site, changed))
+        (found,) = check_files(tmp_path / "hand.xml", shipped[1], DIGIT)
+        assert found.startswith(str(shipped[1])) and re.search(message, found), found

@@ -11,7 +11,7 @@ from palpate.touch import RayCaster, SphereTracer, empty_reading, local_points, 
 from palpate.touch.shading import impression, smoothed
 
 DOME = Sensor.from_description(load("dome360").description() | {"resolution": 60})
-MINI = Sensor.from_description(load("gelsight_mini").description() | {"resolution": 48})
+MINI = Sensor.from_description(load("gelsight_mini").description() | {"resolution": [48, 60]})
 POSE = np.zeros((1, 3)), np.eye(3)[None]
 
 
@@ -27,14 +27,14 @@ def plate(distance: float) -> trimesh.Trimesh:
 def test_a_plate_touches_where_the_gel_reaches_it(kind, tracer):
     for distance in (0.016, 0.02, 0.0249, 0.0251):
         sensed = sense(tracer(plate(distance), sensor=kind), *POSE)
-        y, z = np.meshgrid(kind.pixel_centres, kind.pixel_centres)
+        z, y = np.meshgrid(*kind.pixel_centres, indexing="ij")
         # A plate at d meets a sphere of radius R, its centre at w - R, within a circle: R^2 - (d - w + R)^2.
         circle = y**2 + z**2 <= 0.01**2 - (distance - 0.015) ** 2
         within = circle if kind is DOME else np.full(y.shape, distance < 0.025)
         assert sensed.success[0] == within.any()
         np.testing.assert_array_equal(np.isfinite(sensed.depth[0]), within)
         assert np.allclose(sensed.depth[0][within], distance, atol=2e-5)
-        assert sensed.point_count[0] == within.sum() and sensed.points.shape == (1, kind.resolution**2, 3)
+        assert sensed.point_count[0] == within.sum() and sensed.points.shape == (1, np.prod(kind.resolution), 3)
         assert tracer(plate(distance), sensor=kind).succeeds(*POSE).tolist() == sensed.success.tolist()
 
 
@@ -42,7 +42,7 @@ def test_a_finer_sensor_sees_the_same_surface():
     """Where pixels of two sensors look along the same ray, they see the same."""
     ball = trimesh.creation.icosphere(subdivisions=3, radius=0.02)
     ball.apply_translation((0.035, 0.002, -0.001))
-    fine = replace(DIGIT, resolution=300)  # the centre of each pixel of 100 is that of one of 300
+    fine = replace(DIGIT, resolution=(300, 300))  # the centre of each pixel of 100 is that of one of 300
     coarse, found = (RayCaster(ball, sensor=kind).trace(*POSE)[0] for kind in (DIGIT, fine))
     np.testing.assert_allclose(found[1::3, 1::3], coarse, atol=1e-7)
     cloud = local_points(found, np.array([0.1, 0.2, 0.3]), np.eye(3), fine)
@@ -54,7 +54,7 @@ def test_a_round_gel_shades_its_own_shape_and_nothing_beside_it():
     assert (empty[~DOME.on_gel] == 0).all() and (empty[DOME.on_gel].max(axis=1) > 0).all()
     # Light by light, in double precision, from the sphere's normal.
     row, column = 22, 35
-    y, z = DOME.pixel_centres[column], DOME.pixel_centres[row]
+    y, z = DOME.pixel_centres[1][column], DOME.pixel_centres[0][row]
     normal = np.array([-y, -z, np.sqrt(0.01**2 - y**2 - z**2)]) / 0.01
     height = 0.01 - np.sqrt(0.01**2 - y**2 - z**2)
     towards = DOME.light_positions - [y, z, height]
@@ -68,18 +68,19 @@ def test_a_round_gel_shades_its_own_shape_and_nothing_beside_it():
 
 
 def blurred(height: np.ndarray, sigma: float) -> np.ndarray:
-    """A Gaussian filter as a plain sum over pixels, mirrored at the border."""
-    reach = int(4 * sigma + 0.5)
-    offsets = np.arange(-reach, reach + 1)
-    weights = np.exp(-(offsets**2) / (2 * sigma**2))
-    weights /= weights.sum()
-    padded = np.pad(height, reach, mode="reflect")
-    rows = sum(w * padded[reach + k : reach + k + len(height)] for k, w in zip(offsets, weights, strict=True))
-    return sum(w * rows[:, reach + k : reach + k + height.shape[1]] for k, w in zip(offsets, weights, strict=True))
+    """A Gaussian filter of MINI's pixels as a plain sum over them, mirrored at the border."""
+    for edge in MINI.pixel:  # along the rows' direction, then along the columns'
+        reach = int(4 * sigma / edge + 0.5)
+        offsets = np.arange(-reach, reach + 1)
+        weights = np.exp(-((offsets * edge) ** 2) / (2 * sigma**2))
+        weights /= weights.sum()
+        padded = np.pad(height, ((reach, reach), (0, 0)), mode="reflect")
+        height = sum(w * padded[reach + k : reach + k + len(height)] for k, w in zip(offsets, weights, strict=True)).T
+    return height
 
 
 def test_smoothing_is_taxims():
-    depth = np.full((48, 48), np.inf)
+    depth = np.full((48, 60), np.inf)
     depth[10:30, 18:33] = 0.0235
     depth[14:20, 20:25] = 0.0225
     height = impression(depth, MINI)
@@ -87,8 +88,8 @@ def test_smoothing_is_taxims():
     found = smoothed(height, replace(MINI, smoothing=settings))
     expected = height
     for sigma in settings["pyramid"]:
-        expected = np.where(height > 0.4 * 0.0025, height, blurred(expected, sigma / MINI.pixel))
-    expected = blurred(expected, settings["last"] / MINI.pixel)
+        expected = np.where(height > 0.4 * 0.0025, height, blurred(expected, sigma))
+    expected = blurred(expected, settings["last"])
     np.testing.assert_allclose(found, expected, atol=1e-9)
     assert found.max() <= 0.0025 and (found[0] < 1e-4).all()
 
@@ -118,3 +119,39 @@ def test_a_background_is_the_empty_reading_and_touch_changes_it_as_without():
 
 def test_grey_levels_above_255_saturate():
     assert shade(np.full((100, 100), 0.02), replace(DIGIT, diffuse=2550)).max() == 255
+
+
+def test_lights_of_any_number_place_and_colour_add_up():
+    """Each light by itself in double precision, on a slope; the reading is their sum, by colour."""
+    lights = [
+        {"position": [0.02, -0.01, 0.03], "colour": [0.2, 0, 0.5]},
+        {"position": [-0.03, 0.01, 0.05], "colour": [0.3, 0.4, 0]},
+        {"direction": [-0.5, 0.2, 1], "colour": [0, 0.5, 0.1]},
+        {"direction": [0.9, 0, 0.1], "colour": [1, 1, 1]},  # from behind the slope
+    ]
+    kind = Sensor.from_description(MINI.description() | {"lights": lights, "smoothing": None, "diffuse": 200})
+    z, y = np.meshgrid(*kind.pixel_centres, indexing="ij")
+    slopes = 0.3, 0.1
+    height = 0.004 + slopes[0] * y + slopes[1] * z
+    normal = np.array([-slopes[0], -slopes[1], 1]) / np.sqrt(1 + 0.3**2 + 0.1**2)
+    expected = np.zeros((*height.shape, 3))
+    for light in lights:
+        towards = np.broadcast_to(light.get("direction", (0, 0, 0)), (*height.shape, 3))
+        if "position" in light:
+            towards = np.array(light["position"]) - np.stack([y, z, height], axis=2)
+        cosine = towards @ normal / np.linalg.norm(towards, axis=2)
+        expected += np.maximum(200 * cosine, 0)[..., None] * light["colour"]
+    assert expected.max() < 255
+    np.testing.assert_allclose(shade(0.025 - height, kind), expected, atol=0.51)
+
+
+def test_the_default_ring_of_lights_is_three_lights_of_one_colour_each():
+    ring = [
+        {"position": place.tolist(), "colour": colour}
+        for place, colour in zip(DIGIT.light_positions, np.eye(3).tolist(), strict=True)
+    ]
+    same = Sensor.from_description(DIGIT.description() | {"lights": ring})
+    depth = RayCaster(trimesh.creation.icosphere(subdivisions=2, radius=0.02).apply_translation((0.042, 0, 0))).trace(
+        *POSE
+    )
+    np.testing.assert_array_equal(shade(depth, same), shade(depth, DIGIT))

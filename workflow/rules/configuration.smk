@@ -91,6 +91,11 @@ try:
     for path in (HAND or {}).values():
         if not Path(path).is_file():
             raise ConfigError(f"config grasps.hand: {path}: no such file")
+    if HAND and workflow.is_main_process:
+        from palpate import hand  # loads MuJoCo
+
+        for line in hand.check_files(HAND["mjcf"], HAND["sensors"], SENSOR):
+            logger.warning(line)
     if workflow.is_main_process and (config["vision"]["cameras"] or config["vision"]["lights"]):
         from palpate import scene  # loads trimesh
 
