@@ -32,6 +32,22 @@ def absolute(path: Path | str, project: Path | str) -> str:
         raise ConfigError(f"{path}: {error}: write the path out") from None
 
 
+def typed(value: Any) -> Any:
+    """A value in braces or brackets of a command line's `--config`, as YAML reads it.
+
+    Snakemake leaves numbers, `true`, `false` and `null` in it as text.
+    """
+    if isinstance(value, dict):
+        return {key: typed(each) for key, each in value.items()}
+    if isinstance(value, list):
+        return [typed(each) for each in value]
+    try:
+        read = yaml.safe_load(value) if isinstance(value, str) else value
+    except yaml.YAMLError:
+        return value
+    return read if read is None or isinstance(read, int | float) else value
+
+
 def _say(error: jsonschema.ValidationError) -> Iterator[str]:
     where = ".".join(str(step) for step in error.absolute_path)
     if error.validator == "additionalProperties" and error.validator_value is False:

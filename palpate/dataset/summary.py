@@ -6,12 +6,16 @@ from pathlib import Path
 
 from palpate.catalogue import SPLITS, CatalogueError
 from palpate.dataset.run import Run
+from palpate.sensor import warn_of_shallow
+from palpate.store import CONTRACT, StoreError
 
 MOST_REASONS = 3
+SAMPLED_BATCHES = 20  # whose touches are looked at
 
 
 def summary(folder: Path | str) -> list[str]:
-    """Lines on the objects of a run: how many are used, rejected with the commonest reasons, and in each split.
+    """Lines on the objects of a run: how many are used, rejected with the commonest reasons, and in each split; and a
+    warning if most touches are shallow.
 
     An object is used if no stage has rejected it so far. Empty if the run has no catalogue yet.
     """
@@ -29,7 +33,20 @@ def summary(folder: Path | str) -> list[str]:
     lines += [f"  {count} at {stage}: {reason}" for (stage, reason), count in reasons.most_common(MOST_REASONS)]
     if len(reasons) > MOST_REASONS:
         lines.append(f"  and {len(reasons) - MOST_REASONS} other reasons")
-    return lines
+    return lines + [f"  warning: {line}" for line in _warn_of_touches(run)]
+
+
+def _warn_of_touches(run: Run) -> list[str]:
+    """A sentence if most touches of the run's first batches are shallow."""
+    counts = Counter()
+    made = [batch for batch in run.batches if (run.folder / CONTRACT["touch"].path(batch)).exists()]
+    for batch in made[:SAMPLED_BATCHES]:
+        try:
+            attributes = run.store("touch", batch).attributes
+        except StoreError:  # which validation names
+            continue
+        counts.update({key: attributes.get(key, 0) for key in ("shallow", "touches")})
+    return warn_of_shallow(counts["shallow"], counts["touches"])
 
 
 def kind_of_reason(reason: str) -> str:

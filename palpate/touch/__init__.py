@@ -4,7 +4,7 @@ Only what can be in touch is computed: see `Tracer` and `TouchReading`.
 """
 
 from palpate.touch.rays import RayCaster
-from palpate.touch.reading import TRACERS, TouchReading, scene_tracer, sense, sense_scene
+from palpate.touch.reading import TRACERS, TouchReading, scene_tracer, sense, sense_scene, shallow_touches
 from palpate.touch.sensor import PIXEL_CENTRES, RESOLUTION, SENSOR_RANGE, SENSOR_WIDTH, local_points
 from palpate.touch.shading import DIFFUSE, LIGHTS, empty_reading, impression, normals, shade
 from palpate.touch.sphere_tracing import SphereTracer
@@ -30,4 +30,5 @@ __all__ = [
     "sense",
     "sense_scene",
     "shade",
+    "shallow_touches",
 ]

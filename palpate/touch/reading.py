@@ -66,6 +66,16 @@ def sense(tracer: Tracer, position: np.ndarray, rotation: np.ndarray) -> TouchRe
     return TouchReading(*(array.reshape(*leading, *array.shape[1:]) for array in arrays))
 
 
+def shallow_touches(sensed: TouchReading, sensor: Sensor) -> int:
+    """How many touches are deepest nearer to the end of the sensor's range than to the gel's face on the hand.
+
+    A hand that stops at the object has few of them: a tilted finger, or an edge beside the gel. With sensors that are
+    not where the hand's gels are, readings are slivers.
+    """
+    deepest = (sensor.reach - sensed.depth[sensed.success]).max(axis=(1, 2), initial=-np.inf)
+    return int((deepest < (sensor.range - sensor.gel_face) / 2).sum())
+
+
 def scene_tracer(scene: "Scene", method: str = "embree", sensor: Sensor = DIGIT) -> Tracer:
     """The search tree of a scene's object for a kind of sensor, by a method of `TRACERS`."""
     return TRACERS[method](load_visual(scene.object_folder), scene.object_position, sensor=sensor)

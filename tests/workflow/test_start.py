@@ -51,6 +51,13 @@ def test_errors_of_the_config_come_without_snakemakes_frame(make_workflow, confi
         assert frame not in result.stderr, result.stderr
 
 
+def test_numbers_in_braces_of_the_command_line_are_numbers(make_workflow):
+    workflow = make_workflow()
+    assert "vision" in workflow.planned("dataset", "--config", "vision={size: 128}", "touch={sensor: dome360}")
+    result = workflow.plan("dataset", "--config", "vision={size: many}")
+    assert "vision.size: 'many' is not of type 'integer'" in result.stderr
+
+
 def test_too_few_grasps_are_said_without_snakemakes_frame(make_workflow):
     workflow = make_workflow(grasps={"per_object": 2, "attempts": 2}, split={"train": 1, "validation": 1, "test": 1})
     (line,) = lines(workflow.plan("models/charts_touch_5/seed-0/best.ckpt", "--dry-run"))

@@ -11,10 +11,11 @@ from functools import cache
 import yaml
 from snakemake.io import contains_wildcard
 from snakemake.logging import logger
+from snakemake.utils import update_config
 
 from palpate import atomic, catalogue, lock, locked, sensor, terminal
 from palpate.batch import QUIET
-from palpate.configuration import ConfigError, absolute, check
+from palpate.configuration import ConfigError, absolute, check, typed
 from palpate.training import inputs, recipes
 
 # Jobs find Palpate in this checkout, also in an environment that has only its dependencies (envs/palpate.yaml).
@@ -45,6 +46,8 @@ def checked(path):
     return path
 
 
+given = workflow.config_settings.config or {}
+update_config(config, {key: typed(value) for key, value in given.items() if isinstance(value, (dict, list))})
 try:
     check(
         config,

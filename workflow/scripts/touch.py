@@ -12,6 +12,7 @@ rejected/touch/<batch>.csv    object, stage, reason
 """
 
 import logging
+from collections import Counter
 from pathlib import Path
 
 import numpy as np
@@ -20,7 +21,7 @@ from palpate import store, touch
 from palpate.batch import each_object, log_to
 from palpate.hand import Hand
 from palpate.scene import GRASP_ARRAYS, Scene
-from palpate.sensor import Sensor, read_background
+from palpate.sensor import Sensor, read_background, warn_of_shallow
 
 log_to(snakemake.log[0])
 log = logging.getLogger("touch")
@@ -31,6 +32,7 @@ description = snakemake.params.sensor
 image = snakemake.input.background
 background = read_background(image, description["resolution"]) if image else None
 sensor = Sensor.from_description(description, background)
+touches = Counter(shallow=0, touches=0)
 
 
 def sense(name: str) -> dict[str, np.ndarray]:
@@ -43,10 +45,13 @@ def sense(name: str) -> dict[str, np.ndarray]:
         "%s: omitted: %s of %s faces outside the swept boxes; readings and points of %d of %d sensors not in contact",
         name, f"{(~faces).sum():,}", f"{len(faces):,}", (~sensed.success).sum(), sensed.success.size,
     )  # fmt: skip
+    touches.update(shallow=touch.shallow_touches(sensed, sensor), touches=int(sensed.success.sum()))
     return {"position": scene.sensor_position, "rotation": scene.sensor_rotation, **sensed._asdict()}
 
 
 readings, rejections = each_object(grasps["object"], sense, "touch")
+for line in warn_of_shallow(**touches):
+    log.warning(line)
 store.write_batch(
     snakemake.output.touch,
     "touch",
@@ -56,5 +61,5 @@ store.write_batch(
     snakemake.params.seed,
     {**settings, "sensor": description},
     {"empty_reading": touch.empty_reading(sensor)},
-    {"sensor": description},
+    {"sensor": description, **touches},
 )
