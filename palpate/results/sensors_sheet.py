@@ -62,7 +62,8 @@ def draw(path: Path | str) -> None:
     for column, (name, kind) in enumerate(kinds.items()):
         left = SIDE + column * (CELL + GAP)
         sensed = sense(RayCaster(mesh, sensor=kind), position[places], rotation[places])
-        words = "{:.4g} x {:.4g} mm, {} x {}".format(1e3 * kind.width, 1e3 * kind.height, *reversed(kind.resolution))
+        edges = " x ".join(f"{1e3 * edge:.4g}" for edge in sorted({kind.width, kind.height}, reverse=True))
+        words = "{} mm, {} x {} pixels".format(edges, *kind.resolution)
         figure.text((left + CELL / 2) / width, 1 - 0.2 / height, name, ha="center", va="center", fontsize=TITLE)
         figure.text(
             (left + CELL / 2) / width, 1 - 0.45 / height, words, ha="center", va="center", fontsize=LABEL, color=FAINT
@@ -70,7 +71,7 @@ def draw(path: Path | str) -> None:
         for row, reading in enumerate([empty_reading(kind), *sensed.reading]):
             bottom = 1 - (HEAD + row * (CELL + GAP) + CELL) / height
             axes = figure.add_axes((left / width, bottom, CELL / width, CELL / height))
-            axes.imshow(reading, interpolation="nearest")
+            axes.imshow(reading, interpolation="nearest", aspect=kind.pixel[0] / kind.pixel[1])
             axes.set_axis_off()
     for row, name in enumerate(rows):
         middle = HEAD + row * (CELL + GAP) + CELL / 2

@@ -39,7 +39,7 @@ def test_rings_are_bands_between_squares():
     """Ring r: the points between the squares of r - 1 and r sensor widths; ring 1: the sensor itself."""
     counts = [int((ring == RING).sum()) for ring in RINGS]
     assert counts == [400 * (2 * ring - 1) for ring in RINGS] and sum(counts) == GRID**2
-    y, z = plane(SENSOR_WIDTH)[:, 1:].T
+    y, z = plane(DIGIT.size)[:, 1:].T
     for ring in RINGS:
         far = np.maximum(np.abs(y), np.abs(z))[RING.ravel() == ring] / (SENSOR_WIDTH / 2)
         assert ring - 1 < far.min() and far.max() < ring
@@ -66,7 +66,7 @@ def test_on_a_sphere_points_lie_where_the_equation_says():
     gap = 0.015
     centre = POSITION + OBLIQUE[:, 0] * (RADIUS + gap)
     depth = MeshSurface(ball, centre).project(POSITION, OBLIQUE)
-    across = (plane(SENSOR_WIDTH)[:, 1:] ** 2).sum(axis=1)
+    across = (plane(DIGIT.size)[:, 1:] ** 2).sum(axis=1)
     expected = RADIUS + gap - np.sqrt(RADIUS**2 - across)
     assert np.allclose(depth.ravel(), expected, atol=2e-5)
     points = np.concatenate(ring_points(depth, POSITION, OBLIQUE))

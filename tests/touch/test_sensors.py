@@ -158,7 +158,7 @@ def test_the_default_ring_of_lights_is_three_lights_of_one_colour_each():
 
 
 def test_shallow_touches_are_those_nearer_to_the_end_of_the_range_than_to_the_gels_face():
-    """Plates at 20 and 21 mm are near the gel's face, 19.3 mm; at 23 and 24.9 mm near the range's end; at 26 neither."""
+    """Plates at 20 and 21 mm are near the gel's face, at 23 and 24.9 mm near the range's end, at 26 mm beyond it."""
     ahead = [0.02, 0.021, 0.023, 0.0249, 0.026]
     sensed = [sense(RayCaster(plate(distance)), *POSE) for distance in ahead]
     assert [shallow_touches(one, DIGIT) for one in sensed] == [0, 0, 1, 1, 0]

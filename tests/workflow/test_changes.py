@@ -1,9 +1,15 @@
 """A change of the config runs again what depends on it, and nothing else."""
 
+from pathlib import Path
+
 import pytest
 
 STAGES = {"catalogue_batch", "catalogue", "meshes", "surface", "grasps", "touch", "vision", "table"}
 AFTER_GRASPS = {"touch", "vision", "table"}
+HANDS = Path(__file__).parents[2] / "config/hands"
+WSG50 = {"mjcf": str(HANDS / "wsg50.xml"), "sensors": str(HANDS / "wsg50.yaml")}
+OTHER_LIGHT = "{extends: digit, diffuse: 200, lights: [{direction: [0, 1, 1], colour: [1, 1, 1]}]}"
+OTHER_RANGE = "{extends: digit, range: 0.024}"
 
 
 @pytest.mark.parametrize(
@@ -12,18 +18,19 @@ AFTER_GRASPS = {"touch", "vision", "table"}
         ({"vision": {"size": 64, "samples": 3, "device": "cpu"}}, "vision", set()),
         ({"touch": {"method": "sphere_tracing"}}, "touch", {"table"}),
         ({"grasps": {"thumb_share": 0.5}}, "grasps", AFTER_GRASPS),
-        ({"grasps": {"hand": {}}}, "grasps", AFTER_GRASPS),
+        ({"grasps": {"hand": WSG50}}, "grasps", AFTER_GRASPS),
+        ({"touch": {"sensor": OTHER_LIGHT}}, "touch", {"table"}),
+        ({"touch": {"sensor": OTHER_RANGE}}, "grasps", AFTER_GRASPS),
         ({"surface": {"points": 2000}}, "surface", {"grasps", *AFTER_GRASPS}),
         ({"mesh": {"levels": [500]}}, "meshes", {"surface", "grasps", *AFTER_GRASPS}),
         ({"split": {"test": 1000}}, "catalogue_batch", {"catalogue", "table"}),
     ],
-    ids=["samples", "method", "thumb_share", "hand", "points", "levels", "split"],
+    ids=["samples", "method", "thumb_share", "hand", "lights", "range", "points", "levels", "split"],
 )
 def test_a_change_runs_again_what_depends_on_it(finished, tmp_path, config, first, others):
-    if config == {"grasps": {"hand": {}}}:
-        for name in ("mjcf", "sensors"):
-            (tmp_path / name).write_text("<mujoco/>")
-            config["grasps"]["hand"][name] = str(tmp_path / name)
+    if "sensor" in config.get("touch", {}):
+        (tmp_path / "own.yaml").write_text(config["touch"]["sensor"])
+        config = {"touch": {"sensor": str(tmp_path / "own.yaml")}}
     jobs = finished.changed(**config).jobs("dataset")
     reasons = {job.rule: job.reason for job in jobs if job.rule in STAGES}
     assert set(reasons) == {first, *others}, reasons
