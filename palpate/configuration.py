@@ -33,10 +33,7 @@ def absolute(path: Path | str, project: Path | str) -> str:
 
 
 def typed(value: Any) -> Any:
-    """A value in braces or brackets of a command line's `--config`, as YAML reads it.
-
-    Snakemake leaves numbers, `true`, `false` and `null` in it as text.
-    """
+    """A value in braces or brackets of a command line's `--config` as YAML reads it; Snakemake leaves texts in it."""
     if isinstance(value, dict):
         return {key: typed(each) for key, each in value.items()}
     if isinstance(value, list):
@@ -46,6 +43,14 @@ def typed(value: Any) -> Any:
     except yaml.YAMLError:
         return value
     return read if read is None or isinstance(read, int | float) else value
+
+
+def read_yaml(path: Path | str) -> Any:
+    """What a YAML file holds. Raises `ConfigError`, naming it, if it can't be read."""
+    try:
+        return yaml.safe_load(Path(path).read_text(encoding="utf-8"))
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        raise ConfigError(f"{path}: can't be read as YAML: {error}") from None
 
 
 def _say(error: jsonschema.ValidationError) -> Iterator[str]:

@@ -16,16 +16,15 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 from PIL import Image
 
-from palpate.configuration import ConfigError, check
+from palpate.configuration import ConfigError, check, read_yaml
 
 SHIPPED = Path(__file__).with_name("sensors")
 SCHEMA = SHIPPED / "schema.yaml"
 # What decides the shapes of a sensor's arrays and where its points can lie; the rest is how a reading looks.
 GEOMETRY = ("width", "height", "resolution", "range", "gel_radius", "gel_face")
-RED_GREEN_BLUE = np.eye(3)
+Size = tuple[float, float]  # metres along z and y, in the order of rows and columns
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,20 +58,19 @@ class Sensor:
     background: np.ndarray | None = field(default=None, repr=False)
 
     @property
-    def size(self) -> tuple[float, float]:
+    def size(self) -> Size:
         """(height, width), in the order of `resolution`."""
         return self.height, self.width
 
     @property
-    def pixel(self) -> tuple[float, float]:
-        """Edges of a pixel along z and y, metres, in the order of `resolution`."""
+    def pixel(self) -> Size:
+        """Edges of a pixel, in the order of `resolution`."""
         return self.height / self.resolution[0], self.width / self.resolution[1]
 
     @cached_property
     def pixel_centres(self) -> tuple[np.ndarray, np.ndarray]:
         """(r,) z of the rows and (c,) y of the columns: centres of the pixels on the sensor plane."""
-        rows, columns = map(pixel_centres, self.resolution, self.size)
-        return rows, columns
+        return tuple(map(pixel_centres, self.resolution, self.size))
 
     @cached_property
     def plane(self) -> np.ndarray:
@@ -109,25 +107,17 @@ class Sensor:
         return np.where(self.on_gel, self.range - self.sag, -np.inf)
 
     @cached_property
-    def light_positions(self) -> np.ndarray:
-        """(n, 3) of the lights: (y, z, height above the plane at `range`), metres; of a far one its direction."""
+    def lamps(self) -> list[tuple[np.ndarray, np.ndarray, bool]]:
+        """Of each light its place, (y, z, height above the plane at `range`) in metres, or the direction of one that is
+        far; its colour, 1 for `diffuse` grey levels; whether it is far."""
         if not isinstance(self.lights, Mapping):
-            return np.array([light.get("position") or light["direction"] for light in self.lights], dtype=float)
+            places = [np.array(light.get("position") or light["direction"], dtype=float) for light in self.lights]
+            colours = [np.array(light["colour"], dtype=float) for light in self.lights]
+            return list(zip(places, colours, ["direction" in light for light in self.lights], strict=True))
         angles = np.deg2rad(self.lights["angles"])
         radius, height = self.lights["radius"], self.lights["height"]
-        return np.stack([radius * np.cos(angles), radius * np.sin(angles), np.full(3, height)], axis=1)
-
-    @cached_property
-    def light_colours(self) -> np.ndarray:
-        """(n, 3) red, green and blue of the lights, 1 for `diffuse` grey levels."""
-        ring = isinstance(self.lights, Mapping)
-        return RED_GREEN_BLUE if ring else np.array([light["colour"] for light in self.lights], dtype=float)
-
-    @cached_property
-    def lights_far(self) -> np.ndarray:
-        """(n,) bool, lights that are so far that they shine in one direction."""
-        ring = isinstance(self.lights, Mapping)
-        return np.full(3, False) if ring else np.array(["direction" in light for light in self.lights])
+        places = np.stack([radius * np.cos(angles), radius * np.sin(angles), np.full(3, height)], axis=1)
+        return list(zip(places, np.eye(3), [False] * 3, strict=True))
 
     @property
     def geometry(self) -> dict[str, Any]:
@@ -179,12 +169,10 @@ class Sensor:
             )
         if not (sensor.range - sensor.sag > 0).all():
             raise ConfigError(f"{what}: the rim of the gel is behind the sensor plane: raise range, or gel.radius")
-        for number, light in enumerate([] if isinstance(sensor.lights, Mapping) else sensor.lights):
-            if len({"position", "direction"} & set(light)) != 1:
-                raise ConfigError(f"{what}: lights.{number}: expected a position or a direction")
-            if not np.any(light.get("direction", 1)):
-                raise ConfigError(f"{what}: lights.{number}.direction: 0 is not a direction")
-        if not (sensor.light_positions[~sensor.lights_far, 2] >= sensor.range).all():
+        for number, light in enumerate(description["lights"] if isinstance(description["lights"], list) else []):
+            if ("position" in light) == ("direction" in light) or not np.any(light.get("direction", 1)):
+                raise ConfigError(f"{what}: lights.{number}: expected a position, or a direction that is not 0")
+        if not all(far or place[2] >= sensor.range for place, _, far in sensor.lamps):
             raise ConfigError(f"{what}: lights.height must be range or more: no surface in range above the lights")
         return sensor
 
@@ -232,31 +220,19 @@ def read(path: Path, below: tuple[Path, ...] = ()) -> dict[str, Any]:
     below: the files that extend it. Raises `ConfigError`, naming the file, if it can't be read or has no keys, for a
     `background` that is no path, and for files that extend each other.
     """
-    try:
-        description = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        raise ConfigError(f"{path}: can't be read as YAML: {error}") from None
+    description = read_yaml(path)
     if not isinstance(description, dict):
         raise ConfigError(f"{path}: expected the keys of a sensor, as in {SHIPPED / 'digit.yaml'}")
     image, base = description.get("background"), description.pop("extends", None)
-    if not isinstance(image, str | None) or not isinstance(base, str | None):
-        key = (
-            "background: expected the path of an image" if isinstance(base, str | None) else "extends: expected a name"
-        )
-        raise ConfigError(f"{path}: {key}, or null")
+    for key, value in {"background": image, "extends": base}.items():
+        if not isinstance(value, str | None):
+            raise ConfigError(f"{path}: {key}: expected the path of a file, or null")
     if image:
         description["background"] = str(path.parent / image)
-    if base is None:
-        return {"name": path.stem} | description
     if path.resolve() in below:
         raise ConfigError(f"{path}: extends itself")
-    found = read(sensor_file(base, path.parent), (*below, path.resolve()))
+    found = read(sensor_file(base, path.parent), (*below, path.resolve())) if base else {}
     return found | {"name": path.stem} | description
-
-
-def background_file(path: Path) -> str | None:
-    """The image of the untouched gel that a sensor's file names; None if it names none. Raises as `read` does."""
-    return read(path).get("background")
 
 
 def read_background(path: Path | str, resolution: Sequence[int]) -> np.ndarray:

@@ -38,7 +38,7 @@ def test_info_of_a_run_and_of_an_object(built, capsys):
     assert main(["info", str(built)]) == 0
     said = capsys.readouterr().out
     assert f"{built}: 3 objects" in said and "ball: train 1, validation 1" in said
-    assert "r, r) (3, 2, 4, 100, 100) float32 m" in said
+    assert "r, c) (3, 2, 4, 100, 100) float32 m" in said
     assert main(["info", str(built), "block-0000"]) == 0
     said = capsys.readouterr().out
     record = palpate.Dataset(built)["block-0000"]

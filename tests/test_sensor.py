@@ -20,7 +20,7 @@ def test_the_digit_is_the_papers_and_its_lights_as_documented():
     assert DIGIT.gel_radius is DIGIT.smoothing is DIGIT.background is None and DIGIT.diffuse == 255
     angles, radius = np.deg2rad([-90, 30, 150]), np.sqrt(2) * PUBLISHED["range"]
     expected = np.stack([radius * np.cos(angles), radius * np.sin(angles), np.full(3, PUBLISHED["range"])], axis=1)
-    np.testing.assert_array_equal(DIGIT.light_positions, expected)
+    np.testing.assert_array_equal([place for place, *_ in DIGIT.lamps], expected)
     # At the centre of an untouched reading, on the gel, the directions to the lights are orthogonal.
     towards = expected / np.linalg.norm(expected, axis=1, keepdims=True)
     np.testing.assert_allclose(towards @ towards.T, np.eye(3), atol=1e-15)
@@ -83,7 +83,7 @@ def test_an_own_sensor_is_a_file_and_its_background_an_image_beside_it(own, tmp_
     assert found.name == "mine" and found.background.shape == (40, 40, 3)
     np.testing.assert_array_equal(found.background[7, 9], (10, 200, 30))
     assert found.description()["background"] is True
-    assert sensor.background_file(tmp_path / "own.yaml") == str(tmp_path / "gel.png")
+    assert sensor.read(tmp_path / "own.yaml")["background"] == str(tmp_path / "gel.png")
 
 
 def test_a_sensor_may_extend_another_and_be_rectangular(tmp_path):
@@ -120,13 +120,16 @@ def test_stores_of_before_rectangles_are_read():
         ({"range": 0.015}, "range 0.015 m does not reach the gel's face on the hand, gel_face 0.019273 m"),
         ({"resolution": [100]}, "resolution: .100. is too short"),
         ({"lights": []}, "lights"),
-        ({"lights": [{"colour": [1, 0, 0]}]}, "lights.0: expected a position or a direction"),
+        ({"lights": [{"colour": [1, 0, 0]}]}, "lights.0: expected a position, or a direction"),
         ({"lights": [{"colour": [1, 0], "position": [0, 0, 1]}]}, r"lights.0.colour: .1, 0. is too short"),
-        ({"lights": [{"colour": [1, 0, 0], "direction": [0, 0, 0]}]}, "lights.0.direction: 0 is not a direction"),
+        (
+            {"lights": [{"colour": [1, 0, 0], "direction": [0, 0, 0]}]},
+            "lights.0: expected a position, or a direction that is not 0",
+        ),
         ({"extends": "digitt"}, "digitt: no such file; sensors by name are digit"),
-        ({"extends": 1}, "extends: expected a name"),
+        ({"extends": 1}, "extends: expected the path"),
         ({"background": "nowhere.png"}, "nowhere.png: can't be read as the image"),
-        ({"background": True}, "background: expected the path of an image"),
+        ({"background": True}, "background: expected the path of a file"),
     ],
 )
 def test_a_sensor_that_cannot_be_is_named_with_its_file(own, changed, message):

@@ -16,7 +16,7 @@ import torch
 from torch import Tensor
 
 from palpate.mesh import DIAGONAL, OBJECT_POSITION
-from palpate.sensor import DIGIT
+from palpate.sensor import DIGIT, Size
 
 ATLAS_RADIUS = 0.26  # m, around the object's centre (the published atlas)
 VISION_CHARTS = 96
@@ -203,9 +203,8 @@ def sphere() -> tuple[Tensor, Tensor]:
 
 @cache
 @torch.inference_mode(False)  # kept for all later uses, whatever the first one
-def touch_chart(size: tuple[float, float] = DIGIT.size) -> TouchChart:
-    """The sheet of 9 x 9 vertices over the whole plane of a sensor of a size (height, width), metres. Its faces are any
-    sensor's."""
+def touch_chart(size: Size = DIGIT.size) -> TouchChart:
+    """The sheet of 9 x 9 vertices over the whole plane of a sensor of a size. Its faces are any sensor's."""
     z, y = torch.meshgrid(*(torch.linspace(-edge / 2, edge / 2, TOUCH_SIDE) for edge in size), indexing="ij")
     corner = (torch.arange(TOUCH_SIDE - 1)[:, None] * TOUCH_SIDE + torch.arange(TOUCH_SIDE - 1)).ravel()
     right, below = corner + 1, corner + TOUCH_SIDE

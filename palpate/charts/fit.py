@@ -12,7 +12,7 @@ from palpate.charts.atlas import TOUCH_SIDE, touch_chart
 from palpate.charts.chamfer import build_tree, chamfer_distance
 from palpate.charts.sample import sample_faces
 from palpate.protocol import CHAMFER_SCALE
-from palpate.sensor import DIGIT
+from palpate.sensor import DIGIT, Size
 
 STOP = 0.0006 / CHAMFER_SCALE  # square metres: the supplement's loss to stop at, in the tables' unit
 
@@ -30,13 +30,7 @@ def spread(valid: Tensor, count: int) -> Tensor:
     return torch.where(total > 0, found, 0)
 
 
-def fit_direct(
-    depth: Tensor,
-    valid: Tensor,
-    position: Tensor,
-    rotation: Tensor,
-    size: tuple[float, float] = DIGIT.size,
-) -> Tensor:
+def fit_direct(depth: Tensor, valid: Tensor, position: Tensor, rotation: Tensor, size: Size = DIGIT.size) -> Tensor:
     """Touch charts of height fields, by resampling: nine of the pixel rows that hold contact, evenly spread,
     and in each of them nine of its pixels in contact. Every vertex is a point of the cloud.
 
@@ -44,7 +38,7 @@ def fit_direct(
         depth: (k, r, c) metres from the sensor plane at the centres of pixels; used where valid.
         valid: (k, r, c) bool, pixels in contact, one or more each.
         position: (k, 3) metres and rotation: (k, 3, 3) of the sensors; columns are the frame's axes.
-        size: (height, width) of the sensors, metres.
+        size: of the sensors.
 
     Returns: (k, 81, 3) in the frame and type of the positions, vertices ordered as in `touch_chart()`.
 
@@ -78,7 +72,7 @@ def fit_adam(
     stop: float = STOP,
     samples: int = 2000,
     generator: torch.Generator | None = None,
-    size: tuple[float, float] = DIGIT.size,
+    size: Size = DIGIT.size,
 ) -> Tensor:
     """Touch charts by the paper's optimisation (supplement, "Converting Point Clouds to Charts").
 
@@ -94,7 +88,7 @@ def fit_adam(
         samples: points on each sheet a step. With so few that their own spacing exceeds `stop`, it is
             never reached: 1,000 are too few for the supplement's (docs/charts.md).
         generator: of the samples; the default one if None.
-        size: (height, width) of the sensors, metres.
+        size: of the sensors.
 
     Returns: (k, 81, 3), vertices ordered as in `touch_chart()`; of the step with the lowest loss if it did
     not fall below `stop`.

@@ -20,7 +20,7 @@ from torch import Tensor
 from palpate import store
 from palpate.evaluation.metrics import squared_distances
 from palpate.protocol import RINGS
-from palpate.sensor import DIGIT, Sensor
+from palpate.sensor import DIGIT, Sensor, Size
 from palpate.surface.embree import RayMesh
 
 log = logging.getLogger(__name__)
@@ -37,8 +37,8 @@ RING = np.ceil(2 * np.maximum(*np.abs(np.meshgrid(_SIDE, _SIDE)))).astype(int)
 
 
 @cache
-def plane(size: tuple[float, float]) -> np.ndarray:
-    """(10000, 3) the grid on the plane of a sensor of a size (height, width), metres; sensor frame, row-major."""
+def plane(size: Size) -> np.ndarray:
+    """(10000, 3) the grid on the plane of a sensor of a size, sensor frame, row-major."""
     z, y = np.meshgrid(*(_SIDE * edge for edge in size), indexing="ij")
     return np.stack([np.zeros(GRID**2), y.ravel(), z.ravel()], axis=1)
 

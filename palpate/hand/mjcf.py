@@ -8,11 +8,11 @@ from xml.etree import ElementTree
 
 import mujoco
 import numpy as np
-import yaml
 from scipy.spatial.transform import Rotation
 
-from palpate.configuration import ConfigError, check
+from palpate.configuration import ConfigError, check, read_yaml
 from palpate.hand.hand import Hand, rotation_about
+from palpate.hand.model import MUJOCO_GEOM
 from palpate.sensor import DIGIT, Sensor
 
 log = logging.getLogger(__name__)
@@ -23,14 +23,7 @@ DEGREES = 'does `<compiler angle="..."/>` say degree or radian rightly?'
 OPEN_TOLERANCE = 1e-3  # rad, of a slide m: an `open` that was rounded
 ON_GEL = 0.002  # m that a stated gel's face may be off the link's surface
 
-GEOM_KIND = {
-    mujoco.mjtGeom.mjGEOM_BOX: "box",
-    mujoco.mjtGeom.mjGEOM_SPHERE: "sphere",
-    mujoco.mjtGeom.mjGEOM_CAPSULE: "capsule",
-    mujoco.mjtGeom.mjGEOM_CYLINDER: "cylinder",
-    mujoco.mjtGeom.mjGEOM_ELLIPSOID: "ellipsoid",
-    mujoco.mjtGeom.mjGEOM_MESH: "mesh",
-}
+GEOM_KIND = {geom: kind for kind, geom in MUJOCO_GEOM.items()}
 
 
 def from_mjcf(path: Path | str, sensors: Mapping | Path | str, gel_face: float = DIGIT.gel_face) -> Hand:
@@ -58,13 +51,8 @@ def from_mjcf(path: Path | str, sensors: Mapping | Path | str, gel_face: float =
     coupled joints, unlimited joints, degrees for radians, another size than a hand's; naming the file of the sensors,
     for a key or a name in it that is wrong, and positions of the open hand out of range.
     """
-    path, named, description = Path(path), f"the sensors of {path}", sensors
-    if not isinstance(sensors, Mapping):
-        named = str(sensors)
-        try:
-            description = yaml.safe_load(Path(sensors).read_text(encoding="utf-8"))
-        except (yaml.YAMLError, UnicodeDecodeError) as error:
-            raise ConfigError(f"{named}: can't be read as YAML: {error}") from None
+    path, given = Path(path), isinstance(sensors, Mapping)
+    named, description = (f"the sensors of {path}", sensors) if given else (str(sensors), read_yaml(sensors))
     check(description, SCHEMA, named)
     try:
         return _Reader(mujoco.MjModel.from_xml_path(str(path)), path, named).hand(description, gel_face)
@@ -75,25 +63,21 @@ def from_mjcf(path: Path | str, sensors: Mapping | Path | str, gel_face: float =
 
 
 def check_files(model: Path | str, sensors: Path | str, sensor: Sensor) -> list[str]:
-    """Read an own hand's two files as `from_mjcf` does; sentences about what is likely a mistake in them.
-
-    These are sensors whose gel's face, as stated, is not where the surface of their link is: there a finger stops.
-    """
-    hand = from_mjcf(model, sensors, sensor.gel_face)
-    found = []
+    """Read an own hand's two files as `from_mjcf` does. Returns a sentence for each sensor whose gel's face, as stated,
+    is not where the surface of its link is: there a finger stops."""
+    hand, found = from_mjcf(model, sensors, sensor.gel_face), []
     for name, distance in zip(hand.sensor_names, hand.contact_distance(), strict=True):
         off = distance - sensor.gel_face
-        where = f"{sensors}: sensor {name!r}: the surface of its link is {1e3 * abs(off):.0f} mm"
-        if not distance:
+        where = (
+            f"{1e3 * abs(off):.0f} mm {'beyond' if off > 0 else 'behind'} its gel's face"
+            if distance
+            else "not on its x"
+        )
+        where += f", out of the range of {sensor.name}" * bool(distance > sensor.range)
+        if abs(off) > ON_GEL:
             found.append(
-                f"{sensors}: sensor {name!r}: x meets no colliding geom of its link: x has to point out of the gel"
+                f"{sensors}: sensor {name!r}: the surface of its link is {where}; a site is in that face, x out of it"
             )
-        elif distance > sensor.range:
-            found.append(
-                f"{where} beyond the gel's face, out of the range of sensor {sensor.name}: it can hardly touch"
-            )
-        elif abs(off) > ON_GEL:
-            found.append(f"{where} {'beyond' if off > 0 else 'behind'} the gel's face: positions are of that face")
     return found
 
 
@@ -207,15 +191,16 @@ class _Reader:
     def _open(self, given: Sequence[float] | None, limits: np.ndarray) -> np.ndarray:
         """(J,) joint positions of the open hand."""
         start = np.asarray(self.reference if given is None else given, dtype=float)
-        if start.shape != (len(self.joints),):
+        names = [self.links[joint[0]][0] for joint in self.joints]
+        if start.shape != (len(names),):
             raise ConfigError(
-                f"{self.named}: `open` has {start.size} joint positions, the hand has {len(self.joints)} joints"
+                f"{self.named}: `open` has {start.size} joint positions, the hand has {len(names)} joints"
             )
-        for (link, *_), position, (low, high) in zip(self.joints, start, limits, strict=True):
+        for name, position, (low, high) in zip(names, start, limits, strict=True):
             if given is not None and not low - OPEN_TOLERANCE <= position <= high + OPEN_TOLERANCE:
                 raise ConfigError(
-                    f"{self.named}: `open`: {position:g} of the joint of {self.links[link][0]!r} is not within its "
-                    f"range, {low:g} to {high:g}: give radians, of slides metres"
+                    f"{self.named}: `open`: {position:g} is out of the range of {name!r}, {low:g} to {high:g}: give "
+                    "radians, of slides metres"
                 )
         return start
 

@@ -1,12 +1,10 @@
 """The picture of a hand with its sensor frames, to be looked at before a run.
 
-python -m palpate.results.hand_sheet --hand config/hands/wsg50.xml config/hands/wsg50.yaml --output hand.png
+python -m palpate.results.hand_sheet config/hands/wsg50.xml config/hands/wsg50.yaml digit docs/images/hand.png
+python -m palpate.results.hand_sheet dome360 hand.png      the Allegro
 """
 
-import argparse
 import sys
-from collections.abc import Sequence
-from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -15,7 +13,6 @@ from matplotlib.patches import Polygon
 from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection
 from scipy.spatial import ConvexHull
 
-from palpate.configuration import ConfigError
 from palpate.hand import Hand, allegro, from_mjcf
 from palpate.results.page import COLOURS, FAINT, INK, LABEL, PALE, TITLE, new_figure, save, styled
 from palpate.sensor import Sensor, load
@@ -114,26 +111,7 @@ def _rectangle(sensor: Sensor, x: float) -> np.ndarray:
     return np.column_stack([np.full(4, x), corners])
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """The command; returns its exit status."""
-    parser = argparse.ArgumentParser(
-        prog="python -m palpate.results.hand_sheet", description="Draw a hand with the frames of its touch sensors."
-    )
-    parser.add_argument(
-        "--hand", nargs=2, metavar=("MODEL", "SENSORS"), help="an own hand's two files; default: the Allegro"
-    )
-    parser.add_argument("--sensor", default="digit", help="one that is shipped, or the path of its file")
-    parser.add_argument("--output", type=Path, required=True, help="the picture, .png")
-    asked = parser.parse_args(arguments)
-    try:
-        sensor = load(asked.sensor)
-        hand = from_mjcf(*asked.hand, sensor.gel_face) if asked.hand else allegro(sensor.gel_face)
-        save(hand_figure(hand, sensor), asked.output)
-    except (ConfigError, ValueError, OSError) as error:
-        print(error, file=sys.stderr)
-        return 1
-    return 0
-
-
 if __name__ == "__main__":
-    sys.exit(main())
+    *files, name, output = sys.argv[1:]
+    kind = load(name)
+    save(hand_figure(from_mjcf(*files, kind.gel_face) if files else allegro(kind.gel_face), kind), output)

@@ -9,10 +9,10 @@ one unit the normal is the surface's true normal.
 import numpy as np
 from scipy.ndimage import gaussian_filter
 
-from palpate.sensor import DIGIT, Sensor
+from palpate.sensor import DIGIT, Sensor, Size
 
 # Of the default sensor: P_r, P_g, P_b (3, 3) as (y, z, height above the undeformed surface), metres; and lambda.
-LIGHTS, DIFFUSE = DIGIT.light_positions, DIGIT.diffuse
+LIGHTS, DIFFUSE = np.stack([place for place, *_ in DIGIT.lamps]), DIGIT.diffuse
 
 
 def impression(depth: np.ndarray, sensor: Sensor = DIGIT) -> np.ndarray:
@@ -24,7 +24,7 @@ def impression(depth: np.ndarray, sensor: Sensor = DIGIT) -> np.ndarray:
     return np.maximum(reach - depth, 0)
 
 
-def normals(height: np.ndarray, pixel: tuple[float, float] = DIGIT.pixel) -> np.ndarray:
+def normals(height: np.ndarray, pixel: Size = DIGIT.pixel) -> np.ndarray:
     """Unit normals [-dD'/dx, -dD'/dy, 1] / |.| of surfaces (..., r, c): (..., r, c, 3), float32.
 
     Central differences inside, one-sided at the border; first component along the columns (the sensor's y).
@@ -95,8 +95,8 @@ def lit(height: np.ndarray, normal: np.ndarray, sensor: Sensor = DIGIT) -> np.nd
     """
     rows, columns = (centres.astype(np.float32) for centres in sensor.pixel_centres)
     light = np.zeros((*height.shape, 3), dtype=np.float32)
-    lamps = zip(sensor.light_positions.astype(np.float32), sensor.light_colours, sensor.lights_far, strict=True)
-    for (y, z, up), colour, far in lamps:
+    for place, colour, far in sensor.lamps:
+        y, z, up = place.astype(np.float32)
         if not far:
             y, z, up = y - columns[None, :], z - rows[:, None], up - height
         cosine = normal[..., 0] * y + normal[..., 1] * z + normal[..., 2] * up

@@ -10,7 +10,7 @@ from palpate.charts import build_tree, one_sided_distance, plane_normals, sample
 from palpate.models import Reconstruction
 from palpate.models.single_image import occupied
 from palpate.protocol import CHAMFER_SCALE
-from palpate.sensor import DIGIT, pixel_centres
+from palpate.sensor import DIGIT, Size, pixel_centres
 
 # Squared difference of a pixel to the untouched reading, summed over colours in [0, 1], above which it counts
 # as touched (supplement, "Optimization Details" of local touch charts).
@@ -111,7 +111,7 @@ def touched(reading: Tensor, empty: Tensor) -> Tensor:
     return (reading - empty).square().sum(dim=-3) > TOUCHED
 
 
-def sheet(depth: Tensor, size: tuple[float, float] = DIGIT.size) -> Tensor:
+def sheet(depth: Tensor, size: Size = DIGIT.size) -> Tensor:
     """Depths (..., r, c) as points (..., r, c, 3) in the frame of a sensor of a size (height, width), metres: x the
     depth, y along columns, z along rows."""
     centres = [torch.from_numpy(line).to(depth) for line in map(pixel_centres, depth.shape[-2:], size)]
@@ -125,7 +125,7 @@ def touch_depth_loss(
     depth: Tensor,
     n: int | None,
     generator: torch.Generator,
-    size: tuple[float, float] = DIGIT.size,
+    size: Size = DIGIT.size,
 ) -> Tensor:
     """Chamfer distance between the predicted and the true local cloud of each touch (paper, section 3.2).
 
@@ -136,7 +136,7 @@ def touch_depth_loss(
         valid: (B, r, c) bool, the pixels whose prediction counts; at least one of each touch.
         depth: (B, r, c) true depth, +inf where nothing is in range.
         n: points of either cloud that look for the nearest of all in the other; None: all.
-        size: (height, width) of the sensors, metres.
+        size: of the sensors.
 
     Returns: (B,), differentiable in `predicted`.
 

@@ -11,7 +11,7 @@ from palpate.charts import fit
 from palpate.charts.atlas import TOUCH_VERTICES
 from palpate.dataset import Dataset
 from palpate.models import TouchDepth
-from palpate.sensor import DIGIT, Sensor
+from palpate.sensor import DIGIT, Sensor, Size
 from palpate.training.data import TrainingDataError
 from palpate.training.losses import sheet, touched
 
@@ -123,9 +123,7 @@ def predict_depth(model: TouchDepth, reading: Tensor, empty: Tensor) -> tuple[Te
     return model(reading).float(), valid
 
 
-def fit_charts(
-    depth: Tensor, valid: Tensor, position: Tensor, rotation: Tensor, method: str, size: tuple[float, float]
-) -> Tensor:
+def fit_charts(depth: Tensor, valid: Tensor, position: Tensor, rotation: Tensor, method: str, size: Size) -> Tensor:
     """Charts (k, 81, 3) fitted to predicted depths (k, r, c) of sensors of a size (m) at the valid pixels; world."""
     if method == "direct":
         return fit.fit_direct(depth, valid, position, rotation, size)

@@ -13,6 +13,7 @@ from trimesh.visual.material import PBRMaterial
 
 from palpate.dataset import GraspRecord, ObjectRecord
 from palpate.mesh import OBJECT_POSITION, mesh_file
+from palpate.sensor import Size
 from palpate.vision.image import linear
 from palpate.vision.meshes import link_mesh
 
@@ -116,7 +117,7 @@ def _coloured(prediction: trimesh.Trimesh) -> trimesh.Trimesh:
     return _with_colours(prediction.copy(), np.asarray(prediction.visual.vertex_colors)[:, :3] / 255)
 
 
-def _gel(reading: np.ndarray, size: tuple[float, float]) -> trimesh.Trimesh:
+def _gel(reading: np.ndarray, size: Size) -> trimesh.Trimesh:
     """The sensor plane, in the sensor's frame, with the reading on it: columns along y, rows along z."""
     y, z = np.array([[-1, 1, 1, -1], [-1, -1, 1, 1]]) * np.array(size)[::-1, None] / 2
     # trimesh has (0, 0) at the picture's lower left corner.

@@ -99,7 +99,7 @@ def test_arrays_are_joined_over_batches_in_the_order_of_the_view(built):
         with pytest.raises(IndexError):
             depth[index]
     assert depth.size == expected.size and depth.nbytes == expected.nbytes
-    assert depth.attrs["unit"] == "m" and depth.attrs["axes"] == "(o, g, s, r, r)" and depth.attrs["seed"] == 0
+    assert depth.attrs["unit"] == "m" and depth.attrs["axes"] == "(o, g, s, r, c)" and depth.attrs["seed"] == 0
     turned = dataset.select(["ball-0002", "ball-0000"]).array("surface", "points")
     np.testing.assert_array_equal(turned, [dataset["ball-0002"].points, dataset["ball-0000"].points])
     with pytest.raises(KeyError, match="no rows"):
@@ -209,7 +209,7 @@ def test_names_are_complete_and_help_has_units_and_shapes(built):
             shape = ", ".join(str(axis) for axis in axes if axis != "k")  # a record has one camera
             said = text.split(f"\n |  {name}\n")[1].split("\n |  \n")[0]
             assert f"({shape}" in said and f"{spec.dtype}, {spec.unit}".rstrip(", ") in said, name
-    assert "(s, r, r, 3) uint8, RGB" in grasp and "(count, 3) float32, m" in grasp
+    assert "(s, r, c, 3) uint8, RGB" in grasp and "(count, 3) float32, m" in grasp
 
 
 def test_opening_a_run_with_tables_of_rejections_opens_no_store(run, monkeypatch):

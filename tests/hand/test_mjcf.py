@@ -200,7 +200,7 @@ def test_a_hand_in_millimetres_is_named_with_the_file(model_file):
         ({"sensors": [{"site": "left_low", "body": "palm"}]}, "expected a site, or a body with a position"),
         ({"sensors": [{"position": [0, 0, 0]}]}, "expected a site, or a body with a position"),
         ({"sensors": [{"body": "left_end", "rotation": [0, 90, 0]}]}, "give radians, not degrees"),
-        ({"open": [0, 45, 0, 0, 0]}, "45 of the joint of 'left' is not within its range, -0.26.* to 1.57"),
+        ({"open": [0, 45, 0, 0, 0]}, "45 is out of the range of 'left', -0.26.* to 1.57"),
         ({"open": [0, 0]}, "`open` has 2 joint positions, the hand has 5 joints"),
         ({"palm": "left_end", "anchor": None}, "'right_end' is not on the hand"),
     ],
@@ -242,10 +242,14 @@ def test_a_gel_that_is_not_on_its_link_is_named(model_file, tmp_path):
     site = 'pos="0.0406 0 0" xyaxes="0 0 -1 0 1 0"'
     assert site in text
     for changed, message in {
-        site.replace(" 0 0", " 0 0.003", 1): "'upper_gel': the surface of its link is 3 mm beyond the gel's face: pos",
-        site.replace(" 0 0", " 0 0.024", 1): "'upper_gel': the surface of its link is 24 mm beyond .*out of the range",
-        site.replace(" 0 0", " 0 -0.01", 1): "'upper_gel': the surface of its link is 10 mm behind the gel's face",
-        site.replace(" 0 0", " 0.05 0", 1): "'upper_gel': x meets no colliding geom",
+        site.replace(
+            " 0 0", " 0 0.003", 1
+        ): "'upper_gel': the surface of its link is 3 mm beyond its gel's face; a site",
+        site.replace(
+            " 0 0", " 0 0.024", 1
+        ): "'upper_gel': the surface of its link is 24 mm beyond its gel's face, out of the range of digit",
+        site.replace(" 0 0", " 0 -0.01", 1): "'upper_gel': the surface of its link is 10 mm behind its gel's face",
+        site.replace(" 0 0", " 0.05 0", 1): "'upper_gel': the surface of its link is not on its x",
     }.items():
         (tmp_path / "hand.xml").write_text(text.replace(site, changed))
         (found,) = check_files(tmp_path / "hand.xml", shipped[1], DIGIT)

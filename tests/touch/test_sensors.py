@@ -57,7 +57,7 @@ def test_a_round_gel_shades_its_own_shape_and_nothing_beside_it():
     y, z = DOME.pixel_centres[1][column], DOME.pixel_centres[0][row]
     normal = np.array([-y, -z, np.sqrt(0.01**2 - y**2 - z**2)]) / 0.01
     height = 0.01 - np.sqrt(0.01**2 - y**2 - z**2)
-    towards = DOME.light_positions - [y, z, height]
+    towards = np.array([place for place, *_ in DOME.lamps]) - [y, z, height]
     cosine = towards @ normal / np.linalg.norm(towards, axis=1)
     np.testing.assert_allclose(empty[row, column], np.maximum(255 * cosine, 0), atol=2)
     # What is pressed in flat is shaded as a flat gel there.
@@ -146,10 +146,7 @@ def test_lights_of_any_number_place_and_colour_add_up():
 
 
 def test_the_default_ring_of_lights_is_three_lights_of_one_colour_each():
-    ring = [
-        {"position": place.tolist(), "colour": colour}
-        for place, colour in zip(DIGIT.light_positions, np.eye(3).tolist(), strict=True)
-    ]
+    ring = [{"position": place.tolist(), "colour": colour.tolist()} for place, colour, _ in DIGIT.lamps]
     same = Sensor.from_description(DIGIT.description() | {"lights": ring})
     depth = RayCaster(trimesh.creation.icosphere(subdivisions=2, radius=0.02).apply_translation((0.042, 0, 0))).trace(
         *POSE

@@ -84,7 +84,7 @@ try:
     HAND = config["grasps"]["hand"]
     HAND = HAND and {key: absolute(path, PROJECT) for key, path in HAND.items()}
     SENSOR = sensor.load(config["touch"]["sensor"], PROJECT)
-    SENSOR_BACKGROUND = sensor.background_file(sensor.sensor_file(config["touch"]["sensor"], PROJECT)) or []
+    SENSOR_BACKGROUND = sensor.read(sensor.sensor_file(config["touch"]["sensor"], PROJECT)).get("background") or []
     if SOURCE["kind"] == "released" and SENSOR.misfit(sensor.DIGIT):
         raise ConfigError("config touch.sensor: the released data are of the DIGIT: leave it `digit`")
     if config["grasps"]["per_object"] > config["grasps"]["attempts"]:
