@@ -57,6 +57,7 @@ onstart:
     check_environment()
     take_folder()
     take_terminal()
+    take_signals()
     schedule_at_events()
 
 

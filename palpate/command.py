@@ -1,5 +1,6 @@
-"""The command `palpate`: look at a run, use its models, check it, hand it on. Snakemake makes runs.
+"""The command `palpate`: check a config, look at a run, use its models, hand it on. Snakemake makes runs.
 
+palpate check mine.yaml                 in seconds: meshes, sizes, splits, the hand, one object through every stage
 palpate view results/mine mug-01        an HTML page to turn with the mouse; without an object, a page of all
 palpate info results/mine               what a run holds
 palpate validate results/mine           every file and array against what it should be
@@ -10,6 +11,7 @@ palpate export results/mine shared      the run as WebDataset, or as Parquet and
 import argparse
 import sys
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 
 import palpate
@@ -24,7 +26,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     commands = parser.add_subparsers(dest="command", required=True, metavar="command")
     for name, (declare, text, _) in COMMANDS.items():
         own = commands.add_parser(name, help=text, description=f"{text[0].upper()}{text[1:]}.")
-        own.add_argument("run", type=Path, help="the run's folder, for example results/default")
+        if name != "check":
+            own.add_argument("run", type=Path, help="the run's folder, for example results/default")
         declare(own)
     asked = parser.parse_args(arguments)
     try:
@@ -32,6 +35,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except (ValueError, LookupError, OSError, ImportError) as error:
         print(_said(error), file=sys.stderr)
         return 1
+    except KeyboardInterrupt:
+        print("\ninterrupted; the same command starts again", file=sys.stderr)
+        return 130
 
 
 def _said(error: Exception) -> str:
@@ -40,6 +46,20 @@ def _said(error: Exception) -> str:
     if isinstance(error, OSError):
         return plain(error)
     return str(error.args[0]) if isinstance(error, KeyError) else str(error)
+
+
+def _declare_check(parser: Parser) -> None:
+    parser.add_argument("config", type=Path, nargs="*", help="overlays, as --configfile takes them (default: none)")
+    parser.add_argument("--object", help="the one that is taken through every stage (default: one that is soon done)")
+    parser.add_argument("--output", type=Path, metavar="PNG", help="the picture (default: results/<run>/check.png)")
+
+
+def check(asked: argparse.Namespace) -> int:
+    """Look at a config before its run."""
+    from palpate.check import check_config
+
+    check_config(asked.config, asked.object, asked.output, partial(print, flush=True))
+    return 0
 
 
 def _declare_model(parser: Parser) -> None:
@@ -180,6 +200,7 @@ def export(asked: argparse.Namespace) -> int:
 
 
 COMMANDS: dict[str, tuple[Callable[[Parser], None], str, Callable[[argparse.Namespace], int]]] = {
+    "check": (_declare_check, "check a config and its meshes before a run, and draw the hand and one object", check),
     "view": (_declare_view, "write pages that show objects, hands, touches and predictions", view),
     "reconstruct": (_declare_reconstruct, "reconstruct an object of a run with one of the run's models", reconstruct),
     "validate": (_declare_validate, "check every file and array of a run", validate),

@@ -1,8 +1,8 @@
-"""Config files and tables are checked against a JSON schema before anything runs."""
+"""Config files are read as Snakemake reads them. They and tables are checked against a JSON schema before a run."""
 
 import difflib
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -24,12 +24,43 @@ class ConfigError(ValueError):
 def absolute(path: Path | str, project: Path | str) -> str:
     """A path of the config: `~` is the user's home folder, a relative one is the project's.
 
-    Raises `ConfigError` for the home folder of a user that there is none of.
+    Raises `ConfigError` for the home folder of an unknown user.
     """
     try:
         return str(Path(project) / Path(path).expanduser())
     except RuntimeError as error:
         raise ConfigError(f"{path}: {error}: write the path out") from None
+
+
+def merge(config: dict[str, Any], overlay: Mapping[str, Any]) -> dict[str, Any]:
+    """Put an overlay's keys into a config, and return it: sections key by key, all else in place of what was there.
+
+    As `--configfile` does it (`snakemake.utils.update_config`): lists are replaced, an empty section changes nothing.
+    """
+    for key, value in overlay.items():
+        if isinstance(value, Mapping):
+            below = config.get(key, {})
+            config[key] = merge(below if isinstance(below, dict) or not value else {}, value)
+        else:
+            config[key] = value
+    return config
+
+
+def read_config(default: Path | str, overlays: Sequence[Path | str]) -> dict[str, Any]:
+    """The config that `--configfile <overlays>` gives: the overlays one over the other, and these over the default.
+
+    Raises `ConfigError` for a file that is missing, or is not YAML with keys at its top level.
+    """
+    read, over = [], {}
+    for path in (default, *overlays):
+        if not Path(path).is_file():
+            raise ConfigError(f"{path}: no such file: name the config file of a run")
+        read.append(read_yaml(path))
+        if not isinstance(read[-1], dict):
+            raise ConfigError(f"{path}: expected keys of a config at the top level, as `run: mine`")
+    for each in read[1:]:
+        merge(over, each)
+    return merge(read[0], over)
 
 
 def typed(value: Any) -> Any:
@@ -50,7 +81,7 @@ def read_yaml(path: Path | str) -> Any:
     try:
         return yaml.safe_load(Path(path).read_text(encoding="utf-8"))
     except (yaml.YAMLError, UnicodeDecodeError) as error:
-        raise ConfigError(f"{path}: can't be read as YAML: {error}") from None
+        raise ConfigError(f"{path}: can't be read as YAML: {' '.join(str(error).split())}") from None
 
 
 def _say(error: jsonschema.ValidationError) -> Iterator[str]:
@@ -68,6 +99,8 @@ def _say(error: jsonschema.ValidationError) -> Iterator[str]:
     elif error.validator == "required":
         for key in sorted(set(error.validator_value) - set(error.instance)):
             yield f"{f'{where}.' if where else ''}{key}: missing"
+    elif isinstance(error.schema, dict) and "errorMessage" in error.schema:
+        yield f"{where}: {error.instance!r}: {error.schema['errorMessage']}"
     else:
         yield f"{where or 'top level'}: {error.message}"
 

@@ -14,6 +14,7 @@ import time
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
+from types import TracebackType
 from typing import NamedTuple, TextIO
 
 FILE_ERRORS = {"OSError", "PermissionError", "FileNotFoundError", "NotADirectoryError", "IsADirectoryError"}
@@ -21,6 +22,12 @@ SECONDS_BETWEEN_LINES = 60.0  # where the output is no terminal, and a line can'
 
 KILLED = re.compile(r"SIGKILL|exit status 137")
 KILLED_SAID = "it was killed, as the system does where memory is short: start again with fewer --cores"
+# What Snakemake adds at the end of a run, where jobs that failed have a line each and the time is told.
+SAID_AGAIN = re.compile(
+    r"(WorkflowError:\s+)?At least one job did not complete|Exiting because a job exec|Elapsed time: "
+)
+INTERRUPTED = "interrupted; the same command goes on"
+OVERDUE = 0.1  # share of its time so far that a job is taken to need still, if it has run longer than its rule's others
 
 
 class Failure(NamedTuple):
@@ -66,6 +73,14 @@ class Errors(logging.Filter):
         return True
 
 
+def excepthook(kind: type[BaseException], error: BaseException, traceback: TracebackType | None) -> None:
+    """As `sys.excepthook`, but an interrupt is one line."""
+    if issubclass(kind, KeyboardInterrupt):
+        print(INTERRUPTED, file=sys.stderr)
+    else:
+        sys.__excepthook__(kind, error, traceback)
+
+
 def last_line(path: Path | str) -> str:
     """The last line of a job's log that is not blank, without its traceback; empty if there is none."""
     try:
@@ -109,20 +124,26 @@ class Estimate:
     def seconds(self) -> float | None:
         """Seconds left; None as long as no job is done.
 
-        Each job that is left takes the mean time of its rule's, or of all if none of its rule is done. The jobs that
-        run side by side are those that have run so on average.
+        Each job that is left takes the mean time of its rule's, or of all if none of its rule is done. A running job
+        that has taken longer counts among its rule's with `OVERDUE` more than its time so far. The jobs that run side
+        by side are those that have run so on average, and the time left is at least that of the longest.
         """
         times = [each for times in self.took.values() for each in times]
         elapsed = self.now() - self.start
         if not times or elapsed <= 0:
             return None
-        mean = {rule: sum(times) / len(times) for rule, times in self.took.items()}
         overall = sum(times) / len(times)
+        mean = {rule: sum(took) / len(took) for rule, took in self.took.items()}
         ages = [(rule, self.now() - start) for rule, start in self.running.values()]
-        work = sum(count * mean.get(rule, overall) for rule, count in self.left.items() if count > 0)
-        work -= sum(min(age, mean.get(rule, overall)) for rule, age in ages)
+        for rule in {rule for rule, _ in ages}:
+            late = [(1 + OVERDUE) * age for each, age in ages if each == rule and age > mean.get(rule, overall)]
+            expected = self.took.get(rule, []) + late
+            mean[rule] = sum(expected) / len(expected) if expected else overall
+        left = [max(mean[rule] - age, OVERDUE * age) for rule, age in ages]
+        waiting = Counter(self.left) - Counter(rule for rule, _ in ages)
+        work = sum(left) + sum(count * mean.get(rule, overall) for rule, count in waiting.items())
         side_by_side = max(1.0, (sum(times) + sum(age for _, age in ages)) / elapsed)
-        return work / side_by_side
+        return max(work / side_by_side, *left, 0.0)
 
 
 class Progress(logging.Filter):
@@ -150,7 +171,8 @@ class Progress(logging.Filter):
         self.estimate, self.total = Estimate(jobs, now), sum(jobs.values())
         self.done, self.failures, self.outputs = 0, [], {}
         self.killed = False  # the job whose error comes next
-        self.rewrites, self.last = self.stream.isatty(), now()
+        self.interrupted = False
+        self.rewrites, self.began = self.stream.isatty(), time.time()
         self.lock, self.ended = threading.RLock(), threading.Event()
 
     def start(self) -> None:
@@ -161,6 +183,14 @@ class Progress(logging.Filter):
         while not self.ended.wait(1.0 if self.rewrites else SECONDS_BETWEEN_LINES):
             self.write()
 
+    def interrupt(self) -> None:
+        """The run is asked to end: from now on nothing of its jobs is written."""
+        self.interrupted = True
+        self.ended.set()
+        with self.lock:
+            self._clear()
+            print("stopping the jobs that run", file=self.stream, flush=True)
+
     def stop(self) -> None:
         """Write no more; the line is cleared."""
         self.ended.set()
@@ -170,6 +200,8 @@ class Progress(logging.Filter):
     def filter(self, record: logging.LogRecord) -> bool:
         event = getattr(record, "event", None)
         kind = str(getattr(event, "value", event))
+        if self.interrupted:
+            return record.msg == INTERRUPTED
         with self.lock:
             self._clear()
             if kind == "job_info":
@@ -186,7 +218,8 @@ class Progress(logging.Filter):
                     self.write()
                 return False
         if getattr(record, "exception", None) != "RuleException":
-            return record.levelno >= logging.WARNING or self.ended.is_set()
+            again = SAID_AGAIN.match(str(record.msg).strip())
+            return not again and (record.levelno >= logging.WARNING or self.ended.is_set())
         self.killed = bool(KILLED.search(str(record.msg)))  # else it has the job's command line, and no more
         return False
 
@@ -196,7 +229,8 @@ class Progress(logging.Filter):
         log = next(iter(record.log or []), "")
         output = next(iter(record.output or []), record.rule_name)
         executor = (getattr(record, "rule_msg", None) or "ended from outside").strip().splitlines()[0]  # a cluster's
-        said, self.killed = KILLED_SAID if self.killed else last_line(log) or executor, False
+        fresh = log and os.path.exists(log) and os.path.getmtime(log) >= self.began  # else of a run before
+        said, self.killed = KILLED_SAID if self.killed else (last_line(log) if fresh else "") or executor, False
         failure = Failure(record.rule_name, str(output), os.path.abspath(log) if log else "", said)
         self.failures.append(failure)
         print(failure_line(failure), file=self.stream, flush=True)
@@ -229,19 +263,16 @@ def failure_line(failure: Failure) -> str:
     return f"failed: {failure.rule} {failure.output}{said}" + (f" (log: {failure.log})" if failure.log else "")
 
 
-def end_lines(
-    folder: Path | str, of_objects: Iterable[str], failures: Sequence[Failure], jobs: int, seconds: float
-) -> list[str]:
-    """The lines at the end of a run: its objects, what failed, where its results are, how long it took.
+def end_lines(folder: Path | str, of_objects: Iterable[str], failed: int, jobs: int, seconds: float) -> list[str]:
+    """The lines at the end of a run: its objects, where its results are, how long it took. What failed stands above.
 
-    of_objects: `palpate.dataset.summary`'s. jobs: those that were done.
+    of_objects: `palpate.dataset.summary`'s. failed, jobs: how many jobs failed, and were done.
     """
     folder = Path(folder)
     places = [place for place in ("tables", "figures", "rejected.csv", "reports/validation.csv", "reports") if
               (folder / place).exists()]  # fmt: skip
     return [
         *of_objects,
-        *map(failure_line, failures),
         f"{folder}: {', '.join(places) or 'no table or report yet'}",
-        f"{jobs} jobs done{f', {len(failures)} failed' if failures else ''}, in {duration(seconds)}",
+        f"{jobs} jobs done{f', {failed} failed' if failed else ''}, in {duration(seconds)}",
     ]

@@ -16,7 +16,7 @@ ORDER = (
     *("checksums", "atomic", "lock", "locked", "terminal", "remedy", "batch", "configuration", "camera", "sensor"),
     *("mesh", "surface", "hand", "scene", "touch", "grasp", "vision", "shapes", "store", "released", "catalogue"),
     *("dataset", "protocol", "charts", "models", "training", "evaluation", "results"),
-    *("viewer", "interchange", "command"),
+    *("viewer", "interchange", "check", "command"),
 )
 # Packages that may import an engine: by the name that is imported.
 ENGINES = {

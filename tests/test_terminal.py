@@ -5,7 +5,17 @@ import logging
 
 import pytest
 
-from palpate.terminal import Errors, Estimate, Failure, Progress, duration, end_lines, last_line, unknown_target
+from palpate.terminal import (
+    INTERRUPTED,
+    Errors,
+    Estimate,
+    Progress,
+    duration,
+    end_lines,
+    excepthook,
+    last_line,
+    unknown_target,
+)
 
 
 class Clock:
@@ -51,6 +61,36 @@ def test_the_estimate_counts_what_a_running_job_has_done_and_no_failed_job():
     assert estimate.seconds() == pytest.approx(20 * 14 / 14, rel=0.5) and estimate.took == {"a": [10]}
 
 
+def test_the_estimate_moves_with_a_job_that_takes_longer_than_others():
+    """Trainings after quick jobs: 3 of a rule of which nothing is known, of which the first runs on and on."""
+    clock = Clock()
+    estimate = Estimate({"quick": 1, "train": 3}, clock)
+    estimate.begin(0, "quick")
+    clock.time = 2
+    estimate.end(0)
+    estimate.begin(1, "train")
+    found = []
+    for clock.time in (3, 12, 22, 62, 302):
+        found.append(estimate.seconds())
+    assert found[0] == pytest.approx(5)  # 1 of this one, two more like the quick one
+    assert found == sorted(set(found)) and found[-1] > 2 * 300  # the other two take as long
+    estimate.end(1)
+    assert estimate.seconds() == pytest.approx(2 * 300)
+
+
+def test_the_time_left_is_at_least_that_of_the_job_that_runs_last():
+    clock = Clock()
+    estimate = Estimate({"a": 5}, clock)
+    for job in range(4):
+        estimate.begin(job, "a")
+    clock.time = 100
+    for job in range(4):
+        estimate.end(job)
+    estimate.begin(4, "a")
+    clock.time = 110
+    assert estimate.seconds() == pytest.approx(90)  # though four ran side by side before
+
+
 @pytest.mark.parametrize(("seconds", "said"), [(12.4, "12 s"), (185, "3 min 5 s"), (4800, "1 h 20 min")])
 def test_durations_are_as_one_reads_them(seconds, said):
     assert duration(seconds) == said
@@ -80,6 +120,36 @@ def test_progress_is_one_line_and_a_failure_is_one_line(tmp_path):
     )
     progress.stop()
     assert progress.filter(record(None, logging.INFO, "the end"))
+
+
+def test_what_snakemake_says_again_at_the_end_is_omitted():
+    progress = Progress({"meshes": 1}, io.StringIO(), Clock())
+    progress.stop()
+    for text in (
+        "WorkflowError:\nAt least one job did not complete successfully.",
+        "Exiting because a job execution failed. Look above for error messages",
+        "Elapsed time: 0:00:21.319559",
+    ):
+        assert not progress.filter(record(None, logging.ERROR, text))
+    assert progress.filter(record(None, logging.INFO, "Complete log(s): x"))
+
+
+def test_an_interrupted_run_says_so_and_nothing_of_its_jobs():
+    stream = io.StringIO()
+    progress = Progress({"meshes": 1}, stream, Clock())
+    progress.interrupt()
+    failed = record("job_error", logging.ERROR, jobid=1, rule_name="meshes", output=["m"], log=[])
+    assert not progress.filter(failed) and not progress.failures
+    assert not progress.filter(record(None, logging.ERROR, "WorkflowError: x", exception="WorkflowError"))
+    assert progress.filter(record(None, logging.WARNING, INTERRUPTED))
+    assert stream.getvalue() == "stopping the jobs that run\n"
+
+
+def test_an_interrupt_before_the_run_is_one_line(capsys):
+    excepthook(KeyboardInterrupt, KeyboardInterrupt(), None)
+    assert capsys.readouterr().err == f"{INTERRUPTED}\n"
+    excepthook(ValueError, ValueError("as ever"), None)
+    assert "ValueError: as ever" in capsys.readouterr().err
 
 
 def test_a_job_that_the_system_killed_is_said_to_be(tmp_path):
@@ -131,13 +201,11 @@ def test_of_a_job_that_a_cluster_refuses_its_word_is_passed_on(tmp_path):
     assert [each.said for each in progress.failures] == [message.splitlines()[0], "ended from outside"]
 
 
-def test_the_end_names_objects_failures_places_and_time(tmp_path):
+def test_the_end_names_objects_places_and_time_and_counts_what_failed(tmp_path):
     (tmp_path / "tables").mkdir()
-    failure = Failure("meshes", "meshes/batch-0000", "/l/x.log", "ValueError: no")
-    lines = end_lines(tmp_path, ["objects: 3"], [failure], 7, 61)
+    lines = end_lines(tmp_path, ["objects: 3"], 1, 7, 61)
     assert lines == [
         "objects: 3",
-        "failed: meshes meshes/batch-0000: ValueError: no (log: /l/x.log)",
         f"{tmp_path}: tables",
         "7 jobs done, 1 failed, in 1 min 1 s",
     ]

@@ -8,6 +8,7 @@ from palpate.catalogue.batches import (
     resolve_batch_size,
     write_places,
 )
+from palpate.catalogue.companion_files import richness
 from palpate.catalogue.record import check_same_run, resolve_source, write_record
 from palpate.catalogue.sources import (
     UP_AXIS,
@@ -56,6 +57,7 @@ __all__ = [
     "read_places",
     "resolve_batch_size",
     "resolve_source",
+    "richness",
     "scan",
     "splits_of",
     "suggest_split",

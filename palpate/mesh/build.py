@@ -53,7 +53,7 @@ def build(
     faces = repaired.faces[repaired.keep]
     box = repaired.vertices[faces].min(axis=(0, 1)), repaired.vertices[faces].max(axis=(0, 1))
     centre, asked = (box[0] + box[1]) / 2, scale
-    diagonal, scale = _size(source, np.linalg.norm(box[1] - box[0]), asked)
+    diagonal, scale = size(source, np.linalg.norm(box[1] - box[0]), asked)
 
     for number, mesh in enumerate(parts):
         mine = part == number
@@ -94,7 +94,7 @@ def build(
     return record
 
 
-def _size(source, extent, asked):
+def size(source, extent, asked):
     """Diagonal (m) of an object's box and factor from its file's unit to metres; extent: the diagonal in that unit."""
     if asked == "diagonal":
         return DIAGONAL, DIAGONAL / extent

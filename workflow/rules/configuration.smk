@@ -1,13 +1,18 @@
 # What the config means for the workflow: checked first, then the run's folder, its objects and its batches.
+import contextlib
 import errno
 import gc
 import itertools
 import os
 import re
+import signal
 import sys
+import threading
+import time
 from collections import Counter
 from functools import cache
 
+import psutil
 import yaml
 from snakemake.io import contains_wildcard
 from snakemake.logging import logger
@@ -15,6 +20,7 @@ from snakemake.utils import update_config
 
 from palpate import atomic, catalogue, lock, locked, sensor, terminal
 from palpate.batch import QUIET
+from palpate.check import FILES, resolve
 from palpate.configuration import ConfigError, absolute, check, typed
 from palpate.training import inputs, recipes
 
@@ -26,6 +32,9 @@ os.environ.setdefault("IGL_NUM_THREADS", "1")
 # A plan is millions of Python objects that stay. To look for cycles among them again and again takes a sixth of the
 # time of planning 100,000 objects.
 gc.set_threshold(200_000, 50, 100)
+
+if workflow.is_main_process:
+    sys.excepthook = terminal.excepthook
 
 SCHEMAS = PROJECT / "workflow/schemas"
 CONDA = str(PROJECT / "envs/palpate.yaml")
@@ -49,11 +58,7 @@ def checked(path):
 given = workflow.config_settings.config or {}
 update_config(config, {key: typed(value) for key, value in given.items() if isinstance(value, (dict, list))})
 try:
-    check(
-        config,
-        SCHEMAS / "config.schema.yaml",
-        "the config (config/config.yaml with --configfile and --config)",
-    )
+    check(config, SCHEMAS / "config.schema.yaml", FILES)
     EXPERIMENTS = yaml.safe_load((PROJECT / "config/experiments.yaml").read_text())
     check(EXPERIMENTS, SCHEMAS / "experiments.schema.yaml", "config/experiments.yaml")
     for name, experiment in EXPERIMENTS["experiments"].items():
@@ -66,11 +71,9 @@ try:
         SCHEMAS / "recipes.schema.yaml",
     )
     RUN_FOLDER = str(Path(absolute(config["results"], PROJECT), config["run"]))
-    SOURCE = catalogue.resolve_source(config, PROJECT)
     if workflow.is_main_process:  # its jobs have been let in by it
         catalogue.check_same_run(RUN_FOLDER, config, PROJECT)
-    CLASS_COUNTS = catalogue.class_counts(config, SOURCE)
-    ENTRIES = catalogue.scan(SOURCE, CLASS_COUNTS)
+    SOURCE, CLASS_COUNTS, ENTRIES, HAND, SENSOR = resolve(config, PROJECT)
     for entry in ENTRIES:
         checked(f"{SOURCE['path']}/{entry.source}")
     BATCH_SIZE = catalogue.resolve_batch_size(config["batch_size"], len(ENTRIES), RUN_FOLDER)
@@ -81,19 +84,7 @@ try:
         batch: list(entries) for batch, entries in itertools.groupby(ENTRIES, lambda entry: PLACES[entry.object])
     }
     BATCHES = list(BATCH_ENTRIES)
-    HAND = config["grasps"]["hand"]
-    HAND = HAND and {key: absolute(path, PROJECT) for key, path in HAND.items()}
-    SENSOR = sensor.load(config["touch"]["sensor"], PROJECT)
     SENSOR_BACKGROUND = sensor.read(sensor.sensor_file(config["touch"]["sensor"], PROJECT)).get("background") or []
-    if SOURCE["kind"] == "released" and SENSOR.misfit(sensor.DIGIT):
-        raise ConfigError("config touch.sensor: the released data are of the DIGIT: leave it `digit`")
-    if config["grasps"]["per_object"] > config["grasps"]["attempts"]:
-        raise ConfigError("config grasps: attempts must be at least per_object")
-    if config["grasps"]["attempts"] > config["grasps"]["max_attempts"]:
-        raise ConfigError("config grasps: max_attempts must be at least attempts")
-    for path in (HAND or {}).values():
-        if not Path(path).is_file():
-            raise ConfigError(f"config grasps.hand: {path}: no such file")
     if HAND and workflow.is_main_process:
         from palpate import hand  # loads MuJoCo
 
@@ -104,8 +95,6 @@ try:
 
         scene.cameras(config["vision"])
         scene.lights(config["vision"])
-    if SOURCE["kind"] == "released" and config["vision"]["cameras"]:
-        raise ConfigError("config vision.cameras: a released dataset has the paper's camera: set it to null")
     TRAINING_MACHINE = {key: config["training"][key] for key in ("device", "devices", "precision")}
     TRAINING_GPUS = 0 if config["training"]["device"] == "cpu" else config["training"]["devices"]
 except (ConfigError, catalogue.CatalogueError) as error:
@@ -145,11 +134,14 @@ def take_terminal():
     global PROGRESS
     PROGRESS = terminal.Progress(Counter(job.rule.name for job in workflow.dag.needrun_jobs()))
     pages = workflow.output_settings.printshellcmds or workflow.output_settings.verbose
-    for handler in logger.handlers:
-        if handler.name == "DefaultStreamHandler" and not pages:
-            handler.addFilter(PROGRESS)
-            os.environ[QUIET] = "1"
-            PROGRESS.start()
+    for handler in [] if pages else terminal_handlers():
+        handler.addFilter(PROGRESS)
+        os.environ[QUIET] = "1"
+        PROGRESS.start()
+
+
+def terminal_handlers():
+    return [handler for handler in logger.handlers if handler.name == "DefaultStreamHandler"]
 
 
 def schedule_at_events():
@@ -164,13 +156,46 @@ def schedule_at_events():
         workflow.scheduler.job_rate_limiter = None
 
 
+def take_signals():
+    """From the start on: Ctrl-C and SIGTERM end the jobs, and then the run.
+
+    Jobs don't get the terminal's Ctrl-C themselves, where each would print where it was.
+    """
+    for executor in filter(None, (workflow.scheduler._executor, workflow.scheduler._local_executor)):
+        if pool := getattr(executor, "pool", None):  # jobs start in its threads, with their mask of signals
+            pool._initializer = lambda: signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    for each in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(each, interrupt)
+
+
+def interrupt(*_):
+    if not PROGRESS.interrupted:
+        PROGRESS.interrupt()
+        for handler in terminal_handlers():
+            handler.addFilter(PROGRESS)
+        threading.Thread(target=stop_jobs, daemon=True).start()
+        raise KeyboardInterrupt
+
+
+def stop_jobs():
+    """End all processes that this one has started, and that are started meanwhile, until it ends itself."""
+    for attempt in itertools.count():
+        for process in psutil.Process().children(recursive=True):
+            with contextlib.suppress(psutil.NoSuchProcess):
+                process.terminate() if attempt < 10 else process.kill()
+        time.sleep(0.3)
+
+
 def say_end():
     """At the end of a run: what it has come to."""
     from palpate.dataset import summary  # loads Zarr and HDF5
 
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     PROGRESS.stop()
+    if PROGRESS.interrupted:
+        return logger.warning(terminal.INTERRUPTED)
     seconds = PROGRESS.estimate.now() - PROGRESS.estimate.start
-    for line in terminal.end_lines(RUN_FOLDER, summary(RUN_FOLDER), PROGRESS.failures, PROGRESS.done, seconds):
+    for line in terminal.end_lines(RUN_FOLDER, summary(RUN_FOLDER), len(PROGRESS.failures), PROGRESS.done, seconds):
         logger.warning(line)
 
 

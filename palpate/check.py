@@ -1,0 +1,340 @@
+"""A config looked at before its run, in seconds: its objects, its hand, and one object through every stage.
+
+    palpate check mine.yaml
+
+`resolve` is what the workflow checks at its start, too. The rest opens some of the meshes and takes one of them as far
+as images, with the engines that make the dataset.
+"""
+
+import logging
+import sys
+import tempfile
+import time
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from itertools import zip_longest
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from palpate import catalogue, sensor
+from palpate.atomic import atomic_write
+from palpate.batch import UnusableObject, generator
+from palpate.catalogue import SourceObject
+from palpate.configuration import ConfigError, absolute, check, read_config
+from palpate.sensor import Sensor
+
+if TYPE_CHECKING:
+    from palpate.hand import Hand
+
+DEFAULT, SCHEMA = "config/config.yaml", "workflow/schemas/config.schema.yaml"
+FILES = "the config (config/config.yaml with --configfile and --config)"  # as messages name it
+# Meshes that are opened, of each class in turn: so many at most, and so many bytes after the first.
+MOST_OPENED, MOST_BYTES = 24, 30_000_000
+SECONDS_A_MESH = 20.0
+TRIED = 3  # objects that are tried for the example
+IMAGE = {"size": 192, "samples": 8}  # of the example, at most
+COLUMNS = 6  # of images and readings in a row
+MOST_CLASSES = 20  # that have a line each
+
+
+class Settings(NamedTuple):
+    """What a config means.
+
+    Attributes: source, as `catalogue.resolve_source` gives it; classes, objects of each; entries, all objects; hand,
+        absolute paths of an own one (`mjcf`, `sensors`), or None; sensor, the touch sensor.
+    """
+
+    source: dict[str, Any]
+    classes: dict[str, int | str]
+    entries: list[SourceObject]
+    hand: dict[str, str] | None
+    sensor: Sensor
+
+
+def resolve(config: Mapping[str, Any], project: Path | str) -> Settings:
+    """What a config that fits the schema means; no mesh is opened. Relative paths are the project's.
+
+    Raises `ConfigError` and `catalogue.CatalogueError`, in a line with the remedy, for a file that is missing or
+    invalid, a source without what is asked of it, and keys that contradict each other.
+    """
+    source = catalogue.resolve_source(config, project)
+    classes = catalogue.class_counts(config, source)
+    entries = catalogue.scan(source, classes)
+    grasps = config["grasps"]
+    hand = grasps["hand"] and {key: absolute(path, project) for key, path in grasps["hand"].items()}
+    touch_sensor = sensor.load(config["touch"]["sensor"], project)
+    if source["kind"] == "released" and touch_sensor.misfit(sensor.DIGIT):
+        raise ConfigError("config touch.sensor: the released data are of the DIGIT: leave it `digit`")
+    if grasps["per_object"] > grasps["attempts"]:
+        raise ConfigError("config grasps: attempts must be at least per_object")
+    if grasps["attempts"] > grasps["max_attempts"]:
+        raise ConfigError("config grasps: max_attempts must be at least attempts")
+    for path in (hand or {}).values():
+        if not Path(path).is_file():
+            raise ConfigError(f"config grasps.hand: {path}: no such file")
+    if source["kind"] == "released" and config["vision"]["cameras"]:
+        raise ConfigError("config vision.cameras: a released dataset has the paper's camera: set it to null")
+    return Settings(source, classes, entries, hand, touch_sensor)
+
+
+def project_folder() -> Path:
+    """The folder of the workflow: the working directory, or the checkout that the library is in.
+
+    Raises `ConfigError` if neither is: the library alone has no default config.
+    """
+    for folder in (Path.cwd(), Path(__file__).parents[1]):
+        if all((folder / name).is_file() for name in ("Snakefile", DEFAULT, SCHEMA)):
+            return folder
+    raise ConfigError(f"no {DEFAULT} here: run `palpate check` in Palpate's own folder, where the Snakefile is")
+
+
+def check_config(
+    overlays: Sequence[Path | str],
+    name: str | None = None,
+    picture: Path | None = None,
+    say: Callable[[str], None] = print,
+) -> None:
+    """Say, a line at a time, what a run with these overlays would work on, and draw its hand and one object.
+
+    name: of the object; without it, one that is soon done. picture: a PNG; without it `<results>/<run>/check.png`,
+    which the workflow leaves alone. Raises `ConfigError` and `catalogue.CatalogueError` as the workflow says them.
+    """
+    start, project = time.monotonic(), project_folder()
+    config = read_config(project / DEFAULT, overlays)
+    check(config, project / SCHEMA, FILES)
+    run = Path(absolute(config["results"], project), config["run"])
+    catalogue.check_same_run(run, config, project)
+    settings = resolve(config, project)
+    for line in object_lines(settings, config):
+        say(line)
+    if settings.source["kind"] == "released":
+        return say("released data are read, not simulated: there is nothing to try")
+    from palpate.vision import blender
+
+    try:
+        blender.load()  # before trimesh, which all that follows loads
+    except ImportError as error:
+        say(f"no image: {error}")
+    from palpate import hand as hands
+    from palpate import scene
+
+    scene.cameras(config["vision"]), scene.lights(config["vision"])
+    own, face = settings.hand, settings.sensor.gel_face
+    hand = hands.from_mjcf(own["mjcf"], own["sensors"], face) if own else hands.allegro(face)
+    for line in hands.check_files(own["mjcf"], own["sensors"], settings.sensor) if own else ():
+        say(line)
+    logging.getLogger("palpate.mesh").setLevel(logging.ERROR)  # its warnings of textures are lines here
+    with tempfile.TemporaryDirectory(prefix="palpate-check-") as scratch:
+        looks = [look(entry, root) for entry, root in _opened(settings, name, config["seed"], Path(scratch))]
+        for line in mesh_lines(looks, settings):
+            say(line)
+        sensors = f"{', '.join(hand.sensor_names)}: {settings.sensor.name}, {1e3 * settings.sensor.range:g} mm deep"
+        say(f"hand: {hand.name}, {len(hand.joint_link)} joints; sensors {sensors}")
+        sound = [each for each in looks if not each.problem]
+        sound.sort(key=lambda each: (each.entry.object != name, each.holds != "texture", each.faces))
+        example, pictures = "", {}
+        for each in sound[:TRIED]:
+            say(f"{each.entry.object}, through every stage:")
+            try:
+                pictures = make_example(each.entry, each.root, config, settings.sensor, hand, Path(scratch), say)
+                example = each.entry.object
+                break
+            except UnusableObject as error:
+                say(f"  can't be used: {error}")
+    path = picture or run / "check.png"
+    draw(path, hand, settings.sensor, pictures)
+    say(f"{path}: the hand with its sensor frames{example and f', and {example}'}")
+    options = f" --configfile {' '.join(map(str, overlays))}" if overlays else ""
+    say(f"checked in {time.monotonic() - start:.0f} s. To make the dataset: snakemake --cores 2 dataset{options}")
+
+
+def object_lines(settings: Settings, config: Mapping[str, Any]) -> Iterator[str]:
+    """The source, its objects by class and split, and splits that lack objects."""
+    source, entries = settings.source, settings.entries
+    splits = catalogue.splits_of(entries, config["split"])
+    counts = Counter((entry.class_name, splits[entry.object]) for entry in entries)
+    yield f"source: {source['kind']}, {'made by Palpate' if source['kind'] == 'procedural' else source['path']}"
+    classes = f"{len(settings.classes)} class{'es' * (len(settings.classes) > 1)}"
+    yield f"{len(entries)} objects in {classes}: {_tally(Path(entry.source).suffix.lower() for entry in entries)}"
+    for name in list(settings.classes)[:MOST_CLASSES]:
+        of_splits = [f"{split} {counts[name, split]}" for split in catalogue.SPLITS if counts[name, split]]
+        yield f"  {name}: {', '.join(of_splits)}"
+    if len(settings.classes) > MOST_CLASSES:
+        yield f"  and {len(settings.classes) - MOST_CLASSES} more classes"
+    if others := sum(len(entry.others) for entry in entries):
+        yield f"  {others} further files of the same objects are not used (source.variants)"
+    try:
+        by_name = not any(entry.split for entry in entries)
+        catalogue.check_splits(splits, catalogue.SPLITS, "training with its tables", by_name)
+    except catalogue.CatalogueError as error:
+        yield f"  {error}"
+
+
+class Look(NamedTuple):
+    """A mesh file that was opened.
+
+    Attributes: root, the folder of its source; extent, its box from corner to corner in its own unit; faces; holds,
+        `texture`, `colours` or `shape`; missing, what is wrong with files that it names, by their names; problem, why
+        it can't be used, or empty.
+    """
+
+    entry: SourceObject
+    root: Path
+    extent: float = 0.0
+    faces: int = 0
+    holds: str = ""
+    missing: Mapping[str, str] = {}
+    problem: str = ""
+
+
+def _opened(settings: Settings, name: str | None, seed: int, scratch: Path) -> Iterator[tuple[SourceObject, Path]]:
+    """The objects whose meshes are opened, and the folders that their sources are in: of each class in turn, and first
+    the one that was asked for. Procedural ones are written into a temporary folder."""
+    by_class = ([each for each in settings.entries if each.class_name == kind] for kind in settings.classes)
+    turns = [each for turn in zip_longest(*by_class) for each in turn if each]
+    if name is not None:
+        if name not in (names := [each.object for each in turns]):
+            raise ConfigError(f"no object {name!r} in this run; its objects are {', '.join(names[:10])}, ...")
+        turns.insert(0, turns.pop(names.index(name)))
+    if settings.source["kind"] == "procedural":  # all sound, and they have to be made first
+        from palpate import shapes
+
+        for each in turns[:TRIED]:
+            (scratch / each.class_name).mkdir(exist_ok=True)
+            shapes.write(each.class_name, int(each.object.rpartition("-")[2]), scratch / each.source, seed)
+            yield each, scratch
+        return
+    root, total = Path(settings.source["path"]), 0
+    for number, each in enumerate(turns[:MOST_OPENED]):
+        total += (root / each.source).stat().st_size
+        if not number or total <= MOST_BYTES:
+            yield each, root
+
+
+def look(entry: SourceObject, root: Path) -> Look:
+    """Open an object's mesh, in a process of its own."""
+    import palpate.mesh.build  # noqa: F401 - once, and not in each of the processes
+    from palpate.mesh.isolation import isolated
+
+    try:
+        return Look(entry, root, *isolated(_open, root / entry.source, entry.scale, seconds=SECONDS_A_MESH))
+    except (UnusableObject, RuntimeError, OSError, MemoryError) as error:
+        return Look(entry, root, problem=str(error).strip().splitlines()[-1].removeprefix(f"{root / entry.source}: "))
+
+
+def _open(path: Path, scale: str | float) -> tuple[float, int, str, dict[str, str]]:
+    """Extent, faces, what it holds, and what is wrong with files that it names."""
+    from palpate.mesh.build import size
+    from palpate.mesh.load import load_parts
+
+    missing: dict[str, str] = {}
+    parts = load_parts(path, missing)
+    extent = float(np.linalg.norm(np.ptp(np.concatenate([part.bounds for part in parts]), axis=0)))
+    size(path, extent, scale)
+    holds = ("shape", "colours", "texture")[catalogue.richness(path)]
+    return extent, sum(len(part.faces) for part in parts), holds, missing
+
+
+def mesh_lines(looks: Sequence[Look], settings: Settings) -> Iterator[str]:
+    """What opened meshes hold and lack, their sizes with a hint at their unit, and those that can't be used."""
+    from palpate.mesh import LARGEST
+
+    sound = [each for each in looks if not each.problem]
+    share = "" if len(looks) == len(settings.entries) else f" of {len(settings.entries)}"
+    yield f"opened {len(looks)}{share} meshes: {_tally(each.holds for each in sound) or 'none can be used'}"
+    if sound:
+        extents, faces = sorted(each.extent for each in sound), [each.faces for each in sound]
+        sizes = (
+            f"{extents[0]:.3g} to {extents[-1]:.3g} units of the file across, {min(faces):,} to {max(faces):,} faces"
+        )
+        yield f"  {sizes}; scale {settings.source['scale']}, up {settings.source['up']}"
+        if extents[len(extents) // 2] > LARGEST and settings.source["scale"] == "diagonal":
+            yield "  units look like millimetres or centimetres: `source: {scale: 0.001}`, or 0.01, would keep sizes"
+    for each in looks:
+        yield from (f"  {each.entry.object}: {name}: {what}: drawn in grey" for name, what in each.missing.items())
+        if each.problem:
+            yield f"  {each.entry.object} can't be used: {each.problem}"
+
+
+def make_example(
+    entry: SourceObject,
+    root: Path,
+    config: Mapping[str, Any],
+    touch_sensor: Sensor,
+    hand: "Hand",
+    scratch: Path,
+    say: Callable[[str], None] = print,
+) -> dict[str, np.ndarray]:
+    """Take an object through every stage, with one grasp and small images, as the run would, and say what came out.
+
+    Returns images by each camera, alone and in the hand, and readings: (rows, columns, 3 or 4) uint8 by their titles.
+    Raises `UnusableObject` for an object without a surface.
+    """
+    from palpate import grasp, mesh, scene, surface, touch
+    from palpate.dataset.arrays import fill_untouched
+
+    seed, name, folder = config["seed"], entry.object, scratch / "made" / entry.object
+    mesh.prepare(root / entry.source, folder, up=entry.up, scale=entry.scale, **config["mesh"])
+    visual, collision = mesh.load_visual(folder), mesh.load_collision(folder)
+    count, method = config["surface"]["points"], config["surface"]["method"]
+    points = surface.sample(visual, count, generator(seed, name, "surface"), method) + mesh.OBJECT_POSITION
+    look = {key: getattr(scene, key)(config["vision"]) for key in ("lights", "background")}
+    made, readings = scene.Scene(folder, **look), {}
+    one = {key: value for key, value in config["grasps"].items() if key != "hand"} | {"per_object": 1, "attempts": 1}
+    try:
+        rng = generator(seed, name, "grasps")
+        found = grasp.grasp_object(visual, collision, points, hand, rng, sensor=touch_sensor, **one)
+        made = scene.Scene.from_grasps(folder, {key: getattr(found, key) for key in scene.GRASP_ARRAYS}, hand, **look)
+        sensed = touch.sense_scene(made, touch.scene_tracer(made, config["touch"]["method"], touch_sensor))
+        filled = fill_untouched(sensed.reading[0], sensed.success[0], touch.empty_reading(touch_sensor))
+        for sensor_name, reading, on in zip(hand.sensor_names, filled, sensed.success[0], strict=True):
+            readings[sensor_name if on else f"{sensor_name}: no touch"] = reading
+        say(f"  grasp after {found.attempts} attempts, {sensed.success.sum()} of {sensed.success.size} sensors touch")
+    except UnusableObject as error:
+        say(f"  no grasp: {error}")
+    if "bpy" not in sys.modules:
+        return readings
+    from palpate.vision import Renderer
+
+    small = {**config["vision"], **{key: min(config["vision"][key], most) for key, most in IMAGE.items()}}
+    pictures = Renderer(small["samples"], small["device"]).render_cameras(made, scene.cameras(small))
+    images = {}
+    for number, (alone, held) in enumerate(pictures):
+        which = f", camera {number}" if len(pictures) > 1 else ""
+        images[f"image{which}"] = alone.rgb
+        if held:
+            images[f"in the hand{which}"] = held[0].rgb
+    return images | readings
+
+
+def draw(path: Path, hand: "Hand", touch_sensor: Sensor, pictures: Mapping[str, np.ndarray]) -> None:
+    """Write the picture: the hand with its sensor frames, and below it images and readings with their titles."""
+    from PIL import Image
+
+    from palpate.results.hand_sheet import hand_figure
+    from palpate.results.page import LABEL, new_figure
+
+    sheets, rows = [hand_figure(hand, touch_sensor)], -(-len(pictures) // COLUMNS)
+    if pictures:
+        sheets.append(new_figure(2.0 * min(len(pictures), COLUMNS), 2.2 * rows))
+        for number, (title, picture) in enumerate(pictures.items(), start=1):
+            axes = sheets[1].add_subplot(rows, min(len(pictures), COLUMNS), number)
+            axes.imshow(picture)
+            axes.set_title(title, fontsize=LABEL)
+            axes.set_axis_off()
+        sheets[1].tight_layout()
+    for sheet in sheets:
+        sheet.canvas.draw()
+    images = [Image.fromarray(np.asarray(sheet.canvas.buffer_rgba())[..., :3]) for sheet in sheets]
+    whole, top = Image.new("RGB", (max(each.width for each in images), sum(each.height for each in images)), "white"), 0
+    for each in images:
+        whole.paste(each, ((whole.width - each.width) // 2, top))
+        top += each.height
+    with atomic_write(path) as partial:
+        whole.save(partial)
+
+
+def _tally(names) -> str:
+    return ", ".join(f"{name} {count}" for name, count in sorted(Counter(names).items()))

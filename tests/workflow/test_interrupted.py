@@ -1,0 +1,51 @@
+"""Ctrl-C, and SIGTERM, in a run: its jobs end, it says so in a line, and the same command goes on."""
+
+import os
+import signal
+import subprocess
+import time
+
+import psutil
+import pytest
+
+from tests.workflow.conftest import PROJECT
+
+
+@pytest.mark.parametrize("how", ["terminal", "process", "terminate"])
+def test_an_interrupted_run_ends_its_jobs_and_says_so(make_workflow, tmp_path, how):
+    """terminal: all of the process group get SIGINT, as from a terminal; else just the main process gets a signal."""
+    # Python runs a sitecustomize when it starts: the job hangs before its script does, in the middle of imports.
+    (tmp_path / "sitecustomize.py").write_text(
+        "import sys, time\nif any('.surface.py' in each for each in sys.orig_argv): time.sleep(600)\n"
+    )
+    workflow = make_workflow()
+    process = subprocess.Popen(
+        workflow.command("surface/batch-0000.zarr"),
+        cwd=PROJECT,
+        env=os.environ | {"PYTHONPATH": f"{tmp_path}:{PROJECT}"},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        start_new_session=True,
+    )
+    jobs = []
+    while not jobs and process.poll() is None:
+        jobs = [
+            each
+            for each in psutil.Process(process.pid).children(recursive=True)
+            if ".surface.py" in str(each.cmdline())
+        ]
+        time.sleep(0.1)
+    if how == "terminal":
+        os.killpg(process.pid, signal.SIGINT)
+    else:
+        process.send_signal(signal.SIGINT if how == "process" else signal.SIGTERM)
+    printed, _ = process.communicate(timeout=120)  # and not after 600 s
+    assert jobs and process.returncode != 0
+    assert not any(job.is_running() and job.status() != psutil.STATUS_ZOMBIE for job in jobs)
+    assert printed.rstrip().endswith("stopping the jobs that run\ninterrupted; the same command goes on"), printed
+    for noise in ("Traceback", "KeyboardInterrupt", "failed", "Error"):
+        assert noise not in printed, printed
+    if how == "terminal":
+        result = workflow("surface/batch-0000.zarr")
+        assert result.returncode == 0 and (workflow.run / "surface/batch-0000.zarr").exists(), result.stderr
