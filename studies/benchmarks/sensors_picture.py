@@ -1,9 +1,9 @@
 """The picture of the shipped sensors in the docs: what each reads at the same places of one object.
 
-python -m palpate.results.sensors_sheet docs/images/sensors.png
+python -m studies.benchmarks.sensors_picture docs/images/sensors.png
 """
 
-import sys
+import argparse
 from dataclasses import replace
 from pathlib import Path
 
@@ -80,4 +80,8 @@ def draw(path: Path | str) -> None:
 
 
 if __name__ == "__main__":
-    draw(sys.argv[1])
+    parser = argparse.ArgumentParser(
+        prog="python -m studies.benchmarks.sensors_picture", description="Draw what each shipped sensor reads."
+    )
+    parser.add_argument("path", type=Path, help="the picture, .png")
+    draw(parser.parse_args().path)

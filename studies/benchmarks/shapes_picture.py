@@ -1,19 +1,17 @@
-"""The contact sheet of the procedural classes in the docs. To make it again:
+"""The contact sheet of the procedural classes in the docs: `python -m studies.benchmarks.shapes_picture <path.png>`."""
 
-python -c "import bpy, palpate.results.shapes_sheet as s; s.contact_sheet('docs/images/shapes.png')"
-"""
-
+import argparse
 import tempfile
 from pathlib import Path
 
 import numpy as np
-import trimesh
 from PIL import Image
 
-from palpate import vision
-from palpate.mesh import DIAGONAL
-from palpate.scene import Scene
-from palpate.shapes import CLASSES, make
+from palpate.vision import Renderer, paper_camera  # Blender: before anything that loads embree
+
+from palpate.mesh import DIAGONAL  # isort: skip
+from palpate.scene import Scene  # isort: skip
+from palpate.shapes import CLASSES, make  # isort: skip
 
 COLUMNS = 12
 # Rendered this much larger than a cell, then cut to what the row shows and shrunk.
@@ -26,9 +24,9 @@ FROM_BEHIND = (6, 8)
 def contact_sheet(path: Path | str, first: int = 0, columns: int = COLUMNS, size: int = 160, seed: int = 0) -> None:
     """Render `columns` consecutive objects of each class, one row a class, as the dataset's camera sees them.
 
-    size: width of a cell in pixels. Importing `bpy` must come before this module (it loads trimesh).
+    size: width of a cell in pixels.
     """
-    renderer, camera = vision.Renderer(threads=2), vision.paper_camera(ENLARGED * size)
+    renderer, camera = Renderer(threads=2), paper_camera(ENLARGED * size)
     rows = []
     with tempfile.TemporaryDirectory() as folder:
         for class_name in CLASSES:
@@ -61,9 +59,15 @@ def row(images: list, width: int) -> np.ndarray:
     return np.concatenate(cells, axis=1)
 
 
-def normalised(scene: trimesh.Scene) -> trimesh.Scene:
+def normalised(scene):
     """The scene with its bounding box around the origin and the dataset's diagonal."""
     low, high = scene.bounds
     scene.apply_translation(-(low + high) / 2)
     scene.apply_scale(DIAGONAL / np.linalg.norm(high - low))
     return scene
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("path", type=Path)
+    contact_sheet(parser.parse_args().path)
