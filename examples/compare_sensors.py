@@ -25,6 +25,8 @@ import matplotlib.pyplot as plt
 OUTPUT = Path("results/examples")
 OUTPUT.mkdir(parents=True, exist_ok=True)
 run = Path(sys.argv[1] if len(sys.argv) > 1 else "results/smoke")
+if not (run / "catalogue.csv").is_file():
+    sys.exit(f"{run} is not a run's folder; the smoke run is made with: snakemake --cores 2 smoke")
 entry = read_catalogue(run / "catalogue.csv")[0]
 grasps = store.read(run / f"grasps/{entry.batch}.h5")
 row = grasps["object"].tolist().index(entry.object)

@@ -21,6 +21,8 @@ from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 OUTPUT = Path("results/examples")
 OUTPUT.mkdir(parents=True, exist_ok=True)
 run = Path(sys.argv[1] if len(sys.argv) > 1 else "results/smoke")
+if not (run / "catalogue.csv").is_file():
+    sys.exit(f"{run} is not a run's folder; the smoke run is made with: snakemake --cores 2 smoke")
 item = palpate.Dataset(run).split("test")[0]
 grasp = item.grasps[0]
 

@@ -19,7 +19,10 @@ import matplotlib.pyplot as plt
 
 OUTPUT = Path("results/examples")
 OUTPUT.mkdir(parents=True, exist_ok=True)
-dataset = palpate.Dataset(sys.argv[1] if len(sys.argv) > 1 else "results/smoke")
+run = Path(sys.argv[1] if len(sys.argv) > 1 else "results/smoke")
+if not (run / "catalogue.csv").is_file():
+    sys.exit(f"{run} is not a run's folder; the smoke run is made with: snakemake --cores 2 smoke")
+dataset = palpate.Dataset(run)
 print(dataset.table().groupby("split").size())
 wanted = ["reading", "depth", "success"]
 torch.manual_seed(0)

@@ -81,7 +81,11 @@ def test_validate_checks_and_says_what_it_found(run, capsys):
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        (["info", "nowhere"], "nowhere/catalogue.csv does not exist; name a run's folder"),
+        (["info", "nowhere"], "nowhere: no such run: there is no run in ."),
+        (
+            ["view", "{run}/../nope"],
+            "/nope: no such run: runs in {run}/.. are small",
+        ),
         (["view", "{run}", "bal-0000"], "'bal-0000' is not among the 3 objects"),
         (["view", "{run}", "ball-0000", "--grasps", "7"], "ball-0000 has no grasp 7: it has 2"),
         (["view", "{run}", "ball-0000", "--model", "charts"], "no experiment 'charts' is trained in"),
@@ -92,7 +96,7 @@ def test_validate_checks_and_says_what_it_found(run, capsys):
 def test_errors_are_one_line(built, arguments, said, capsys):
     assert main([each.format(run=built) for each in arguments]) == 1
     printed = capsys.readouterr().err
-    assert said in printed and printed.count("\n") == 1
+    assert said.format(run=built) in printed and printed.count("\n") == 1
     assert not (built / "out").exists() and not (built / "viewer").exists()
 
 

@@ -48,7 +48,12 @@ def read_catalogue(path: Path | str) -> list[CatalogueEntry]:
     rows, or lacks a value of object, class, split or batch.
     """
     if not Path(path).is_file():
-        raise CatalogueError(f"{path} does not exist; name a run's folder, or build it with: {command(path)}")
+        folder = Path(path).parent
+        if folder.is_dir():
+            raise CatalogueError(f"{path} does not exist; name a run's folder, or build it with: {command(path)}")
+        runs = sorted(place.parent.name for place in folder.parent.glob("*/catalogue.csv"))
+        known = f"runs in {folder.parent} are {', '.join(runs)}" if runs else f"there is no run in {folder.parent}"
+        raise CatalogueError(f"{folder}: no such run: {known}")
     again = f"remove it and build it with: {command(path)}"
     try:
         rows = read_rows(path, COLUMNS[:4], again)

@@ -3,8 +3,8 @@
 python -m palpate.dataset.document docs/dataset.md      writes them anew, between their markers
 """
 
+import argparse
 import re
-import sys
 from pathlib import Path
 
 from palpate.dataset.checks import CHECKS
@@ -48,5 +48,9 @@ def renewed(text: str) -> str:
 
 
 if __name__ == "__main__":
-    document = Path(sys.argv[1])
+    parser = argparse.ArgumentParser(
+        prog="python -m palpate.dataset.document", description=(__doc__ or "").splitlines()[0]
+    )
+    parser.add_argument("document", type=Path, help="docs/dataset.md")
+    document = parser.parse_args().document
     document.write_text(renewed(document.read_text(encoding="utf-8")), encoding="utf-8")

@@ -6,6 +6,7 @@ grasp.reading, grasp.success, grasp.points
 """
 
 import difflib
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import cached_property
 from pathlib import Path
@@ -14,7 +15,7 @@ from typing import TYPE_CHECKING, Any, overload
 import numpy as np
 
 from palpate.camera import Camera
-from palpate.catalogue import CatalogueEntry
+from palpate.catalogue import SPLITS, CatalogueEntry
 from palpate.dataset.arrays import JoinedArray, fill_untouched
 from palpate.dataset.grasps import GraspDataset
 from palpate.dataset.run import Run
@@ -91,18 +92,17 @@ class Dataset(Sequence):
         return self._run.rejections(stages=self._asked)
 
     def split(self, name: str) -> "Dataset":
-        """The objects of one split: train, validation or test."""
-        return self._where("split", name)
+        """The objects of one split: train, validation or test; it may have none."""
+        if name not in SPLITS:
+            raise KeyError(f"{name!r} is not one of {', '.join(SPLITS)}")
+        return self._view(entry for entry in self._entries.values() if entry.split == name)
 
     def of_class(self, name: str) -> "Dataset":
         """The objects of one class."""
-        return self._where("class_name", name)
-
-    def _where(self, column: str, value: str) -> "Dataset":
-        values = {getattr(entry, column) for entry in self._run.catalogue.values()}
-        if value not in values:
-            raise KeyError(f"{value!r} is not one of {', '.join(sorted(values))}")
-        return self._view(entry for entry in self._entries.values() if getattr(entry, column) == value)
+        classes = {entry.class_name for entry in self._run.catalogue.values()}
+        if name not in classes:
+            raise KeyError(f"{name!r} is not one of {', '.join(sorted(classes))}")
+        return self._view(entry for entry in self._entries.values() if entry.class_name == name)
 
     def select(self, objects: Iterable[str]) -> "Dataset":
         """The named objects, in the order given."""
@@ -158,6 +158,13 @@ class Dataset(Sequence):
         See `palpate.dataset.GraspDataset`.
         """
         chosen = self if split is None else self.split(split)
+        if split is not None and not len(chosen):
+            counts = Counter(entry.split for entry in self._entries.values())
+            raise StoreError(
+                f"{self.folder}: no object of the {split} split can be used "
+                f"({', '.join(f'{name} {counts[name]}' for name in SPLITS)}): set `split` in the run's config, or add "
+                "objects, and build it again"
+            )
         return GraspDataset(self._run, chosen._entries.values(), self._asked, arrays, camera)
 
     def table(self) -> "pandas.DataFrame":

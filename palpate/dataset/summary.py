@@ -29,8 +29,11 @@ def summary(folder: Path | str) -> list[str]:
     used = Counter(entry.split for name, entry in entries.items() if name not in rejected)
     counts = ", ".join(f"{split} {used[split]}" for split in SPLITS)
     lines = [f"objects: {len(entries)}, used {len(entries) - len(rejected)} ({counts}), rejected {len(rejected)}"]
-    reasons = Counter((row["stage"], kind_of_reason(row["reason"])) for row in rows)
-    lines += [f"  {count} at {stage}: {reason}" for (stage, reason), count in reasons.most_common(MOST_REASONS)]
+    reasons: dict[tuple[str, str], list[str]] = {}
+    for row in rows:
+        reasons.setdefault((row["stage"], kind_of_reason(row["reason"])), []).append(without_place(row["reason"]))
+    for (stage, _), said in sorted(reasons.items(), key=lambda each: -len(each[1]))[:MOST_REASONS]:
+        lines.append(f"  {len(said)} at {stage}: {said[0]}{' (the first; numbers differ)' if len({*said}) > 1 else ''}")
     if len(reasons) > MOST_REASONS:
         lines.append(f"  and {len(reasons) - MOST_REASONS} other reasons")
     return lines + [f"  warning: {line}" for line in _warn_of_touches(run)]
@@ -55,6 +58,10 @@ def kind_of_reason(reason: str) -> str:
     >>> kind_of_reason("/a/b.stl: holds 12 points, no triangles: export the object's faces")
     "holds N points, no triangles: export the object's faces"
     """
+    return re.sub(r"\d[\d,.]*(?:e[+-]?\d+)?", "N", without_place(reason))
+
+
+def without_place(reason: str) -> str:
+    """A reason in one line, without its file's path in front."""
     start, colon, rest = reason.partition(": ")
-    text = rest if colon and "/" in start else reason
-    return re.sub(r"\d[\d,.]*(?:e[+-]?\d+)?", "N", " ".join(text.split()))
+    return " ".join((rest if colon and "/" in start else reason).split())

@@ -105,7 +105,8 @@ class Reconstructor:
         experiment: the row of config/experiments.yaml that it was trained for: `strategy`, `vision`, `touch`,
             `grasps`.
 
-    Raises ReconstructionError if the model is not there (naming those that are), or its run has no U-Net;
+    Raises ReconstructionError if the model is not there (naming those that are), its run has no U-Net, or the device
+    can't be used;
     `palpate.training.CheckpointError` if a checkpoint can't be read, is of another schema version, or its
     weights are of another architecture.
     """
@@ -114,6 +115,7 @@ class Reconstructor:
         self.path = checkpoint(model)
         from palpate.training import checkpoints  # brings torch: after what can be wrong without it
 
+        check_device(device)
         content = checkpoints.read(self.path, "reconstruction")
         self.experiment = content["experiment"]
         self._camera, self._image_size = content.get("camera"), content.get("image_size")
@@ -367,6 +369,17 @@ def reconstruct_from_run(
     record = Dataset(run)[name]
     reconstructor = Reconstructor(model, device)
     return reconstructor(*of_object(record, reconstructor.experiment, grasps, view)).mesh()
+
+
+def check_device(device: str) -> None:
+    """Raise ReconstructionError for a device that this machine, or this build of torch, does not have."""
+    import torch
+
+    try:
+        torch.empty(0, device=device)
+    except (RuntimeError, AssertionError, NotImplementedError) as error:
+        reason = str(error).strip().partition("\n")[0]
+        raise ReconstructionError(f"device {device!r} can't be used here ({reason}): use cpu") from None
 
 
 def check_format(path: Path) -> None:

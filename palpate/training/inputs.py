@@ -6,8 +6,8 @@ It needs neither torch nor the stores. An experiment is a row of `config/experim
 `vision`, `touch` and `grasps`.
 """
 
-import sys
-from collections.abc import Callable, Mapping, Sequence
+import argparse
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -113,14 +113,9 @@ def table(experiments: Mapping[str, Experiment]) -> str:
     )
 
 
-def main(arguments: Sequence[str]) -> int:
-    """The command; returns its exit status."""
-    if len(arguments) != 1:
-        print("usage: python -m palpate.training.inputs config/experiments.yaml", file=sys.stderr)
-        return 2
-    print(table(yaml.safe_load(Path(arguments[0]).read_text())["experiments"]))
-    return 0
-
-
 if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))
+    parser = argparse.ArgumentParser(
+        prog="python -m palpate.training.inputs", description=(__doc__ or "").splitlines()[0]
+    )
+    parser.add_argument("experiments", type=Path, help="config/experiments.yaml")
+    print(table(yaml.safe_load(parser.parse_args().experiments.read_text())["experiments"]))

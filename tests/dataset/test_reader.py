@@ -44,7 +44,7 @@ def test_views_by_split_class_slice_and_name(built):
     assert dataset[1:].objects == OBJECTS[1:]
     assert dataset[-1].name == "ball-0002"
     assert dataset.select(["ball-0002", "ball-0000"]).objects == ["ball-0002", "ball-0000"]
-    with pytest.raises(KeyError, match="test, train, validation"):
+    with pytest.raises(KeyError, match="train, validation, test"):
         dataset.split("valid")
     with pytest.raises(IndexError):
         dataset[3]
@@ -149,8 +149,14 @@ def test_grasps_are_the_records_as_dictionaries(built):
             grasps[wrong]
     with pytest.raises(KeyError, match="no array 'gel' of grasps; there are joint_positions, .*surface_points"):
         dataset.grasps(arrays=["gel"])
-    with pytest.raises(KeyError, match="test, train, validation"):
+    with pytest.raises(KeyError, match="train, validation, test"):
         dataset.grasps("tests")
+    none = palpate.Dataset(built).of_class("block").grasps
+    said = (
+        r"no object of the train split can be used \(train 0, validation 0, test 1\): set `split` in the run's config"
+    )
+    with pytest.raises(palpate.StoreError, match=said):
+        none("train")
 
 
 def test_a_loader_of_torch_takes_the_grasps_as_they_are(built):

@@ -19,11 +19,13 @@ def test_objects_used_and_rejected_with_the_commonest_reasons(tmp_path):
     )
     (tmp_path / "rejected/grasps/batch-0000.csv").write_text(
         "object,stage,reason\nmug-1,grasps,3 of 5 grasps in 60 attempts\n"
+        "mug-2,grasps,\"/a/2.stl: '2.0' is no name\"\nmug-3,grasps,\"/a/3.stl: '3.0' is no name\"\n"
     )
     assert summary(tmp_path) == [
-        "objects: 8, used 5 (train 3, validation 1, test 1), rejected 3",
+        "objects: 8, used 3 (train 1, validation 1, test 1), rejected 5",
+        "  2 at grasps: '2.0' is no name (the first; numbers differ)",
         "  2 at meshes: no triangles",
-        "  1 at grasps: N of N grasps in N attempts",
+        "  1 at grasps: 3 of 5 grasps in 60 attempts",
     ]
 
 

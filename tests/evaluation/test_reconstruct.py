@@ -267,6 +267,11 @@ def test_a_model_that_is_not_there_is_answered_with_those_that_are(run):
         ),
         (["single_image", "bottle-0000", "--view", "9", "--output", "x.ply"], "no view 9: it has 2"),
         (["charts_occluded", "bottle-0000", "--output", "x.png"], "must end in one of .ply"),
+        (
+            ["charts_occluded", "bottle-0000", "--device", "cuda:99", "--output", "x.ply"],
+            r"'cuda:99' can't .*: use cpu",
+        ),
+        (["charts_occluded", "bottle-0000", "--device", "gpu", "--output", "x.ply"], r"device 'gpu' can't .*: use cpu"),
     ],
 )
 def test_the_command_says_what_is_wrong(run, arguments, message, capsys, tmp_path, monkeypatch):

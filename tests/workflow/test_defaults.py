@@ -1,13 +1,13 @@
 """Every default that points to a row of the published report has one there, which holds it as chosen."""
 
 import re
-from pathlib import Path
 
 import pandas as pd
 import pytest
 import yaml
 
-PROJECT = Path(__file__).parents[2]
+from tests.workflow.conftest import PROJECT, plan
+
 REPORT = PROJECT / "docs/results/default/reports/error_vs_runtime.csv"
 # What the report calls a value: in other units, or by another name.
 AS_WRITTEN = {("grasps", "time step, ms"): 1e3}
@@ -52,3 +52,16 @@ def test_a_default_is_what_the_report_has_as_chosen(report, stage, knob, written
     assert len(chosen)
     expected = [number * AS_WRITTEN.get((stage, knob), 1) for number in numbers(written)]
     assert not expected or any(chosen.eq(number).any() for number in expected)
+
+
+def test_the_readme_says_how_many_models_the_default_run_trains(tmp_path):
+    """Trainings of a dry run; with more seeds each but the U-Net is trained again."""
+    found = []
+    for seeds in ("[0]", "[0,1]"):
+        config = [f"results={tmp_path}", f"training={{seeds: {seeds}}}"]
+        planned = plan(PROJECT, "all", "--dry-run", "--config", *config)
+        stats = re.findall(r"^(?:reconstruction|touch_depth) +(\d+)$", planned.stdout, re.MULTILINE)
+        assert len(stats) >= 2, planned.stdout + planned.stderr
+        found.append(sum(map(int, stats[:2])))
+    assert found[1] == 2 * found[0] - 1
+    assert set(re.findall(r"trains (\d+) models", (PROJECT / "README.md").read_text())) == {str(found[0])}
