@@ -117,7 +117,7 @@ def points(objects):
     return {"object": names, "points": clouds}
 
 
-ATTRIBUTES = {"config_digest": "", "seed": 0, "sensor": DIGIT.description()}
+ATTRIBUTES = {"made_from": {}, "seed": 0, "sensor": DIGIT.description()}
 WRITE = """
 import sys
 sys.path.insert(0, sys.argv[1])

@@ -29,6 +29,8 @@ from palpate.catalogue.table import (
     companions,
     empty_splits,
     read_catalogue,
+    require_unchanged,
+    sources_of,
     splits_of,
 )
 
@@ -55,10 +57,12 @@ __all__ = [
     "in_order",
     "read_catalogue",
     "read_places",
+    "require_unchanged",
     "resolve_batch_size",
     "resolve_source",
     "richness",
     "scan",
+    "sources_of",
     "splits_of",
     "suggest_split",
     "write_places",

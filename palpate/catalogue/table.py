@@ -3,10 +3,11 @@
 import hashlib
 import sys
 from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
+from palpate import provenance
 from palpate.catalogue.companion_files import companions
 from palpate.catalogue.sources import CatalogueError, SourceObject
 from palpate.catalogue.split import SPLITS, assign_split, suggest_split
@@ -150,6 +151,22 @@ def checksum(path: Path) -> str:
         return own
     lines = [f"{own}  {path.name}\n"] + [f"{_digest(path.parent / name)}  {name}\n" for name in names]
     return hashlib.sha256("".join(lines).encode()).hexdigest()
+
+
+def require_unchanged(root: Path | str, entry: CatalogueEntry, table: Path | str) -> None:
+    """Raise `palpate.checksums.DamagedFile` if an object's source file is not the one that a catalogue lists."""
+    path = Path(root, entry.source)
+    if not path.is_file() or checksum(path) != entry.checksum:
+        raise DamagedFile(
+            f"{path} has changed since {table} was made (checksum): once it is written, remove {table} and start again"
+        )
+
+
+def sources_of(entries: Sequence[CatalogueEntry]) -> str:
+    """Digest of a batch's source files; empty if the catalogue, an older one, does not state all checksums."""
+    if not entries or not all(entry.checksum for entry in entries):
+        return ""
+    return provenance.sources_digest((each.object, each.checksum, each.up, each.scale) for each in entries)
 
 
 def _digest(path: Path) -> str:

@@ -45,9 +45,10 @@ class Check(NamedTuple):
 CHECKS = {
     # Of every store.
     "files": Check(0, "1 if a file is missing, or not the one that was written (size, checksum)"),
+    "made from": Check(0, "1 if a store was made with another config than the run's, or from other files than it has"),
     "readable": Check(0, "stores, arrays or meshes that are missing or can't be read"),
     "arrays": Check(0, "1 if an array's name, shape or type is not the contract's"),
-    "attributes": Check(0, "attributes that are missing: config digest, seed, versions, units, frames"),
+    "attributes": Check(0, "attributes that are missing: what it was made from, seed, versions, units, frames"),
     "objects": Check(0, "objects neither in the store nor rejected, or in it though rejected or not in the batch"),
     "order": Check(0, "1 if the objects are not in the catalogue's order"),
     "grasp count": Check(0, "grasps an object that a store has more or fewer than the grasps store"),

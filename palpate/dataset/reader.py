@@ -366,7 +366,7 @@ class ObjectRecord(_Record):
     @property
     def mesh(self) -> Path:
         """Folder of its meshes, which are in its own frame: centred at the origin, not at (0, 0, 0.6)."""
-        return self._run.folder / "meshes" / self.batch / self.name
+        return self._run.meshes(self.batch) / self.name
 
     @cached_property
     def hand(self) -> "Hand":

@@ -1,17 +1,19 @@
 """The files of one run: its catalogue, its rejections, and its stores."""
 
 from collections import defaultdict
-from collections.abc import Hashable, Iterable
+from collections.abc import Hashable, Iterable, Iterator
 from functools import cached_property
 from pathlib import Path
 from typing import Any, TypeVar
 
 import yaml
 
+from palpate import provenance
 from palpate.batch import read_rejections
-from palpate.catalogue import CatalogueEntry, read_catalogue
-from palpate.checksums import DamagedFile
+from palpate.catalogue import CatalogueEntry, read_catalogue, sources_of
+from palpate.checksums import MANIFEST, DamagedFile
 from palpate.configuration import ConfigError
+from palpate.provenance import Made
 from palpate.remedy import RECORD, command
 from palpate.sensor import Sensor
 from palpate.store.contract import CONTRACT
@@ -45,9 +47,11 @@ class Run:
         self._stores: dict[Path, Store] = {}
         self._objects: dict[tuple[str, str], dict[str, int]] = {}
         self._sensors: dict[str, Sensor] = {}
+        self._contents: dict[str, dict[str, str]] = {}
+        self._compared_meshes: set[str] = set()
 
     def __getstate__(self) -> dict[str, Any]:
-        return {**self.__dict__, "_stores": {}, "_objects": {}}
+        return {**self.__dict__, "_stores": {}, "_objects": {}, "_contents": {}, "_compared_meshes": set()}
 
     @cached_property
     def catalogue(self) -> dict[str, CatalogueEntry]:
@@ -65,6 +69,19 @@ class Run:
         except (yaml.YAMLError, UnicodeDecodeError) as error:
             raise StoreError(f"{path} can't be read as YAML: {error}") from None
         return found if isinstance(found, dict) else {}
+
+    @cached_property
+    def _values(self) -> dict[str, Any]:
+        """Values of the config by their path, and those that stores state and the config does not have."""
+        return provenance.by_path(self.config)
+
+    @cached_property
+    def _entries(self) -> dict[str, list[CatalogueEntry]]:
+        """The catalogue by batch."""
+        found = defaultdict(list)
+        for entry in self.catalogue.values():
+            found[entry.batch].append(entry)
+        return dict(found)
 
     @cached_property
     def batches(self) -> list[str]:
@@ -136,7 +153,56 @@ class Run:
             names = [f"batch-{{{numbers[0]}..{numbers[-1]}}}"] if in_row else self.batches
             targets = [CONTRACT[stage].path(each) for each in names]
             raise StoreError(f"{self.folder} has no {stage}; build it with: {command(self.folder, *targets)}")
-        return self._remember(self._stores, path, self._stores.get(path) or Store(path))
+        found = self._stores.get(path)
+        if found is None:
+            found = Store(path)
+            self._require_fitting(batch, found.made)
+        return self._remember(self._stores, path, found)
+
+    def meshes(self, batch: str) -> Path:
+        """The folder of one batch's meshes. Raises StoreError if they do not fit the stores that were read."""
+        folder = self.folder / "meshes" / batch
+        if batch not in self._compared_meshes and (folder / MANIFEST).exists():
+            self._require_fitting(batch, provenance.of_meshes(folder))
+            self._compared_meshes.add(batch)
+        return folder
+
+    def _known(self, batch: str) -> dict[str, str]:
+        """Digests, by stage, of what a batch's stores hold and were made from, as far as they were read."""
+        if batch not in self._contents:
+            sources = sources_of(self._entries.get(batch, ()))
+            self._contents[batch] = {"sources": sources} if sources else {}
+        return self._contents[batch]
+
+    def _require_fitting(self, batch: str, made: Made) -> None:
+        """Raise StoreError if a store does not fit the run's config, its sources, or a store that was read before.
+
+        Compared is what they state; no other file is read. The message names the store that comes first.
+        """
+        contents = self._known(batch)
+        misfit = made.misfit(self._values, contents)
+        if not misfit and contents.get(made.stage, made.digest) == made.digest:
+            self._values.update({key: value for key, value in made.config.items() if key not in self._values})
+            contents |= {**made.inputs, made.stage: made.digest}
+            return
+        meshes = self.folder / "meshes" / batch
+        found = [provenance.of_meshes(meshes)] if (meshes / MANIFEST).exists() else []
+        paths = [self.folder / spec.path(batch) for spec in CONTRACT.values()]
+        found += [Store(path).made for path in paths if path.exists()]
+        sources = sources_of(self._entries.get(batch, ()))
+        first = next((message for _, message in self.mixtures(found, sources)), None)
+        raise StoreError(first or made.refused(misfit or "anew while the run was read"))
+
+    def mixtures(self, found: Iterable[Made], sources: str) -> Iterator[tuple[str, str]]:
+        """Stage and message of each of a batch's stores that was not made from what the run holds now.
+
+        found: the stores, in the order of `CONTRACT`, after the meshes. sources: `palpate.catalogue.sources_of` it.
+        """
+        contents = {"sources": sources} if sources else {}
+        for made in found:
+            if misfit := made.misfit(self._values, contents):
+                yield made.stage, made.refused(misfit)
+            contents[made.stage] = made.digest
 
     def sensor(self, batch: str) -> Sensor:
         """The touch sensor of one batch, remembered. Raises StoreError, naming the file, if it states none."""

@@ -5,16 +5,17 @@ import time
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
 
-from palpate import checksums
+from palpate import checksums, provenance
 from palpate.atomic import atomic_write
 from palpate.batch import Rejection, read_rejections
-from palpate.catalogue import SPLITS, CatalogueEntry, CatalogueError, checksum, read_catalogue
+from palpate.catalogue import SPLITS, CatalogueEntry, CatalogueError, checksum, read_catalogue, sources_of
 from palpate.configuration import ConfigError
 from palpate.dataset.checks import (
     CHECKS,
@@ -214,13 +215,13 @@ class _Batch:
         return ", ".join([f"grasp {grasp}", *(f"sensor {self.sensor_names[i]}" for i in sensor)])
 
 
-def check_files(run: Path | str, batch: str, stages: Sequence[str] = STAGES, others: bool = True) -> list[Finding]:
-    """Compare all files of a batch with their checksums: meshes, the stores of `stages`, and `others` that are there.
+def check_files(run: Run, batch: str, stages: Sequence[str] = STAGES, others: bool = True) -> list[Finding]:
+    """Compare all files of a batch with their checksums, and the stores with what they were made from.
 
-    `where` of a finding that passed is the digest of what the files held: as long as it stays, so does everything that
-    was found in their values.
+    Compared are meshes, the stores of `stages`, and `others` that are there. `where` of a finding of files that
+    passed is the digest of what they held: as long as it stays, so does everything that was found in their values.
     """
-    folder, findings = Path(run), []
+    folder, findings, made = run.folder, [], []
 
     def compare(stage: str, digest: Callable[[], str]) -> None:
         try:
@@ -229,20 +230,30 @@ def check_files(run: Path | str, batch: str, stages: Sequence[str] = STAGES, oth
             value, where = 1, str(error)
         findings.append(Finding("files", stage, batch, "", where, value, CHECKS["files"].limit))
 
-    compare("meshes", lambda: _folder_digest(folder / "meshes" / batch))
+    def meshes() -> str:
+        digest = _folder_digest(folder / "meshes" / batch)
+        made.append(provenance.of_meshes(folder / "meshes" / batch))
+        return digest
+
+    def store(path: Path) -> str:
+        opened = Store(path)
+        opened.verify()
+        made.append(opened.made)
+        return opened.digest
+
+    compare("meshes", meshes)
     for stage, spec in CONTRACT.items():
         path = folder / spec.path(batch)
         if stage in stages or (others and path.exists()):
-            compare(stage, lambda path=path: _verified(path).digest)
+            compare(stage, partial(store, path))
     if (folder / "exr" / batch).exists():
         compare("exr", lambda: _folder_digest(folder / "exr" / batch))
+    sources, limit = sources_of(read_catalogue(folder / f"catalogue/{batch}.csv")), CHECKS["made from"].limit
+    mixed = dict(run.mixtures(made, sources))
+    for each in made:
+        where = mixed.get(each.stage, "")
+        findings.append(Finding("made from", each.stage, batch, "", where, int(bool(where)), limit))
     return findings
-
-
-def _verified(path: Path) -> Store:
-    store = Store(path)
-    store.verify()
-    return store
 
 
 def _folder_digest(folder: Path) -> str:
@@ -267,7 +278,8 @@ def validate_batch(
     there are some. Needs `catalogue/<batch>.csv` and the meshes. What is wrong with a store or a mesh never raises: it
     is a finding.
     """
-    checked = _Batch(Run(run), batch, stages, max_penetration)
+    run = Run(run)
+    checked = _Batch(run, batch, stages, max_penetration)
     for stage in checked.stores:
         checked.check_objects(stage)
     checked.check_grasp_count()
@@ -281,7 +293,7 @@ def validate_batch(
 
 def write_findings(path: Path | str, findings: Iterable[Finding]) -> None:
     """Write a batch's findings as a table with the columns of `Finding`."""
-    with atomic_write(path, checksum=True) as partial, partial.open("w", newline="", encoding="utf-8") as file:
+    with atomic_write(path, checksum=True) as table, table.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
         writer.writerow(Finding._fields)
         writer.writerows(findings)
@@ -302,21 +314,21 @@ def check_again(
     batches: tables of `write_findings`, `<batch>.csv`. All files are compared with their checksums. Values are looked
     at again if the files are intact but not those that the table is about, or if there is no table.
     """
-    findings, anew = [], 0
+    findings, anew, opened = [], 0, Run(run)
     for path in map(Path, batches):
         if not path.exists():
             findings += validate_batch(run, path.stem, max_penetration)
             anew += 1
             continue
         before = read_findings(path)
-        now = check_files(run, path.stem)
+        now = check_files(opened, path.stem)
         states = {finding.store: finding.where for finding in now if finding.ok}
         about = {finding.store: finding.where for finding in before if finding.check == "files"}
         if all(finding.ok for finding in now) and any(states.get(store) != state for store, state in about.items()):
             findings += validate_batch(run, path.stem, max_penetration)
             anew += 1
         else:
-            findings += [*now, *(finding for finding in before if finding.check != "files")]
+            findings += [*now, *(finding for finding in before if finding.check not in ("files", "made from"))]
     return findings, anew
 
 

@@ -119,7 +119,7 @@ def usable(batch: Path | str, contents: bool = False) -> list[str]:
     files = checksums.read_manifest(batch, _remedy(batch))
     if found := checksums.damage(batch, files, contents):
         raise checksums.DamagedFile(f"{batch} is damaged: {checksums.listed(found)}; {_remedy(batch)}")
-    return list(dict.fromkeys(name.split("/")[0] for name in files))
+    return list(dict.fromkeys(name.split("/")[0] for name in files if "/" in name))
 
 
 def _remedy(batch: Path | str) -> str:

@@ -2,14 +2,13 @@
 
 from palpate.store.contract import CONTRACT, SCHEMA_VERSION
 from palpate.store.files import Store, StoreError, open, read, write
-from palpate.store.join import config_digest, join, write_batch
+from palpate.store.join import join, write_batch
 
 __all__ = [
     "CONTRACT",
     "SCHEMA_VERSION",
     "Store",
     "StoreError",
-    "config_digest",
     "join",
     "open",
     "read",

@@ -13,7 +13,8 @@ from importlib import resources
 # 2: stores did not state which files they hold, with sizes and checksums.
 # 3: touch stores did not state their sensor; hands had hinges only, and four sensors; images had one camera, which was
 #    not stored.
-SCHEMA_VERSION = 4
+# 4: stores did not state what they were made from.
+SCHEMA_VERSION = 5
 # The Allegro's, in the order of every axis that counts sensors; of another hand it is that of `hand/sensor_names`.
 SENSOR_NAMES = ("index", "middle", "ring", "thumb")
 
@@ -103,7 +104,7 @@ class StoreSpec:
     engines: tuple[str, ...]  # packages whose versions are recorded
     groups: tuple[str, ...]  # groups of further arrays that it may hold
     arrays: dict[str, ArraySpec]
-    attributes: tuple[str, ...] = ("config_digest", "seed")  # that its writer has to give
+    attributes: tuple[str, ...] = ("made_from", "seed")  # that its writer has to give
 
     def path(self, batch: str) -> str:
         """Path of one batch's store in the run's folder."""
@@ -131,9 +132,7 @@ def _arrays(stage: str) -> dict[str, ArraySpec]:
 CONTRACT = {
     "surface": StoreSpec("surface", ".zarr", ("trimesh", "embreex"), (), _arrays("surface")),
     "grasps": StoreSpec("grasps", ".h5", ("mujoco", "trimesh"), ("hand",), _arrays("grasps")),
-    "touch": StoreSpec(
-        "touch", ".zarr", ("trimesh", "embreex"), (), _arrays("touch"), ("config_digest", "seed", "sensor")
-    ),
+    "touch": StoreSpec("touch", ".zarr", ("trimesh", "embreex"), (), _arrays("touch"), ("made_from", "seed", "sensor")),
     "charts": StoreSpec("charts", ".zarr", ("torch",), (), _arrays("charts")),
     "vision": StoreSpec("vision", ".zarr", ("bpy",), (), _arrays("vision")),
     "views": StoreSpec("views", ".zarr", ("bpy",), (), _arrays("views")),

@@ -22,6 +22,7 @@ from zarr.codecs import BloscCodec, Crc32cCodec
 import palpate
 from palpate import checksums
 from palpate.atomic import atomic_write
+from palpate.provenance import Made
 from palpate.remedy import command
 from palpate.store.contract import CONTRACT, FRAMES, SCHEMA_VERSION, UNITS, ArraySpec, StoreSpec
 from palpate.store.shards import is_shard, read_rows, shard_file
@@ -257,6 +258,7 @@ class Store:
         """
         with self._reading():
             data = self.path.read_bytes()
+            self._content = hashlib.sha256(data[:USER_BLOCK]).hexdigest()
         earlier = data.startswith(b"\x89HDF\r\n\x1a\n")
         if not earlier and data[:USER_BLOCK] != _user_block(data[USER_BLOCK:]):
             raise self._damaged(["it has changed since it was written (checksum)"])
@@ -281,7 +283,12 @@ class Store:
     @property
     def digest(self) -> str:
         """SHA-256 of what the store states of its files: other content has another digest."""
-        return _digest(self.attributes, self._files) if self._files else checksums.measure(self.path)[1]
+        return _digest(self.attributes, self._files) if self._files else self._content
+
+    @property
+    def made(self) -> Made:
+        """What it holds and what it was made from, to compare with other stores."""
+        return Made(self.path, self.attributes["stage"], self.digest, self.attributes["made_from"])
 
     @property
     def _target(self) -> str:

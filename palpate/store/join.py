@@ -1,7 +1,5 @@
 """Joins the results of a batch's objects, and writes the batch's store."""
 
-import hashlib
-import json
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from types import MappingProxyType
@@ -44,22 +42,16 @@ def write_batch(
     rejected: Path | str,
     rejections: Iterable[Rejection],
     seed: int,
-    config: Any,
+    made_from: Mapping[str, Any],
     more: Mapping[str, np.ndarray] = MappingProxyType({}),
     attributes: Mapping[str, Any] = MappingProxyType({}),
 ) -> None:
     """Write a stage's results for a batch: the table of rejections, then the store, both atomically.
 
     path, stage: of the store, as for `write`; records: the objects' arrays, as for `join`, and `more` arrays
-    of the batch; rejected: path of the table (.csv); config: the part of the config that the store depends
-    on; attributes: further ones that the stage's stores have. Raises StoreError as `write` does.
+    of the batch; rejected: path of the table (.csv); made_from: see `palpate.provenance.combine`; attributes:
+    further ones that the stage's stores have. Raises StoreError as `write` does.
     """
     with atomic_write(rejected, checksum=True) as partial:
         write_rejections(partial, rejections)
-    made_with = {"seed": seed, "config_digest": config_digest(config)}
-    write(path, stage, {**join(stage, records), **more}, {**made_with, **attributes})
-
-
-def config_digest(config: Any) -> str:
-    """SHA-256 of the part of the config that a store depends on; stands in its attributes."""
-    return hashlib.sha256(json.dumps(config, sort_keys=True).encode()).hexdigest()
+    write(path, stage, {**join(stage, records), **more}, {"seed": seed, "made_from": made_from, **attributes})

@@ -53,7 +53,7 @@ def main() -> None:
     stages = [s for s, spec in store.CONTRACT.items() if (options.run / spec.path(options.batch)).exists()]
     arrays = {s: store.read(options.run / store.CONTRACT[s].path(options.batch)) for s in stages}
     objects = len(arrays[stages[0]]["object"])
-    attributes = {"config_digest": "", "seed": 0, "sensor": DIGIT.description()}
+    attributes = {"made_from": {}, "seed": 0, "sensor": DIGIT.description()}
 
     print(f"{options.run} {options.batch}: {objects} objects; median of {options.repeats}")
     print("| compression | " + " | ".join(f"{s}, ms / kB" for s in stages) + " | all, ms / kB |")

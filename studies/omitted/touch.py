@@ -18,7 +18,7 @@ from studies.omitted.omission import Omission
 from studies.scenes import scene_of
 from studies.subjects import Subject
 
-ATTRIBUTES = {"config_digest": "", "seed": 0, "sensor": DIGIT.description()}
+ATTRIBUTES = {"made_from": {}, "seed": 0, "sensor": DIGIT.description()}
 ALWAYS, UNTOUCHED = "always", "a sensor touches nothing"
 
 

@@ -173,7 +173,7 @@ def outcome(kind: Kind, run: Path, expected: list) -> Try:
 def validate(run: Path) -> str:
     """What `snakemake validate` says of a run's files: the first that is not as written; empty if all are."""
     for batch in Run(run).batches:
-        for finding in check_files(run, batch):
+        for finding in check_files(Run(run), batch):
             if not finding.ok:
                 return finding.where
     return "".join(f"{path} has changed since it was written" for path in checksums.changed(run)[:1])

@@ -37,7 +37,7 @@ ROUNDING = 1e-5  # relative, of sums of thousands of numbers in float32
 GRASPS = 5
 EXPERIMENT = {"strategy": "charts", "vision": "unoccluded", "touch": True, "grasps": GRASPS}
 VISION = EXPERIMENT | {"touch": False, "grasps": 1}
-BATCH, ATTRIBUTES = "batch-0000", {"seed": 0, "config_digest": "0", "sensor": DIGIT.description()}
+BATCH, ATTRIBUTES = "batch-0000", {"seed": 0, "made_from": {}, "sensor": DIGIT.description()}
 SETTINGS = {
     "architecture": {
         "encoder": {"channels": [8, 16], "layers": [1, 2], "pool": [1, 3], "norm": "instance", "padding": 1},

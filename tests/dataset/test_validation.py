@@ -581,7 +581,7 @@ def test_a_batch_whose_objects_were_all_rejected_is_valid(run):
             stored = palpate.store.read(run / f"grasps/{PAIR}.h5")
             arrays |= {name: array for name, array in stored.items() if name.startswith("hand/")}
         path = run / palpate.store.CONTRACT[stage].path(BATCH)
-        palpate.store.write(path, stage, arrays, {"config_digest": "", "seed": 0, "sensor": DIGIT.description()})
+        palpate.store.write(path, stage, arrays, {"made_from": {}, "seed": 0, "sensor": DIGIT.description()})
     findings = validate_batch(run, BATCH)
     assert all(finding.ok for finding in findings), [finding for finding in findings if not finding.ok]
 

@@ -28,7 +28,7 @@ from tests.models.batches import SMALL
 SPLITS = {"ball-0000": "train", "ball-0001": "validation", "ball-0002": "test", "ball-0003": "test"}
 RADII = dict(zip(SPLITS, (0.05, 0.06, 0.07, 0.08), strict=True))
 GRASPS = 2
-ATTRIBUTES = {"seed": 0, "config_digest": "", "sensor": DIGIT.description()}
+ATTRIBUTES = {"seed": 0, "made_from": {}, "sensor": DIGIT.description()}
 OCCLUDED_TOUCH = {"strategy": "charts", "vision": "occluded", "touch": True, "grasps": 1}
 UNOCCLUDED = {"strategy": "charts", "vision": "unoccluded", "touch": False, "grasps": 1}
 MODEL_SEED = 7

@@ -166,7 +166,7 @@ def test_a_batch_has_rings_around_successful_touches_only(tmp_path):
         path,
         "touch",
         arrays | {"object": np.array(["a", "b"]), "empty_reading": empty_reading()},
-        {"seed": 0, "config_digest": "", "sensor": DIGIT.description()},
+        {"seed": 0, "made_from": {}, "sensor": DIGIT.description()},
     )
     surfaces = {"a": MeshSurface(ball, centre), "b": MeshSurface(slab(0.02, 0.2, ahead))}
     rings = project_batch(path, lambda name, sensor: surfaces[name])
@@ -175,4 +175,4 @@ def test_a_batch_has_rings_around_successful_touches_only(tmp_path):
     expected = surfaces["a"].project(position[1, 2], rotation[1, 2])
     np.testing.assert_array_equal(rings["ring_depth"][0, 1, 2], expected)
     assert np.allclose(rings["ring_depth"][1][:, [0, 2, 3]], 0.02, atol=1e-6)
-    store.write(tmp_path / "rings" / "batch-0000.zarr", "rings", rings, {"seed": 0, "config_digest": ""})
+    store.write(tmp_path / "rings" / "batch-0000.zarr", "rings", rings, {"seed": 0, "made_from": {}})

@@ -17,7 +17,7 @@ from palpate.touch import RayCaster, empty_reading, sense
 from palpate.vision import Image, paper_camera
 from palpate.vision.image import vision_record
 
-ATTRIBUTES = {"config_digest": "test", "seed": 0, "sensor": DIGIT.description()}
+ATTRIBUTES = {"made_from": {}, "seed": 0, "sensor": DIGIT.description()}
 BATCH = "batch-0000"
 CURL = np.array([0.0, 0.9, 0.7, 0.5] * 3 + [1.2, 0.5, 0.5, 0.5])  # of the joints of a hand about to close
 TRIALS = 60

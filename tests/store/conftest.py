@@ -10,7 +10,7 @@ import pytest
 import trimesh
 
 import palpate.store
-from palpate import checksums
+from palpate import checksums, provenance
 from palpate.batch import generator
 from palpate.hand import allegro
 from palpate.mesh import DIAGONAL, OBJECT_POSITION
@@ -19,7 +19,7 @@ from palpate.touch import RayCaster, empty_reading, sense
 from palpate.vision import Image, paper_camera
 from palpate.vision.image import vision_record
 
-ATTRIBUTES = {"config_digest": "0" * 64, "seed": 0, "sensor": DIGIT.description()}
+ATTRIBUTES = {"made_from": {}, "seed": 0, "sensor": DIGIT.description()}
 BATCHES = {"batch-0000": ["ball-0000", "block-0000"], "batch-0001": ["ball-0001", "ball-0002"]}
 SPLITS = {"ball-0000": "train", "block-0000": "test", "ball-0001": "train", "ball-0002": "validation"}
 REJECTED = "ball-0001"
@@ -136,6 +136,7 @@ def build(folder: Path) -> None:
             shape(name).export(mesh_folder / "visual.glb")
             record = {"source": {"scale": "diagonal"}, "scale": SCALE, "diagonal": DIAGONAL}
             (mesh_folder / "mesh.json").write_text(json.dumps(record))
+        (folder / "meshes" / batch / provenance.RECORD).write_text("{}\n")
         checksums.write_manifest(folder / "meshes" / batch)
         kept = [name for name in names if name != REJECTED]
         grasps = {name: grasp(name) for name in kept}

@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 
 from palpate.batch import Rejection, read_rejections
+from palpate.provenance import combine
 from palpate.sensor import DIGIT
-from palpate.store import Store, StoreError, config_digest, join, read, write, write_batch
+from palpate.store import Store, StoreError, join, read, write, write_batch
 
-ATTRIBUTES = {"seed": 0, "config_digest": config_digest({}), "sensor": DIGIT.description()}
+ATTRIBUTES = {"seed": 0, "made_from": {}, "sensor": DIGIT.description()}
 
 
 def record(number: int, grasps: int) -> dict[str, np.ndarray]:
@@ -65,17 +66,12 @@ def test_a_batch_has_its_store_and_its_rejections(tmp_path):
         "points": np.zeros((1, 4, 4, 3)),
         "point_count": np.ones((1, 4), int),
     }
-    sensor = DIGIT.description()
+    sensor, made_from = DIGIT.description(), combine({"touch": {"method": "embree"}})
     path, table = tmp_path / "touch/batch-0000.zarr", tmp_path / "rejected/touch/batch-0000.csv"
-    write_batch(path, "touch", {"a": felt}, table, rejections, 3, {"method": "embree"}, more, {"sensor": sensor})
+    write_batch(path, "touch", {"a": felt}, table, rejections, 3, made_from, more, {"sensor": sensor})
     assert read_rejections([table]) == rejections
     found = Store(path)
     assert found["object"].tolist() == ["a"]
     assert (found["empty_reading"] == 7).all() and (found["depth"] == 1).all()
     assert found.attributes["seed"] == 3 and found.attributes["sensor"] == sensor
-    assert found.attributes["config_digest"] == config_digest({"method": "embree"})
-
-
-def test_the_digest_tells_configs_apart_and_not_their_order():
-    assert config_digest({"a": 1, "b": [2]}) == config_digest({"b": [2], "a": 1})
-    assert config_digest({"a": 1, "b": [2]}) != config_digest({"a": 1, "b": [3]})
+    assert found.made.config == {"touch.method": "embree"} and found.made.digest == found.digest

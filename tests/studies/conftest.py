@@ -29,5 +29,5 @@ def pictured(tmp_path_factory):
     poses = [(palm, hand.open_joint_positions + bend) for bend in (0.3, 0.5)]
     arrays = join("grasps", {subject.name: grasp_record(hand, poses)})
     arrays |= {f"hand/{name}": array for name, array in hand.to_arrays().items()}
-    write(run / "grasps/batch-0000.h5", "grasps", arrays, {"config_digest": "test", "seed": 0})
+    write(run / "grasps/batch-0000.h5", "grasps", arrays, {"made_from": {}, "seed": 0})
     return run, subject

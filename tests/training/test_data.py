@@ -18,7 +18,7 @@ from palpate.training.learners import ReconstructionLearner
 from palpate.training.samples import windows
 from tests.training.conftest import OCCLUDED_TOUCH, SETTINGS, made_up
 
-ATTRIBUTES = {"seed": 0, "config_digest": "0", "sensor": DIGIT.description()}
+ATTRIBUTES = {"seed": 0, "made_from": {}, "sensor": DIGIT.description()}
 BATCHES = {
     "batch-0000": [("a-0", "a", "train"), ("a-1", "a", "validation"), ("b-0", "b", "test")],
     "batch-0001": [("b-1", "b", "train")],

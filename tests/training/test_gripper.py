@@ -33,7 +33,7 @@ from tests.training.conftest import ARCHITECTURE, SETTINGS
 HANDS = Path(__file__).parents[2] / "config/hands"
 GRIPPER = from_mjcf(HANDS / "wsg50.xml", HANDS / "wsg50.yaml")
 KIND = Sensor.from_description(load("dome360").description() | {"resolution": [32, 35], "height": 0.017})
-ATTRIBUTES = {"seed": 0, "config_digest": "", "sensor": KIND.description()}
+ATTRIBUTES = {"seed": 0, "made_from": {}, "sensor": KIND.description()}
 OBJECTS = {"rod-0": "train", "rod-1": "validation"}
 GRASPS = 2
 TOUCH = {"strategy": "charts", "vision": "none", "touch": True, "grasps": 2}

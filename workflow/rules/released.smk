@@ -4,6 +4,7 @@ if RELEASED:
     rule released:
         input:
             sources=batch_sources,
+            catalogue=ancient("catalogue/{batch}.csv"),
             empty_reading=f"{SOURCE['path']}/empty_gel.npy",
         output:
             surface=directory("surface/{batch}.zarr"),
@@ -18,9 +19,9 @@ if RELEASED:
             objects=batch_objects,
             source=SOURCE["path"],
             settings={
-                "points": config["surface"]["points"],
-                "grasps": config["grasps"]["per_object"],
-                "size": config["vision"]["size"],
+                "surface": {"points": config["surface"]["points"]},
+                "grasps": {"per_object": config["grasps"]["per_object"]},
+                "vision": {"size": config["vision"]["size"]},
             },
             seed=config["seed"],
         script:

@@ -9,7 +9,7 @@ import logging
 import numpy as np
 import torch
 
-from palpate import store, training
+from palpate import checksums, provenance, store, training
 from palpate.batch import log_to
 from palpate.charts.atlas import TOUCH_VERTICES
 from palpate.sensor import Sensor
@@ -19,18 +19,21 @@ log = logging.getLogger(__name__)
 log_to(snakemake.log[0])
 torch.set_num_threads(snakemake.threads)
 device = training.Machine(snakemake.params.device).torch_device()
-touch = store.read(snakemake.input.touch, "object", "success", "position", "rotation", "reading", "empty_reading")
+stored, settings, seed = store.open(snakemake.input.touch), snakemake.params.settings, snakemake.params.seed
+names = ("object", "success", "position", "rotation", "reading", "empty_reading")
+touch = {name: stored.get(name) for name in names}
+weights = checksums.measure(snakemake.input.model)[1]
 model = training.load_touch_depth(snakemake.input.model).to(device)
-sensor = Sensor.from_description(store.open(snakemake.input.touch).attributes["sensor"])
+sensor = Sensor.from_description(stored.attributes["sensor"])
 require_sensor(None, model.sensor, None, sensor, snakemake.input.model)
 names, success = touch["object"], touch["success"]
 vertices = np.empty((*success.shape, TOUCH_VERTICES, 3), np.float32)
 for place, name in enumerate(names):  # by themselves, so that charts do not depend on the batch
     log.info("charts %d/%d: %s", place + 1, len(names), name)
-    vertices[place] = training.object_charts(model, touch, place, snakemake.params.settings["chart_fit"])
+    vertices[place] = training.object_charts(model, touch, place, settings["chart_fit"])
 store.write(
     snakemake.output.charts,
     "charts",
     {"object": names, "vertices": vertices},
-    {"seed": snakemake.params.seed, "config_digest": store.config_digest(snakemake.params.settings)},
+    {"seed": seed, "made_from": provenance.combine({"charts": {**settings, "weights": weights}}, stored.made)},
 )

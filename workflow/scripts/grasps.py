@@ -15,7 +15,7 @@ import logging
 from dataclasses import replace
 from pathlib import Path
 
-from palpate import grasp, hand, mesh, store
+from palpate import grasp, hand, mesh, provenance, store
 from palpate.batch import each_object, generator, log_to
 from palpate.sensor import DIGIT
 
@@ -26,7 +26,12 @@ settings = dict(snakemake.params.grasps)
 mjcf_files = settings.pop("hand")
 sensor = replace(DIGIT, **snakemake.params.sensor)  # its lights and gel play no part in grasps
 robot = hand.from_mjcf(*snakemake.input.hand, sensor.gel_face) if mjcf_files else hand.allegro(sensor.gel_face)
-surface = store.read(snakemake.input.surface, "object", "points")
+surface = store.open(snakemake.input.surface)
+made_from = provenance.combine(
+    {"seed": seed, "grasps": {**settings, "sensor": snakemake.params.sensor}},
+    provenance.of_meshes(meshes),
+    surface.made,
+)
 points = dict(zip(surface["object"], surface["points"], strict=True))
 
 
@@ -54,6 +59,6 @@ store.write_batch(
     snakemake.output.rejected,
     rejections,
     seed,
-    {"grasps": snakemake.params.grasps, "sensor": snakemake.params.sensor},
+    made_from,
     {f"hand/{key}": array for key, array in robot.to_arrays().items()},
 )

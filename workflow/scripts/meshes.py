@@ -4,21 +4,24 @@ meshes/<batch>/<object>/visual.glb       full resolution, materials and textures
                         collision.ply    what the hand collides with
                         level-<n>.ply    further decimation levels
                         mesh.json        faces, repairs made, measured distance to the source
+                made_from.json          what they were made from
                 manifest.json           sizes and checksums of all these files
 rejected/meshes/<batch>.csv              object, stage, reason
 """
 
+import json
 import logging
 import shutil
 from pathlib import Path
 
-from palpate import checksums, mesh
+from palpate import catalogue, checksums, mesh, provenance
 from palpate.atomic import atomic_write
 from palpate.batch import each_object, log_to, write_rejections
 
 log_to(snakemake.log[0])
 log = logging.getLogger("meshes")
 objects, settings, sources = snakemake.params.objects, snakemake.params.mesh, Path(snakemake.params.folder)
+entries = {entry.object: entry for entry in catalogue.read_catalogue(snakemake.input.catalogue)}
 
 with (
     atomic_write(snakemake.output.meshes) as batch,
@@ -40,9 +43,13 @@ with (
         except BaseException:
             shutil.rmtree(folder, ignore_errors=True)
             raise
+        finally:  # an object is not rejected, either, for a file that was being written
+            catalogue.require_unchanged(sources, entries[name], snakemake.input.catalogue)
         for level, faces in mesh.undecimated_levels(record).items():
             log.info("%s: omitted: decimation to %s: the mesh has %s faces", name, level, f"{faces:,}")
 
     _, rejections = each_object(objects, prepare, "meshes")
     write_rejections(rejected, rejections)
+    made_from = provenance.combine({"mesh": settings}, sources=catalogue.sources_of(list(entries.values())))
+    (batch / provenance.RECORD).write_text(json.dumps(made_from, sort_keys=True) + "\n")
     checksums.write_manifest(batch)

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from palpate import store
+from palpate import catalogue, provenance, store
 from palpate.atomic import atomic_write
 from palpate.batch import each_object, generator, log_to, write_rejections
 from palpate.released import arrays as released
@@ -21,15 +21,17 @@ from palpate.sensor import DIGIT
 log_to(snakemake.log[0])
 params = snakemake.params
 root, settings = Path(params.source), params.settings
+sources = catalogue.sources_of(catalogue.read_catalogue(snakemake.input.catalogue))
+made_from = provenance.combine({"seed": params.seed, **settings}, sources=sources)
 
 
 def read(name: str) -> dict[str, dict[str, np.ndarray]]:
     entry = ReleasedObject.of_source(params.objects[name])
     draw = generator(params.seed, name, "surface")
     return {
-        "surface": released.read_surface(root, entry, settings["points"], draw),
-        "touch": released.read_touch(root, entry, settings["grasps"]),
-        "vision": released.read_vision(root, entry, settings["grasps"], settings["size"]),
+        "surface": released.read_surface(root, entry, settings["surface"]["points"], draw),
+        "touch": released.read_touch(root, entry, settings["grasps"]["per_object"]),
+        "vision": released.read_vision(root, entry, settings["grasps"]["per_object"], settings["vision"]["size"]),
     }
 
 
@@ -49,6 +51,6 @@ for stage in ("surface", "touch", "vision"):
         snakemake.output[stage],
         stage,
         arrays | ({"empty_reading": empty_reading} if stage == "touch" else {}),
-        {"seed": params.seed, "config_digest": store.config_digest(settings), "source": "released"}
+        {"seed": params.seed, "made_from": made_from, "source": "released"}
         | ({"sensor": DIGIT.description()} if stage == "touch" else {}),
     )

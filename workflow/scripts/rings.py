@@ -6,20 +6,23 @@ rings/<batch>.zarr    object        (o,)                  string
 
 from pathlib import Path
 
-from palpate import mesh, store
+from palpate import mesh, provenance, store
 from palpate.batch import log_to
 from palpate.evaluation import rings
 from palpate.sensor import Sensor
 
 log_to(snakemake.log[0])
+touch = store.open(snakemake.input.touch).made
 if snakemake.input.meshes:
     meshes = Path(snakemake.input.meshes)
+    inputs = [provenance.of_meshes(meshes), touch]
 
     def surface(name: str, sensor: Sensor) -> rings.MeshSurface:
         return rings.MeshSurface(mesh.load_visual(meshes / name), mesh.OBJECT_POSITION, sensor)
 
 else:
-    points = store.read(snakemake.input.surface, "object", "points")
+    points = store.open(snakemake.input.surface)
+    inputs = [points.made, touch]
     clouds = dict(zip(points["object"], points["points"], strict=True))
 
     def surface(name: str, sensor: Sensor) -> rings.CloudSurface:
@@ -30,5 +33,5 @@ store.write(
     snakemake.output.rings,
     "rings",
     rings.project_batch(snakemake.input.touch, surface),
-    {"seed": snakemake.params.seed, "config_digest": store.config_digest({"rings": rings.RINGS})},
+    {"seed": snakemake.params.seed, "made_from": provenance.combine({"rings": {"count": rings.RINGS}}, *inputs)},
 )

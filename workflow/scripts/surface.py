@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from palpate import mesh, store, surface
+from palpate import mesh, provenance, store, surface
 from palpate.batch import each_object, generator, log_to
 
 log_to(snakemake.log[0])
@@ -36,5 +36,5 @@ store.write_batch(
     snakemake.output.rejected,
     rejections,
     seed,
-    settings,
+    provenance.combine({"seed": seed, "surface": settings}, provenance.of_meshes(meshes)),
 )

@@ -17,7 +17,7 @@ from pathlib import Path
 
 import numpy as np
 
-from palpate import store, touch
+from palpate import provenance, store, touch
 from palpate.batch import each_object, log_to
 from palpate.hand import Hand
 from palpate.scene import GRASP_ARRAYS, Scene
@@ -25,10 +25,15 @@ from palpate.sensor import Sensor, read_background, warn_of_shallow
 
 log_to(snakemake.log[0])
 log = logging.getLogger("touch")
-meshes, settings = Path(snakemake.input.meshes), snakemake.params.touch
-grasps = store.read(snakemake.input.grasps)
-hand = Hand.from_arrays(grasps, prefix="hand/")
+meshes, settings, seed = Path(snakemake.input.meshes), snakemake.params.touch, snakemake.params.seed
 description = snakemake.params.sensor
+grasps = store.read(snakemake.input.grasps)
+made_from = provenance.combine(
+    {"seed": seed, "touch": {**settings, "sensor": description}},
+    provenance.of_meshes(meshes),
+    store.open(snakemake.input.grasps).made,
+)
+hand = Hand.from_arrays(grasps, prefix="hand/")
 image = snakemake.input.background
 background = read_background(image, description["resolution"]) if image else None
 sensor = Sensor.from_description(description, background)
@@ -58,8 +63,8 @@ store.write_batch(
     readings,
     snakemake.output.rejected,
     rejections,
-    snakemake.params.seed,
-    {**settings, "sensor": description},
+    seed,
+    made_from,
     {"empty_reading": touch.empty_reading(sensor)},
     {"sensor": description, **touches},
 )

@@ -12,7 +12,7 @@ import numpy as np
 
 from palpate.vision import Renderer  # Blender: before anything that loads embree
 
-from palpate import mesh, store  # isort: skip
+from palpate import mesh, provenance, store  # isort: skip
 from palpate.batch import each_object, generator, log_to  # isort: skip
 from palpate.scene import Scene  # isort: skip
 from palpate.vision import views  # isort: skip
@@ -45,5 +45,5 @@ store.write_batch(
     snakemake.output.rejected,
     rejections,
     params.seed,
-    params.views,
+    provenance.combine({"seed": params.seed, "views": params.views}, provenance.of_meshes(meshes)),
 )

@@ -15,15 +15,18 @@ from pathlib import Path
 from palpate.atomic import atomic_write
 from palpate.vision import Renderer  # Blender: before anything that loads embree
 
-from palpate import checksums, scene, store  # isort: skip
+from palpate import checksums, provenance, scene, store  # isort: skip
 from palpate.batch import each_object, log_to  # isort: skip
 from palpate.hand import Hand  # isort: skip
 from palpate.scene import GRASP_ARRAYS, Scene  # isort: skip
 from palpate.vision.image import vision_record  # isort: skip
 
 log_to(snakemake.log[0])
-meshes, settings = Path(snakemake.input.meshes), snakemake.params.vision
+meshes, settings, seed = Path(snakemake.input.meshes), snakemake.params.vision, snakemake.params.seed
 grasps = store.read(snakemake.input.grasps)
+made_from = provenance.combine(
+    {"seed": seed, "vision": settings}, provenance.of_meshes(meshes), store.open(snakemake.input.grasps).made
+)
 hand, cameras = Hand.from_arrays(grasps, prefix="hand/"), scene.cameras(settings)
 look = {"lights": scene.lights(settings), "background": scene.background(settings)}
 
@@ -47,6 +50,6 @@ store.write_batch(
     images,
     snakemake.output.rejected,
     rejections,
-    snakemake.params.seed,
-    settings,
+    seed,
+    made_from,
 )

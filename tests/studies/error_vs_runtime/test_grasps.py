@@ -113,7 +113,7 @@ def run(tmp_path_factory):
     made.export(subject.folder / "visual.glb")
     made.export(subject.folder / "collision.ply")
     points = trimesh.sample.sample_surface(made, 2000, seed=0)[0] + mesh.OBJECT_POSITION
-    names, attributes = np.array(["another", subject.name]), {"config_digest": "", "seed": 0}
+    names, attributes = np.array(["another", subject.name]), {"made_from": {}, "seed": 0}
     surface = np.stack([np.zeros_like(points), points]).astype(np.float32)
     (folder / "surface").mkdir()
     store.write(folder / "surface/batch-0000.zarr", "surface", {"object": names, "points": surface}, attributes)

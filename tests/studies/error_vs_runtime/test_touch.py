@@ -61,7 +61,7 @@ def run(tmp_path_factory):
         "attempts": np.ones(2, dtype=np.int32),
     }
     (folder / "grasps").mkdir()
-    attributes = {"config_digest": "", "seed": 0, "sensor": DIGIT.description()}
+    attributes = {"made_from": {}, "seed": 0, "sensor": DIGIT.description()}
     store.write(folder / "grasps/batch-0000.h5", "grasps", arrays, attributes)
     return folder, subject
 

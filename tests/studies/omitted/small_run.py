@@ -14,7 +14,7 @@ from palpate.sensor import DIGIT
 from studies.subjects import Subject
 
 NAME, BATCH = "beam-0000", "batch-0000"
-ATTRIBUTES = {"config_digest": "0" * 64, "seed": 0, "sensor": DIGIT.description()}
+ATTRIBUTES = {"made_from": {}, "seed": 0, "sensor": DIGIT.description()}
 SETTINGS = {
     "mesh": {"collision_faces": 200},
     "grasps": {"timestep": 0.004},
