@@ -5,7 +5,10 @@ import errno
 import gc
 import hashlib
 import logging
+import mmap
 import os
+import re
+import resource
 import sys
 from collections.abc import Callable, Iterable
 from pathlib import Path
@@ -25,6 +28,13 @@ QUIET = "TQDM_DISABLE"
 # Containers made between two searches for garbage. With Python's own 700 it goes through what modules hold again and
 # again while they load, and finds nothing.
 GARBAGE_AFTER = 50_000
+
+
+# Lack of memory in the words of libigl, pymeshlab, embree, Blender, torch and the system.
+NO_MEMORY = re.compile(
+    r"bad_alloc|out of (?:\w+ )?memory|not enough memory|(?:can't|cannot|could not|unable to|failed to) allocate", re.I
+)
+SPARE = 2 << 30  # bytes that a process must be able to get before an engine's failure counts against an object
 
 
 class UnusableObject(ValueError):
@@ -78,7 +88,7 @@ def log_to(path: Path | str) -> None:
 def plain(error: BaseException) -> str:
     """An error in one line, with the remedy where it is the machine's: a full disk, no right to write, no memory."""
     text = " ".join(str(error).split())
-    if isinstance(error, MemoryError):
+    if lacks_memory(error):
         return f"too little memory{f' ({text})' if text else ''}: start again with fewer --cores, or free some memory"
     if isinstance(error, OSError):
         place = error.filename or os.getcwd()
@@ -89,33 +99,72 @@ def plain(error: BaseException) -> str:
     return f"{type(error).__name__}: {text}"
 
 
+def lacks_memory(error: BaseException | None) -> bool:
+    """Whether an error, or one that it comes from, is lack of memory, maybe in an engine's own words."""
+    if error is None:
+        return False
+    of_machine = isinstance(error, MemoryError) or getattr(error, "errno", None) == errno.ENOMEM
+    return of_machine or bool(NO_MEMORY.search(str(error))) or lacks_memory(error.__cause__)
+
+
+def require_memory(failure: str) -> bool:
+    """Raise MemoryError if a failure that does not name its cause may be due to lack of memory.
+
+    The process's own limit is lifted as far as it may be. Returns whether it was: then trying again shows what the
+    object itself causes.
+    """
+    soft, hard = resource.getrlimit(resource.RLIMIT_AS)
+    resource.setrlimit(resource.RLIMIT_AS, (hard, hard))
+    try:
+        mmap.mmap(-1, SPARE, flags=mmap.MAP_PRIVATE).close()
+    except OSError:
+        raise MemoryError(f"{failure}, and less than {SPARE >> 30} GiB can be had") from None
+    return soft != hard
+
+
 def each_object(
     objects: Iterable[str], function: Callable[[str], Any], stage: str
 ) -> tuple[dict[str, Any], list[Rejection]]:
     """Apply `function` to every object of a batch; one that fails is rejected and the batch goes on.
 
     Returns the results by object, in order, and the rejections. `UnusableObject` gives its message as the reason;
-    any other exception is an error of ours or of an engine: its traceback goes to the log as well. Raises
-    OSError, MemoryError and `palpate.checksums.DamagedFile` as they come: a full disk, or a file that was damaged, says
-    nothing about the object, which is tried again when the stage is.
+    any other exception is an error of ours or of an engine: its traceback goes to the log as well, and the object is
+    rejected if there is memory to spare, after a second try where a limit of memory could be lifted. Raises OSError,
+    `palpate.checksums.DamagedFile`, and MemoryError, also for an engine's own words for it: a full disk says nothing
+    about the object, which is tried again when the stage is.
     """
     objects = list(objects)
     results, rejections = {}, []
     bar = tqdm(objects, desc=stage, unit="object", disable=not sys.stderr.isatty())
     for position, name in enumerate(bar, start=1):
         try:
-            results[name] = function(name)
+            results[name] = _twice_if_in_doubt(function, name)
             log.info("%s %d/%d: %s", stage, position, len(objects), name)
-        except UnusableObject as error:
-            rejections.append(Rejection(name, stage, str(error)))
-            log.warning("%s %d/%d: %s rejected: %s", stage, position, len(objects), name, error)
-        except (OSError, MemoryError, DamagedFile):
-            log.error("%s %d/%d: %s was not finished", stage, position, len(objects), name)
-            raise
         except Exception as error:
-            rejections.append(Rejection(name, stage, f"{type(error).__name__}: {error}"))
-            log.exception("%s %d/%d: %s failed", stage, position, len(objects), name)
+            if isinstance(error, OSError | DamagedFile) or lacks_memory(error):
+                log.error("%s %d/%d: %s was not finished", stage, position, len(objects), name)
+                if isinstance(error, OSError | DamagedFile | MemoryError):
+                    raise
+                raise MemoryError(f"{stage} of {name}: {error}") from error
+            expected = isinstance(error, UnusableObject)
+            rejections.append(Rejection(name, stage, str(error) if expected else f"{type(error).__name__}: {error}"))
+            log.warning("%s %d/%d: %s rejected: %s", stage, position, len(objects), name, error)
     return results, rejections
+
+
+def _twice_if_in_doubt(function: Callable[[str], Any], name: str) -> Any:
+    try:
+        return function(name)
+    except (UnusableObject, OSError, DamagedFile):
+        raise
+    except Exception as error:
+        if lacks_memory(error):
+            raise
+        log.exception("%s failed", name)
+        if not require_memory(f"{name}: {type(error).__name__}: {error}"):
+            raise
+    log.info("%s is tried again without a limit of memory", name)
+    return function(name)
 
 
 def read_rejections(paths: Iterable[Path | str]) -> list[Rejection]:

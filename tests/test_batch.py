@@ -113,3 +113,86 @@ def test_a_job_whose_log_is_on_the_full_disk_says_so_on_the_terminal():
 )
 def test_an_error_is_one_line_with_its_remedy(error, said):
     assert said in plain(error) and "\n" not in plain(error)
+
+
+OUT_OF_MEMORY = [
+    RuntimeError("Failed to apply filter: meshing_decimation_quadric_edge_collapse\nDetails: std::bad_alloc"),
+    RuntimeError("System is out of GPU memory"),
+    RuntimeError("[enforce fail at alloc_cpu.cpp:117] DefaultCPUAllocator: can't allocate memory: you tried"),
+    OSError(12, "Cannot allocate memory"),
+]
+
+
+@pytest.mark.parametrize("error", OUT_OF_MEMORY)
+@pytest.mark.parametrize("hidden", [False, True])
+def test_lack_of_memory_in_an_engines_words_stops_the_batch(error, hidden):
+    def grasp(name: str) -> None:
+        if hidden:
+            raise UnusableObject("can't be read") from error
+        raise error
+
+    with pytest.raises((MemoryError, OSError)) as raised:
+        each_object(["mug"], grasp, "grasps")
+    assert plain(raised.value).startswith("too little memory (")
+    assert "fewer --cores, or free some memory" in plain(raised.value)
+
+
+# An engine's failure that names no cause, under a limit (MB beyond what is in use) that may be lifted or not.
+IN_DOUBT = """
+import os, resource, sys
+from palpate.batch import each_object
+limit = int(open("/proc/self/statm").read().split()[0]) * os.sysconf("SC_PAGE_SIZE") + (64 << 20)
+resource.setrlimit(resource.RLIMIT_AS, (limit, limit if sys.argv[1] == "hard" else resource.RLIM_INFINITY))
+tries = []
+def engine(name):
+    tries.append(name)
+    if name == "broken" or resource.getrlimit(resource.RLIMIT_AS)[0] == limit:
+        raise RuntimeError("Caught an unknown exception!")
+    return "made"
+results, rejections = each_object(["broken", "good"], engine, "grasps")
+print(results, [rejection.object for rejection in rejections], tries)
+"""
+
+
+def test_a_failure_in_doubt_is_tried_again_with_the_limit_lifted():
+    def run(limit):
+        return subprocess.run([sys.executable, "-c", IN_DOUBT, limit], capture_output=True, text=True, check=False)
+
+    assert run("soft").stdout == "{'good': 'made'} ['broken'] ['broken', 'broken', 'good']\n"
+    stopped = run("hard")
+    assert stopped.returncode and "MemoryError: broken: RuntimeError: Caught an unknown exc" in stopped.stderr
+    assert "less than 2 GiB can be had" in stopped.stderr
+
+
+# Real stages with so little memory that engines fail in their own ways: a library crashes, or states no cause.
+STAGES = """
+import os, resource, sys
+from pathlib import Path
+import trimesh
+from palpate import grasp, hand, mesh
+from palpate.batch import each_object, generator
+stage, folder, spare = sys.argv[1], Path(sys.argv[2]), int(sys.argv[3])
+ball = trimesh.creation.icosphere(subdivisions=5, radius=0.25)
+ball.export(folder / "ball.obj")
+import palpate.mesh.build
+robot, points = hand.allegro(), ball.sample(1000, seed=0) + mesh.OBJECT_POSITION
+limit = int(open("/proc/self/statm").read().split()[0]) * os.sysconf("SC_PAGE_SIZE") + (spare << 20)
+resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
+settings = {"per_object": 1, "attempts": 1, "max_attempts": 9, "timestep": 0.004, "max_penetration": 0.001}
+def make(name):
+    if stage == "meshes":
+        return mesh.prepare(folder / "ball.obj", folder / "ball")
+    return grasp.grasp_object(ball, ball, points, robot, generator(0, name), thumb_share=0.15, **settings)
+results, rejections = each_object(["ball"], make, stage)
+print("made" if results else rejections)
+"""
+
+
+@pytest.mark.parametrize(
+    ("stage", "spare"), [("meshes", 0), ("meshes", 8), ("meshes", 16), ("meshes", 32), ("grasps", 64), ("grasps", 100)]
+)
+def test_no_stage_rejects_an_object_for_lack_of_memory(tmp_path, stage, spare):
+    command = [sys.executable, "-c", STAGES, stage, str(tmp_path), str(spare)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert "Rejection" not in done.stdout
+    assert done.stdout == "made\n" or done.returncode < 0 or "MemoryError" in done.stderr, done.stderr[-2000:]

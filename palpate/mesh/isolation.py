@@ -6,15 +6,16 @@ import traceback
 from collections.abc import Callable
 from typing import Any
 
-from palpate.batch import UnusableObject
+from palpate.batch import UnusableObject, lacks_memory, require_memory
 
 
 def isolated(function: Callable[..., Any], *arguments: Any, seconds: float) -> Any:
     """Call the function in a forked child process and return its (picklable) result.
 
     Raises `UnusableObject` if it does, if the child crashes (segmentation fault) or takes more than `seconds`.
-    Raises OSError or MemoryError if it does, and MemoryError if the child is killed, as systems do when
-    memory runs out; RuntimeError for any other exception. These carry the child's traceback.
+    Raises OSError or MemoryError if it does, also in a library's own words, and MemoryError if the child is killed, as
+    systems do when memory runs out, or crashes with little memory; RuntimeError for any other exception. These carry
+    the child's traceback.
     """
     context = multiprocessing.get_context("fork")  # no second start of Python and its libraries
     receiver, sender = context.Pipe(duplex=False)
@@ -32,6 +33,8 @@ def isolated(function: Callable[..., Any], *arguments: Any, seconds: float) -> A
                 "the process that prepares the mesh was killed, perhaps because memory ran out: run with "
                 "fewer cores, or remove the object"
             ) from None
+        if require_memory(f"a mesh library crashed ({_death(child.exitcode)})"):
+            return isolated(function, *arguments, seconds=seconds)
         raise UnusableObject(
             f"a mesh library crashed on it ({_death(child.exitcode)}): clean or simplify the mesh"
         ) from None
@@ -48,11 +51,11 @@ def _answer(sender, function, arguments):
     """Send the class of the error to raise, or None, and its message, or the result."""
     try:
         message = None, function(*arguments)
-    except UnusableObject as error:
-        message = UnusableObject, str(error)
     except Exception as error:
-        kind = next((kind for kind in (OSError, MemoryError) if isinstance(error, kind)), RuntimeError)
-        message = kind, f"in the process that prepares the mesh:\n{traceback.format_exc()}"
+        kind = next((kind for kind in (OSError, UnusableObject) if isinstance(error, kind)), RuntimeError)
+        kind = MemoryError if lacks_memory(error) else kind
+        trace = f"in the process that prepares the mesh:\n{traceback.format_exc()}"
+        message = kind, str(error) if kind is UnusableObject else trace
     sender.send(message)
     sender.close()
 
