@@ -10,6 +10,7 @@ import os
 import re
 import resource
 import sys
+import tempfile
 from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -34,6 +35,8 @@ GARBAGE_AFTER = 50_000
 NO_MEMORY = re.compile(
     r"bad_alloc|out of (?:\w+ )?memory|not enough memory|(?:can't|cannot|could not|unable to|failed to) allocate", re.I
 )
+NO_SPACE = re.compile(rf"{os.strerror(errno.ENOSPC)}|errno = {errno.ENOSPC}\b")
+ROOM = 1 << 20  # bytes: with less a disk is full
 SPARE = 2 << 30  # bytes that a process must be able to get before an engine's failure counts against an object
 
 
@@ -90,13 +93,36 @@ def plain(error: BaseException) -> str:
     text = " ".join(str(error).split())
     if lacks_memory(error):
         return f"too little memory{f' ({text})' if text else ''}: start again with fewer --cores, or free some memory"
+    if place := full_disk(error):
+        lacking = "it takes no more files (inodes): remove some" if _is_out_of_inodes(place) else "free some space"
+        return f"{place}: the disk is full: {lacking} and start again; what is finished stays"
     if isinstance(error, OSError):
         place = error.filename or os.getcwd()
-        if error.errno in (errno.ENOSPC, errno.EDQUOT) or os.strerror(errno.ENOSPC) in text:
-            return f"{place}: the disk is full: free some space and start again; what is finished stays"
         if error.errno in (errno.EROFS, errno.EACCES, errno.EPERM):
             return f"{place}: {error.strerror}: give the right to it, or set `results` in the config to another folder"
     return f"{type(error).__name__}: {text}"
+
+
+def full_disk(error: BaseException) -> str:
+    """A path on the disk that an error says is full, maybe in the words of HDF5; empty if it says something else."""
+    if getattr(error, "errno", None) not in (errno.ENOSPC, errno.EDQUOT) and not NO_SPACE.search(str(error)):
+        return ""
+    named = re.search(r"filename = '([^']+)'", str(error))
+    path = getattr(error, "filename", None) or (named and named[1])
+    places = [os.getcwd(), tempfile.gettempdir()]  # of an error without a path: where jobs write
+    return str(path or next((place for place in places if _free(place) < ROOM), places[0]))
+
+
+def _free(place: str) -> int:
+    """Free bytes of a disk; 0 of one that takes no more files."""
+    state = os.statvfs(place)
+    return 0 if state.f_files and not state.f_favail else state.f_bavail * state.f_frsize
+
+
+def _is_out_of_inodes(path: str) -> bool:
+    folder = next(folder for folder in Path(os.path.abspath(path)).parents if folder.exists())
+    state = os.statvfs(folder)
+    return bool(state.f_files and not state.f_favail)
 
 
 def lacks_memory(error: BaseException | None) -> bool:
@@ -141,8 +167,10 @@ def each_object(
             results[name] = _twice_if_in_doubt(function, name)
             log.info("%s %d/%d: %s", stage, position, len(objects), name)
         except Exception as error:
-            if isinstance(error, OSError | DamagedFile) or lacks_memory(error):
+            if isinstance(error, OSError | DamagedFile) or lacks_memory(error) or full_disk(error):
                 log.error("%s %d/%d: %s was not finished", stage, position, len(objects), name)
+                if place := full_disk(error):
+                    raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), place) from error
                 if isinstance(error, OSError | DamagedFile | MemoryError):
                     raise
                 raise MemoryError(f"{stage} of {name}: {error}") from error

@@ -19,7 +19,10 @@ Manifest = Mapping[str, Sequence]  # path from the folder on -> number of bytes,
 
 
 class DamagedFile(ValueError):
-    """A file is missing or not as it was written; the message names it and the remedy."""
+    """A file is missing or not as it was written; the message names it and the remedy.
+
+    A file that may not be read is not damaged: whatever reads here raises PermissionError as it comes.
+    """
 
 
 def measure(path: Path | str) -> list:
@@ -48,6 +51,8 @@ def read_manifest(folder: Path | str, remedy: str) -> dict[str, list]:
         return {name: [int(size), str(digest)] for name, (size, digest) in found.items()}
     except FileNotFoundError:
         raise DamagedFile(f"{path} does not exist, so what {folder} should hold is unknown; {remedy}") from None
+    except PermissionError:
+        raise
     except (OSError, ValueError, AttributeError, TypeError) as error:
         raise DamagedFile(f"{path} can't be read ({type(error).__name__}); {remedy}") from None
 
@@ -71,6 +76,8 @@ def _difference(path: str, expected: Sequence, contents: bool) -> str:
                 return "has changed since it was written (checksum)"
     except (FileNotFoundError, NotADirectoryError):
         return "is missing"
+    except PermissionError:  # nothing is known of the file
+        raise
     except OSError as error:
         return f"can't be read ({error.strerror})"
     return "" if size == expected[0] else f"has {size} bytes, but {expected[0]} were written"
@@ -122,6 +129,8 @@ def read_text(path: Path | str, remedy: str) -> str:
         data = path.read_bytes()
     except (FileNotFoundError, NotADirectoryError):
         raise DamagedFile(f"{path} does not exist; {remedy}") from None
+    except PermissionError:
+        raise
     except OSError as error:
         raise DamagedFile(f"{path} can't be read ({error.strerror}); {remedy}") from None
     if not data.strip():

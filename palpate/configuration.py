@@ -2,6 +2,7 @@
 
 import difflib
 import math
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -15,6 +16,11 @@ RENAMED_KEYS = {
     "evaluation.bootstrap": "resamples",
     "views.renderings": "published_renderings",
 }
+
+
+MOST_VALUES = 1_000_000  # of a YAML file, aliases written out
+LONGEST_NAME = 255  # bytes of a file's name
+CONTROL = re.compile(r"[\x00-\x1f\x7f-\x9f]")
 
 
 class ConfigError(ValueError):
@@ -77,11 +83,40 @@ def typed(value: Any) -> Any:
 
 
 def read_yaml(path: Path | str) -> Any:
-    """What a YAML file holds. Raises `ConfigError`, naming it, if it can't be read."""
+    """What a YAML file holds.
+
+    Raises `ConfigError`, naming file and line, if it can't be read, and for what YAML takes in silence: a key that
+    stands twice in a mapping, an alias that contains itself, aliases that stand for over `MOST_VALUES` values.
+    """
     try:
-        return yaml.safe_load(Path(path).read_text(encoding="utf-8"))
+        loader = yaml.SafeLoader(Path(path).read_text(encoding="utf-8"))
+        node = loader.get_single_node()
+        if node is None:
+            return None
+        _count_values(node, (), {})
+        return loader.construct_document(node)
+    except RecursionError:
+        raise ConfigError(f"{path}: can't be read as YAML: its values are nested too deep") from None
     except (yaml.YAMLError, UnicodeDecodeError) as error:
         raise ConfigError(f"{path}: can't be read as YAML: {' '.join(str(error).split())}") from None
+
+
+def _count_values(node: yaml.Node, above: tuple[yaml.Node, ...], known: dict[yaml.Node, int]) -> int:
+    """How many values a node has, aliases written out. Raises as `read_yaml` does."""
+    line = f"line {node.start_mark.line + 1}"
+    if node in above:
+        raise yaml.YAMLError(f"{line}: an alias that contains itself")
+    if node not in known and isinstance(node, yaml.CollectionNode):
+        parts = node.value
+        if isinstance(node, yaml.MappingNode):
+            keys = [key.value for key, _ in node.value if key.tag != "tag:yaml.org,2002:merge"]
+            if twice := [key for place, key in enumerate(keys) if key in keys[:place]]:
+                raise yaml.YAMLError(f"{line}: key {twice[0]!r} stands twice in this mapping: remove one")
+            parts = [part for pair in node.value for part in pair]
+        known[node] = 1 + sum(_count_values(part, (*above, node), known) for part in parts)
+        if known[node] > MOST_VALUES:
+            raise yaml.YAMLError(f"{line}: its aliases stand for over {MOST_VALUES:,} values")
+    return known.get(node, 1)
 
 
 def _say(error: jsonschema.ValidationError) -> Iterator[str]:
@@ -105,13 +140,30 @@ def _say(error: jsonschema.ValidationError) -> Iterator[str]:
         yield f"{where or 'top level'}: {error.message}"
 
 
-def _not_finite(value: Any, where: tuple[str, ...] = ()) -> Iterator[str]:
-    """A line for each number in nested dictionaries and lists that is NaN or infinite: no bound of a schema sees it."""
+def _unusable(value: Any, where: tuple[str, ...] = ()) -> Iterator[str]:
+    """A line for each value in nested dictionaries and lists that a schema takes and nothing can use.
+
+    These are numbers that are NaN or infinite, and texts with control characters or names that are too long for a file.
+    """
+    place = ".".join(where) or "top level"
     if isinstance(value, dict | list):
         for key, item in value.items() if isinstance(value, dict) else enumerate(value):
-            yield from _not_finite(item, (*where, str(key)))
+            yield from _unusable(item, (*where, str(key)))
     elif isinstance(value, float) and not math.isfinite(value):
-        yield f"{'.'.join(where) or 'top level'}: {value} is not a finite number"
+        yield f"{place}: {value} is not a finite number"
+    elif isinstance(value, str) and CONTROL.search(value):
+        yield f"{place}: {value!r} has a line break or another control character: remove it"
+    elif isinstance(value, str) and max(len(name.encode()) for name in value.split("/")) > LONGEST_NAME:
+        yield f"{place}: {value[:20]}... has a name of over {LONGEST_NAME} bytes, which no file can have: shorten it"
+
+
+def whole_numbers(values: Any) -> Any:
+    """Nested dictionaries and lists with whole numbers as integers: YAML has 1.0 as a float, and a schema takes it."""
+    if isinstance(values, dict):
+        return {key: whole_numbers(value) for key, value in values.items()}
+    if isinstance(values, list):
+        return [whole_numbers(value) for value in values]
+    return int(values) if isinstance(values, float) and values.is_integer() and abs(values) < 2**53 else values
 
 
 def check(instance: Any, schema: Path | str, what: str) -> None:
@@ -123,6 +175,6 @@ def check(instance: Any, schema: Path | str, what: str) -> None:
     errors = sorted(validator.iter_errors(instance), key=lambda error: list(map(str, error.absolute_path)))
     # A key that is wrong in several ways (a failed `required` names each missing key) is said once.
     lines = list(dict.fromkeys(line for error in errors for line in _say(error)))
-    lines += _not_finite(instance)
+    lines += _unusable(instance)
     if lines:
         raise ConfigError(f"{what} does not fit {Path(schema).name}:\n" + "\n".join(f"  {line}" for line in lines))

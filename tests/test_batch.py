@@ -1,14 +1,20 @@
 """What a stage does with a batch: seeds, rejections, progress in the log."""
 
 import logging
+import os
+import shutil
 import subprocess
 import sys
+import tempfile
+from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from palpate import checksums, store
+from palpate.atomic import atomic_write
 from palpate.batch import (
     QUIET,
     Rejection,
@@ -19,6 +25,7 @@ from palpate.batch import (
     read_rejections,
     write_rejections,
 )
+from palpate.catalogue import read_catalogue
 from palpate.checksums import DamagedFile
 
 
@@ -196,3 +203,92 @@ def test_no_stage_rejects_an_object_for_lack_of_memory(tmp_path, stage, spare):
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert "Rejection" not in done.stdout
     assert done.stdout == "made\n" or done.returncode < 0 or "MemoryError" in done.stderr, done.stderr[-2000:]
+
+
+def test_the_disk_that_is_full_is_named_and_stops_the_batch(tmp_path):
+    """HDF5 names the file in its own words, whatever kind of error it raises."""
+    path = tmp_path / "x.h5"
+    words = f"Can't write (file write failed: time = Mon, filename = '{path}', errno = 28, error message = 'No space')"
+
+    def write(name: str) -> None:
+        raise RuntimeError(words)
+
+    with pytest.raises(OSError) as raised:
+        each_object(["mug"], write, "grasps")
+    assert plain(raised.value).startswith(f"{path}: the disk is full: free some space")
+
+
+def as_nobody(folder, read):
+    """What reading raises, as a line, for a user who may not read the folder's files."""
+    receiver, sender = os.pipe()
+    child = os.fork()
+    if not child:
+        try:
+            if os.geteuid() == 0:
+                os.setuid(65534)
+            read()
+            said = "nothing"
+        except BaseException as error:
+            said = plain(error)
+        os.write(sender, said.encode())
+        os._exit(0)
+    os.waitpid(child, 0)
+    return os.read(receiver, 10_000).decode()
+
+
+@pytest.fixture
+def open_folder():
+    """A folder that every user may look into."""
+    folder = Path(tempfile.mkdtemp())
+    folder.chmod(0o755)
+    yield folder
+    shutil.rmtree(folder)
+
+
+def test_a_file_that_may_not_be_read_is_not_damaged(open_folder):
+    folder = open_folder
+    table, record = folder / "catalogue.csv", folder / "meshes/manifest.json"
+    table.write_text("object,class,split,batch\na,b,train,batch-0000\n")
+    record.parent.mkdir()
+    record.write_text("{}")
+    zarr, hdf5 = folder / "rings/batch-0000.zarr", folder / "grasps/batch-0000.h5"
+    ring = {"object": np.array(["a"]), "ring_depth": np.zeros((1, 1, 4, 2, 2), np.float32)}
+    store.write(zarr, "rings", ring, {"seed": 0, "made_from": {}})
+    hdf5.parent.mkdir()
+    hdf5.write_bytes(b"x")
+    opened = store.open(zarr)
+    shard = next(path for path in (zarr / "object/c").rglob("*") if path.is_file())
+    reads = {
+        table: lambda: read_catalogue(table),
+        record: lambda: checksums.read_manifest(record.parent, "remove it"),
+        zarr / "zarr.json": lambda: store.open(zarr),
+        shard: lambda: opened.get("object"),
+        hdf5: lambda: store.open(hdf5),
+    }
+    for path, read in reads.items():
+        path.chmod(0)
+        said = as_nobody(folder, read)
+        assert "Permission denied: give the right to it" in said, (path, said)
+        assert "damaged" not in said and "remove it" not in said
+        path.chmod(0o644)
+
+
+def test_a_folder_that_takes_no_more_files_is_named(tmp_path):
+    """Inodes are used up, and there is room."""
+    folder = tmp_path / "small"
+    folder.mkdir()
+    mount = ["mount", "-t", "tmpfs", "-o", "nr_inodes=4,size=1m", "tmpfs", str(folder)]
+    if os.geteuid() != 0 or subprocess.run(mount, capture_output=True, check=False).returncode:
+        pytest.skip("only root may mount a file system")
+    try:
+        with pytest.raises(OSError) as raised:
+            for number in range(9):
+                with atomic_write(folder / f"{number}.txt") as partial:
+                    partial.write_text("x")
+        said = plain(raised.value)
+        assert (
+            str(folder) in said and "the disk is full: it takes no more files (inodes): remove some and start" in said
+        ), said
+        assert not [name for name in os.listdir(folder) if name.startswith(".partial")]
+    finally:
+        subprocess.run(["umount", str(folder)], check=True)

@@ -4,7 +4,67 @@ import pytest
 import yaml
 from snakemake.cli import parse_config
 
-from palpate.configuration import typed
+from palpate import sensor
+from palpate.configuration import ConfigError, check, read_yaml, typed, whole_numbers
+
+BOMB = "a: &a [x, x, x, x, x, x, x, x, x]\n" + "".join(
+    f"{name}: &{name} [{', '.join([f'*{before}'] * 9)}]\n" for before, name in zip("abcdefgh", "bcdefghi", strict=True)
+)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("seed: 0\nrun: a\nseed: 1\n", "line 1: key 'seed' stands twice"),
+        ("grasps:\n  attempts: 5\n  attempts: 6\n", "line 2: key 'attempts' stands twice"),
+        ("a: &a {b: *a}\n", "line 1: an alias that contains itself"),
+        ("a: &a [1, *a]\n", "an alias that contains itself"),
+        (BOMB, "aliases stand for over 1,000,000 values"),
+        ("a: " + "[" * 5000 + "]" * 5000, "nested too deep"),
+        ("run: a\0b\n", "special characters are not allowed"),
+    ],
+    ids=["twice", "twice below", "recursive", "recursive list", "bomb", "deep", "NUL"],
+)
+def test_yaml_that_can_not_be_meant(tmp_path, text, said):
+    path = tmp_path / "sensor.yaml"
+    path.write_text(text)
+    for read in (read_yaml, sensor.read):
+        with pytest.raises(ConfigError, match=f"{path}: can't be read as YAML: .*") as error:
+            read(path)
+        assert said in str(error.value) and "\n" not in str(error.value)
+
+
+def test_yaml_that_repeats_itself_is_read(tmp_path):
+    path = tmp_path / "a.yaml"
+    path.write_text("a: &a {x: 1, y: [1, 2]}\nb: *a\nc: {<<: *a, x: 2}\nd: &d []\ne: [*d, *d]\n")
+    assert read_yaml(path) == yaml.safe_load(path.read_text())
+    path.write_text("")
+    assert read_yaml(path) is None
+
+
+def test_whole_numbers_are_integers():
+    config = {"seed": 1.0, "split": {"train": 2.5}, "seeds": [0.0, 1], "on": True, "far": 1e300, "name": "1.0"}
+    assert repr(whole_numbers(config)) == repr(
+        {"seed": 1, "split": {"train": 2.5}, "seeds": [0, 1], "on": True, "far": 1e300, "name": "1.0"}
+    )
+
+
+@pytest.mark.parametrize(
+    ("value", "said"),
+    [
+        ("demo\n", r"run: 'demo\\n' has a line break"),
+        ("a\0b", r"run: 'a\\x00b' has a line break or another control character"),
+        ("x" * 300, "run: xxxxxxxxxxxxxxxxxxxx... has a name of over 255 bytes"),
+        ("/data/" + "ü" * 128, "has a name of over 255 bytes"),
+    ],
+    ids=["line break", "NUL", "long", "long in UTF-8"],
+)
+def test_texts_that_no_file_can_be_called(tmp_path, value, said):
+    schema = tmp_path / "schema.yaml"
+    schema.write_text('properties: {run: {type: string, pattern: "^[^!]*$"}}')
+    check({"run": "/data/" + "ü" * 127 + "/b"}, schema, "the config")
+    with pytest.raises(ConfigError, match=said):
+        check({"run": value}, schema, "the config")
 
 
 @pytest.mark.parametrize(

@@ -11,7 +11,7 @@ import yaml
 
 from palpate.atomic import atomic_write
 from palpate.catalogue.sources import DEFAULTS, UP_AXIS, CatalogueError, class_counts
-from palpate.configuration import absolute
+from palpate.configuration import ConfigError, absolute, read_yaml
 from palpate.remedy import RECORD
 
 
@@ -41,9 +41,9 @@ def check_same_run(folder: Path | str, config: Mapping[str, Any], project: Path 
     if not path.is_file():
         return
     try:
-        recorded = yaml.safe_load(path.read_text(encoding="utf-8"))
+        recorded = read_yaml(path)
         lines = _differences(recorded, config, project)
-    except (yaml.YAMLError, UnicodeDecodeError, KeyError, TypeError) as error:
+    except (ConfigError, KeyError, TypeError) as error:
         raise CatalogueError(
             f"{path} is damaged ({type(error).__name__}): remove it if this config is that of the run in {folder}"
         ) from None

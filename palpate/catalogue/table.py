@@ -153,13 +153,10 @@ def checksum(path: Path) -> str:
     return hashlib.sha256("".join(lines).encode()).hexdigest()
 
 
-def require_unchanged(root: Path | str, entry: CatalogueEntry, table: Path | str) -> None:
-    """Raise `palpate.checksums.DamagedFile` if an object's source file is not the one that a catalogue lists."""
-    path = Path(root, entry.source)
-    if not path.is_file() or checksum(path) != entry.checksum:
-        raise DamagedFile(
-            f"{path} has changed since {table} was made (checksum): once it is written, remove {table} and start again"
-        )
+def require_unchanged(path: Path, before: str) -> None:
+    """Raise `palpate.checksums.DamagedFile` if a source file is not the one of this checksum any more."""
+    if not path.is_file() or checksum(path) != before:
+        raise DamagedFile(f"{path} has changed while it was read (checksum): start again once it is written")
 
 
 def sources_of(entries: Sequence[CatalogueEntry]) -> str:

@@ -6,13 +6,11 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any, TypeVar
 
-import yaml
-
 from palpate import provenance
 from palpate.batch import read_rejections
 from palpate.catalogue import CatalogueEntry, read_catalogue, sources_of
-from palpate.checksums import MANIFEST, DamagedFile
-from palpate.configuration import ConfigError
+from palpate.checksums import MANIFEST, DamagedFile, measure
+from palpate.configuration import ConfigError, read_yaml
 from palpate.provenance import Made
 from palpate.remedy import RECORD, command
 from palpate.sensor import Sensor
@@ -65,15 +63,21 @@ class Run:
         if not path.is_file():
             return {}
         try:
-            found = yaml.safe_load(path.read_text(encoding="utf-8"))
-        except (yaml.YAMLError, UnicodeDecodeError) as error:
-            raise StoreError(f"{path} can't be read as YAML: {error}") from None
+            found = read_yaml(path)
+        except ConfigError as error:
+            raise StoreError(str(error)) from None
         return found if isinstance(found, dict) else {}
 
     @cached_property
     def _values(self) -> dict[str, Any]:
         """Values of the config by their path, and those that stores state and the config does not have."""
         return provenance.by_path(self.config)
+
+    @cached_property
+    def _weights(self) -> dict[str, str]:
+        """What charts state of the model that they were made with."""
+        path = self.folder / "models/touch_depth/best.ckpt"
+        return {"touch_depth.weights": measure(path)[1]} if path.exists() else {}
 
     @cached_property
     def _entries(self) -> dict[str, list[CatalogueEntry]]:
@@ -198,9 +202,9 @@ class Run:
 
         found: the stores, in the order of `CONTRACT`, after the meshes. sources: `palpate.catalogue.sources_of` it.
         """
-        contents = {"sources": sources} if sources else {}
+        contents, values = {"sources": sources} if sources else {}, self._values | self._weights
         for made in found:
-            if misfit := made.misfit(self._values, contents):
+            if misfit := made.misfit(values, contents):
                 yield made.stage, made.refused(misfit)
             contents[made.stage] = made.digest
 

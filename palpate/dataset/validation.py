@@ -322,7 +322,7 @@ def check_again(
             continue
         before = read_findings(path)
         now = check_files(opened, path.stem)
-        states = {finding.store: finding.where for finding in now if finding.ok}
+        states = {finding.store: finding.where for finding in now if finding.ok and finding.check == "files"}
         about = {finding.store: finding.where for finding in before if finding.check == "files"}
         if all(finding.ok for finding in now) and any(states.get(store) != state for store, state in about.items()):
             findings += validate_batch(run, path.stem, max_penetration)

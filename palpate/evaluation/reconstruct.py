@@ -23,6 +23,9 @@ if TYPE_CHECKING:
 
 CHECKPOINT = "best.ckpt"
 TOUCH_DEPTH = "touch_depth"  # the folder of the U-Net, beside those of the experiments
+# By which a rotation times its transpose may differ from the identity: measured poses are good to that.
+ROTATION = 1e-3
+FLAT = 1e12  # condition number of a projection that maps the scene to a line or a point
 FORMATS = (".ply", ".glb", ".obj")  # that keep colours
 # sRGB; Okabe and Ito's sky blue, made paler, and vermilion: apart for colour-blind readers.
 VISION_COLOUR = (0.56, 0.76, 0.90)
@@ -117,9 +120,9 @@ class Reconstructor:
 
         check_device(device)
         content = checkpoints.read(self.path, "reconstruction")
+        self._model = checkpoints.load(self.path).to(device)
         self.experiment = content["experiment"]
         self._camera, self._image_size = content.get("camera"), content.get("image_size")
-        self._model = checkpoints.load(self.path).to(device)
         self._charts = None
         if self.takes_charts:
             touch_depth = self.path.parents[2] / TOUCH_DEPTH
@@ -202,6 +205,8 @@ class Reconstructor:
                 f"homogeneous world coordinates to pixels (found an array of shape {np.shape(camera)})"
             )
         _check_finite("the camera", np.asarray(camera))
+        if not np.linalg.cond(np.asarray(camera, dtype=float)[:, :3]) < FLAT:
+            raise ReconstructionError("the camera is none: its projection (3, 4) maps the scene to a line or a point")
         return {"image": image, "camera": np.asarray(camera, dtype=np.float32)}
 
     def _all_touches(self, touches) -> GraspTouches:
@@ -234,6 +239,9 @@ class Reconstructor:
                     f"touches: {name} of {_counted(len(grasps))} has shape {values.shape}, expected {shape}"
                 )
             _check_finite(f"touches: {name}", values)
+        turned = np.asarray(sensors.rotation, dtype=float)
+        if np.abs(turned @ turned.swapaxes(1, 2) - np.eye(3)).max() > ROTATION or (np.linalg.det(turned) < 0).any():
+            raise ReconstructionError("touches: rotation must be rotation matrices: orthonormal, with determinant 1")
         if sensors.reading.dtype != np.uint8:
             raise ReconstructionError(f"touches: reading is of type {sensors.reading.dtype}, expected uint8")
         if not sensors.success.any():

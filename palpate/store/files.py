@@ -314,7 +314,7 @@ class Store:
     def _reading(self) -> Iterator[None]:
         try:
             yield
-        except (StoreError, IndexError):  # about the array asked for, not about the file
+        except (StoreError, IndexError, PermissionError):  # not about what the file holds
             raise
         except Exception as error:
             raise StoreError(

@@ -3,7 +3,7 @@
 import hashlib
 import io
 import zipfile
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -102,10 +102,13 @@ def read(path: Path | str, kind: str) -> dict[str, Any]:
     """
     if not Path(path).exists():
         raise CheckpointError(f"{path} does not exist; train the model with: {command(path)}")
+    open(path, "rb").close()  # a file that may not be read is no damaged one
     require_intact(path)
     try:
         content = torch.load(path, map_location="cpu", weights_only=True)
         version, content_kind = content["schema_version"], content["kind"]
+        if version == SCHEMA_VERSION and not isinstance(content["weights"], dict):
+            raise TypeError("its weights are none")
     except Exception as error:
         raise CheckpointError(
             f"{path} is no checkpoint of Palpate ({type(error).__name__}); remove it and train again"
@@ -117,7 +120,18 @@ def read(path: Path | str, kind: str) -> dict[str, Any]:
         )
     if content_kind != kind:
         raise CheckpointError(f"{path} is a model of kind {content_kind}, expected {kind}")
+    name, trained = name_of(path), content.get("name")
+    if None not in (name, trained) and name != trained:
+        raise CheckpointError(
+            f"{path} is the model {trained}, not {name}; remove it and train it with: {command(path)}"
+        )
     return content
+
+
+def name_of(path: Path | str) -> str | None:
+    """The name `<experiment>/seed-<k>` of a checkpoint in a run's folder `models`; None elsewhere."""
+    parts = Path(path).parts[-4:-1]
+    return "/".join(parts[1:]) if len(parts) == 3 and parts[0] == "models" else None
 
 
 def require_intact(path: Path | str) -> None:
@@ -146,12 +160,12 @@ def load(path: Path | str, experiment: Mapping[str, Any] | None = None) -> Recon
     schema version, of another experiment, or its weights don't fit the architecture it names.
     """
     content = read(path, "reconstruction")
-    if experiment is not None and dict(experiment) != content["experiment"]:
+    if experiment is not None and dict(experiment) != content.get("experiment"):
         raise CheckpointError(
-            f"{path} was trained for {content['experiment']}, but {dict(experiment)} is asked for; "
+            f"{path} was trained for {content.get('experiment')}, but {dict(experiment)} is asked for; "
             "remove it and train the model again"
         )
-    return _filled(path, build(content["experiment"], content["architecture"], *_sensor_of(content)), content)
+    return _filled(path, lambda: build(content["experiment"], content["architecture"], *_sensor_of(content)), content)
 
 
 def _sensor_of(content: Mapping[str, Any]) -> tuple[int, Sensor]:
@@ -180,13 +194,20 @@ def require_sensor(
 def load_touch_depth(path: Path | str) -> TouchDepth:
     """The trained U-Net in evaluation mode, on the CPU; raises CheckpointError as `load` does."""
     content = read(path, "touch_depth")
-    return _filled(path, TouchDepth(content["width"], _sensor_of(content)[1]), content)
+    return _filled(path, lambda: TouchDepth(content["width"], _sensor_of(content)[1]), content)
 
 
-def _filled(path: Path | str, model: torch.nn.Module, content: Mapping[str, Any]):
+def _filled(path: Path | str, make: Callable[[], torch.nn.Module], content: Mapping[str, Any]):
+    try:
+        model = make()
+    except (LookupError, TypeError, ValueError, AttributeError, RuntimeError) as error:
+        raise CheckpointError(
+            f"{path} does not describe a model ({type(error).__name__}: {' '.join(str(error).split())}); "
+            "remove it and train the model again"
+        ) from error
     try:
         model.load_state_dict(content["weights"])
-    except RuntimeError as error:
+    except (RuntimeError, TypeError, AttributeError) as error:
         first = str(error).splitlines()[1].strip() if "\n" in str(error) else str(error)
         raise CheckpointError(
             f"{path}: its weights are of another architecture than this palpate builds ({first}); "

@@ -40,11 +40,11 @@ PRECISIONS = ("32-true", "64-true", "bf16-mixed", "16-mixed")
 class Recorder(lightning.Callback):
     """Keeps the history, writes the best and the last checkpoint, and logs progress.
 
-    folder: where the checkpoints are while training goes on.
+    folder: where the checkpoints are while training goes on. name: of the model in its run, which they state.
     """
 
-    def __init__(self, folder: Path, label: str):
-        self.folder, self.label = folder, label
+    def __init__(self, folder: Path, label: str, name: str | None = None):
+        self.folder, self.label, self.name = folder, label, name
         self.history: list[dict[str, float]] = []
         self.seconds = 0.0  # of training before this process
         self.finished = False
@@ -114,6 +114,7 @@ class Recorder(lightning.Callback):
                 learner.evaluated,
                 {
                     **learner.described(),
+                    "name": self.name,
                     "settings": dict(learner.settings),
                     "seed": learner.seed,
                     "step": row["step"],
@@ -165,7 +166,7 @@ def train(
     torch.set_num_threads(machine.threads)
     accelerator = machine.accelerator()
     identity = _identity(learner, machine)
-    recorder = Recorder(checkpoints_folder, label)
+    recorder = Recorder(checkpoints_folder, label, checkpoints.name_of(folder / BEST))
     callbacks = [recorder]
     if patience := learner.settings["patience"]:
         callbacks.append(EarlyStopping("validation_loss", patience=patience, check_on_train_epoch_end=False))

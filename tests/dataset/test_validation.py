@@ -201,6 +201,11 @@ def without_seed(run):
     seal(path, attributes)
 
 
+def of_other_grasps(run):
+    path = run / f"vision/{BATCH}.zarr"
+    seal(path, dict(zarr.open_group(path).attrs) | {"made_from": {"inputs": {"grasps": "0" * 64}}})
+
+
 def lose(path):
     """A damage: a file is gone, or a folder with all in it."""
     return file(path, None)
@@ -286,6 +291,7 @@ def again(split):
 
 NAN, INF = np.nan, np.inf
 DAMAGES = {
+    "made from": [("vision", of_other_grasps)],
     "readable": [
         ("surface", file(f"surface/{BATCH}.zarr", None)),
         ("grasps", file(f"grasps/{BATCH}.h5", lambda data: data[: len(data) // 2])),

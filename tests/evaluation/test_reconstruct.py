@@ -300,6 +300,9 @@ def bad(array, value):
         ("charts_occluded", {"image": lambda i: i / 255}, "type float64, expected uint8"),
         ("charts_touch_2", {"position": lambda a: bad(a, np.nan)}, "touches: position has NaN"),
         ("charts_touch_2", {"rotation": lambda a: bad(a, np.inf)}, "touches: rotation has NaN or infinite"),
+        ("charts_touch_2", {"rotation": lambda a: a * 0}, "touches: rotation must be rotation matrices: orthonormal"),
+        ("charts_touch_2", {"rotation": lambda a: a * 1.1}, "touches: rotation must be rotation matrices: orthonormal"),
+        ("charts_touch_2", {"rotation": lambda a: -a}, "touches: rotation must be rotation matrices: .* determinant 1"),
         ("charts_touch_2", {"reading": lambda a: bad(a, np.nan)}, "touches: reading has NaN"),
         (
             "charts_touch_2",
@@ -312,6 +315,8 @@ def bad(array, value):
             r"success of 2 grasps has shape \(6,\), expected \(8,\)",
         ),
         ("single_image", {"camera": None}, "was trained on several cameras: give the image's camera"),
+        ("charts_occluded", {"camera": lambda c: c * 0}, "the camera is none: its projection"),
+        ("charts_occluded", {"camera": lambda c: c * [[1], [1], [0]]}, "the camera is none: its projection"),
         ("charts_occluded", {"camera": lambda c: c[:2]}, r"the image's camera \(3, 4\), .* array of shape \(2, 4\)"),
         ("single_image", {"camera": lambda c: bad(c, np.nan)}, "the camera has NaN"),
     ],

@@ -1,6 +1,7 @@
 """Trained models as files: what is written is loaded, and what can't be used is said."""
 
 import resource
+import shutil
 
 import numpy as np
 import pytest
@@ -60,6 +61,43 @@ def test_the_same_model_gives_the_same_bytes(path, model):
 def test_of_another_experiment(path):
     with pytest.raises(CheckpointError, match="was trained for .*occluded.*is asked for"):
         load(path, TOUCH_ONLY)
+
+
+def test_under_the_name_of_another_model(tmp_path, model):
+    described = {"experiment": OCCLUDED_TOUCH, "architecture": ARCHITECTURE}
+    path = tmp_path / "models/charts_touch/seed-0/best.ckpt"
+    save(path, "reconstruction", model, {**described, "name": "charts_touch/seed-0"})
+    load(path)
+    for other in ("charts/seed-0", "charts_touch/seed-1"):
+        copy = tmp_path / "models" / other / "best.ckpt"
+        copy.parent.mkdir(parents=True)
+        shutil.copy(path, copy)
+        with pytest.raises(
+            CheckpointError, match=f"is the model charts_touch/seed-0, not {other}; remove it and train"
+        ):
+            load(copy)
+    load(shutil.copy(path, tmp_path / "best.ckpt"))  # outside of a run it has any name
+
+
+@pytest.mark.parametrize(
+    "values",
+    [
+        {"weights": 3},
+        {"weights": None},
+        {"experiment": None},
+        {"experiment": {}},
+        {"experiment": OCCLUDED_TOUCH | {"strategy": "none"}},
+        {"architecture": {"gcn": 3}},
+        {"architecture": []},
+        {"sensor": {"name": 1}},
+    ],
+    ids=str,
+)
+def test_of_a_wrong_structure(path, values):
+    changed(path, **values)
+    with pytest.raises(CheckpointError, match=r"best.ckpt .*remove it and train") as error:
+        load(path)
+    assert "\n" not in str(error.value)
 
 
 def test_of_another_architecture(path):

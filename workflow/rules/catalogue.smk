@@ -25,7 +25,7 @@ rule catalogue_batch:
     benchmark:
         "benchmarks/catalogue/{batch}.tsv"
     params:
-        root=SOURCE["path"],
+        root=SOURCE_PATH,
         objects=batch_objects_with_splits,
     script:
         "../scripts/catalogue_batch.py"
@@ -43,7 +43,6 @@ rule catalogue:
         "benchmarks/catalogue.tsv"
     params:
         split=config["split"],
-        schema=SCHEMAS / "catalogue.schema.yaml",
     script:
         "../scripts/catalogue.py"
 

@@ -21,7 +21,7 @@ from snakemake.utils import update_config
 from palpate import atomic, catalogue, lock, locked, sensor, terminal
 from palpate.batch import QUIET
 from palpate.check import FILES, resolve
-from palpate.configuration import ConfigError, absolute, check, typed
+from palpate.configuration import ConfigError, absolute, check, read_yaml, typed, whole_numbers
 from palpate.training import inputs, recipes
 
 # Jobs find Palpate in this checkout, also in an environment that has only its dependencies (envs/palpate.yaml).
@@ -58,7 +58,10 @@ def checked(path):
 given = workflow.config_settings.config or {}
 update_config(config, {key: typed(value) for key, value in given.items() if isinstance(value, (dict, list))})
 try:
+    for path in workflow.configfiles:
+        read_yaml(path)
     check(config, SCHEMAS / "config.schema.yaml", FILES)
+    config.update(whole_numbers(config))
     EXPERIMENTS = yaml.safe_load((PROJECT / "config/experiments.yaml").read_text())
     check(EXPERIMENTS, SCHEMAS / "experiments.schema.yaml", "config/experiments.yaml")
     for name, experiment in EXPERIMENTS["experiments"].items():
@@ -74,6 +77,8 @@ try:
     if workflow.is_main_process:  # its jobs have been let in by it
         catalogue.check_same_run(RUN_FOLDER, config, PROJECT)
     SOURCE, CLASS_COUNTS, ENTRIES, HAND, SENSOR = resolve(config, PROJECT)
+    # As jobs see it: what is made in the run's folder moves with it.
+    SOURCE_PATH = "sources" if SOURCE["kind"] == "procedural" else SOURCE["path"]
     for entry in ENTRIES:
         checked(f"{SOURCE['path']}/{entry.source}")
     BATCH_SIZE = catalogue.resolve_batch_size(config["batch_size"], len(ENTRIES), RUN_FOLDER)

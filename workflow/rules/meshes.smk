@@ -1,9 +1,8 @@
-# Load, repair, normalise and decimate the meshes of a batch. Its objects are params, and the catalogue's rows are read for
-# their checksums only, so that another split, or another object's file, does not make it again.
+# Load, repair, normalise and decimate the meshes of a batch. Its objects are params and not the catalogue's rows, so
+# that another split, or another object's file, does not make it again.
 rule meshes:
     input:
         sources=batch_sources,
-        catalogue=ancient("catalogue/{batch}.csv"),
     output:
         meshes=directory("meshes/{batch}"),
         rejected="rejected/meshes/{batch}.csv",
@@ -15,7 +14,7 @@ rule meshes:
         mem_mb=lambda wildcards, input: 2000 + 30 * max(stored_mb([path]) for path in input.sources),
     params:
         objects=batch_meshes,
-        folder=SOURCE["path"],
+        folder=SOURCE_PATH,
         mesh=config["mesh"],
     script:
         "../scripts/meshes.py"

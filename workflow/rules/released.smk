@@ -4,7 +4,6 @@ if RELEASED:
     rule released:
         input:
             sources=batch_sources,
-            catalogue=ancient("catalogue/{batch}.csv"),
             empty_reading=f"{SOURCE['path']}/empty_gel.npy",
         output:
             surface=directory("surface/{batch}.zarr"),

@@ -70,7 +70,7 @@ rule validate:
         "logs/validate.log",
     params:
         max_penetration=config["grasps"]["max_penetration"],
-        sources=SOURCE["path"],
+        sources=SOURCE_PATH,
     script:
         "../scripts/validate.py"
 

@@ -4,6 +4,7 @@ catalogue.csv    the rows of catalogue/<batch>.csv, batch by batch
 """
 
 import logging
+from pathlib import Path
 
 import pandas as pd
 
@@ -14,7 +15,8 @@ from palpate.batch import log_to
 log_to(snakemake.log[0])
 entries = [entry for path in snakemake.input.batches for entry in catalogue.read_catalogue(path)]
 table = pd.DataFrame(entries).set_axis(catalogue.COLUMNS, axis=1)
-configuration.check(table.to_dict("records"), snakemake.params.schema, "catalogue.csv")
+schema = Path(snakemake.scriptdir).parent / "schemas/catalogue.schema.yaml"
+configuration.check(table.to_dict("records"), schema, "catalogue.csv")
 of_classes = zip(table["class"], table["split"], strict=True)
 for name, splits in catalogue.empty_splits(of_classes, snakemake.params.split).items():
     logging.warning("class %s: none of its %d objects is in %s", name, sum(table["class"] == name), " or ".join(splits))

@@ -22,7 +22,10 @@ device = training.Machine(snakemake.params.device).torch_device()
 stored, settings, seed = store.open(snakemake.input.touch), snakemake.params.settings, snakemake.params.seed
 names = ("object", "success", "position", "rotation", "reading", "empty_reading")
 touch = {name: stored.get(name) for name in names}
-weights = checksums.measure(snakemake.input.model)[1]
+made_with = {
+    "training": {"chart_fit": settings["chart_fit"]},
+    "touch_depth": {**settings["touch_depth"], "weights": checksums.measure(snakemake.input.model)[1]},
+}
 model = training.load_touch_depth(snakemake.input.model).to(device)
 sensor = Sensor.from_description(stored.attributes["sensor"])
 require_sensor(None, model.sensor, None, sensor, snakemake.input.model)
@@ -35,5 +38,5 @@ store.write(
     snakemake.output.charts,
     "charts",
     {"object": names, "vertices": vertices},
-    {"seed": seed, "made_from": provenance.combine({"charts": {**settings, "weights": weights}}, stored.made)},
+    {"seed": seed, "made_from": provenance.combine(made_with, stored.made)},
 )

@@ -21,7 +21,7 @@ from palpate.batch import each_object, log_to, write_rejections
 log_to(snakemake.log[0])
 log = logging.getLogger("meshes")
 objects, settings, sources = snakemake.params.objects, snakemake.params.mesh, Path(snakemake.params.folder)
-entries = {entry.object: entry for entry in catalogue.read_catalogue(snakemake.input.catalogue)}
+checksum_of = {name: catalogue.checksum(sources / file) for name, (file, _, _) in objects.items()}
 
 with (
     atomic_write(snakemake.output.meshes) as batch,
@@ -44,12 +44,13 @@ with (
             shutil.rmtree(folder, ignore_errors=True)
             raise
         finally:  # an object is not rejected, either, for a file that was being written
-            catalogue.require_unchanged(sources, entries[name], snakemake.input.catalogue)
+            catalogue.require_unchanged(sources / file, checksum_of[name])
         for level, faces in mesh.undecimated_levels(record).items():
             log.info("%s: omitted: decimation to %s: the mesh has %s faces", name, level, f"{faces:,}")
 
     _, rejections = each_object(objects, prepare, "meshes")
     write_rejections(rejected, rejections)
-    made_from = provenance.combine({"mesh": settings}, sources=catalogue.sources_of(list(entries.values())))
+    read = ((name, checksum_of[name], up, str(scale)) for name, (_, up, scale) in objects.items())
+    made_from = provenance.combine({"mesh": settings}, sources=provenance.sources_digest(read))
     (batch / provenance.RECORD).write_text(json.dumps(made_from, sort_keys=True) + "\n")
     checksums.write_manifest(batch)

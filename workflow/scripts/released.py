@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from palpate import catalogue, provenance, store
+from palpate import provenance, store
 from palpate.atomic import atomic_write
 from palpate.batch import each_object, generator, log_to, write_rejections
 from palpate.released import arrays as released
@@ -21,8 +21,7 @@ from palpate.sensor import DIGIT
 log_to(snakemake.log[0])
 params = snakemake.params
 root, settings = Path(params.source), params.settings
-sources = catalogue.sources_of(catalogue.read_catalogue(snakemake.input.catalogue))
-made_from = provenance.combine({"seed": params.seed, **settings}, sources=sources)
+made_from = provenance.combine({"seed": params.seed, **settings})
 
 
 def read(name: str) -> dict[str, dict[str, np.ndarray]]:

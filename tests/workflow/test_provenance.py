@@ -1,0 +1,93 @@
+"""A run that is moved or has another seed, numbers that are written otherwise, and sources that change meanwhile."""
+
+import os
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from palpate import Dataset
+from palpate.catalogue import checksum, read_catalogue, require_unchanged
+from palpate.checksums import DamagedFile
+from palpate.store import StoreError, read
+from tests.workflow.conftest import PROJECT, plan, two_classes
+
+
+def test_a_moved_run_goes_on(finished, tmp_path):
+    """All params are relative to its folder."""
+    moved = shutil.copytree(finished.run, tmp_path / "elsewhere/renamed", symlinks=True)
+    config = ["--configfile", str(finished.config), "--config", f"results={moved.parent}", "run=renamed"]
+    result = plan(PROJECT, "dataset", "--dry-run", *config)
+    assert result.returncode == 0 and "Nothing to be done" in result.stdout + result.stderr, result.stderr
+
+
+def test_objects_made_in_the_run_move_with_it(make_workflow, tmp_path):
+    workflow = make_workflow(
+        source={"kind": "procedural", "path": None}, classes=[{"class": "bottle", "objects": 1}], batch_size=1
+    )
+    assert workflow("meshes/batch-0000").returncode == 0
+    moved = workflow.run.rename(tmp_path / "renamed")
+    config = ["--configfile", str(workflow.config), "--config", f"results={tmp_path}", "run=renamed"]
+    result = plan(PROJECT, "meshes/batch-0000", "--dry-run", *config)
+    assert "Nothing to be done" in result.stdout + result.stderr, result.stdout[-3000:]
+    assert moved.is_dir()
+
+
+def test_a_seed_written_as_1_0_is_1(finished):
+    assert not finished.changed(seed=0.0, grasps={"per_object": 5.0}).jobs("dataset")
+
+
+def test_a_source_that_changes_while_its_batch_is_made(make_workflow, tmp_path):
+    """After the catalogue was made; by the clock it is not newer."""
+    meshes = two_classes(tmp_path)
+    workflow = make_workflow(source={"kind": "folder", "path": str(meshes)})
+    assert workflow("catalogue.csv").returncode == 0
+    source = meshes / "brick/millimetres.obj"
+    times = source.stat()
+    source.write_text(source.read_text() + "# changed\n")
+    os.utime(source, ns=(times.st_atime_ns, times.st_mtime_ns))
+    assert workflow("meshes/batch-0000").returncode == 0
+    with pytest.raises(StoreError, match="meshes/batch-0000 was made from other sources than the run has; remove it"):
+        Dataset(workflow.run)[0].mesh  # noqa: B018
+    # The clock is right again: all that depends on the file is made anew.
+    os.utime(source)
+    assert {"catalogue_batch", "meshes"} <= workflow.planned("surface/batch-0000.zarr", "catalogue.csv")
+
+
+def test_a_job_compares_the_file_that_it_has_read(tmp_path):
+    source = tmp_path / "a.obj"
+    source.write_text("v 0 0 0\n")
+    before = checksum(source)
+    require_unchanged(source, before)
+    for change in (lambda: source.write_text("v 0 0 1\n"), source.unlink):
+        change()
+        with pytest.raises(DamagedFile, match=f"{source} has changed while it was read .*: start again once"):
+            require_unchanged(source, before)
+
+
+def test_another_seed_gives_another_dataset(finished, make_workflow):
+    """In each stage that draws."""
+    views = {"count": 2, "size": 16, "samples": 1}
+    runs = [make_workflow(seed=seed, views=views) for seed in (0, 1)]
+    for run, *more in (runs[:1], [runs[1], "grasps/batch-0000.h5"]):
+        result = run("views/batch-0000.zarr", *more)
+        assert result.returncode == 0, result.stderr
+    drawn = {"surface.zarr": "points", "grasps.h5": "palm_pose", "views.zarr": "camera"}
+    for store, array in drawn.items():
+        path = Path(store).stem + "/batch-0000" + Path(store).suffix
+        first = (runs[0].run if store == "views.zarr" else finished.run) / path
+        assert not np.array_equal(read(first)[array], read(runs[1].run / path)[array]), store
+    # Nothing is drawn for meshes.
+    of_meshes = "meshes/batch-0000/manifest.json"
+    assert (finished.run / of_meshes).read_bytes() == (runs[1].run / of_meshes).read_bytes()
+
+
+def test_another_seed_gives_other_procedural_objects(make_workflow):
+    source = {"source": {"kind": "procedural", "path": None}, "classes": [{"class": "bottle", "objects": 1}]}
+    made = []
+    for seed in (0, 1):
+        workflow = make_workflow(seed=seed, **source)
+        assert workflow("catalogue.csv").returncode == 0
+        made.append(read_catalogue(workflow.run / "catalogue.csv")[0].checksum)
+    assert made[0] != made[1]
