@@ -50,7 +50,8 @@ def _said(error: Exception) -> str:
 
 def _declare_check(parser: Parser) -> None:
     parser.add_argument("config", type=Path, nargs="*", help="overlays, as --configfile takes them (default: none)")
-    parser.add_argument("--object", help="the one that is taken through every stage (default: one that is soon done)")
+    objects = {"nargs": "+", "default": [], "metavar": "OBJECT"}
+    parser.add_argument("--object", **objects, help="taken through every stage (default: one that is soon done)")
     parser.add_argument("--output", type=Path, metavar="PNG", help="the picture (default: results/<run>/check.png)")
 
 

@@ -103,6 +103,12 @@ def test_the_object_that_is_asked_for_is_taken_and_shown_where_asked(overlay, tm
     said = capsys.readouterr().out
     assert "can-tall, through every stage:\n" in said and "  grasp after" in said
     assert (tmp_path / "x.png").exists() and not (tmp_path / "mine").exists()
+    some = ["can-tall", "brick-millimetres"]
+    assert main(["check", str(config), "--output", str(tmp_path / "two.png"), "--object", *some]) == 0
+    said = capsys.readouterr().out
+    assert all(f"{name}, through every stage:" in said for name in some)
+    with Image.open(tmp_path / "x.png") as one, Image.open(tmp_path / "two.png") as two:
+        assert two.height > one.height
     assert main(["check", str(config), "--object", "can-tal"]) == 1
     assert "no object 'can-tal' in this run; its objects are" in capsys.readouterr().err
 
