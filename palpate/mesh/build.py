@@ -12,6 +12,7 @@ from palpate.mesh import DIAGONAL, LARGEST, SMALLEST, topology
 from palpate.mesh.decimate import decimate
 from palpate.mesh.distance import Surface, distance
 from palpate.mesh.load import load_parts
+from palpate.mesh.materials import make_explicit
 from palpate.mesh.repair import repair
 
 # Rotations that turn the source's up axis to z. The front (-z for y up, as glTF and ShapeNet have it) goes to
@@ -58,6 +59,7 @@ def build(
     for number, mesh in enumerate(parts):
         mine = part == number
         _rewrite(mesh, UP[up], centre, scale, repaired.keep[mine], repaired.flip[mine])
+        make_explicit(mesh, source.suffix.lower())
     # What is measured is what is written: single precision.
     vertices = ((repaired.vertices - centre) * scale).astype(np.float32).astype(np.float64)
     used, faces = np.unique(faces, return_inverse=True)

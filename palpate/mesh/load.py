@@ -10,6 +10,7 @@ import trimesh.path
 
 from palpate.batch import UnusableObject
 from palpate.mesh import textures
+from palpate.mesh.integrity import check_sizes, check_whole
 
 log = logging.getLogger(__name__)
 
@@ -35,7 +36,9 @@ def load_parts(path: Path | str, replaced: dict[str, str] | None = None) -> list
         raise UnusableObject(f"{path}: there is no such file: correct the path or remove the object")
     resolver = textures.Resolver(path)
     try:
+        check_sizes(path)
         loaded = trimesh.load_scene(path, process=False, resolver=resolver)
+        check_whole(path, loaded)
         problems, materials = textures.within(path)
     except MemoryError as error:  # says nothing about the object
         raise MemoryError(f"while loading {path}, {path.stat().st_size / 1e6:.0f} MB {error}".strip()) from None

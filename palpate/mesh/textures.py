@@ -4,7 +4,6 @@ Without this a reader leaves them out without a word, and what is left of the ma
 """
 
 import io
-import json
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +11,8 @@ import PIL.Image
 import trimesh
 from trimesh.resolvers import FilePathResolver
 from trimesh.visual.material import PBRMaterial, color_image
+
+from palpate.mesh.integrity import gltf_tree
 
 LARGEST = 16384  # pixels a side: the largest that common GPUs take as a texture
 # PIL warns above this number of pixels and refuses twice as many; by itself it refuses 16k textures.
@@ -79,10 +80,9 @@ def within(path: Path) -> tuple[dict[str, str], set[str]]:
     """What is wrong with images within a .glb file, by name, and the names of materials whose colour they are."""
     if path.suffix.lower() != ".glb":
         return {}, set()
-    data = path.read_bytes()
-    length = int.from_bytes(data[12:16], "little")  # of the JSON chunk, which is the first (glTF 2.0, 4.4)
     try:
-        tree, binary = json.loads(data[20 : 20 + length]), data[28 + length :]
+        tree, start_of_binary = gltf_tree(path)
+        binary = path.read_bytes()[start_of_binary:]
         replaced, bad = {}, set()
         for number, image in enumerate(tree.get("images", [])):
             if "bufferView" not in image:
