@@ -8,7 +8,7 @@ import numpy as np
 import trimesh
 
 from palpate.batch import UnusableObject
-from palpate.mesh import DIAGONAL, LARGEST, SMALLEST, topology
+from palpate.mesh import DIAGONAL, LARGEST, SMALLEST, VERSION, topology
 from palpate.mesh.decimate import decimate
 from palpate.mesh.distance import Surface, distance
 from palpate.mesh.load import load_parts
@@ -39,13 +39,14 @@ def build(
     collision_faces: int,
     levels: tuple[int, ...],
     scale: str | float = "diagonal",
+    root: Path | str | None = None,
 ) -> dict[str, Any]:
     """Write `visual.glb`, `collision.ply`, `level-<faces>.ply` and `mesh.json` into the folder.
 
     Arguments and errors are those of `palpate.mesh.prepare`. Returns what `mesh.json` holds.
     """
     replaced: dict[str, str] = {}
-    parts = load_parts(source, replaced)
+    parts = load_parts(source, replaced, root)
     vertices, faces, part = _joined(parts, source)
     vertices = vertices @ UP[up].T
     repaired = repair(vertices, faces, part)
@@ -76,6 +77,7 @@ def build(
         ) from error
     (folder / "visual.glb").write_bytes(glb)
     record = {
+        "version": VERSION,
         "source": {
             "file": source.name,
             "faces": len(repaired.faces),

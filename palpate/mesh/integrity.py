@@ -1,15 +1,13 @@
 """Whether a mesh file can hold what it says, before a library reads it, and whether it was read as a whole."""
 
-import json
 import re
 import zipfile
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import trimesh
 
-from palpate.batch import UnusableObject
+from palpate.named_files import gltf_tree
 
 # Of what a 3MF file's parts have unpacked: meshes in XML are packed to a tenth, as a rule.
 MOST_UNPACKED, LARGEST_RATIO = 500e6, 100
@@ -17,22 +15,6 @@ MOST_UNPACKED, LARGEST_RATIO = 500e6, 100
 # file are taken for damage.
 ELEMENTS_A_BYTE = 100
 VERTEX_ZERO = re.compile(rb"^f[^\n]*[ \t]0(?=[/ \t\r\n])", re.MULTILINE)
-
-
-def gltf_tree(path: Path) -> tuple[dict[str, Any], int]:
-    """The JSON of a .gltf or .glb file, and where a .glb's binary chunk begins. Raises ValueError if it is damaged."""
-    try:
-        if path.suffix.lower() == ".gltf":
-            tree, end = json.loads(path.read_bytes()), 0
-        else:
-            with open(path, "rb") as file:
-                length = int.from_bytes(file.read(20)[12:16], "little")  # the JSON chunk is the first (glTF 2.0, 4.4)
-                tree, end = json.loads(file.read(length)), 28 + length
-    except RecursionError:
-        raise ValueError("its JSON is nested too deep") from None
-    if not isinstance(tree, dict):
-        raise ValueError("its JSON is no object")
-    return tree, end
 
 
 def check_sizes(path: Path) -> None:

@@ -142,8 +142,8 @@ def dae(path, colour, texture, by, up="Z_UP"):
 </library_effects>
 <library_materials><material id="m"><instance_effect url="#e"/></material></library_materials>
 <library_geometries><geometry id="g"><mesh>
-<source id="v"><float_array id="va" count="{BODY.vertices.size}">{numbers(BODY.vertices)}</float_array><technique_common>
-<accessor source="#va" count="{len(BODY.vertices)}" stride="3"><param name="X" type="float"/>
+<source id="v"><float_array id="va" count="{BODY.vertices.size}">{numbers(BODY.vertices)}</float_array>
+<technique_common><accessor source="#va" count="{len(BODY.vertices)}" stride="3"><param name="X" type="float"/>
 <param name="Y" type="float"/><param name="Z" type="float"/></accessor></technique_common></source>
 <source id="t"><float_array id="ta" count="{UV.size}">{numbers(UV)}</float_array><technique_common>
 <accessor source="#ta" count="{len(UV)}" stride="2"><param name="S" type="float"/><param name="T" type="float"/>
