@@ -127,7 +127,10 @@ def check_config(
         say(line)
     logging.getLogger("palpate.mesh").setLevel(logging.ERROR)  # its warnings of textures are lines here
     with tempfile.TemporaryDirectory(prefix="palpate-check-") as scratch:
-        looks = [look(entry, root) for entry, root in _opened(settings, names, config["seed"], Path(scratch))]
+        looks = [
+            look(entry, root, settings.source["outside"])
+            for entry, root in _opened(settings, names, config["seed"], Path(scratch))
+        ]
         for line in mesh_lines(looks, settings):
             say(line)
         sensors = f"{', '.join(hand.sensor_names)}: {settings.sensor.name}, {1e3 * settings.sensor.range:g} mm deep"
@@ -216,32 +219,34 @@ def _opened(settings: Settings, names: Sequence[str], seed: int, scratch: Path) 
         return
     root, total = Path(settings.source["path"]), 0
     for number, each in enumerate(turns[: max(MOST_OPENED, len(names))]):
-        total += (root / each.source).stat().st_size
+        path = root / each.source
+        total += path.stat().st_size if path.is_file() else 0  # what is none is said later
         if number < max(1, len(names)) or total <= MOST_BYTES:
             yield each, root
 
 
-def look(entry: SourceObject, root: Path) -> Look:
-    """Open an object's mesh, in a process of its own."""
+def look(entry: SourceObject, root: Path, outside: bool = False) -> Look:
+    """Open an object's mesh, in a process of its own; outside: of the config's source."""
     import palpate.mesh.build  # noqa: F401 - once, and not in each of the processes
     from palpate.mesh.isolation import isolated
 
+    files = catalogue.files_root({"path": root, "outside": outside})
     try:
-        return Look(entry, root, *isolated(_open, root / entry.source, entry.scale, seconds=SECONDS_A_MESH))
+        return Look(entry, root, *isolated(_open, root / entry.source, entry.scale, files, seconds=SECONDS_A_MESH))
     except (UnusableObject, RuntimeError, OSError, MemoryError) as error:
         return Look(entry, root, problem=str(error).strip().splitlines()[-1].removeprefix(f"{root / entry.source}: "))
 
 
-def _open(path: Path, scale: str | float) -> tuple[float, int, str, dict[str, str]]:
+def _open(path: Path, scale: str | float, files: str) -> tuple[float, int, str, dict[str, str]]:
     """Extent, faces, what it holds, and what is wrong with files that it names."""
     from palpate.mesh.build import size
     from palpate.mesh.load import load_parts
 
     missing: dict[str, str] = {}
-    parts = load_parts(path, missing)
+    parts = load_parts(path, missing, files)
     extent = float(np.linalg.norm(np.ptp(np.concatenate([part.bounds for part in parts]), axis=0)))
     size(path, extent, scale)
-    holds = ("shape", "colours", "texture")[catalogue.richness(path)]
+    holds = ("shape", "colours", "texture")[catalogue.richness(path, files)]
     return extent, sum(len(part.faces) for part in parts), holds, missing
 
 
@@ -284,7 +289,8 @@ def make_example(
     from palpate.dataset.arrays import fill_untouched
 
     seed, name, folder = config["seed"], entry.object, scratch / "made" / entry.object
-    mesh.prepare(root / entry.source, folder, up=entry.up, scale=entry.scale, **config["mesh"])
+    files = catalogue.files_root(config["source"] | {"path": root})
+    mesh.prepare(root / entry.source, folder, up=entry.up, scale=entry.scale, root=files, **config["mesh"])
     visual, collision = mesh.load_visual(folder), mesh.load_collision(folder)
     count, method = config["surface"]["points"], config["surface"]["method"]
     points = surface.sample(visual, count, generator(seed, name, "surface"), method) + mesh.OBJECT_POSITION

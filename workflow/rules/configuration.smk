@@ -18,7 +18,7 @@ from snakemake.io import contains_wildcard
 from snakemake.logging import logger
 from snakemake.utils import update_config
 
-from palpate import atomic, catalogue, lock, locked, sensor, terminal
+from palpate import atomic, catalogue, lock, locked, named_files, sensor, terminal
 from palpate.batch import QUIET
 from palpate.check import FILES, resolve
 from palpate.configuration import ConfigError, absolute, check, typed
@@ -74,6 +74,7 @@ try:
     if workflow.is_main_process:  # its jobs have been let in by it
         catalogue.check_same_run(RUN_FOLDER, config, PROJECT)
     SOURCE, CLASS_COUNTS, ENTRIES, HAND, SENSOR = resolve(config, PROJECT)
+    NAMED_IN = catalogue.files_root(SOURCE)  # what meshes name has to be in it
     for entry in ENTRIES:
         checked(f"{SOURCE['path']}/{entry.source}")
     BATCH_SIZE = catalogue.resolve_batch_size(config["batch_size"], len(ENTRIES), RUN_FOLDER)
@@ -208,9 +209,12 @@ STAGES = ["released"] if RELEASED else ["meshes", "surface", "grasps", "touch", 
 def mesh_files(path):
     """A mesh file with the materials, textures and buffers that it names: a change to any re-runs its batch.
 
-    Of a long OBJ only the head is read for them, at every start; the catalogue's checksums read all of it.
+    Of a long OBJ only the head is read for them, at every start; the catalogue's checksums read all of it. What can't
+    be a mesh's file is none of Snakemake's inputs: the job says why.
     """
-    folder, names = Path(path).parent, catalogue.companions(Path(path), head=65536)
+    if named_files.unusable(path):
+        return []
+    folder, names = Path(path).parent, catalogue.companions(Path(path), NAMED_IN, named_files.HEAD)
     return [path, *(os.path.normpath(folder / name) for name in names)]
 
 
@@ -228,6 +232,15 @@ def sources_of(batch):
         return sorted({f"sources/{entry.class_name}" for entry in entries})
     files = [file for entry in entries for file in mesh_files(f"{SOURCE['path']}/{entry.source}")]
     return [checked(file) for file in dict.fromkeys(files)]
+
+
+@cache
+def mesh_memory(batch):
+    """MB that the meshes of a batch take: 22 for a MB of the OBJ in work, and 16 bytes a pixel of its pictures."""
+    stored = max((stored_mb([path]) for path in sources_of(batch)), default=0)
+    paths = [Path(SOURCE["path"], entry.source) for entry in BATCH_ENTRIES[batch] if SOURCE["kind"] != "procedural"]
+    pixels = max((named_files.texture_pixels(path, NAMED_IN) for path in paths), default=0)
+    return int(2000 + 30 * stored + 16e-6 * pixels)
 
 
 def batch_sources(wildcards):
