@@ -3,14 +3,17 @@ import contextlib
 import errno
 import gc
 import itertools
+import json
 import os
 import re
+import shlex
 import signal
 import sys
 import threading
 import time
 from collections import Counter
 from functools import cache
+from importlib import metadata
 
 import psutil
 import yaml
@@ -20,6 +23,7 @@ from snakemake.utils import update_config
 
 from palpate import atomic, catalogue, lock, locked, named_files, sensor, terminal
 from palpate.batch import QUIET
+from palpate.batch import plain as one_line
 from palpate.check import FILES, resolve
 from palpate.configuration import ConfigError, absolute, check, typed
 from palpate.training import inputs, recipes
@@ -38,6 +42,7 @@ if workflow.is_main_process:
 
 SCHEMAS = PROJECT / "workflow/schemas"
 CONDA = str(PROJECT / "envs/palpate.yaml")
+VERSIONS = ("snakemake", "mujoco", "bpy", "trimesh", "numpy", "zarr", "torch")  # that a run's page names
 WHOLE_OUTPUT = re.compile(r"batch-.*|\.snakemake")  # folders in which nothing is written in part
 CLASS_FILE = r"[A-Za-z0-9_][A-Za-z0-9_.-]*"  # a class in a file's name: `catalogue.file_name`
 
@@ -187,8 +192,8 @@ def stop_jobs():
         time.sleep(0.3)
 
 
-def say_end():
-    """At the end of a run: what it has come to."""
+def say_end(object_pages):
+    """At the end of a run: what it has come to, in its page and on the terminal. object_pages: how many are written."""
     from palpate.dataset import summary  # loads Zarr and HDF5
 
     signal.signal(signal.SIGINT, signal.default_int_handler)
@@ -196,8 +201,33 @@ def say_end():
     if PROGRESS.interrupted:
         return logger.warning(terminal.INTERRUPTED)
     seconds = PROGRESS.estimate.now() - PROGRESS.estimate.start
+    if os.path.exists(f"{RUN_FOLDER}/catalogue.csv") or PROGRESS.failures:
+        write_page(seconds, object_pages)
     for line in terminal.end_lines(RUN_FOLDER, summary(RUN_FOLDER), len(PROGRESS.failures), PROGRESS.done, seconds):
         logger.warning(line)
+
+
+def write_page(seconds, object_pages):
+    """The run's index.html, and what it says of this start: last_run.json. No file of the workflow depends on them."""
+    from palpate import __version__
+    from palpate.viewer import run_page
+
+    # A start that had nothing to do says nothing of how the run was made.
+    last = {
+        "ended": time.strftime("%Y-%m-%d %H:%M"),
+        "command": shlex.join([Path(sys.argv[0]).name, *sys.argv[1:]]),
+        "jobs": PROGRESS.done,
+        "seconds": round(seconds),
+        "failures": PROGRESS.failures,
+        "versions": {"palpate": __version__} | {name: metadata.version(name) for name in VERSIONS},
+    }
+    try:
+        if PROGRESS.done or PROGRESS.failures:
+            with atomic.atomic_write(f"{RUN_FOLDER}/last_run.json") as path:
+                path.write_text(json.dumps(last, indent=1) + "\n")
+        run_page(RUN_FOLDER, object_pages=object_pages)
+    except Exception as error:  # the run itself is not worse for it
+        logger.warning(f"{RUN_FOLDER}/index.html was not written: {one_line(error)}")
 
 
 # The authors' dataset is read and not simulated: it comes without meshes and grasps.
