@@ -9,11 +9,11 @@ UV_VERSION := 0.13.8
 # A few objects: their data and pictures, without training.
 demo: env
 	$(BIN)/snakemake --cores $(CORES) dataset validate --configfile config/demo.yaml
-	@echo "Its page: results/demo/index.html"
+	@$(BIN)/palpate view results/demo
 
 run: env
 	$(BIN)/snakemake --cores $(CORES) all validate
-	@echo "Its page: results/default/index.html"
+	@$(BIN)/palpate view results/default
 
 smoke: env
 	$(BIN)/snakemake --cores $(CORES) smoke

@@ -26,23 +26,15 @@ def data_uri(image: np.ndarray | Image.Image, size: int | None = None) -> str:
 
 
 def resource(name: str) -> Markup:
-    """A style or a script of this package."""
-    return Markup(_text(name))
-
-
-def _text(name: str) -> str:
-    return resources.files("palpate.viewer").joinpath(name).read_text(encoding="utf-8")
+    """A style, a script or a template of this package."""
+    return Markup(resources.files("palpate.viewer").joinpath(name).read_text(encoding="utf-8"))
 
 
 def render(path: Path, template: str, **values: object) -> None:
     """Write a page from a template of this package, whole or not at all. All values but `Markup` are escaped."""
     environment = jinja2.Environment(
-        loader=jinja2.FunctionLoader(_text),
-        autoescape=True,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        undefined=jinja2.StrictUndefined,
+        autoescape=True, trim_blocks=True, lstrip_blocks=True, undefined=jinja2.StrictUndefined
     )
-    text = environment.get_template(template).render(values)
+    text = environment.from_string(str(resource(template))).render(values)
     with atomic_write(path) as partial:
         partial.write_text(text, encoding="utf-8")

@@ -37,12 +37,6 @@ OBJECT_PAGES = 8  # pages of objects that are written with it: up to a second, a
 THUMBNAIL, FIGURE = 160, 1500  # pixels
 EMBEDDED = 3_000_000  # bytes of figures in the page; what is beyond is read from its file
 MOST_ROWS = 500  # of a table
-# What says at first sight what a run is: label, key of the config, what null stands for.
-SETTINGS = (
-    *(("source", "source.kind", ""), ("meshes from", "source.path", ""), ("split", "split", "")),
-    *(("hand", "grasps.hand", "Allegro"), ("touch sensor", "touch.sensor", ""), ("image size", "vision.size", "")),
-    *(("grasps an object", "grasps.per_object", ""), ("recipe", "training.recipe", ""), ("seed", "seed", "")),
-)
 VERDICTS = {"holds": "good", "agrees": "good", "better": "good", "does not hold": "bad", "worse": "bad"}
 CURVE = (150, 34)  # width and height of a training's curve
 
@@ -74,14 +68,13 @@ def run_page(
     folder: Path | str,
     path: Path | str | None = None,
     pages: Path | str | None = None,
-    pictured: int = PICTURED,
     object_pages: int = OBJECT_PAGES,
 ) -> Path:
     """Write the page of a run; returns its path, by default `index.html` in the run's folder.
 
-    pages: folder of the objects' own pages, by default `viewer` in the run's. pictured: objects with a picture, the
-    first ones of all classes in turn. object_pages: how many of these get a page of their own, if it is missing or
-    older than their stores. What can't be read is named in the page, and does not stop it.
+    pages: folder of the objects' own pages, by default `viewer` in the run's. object_pages: how many objects get one,
+    the first ones of all classes in turn, if it is missing or older than their stores. What can't be read is named in
+    the page, and does not stop it.
     """
     run, problems = Run(folder), []
     path, pages = Path(path or run.folder / "index.html"), Path(pages or run.folder / "viewer")
@@ -97,9 +90,11 @@ def run_page(
     entries = read({}, lambda: run.catalogue)
     rejections = read([], run.rejections)
     dataset = read(None, Dataset, run.folder) if entries else None
-    shown = spread(dataset or (), pictured)
-    for record in spread(shown, object_pages):
-        read(None, _write_object_page, pages, record)
+    stages = dataset.stages if dataset else []
+    shown = spread(dataset or (), PICTURED)
+    whole = [record for record in shown if stages and all(path.exists() for path in _stores(record, stages))]
+    for record in spread(whole, object_pages):
+        read(None, _write_object_page, pages / f"{record.name}.html", record)
     tables = [read(None, _result, file, name, link) for name, file in _files(run.folder, "tables", "csv")]
     render(
         path,
@@ -108,14 +103,14 @@ def run_page(
         folder=run.folder,
         link=link,
         duration=duration,
-        last=read({}, _last_run, run.folder),
-        settings=_settings(read({}, lambda: run.config)),
+        last=read({}, lambda: json.loads(_text(run.folder / "last_run.json") or "{}")),
+        settings=read({}, lambda: run.config),
         config=_text(run.folder / RECORD),
         counts=_counts(entries, {row["object"] for row in rejections}),
-        objects=[_thumbnail(record, dataset.stages, link, pages) for record in shown],
+        objects=[_thumbnail(record, stages, link, pages) for record in shown],
         usable=len(dataset or ()),
         rejected=_table(("object", "stage", "reason"), [row.values() for row in rejections]),
-        checks=read([], _checks, run.folder),
+        checks=list(csv.DictReader(_text(run.folder / "reports/validation.csv").splitlines())),
         warnings=read([], _warnings, run.folder),
         figures=read([], _figures, run.folder, link),
         tables={table.name: table for table in tables if table},
@@ -168,12 +163,6 @@ def _files(folder: Path, kind: str, suffix: str) -> list[tuple[str, Path]]:
     found = [(path.relative_to(folder / kind), path) for path in folder.glob(f"{kind}/**/*.{suffix}")]
     named = [(path.with_suffix("").as_posix(), whole) for path, whole in found]
     return sorted(named, key=lambda each: position(kind, each[0]))
-
-
-def _last_run(folder: Path) -> dict[str, Any]:
-    """What the workflow wrote when it ended last: when, its command, versions, jobs, seconds and failures."""
-    text = _text(folder / "last_run.json")
-    return json.loads(text) if text else {}
 
 
 def _result(path: Path, name: str, link: Callable[..., str]) -> Table:
@@ -232,32 +221,27 @@ def _thumbnail(record: ObjectRecord, stages: Sequence[str], link: Callable[..., 
                 picture = data_uri(image.reshape(-1, *image.shape[-3:])[0], THUMBNAIL)
             except (OSError, ValueError):
                 continue  # this batch's are not made yet, or damaged, as `palpate validate` says
-    page = link(_page(pages, record).resolve()) if _has_page(pages, record) else ""
-    return {"name": record.name, "group": f"{record.class_name}, {record.split}", "picture": picture, "page": page}
+    page = pages.resolve() / f"{record.name}.html"
+    names = {"name": record.name, "group": f"{record.class_name}, {record.split}"}
+    return {**names, "picture": picture, "page": link(page) if _is_current(page, record) else ""}
 
 
-def _page(pages: Path, record: ObjectRecord) -> Path:
-    return pages / f"{record.name}.html"
-
-
-def _has_page(pages: Path, record: ObjectRecord) -> bool:
+def _is_current(page: Path, record: ObjectRecord) -> bool:
     """Whether an object has a page that is not older than what it shows."""
-    page, batch = _page(pages, record), record.mesh.parent
-    stores = [batch.parents[1] / CONTRACT[stage].path(batch.name) for stage in ("surface", "grasps", "touch", "vision")]
-    newest = max((path.stat().st_mtime for path in (batch, *stores) if path.exists()), default=0)
+    made = [record.mesh.parent, *_stores(record, ("surface", "grasps", "touch", "vision"))]
+    newest = max((path.stat().st_mtime for path in made if path.exists()), default=0)
     return page.exists() and page.stat().st_mtime >= newest
 
 
-def _write_object_page(pages: Path, record: ObjectRecord) -> None:
-    if not _has_page(pages, record):
+def _stores(record: ObjectRecord, stages: Iterable[str]) -> list[Path]:
+    return [record.mesh.parents[2] / CONTRACT[stage].path(record.batch) for stage in stages]
+
+
+def _write_object_page(page: Path, record: ObjectRecord) -> None:
+    if not _is_current(page, record):
         from palpate.viewer.page import object_page  # loads trimesh
 
-        object_page(_page(pages, record), record)
-
-
-def _checks(folder: Path) -> list[dict[str, str]]:
-    """The rows of the validation."""
-    return list(csv.DictReader(_text(folder / "reports/validation.csv").splitlines()))
+        object_page(page, record)
 
 
 def _warnings(folder: Path) -> list[str]:
@@ -288,11 +272,11 @@ def _trainings(folder: Path) -> Table:
     rows = []
     for path in sorted(folder.glob("models/**/training.json")):
         training = json.loads(path.read_bytes())
-        history, minutes = pd.read_csv(path.with_name("history.csv")), training["seconds"] / 60
+        history, seconds = pd.read_csv(path.with_name("history.csv")), training["seconds"]
         rows.append([path.parent.relative_to(folder / "models").as_posix(), Cell("", curve=_curve(history))])
         rows[-1].append(Cell(f"{training['validation_loss']:.3f}", training["validation_loss"]))
-        rows[-1] += [training["best_step"], training["steps"], Cell(f"{minutes:.1f}", minutes)]
-    return _table(("model", "loss", "best on validation", "at step", "steps", "minutes"), rows)
+        rows[-1] += [training["best_step"], training["steps"], Cell(duration(seconds), seconds)]
+    return _table(("model", "loss", "best on validation", "at step", "steps", "time"), rows)
 
 
 def _curve(history: pd.DataFrame) -> list[str]:
@@ -320,16 +304,3 @@ def _times(folder: Path) -> Table:
         rows.append([name, len(times), *spans, Cell(f"{max(memory):,.0f}", max(memory))])
     rows.sort(key=lambda row: -row[2].value)
     return _table(("stage", "jobs", "time", "longest job", "most memory of a job, MB"), rows)
-
-
-def _settings(config: Mapping[str, Any]) -> list[tuple[str, str]]:
-    """Labels and values of `SETTINGS`."""
-    found = []
-    for label, path, null in SETTINGS if config else ():
-        value: Any = config
-        for key in path.split("."):
-            value = value.get(key) if isinstance(value, Mapping) else None
-        if isinstance(value, Mapping):
-            value = ", ".join(f"{key} {each}" for key, each in value.items())
-        found.append((label, null if value is None else str(value)))
-    return [(label, value) for label, value in found if value]
