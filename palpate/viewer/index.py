@@ -109,6 +109,7 @@ def run_page(
         counts=_counts(entries, {row["object"] for row in rejections}),
         objects=[_thumbnail(record, stages, link, pages) for record in shown],
         usable=len(dataset or ()),
+        listed=(run.folder / "rejected.csv").exists(),
         rejected=_table(("object", "stage", "reason"), [row.values() for row in rejections]),
         checks=list(csv.DictReader(_text(run.folder / "reports/validation.csv").splitlines())),
         warnings=read([], _warnings, run.folder),
