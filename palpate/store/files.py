@@ -24,7 +24,7 @@ from palpate import checksums
 from palpate.atomic import atomic_write
 from palpate.remedy import command
 from palpate.store.contract import CONTRACT, FRAMES, SCHEMA_VERSION, UNITS, ArraySpec, StoreSpec
-from palpate.store.shards import is_shard, read_rows, shard_file
+from palpate.store.shards import Chunk, Records, is_chunk, is_readable, shard_file
 
 # Batches are worked on in parallel, never the chunks of one store: one thread a process, unless the user says
 # otherwise (ZARR_THREADING__MAX_WORKERS). Several threads of Blosc may write a chunk's blocks in any order.
@@ -230,7 +230,7 @@ class Store:
         self.path = Path(path)
         if not self.path.exists():
             raise StoreError(f"{self.path} does not exist; build it with: {command(self.path)}")
-        self._headers: dict[str, zarr.Array] = {}
+        self._headers: dict[str, Records | Chunk | zarr.Array] = {}
         if self.path.suffix != ".zarr":
             self._require_intact_hdf5()
         with self._arrays() as arrays:
@@ -260,6 +260,7 @@ class Store:
         earlier = data.startswith(b"\x89HDF\r\n\x1a\n")
         if not earlier and data[:USER_BLOCK] != _user_block(data[USER_BLOCK:]):
             raise self._damaged(["it has changed since it was written (checksum)"])
+        self._block = data[:USER_BLOCK]
 
     def _require_intact(self, contents: bool) -> None:
         """Raise StoreError, naming the first files, if files are missing or of another size (or content)."""
@@ -319,17 +320,18 @@ class Store:
     def _group(self) -> zarr.Group:
         return zarr.open_group(self.path, mode="r")
 
-    def _array(self, arrays: h5py.File | zarr.Group, name: str) -> h5py.Dataset | zarr.Array:
-        """One array, not read; StoreError if there is none such."""
+    def _array(self, name: str) -> Records | Chunk | zarr.Array | np.ndarray:
+        """One array, not read, of a file that is as it was when the store was opened; StoreError if it is missing."""
+        array = self._headers.get(name)
+        if array is None:
+            array = self._opened(name)
         if self.path.suffix != ".zarr":
-            if name not in arrays:
-                raise StoreError(f"{self.path} has no array {name!r}")
-            return arrays[name]
-        if name not in self._headers:
-            self._headers[name] = self._opened(arrays, name)
-        array = self._headers[name]
+            with self.path.open("rb", buffering=0) as file:
+                if file.read(USER_BLOCK) != self._block:
+                    raise StoreError(f"{self.path} has changed since it was opened; open the dataset again")
+            return array
         # At every read, because Zarr takes a missing file for one of fill values.
-        shard = shard_file(Path(name), array).as_posix()
+        shard = shard_file(name, array)
         stated = {shard: self._files[shard]} if shard in self._files else {}
         found = checksums.damage(self.path, stated)
         if not stated and os.path.exists(self.path / shard):
@@ -338,8 +340,15 @@ class Store:
             raise self._damaged(found)
         return array
 
-    def _opened(self, group: zarr.Group, name: str) -> zarr.Array:
-        """An array whose header is the one that was written."""
+    def _opened(self, name: str) -> Records | Chunk | zarr.Array | np.ndarray:
+        """An array whose header is the one that was written, remembered; a small one of HDF5 without chunks is read."""
+        if self.path.suffix != ".zarr":
+            with h5py.File(self.path, "r") as file:
+                if name not in file:
+                    raise StoreError(f"{self.path} has no array {name!r}")
+                if not is_chunk(file[name]):
+                    return file[name][...]
+                return self._headers.setdefault(name, Chunk(self.path, file[name]))
         header = f"{name}/{ROOT}"
         if header not in self._files:
             if (self.path / header).exists():
@@ -347,7 +356,11 @@ class Store:
             raise StoreError(f"{self.path} has no array {name!r}")
         if found := checksums.damage(self.path, {header: self._files[header]}, contents=True):
             raise self._damaged(found)
-        return group[name]
+        array = zarr.open_array(self.path / name, mode="r")
+        if is_readable(array):
+            shard = shard_file(name, array)
+            array = Records(self.path / shard if shard in self._files else None, array)
+        return self._headers.setdefault(name, array)
 
     def names(self) -> list[str]:
         """Names of all arrays, sorted; those in groups as `hand/<name>`."""
@@ -360,30 +373,23 @@ class Store:
 
     def header(self, name: str) -> Header:
         """Shape and type of an array, which is not read."""
-        with self._arrays() as arrays:
-            array = self._array(arrays, name)
+        with self._reading():
+            array = self._array(name)
             return tuple(array.shape), array.dtype
 
     def get(self, name: str, index: Any = ...) -> np.ndarray:
         """What `index` picks of one array, read now; strings come as a numpy array of str."""
-        with self._arrays() as arrays:
-            return _as_str(np.asarray(self._array(arrays, name)[index]))
+        with self._reading():
+            return _as_str(np.asarray(self._array(name)[index]))
 
     def rows(self, name: str, rows: Sequence[int], *further: int | slice) -> np.ndarray:
         """Rows of one array, in the order given, and what `further` (numbers from 0, slices) picks of its other axes.
 
-        Only their records are read. Of many records it is much faster than `get`.
+        Only their records are read.
         """
-        with self._arrays() as arrays:
-            array = self._array(arrays, name)
-            if not isinstance(array, zarr.Array) or array.shards is None:  # one chunk
-                return _as_str(np.asarray(array[...]))[(np.asarray(rows, dtype=int), *further)]
-            if not further and is_shard(array):
-                return read_rows(self.path / name, array, rows)
-            result = np.empty((len(rows), *np.broadcast_to(0, array.shape[1:])[further].shape), array.dtype)
-            for place, row in enumerate(rows):
-                result[place] = array[(row, *further)]
-            return result
+        with self._reading():
+            array, index = self._array(name), (np.asarray(rows, dtype=int), *further)
+            return array[index] if isinstance(array, Records) else _as_str(np.asarray(array[...]))[index]
 
     __getitem__ = get
 

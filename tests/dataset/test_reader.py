@@ -4,9 +4,11 @@ import shutil
 from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
 
+import h5py
 import numpy as np
 import pandas as pd
 import pytest
+import zarr
 
 import palpate
 import palpate.store
@@ -17,6 +19,7 @@ from palpate.catalogue import CatalogueError
 from palpate.mesh import OBJECT_POSITION
 from palpate.store import CONTRACT, StoreError
 from palpate.touch import empty_reading
+from tests.store.conftest import BATCHES
 
 OBJECTS = ["ball-0000", "block-0000", "ball-0002"]
 GRASPS = 2
@@ -157,6 +160,26 @@ def test_grasps_are_the_records_as_dictionaries(built):
     )
     with pytest.raises(palpate.StoreError, match=said):
         none("train")
+
+
+def test_grasps_are_what_zarr_and_hdf5_read_themselves(built):
+    grasps = palpate.Dataset(built).grasps()
+    for item in grasps:
+        batch = next(name for name, objects in BATCHES.items() if item["object"] in objects)
+        for name, (stage, spec) in grasps.sources.items():
+            path = built / CONTRACT[stage].path(batch)
+            opened = h5py.File(path) if path.suffix == ".h5" else zarr.open_group(path)
+            objects = [each.decode() if isinstance(each, bytes) else each for each in opened["object"][:]]
+            values = opened[spec.name][...][objects.index(item["object"])]
+            values = values[item["grasp"]] if spec.of_grasps else values
+            values = values[0] if spec.of_cameras else values
+            if name == "reading":  # 0 is stored for a sensor that touched nothing
+                values = values[item["success"]]
+                np.testing.assert_array_equal(item[name][item["success"]], values)
+                assert (item[name][~item["success"]] == empty_reading()).all()
+                continue
+            np.testing.assert_array_equal(item[name], values, err_msg=name)
+            assert item[name].dtype == values.dtype
 
 
 def test_a_loader_of_torch_takes_the_grasps_as_they_are(built):
