@@ -1,7 +1,7 @@
 """Parquet and a folder of images a split, as `datasets.load_dataset(<folder>)` of Hugging Face reads them.
 
 <folder>/<split>/metadata.parquet                    a row a grasp; columns `<array>_file_name` name images
-        /<split>/<object>/<grasp>/<array>.png        README.md
+        /<split>/<object>/<grasp>/<array>.png        what every export has: palpate.interchange.folder
 """
 
 from collections.abc import Iterable
@@ -10,9 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from palpate.atomic import atomic_write
 from palpate.dataset import Dataset
-from palpate.interchange.card import write_card
+from palpate.interchange.folder import export_folder
 from palpate.interchange.items import grasps_by_split, pictures, png, with_progress
 
 ROWS = 64  # grasps that are held in memory before they are written
@@ -25,11 +24,12 @@ def write_parquet(
     licence: str = "unknown",
     source: str = "",
 ) -> int:
-    """Write the grasps of a dataset as Parquet with images, and a data card; atomically. Returns their number.
+    """Write the grasps of a dataset as Parquet and images, and what every export has; atomically. Returns their number.
 
     arrays: as `Dataset.grasps` takes them. Images are PNG files: the column `<array>_file_name` has the path of one,
     `<array>_file_names` a list of paths. Other arrays are nested lists in the contract's types. Raises ImportError if
-    pyarrow is not installed, StoreError if there is no object, KeyError for an unknown array.
+    pyarrow is not installed, StoreError if there is no object, KeyError for an unknown array, and what `export_folder`
+    raises.
     """
     try:
         import pyarrow
@@ -37,9 +37,9 @@ def write_parquet(
     except ImportError as error:
         raise ImportError(f"Parquet needs pyarrow: pip install 'pyarrow<26'; WebDataset does not ({error})") from error
     splits = grasps_by_split(dataset, arrays)
-    with atomic_write(Path(folder)) as partial:
+    with export_folder(folder, dataset, splits, "{}/**", licence, source) as partial:
         for split, grasps in splits.items():
-            (partial / split).mkdir(parents=True)
+            (partial / split).mkdir()
             writer, rows = None, []
             try:
                 for number, item in enumerate(with_progress(grasps, split), start=1):
@@ -55,8 +55,6 @@ def write_parquet(
             finally:
                 if writer is not None:
                     writer.close()
-        files = {split: f"{split}/**" for split in splits}
-        write_card(partial / "README.md", dataset, next(iter(splits.values())), files, licence, source)
     return sum(map(len, splits.values()))
 
 
@@ -73,8 +71,8 @@ def _row(item: dict, images: dict[str, bool], folder: Path) -> dict[str, Any]:
             (folder / path).parent.mkdir(parents=True, exist_ok=True)
             (folder / path).write_bytes(png(image))
             paths.append(path.as_posix())
-        one = values.ndim == (3 if images[name] else 2)
-        row[f"{name}_file_name" if one else f"{name}_file_names"] = paths[0] if one else paths
+        several = name not in pictures(name, values, images[name])
+        row[f"{name}_file_names" if several else f"{name}_file_name"] = paths if several else paths[0]
     return row
 
 
