@@ -20,12 +20,7 @@ SIZES = {1e3: "n<1K", 1e4: "1K<n<10K", 1e5: "10K<n<100K", 1e6: "100K<n<1M", 1e7:
 
 
 def write_card(
-    path: Path,
-    dataset: Dataset,
-    splits: Mapping[str, GraspDataset],
-    files: str = "{}/**",
-    licence: str = "unknown",
-    source: str = "",
+    path: Path, dataset: Dataset, splits: Mapping[str, GraspDataset], files: str, licence: str, source: str
 ) -> None:
     """Write the card: what is in the export, how it was made, how good it is, on what terms it may be used.
 
@@ -78,9 +73,8 @@ def escaped(text: str) -> str:
 
 
 def _source(config: Mapping[str, Any]) -> str:
-    kind = str(config.get("source", {}).get("kind", "unknown"))
-    terms = {"procedural": "procedural, made by palpate (no one's meshes)"}
-    return terms.get(kind, f"{escaped(kind)}, terms not stated")
+    kind = escaped(config.get("source", {}).get("kind", "unknown"))
+    return "procedural, made by palpate (no one's meshes)" if kind == "procedural" else f"{kind}, terms not stated"
 
 
 def _public(value: Any) -> Any:

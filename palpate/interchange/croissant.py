@@ -35,7 +35,7 @@ def write_croissant(
 ) -> None:
     """Write `croissant.json` of an export whose samples, tables and meshes are in `folder`.
 
-    The arguments are those of `export_folder`. The same folder gives the same bytes, so no date is in it.
+    The arguments are those of `export`. The same folder gives the same bytes, so no date is in it.
     """
     grasps, archives = next(iter(splits.values())), sorted(path.name for path in folder.glob("*.tar"))
     files = [_file(folder, path.name) for path in sorted([*folder.glob("*.csv"), *folder.glob("*.json")])]

@@ -7,9 +7,8 @@ import hashlib
 import importlib.metadata
 import json
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -233,10 +232,12 @@ class Store:
         self._headers: dict[str, Records | Chunk | zarr.Array] = {}
         if self.path.suffix != ".zarr":
             self._require_intact_hdf5()
-        with self._arrays() as arrays:
-            attributes = dict(arrays.attrs)
-            if not isinstance(arrays, zarr.Group):  # HDF5 has no nested attributes: there each is a JSON text
-                attributes = {name: json.loads(value) for name, value in attributes.items()}
+        with self._reading():
+            if self.path.suffix == ".zarr":
+                attributes = dict(zarr.open_group(self.path, mode="r").attrs)
+            else:  # HDF5 has no nested attributes: there each is a JSON text
+                with h5py.File(self.path, "r") as file:
+                    attributes = {name: json.loads(value) for name, value in file.attrs.items()}
         version = attributes.get("schema_version")
         if version != SCHEMA_VERSION:
             raise StoreError(
@@ -295,16 +296,6 @@ class Store:
         return f"{command(self.path, 'dataset', self._target)} --forceall"
 
     @contextmanager
-    def _arrays(self) -> Iterator[h5py.File | zarr.Group]:
-        """The file or folder, open for reading; errors in the block become a StoreError that names it."""
-        with self._reading():
-            if self.path.suffix == ".zarr":
-                yield self._group
-            else:
-                with h5py.File(self.path, "r") as file:
-                    yield file
-
-    @contextmanager
     def _reading(self) -> Iterator[None]:
         try:
             yield
@@ -315,10 +306,6 @@ class Store:
                 f"{self.path} can't be read ({type(error).__name__}: {error}); "
                 f"remove it and build it again with: {command(self.path)}"
             ) from error
-
-    @cached_property
-    def _group(self) -> zarr.Group:
-        return zarr.open_group(self.path, mode="r")
 
     def _array(self, name: str) -> Records | Chunk | zarr.Array | np.ndarray:
         """One array, not read, of a file that is as it was when the store was opened; StoreError if it is missing."""
@@ -364,11 +351,11 @@ class Store:
 
     def names(self) -> list[str]:
         """Names of all arrays, sorted; those in groups as `hand/<name>`."""
-        with self._arrays() as arrays:
-            if isinstance(arrays, zarr.Group):  # asking the group would warn of files that are not Zarr's
-                return sorted(metadata.parent.name for metadata in self.path.glob("*/zarr.json"))
-            found: dict[str, object] = {}
-            arrays.visititems(found.__setitem__)
+        if self.path.suffix == ".zarr":
+            return sorted(metadata.parent.name for metadata in self.path.glob("*/zarr.json"))
+        found: dict[str, object] = {}
+        with self._reading(), h5py.File(self.path, "r") as file:
+            file.visititems(found.__setitem__)
             return sorted(name for name, item in found.items() if isinstance(item, h5py.Dataset))
 
     def header(self, name: str) -> Header:
@@ -378,24 +365,18 @@ class Store:
             return tuple(array.shape), array.dtype
 
     def get(self, name: str, index: Any = ...) -> np.ndarray:
-        """What `index` picks of one array, read now; strings come as a numpy array of str."""
-        with self._reading():
-            return _as_str(np.asarray(self._array(name)[index]))
+        """What `index` picks of one array as numpy does, read now; strings come as a numpy array of str.
 
-    def rows(self, name: str, rows: Sequence[int], *further: int | slice) -> np.ndarray:
-        """Rows of one array, in the order given, and what `further` (numbers from 0, slices) picks of its other axes.
-
-        Only their records are read.
+        Only the records are read that numbers, slices, and numbers of rows in a numpy array pick.
         """
         with self._reading():
-            array, index = self._array(name), (np.asarray(rows, dtype=int), *further)
-            return array[index] if isinstance(array, Records) else _as_str(np.asarray(array[...]))[index]
+            array = self._array(name)
+            return _as_str(np.asarray((array[...] if isinstance(array, zarr.Array) else array)[index]))
 
     __getitem__ = get
 
     def __contains__(self, name: str) -> bool:
-        with self._arrays() as arrays:
-            return name in arrays
+        return name in self.names()
 
     def __repr__(self) -> str:
         return f"Store({str(self.path)!r}: {', '.join(self.names())})"

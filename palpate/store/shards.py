@@ -106,11 +106,9 @@ def is_chunk(dataset: h5py.Dataset) -> bool:
 
 def is_readable(array: zarr.Array) -> bool:
     """Whether `Records` reads this array: one shard or chunk, encoded as `palpate.store.write` does."""
-    codecs = list(array.metadata.codecs)
+    codecs, whole = array.metadata.codecs, array.shards or array.chunks
     if isinstance(codecs[0], ShardingCodec):
-        if array.shards != array.shape or [*map(type, codecs[0].index_codecs)] != [BytesCodec, Crc32cCodec]:
+        if [*map(type, codecs[0].index_codecs)] != [BytesCodec, Crc32cCodec]:
             return False
-        codecs = list(codecs[0].codecs)
-    elif array.chunks != array.shape:
-        return False
-    return [*map(type, codecs)] == [BytesCodec, BloscCodec, Crc32cCodec]
+        codecs = codecs[0].codecs
+    return whole == array.shape and [*map(type, codecs)] == [BytesCodec, BloscCodec, Crc32cCodec]

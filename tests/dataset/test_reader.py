@@ -600,3 +600,12 @@ def test_whether_an_object_has_the_one_size_of_all(run):
     sizes = {record.name: record.normalised for record in palpate.Dataset(run, [])}
     assert sizes == {row[0]: scale == "diagonal" for row, scale in zip(rows[1:], scales[1:], strict=True)}
     assert palpate.Dataset(run)[0].scale == 0.001  # of its file's unit, in metres
+
+
+def test_what_was_drawn_for_an_object_is_read_back(run):
+    assert palpate.Dataset(run)["ball-0000"].drawn == {}
+    path, drawn = run / CONTRACT["vision"].path("batch-0000"), {"ball-0000": {"background": [0.5, 1, 1]}}
+    attributes = palpate.store.open(path).attributes | {"drawn": drawn}
+    palpate.store.write(path, "vision", palpate.store.read(path), attributes)
+    dataset = palpate.Dataset(run)
+    assert dataset["ball-0000"].drawn == drawn["ball-0000"] and dataset["block-0000"].drawn == {}

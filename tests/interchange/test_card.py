@@ -7,7 +7,7 @@ import pytest
 import yaml
 
 import palpate
-from palpate.interchange import write_webdataset
+from palpate.interchange import export
 from palpate.interchange.card import without_folders
 
 HOSTILE = "<script>alert('x')</script> | `a` **b** [c](javascript:d) <!-- e ![f](//g.h/i) &amp; www.j.k m@n.o \u202e#"
@@ -20,7 +20,7 @@ def test_the_card_says_what_is_in_it(run, tmp_path):
     (run / "evaluations/charts_touch/seed-0.csv").write_text("split,chamfer\ntest,2\ntest,4\nvalidation,100\n")
     (run / "reports").mkdir()
     (run / "reports/validation.csv").write_text("check,passed\nfiles,True\nfinite,False\n")
-    write_webdataset(palpate.Dataset(run), tmp_path / "out", ["reading"], licence="cc-by-4.0", source="my mugs")
+    export(palpate.Dataset(run), tmp_path / "out", arrays=["reading"], licence="cc-by-4.0", source="my mugs")
     text = (tmp_path / "out/README.md").read_text()
     _, header, body = text.split("---\n", 2)
     header = yaml.safe_load(header)
@@ -52,7 +52,7 @@ def test_what_comes_from_meshes_is_shown_as_it_is(run, tmp_path):
     classes = [{"class": HOSTILE}, {"class": "```\n<b>"}]
     config = {"source": {"kind": HOSTILE, "path": "~/mugs"}, "classes": classes, "hand": "/home/me/hand.xml"}
     (run / "config.yaml").write_text(yaml.safe_dump(config))
-    write_webdataset(palpate.Dataset(run), tmp_path / "out", ["success"])
+    export(palpate.Dataset(run), tmp_path / "out", arrays=["success"])
     text = (tmp_path / "out/README.md").read_text()
     _, _, body = text.split("---\n", 2)
     assert "/home/me" not in text and "~/" not in text and "\u202e" not in text

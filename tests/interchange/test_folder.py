@@ -13,7 +13,7 @@ import pytest
 
 import palpate
 from palpate import checksums
-from palpate.interchange import write_webdataset
+from palpate.interchange import export
 from palpate.sensor import DIGIT, Sensor
 from palpate.store import CONTRACT, StoreError, read, write
 from tests.store.conftest import ATTRIBUTES, BATCHES
@@ -22,7 +22,7 @@ from tests.store.conftest import ATTRIBUTES, BATCHES
 @pytest.fixture(scope="module")
 def exported(built, tmp_path_factory):
     folder = tmp_path_factory.mktemp("exports") / "out"
-    write_webdataset(palpate.Dataset(built), folder)
+    export(palpate.Dataset(built), folder)
     return folder
 
 
@@ -61,8 +61,10 @@ def test_a_mesh_that_is_not_the_one_that_was_written_is_an_error(run, tmp_path, 
     path.unlink()
     if damage == "change":
         path.write_bytes(content[:-1] + bytes([content[-1] ^ 1]))
-    with pytest.raises(checksums.DamagedFile, match=f"{path} is missing or not as .* remove .*batch-0000 and build"):
-        write_webdataset(palpate.Dataset(run), tmp_path / "out", ["success"])
+    with pytest.raises(
+        checksums.DamagedFile, match="block-0000/visual.glb (is missing|has changed .*); remove .*batch-0000"
+    ):
+        export(palpate.Dataset(run), tmp_path / "out", arrays=["success"])
     assert not list(tmp_path.glob("*out*"))
 
 
@@ -72,16 +74,16 @@ def test_batches_with_different_sensors_are_an_error(run, tmp_path):
     other = DIGIT.description() | {"diffuse": 100}
     write(path, "touch", arrays, ATTRIBUTES | {"sensor": other})
     with pytest.raises(StoreError, match="'block-0000', 0.*'ball-0002', 0.* have different sensors"):
-        write_webdataset(palpate.Dataset(run), tmp_path / "out", ["success"])
+        export(palpate.Dataset(run), tmp_path / "out", arrays=["success"])
     assert len(BATCHES) == 2 and not list(tmp_path.glob("*out*"))
 
 
 KILLED = """
 import os, signal, sys
 import palpate
-from palpate.interchange import folder, write_webdataset
+from palpate.interchange import export, folder
 folder.write_card = lambda *_: os.kill(os.getpid(), signal.SIGKILL)
-write_webdataset(palpate.Dataset(sys.argv[1]), sys.argv[2], ["success"])
+export(palpate.Dataset(sys.argv[1]), sys.argv[2], arrays=["success"])
 """
 
 
@@ -90,7 +92,7 @@ def test_a_killed_export_leaves_nothing_that_looks_finished(built, tmp_path):
     assert subprocess.run(command, check=False).returncode == -signal.SIGKILL
     (left,) = os.listdir(tmp_path)
     assert left.startswith(".partial-")
-    write_webdataset(palpate.Dataset(built), tmp_path / "out", ["success"])
+    export(palpate.Dataset(built), tmp_path / "out", arrays=["success"])
     assert os.listdir(tmp_path) == ["out"]
 
 
@@ -125,6 +127,6 @@ def test_croissant_describes_the_files_and_their_columns(exported):
 
 def test_croissant_ends_no_script_element_of_a_page(run, tmp_path):
     hostile = "</script><script>alert(1)</script>"
-    write_webdataset(palpate.Dataset(run), tmp_path / "out", ["success"], source=hostile)
+    export(palpate.Dataset(run), tmp_path / "out", arrays=["success"], source=hostile)
     text = (tmp_path / "out/croissant.json").read_text()
     assert "<" not in text and hostile in json.loads(text)["description"]

@@ -12,7 +12,7 @@ import pytest
 from PIL import Image
 
 import palpate
-from palpate.interchange import write_webdataset
+from palpate.interchange import export
 from palpate.store import StoreError
 
 
@@ -33,9 +33,10 @@ def picture(data):
 
 
 @pytest.mark.parametrize("shard_bytes", [1, 10**9])
-def test_samples_are_the_grasps(built, tmp_path, shard_bytes):
+def test_samples_are_the_grasps(built, tmp_path, monkeypatch, shard_bytes):
+    monkeypatch.setattr("palpate.interchange.webdataset.SHARD_BYTES", shard_bytes)
     dataset = palpate.Dataset(built)
-    assert write_webdataset(dataset, tmp_path / "out", shard_bytes=shard_bytes) == 6
+    assert export(dataset, tmp_path / "out") == 6
     with (tmp_path / "out/grasps.csv").open() as file:
         table = {row["sample"]: row for row in csv.DictReader(file)}
     before = 0
@@ -63,7 +64,7 @@ def test_samples_are_the_grasps(built, tmp_path, shard_bytes):
 
 def test_the_same_run_gives_the_same_bytes(built, tmp_path):
     for name in ("a", "b"):
-        write_webdataset(palpate.Dataset(built), tmp_path / name, ["reading", "penetration"])
+        export(palpate.Dataset(built), tmp_path / name, arrays=["reading", "penetration"])
     for path in filter(Path.is_file, (tmp_path / "a").rglob("*")):
         assert path.read_bytes() == (tmp_path / "b" / path.relative_to(tmp_path / "a")).read_bytes(), path.name
 
@@ -71,10 +72,10 @@ def test_the_same_run_gives_the_same_bytes(built, tmp_path):
 def test_an_export_that_fails_leaves_nothing(built, tmp_path, monkeypatch):
     dataset = palpate.Dataset(built)
     with pytest.raises(KeyError, match="no array 'gel' of grasps; there are"):
-        write_webdataset(dataset, tmp_path / "out", ["gel"])
+        export(dataset, tmp_path / "out", arrays=["gel"])
     with pytest.raises(StoreError, match="no object"):
-        write_webdataset(dataset[:0], tmp_path / "out")
+        export(dataset[:0], tmp_path / "out")
     monkeypatch.setattr("palpate.interchange.folder.write_card", lambda *_: 1 / 0)
     with pytest.raises(ZeroDivisionError):
-        write_webdataset(dataset, tmp_path / "out", ["success"])
+        export(dataset, tmp_path / "out", arrays=["success"])
     assert not list(tmp_path.iterdir())

@@ -290,7 +290,7 @@ def test_a_flipped_bit_is_an_error_that_names_the_file_and_the_remedy(tmp_path, 
     damaged.write_bytes(data)
     if stage != "grasps":
         assert read(path, "object")["object"].tolist() == ["bottle-0000", "bottle-0001"]
-    for read_again in (lambda: read(path, array), lambda: palpate.store.open(path).rows(array, [0, 1])):
+    for read_again in (lambda: read(path, array), lambda: palpate.store.open(path).get(array, np.array([0, 1]))):
         with pytest.raises(StoreError, match=f"{path.name} (is damaged|can't be read).* with: snakemake {stage}/"):
             read_again()
 
@@ -341,7 +341,11 @@ def test_values_that_go_while_a_store_is_open_are_an_error_at_the_next_read(tmp_
     store = palpate.store.open(path)
     store.get("depth", 0)
     shutil.rmtree(path / "depth/c")
-    for read_again in (lambda: store.get("depth", 0), lambda: store.rows("depth", [0]), lambda: store.get("depth")):
+    for read_again in (
+        lambda: store.get("depth", 0),
+        lambda: store.get("depth", np.array([0])),
+        lambda: store.get("depth"),
+    ):
         with pytest.raises(StoreError, match="depth/c/0.* is missing"):
             read_again()
 
@@ -420,11 +424,13 @@ def test_rows_are_those_of_the_array_in_the_order_given(tmp_path, stage):
     for name, spec in CONTRACT[stage].arrays.items():
         if spec.of_objects:
             for rows in ([0, 1, 2, 3, 4], [4, 1, 1], [], [3]):
-                found = store.rows(name, rows)
+                found = store.get(name, np.array(rows, int))
                 np.testing.assert_array_equal(found, arrays[name][rows], err_msg=name)
                 assert found.dtype == arrays[name].dtype or name == "object"
                 if arrays[name].ndim > 1:
-                    np.testing.assert_array_equal(store.rows(name, rows, 0), arrays[name][rows, 0], err_msg=name)
+                    np.testing.assert_array_equal(
+                        store.get(name, (np.array(rows, int), 0)), arrays[name][rows, 0], err_msg=name
+                    )
 
 
 INDICES = (..., 0, -1, np.int64(2), (1, 1), (1, -1), (slice(1, 3),), (slice(None, None, 2), 0), (2, slice(None)))
@@ -482,7 +488,11 @@ def test_a_file_that_goes_between_the_look_at_it_and_its_reading_is_an_error(tmp
     store.get("depth", 0)
     shutil.rmtree(path / "depth/c")
     monkeypatch.setattr("palpate.checksums.damage", lambda *_: [])  # it was still there
-    for read_again in (lambda: store.get("depth", (0, 1)), lambda: store.rows("depth", [0]), lambda: store["depth"]):
+    for read_again in (
+        lambda: store.get("depth", (0, 1)),
+        lambda: store.get("depth", np.array([0])),
+        lambda: store["depth"],
+    ):
         with pytest.raises(StoreError, match="can't be read .*No such file"):
             read_again()
 
