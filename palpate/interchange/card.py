@@ -69,7 +69,7 @@ def _table(rows: list[list[Any]], *heads: str) -> str:
 def escaped(text: str) -> str:
     """Text in one line that Markdown and HTML show as it is: no markup, no link, no character that is not seen."""
     line = " ".join("".join(each if each.isprintable() else " " for each in str(text)).split())
-    return re.sub(r"[^\w ,.;%+=()/'-]|(?<!\w)_|_(?!\w)|(?<=www)\.", lambda found: f"&#{ord(found[0])};", line)
+    return re.sub(r"[^\w ,.;%+=()/'-]|(?<!\w)_|_(?!\w)|(?<=www)\.|/(?=/)", lambda found: f"&#{ord(found[0])};", line)
 
 
 def _source(config: Mapping[str, Any]) -> str:
