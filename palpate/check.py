@@ -120,7 +120,7 @@ def check_config(
     from palpate import hand as hands
     from palpate import scene
 
-    scene.cameras(config["vision"]), scene.lights(config["vision"])
+    scene.draw(config["vision"], config["seed"], "")
     own, face = settings.hand, settings.sensor.gel_face
     hand = hands.from_mjcf(own["mjcf"], own["sensors"], face) if own else hands.allegro(face)
     for line in hands.check_files(own["mjcf"], own["sensors"], settings.sensor) if own else ():
@@ -294,7 +294,8 @@ def make_example(
     visual, collision = mesh.load_visual(folder), mesh.load_collision(folder)
     count, method = config["surface"]["points"], config["surface"]["method"]
     points = surface.sample(visual, count, generator(seed, name, "surface"), method) + mesh.OBJECT_POSITION
-    look = {key: getattr(scene, key)(config["vision"]) for key in ("lights", "background")}
+    vision = scene.draw(config["vision"], seed, name)
+    look = {key: getattr(scene, key)(vision) for key in ("lights", "background")}
     made, readings = scene.Scene(folder, **look), {}
     one = {key: value for key, value in config["grasps"].items() if key != "hand"} | {"per_object": 1, "attempts": 1}
     try:
@@ -312,7 +313,7 @@ def make_example(
         return readings
     from palpate.vision import Renderer
 
-    small = {**config["vision"], **{key: min(config["vision"][key], most) for key, most in IMAGE.items()}}
+    small = {**vision, **{key: min(vision[key], most) for key, most in IMAGE.items()}}
     pictures = Renderer(small["samples"], small["device"]).render_cameras(made, scene.cameras(small))
     images = {}
     for number, (alone, held) in enumerate(pictures):

@@ -196,10 +196,10 @@ def export(asked: argparse.Namespace) -> int:
 
         count = f"{export_released(Dataset(asked.run, STAGES), asked.output)} objects"
     else:
-        from palpate.interchange import FORMATS
+        from palpate import interchange
 
-        write = FORMATS[asked.format]
-        count = f"{write(Dataset(asked.run), asked.output, asked.arrays, asked.license, asked.source)} grasps"
+        given = (asked.output, asked.format, asked.arrays, asked.license, asked.source)
+        count = f"{interchange.export(Dataset(asked.run), *given)} grasps"
     print(f"{asked.output}: {count}")
     return 0
 

@@ -68,7 +68,7 @@ def test_view_writes_pages(run, capsys):
 def test_export_writes_a_new_folder_and_never_into_another(built, tmp_path, capsys):
     assert main(["export", str(built), str(tmp_path / "web"), "--arrays", "reading", "--license", "mit"]) == 0
     assert capsys.readouterr().out == f"{tmp_path / 'web'}: 6 grasps\n"
-    with tarfile.open(tmp_path / "web/test-000000.tar") as tar:
+    with tarfile.open(tmp_path / "web/train-000000.tar") as tar:
         assert tar.getnames()[:2] == ["00000000.json", "00000000.reading.0.png"]
     assert main(["export", str(built), str(tmp_path / "web")]) == 1
     assert "exists: name a new folder, or remove it" in capsys.readouterr().err

@@ -96,11 +96,11 @@ try:
 
         for line in hand.check_files(HAND["mjcf"], HAND["sensors"], SENSOR):
             logger.warning(line)
-    if workflow.is_main_process and (config["vision"]["cameras"] or config["vision"]["lights"]):
+    LOOK = [config["vision"][key] for key in ("cameras", "lights", "background")]
+    if workflow.is_main_process and LOOK != [None, None, [1, 1, 1]]:
         from palpate import scene  # loads trimesh
 
-        scene.cameras(config["vision"])
-        scene.lights(config["vision"])
+        scene.draw(config["vision"], config["seed"], "")
     TRAINING_MACHINE = {key: config["training"][key] for key in ("device", "devices", "precision")}
     TRAINING_GPUS = 0 if config["training"]["device"] == "cpu" else config["training"]["devices"]
 except (ConfigError, catalogue.CatalogueError) as error:
