@@ -149,12 +149,8 @@ def check_config(
             if not names:
                 break
     path = picture or run / "check.png"
-    several = len(pictures) > 1
-    titled = {
-        (f"{name}\n{title}" if several else title): image
-        for name in pictures
-        for title, image in pictures[name].items()
-    }
+    of_all = [(name, *each) for name, images in pictures.items() for each in images.items()]
+    titled = {f"{name}\n{title}" if len(pictures) > 1 else title: image for name, title, image in of_all}
     draw(path, hand, settings.sensor, titled)
     say(f"{path}: {', '.join(['the hand with its sensor frames', *pictures])}")
     options = f" --configfile {' '.join(map(str, overlays))}" if overlays else ""
