@@ -114,9 +114,8 @@ DRAWS = 100  # of cameras and lights that have to be possible
 def draw(settings: Mapping[str, Any], seed: int, name: str) -> dict[str, Any]:
     """The config's section `vision` for the images of one object: each range `{from, to}` is a number drawn from it.
 
-    Numbers are uniform, and depend on the seed, the object's name and the key (`LOOK`) only. Cameras and lights that
-    are not possible are drawn again. Raises ConfigError for a range of which `from` is above `to`, and what `cameras`
-    and `lights` raise if `DRAWS` draws in turn are not possible.
+    Numbers are uniform, and depend on the seed, the object's name and the key (`LOOK`) only. What is not possible is
+    drawn again. Raises ConfigError if `from` is above `to`, or if `DRAWS` draws in turn are not possible.
     """
     for attempt in range(DRAWS):
         numbers = {key: generator(seed, name, "vision", key, str(attempt)) for key in LOOK}

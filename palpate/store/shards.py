@@ -1,8 +1,7 @@
 """Reads records of a store's arrays at the speed of the decoder, without Zarr's and HDF5's own reading.
 
-Zarr takes 1.5 ms for a record, most of it to start a task for each chunk, and h5py 0.6 ms, to open the file. A grasp
-has 25 arrays, and a training reads thousands of records (`python -m studies.benchmarks.reading`). Nothing stays open,
-and nothing is kept but where an array's values are.
+Zarr takes 1.5 ms for a record, h5py 0.6 ms, and a grasp has 25 arrays (`python -m studies.benchmarks.reading`). Nothing
+stays open, and nothing is kept but where an array's values are.
 """
 
 import os
@@ -28,8 +27,7 @@ def shard_file(name: str, array: Any) -> str:
 class Records:
     """A Zarr array, `array[index]` as numpy indexes: numbers and slices of leading axes read only their records.
 
-    file: of its values; None if it was not written, as all are the fill value. array: as `is_readable` takes it; it is
-    not kept.
+    file: of its values; None if all are the fill value, and it was not written. array: as `is_readable` takes it.
     """
 
     def __init__(self, file: Path | None, array: zarr.Array):
@@ -41,8 +39,7 @@ class Records:
         self._leading = next((axis for axis, size in enumerate(array.chunks) if size != 1), len(self.shape))
 
     def __getitem__(self, index: Any) -> np.ndarray:
-        """What `index` picks. Raises IndexError as numpy does, ValueError if a checksum is wrong, and what the decoder
-        raises for bytes that it can't decode."""
+        """What `index` picks. Raises IndexError as numpy does, ValueError for a wrong checksum or chunk."""
         index = index if isinstance(index, tuple) else (index,)
         numbers = np.arange(self._chunks).reshape(self._grid[: self._leading])
         simple = index[1:] if index and isinstance(index[0], np.ndarray) and index[0].ndim == 1 else index
@@ -81,10 +78,7 @@ class Records:
 
 
 class Chunk:
-    """An array of an HDF5 file that is one chunk with a checksum; `array[index]` reads it, and gives what numpy gives.
-
-    dataset: as `is_chunk` takes it; it is not kept.
-    """
+    """An array of an HDF5 file, as `is_chunk` takes it, that is not kept; `array[index]` is what numpy gives."""
 
     def __init__(self, path: Path, dataset: h5py.Dataset):
         place = dataset.id.get_chunk_info(0)
