@@ -9,13 +9,11 @@ UV_VERSION := 0.13.8
 # A few objects: their data and pictures, without training.
 demo: env
 	$(BIN)/snakemake --cores $(CORES) dataset validate --configfile config/demo.yaml
-	PYTHONWARNINGS=ignore $(BIN)/snakemake dataset --configfile config/demo.yaml --quiet all --report report.html
-	@echo "results/demo/report.html has the pictures and tables."
+	@$(BIN)/palpate view results/demo
 
 run: env
 	$(BIN)/snakemake --cores $(CORES) all validate
-	PYTHONWARNINGS=ignore $(BIN)/snakemake all --quiet all --report report.html
-	@echo "results/default/report.html has the tables, figures and claims."
+	@$(BIN)/palpate view results/default
 
 smoke: env
 	$(BIN)/snakemake --cores $(CORES) smoke

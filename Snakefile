@@ -23,6 +23,9 @@ include: "workflow/rules/configuration.smk"
 include: "workflow/rules/inputs.smk"
 
 
+report: "workflow/report/workflow.rst"
+
+
 # Absolute, so that a cluster's jobs don't nest it, and so that `tables/x.csv` means the run's.
 workdir: RUN_FOLDER
 
@@ -62,11 +65,11 @@ onstart:
 
 
 onsuccess:
-    say_end()
+    say_end(object_pages=8)
 
 
 onerror:
-    say_end()
+    say_end(object_pages=0)
 
 
 localrules:

@@ -92,13 +92,13 @@ def project_folder() -> Path:
 
 def check_config(
     overlays: Sequence[Path | str],
-    name: str | None = None,
+    names: Sequence[str] = (),
     picture: Path | None = None,
     say: Callable[[str], None] = print,
 ) -> None:
-    """Say, a line at a time, what a run with these overlays would work on, and draw its hand and one object.
+    """Say, a line at a time, what a run with these overlays would work on, and draw its hand and one object, or some.
 
-    name: of the object; without it, one that is soon done. picture: a PNG; without it `<results>/<run>/check.png`,
+    names: of the objects; without them, one that is soon done. picture: a PNG; without it `<results>/<run>/check.png`,
     which the workflow leaves alone. Raises `ConfigError` and `catalogue.CatalogueError` as the workflow says them.
     """
     start, project = time.monotonic(), project_folder()
@@ -120,32 +120,39 @@ def check_config(
     from palpate import hand as hands
     from palpate import scene
 
-    scene.cameras(config["vision"]), scene.lights(config["vision"])
+    scene.draw(config["vision"], config["seed"], "")
     own, face = settings.hand, settings.sensor.gel_face
     hand = hands.from_mjcf(own["mjcf"], own["sensors"], face) if own else hands.allegro(face)
     for line in hands.check_files(own["mjcf"], own["sensors"], settings.sensor) if own else ():
         say(line)
     logging.getLogger("palpate.mesh").setLevel(logging.ERROR)  # its warnings of textures are lines here
     with tempfile.TemporaryDirectory(prefix="palpate-check-") as scratch:
-        looks = [look(entry, root) for entry, root in _opened(settings, name, config["seed"], Path(scratch))]
+        looks = [
+            look(entry, root, settings.source["outside"])
+            for entry, root in _opened(settings, names, config["seed"], Path(scratch))
+        ]
         for line in mesh_lines(looks, settings):
             say(line)
         sensors = f"{', '.join(hand.sensor_names)}: {settings.sensor.name}, {1e3 * settings.sensor.range:g} mm deep"
         say(f"hand: {hand.name}, {len(hand.joint_link)} joints; sensors {sensors}")
         sound = [each for each in looks if not each.problem]
-        sound.sort(key=lambda each: (each.entry.object != name, each.holds != "texture", each.faces))
-        example, pictures = "", {}
-        for each in sound[:TRIED]:
+        sound.sort(key=lambda each: (each.holds != "texture", each.faces))
+        pictures: dict[str, dict[str, np.ndarray]] = {}
+        for each in [each for each in sound if each.entry.object in names] if names else sound[:TRIED]:
             say(f"{each.entry.object}, through every stage:")
             try:
-                pictures = make_example(each.entry, each.root, config, settings.sensor, hand, Path(scratch), say)
-                example = each.entry.object
-                break
+                made = make_example(each.entry, each.root, config, settings.sensor, hand, Path(scratch), say)
             except UnusableObject as error:
                 say(f"  can't be used: {error}")
+                continue
+            pictures[each.entry.object] = made
+            if not names:
+                break
     path = picture or run / "check.png"
-    draw(path, hand, settings.sensor, pictures)
-    say(f"{path}: the hand with its sensor frames{example and f', and {example}'}")
+    of_all = [(name, *each) for name, images in pictures.items() for each in images.items()]
+    titled = {f"{name}\n{title}" if len(pictures) > 1 else title: image for name, title, image in of_all}
+    draw(path, hand, settings.sensor, titled)
+    say(f"{path}: {', '.join(['the hand with its sensor frames', *pictures])}")
     options = f" --configfile {' '.join(map(str, overlays))}" if overlays else ""
     say(f"checked in {time.monotonic() - start:.0f} s. To make the dataset: snakemake --cores 2 dataset{options}")
 
@@ -189,51 +196,53 @@ class Look(NamedTuple):
     problem: str = ""
 
 
-def _opened(settings: Settings, name: str | None, seed: int, scratch: Path) -> Iterator[tuple[SourceObject, Path]]:
+def _opened(settings: Settings, names: Sequence[str], seed: int, scratch: Path) -> Iterator[tuple[SourceObject, Path]]:
     """The objects whose meshes are opened, and the folders that their sources are in: of each class in turn, and first
-    the one that was asked for. Procedural ones are written into a temporary folder."""
+    those that were asked for. Procedural ones are written into a temporary folder."""
     by_class = ([each for each in settings.entries if each.class_name == kind] for kind in settings.classes)
     turns = [each for turn in zip_longest(*by_class) for each in turn if each]
-    if name is not None:
-        if name not in (names := [each.object for each in turns]):
-            raise ConfigError(f"no object {name!r} in this run; its objects are {', '.join(names[:10])}, ...")
-        turns.insert(0, turns.pop(names.index(name)))
+    known = [each.object for each in turns]
+    if unknown := [name for name in names if name not in known]:
+        raise ConfigError(f"no object {unknown[0]!r} in this run; its objects are {', '.join(known[:10])}, ...")
+    turns.sort(key=lambda each: each.object not in names)
     if settings.source["kind"] == "procedural":  # all sound, and they have to be made first
         from palpate import shapes
 
-        for each in turns[:TRIED]:
+        for each in turns[: max(TRIED, len(names))]:
             (scratch / each.class_name).mkdir(exist_ok=True)
             shapes.write(each.class_name, int(each.object.rpartition("-")[2]), scratch / each.source, seed)
             yield each, scratch
         return
     root, total = Path(settings.source["path"]), 0
-    for number, each in enumerate(turns[:MOST_OPENED]):
-        total += (root / each.source).stat().st_size
-        if not number or total <= MOST_BYTES:
+    for number, each in enumerate(turns[: max(MOST_OPENED, len(names))]):
+        path = root / each.source
+        total += path.stat().st_size if path.is_file() else 0  # what is none is said later
+        if number < max(1, len(names)) or total <= MOST_BYTES:
             yield each, root
 
 
-def look(entry: SourceObject, root: Path) -> Look:
-    """Open an object's mesh, in a process of its own."""
+def look(entry: SourceObject, root: Path, outside: bool = False) -> Look:
+    """Open an object's mesh, in a process of its own; outside: of the config's source."""
     import palpate.mesh.build  # noqa: F401 - once, and not in each of the processes
     from palpate.mesh.isolation import isolated
 
+    files = catalogue.files_root({"path": root, "outside": outside})
     try:
-        return Look(entry, root, *isolated(_open, root / entry.source, entry.scale, seconds=SECONDS_A_MESH))
+        return Look(entry, root, *isolated(_open, root / entry.source, entry.scale, files, seconds=SECONDS_A_MESH))
     except (UnusableObject, RuntimeError, OSError, MemoryError) as error:
         return Look(entry, root, problem=str(error).strip().splitlines()[-1].removeprefix(f"{root / entry.source}: "))
 
 
-def _open(path: Path, scale: str | float) -> tuple[float, int, str, dict[str, str]]:
+def _open(path: Path, scale: str | float, files: str) -> tuple[float, int, str, dict[str, str]]:
     """Extent, faces, what it holds, and what is wrong with files that it names."""
     from palpate.mesh.build import size
     from palpate.mesh.load import load_parts
 
     missing: dict[str, str] = {}
-    parts = load_parts(path, missing)
+    parts = load_parts(path, missing, files)
     extent = float(np.linalg.norm(np.ptp(np.concatenate([part.bounds for part in parts]), axis=0)))
     size(path, extent, scale)
-    holds = ("shape", "colours", "texture")[catalogue.richness(path)]
+    holds = ("shape", "colours", "texture")[catalogue.richness(path, files)]
     return extent, sum(len(part.faces) for part in parts), holds, missing
 
 
@@ -276,11 +285,13 @@ def make_example(
     from palpate.dataset.arrays import fill_untouched
 
     seed, name, folder = config["seed"], entry.object, scratch / "made" / entry.object
-    mesh.prepare(root / entry.source, folder, up=entry.up, scale=entry.scale, **config["mesh"])
+    files = catalogue.files_root(config["source"] | {"path": root})
+    mesh.prepare(root / entry.source, folder, up=entry.up, scale=entry.scale, root=files, **config["mesh"])
     visual, collision = mesh.load_visual(folder), mesh.load_collision(folder)
     count, method = config["surface"]["points"], config["surface"]["method"]
     points = surface.sample(visual, count, generator(seed, name, "surface"), method) + mesh.OBJECT_POSITION
-    look = {key: getattr(scene, key)(config["vision"]) for key in ("lights", "background")}
+    vision = scene.draw(config["vision"], seed, name)
+    look = {key: getattr(scene, key)(vision) for key in ("lights", "background")}
     made, readings = scene.Scene(folder, **look), {}
     one = {key: value for key, value in config["grasps"].items() if key != "hand"} | {"per_object": 1, "attempts": 1}
     try:
@@ -298,7 +309,7 @@ def make_example(
         return readings
     from palpate.vision import Renderer
 
-    small = {**config["vision"], **{key: min(config["vision"][key], most) for key, most in IMAGE.items()}}
+    small = {**vision, **{key: min(vision[key], most) for key, most in IMAGE.items()}}
     pictures = Renderer(small["samples"], small["device"]).render_cameras(made, scene.cameras(small))
     images = {}
     for number, (alone, held) in enumerate(pictures):

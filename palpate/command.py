@@ -1,7 +1,7 @@
 """The command `palpate`: check a config, look at a run, use its models, hand it on. Snakemake makes runs.
 
 palpate check mine.yaml                 in seconds: meshes, sizes, splits, the hand, one object through every stage
-palpate view results/mine mug-01        an HTML page to turn with the mouse; without an object, a page of all
+palpate view results/mine mug-01        an HTML page to turn with the mouse; without an object, the page of the run
 palpate info results/mine               what a run holds
 palpate validate results/mine           every file and array against what it should be
 palpate reconstruct results/mine charts_occluded_touch mug-01 --output mug.ply
@@ -50,7 +50,8 @@ def _said(error: Exception) -> str:
 
 def _declare_check(parser: Parser) -> None:
     parser.add_argument("config", type=Path, nargs="*", help="overlays, as --configfile takes them (default: none)")
-    parser.add_argument("--object", help="the one that is taken through every stage (default: one that is soon done)")
+    objects = {"nargs": "+", "default": [], "metavar": "OBJECT"}
+    parser.add_argument("--object", **objects, help="taken through every stage (default: one that is soon done)")
     parser.add_argument("--output", type=Path, metavar="PNG", help="the picture (default: results/<run>/check.png)")
 
 
@@ -68,12 +69,14 @@ def _declare_model(parser: Parser) -> None:
 
 
 def _declare_view(parser: Parser) -> None:
-    parser.add_argument("object", nargs="?", help="its name in catalogue.csv (default: a page that lists all objects)")
+    parser.add_argument("object", nargs="?", help="its name in catalogue.csv (default: the page of the whole run)")
     parser.add_argument("--grasps", type=int, nargs="+", metavar="G", help="numbers of the grasps shown (default: all)")
     parser.add_argument("--model", metavar="EXPERIMENT", help="show its predictions too: charts_occluded_touch, ...")
     _declare_model(parser)
-    parser.add_argument("--all", action="store_true", help="write the page of every object, and the page of all")
-    parser.add_argument("--output", type=Path, metavar="FOLDER", help="for the pages (default: <run>/viewer)")
+    parser.add_argument("--all", action="store_true", help="write the page of every object, and that of the run")
+    parser.add_argument(
+        "--output", type=Path, metavar="FOLDER", help="for pages (default: <run>/viewer, <run>/index.html)"
+    )
 
 
 def view(asked: argparse.Namespace) -> int:
@@ -82,9 +85,10 @@ def view(asked: argparse.Namespace) -> int:
 
     from palpate.dataset import Dataset
     from palpate.viewer import object_page, run_page
+    from palpate.viewer.index import OBJECT_PAGES
 
     dataset = Dataset(asked.run)
-    folder = asked.output or asked.run / "viewer"
+    folder, page = asked.output or asked.run / "viewer", (asked.output or asked.run) / "index.html"
     names = dataset.objects if asked.all else [asked.object] if asked.object else []
     records = [dataset[name] for name in names]
     model = None
@@ -101,8 +105,9 @@ def view(asked: argparse.Namespace) -> int:
         if not asked.all:
             print(f"{path}\n{scene}")
     if asked.all or not asked.object:
-        shown = run_page(folder / "index.html", dataset)
-        print(f"{folder / 'index.html'}: {shown} of {len(dataset)} objects")
+        print(run_page(asked.run, page, folder, object_pages=0 if asked.all else OBJECT_PAGES))
+    elif page.exists():  # which links the object's page now
+        run_page(asked.run, page, folder, object_pages=0)
     return 0
 
 
@@ -191,10 +196,10 @@ def export(asked: argparse.Namespace) -> int:
 
         count = f"{export_released(Dataset(asked.run, STAGES), asked.output)} objects"
     else:
-        from palpate.interchange import FORMATS
+        from palpate import interchange
 
-        write = FORMATS[asked.format]
-        count = f"{write(Dataset(asked.run), asked.output, asked.arrays, asked.license, asked.source)} grasps"
+        given = (asked.output, asked.format, asked.arrays, asked.license, asked.source)
+        count = f"{interchange.export(Dataset(asked.run), *given)} grasps"
     print(f"{asked.output}: {count}")
     return 0
 

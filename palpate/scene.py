@@ -3,13 +3,14 @@
 Touch and vision read it. Everything is in the world frame: metres, z up.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from palpate.batch import generator
 from palpate.camera import Camera, looking_at, paper_camera, paper_focal_length, rotation_of
 from palpate.configuration import ConfigError
 from palpate.hand.hand import Hand
@@ -106,6 +107,50 @@ class Scene:
         return mesh_file(self.object_folder, "visual.glb")
 
 
+LOOK = ("cameras", "lights", "background")  # keys of the config's section `vision` whose numbers may be ranges
+DRAWS = 100  # of cameras and lights that have to be possible
+
+
+def draw(settings: Mapping[str, Any], seed: int, name: str) -> dict[str, Any]:
+    """The config's section `vision` for the images of one object: each range `{from, to}` is a number drawn from it.
+
+    Numbers are uniform, and depend on the seed, the object's name and the key (`LOOK`) only. What is not possible is
+    drawn again. Raises ConfigError if `from` is above `to`, or if `DRAWS` draws in turn are not possible.
+    """
+    for attempt in range(DRAWS):
+        numbers = {key: generator(seed, name, "vision", key, str(attempt)) for key in LOOK}
+        drawn = {key: _drawn(settings[key], numbers[key], f"config vision.{key}") for key in LOOK}
+        found = {**settings, **drawn}
+        try:
+            cameras(found), lights(found)
+            return found
+        except ConfigError:
+            if attempt + 1 == DRAWS or found == settings:
+                raise
+
+
+def _drawn(value: Any, numbers: np.random.Generator, where: str) -> Any:
+    """A part of the config with a number for each range, drawn in the order of keys and elements."""
+    if isinstance(value, list):
+        return [_drawn(each, numbers, f"{where}.{place}") for place, each in enumerate(value)]
+    if not isinstance(value, Mapping):
+        return value
+    if "from" not in value:
+        return {key: _drawn(value[key], numbers, f"{where}.{key}") for key in sorted(value)}
+    if value["from"] > value["to"]:
+        raise ConfigError(f"{where}: from {value['from']} is above to {value['to']}: exchange them")
+    return float(numbers.uniform(value["from"], value["to"]))
+
+
+def _place(position: Sequence[float] | Mapping[str, float], target: Sequence[float]) -> tuple[float, ...]:
+    """A position of the config, m: `[x, y, z]`, or azimuth from x to y, elevation and distance from the target."""
+    if not isinstance(position, Mapping):
+        return tuple(position)
+    azimuth, elevation = np.radians([position["azimuth"], position["elevation"]])
+    away = np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)
+    return tuple(np.add(target, position["distance"] * np.array(away)).tolist())
+
+
 def cameras(settings: Mapping[str, Any]) -> list[Camera]:
     """The cameras of the config's section `vision`: the paper's, or those that it lists.
 
@@ -124,7 +169,7 @@ def _camera(where: str, settings: Mapping[str, Any], size: int) -> Camera:
         raise ConfigError(f"{where}: give `focal_length` or `field_of_view`, not both")
     if "up" in settings and "target" not in settings:
         raise ConfigError(f"{where}: `up` belongs to `target`: a rotation says where up is")
-    position = np.array(settings["position"], dtype=float)
+    position = np.array(_place(settings["position"], settings.get("target", OBJECT_POSITION)), dtype=float)
     if "rotation" in settings:
         rotation = rotation_of(settings["rotation"])
     else:
@@ -160,7 +205,10 @@ def lights(settings: Mapping[str, Any]) -> tuple[Light, ...]:
             raise ConfigError(f"{where}: light of kind {kind} needs a position")
         if kind == "area" and not each.get("size"):
             raise ConfigError(f"{where}: light of kind area needs a size above 0, its side in m")
-        if "target" in keys and np.array_equal(each["position"], each.get("target", OBJECT_POSITION)):
+        target = each.get("target", OBJECT_POSITION)
+        if "position" in keys:
+            each = {**each, "position": _place(each["position"], target)}
+        if "target" in keys and np.array_equal(each["position"], target):
             raise ConfigError(f"{where}: its position is its target: no direction to shine in")
         found.append(Light(**{key: tuple(value) if isinstance(value, list) else value for key, value in each.items()}))
     return tuple(found)

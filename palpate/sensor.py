@@ -188,7 +188,7 @@ def warn_of_shallow(shallow: int, touches: int) -> list[str]:
         return []
     return [
         f"{shallow} of {touches} touches are nearer to the end of the sensor's range than to the gel's face: are the "
-        "hand's sensors where its gels are? See docs/grasps.md, Your own hand"
+        "hand's sensors where its gels are? `palpate check` draws them; docs/grasps.md, Your own hand"
     ]
 
 

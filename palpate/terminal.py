@@ -269,7 +269,7 @@ def end_lines(folder: Path | str, of_objects: Iterable[str], failed: int, jobs: 
     of_objects: `palpate.dataset.summary`'s. failed, jobs: how many jobs failed, and were done.
     """
     folder = Path(folder)
-    places = [place for place in ("tables", "figures", "rejected.csv", "reports/validation.csv", "reports") if
+    places = [place for place in ("index.html", "tables", "figures", "rejected.csv", "reports") if
               (folder / place).exists()]  # fmt: skip
     return [
         *of_objects,

@@ -17,6 +17,7 @@ from palpate.command import main
 from palpate.configuration import merge, read_config
 from palpate.scene import GRASP_ARRAYS, Scene
 from palpate.sensor import DIGIT
+from tests.hand import grippers
 from tests.workflow.conftest import PROJECT, plan, two_classes
 
 SMALL = {"vision": {"size": 48, "samples": 1, "device": "cpu"}, "surface": {"points": 1000}}
@@ -102,6 +103,12 @@ def test_the_object_that_is_asked_for_is_taken_and_shown_where_asked(overlay, tm
     said = capsys.readouterr().out
     assert "can-tall, through every stage:\n" in said and "  grasp after" in said
     assert (tmp_path / "x.png").exists() and not (tmp_path / "mine").exists()
+    some = ["can-tall", "brick-millimetres"]
+    assert main(["check", str(config), "--output", str(tmp_path / "two.png"), "--object", *some]) == 0
+    said = capsys.readouterr().out
+    assert all(f"{name}, through every stage:" in said for name in some)
+    with Image.open(tmp_path / "x.png") as one, Image.open(tmp_path / "two.png") as two:
+        assert two.height > one.height
     assert main(["check", str(config), "--object", "can-tal"]) == 1
     assert "no object 'can-tal' in this run; its objects are" in capsys.readouterr().err
 
@@ -176,6 +183,20 @@ def test_errors_are_the_workflows(overlay, keys, said, capsys):
     assert said in printed and "Traceback" not in printed
     planned = plan(PROJECT, "dataset", "--dry-run", "--configfile", str(config))
     assert printed.strip() in planned.stdout + planned.stderr
+
+
+def test_a_mistake_in_the_files_of_a_hand_or_sensor_is_the_workflows_message(overlay, tmp_path, capsys):
+    files = {"mjcf": tmp_path / "hand.xml", "sensors": tmp_path / "sensors.yaml"}
+    files["mjcf"].write_text(grippers.two_fingers("degree"))
+    files["sensors"].write_text(yaml.safe_dump(grippers.SENSORS | {"open": {"no_such_joint": 0.1}}))
+    (tmp_path / "gel.yaml").write_text("name: gel\nwidht: 0.02\n")
+    hand = {"grasps": {"hand": {key: str(path) for key, path in files.items()}}}
+    for keys, said in ((hand, "no_such_joint"), ({"touch": {"sensor": str(tmp_path / "gel.yaml")}}, "widht")):
+        config = overlay(**keys)
+        assert main(["check", str(config)]) == 1
+        printed = capsys.readouterr().err
+        planned = plan(PROJECT, "dataset", "--dry-run", "--configfile", str(config))
+        assert said in printed and printed.strip() in planned.stdout + planned.stderr
 
 
 @pytest.mark.parametrize(

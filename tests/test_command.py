@@ -50,18 +50,25 @@ def test_info_of_a_run_and_of_an_object(built, capsys):
 def test_view_writes_pages(run, capsys):
     assert main(["view", str(run), "ball-0000", "--grasps", "1"]) == 0
     assert capsys.readouterr().out.split() == [f"{run}/viewer/ball-0000.html", f"{run}/viewer/ball-0000.glb"]
-    assert main(["view", str(run), "--all", "--output", str(run / "pages")]) == 0
-    pages = sorted(path.name for path in (run / "pages").glob("*.html"))
-    assert pages == ["ball-0000.html", "ball-0002.html", "block-0000.html", "index.html"]
-    assert (run / "pages/index.html").read_text().count("<a href=") == 6
+    assert not (run / "index.html").exists()
     assert main(["view", str(run)]) == 0
-    assert (run / "viewer/index.html").read_text().count("<a href=") == 2
+    assert capsys.readouterr().out.split() == [f"{run}/index.html"]
+    links = re.compile(r'href="([^"]*html)"')
+    pages = {f"viewer/{name}.html" for name in ("ball-0000", "ball-0002", "block-0000")}
+    assert set(links.findall((run / "index.html").read_text())) == pages
+    (run / "viewer/ball-0002.html").unlink()
+    assert main(["view", str(run), "ball-0000"]) == 0  # which the page of the run links then
+    assert set(links.findall((run / "index.html").read_text())) == pages - {"viewer/ball-0002.html"}
+    assert main(["view", str(run), "--all", "--output", str(run / "pages")]) == 0
+    found = sorted(path.name for path in (run / "pages").glob("*.html"))
+    assert found == ["ball-0000.html", "ball-0002.html", "block-0000.html", "index.html"]
+    assert set(links.findall((run / "pages/index.html").read_text())) == set(found[:3])
 
 
 def test_export_writes_a_new_folder_and_never_into_another(built, tmp_path, capsys):
     assert main(["export", str(built), str(tmp_path / "web"), "--arrays", "reading", "--license", "mit"]) == 0
     assert capsys.readouterr().out == f"{tmp_path / 'web'}: 6 grasps\n"
-    with tarfile.open(tmp_path / "web/test-000000.tar") as tar:
+    with tarfile.open(tmp_path / "web/train-000000.tar") as tar:
         assert tar.getnames()[:2] == ["00000000.json", "00000000.reading.0.png"]
     assert main(["export", str(built), str(tmp_path / "web")]) == 1
     assert "exists: name a new folder, or remove it" in capsys.readouterr().err
@@ -123,7 +130,7 @@ def test_the_package_installs_whole(tmp_path):
     needed = {line.split(";")[0].strip() for line in installed.requires if "extra" not in line}
     assert names(needed) == names((root / "envs/requirements.in").read_text().splitlines())
     done = subprocess.run(
-        [sys.executable, "-c", "from palpate.viewer.page import _resource; _resource('three.min.js')"],
+        [sys.executable, "-c", "from palpate.viewer import html, run_page; html.resource('three.min.js')"],
         cwd=target, env={"PYTHONPATH": str(target)}, capture_output=True, text=True,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr

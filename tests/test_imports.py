@@ -14,7 +14,7 @@ ROOT = Path(palpate.__file__).parent
 # From what everything else stands on to what stands on everything else; docs/design.md has the same order.
 ORDER = (
     *("checksums", "atomic", "lock", "locked", "terminal", "remedy", "provenance", "batch", "configuration"),
-    *("camera", "sensor"),
+    *("camera", "sensor", "named_files"),
     *("mesh", "surface", "hand", "scene", "touch", "grasp", "vision", "shapes", "store", "released", "catalogue"),
     *("dataset", "protocol", "charts", "models", "training", "evaluation", "results"),
     *("viewer", "interchange", "check", "command"),

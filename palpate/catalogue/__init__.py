@@ -17,6 +17,7 @@ from palpate.catalogue.sources import (
     all_classes,
     class_counts,
     file_name,
+    files_root,
     scan,
 )
 from palpate.catalogue.split import PAPER_SPLIT, SPLITS, assign_split, suggest_split
@@ -28,6 +29,8 @@ from palpate.catalogue.table import (
     checksum,
     companions,
     empty_splits,
+    fill,
+    join_copies,
     read_catalogue,
     require_unchanged,
     sources_of,
@@ -54,7 +57,10 @@ __all__ = [
     "companions",
     "empty_splits",
     "file_name",
+    "files_root",
+    "fill",
     "in_order",
+    "join_copies",
     "read_catalogue",
     "read_places",
     "require_unchanged",

@@ -66,7 +66,7 @@ def _differences(recorded: Mapping[str, Any], config: Mapping[str, Any], project
     before, now = resolve_source(recorded, project), resolve_source(config, project)
     if before["kind"] == now["kind"] == "procedural":  # made in the run's folder, which may have been moved
         before["path"] = now["path"]
-    pairs = {f"source.{key}": (before[key], now[key]) for key in now}
+    pairs = {f"source.{key}": (before[key], now[key]) for key in now if key != "outside"}  # may be allowed later
     pairs["seed"] = recorded["seed"], config["seed"]
     lines = [f"{key}: {old} there, {new} in this config" for key, (old, new) in pairs.items() if old != new]
     if not lines and not recorded["classes"] == config["classes"] == "all":

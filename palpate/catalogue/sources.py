@@ -9,7 +9,8 @@ import logging
 import os
 import re
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from fnmatch import fnmatchcase
 from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -18,6 +19,7 @@ from palpate.batch import UnusableObject
 from palpate.catalogue.companion_files import richness
 from palpate.catalogue.object_table import ObjectTable, Scale, read_object_table
 from palpate.configuration import ConfigError
+from palpate.named_files import HEAD, unusable
 from palpate.released.layout import SURFACES, ReleasedObject, read_released
 
 log = logging.getLogger(__name__)
@@ -66,12 +68,14 @@ LAYOUTS = {
     "google_scanned_objects": Layout(("*/meshes/model.obj",), "z"),
     "objaverse": Layout(("glbs/*/*.glb", "hf-objaverse-v1/glbs/*/*.glb"), "y"),
 }
-# glTF's is y (its specification, section 3.4). Other formats have none, or allow any; CAD and scans have z as a rule.
+# glTF's is y (its specification, section 3.4). COLLADA files say theirs, or have y (`_collada_up`). Other formats have
+# none, or allow any; CAD and scans have z as a rule.
 FORMAT_UP = {".glb": "y", ".gltf": "y"}
 # The up axis of a source whose config does not say it.
 UP_AXIS = {"procedural": "z", "released": "z", **{kind: layout.up for kind, layout in LAYOUTS.items()}}
+LONGEST_NAME = 200  # bytes of an object's name: 255 of a file's name, and what is added to it
 ONE_CLASS = "object"  # of a source without folders of classes, where nothing else says one
-DEFAULTS = {"pattern": None, "up": None, "scale": "diagonal", "objects": None, "variants": "richest"}
+DEFAULTS = {"pattern": None, "up": None, "scale": "diagonal", "objects": None, "variants": "richest", "outside": False}
 
 
 class CatalogueError(ValueError):
@@ -305,7 +309,7 @@ def _candidates(source: Mapping[str, Any], class_name: str | None) -> list[Sourc
     if not source["pattern"]:
         _warn_of_folders_without(root, kind, class_name, candidates)
     if source["variants"] == "richest":
-        candidates = _richest(root, candidates)
+        candidates = _richest(root, candidates, files_root(source))
     return [
         SourceObject(each.name, each.class_name, each.file, others=tuple(sorted(each.others))) for each in candidates
     ]
@@ -357,18 +361,30 @@ def _check_class_folder(root: Path, before: str, folder: str, class_name: str, k
 
 def _matches(root: Path, pattern: str, layout: Layout) -> list[str]:
     """Mesh files below a folder that a pattern matches, relative to it, sorted; hidden files and folders never."""
-    if pattern == "**" or pattern.endswith("/**"):
-        within = pattern[:-3]
-        folders = glob.glob(within, root_dir=root) if within else [""]
+    steps = pattern.split("/")
+    if "**" in steps:
+        depth = steps.index("**")
+        rest = [*steps[depth:], "*"] if steps[-1] == "**" else steps[depth:]
+        folders = [f"{each}/" for each in glob.glob("/".join(steps[:depth]), root_dir=root)] if depth else [""]
         found = [
-            f"{Path(folder).as_posix()}/{file}" if folder else file
+            folder + file
             for folder in folders
             for file in _each_mesh(root / folder, layout.suffixes)
+            if _fits(file.split("/"), rest)
         ]
     else:
-        found = glob.glob(pattern, root_dir=root, recursive=True)
+        found = glob.glob(pattern, root_dir=root)
         found = [file for file in found if file.lower().endswith(layout.suffixes) and not (root / file).is_dir()]
-    return sorted(found)
+    return sorted(file.encode("utf-8", "backslashreplace").decode() for file in found)  # see `named_files.unusable`
+
+
+def _fits(parts: Sequence[str], steps: Sequence[str]) -> bool:
+    """Whether the parts of a path are what a pattern's steps stand for; `**` stands for any folders."""
+    if not parts or not steps:
+        return not parts and not steps
+    if steps[0] == "**":
+        return any(_fits(parts[start:], steps[1:]) for start in range(len(parts)))
+    return fnmatchcase(parts[0], steps[0]) and _fits(parts[1:], steps[1:])
 
 
 def _warn_of_folders_without(root: Path, kind: str, class_name: str | None, found: Iterable[_Candidate]) -> None:
@@ -392,7 +408,7 @@ def _warn_of_folders_without(root: Path, kind: str, class_name: str | None, foun
 VARIANT = re.compile(r"[-_ .]?(?<![A-Za-z0-9])((non|un)[-_]?)?textured(?![A-Za-z0-9])", re.IGNORECASE)
 
 
-def _richest(root: Path, candidates: list[_Candidate]) -> list[_Candidate]:
+def _richest(root: Path, candidates: list[_Candidate], files: str) -> list[_Candidate]:
     """One candidate for all files of a folder that differ in format or texture only: the one that holds most."""
     groups: dict[tuple[str, str], list[_Candidate]] = {}
     for each in candidates:
@@ -400,7 +416,7 @@ def _richest(root: Path, candidates: list[_Candidate]) -> list[_Candidate]:
         groups.setdefault((folder, VARIANT.sub("", _without_suffix(file))), []).append(each)
 
     def rank(each: _Candidate) -> tuple:
-        return -richness(root / each.file), MESH_SUFFIXES.index(Path(each.file).suffix.lower()), each.file
+        return -richness(root / each.file, files), MESH_SUFFIXES.index(Path(each.file).suffix.lower()), each.file
 
     chosen = []
     for group in groups.values():
@@ -424,13 +440,29 @@ def _with_given(entry: SourceObject, table: ObjectTable, source: Mapping[str, An
         return entry._replace(up=source["up"] or UP_AXIS[source["kind"]], scale=source["scale"])
     given = table.of(entry.source, entry.class_name)
     up = given.up or source["up"] or UP_AXIS[source["kind"]]
-    up = FORMAT_UP.get(os.path.splitext(entry.source)[1].lower(), "z") if up == "format" else up
+    if up == "format":
+        suffix = os.path.splitext(entry.source)[1].lower()
+        up = _collada_up(Path(source["path"], entry.source)) if suffix == ".dae" else FORMAT_UP.get(suffix, "z")
     return entry._replace(
         object=_object(entry.class_name, entry.object),
         up=up,
         scale=given.scale or source["scale"],
         split=given.split or entry.split,
     )
+
+
+def _collada_up(path: Path) -> str:
+    """The up axis that a COLLADA file says, which has it at its top; y if it says none."""
+    if unusable(path):
+        return "y"
+    with open(path, "rb") as file:
+        found = re.search(rb"<up_axis>\s*([XYZ])_UP", file.read(HEAD))
+    return found[1].decode().lower() if found else "y"
+
+
+def files_root(source: Mapping[str, Any]) -> str:
+    """The folder that files have to be in which meshes name: the source's, or any with `outside`."""
+    return "/" if source.get("outside") else str(source["path"])
 
 
 def _procedural(name: str, count: Count) -> list[SourceObject]:
@@ -468,12 +500,21 @@ def _released_objects(root: Path) -> list[ReleasedObject]:
 
 
 def _each_mesh(folder: Path, suffixes: tuple[str, ...]) -> Iterator[str]:
-    for place, folders, files in os.walk(folder):
-        folders[:] = [name for name in folders if not name.startswith(".")]
+    for place, folders, files in os.walk(folder, followlinks=True):
+        folders[:] = [name for name in folders if not name.startswith(".") and not _returns(folder, Path(place, name))]
         within = Path(place).relative_to(folder).as_posix()  # once a folder: there may be 100,000 files
         for name in files:
             if name.lower().endswith(suffixes) and not name.startswith("."):
                 yield name if within == "." else f"{within}/{name}"
+
+
+def _returns(top: Path, folder: Path) -> bool:
+    """Whether a folder below `top` is a link to one that it lies in, by its path or in truth: to follow has no end."""
+    if not folder.is_symlink():
+        return False
+    target = os.path.realpath(folder)
+    above = [os.path.realpath(each) for each in folder.parents if each == top or top in each.parents]
+    return any(os.path.commonpath((each, target)) == target for each in above)
 
 
 MESH_SUFFIX = re.compile(rf"({'|'.join(map(re.escape, MESH_SUFFIXES))})$", re.IGNORECASE)
@@ -496,16 +537,18 @@ def _hash(text: str) -> str:
 
 
 def _object(class_name: str, path: str) -> str:
-    """The object's name: class and path, folders joined by '-'.
+    """The object's name: class and path, folders joined by '-'; what repeats the part before it is left out.
 
     A path that has characters which are not safe in file names loses them and gets a hash of itself instead,
-    so that different files keep different names.
+    so that different files keep different names. So does one that is too long for a file's name.
     """
-    joined = path.replace("/", "-")
+    parts = [class_name, *path.split("/")]
+    joined = "-".join(part for before, part in zip(parts, parts[1:], strict=False) if part != before)
     safe = re.sub(r"[^A-Za-z0-9_.-]", "_", joined)
-    if safe != joined:
-        safe += f"-{_hash(path)}"
-    return f"{file_name(class_name)}-{safe}"
+    name = f"{file_name(class_name)}-{safe}" if safe else file_name(class_name)
+    if len(name) > LONGEST_NAME:
+        return f"{name[: LONGEST_NAME - 9]}-{_hash(path)}"
+    return name if safe == joined else f"{name}-{_hash(path)}"
 
 
 def _distinct(entries: list[SourceObject]) -> list[SourceObject]:

@@ -12,6 +12,7 @@ from palpate.catalogue.companion_files import companions
 from palpate.catalogue.sources import CatalogueError, SourceObject
 from palpate.catalogue.split import SPLITS, assign_split, suggest_split
 from palpate.checksums import DamagedFile, read_rows
+from palpate.named_files import unusable
 from palpate.remedy import command
 
 COLUMNS = ("object", "class", "split", "batch", "source", "checksum", "up", "scale", "others")
@@ -78,8 +79,27 @@ def read_catalogue(path: Path | str) -> list[CatalogueEntry]:
 
 
 def splits_of(entries: Iterable[SourceObject], ratios: Mapping[str, float]) -> dict[str, str]:
-    """The split of each object by name: the one that the source or the user gives, or that of its name."""
+    """The split of each object by name: the one that the source or the user gives, or that of its name.
+
+    Where names decide and leave a split without objects, though each should have some, other ratios are taken:
+    those of `suggest_split`.
+    """
+    entries = list(entries)
+    ratios = fill(ratios, [entry.object for entry in entries if not entry.split], len(entries))
     return {entry.object: entry.split or assign_split(entry.object, ratios) for entry in entries}
+
+
+def fill(ratios: Mapping[str, float], names: Sequence[str], objects: int) -> Mapping[str, float]:
+    """The ratios, or those of `suggest_split` where names alone decide and these would leave a split empty."""
+    if len(names) < objects or min(ratios.values()) <= 0 or len({assign_split(each, ratios) for each in names}) > 2:
+        return ratios
+    return suggest_split(names) or ratios
+
+
+def join_copies(entries: Iterable[CatalogueEntry]) -> list[CatalogueEntry]:
+    """The entries, each whose files are those of one before it (by checksum) in the split of that one."""
+    first: dict[str, str] = {}
+    return [entry._replace(split=first.setdefault(entry.checksum or entry.object, entry.split)) for entry in entries]
 
 
 def check_splits(splits: Mapping[str, str], needed: Iterable[str], what: str, by_name: bool = True) -> None:
@@ -103,12 +123,18 @@ def check_splits(splits: Mapping[str, str], needed: Iterable[str], what: str, by
     raise CatalogueError(f"{message}add objects (`classes`), or put some into it where the splits are given")
 
 
-def build(root: Path | str, entries: Iterable[SourceObject], splits: Mapping[str, str], batches: Mapping[str, str]):
+def build(
+    root: Path | str,
+    entries: Iterable[SourceObject],
+    splits: Mapping[str, str],
+    batches: Mapping[str, str],
+    files: Path | str | None = None,
+):
     """The rows of some objects as a pandas DataFrame with `COLUMNS`, in their order.
 
     root: the source's path, from which `source` is, so that the table is the same on every machine. splits, batches:
-    of each object by name. Raises `CatalogueError` if a mesh file does not exist (procedural objects must have been
-    written).
+    of each object by name. files: as for `checksum`. Raises `CatalogueError` if a mesh file does not exist (procedural
+    objects must have been written).
     """
     import pandas  # slow to import, and the only place that needs it
 
@@ -119,7 +145,7 @@ def build(root: Path | str, entries: Iterable[SourceObject], splits: Mapping[str
             splits[entry.object],
             batches[entry.object],
             entry.source,
-            checksum(Path(root, entry.source)),
+            checksum(Path(root, entry.source), files or root),
             entry.up,
             str(entry.scale),
             OTHERS.join(entry.others),
@@ -140,12 +166,17 @@ def empty_splits(splits: Iterable[tuple[str, str]], ratios: Mapping[str, float])
     return {name: names for name, names in empty.items() if names}
 
 
-def checksum(path: Path) -> str:
+def checksum(path: Path, files: Path | str | None = None) -> str:
     """SHA-256 of a mesh file, as `sha256sum` gives it; where the file names others that it needs (materials,
-    textures, buffers) and they exist, that of the lines `<sha256>  <name>` of them all, the mesh first."""
+    textures, buffers) and they exist, that of the lines `<sha256>  <name>` of them all, the mesh first.
+
+    files: the folder that these have to be in, as for `palpate.named_files.find`. Empty for what can't be a mesh file.
+    """
+    if unusable(path):
+        return ""
     if not path.is_file():
         raise CatalogueError(f"{path}: no such file, though the source lists it: was it moved, or not yet written?")
-    names = companions(path)
+    names = companions(path, files)
     own = _digest(path)
     if not names:
         return own
@@ -153,15 +184,19 @@ def checksum(path: Path) -> str:
     return hashlib.sha256("".join(lines).encode()).hexdigest()
 
 
-def require_unchanged(path: Path, before: str) -> None:
-    """Raise `palpate.checksums.DamagedFile` if a source file is not the one of this checksum any more."""
-    if not path.is_file() or checksum(path) != before:
+def require_unchanged(path: Path, before: str, files: Path | str | None = None) -> None:
+    """Raise `palpate.checksums.DamagedFile` if a source file is not the one of this `checksum` any more."""
+    try:
+        same = checksum(path, files) == before
+    except CatalogueError:
+        same = False
+    if not same:
         raise DamagedFile(f"{path} has changed while it was read (checksum): start again once it is written")
 
 
 def sources_of(entries: Sequence[CatalogueEntry]) -> str:
-    """Digest of a batch's source files; empty if the catalogue, an older one, does not state all checksums."""
-    if not entries or not all(entry.checksum for entry in entries):
+    """Digest of a batch's source files; empty if the catalogue, an older one, does not state checksums."""
+    if not any(entry.checksum for entry in entries):
         return ""
     return provenance.sources_digest((each.object, each.checksum, each.up, each.scale) for each in entries)
 

@@ -1,7 +1,6 @@
 """One array of a stage, joined over a run's batches: read where it is indexed, or loaded and checked."""
 
 from collections.abc import Sequence
-from operator import index as integer
 from typing import Any
 
 import numpy as np
@@ -17,6 +16,7 @@ MAX_COORDINATE = 10.0
 MAX_ROTATION = 1.001  # greatest element of a rotation matrix, with its rounding
 SENSOR_AXES = len(CONTRACT["touch"].arrays["success"].shape)  # axes that count objects, grasps and sensors
 
+BASIC = int | np.integer | slice
 Index = int | slice | Sequence[int] | np.ndarray
 
 
@@ -80,15 +80,15 @@ class JoinedArray(Sequence):
     def __getitem__(self, index: Index | tuple) -> np.ndarray:
         """Indexes as numpy does: numbers, slices, lists, boolean masks, `...`, and several of them.
 
-        Numbers and slices with a positive step read only the chunks that they need; so does one list or mask of
-        objects before them. With other lists, masks and steps the objects that are needed are read whole. Raises
-        IndexError for an index out of range, too many of them, or a new axis.
+        Numbers and slices read only the chunks that they need; so does one list or mask of objects before them. With
+        other lists and masks the objects that are needed are read whole. Raises IndexError for an index out of range,
+        too many of them, or a new axis.
         """
         first, further = self._split(index)
         try:
-            if not (_is_basic(first) or np.ndim(first) <= 1) or not all(map(_is_basic, further)):
+            if not (isinstance(first, slice) or np.ndim(first) <= 1) or not all(isinstance(x, BASIC) for x in further):
                 return self._gathered(first, further)
-            return self._read(first, self._within(further))
+            return self._read(first, further)
         except (IndexError, TypeError) as error:
             raise IndexError(f"{self!r}: {error}") from None
 
@@ -106,63 +106,47 @@ class JoinedArray(Sequence):
         first, *further = given or (slice(None),)
         return first, tuple(further)
 
-    def _within(self, further: tuple) -> tuple[int | slice, ...]:
-        """Numbers and slices for the axes after the first, the numbers counted from the axis' start."""
-        lengths = self._record()[0]
-        return tuple(
-            item if isinstance(item, slice) else range(length)[item]
-            for length, item in zip(lengths, further, strict=False)
-        )
-
     def _read(self, first: Index, further: tuple[int | slice, ...]) -> np.ndarray:
         """One object, or the objects of a slice, a list or a mask, and of each what `further` picks."""
+        shape, dtype = self._record()
+        shape = np.broadcast_to(0, shape)[further].shape  # raises for an index that can't be
         if isinstance(first, int | np.integer):
             entry = self._entries[first]
             row = self._run.row(self._stage, entry)
             return self._filled(entry.batch, self._store(entry.batch).get(self._name, (row, *further)), row, further)
         entries = [self._entries[number] for number in np.arange(len(self))[first]]
-        shape, dtype = self._record()
-        shape = [axis for axis in map(_length, shape, further) if axis is not None] + list(shape[len(further) :])
         text = self._spec.dtype == "string"
         result = np.empty((len(entries), *shape), object if text else dtype)
         places: dict[str, list[int]] = {}
         for place, entry in enumerate(entries):
             places.setdefault(entry.batch, []).append(place)
         for batch, of_batch in places.items():
-            rows = [self._run.row(self._stage, entries[place]) for place in of_batch]
-            values = self._store(batch).rows(self._name, rows, *further)
+            rows = np.array([self._run.row(self._stage, entries[place]) for place in of_batch])
+            values = self._store(batch).get(self._name, (rows, *further))
             result[of_batch] = self._filled(batch, values, rows, further)
         return result.astype(str) if text else result
 
-    def _filled(self, batch: str, values: np.ndarray, rows: int | list[int], further: tuple) -> np.ndarray:
+    def _filled(self, batch: str, values: np.ndarray, rows: int | np.ndarray, further: tuple) -> np.ndarray:
         """Values of a batch; in readings, the empty gel for sensors that touched nothing."""
         if (self._stage, self._name) != ("touch", "reading"):
             return values
-        store, sensors = self._run.store(self._stage, batch), SENSOR_AXES - 1
-        of_sensors = further[:sensors]
-        success = (
-            store.get("success", (rows, *of_sensors))
-            if isinstance(rows, int)
-            else store.rows("success", rows, *of_sensors)
-        )
-        return fill_untouched(values, success, store.get("empty_reading")[further[sensors:]])
+        store = self._run.store(self._stage, batch)
+        success = store.get("success", (rows, *further[: SENSOR_AXES - 1]))
+        return fill_untouched(values, success, store.get("empty_reading", further[SENSOR_AXES - 1 :]))
 
     def _gathered(self, first: Index, further: tuple) -> np.ndarray:
         """What an index picks that is not of numbers and slices only: by numpy, of the objects that it needs."""
         if isinstance(first, slice):
             return self._read(first, ())[(slice(None), *further)]
-        if _is_integer(first):
-            return self._read([first], ())[(0, *further)]
         first = np.asarray(first)
-        if first.dtype == bool:
+        if first.dtype == bool and first.ndim > 1:
             if first.shape != self.shape[: first.ndim]:
                 raise IndexError(f"a mask {first.shape} for an array {self.shape}")
             rows = np.flatnonzero(first.reshape(len(first), -1).any(axis=1))
             return self._read(rows, ())[(first[rows], *further)]
-        if first.size and not -len(self) <= first.min() <= first.max() < len(self):
-            raise IndexError(f"object {first.max()} of {len(self)}" if first.max() >= len(self) else f"{first.min()}")
-        rows, inverse = np.unique(np.where(first < 0, first + len(self), first).astype(int), return_inverse=True)
-        return self._read(rows, ())[(inverse.reshape(first.shape), *further)]
+        numbers = np.arange(len(self))[first]
+        rows, inverse = np.unique(numbers, return_inverse=True)
+        return self._read(rows, ())[(inverse.reshape(numbers.shape), *further)]
 
     def _store(self, batch: str) -> Store:
         """The store of a batch. Raises StoreError if its records have another shape than those of the first."""
@@ -215,30 +199,12 @@ class JoinedArray(Sequence):
         )
 
 
-def _is_integer(item: Any) -> bool:
-    try:
-        integer(item)
-    except TypeError:
-        return False
-    return not isinstance(item, bool | np.bool_)
-
-
-def _is_basic(item: Any) -> bool:
-    """Whether an index of one axis is a number, or a slice with a positive step."""
-    return isinstance(item, slice) and (item.step is None or item.step > 0) or _is_integer(item)
-
-
 def _axes(item: Any) -> int:
     """How many axes of the array an item of an index is for."""
     if item is None or item is Ellipsis:
         return 0
     mask = not isinstance(item, slice) and np.asarray(item).dtype == bool
     return np.ndim(item) if mask else 1
-
-
-def _length(axis: int, index: int | slice) -> int | None:
-    """Length of an axis that is indexed; None if it disappears."""
-    return len(range(axis)[index]) if isinstance(index, slice) else None
 
 
 def fill_untouched(reading: np.ndarray, success: np.ndarray, empty: np.ndarray) -> np.ndarray:

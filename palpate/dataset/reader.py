@@ -368,6 +368,11 @@ class ObjectRecord(_Record):
         """Folder of its meshes, which are in its own frame: centred at the origin, not at (0, 0, 0.6)."""
         return self._run.meshes(self.batch) / self.name
 
+    @property
+    def drawn(self) -> dict[str, Any]:
+        """Cameras, lights and background of its images as the config says them, if they were drawn; else empty."""
+        return self._run.store("vision", self.batch).attributes.get("drawn", {}).get(self.name, {})
+
     @cached_property
     def hand(self) -> "Hand":
         """The hand that grasps it, as its store of grasps carries it. Raises StoreError if the run has no grasps."""

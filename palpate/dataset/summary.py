@@ -1,16 +1,21 @@
 """What a run has come to, in a few lines: objects used and rejected, why, and the splits."""
 
+import json
 import re
-from collections import Counter
+from collections import Counter, defaultdict
+from collections.abc import Iterable, Iterator
 from pathlib import Path
+from typing import Any
 
-from palpate.catalogue import SPLITS, CatalogueError
+from palpate.catalogue import SPLITS, CatalogueError, assign_split
 from palpate.dataset.run import Run
 from palpate.sensor import warn_of_shallow
 from palpate.store import CONTRACT, StoreError
 
+FACTS = ".facts.json"  # as `palpate.mesh.FACTS`, whose import loads mesh libraries
 MOST_REASONS = 3
 SAMPLED_BATCHES = 20  # whose touches are looked at
+ALIKE = 1e-4  # diagonals: of sides and root of the area, of objects that look like copies
 
 
 def summary(folder: Path | str) -> list[str]:
@@ -36,7 +41,7 @@ def summary(folder: Path | str) -> list[str]:
         lines.append(f"  {len(said)} at {stage}: {said[0]}{' (the first; numbers differ)' if len({*said}) > 1 else ''}")
     if len(reasons) > MOST_REASONS:
         lines.append(f"  and {len(reasons) - MOST_REASONS} other reasons")
-    return lines + [f"  warning: {line}" for line in _warn_of_touches(run)]
+    return [*lines, *_remarks(run, rejected), *(f"  warning: {line}" for line in _warn_of_touches(run))]
 
 
 def _warn_of_touches(run: Run) -> list[str]:
@@ -50,6 +55,58 @@ def _warn_of_touches(run: Run) -> list[str]:
             continue
         counts.update({key: attributes.get(key, 0) for key in ("shallow", "touches")})
     return warn_of_shallow(counts["shallow"], counts["touches"])
+
+
+def _remarks(run: Run, rejected: set[str]) -> Iterator[str]:
+    """Lines on missing textures, copies, objects that look like copies, and splits that were filled."""
+    entries = run.catalogue
+    facts = {name: each for batch in run.batches for name, each in _facts(run.folder / "meshes" / batch).items()}
+    facts = {name: each for name, each in facts.items() if name in entries and name not in rejected}
+    yield from _line("without a texture that its file names", "without textures that their files name", [
+        f"{name} ({', '.join(f'{file[-60:]}: {problem}' for file, problem in each['replaced'].items())})"
+        for name, each in facts.items() if each["replaced"]
+    ])  # fmt: skip
+    groups = defaultdict(list)
+    for name, entry in entries.items():
+        groups[entry.checksum or name].append(name)
+    copies = [group for group in groups.values() if len(group) > 1]
+    apart = any(len({entries[name].split for name in group}) > 1 for group in copies)
+    place = "in different splits, as they are given" if apart else "in one split"
+    yield from _line(f"is there several times, {place}", f"are there several times, {place}", map(" = ".join, copies))
+    firsts = [name for group in groups.values() for name in group[:1] if name in facts]
+    alike = _alike(firsts, [facts[name]["shape"] for name in firsts])
+    yield from _line("looks like another", "look like others", alike)
+    ratios = run.config.get("split")
+    if ratios and {assign_split(name, ratios) for name in entries} < {entry.split for entry in entries.values()}:
+        yield "splits: names alone leave one empty, so objects are spread over all; with more objects, names decide"
+
+
+def _facts(batch: Path) -> dict[str, dict[str, Any]]:
+    try:
+        return json.loads((batch / FACTS).read_text())
+    except (OSError, ValueError):  # of an older version, or not made yet
+        return {}
+
+
+def _alike(names: list[str], shapes: list[list[float]]) -> list[str]:
+    """Groups of objects with the same box and area, relative to their size."""
+    from scipy.spatial import cKDTree
+
+    group = dict(zip(names, names, strict=True))  # the first of those that an object is like
+    nearest = cKDTree(shapes).query(shapes, k=range(1, 9), distance_upper_bound=ALIKE)[1] if names else ()
+    for name, near in zip(names, nearest, strict=True):
+        group[name] = group[names[min(near)]]
+    groups = defaultdict(list)
+    for name, first in group.items():
+        groups[first].append(name)
+    return [" ~ ".join(group) for group in groups.values() if len(group) > 1]
+
+
+def _line(one: str, several: str, found: Iterable[str]) -> list[str]:
+    found = list(found)
+    more = ", ..." if len(found) > MOST_REASONS else ""
+    start = f"1 object {one}" if len(found) == 1 else f"{len(found)} objects {several}"
+    return [f"{start}: {', '.join(found[:MOST_REASONS])}{more}"] if found else []
 
 
 def kind_of_reason(reason: str) -> str:

@@ -15,7 +15,7 @@ import pandas as pd
 from palpate import checksums, provenance
 from palpate.atomic import atomic_write
 from palpate.batch import Rejection, read_rejections
-from palpate.catalogue import SPLITS, CatalogueEntry, CatalogueError, checksum, read_catalogue, sources_of
+from palpate.catalogue import SPLITS, CatalogueEntry, CatalogueError, checksum, files_root, read_catalogue, sources_of
 from palpate.configuration import ConfigError
 from palpate.dataset.checks import (
     CHECKS,
@@ -371,7 +371,8 @@ def combine_validation(findings: Sequence[Finding], run: Path | str, sources: Pa
     validated = {finding.batch for finding in findings}
     of_run = [*_check_run(catalogue, rejected, validated), _check_tables(run)]
     if sources is not None:
-        of_run.append(_check_sources(catalogue, Path(sources)))
+        files = files_root(Run(run).config.get("source", {}) | {"path": sources})
+        of_run.append(_check_sources(catalogue, Path(sources), files))
     findings = [*of_run, *findings]
     groups: dict[tuple[str, str, str], list[Finding]] = {}
     for finding in findings:
@@ -408,12 +409,12 @@ def _check_tables(run: Path) -> Finding:
     return _of_run("tables", "run", (path.relative_to(run).as_posix() for path in checksums.changed(run)))
 
 
-def _check_sources(catalogue: list[CatalogueEntry], root: Path) -> Finding:
+def _check_sources(catalogue: list[CatalogueEntry], root: Path, files: str) -> Finding:
     """Source files against the catalogue: Snakemake sees a change by its time only, and clocks can be wrong."""
 
     def same(entry: CatalogueEntry) -> bool:
         try:
-            return checksum(root / entry.source) == entry.checksum
+            return checksum(root / entry.source, files) == entry.checksum
         except (CatalogueError, OSError):
             return False
 

@@ -1,8 +1,10 @@
 """The data card of an exported run: a README with the header that Hugging Face reads, made from the run."""
 
+import re
 from collections import Counter
 from collections.abc import Mapping
 from pathlib import Path
+from textwrap import indent
 from typing import Any
 
 import pandas as pd
@@ -18,19 +20,15 @@ SIZES = {1e3: "n<1K", 1e4: "1K<n<10K", 1e5: "10K<n<100K", 1e6: "100K<n<1M", 1e7:
 
 
 def write_card(
-    path: Path,
-    dataset: Dataset,
-    grasps: GraspDataset,
-    files: Mapping[str, str],
-    licence: str = "unknown",
-    source: str = "",
+    path: Path, dataset: Dataset, splits: Mapping[str, GraspDataset], files: str, licence: str, source: str
 ) -> None:
     """Write the card: what is in the export, how it was made, how good it is, on what terms it may be used.
 
-    grasps: whose arrays were written. files: pattern of the files by split. licence: of the data, by the name that
-    Hugging Face has for it. source: where the meshes are from and on what terms, as text.
+    splits: the grasps that were written. files: pattern of a split's files. licence: of the data, by the name that
+    Hugging Face has for it. source: where the meshes are from and on what terms, as text; these two stand as they are
+    given. Names and reasons, which come from meshes, are escaped.
     """
-    number = sum(len(dataset.grasps(split, grasps.arrays)) for split in files)
+    grasps, number = next(iter(splits.values())), sum(map(len, splits.values()))
     header = {
         "license": licence,
         "pretty_name": f"Palpate run {dataset.name}",
@@ -39,23 +37,26 @@ def write_card(
         "configs": [
             {
                 "config_name": "default",
-                "data_files": [{"split": split, "path": pattern} for split, pattern in files.items()],
+                "data_files": [{"split": split, "path": files.format(split)} for split in splits],
             }
         ],
     }
     parts = [
         f"---\n{yaml.safe_dump(header, sort_keys=False)}---",
-        f"# Palpate run {dataset.name}",
+        f"# Palpate run {escaped(dataset.name)}",
         f"{number} simulated grasps of {len(dataset)} objects: what touch sensors and cameras record of each. "
         f"Made by palpate {__version__}. A sample is a grasp. Touch is geometry within the sensor's range; no "
         "mechanics of the gel is simulated.",
         f"## Terms\n\n- Licence of the data: {licence}.\n- Source of the meshes: {source or _source(dataset.config)}.",
         f"## Counts\n\n{_counts(dataset)}",
+        "## Files\n\n`objects.csv` has class, split and mesh of each object. Meshes are in the object's own frame, in "
+        "metres, z up; in the world they are centred at (0, 0, 0.6). `sensor.json` has the touch sensor, "
+        "`croissant.json` describes the files to tools, and `sha256sum --check SHA256SUMS` compares them.",
         "## Arrays\n\nMetres and radians; world frame with z up. A sensor that touched nothing reads the empty gel."
         f"\n\n{_arrays(grasps)}",
         f"## Objects left out\n\n{_rejections(dataset)}",
         f"## Checks and errors\n\n{_checks(dataset.folder)}\n\n{_errors(dataset.folder)}",
-        f"## Config\n\n```yaml\n{yaml.safe_dump(_public(dataset.config), sort_keys=False)}```",
+        f"## Config\n\n{indent(yaml.safe_dump(_public(dataset.config), sort_keys=False), '    ')}",
     ]
     path.write_text("\n\n".join(parts) + "\n", encoding="utf-8")
 
@@ -65,21 +66,38 @@ def _table(rows: list[list[Any]], *heads: str) -> str:
     return "\n".join(f"| {' | '.join(map(str, line))} |" for line in lines)
 
 
+def escaped(text: str) -> str:
+    """Text in one line that Markdown and HTML show as it is: no markup, no link, no character that is not seen."""
+    line = " ".join("".join(each if each.isprintable() else " " for each in str(text)).split())
+    return re.sub(r"[^\w ,.;%+=()/'-]|(?<!\w)_|_(?!\w)|(?<=www)\.|/(?=/)", lambda found: f"&#{ord(found[0])};", line)
+
+
 def _source(config: Mapping[str, Any]) -> str:
-    kind = config.get("source", {}).get("kind", "unknown")
+    kind = escaped(config.get("source", {}).get("kind", "unknown"))
     return "procedural, made by palpate (no one's meshes)" if kind == "procedural" else f"{kind}, terms not stated"
 
 
-def _public(config: Mapping[str, Any]) -> dict[str, Any]:
-    """The config without places on this machine: of the source's path just the last name."""
-    path = config.get("source", {}).get("path")
-    source = {"source": {**config["source"], "path": Path(path).name}} if path else {}
-    return {key: value for key, value in (dict(config) | source).items() if key != "results"}
+def _public(value: Any) -> Any:
+    """A part of the config without places on this machine: of paths just the last name, and no `results`."""
+    if isinstance(value, Mapping):
+        return {key: _public(each) for key, each in value.items() if key != "results"}
+    if isinstance(value, list):
+        return [_public(each) for each in value]
+    return Path(value).name if isinstance(value, str) and value.startswith(("/", "~", "..")) else value
+
+
+def without_folders(text: str) -> str:
+    """Text with the last name only of each path in it that begins at the root, at a home folder or above.
+
+    >>> without_folders("can't read /home/me/scans/cup.png (named in ../cup.mtl)")
+    "can't read cup.png (named in cup.mtl)"
+    """
+    return re.sub(r"(?<![\w.:/~<-])(?:file:/+|~[\w.-]*/|\.\./|/)(?:[^/\s:;,'\"()]*/)*", "", text)
 
 
 def _counts(dataset: Dataset) -> str:
     counts = Counter((record.class_name, record.split) for record in dataset)
-    rows = [[name, *(counts[name, split] for split in SPLITS)] for name in dataset.classes]
+    rows = [[escaped(name), *(counts[name, split] for split in SPLITS)] for name in dataset.classes]
     total = ["all", *(sum(counts[name, split] for name in dataset.classes) for split in SPLITS)]
     text = _table([*rows, total], "objects", *SPLITS)
     return f"{text}\n\n{dataset.grasps_per_object} grasps an object."
@@ -95,10 +113,9 @@ def _arrays(grasps: GraspDataset) -> str:
 
 
 def _rejections(dataset: Dataset) -> str:
-    reasons = Counter((row["stage"], kind_of_reason(row["reason"])) for row in dataset.rejections())
-    return (
-        _table([[n, *each] for each, n in reasons.most_common()], "objects", "stage", "reason") if reasons else "None."
-    )
+    reasons = Counter((row["stage"], without_folders(kind_of_reason(row["reason"]))) for row in dataset.rejections())
+    rows = [[number, escaped(stage), escaped(text)] for (stage, text), number in reasons.most_common()]
+    return _table(rows, "objects", "stage", "reason") if rows else "None."
 
 
 def _checks(run: Path) -> str:
@@ -117,7 +134,7 @@ def _errors(run: Path) -> str:
     for path in sorted(run.glob("evaluations/*/seed-*.csv")):
         table = pd.read_csv(path)
         if {"split", "chamfer"} <= set(table) and len(test := table[table.split == "test"]):
-            rows.append([path.parent.name, path.stem, len(test), f"{test.chamfer.mean():.4g}"])
+            rows.append([escaped(path.parent.name), escaped(path.stem), len(test), f"{test.chamfer.mean():.4g}"])
     if not rows:
         return "No model was evaluated."
     return (

@@ -25,13 +25,7 @@ def grasps_by_split(dataset: Dataset, arrays: Iterable[str] | None) -> dict[str,
 
 def with_progress(grasps: GraspDataset, split: str) -> Iterator[dict]:
     """The items of a split; the terminal has a bar."""
-    return tqdm(
-        (grasps[number] for number in range(len(grasps))),
-        desc=split,
-        total=len(grasps),
-        unit="grasp",
-        disable=not sys.stderr.isatty(),
-    )
+    return tqdm(grasps, desc=split, unit="grasp", disable=not sys.stderr.isatty())
 
 
 def pictures(name: str, values: np.ndarray, colours: bool) -> dict[str, np.ndarray]:

@@ -1,63 +1,45 @@
 """Parquet and a folder of images a split, as `datasets.load_dataset(<folder>)` of Hugging Face reads them.
 
 <folder>/<split>/metadata.parquet                    a row a grasp; columns `<array>_file_name` name images
-        /<split>/<object>/<grasp>/<array>.png        README.md
+        /<split>/<object>/<grasp>/<array>.png        what every export has: palpate.interchange.folder
 """
 
-from collections.abc import Iterable
+from collections.abc import Mapping
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from palpate.atomic import atomic_write
-from palpate.dataset import Dataset
-from palpate.interchange.card import write_card
-from palpate.interchange.items import grasps_by_split, pictures, png, with_progress
+from palpate.dataset import GraspDataset
+from palpate.interchange.items import pictures, png, with_progress
 
 ROWS = 64  # grasps that are held in memory before they are written
 
 
-def write_parquet(
-    dataset: Dataset,
-    folder: Path | str,
-    arrays: Iterable[str] | None = None,
-    licence: str = "unknown",
-    source: str = "",
-) -> int:
-    """Write the grasps of a dataset as Parquet with images, and a data card; atomically. Returns their number.
+def write_parquet(folder: Path, splits: Mapping[str, GraspDataset]) -> None:
+    """Write the grasps of each split as Parquet with images.
 
-    arrays: as `Dataset.grasps` takes them. Images are PNG files: the column `<array>_file_name` has the path of one,
-    `<array>_file_names` a list of paths. Other arrays are nested lists in the contract's types. Raises ImportError if
-    pyarrow is not installed, StoreError if there is no object, KeyError for an unknown array.
+    Images are PNG files: the column `<array>_file_name` has the path of one, `<array>_file_names` a list of paths.
+    Other arrays are nested lists in the contract's types. Raises ImportError if pyarrow is not installed.
     """
     try:
         import pyarrow
         from pyarrow import parquet
     except ImportError as error:
         raise ImportError(f"Parquet needs pyarrow: pip install 'pyarrow<26'; WebDataset does not ({error})") from error
-    splits = grasps_by_split(dataset, arrays)
-    with atomic_write(Path(folder)) as partial:
-        for split, grasps in splits.items():
-            (partial / split).mkdir(parents=True)
-            writer, rows = None, []
-            try:
-                for number, item in enumerate(with_progress(grasps, split), start=1):
-                    rows.append(_row(item, grasps.images, partial / split))
-                    if len(rows) == ROWS or number == len(grasps):
-                        columns = {name: _column(pyarrow, [row[name] for row in rows]) for name in rows[0]}
-                        table = pyarrow.table(columns)
-                        writer = writer or parquet.ParquetWriter(
-                            partial / split / "metadata.parquet", table.schema, compression="zstd"
-                        )
-                        writer.write_table(table)
-                        rows = []
-            finally:
-                if writer is not None:
-                    writer.close()
-        files = {split: f"{split}/**" for split in splits}
-        write_card(partial / "README.md", dataset, next(iter(splits.values())), files, licence, source)
-    return sum(map(len, splits.values()))
+    for split, grasps in splits.items():
+        (folder / split).mkdir()
+        writer, rows, path = None, [], folder / split / "metadata.parquet"
+        with ExitStack() as stack:
+            for number, item in enumerate(with_progress(grasps, split), start=1):
+                rows.append(_row(item, grasps.images, folder / split))
+                if len(rows) == ROWS or number == len(grasps):
+                    table = pyarrow.table({name: _column(pyarrow, [row[name] for row in rows]) for name in rows[0]})
+                    if writer is None:
+                        writer = stack.enter_context(parquet.ParquetWriter(path, table.schema, compression="zstd"))
+                    writer.write_table(table)
+                    rows = []
 
 
 def _row(item: dict, images: dict[str, bool], folder: Path) -> dict[str, Any]:
@@ -73,8 +55,8 @@ def _row(item: dict, images: dict[str, bool], folder: Path) -> dict[str, Any]:
             (folder / path).parent.mkdir(parents=True, exist_ok=True)
             (folder / path).write_bytes(png(image))
             paths.append(path.as_posix())
-        one = values.ndim == (3 if images[name] else 2)
-        row[f"{name}_file_name" if one else f"{name}_file_names"] = paths[0] if one else paths
+        several = name not in pictures(name, values, images[name])
+        row[f"{name}_file_names" if several else f"{name}_file_name"] = paths if several else paths[0]
     return row
 
 

@@ -19,14 +19,20 @@ DIAGONAL = 0.5  # m, of the bounding boxes of objects that are scaled to one siz
 # not hold it, either.
 SMALLEST, LARGEST = 0.005, 2.0
 OBJECT_POSITION = (0.0, 0.0, 0.6)
+# Of what is written, in `mesh.json` and in the rule's params: meshes that an older one wrote are made again.
+VERSION = 2
+FACTS = ".facts.json"  # in a batch's folder: `facts` of its objects; hidden, so that no manifest has it
 
 __all__ = [
     "DIAGONAL",
+    "FACTS",
     "FORMATS",
     "LARGEST",
     "OBJECT_POSITION",
     "SMALLEST",
+    "VERSION",
     "diagonal",
+    "facts",
     "load_collision",
     "load_visual",
     "mesh_file",
@@ -45,6 +51,7 @@ def prepare(
     levels: Sequence[int] = (1000,),
     scale: str | float = "diagonal",
     time_limit: float = 900.0,
+    root: Path | str | None = None,
 ) -> dict[str, Any]:
     """Make the mesh files of one object from a source file of any of `FORMATS`.
 
@@ -53,7 +60,8 @@ def prepare(
     centre at the origin), and `mesh.json`: what was repaired, and how far each level is
     from the source. Returns what `mesh.json` holds. `up` is the source's up axis, "x", "y" or "z".
     `scale` is "diagonal" for a bounding box with the diagonal `DIAGONAL`, "keep" for a file in metres, or the metres
-    that a unit of the file is. A mesh that has no more faces than a level asks for is that level.
+    that a unit of the file is. `root` is the folder that files have to be in which this one names (textures, buffers);
+    default: the one above its own. A mesh that has no more faces than a level asks for is that level.
 
     Raises `UnusableObject` if the file can't be read or holds no surface, or takes more than `time_limit` seconds, or
     is not `SMALLEST` to `LARGEST` across at the scale that it is given;
@@ -64,10 +72,23 @@ def prepare(
     from palpate.mesh.build import build
 
     try:
-        return isolated(build, source, folder, up, collision_faces, tuple(levels), scale, seconds=time_limit)
+        return isolated(build, source, folder, up, collision_faces, tuple(levels), scale, root, seconds=time_limit)
     except UnusableObject as error:
         message = str(error)
         raise UnusableObject(message if str(source) in message else f"{source}: {message}") from None
+
+
+def facts(record: Mapping[str, Any]) -> dict[str, Any]:
+    """What a run's summary says of an object; record: of `mesh.json`.
+
+    `replaced`: files that can't be used, and why. `shape`: sides of the box, and the root of the area, in diagonals.
+    """
+    low, high = np.array(record["visual.glb"]["bounding_box"])
+    shape = [*(high - low), record["visual.glb"]["area"] ** 0.5]
+    return {
+        "replaced": record["source"]["replaced_textures"],
+        "shape": [float(length) / record["diagonal"] for length in shape],
+    }
 
 
 def undecimated_levels(record: Mapping[str, Any]) -> dict[str, int]:

@@ -8,10 +8,11 @@ import numpy as np
 import trimesh
 
 from palpate.batch import UnusableObject
-from palpate.mesh import DIAGONAL, LARGEST, SMALLEST, topology
+from palpate.mesh import DIAGONAL, LARGEST, SMALLEST, VERSION, topology
 from palpate.mesh.decimate import decimate
 from palpate.mesh.distance import Surface, distance
 from palpate.mesh.load import load_parts
+from palpate.mesh.materials import make_explicit
 from palpate.mesh.repair import repair
 
 # Rotations that turn the source's up axis to z. The front (-z for y up, as glTF and ShapeNet have it) goes to
@@ -38,13 +39,14 @@ def build(
     collision_faces: int,
     levels: tuple[int, ...],
     scale: str | float = "diagonal",
+    root: Path | str | None = None,
 ) -> dict[str, Any]:
     """Write `visual.glb`, `collision.ply`, `level-<faces>.ply` and `mesh.json` into the folder.
 
     Arguments and errors are those of `palpate.mesh.prepare`. Returns what `mesh.json` holds.
     """
     replaced: dict[str, str] = {}
-    parts = load_parts(source, replaced)
+    parts = load_parts(source, replaced, root)
     vertices, faces, part = _joined(parts, source)
     vertices = vertices @ UP[up].T
     repaired = repair(vertices, faces, part)
@@ -58,6 +60,7 @@ def build(
     for number, mesh in enumerate(parts):
         mine = part == number
         _rewrite(mesh, UP[up], centre, scale, repaired.keep[mine], repaired.flip[mine])
+        make_explicit(mesh, source.suffix.lower())
     # What is measured is what is written: single precision.
     vertices = ((repaired.vertices - centre) * scale).astype(np.float32).astype(np.float64)
     used, faces = np.unique(faces, return_inverse=True)
@@ -74,6 +77,7 @@ def build(
         ) from error
     (folder / "visual.glb").write_bytes(glb)
     record = {
+        "version": VERSION,
         "source": {
             "file": source.name,
             "faces": len(repaired.faces),

@@ -10,20 +10,25 @@ import trimesh.path
 
 from palpate.batch import UnusableObject
 from palpate.mesh import textures
+from palpate.mesh.integrity import check_sizes, check_whole
+from palpate.named_files import unusable
 
 log = logging.getLogger(__name__)
 
 FORMATS = ("obj", "glb", "gltf", "stl", "ply", "off", "dae", "3mf")
 
 
-def load_parts(path: Path | str, replaced: dict[str, str] | None = None) -> list[trimesh.Trimesh]:
+def load_parts(
+    path: Path | str, replaced: dict[str, str] | None = None, root: Path | str | None = None
+) -> list[trimesh.Trimesh]:
     """Every triangle mesh of a file, as it is stored, placed by the file's scene graph.
 
     A geometry that the graph has several times comes several times. Nothing is merged or repaired here. The
     order is that of the names of the graph's nodes, so it does not change from run to run.
 
-    A texture or material library that is missing or can't be used is neutral grey (`palpate.mesh.textures`); replaced
-    gets what is wrong with it, by its name.
+    A texture or material library that can't be used is neutral grey (`palpate.mesh.textures`); replaced gets what is
+    wrong with it, by its name. root: the folder that files have to be in which this one names, as for
+    `palpate.named_files.find`.
 
     Raises `UnusableObject` if the file can't be read, or holds no triangles, or refers to vertices that it lacks;
     MemoryError, naming the file, if there is too little memory for it.
@@ -31,11 +36,15 @@ def load_parts(path: Path | str, replaced: dict[str, str] | None = None) -> list
     path = Path(path)
     if path.suffix.lower().lstrip(".") not in FORMATS:
         raise UnusableObject(f"{path}: a mesh file ends in one of .{', .'.join(FORMATS)}: convert it to one of these")
+    if problem := unusable(path):
+        raise UnusableObject(f"{path}: {problem}")
     if not path.is_file():
         raise UnusableObject(f"{path}: there is no such file: correct the path or remove the object")
-    resolver = textures.Resolver(path)
+    resolver = textures.Resolver(path, root)
     try:
+        check_sizes(path)
         loaded = trimesh.load_scene(path, process=False, resolver=resolver)
+        check_whole(path, loaded)
         problems, materials = textures.within(path)
     except MemoryError as error:  # says nothing about the object
         raise MemoryError(f"while loading {path}, {path.stat().st_size / 1e6:.0f} MB {error}".strip()) from None

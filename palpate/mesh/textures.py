@@ -4,8 +4,8 @@ Without this a reader leaves them out without a word, and what is left of the ma
 """
 
 import io
-import json
 from pathlib import Path
+from urllib.parse import unquote
 
 import numpy as np
 import PIL.Image
@@ -13,12 +13,13 @@ import trimesh
 from trimesh.resolvers import FilePathResolver
 from trimesh.visual.material import PBRMaterial, color_image
 
-LARGEST = 16384  # pixels a side: the largest that common GPUs take as a texture
+from palpate import named_files
+from palpate.named_files import IMAGES, gltf_tree, held_pictures
+
+LARGEST = named_files.LARGEST_SIDE
 # PIL warns above this number of pixels and refuses twice as many; by itself it refuses 16k textures.
 PIL.Image.MAX_IMAGE_PIXELS = LARGEST**2
-IMAGES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".tga", ".gif", ".webp")
-# Seen from the mesh file's folder: beside it, and where Gazebo's models have them, as Google's scanned objects.
-FOLDERS = (".", "../materials/textures")
+OUTSIDE = "it lies outside the source's folder: set source.outside to true to read it"
 GREY = 0.5  # linear RGB
 MADE_UP = np.asarray(color_image())
 MARK = "palpate: neutral grey"  # in the comment of an image that stands for one that can't be used
@@ -27,34 +28,34 @@ MARK = "palpate: neutral grey"  # in the comment of an image that stands for one
 class Resolver(FilePathResolver):
     """Reads the files that a mesh file names; an image that can't be used comes as a neutral grey one.
 
+    root: the folder that they have to be in, as for `palpate.named_files.find`.
     Attributes: replaced, what is wrong with each such file, by the name that the mesh file has for it.
     """
 
-    def __init__(self, path: Path | str):
-        super().__init__(str(path), allow_anywhere=True)  # scans have their textures in a folder beside
+    def __init__(self, path: Path, root: Path | str | None = None):
+        super().__init__(str(path))
+        self.path, self.root = path, root
         self.replaced: dict[str, str] = {}
 
     def get(self, name: str) -> bytes:
-        """The content of a file; raises what reading it raises, but for images."""
-        image = str(name).strip().lower().endswith(IMAGES)
-        try:
-            place = str(name).strip().replace("\\", "/")
-            data = super().get(self._place(place) if image else place)
-        except Exception:
-            if not image:
-                self.replaced[str(name)] = "there is no such file"
-                raise
-            return self._instead(name, "there is no such file")
-        problem = problem_of(data) if image else None
-        return self._instead(name, problem) if problem else data
-
-    def _place(self, name: str) -> str:
-        """The first of `FOLDERS` that has an image, with its name; the name alone if none has it."""
-        places = [Path(folder, name).as_posix() for folder in FOLDERS]
-        return next((place for place in places if Path(self.parent, place).is_file()), name)
+        """The content of a file; raises FileNotFoundError, but for images."""
+        name = str(name)
+        image = unquote(name.strip()).lower().endswith(IMAGES)
+        place, data = named_files.find(self.path, name, self.root), b""
+        if place is None:
+            problem = OUTSIDE if named_files.is_outside(self.path, name, self.root) else "there is no such file"
+        else:
+            data = (self.path.parent / place).read_bytes()
+            problem = problem_of(data) if image else None
+        if problem and image:
+            return self._instead(name, problem)
+        if problem:
+            self.replaced[name] = problem
+            raise FileNotFoundError(f"{name}: {problem}")
+        return data
 
     def _instead(self, name: str, problem: str) -> bytes:
-        self.replaced[str(name)] = problem
+        self.replaced[name] = problem
         file = io.BytesIO()
         image = PIL.Image.new("RGB", (1, 1), (128, 128, 128))
         image.save(file, "GIF", comment=MARK.encode())
@@ -79,20 +80,11 @@ def within(path: Path) -> tuple[dict[str, str], set[str]]:
     """What is wrong with images within a .glb file, by name, and the names of materials whose colour they are."""
     if path.suffix.lower() != ".glb":
         return {}, set()
-    data = path.read_bytes()
-    length = int.from_bytes(data[12:16], "little")  # of the JSON chunk, which is the first (glTF 2.0, 4.4)
     try:
-        tree, binary = json.loads(data[20 : 20 + length]), data[28 + length :]
-        replaced, bad = {}, set()
-        for number, image in enumerate(tree.get("images", [])):
-            if "bufferView" not in image:
-                continue
-            view = tree["bufferViews"][image["bufferView"]]
-            start = view.get("byteOffset", 0)
-            problem = problem_of(binary[start : start + view["byteLength"]])
-            if problem:
-                replaced[image.get("name") or f"image {number}"] = problem
-                bad.add(number)
+        tree, start = gltf_tree(path)
+        problems = {number: problem_of(head) for number, head in held_pictures(path, tree, start)}
+        bad = {number for number, problem in problems.items() if problem}
+        replaced = {tree["images"][number].get("name") or f"image {number}": problems[number] for number in sorted(bad)}
         names = set()
         for material in tree.get("materials", []):
             texture = material.get("pbrMetallicRoughness", {}).get("baseColorTexture")

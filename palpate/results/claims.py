@@ -28,7 +28,7 @@ import pandas as pd
 from palpate.results.bootstrap import RESAMPLES, Estimate
 from palpate.results.errors import AVERAGE, Errors, errors
 from palpate.results.model_tables import intervals_note, ring_errors, ring_key, size_columns, touch_errors
-from palpate.results.published import paper_values, published_experiments
+from palpate.results.published import paper_values, published_experiments, without_paper
 
 HOLDS, FAILS, UNDECIDED = "holds", "does not hold", "undecided"
 
@@ -144,14 +144,16 @@ def decide(
                 **size_columns(found, *claim.experiments),
             }
         )
-    table = pd.DataFrame(rows).astype({"objects": "Int64", "seeds": "Int64"})
+    table = without_paper(pd.DataFrame(rows), evaluations["class"]).astype({"objects": "Int64", "seeds": "Int64"})
     counts = table["verdict"].value_counts()
+    papers = " `paper agrees`: whether the paper's own numbers, without an interval, say so."
+    papers = papers if "paper_agrees" in table else ""
     table.attrs["note"] = (
         f"{counts.get(HOLDS, 0)} of {len(table)} claims hold, {counts.get(FAILS, 0)} do not, "
         f"{counts.get(UNDECIDED, 0)} are undecided by this run. A claim is that a number is negative (where "
         "it names a bound: within it); it holds or not if the whole interval says so, and two seeds differ by less "
-        "(`between seeds`). Differences are paired by object and seed. `paper agrees`: whether the paper's own "
-        f"numbers, without an interval, say so. {intervals_note(int(table['seeds'].max()))}"
+        f"(`between seeds`). Differences are paired by object and seed.{papers} "
+        f"{intervals_note(int(table['seeds'].max()))}"
     )
     table.attrs["decimals"] = None
     return table

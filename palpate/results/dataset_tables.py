@@ -21,7 +21,7 @@ import pandas as pd
 from palpate.catalogue import SPLITS, read_catalogue
 from palpate.dataset import Dataset
 from palpate.results.bootstrap import Estimate, ratio_interval
-from palpate.results.published import paper_values
+from palpate.results.published import has_papers_classes, paper_values, without_paper
 from palpate.store.contract import SENSOR_NAMES
 
 TOTAL = "total"
@@ -73,7 +73,7 @@ def _grasp_frame(names, classes, success: np.ndarray, attempts, penetration) -> 
 
 
 def dataset_statistics(frames: Frames) -> pd.DataFrame:
-    """Size of the dataset by class and in total, the paper's values beside (`*_paper`).
+    """Size of the dataset by class and in total, the paper's values beside (`*_paper`) if it has the paper's classes.
 
     `objects` counts those with grasps, `attempted` all of the catalogue, `rejected` those that some stage
     could not use; `successful_percent` is the share of touches that met the object, with its bootstrap
@@ -106,12 +106,14 @@ def dataset_statistics(frames: Frames) -> pd.DataFrame:
         row["rejected"] = int(members["object"].isin(rejected["object"]).sum())
         row["attempts"] = by_object["attempts"].mean() if len(by_object) else np.nan
         rows.append(row)
-    table = _round(pd.DataFrame(rows), percent="successful", other={"attempts": 1})
-    table.attrs["note"] = (
-        f"{_size_note(objects, grasps)} The paper counts 1731 objects in its supplement (text, table and "
-        "splits) and 1732 in its main text; its 62.4 % is the main text's, while its table's classes average "
-        "62.7 % by touches, and its shares of grasps with 1 to 4 successful touches imply 66.4 %."
-    )
+    table = _round(without_paper(pd.DataFrame(rows), objects["class"]), percent="successful", other={"attempts": 1})
+    table.attrs["note"] = _size_note(objects, grasps)
+    if has_papers_classes(objects["class"]):
+        table.attrs["note"] += (
+            " The paper counts 1731 objects in its supplement (text, table and "
+            "splits) and 1732 in its main text; its 62.4 % is the main text's, while its table's classes average "
+            "62.7 % by touches, and its shares of grasps with 1 to 4 successful touches imply 66.4 %."
+        )
     return table
 
 
@@ -140,7 +142,7 @@ def grasp_success(frames: Frames) -> pd.DataFrame:
                     "percent_paper": published.get((name, touches), np.nan),
                 }
             )
-    table = _round(pd.DataFrame(rows), percent="percent")
+    table = _round(without_paper(pd.DataFrame(rows), objects["class"]), percent="percent")
     table.attrs["note"] = _size_note(objects, grasps)
     return table
 
@@ -202,9 +204,9 @@ def _round(table: pd.DataFrame, percent: str, other: dict[str, int] | None = Non
 
 def _size_note(objects: pd.DataFrame, grasps: pd.DataFrame) -> str:
     """The size of this run's dataset, so that a small run is not mistaken for the paper's."""
-    number = grasps["object"].nunique()
+    number, classes = grasps["object"].nunique(), objects["class"].unique()
+    papers = " (the paper: 1731 objects, 8655 grasps, 4 classes)" if has_papers_classes(classes) else ""
     return (
-        f"This run: {number} objects, {len(grasps)} grasps, {objects['class'].nunique()} classes "
-        "(the paper: 1731 objects, 8655 grasps, 4 classes). Intervals: 95 %, bootstrap over objects, within "
-        "classes for the total; none where a class has a single object, or where no object differs."
+        f"This run: {number} objects, {len(grasps)} grasps, {len(classes)} classes{papers}. Intervals: 95 %, bootstrap "
+        "over objects, within classes for the total; none where a class has one object, or where no object differs."
     )

@@ -16,7 +16,7 @@ from palpate.results.bootstrap import RESAMPLES
 from palpate.results.claims import contrast
 from palpate.results.errors import AVERAGE, Errors, errors
 from palpate.results.model_tables import intervals_note, size_columns
-from palpate.results.published import effects, paper_values
+from palpate.results.published import effects, paper_values, without_paper
 
 # The verdict by the sign of a finding, and what stands behind it where a single seed was trained.
 VERDICTS = {-1: "better", 0: "undecided", 1: "worse"}
@@ -39,7 +39,7 @@ def touch_effect(evaluations: pd.DataFrame, resamples: int = RESAMPLES) -> pd.Da
         pair = {"experiment": row["experiment"], "compared_with": row["compared_with"]}
         difference = _difference(found, row, _stated(split, AVERAGE), resamples)
         rows.append({"effect": row["effect"], **pair, "split": split, **difference})
-    return _effects_table(rows, "A difference is the error of `experiment` less that of `compared with`")
+    return _effects_table(rows, evaluations, "A difference is the error of `experiment` less that of `compared with`")
 
 
 def touch_effect_by_class(evaluations: pd.DataFrame, resamples: int = RESAMPLES) -> pd.DataFrame:
@@ -58,6 +58,7 @@ def touch_effect_by_class(evaluations: pd.DataFrame, resamples: int = RESAMPLES)
             rows.append({"effect": row["effect"], "split": split, **known, **difference})
     return _effects_table(
         rows,
+        evaluations,
         "`error` and `median` are those of what it is compared with. A difference is between averages of the class",
     )
 
@@ -95,9 +96,9 @@ def _difference(found: Errors, row: dict[str, str], stated: dict[str, float], re
     }
 
 
-def _effects_table(rows: list[dict], what: str) -> pd.DataFrame:
-    """The table of these rows; its note begins with `what` a difference is."""
-    table = pd.DataFrame(rows).astype({"objects": "Int64", "seeds": "Int64"})
+def _effects_table(rows: list[dict], evaluations: pd.DataFrame, what: str) -> pd.DataFrame:
+    """The table of these rows, which evaluations are compared in; its note begins with `what` a difference is."""
+    table = without_paper(pd.DataFrame(rows), evaluations["class"]).astype({"objects": "Int64", "seeds": "Int64"})
     table.attrs["note"] = (
         f"{what}, paired by object and seed. It is a finding (better, worse) if its interval excludes 0 and two seeds "
         f"differ by less (`between seeds`). {intervals_note(int(table['seeds'].max()))}"

@@ -4,7 +4,7 @@ python -m palpate.results.hand_sheet config/hands/wsg50.xml config/hands/wsg50.y
 python -m palpate.results.hand_sheet dome360 hand.png      the Allegro
 """
 
-import sys
+import argparse
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -18,14 +18,12 @@ from palpate.results.page import COLOURS, FAINT, INK, LABEL, PALE, TITLE, new_fi
 from palpate.sensor import Sensor, load
 from palpate.vision.geom import triangles
 
-AXES = dict(zip("xyz", ("#D62728", "#2CA02C", "#1F77B4"), strict=True))  # as most viewers colour them
+AXES = ("#D62728", "#2CA02C", "#1F77B4")  # of x, y and z, as most viewers colour them
 GEL, END = COLOURS[4], COLOURS[3]
-LENGTH = 0.012  # m, of the axes' arrows
-VIEW = {"elev": 22, "azim": -35}  # degrees
+LENGTH, MARGIN = 0.012, 0.008  # m, of the axes; around a sensor seen from the side
 SIDES = 6  # sensors of which the side is drawn
-MARGIN = 0.008  # m around a sensor seen from the side
 LEGEND = "x red, y green, z blue; dotted: sensor plane, orange: gel's face, dashed: range; mm"
-PANEL, WHOLE = 2.3, 4.8  # inches
+WIDTH, ROW = 9.4, 2.4  # inches
 
 
 @styled
@@ -36,51 +34,49 @@ def hand_figure(hand: Hand, sensor: Sensor) -> Figure:
     to lie on them, where contact stops the finger.
     """
     links = hand.forward(np.eye(4), hand.open_joint_positions)
-    geoms = zip(hand.geom_kind, hand.geom_size, hand.geom_vertices, hand.geom_faces, strict=True)
-    shapes = [triangles(*geom) for geom in geoms]
-    poses = hand.geom_poses(links)
-    placed = [points @ pose[:3, :3].T + pose[:3, 3] for (points, *_), pose in zip(shapes, poses, strict=True)]
-    frames = list(zip(*hand.sensor_frames(links), strict=True))
-    shown = frames[:SIDES]
-    rows = -(-len(shown) // 2)
-    width, height = WHOLE + min(len(shown), 2) * PANEL, max(WHOLE, rows * PANEL) + 0.5
-    figure = new_figure(width, height)
-    size = f"{1e3 * sensor.width:.4g} x {1e3 * sensor.height:.4g} mm"
-    figure.text(0.99, 0.12 / height, LEGEND, ha="right", va="center", fontsize=LABEL, color=FAINT)
-    title = f"{hand.name}, open; {len(frames)} sensors {sensor.name} of {size}"
-    figure.text(0.5, 1 - 0.25 / height, title, ha="center", va="center", fontsize=TITLE)
-    whole = figure.add_axes((0, 0, WHOLE / width, 1 - 0.5 / height), projection="3d", computed_zorder=False)
-    _draw_whole(
-        whole, hand, sensor, [points[faces] for points, (_, faces, _) in zip(placed, shapes, strict=True)], frames
+    geoms = zip(
+        hand.geom_kind, hand.geom_size, hand.geom_vertices, hand.geom_faces, hand.geom_poses(links), strict=True
     )
-    for number, (position, rotation) in enumerate(shown):
-        row, column = divmod(number, 2)
-        left, bottom = WHOLE + column * PANEL + 0.42, height - 0.5 - (row + 1) * PANEL + 0.5
-        axes = figure.add_axes((left / width, bottom / height, (PANEL - 0.5) / width, (PANEL - 0.75) / height))
-        mine = np.flatnonzero(hand.geom_collides & (hand.geom_link == hand.sensor_link[number]))
-        outlines = [((placed[geom] - position) @ rotation, hand.geom_rgba[geom]) for geom in mine]
-        _draw_side(axes, hand.sensor_names[number], sensor, outlines)
+    shapes = []  # of each geom its vertices (n, 3) and triangles (f, 3, 3), in the palm's frame
+    for *geom, pose in geoms:
+        points, faces, _ = triangles(*geom)
+        points = points @ pose[:3, :3].T + pose[:3, 3]
+        shapes.append((points, points[faces]))
+    frames = list(zip(hand.sensor_names, *hand.sensor_frames(links), hand.sensor_link, strict=True))
+    rows = max(2, -(-min(len(frames), SIDES) // 2))
+    figure = new_figure(WIDTH, rows * ROW)
+    figure.suptitle(f"{hand.name}, open; {len(frames)} sensors {sensor.name}", fontsize=TITLE)
+    figure.text(0.98, 0.02, LEGEND, ha="right", fontsize=LABEL, color=FAINT)
+    grid = figure.add_gridspec(rows, 4, left=0, right=0.98, bottom=0.1, wspace=0.3, hspace=0.35)
+    _draw_whole(figure.add_subplot(grid[:, :2], projection="3d", computed_zorder=False), hand, sensor, shapes, frames)
+    for number, (name, position, rotation, link) in enumerate(frames[:SIDES]):
+        mine = np.flatnonzero(hand.geom_collides & (hand.geom_link == link))
+        outlines = [((shapes[geom][0] - position) @ rotation, hand.geom_rgba[geom]) for geom in mine]
+        _draw_side(figure.add_subplot(grid[number // 2, 2 + number % 2]), name, sensor, outlines)
     return figure
 
 
-def _draw_whole(axes, hand: Hand, sensor: Sensor, geoms: list[np.ndarray], frames: list) -> None:
-    """The hand in the palm's frame: geoms as triangles (f, 3, 3), and every sensor's axes, gel and range."""
-    for triangle, rgba in zip(geoms, hand.geom_rgba, strict=True):
-        axes.add_collection3d(Poly3DCollection(triangle, facecolor=(*rgba[:3], 0.18), edgecolor="none", zorder=1))
-    for name, (position, rotation) in zip(hand.sensor_names, frames, strict=True):
-        at = {x: _rectangle(sensor, x) @ rotation.T + position for x in (0, sensor.gel_face, sensor.range)}
-        near, face, end = at.values()
+def _draw_whole(axes: Axes, hand: Hand, sensor: Sensor, shapes: list, frames: list) -> None:
+    """The hand in the palm's frame, and every sensor's axes, gel and range."""
+    for (_, faces), rgba in zip(shapes, hand.geom_rgba, strict=True):
+        axes.add_collection3d(Poly3DCollection(faces, facecolor=(*rgba[:3], 0.18), edgecolor="none", zorder=1))
+    corners = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)]) / 2 * (sensor.width, sensor.height)
+    for name, position, rotation, _ in frames:
+        near, face, end = (
+            np.column_stack([np.full(4, x), corners]) @ rotation.T + position
+            for x in (0, sensor.gel_face, sensor.range)
+        )
         axes.add_collection3d(Poly3DCollection([face], facecolor=GEL, edgecolor=INK, alpha=0.8, zorder=2))
         sweep = [[*near, near[0]], [*end, end[0]], *zip(near, end, strict=True)]
         axes.add_collection3d(Line3DCollection(sweep, colors=END, linewidths=0.7, zorder=3))
-        for axis, colour in zip(rotation.T, AXES.values(), strict=True):
+        for axis, colour in zip(rotation.T, AXES, strict=True):
             axes.plot(*np.stack([position, position + LENGTH * axis]).T, color=colour, linewidth=2, zorder=4)
         axes.text(*(position - LENGTH * rotation[:, 0]), name, fontsize=LABEL, zorder=5)
-    points = np.concatenate([np.concatenate(geoms).reshape(-1, 3), np.array([position for position, _ in frames])])
+    points = np.concatenate([points for points, _ in shapes] + [position[None] for _, position, *_ in frames])
     low, high = points.min(axis=0), points.max(axis=0)
     axes.set_box_aspect(high - low, zoom=1.0)
     axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
-    axes.view_init(**VIEW)
+    axes.view_init(elev=22, azim=-35)
     axes.set_axis_off()
 
 
@@ -89,29 +85,27 @@ def _draw_side(axes: Axes, name: str, sensor: Sensor, outlines: list) -> None:
     for points, rgba in outlines:
         across = 1e3 * points[:, [0, 2]]
         axes.add_patch(Polygon(across[ConvexHull(across).vertices], facecolor=(*rgba[:3], 0.35), edgecolor=FAINT))
-    half = 500 * sensor.height
-    middle, edges = sensor.resolution[1] // 2, np.array([-half, half])
-    reach = 1e3 * sensor.reach[:, middle]
-    axes.fill_betweenx(1e3 * sensor.pixel_centres[0], 0, reach, where=reach > 0, color=END, alpha=0.12, linewidth=0)
+    rows, reach = 1e3 * sensor.pixel_centres[0], 1e3 * sensor.reach[:, sensor.resolution[1] // 2]
+    axes.fill_betweenx(rows, 0, reach, where=reach > 0, color=END, alpha=0.12, linewidth=0)
     for x, colour, style in ((0, INK, ":"), (sensor.gel_face, GEL, "-"), (sensor.range, END, "--")):
-        axes.plot(np.full(2, 1e3 * x), edges, color=colour, linestyle=style, linewidth=2)
-    for vector, colour in (((1, 0), AXES["x"]), ((0, 1), AXES["z"])):
-        axes.annotate("", 1e3 * LENGTH * np.array(vector) / 2, (0, 0), arrowprops={"arrowstyle": "->", "color": colour})
-    margin = 1e3 * MARGIN
-    axes.set(xlim=(-margin, 1e3 * max(sensor.range, sensor.gel_face) + margin), ylim=(half + margin, -half - margin))
-    axes.set_aspect("equal", adjustable="box")
+        axes.plot([1e3 * x] * 2, rows[[0, -1]], color=colour, linestyle=style, linewidth=2)
+    for vector, colour in zip(np.eye(2) * 500 * LENGTH, AXES[::2], strict=True):
+        axes.annotate("", vector, (0, 0), arrowprops={"arrowstyle": "->", "color": colour})
+    margin, half = 1e3 * MARGIN, 500 * sensor.height
+    axes.set(xlim=(-margin, 1e3 * sensor.range + margin), ylim=(half + margin, -half - margin), aspect="equal")
     axes.set_title(name, fontsize=LABEL)
     axes.tick_params(labelsize=LABEL - 2, colors=FAINT)
     axes.spines[:].set_color(PALE)
 
 
-def _rectangle(sensor: Sensor, x: float) -> np.ndarray:
-    """(4, 3) corners of the sensor's plane moved to x, sensor frame."""
-    corners = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)]) / 2 * (sensor.width, sensor.height)
-    return np.column_stack([np.full(4, x), corners])
-
-
 if __name__ == "__main__":
-    *files, name, output = sys.argv[1:]
-    kind = load(name)
-    save(hand_figure(from_mjcf(*files, kind.gel_face) if files else allegro(kind.gel_face), kind), output)
+    parser = argparse.ArgumentParser(prog="python -m palpate.results.hand_sheet", description=__doc__.splitlines()[0])
+    parser.add_argument(
+        "hand", nargs="*", help="an own hand's model file and the file of its sensors; none: the Allegro"
+    )
+    parser.add_argument("sensor", help="one that is shipped, or the path of its file")
+    parser.add_argument("output", help="the picture, .png")
+    asked = parser.parse_args()
+    kind = load(asked.sensor)
+    hand = from_mjcf(*asked.hand, kind.gel_face) if asked.hand else allegro(kind.gel_face)
+    save(hand_figure(hand, kind), asked.output)

@@ -16,7 +16,7 @@ from palpate.evaluation.rows import QUALITY, EvaluationError
 from palpate.protocol import CHAMFER_SCALE, PIXEL2MESH_SCALE, RINGS, TAU, pixel2mesh_chamfer
 from palpate.results.bootstrap import RESAMPLES, Estimate
 from palpate.results.errors import AVERAGE, Errors, errors
-from palpate.results.published import paper_values
+from palpate.results.published import has_papers_classes, paper_values, without_paper
 from palpate.training.tuning import summary
 
 STRATEGY_NAMES = {
@@ -349,14 +349,15 @@ def _finish(
     exact: dict[str, int] | None = None,
 ) -> pd.DataFrame:
     """The frame, with its note and how its numbers are printed; no columns of values that nobody states."""
-    table = pd.DataFrame(rows)
+    table = without_paper(pd.DataFrame(rows), found.class_names)
     empty = [name for name in table if name.endswith(("_paper", "between_seeds")) and table[name].isna().all()]
     table = table.drop(columns=empty).astype({"objects": "Int64", "seeds": "Int64"})
     classes = ", ".join(f"{np.sum(found.classes == name)} {name}" for name in found.class_names)
     seeds = min(map(len, found.values.values()))
+    papers = f"; the paper: {PAPER_OBJECTS[split]}" if has_papers_classes(found.class_names) else ""
     table.attrs["note"] = (
-        f"This run: {len(found.objects)} objects of the {split} split ({classes}); the paper: "
-        f"{PAPER_OBJECTS[split]}.{note} {intervals_note(seeds)}{_between_seeds(found)}"
+        f"This run: {len(found.objects)} objects of the {split} split ({classes}){papers}.{note} "
+        f"{intervals_note(seeds)}{_between_seeds(found)}"
     )
     table.attrs["decimals"] = decimals
     table.attrs["exact"] = exact or {}

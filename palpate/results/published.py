@@ -56,6 +56,17 @@ def needed_splits(experiment: str, tables: Mapping[str, Mapping[str, Any]]) -> l
     return [split for split in SPLITS if split in needed or not needed]
 
 
+def has_papers_classes(classes: Iterable[str]) -> bool:
+    """Whether a run has any of the paper's classes; the tables of one without leave the paper's columns out."""
+    return bool({*classes} & {*paper_values("dataset_statistics")["class"]} - {"total"})
+
+
+def without_paper(table: pd.DataFrame, classes: Iterable[str]) -> pd.DataFrame:
+    """A table without the paper's columns (`*_paper`, `paper_agrees`), if none of its run's classes is the paper's."""
+    theirs = [name for name in table if name.endswith("_paper") or name == "paper_agrees"]
+    return table if has_papers_classes(classes) else table.drop(columns=theirs)
+
+
 def paper_values(table: str, text: bool = False) -> pd.DataFrame:
     """The rows of one of the module's files, in its order.
 

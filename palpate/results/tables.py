@@ -10,7 +10,6 @@ A table is a DataFrame. Three entries of its `attrs` say how it is written:
 
 from pathlib import Path
 
-import numpy as np
 import pandas as pd
 from tabulate import tabulate
 
@@ -82,7 +81,7 @@ def _text(value) -> str:
 
 def _bracketed(table: pd.DataFrame, name: str, value: float, low: float, high: float) -> str:
     text = _number(table, name, value)
-    if np.isnan(low) or np.isnan(high):
+    if pd.isna(low) or pd.isna(high):
         return text
     return f"{text} [{_number(table, name, low)}, {_number(table, name, high)}]"
 

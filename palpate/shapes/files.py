@@ -1,5 +1,6 @@
 """Procedural objects as files: GLB, or OBJ with MTL and textures."""
 
+import re
 from pathlib import Path
 
 import trimesh
@@ -33,12 +34,17 @@ def write(class_name: str, index: int, path: Path | str, seed: int = 0) -> Path:
 
 
 def write_obj(scene: trimesh.Scene, path: Path) -> None:
-    """Write a scene as OBJ, with MTL and textures named after it."""
+    """Write a scene as OBJ, with MTL and textures named after it; `Pm` and `Pr` keep what trimesh does not write."""
+    also = {}
     for mesh in scene.geometry.values():
-        mesh.visual.material.name = f"{path.stem}-{mesh.visual.material.name}"
+        material = mesh.visual.material
+        material.name = f"{path.stem}-{material.name}"
+        also[material.name] = f"\nPm {material.metallicFactor:g}\nPr {material.roughnessFactor:g}".encode()
     text, files = export_obj(
         scene, include_normals=False, return_texture=True, mtl_name=f"{path.stem}.mtl", header=None
     )
     for name, data in files.items():
+        if name.endswith(".mtl"):
+            data = re.sub(rb"(?m)^newmtl (.+)$", lambda line: line[0] + also[line[1].decode()], data)
         (path.parent / name).write_bytes(data)
     path.write_text(text)

@@ -7,9 +7,8 @@ import hashlib
 import importlib.metadata
 import json
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -25,7 +24,7 @@ from palpate.atomic import atomic_write
 from palpate.provenance import Made
 from palpate.remedy import command
 from palpate.store.contract import CONTRACT, FRAMES, SCHEMA_VERSION, UNITS, ArraySpec, StoreSpec
-from palpate.store.shards import is_shard, read_rows, shard_file
+from palpate.store.shards import Chunk, Records, is_chunk, is_readable, shard_file
 
 # Batches are worked on in parallel, never the chunks of one store: one thread a process, unless the user says
 # otherwise (ZARR_THREADING__MAX_WORKERS). Several threads of Blosc may write a chunk's blocks in any order.
@@ -231,13 +230,15 @@ class Store:
         self.path = Path(path)
         if not self.path.exists():
             raise StoreError(f"{self.path} does not exist; build it with: {command(self.path)}")
-        self._headers: dict[str, zarr.Array] = {}
+        self._headers: dict[str, Records | Chunk | zarr.Array] = {}
         if self.path.suffix != ".zarr":
             self._require_intact_hdf5()
-        with self._arrays() as arrays:
-            attributes = dict(arrays.attrs)
-            if not isinstance(arrays, zarr.Group):  # HDF5 has no nested attributes: there each is a JSON text
-                attributes = {name: json.loads(value) for name, value in attributes.items()}
+        with self._reading():
+            if self.path.suffix == ".zarr":
+                attributes = dict(zarr.open_group(self.path, mode="r").attrs)
+            else:  # HDF5 has no nested attributes: there each is a JSON text
+                with h5py.File(self.path, "r") as file:
+                    attributes = {name: json.loads(value) for name, value in file.attrs.items()}
         version = attributes.get("schema_version")
         if version != SCHEMA_VERSION:
             raise StoreError(
@@ -262,6 +263,7 @@ class Store:
         earlier = data.startswith(b"\x89HDF\r\n\x1a\n")
         if not earlier and data[:USER_BLOCK] != _user_block(data[USER_BLOCK:]):
             raise self._damaged(["it has changed since it was written (checksum)"])
+        self._block = data[:USER_BLOCK]
 
     def _require_intact(self, contents: bool) -> None:
         """Raise StoreError, naming the first files, if files are missing or of another size (or content)."""
@@ -301,16 +303,6 @@ class Store:
         return f"{command(self.path, 'dataset', self._target)} --forceall"
 
     @contextmanager
-    def _arrays(self) -> Iterator[h5py.File | zarr.Group]:
-        """The file or folder, open for reading; errors in the block become a StoreError that names it."""
-        with self._reading():
-            if self.path.suffix == ".zarr":
-                yield self._group
-            else:
-                with h5py.File(self.path, "r") as file:
-                    yield file
-
-    @contextmanager
     def _reading(self) -> Iterator[None]:
         try:
             yield
@@ -322,21 +314,18 @@ class Store:
                 f"remove it and build it again with: {command(self.path)}"
             ) from error
 
-    @cached_property
-    def _group(self) -> zarr.Group:
-        return zarr.open_group(self.path, mode="r")
-
-    def _array(self, arrays: h5py.File | zarr.Group, name: str) -> h5py.Dataset | zarr.Array:
-        """One array, not read; StoreError if there is none such."""
+    def _array(self, name: str) -> Records | Chunk | zarr.Array | np.ndarray:
+        """One array, not read, of a file that is as it was when the store was opened; StoreError if it is missing."""
+        array = self._headers.get(name)
+        if array is None:
+            array = self._opened(name)
         if self.path.suffix != ".zarr":
-            if name not in arrays:
-                raise StoreError(f"{self.path} has no array {name!r}")
-            return arrays[name]
-        if name not in self._headers:
-            self._headers[name] = self._opened(arrays, name)
-        array = self._headers[name]
+            with self.path.open("rb", buffering=0) as file:
+                if file.read(USER_BLOCK) != self._block:
+                    raise StoreError(f"{self.path} has changed since it was opened; open the dataset again")
+            return array
         # At every read, because Zarr takes a missing file for one of fill values.
-        shard = shard_file(Path(name), array).as_posix()
+        shard = shard_file(name, array)
         stated = {shard: self._files[shard]} if shard in self._files else {}
         found = checksums.damage(self.path, stated)
         if not stated and os.path.exists(self.path / shard):
@@ -345,8 +334,15 @@ class Store:
             raise self._damaged(found)
         return array
 
-    def _opened(self, group: zarr.Group, name: str) -> zarr.Array:
-        """An array whose header is the one that was written."""
+    def _opened(self, name: str) -> Records | Chunk | zarr.Array | np.ndarray:
+        """An array whose header is the one that was written, remembered; a small one of HDF5 without chunks is read."""
+        if self.path.suffix != ".zarr":
+            with h5py.File(self.path, "r") as file:
+                if name not in file:
+                    raise StoreError(f"{self.path} has no array {name!r}")
+                if not is_chunk(file[name]):
+                    return file[name][...]
+                return self._headers.setdefault(name, Chunk(self.path, file[name]))
         header = f"{name}/{ROOT}"
         if header not in self._files:
             if (self.path / header).exists():
@@ -354,49 +350,40 @@ class Store:
             raise StoreError(f"{self.path} has no array {name!r}")
         if found := checksums.damage(self.path, {header: self._files[header]}, contents=True):
             raise self._damaged(found)
-        return group[name]
+        array = zarr.open_array(self.path / name, mode="r")
+        if is_readable(array):
+            shard = shard_file(name, array)
+            array = Records(self.path / shard if shard in self._files else None, array)
+        return self._headers.setdefault(name, array)
 
     def names(self) -> list[str]:
         """Names of all arrays, sorted; those in groups as `hand/<name>`."""
-        with self._arrays() as arrays:
-            if isinstance(arrays, zarr.Group):  # asking the group would warn of files that are not Zarr's
-                return sorted(metadata.parent.name for metadata in self.path.glob("*/zarr.json"))
-            found: dict[str, object] = {}
-            arrays.visititems(found.__setitem__)
+        if self.path.suffix == ".zarr":
+            return sorted(metadata.parent.name for metadata in self.path.glob("*/zarr.json"))
+        found: dict[str, object] = {}
+        with self._reading(), h5py.File(self.path, "r") as file:
+            file.visititems(found.__setitem__)
             return sorted(name for name, item in found.items() if isinstance(item, h5py.Dataset))
 
     def header(self, name: str) -> Header:
         """Shape and type of an array, which is not read."""
-        with self._arrays() as arrays:
-            array = self._array(arrays, name)
+        with self._reading():
+            array = self._array(name)
             return tuple(array.shape), array.dtype
 
     def get(self, name: str, index: Any = ...) -> np.ndarray:
-        """What `index` picks of one array, read now; strings come as a numpy array of str."""
-        with self._arrays() as arrays:
-            return _as_str(np.asarray(self._array(arrays, name)[index]))
+        """What `index` picks of one array as numpy does, read now; strings come as a numpy array of str.
 
-    def rows(self, name: str, rows: Sequence[int], *further: int | slice) -> np.ndarray:
-        """Rows of one array, in the order given, and what `further` (numbers from 0, slices) picks of its other axes.
-
-        Only their records are read. Of many records it is much faster than `get`.
+        Only the records are read that numbers, slices, and numbers of rows in a numpy array pick.
         """
-        with self._arrays() as arrays:
-            array = self._array(arrays, name)
-            if not isinstance(array, zarr.Array) or array.shards is None:  # one chunk
-                return _as_str(np.asarray(array[...]))[(np.asarray(rows, dtype=int), *further)]
-            if not further and is_shard(array):
-                return read_rows(self.path / name, array, rows)
-            result = np.empty((len(rows), *np.broadcast_to(0, array.shape[1:])[further].shape), array.dtype)
-            for place, row in enumerate(rows):
-                result[place] = array[(row, *further)]
-            return result
+        with self._reading():
+            array = self._array(name)
+            return _as_str(np.asarray((array[...] if isinstance(array, zarr.Array) else array)[index]))
 
     __getitem__ = get
 
     def __contains__(self, name: str) -> bool:
-        with self._arrays() as arrays:
-            return name in arrays
+        return name in self.names()
 
     def __repr__(self) -> str:
         return f"Store({str(self.path)!r}: {', '.join(self.names())})"

@@ -21,12 +21,13 @@ from tqdm import tqdm
 
 from palpate import store
 from palpate.dataset import Dataset, run
+from palpate.sensor import DIGIT
 from palpate.store import CONTRACT, files
 
 STAGES = ("surface", "grasps", "touch", "vision")
 # What the contract's symbols stand for, small: the number of chunks is that of a real store.
 SIZES = {"o": 16, "g": 5, "n": 4, "j": 16, "l": 21, "r": 2, "c": 2, "rc": 4, "p": 2, "s": 4, "k": 1, "b": 3}
-ATTRIBUTES = {"seed": 0, "made_from": {}}
+ATTRIBUTES = {"seed": 0, "made_from": {}, "sensor": DIGIT.description()}
 
 
 def simulate(folder: Path, objects: int, batch_size: int, batches: int) -> None:

@@ -2,6 +2,7 @@
 
 import io
 import json
+import os
 import re
 import shutil
 from pathlib import Path
@@ -9,15 +10,28 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
-from PIL import Image
+from PIL import Image, ImageOps
 
-from palpate.catalogue import CatalogueError, all_classes, file_name, resolve_source, scan, splits_of
+from palpate.batch import UnusableObject
+from palpate.catalogue import (
+    SPLITS,
+    CatalogueEntry,
+    CatalogueError,
+    all_classes,
+    checksum,
+    file_name,
+    join_copies,
+    resolve_source,
+    scan,
+    splits_of,
+)
 from palpate.catalogue.companion_files import COLOURS, SHAPE, TEXTURE, companions, richness
 from palpate.catalogue.object_table import read_object_table
 from palpate.configuration import ConfigError
 from palpate.mesh import prepare
 from tests.catalogue.test_sources import names, tree
 from tests.catalogue.whole import whole_catalogue
+from tests.mesh.written import write
 
 
 def source(path, kind="folder", **keys):
@@ -176,7 +190,10 @@ def test_names_of_classes_in_files():
 
 def test_the_up_axis_is_the_formats(tmp_path):
     tree(tmp_path, *(f"mug/{name}" for name in ("a.glb", "b.GLTF", "c.obj", "d.stl", "e.dae")))
-    assert [entry.up for entry in scan(source(tmp_path), {"mug": "all"})] == ["y", "y", "z", "z", "z"]
+    assert [entry.up for entry in scan(source(tmp_path), {"mug": "all"})] == ["y", "y", "z", "z", "y"]
+    for said, up in (("X_UP", "x"), ("Y_UP", "y"), ("Z_UP", "z")):
+        (tmp_path / "mug/e.dae").write_text(f"<COLLADA><asset><up_axis> {said} </up_axis></asset></COLLADA>")
+        assert scan(source(tmp_path), {"mug": "all"})[-1].up == up
     assert {entry.up for entry in scan(source(tmp_path, up="x"), {"mug": "all"})} == {"x"}
 
 
@@ -350,3 +367,88 @@ def test_the_table_does_not_depend_on_the_place_of_the_meshes(formats, tmp_path_
     elsewhere = tmp_path_factory.mktemp("elsewhere")
     shutil.copytree(formats / "can", elsewhere / "can")
     assert whole_catalogue(source(formats), {"can": "all"}).equals(whole_catalogue(source(elsewhere), {"can": "all"}))
+
+
+def test_the_richest_is_a_textured_ply_and_its_texture_is_in_the_checksum(tmp_path):
+    """Against an OBJ with a plain colour, by rule 1 of docs/objects.md; without its picture the OBJ is richer."""
+    write(tmp_path / "mug/glue", "ply", texture=True)
+    write(tmp_path / "mug/glue", "obj", colour=(1, 0, 0))
+    (entry,) = scan(source(tmp_path), {"mug": "all"})
+    assert entry.source == "mug/glue/body.ply" and entry.others == ("mug/glue/body.obj",)
+    before = checksum(tmp_path / entry.source, tmp_path)
+    ImageOps.invert(Image.open(tmp_path / "mug/glue/picture.png")).save(tmp_path / "mug/glue/picture.png")
+    assert checksum(tmp_path / entry.source, tmp_path) != before
+    (tmp_path / "mug/glue/picture.png").unlink()
+    assert scan(source(tmp_path), {"mug": "all"})[0].source == "mug/glue/body.obj"
+
+
+def test_names_do_not_double(tmp_path):
+    tree(tmp_path, "bottle/glue_1/glue_1.stl", "bottle/a/b/b.stl", "bottle/bottle.stl", "bottle/c/d/c.stl")
+    found = {entry.source: entry.object for entry in scan(source(tmp_path), {"bottle": "all"})}
+    assert found == {
+        "bottle/glue_1/glue_1.stl": "bottle-glue_1",
+        "bottle/a/b/b.stl": "bottle-a-b",
+        "bottle/bottle.stl": "bottle",
+        "bottle/c/d/c.stl": "bottle-c-d-c",
+    }
+    tree(tmp_path, "bottle/glue_1.stl")  # has fewer folders: it keeps the name
+    found = {entry.source: entry.object for entry in scan(source(tmp_path), {"bottle": "all"})}
+    assert found["bottle/glue_1.stl"] == "bottle-glue_1" != found["bottle/glue_1/glue_1.stl"]
+    assert len(set(found.values())) == 5
+
+
+def test_names_are_no_longer_than_a_files_name_may_be(tmp_path):
+    deep = "/".join(letter * 120 for letter in "nmo")
+    tree(tmp_path, f"mug/{deep}/a.stl", f"mug/{deep}/b.stl")
+    found = names(scan(source(tmp_path), {"mug": "all"}))
+    assert len(set(found)) == 2 and all(len(name) <= 200 for name in found)
+
+
+def test_linked_folders_are_followed_and_loops_end(tmp_path):
+    tree(tmp_path, "meshes/mug/a.stl", "meshes/mug/in/b.stl", "elsewhere/c.stl", "elsewhere/deep/d.stl")
+    mug = tmp_path / "meshes/mug"
+    (mug / "linked").symlink_to(tmp_path / "elsewhere")
+    (mug / "in/up").symlink_to("..")  # a loop
+    (mug / "in/self").symlink_to(".")
+    (mug / "whole").symlink_to("/")
+    (tmp_path / "elsewhere/back").symlink_to(mug)  # a loop of two
+    for pattern in (None, "{class}/**", "{class}/**/*.stl"):
+        given = source(tmp_path / "meshes") | {"pattern": pattern}
+        found = [entry.source for entry in scan(given, {"mug": "all"})]
+        assert found == ["mug/a.stl", "mug/in/b.stl", "mug/linked/c.stl", "mug/linked/deep/d.stl"]
+
+
+def test_a_pattern_with_folders_of_any_depth_within(tmp_path):
+    tree(tmp_path, "x/a/scan.stl", "x/a/b/c/scan.stl", "x/scan.stl", "x/a/other.stl", "y/a/scan.stl", "x/.h/a/scan.stl")
+    given = source(tmp_path) | {"pattern": "x/**/a*/**/scan.stl"}
+    assert {entry.source for entry in scan(given, {"mug": "all"})} == {"x/a/b/c/scan.stl", "x/a/scan.stl"}
+
+
+def test_a_file_whose_name_is_not_utf8_is_an_object_that_can_be_rejected(tmp_path):
+    tree(tmp_path, "mug/a.stl")
+    with open(os.fsencode(tmp_path) + b"/mug/caf\xe9.stl", "wb"):
+        pass
+    entries = scan(source(tmp_path), {"mug": "all"})
+    assert len({entry.object for entry in entries}) == 2
+    (bad,) = (entry for entry in entries if entry.source != "mug/a.stl")
+    bad.source.encode()
+    assert checksum(tmp_path / bad.source) == ""
+    with pytest.raises(UnusableObject, match="not UTF-8"):
+        prepare(tmp_path / bad.source, tmp_path / "out")
+
+
+def test_copies_are_in_the_split_of_the_first():
+    rows = [("a", "train", "1"), ("b", "test", "2"), ("c", "test", "1"), ("d", "validation", "")]
+    entries = [CatalogueEntry(name, "mug", split, "batch-0000", checksum=digest) for name, split, digest in rows]
+    assert [entry.split for entry in join_copies(entries)] == ["train", "test", "train", "validation"]
+
+
+def test_splits_of_few_objects_are_filled(tmp_path):
+    """Names alone leave one empty; with a split of the user's, or of no share, they decide as before."""
+    for count in (3, 4, 6, 9):
+        tree(tmp_path, *(f"mug/{i}.stl" for i in range(count)))
+        entries = scan(source(tmp_path), {"mug": "all"})
+        assert set(splits_of(entries, {"train": 10_000, "validation": 1, "test": 1}).values()) == set(SPLITS)
+        assert set(splits_of(entries, {"train": 1, "validation": 0, "test": 0}).values()) == {"train"}
+        given = [entries[0]._replace(split="train"), *entries[1:]]
+        assert set(splits_of(given, {"train": 10_000, "validation": 1, "test": 1}).values()) == {"train"}

@@ -7,9 +7,8 @@ import pytest
 import yaml
 
 from palpate import catalogue, mesh, shapes
-from palpate.catalogue import CatalogueError, all_classes, class_counts, companion_files, scan, sources
+from palpate.catalogue import CatalogueError, all_classes, class_counts, scan, sources
 from palpate.configuration import ConfigError
-from palpate.mesh import textures
 
 
 def tree(root, *files):
@@ -29,7 +28,6 @@ def test_what_is_repeated_here_agrees_with_its_origin():
     assert [sources.procedural_suffix(i) for i in range(9)] == [shapes.suffix(i) for i in range(9)]
     assert {suffix[1:] for suffix in sources.MESH_SUFFIXES} == set(mesh.FORMATS)
     assert set(sources.UP_AXIS.values()) <= {"x", "y", "z", "format"}
-    assert companion_files.TEXTURE_FOLDERS == textures.FOLDERS and companion_files.IMAGES == textures.IMAGES
     schemas = [yaml.safe_load(path.read_text()) for path in Path("workflow/schemas").glob("c*.schema.yaml")]
     assert sorted(_patterns_of_classes(schemas)) == [f"^{sources.CLASS_NAME}$"] * 2
 

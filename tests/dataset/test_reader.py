@@ -4,9 +4,11 @@ import shutil
 from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
 
+import h5py
 import numpy as np
 import pandas as pd
 import pytest
+import zarr
 
 import palpate
 import palpate.store
@@ -17,6 +19,7 @@ from palpate.catalogue import CatalogueError
 from palpate.mesh import OBJECT_POSITION
 from palpate.store import CONTRACT, StoreError
 from palpate.touch import empty_reading
+from tests.store.conftest import BATCHES
 
 OBJECTS = ["ball-0000", "block-0000", "ball-0002"]
 GRASPS = 2
@@ -157,6 +160,26 @@ def test_grasps_are_the_records_as_dictionaries(built):
     )
     with pytest.raises(palpate.StoreError, match=said):
         none("train")
+
+
+def test_grasps_are_what_zarr_and_hdf5_read_themselves(built):
+    grasps = palpate.Dataset(built).grasps()
+    for item in grasps:
+        batch = next(name for name, objects in BATCHES.items() if item["object"] in objects)
+        for name, (stage, spec) in grasps.sources.items():
+            path = built / CONTRACT[stage].path(batch)
+            opened = h5py.File(path) if path.suffix == ".h5" else zarr.open_group(path)
+            objects = [each.decode() if isinstance(each, bytes) else each for each in opened["object"][:]]
+            values = opened[spec.name][...][objects.index(item["object"])]
+            values = values[item["grasp"]] if spec.of_grasps else values
+            values = values[0] if spec.of_cameras else values
+            if name == "reading":  # 0 is stored for a sensor that touched nothing
+                values = values[item["success"]]
+                np.testing.assert_array_equal(item[name][item["success"]], values)
+                assert (item[name][~item["success"]] == empty_reading()).all()
+                continue
+            np.testing.assert_array_equal(item[name], values, err_msg=name)
+            assert item[name].dtype == values.dtype
 
 
 def test_a_loader_of_torch_takes_the_grasps_as_they_are(built):
@@ -577,3 +600,12 @@ def test_whether_an_object_has_the_one_size_of_all(run):
     sizes = {record.name: record.normalised for record in palpate.Dataset(run, [])}
     assert sizes == {row[0]: scale == "diagonal" for row, scale in zip(rows[1:], scales[1:], strict=True)}
     assert palpate.Dataset(run)[0].scale == 0.001  # of its file's unit, in metres
+
+
+def test_what_was_drawn_for_an_object_is_read_back(run):
+    assert palpate.Dataset(run)["ball-0000"].drawn == {}
+    path, drawn = run / CONTRACT["vision"].path("batch-0000"), {"ball-0000": {"background": [0.5, 1, 1]}}
+    attributes = palpate.store.open(path).attributes | {"drawn": drawn}
+    palpate.store.write(path, "vision", palpate.store.read(path), attributes)
+    dataset = palpate.Dataset(run)
+    assert dataset["ball-0000"].drawn == drawn["ball-0000"] and dataset["block-0000"].drawn == {}

@@ -1,7 +1,9 @@
 """The summary of a run: counts of objects and the commonest reasons, from its tables."""
 
 import csv
+import json
 
+from palpate import mesh
 from palpate.catalogue import COLUMNS
 from palpate.dataset import summary
 from palpate.dataset.summary import kind_of_reason
@@ -37,3 +39,46 @@ def test_reasons_that_differ_in_place_and_numbers_are_one():
     for path, number in (("/x/a.stl", "1,234"), ("b/c.obj", "7")):
         assert kind_of_reason(f"{path}: {number} vertices of 1e-05: export it") == "N vertices of N: export it"
     assert kind_of_reason("RuntimeError: a/b is bad") == "RuntimeError: a/b is bad"
+
+
+def run_of(tmp_path, objects, facts, config=""):
+    """objects: name, split, checksum."""
+    with open(tmp_path / "catalogue.csv", "w", newline="") as file:
+        rows = [(name, "mug", split, "batch-0000", "", checksum, *[""] * 3) for name, split, checksum in objects]
+        csv.writer(file).writerows([COLUMNS, *rows])
+    (tmp_path / "meshes/batch-0000").mkdir(parents=True)
+    (tmp_path / "meshes/batch-0000" / mesh.FACTS).write_text(json.dumps(facts))
+    (tmp_path / "config.yaml").write_text(config)
+    return summary(tmp_path)[1:]
+
+
+def test_a_missing_texture_is_said_by_the_objects_name(tmp_path):
+    objects = [("mug-a", "train", "1"), ("mug-b", "train", "2")]
+    facts = {
+        "mug-a": {"replaced": {}, "shape": [0.5, 0.5, 0.5, 1]},
+        "mug-b": {"replaced": {"drill.png": "there is no such file"}, "shape": [0.6, 0.5, 0.5, 1]},
+        "mug-gone": {"replaced": {"x.png": "there is no such file"}, "shape": [0.6, 0.5, 0.5, 1]},
+    }
+    assert run_of(tmp_path, objects, facts) == [
+        "1 object without a texture that its file names: mug-b (drill.png: there is no such file)"
+    ]
+
+
+def test_copies_and_what_looks_like_one(tmp_path):
+    objects = [("mug-a", "train", "1"), ("mug-b", "train", "1"), ("mug-c", "test", "2"), ("mug-d", "train", "3"),
+               ("mug-e", "train", ""), ("mug-f", "train", "")]  # fmt: skip
+    shape = [0.5, 0.4, 0.3, 1.0]
+    facts = {name: {"replaced": {}, "shape": shape} for name in ("mug-a", "mug-b")}
+    facts["mug-c"] = {"replaced": {}, "shape": [length + 4e-5 for length in shape]}
+    facts["mug-d"] = {"replaced": {}, "shape": [length + 4e-4 for length in shape]}
+    facts["mug-e"] = facts["mug-f"] = {"replaced": {}, "shape": [0.1, 0.2, 0.9, 1.0]}
+    assert run_of(tmp_path, objects, facts) == [
+        "1 object is there several times, in one split: mug-a = mug-b",
+        "2 objects look like others: mug-a ~ mug-c, mug-e ~ mug-f",
+    ]
+
+
+def test_splits_that_were_filled_are_said(tmp_path):
+    objects = [(f"mug-{i}", split, str(i)) for i, split in enumerate(("train", "validation", "test"))]
+    (line,) = run_of(tmp_path, objects, {}, "split: {train: 1000000, validation: 1, test: 1}")
+    assert line.startswith("splits: names alone leave one empty")

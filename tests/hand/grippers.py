@@ -21,10 +21,10 @@ TWO_FINGERS = """
           <joint name="left_curl" axis="0 1 0" pos="0 0 .002" range="{bends}" ref="{tilt}"/>
           <geom type="mesh" mesh="wedge" pos="0 0 .006"/>
           <geom type="cylinder" size=".006 .008" pos="0 0 .012"/>
-          <site name="left_low" pos=".002 0 .015"/>
+          <site name="left_low" pos=".008 0 .015"/>
           <body name="left_cap" pos="0 0 .04">
             <geom type="ellipsoid" size=".012 .012 .008"/>
-            <site name="left_high" pos="0 0 0"/>
+            <site name="left_high" pos=".012 0 0"/>
           </body>
         </body>
       </body>
@@ -46,8 +46,8 @@ SENSORS = {
     "sensors": [
         {"site": "left_low"},
         {"site": "left_high"},
-        {"body": "right_end", "position": [0, 0, 0.01]},
-        {"body": "right_end", "position": [0, 0, 0.03], "rotation": [0.1, 0, 0]},
+        {"body": "right_end", "position": [0.01, 0, 0.01]},
+        {"body": "right_end", "position": [0.01, 0, 0.03], "rotation": [0.1, 0, 0]},
     ],
 }
 

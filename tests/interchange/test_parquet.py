@@ -7,14 +7,14 @@ import pytest
 from PIL import Image
 
 import palpate
-from palpate.interchange import write_parquet
+from palpate.interchange import export
 
 
 def test_rows_are_the_grasps(built, tmp_path, monkeypatch):
     parquet = pytest.importorskip("pyarrow.parquet", reason="no pyarrow here (envs/parquet.in)")
     monkeypatch.setattr("palpate.interchange.parquet.ROWS", 1)  # so that a split is written in parts
     dataset = palpate.Dataset(built)
-    assert write_parquet(dataset, tmp_path / "out") == 6
+    assert export(dataset, tmp_path / "out", "parquet") == 6
     for split in ("train", "validation", "test"):
         table = parquet.read_table(tmp_path / "out" / split / "metadata.parquet")
         grasps = dataset.grasps(split)
@@ -36,5 +36,5 @@ def test_rows_are_the_grasps(built, tmp_path, monkeypatch):
 def test_without_pyarrow_it_says_what_to_install(built, tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "pyarrow", None)
     with pytest.raises(ImportError, match="Parquet needs pyarrow: pip install"):
-        write_parquet(palpate.Dataset(built), tmp_path / "out")
+        export(palpate.Dataset(built), tmp_path / "out", "parquet")
     assert not list(tmp_path.iterdir())

@@ -6,6 +6,7 @@ import json
 import numpy as np
 import pytest
 import trimesh
+from trimesh.visual.color import linear_to_srgb, srgb_to_linear
 
 from palpate import mesh
 from palpate.batch import UnusableObject
@@ -142,14 +143,17 @@ def test_materials_and_colours_are_kept(prepared):
     assert colours == {(255, 0, 0): 6, (0, 0, 255): 6}
     (part,) = trimesh.load_scene(prepared["vertex_colours"] / "visual.glb").geometry.values()
     unit = part.vertices / np.linalg.norm(part.vertices, axis=1, keepdims=True)
-    assert np.abs(part.visual.vertex_colors[:, :3] - (unit + 1) * 127).max() <= 1.5
+    colours = linear_to_srgb(part.visual.vertex_attributes["color"][:, :3] / 255)  # those of a PLY are sRGB
+    light = colours > 0.2
+    assert np.abs(255 * colours - (unit + 1) * 127)[light].max() <= 4
 
 
 def test_face_colours_are_kept(prepared):
     (part,) = trimesh.load_scene(prepared["face_colours"] / "visual.glb", process=False).geometry.values()
-    red = part.visual.vertex_colors[part.faces][:, :, 0].astype(int)
+    red = part.visual.vertex_attributes["color"][part.faces][:, :, 0].astype(int)
     assert (red == red[:, :1]).all()
-    assert sorted(red[:, 0]) == [i * 3 for i in range(80)]
+    expected = [round(255 * float(srgb_to_linear(np.array([i * 3 / 255]))[0])) for i in range(80)]
+    assert sorted(red[:, 0]) == expected
 
 
 @pytest.fixture(scope="module")

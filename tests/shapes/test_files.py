@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import trimesh
 
+from palpate.mesh import prepare
 from palpate.shapes import CLASSES, make, suffix, write
 
 
@@ -43,6 +44,23 @@ def test_round_trip(class_name, index, tmp_path):
         assert found[name][3] == picture
         if picture is None:
             assert np.allclose(found[name][2], colour, atol=1)
+
+
+@pytest.mark.parametrize("class_name", CLASSES)
+def test_materials_are_those_of_the_glb(class_name, tmp_path):
+    """As they are drawn: metallic, roughness and colour of each material, whichever format an object comes in."""
+    found = {}
+    for end in ("glb", "obj"):
+        prepare(write(class_name, 2, tmp_path / f"it.{end}"), tmp_path / end, levels=[])
+        parts = trimesh.load_scene(tmp_path / end / "visual.glb", process=False).geometry.values()
+        materials = [part.visual.material for part in parts]
+        found[end] = {each.name.removeprefix("it-"): each for each in materials}
+    assert found["obj"].keys() == found["glb"].keys()
+    for name, right in found["glb"].items():
+        each = found["obj"][name]
+        assert each.metallicFactor == pytest.approx(right.metallicFactor, abs=1e-5)
+        assert each.roughnessFactor == pytest.approx(right.roughnessFactor, abs=1e-5)
+        assert np.abs(each.baseColorFactor.astype(int) - right.baseColorFactor.astype(int)).max() <= 1
 
 
 def test_texture_coordinates_survive(tmp_path):

@@ -290,7 +290,7 @@ def test_a_flipped_bit_is_an_error_that_names_the_file_and_the_remedy(tmp_path, 
     damaged.write_bytes(data)
     if stage != "grasps":
         assert read(path, "object")["object"].tolist() == ["bottle-0000", "bottle-0001"]
-    for read_again in (lambda: read(path, array), lambda: palpate.store.open(path).rows(array, [0, 1])):
+    for read_again in (lambda: read(path, array), lambda: palpate.store.open(path).get(array, np.array([0, 1]))):
         with pytest.raises(StoreError, match=f"{path.name} (is damaged|can't be read).* with: snakemake {stage}/"):
             read_again()
 
@@ -341,7 +341,11 @@ def test_values_that_go_while_a_store_is_open_are_an_error_at_the_next_read(tmp_
     store = palpate.store.open(path)
     store.get("depth", 0)
     shutil.rmtree(path / "depth/c")
-    for read_again in (lambda: store.get("depth", 0), lambda: store.rows("depth", [0]), lambda: store.get("depth")):
+    for read_again in (
+        lambda: store.get("depth", 0),
+        lambda: store.get("depth", np.array([0])),
+        lambda: store.get("depth"),
+    ):
         with pytest.raises(StoreError, match="depth/c/0.* is missing"):
             read_again()
 
@@ -420,11 +424,77 @@ def test_rows_are_those_of_the_array_in_the_order_given(tmp_path, stage):
     for name, spec in CONTRACT[stage].arrays.items():
         if spec.of_objects:
             for rows in ([0, 1, 2, 3, 4], [4, 1, 1], [], [3]):
-                found = store.rows(name, rows)
+                found = store.get(name, np.array(rows, int))
                 np.testing.assert_array_equal(found, arrays[name][rows], err_msg=name)
                 assert found.dtype == arrays[name].dtype or name == "object"
                 if arrays[name].ndim > 1:
-                    np.testing.assert_array_equal(store.rows(name, rows, 0), arrays[name][rows, 0], err_msg=name)
+                    np.testing.assert_array_equal(
+                        store.get(name, (np.array(rows, int), 0)), arrays[name][rows, 0], err_msg=name
+                    )
+
+
+INDICES = (..., 0, -1, np.int64(2), (1, 1), (1, -1), (slice(1, 3),), (slice(None, None, 2), 0), (2, slice(None)))
+INDICES += ((1, 0, ...), (..., 0), [2, 0], ([0, 2], 1), (slice(0, 0),), (np.array([True, False, True]),), (1, 0, 0))
+
+
+@pytest.mark.parametrize("objects", [1, 3])
+@pytest.mark.parametrize("stage", STAGES)
+def test_any_index_gives_what_zarr_and_hdf5_give(tmp_path, stage, objects):
+    arrays = arrays_of(stage, objects, rng=np.random.default_rng(5))
+    for name, spec in CONTRACT[stage].arrays.items():
+        if spec.record:  # some records are not written
+            arrays[name][0, ..., :1] = arrays[name][-1, 1:] = spec.fill
+    path = path_of(tmp_path, stage)
+    write(path, stage, arrays, ATTRIBUTES)
+    store = palpate.store.open(path)
+    whole = h5py.File(path) if path.suffix == ".h5" else zarr.open_group(path)
+    for name, spec in CONTRACT[stage].arrays.items():
+        if not spec.of_objects or spec.dtype == "string":
+            continue
+        slowly = whole[name][...]
+        for index in INDICES:
+            try:
+                expected = slowly[index]
+            except IndexError:
+                with pytest.raises(IndexError):
+                    store.get(name, index)
+                continue
+            found = store.get(name, index)
+            np.testing.assert_array_equal(found, expected, err_msg=f"{name} {index}")
+            assert (found.dtype, found.shape) == (slowly.dtype, np.shape(expected))
+            assert found.flags.writeable  # the caller's own
+
+
+def test_an_hdf5_file_that_another_replaced_is_an_error_until_it_is_opened_again(tmp_path):
+    path = path_of(tmp_path, "grasps")
+    arrays = arrays_of("grasps", 2)
+    write(path, "grasps", arrays, ATTRIBUTES)
+    store = palpate.store.open(path)
+    store.get("attempts")
+    write(path, "grasps", arrays | {"attempts": arrays["attempts"] + 1}, ATTRIBUTES)
+    for name in ("attempts", "palm_pose", "hand/joint_range"):
+        with pytest.raises(StoreError, match=f"{path} has changed since it was opened; open the dataset again"):
+            store.get(name)
+    np.testing.assert_array_equal(palpate.store.open(path).get("attempts"), arrays["attempts"] + 1)
+    path.unlink()
+    with pytest.raises(StoreError, match="can't be read .*snakemake grasps/batch-0000.h5"):
+        store.get("attempts")
+
+
+def test_a_file_that_goes_between_the_look_at_it_and_its_reading_is_an_error(tmp_path, monkeypatch):
+    path = path_of(tmp_path, "touch")
+    write(path, "touch", arrays_of("touch", 2), ATTRIBUTES)
+    store = palpate.store.open(path)
+    store.get("depth", 0)
+    shutil.rmtree(path / "depth/c")
+    monkeypatch.setattr("palpate.checksums.damage", lambda *_: [])  # it was still there
+    for read_again in (
+        lambda: store.get("depth", (0, 1)),
+        lambda: store.get("depth", np.array([0])),
+        lambda: store["depth"],
+    ):
+        with pytest.raises(StoreError, match="can't be read .*No such file"):
+            read_again()
 
 
 def test_an_index_out_of_range_is_not_blamed_on_the_file(tmp_path):

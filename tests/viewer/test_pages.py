@@ -1,84 +1,16 @@
-"""The pages, in a real browser: Debian's chromium without a window. Without one these tests are skipped."""
+"""The page of an object, in a real browser."""
 
 import base64
 import json
 import re
-import shutil
-import subprocess
-from html.parser import HTMLParser
 
 import numpy as np
 import pytest
 import trimesh
 
 import palpate
-from palpate.viewer import object_page, run_page
-
-BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
-needs_browser = pytest.mark.skipif(BROWSER is None, reason="no chromium here (Debian: apt-get install chromium)")
-# No network, no sandbox (CI is root), WebGL in software.
-OPTIONS = (
-    *("--headless=new", "--no-sandbox", "--disable-quic", "--no-first-run", "--disable-background-networking"),
-    *("--disable-component-update", "--disable-sync", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"),
-    *("--host-resolver-rules=MAP * ~NOTFOUND", "--hide-scrollbars", "--window-size=900,500"),
-)
-# Run in the page when it is ready; what it returns stands in the page's title.
-PROBE = """
-<script>
-const wait = setInterval(() => {
-  if (!document.body.dataset.state) return;
-  clearInterval(wait);
-  const { viewer } = window;
-  const found = { state: document.body.dataset.state };
-  const seen = () => {
-    viewer.render();
-    const copy = document.createElement("canvas");
-    copy.width = viewer.canvas.width; copy.height = viewer.canvas.height;
-    const context = copy.getContext("2d");
-    context.drawImage(viewer.canvas, 0, 0);
-    const { data } = context.getImageData(0, 0, copy.width, copy.height);
-    let drawn = 0, hash = 0;
-    for (let i = 0; i < data.length; i += 4) {
-      if (data[i] + data[i + 1] + data[i + 2] < 720) drawn += 1;
-      hash = (hash * 31 + data[i]) % 1000003;
-    }
-    return { drawn: drawn / (data.length / 4), hash };
-  };
-  const shown = () =>
-    viewer.leaves.filter(({ node }) => node.visible).map(({ node }) => node.userData.name ?? node.name);
-  const mouse = { button: 0, buttons: 1, pointerId: 1, pointerType: "mouse", bubbles: true };
-  const send = (type, x, y) =>
-    viewer.canvas.dispatchEvent(new PointerEvent(type, { ...mouse, clientX: x, clientY: y }));
-  (STEPS)(found, seen, shown, send, viewer);
-  document.title = JSON.stringify(found);
-}, 50);
-</script></body>"""
-
-
-class Title(HTMLParser):
-    """Reads the text of the title."""
-
-    def __init__(self, page):
-        super().__init__()
-        self.inside, self.text = False, ""
-        self.feed(page)
-
-    def handle_starttag(self, tag, attributes):
-        self.inside = tag == "title"
-
-    def handle_data(self, data):
-        self.text += data if self.inside else ""
-
-
-def in_browser(page, tmp_path, steps="() => {}", address=""):
-    """What a page's title holds after some steps in the browser."""
-    path = tmp_path / f"probe-{page.name}"
-    path.write_text(page.read_text().replace("</body>", PROBE.replace("STEPS", steps)))
-    command = [BROWSER, *OPTIONS, f"--user-data-dir={tmp_path}/profile", "--virtual-time-budget=200000", "--dump-dom"]
-    done = subprocess.run([*command, f"file://{path}{address}"], capture_output=True, text=True, timeout=120)
-    title = Title(done.stdout).text
-    assert title.startswith("{"), f"{done.stderr[-2000:]}\n{title}"
-    return json.loads(title)
+from palpate.viewer import object_page
+from tests.viewer.browser import in_browser, needs_browser
 
 
 @pytest.fixture(scope="module")
@@ -178,31 +110,3 @@ def test_the_page_sees_what_the_camera_saw(built, page, tmp_path):
     expected = expected.repeat(4, axis=0).repeat(4, axis=1)  # of 64 pixels
     overlap = (drawn & expected).sum() / (drawn | expected).sum()
     assert overlap > 0.95  # the mask's pixels are four wide
-
-
-@needs_browser
-def test_the_page_of_a_run_lists_and_filters_its_objects(built, page, tmp_path):
-    path = tmp_path / "index.html"
-    shutil.copy(page, tmp_path / "ball-0000.html")
-    assert run_page(path, palpate.Dataset(built)) == 3
-    assert run_page(tmp_path / "few.html", palpate.Dataset(built), most=2) == 2
-    assert "the first 2 shown" in (tmp_path / "few.html").read_text()
-    found = in_browser(
-        path,
-        tmp_path,
-        """(found) => {
-          const names = () => [...document.querySelectorAll("figure:not([hidden]) figcaption")].map((x) => x.innerText);
-          found.all = names();
-          found.links = [...document.querySelectorAll("figcaption a")].map((x) => x.getAttribute("href"));
-          found.pictures = [...document.images].map((x) => x.src.slice(0, 22));
-          const filter = document.getElementById("filter");
-          filter.value = "ball VALID";
-          filter.dispatchEvent(new Event("input"));
-          found.some = names();
-          found.count = document.getElementById("count").textContent;
-        }""",
-    )
-    assert [name.split("\n")[0] for name in found["all"]] == ["ball-0000", "block-0000", "ball-0002"]
-    assert found["links"] == ["ball-0000.html"]
-    assert found["pictures"] == ["data:image/webp;base64"] * 3
-    assert [name.split("\n")[0] for name in found["some"]] == ["ball-0002"] and found["count"] == "1 of 3"

@@ -7,12 +7,13 @@ import numpy as np
 import pytest
 import trimesh
 from numpy.testing import assert_allclose, assert_array_equal
+from scipy.stats import kstest, uniform
 
 from palpate.camera import FOCAL_LENGTH, POSITION, ROTATION, looking_at, paper_camera
 from palpate.configuration import ConfigError
 from palpate.dataset.checks import CHECKS, CheckedObject, check_vision
 from palpate.mesh import OBJECT_POSITION
-from palpate.scene import LIGHTS, Light, Scene, background, cameras, lights
+from palpate.scene import LIGHTS, Light, Scene, background, cameras, draw, lights
 from palpate.vision import Mesh, Renderer
 from palpate.vision.image import linear, vision_record
 from tests.vision.scenes import ball, grasp_poses, painted, scene_of
@@ -209,6 +210,107 @@ def test_lights_of_the_config():
     ]:
         with pytest.raises(ConfigError, match=message):
             lights(of_config(lights=[wrong]))
+
+
+def ranged(low, high):
+    return {"from": low, "to": high}
+
+
+AROUND = {"azimuth": ranged(0, 360), "elevation": ranged(10, 60), "distance": ranged(1.2, 1.6)}
+RANDOM = {
+    "cameras": [
+        {"position": AROUND, "target": [0, ranged(-0.05, 0.05), 0.6], "field_of_view": ranged(30, 40)},
+        {"position": [1, 1, ranged(0.4, 0.8)], "target": [0, 0, 0.6]},
+    ],
+    "lights": [
+        {
+            "kind": "sun",
+            "energy": ranged(1, 3),
+            "position": {**AROUND, "distance": 2},
+            "colour": [1, ranged(0.5, 1), 1],
+        },
+        {"kind": "ambient", "energy": ranged(0.2, 0.5)},
+    ],
+    "background": [ranged(0, 0.5), ranged(0.5, 1), 1],
+}
+
+
+def numbers_of(value):
+    """All numbers of nested lists and dictionaries."""
+    if isinstance(value, dict | list):
+        return [
+            number for each in (value.values() if isinstance(value, dict) else value) for number in numbers_of(each)
+        ]
+    return [] if isinstance(value, str | None) else [value]
+
+
+def test_without_ranges_nothing_is_drawn():
+    given = {"cameras": [{"position": [1, 0, 1], "target": [0, 0, 0.6]}], "lights": [], "background": "transparent"}
+    for settings in (of_config(), of_config(**given)):
+        assert draw(settings, 3, "mug-0001") == settings
+
+
+def test_draws_are_of_the_seed_the_object_and_the_key_alone():
+    drawn = draw(of_config(**RANDOM), 3, "mug-0001")
+    assert draw(of_config(**RANDOM), 3, "mug-0001") == drawn
+    others = [draw(of_config(**RANDOM), 4, "mug-0001"), draw(of_config(**RANDOM), 3, "mug-0002")]
+    for other in others:  # no number in common but those that are no ranges
+        for key, fixed in (("cameras", {0, 0.6, 1}), ("lights", {1, 2}), ("background", {1})):
+            assert set(numbers_of(other[key])) & set(numbers_of(drawn[key])) <= fixed
+    fewer = draw(of_config(**RANDOM | {"lights": None, "background": [1, 1, 1]}), 3, "mug-0001")
+    assert fewer["cameras"] == drawn["cameras"]
+    reordered = {**RANDOM, "cameras": [dict(reversed(each.items())) for each in RANDOM["cameras"]]}
+    assert draw(of_config(**reordered), 3, "mug-0001") == drawn
+
+
+def test_draws_are_uniform_in_their_ranges():
+    drawn = [draw(of_config(**RANDOM), 0, f"mug-{number:04d}") for number in range(2000)]
+    seen = [cameras(each)[0] for each in drawn]
+    for values, low, high in [
+        ([each["cameras"][0]["position"]["azimuth"] for each in drawn], 0, 360),
+        ([each["cameras"][0]["field_of_view"] for each in drawn], 30, 40),
+        ([each["cameras"][0]["target"][1] for each in drawn], -0.05, 0.05),
+        ([lights(each)[0].energy for each in drawn], 1, 3),
+        ([background(each)[0] for each in drawn], 0, 0.5),
+    ]:
+        assert kstest(values, uniform(low, high - low).cdf).pvalue > 1e-4
+    for camera, each in zip(seen, drawn, strict=True):
+        away = camera.position - each["cameras"][0]["target"]
+        place = each["cameras"][0]["position"]
+        assert np.linalg.norm(away) == pytest.approx(place["distance"])
+        assert np.degrees(np.arcsin(away[2] / np.linalg.norm(away))) == pytest.approx(place["elevation"])
+        assert np.degrees(np.arctan2(away[1], away[0])) % 360 == pytest.approx(place["azimuth"])
+
+
+def test_a_camera_that_would_not_see_the_object_is_drawn_again():
+    camera = {"position": [ranged(-1, 1), 2, 0.6], "rotation": [90, 0, 180], "field_of_view": 20}
+    drawn = [draw(of_config(cameras=[camera]), 0, str(number)) for number in range(50)]
+    offsets = [abs(each["cameras"][0]["position"][0]) for each in drawn]
+    assert max(offsets) <= 2 * np.tan(np.radians(10)) < 0.4 and max(offsets) > 0.2
+    with pytest.raises(ConfigError, match="vision.cameras.0: the object's place .* is not in its image"):
+        draw(of_config(cameras=[{**camera, "position": [ranged(0.9, 1), 2, 0.6]}]), 0, "mug-0001")
+    with pytest.raises(ConfigError, match="vision.background.1: from 1 is above to 0.5: exchange them"):
+        draw(of_config(background=[1, ranged(1, 0.5), 1]), 0, "mug-0001")
+
+
+def test_images_by_drawn_cameras_pass_the_validation_with_their_own_alone(write_glb, hand):
+    path = write_glb("box", painted(trimesh.creation.box((0.3, 0.2, 0.25)), (0.7, 0.3, 0.2)))
+    renderer, records = Renderer(samples=1, device="cpu"), []
+    for seed in (0, 1):
+        drawn = draw(of_config(**RANDOM), seed, "box")
+        scene = scene_of(path, hand, grasp_poses(hand), size=200)
+        scene = replace(scene, lights=lights(drawn), background=background(drawn))
+        records.append(vision_record(renderer.render_cameras(scene, cameras(drawn)), cameras(drawn)))
+        corner = records[-1]["unoccluded"][0, 0, 0]
+        assert_allclose(corner / 255, background(drawn), atol=0.5 / 255)
+
+    def failed(rows):
+        found = check_vision(CheckedObject({"vision": rows}, path.parent))
+        return {name for name, value in found if not np.max(value) <= CHECKS[name].limit}
+
+    first, second = records
+    assert not failed(first) and not failed(second)
+    assert "picture of mesh" in failed(first | {name: second[name] for name in ("intrinsics", "extrinsics")})
 
 
 def test_figures_have_the_default_lights_whatever_was_rendered_before(write_glb):

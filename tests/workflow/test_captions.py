@@ -1,28 +1,22 @@
-"""Captions of `snakemake --report`: one for each table and figure."""
+"""Captions of a run's page and of `snakemake --report`, which read the same files: one for each table and figure."""
 
 import re
-from types import SimpleNamespace
 
-import jinja2
 import pytest
 
+from palpate.results.captions import FOLDER, caption, position
 from tests.workflow.conftest import PROJECT, plan
 
 KINDS = (("tables", "csv"), ("figures", "png"))
 DATASET = ["dataset_statistics", "grasp_success", "penetration"]
 
 
-def caption(kind: str, **wildcards: str) -> str:
-    template = jinja2.Template((PROJECT / f"workflow/report/{kind}.rst").read_text())
-    return template.render(snakemake=SimpleNamespace(wildcards=SimpleNamespace(**wildcards))).strip()
-
-
 def test_every_table_and_figure_has_a_caption_of_its_own():
     printed = plan(PROJECT, "--dry-run", "--forceall", "all").stdout
     tables, figures = (set(re.findall(rf"{kind}/(\S+?)\.{form}", printed)) for kind, form in KINDS)
     assert {"dataset_statistics", "touch_effect", "claims", "architectures/touch"} <= tables and "atlas" in figures
-    captions = {name: caption("tables", table=name) for name in [*tables, "tuning"]}
-    captions |= {name: caption("figures", figure=name) for name in figures}
+    captions = {name: caption("tables", name) for name in [*tables, "tuning"]}
+    captions |= {name: caption("figures", name) for name in figures}
     # The layers of all models share a caption, and the examples of all classes but for the class.
     assert all(len(text) > 80 for text in captions.values()), [name for name in captions if len(captions[name]) <= 80]
     own = [text for name, text in captions.items() if not name.startswith("architectures/")]
@@ -33,4 +27,16 @@ def test_every_table_and_figure_has_a_caption_of_its_own():
 
 @pytest.mark.parametrize("name", DATASET)
 def test_captions_of_the_dataset_say_nothing_of_seeds(name):
-    assert "seeds" not in caption("tables", table=name)
+    assert "seeds" not in caption("tables", name)
+
+
+def test_names_are_in_the_order_of_their_captions():
+    names = ["zzz", "architectures/touch", "claims", "touch_effect_by_class", "touch_effect", "dataset_statistics"]
+    ordered = ["dataset_statistics", "claims", "touch_effect", "touch_effect_by_class", "architectures/touch", "zzz"]
+    assert sorted(names, key=lambda name: position("tables", name)) == ordered
+
+
+def test_snakemakes_report_reads_the_same_files():
+    rules = "".join(path.read_text() for path in (PROJECT / "workflow/rules").glob("*.smk"))
+    stated = re.findall(r'caption="([^"]+)"', rules)
+    assert {(PROJECT / "workflow/rules" / path).resolve() for path in stated} == set(FOLDER.glob("*.rst"))

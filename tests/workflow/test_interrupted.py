@@ -1,5 +1,6 @@
 """Ctrl-C, and SIGTERM, in a run: its jobs end, it says so in a line, and the same command goes on."""
 
+import contextlib
 import os
 import signal
 import subprocess
@@ -30,12 +31,10 @@ def test_an_interrupted_run_ends_its_jobs_and_says_so(make_workflow, tmp_path, h
     )
     jobs = []
     while not jobs and process.poll() is None:
-        jobs = [
-            each
-            for each in psutil.Process(process.pid).children(recursive=True)
-            if ".surface.py" in str(each.cmdline())
-        ]
         time.sleep(0.1)
+        with contextlib.suppress(psutil.Error):  # of processes that end meanwhile
+            children = psutil.Process(process.pid).children(recursive=True)
+            jobs = [each for each in children if ".surface.py" in " ".join(each.cmdline())]
     if how == "terminal":
         os.killpg(process.pid, signal.SIGINT)
     else:

@@ -163,8 +163,12 @@ def test_the_end_of_a_run_is_a_summary_and_its_output_is_quiet(make_workflow, tm
     for page in ("jobid:", "resources:", "Traceback", "RuleException", "wildcards:"):
         assert page not in said, said
     assert "No space left on device" in log.read_text() and "Traceback" in log.read_text()
+    page = (workflow.run / "index.html").read_text()
+    assert f"{workflow.run}/index.html" in said or f"{workflow.run}: index.html" in said
+    assert "1 job failed" in page and "the disk is full" in page and 'href="logs/surface/batch-0001.log"' in page
     result = workflow("rejected/meshes/batch-0000.csv", *SURFACES, "catalogue.csv")
     assert result.returncode == 0 and "objects: 4, used 3 (" in result.stderr
+    assert "failed" not in (workflow.run / "index.html").read_text().partition("<main>")[0].partition("<body>")[2]
     assert "  1 at meshes: can't be read as .glb" in result.stderr
     pages = workflow("tables/dataset_statistics.csv", "--printshellcmds", "--dry-run").stdout
     assert "jobid:" in pages

@@ -96,9 +96,7 @@ def test_cameras_are_those_of_the_config(run):
 def test_the_files_that_an_own_hand_names_are_inputs_of_its_grasps(make_workflow, tmp_path):
     (tmp_path / "parts").mkdir()
     trimesh.creation.box((0.01, 0.02, 0.03)).export(tmp_path / "parts/link.stl")
-    model = grippers.two_fingers("degree").replace(
-        "<asset>", '<asset><mesh name="link" file="parts/link.stl"/><mesh name="gone" file="gone.stl"/>'
-    )
+    model = grippers.two_fingers("degree").replace("<asset>", '<asset><mesh name="link" file="parts/link.stl"/>')
     (tmp_path / "hand.xml").write_text(model)
     (tmp_path / "sensors.yaml").write_text(yaml.safe_dump(grippers.SENSORS))
     hand = {"mjcf": str(tmp_path / "hand.xml"), "sensors": str(tmp_path / "sensors.yaml")}

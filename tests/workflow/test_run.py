@@ -20,6 +20,7 @@ from tests.mesh import nasty
 from tests.workflow.conftest import EVERY_SPLIT, PROJECT
 
 STORES = ("surface", "grasps", "touch", "vision")
+PAGE = ("index.html", "last_run.json", "viewer")
 USABLE = ["brick-millimetres", "can-nested-flat", "can-tall"]
 
 
@@ -30,7 +31,7 @@ def digests(run: Path) -> dict[str, str]:
         for path in sorted(run.rglob("*"))
         if path.is_file()
         and not path.name.startswith(".snakemake")
-        and path.relative_to(run).parts[0] not in (".snakemake", "logs", "benchmarks", LOCK, JOBS_LOCK, RECORD)
+        and path.relative_to(run).parts[0] not in (".snakemake", "logs", "benchmarks", LOCK, JOBS_LOCK, RECORD, *PAGE)
     }
 
 
@@ -60,6 +61,14 @@ def test_the_run_is_whole_and_valid(finished):
         assert all(grasp.success.any() for grasp in item.grasps)
     for figure in ("data_point", "grasp_steps", "examples_can", "examples_brick"):
         assert (finished.run / f"figures/{figure}.png").stat().st_size > 10_000
+
+
+def test_a_run_ends_with_its_page(finished):
+    text = (finished.run / "index.html").read_text()
+    for said in (*USABLE, "brick-nested-broken", "nested/broken.glb", "One data point", "data:image/webp"):
+        assert said in text
+    assert all((finished.run / f"viewer/{name}.html").exists() for name in USABLE)
+    assert not finished.jobs("dataset")  # no file of the workflow depends on it
 
 
 def test_logs_say_what_is_omitted(finished):

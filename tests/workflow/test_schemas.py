@@ -53,6 +53,16 @@ def test_smoke_has_an_object_of_every_split():
             "training.touch_charts: this key is now called 'chart_fit'",
         ),
         ({"evaluation": {"bootstrap": 9}}, "evaluation.bootstrap: this key is now called 'resamples'"),
+        ({"vision": {"background": [1, 1, {"from": 0}]}}, "vision.background.2.to: missing"),
+        ({"vision": {"background": [1, 1, {"from": 0, "to": 2}]}}, "vision.background.2.to: 2 is greater than"),
+        (
+            {"vision": {"cameras": [{"position": {"azimuth": 1, "elevation": 2}}]}},
+            "vision.cameras.0.position.distance: missing",
+        ),
+        (
+            {"vision": {"lights": [{"kind": "sun", "energy": {"from": -1, "to": 2}}]}},
+            "vision.lights.0.energy.from: -1 is less",
+        ),
         ({"vision": {"cameras": []}}, "vision.cameras: [] should be non-empty"),
         ({"vision": {"cameras": [{"target": [0, 0, 0.6]}]}}, "vision.cameras.0.position: missing"),
         ({"vision": {"cameras": [{"position": [1, 2]}]}}, "vision.cameras.0.position: [1, 2] is too short"),

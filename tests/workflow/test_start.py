@@ -8,6 +8,7 @@ import pytest
 import yaml
 from snakemake.scheduling.job_scheduler import JobScheduler
 
+from palpate import mesh
 from tests.workflow.conftest import PROJECT
 
 PROCEDURAL = {"kind": "procedural", "path": None}
@@ -19,14 +20,26 @@ def lines(result) -> list[str]:
     return result.stdout.rpartition("Building DAG of jobs...")[2].strip().splitlines()
 
 
-def test_too_few_objects_for_a_split_is_said_at_the_start_with_the_way_to_set_it(make_workflow):
+def test_splits_of_few_objects_are_filled(make_workflow):
+    """By their names none would be in the validation split."""
     workflow = make_workflow(source=PROCEDURAL, classes=FEW)
+    assert workflow.planned("tables/grasps.csv") >= {"reconstruction", "evaluate", "table"}
+
+
+def test_a_split_without_objects_is_said_at_the_start_with_the_way_to_set_it(make_workflow):
+    workflow = make_workflow(source=PROCEDURAL, classes=FEW, split={"train": 1, "validation": 0, "test": 0})
     for target in ("models/charts_occluded/seed-0/best.ckpt", "models/touch_depth/best.ckpt", "tables/grasps.csv"):
         (line,) = lines(workflow.plan(target, "--dry-run"))
-        assert "no object of this run is in the validation split" in line and "needs (train 2, validation 0" in line
+        assert "no object of this run is in the" in line and "needs (train 3, validation 0, test 0)" in line
     split = yaml.safe_load(re.search(r"`(split: \{.*?\})` in the config", line)[1])
     assert workflow.changed(**split).planned("tables/grasps.csv") >= {"reconstruction", "evaluate", "table"}
     assert "vision" in workflow.planned("dataset")  # which needs no split
+
+
+def test_the_meshes_of_an_older_version_are_made_again():
+    """The rule has the version of what it writes in its params, which Snakemake compares."""
+    text = (PROJECT / "workflow/rules/meshes.smk").read_text()
+    assert int(re.search(r"version=(\d+)", text)[1]) == mesh.VERSION
 
 
 @pytest.mark.parametrize(

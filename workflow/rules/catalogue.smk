@@ -10,6 +10,7 @@ rule shapes:
         name=lambda wildcards: wildcards["class"],
         objects=lambda wildcards: CLASS_COUNTS[wildcards["class"]],
         seed=config["seed"],
+        version=2,  # of what is written: files of an older one are made again
     script:
         "../scripts/shapes.py"
 
@@ -26,6 +27,7 @@ rule catalogue_batch:
         "benchmarks/catalogue/{batch}.tsv"
     params:
         root=SOURCE_PATH,
+        outside=SOURCE["outside"],
         objects=batch_objects_with_splits,
     script:
         "../scripts/catalogue_batch.py"
@@ -43,6 +45,7 @@ rule catalogue:
         "benchmarks/catalogue.tsv"
     params:
         split=config["split"],
+        by_name=not any(entry.split for entry in ENTRIES),
     script:
         "../scripts/catalogue.py"
 

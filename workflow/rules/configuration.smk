@@ -3,14 +3,17 @@ import contextlib
 import errno
 import gc
 import itertools
+import json
 import os
 import re
+import shlex
 import signal
 import sys
 import threading
 import time
 from collections import Counter
 from functools import cache
+from importlib import metadata
 
 import psutil
 import yaml
@@ -18,8 +21,9 @@ from snakemake.io import contains_wildcard
 from snakemake.logging import logger
 from snakemake.utils import update_config
 
-from palpate import atomic, catalogue, lock, locked, sensor, terminal
+from palpate import atomic, catalogue, lock, locked, named_files, sensor, terminal
 from palpate.batch import QUIET
+from palpate.batch import plain as one_line
 from palpate.check import FILES, resolve
 from palpate.configuration import ConfigError, absolute, check, read_yaml, typed, whole_numbers
 from palpate.training import inputs, recipes
@@ -38,6 +42,7 @@ if workflow.is_main_process:
 
 SCHEMAS = PROJECT / "workflow/schemas"
 CONDA = str(PROJECT / "envs/palpate.yaml")
+VERSIONS = ("snakemake", "mujoco", "bpy", "trimesh", "numpy", "zarr", "torch")  # that a run's page names
 WHOLE_OUTPUT = re.compile(r"batch-.*|\.snakemake")  # folders in which nothing is written in part
 CLASS_FILE = r"[A-Za-z0-9_][A-Za-z0-9_.-]*"  # a class in a file's name: `catalogue.file_name`
 
@@ -79,6 +84,7 @@ try:
     SOURCE, CLASS_COUNTS, ENTRIES, HAND, SENSOR = resolve(config, PROJECT)
     # As jobs see it: what is made in the run's folder moves with it.
     SOURCE_PATH = "sources" if SOURCE["kind"] == "procedural" else SOURCE["path"]
+    NAMED_IN = catalogue.files_root(SOURCE)  # what meshes name has to be in it
     for entry in ENTRIES:
         checked(f"{SOURCE['path']}/{entry.source}")
     BATCH_SIZE = catalogue.resolve_batch_size(config["batch_size"], len(ENTRIES), RUN_FOLDER)
@@ -95,11 +101,11 @@ try:
 
         for line in hand.check_files(HAND["mjcf"], HAND["sensors"], SENSOR):
             logger.warning(line)
-    if workflow.is_main_process and (config["vision"]["cameras"] or config["vision"]["lights"]):
+    LOOK = [config["vision"][key] for key in ("cameras", "lights", "background")]
+    if workflow.is_main_process and LOOK != [None, None, [1, 1, 1]]:
         from palpate import scene  # loads trimesh
 
-        scene.cameras(config["vision"])
-        scene.lights(config["vision"])
+        scene.draw(config["vision"], config["seed"], "")
     TRAINING_MACHINE = {key: config["training"][key] for key in ("device", "devices", "precision")}
     TRAINING_GPUS = 0 if config["training"]["device"] == "cpu" else config["training"]["devices"]
 except (ConfigError, catalogue.CatalogueError) as error:
@@ -191,8 +197,8 @@ def stop_jobs():
         time.sleep(0.3)
 
 
-def say_end():
-    """At the end of a run: what it has come to."""
+def say_end(object_pages):
+    """At the end of a run: what it has come to, in its page and on the terminal. object_pages: how many are written."""
     from palpate.dataset import summary  # loads Zarr and HDF5
 
     signal.signal(signal.SIGINT, signal.default_int_handler)
@@ -200,8 +206,33 @@ def say_end():
     if PROGRESS.interrupted:
         return logger.warning(terminal.INTERRUPTED)
     seconds = PROGRESS.estimate.now() - PROGRESS.estimate.start
+    if os.path.exists(f"{RUN_FOLDER}/catalogue.csv") or PROGRESS.failures:
+        write_page(seconds, object_pages)
     for line in terminal.end_lines(RUN_FOLDER, summary(RUN_FOLDER), len(PROGRESS.failures), PROGRESS.done, seconds):
         logger.warning(line)
+
+
+def write_page(seconds, object_pages):
+    """The run's index.html, and what it says of this start: last_run.json. No file of the workflow depends on them."""
+    from palpate import __version__
+    from palpate.viewer import run_page
+
+    # A start that had nothing to do says nothing of how the run was made.
+    last = {
+        "ended": time.strftime("%Y-%m-%d %H:%M"),
+        "command": shlex.join([Path(sys.argv[0]).name, *sys.argv[1:]]),
+        "jobs": PROGRESS.done,
+        "seconds": round(seconds),
+        "failures": PROGRESS.failures,
+        "versions": {"palpate": __version__} | {name: metadata.version(name) for name in VERSIONS},
+    }
+    try:
+        if PROGRESS.done or PROGRESS.failures:
+            with atomic.atomic_write(f"{RUN_FOLDER}/last_run.json") as path:
+                path.write_text(json.dumps(last, indent=1) + "\n")
+        run_page(RUN_FOLDER, object_pages=object_pages)
+    except Exception as error:  # the run itself is not worse for it
+        logger.warning(f"{RUN_FOLDER}/index.html was not written: {one_line(error)}")
 
 
 # The authors' dataset is read and not simulated: it comes without meshes and grasps.
@@ -213,9 +244,12 @@ STAGES = ["released"] if RELEASED else ["meshes", "surface", "grasps", "touch", 
 def mesh_files(path):
     """A mesh file with the materials, textures and buffers that it names: a change to any re-runs its batch.
 
-    Of a long OBJ only the head is read for them, at every start; the catalogue's checksums read all of it.
+    Of a long OBJ only the head is read for them, at every start; the catalogue's checksums read all of it. What can't
+    be a mesh's file is none of Snakemake's inputs: the job says why.
     """
-    folder, names = Path(path).parent, catalogue.companions(Path(path), head=65536)
+    if named_files.unusable(path):
+        return []
+    folder, names = Path(path).parent, catalogue.companions(Path(path), NAMED_IN, named_files.HEAD)
     return [path, *(os.path.normpath(folder / name) for name in names)]
 
 
@@ -233,6 +267,15 @@ def sources_of(batch):
         return sorted({f"sources/{entry.class_name}" for entry in entries})
     files = [file for entry in entries for file in mesh_files(f"{SOURCE['path']}/{entry.source}")]
     return [checked(file) for file in dict.fromkeys(files)]
+
+
+@cache
+def mesh_memory(batch):
+    """MB that the meshes of a batch take: 22 for a MB of the OBJ in work, and 16 bytes a pixel of its pictures."""
+    stored = max((stored_mb([path]) for path in sources_of(batch)), default=0)
+    paths = [Path(SOURCE["path"], entry.source) for entry in BATCH_ENTRIES[batch] if SOURCE["kind"] != "procedural"]
+    pixels = max((named_files.texture_pixels(path, NAMED_IN) for path in paths), default=0)
+    return int(2000 + 30 * stored + 16e-6 * pixels)
 
 
 def batch_sources(wildcards):

@@ -10,9 +10,11 @@ rule meshes:
         "logs/meshes/{batch}.log",
     benchmark:
         "benchmarks/meshes/{batch}.tsv"
-    resources:  # measured: 22 MB for a MB of the OBJ in work
-        mem_mb=lambda wildcards, input: 2000 + 30 * max(stored_mb([path]) for path in input.sources),
+    resources:
+        mem_mb=lambda wildcards: mesh_memory(wildcards.batch),
     params:
+        version=2,  # palpate.mesh.VERSION, whose import loads mesh libraries
+        outside=SOURCE["outside"],
         objects=batch_meshes,
         folder=SOURCE_PATH,
         mesh=config["mesh"],

@@ -35,13 +35,13 @@ rule report:
     output:
         table=report(
             "reports/{report}.csv",
-            caption="../report/reports.rst",
+            caption="../../palpate/results/captions/reports.rst",
             category="Reports",
         ),
         text="reports/{report}.md",
         figure=report(
             "reports/{report}.png",
-            caption="../report/reports.rst",
+            caption="../../palpate/results/captions/reports.rst",
             category="Reports",
         ),
     log:

@@ -5,7 +5,7 @@ rule table:
     output:
         table=report(
             "tables/{table}.csv",
-            caption="../report/tables.rst",
+            caption="../../palpate/results/captions/tables.rst",
             category=lambda wildcards: "Dataset" if wildcards.table in DATASET_TABLES else "Models",
         ),
         text=["tables/{table}.md", "tables/{table}.tex"],
@@ -39,7 +39,7 @@ rule figure:
     output:
         figure=report(
             "figures/{figure}.png",
-            caption="../report/figures.rst",
+            caption="../../palpate/results/captions/figures.rst",
             category=lambda wildcards: "Dataset" if wildcards.figure in DATASET_FIGURES else "Models",
         ),
     log:

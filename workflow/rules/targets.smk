@@ -48,7 +48,7 @@ rule validation:
     output:
         table=report(
             "reports/validation.csv",
-            caption="../report/validation.rst",
+            caption="../../palpate/results/captions/validation.rst",
             category="Dataset",
         ),
     log:

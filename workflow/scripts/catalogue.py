@@ -14,6 +14,8 @@ from palpate.batch import log_to
 
 log_to(snakemake.log[0])
 entries = [entry for path in snakemake.input.batches for entry in catalogue.read_catalogue(path)]
+if snakemake.params.by_name:  # splits that a user gives stay
+    entries = catalogue.join_copies(entries)
 table = pd.DataFrame(entries).set_axis(catalogue.COLUMNS, axis=1)
 schema = Path(snakemake.scriptdir).parent / "schemas/catalogue.schema.yaml"
 configuration.check(table.to_dict("records"), schema, "catalogue.csv")

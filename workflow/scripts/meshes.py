@@ -6,6 +6,7 @@ meshes/<batch>/<object>/visual.glb       full resolution, materials and textures
                         mesh.json        faces, repairs made, measured distance to the source
                 made_from.json          what they were made from
                 manifest.json           sizes and checksums of all these files
+                .facts.json             of each object what the summary of a run says
 rejected/meshes/<batch>.csv              object, stage, reason
 """
 
@@ -17,11 +18,13 @@ from pathlib import Path
 from palpate import catalogue, checksums, mesh, provenance
 from palpate.atomic import atomic_write
 from palpate.batch import each_object, log_to, write_rejections
+from palpate.catalogue import files_root
 
 log_to(snakemake.log[0])
 log = logging.getLogger("meshes")
 objects, settings, sources = snakemake.params.objects, snakemake.params.mesh, Path(snakemake.params.folder)
-checksum_of = {name: catalogue.checksum(sources / file) for name, (file, _, _) in objects.items()}
+files = files_root({"path": sources, "outside": snakemake.params.outside})
+checksum_of = {name: catalogue.checksum(sources / file, files) for name, (file, _, _) in objects.items()}
 
 with (
     atomic_write(snakemake.output.meshes) as batch,
@@ -29,7 +32,7 @@ with (
 ):
     batch.mkdir()
 
-    def prepare(name: str) -> None:
+    def prepare(name: str) -> dict:
         folder, (file, up, scale) = batch / name, objects[name]
         try:
             record = mesh.prepare(
@@ -39,17 +42,20 @@ with (
                 scale=scale,
                 collision_faces=settings["collision_faces"],
                 levels=settings["levels"],
+                root=files,
             )
         except BaseException:
             shutil.rmtree(folder, ignore_errors=True)
             raise
         finally:  # an object is not rejected, either, for a file that was being written
-            catalogue.require_unchanged(sources / file, checksum_of[name])
+            catalogue.require_unchanged(sources / file, checksum_of[name], files)
         for level, faces in mesh.undecimated_levels(record).items():
             log.info("%s: omitted: decimation to %s: the mesh has %s faces", name, level, f"{faces:,}")
+        return mesh.facts(record)
 
-    _, rejections = each_object(objects, prepare, "meshes")
+    facts, rejections = each_object(objects, prepare, "meshes")
     write_rejections(rejected, rejections)
+    (batch / mesh.FACTS).write_text(json.dumps(facts) + "\n")
     read = ((name, checksum_of[name], up, str(scale)) for name, (_, up, scale) in objects.items())
     made_from = provenance.combine({"mesh": settings}, sources=provenance.sources_digest(read))
     (batch / provenance.RECORD).write_text(json.dumps(made_from, sort_keys=True) + "\n")

@@ -5,6 +5,7 @@ vision/<batch>.zarr    unoccluded                      (o, k, 256, 256, 3)     u
                        unoccluded_mask, occluded_mask  (..., 256, 256)         uint8      255: the object
                        unoccluded_depth, occluded_depth                        float16    m along its axis
                        intrinsics, extrinsics          (o, k, 3, 3), (o, k, 3, 4)         float64
+                       attribute `drawn`: cameras, lights and background of each object, where the config has ranges
 exr/<batch>/           multilayer EXR masters, if the config keeps them, and manifest.json: sizes and checksums
 rejected/vision/<batch>.csv    object, stage, reason
 """
@@ -27,8 +28,7 @@ grasps = store.read(snakemake.input.grasps)
 made_from = provenance.combine(
     {"seed": seed, "vision": settings}, provenance.of_meshes(meshes), store.open(snakemake.input.grasps).made
 )
-hand, cameras = Hand.from_arrays(grasps, prefix="hand/"), scene.cameras(settings)
-look = {"lights": scene.lights(settings), "background": scene.background(settings)}
+hand, drawn = Hand.from_arrays(grasps, prefix="hand/"), {}
 
 with ExitStack() as outputs:
     masters = outputs.enter_context(atomic_write(snakemake.output.masters[0])) if settings["exr"] else None
@@ -37,6 +37,10 @@ with ExitStack() as outputs:
     def render(name: str) -> dict:
         row = grasps["object"].tolist().index(name)
         of_object = {array: grasps[array][row] for array in GRASP_ARRAYS}
+        found = scene.draw(settings, snakemake.params.seed, name)
+        drawn[name] = {key: found[key] for key in scene.LOOK if found[key] != settings[key]}
+        look = {"lights": scene.lights(found), "background": scene.background(found)}
+        cameras = scene.cameras(found)
         pictures = renderer.render_cameras(Scene.from_grasps(meshes / name, of_object, hand, **look), cameras)
         return vision_record(pictures, cameras)
 
@@ -52,4 +56,5 @@ store.write_batch(
     rejections,
     seed,
     made_from,
+    attributes={"drawn": {name: drawn[name] for name in images}} if any(drawn.values()) else {},
 )

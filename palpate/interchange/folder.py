@@ -1,0 +1,79 @@
+"""An export: samples in one of the layouts, and what every export has beside them (docs/export.md):
+
+objects.csv, meshes/<object>.glb, sensor.json, README.md (the data card), croissant.json, SHA256SUMS
+"""
+
+import csv
+import json
+import shutil
+from collections.abc import Iterable
+from pathlib import Path
+
+from palpate import checksums
+from palpate.atomic import atomic_write
+from palpate.dataset import Dataset
+from palpate.interchange.card import write_card
+from palpate.interchange.croissant import write_croissant
+from palpate.interchange.items import grasps_by_split
+from palpate.interchange.parquet import write_parquet
+from palpate.interchange.webdataset import write_webdataset
+from palpate.mesh import mesh_file
+from palpate.store.contract import FRAMES, UNITS
+from palpate.store.files import StoreError
+
+# By the names that the command has for them: what writes the samples, and the pattern of a split's files.
+FORMATS = {"webdataset": (write_webdataset, "{}-*.tar"), "parquet": (write_parquet, "{}/**")}
+
+
+def export(
+    dataset: Dataset,
+    folder: Path | str,
+    layout: str = "webdataset",
+    arrays: Iterable[str] | None = None,
+    licence: str = "unknown",
+    source: str = "",
+) -> int:
+    """Write the grasps of a dataset in one of `FORMATS`; the folder appears whole or not at all. Returns their number.
+
+    arrays: as `Dataset.grasps` takes them. licence, source: as `write_card` takes them. The same run gives the same
+    bytes. Raises StoreError if there is no object, or batches have different sensors; KeyError for an unknown array;
+    DamagedFile, naming the mesh, if one is missing or not as it was written; and what writing the samples raises.
+    """
+    write, pattern = FORMATS[layout]
+    splits = grasps_by_split(dataset, arrays)
+    with atomic_write(Path(folder)) as partial:
+        partial.mkdir()
+        write(partial, splits)
+        _write_objects(partial, dataset)
+        if "touch" in dataset.stages:
+            (partial / "sensor.json").write_text(json.dumps(_sensor(dataset), indent=1) + "\n")
+        write_croissant(partial, dataset, splits, licence, source)
+        write_card(partial / "README.md", dataset, splits, pattern, licence, source)
+        lines = [f"{digest}  {name}\n" for name, (_, digest) in checksums.manifest_of(partial).items()]
+        (partial / "SHA256SUMS").write_text("".join(lines))
+    return sum(map(len, splits.values()))
+
+
+def _write_objects(folder: Path, dataset: Dataset) -> None:
+    """Write the table of objects and their meshes; a released dataset, which was not simulated here, has none."""
+    with (folder / "objects.csv").open("w", encoding="utf-8", newline="") as file:
+        table = csv.writer(file, lineterminator="\n")
+        table.writerow(["object", "class", "split", "mesh"])
+        for record in dataset:
+            mesh = ""
+            if "grasps" in dataset.stages:
+                mesh = f"meshes/{record.name}.glb"
+                (folder / "meshes").mkdir(exist_ok=True)
+                shutil.copyfile(mesh_file(record.mesh, "visual.glb"), folder / mesh)
+            table.writerow([record.name, record.class_name, record.split, mesh])
+
+
+def _sensor(dataset: Dataset) -> dict:
+    """The sensor of all batches. Raises StoreError if they have different ones."""
+    grasps = [record.grasps[0] for record in {record.batch: record for record in dataset}.values()]
+    (names, sensor), *others = [(list(grasp.sensors), grasp.sensor.description()) for grasp in grasps]
+    for number, other in enumerate(others, start=1):
+        if other != (names, sensor):
+            raise StoreError(f"{grasps[0]} and {grasps[number]} have different sensors: build the run from one config")
+    units = {"length": UNITS["length"], "lights.angles": "degree"}
+    return {"names": names, "sensor": sensor, "frame": FRAMES["sensor"], "units": units}

@@ -1,0 +1,307 @@
+"""The page of a run, `index.html`: its objects, figures, tables, claims, trainings, times and config, to read offline.
+
+It is made of files in the run's folder alone, and can be made again at any time, also of a run in part and of one with
+failures. No engine is loaded. `index.html.jinja` lays it out and escapes all that it is given.
+"""
+
+import csv
+import json
+import math
+import os
+import re
+from collections import Counter
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import partial
+from itertools import chain, zip_longest
+from pathlib import Path
+from typing import Any, NamedTuple
+from urllib.parse import quote
+
+import pandas as pd
+from markupsafe import Markup, escape
+from PIL import Image
+
+from palpate.batch import plain
+from palpate.catalogue import SPLITS, CatalogueEntry
+from palpate.dataset import Dataset, ObjectRecord
+from palpate.dataset.run import Run
+from palpate.remedy import RECORD
+from palpate.results.captions import caption, position
+from palpate.results.tables import display
+from palpate.store.contract import CONTRACT
+from palpate.terminal import duration
+from palpate.viewer.html import data_uri, render, resource
+
+PICTURED = 300  # objects with a picture in the page: 1 to 3 kB each
+OBJECT_PAGES = 8  # pages of objects that are written with it: up to a second, and 3 to 6 MB, each
+THUMBNAIL, FIGURE = 160, 1500  # pixels
+EMBEDDED = 3_000_000  # bytes of figures in the page; what is beyond is read from its file
+MOST_ROWS = 500  # of a table
+VERDICTS = {"holds": "good", "agrees": "good", "better": "good", "does not hold": "bad", "worse": "bad"}
+CURVE = (150, 34)  # width and height of a training's curve
+
+
+class Cell(NamedTuple):
+    """A table's cell. value: what a number is sorted by; behind: its interval; kind: of a verdict, "good" or "bad";
+    curve: polylines of SVG."""
+
+    text: str
+    value: float | None = None
+    behind: str = ""
+    kind: str = ""
+    curve: Sequence[str] = ()
+
+
+class Table(NamedTuple):
+    """A table of the page. rows_in_all: those that there are; files: links to it by their suffixes."""
+
+    heads: Sequence[str]
+    rows: Sequence[Sequence[Cell]]
+    rows_in_all: int
+    name: str = ""
+    caption: Markup | str = ""
+    note: Markup | str = ""
+    files: Mapping[str, str] = {}
+
+
+def run_page(
+    folder: Path | str,
+    path: Path | str | None = None,
+    pages: Path | str | None = None,
+    object_pages: int = OBJECT_PAGES,
+) -> Path:
+    """Write the page of a run; returns its path, by default `index.html` in the run's folder.
+
+    pages: folder of the objects' own pages, by default `viewer` in the run's. object_pages: how many objects get one,
+    the first ones of all classes in turn, if it is missing or older than their stores. What can't be read is named in
+    the page, and does not stop it.
+    """
+    run, problems = Run(folder), []
+    path, pages = Path(path or run.folder / "index.html"), Path(pages or run.folder / "viewer")
+    link = partial(_link, run.folder, path.parent)
+
+    def read(otherwise: Any, part: Callable[..., Any], *arguments: Any) -> Any:
+        try:
+            return part(*arguments)
+        except (OSError, ValueError, LookupError) as error:
+            problems.append(plain(error))
+            return otherwise
+
+    entries = read({}, lambda: run.catalogue)
+    rejections = read([], run.rejections)
+    dataset = read(None, Dataset, run.folder) if entries else None
+    stages = dataset.stages if dataset else []
+    shown = spread(dataset or (), PICTURED)
+    whole = [record for record in shown if stages and all(path.exists() for path in _stores(record, stages))]
+    for record in spread(whole, object_pages):
+        read(None, _write_object_page, pages / f"{record.name}.html", record)
+    tables = [read(None, _result, file, name, link) for name, file in _files(run.folder, "tables", "csv")]
+    render(
+        path,
+        "index.html.jinja",
+        name=run.folder.resolve().name,
+        folder=run.folder,
+        link=link,
+        duration=duration,
+        last=read({}, lambda: json.loads(_text(run.folder / "last_run.json") or "{}")),
+        settings=read({}, lambda: run.config),
+        config=_text(run.folder / RECORD),
+        counts=_counts(entries, {row["object"] for row in rejections}),
+        objects=[_thumbnail(record, stages, link, pages) for record in shown],
+        usable=len(dataset or ()),
+        listed=(run.folder / "rejected.csv").exists(),
+        rejected=_table(("object", "stage", "reason"), [row.values() for row in rejections]),
+        checks=list(csv.DictReader(_text(run.folder / "reports/validation.csv").splitlines())),
+        warnings=read([], _warnings, run.folder),
+        figures=read([], _figures, run.folder, link),
+        tables={table.name: table for table in tables if table},
+        trainings=read(_table((), ()), _trainings, run.folder),
+        times=read(_table((), ()), _times, run.folder),
+        problems=problems,
+        style=resource("index.css"),
+        script=resource("index.js"),
+    )
+    return path
+
+
+def spread(records: Iterable[ObjectRecord], most: int) -> list[ObjectRecord]:
+    """At most so many objects, the first ones of each class in turn; in the order in which they came."""
+    classes: dict[str, list[tuple[int, ObjectRecord]]] = {}
+    for number, record in enumerate(records):
+        classes.setdefault(record.class_name, []).append((number, record))
+    turns = [each for each in chain(*zip_longest(*classes.values())) if each]
+    return [record for _, record in sorted(turns[:most], key=lambda each: each[0])]
+
+
+def _table(heads: Sequence[str], rows: Iterable[Iterable[Any]], **other: Any) -> Table:
+    """A table of cells, texts and numbers."""
+    rows = list(rows)
+    return Table(heads, [[_cell(value) for value in row] for row in rows[:MOST_ROWS]], len(rows), **other)
+
+
+def _cell(value: Any) -> Cell:
+    if isinstance(value, int | float):
+        return Cell(f"{value:,}", float(value))
+    return value if isinstance(value, Cell) else Cell(str(value))
+
+
+def _link(folder: Path, place: Path, *parts: str) -> str:
+    """The address of a file of the run, as seen from the page; its name may have any characters."""
+    return quote(os.path.relpath(folder.resolve().joinpath(*parts), place.resolve()))
+
+
+def _text(path: Path) -> str:
+    return path.read_text(encoding="utf-8", errors="replace") if path.is_file() else ""
+
+
+def _marked(text: str) -> Markup:
+    """A text of ours, with code between backticks."""
+    return Markup(re.sub(r"(`+)(.+?)\1", r"<code>\2</code>", str(escape(text))))
+
+
+def _files(folder: Path, kind: str, suffix: str) -> list[tuple[str, Path]]:
+    """Tables, figures or reports of the run with their names, in the order of their captions."""
+    found = [(path.relative_to(folder / kind), path) for path in folder.glob(f"{kind}/**/*.{suffix}")]
+    named = [(path.with_suffix("").as_posix(), whole) for path, whole in found]
+    return sorted(named, key=lambda each: position(kind, each[0]))
+
+
+def _result(path: Path, name: str, link: Callable[..., str]) -> Table:
+    """A table of results: the numbers of its CSV, each with its interval, and the note of its Markdown."""
+    texts = {"class": str, "section": str}  # even if they look like numbers
+    frame = pd.read_csv(path, keep_default_na=False, na_values=[""], dtype=texts).convert_dtypes()
+    if name == "claims":
+        frame.insert(1, "verdict", frame.pop("verdict"))
+    frame.attrs |= {"decimals": None, "exact": _decimals(frame)}
+    shown = display(frame)
+    columns = [[_shown(*each) for each in zip(shown[head], frame[head], strict=True)] for head in shown]
+    files = {form: link("tables", name + form) for form in (".csv", ".md", ".tex") if path.with_suffix(form).exists()}
+    note = _marked(_text(path.with_suffix(".md")).rpartition("|\n")[2].strip())
+    heads = [head.replace("_", " ") for head in shown]
+    return _table(
+        heads, zip(*columns, strict=True), name=name, caption=_marked(caption("tables", name)), note=note, files=files
+    )
+
+
+def _shown(text: str, value: Any) -> Cell:
+    if isinstance(value, str):
+        return Cell(text, kind=VERDICTS.get(text.partition(" (")[0], ""))
+    number, _, interval = text.partition(" ")
+    return Cell(number, math.nan if pd.isna(value) else float(value), interval)
+
+
+def _decimals(frame: pd.DataFrame) -> dict[str, int]:
+    """The decimals that give a column's median three digits; of columns whose values are of one order of size."""
+    found = {}
+    for name, column in frame.select_dtypes("Float64").items():
+        sizes = column.abs()[column.abs() > 0]
+        if len(sizes) and sizes.max() < 1000 * sizes.min():
+            found[name] = max(0, 2 - math.floor(math.log10(sizes.median())))
+    return found
+
+
+def _counts(entries: Mapping[str, CatalogueEntry], rejected: set[str]) -> Table:
+    """Objects that are used, by class and split, and those that were rejected."""
+    counts = Counter((entry.class_name, entry.split, name in rejected) for name, entry in entries.items())
+    rows = []
+    for group in sorted({entry.class_name for entry in entries.values()}):
+        used, unused = ([counts[group, split, state] for split in SPLITS] for state in (False, True))
+        rows.append([group, *used, sum(used), sum(unused)])
+    if rows:
+        rows.append(["total", *(sum(numbers) for numbers in list(zip(*rows, strict=True))[1:])])
+    return _table(("class", *SPLITS, "used", "rejected"), rows)
+
+
+def _thumbnail(record: ObjectRecord, stages: Sequence[str], link: Callable[..., str], pages: Path) -> dict[str, str]:
+    """An object, with its picture, and the address of its page if there is one."""
+    picture = ""
+    for stage, name in (("vision", "unoccluded"), ("views", "image")):
+        if stage in stages and not picture:
+            try:
+                image = getattr(record, name)
+                picture = data_uri(image.reshape(-1, *image.shape[-3:])[0], THUMBNAIL)
+            except (OSError, ValueError):
+                continue  # this batch's are not made yet, or damaged, as `palpate validate` says
+    page = pages.resolve() / f"{record.name}.html"
+    names = {"name": record.name, "group": f"{record.class_name}, {record.split}"}
+    return {**names, "picture": picture, "page": link(page) if _is_current(page, record) else ""}
+
+
+def _is_current(page: Path, record: ObjectRecord) -> bool:
+    """Whether an object has a page that is not older than what it shows."""
+    made = [record.mesh.parent, *_stores(record, ("surface", "grasps", "touch", "vision"))]
+    newest = max((path.stat().st_mtime for path in made if path.exists()), default=0)
+    return page.exists() and page.stat().st_mtime >= newest
+
+
+def _stores(record: ObjectRecord, stages: Iterable[str]) -> list[Path]:
+    return [record.mesh.parents[2] / CONTRACT[stage].path(record.batch) for stage in stages]
+
+
+def _write_object_page(page: Path, record: ObjectRecord) -> None:
+    if not _is_current(page, record):
+        from palpate.viewer.page import object_page  # loads trimesh
+
+        object_page(page, record)
+
+
+def _warnings(folder: Path) -> list[str]:
+    """The warnings of the jobs' logs, but for those of rejections; each once."""
+    texts = (_text(path) for path in sorted(folder.glob("logs/**/*.log")))
+    found = (re.findall(r"^\S+ \S+ WARNING (?!.* rejected: )(.+)", text, re.MULTILINE) for text in texts)
+    return list(dict.fromkeys(chain(*found)))
+
+
+def _figures(folder: Path, link: Callable[..., str]) -> list[dict[str, Any]]:
+    """Figures, and pictures of reports, with their captions: in the page, but for those beyond `EMBEDDED` bytes."""
+    found, used = [], 0
+    for kind in ("figures", "reports"):
+        for name, path in _files(folder, kind, "png"):
+            file, source = link(kind, f"{name}.png"), ""
+            with Image.open(path) as picture:
+                size = dict(zip(("width", "height"), picture.size, strict=True))
+                if used < EMBEDDED:
+                    source = data_uri(picture.convert("RGB"), FIGURE)
+            used += len(source)
+            found.append({"name": name, "file": file, "source": source or file, **size})
+            found[-1]["caption"] = _marked(caption(kind, name))
+    return found
+
+
+def _trainings(folder: Path) -> Table:
+    """The trained models with their curves, the training's loss first and then that on the validation split."""
+    rows = []
+    for path in sorted(folder.glob("models/**/training.json")):
+        training = json.loads(path.read_bytes())
+        history, seconds = pd.read_csv(path.with_name("history.csv")), training["seconds"]
+        rows.append([path.parent.relative_to(folder / "models").as_posix(), Cell("", curve=_curve(history))])
+        rows[-1].append(Cell(f"{training['validation_loss']:.3f}", training["validation_loss"]))
+        rows[-1] += [training["best_step"], training["steps"], Cell(duration(seconds), seconds)]
+    return _table(("model", "loss", "best on validation", "at step", "steps", "time"), rows)
+
+
+def _curve(history: pd.DataFrame) -> list[str]:
+    """Points of polylines: steps to the right, logarithms of losses upwards."""
+    losses = history[["train_loss", "validation_loss"]].clip(lower=1e-9).map(math.log)
+    low, high = losses.min(axis=None), losses.max(axis=None)
+    x, y = CURVE[0] * history["step"] / history["step"].max(), CURVE[1] * (high - losses) / ((high - low) or 1)
+    return [" ".join(f"{a:.1f},{b:.1f}" for a, b in zip(x, y[name], strict=True)) for name in losses]
+
+
+def _times(folder: Path) -> Table:
+    """Jobs, time and memory by stage, from the benchmarks of jobs; tables and figures together."""
+    jobs: dict[str, list[tuple[float, float]]] = {}
+    made = {
+        name: kind for kind, form in (("tables", "csv"), ("figures", "png")) for name, _ in _files(folder, kind, form)
+    }
+    for path in sorted(folder.glob("benchmarks/**/*.tsv")):
+        name = path.relative_to(folder / "benchmarks").with_suffix("").as_posix()
+        row = next(csv.DictReader(_text(path).splitlines(), delimiter="\t"))
+        jobs.setdefault(made.get(name, name.partition("/")[0]), []).append((float(row["s"]), float(row["max_rss"])))
+    rows = []
+    for name, times in jobs.items():
+        seconds, memory = zip(*times, strict=True)
+        spans = [Cell(duration(each), each) for each in (sum(seconds), max(seconds))]
+        rows.append([name, len(times), *spans, Cell(f"{max(memory):,.0f}", max(memory))])
+    rows.sort(key=lambda row: -row[2].value)
+    return _table(("stage", "jobs", "time", "longest job", "most memory of a job, MB"), rows)

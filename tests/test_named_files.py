@@ -1,0 +1,171 @@
+"""The files that a mesh file names: those of every format, bounded, within the source's folder."""
+
+import json
+import os
+import shutil
+
+import PIL.Image
+import pytest
+
+from palpate import mesh
+from palpate.named_files import companions, find, is_outside, texture_pixels, unusable
+from tests.mesh.written import FORMATS, gltf, picture, write
+
+NAMES = {
+    "obj": ["body.mtl", "picture.png"],
+    "glb": ["picture.png"],
+    "gltf": ["body.bin", "picture.png"],
+    "ply": ["picture.png"],
+    "dae": ["picture.png"],
+    "stl": [],
+    "off": [],
+    "3mf": [],
+}
+
+
+@pytest.mark.parametrize("suffix", FORMATS)
+def test_each_format_names_its_files(tmp_path, suffix):
+    assert set(NAMES) == set(FORMATS) == set(mesh.FORMATS)
+    path = write(tmp_path, suffix, colour=(1, 1, 1), texture=bool(NAMES[suffix]))
+    assert companions(path) == NAMES[suffix]
+    assert texture_pixels(path) == 0  # a picture of 256 x 128 in a few kB
+    for name in NAMES[suffix]:
+        (tmp_path / name).unlink()
+    assert companions(path) == []
+
+
+def test_names_with_escapes_options_spaces_and_other_encodings(tmp_path):
+    for name in ("a b.png", "é.png", "wood grain.png"):
+        picture().save(tmp_path / name)
+    tree = {"images": [{"uri": "a%20b.png"}, {"uri": "é.png"}, {"uri": "data:image/png;base64,AAAA"}]}
+    (tmp_path / "m.gltf").write_text(json.dumps(tree))  # writes é as an escape
+    assert companions(tmp_path / "m.gltf") == ["a b.png", "é.png"]
+    (tmp_path / "m.obj").write_text("mtllib m.mtl\r\n")
+    (tmp_path / "m.mtl").write_bytes("map_Kd -s 2 2 2 wood grain.png\r\n\tMAP_KD é.png\n".encode("latin-1"))
+    assert companions(tmp_path / "m.obj") == ["m.mtl", "wood grain.png", "é.png"]
+
+
+def long_map(folder):
+    (folder / "a.obj").write_text("mtllib a.mtl\n")
+    (folder / "a.mtl").write_text(f"map_Kd {'x' * 300}.png\nmap_Kd {'y/' * 5000}\nmap_Kd {'- ' * 100_000}\n")
+    return "a.obj", ["a.mtl"]
+
+
+def long_uri(folder):
+    (folder / "a.gltf").write_text(json.dumps({"images": [{"uri": "x" * 300}, {"uri": "y" * 100_000}]}))
+    return "a.gltf", []
+
+
+def deep(folder):
+    (folder / "a.gltf").write_text('{"a":' + "[" * 200_000 + "]" * 200_000 + "}")
+    return "a.gltf", []
+
+
+def blank_lines(folder):
+    """3 MB: with a quadratic search this would take days."""
+    (folder / "a.obj").write_text("mtllib a.mtl\n")
+    (folder / "a.mtl").write_text("\n" * 1_000_000 + " " * 1_000_000 + "\n" + "map_Kd" + " " * 1_000_000)
+    return "a.obj", ["a.mtl"]
+
+
+def spaces(folder):
+    (folder / "a.dae").write_text("<init_from>" + " " * 1_000_000 + "<init_from>" * 100_000)
+    return "a.dae", []
+
+
+def pipes(folder):
+    for name in ("a.mtl", "t.png"):
+        os.mkfifo(folder / name)
+    (folder / "a.obj").write_text("mtllib a.mtl\nmtllib /dev/zero\nmtllib b.mtl\n")
+    (folder / "b.mtl").write_text("map_Kd t.png\nmap_Kd /dev/zero\n")
+    return "a.obj", ["b.mtl"]
+
+
+def pipe(folder):
+    os.mkfifo(folder / "a.obj")
+    return "a.obj", []
+
+
+@pytest.mark.parametrize("make", [long_map, long_uri, deep, blank_lines, spaces, pipes, pipe])
+def test_whatever_a_file_says_its_names_are_found_soon(tmp_path, make):
+    name, expected = make(tmp_path)
+    assert companions(tmp_path / name, "/") == expected
+    assert texture_pixels(tmp_path / name, "/") == 0
+
+
+def test_what_can_be_no_mesh_file(tmp_path):
+    os.mkfifo(tmp_path / "a.obj")
+    (tmp_path / "a.stl").write_bytes(b"")
+    assert "pipe" in unusable(tmp_path / "a.obj") and "folder" in unusable(tmp_path)
+    assert "UTF-8" in unusable(b"caf\xe9.stl".decode("utf-8", "surrogateescape").encode("utf-8", "backslashreplace"))
+    assert not unusable(tmp_path / "a.stl") and not unusable(tmp_path / "gone.stl")
+
+
+def test_pixels_of_pictures_beside_and_within(tmp_path):
+    noise = picture().resize((512, 256)).effect_spread(60)
+    for suffix in ("obj", "ply", "gltf"):
+        path = write(tmp_path / suffix, suffix, texture=True)
+        noise.save(path.with_name("picture.png"))
+        assert texture_pixels(path) == 512 * 256
+        path.with_name("picture.png").write_bytes(b"\x89PNG" + bytes(100_000))
+        assert texture_pixels(path) == 0
+    noise.save(tmp_path / "gltf/picture.png")
+    loaded = mesh.prepare(tmp_path / "gltf/body.gltf", tmp_path / "out", levels=[])
+    assert loaded["source"]["replaced_textures"] == {}
+    assert texture_pixels(tmp_path / "out/visual.glb") == 512 * 256
+
+
+def test_pixels_of_the_largest_picture(tmp_path, monkeypatch):
+    """PIL by itself, as the workflow has it, takes a picture of this size for a bomb."""
+    path = write(tmp_path, "obj", texture=True)
+    PIL.Image.new("L", (16384, 16384)).save(tmp_path / "picture.png")
+    monkeypatch.setattr(PIL.Image, "MAX_IMAGE_PIXELS", 89_478_485)
+    assert texture_pixels(path) == 16384**2
+
+
+@pytest.fixture
+def source(tmp_path):
+    """A source's folder with a mesh two folders deep, and pictures within it and outside."""
+    folder = tmp_path / "source"
+    path = write(folder / "mug/blue", "obj", texture=True)
+    picture().save(tmp_path / "secret.png")
+    picture().save(folder / "shared.png")
+    return folder, path
+
+
+def test_files_outside_the_source_are_refused_unless_that_is_allowed(source, tmp_path):
+    folder, path = source
+    for name in ("../../../secret.png", str(tmp_path / "secret.png")):
+        assert find(path, name, folder) is None and is_outside(path, name, folder)
+        assert find(path, name, "/") and not is_outside(path, name, "/")
+    for name in ("../../shared.png", "picture.png", str(folder / "shared.png")):
+        assert find(path, name, folder) and not is_outside(path, name, folder)
+    assert find(path, "gone.png", folder) is None and not is_outside(path, "gone.png", folder)
+    path.with_suffix(".mtl").write_text("newmtl skin\nmap_Kd ../../../secret.png\n")
+    assert companions(path, folder) == ["body.mtl"]
+    assert companions(path, "/") == ["../../../secret.png", "body.mtl"]
+    record = mesh.prepare(path, tmp_path / "out", levels=[], root=folder)
+    assert "source.outside" in record["source"]["replaced_textures"]["../../../secret.png"]
+    assert mesh.prepare(path, tmp_path / "out", levels=[], root="/")["source"]["replaced_textures"] == {}
+
+
+def test_a_buffer_outside_is_refused(source, tmp_path):
+    folder, path = source
+    gltf(path.with_suffix(".gltf"), None, True, "material")
+    shutil.move(path.with_suffix(".bin"), tmp_path / "body.bin")
+    text = path.with_suffix(".gltf").read_text().replace("body.bin", str(tmp_path / "body.bin"))
+    path.with_suffix(".gltf").write_text(text)
+    with pytest.raises(mesh.UnusableObject, match="outside the source's folder"):
+        mesh.prepare(path.with_suffix(".gltf"), tmp_path / "out", levels=[], root=folder)
+    mesh.prepare(path.with_suffix(".gltf"), tmp_path / "out", levels=[], root="/")
+
+
+def test_links_of_the_user_are_followed_and_those_of_a_name_are_not(source, tmp_path):
+    """A class, or a picture, may be a link; from a linked class a name still does not reach beside it."""
+    folder, path = source
+    shutil.move(folder / "mug", tmp_path / "elsewhere")
+    (folder / "mug").symlink_to(tmp_path / "elsewhere")
+    (tmp_path / "elsewhere/near.png").write_bytes((tmp_path / "secret.png").read_bytes())
+    (path.parent / "linked.png").symlink_to(tmp_path / "secret.png")
+    assert find(path, "linked.png", folder) and find(path, "../near.png", folder)
+    assert find(path, "../../secret.png", folder) is None
