@@ -98,9 +98,9 @@ STYLES = {
         "top": "nozzle screw nozzle", "material": "plastic", "lean": (-0.12, 0.12),
     },
     "jug": {
-        "height": (0.2, 0.3), "slimness": (0.2, 0.33), "squareness": (2.2, 6), "depth": (0.45, 1), "neck": (0.2, 0.34),
-        "neck_length": (0.03, 0.08), "handle": "loop", "handle_reach": (0.2, 0.9), "top": "screw",
-        "material": "plastic",
+        "height": (0.2, 0.3), "slimness": (0.2, 0.33), "squareness": (2.2, 6), "depth": (0.45, 1),
+        "neck": (0.2, 0.34), "neck_length": (0.03, 0.08), "handle": "loop", "handle_reach": (0.2, 0.9),
+        "top": "screw", "material": "plastic",
     },
     "spirit": STRAIGHT | NO_HANDLE | {
         "height": (0.15, 0.28), "slimness": (0.14, 0.26), "squareness": (2, 7), "depth": (0.35, 1),

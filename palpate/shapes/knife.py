@@ -106,15 +106,15 @@ STYLES = {
         "tall": (0.13, 0.18), "point": (0.3, 1), "side": "none",
     },
     "table": {
-        "length": (0.08, 0.13), "height": (0.14, 0.26), "heel": (0.35, 0.8), "blunt": (0.02, 0.3),
-        "clip": (0.6, 0.9), "belly": (0.5, 0.85), "teeth": "none scallops", "side": "none", "grip": (0.09, 0.13),
-        "tall": (0.1, 0.17), "wide": (0.35, 0.7), "neck": (0.35, 0.7), "guard": "none", "pommel": "none",
-        "grip_material": "steel", "rivets": (0, 0.5), "rings": (0, 0.002), "tilt": (-2, 2),
+        "length": (0.08, 0.13), "height": (0.14, 0.26), "heel": (0.35, 0.8), "blunt": (0.02, 0.3), "clip": (0.6, 0.9),
+        "belly": (0.5, 0.85), "teeth": "none scallops", "side": "none", "grip": (0.09, 0.13), "tall": (0.1, 0.17),
+        "wide": (0.35, 0.7), "neck": (0.35, 0.7), "guard": "none", "pommel": "none", "grip_material": "steel",
+        "rivets": (0, 0.5), "rings": (0, 0.002), "tilt": (-2, 2),
     },
     "folder": {
         "length": (0.065, 0.1), "height": (0.2, 0.36), "fold": (0, 66), "side": "hole groove none",
-        "thickness": (0.003, 0.004), "grip": (0.1, 0.135), "wide": (0.4, 0.6), "squareness": (3, 6), "rivets": (2, 4.99),
-        "guard": "none", "pommel": "none none ring",
+        "thickness": (0.003, 0.004), "grip": (0.1, 0.135), "wide": (0.4, 0.6), "squareness": (3, 6),
+        "rivets": (2, 4.99), "guard": "none", "pommel": "none none ring",
     },
     "multitool": {
         "length": (0.055, 0.08), "height": (0.16, 0.3), "fold": (0, 62), "grip": (0.083, 0.11), "tall": (0.2, 0.34),
@@ -124,7 +124,8 @@ STYLES = {
     },
     "hunting": {
         "length": (0.1, 0.2), "height": (0.17, 0.3), "thickness": (0.003, 0.0055), "point": (0.3, 1),
-        "clip": (0.35, 0.75), "clip_power": (0.7, 1.8), "guard": "cross bolster", "pommel": "cap none", "grip_material": "wood",
+        "clip": (0.35, 0.75), "clip_power": (0.7, 1.8), "guard": "cross bolster", "pommel": "cap none",
+        "grip_material": "wood",
     },
     "combat": {
         "length": (0.12, 0.2), "height": (0.16, 0.26), "thickness": (0.0035, 0.0055), "clip": (0.5, 0.85),
@@ -133,9 +134,9 @@ STYLES = {
     },
     "dagger": {
         "length": (0.13, 0.28), "height": (0.08, 0.24), "edges": "double", "point": (0.45, 0.55),
-        "offset": (-0.02, 0.02), "clip": (0.05, 0.8), "belly": (0.05, 0.8), "thickness": (0.004, 0.0065), "wave": (-0.01, 0.01),
-        "guard": "cross", "reach": (1.6, 4), "pommel": "ball ball ring", "rings": (0.01, 0.06), "teeth": "none",
-        "side": "none groove", "tilt": (-1, 1), "sag": (-0.01, 0.01),
+        "offset": (-0.02, 0.02), "clip": (0.05, 0.8), "belly": (0.05, 0.8), "thickness": (0.004, 0.0065),
+        "wave": (-0.01, 0.01), "guard": "cross", "reach": (1.6, 4), "pommel": "ball ball ring", "rings": (0.01, 0.06),
+        "teeth": "none", "side": "none groove", "tilt": (-1, 1), "sag": (-0.01, 0.01),
     },
     "cutter": {
         "length": (0.03, 0.09), "height": (0.2, 0.45), "heel": (0.95, 1), "point": (0.75, 1), "belly": (0.6, 0.8),
@@ -148,8 +149,9 @@ STYLES = {
         "thickness": (0.003, 0.0055), "pommel": "none none ball", "side": "none",
     },
     "karambit": {
-        "length": (0.07, 0.13), "height": (0.22, 0.38), "droop": (0.25, 0.6), "point": (0.2, 0.7), "clip": (0.05, 0.4),
-        "grip": (0.09, 0.12), "sag": (0.05, 0.2), "pommel": "ring", "guard": "none", "teeth": "none saw",
+        "length": (0.07, 0.13), "height": (0.22, 0.38), "droop": (0.25, 0.6), "point": (0.2, 0.7),
+        "clip": (0.05, 0.4), "grip": (0.09, 0.12), "sag": (0.05, 0.2), "pommel": "ring", "guard": "none",
+        "teeth": "none saw",
     },
     "sabre": {
         "length": (0.3, 0.5), "height": (0.055, 0.12), "droop": (-0.2, -0.02), "thickness": (0.004, 0.007),
