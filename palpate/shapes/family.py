@@ -28,8 +28,6 @@ def _style_and_rng(class_name: str, index: int, seed: int) -> tuple[str, np.rand
     if index < 0:
         raise ValueError(f"the index of a {class_name} must not be negative, got {index}")
     rng, names = generator(seed, f"{class_name}-{index:04d}", "shapes"), list(FAMILIES[class_name].STYLES)
-    if not hasattr(FAMILIES[class_name], "PARAMETERS"):  # not yet converted
-        return FAMILIES[class_name].STYLES[index % len(names)].__name__, rng
     return names[rng.integers(len(names))], rng
 
 
@@ -41,9 +39,6 @@ def make(class_name: str, index: int, seed: int = 0) -> trimesh.Scene:
     """
     name, rng = _style_and_rng(class_name, index, seed)
     family = FAMILIES[class_name]
-    if not hasattr(family, "PARAMETERS"):
-        build = family.STYLES[index % len(family.STYLES)]
-        return assemble(build(rng), lambda vertices, bounds: vertices)
     p = draw(rng, name, family.PARAMETERS, family.STYLES)
     waves = int(rng.integers(2**32))
     return assemble(
