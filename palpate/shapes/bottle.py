@@ -16,14 +16,14 @@ from palpate.shapes.parameters import Choice, Range
 from palpate.shapes.solids import box, filleted, fluted, lathe, rod, superellipse, sweep, turned, union, upright
 
 AXES = (2, 1)
-AROUND = 144  # points around a body: facets of 2.5 degrees, 2 to 4 mm on an object of 0.5 m
+AROUND, ROWS = 132, 46  # points around a body, and rows from the ground to the neck: facets of about 3 degrees
 PAPER = 0.0005  # m that a label stands off the body
 
 PARAMETERS = {
     "body": {
         "height": Range(0.15, 0.3, "m", "from the ground to the mouth"),
         "slimness": Range(0.11, 0.2, "1", "radius over height"),
-        "depth": Range(0.5, 1, "1", "of the cross-section, over its width"),
+        "depth": Range(0.65, 1, "1", "of the cross-section, over its width"),
         "squareness": Range(2, 2.6, "1", "exponent of the cross-section: 2 is an ellipse, 6 nearly a rectangle"),
         "shoulder": Range(0.42, 0.72, "1", "height of the shoulder's lower end over the height"),
     },
@@ -98,12 +98,12 @@ STYLES = {
         "top": "nozzle screw nozzle", "material": "plastic", "lean": (-0.12, 0.12),
     },
     "jug": {
-        "height": (0.2, 0.3), "slimness": (0.2, 0.33), "squareness": (2.2, 6), "depth": (0.45, 1),
+        "height": (0.2, 0.3), "slimness": (0.2, 0.33), "squareness": (2.2, 6), "depth": (0.6, 1),
         "neck": (0.2, 0.34), "neck_length": (0.03, 0.08), "handle": "loop", "handle_reach": (0.2, 0.9),
         "top": "screw", "material": "plastic",
     },
     "spirit": STRAIGHT | NO_HANDLE | {
-        "height": (0.15, 0.28), "slimness": (0.14, 0.26), "squareness": (2, 7), "depth": (0.35, 1),
+        "height": (0.15, 0.28), "slimness": (0.14, 0.26), "squareness": (2, 7), "depth": (0.5, 1),
         "shoulder": (0.5, 0.78), "neck": (0.22, 0.38), "top": "stopper cork screw", "material": "glass",
     },
     "medicine": ROUND | STRAIGHT | NO_HANDLE | {
@@ -116,7 +116,7 @@ STYLES = {
         "neck": (0.28, 0.45), "neck_length": (0.03, 0.08), "top": "pump", "material": "plastic glass",
     },
     "spray": NO_HANDLE | {
-        "height": (0.15, 0.23), "slimness": (0.16, 0.24), "squareness": (2, 4), "depth": (0.45, 0.9),
+        "height": (0.15, 0.23), "slimness": (0.16, 0.24), "squareness": (2, 4), "depth": (0.55, 0.9),
         "shoulder": (0.45, 0.7), "neck": (0.3, 0.42), "top": "trigger", "material": "plastic", "lean": (-0.1, 0.1),
     },
     "sports": ROUND | NO_HANDLE | {
@@ -135,7 +135,7 @@ STYLES = {
         "material": "glass", "label": "none",
     },
     "perfume": NO_HANDLE | {
-        "height": (0.05, 0.1), "slimness": (0.28, 0.5), "squareness": (2, 8), "depth": (0.3, 1),
+        "height": (0.05, 0.1), "slimness": (0.28, 0.5), "squareness": (2, 8), "depth": (0.5, 1),
         "shoulder": (0.7, 0.88), "base": (0.5, 1.1), "neck": (0.22, 0.36), "neck_length": (0.03, 0.08),
         "top": "stopper cap", "top_height": (1.5, 4.5), "top_width": (1.2, 2.4), "material": "glass", "label": "none",
     },
@@ -145,7 +145,7 @@ STYLES = {
         "handle_turn": (70, 110), "handle_low": (0.5, 0.68), "top": "open cork", "material": "stone", "label": "none",
     },
     "canteen": {
-        "height": (0.16, 0.26), "slimness": (0.28, 0.42), "depth": (0.3, 0.6), "squareness": (2, 3),
+        "height": (0.16, 0.26), "slimness": (0.28, 0.42), "depth": (0.4, 0.6), "squareness": (2, 3),
         "shoulder": (0.4, 0.5), "base": (0.45, 0.75), "lower": (0.8, 1), "middle": (0.95, 1.05), "dome": (1.8, 3),
         "hollow": (0.5, 0.8), "neck": (0.14, 0.26), "neck_length": (0.04, 0.1), "top": "screw stopper loop",
         "material": "metal plastic", "label": "none", "relief": "none",
@@ -206,20 +206,20 @@ def outline(p: SimpleNamespace) -> tuple[np.ndarray, np.ndarray]:
     start = max(start, end + 0.05 * p.height)
     knots = PchipInterpolator([0, 0.25, 0.5, 0.75, 1], [p.base, p.lower, p.middle, p.upper, 1])
     heel = p.heel * radius * p.base
-    angle = np.linspace(0, np.pi / 2, 6)[:-1]
-    ribs = p.relief == "ribs"
-    body = np.linspace(heel, end, 9 * p.relief_count if ribs else 14)
+    angle = np.linspace(0, np.pi / 2, 16)[:-1]
+    body = np.linspace(heel, end, 200)
     z = np.concatenate([heel * (1 - np.cos(angle)), body])
     r = radius * knots(z / end)
-    r[:5] -= heel * (1 - np.sin(angle))
-    if ribs:
-        wave = 0.5 - 0.5 * np.cos(2 * np.pi * p.relief_count * (z - heel) / (end - heel))
-        r[5:] -= p.relief_depth * radius * wave[5:]
-    t = np.linspace(0, 1, 13)[1:]
+    r[: len(angle)] -= heel * (1 - np.sin(angle))
+    if p.relief == "ribs":
+        wave = 0.5 - 0.5 * np.cos(2 * np.pi * p.relief_count * (body - heel) / (end - heel))
+        r[len(angle) :] -= p.relief_depth * radius * wave
+    t = np.linspace(0, 1, 100)[1:]
     shoulder = np.column_stack([neck + (radius - neck) * (1 - t**p.dome) ** p.hollow, end + t * (start - end)])
+    skin = evenly_turning(np.concatenate([np.column_stack([r, z]), shoulder]), ROWS)
     lip = np.array([(1, 0), (1, 0.3), (1 + p.finish, 0.34), (1 + p.finish, 0.66), (1, 0.7), (1, 1)])
     lip = np.column_stack([neck * lip[:, 0], start + (p.height - start) * lip[:, 1]])[1:]
-    profile = np.concatenate([[(0.5 * r[0], 0)], np.column_stack([r, z]), shoulder, lip])
+    profile = np.concatenate([[(0.5 * r[0], 0)], skin, lip])
     body_share = 1 - np.clip((profile[:, 1] - end) / (start - end), 0, 1)[:, None, None]
     section = superellipse(2, 2, p.squareness, AROUND) * [p.depth, 1]
     section = body_share * section + (1 - body_share) * superellipse(2, 2, 2, AROUND)
@@ -235,6 +235,18 @@ def outline(p: SimpleNamespace) -> tuple[np.ndarray, np.ndarray]:
     cosine, sine = np.cos(angle)[:, None], np.sin(angle)[:, None]
     x, y = section[..., 0], section[..., 1]
     return profile, np.stack([cosine * x - sine * y, sine * x + cosine * y], axis=-1)
+
+
+def evenly_turning(profile: np.ndarray, count: int) -> np.ndarray:
+    """At most `count` rows of a profile (k, 2), closer where it curves, so that the facets turn alike."""
+    steps = np.diff(profile, axis=0)
+    lengths = np.linalg.norm(steps, axis=1)
+    turns = np.abs(np.diff(np.unwrap(np.arctan2(steps[:, 1], steps[:, 0]))))
+    # A sharp corner needs one row; a straight wall that may be bent later needs some.
+    weights = np.append(np.minimum(turns, 0.1), 0) + 1.5 * lengths / lengths.sum()
+    place = np.append(0, np.cumsum(weights))
+    chosen = np.searchsorted(place, np.linspace(0, place[-1], count) - 1e-9)
+    return profile[np.unique(np.minimum(chosen, len(profile) - 1))]
 
 
 def cut_at(profile: np.ndarray, section: np.ndarray, z: float) -> np.ndarray:

@@ -232,7 +232,7 @@ def blade(p: SimpleNamespace) -> Manifold:
             z = float(np.interp(place, y, middle))
             tools += [dent.translate((side * 0.47 * p.thickness, place, z)) for side in (1, -1)]
     # A folding blade ends behind its pivot.
-    reach = 0.6 * p.grip if p.fold == 0 else 0.02
+    reach = 0.3 * p.grip if p.fold == 0 else 0.02
     tang = box((0.7 * p.thickness, reach + 0.004, 0.3 * p.tall * p.grip), (0, 0.002 - reach / 2, 0))
     return cut(solid, tools) + tang
 

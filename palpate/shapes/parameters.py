@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 # Probability that a group of parameters (a bottle's top, a rifle's stock) is drawn as in any of the class's styles.
-EXCHANGE = 0.3
+EXCHANGE = 0.25
 
 
 class Range(NamedTuple):

@@ -331,11 +331,11 @@ def stock(p) -> list[Manifold]:
             (0.01, -p.low - 0.01),
         ]
         points += [(p.receiver, -p.low), (0.9 * p.receiver, 0.7 * p.high), (0, 1.05 * p.high)]
-        return [plank(points, 0.012, 1.15 * p.body_width, 0.008)]
+        return [plank(points, 0.012, 1.15 * p.body_width, 0.006)]
     low = -0.5 * p.low
     tube = rod((0, end + 0.01, low / 2), (0, 0.02, low / 2), 0.35 * p.low)
     plate = plank(
-        [(end, heel), (end - 0.016, heel), (end - 0.016 - p.pitch, toe), (end - p.pitch, toe)], 0.005, wide, 0.005
+        [(end, heel), (end - 0.016, heel), (end - 0.016 - p.pitch, toe), (end - p.pitch, toe)], 0.007, wide, 0.004
     )
     if p.stock == "skeleton":
         strut = [
@@ -488,7 +488,7 @@ def below(p) -> tuple[list[Manifold], Material]:
     if p.below == "bayonet":
         end = p.receiver + p.barrel
         points = np.array([(-0.02, -1), (0.2, -0.9), (0.25, -0.6), (-0.02, -0.3)]) * [size, 2 * p.bore] - [0, p.bore]
-        blade = plank(points + [end, 0], 0.001, 0.005, 0.0012)
+        blade = plank(points + [end, 0], 0.002, 0.005, 0.001)
         return [blade, box((0.012, 0.05, 3 * p.bore), (0, end - 0.03, -1.6 * p.bore))], metal_blade()
     return [], look
 
