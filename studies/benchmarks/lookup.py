@@ -21,10 +21,10 @@ from palpate.batch import generator
 from palpate.camera import paper_camera
 from palpate.catalogue.split import SPLITS, assign_split
 from palpate.mesh import DIAGONAL, OBJECT_POSITION
+from palpate.protocol import CHAMFER_SCALE
 from palpate.surface import sample
 from palpate.surface.embree import RayMesh
 
-CHAMFER_SCALE = 9000  # as `palpate.protocol.CHAMFER_SCALE`, which loads torch
 PIXELS = 128  # width of the silhouettes
 
 
@@ -33,6 +33,7 @@ class Shape(NamedTuple):
 
     name: str
     class_name: str
+    style: str
     split: str
     mesh: trimesh.Trimesh
     silhouette: np.ndarray
@@ -51,7 +52,8 @@ def shape(class_name: str, index: int, seed: int) -> Shape:
     camera, name = paper_camera(PIXELS), f"{class_name}-{index:04d}"
     rays = camera.rays().reshape(-1, 3)
     hit = RayMesh(mesh).first_face(np.broadcast_to(camera.position, rays.shape), rays) >= 0
-    return Shape(name, class_name, assign_split(name), mesh, hit.astype(np.float32), seconds)
+    style = shapes.style(class_name, index, seed)
+    return Shape(name, class_name, style, assign_split(name), mesh, hit.astype(np.float32), seconds)
 
 
 def lookup(found: Sequence[Shape], train: Sequence[Shape]) -> tuple[np.ndarray, np.ndarray]:
@@ -65,7 +67,7 @@ def lookup(found: Sequence[Shape], train: Sequence[Shape]) -> tuple[np.ndarray, 
 
 
 def chamfer(a: np.ndarray, b: np.ndarray) -> float:
-    """Mean squared distance from points (n, 3) to points (m, 3), plus that back, times 9000."""
+    """Mean squared distance from points (n, 3) to points (m, 3), plus that back, times CHAMFER_SCALE."""
     return CHAMFER_SCALE * ((cKDTree(b).query(a)[0] ** 2).mean() + (cKDTree(a).query(b)[0] ** 2).mean())
 
 
@@ -88,7 +90,7 @@ def evaluate(everything: Sequence[Shape], split: str, count: int) -> pd.DataFram
             {
                 "object": each.name,
                 "class": each.class_name,
-                "style": getattr(shapes, "style", lambda *_: "")(each.class_name, int(each.name[-4:])),
+                "style": each.style,
                 "looked up": train[best].name,
                 "iou": iou,
                 "chamfer": chamfer(cloud(each), cloud(train[best])),
