@@ -17,6 +17,7 @@ from palpate.shapes.solids import box, filleted, fluted, lathe, rod, superellips
 
 AXES = (2, 1)
 AROUND, ROWS = 132, 46  # points around a body, and rows from the ground to the neck: facets of about 3 degrees
+WIDEST = 0.32  # radius over height of a body that has handles
 PAPER = 0.0005  # m that a label stands off the body
 
 PARAMETERS = {
@@ -78,7 +79,7 @@ STRAIGHT = {"base": (0.9, 1), "lower": (0.97, 1.02), "middle": (0.97, 1.02), "up
 NO_HANDLE = {"handle": "none"}
 STYLES = {
     "wine": ROUND | STRAIGHT | NO_HANDLE | {
-        "height": (0.27, 0.35), "slimness": (0.1, 0.15), "shoulder": (0.5, 0.66), "neck": (0.33, 0.45),
+        "height": (0.25, 0.31), "slimness": (0.1, 0.15), "shoulder": (0.5, 0.66), "neck": (0.33, 0.45),
         "neck_length": (0.1, 0.28), "relief": "none", "top": "cork capsule capsule stopper", "material": "glass",
     },
     "beer": ROUND | STRAIGHT | NO_HANDLE | {
@@ -86,7 +87,7 @@ STYLES = {
         "top": "crown crown swing", "material": "glass",
     },
     "water": ROUND | NO_HANDLE | {
-        "height": (0.18, 0.33), "slimness": (0.1, 0.2), "shoulder": (0.62, 0.82), "neck_length": (0.03, 0.07),
+        "height": (0.18, 0.31), "slimness": (0.1, 0.2), "shoulder": (0.62, 0.82), "neck_length": (0.03, 0.07),
         "relief": "ribs ribs flutes", "top": "screw", "material": "pet", "label": "sleeve none",
     },
     "soda": ROUND | NO_HANDLE | {
@@ -98,7 +99,7 @@ STYLES = {
         "top": "nozzle screw nozzle", "material": "plastic", "lean": (-0.12, 0.12),
     },
     "jug": {
-        "height": (0.2, 0.3), "slimness": (0.2, 0.33), "squareness": (2.2, 6), "depth": (0.6, 1),
+        "height": (0.19, 0.28), "slimness": (0.2, 0.33), "squareness": (2.2, 6), "depth": (0.6, 1),
         "neck": (0.2, 0.34), "neck_length": (0.03, 0.08), "handle": "loop", "handle_reach": (0.2, 0.9),
         "top": "screw", "material": "plastic",
     },
@@ -125,12 +126,12 @@ STYLES = {
         "top_height": (0.6, 1.2),
     },
     "growler": ROUND | {
-        "height": (0.18, 0.3), "slimness": (0.2, 0.32), "shoulder": (0.45, 0.65), "neck": (0.24, 0.34),
+        "height": (0.18, 0.29), "slimness": (0.2, 0.32), "shoulder": (0.45, 0.65), "neck": (0.24, 0.34),
         "handle": "loop loop pair", "handle_high": (0.9, 0.97), "handle_low": (0.65, 0.82),
         "handle_reach": (0.1, 0.5), "top": "cork open swing", "material": "stone glass",
     },
     "carafe": ROUND | NO_HANDLE | {
-        "height": (0.18, 0.3), "slimness": (0.18, 0.34), "base": (0.4, 1), "lower": (0.9, 1.5), "middle": (0.8, 1.4),
+        "height": (0.18, 0.28), "slimness": (0.18, 0.34), "base": (0.4, 1), "lower": (0.9, 1.5), "middle": (0.8, 1.4),
         "shoulder": (0.3, 0.6), "neck": (0.22, 0.4), "neck_length": (0.1, 0.35), "top": "open stopper open",
         "material": "glass", "label": "none",
     },
@@ -140,7 +141,7 @@ STYLES = {
         "top": "stopper cap", "top_height": (1.5, 4.5), "top_width": (1.2, 2.4), "material": "glass", "label": "none",
     },
     "amphora": ROUND | {
-        "height": (0.2, 0.32), "slimness": (0.16, 0.28), "base": (0.35, 0.7), "lower": (0.7, 1), "upper": (0.95, 1.2),
+        "height": (0.2, 0.29), "slimness": (0.16, 0.28), "base": (0.35, 0.7), "lower": (0.7, 1), "upper": (0.95, 1.2),
         "shoulder": (0.5, 0.7), "neck": (0.3, 0.5), "neck_length": (0.08, 0.25), "handle": "pair pair loop",
         "handle_turn": (70, 110), "handle_low": (0.5, 0.68), "top": "open cork", "material": "stone", "label": "none",
     },
@@ -158,11 +159,9 @@ def build(p: SimpleNamespace, rng: np.random.Generator) -> list[Part]:
     profile, section = outline(p)
     body = upright(profile, section)
     radius, neck = p.slimness * p.height, p.neck * p.slimness * p.height
-    look = {"glass": glass, "plastic": plastic, "metal": metal, "pet": pet, "pill": pill, "stone": stone}[p.material](
-        rng
-    )
-    handles = {"none": [], "loop": [1], "pair": [1, -1]}[p.handle]
-    for side in handles:
+    looks = {"glass": glass, "plastic": plastic, "metal": metal, "pet": pet, "pill": pill, "stone": stone}
+    look = looks[p.material](rng)
+    for side in {"none": [], "loop": [1], "pair": [1, -1]}[p.handle if p.slimness < WIDEST else "none"]:
         body += handle(p, profile, section).scale((1, side, 1))
     if p.top == "open":
         tool = [(0.75 * neck, p.height + 0.01), (0.7 * neck, 0.8 * p.height), (0, 0.78 * p.height)]
@@ -268,7 +267,7 @@ def handle(p: SimpleNamespace, profile: np.ndarray, section: np.ndarray) -> Mani
         return np.linalg.norm(ring[np.argmin(np.abs(np.angle(np.exp(1j * (direction - angle)))))])
 
     thick = p.handle_width * radius
-    out = surface(low) + p.handle_reach * radius
+    out = min(surface(low) + p.handle_reach * radius, 0.44 * p.height)
     path = [(0, surface(high) - 0.4 * thick, high), (0, out, high), (0, out, low), (0, surface(low) - 0.4 * thick, low)]
     ribbon = sweep(filleted(np.array(path), 0.4 * (high - low)), superellipse(1.2 * thick, 0.8 * thick, 2.5, 32))
     return ribbon.rotate((0, 0, p.handle_turn - 90))
@@ -283,7 +282,8 @@ def screw_cap(radius: float, low: float, height: float, taper: float = 0.97, rib
 
 def top(p: SimpleNamespace, rng: np.random.Generator, neck: float, radius: float) -> list[Part]:
     """What closes the mouth, at the bottle's height."""
-    h, wide, tall = p.height, p.top_width * neck, p.top_height * neck
+    # A cap stays narrower than the body, and a spout short enough that the bottle stands and is taller than wide.
+    h, wide, tall = p.height, min(p.top_width * neck, 1.1 * radius), min(p.top_height * neck, 1.2 * radius)
     cap_look = plastic(rng, ["white-plastic", "black-plastic", "red-plastic", "green-plastic", "blue-plastic"])
     collar = screw_cap(wide, h - 0.6 * neck, 0.6 * neck + 0.4 * tall, p.top_taper)
     end = h + 0.4 * tall
@@ -317,7 +317,7 @@ def top(p: SimpleNamespace, rng: np.random.Generator, neck: float, radius: float
         return [Part(upright(filleted(profile, [0, 0.1 * tall, 0]), squared), cap_look)]
     if p.top == "screw":
         return [Part(screw_cap(wide, h + 0.15 * neck - 0.7 * tall, 0.7 * tall, p.top_taper), cap_look)]
-    reach = p.reach * radius
+    reach = min(p.reach * radius, 0.25 * h)
     if p.top == "nozzle":
         cone = [(0.55 * neck, end - 0.1 * neck), (0.45 * neck, end), (0.15 * neck, end + reach), (0, end + reach)]
         solid = collar + lathe(filleted(np.array(cone), 0.05 * neck), 48)
@@ -326,12 +326,12 @@ def top(p: SimpleNamespace, rng: np.random.Generator, neck: float, radius: float
         rubber = Part(lathe(filleted(bulb, 0.4 * neck), 72), Material("rubber", (40, 38, 38), 0, 0.8))
         return [Part(collar, cap_look), rubber]
     elif p.top == "pump":
-        z = end + rng.uniform(0.5, 1.1) * radius
+        z = end + rng.uniform(0.5, 1.1) * min(radius, 0.16 * h)
         spout = [(0, -0.5 * neck, z), (0, 0.8 * reach, z + 0.1 * neck), (0, reach, z - 0.5 * neck)]
         ribbon = sweep(filleted(np.array(spout), 0.4 * neck), superellipse(0.9 * neck, 0.6 * neck, 2.5, 32))
         solid = union([collar, rod((0, 0, h), (0, 0, z), 0.35 * neck), ribbon])
     elif p.top == "straw":
-        straw = [(0, 0, h), (0, 0, end + 0.3 * reach), (0, 0.5 * reach, end + reach)]
+        straw = [(0, 0, h), (0, 0, end + 0.3 * reach), (0, 0.5 * reach, end + 0.8 * reach)]
         solid = collar + sweep(filleted(np.array(straw), 0.4 * reach), superellipse(0.7 * neck, 0.6 * neck, 2.5, 32))
     elif p.top in ("loop", "swing"):
         span, rise = 0.85 * wide, 0.7 * reach

@@ -107,12 +107,12 @@ STYLES = {
         "hump": (-1, 0.2),
     },
     "book": TOUCH | THIN | {
-        "height": (0.13, 0.165), "width": (0.36, 0.47), "thickness": (0.07, 0.12), "joint": "book",
+        "height": (0.13, 0.165), "width": (0.33, 0.42), "thickness": (0.07, 0.12), "joint": "book",
         "opening": (0.35, 1), "corner": (0.04, 0.16), "camera": "pill lenses square", "bumper": "none",
     },
     "brick": {
-        "height": (0.15, 0.21), "width": (0.26, 0.42), "thickness": (0.16, 0.3), "screen": (0.08, 0.25),
-        "antenna": "rod rod stub", "antenna_length": (0.15, 0.65), "navigation": "none", "hump": (0, 0.5),
+        "height": (0.15, 0.2), "width": (0.26, 0.42), "thickness": (0.16, 0.3), "screen": (0.08, 0.25),
+        "antenna": "rod rod stub", "antenna_length": (0.15, 0.6), "navigation": "none", "hump": (0, 0.5),
         "key_out": (0.0015, 0.003), "camera": "none",
     },
     "rugged": {

@@ -145,7 +145,7 @@ STYLES = {
         "squareness": (3, 6), "guard": "none", "pommel": "none", "grip_material": "plastic",
     },
     "machete": KITCHEN | {
-        "length": (0.24, 0.4), "height": (0.1, 0.24), "heel": (0.4, 0.8), "bulge": (0, 0.3), "droop": (-0.1, 0.25),
+        "length": (0.22, 0.38), "height": (0.1, 0.24), "heel": (0.4, 0.8), "bulge": (0, 0.3), "droop": (-0.1, 0.25),
         "thickness": (0.003, 0.0055), "pommel": "none none ball", "side": "none",
     },
     "karambit": {
@@ -154,7 +154,7 @@ STYLES = {
         "teeth": "none saw",
     },
     "sabre": {
-        "length": (0.3, 0.5), "height": (0.055, 0.12), "droop": (-0.2, -0.02), "thickness": (0.004, 0.007),
+        "length": (0.27, 0.4), "height": (0.055, 0.12), "droop": (-0.2, -0.02), "thickness": (0.004, 0.007),
         "clip": (0.6, 0.9), "belly": (0.5, 0.85), "guard": "bow cross bow", "reach": (1.6, 2.6), "pommel": "ball cap",
         "side": "groove none", "teeth": "none", "tilt": (-14, 0),
     },

@@ -98,7 +98,7 @@ STYLES = {
         "forend": "slotted wood",
     },
     "carbine": MODERN | {
-        "barrel": (0.22, 0.46), "stock": "carbine carbine straight skeleton", "forend": "slotted ribbed",
+        "barrel": (0.25, 0.46), "stock": "carbine carbine straight skeleton", "forend": "slotted ribbed",
         "magazine": "box curved", "magazine_length": (0.09, 0.19), "sight": "carry dot scope irons",
         "below": "none foregrip none bipod launcher",
     },
@@ -133,7 +133,7 @@ STYLES = {
         "muzzle": "none brake", "stock": "straight straight carbine", "grip": "none pistol", "wood": "no yes",
     },
     "submachine": MODERN | {
-        "barrel": (0.12, 0.28), "receiver": (0.24, 0.34), "stock": "skeleton carbine",
+        "barrel": (0.15, 0.28), "receiver": (0.26, 0.34), "stock": "skeleton carbine",
         "forend": "ribbed slotted none", "magazine": "box drum curved", "magazine_length": (0.1, 0.24),
         "magazine_depth": (0.035, 0.055), "muzzle": "none suppressor hider", "stock_length": (0.2, 0.3),
         "magazine_place": (0.45, 0.85),
@@ -145,7 +145,7 @@ STYLES = {
         "second": "gas none",
     },
     "musket": SPORTING | {
-        "barrel": (0.6, 0.95), "receiver": (0.12, 0.18), "action": "bolt", "forend_length": (0.7, 0.95),
+        "barrel": (0.55, 0.8), "receiver": (0.12, 0.18), "action": "bolt", "forend_length": (0.7, 0.95),
         "slim": (0.7, 0.9), "magazine": "none", "sight": "irons none", "muzzle": "none", "below": "none bayonet",
         "drop": (0.03, 0.08), "bulk": (0.9, 1.7),
     },
