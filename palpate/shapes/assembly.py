@@ -14,6 +14,10 @@ from palpate.shapes.solids import union
 
 # Faces of one object: enough that a flat facet is smaller than a touch sensor, few enough to stay quick.
 FEWEST_FACES, MOST_FACES = 5_000, 20_000
+# Solids are simplified to so many; what is left is for the facets that deformation bends.
+SIMPLIFIED_FACES = 17_000
+# Longest edge over the object's diagonal, and what it is multiplied by where faces are too few or too many.
+EDGE, SHORTER, LONGER = 0.05, 0.7, 1.5
 # Metres. Vertices nearer than this to a simpler surface go: CSG leaves slivers where surfaces almost meet.
 SLIVER = 2e-6
 # Metres. Vertices as near as this may become equal in a file; then they are moved this far into the solid.
@@ -29,27 +33,37 @@ class Part:
     uv: Callable[[np.ndarray], np.ndarray] | None = None
 
 
-def assemble(parts: Iterable[Part]) -> trimesh.Scene:
-    """One closed mesh a material, in the order in which materials first appear."""
+def assemble(parts: Iterable[Part], deform: Callable[[np.ndarray, np.ndarray], np.ndarray]) -> trimesh.Scene:
+    """One closed mesh a material, in the order in which materials first appear.
+
+    deform: moves vertices (n, 3) of an object with bounds (2, 3). Pictures are laid on before.
+    """
     by_material: dict[str, list[Part]] = {}
     for part in parts:
         by_material.setdefault(part.material.name, []).append(part)
-    solids = {name: union(part.solid for part in group) for name, group in by_material.items()}
+    solids = bounded_faces({name: union(part.solid for part in group) for name, group in by_material.items()})
+    bounds = bounds_of(solids.values())
     scene = trimesh.Scene()
-    for name, solid in bounded_faces(solids).items():
+    for name, solid in solids.items():
         part = by_material[name][0]
         raw = solid.to_mesh64()
         faces = np.asarray(raw.tri_verts, dtype=np.int64)
-        vertices = apart(np.asarray(raw.vert_properties)[:, :3], faces)
+        vertices = np.asarray(raw.vert_properties)[:, :3]
         uv = np.zeros((len(vertices), 2)) if part.uv is None else part.uv(vertices)
         mesh = trimesh.Trimesh(
-            vertices,
+            apart(deform(vertices, bounds), faces),
             faces,
             visual=TextureVisuals(uv=uv, material=part.material.to_pbr()),
             process=False,
         )
         scene.add_geometry(mesh, node_name=name, geom_name=name)
     return scene
+
+
+def bounds_of(solids: Iterable[Manifold]) -> np.ndarray:
+    """Lowest and highest corner (2, 3) of all solids."""
+    boxes = np.array([solid.bounding_box() for solid in solids])
+    return np.stack([boxes[:, :3].min(axis=0), boxes[:, 3:].max(axis=0)])
 
 
 def apart(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
@@ -68,16 +82,19 @@ def apart(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
 
 
 def bounded_faces(solids: dict[str, Manifold]) -> dict[str, Manifold]:
-    """Refine large flat facets until the object has its fewest faces; simplify it if it has too many."""
-    solids = {name: solid.simplify(SLIVER) for name, solid in solids.items()}
-    refined, length = solids, 0.05
-    while face_count(refined) < FEWEST_FACES:
-        refined = {name: solid.refine_to_length(length) for name, solid in solids.items()}
-        length *= 0.65
-    tolerance = 2 * SLIVER
-    while face_count(refined) > MOST_FACES:
-        refined = {name: solid.simplify(tolerance) for name, solid in refined.items()}
+    """Simplify where there are too many faces, then cut long edges, so that facets can bend."""
+    tolerance, simple = SLIVER, {name: solid.simplify(SLIVER) for name, solid in solids.items()}
+    while face_count(simple) > SIMPLIFIED_FACES:
         tolerance *= 2
+        simple = {name: solid.simplify(tolerance) for name, solid in simple.items()}
+    edge = EDGE * float(np.linalg.norm(np.diff(bounds_of(simple.values()), axis=0)))
+    refined = {name: solid.refine_to_length(edge) for name, solid in simple.items()}
+    while face_count(refined) < FEWEST_FACES:
+        edge *= SHORTER
+        refined = {name: solid.refine_to_length(edge) for name, solid in simple.items()}
+    while face_count(refined) > MOST_FACES:
+        edge *= LONGER
+        refined = {name: solid.refine_to_length(edge) for name, solid in simple.items()}
     return refined
 
 

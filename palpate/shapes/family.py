@@ -1,27 +1,34 @@
 """The procedural classes, and objects by class and index."""
 
+from functools import partial
+
 import numpy as np
 import trimesh
 
 from palpate.batch import generator
 from palpate.shapes import bottle, cellphone, knife, rifle
-from palpate.shapes.assembly import Part, assemble
+from palpate.shapes.assembly import assemble
+from palpate.shapes.deformation import deformed
+from palpate.shapes.parameters import draw
 
-# Each module has STYLES: builders (rng) -> list of parts.
+# Each module has PARAMETERS and STYLES (see `palpate.shapes.parameters`), AXES (the long one, and that towards which
+# objects bend), and build (parameters, rng) -> list of parts.
 FAMILIES = {"bottle": bottle, "knife": knife, "cellphone": cellphone, "rifle": rifle}
 CLASSES = tuple(FAMILIES)
 
 
-def parts(class_name: str, index: int, seed: int = 0) -> list[Part]:
-    """The solids of an object with their materials; see `make`."""
+def style(class_name: str, index: int, seed: int = 0) -> str:
+    """The style of object `index` of a class, a key of its `STYLES`. Arguments and errors as `make`."""
+    return _style_and_rng(class_name, index, seed)[0]
+
+
+def _style_and_rng(class_name: str, index: int, seed: int) -> tuple[str, np.random.Generator]:
     if class_name not in FAMILIES:
         raise ValueError(f"unknown procedural class {class_name!r}: choose from {', '.join(CLASSES)}")
     if index < 0:
         raise ValueError(f"the index of a {class_name} must not be negative, got {index}")
-    styles = FAMILIES[class_name].STYLES
-    rng: np.random.Generator = generator(seed, f"{class_name}-{index:04d}", "shapes")
-    # Styles take turns, so that even a small run has one of each.
-    return styles[index % len(styles)](rng)
+    rng, names = generator(seed, f"{class_name}-{index:04d}", "shapes"), list(FAMILIES[class_name].STYLES)
+    return names[rng.integers(len(names))], rng
 
 
 def make(class_name: str, index: int, seed: int = 0) -> trimesh.Scene:
@@ -30,4 +37,11 @@ def make(class_name: str, index: int, seed: int = 0) -> trimesh.Scene:
     Metres, z up, poses as in the package's docstring. The same arguments give the same object. Raises
     ValueError for an unknown class or a negative index.
     """
-    return assemble(parts(class_name, index, seed))
+    name, rng = _style_and_rng(class_name, index, seed)
+    family = FAMILIES[class_name]
+    p = draw(rng, name, family.PARAMETERS, family.STYLES)
+    waves = int(rng.integers(2**32))
+    return assemble(
+        family.build(p, rng),
+        partial(deformed, p=p, long_axis=family.AXES[0], bend_axis=family.AXES[1], seed=waves),
+    )

@@ -1,628 +1,336 @@
-"""Knives: lofted blades with bevels, points and teeth; bolsters, guards, handles with rivets, folders.
+"""Knives: one blade of any outline, with teeth and holes; handles, guards and pommels; folding knives half open.
 
-Metres; the long axis is y with the tip towards +y, the edge faces -z, the flat side faces +x. A blade begins
-at y = 0 and its handle lies at y < 0; the spine at the handle is at z = 0.
+Metres; the long axis is y with the tip towards +y, the edge faces -z, the flat side faces +x. The blade begins at
+y = 0, its handle lies at y < 0 around z = 0.
 """
+
+from types import SimpleNamespace
 
 import numpy as np
 from manifold3d import Manifold
+from scipy.interpolate import PchipInterpolator
 
 from palpate.shapes.assembly import Part
-from palpate.shapes.materials import (
-    DARK_METAL,
-    Material,
-    across,
-    choose,
-    dark_metal,
-    metal,
-    plastic,
-    polymer,
-    wood,
-)
-from palpate.shapes.solids import (
-    along_y,
-    box,
-    cut,
-    filleted,
-    loft,
-    prism,
-    rod,
-    superellipse,
-    sweep,
-    turned,
-    union,
-)
+from palpate.shapes.deformation import form
+from palpate.shapes.materials import Material, across, dark_metal, metal, plastic, polymer, wood
+from palpate.shapes.parameters import Choice, Range
+from palpate.shapes.solids import along_y, box, cut, filleted, loft, prism, rod, superellipse, sweep, union
 
-# A sharp edge's thickness: what a whetted edge has is below what a mesh in float32 and a sensor can tell.
+AXES = (1, 2)
+# m. A sharp edge's thickness: what a whetted edge has is below what a mesh in float32 and a sensor can tell.
 EDGE = 0.0004
-# Height of a blade at its very tip.
-POINT = 0.0012
-STATIONS = 60
+POINT = 0.0012  # m, height of a blade at its very tip
+STATIONS = 90  # along a blade
+
+PARAMETERS = {
+    "blade": {
+        "length": Range(0.1, 0.2, "m", "from the handle to the tip"),
+        "height": Range(0.12, 0.24, "1", "largest height over the length"),
+        "thickness": Range(0.0018, 0.0045, "m", "at the back, at the handle"),
+        "edges": Choice("single", "single or double, as a dagger's"),
+        "heel": Range(0.7, 1, "1", "height at the handle over the largest"),
+        "offset": Range(-0.15, 0.1, "1", "how far the blade sits above the handle's middle, over its height"),
+        "point": Range(0.1, 0.9, "1", "height of the tip: 0 at the edge, 1 at the back"),
+        "blunt": Range(0, 0.05, "1", "height that is left at the tip over the largest"),
+        "fold": Range(0, 0, "degrees", "how far a folding knife is closed"),
+    },
+    "outline": {
+        "clip": Range(0.3, 0.85, "1", "where the back begins to drop, over the length"),
+        "clip_power": Range(0.8, 3, "1", "how it drops: 1 straight, 3 late"),
+        "belly": Range(0.2, 0.85, "1", "where the edge begins to rise, over the length"),
+        "belly_power": Range(1.4, 3.5, "1", "how it rises"),
+        "bulge": Range(-0.15, 0.2, "1", "growth of the height in the middle of the blade"),
+        "wave": Range(-0.12, 0.12, "1", "depth of an S in the edge over the height"),
+        "droop": Range(-0.05, 0.05, "1", "how far the tip sinks by the curve of the whole blade, over its length"),
+    },
+    "grind": {
+        "bevel": Range(0.25, 0.85, "1", "share of the height that is ground"),
+        "teeth": Choice("none none none scallops saw", "none, in the edge, or in the back"),
+        "pitch": Range(0.0035, 0.009, "m", "from tooth to tooth"),
+        "toothed": Range(0.3, 0.95, "1", "where teeth end, over the length"),
+        "side": Choice("none none groove hole dents", "what is cut into the flat side"),
+    },
+    "handle": {
+        "grip": Range(0.09, 0.135, "m", "length of the handle"),
+        "tall": Range(0.16, 0.27, "1", "height of the handle over its length"),
+        "wide": Range(0.5, 0.9, "1", "thickness of the handle over its height"),
+        "squareness": Range(2, 4.5, "1", "exponent of the cross-section: 2 is an ellipse, 6 nearly a rectangle"),
+        "neck": Range(0.7, 1, "1", "height at a tenth of the handle over the whole"),
+        "palm": Range(0.9, 1.15, "1", "the same at the middle"),
+        "waist": Range(0.75, 1.05, "1", "the same at three quarters"),
+        "butt": Range(0.8, 1.3, "1", "the same near the end"),
+        "sag": Range(-0.04, 0.14, "1", "how far the end of the handle sinks, over its length"),
+        "tilt": Range(-10, 6, "degrees", "turn of the handle against the blade"),
+        "rings": Range(0, 0.01, "1", "depth of rings along the handle over its height"),
+        "rivets": Range(0, 4.99, "count", "pins through the handle"),
+        "grip_material": Choice("wood polymer plastic", "of the handle"),
+    },
+    "guard": {
+        "guard": Choice("none bolster cross", "between handle and blade; a bow goes round the fingers"),
+        "reach": Range(0.7, 1.6, "1", "height of the guard over the handle's"),
+        "sweep": Range(-0.5, 0.5, "1", "how far the guard's ends point to the tip, over its reach"),
+        "guard_thick": Range(0.25, 0.5, "1", "thickness of the guard over the handle's height"),
+    },
+    "pommel": {
+        "pommel": Choice("none none none cap ball ring", "at the end of the handle"),
+        "pommel_size": Range(0.8, 1.5, "1", "over the handle's height"),
+    },
+    "form": form(stretch=0.25, twist=5, warp=0.03, bend=9, taper=0.04),
+}
+
+KITCHEN = {"guard": "none bolster", "pommel": "none", "grip_material": "wood polymer plastic", "rings": (0, 0.002)}
+STYLES = {
+    "chef": KITCHEN | {
+        "length": (0.15, 0.27), "height": (0.13, 0.27), "offset": (-0.35, -0.15), "point": (0.35, 0.75),
+        "clip": (0.2, 0.7), "belly": (0.05, 0.5), "teeth": "none", "side": "none", "heel": (0.95, 1),
+    },
+    "santoku": KITCHEN | {
+        "length": (0.13, 0.19), "height": (0.22, 0.36), "offset": (-0.35, -0.15), "point": (0, 0.2),
+        "clip": (0.6, 0.85), "clip_power": (1.6, 3), "heel": (0.95, 1), "side": "dents dents none", "teeth": "none",
+    },
+    "bread": KITCHEN | {
+        "length": (0.19, 0.29), "height": (0.1, 0.17), "point": (0, 0.3), "clip": (0.7, 0.92), "teeth": "scallops",
+        "toothed": (0.9, 0.97), "heel": (0.9, 1), "side": "none",
+    },
+    "paring": KITCHEN | {
+        "length": (0.06, 0.11), "height": (0.17, 0.32), "grip": (0.085, 0.115), "droop": (-0.05, 0.25),
+        "teeth": "none", "side": "none", "tall": (0.14, 0.2),
+    },
+    "cleaver": KITCHEN | {
+        "length": (0.14, 0.22), "height": (0.36, 0.62), "blunt": (0.6, 0.95), "offset": (-0.4, -0.22),
+        "clip": (0.6, 0.95), "belly": (0.3, 0.8), "side": "hole hole none", "teeth": "none", "heel": (0.85, 1),
+        "thickness": (0.0025, 0.0055),
+    },
+    "steak": KITCHEN | {
+        "length": (0.09, 0.14), "height": (0.12, 0.19), "teeth": "scallops", "pitch": (0.003, 0.005),
+        "tall": (0.13, 0.18), "point": (0.3, 1), "side": "none",
+    },
+    "table": {
+        "length": (0.08, 0.13), "height": (0.14, 0.26), "heel": (0.35, 0.8), "blunt": (0.02, 0.3), "clip": (0.6, 0.9),
+        "belly": (0.5, 0.85), "teeth": "none scallops", "side": "none", "grip": (0.09, 0.13), "tall": (0.1, 0.17),
+        "wide": (0.35, 0.7), "neck": (0.35, 0.7), "guard": "none", "pommel": "none", "grip_material": "steel",
+        "rivets": (0, 0.5), "rings": (0, 0.002), "tilt": (-2, 2),
+    },
+    "folder": {
+        "length": (0.065, 0.1), "height": (0.2, 0.36), "fold": (0, 66), "side": "hole groove none",
+        "thickness": (0.003, 0.004), "grip": (0.1, 0.135), "wide": (0.4, 0.6), "squareness": (3, 6),
+        "rivets": (2, 4.99), "guard": "none", "pommel": "none none ring",
+    },
+    "multitool": {
+        "length": (0.055, 0.08), "height": (0.16, 0.3), "fold": (0, 62), "grip": (0.083, 0.11), "tall": (0.2, 0.34),
+        "wide": (0.55, 0.95), "squareness": (3, 6), "guard": "none", "pommel": "none tool tool", "rivets": (2, 3),
+        "grip_material": "plastic", "side": "groove", "sag": (-0.02, 0.02), "neck": (0.95, 1), "butt": (0.9, 1),
+        "waist": (0.95, 1.02), "palm": (0.97, 1.05), "rings": (0, 0.002),
+    },
+    "hunting": {
+        "length": (0.1, 0.2), "height": (0.17, 0.3), "thickness": (0.003, 0.0055), "point": (0.3, 1),
+        "clip": (0.35, 0.75), "clip_power": (0.7, 1.8), "guard": "cross bolster", "pommel": "cap none",
+        "grip_material": "wood",
+    },
+    "combat": {
+        "length": (0.12, 0.2), "height": (0.16, 0.26), "thickness": (0.0035, 0.0055), "clip": (0.5, 0.85),
+        "clip_power": (0.8, 1.4), "teeth": "saw saw scallops", "guard": "cross", "pommel": "cap",
+        "grip_material": "polymer", "rings": (0.02, 0.07), "wide": (0.75, 0.95), "squareness": (2, 2.8),
+    },
+    "dagger": {
+        "length": (0.13, 0.28), "height": (0.08, 0.24), "edges": "double", "point": (0.45, 0.55),
+        "offset": (-0.02, 0.02), "clip": (0.05, 0.8), "belly": (0.05, 0.8), "thickness": (0.004, 0.0065),
+        "wave": (-0.01, 0.01), "guard": "cross", "reach": (1.6, 4), "pommel": "ball ball ring", "rings": (0.01, 0.06),
+        "teeth": "none", "side": "none groove", "tilt": (-1, 1), "sag": (-0.01, 0.01),
+    },
+    "cutter": {
+        "length": (0.03, 0.09), "height": (0.2, 0.45), "heel": (0.95, 1), "point": (0.75, 1), "belly": (0.6, 0.8),
+        "belly_power": (1, 1.2), "bulge": (-0.01, 0.01), "wave": (-0.01, 0.01), "side": "dents", "teeth": "none",
+        "thickness": (0.0012, 0.0016), "grip": (0.12, 0.16), "tall": (0.14, 0.23), "wide": (0.45, 0.7),
+        "squareness": (3, 6), "guard": "none", "pommel": "none", "grip_material": "plastic",
+    },
+    "machete": KITCHEN | {
+        "length": (0.22, 0.38), "height": (0.1, 0.24), "heel": (0.4, 0.8), "bulge": (0, 0.3), "droop": (-0.1, 0.25),
+        "thickness": (0.003, 0.0055), "pommel": "none none ball", "side": "none",
+    },
+    "karambit": {
+        "length": (0.07, 0.13), "height": (0.22, 0.38), "droop": (0.25, 0.6), "point": (0.2, 0.7),
+        "clip": (0.05, 0.4), "grip": (0.09, 0.12), "sag": (0.05, 0.2), "pommel": "ring", "guard": "none",
+        "teeth": "none saw",
+    },
+    "sabre": {
+        "length": (0.27, 0.4), "height": (0.055, 0.12), "droop": (-0.2, -0.02), "thickness": (0.004, 0.007),
+        "clip": (0.6, 0.9), "belly": (0.5, 0.85), "guard": "bow cross bow", "reach": (1.6, 2.6), "pommel": "ball cap",
+        "side": "groove none", "teeth": "none", "tilt": (-14, 0),
+    },
+}  # fmt: skip
 
 
-def blade(y, spine, edge, thickness, bevel: float = 0.5, double: bool = False) -> Manifold:
+def build(p: SimpleNamespace, rng: np.random.Generator) -> list[Part]:
+    """Blade, handle, guard and pommel as the parameters say."""
+    tall, wide = p.tall * p.grip, p.wide * p.tall * p.grip
+    steel = [blade(p)]
+    if p.fold > 0:
+        pivot = np.array([0, -0.01, 0])
+        steel[0] = steel[0].translate(-pivot).rotate((p.fold, 0, 0)).translate(pivot)
+    grip, centre = handle(p, tall, wide)
+    at = np.linspace(0.12, 0.85, p.rivets) if p.rivets > 1 else np.full(p.rivets, 0.15)
+    half = wide / 2 + 0.0003
+    steel += [
+        rod((-half, -s * p.grip, centre(s)), (half, -s * p.grip, centre(s)), 0.11 * tall, segments=28) for s in at
+    ]
+    fittings = [*guard(p, tall, wide, centre), *pommel(p, rng, tall, wide, centre)]
+    fittings = [solid.rotate((p.tilt, 0, 0)) for solid in fittings]
+    steel = [steel[0], *(solid.rotate((p.tilt, 0, 0)) for solid in steel[1:])]
+    if p.fold > 0:  # the slot that the blade folds into
+        grip -= box((p.thickness + 0.0008, 0.9 * p.grip, tall), (0, -0.45 * p.grip, 0.45 * tall))
+    looks = {
+        "wood": wood,
+        "polymer": polymer,
+        "plastic": plastic,
+        "steel": lambda rng: metal(rng, ["brass", "aluminium"]),
+    }
+    steel_look = metal(rng, ["steel"]) if rng.uniform() < 0.75 else dark_metal(rng)
+    look = looks[p.grip_material](rng)
+    parts = [Part(union(steel), steel_look), Part(grip.rotate((p.tilt, 0, 0)), look, across if look.picture else None)]
+    if fittings:
+        bright = metal(rng, ["brass", "steel", "copper"])
+        parts.append(Part(union(fittings), Material("fittings", bright.colour, bright.metallic, bright.roughness)))
+    return parts
+
+
+def blade(p: SimpleNamespace) -> Manifold:
+    """The blade, with what is cut into it, and a tang that reaches into the handle."""
+    t = 1 - (1 - np.linspace(0, 1, STATIONS)) ** 1.5
+    y, tallest = t * p.length, p.height * p.length
+    grown = p.heel + (1 - p.heel) * np.clip(t / 0.2, 0, 1) ** 2 * (3 - 2 * np.clip(t / 0.2, 0, 1))
+    full = tallest * grown * (1 + p.bulge * np.sin(np.pi * t) ** 2)
+    middle = p.offset * tallest - p.droop * p.length * t**2
+    drop = (1 - p.point) * np.clip((t - p.clip) / (1 - p.clip), 0, 1) ** p.clip_power
+    rise = p.point * np.clip((t - p.belly) / (1 - p.belly), 0, 1) ** p.belly_power
+    back = middle + full * (0.5 - (1 - p.blunt) * drop)
+    edge = middle + full * (-0.5 + (1 - p.blunt) * rise + p.wave * np.sin(2 * np.pi * t) * (1 - t))
+    solid = ground(y, back, edge, p.thickness * (1 - 0.5 * t), p.bevel, p.edges == "double")
+    tools = []
+    if p.teeth != "none":
+        line, deep = (edge, 0.3 * p.pitch) if p.teeth == "scallops" else (back, -0.45 * p.pitch)
+        at = np.arange(0.08 * p.length + p.pitch, p.toothed * p.length, p.pitch)
+        for place, z in zip(at, np.interp(at, y, line), strict=True):
+            if p.teeth == "scallops":
+                z += deep - 0.75 * p.pitch
+                tools.append(rod((-0.01, place, z), (0.01, place, z), 0.75 * p.pitch, segments=20))
+            else:
+                half = 0.42 * p.pitch
+                tools.append(prism([(place - half, z + 0.002), (place, z + deep), (place + half, z + 0.002)], 0.02))
+    upper = 0.72 * back + 0.28 * edge
+    if p.side == "hole":
+        place = 0.85 * p.length if p.blunt > 0.3 else 0.2 * p.length
+        z = float(np.interp(place, y, upper))
+        tools.append(rod((-0.01, place, z), (0.01, place, z), 0.14 * tallest))
+    elif p.side == "groove":
+        path = np.column_stack([0 * y, y, upper])[(t > 0.05) & (t < 0.55)]
+        groove = sweep(path, superellipse(0.25 * p.thickness, 0.12 * tallest, 2, 20))
+        tools += [groove.translate((side * 0.46 * p.thickness, 0, 0)) for side in (1, -1)]
+    elif p.side == "dents":
+        dent = Manifold.sphere(1, 20).scale((0.3 * p.thickness, 0.02 * p.length, 0.2 * tallest))
+        for place in np.arange(0.15, 0.75, 0.065) * p.length:
+            z = float(np.interp(place, y, middle))
+            tools += [dent.translate((side * 0.47 * p.thickness, place, z)) for side in (1, -1)]
+    # A folding blade ends behind its pivot.
+    reach = 0.3 * p.grip if p.fold == 0 else 0.02
+    tang = box((0.7 * p.thickness, reach + 0.004, 0.3 * p.tall * p.grip), (0, 0.002 - reach / 2, 0))
+    return cut(solid, tools) + tang
+
+
+def ground(y, spine, edge, thickness, bevel: float = 0.5, double: bool = False) -> Manifold:
     """A blade along y.
 
-    y, spine, edge: (k,) positions, heights z of the back and of the edge; thickness: (k,) or one, at the
-    back; bevel: share of the height that is ground to the edge; double: ground to both sides (a dagger).
+    y, spine, edge: (k,) positions, heights z of the back and of the edge; thickness: (k,) at the back; bevel: share
+    of the height that is ground to the edge; double: ground to both sides (a dagger).
     """
     # Where back and edge would meet or cross, the back stays above.
     height = np.maximum(spine - edge, POINT)
-    thickness = np.broadcast_to(np.minimum(thickness, height), y.shape)
+    thickness = np.minimum(thickness, height)
     sharp = np.minimum(EDGE, thickness)
     spine_half = sharp / 2 if double else 0.94 * thickness / 2
-    ground = edge + bevel * height
-    back = spine - (0.5 if double else 0.04) * height
+    bevelled = edge + bevel * height
+    back = edge + 0.96 * height
     if double:
-        ground = back = (spine + edge) / 2
+        bevelled = back = edge + height / 2
     columns = [
         (spine_half, edge + height),
         (-spine_half, edge + height),
         (-thickness / 2, back),
-        (-thickness / 2, ground - 1e-5),
+        (-thickness / 2, bevelled - 1e-5),
         (-sharp / 2, edge),
         (sharp / 2, edge),
-        (thickness / 2, ground - 1e-5),
+        (thickness / 2, bevelled - 1e-5),
         (thickness / 2, back),
     ]
     return loft(np.stack([np.stack([x, y, z], -1) for x, z in columns], axis=1))
 
 
-def ends(length: float, heel: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
-    """Stations from the heel to the tip, denser at the tip: positions y (k,) and the same from 0 to 1."""
-    t = 1 - (1 - np.linspace(0, 1, STATIONS)) ** 1.5
-    return heel + t * (length - heel), t
+def handle(p: SimpleNamespace, tall: float, wide: float):
+    """The handle behind y = 0, and its middle line: height z at a share of its length."""
 
+    def centre(share):
+        return -p.sag * p.grip * np.asarray(share) ** 2
 
-def teeth(y0: float, y1: float, pitch: float, depth: float, height, radius_factor: float = 0.75) -> list[Manifold]:
-    """Tools that cut scallops into an edge; height(y) is where the edge lies."""
-    count = max(2, int((y1 - y0) / pitch))
-    radius = radius_factor * pitch
-    tools = []
-    for y in y0 + (np.arange(count) + 0.5) * (y1 - y0) / count:
-        z = float(height(y)) + depth - radius
-        tools.append(rod((-0.01, y, z), (0.01, y, z), radius, segments=20))
-    return tools
-
-
-def saw(y0: float, y1: float, pitch: float, depth: float, height) -> list[Manifold]:
-    """Tools that cut triangular teeth into a back."""
-    count = max(2, int((y1 - y0) / pitch))
-    tools = []
-    for y in y0 + (np.arange(count) + 0.5) * (y1 - y0) / count:
-        z = float(height(y))
-        tools.append(prism([(y - 0.42 * pitch, z + 0.002), (y, z - depth), (y + 0.42 * pitch, z + 0.002)], 0.02))
-    return tools
-
-
-def rivets(positions, radius: float, half: float) -> Manifold:
-    """Pins (y, z) across the handle, flush within a tenth of a millimetre."""
-    return union([rod((-half, y, z), (half, y, z), radius, segments=24) for y, z in positions])
-
-
-def scales(rng, length: float, height: float, width: float, drop: float = 0.0) -> tuple[Manifold, list]:
-    """A kitchen-knife handle behind y = 0, its butt swelling; and where its rivets sit."""
-    belly, butt = rng.uniform(0.78, 0.92) * height, rng.uniform(1.05, 1.35) * height
-    outline = filleted(
-        np.array(
-            [
-                (0, 0),
-                (-0.5 * length, -0.06 * height - 0.3 * drop),
-                (-0.9 * length, -drop),
-                (-length, -drop - 0.4 * butt),
-                (-0.93 * length, -drop - butt),
-                (-0.72 * length, -0.9 * height - 0.8 * drop),
-                (-0.4 * length, -belly - 0.3 * drop),
-                (0, -height),
-            ]
-        ),
-        [0.002, 0.1, 0.012, 0.008, 0.01, 0.03, 0.06, 0.002],
-        closed=True,
+    knots = PchipInterpolator(
+        [0, 0.1, 0.5, 0.75, 0.95, 1], [0.9 * p.neck, p.neck, p.palm, p.waist, p.butt, 0.75 * p.butt]
     )
-    middle = [(-share * length, -0.47 * height - share * drop * 0.8) for share in (0.16, 0.48, 0.8)]
-    return prism(outline, width, 0.3 * width), middle
+    s = np.linspace(0, 1, 100)
+    size = knots(s) * (1 + p.rings * np.cos(2 * np.pi * 9 * s))
+    width = wide * (0.5 + 0.5 * size / size.max())
+    stations = np.column_stack([-p.grip * s, centre(s) - size * tall / 2, centre(s) + size * tall / 2, width])
+    return along_y(stations[::-1], p.squareness, 90, 48), centre
 
 
-def handle_material(rng) -> Material:
-    return wood(rng) if rng.uniform() < 0.5 else (plastic(rng) if rng.uniform() < 0.5 else polymer(rng))
-
-
-def part(solid: Manifold, material: Material) -> Part:
-    """A part whose picture, if it has one, lies across its side."""
-    return Part(solid, material, across if material.picture else None)
-
-
-def kitchen_handle(rng, height: float, blade_steel: Manifold, bolster: bool) -> list[Part]:
-    """Scales, rivets and perhaps a bolster, joined to a blade."""
-    length, width = rng.uniform(0.1, 0.13), min(rng.uniform(0.014, 0.02), 0.85 * height)
-    grip, pins = scales(rng, length, height, width, rng.uniform(0, 0.012))
-    steel = [blade_steel, rivets(pins, rng.uniform(0.0028, 0.0042), width / 2 + 0.0002)]
-    # The tang shows along the back of the handle.
-    steel.append(box((0.0026, 0.12 * length, 0.6 * height), (0, -0.04 * length, -0.5 * height)))
-    if bolster:
-        steel.append(
+def guard(p: SimpleNamespace, tall: float, wide: float, centre) -> list[Manifold]:
+    """What is between handle and blade."""
+    thick, reach = p.guard_thick * tall, p.reach * tall
+    if p.guard == "none":
+        return []
+    if p.guard == "bolster":
+        half = 0.52 * p.neck * tall
+        return [
             along_y(
-                [
-                    (-0.012, -height, 0.0002, width * 1.02),
-                    (0.0, -height, 0.0002, width),
-                    (0.012, -0.98 * height, -0.0002, 0.003),
-                ],
-                3.2,
-                16,
-                32,
+                [(-thick, -half, half, wide), (0, -half, half, wide), (thick, -0.8 * half, 0.8 * half, 0.3 * wide)], 3
             )
-        )
-    return [Part(union(steel), metal(rng, ["steel", "aluminium"])), part(grip, handle_material(rng))]
-
-
-def chef(rng) -> list[Part]:
-    """A cook's knife: a tall heel and a curved edge; or long and slim (a slicer)."""
-    length, height = rng.uniform(0.15, 0.26), rng.uniform(0.026, 0.052)
-    y, t = ends(length)
-    spine = -height * rng.uniform(0.25, 0.5) * t ** rng.uniform(2.5, 6)
-    edge = -height + (height + spine[-1]) * t ** rng.uniform(2.2, 4.5)
-    solid = blade(y, spine, edge, rng.uniform(0.0022, 0.0034) * (1 - 0.6 * t), rng.uniform(0.4, 0.8))
-    return kitchen_handle(rng, rng.uniform(0.02, 0.026), solid, rng.uniform() < 0.7)
-
-
-def santoku(rng) -> list[Part]:
-    """A straight edge, a dropped back, hollows along the side."""
-    length, height = rng.uniform(0.14, 0.18), rng.uniform(0.042, 0.052)
-    y, t = ends(length)
-    spine = -height * 0.92 * np.clip((t - 0.72) / 0.28, 0, 1) ** 2.2
-    edge = -height + 0.1 * height * t**3
-    thickness = rng.uniform(0.0022, 0.003)
-    solid = blade(y, spine, edge, thickness * (1 - 0.4 * t), 0.5)
-    if rng.uniform() < 0.7:
-        hollow = Manifold.sphere(1, 24).scale((0.0009, 0.0035, 0.012))
-        rows = [
-            hollow.translate((side * thickness * 0.48, at, -0.62 * height))
-            for side in (1, -1)
-            for at in np.arange(0.02, 0.78 * length, 0.011)
         ]
-        solid = cut(solid, rows)
-    return kitchen_handle(rng, rng.uniform(0.021, 0.026), solid, rng.uniform() < 0.4)
+    ahead = p.sweep * reach / 2
+    path = [(0, ahead, reach / 2), (0, 0, 0.25 * reach), (0, 0, -0.25 * reach), (0, ahead, -reach / 2)]
+    bar = sweep(filleted(np.array(path), 0.3 * reach), superellipse(1.05 * wide, thick, 3, 32))
+    if p.guard == "cross":
+        return [bar]
+    low, end = -0.5 * reach, float(centre(1))
+    path = [(0, 0, low), (0, -0.25 * p.grip, low - 0.3 * tall), (0, -0.8 * p.grip, low - 0.3 * tall), (0, -p.grip, end)]
+    return [bar, sweep(filleted(np.array(path), 0.03), superellipse(0.7 * wide, 0.35 * thick, 2.5, 28))]
 
 
-def bread(rng) -> list[Part]:
-    """A long serrated knife."""
-    length, height = rng.uniform(0.2, 0.27), rng.uniform(0.028, 0.038)
-    y, t = ends(length)
-    bend = rng.uniform(0, 0.15)
-    spine = -height * 0.75 * np.clip((t - 0.85) / 0.15, 0, 1) ** 2 + bend * height * np.sin(np.pi * t)
-    edge = -height + bend * height * np.sin(np.pi * t)
-    solid = blade(y, spine, edge, 0.0024 * (1 - 0.3 * t), 0.45)
-    pitch = rng.uniform(0.005, 0.009)
-    tools = teeth(0.012, 0.95 * length, pitch, 0.32 * pitch, lambda at: np.interp(at, y, edge))
-    return kitchen_handle(rng, rng.uniform(0.021, 0.026), cut(solid, tools), rng.uniform() < 0.3)
-
-
-def paring(rng) -> list[Part]:
-    """A small kitchen knife: spear point, sheep's foot or a bird's beak."""
-    length, height = rng.uniform(0.07, 0.1), rng.uniform(0.016, 0.022)
-    y, t = ends(length)
-    shape = rng.integers(3)
-    spine = -height * [0.45 * t**2.5, 0.95 * np.clip((t - 0.6) / 0.4, 0, 1) ** 2, 0.9 * t**2][shape]
-    edge = -height * [1 - 0.55 * t**3, 1 - 0.02 * t, 1 - 0.25 * np.sin(np.pi * t)][shape]
-    solid = blade(y, spine, edge, 0.0018 * (1 - 0.4 * t), 0.7)
-    return kitchen_handle(rng, rng.uniform(0.015, 0.019), solid, rng.uniform() < 0.4)
-
-
-def cleaver(rng) -> list[Part]:
-    """A rectangular blade with a hole to hang it."""
-    length, height = rng.uniform(0.15, 0.2), rng.uniform(0.07, 0.1)
-    rise = rng.uniform(0, 0.12)
-    y, t = ends(length)
-    corner = 0.004 * np.clip((t - 0.96) / 0.04, 0, 1) ** 2
-    solid = blade(
-        y,
-        rise * height * t - corner,
-        -height + 0.06 * height * t**2 + corner,
-        rng.uniform(0.0025, 0.0045),
-        rng.uniform(0.15, 0.4),
+def pommel(p: SimpleNamespace, rng: np.random.Generator, tall: float, wide: float, centre) -> list[Manifold]:
+    """What is at the end of the handle."""
+    size, end = p.pommel_size * tall / 2, float(centre(1))
+    if p.pommel == "none" or (p.pommel == "tool" and p.fold == 0):
+        return []
+    if p.pommel == "ball":
+        shape = rng.uniform(0.7, 1.3, 2)
+        ball = Manifold.sphere(0.6 * size, 48).scale((min(1, wide / size), *shape))
+        return [ball.translate((0, -p.grip - 0.3 * size, end))]
+    if p.pommel == "cap":
+        back = -p.grip - rng.uniform(0.3, 0.9) * size
+        stations = [
+            (back, end - 0.7 * size, end + 0.7 * size, 0.8 * wide),
+            (-p.grip, end - size, end + size, 1.03 * wide),
+        ]
+        return [along_y(stations, 3, 12)]
+    if p.pommel == "ring":
+        return [hoop(np.array([-p.grip - 0.7 * size, end]), 0.9 * size, 0.3 * size, 0.5 * wide)]
+    blade_out, turn = rng.uniform(0.35, 0.8) * p.grip, rng.uniform(20, 75)
+    tool = filleted(
+        np.array([(0, 0.1), (-1, 0.06), (-1, -0.06), (0, -0.1)]) * [blade_out, blade_out], 0.003, closed=True
     )
-    hole = rod((-0.01, 0.9 * length, -0.16 * height), (0.01, 0.9 * length, -0.16 * height), 0.006)
-    return kitchen_handle(rng, rng.uniform(0.024, 0.03), solid - hole, rng.uniform() < 0.3)
+    return [prism(tool, 0.003).rotate((-turn, 0, 0)).translate((0.2 * wide, -0.9 * p.grip, end + 0.1 * tall))]
 
 
-def steak(rng) -> list[Part]:
-    """A slim serrated table knife with a narrow handle."""
-    length, height = rng.uniform(0.1, 0.13), rng.uniform(0.015, 0.021)
-    y, t = ends(length)
-    spine = -0.9 * height * t ** rng.uniform(3, 6)
-    edge = -height + 0.08 * height * t
-    pitch = rng.uniform(0.003, 0.0045)
-    solid = blade(y, spine, edge, 0.0016, 0.5)
-    solid = cut(solid, teeth(0.2 * length, 0.92 * length, pitch, 0.3 * pitch, lambda at: np.interp(at, y, edge)))
-    return kitchen_handle(rng, rng.uniform(0.014, 0.018), solid, rng.uniform() < 0.3)
-
-
-def table(rng) -> list[Part]:
-    """A dinner or butter knife, all of one metal."""
-    length, height = rng.uniform(0.09, 0.12), rng.uniform(0.016, 0.024)
-    y, t = ends(length)
-    spine = -0.9 * height * np.clip((t - 0.8) / 0.2, 0, 1) ** 2.5
-    edge = -height * (0.8 + 0.2 * np.sin(np.pi * np.clip(t * 1.2, 0, 1)))
-    solid = blade(y, spine, edge, 0.0022 * (1 - 0.3 * t), 0.8)
-    grip, tall, wide = rng.uniform(0.09, 0.12), rng.uniform(0.013, 0.018), rng.uniform(0.006, 0.01)
-    middle = -0.45 * height
-    stations = [
-        (-grip, middle - 0.3 * tall, middle + 0.3 * tall, wide * 0.6),
-        (-grip + 0.006, middle - tall / 2, middle + tall / 2, wide),
-        (-0.5 * grip, middle - 0.4 * tall, middle + 0.4 * tall, wide * 0.9),
-        (-0.01, middle - 0.26 * tall, middle + 0.26 * tall, wide * 0.7),
-        (0.006, middle - 0.42 * height, middle + 0.42 * height, 0.0018),
-    ]
-    handle = along_y(stations, rng.uniform(2, 3), 50, 32)
-    if rng.uniform() < 0.6:
-        return [Part(solid + handle, metal(rng, ["steel", "aluminium", "brass"]))]
-    ring = along_y(
-        [
-            (-0.014, middle - 0.3 * tall, middle + 0.3 * tall, wide * 0.9),
-            (-0.009, middle - 0.3 * tall, middle + 0.3 * tall, wide * 0.9),
-        ],
-        2.4,
-        4,
-        32,
+def hoop(centre: np.ndarray, radius: float, wire: float, width: float) -> Manifold:
+    """A ring around (y, z) in the plane of the blade."""
+    circle = superellipse(2, 2, 2, 64)
+    return prism(centre + (radius + wire / 2) * circle, width, 0.2 * min(wire, width)) - prism(
+        centre + (radius - wire / 2) * circle, 2 * width
     )
-    return [Part(solid + ring, metal(rng)), part(handle.trim_by_plane((0, -1, 0), 0.008), plastic(rng))]
-
-
-def folder(rng) -> list[Part]:
-    """A pocket knife, open or half open: scales, liners, pivot, clip, a blade with a hole or a stud."""
-    length, height = rng.uniform(0.07, 0.095), rng.uniform(0.02, 0.028)
-    y, t = ends(length)
-    spine = -height * rng.uniform(0.3, 0.6) * t ** rng.uniform(1.5, 4)
-    edge = -height + (height + spine[-1]) * t ** rng.uniform(2, 4)
-    solid = blade(y, spine, edge, 0.003 * (1 - 0.5 * t), 0.6)
-    solid += box((0.003, 0.03, 0.75 * height), (0, -0.012, -0.45 * height))
-    if rng.uniform() < 0.4:
-        pitch = 0.0045
-        solid = cut(solid, teeth(0.004, 0.45 * length, pitch, 0.35 * pitch, lambda at: np.interp(at, y, edge)))
-    if rng.uniform() < 0.5:
-        hole = rod((-0.01, 0.016, -0.28 * height), (0.01, 0.016, -0.28 * height), 0.0042)
-        solid -= hole
-    else:
-        solid += rod((-0.006, 0.012, -0.3 * height), (0.006, 0.012, -0.3 * height), 0.0028)
-    grip, tall = length * rng.uniform(1.15, 1.3), height * rng.uniform(0.95, 1.15)
-    pivot = np.array([0, -0.01, -0.5 * height])
-    angle = 0.0 if rng.uniform() < 0.65 else rng.uniform(25, 65)
-    solid = solid.translate(-pivot).rotate((angle, 0, 0)).translate(pivot)
-    middle = -0.5 * height
-    outline = filleted(
-        np.array(
-            [
-                (0.002, middle + 0.5 * tall),
-                (-0.5 * grip, middle + 0.42 * tall),
-                (-grip, middle + 0.45 * tall),
-                (-grip - 0.004, middle - 0.5 * tall),
-                (-0.7 * grip, middle - 0.55 * tall),
-                (-0.45 * grip, middle - 0.4 * tall),
-                (-0.2 * grip, middle - 0.5 * tall),
-                (0.002, middle - 0.5 * tall),
-            ]
-        ),
-        [0.009, 0.1, 0.01, 0.012, 0.03, 0.03, 0.03, 0.009],
-        closed=True,
-    )
-    slot = box((0.0034, grip * 0.96, tall), (0, -0.46 * grip, middle - 0.2 * tall))
-    width = rng.uniform(0.011, 0.014)
-    body = prism(outline, width, 0.0025) - slot
-    pins = [(-0.01, middle), (-0.55 * grip, middle + 0.1 * tall), (-0.92 * grip, middle)]
-    steel = [solid, rivets(pins, 0.0032, width / 2 + 0.0005)]
-    if rng.uniform() < 0.6:
-        clip = filleted(
-            np.array(
-                [
-                    (-0.95 * grip, 0.0022),
-                    (-0.95 * grip, -0.0022),
-                    (-0.4 * grip, -0.0022),
-                    (-0.4 * grip, 0.0022),
-                ]
-            )
-            + [0, middle],
-            0.002,
-            closed=True,
-        )
-        steel.append(
-            prism(clip, 0.0012).translate((-width / 2 - 0.0012, 0, 0))
-            + box((0.003, 0.006, 0.0044), (-width / 2 - 0.0005, -0.92 * grip, middle))
-        )
-    steel_look = metal(rng, ["steel"]) if rng.uniform() < 0.7 else dark_metal(rng)
-    return [Part(union(steel), steel_look), part(body, handle_material(rng))]
-
-
-def multitool(rng) -> list[Part]:
-    """A Swiss pocket knife: red or coloured scales, a blade out, often a second tool."""
-    grip, tall = rng.uniform(0.083, 0.095), rng.uniform(0.02, 0.026)
-    width = rng.uniform(0.013, 0.022)
-    stadium = filleted(np.array([(0, 0.5), (0, -0.5), (-1, -0.5), (-1, 0.5)]) * [grip, tall], 0.49 * tall, closed=True)
-    red = Material("red-scales", (170, 20, 26), 0, 0.25)
-    look = red if rng.uniform() < 0.5 else plastic(rng)
-    core = width - 0.007
-    shells = [prism(stadium, 0.0042, 0.0015).translate((side * (width / 2 - 0.0021), 0, 0)) for side in (1, -1)]
-    liner = cut(
-        prism(stadium, core),
-        [
-            box((0.0022, grip * 0.9, tall), (x, -0.46 * grip, 0.3 * tall))
-            for x in np.arange(-core / 2 + 0.003, core / 2 - 0.001, 0.0044)
-        ],
-    )
-    length, height = grip * 0.75, 0.6 * tall
-    y, t = ends(length)
-    spine = 0.5 * height - 0.5 * height * t**3
-    edge = -0.5 * height + 0.45 * height * t**2.5
-    main = blade(y, spine, edge, 0.002, 0.6) + box((0.002, 0.02, 0.6 * height), (0, -0.008, 0))
-    angle = rng.choice([0.0, 0.0, 30.0, 60.0])
-    main = main.rotate((angle, 0, 0)).translate((0.2 * core, -0.004, 0.1 * tall))
-    tools = [main, liner, rivets([(-0.01, 0), (-grip + 0.01, 0)], 0.0026, width / 2 - 0.001)]
-    if rng.uniform() < 0.7:
-        driver = prism(
-            filleted(np.array([(0, 0.004), (0.035, 0.0025), (0.037, -0.0025), (0, -0.004)]), 0.001, closed=True),
-            0.0022,
-        )
-        driver = driver.rotate((180 - rng.uniform(50, 130), 0, 0)).translate((-0.25 * core, -grip + 0.008, 0.2 * tall))
-        tools.append(driver)
-    if rng.uniform() < 0.6:
-        turn = np.linspace(0, 2 * np.pi, 30)[:-1]
-        ring = np.column_stack([np.zeros(29), -grip - 0.004 + 0.007 * np.cos(turn), 0.007 * np.sin(turn)])
-        tools.append(hoop(ring, 0.0008))
-    return [Part(union(tools), metal(rng, ["steel"])), Part(union(shells), look)]
-
-
-def hoop(path: np.ndarray, radius: float) -> Manifold:
-    """A closed ring of wire through path (k, 3), which lies in a plane of constant x."""
-    centre = path.mean(axis=0)
-    out = path - centre
-    out /= np.linalg.norm(out, axis=1, keepdims=True)
-    outer = path[:, 1:] + radius * out[:, 1:]
-    inner = path[:, 1:] - radius * out[:, 1:]
-    return prism(outer, 2 * radius, 0.6 * radius) - prism(inner, 3 * radius)
-
-
-def hunting(rng) -> list[Part]:
-    """A bowie: clip point, cross guard, a handle of wood or stacked rings, a pommel."""
-    length, height = rng.uniform(0.13, 0.24), rng.uniform(0.028, 0.042)
-    y, t = ends(length)
-    clip = rng.uniform(0.6, 0.75)
-    spine = -0.62 * height * np.clip((t - clip) / (1 - clip), 0, 1) ** 0.8
-    edge = -height - 0.04 * height * np.sin(np.pi * t) + 0.38 * height * np.clip((t - 0.6) / 0.4, 0, 1) ** 2.2
-    solid = blade(y, spine, edge, rng.uniform(0.0035, 0.005) * (1 - 0.5 * t), 0.5)
-    middle = -0.5 * height
-    groove = sweep(
-        [(0, 0.01, middle + 0.28 * height), (0, clip * length, middle + 0.28 * height)],
-        superellipse(0.0016, 0.1 * height, 2, 16),
-    )
-    if rng.uniform() < 0.6:
-        solid = cut(solid, [groove.translate((side * 0.0024, 0, 0)) for side in (1, -1)])
-    guard_height = height * rng.uniform(1.4, 2.0)
-    guard = along_y(
-        [
-            (-0.004, middle - guard_height / 2, middle + guard_height / 2, 0.013),
-            (0.004, middle - guard_height / 2, middle + guard_height / 2, 0.013),
-        ],
-        4,
-        4,
-        40,
-    )
-    grip, tall, wide = rng.uniform(0.1, 0.12), rng.uniform(0.026, 0.032), rng.uniform(0.02, 0.025)
-    stations = [
-        (-0.003, middle - 0.4 * tall, middle + 0.4 * tall, 0.85 * wide),
-        (-0.5 * grip, middle - 0.55 * tall, middle + 0.5 * tall, wide),
-        (-0.8 * grip, middle - 0.45 * tall, middle + 0.42 * tall, 0.85 * wide),
-        (-grip, middle - 0.55 * tall, middle + 0.48 * tall, 0.95 * wide),
-    ]
-    handle = along_y(stations[::-1], 2.3, 40, 40)
-    pommel = along_y(
-        [
-            (-grip - 0.012, middle - 0.35 * tall, middle + 0.3 * tall, 0.6 * wide),
-            (-grip - 0.006, middle - 0.55 * tall, middle + 0.5 * tall, wide),
-            (-grip + 0.002, middle - 0.55 * tall, middle + 0.48 * tall, wide),
-        ],
-        2.5,
-        16,
-        40,
-    )
-    fittings = metal(rng, ["brass", "steel"])
-    look = metal(rng, ["steel"])
-    return [Part(solid, look), Part(union([guard, pommel]), fittings), part(handle, handle_material(rng))]
-
-
-def combat(rng) -> list[Part]:
-    """A black field knife: saw back, half-serrated edge, ringed polymer handle, guard with a hole."""
-    length, height = rng.uniform(0.13, 0.19), rng.uniform(0.028, 0.036)
-    y, t = ends(length)
-    clip = rng.uniform(0.68, 0.8)
-    spine = -0.5 * height * np.clip((t - clip) / (1 - clip), 0, 1)
-    edge = -height + 0.5 * height * np.clip((t - 0.7) / 0.3, 0, 1) ** 2
-    solid = blade(y, spine, edge, rng.uniform(0.004, 0.005) * (1 - 0.3 * t), 0.45)
-    tools = saw(
-        0.02,
-        rng.uniform(0.4, 0.6) * length,
-        rng.uniform(0.006, 0.009),
-        0.004,
-        lambda at: np.interp(at, y, spine),
-    )
-    if rng.uniform() < 0.6:
-        tools += teeth(0.012, 0.4 * length, 0.0055, 0.002, lambda at: np.interp(at, y, edge))
-    solid = cut(solid, tools)
-    middle = -0.5 * height
-    plate = filleted(
-        np.array(
-            [
-                (-0.003, middle + 0.95 * height),
-                (-0.003, middle - 0.95 * height),
-                (0.003, middle - 0.95 * height),
-                (0.003, middle + 0.95 * height),
-            ]
-        ),
-        0.0012,
-        closed=True,
-    )
-    guard = prism(plate, 0.022, 0.002)
-    grip, wide = rng.uniform(0.105, 0.125), rng.uniform(0.023, 0.028)
-    ribs = int(rng.integers(6, 11))
-    s = np.linspace(0, 1, 90)
-    swell = 1 + 0.06 * np.cos(2 * np.pi * ribs * s) - 0.06 * (2 * s - 1) ** 2
-    tall = 1.2 * wide * swell
-    rings = np.column_stack([-0.002 - grip * s, middle - tall / 2, middle + tall / 2, wide * swell])
-    handle = along_y(rings[::-1], 2.4, 100, 36)
-    pommel = prism(
-        filleted(
-            np.array(
-                [
-                    (-grip - 0.014, middle + 0.013),
-                    (-grip - 0.014, middle - 0.013),
-                    (-grip + 0.002, middle - 0.015),
-                    (-grip + 0.002, middle + 0.015),
-                ]
-            ),
-            0.003,
-            closed=True,
-        ),
-        0.021,
-        0.003,
-    )
-    look = choose(rng, DARK_METAL, 0.6, 0.5) if rng.uniform() < 0.7 else metal(rng, ["steel"])
-    return [
-        Part(union([solid, guard, pommel]), look),
-        part(handle, polymer(rng) if rng.uniform() < 0.7 else wood(rng)),
-    ]
-
-
-def dagger(rng) -> list[Part]:
-    """Double-edged and symmetrical, with a cross guard and a round pommel."""
-    length, height = rng.uniform(0.15, 0.26), rng.uniform(0.022, 0.036)
-    y, t = ends(length)
-    half = height / 2 * (1 - 0.35 * t - 0.62 * t ** rng.uniform(4, 9))
-    middle = -0.5 * height
-    solid = blade(y, middle + half, middle - half, rng.uniform(0.004, 0.006) * (1 - 0.6 * t), double=True)
-    reach, droop = rng.uniform(0.03, 0.05), rng.uniform(-0.008, 0.012)
-    path = filleted(
-        np.array(
-            [
-                (0, droop, middle + reach),
-                (0, 0, middle + 0.3 * reach),
-                (0, 0, middle - 0.3 * reach),
-                (0, droop, middle - reach),
-            ]
-        ),
-        0.02,
-    )
-    guard = sweep(path, superellipse(0.01, 0.008, 2.6, 24))
-    grip, wide = rng.uniform(0.09, 0.11), rng.uniform(0.016, 0.02)
-    turns, s = int(rng.integers(8, 16)), np.linspace(0, 1, 110)
-    swell = 0.85 + 0.2 * np.sin(np.pi * s) + 0.04 * np.cos(2 * np.pi * turns * s)
-    rings = np.column_stack(
-        [-grip * s, middle - wide * swell / 2 * 1.15, middle + wide * swell / 2 * 1.15, wide * swell]
-    )
-    handle = along_y(rings[::-1], 2.1, 110, 28)
-    ball = filleted(np.array([(0.006, 0), (0.013, 0.006), (0.013, 0.014), (0.005, 0.022), (0.0, 0.022)]), 0.005)
-    pommel = turned(ball, (0, -grip + 0.004, middle), (0, -1, 0), 40)
-    fittings = metal(rng, ["brass", "steel", "copper"])
-    return [
-        Part(solid, metal(rng, ["steel"])),
-        Part(guard + pommel, fittings),
-        part(handle, handle_material(rng)),
-    ]
-
-
-def cutter(rng) -> list[Part]:
-    """A utility knife: an angled plastic body, a segmented blade, a slider."""
-    grip, tall, wide = rng.uniform(0.13, 0.16), rng.uniform(0.02, 0.03), rng.uniform(0.011, 0.016)
-    outline = filleted(
-        np.array(
-            [
-                (0, 0),
-                (-0.3 * grip, 0.002),
-                (-grip, -0.002),
-                (-grip, -tall),
-                (-0.6 * grip, -tall),
-                (-0.3 * grip, -0.85 * tall),
-                (-0.006, -0.8 * tall),
-            ]
-        ),
-        [0.003, 0.03, 0.008, 0.008, 0.03, 0.03, 0.003],
-        closed=True,
-    )
-    body = prism(outline, wide, 0.003)
-    slot = box((wide, 0.62 * grip, 0.006), (0.75 * wide, -0.4 * grip, -0.3 * tall))
-    ridges = [
-        rod(
-            (wide / 2, -0.62 * grip - 0.005 * k, -tall),
-            (wide / 2, -0.62 * grip - 0.005 * k, -0.55 * tall),
-            0.0012,
-            segments=12,
-        )
-        for k in range(8)
-    ]
-    body = cut(body, [slot, *ridges])
-    out, high = rng.uniform(0.02, 0.07), 0.6 * tall
-    steel = prism(
-        np.array(
-            [
-                (-0.05, -0.75 * tall),
-                (out - 0.01, -0.75 * tall),
-                (out, -0.75 * tall + high),
-                (-0.05, -0.75 * tall + high),
-            ]
-        ),
-        0.0008,
-    )
-    grooves = [
-        box((0.001, 0.0003, high * 1.4), (0.0006, 0, 0)).rotate((-20, 0, 0)).translate((0, at, -0.75 * tall + high / 2))
-        for at in np.arange(0.004, out - 0.008, 0.006)
-    ]
-    steel = cut(steel, grooves)
-    slider = prism(
-        filleted(
-            np.array(
-                [
-                    (-0.2 * grip, -0.12 * tall),
-                    (-0.2 * grip, -0.48 * tall),
-                    (-0.34 * grip, -0.48 * tall),
-                    (-0.34 * grip, -0.12 * tall),
-                ]
-            ),
-            0.002,
-            closed=True,
-        ),
-        0.006,
-        0.0015,
-    ).translate((wide / 2 + 0.0005, 0, 0))
-    return [
-        Part(steel, metal(rng, ["steel"])),
-        Part(body, plastic(rng)),
-        Part(slider, plastic(rng, ["black-plastic"])),
-    ]
-
-
-def machete(rng) -> list[Part]:
-    """A broad forward-heavy blade: machete, kukri or bolo."""
-    length, height = rng.uniform(0.24, 0.38), rng.uniform(0.045, 0.07)
-    y, t = ends(length)
-    bend = rng.uniform(0, 0.9) * height * (1 if rng.uniform() < 0.6 else 0)
-    droop = -bend * np.clip(t - 0.25, 0, 1) ** 1.3 * 1.8
-    width = height * (0.55 + 0.45 * np.sin(np.pi * np.clip(t * 0.85 + 0.05, 0, 1)) ** 1.5)
-    spine = droop - 0.85 * height * np.clip((t - 0.82) / 0.18, 0, 1) ** 2.4
-    edge = droop - width + 0.12 * height * np.clip((t - 0.85) / 0.15, 0, 1) ** 2
-    solid = blade(y, spine, edge, rng.uniform(0.003, 0.005) * (1 - 0.3 * t), rng.uniform(0.25, 0.5))
-    return kitchen_handle(rng, rng.uniform(0.026, 0.03), solid, rng.uniform() < 0.3)
-
-
-STYLES = (
-    chef,
-    folder,
-    bread,
-    hunting,
-    cleaver,
-    multitool,
-    steak,
-    combat,
-    santoku,
-    cutter,
-    dagger,
-    paring,
-    machete,
-    table,
-)

@@ -1,0 +1,52 @@
+"""Parameters of the procedural classes: names, ranges and units; drawn independently of each other."""
+
+from collections.abc import Mapping
+from types import SimpleNamespace
+from typing import NamedTuple
+
+import numpy as np
+
+# Probability that a group of parameters (a bottle's top, a rifle's stock) is drawn as in any of the class's styles.
+EXCHANGE = 0.25
+
+
+class Range(NamedTuple):
+    """A number, drawn evenly between two bounds. The unit "1" is a ratio; "count" is cut to a whole number."""
+
+    low: float
+    high: float
+    unit: str
+    meaning: str
+
+
+class Choice(NamedTuple):
+    """One of the names in `options`, which spaces separate. A name that is there twice is twice as likely."""
+
+    options: str
+    meaning: str
+
+
+Parameters = Mapping[str, Mapping[str, Range | Choice]]
+# By style and parameter: (low, high) in place of a range's bounds, or other options of a choice.
+Styles = Mapping[str, Mapping[str, tuple[float, float] | str]]
+
+
+def draw(rng: np.random.Generator, style: str, parameters: Parameters, styles: Styles) -> SimpleNamespace:
+    """A value of each parameter, as attributes.
+
+    parameters: by group and name. The first group is always drawn as in `style`; each other group is drawn as in a
+    style that is chosen at random with the probability `EXCHANGE`.
+    """
+    values, names = {}, list(styles)
+    for position, group in enumerate(parameters.values()):
+        other = names[rng.integers(len(names))]
+        donor = other if position and rng.uniform() < EXCHANGE else style
+        for name, parameter in group.items():
+            asked = styles[donor].get(name)
+            if isinstance(parameter, Choice):
+                options = (asked or parameter.options).split()
+                values[name] = options[rng.integers(len(options))]
+            else:
+                value = rng.uniform(*(asked or parameter[:2]))
+                values[name] = int(value) if parameter.unit == "count" else value
+    return SimpleNamespace(**values)
