@@ -38,9 +38,9 @@ from studies.subjects import Subject
 @pytest.fixture(scope="module")
 def subject(tmp_path_factory):
     folder = tmp_path_factory.mktemp("run")
-    source = shapes.write("knife", 0, folder / "source")
+    source = shapes.write("knife", 1, folder / "source")
     prepare(source, folder / "meshes", levels=())
-    return Subject("knife-0000", "knife", "batch-0000", folder / "meshes")
+    return Subject("knife-0001", "knife", "batch-0000", folder / "meshes")
 
 
 @pytest.fixture(scope="module")
