@@ -86,8 +86,8 @@ def stored_hand(grasp: GraspRecord) -> Hand:
 def best_direction(grasp: GraspRecord, hand: Hand) -> np.ndarray:
     """(3,) unit vector from the object to the camera that sees the closing fingers best.
 
-    The object hides little of the closed hand, and is not seen end on; and the view is from the hand's side,
-    where fingers curl in the picture's plane. The hand counts as much as the other two together.
+    The object hides less of the closed hand than from most sides, and is not seen end on; and the view is from the
+    hand's side, where fingers curl in the picture's plane. The hand counts as much as the other two together.
     """
     mesh = RayMesh(load_visual(grasp.object.mesh))
     closed = hand_points(hand, grasp.link_pose)[::HAND_STRIDE] - OBJECT_POSITION
@@ -100,8 +100,9 @@ def best_direction(grasp: GraspRecord, hand: Hand) -> np.ndarray:
         return np.prod(np.ptp(grasp.object.points @ _picture_axes(towards).T, axis=0))
 
     directions = [_unit(*view) for view in itertools.product(AZIMUTHS, ELEVATIONS)]
-    largest = max(map(area, directions))
-    return max(directions, key=lambda d: 2 * seen(d) + abs(d @ across) + area(d) / largest)
+    clear, largest = list(map(seen, directions)), max(map(area, directions))
+    score = [2 * c + abs(d @ across) + area(d) / largest for d, c in zip(directions, clear, strict=True)]
+    return directions[np.argmax(np.where(clear >= np.median(clear), score, -np.inf))]
 
 
 def beside(points: np.ndarray, towards: np.ndarray, hand: Hand) -> np.ndarray:

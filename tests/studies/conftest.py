@@ -14,11 +14,11 @@ from tests.vision.scenes import grasp_poses
 
 @pytest.fixture(scope="session")
 def pictured(tmp_path_factory):
-    """A run's folder and its only subject, a bottle."""
+    """A run's folder and its only subject, a bottle so light that its bounces of light show."""
     run = tmp_path_factory.mktemp("pictured")
-    subject = Subject("bottle-0000", "bottle", "batch-0000", run / "meshes/batch-0000/bottle-0000")
+    subject = Subject("bottle-0006", "bottle", "batch-0000", run / "meshes/batch-0000/bottle-0006")
     subject.folder.mkdir(parents=True)
-    scene = shapes.make("bottle", 0)
+    scene = shapes.make("bottle", 6)
     low, high = scene.bounds
     to_canonical = np.eye(4) * DIAGONAL / np.linalg.norm(high - low)
     to_canonical[:3, 3], to_canonical[3, 3] = -to_canonical[0, 0] * (low + high) / 2, 1

@@ -9,7 +9,7 @@ import yaml
 from palpate.models import SINGLE_IMAGE_MODELS
 from palpate.store import CONTRACT
 from palpate.training.checkpoints import build
-from palpate.training.inputs import INPUTS, camera_array, inputs, main, stages, takes_charts, takes_readings
+from palpate.training.inputs import INPUTS, camera_array, inputs, stages, table, takes_charts, takes_readings
 from palpate.training.recipes import merge
 from tests.training.conftest import ARCHITECTURE
 
@@ -63,12 +63,10 @@ def test_every_array_is_the_contracts_and_is_taken_by_some_and_only_the_truth_by
         assert taken == ({True} if item.name == "points" else {True, False}), item.name
 
 
-def test_the_table_is_printed(capsys):
-    assert main([str(FILE)]) == 0
-    printed = capsys.readouterr().out
+def test_the_table():
+    printed = table(EXPERIMENTS)
     assert "| charts_touch_5 " in printed and "surface, touch, charts" in printed
     assert re.search(r"\| camera +\| views camera +\| float32 \| vision is views", printed)
     assert re.search(
         r"\| image_camera +\| vision intrinsics, extrinsics \| float32 \| vision is unoccluded or", printed
     )
-    assert main([]) == 2 and "usage" in capsys.readouterr().err

@@ -38,7 +38,7 @@ def finger(tmp_path_factory):
     folder = tmp_path_factory.mktemp("hand")
     (folder / "finger.xml").write_text(FINGER)
     sensor = f"{{body: finger, position: [{ARM}, 0, 0]}}"
-    (folder / "sensors.yaml").write_text(f"sensors: [{', '.join(4 * [sensor])}]\nopen: [0]\n")
+    (folder / "sensors.yaml").write_text(f"sensors: [{sensor}]\nopen: [0]\n")
     return from_mjcf(folder / "finger.xml", folder / "sensors.yaml")
 
 
