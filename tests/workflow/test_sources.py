@@ -71,6 +71,20 @@ def test_odd_names_that_can_be_used_are_used(make_workflow, tmp_path):
     assert len(catalogued(workflow)) == 10
 
 
+def test_names_with_html_are_text_in_snakemakes_report(make_workflow, tmp_path):
+    name = "<img src=x onerror=alert(1)>"
+    write_box(tmp_path / "meshes/salt & pepper's" / f"{name}.stl")
+    (tmp_path / "meshes/salt & pepper's" / f"bad {name}.stl").write_text(name)
+    workflow = make_workflow(source={"kind": "folder", "path": str(tmp_path / "meshes")}, classes="all")
+    made = workflow("tables/grasp_success.csv", "rejected.csv")
+    assert made.returncode == 0, made.stderr
+    assert name in (workflow.run / "rejected.csv").read_text()
+    result = workflow("tables/grasp_success.csv", "--report", "report.html")
+    assert result.returncode == 0, result.stderr
+    report = (workflow.run / "report.html").read_text()
+    assert "grasp_success" in report and "<img src=x" not in report
+
+
 @pytest.mark.parametrize("model", ["model.obj", "models/model_normalized.obj"])
 def test_shapenet_in_the_layout_of_either_version(make_workflow, tmp_path, model):
     for synset, name in {"02876657": "1a", "03624134": "2b", "99999999": "3c"}.items():
