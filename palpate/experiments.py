@@ -1,0 +1,135 @@
+"""The experiments of config/experiments.yaml: each model that a table needs, and the tables as lists of them."""
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field, fields
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from palpate.configuration import ConfigError, check
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """One model: a row of config/experiments.yaml.
+
+    Attributes:
+        name: its key there.
+        strategy: charts, no_copy, no_comm or sphere; of views only psg, pixel2mesh or r2n2.
+        vision: occluded, unoccluded, views or none. touch: whether it takes touches. grasps: how many at most.
+        fewer_grasps: whether it is trained with any number of grasps up to `grasps`.
+        base: the experiment whose trained model it continues from; None: it starts from random weights.
+        architecture: what it changes in the recipe's architecture.
+    """
+
+    name: str
+    strategy: str
+    vision: str
+    touch: bool
+    grasps: int
+    fewer_grasps: bool = False
+    base: str | None = None
+    architecture: Mapping[str, Any] = field(default_factory=dict)
+
+    @classmethod
+    def from_row(cls, name: str, row: Mapping[str, Any]) -> "Experiment":
+        """The experiment of a row of the file, or of the form that `row` gives (checkpoints, Snakemake's params)."""
+        return cls(**{"name": name} | dict(row))
+
+    def row(self) -> dict[str, Any]:
+        """The row as plain data, keys with their default left out: what checkpoints and Snakemake's params hold."""
+        defaults = {"fewer_grasps": False, "base": None, "architecture": {}}
+        return {key: value for key, value in asdict(self).items() if key != "name" and defaults.get(key, ()) != value}
+
+    @property
+    def has_vision(self) -> bool:
+        """Whether it takes images of any kind."""
+        return self.vision != "none"
+
+    @property
+    def in_graph(self) -> bool:
+        """Whether touch charts join the graph of vision charts, as in the paper's equation 1."""
+        return self.touch and self.architecture.get("touch") == "graph"
+
+    @property
+    def takes_charts(self) -> bool:
+        """Whether touches reach the model as charts: in all strategies but `sphere` (paper, section 5.1)."""
+        return self.touch and self.strategy != "sphere"
+
+    @property
+    def takes_readings(self) -> bool:
+        """Whether touches reach the model as readings: in strategy `sphere`."""
+        return self.touch and self.strategy == "sphere"
+
+    @property
+    def takes_grasps(self) -> bool:
+        """Whether anything that the model takes depends on a grasp: touches, or an occluded image."""
+        return self.touch or self.vision == "occluded"
+
+    @property
+    def takes_directions(self) -> bool:
+        """Whether it takes the sensors' rotations: not where touch is only copied, or in the paper's graph."""
+        return self.touch and self.strategy != "no_comm" and not self.in_graph
+
+    @property
+    def modality(self) -> str:
+        """What recipes call its inputs: `occluded_touch`, `touch`, `single_image`."""
+        if self.vision == "views":
+            return "single_image"
+        return "_".join([self.vision] * self.has_vision + ["touch"] * self.touch)
+
+    @property
+    def setup(self) -> tuple[str, str, bool, int]:
+        """What makes a row of the paper's tables: strategy, vision, touch, grasps."""
+        return self.strategy, self.vision, self.touch, self.grasps
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """A table of config/experiments.yaml: the experiments that it compares, in order, and the split they are tested on."""
+
+    name: str
+    split: str
+    experiments: tuple[Experiment, ...]
+
+    @property
+    def by_name(self) -> dict[str, Experiment]:
+        """The experiments by their names, in order."""
+        return {experiment.name: experiment for experiment in self.experiments}
+
+
+@dataclass(frozen=True)
+class Experiments:
+    """The whole of config/experiments.yaml."""
+
+    experiments: Mapping[str, Experiment]
+    tables: Mapping[str, Comparison]
+
+    @classmethod
+    def read(cls, path: Path | str, schema: Path | str) -> "Experiments":
+        """The file's experiments and tables, checked against its schema.
+
+        Raises ConfigError, naming the row, for a base or a table's experiment that is not defined, an experiment
+        without vision and touch, or a table that is tested on the train split.
+        """
+        rows = yaml.safe_load(Path(path).read_text(encoding="utf-8"))
+        check(rows, schema, str(path))
+        experiments = {name: Experiment.from_row(name, row) for name, row in rows["experiments"].items()}
+        for experiment in experiments.values():
+            if experiment.base and experiment.base not in experiments:
+                raise ConfigError(f"{path}: {experiment.name} has base {experiment.base}, which is not defined")
+            if not experiment.has_vision and not experiment.touch:
+                raise ConfigError(f"{path}: {experiment.name} needs vision or touch, and has neither")
+        tables = {}
+        for name, row in rows["tables"].items():
+            if row["split"] == "train":
+                raise ConfigError(f"{path}: table {name}: models are tested on validation or test")
+            for experiment in row["experiments"]:
+                if experiment not in experiments:
+                    raise ConfigError(f"{path}: table {name} has experiment {experiment}, which is not defined")
+            tables[name] = Comparison(name, row["split"], tuple(experiments[each] for each in row["experiments"]))
+        return cls(experiments, tables)
+
+
+EXPERIMENT_KEYS = tuple(each.name for each in fields(Experiment) if each.name != "name")
