@@ -9,10 +9,10 @@ from typing import Any
 
 from palpate.catalogue import SPLITS, CatalogueError, assign_split
 from palpate.dataset.run import Run
+from palpate.mesh import FACTS
 from palpate.sensor import warn_of_shallow
 from palpate.store import CONTRACT, StoreError
 
-FACTS = ".facts.json"  # as `palpate.mesh.FACTS`, whose import loads mesh libraries
 MOST_REASONS = 3
 SAMPLED_BATCHES = 20  # whose touches are looked at
 ALIKE = 1e-4  # diagonals: of sides and root of the area, of objects that look like copies

@@ -1,7 +1,6 @@
 """Signed distances of points to solids in their own frame, in closed form: negative inside, metres."""
 
 import numpy as np
-from scipy.spatial import ConvexHull
 
 GEOM_KINDS = ("box", "sphere", "capsule", "cylinder", "ellipsoid", "mesh")
 
@@ -63,5 +62,7 @@ def half_spaces(vertices: np.ndarray) -> np.ndarray:
 
     Outward unit normal and offset: normal . x + offset is negative inside.
     """
+    from scipy.spatial import ConvexHull
+
     equations = ConvexHull(vertices).equations
     return np.unique(np.round(equations, 9), axis=0)

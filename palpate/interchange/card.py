@@ -1,5 +1,6 @@
 """The data card of an exported run: a README with the header that Hugging Face reads, made from the run."""
 
+import csv
 import re
 from collections import Counter
 from collections.abc import Mapping
@@ -7,7 +8,7 @@ from pathlib import Path
 from textwrap import indent
 from typing import Any
 
-import pandas as pd
+import numpy as np
 import yaml
 
 from palpate import __version__
@@ -118,13 +119,18 @@ def _rejections(dataset: Dataset) -> str:
     return _table(rows, "objects", "stage", "reason") if rows else "None."
 
 
+def _rows(path: Path) -> list[dict[str, str]]:
+    with path.open(encoding="utf-8", newline="") as file:
+        return list(csv.DictReader(file))
+
+
 def _checks(run: Path) -> str:
     """What the validation found: from its report."""
     path = run / "reports/validation.csv"
     if not path.is_file():
         return "The run was not validated."
-    checks = pd.read_csv(path)
-    failed = int((~checks.passed.astype(bool)).sum())
+    checks = _rows(path)
+    failed = sum(row["passed"] != "True" for row in checks)
     return f"{len(checks)} checks of files and values: {f'{failed} failed' if failed else 'all passed'}."
 
 
@@ -132,9 +138,10 @@ def _errors(run: Path) -> str:
     """Mean errors of the run's models on test objects."""
     rows = []
     for path in sorted(run.glob("evaluations/*/seed-*.csv")):
-        table = pd.read_csv(path)
-        if {"split", "chamfer"} <= set(table) and len(test := table[table.split == "test"]):
-            rows.append([escaped(path.parent.name), escaped(path.stem), len(test), f"{test.chamfer.mean():.4g}"])
+        test = [row for row in _rows(path) if row.get("split") == "test"]
+        if test and "chamfer" in test[0]:
+            mean = np.nanmean([float(row["chamfer"] or "nan") for row in test])
+            rows.append([escaped(path.parent.name), escaped(path.stem), len(test), f"{mean:.4g}"])
     if not rows:
         return "No model was evaluated."
     return (

@@ -1,19 +1,24 @@
-"""Mesh files of an object from a source file of any kind: loaded, repaired, normalised, decimated, measured."""
+"""Mesh files of an object from a source file of any kind: loaded, repaired, normalised, decimated, measured.
+
+Importing this package loads no engine: its constants and the paths of mesh files are used without one.
+"""
 
 import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import trimesh
 
 from palpate import checksums
 from palpate.batch import UnusableObject
 from palpate.mesh.isolation import isolated
-from palpate.mesh.load import FORMATS
 from palpate.remedy import command
 
+if TYPE_CHECKING:
+    import trimesh
+
+FORMATS = ("obj", "glb", "gltf", "stl", "ply", "off", "dae", "3mf")
 DIAGONAL = 0.5  # m, of the bounding boxes of objects that are scaled to one size, as the paper's
 # m, of a bounding box: an object that keeps its size and is smaller, or larger, was given in another unit. A hand does
 # not hold it, either.
@@ -147,8 +152,10 @@ def _remedy(batch: Path | str) -> str:
     return f"remove {batch} and build it again with: {command(batch)}"
 
 
-def load_visual(folder: Path | str) -> trimesh.Trimesh:
+def load_visual(folder: Path | str) -> "trimesh.Trimesh":
     """The geometry of `visual.glb`, every face, as one mesh in the object's own frame, without materials."""
+    import trimesh
+
     loaded = trimesh.load_scene(mesh_file(folder, "visual.glb"), process=False, skip_materials=True)
     parts = list(loaded.geometry.values())
     start = np.cumsum([0] + [len(part.vertices) for part in parts])
@@ -160,6 +167,8 @@ def load_visual(folder: Path | str) -> trimesh.Trimesh:
     )
 
 
-def load_collision(folder: Path | str) -> trimesh.Trimesh:
+def load_collision(folder: Path | str) -> "trimesh.Trimesh":
     """`collision.ply`, the decimated surface, in the object's own frame."""
+    import trimesh
+
     return trimesh.load_mesh(mesh_file(folder, "collision.ply"), process=False)

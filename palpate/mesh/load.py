@@ -9,13 +9,11 @@ import trimesh
 import trimesh.path
 
 from palpate.batch import UnusableObject
-from palpate.mesh import textures
+from palpate.mesh import FORMATS, textures
 from palpate.mesh.integrity import check_sizes, check_whole
 from palpate.named_files import unusable
 
 log = logging.getLogger(__name__)
-
-FORMATS = ("obj", "glb", "gltf", "stl", "ply", "off", "dae", "3mf")
 
 
 def load_parts(

@@ -5,7 +5,6 @@ rounded, and everything here is convex, so faces cut corners and never stick out
 """
 
 import numpy as np
-from scipy.spatial import ConvexHull
 
 # The radius of a box's or a cylinder's rounded edges: a share of the smallest half extent, up to a limit in
 # metres.
@@ -49,6 +48,8 @@ def triangles(kind: str, size, vertices=None, faces=None) -> Triangles:
 def _hull_or_mesh(vertices: np.ndarray, faces: np.ndarray) -> Triangles:
     """A mesh as it is, or without faces its vertices' convex hull; every face flat, with its own vertices."""
     if not len(faces):
+        from scipy.spatial import ConvexHull
+
         hull = ConvexHull(vertices)
         faces = hull.simplices.copy()
         corners = vertices[faces]

@@ -5,7 +5,6 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-import OpenEXR
 
 from palpate.camera import Camera, matrices
 
@@ -70,6 +69,8 @@ def vision_record(pictures: Sequence[tuple[Image, list[Image]]], cameras: Sequen
 
 def read_layers(path: Path | str) -> Layers:
     """Passes of a multilayer EXR file, one that Blender or `write_layers` wrote."""
+    import OpenEXR
+
     with OpenEXR.File(str(path)) as file:
         channels = file.channels()
         return Layers(*(np.array(channels[name].pixels) for name in CHANNELS.values()))
@@ -77,6 +78,8 @@ def read_layers(path: Path | str) -> Layers:
 
 def write_layers(path: Path | str, layers: Layers) -> None:
     """Keep a picture's passes as a multilayer EXR file: 32 bit floats, zip, Blender's channel names."""
+    import OpenEXR
+
     channels = dict(zip(CHANNELS.values(), layers, strict=True))
     header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
     with OpenEXR.File(header, channels) as file:
