@@ -20,7 +20,7 @@ from tqdm import tqdm
 
 from palpate import lock
 from palpate.checksums import DamagedFile, read_rows
-from palpate.remedy import command
+from palpate.rebuild_command import rebuild_advice
 
 log = logging.getLogger(__name__)
 
@@ -202,7 +202,7 @@ def read_rejections(paths: Iterable[Path | str]) -> list[Rejection]:
     """
     rejections = []
     for path in map(Path, paths):
-        rows = read_rows(path, Rejection._fields, f"remove it and build it with: {command(path)}")
+        rows = read_rows(path, Rejection._fields, rebuild_advice(path))
         rejections += [Rejection(*(row[field] for field in Rejection._fields)) for row in rows]
     return rejections
 

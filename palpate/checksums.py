@@ -25,7 +25,7 @@ class DamagedFile(ValueError):
     """
 
 
-def measure(path: Path | str) -> list:
+def size_and_sha256(path: Path | str) -> list:
     """Number of bytes and SHA-256 of a file."""
     with open(path, "rb", buffering=0) as file:
         return [os.fstat(file.fileno()).st_size, hashlib.file_digest(file, "sha256").hexdigest()]
@@ -35,7 +35,7 @@ def manifest_of(folder: Path | str) -> dict[str, list]:
     """The manifest of all files in a folder but its own `manifest.json` and hidden ones (Snakemake's), in order."""
     folder = Path(folder)
     files = sorted(path for path in folder.rglob("[!.]*") if path.is_file() and path != folder / MANIFEST)
-    return {path.relative_to(folder).as_posix(): measure(path) for path in files}
+    return {path.relative_to(folder).as_posix(): size_and_sha256(path) for path in files}
 
 
 def write_manifest(folder: Path | str) -> None:
@@ -57,7 +57,7 @@ def read_manifest(folder: Path | str, remedy: str) -> dict[str, list]:
         raise DamagedFile(f"{path} can't be read ({type(error).__name__}); {remedy}") from None
 
 
-def damage(folder: Path | str, files: Manifest, contents: bool = False) -> list[str]:
+def find_damage(folder: Path | str, files: Manifest, contents: bool = False) -> list[str]:
     """What is wrong with a folder's files by a manifest, one line a file: "visual.glb is missing".
 
     contents: compare checksums too, which reads every file; else existence and sizes only.
@@ -71,7 +71,7 @@ def _difference(path: str, expected: Sequence, contents: bool) -> str:
     try:
         size = os.stat(path).st_size
         if size == expected[0] and contents:
-            size, digest = measure(path)
+            size, digest = size_and_sha256(path)
             if digest != expected[1]:
                 return "has changed since it was written (checksum)"
     except (FileNotFoundError, NotADirectoryError):
@@ -83,7 +83,7 @@ def _difference(path: str, expected: Sequence, contents: bool) -> str:
     return "" if size == expected[0] else f"has {size} bytes, but {expected[0]} were written"
 
 
-def listed(lines: Iterable[str], most: int = 3) -> str:
+def join_first(lines: Iterable[str], most: int = 3) -> str:
     """The first few of some lines in one, and how many more there are."""
     lines = list(lines)
     return "; ".join([*lines[:most], *([f"and {len(lines) - most} more"] if len(lines) > most else [])])
@@ -97,7 +97,7 @@ def sidecar(path: Path | str) -> Path:
 
 def write_sidecar(path: Path | str) -> None:
     """Write the checksum of a single file beside it, as `sha256sum` does."""
-    sidecar(path).write_text(f"{measure(path)[1]}  {Path(path).name}\n")
+    sidecar(path).write_text(f"{size_and_sha256(path)[1]}  {Path(path).name}\n")
 
 
 def changed(folder: Path | str) -> list[Path]:
@@ -112,7 +112,7 @@ def changed(folder: Path | str) -> list[Path]:
         folders[:] = [] if passed_over else sorted(x for x in folders if not x.startswith(".") and ".zarr" not in x)
         for path in (Path(place, name) for name in sorted(files)):
             stated = sidecar(path)
-            if stated.name in files and stated.read_bytes()[:64] != measure(path)[1].encode():
+            if stated.name in files and stated.read_bytes()[:64] != size_and_sha256(path)[1].encode():
                 found.append(path)
     return found
 
@@ -141,7 +141,7 @@ def read_text(path: Path | str, remedy: str) -> str:
         raise DamagedFile(f"{path} is not text; {remedy}") from None
     if "\0" in text:
         raise DamagedFile(f"{path} is not text; {remedy}")
-    if path.suffix == ".csv" and not text.endswith("\n"):  # a record that is cut off is no JSON
+    if path.suffix == ".csv" and not text.endswith("\n"):  # a record that is cut off is not valid JSON
         raise DamagedFile(f"{path} is cut off: no line break at its end; {remedy}")
     try:
         expected = sidecar(path).read_bytes()
@@ -165,7 +165,7 @@ def read_rows(path: Path | str, columns: Iterable[str], remedy: str) -> list[dic
     try:
         rows = list(lines)
     except csv.Error as error:
-        raise DamagedFile(f"{path} is no table ({error}); {remedy}") from None
+        raise DamagedFile(f"{path} is not a valid CSV file ({error}); {remedy}") from None
     if missing := [name for name in columns if name not in (lines.fieldnames or ())]:
         raise DamagedFile(f"{path} has no column {missing[0]!r}; {remedy}")
     for number, row in enumerate(rows, start=1):
@@ -175,11 +175,11 @@ def read_rows(path: Path | str, columns: Iterable[str], remedy: str) -> list[dic
 
 
 def read_record(path: Path | str, remedy: str) -> dict:
-    """The JSON object of a record that a run wrote. Raises DamagedFile as `read_text` does, and if it is none."""
+    """The JSON object of a record that a run wrote. Raises DamagedFile as `read_text` does, and for other JSON."""
     try:
         record = json.loads(read_text(path, remedy))
     except json.JSONDecodeError as error:
-        raise DamagedFile(f"{path} is no JSON ({error}); {remedy}") from None
+        raise DamagedFile(f"{path} is not valid JSON ({error}); {remedy}") from None
     if not isinstance(record, dict):
-        raise DamagedFile(f"{path} holds no record; {remedy}")
+        raise DamagedFile(f"{path} is not a JSON object; {remedy}")
     return record

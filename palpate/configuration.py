@@ -16,7 +16,8 @@ RENAMED_KEYS = {
     "evaluation.bootstrap": "resamples",
     "views.renderings": "published_renderings",
 }
-
+# Values that had another name, by their key's path.
+RENAMED_VALUES = {"source.variants": {"richest": "best"}}
 
 MOST_VALUES = 1_000_000  # of a YAML file, aliases written out
 LONGEST_NAME = 255  # bytes of a file's name
@@ -134,6 +135,8 @@ def _say(error: jsonschema.ValidationError) -> Iterator[str]:
     elif error.validator == "required":
         for key in sorted(set(error.validator_value) - set(error.instance)):
             yield f"{f'{where}.' if where else ''}{key}: missing"
+    elif renamed := error.validator == "enum" and RENAMED_VALUES.get(where, {}).get(error.instance):
+        yield f"{where}: {error.instance!r} is now called {renamed!r}; rename it"
     elif isinstance(error.schema, dict) and "errorMessage" in error.schema:
         yield f"{where}: {error.instance!r}: {error.schema['errorMessage']}"
     else:

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from palpate import checksums
-from palpate.remedy import command
+from palpate.rebuild_command import rebuild_advice
 
 RECORD = "made_from.json"
 # Keys of the config that say where something is or how it is computed; what they name is in the contents.
@@ -55,23 +55,23 @@ class Made(NamedTuple):
         ]
         others = [stage for stage, digest in self.inputs.items() if contents.get(stage, digest) != digest]
         lines += [f"from other {' and '.join(others)} than the run has"] if others else []
-        return checksums.listed(lines)
+        return checksums.join_first(lines)
 
     def refused(self, misfit: str) -> str:
         """The message about a misfit."""
-        return f"{self.path} was made {misfit}; remove it and build it again with: {command(self.path)}"
+        return f"{self.path} was made {misfit}; {rebuild_advice(self.path)}"
 
 
 def of_meshes(batch: Path | str) -> Made:
     """A run's batch of meshes. Raises `palpate.checksums.DamagedFile` if it does not state what it was made from."""
     batch = Path(batch)
-    remedy = f"remove {batch} and build it again with: {command(batch)}"
+    remedy = rebuild_advice(batch, str(batch))
     files = checksums.read_manifest(batch, remedy)
     stated = {RECORD: files.get(RECORD, [0, ""])}
-    if found := checksums.damage(batch, stated, contents=True):
+    if found := checksums.find_damage(batch, stated, contents=True):
         raise checksums.DamagedFile(f"{batch}: {found[0]}; {remedy}")
     made_from = checksums.read_record(batch / RECORD, remedy)
-    return Made(batch, "meshes", checksums.measure(batch / checksums.MANIFEST)[1], made_from)
+    return Made(batch, "meshes", checksums.size_and_sha256(batch / checksums.MANIFEST)[1], made_from)
 
 
 def sources_digest(objects: Iterable[tuple[str, str, str, str]]) -> str:

@@ -21,7 +21,7 @@ def table(tmp_path):
 
 
 def test_checksums_are_those_of_sha256sum(table):
-    assert checksums.measure(table)[0] == len(ROWS)
+    assert checksums.size_and_sha256(table)[0] == len(ROWS)
     done = subprocess.run(["sha256sum", "--check", ".x.csv.sha256"], cwd=table.parent, capture_output=True, text=True)
     assert done.stdout == "x.csv: OK\n"
 
@@ -57,7 +57,7 @@ def test_a_table_without_a_checksum_is_taken_if_it_is_a_table(tmp_path):
         ("object,stage\na,b,c\n", "has one too many, in row 1"),
         ("object,stage\na,b\nc\n", "lacks a value, .* in row 2"),
         ("object\na\n", "has no column 'stage'"),
-        ('object,stage\n"a,b\n', "is no table"),
+        ('object,stage\n"a,b\n', "is not a valid CSV file"),
     ):
         path.write_text(text)
         with pytest.raises(DamagedFile, match=said):
@@ -72,7 +72,7 @@ def test_a_field_may_hold_any_line_break(tmp_path):
 
 def test_a_record_that_is_no_json_is_an_error(tmp_path):
     path = tmp_path / "x.json"
-    for text, said in (('{"steps": 3\n', "is no JSON"), ("[3]\n", "holds no record")):
+    for text, said in (('{"steps": 3\n', "is not valid JSON"), ("[3]\n", "is not a JSON object")):
         path.write_text(text)
         with pytest.raises(DamagedFile, match=said):
             checksums.read_record(path, REMEDY)
@@ -97,14 +97,14 @@ def test_a_folder_says_what_is_missing_cut_and_changed(tmp_path):
     checksums.write_manifest(tmp_path)
     files = checksums.read_manifest(tmp_path, REMEDY)
     assert list(files) == ["a/mesh.json", "a/visual.glb", "b/visual.glb"]
-    assert checksums.damage(tmp_path, files, contents=True) == []
+    assert checksums.find_damage(tmp_path, files, contents=True) == []
     (tmp_path / "a/mesh.json").unlink()
     (tmp_path / "a/visual.glb").write_bytes(b"short")
     (tmp_path / "b/visual.glb").write_bytes(b"Content of b/visual.glb")
     lost = ["a/mesh.json is missing", "a/visual.glb has 5 bytes, but 23 were written"]
-    assert checksums.damage(tmp_path, files) == lost
+    assert checksums.find_damage(tmp_path, files) == lost
     changed = "b/visual.glb has changed since it was written (checksum)"
-    assert checksums.damage(tmp_path, files, contents=True) == [*lost, changed]
+    assert checksums.find_damage(tmp_path, files, contents=True) == [*lost, changed]
     for content in (b"", b"{", b'{"a": 3}', b"[1]"):
         (tmp_path / checksums.MANIFEST).write_bytes(content)
         with pytest.raises(DamagedFile, match="manifest.json can't be read"):

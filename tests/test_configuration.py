@@ -86,3 +86,11 @@ def test_values_of_the_command_line_are_typed_as_in_a_file(text):
 def test_what_is_typed_already_stays():
     values = {"a": 1, "b": [2.5, True, None, "text"], "c": {"d": "{"}}
     assert typed(values) == values
+
+
+def test_a_value_of_old_is_named_with_its_new_name(tmp_path):
+    schema = tmp_path / "config.schema.yaml"
+    schema.write_text("properties: {source: {properties: {variants: {enum: [best, each]}}}}")
+    check({"source": {"variants": "best"}}, schema, "config")
+    with pytest.raises(ConfigError, match="source.variants: 'richest' is now called 'best'; rename it"):
+        check({"source": {"variants": "richest"}}, schema, "config")

@@ -13,7 +13,8 @@ import palpate
 ROOT = Path(palpate.__file__).parent
 # From what everything else stands on to what stands on everything else; docs/design.md has the same order.
 ORDER = (
-    *("checksums", "atomic", "lock", "locked", "terminal", "remedy", "provenance", "batch", "configuration"),
+    *("stages", "checksums", "atomic", "lock", "locked", "terminal", "rebuild_command", "provenance", "batch"),
+    *("configuration", "experiments"),
     *("camera", "sensor", "named_files"),
     *("mesh", "surface", "hand", "scene", "touch", "grasp", "vision", "shapes", "store", "released", "catalogue"),
     *("dataset", "protocol", "charts", "models", "training", "evaluation", "results"),

@@ -11,8 +11,8 @@ import yaml
 
 from palpate.atomic import atomic_write
 from palpate.catalogue.sources import DEFAULTS, UP_AXIS, CatalogueError, class_counts
-from palpate.configuration import ConfigError, absolute, read_yaml
-from palpate.remedy import RECORD
+from palpate.configuration import RENAMED_VALUES, ConfigError, absolute, read_yaml
+from palpate.rebuild_command import RECORD
 
 
 def resolve_source(config: Mapping[str, Any], project: Path | str) -> dict[str, Any]:
@@ -64,6 +64,7 @@ def check_same_run(folder: Path | str, config: Mapping[str, Any], project: Path 
 def _differences(recorded: Mapping[str, Any], config: Mapping[str, Any], project: Path | str) -> list[str]:
     """A line for each key that makes two configs those of different runs."""
     before, now = resolve_source(recorded, project), resolve_source(config, project)
+    before["variants"] = RENAMED_VALUES["source.variants"].get(before["variants"], before["variants"])
     if before["kind"] == now["kind"] == "procedural":  # made in the run's folder, which may have been moved
         before["path"] = now["path"]
     pairs = {f"source.{key}": (before[key], now[key]) for key in now if key != "outside"}  # may be allowed later

@@ -75,7 +75,7 @@ FORMAT_UP = {".glb": "y", ".gltf": "y"}
 UP_AXIS = {"procedural": "z", "released": "z", **{kind: layout.up for kind, layout in LAYOUTS.items()}}
 LONGEST_NAME = 200  # bytes of an object's name: 255 of a file's name, and what is added to it
 ONE_CLASS = "object"  # of a source without folders of classes, where nothing else says one
-DEFAULTS = {"pattern": None, "up": None, "scale": "diagonal", "objects": None, "variants": "richest", "outside": False}
+DEFAULTS = {"pattern": None, "up": None, "scale": "diagonal", "objects": None, "variants": "best", "outside": False}
 
 
 class CatalogueError(ValueError):
@@ -308,8 +308,8 @@ def _candidates(source: Mapping[str, Any], class_name: str | None) -> list[Sourc
                 candidates[place] = candidates[place]._replace(others=(*candidates[place].others, each.file))
     if not source["pattern"]:
         _warn_of_folders_without(root, kind, class_name, candidates)
-    if source["variants"] == "richest":
-        candidates = _richest(root, candidates, files_root(source))
+    if source["variants"] == "best":
+        candidates = _best_variants(root, candidates, files_root(source))
     return [
         SourceObject(each.name, each.class_name, each.file, others=tuple(sorted(each.others))) for each in candidates
     ]
@@ -408,7 +408,7 @@ def _warn_of_folders_without(root: Path, kind: str, class_name: str | None, foun
 VARIANT = re.compile(r"[-_ .]?(?<![A-Za-z0-9])((non|un)[-_]?)?textured(?![A-Za-z0-9])", re.IGNORECASE)
 
 
-def _richest(root: Path, candidates: list[_Candidate], files: str) -> list[_Candidate]:
+def _best_variants(root: Path, candidates: list[_Candidate], files: str) -> list[_Candidate]:
     """One candidate for all files of a folder that differ in format or texture only: the one that holds most."""
     groups: dict[tuple[str, str], list[_Candidate]] = {}
     for each in candidates:

@@ -13,7 +13,7 @@ from palpate.catalogue.sources import CatalogueError, SourceObject
 from palpate.catalogue.split import SPLITS, assign_split, suggest_split
 from palpate.checksums import DamagedFile, read_rows
 from palpate.named_files import unusable
-from palpate.remedy import command
+from palpate.rebuild_command import rebuild_advice, rebuild_command
 
 COLUMNS = ("object", "class", "split", "batch", "source", "checksum", "up", "scale", "others")
 OTHERS = "; "
@@ -52,11 +52,13 @@ def read_catalogue(path: Path | str) -> list[CatalogueEntry]:
     if not Path(path).is_file():
         folder = Path(path).parent
         if folder.is_dir():
-            raise CatalogueError(f"{path} does not exist; name a run's folder, or build it with: {command(path)}")
+            raise CatalogueError(
+                f"{path} does not exist; name a run's folder, or build it with: {rebuild_command(path)}"
+            )
         runs = sorted(place.parent.name for place in folder.parent.glob("*/catalogue.csv"))
         known = f"runs in {folder.parent} are {', '.join(runs)}" if runs else f"there is no run in {folder.parent}"
         raise CatalogueError(f"{folder}: no such run: {known}")
-    again = f"remove it and build it with: {command(path)}"
+    again = rebuild_advice(path)
     try:
         rows = read_rows(path, COLUMNS[:4], again)
     except DamagedFile as error:

@@ -7,7 +7,7 @@ import numpy as np
 
 from palpate.catalogue import CatalogueEntry
 from palpate.dataset.run import Run
-from palpate.remedy import command
+from palpate.rebuild_command import rebuild_advice
 from palpate.store.contract import CONTRACT
 from palpate.store.files import Store, StoreError
 
@@ -194,8 +194,8 @@ class JoinedArray(Sequence):
         path = self._run.store(self._stage, entry.batch).path
         above = f"NaN, infinite or above {limit:g}" if np.isfinite(limit) else "NaN or infinite"
         return StoreError(
-            f"{path}: {self._name} of {entry.object} is {above}; remove the store and build it again with: "
-            f"{command(path)}; or omit the object"
+            f"{path}: {self._name} of {entry.object} is {above}; {rebuild_advice(path, 'the store')}; "
+            "or omit the object"
         )
 
 

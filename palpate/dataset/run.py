@@ -9,10 +9,10 @@ from typing import Any, TypeVar
 from palpate import provenance
 from palpate.batch import read_rejections
 from palpate.catalogue import CatalogueEntry, read_catalogue, sources_of
-from palpate.checksums import MANIFEST, DamagedFile, measure
+from palpate.checksums import MANIFEST, DamagedFile, size_and_sha256
 from palpate.configuration import ConfigError, read_yaml
 from palpate.provenance import Made
-from palpate.remedy import RECORD, command
+from palpate.rebuild_command import RECORD, rebuild_advice, rebuild_command
 from palpate.sensor import Sensor
 from palpate.store.contract import CONTRACT
 from palpate.store.files import Store, StoreError
@@ -77,7 +77,7 @@ class Run:
     def _weights(self) -> dict[str, str]:
         """What charts state of the model that they were made with."""
         path = self.folder / "models/touch_depth/best.ckpt"
-        return {"touch_depth.weights": measure(path)[1]} if path.exists() else {}
+        return {"touch_depth.weights": size_and_sha256(path)[1]} if path.exists() else {}
 
     @cached_property
     def _entries(self) -> dict[str, list[CatalogueEntry]]:
@@ -156,7 +156,7 @@ class Run:
             in_row = len(numbers) > 2 and int(numbers[-1]) - int(numbers[0]) == len(numbers) - 1
             names = [f"batch-{{{numbers[0]}..{numbers[-1]}}}"] if in_row else self.batches
             targets = [CONTRACT[stage].path(each) for each in names]
-            raise StoreError(f"{self.folder} has no {stage}; build it with: {command(self.folder, *targets)}")
+            raise StoreError(f"{self.folder} has no {stage}; build it with: {rebuild_command(self.folder, *targets)}")
         found = self._stores.get(path)
         if found is None:
             found = Store(path)
@@ -216,8 +216,7 @@ class Run:
                 self._sensors[batch] = Sensor.from_description(store.attributes["sensor"], store.get("empty_reading"))
             except (KeyError, ConfigError) as error:
                 raise StoreError(
-                    f"{store.path} does not state its sensor ({error}); remove it and build it again with: "
-                    f"{command(store.path)}"
+                    f"{store.path} does not state its sensor ({error}); {rebuild_advice(store.path)}"
                 ) from None
         return self._sensors[batch]
 
@@ -251,8 +250,7 @@ class Run:
                     f"{row['reason']}; open the dataset with this stage to omit it"
                 )
         raise StoreError(
-            f"{path} does not hold {entry.object}, which the catalogue puts in {entry.batch}; "
-            f"remove it and build it again with: {command(path)}"
+            f"{path} does not hold {entry.object}, which the catalogue puts in {entry.batch}; {rebuild_advice(path)}"
         )
 
     def grasps(self, entry: CatalogueEntry) -> int:

@@ -31,7 +31,7 @@ from palpate.dataset.checks import (
 )
 from palpate.dataset.run import BEFORE, Run
 from palpate.hand import Hand
-from palpate.remedy import command
+from palpate.rebuild_command import rebuild_advice
 from palpate.sensor import DIGIT, Sensor
 from palpate.store.contract import CONTRACT, SENSOR_NAMES
 from palpate.store.files import Store, StoreError, check_headers, describe
@@ -258,10 +258,10 @@ def check_files(run: Run, batch: str, stages: Sequence[str] = STAGES, others: bo
 
 def _folder_digest(folder: Path) -> str:
     """SHA-256 of a folder's manifest, whose files are as it states. Raises DamagedFile otherwise."""
-    remedy = f"remove {folder} and build it again with: {command(folder)}"
-    if found := checksums.damage(folder, checksums.read_manifest(folder, remedy), contents=True):
-        raise checksums.DamagedFile(f"{folder} is damaged: {checksums.listed(found)}; {remedy}")
-    return checksums.measure(folder / checksums.MANIFEST)[1]
+    remedy = rebuild_advice(folder, str(folder))
+    if found := checksums.find_damage(folder, checksums.read_manifest(folder, remedy), contents=True):
+        raise checksums.DamagedFile(f"{folder} is damaged: {checksums.join_first(found)}; {remedy}")
+    return checksums.size_and_sha256(folder / checksums.MANIFEST)[1]
 
 
 def validate_batch(
@@ -301,8 +301,7 @@ def write_findings(path: Path | str, findings: Iterable[Finding]) -> None:
 
 def read_findings(path: Path | str) -> list[Finding]:
     """The findings that `write_findings` wrote."""
-    remedy = f"remove it and build it with: {command(path)}"
-    rows = checksums.read_rows(path, Finding._fields, remedy)
+    rows = checksums.read_rows(path, Finding._fields, rebuild_advice(path))
     return [Finding(**{**row, "value": float(row["value"]), "limit": float(row["limit"])}) for row in rows]
 
 

@@ -24,7 +24,7 @@ from palpate.evaluation.rows import COLUMNS, RING_COLUMNS, SPLITS, TOUCH_COLUMNS
 from palpate.evaluation.surface_quality import surface_quality, topology
 from palpate.models import Reconstruction, SingleImageModel, TouchDepth
 from palpate.protocol import CHAMFER_SCALE, RINGS
-from palpate.remedy import command
+from palpate.rebuild_command import rebuild_command
 from palpate.sensor import Sensor
 from palpate.training import Assembler, Machine, Sample, TrainingData, windows
 from palpate.training.checkpoints import require_sensor
@@ -66,7 +66,7 @@ def training_steps(summary: Path | str) -> int:
     Raises EvaluationError, naming the file and the remedy, if it is missing, damaged or does not say.
     """
     summary = Path(summary)
-    remedy = f"remove it and train the model again with: {command(summary)}"
+    remedy = f"remove it and train the model again with: {rebuild_command(summary)}"
     try:
         return int(checksums.read_record(summary, remedy)["steps"])
     except checksums.DamagedFile as error:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from palpate.dataset import Dataset
-from palpate.remedy import command
+from palpate.rebuild_command import rebuild_command
 from palpate.sensor import Sensor
 from palpate.store import CONTRACT, Store
 from palpate.training.inputs import takes_charts, takes_grasps
@@ -129,7 +129,7 @@ class Reconstructor:
             if not (touch_depth / CHECKPOINT).is_file():
                 raise ReconstructionError(
                     f"{touch_depth / CHECKPOINT} does not exist: the U-Net that turns readings into charts "
-                    f"lies beside the run's experiments; train it with: {command(touch_depth / CHECKPOINT)}"
+                    f"lies beside the run's experiments; train it with: {rebuild_command(touch_depth / CHECKPOINT)}"
                 )
             self._charts = TouchCharts(touch_depth, device, fit)
             own = self._model.sensor
@@ -348,7 +348,7 @@ def checkpoint(model: Path | str) -> Path:
     raise ReconstructionError(
         f"{found} does not exist; trained are: {', '.join(known)}"
         if known
-        else f"{found} does not exist, and nothing is trained there; train it with: {command(found)}"
+        else f"{found} does not exist, and nothing is trained there; train it with: {rebuild_command(found)}"
     )
 
 
@@ -408,7 +408,7 @@ def named_model(models: Path, experiment: str, seed: int | None = None) -> Path:
     if not seeds:
         raise ReconstructionError(
             f"no experiment {experiment!r} is trained in {models}; "
-            + (f"trained are: {', '.join(known)}" if known else f"nothing is: {command(models, 'all')}")
+            + (f"trained are: {', '.join(known)}" if known else f"nothing is: {rebuild_command(models, 'all')}")
         )
     return checkpoint(models / seeds[0])
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import pandas as pd
 
 from palpate import checksums
-from palpate.remedy import command
+from palpate.rebuild_command import rebuild_advice, rebuild_command
 
 SPLITS = ("validation", "test")  # that models are measured on
 
@@ -30,9 +30,10 @@ def read_table(path: Path, columns: Sequence[str], remedy: str) -> pd.DataFrame:
     """The columns of one file; objects and classes stay text. Raises EvaluationError if it is damaged or lacks one."""
     try:
         frame = pd.read_csv(io.StringIO(checksums.read_text(path, remedy)), dtype={"object": str, "class": str})
-    except (checksums.DamagedFile, ValueError) as error:  # ValueError: pandas' ParserError
-        message = str(error) if isinstance(error, checksums.DamagedFile) else f"{path} is no table ({error}); {remedy}"
-        raise EvaluationError(message) from None
+    except checksums.DamagedFile as error:
+        raise EvaluationError(str(error)) from None
+    except ValueError as error:  # pandas' ParserError
+        raise EvaluationError(f"{path} is not a valid CSV file ({error}); {remedy}") from None
     if missing := [name for name in columns if name not in frame.columns]:
         raise EvaluationError(f"{path} has no columns {missing}; {remedy}")
     return frame[list(columns)]
@@ -47,8 +48,8 @@ def read(paths: Iterable[Path | str], columns: Sequence[str] = COLUMNS) -> pd.Da
     frames = []
     for path in map(Path, paths):
         if not path.exists():
-            raise EvaluationError(f"{path} does not exist; build it with: {command(path)}")
-        frames.append(read_table(path, columns, f"remove it and build it with: {command(path)}"))
+            raise EvaluationError(f"{path} does not exist; build it with: {rebuild_command(path)}")
+        frames.append(read_table(path, columns, rebuild_advice(path)))
     if not frames:
         raise EvaluationError("no evaluations were given")
     return pd.concat(frames, ignore_index=True)

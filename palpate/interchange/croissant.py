@@ -57,7 +57,7 @@ def write_croissant(
 
 
 def _file(folder: Path, name: str) -> dict[str, Any]:
-    size, digest = checksums.measure(folder / name)
+    size, digest = checksums.size_and_sha256(folder / name)
     encoding = {".csv": "text/csv", ".json": "application/json", ".tar": "application/x-tar"}[Path(name).suffix]
     stated = {"contentUrl": name, "contentSize": f"{size} B", "encodingFormat": encoding, "sha256": digest}
     return {"@type": "cr:FileObject", "@id": name, "name": name, **stated}

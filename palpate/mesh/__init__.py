@@ -13,7 +13,7 @@ import numpy as np
 from palpate import checksums
 from palpate.batch import UnusableObject
 from palpate.mesh.isolation import isolated
-from palpate.remedy import command
+from palpate.rebuild_command import rebuild_advice
 
 if TYPE_CHECKING:
     import trimesh
@@ -131,7 +131,7 @@ def mesh_file(folder: Path | str, name: str) -> Path:
         files = checksums.read_manifest(batch, remedy)
         if relative not in files:
             raise checksums.DamagedFile(f"{path} was not written with {batch}; {remedy}")
-        if found := checksums.damage(batch, {relative: files[relative]}, contents=True):
+        if found := checksums.find_damage(batch, {relative: files[relative]}, contents=True):
             raise checksums.DamagedFile(f"{batch}: {found[0]}; {remedy}")
     return path
 
@@ -143,13 +143,13 @@ def usable(batch: Path | str, contents: bool = False) -> list[str]:
     files, if the manifest is missing, or files are missing, of another size, or changed.
     """
     files = checksums.read_manifest(batch, _remedy(batch))
-    if found := checksums.damage(batch, files, contents):
-        raise checksums.DamagedFile(f"{batch} is damaged: {checksums.listed(found)}; {_remedy(batch)}")
+    if found := checksums.find_damage(batch, files, contents):
+        raise checksums.DamagedFile(f"{batch} is damaged: {checksums.join_first(found)}; {_remedy(batch)}")
     return list(dict.fromkeys(name.split("/")[0] for name in files if "/" in name))
 
 
 def _remedy(batch: Path | str) -> str:
-    return f"remove {batch} and build it again with: {command(batch)}"
+    return rebuild_advice(batch, str(batch))
 
 
 def load_visual(folder: Path | str) -> "trimesh.Trimesh":

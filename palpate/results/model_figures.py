@@ -13,7 +13,7 @@ from matplotlib.ticker import FormatStrFormatter, LogLocator, MaxNLocator, NullF
 
 from palpate.evaluation.rows import EvaluationError, read_table
 from palpate.protocol import RINGS
-from palpate.remedy import command
+from palpate.rebuild_command import rebuild_command
 from palpate.results.bootstrap import RESAMPLES
 from palpate.results.errors import errors
 from palpate.results.model_tables import (
@@ -163,8 +163,8 @@ def _panel(setup: Mapping) -> tuple[str, str, str]:
 def _history(path: Path | str) -> pd.DataFrame:
     path = Path(path)
     if not path.exists():
-        raise EvaluationError(f"{path} does not exist; train the model with: {command(path)}")
-    return read_table(path, HISTORY, f"remove it and train the model again with: {command(path)}")
+        raise EvaluationError(f"{path} does not exist; train the model with: {rebuild_command(path)}")
+    return read_table(path, HISTORY, f"remove it and train the model again with: {rebuild_command(path)}")
 
 
 def _line(axes: Axes, x: Sequence[int], estimates: Sequence, colour: str, label: str) -> None:

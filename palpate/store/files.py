@@ -22,7 +22,7 @@ import palpate
 from palpate import checksums
 from palpate.atomic import atomic_write
 from palpate.provenance import Made
-from palpate.remedy import command
+from palpate.rebuild_command import rebuild_advice, rebuild_command
 from palpate.store.contract import CONTRACT, FRAMES, SCHEMA_VERSION, UNITS, ArraySpec, StoreSpec
 from palpate.store.shards import Chunk, Records, is_chunk, is_readable, shard_file
 
@@ -229,7 +229,7 @@ class Store:
     def __init__(self, path: Path | str):
         self.path = Path(path)
         if not self.path.exists():
-            raise StoreError(f"{self.path} does not exist; build it with: {command(self.path)}")
+            raise StoreError(f"{self.path} does not exist; build it with: {rebuild_command(self.path)}")
         self._headers: dict[str, Records | Chunk | zarr.Array] = {}
         if self.path.suffix != ".zarr":
             self._require_intact_hdf5()
@@ -269,14 +269,11 @@ class Store:
         """Raise StoreError, naming the first files, if files are missing or of another size (or content)."""
         if self.path.suffix != ".zarr":
             self._require_intact_hdf5()
-        elif found := checksums.damage(self.path, self._files, contents):
+        elif found := checksums.find_damage(self.path, self._files, contents):
             raise self._damaged(found)
 
     def _damaged(self, lines: list[str]) -> StoreError:
-        return StoreError(
-            f"{self.path} is damaged: {checksums.listed(lines)}; "
-            f"remove it and build it again with: {command(self.path)}"
-        )
+        return StoreError(f"{self.path} is damaged: {checksums.join_first(lines)}; {rebuild_advice(self.path)}")
 
     def verify(self) -> None:
         """Compare all files with their checksums. Raises StoreError, naming the first, if any is not as written."""
@@ -300,7 +297,7 @@ class Store:
     @property
     def _rebuild(self) -> str:
         """The command that builds all stores of the run again: they have one schema version."""
-        return f"{command(self.path, 'dataset', self._target)} --forceall"
+        return f"{rebuild_command(self.path, 'dataset', self._target)} --forceall"
 
     @contextmanager
     def _reading(self) -> Iterator[None]:
@@ -310,8 +307,7 @@ class Store:
             raise
         except Exception as error:
             raise StoreError(
-                f"{self.path} can't be read ({type(error).__name__}: {error}); "
-                f"remove it and build it again with: {command(self.path)}"
+                f"{self.path} can't be read ({type(error).__name__}: {error}); {rebuild_advice(self.path)}"
             ) from error
 
     def _array(self, name: str) -> Records | Chunk | zarr.Array | np.ndarray:
@@ -327,7 +323,7 @@ class Store:
         # At every read, because Zarr takes a missing file for one of fill values.
         shard = shard_file(name, array)
         stated = {shard: self._files[shard]} if shard in self._files else {}
-        found = checksums.damage(self.path, stated)
+        found = checksums.find_damage(self.path, stated)
         if not stated and os.path.exists(self.path / shard):
             found = [f"{shard} was not written with it"]
         if found:
@@ -348,7 +344,7 @@ class Store:
             if (self.path / header).exists():
                 raise self._damaged([f"{header} was not written with it"])
             raise StoreError(f"{self.path} has no array {name!r}")
-        if found := checksums.damage(self.path, {header: self._files[header]}, contents=True):
+        if found := checksums.find_damage(self.path, {header: self._files[header]}, contents=True):
             raise self._damaged(found)
         array = zarr.open_array(self.path / name, mode="r")
         if is_readable(array):

@@ -19,7 +19,7 @@ from palpate.models import (
     paper_architecture,
 )
 from palpate.models.reconstruction import HAND_SENSORS
-from palpate.remedy import command
+from palpate.rebuild_command import rebuild_command
 from palpate.sensor import DIGIT, Sensor
 
 # 1: models had the paper's camera, which was not stored.
@@ -101,7 +101,7 @@ def read(path: Path | str, kind: str) -> dict[str, Any]:
     Raises CheckpointError if it is missing, damaged or can't be read, or is of another schema version or kind of model.
     """
     if not Path(path).exists():
-        raise CheckpointError(f"{path} does not exist; train the model with: {command(path)}")
+        raise CheckpointError(f"{path} does not exist; train the model with: {rebuild_command(path)}")
     open(path, "rb").close()  # a file that may not be read is no damaged one
     require_intact(path)
     try:
@@ -123,7 +123,7 @@ def read(path: Path | str, kind: str) -> dict[str, Any]:
     name, trained = name_of(path), content.get("name")
     if None not in (name, trained) and name != trained:
         raise CheckpointError(
-            f"{path} is the model {trained}, not {name}; remove it and train it with: {command(path)}"
+            f"{path} is the model {trained}, not {name}; remove it and train it with: {rebuild_command(path)}"
         )
     return content
 

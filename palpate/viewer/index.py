@@ -25,7 +25,7 @@ from palpate.batch import plain
 from palpate.catalogue import SPLITS, CatalogueEntry
 from palpate.dataset import Dataset, ObjectRecord
 from palpate.dataset.run import Run
-from palpate.remedy import RECORD
+from palpate.rebuild_command import RECORD
 from palpate.results.captions import caption, position
 from palpate.results.tables import display
 from palpate.store.contract import CONTRACT

@@ -13,7 +13,7 @@ import yaml
 
 from palpate.evaluation import rows
 from palpate.lock import JOBS_LOCK, LOCK
-from palpate.remedy import RECORD
+from palpate.rebuild_command import RECORD
 from palpate.training import checkpoints
 
 PROJECT = Path(__file__).parents[2]

@@ -103,7 +103,7 @@ def test_croissant_describes_the_files_and_their_columns(exported):
     nodes = {each["@id"]: each for each in described["distribution"]}
     for node in nodes.values():
         if node["@type"] == "cr:FileObject":
-            size, digest = checksums.measure(exported / node["contentUrl"])
+            size, digest = checksums.size_and_sha256(exported / node["contentUrl"])
             assert (node["contentSize"], node["sha256"]) == (f"{size} B", digest)
             continue
         names = files_of(exported)

@@ -15,7 +15,7 @@ import pytest
 import palpate
 from palpate.lock import JOBS_LOCK, LOCK
 from palpate.mesh import FORMATS
-from palpate.remedy import RECORD
+from palpate.rebuild_command import RECORD
 from tests.mesh import nasty
 from tests.workflow.conftest import EVERY_SPLIT, PROJECT
 

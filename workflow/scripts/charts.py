@@ -24,7 +24,7 @@ names = ("object", "success", "position", "rotation", "reading", "empty_reading"
 touch = {name: stored.get(name) for name in names}
 made_with = {
     "training": {"chart_fit": settings["chart_fit"]},
-    "touch_depth": {**settings["touch_depth"], "weights": checksums.measure(snakemake.input.model)[1]},
+    "touch_depth": {**settings["touch_depth"], "weights": checksums.size_and_sha256(snakemake.input.model)[1]},
 }
 model = training.load_touch_depth(snakemake.input.model).to(device)
 sensor = Sensor.from_description(stored.attributes["sensor"])

@@ -5,7 +5,7 @@ import shlex
 
 import pytest
 
-from palpate.remedy import command, run_folder
+from palpate.rebuild_command import rebuild_command, run_folder
 
 
 def words(text):
@@ -26,26 +26,26 @@ def run(tmp_path, request):
 @pytest.mark.parametrize("path", ["catalogue.csv", "touch/batch-0003.zarr", "models/a/seed-0/best.ckpt"])
 def test_a_file_is_made_by_its_path_in_the_run_with_the_runs_config(run, path, monkeypatch):
     expected = ([path], str(run / "config.yaml"))
-    assert words(command(run / path)) == expected
+    assert words(rebuild_command(run / path)) == expected
     monkeypatch.chdir(run.parent)
-    assert words(command(f"{run.name}/{path}")) == expected
+    assert words(rebuild_command(f"{run.name}/{path}")) == expected
     monkeypatch.chdir(run)  # as jobs are
-    assert words(command(path)) == expected and run_folder(".") == run
+    assert words(rebuild_command(path)) == expected and run_folder(".") == run
 
 
 def test_other_targets_may_be_named_and_braces_are_the_shells(run):
-    assert words(command(run / "touch/x.zarr", "dataset", "views/batch-{0000..0012}.zarr")) == (
+    assert words(rebuild_command(run / "touch/x.zarr", "dataset", "views/batch-{0000..0012}.zarr")) == (
         ["dataset", "views/batch-{0000..0012}.zarr"],
         str(run / "config.yaml"),
     )
-    assert "batch-{0000..0012}.zarr --cores" in command(run, "views/batch-{0000..0012}.zarr")
+    assert "batch-{0000..0012}.zarr --cores" in rebuild_command(run, "views/batch-{0000..0012}.zarr")
 
 
 @pytest.mark.parametrize("path", ["catalogue.csv", "touch/batch-0003.zarr"])
 def test_of_a_run_without_its_config_the_config_is_to_be_put_in(tmp_path, path):
-    text = command(tmp_path / "old" / path)
+    text = rebuild_command(tmp_path / "old" / path)
     assert f"snakemake {path} --cores 2 --configfile <the config of the run in {tmp_path / 'old'}>" == text
     os.makedirs(tmp_path / "older/models")
     assert f"snakemake models/a/b.ckpt --cores 2 --configfile <the config of the run in {tmp_path / 'older'}>" == (
-        command(tmp_path / "older/models/a/b.ckpt")
+        rebuild_command(tmp_path / "older/models/a/b.ckpt")
     )

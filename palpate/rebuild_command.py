@@ -28,7 +28,7 @@ def run_folder(path: Path | str) -> Path:
     return path.parent if path.name == "catalogue.csv" or len(path.parents) < 2 else path.parents[1]
 
 
-def command(path: Path | str, *targets: str) -> str:
+def rebuild_command(path: Path | str, *targets: str) -> str:
     """The command that makes a file of a run, or some of the run's targets instead: from the project's root.
 
     path: the file, or any path in the run if targets are given. Braces in targets are left to the shell.
@@ -39,3 +39,8 @@ def command(path: Path | str, *targets: str) -> str:
     config = shlex.quote(str(record)) if record.is_file() else f"<the config of the run in {folder}>"
     words = [each if BRACES.fullmatch(each) else shlex.quote(each) for each in asked]
     return f"snakemake {' '.join(words)} --cores 2 --configfile {config}"
+
+
+def rebuild_advice(path: Path | str, what: str = "it") -> str:
+    """How to replace a damaged file of a run, as the end of a message; what: the file, where `it` would be unclear."""
+    return f"remove {what} and build it again with: {rebuild_command(path)}"
