@@ -18,11 +18,11 @@
 
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Any
 
 import pandas as pd
 
 from palpate.evaluation.rows import SPLITS
+from palpate.experiments import Comparison
 
 FOLDER = Path(__file__).parent / "paper"
 
@@ -42,12 +42,12 @@ def effects(experiments: Iterable[str]) -> list[dict[str, str]]:
     return [row for row in rows if {row["experiment"], row["compared_with"]} <= known]
 
 
-def needed_splits(experiment: str, tables: Mapping[str, Mapping[str, Any]]) -> list[str]:
+def needed_splits(experiment: str, tables: Mapping[str, Comparison]) -> list[str]:
     """The splits of which a table, a claim or a difference takes an experiment's errors; all `SPLITS` if none does.
 
-    tables: those of config/experiments.yaml, each with its `split` and its `experiments`.
+    tables: those of config/experiments.yaml.
     """
-    needed = {table["split"] for table in tables.values() if experiment in table["experiments"]}
+    needed = {table.split for table in tables.values() if experiment in table.by_name}
     claims = paper_values("claims", text=True)
     needed |= {row.split for row in claims.itertuples() if experiment in row.experiments.split("; ")}
     effects_of = paper_values("effects", text=True)

@@ -7,12 +7,14 @@ import pandas as pd
 import yaml
 
 from palpate.evaluation.rows import COLUMNS, RING_COLUMNS, TOUCH_COLUMNS
+from palpate.experiments import Experiments
 from palpate.results.published import paper_values
 
 ROOT = Path(__file__).parents[2]
 CLASSES = ("bottle", "knife", "cellphone", "rifle")
 DECLARED = yaml.safe_load((ROOT / "config/experiments.yaml").read_text())
 EXPERIMENTS = DECLARED["experiments"]
+READ = Experiments.read(ROOT / "config/experiments.yaml", ROOT / "workflow/schemas/experiments.schema.yaml")
 
 
 def of_table(table: str) -> dict:

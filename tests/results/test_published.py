@@ -4,6 +4,7 @@ import pandas as pd
 import pytest
 
 from palpate.evaluation.rows import SPLITS
+from palpate.experiments import Comparison, Experiment
 from palpate.results.claims import decide
 from palpate.results.effects import touch_effect
 from palpate.results.published import needed_splits, paper_values, published_experiments
@@ -66,7 +67,7 @@ def test_an_unknown_table_names_the_known_ones():
 def test_tables_claims_and_differences_are_the_same_from_the_splits_that_are_needed():
     means = synthetic.published_means()
     measured = synthetic.evaluations(means, each=3)
-    kept = [row.split in needed_splits(row.experiment, DECLARED["tables"]) for row in measured.itertuples()]
+    kept = [row.split in needed_splits(row.experiment, synthetic.READ.tables) for row in measured.itertuples()]
     of_needed = measured[kept]
     assert 0 < len(of_needed) < len(measured)
     rings, touches = synthetic.rings(synthetic.published_rings(), each=3), synthetic.touches(0.01, each=3)
@@ -74,19 +75,21 @@ def test_tables_claims_and_differences_are_the_same_from_the_splits_that_are_nee
         pd.testing.assert_frame_equal(make(of_needed), make(measured))
     for name, table in DECLARED["tables"].items():
         for experiment in table["experiments"]:
-            assert table["split"] in needed_splits(experiment, DECLARED["tables"]), name
+            assert table["split"] in needed_splits(experiment, synthetic.READ.tables), name
 
 
 @pytest.mark.parametrize(
     ("experiment", "tables", "splits"),
     [
-        ("single_image", {"single_image": {"split": "test", "experiments": ["single_image"]}}, ["test"]),
-        ("single_image", {"single_image": {"split": "validation", "experiments": ["single_image"]}}, ["validation"]),
-        ("charts_touch_3", {"grasps": {"split": "validation", "experiments": ["charts_touch_3"]}}, SPLITS),  # a claim's
+        ("single_image", {"single_image": "test"}, ["test"]),
+        ("single_image", {"single_image": "validation"}, ["validation"]),
+        ("charts_touch_3", {"grasps": "validation"}, SPLITS),  # a claim's
         ("charts_touch_3", {}, ["test"]),
         ("sphere_occluded", {}, SPLITS),  # a difference's
         ("my_own", {}, SPLITS),
     ],
 )
 def test_a_split_is_needed_by_a_table_a_claim_or_a_difference(experiment, tables, splits):
-    assert needed_splits(experiment, tables) == list(splits)
+    made = Experiment(experiment, strategy="charts", vision="none", touch=True, grasps=1)
+    declared = {name: Comparison(name, split, (made,)) for name, split in tables.items()}
+    assert needed_splits(experiment, declared) == list(splits)

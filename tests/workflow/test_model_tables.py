@@ -93,7 +93,7 @@ def test_a_table_that_is_not_declared_is_not_built(project):
             lambda held: held["tables"]["grasps"]["experiments"].append("charts_smell"),
             "table grasps has experiment charts_smell, which is not defined",
         ),
-        (lambda held: held["tables"]["grasps"].update(split="train"), "measured on validation or test"),
+        (lambda held: held["tables"]["grasps"].update(split="train"), "tested on validation or test"),
     ],
 )
 def test_a_declaration_that_makes_no_sense_is_an_error_before_anything_runs(project, change, message):

@@ -26,6 +26,7 @@ from palpate.batch import QUIET
 from palpate.batch import plain as one_line
 from palpate.check import FILES, resolve
 from palpate.configuration import ConfigError, absolute, check, read_yaml, typed, whole_numbers
+from palpate.experiments import Experiments
 from palpate.training import inputs, recipes
 
 # Jobs find Palpate in this checkout, also in an environment that has only its dependencies (envs/palpate.yaml).
@@ -67,11 +68,7 @@ try:
         read_yaml(path)
     check(config, SCHEMAS / "config.schema.yaml", FILES)
     config.update(whole_numbers(config))
-    EXPERIMENTS = yaml.safe_load((PROJECT / "config/experiments.yaml").read_text())
-    check(EXPERIMENTS, SCHEMAS / "experiments.schema.yaml", "config/experiments.yaml")
-    for name, experiment in EXPERIMENTS["experiments"].items():
-        if experiment.get("base", name) not in EXPERIMENTS["experiments"]:
-            raise ConfigError(f"config/experiments.yaml: {name} has base {experiment['base']}, which is not defined")
+    EXPERIMENTS = Experiments.read(PROJECT / "config/experiments.yaml", SCHEMAS / "experiments.schema.yaml")
     RECIPE = recipes.resolve(
         PROJECT / "config/recipes.yaml",
         config["training"]["recipe"],
@@ -328,17 +325,17 @@ def stores_of(name, *more):
 
     Too few grasps for the experiment, or no object in a split, is an error before anything runs.
     """
-    experiment = EXPERIMENTS["experiments"][name]
-    if experiment["grasps"] > config["grasps"]["per_object"] and not experiment.get("fewer_grasps"):
+    experiment = EXPERIMENTS.experiments[name]
+    if experiment.grasps > config["grasps"]["per_object"] and not experiment.fewer_grasps:
         stop(
-            f"experiment {name} takes {experiment['grasps']} grasps, but the config's "
+            f"experiment {name} takes {experiment.grasps} grasps, but the config's "
             f"grasps.per_object is {config['grasps']['per_object']}: raise it"
         )
     return {
         "catalogue": catalogue_with(("train", "validation"), f"experiment {name}"),
         **{
             stage: expand(f"{stage}/{{batch}}.zarr", batch=BATCHES)
-            for stage in dict.fromkeys([*inputs.stages(experiment), *more])
+            for stage in dict.fromkeys([*inputs.stages(experiment.row()), *more])
         },
     }
 
@@ -350,7 +347,7 @@ def experiment_stores(wildcards):
 def training_inputs(wildcards):
     """The stores of an experiment, and the model that its training goes on from."""
     experiment, seed = wildcards.experiment, wildcards.seed
-    base = recipes.base(RECIPE, EXPERIMENTS["experiments"][experiment])
+    base = recipes.base(RECIPE, EXPERIMENTS.experiments[experiment].row())
     return stores_of(experiment) | ({"base": f"models/{base}/seed-{seed}/best.ckpt"} if base else {})
 
 
@@ -367,13 +364,13 @@ def stored_mb(paths):
 
 def experiment_settings(wildcards):
     """How an experiment is trained by the run's recipe."""
-    return recipes.settings(RECIPE, EXPERIMENTS["experiments"][wildcards.experiment])
+    return recipes.settings(RECIPE, EXPERIMENTS.experiments[wildcards.experiment].row())
 
 
 wildcard_constraints:
     **{"class": CLASS_FILE},
     batch=r"batch-\d+",
-    experiment="|".join(map(re.escape, EXPERIMENTS["experiments"])),
+    experiment="|".join(map(re.escape, EXPERIMENTS.experiments)),
     seed="|".join(map(str, config["training"]["seeds"])),
 
 

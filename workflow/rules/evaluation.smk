@@ -35,8 +35,8 @@ rule evaluate:
         runtime=240,
         gpu=min(TRAINING_GPUS, 1),
     params:
-        experiment=lambda wildcards: EXPERIMENTS["experiments"][wildcards.experiment],
-        splits=lambda wildcards: needed_splits(wildcards.experiment, EXPERIMENTS["tables"]),
+        experiment=lambda wildcards: EXPERIMENTS.experiments[wildcards.experiment].row(),
+        splits=lambda wildcards: needed_splits(wildcards.experiment, EXPERIMENTS.tables),
         points=config["evaluation"]["points"],
         device=config["training"]["device"],
     script:
@@ -56,7 +56,7 @@ use rule evaluate as evaluate_rings with:
     benchmark:
         "benchmarks/evaluate_rings/{experiment}-{seed}.tsv"
     params:
-        splits=lambda wildcards: [EXPERIMENTS["tables"]["extrapolation"]["split"]],
+        splits=lambda wildcards: [EXPERIMENTS.tables["extrapolation"].split],
         points=None,
 
 

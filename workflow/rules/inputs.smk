@@ -15,21 +15,15 @@ LOCAL_SPLIT = "test"
 DRAWN = ["charts_occluded", "charts_occluded_touch", "charts_unoccluded", "charts_unoccluded_touch", "charts_touch"]
 DRAWN += [f"charts_touch_{count}" for count in (2, 3, 4, 5)]
 
-for name, table in EXPERIMENTS["tables"].items():
-    place = f"config/experiments.yaml: table {name}"
+for name in EXPERIMENTS.tables:
     if name not in EXPERIMENT_TABLES:
         stop(f"config/experiments.yaml: no table is called {name}; there are {', '.join(EXPERIMENT_TABLES)}")
-    if table["split"] == "train":
-        stop(f"{place}: models are measured on validation or test")
-    for experiment in table["experiments"]:
-        if experiment not in EXPERIMENTS["experiments"]:
-            stop(f"{place} has experiment {experiment}, which is not defined")
 
 
 def seeds_of(names, path):
     """A file of each experiment with every seed; an experiment that is not defined is an error."""
     for name in names:
-        if name not in EXPERIMENTS["experiments"]:
+        if name not in EXPERIMENTS.experiments:
             stop(f"experiment {name} is needed, but config/experiments.yaml does not define it")
     return expand(path, experiment=names, seed=config["training"]["seeds"])
 
@@ -44,33 +38,31 @@ def rings_of(names):
 
 def table_setup(table):
     """The experiments of a table as they are defined, and its split; a table that is not defined is an error."""
-    if table not in EXPERIMENTS["tables"]:
+    if table not in EXPERIMENTS.tables:
         stop(f"config/experiments.yaml defines no table {table}")
-    declared = EXPERIMENTS["tables"][table]
+    comparison = EXPERIMENTS.tables[table]
     return {
-        "experiments": {name: EXPERIMENTS["experiments"][name] for name in declared["experiments"]},
-        "split": declared["split"],
+        "experiments": {experiment.name: experiment.row() for experiment in comparison.experiments},
+        "split": comparison.split,
         "resamples": config["evaluation"]["resamples"],
     }
 
 
 def is_made(table):
     """Whether a table of experiments is part of a run: a released dataset has no views, which single images are of."""
-    experiments = table_setup(table)["experiments"].values()
-    return not (RELEASED and any(experiment["vision"] == "views" for experiment in experiments))
+    return not (RELEASED and any(experiment.vision == "views" for experiment in EXPERIMENTS.tables[table].experiments))
 
 
 def claims_decidable():
     """Whether all that the claims compare is defined, and rings are measured where they look."""
-    rings = EXPERIMENTS["tables"].get("extrapolation", {"split": None})
-    defined = set(published_experiments()) <= set(EXPERIMENTS["experiments"])
-    return defined and rings["split"] == "test"
+    rings = EXPERIMENTS.tables.get("extrapolation")
+    return set(published_experiments()) <= set(EXPERIMENTS.experiments) and rings and rings.split == "test"
 
 
-MADE = list(filter(is_made, EXPERIMENTS["tables"]))
+MADE = list(filter(is_made, EXPERIMENTS.tables))
 # The differences of experiments that are defined and see no more grasps than the run has.
 EFFECTS = effects(
-    name for name, row in EXPERIMENTS["experiments"].items() if row["grasps"] <= config["grasps"]["per_object"]
+    each.name for each in EXPERIMENTS.experiments.values() if each.grasps <= config["grasps"]["per_object"]
 )
 MODEL_TABLES = [*MADE, "local_touch_charts", *(["claims"] if claims_decidable() else [])]
 MODEL_TABLES += ["touch_effect", "touch_effect_by_class"] if EFFECTS else []
@@ -80,8 +72,8 @@ CLASS_FILES = {catalogue.file_name(name): name for name in CLASS_COUNTS}
 # They show meshes and hands.
 DATASET_FIGURES = [] if RELEASED else ["data_point", "grasp_steps", *expand("examples_{name}", name=CLASS_FILES)]
 MODEL_FIGURES = ["training_curves", "reconstructions", "local_predictions", "atlas"]
-MODEL_FIGURES += ["multi_grasp"] if "grasps" in EXPERIMENTS["tables"] else []
-MODEL_FIGURES += ["error_over_rings"] if "extrapolation" in EXPERIMENTS["tables"] else []
+MODEL_FIGURES += ["multi_grasp"] if "grasps" in EXPERIMENTS.tables else []
+MODEL_FIGURES += ["error_over_rings"] if "extrapolation" in EXPERIMENTS.tables else []
 
 
 def of_batches(*stages):
@@ -168,8 +160,8 @@ def figure_inputs(wildcards):
 
 def drawn():
     """The experiments of figures/reconstructions.png that are defined and see no more grasps than the run has."""
-    defined = EXPERIMENTS["experiments"]
-    return [name for name in DRAWN if name in defined and defined[name]["grasps"] <= config["grasps"]["per_object"]]
+    defined = EXPERIMENTS.experiments
+    return [name for name in DRAWN if name in defined and defined[name].grasps <= config["grasps"]["per_object"]]
 
 
 def figure_settings(wildcards):
@@ -181,7 +173,7 @@ def figure_settings(wildcards):
         case "training_curves":
             return {
                 "trainings": [(name, seed) for name in TRAINED for seed in config["training"]["seeds"]],
-                "experiments": {name: EXPERIMENTS["experiments"][name] for name in TRAINED},
+                "experiments": {name: EXPERIMENTS.experiments[name].row() for name in TRAINED},
             }
         case "local_predictions" | "reconstructions":
             return {"fit": config["training"]["chart_fit"]}
@@ -230,7 +222,7 @@ def named_targets():
 def known_targets():
     """The targets that there are: by name, and every file that is worth asking for."""
     tables = [*DATASET_TABLES, *MODEL_TABLES, "tuning", *ARCHITECTURES]
-    of_models = {"experiment": EXPERIMENTS["experiments"], "seed": config["training"]["seeds"]}
+    of_models = {"experiment": EXPERIMENTS.experiments, "seed": config["training"]["seeds"]}
     return [
         *named_targets(),
         *expand("tables/{table}.{form}", table=tables, form=["csv", "md", "tex"]),
@@ -257,7 +249,7 @@ def explain_target(path):
         f"tables/<table>.csv, .md, .tex: {', '.join([*DATASET_TABLES, *MODEL_TABLES, 'tuning', *ARCHITECTURES])}",
         f"figures/<figure>.png: {', '.join([*DATASET_FIGURES, *MODEL_FIGURES])}",
         f"models/<experiment>/seed-<seed>/best.ckpt, evaluations/<experiment>/seed-<seed>.csv: "
-        f"{', '.join(EXPERIMENTS['experiments'])}; seeds {', '.join(map(str, seeds))}",
+        f"{', '.join(EXPERIMENTS.experiments)}; seeds {', '.join(map(str, seeds))}",
         f"meshes/<batch>, <stage>/<batch>.zarr, grasps/<batch>.h5: {BATCHES[0]} to {BATCHES[-1]}",
     ]
     seed = re.search(r"\bseed-(\d+)\b", path)

@@ -29,7 +29,7 @@ rule reconstruction:
         runtime=1440,
         gpu=TRAINING_GPUS,
     params:
-        experiment=lambda wildcards: EXPERIMENTS["experiments"][wildcards.experiment],
+        experiment=lambda wildcards: EXPERIMENTS.experiments[wildcards.experiment].row(),
         settings=experiment_settings,
         machine=TRAINING_MACHINE,
         seed=lambda wildcards: int(wildcards.seed),
@@ -50,8 +50,8 @@ use rule reconstruction as tuning_point with:
     benchmark:
         f"benchmarks/tuning/{TUNING.wildcard_pattern}.tsv"
     params:
-        experiment=EXPERIMENTS["experiments"].get(TUNED),
-        settings=lambda wildcards: recipes.settings(RECIPE, EXPERIMENTS["experiments"][TUNED]),
+        experiment=EXPERIMENTS.experiments[TUNED].row() if TUNED in EXPERIMENTS.experiments else None,
+        settings=lambda wildcards: recipes.settings(RECIPE, EXPERIMENTS.experiments[TUNED].row()),
         point=TUNING.instance,
         steps=config["tuning"]["steps"],
         machine=TRAINING_MACHINE,
