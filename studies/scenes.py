@@ -9,11 +9,6 @@ from palpate.scene import GRASP_ARRAYS, Scene
 from studies.subjects import Subject
 
 
-def hand_of(run: Path | str, batch: str) -> Hand:
-    """The hand of a batch's grasps."""
-    return Hand.from_arrays(store.open(Path(run) / "grasps" / f"{batch}.h5"), prefix="hand/")
-
-
 def scene_of(run: Path | str, subject: Subject, **others: Any) -> Scene:
     """The scene of an object and its grasps in a run; others: further attributes of the scene."""
     grasps = store.read(Path(run) / "grasps" / f"{subject.batch}.h5")

@@ -41,11 +41,8 @@ SAMPLES_OF_THE_PAPER = (258 + 175) * 5  # validation and test objects (supplemen
 def select_objects(run: str, number: int) -> list:
     """The same number of objects of each class, evenly spaced."""
     dataset = Dataset(run)
-    items = []
-    for name in dataset.classes:
-        members = dataset.of_class(name)
-        items += [members[i * len(members) // number] for i in range(number)]
-    return items
+    classes = [dataset.of_class(name) for name in dataset.classes]
+    return [members[k * len(members) // number] for members in classes for k in range(number)]
 
 
 def surface(item) -> tuple[torch.Tensor, torch.Tensor]:
@@ -92,15 +89,9 @@ def ring_error(items: list) -> tuple[pd.DataFrame, pd.DataFrame]:
                 other = cloud.project(*pose)
                 end = time.perf_counter()
                 both = np.isfinite(depth) & np.isfinite(other)
-                surfaces.append(
-                    {
-                        "mesh ms": 1000 * (middle - start),
-                        "cloud ms": 1000 * (end - middle),
-                        "median difference, mm": 1000 * np.median(np.abs(depth[both] - other[both])),
-                        "met, mesh": np.isfinite(depth).mean(),
-                        "met, cloud": np.isfinite(other).mean(),
-                    }
-                )
+                met = {"mesh ms": 1000 * (middle - start), "cloud ms": 1000 * (end - middle)}
+                met["median difference, mm"] = 1000 * np.median(np.abs(depth[both] - other[both]))
+                surfaces.append(met | {"met, mesh": np.isfinite(depth).mean(), "met, cloud": np.isfinite(other).mean()})
                 points = ring_points(depth, *pose)
                 for count in POINTS:
                     found = ring_distances(points, predictions[count], trees[count])
@@ -165,18 +156,17 @@ def main() -> None:
     arguments = parser.parse_args()
     torch.set_num_threads(1)
     items = select_objects(arguments.run, arguments.objects)
-    print(f"{len(items)} objects of {arguments.run}\n\nThe true mesh as the prediction, m^2 x 9000:")
-    print(sampling_error(items).round(4).to_string())
     error, surfaces = ring_error(items)
-    print("\nThe true mesh in rings, m^2:")
-    print(error.to_string(float_format="%.2e"))
-    print("\nA touch's rings on a mesh and on a cloud:")
-    print(surfaces.round(3).to_string())
-    print("\nIntervals in simulated runs:")
-    print(coverage().round(2).to_string(index=False))
+    tables = {
+        f"The true mesh of {len(items)} objects as the prediction, m^2 x 9000": sampling_error(items).round(4),
+        "The true mesh in rings, m^2": error.map("{:.2e}".format),
+        "A touch's rings on a mesh and on a cloud": surfaces.round(3),
+        "Intervals in simulated runs": coverage().round(2),
+    }
     if arguments.experiment:
-        print("\nEvaluations, processor time:")
-        print(evaluation_time(arguments.run, arguments.experiment).round(2).to_string(index=False))
+        tables["Evaluations, processor time"] = evaluation_time(arguments.run, arguments.experiment).round(2)
+    for title, table in tables.items():
+        print(f"\n{title}:\n{table.to_string()}")
 
 
 if __name__ == "__main__":

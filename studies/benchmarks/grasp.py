@@ -33,6 +33,7 @@ from palpate.surface import sample
 HAND = allegro()
 POINTS = 10_000  # of an object's surface, as in config/config.yaml
 PAPER = {"bottle": 71.8, "knife": 54.1, "cellphone": 67.2, "rifle": 53.6}
+COUNTS = [f"{number} touches, %" for number in range(1, 5)]
 
 
 class Shape(NamedTuple):
@@ -58,34 +59,25 @@ def procedural(class_name: str, index: int) -> Shape:
 
 def statistics(count: int) -> pd.DataFrame:
     """Statistics of grasps with the default settings, other shares of thumb grasps, and more attempts."""
-    rows = {}
+    rows, variants = {}, {f"default: attempts 5, thumb_share {THUMB_SHARE}": {}}
+    variants |= {f"thumb_share {share}": {"thumb_share": float(share)} for share in (0, 1)}
+    variants |= {"attempts 10": {"attempts": 10}, "attempts 20, thumb_share 1": {"attempts": 20, "thumb_share": 1.0}}
     objects = {name: [procedural(name, index) for index in range(count)] for name in shapes.CLASSES}
-    for label, settings in {
-        f"default: attempts 5, thumb_share {THUMB_SHARE}": {},
-        "thumb_share 0": {"thumb_share": 0.0},
-        "thumb_share 1": {"thumb_share": 1.0},
-        "attempts 10": {"attempts": 10},
-        "attempts 20, thumb_share 1": {"attempts": 20, "thumb_share": 1.0},
-    }.items():
+    for label, settings in variants.items():
         touches, spent = {}, []
         for name, members in objects.items():
             found = []
             for each in members:
                 start = time.process_time()
                 rng = generator(0, each.name, "grasps")
-                found.append(grasp_object(each.visual, each.collision, each.points, HAND, rng, **settings))
+                found.append(grasp_object(each.visual, each.collision, each.points, HAND, rng, **settings).touches)
                 spent.append(1e3 * (time.process_time() - start))
-            touches[name] = np.concatenate([each.touches for each in found])
+            touches[name] = np.concatenate(found)
         together = np.concatenate(list(touches.values()))
-        shares = np.bincount(together.sum(axis=1), minlength=5)[1:] / len(together)
-        rows[label] = (
-            {name: 100 * values.mean() for name, values in touches.items()}
-            | {"mean": 100 * together.mean()}
-            | {f"{number} touches, %": 100 * share for number, share in enumerate(shares, start=1)}
-            | {"ms an object": np.median(spent)}
-        )
-    shares = {f"{number} touches, %": value for number, value in enumerate((9.47, 26.08, 53.83, 10.61), 1)}
-    rows["paper"] = PAPER | {"mean": 62.4} | shares
+        shares = 100 * np.bincount(together.sum(axis=1), minlength=5)[1:] / len(together)
+        rows[label] = {name: 100 * values.mean() for name, values in touches.items()} | {"mean": 100 * together.mean()}
+        rows[label] |= dict(zip(COUNTS, shares, strict=True)) | {"ms an object": np.median(spent)}
+    rows["paper"] = PAPER | {"mean": 62.4} | dict(zip(COUNTS, (9.47, 26.08, 53.83, 10.61), strict=True))
     return pd.DataFrame(rows).T
 
 
@@ -123,12 +115,10 @@ def stages(count: int) -> pd.DataFrame:
 def real_sizes() -> dict[str, trimesh.Trimesh]:
     """Objects in metres, from smaller than a sensor to larger than a hand."""
     handle = trimesh.creation.torus(0.03, 0.005)
-    handle.apply_transform(trimesh.transformations.rotation_matrix(np.pi / 2, (1, 0, 0))).apply_translation(
-        (0.05, 0, 0)
-    )
-    legs = [trimesh.creation.cylinder(0.02, 0.45, sections=24) for _ in range(4)]
-    for leg, (x, y) in zip(legs, ((-0.2, -0.2), (-0.2, 0.2), (0.2, -0.2), (0.2, 0.2)), strict=True):
-        leg.apply_translation((x, y, -0.22))
+    handle.apply_transform(trimesh.transformations.rotation_matrix(np.pi / 2, (1, 0, 0)))
+    handle.apply_translation((0.05, 0, 0))
+    feet = [(x, y, -0.22) for x, y in ((-0.2, -0.2), (-0.2, 0.2), (0.2, -0.2), (0.2, 0.2))]
+    legs = [trimesh.creation.cylinder(0.02, 0.45, sections=24).apply_translation(foot) for foot in feet]
     back = trimesh.creation.box((0.45, 0.03, 0.5)).apply_translation((0, 0.21, 0.25))
     return {
         "ball, 8 mm": trimesh.creation.icosphere(radius=0.004),

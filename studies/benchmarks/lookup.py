@@ -86,35 +86,20 @@ def evaluate(everything: Sequence[Shape], split: str, count: int) -> pd.DataFram
     for each, best, iou in zip(found, *lookup(found, train), strict=True):
         alike = [other for other in train if other.class_name == each.class_name and other.name != each.name]
         drawn = alike[generator(0, each.name, "lookup").integers(len(alike))]
-        rows.append(
-            {
-                "object": each.name,
-                "class": each.class_name,
-                "style": each.style,
-                "looked up": train[best].name,
-                "iou": iou,
-                "chamfer": chamfer(cloud(each), cloud(train[best])),
-                "any of its class": chamfer(cloud(each), cloud(drawn)),
-            }
-        )
+        row = {"object": each.name, "class": each.class_name, "style": each.style, "looked up": train[best].name}
+        row |= {"iou": iou, "chamfer": chamfer(cloud(each), cloud(train[best]))}
+        rows.append(row | {"any of its class": chamfer(cloud(each), cloud(drawn))})
     return pd.DataFrame(rows)
 
 
 def summary(rows: pd.DataFrame) -> pd.DataFrame:
     """Means and medians by class, and over all objects."""
-    groups = [*rows.groupby("class", sort=False), ("all", rows)]
-    return pd.DataFrame(
-        {
-            name: {
-                "objects": len(group),
-                "mean": group["chamfer"].mean(),
-                "median": group["chamfer"].median(),
-                "mean IoU": group["iou"].mean(),
-                "random, mean": group["any of its class"].mean(),
-            }
-            for name, group in groups
-        }
-    ).T
+    table = {}
+    for name, group in [*rows.groupby("class", sort=False), ("all", rows)]:
+        distance = group["chamfer"]
+        table[name] = {"objects": len(group), "mean": distance.mean(), "median": distance.median()}
+        table[name] |= {"mean IoU": group["iou"].mean(), "random, mean": group["any of its class"].mean()}
+    return pd.DataFrame(table).T
 
 
 def main() -> None:

@@ -45,11 +45,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("run", type=Path, help="a run's folder, results/<run>")
     table = cost_by_stage(parser.parse_args().run)
-    table.loc["all"] = [
-        table["jobs"].sum(),
-        *table.iloc[:, 1:5].sum(),
-        table["memory MiB"].max(),
-    ]
+    table.loc["all"] = [table["jobs"].sum(), *table.iloc[:, 1:5].sum(), table["memory MiB"].max()]
     print(table.to_markdown(floatfmt=("", ".0f", ".1f", ".1f", ".3f", ".3f", ".0f")))
 
 

@@ -10,7 +10,6 @@ config/recipes.yaml is the last column. The run needs its stores `surface` and `
 import argparse
 import os
 import statistics
-import time
 from pathlib import Path
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")
@@ -27,7 +26,7 @@ from palpate.models.single_image import grid_surface, occupied
 from palpate.protocol import pixel2mesh_chamfer
 from palpate.training import inputs, recipes
 from palpate.training.data import TrainingData
-from palpate.training.samples import training_samples
+from studies.training_steps import TrainingSteps
 
 PROJECT = Path(__file__).parents[2]
 OURS = "single_image"
@@ -41,39 +40,45 @@ def main() -> None:
     parser.add_argument("--steps", type=int, default=40, help="the first quarter warms up")
     parser.add_argument("--override", type=yaml.safe_load, default={}, help="of the recipe, as training.override")
     parser.add_argument("--limits", action="store_true", help="score the truth as these networks represent it")
-    options = parser.parse_args()
+    args = parser.parse_args()
     torch.set_num_threads(1)
-    if options.limits:
-        points = [item for item in inputs.INPUTS if item.name == "points"]
-        data = TrainingData.read(Dataset(options.run, [points[0].stage]), points, ["validation"])
-        print(tabulate(limits(data), ("truth", "Chamfer distance", "F1 at tau", "F1 at 2 tau"), "github"))
-        return
+    print(tabulate(*(limits(args.run) if args.limits else step_times(args)), "github"))
+
+
+def step_times(args: argparse.Namespace) -> tuple[list[tuple], tuple]:
+    """Rows and headers of the table of steps."""
     declared = yaml.safe_load((PROJECT / "config/experiments.yaml").read_text())
     experiments = {name: declared["experiments"][name] for name in declared["tables"]["single_image"]["experiments"]}
     schema = PROJECT / "workflow/schemas/recipes.schema.yaml"
-    recipe = recipes.resolve(PROJECT / "config/recipes.yaml", options.recipe, options.override, schema)
-    data = TrainingData.load(options.run, experiments[OURS], ("train", "validation"))
-    trainings = {name: Training(data, experiment, recipe) for name, experiment in experiments.items()}
+    recipe = recipes.resolve(PROJECT / "config/recipes.yaml", args.recipe, args.override, schema)
+    data = TrainingData.load(args.run, experiments[OURS], ("train", "validation"))
+    steps = {}
+    for name, experiment in experiments.items():
+        learner = training.ReconstructionLearner(data, experiment, recipes.settings(recipe, experiment), 0)
+        learner.on_fit_start()
+        steps[name] = TrainingSteps(learner)
     # An object's tree, normals and cells are made once, in its first step: here before all.
-    truth = trainings[OURS].learner.truth
+    truth = steps[OURS].learner.truth
     for derive in (truth.trees, truth.normals, truth.occupied):
         derive(data.of_split("train"))
-    for each in trainings.values():
+    for each in steps.values():
         each.learner.truth = truth
-    seconds = {name: [] for name in trainings}
-    for number in range(options.steps):
-        for name, each in trainings.items():
-            seconds[name].append(each.step(number))
+    seconds = {name: [] for name in steps}
+    for number in range(args.steps):
+        for name, each in steps.items():
+            seconds[name].append(each(number))
     middle = {name: statistics.median(times[len(times) // 4 :]) for name, times in seconds.items()}
     rows = []
-    for name, each in trainings.items():
+    for name, each in steps.items():
         parameters = sum(weights.numel() for weights in each.learner.model.parameters())
         rows.append((name, f"{parameters:,}", f"{1e3 * middle[name]:.0f}", f"{middle[OURS] / middle[name]:.2f}"))
-    print(tabulate(rows, ("experiment", "parameters", "ms a step", "steps for equal time"), "github"))
+    return rows, ("experiment", "parameters", "ms a step", "steps for equal time")
 
 
-def limits(data: TrainingData) -> list[tuple]:
+def limits(run: Path) -> tuple[list[tuple], tuple]:
     """Scores of true cells and of some of the true points, by the table's protocol, averaged over the objects."""
+    points = [item for item in inputs.INPUTS if item.name == "points"]
+    data = TrainingData.read(Dataset(run, [points[0].stage]), points, ["validation"])
     scores: dict[str, list[tuple]] = {}
     for points in torch.from_numpy(data["points"]):
         cells, order = occupied(points).numpy(), torch.randperm(len(points), generator=seeded(0, "limits"))
@@ -85,30 +90,8 @@ def limits(data: TrainingData) -> list[tuple]:
         for count in COUNTS:
             scores.setdefault(f"{count} points, against {len(others)} others", []).append(score(some[:count], others))
     means = {name: torch.tensor(found, dtype=torch.float64).mean(dim=0).tolist() for name, found in scores.items()}
-    return [
-        (name, f"{pixel2mesh_chamfer(one):.3f}", f"{f1:.1f}", f"{two:.1f}") for name, (one, f1, two) in means.items()
-    ]
-
-
-class Training:
-    """An experiment's training, a step at a time: without Lightning, whose share is the same for all."""
-
-    def __init__(self, data: TrainingData, experiment: dict, recipe: dict):
-        self.data, self.experiment = data, experiment
-        self.learner = training.ReconstructionLearner(data, experiment, recipes.settings(recipe, experiment), 0)
-        self.learner.on_fit_start()
-        self.optimiser = self.learner.configure_optimizers()["optimizer"]
-
-    def step(self, number: int) -> float:
-        """Make the training step of a number; returns the seconds of processor time that it took."""
-        learner, start = self.learner, time.process_time()
-        self.optimiser.zero_grad()
-        samples = training_samples(self.data, self.experiment, learner.settings["batch"], 0, number)
-        learner.losses(samples, torch.Generator().manual_seed(number), learner.model).mean().backward()
-        if learner.settings["clip"]:
-            torch.nn.utils.clip_grad_norm_(learner.model.parameters(), learner.settings["clip"])
-        self.optimiser.step()
-        return time.process_time() - start
+    rows = [(name, f"{pixel2mesh_chamfer(d):.3f}", f"{one:.1f}", f"{two:.1f}") for name, (d, one, two) in means.items()]
+    return rows, ("truth", "Chamfer distance", "F1 at tau", "F1 at 2 tau")
 
 
 if __name__ == "__main__":

@@ -22,7 +22,7 @@ import logging
 import os
 import statistics
 import tempfile
-import time
+from itertools import product
 from pathlib import Path
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")
@@ -38,7 +38,7 @@ from palpate.evaluation.surface_quality import surface_quality, topology
 from palpate.models import Reconstruction
 from palpate.training import recipes
 from palpate.training.data import TrainingData
-from palpate.training.samples import training_samples
+from studies.training_steps import TrainingSteps
 
 PROJECT = Path(__file__).parents[2]
 TIMED = 6  # steps, after the same number of untimed ones
@@ -90,20 +90,8 @@ def step_seconds(data: TrainingData, experiment: dict, settings: dict) -> float:
     """Processor time of a training step."""
     learner = training.ReconstructionLearner(data, experiment, settings, 0)
     learner.on_fit_start()
-    optimiser = learner.configure_optimizers()["optimizer"]
-    times = []
-    for step in range(2 * TIMED):
-        start = time.process_time()
-        optimiser.zero_grad()
-        losses = learner.losses(
-            training_samples(data, experiment, settings["batch"], 0, step),
-            torch.Generator().manual_seed(step),
-            learner.model,
-        )
-        losses.mean().backward()
-        optimiser.step()
-        times.append(time.process_time() - start)
-    return statistics.median(times[TIMED:])
+    step = TrainingSteps(learner)
+    return statistics.median([step(number) for number in range(2 * TIMED)][TIMED:])
 
 
 @torch.no_grad()
@@ -130,52 +118,44 @@ def main() -> None:
     parser.add_argument("--recipe", default="fast")
     parser.add_argument("--base", type=Path, help="folder of a base model, with its seeds")
     parser.add_argument("--variants", nargs="+", default=list(VARIANTS), help="names of VARIANTS, or YAML")
-    options = parser.parse_args()
+    args = parser.parse_args()
     logging.basicConfig(level=logging.WARNING)
 
-    experiment = yaml.safe_load((PROJECT / "config/experiments.yaml").read_text())["experiments"][options.experiment]
-    recipe = recipes.resolve(
-        PROJECT / "config/recipes.yaml", options.recipe, {}, PROJECT / "workflow/schemas/recipes.schema.yaml"
-    )
-    if not options.base:
+    experiment = yaml.safe_load((PROJECT / "config/experiments.yaml").read_text())["experiments"][args.experiment]
+    schema = PROJECT / "workflow/schemas/recipes.schema.yaml"
+    recipe = recipes.resolve(PROJECT / "config/recipes.yaml", args.recipe, {}, schema)
+    if not args.base:
         experiment = {key: value for key, value in experiment.items() if key != "base"}
     common = recipes.settings(recipe, experiment)
-    data = TrainingData.load(options.run, experiment, ("train", "validation"))
-    if options.validate_on:
-        data = combine(data, TrainingData.load(options.validate_on, experiment, ["validation"]))
+    data = TrainingData.load(args.run, experiment, ("train", "validation"))
+    if args.validate_on:
+        data = combine(data, TrainingData.load(args.validate_on, experiment, ["validation"]))
     torch.set_num_threads(1)
-    counts = {split: len(data.of_split(split)) for split in ("train", "validation")}
     print(
-        f"{options.experiment}, {f'{options.steps} steps' if options.steps else f'{options.seconds:.0f} s'} "
-        f"of one core, {counts['train']} objects to train on, "
-        f"{counts['validation']} to validate on, seeds {options.seeds}"
+        f"{args.experiment}, {f'{args.steps} steps' if args.steps else f'{args.seconds:.0f} s'} of one core, "
+        f"{len(data.of_split('train'))} objects to train on, {len(data.of_split('validation'))} to validate on, "
+        f"seeds {args.seeds}"
     )
     columns = ["variant", "parameters", "ms a step", "steps", "best loss", "at step", "last loss", "training loss"]
     columns += QUALITY
     print(f"| {' | '.join(columns)} |\n{'|---' * len(columns)}|", flush=True)
-    for name in options.variants:
-        for seed in options.seeds:
-            settings = recipes.merge(common, VARIANTS.get(name) if name in VARIANTS else yaml.safe_load(name))
-            seconds = step_seconds(data, experiment, settings)
-            steps = options.steps or int(options.seconds / seconds)
-            settings |= {"steps": steps, "evaluate_every": -(-steps // EVALUATIONS)}
-            settings |= {"validation_samples": options.windows, "validation_points": 2500}
-            settings |= {"epochs": None, "patience": None}
-            with tempfile.TemporaryDirectory() as folder:
-                start = options.base / f"seed-{seed}/best.ckpt" if options.base else None
-                learner = training.ReconstructionLearner(data, experiment, settings, seed, start)
-                machine = training.Machine("cpu")
-                found = training.train(learner, f"{folder}/model", f"{folder}/checkpoints", machine, name)
-                rows = np.genfromtxt(f"{folder}/model/history.csv", delimiter=",", names=True)
-                best = training.load(f"{folder}/model/best.ckpt")
-                smooth = smoothness(best, data, experiment, options.windows)
-            print(
-                f"| {name} | {found['parameters']:,} | {1e3 * seconds:.0f} | {steps} "
-                f"| {found['validation_loss']:.2f} | {found['best_step']} "
-                f"| {rows['validation_loss'][-1]:.2f} | {rows['train_loss'][-1]:.2f} "
-                f"| {' | '.join(f'{number:.1f}' for number in smooth)} |",
-                flush=True,
-            )
+    for name, seed in product(args.variants, args.seeds):
+        settings = recipes.merge(common, VARIANTS.get(name) if name in VARIANTS else yaml.safe_load(name))
+        seconds = step_seconds(data, experiment, settings)
+        steps = args.steps or int(args.seconds / seconds)
+        settings |= {"steps": steps, "evaluate_every": -(-steps // EVALUATIONS), "validation_points": 2500}
+        settings |= {"validation_samples": args.windows, "epochs": None, "patience": None}
+        with tempfile.TemporaryDirectory() as folder:
+            start = args.base / f"seed-{seed}/best.ckpt" if args.base else None
+            learner = training.ReconstructionLearner(data, experiment, settings, seed, start)
+            machine = training.Machine("cpu")
+            found = training.train(learner, f"{folder}/model", f"{folder}/checkpoints", machine, name)
+            rows = np.genfromtxt(f"{folder}/model/history.csv", delimiter=",", names=True)
+            smooth = smoothness(training.load(f"{folder}/model/best.ckpt"), data, experiment, args.windows)
+        losses = found["validation_loss"], rows["validation_loss"][-1], rows["train_loss"][-1]
+        best, last, of_training = (f"{loss:.2f}" for loss in losses)
+        cells = [name, f"{found['parameters']:,}", f"{1e3 * seconds:.0f}", steps, best, found["best_step"], last]
+        print(f"| {' | '.join(map(str, [*cells, of_training, *(f'{each:.1f}' for each in smooth)]))} |", flush=True)
 
 
 if __name__ == "__main__":

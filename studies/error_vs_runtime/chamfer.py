@@ -4,10 +4,9 @@ A loss samples points of both surfaces, so that it varies from draw to draw. It 
 points is further than the surface, by about area / (pi n) in the mean square each way.
 """
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable
 from functools import partial
-from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import igl
 import numpy as np
@@ -26,7 +25,7 @@ from palpate.protocol import CHAMFER_SCALE
 from palpate.surface import sample as sample_exterior
 from palpate.training import Truth, reconstruction_loss
 from palpate.training.losses import subsample
-from studies.error_vs_runtime.study import Method, Study
+from studies.error_vs_runtime.study import Method, Study, variants
 from studies.subjects import Subject
 
 DRAWS = 12  # from which bias and spread are estimated
@@ -127,71 +126,53 @@ class Chamfer(Study):
     """
 
     stage = "chamfer distance"
-    units = {
-        "loss: root mean square": "%",
-        "loss: bias": "%",
-        "loss: spread": "%",
-        "gradient: bias": "%",
-        "gradient: spread": "%",
-        "score: bias": "%",
-        "score: spread": "%",
-    }
+    units = dict.fromkeys(
+        (
+            *("loss: root mean square", "loss: bias", "loss: spread", "gradient: bias", "gradient: spread"),
+            *("score: bias", "score: spread"),
+        ),
+        "%",
+    )
     reference = (
         "between the surfaces themselves: exact distances to triangles by libigl, from 187,000 and 200,000 "
         f"points, in double precision; {DRAWS} draws of each method"
     )
 
-    def __init__(self, subjects: Sequence[Subject], points: int, loss_points: int, evaluation_points: int):
-        self.subjects, self.points = subjects, points
-        self.loss_points, self.evaluation_points = loss_points, evaluation_points
-
-    def cases(self) -> Iterable[tuple[str, Pair]]:
-        for subject in self.subjects:
-            mesh = load_visual(subject.folder)
-            faces = outer_faces(mesh)
-            yield subject.name, pair(mesh.vertices + np.array(OBJECT_POSITION), faces, self.points)
+    def case(self, subject: Subject) -> Pair:
+        mesh = load_visual(subject.folder)
+        return pair(mesh.vertices + np.array(OBJECT_POSITION), outer_faces(mesh), self.settings["surface"]["points"])
 
     def methods(self) -> list[Method]:
-        n = self.loss_points
-        loss = [
-            Method("loss of training", "points", k, partial(training_loss, k), k == n)
-            for k in sorted({*LOSS_POINTS, n})
-        ]
-        evaluation = [
-            Method("evaluation", "points", k, partial(evaluation_score, k), k == self.evaluation_points)
-            for k in sorted({*EVALUATION_POINTS, self.evaluation_points})
-        ]
+        n, of_score = self.settings["recipe"]["reconstruction"]["loss_points"], self.settings["evaluation"]["points"]
         searches: dict[str, Search] = {
             "k-d tree of the library's defaults": lambda a, b: cKDTree(b).query(a)[1],
             "all pairs": _all_pairs,
             **{f"k-d tree, up to {error:.0%} further": partial(_approximate, error) for error in SEARCH_ERRORS},
         }
-        other = [
-            Method("loss of training", "search", name, partial(changed_loss, n, search=search))
-            for name, search in searches.items()
+        changes = [("search", name, {"search": search}) for name, search in searches.items()]
+        changes += [("precision", str(t)[6:], {"dtype": t}) for t in (torch.float64, torch.bfloat16, torch.float16)]
+        changes += [("true points", n, {"few_true_points": True})]
+        name, counts, scored = "loss of training", sorted({*LOSS_POINTS, n}), sorted({*EVALUATION_POINTS, of_score})
+        return [
+            *variants(name, "points", counts, lambda k: partial(training_loss, k), n),
+            *variants("evaluation", "points", scored, lambda k: partial(evaluation_score, k), of_score),
+            *(Method(name, knob, value, partial(changed_loss, n, **how)) for knob, value, how in changes),
         ]
-        types = [
-            Method("loss of training", "precision", str(t)[6:], partial(changed_loss, n, dtype=t))
-            for t in (torch.float64, torch.bfloat16, torch.float16)
-        ]
-        few = Method("loss of training", "true points", n, partial(changed_loss, n, few_true_points=True))
-        return [*loss, *evaluation, *other, *types, few]
 
     def errors(self, case: Pair, result: Draws) -> dict[str, float]:
-        draws = [result.first, *(result.draw(seed) for seed in range(1, DRAWS))]
-        off = 100 * (np.array([draw.loss for draw in draws]) / case.loss - 1)
+        losses, gradients = zip(result.first, *(result.draw(seed) for seed in range(1, DRAWS)), strict=True)
+        off, errors = 100 * (np.array(losses) / case.loss - 1), dict.fromkeys(self.units, float("nan"))
         bias, spread = abs(float(off.mean())), float(off.std(ddof=1))
-        errors = dict.fromkeys(self.units, float("nan"))
-        if result.first.gradient is None:
+        if gradients[0] is None:
             return errors | {"score: bias": bias, "score: spread": spread}
-        errors |= {"loss: bias": bias, "loss: spread": spread}
-        errors["loss: root mean square"] = float(np.sqrt(np.mean(off**2)))
-        of_gradient = _bias_and_spread(np.stack([draw.gradient for draw in draws]) - case.gradient)
-        scale = 100 / np.linalg.norm(case.gradient)
-        return errors | {
-            key: float(scale * value)
-            for key, value in zip(("gradient: bias", "gradient: spread"), of_gradient, strict=True)
+        errors |= {
+            "loss: root mean square": float(np.sqrt(np.mean(off**2))),
+            "loss: bias": bias,
+            "loss: spread": spread,
         }
+        scale = 100 / np.linalg.norm(case.gradient)
+        bias, spread = _bias_and_spread(np.stack(gradients) - case.gradient)
+        return errors | {"gradient: bias": float(scale * bias), "gradient: spread": float(scale * spread)}
 
 
 def _bias_and_spread(off: np.ndarray) -> tuple[float, float]:
@@ -208,12 +189,8 @@ def pair(vertices: np.ndarray, faces: np.ndarray, count: int) -> Pair:
     surface = Surface(vertices, faces)
     atlas = vision_atlas()
     predicted = torch.from_numpy(fitted_atlas(surface, FITTED_SHARE)).float()
-    loss, gradient = exact(
-        predicted.double().numpy(),
-        atlas.faces.numpy(),
-        sample(surface.vertices, surface.faces, POINTS_ON_TRUTH),
-        surface,
-    )
+    points = sample(surface.vertices, surface.faces, POINTS_ON_TRUTH)
+    loss, gradient = exact(predicted.double().numpy(), atlas.faces.numpy(), points, surface)
     mesh = torch.from_numpy(surface.vertices)[None].float(), torch.from_numpy(surface.faces)
     truth = Truth(sample_faces(*mesh, count, torch.Generator().manual_seed(0)))
     truth.trees([0])
@@ -251,11 +228,7 @@ def evaluation_score(n: int, case: Pair) -> Draws:
 
 
 def changed_loss(
-    n: int,
-    case: Pair,
-    search: Search | None = None,
-    dtype: torch.dtype = torch.float32,
-    few_true_points: bool = False,
+    n: int, case: Pair, search: Search | None = None, dtype: torch.dtype = torch.float32, few_true_points: bool = False
 ) -> Draws:
     """The loss of training with one change.
 
@@ -288,12 +261,4 @@ def _approximate(error: float, query: np.ndarray, points: np.ndarray) -> np.ndar
     return build_tree(torch.from_numpy(points)).query(query, eps=error)[1]
 
 
-def study(run: Path, subjects: Sequence[Subject], settings: Mapping[str, Any]) -> Chamfer:
-    """The study of a run. Reads `surface.points`, `evaluation.points` and the resolved `recipe` of the settings, and
-    the run's meshes."""
-    return Chamfer(
-        subjects,
-        settings["surface"]["points"],
-        settings["recipe"]["reconstruction"]["loss_points"],
-        settings["evaluation"]["points"],
-    )
+study = Chamfer

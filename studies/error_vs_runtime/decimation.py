@@ -1,8 +1,8 @@
 """Decimation: how far a mesh with fewer faces is from its source, against the time it takes to make."""
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import igl
 import manifold3d
@@ -13,7 +13,7 @@ from palpate.mesh.decimate import PLANAR_WEIGHT, QUALITY, decimate
 from palpate.mesh.distance import Surface, distance
 from palpate.mesh.load import load_parts
 from palpate.mesh.repair import repair
-from studies.error_vs_runtime.study import Method, Study
+from studies.error_vs_runtime.study import Method, Study, variants
 from studies.subjects import Subject
 
 FACES = (250, 500, 1000, 2000, 4000, 8000)
@@ -33,11 +33,6 @@ class Source(NamedTuple):
     surface: Surface
 
 
-def study(run: Path, subjects: list[Subject], settings: Mapping[str, Any]) -> "Decimation":
-    """Decimation of the visual meshes of all subjects. settings: the section `mesh` of the config."""
-    return Decimation(subjects, settings["mesh"]["collision_faces"])
-
-
 class Decimation(Study):
     """Palpate's quadric collapse (pymeshlab's) beside libigl's, and two cruder methods.
 
@@ -53,33 +48,19 @@ class Decimation(Study):
         "and where they are largest (palpate.mesh.distance): the largest, and the mean of both ways"
     )
 
-    def __init__(self, subjects: list[Subject], chosen: int):
-        """chosen: the faces of a collision mesh."""
-        self._subjects, self._chosen = subjects, chosen
-
-    def cases(self) -> Iterable[tuple[str, Source]]:
-        for subject in self._subjects:
-            yield subject.name, load_source(subject.folder)
+    def case(self, subject: Subject) -> Source:
+        return load_source(subject.folder)
 
     def methods(self) -> list[Method]:
-        faces = sorted({*FACES, self._chosen})
-        quadric, chosen = "quadric collapse (pymeshlab)", self._chosen
+        quadric, n = "quadric collapse (pymeshlab)", self.settings["mesh"]["collision_faces"]
+        faces = sorted({*FACES, n})
         return [
-            *(Method(quadric, "faces", n, _decimated_by(decimate, n), n == chosen) for n in faces),
-            *(
-                Method(quadric, "planar weight", w, _decimated_by(decimate, chosen, w), w == PLANAR_WEIGHT)
-                for w in PLANAR_WEIGHTS
-            ),
-            *(
-                Method(quadric, "quality", q, _decimated_by(decimate, chosen, PLANAR_WEIGHT, q), q == QUALITY)
-                for q in QUALITIES
-            ),
-            *(Method("quadric collapse (libigl)", "faces", n, _decimated_by(_by_libigl, n)) for n in faces),
-            *(
-                Method("collapse within a tolerance (manifold3d)", "mm", t, _decimated_by(_collapse_within, t))
-                for t in TOLERANCES
-            ),
-            *(Method("clusters (pymeshlab)", "% of diagonal", c, _decimated_by(_clusters, c)) for c in CELLS),
+            *variants(quadric, "faces", faces, lambda value: _by(decimate, value), n),
+            *variants(quadric, "planar weight", PLANAR_WEIGHTS, lambda w: _by(decimate, n, w), PLANAR_WEIGHT),
+            *variants(quadric, "quality", QUALITIES, lambda q: _by(decimate, n, PLANAR_WEIGHT, q), QUALITY),
+            *variants("quadric collapse (libigl)", "faces", faces, lambda value: _by(_by_libigl, value)),
+            *variants("collapse within a tolerance (manifold3d)", "mm", TOLERANCES, lambda t: _by(_within, t)),
+            *variants("clusters (pymeshlab)", "% of diagonal", CELLS, lambda cell: _by(_clusters, cell)),
         ]
 
     def errors(self, case: Source, result: Mesh | None) -> dict[str, float]:
@@ -87,11 +68,8 @@ class Decimation(Study):
             return dict.fromkeys(self.units, float("nan"))
         level = Surface(*result)
         to_level, to_source = distance(case.surface, level), distance(level, case.surface)
-        return {
-            "distance": 1e3 * max(to_level["max"], to_source["max"]),
-            "mean distance": 1e3 * (to_level["mean"] + to_source["mean"]) / 2,
-            "faces": len(result[1]),
-        }
+        largest, mean = max(to_level["max"], to_source["max"]), (to_level["mean"] + to_source["mean"]) / 2
+        return {"distance": 1e3 * largest, "mean distance": 1e3 * mean, "faces": len(result[1])}
 
 
 def load_source(folder: Path) -> Source:
@@ -105,7 +83,7 @@ def load_source(folder: Path) -> Source:
     return Source(merged.vertices, faces, Surface(merged.vertices, faces))
 
 
-def _decimated_by(decimated: Callable[..., Mesh | None], *knobs: float) -> Callable[[Source], Mesh | None]:
+def _by(decimated: Callable[..., Mesh | None], *knobs: float) -> Callable[[Source], Mesh | None]:
     return lambda case: decimated(case.vertices, case.faces, *knobs)
 
 
@@ -114,7 +92,7 @@ def _by_libigl(vertices: np.ndarray, faces: np.ndarray, count: int) -> Mesh | No
     return igl.qslim(vertices, faces, count)[:2] if len(faces) > count else None
 
 
-def _collapse_within(vertices: np.ndarray, faces: np.ndarray, tolerance: float) -> Mesh | None:
+def _within(vertices: np.ndarray, faces: np.ndarray, tolerance: float) -> Mesh | None:
     """manifold3d's collapse within a tolerance in mm; None if it rejects the mesh."""
     solid = manifold3d.Manifold(manifold3d.Mesh64(vertices, faces.astype(np.uint64)))
     if solid.status() != manifold3d.Error.NoError:
@@ -130,3 +108,6 @@ def _clusters(vertices: np.ndarray, faces: np.ndarray, cell: float) -> Mesh:
     meshes.meshing_decimation_clustering(threshold=pymeshlab.PercentageValue(cell))
     mesh = meshes.current_mesh()
     return mesh.vertex_matrix(), mesh.face_matrix().astype(np.int64)
+
+
+study = Decimation

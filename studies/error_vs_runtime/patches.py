@@ -3,44 +3,29 @@
 Closings and errors are those of `studies.error_vs_runtime.grasps`. Times include all that is built for an object.
 """
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from pathlib import Path
-from typing import Any
+from collections.abc import Callable, Iterable
 
 import numpy as np
 import trimesh
 
 from palpate.grasp.closing import GraspSimulation
-from palpate.grasp.patches import CELL, THICKNESS, surface_patches
-from studies.error_vs_runtime.grasps import (
-    AT_REST,
-    TRUE_SURFACE,
-    Case,
-    Closings,
-    GraspStudy,
-    close,
-    face_pieces,
-)
+from palpate.grasp.patches import CELL, surface_patches
+from studies.error_vs_runtime.grasps import AT_REST, TRUE_SURFACE, Case, Closings, GraspStudy, close, face_pieces
 from studies.error_vs_runtime.study import Method
-from studies.subjects import Subject
 
 CELLS = (0.015, 0.025, 0.05, 0.1, 0.2)  # m
-OBJECTS = 2
 
 
 class PatchStudy(GraspStudy):
     """Ways to cut an object's surface into convex pieces; times of pieces, model and closings.
 
-    A run builds the model once for all attempts of an object, a few more than the closings here. Only the first
-    `OBJECTS` subjects are used, because models take long.
+    A run builds the model once for all attempts of an object, a few more than the closings here.
     """
 
     stage = "collision patches"
     units = {key: unit for key, unit in GraspStudy.units.items() if key != "joint, same motion"}
     reference = f"{AT_REST}; {TRUE_SURFACE}"
-
-    def __init__(self, run: Path, subjects: Sequence[Subject], settings: Mapping[str, Any]):
-        super().__init__(run, subjects[:OBJECTS], settings)
+    objects = 2  # models take long
 
     def methods(self) -> list[Method]:
         def run(pieces: Callable[[trimesh.Trimesh], list[np.ndarray]]) -> Callable[[Case], Closings]:
@@ -54,8 +39,7 @@ class PatchStudy(GraspStudy):
         for cell in sorted({*CELLS, CELL}):
             cut = run(lambda collision, cell=cell: surface_patches(collision, cell))
             methods.append(Method("patches", "cell, mm", round(1e3 * cell, 6), cut, cell == CELL))
-        every_face = run(lambda collision: face_pieces(collision, THICKNESS))
-        methods.append(Method("a piece a face", "pieces", "faces", every_face))
+        methods.append(Method("a piece a face", "pieces", "faces", run(face_pieces)))
         methods.append(Method("convex hull", "pieces", "1", run(lambda collision: [collision.vertices])))
         return methods
 
@@ -67,6 +51,4 @@ class PatchStudy(GraspStudy):
         return ()
 
 
-def study(run: Path, subjects: Sequence[Subject], settings: Mapping[str, Any]) -> PatchStudy:
-    """The study of a run; `settings`: `grasps` of the config."""
-    return PatchStudy(run, subjects, settings)
+study = PatchStudy

@@ -24,8 +24,9 @@ from palpate.models.reconstruction import DEFORMATIONS
 from palpate.protocol import CHAMFER_SCALE
 from palpate.training import Assembler, Machine, ReconstructionLearner, Sample, TrainingData, recipes, windows
 from palpate.training.checkpoints import architecture
-from studies.error_vs_runtime.study import ALL, Method, Study
+from studies.error_vs_runtime.study import ALL, Method, Study, variants
 from studies.subjects import Subject
+from studies.training_steps import TrainingSteps
 
 # The experiment with vision that trains fastest: one image an object.
 EXPERIMENT = {"strategy": "charts", "vision": "unoccluded", "touch": False, "grasps": 1}
@@ -55,28 +56,6 @@ class Result(NamedTuple):
     timed: bool
 
 
-class Step:
-    """Further steps of a finished training, which are timed."""
-
-    def __init__(self, learner: ReconstructionLearner, precision: str):
-        self.learner = learner
-        self.optimiser = learner.configure_optimizers()["optimizer"]
-        self.fabric = lightning.Fabric(accelerator="cpu", devices=1, precision=precision)
-
-    def __call__(self, samples: int) -> None:
-        """Make the steps of a number of samples."""
-        learner = self.learner
-        for step in range(samples // learner.settings["batch"]):
-            generator = torch.Generator().manual_seed(step)
-            with self.fabric.autocast():
-                loss = learner.losses(learner.training_batch(step), generator, learner.model).mean()
-            self.optimiser.zero_grad()
-            loss.backward()
-            if learner.settings["clip"]:
-                torch.nn.utils.clip_grad_norm_(learner.model.parameters(), learner.settings["clip"])
-            self.optimiser.step()
-
-
 class ReconstructionStudy(Study):
     """All validation objects of the run as one case, whatever the report's `objects`."""
 
@@ -91,19 +70,16 @@ class ReconstructionStudy(Study):
     def __init__(self, data: TrainingData, settings: Mapping[str, Any], machine: Mapping[str, Any], points: int):
         """settings: of the experiment, from the run's recipe. machine: the config's `training`. points: sampled in an
         evaluation."""
-        self.data, self.machine, self.points = data, machine, points
+        self.data, self.settings, self.machine, self.points = data, settings, machine, points
         self.layers = architecture(EXPERIMENT, settings)
-        self.settings = settings
-        gcn = self.layers["gcn"]
-        deformations = self.layers.get("deformations", DEFORMATIONS)
-        self.base = Variant(
-            gcn["width"], gcn["layers"], deformations, machine["precision"], settings["batch"], SEEDS[0]
-        )
+        gcn, deformations = self.layers["gcn"], self.layers.get("deformations", DEFORMATIONS)
+        setup = gcn["width"], gcn["layers"], deformations, machine["precision"], settings["batch"], SEEDS[0]
+        self.base = Variant(*setup)
         # A short training is better at a higher rate (docs/training.md), but varies more with the seed.
         total_samples = ReconstructionLearner(data, EXPERIMENT, settings, SEEDS[0]).steps * settings["batch"]
         self.rate = settings["rate"] * max(1.0, total_samples / SAMPLES) ** 0.25
         self.samples = windows(data, EXPERIMENT, "validation")
-        self._trained: dict[Variant, tuple[Reconstruction, Step]] = {}
+        self._trained: dict[Variant, tuple[Reconstruction, TrainingSteps]] = {}
         self._results: dict[Variant, np.ndarray] = {}
 
     @property
@@ -136,73 +112,58 @@ class ReconstructionStudy(Study):
         return [(knob, value) for knob, of in values.items() for value in sorted({*of, getattr(base, knob)})]
 
     def methods(self) -> list[Method]:
-        methods = []
+        methods, base, predict = [], self.base, partial(partial, self._predict)
         for knob, value in self._knobs():
-            variant, own = self.base._replace(**{knob: value}), getattr(self.base, knob) == value
+            variant, own = base._replace(**{knob: value}), getattr(base, knob) == value
             methods.append(Method("training", knob, value, partial(self._train, variant), own))
             if knob in ("width", "layers", "deformations"):
-                methods.append(Method("inference", knob, value, partial(self._predict, variant), own))
-        for count in sorted({1, BATCH_SIZE, 4 * BATCH_SIZE}):
-            run = partial(self._predict, self.base, batch_size=count)
-            methods.append(Method("inference", "batch", count, run, count == BATCH_SIZE))
-        for name, dtype in TYPES.items():
-            run = partial(self._predict, self.base, dtype=dtype)
-            methods.append(Method("inference", "precision", name, run, dtype == torch.float32))
-        return methods
+                methods.append(Method("inference", knob, value, predict(variant), own))
+        counts = sorted({1, BATCH_SIZE, 4 * BATCH_SIZE})
+        methods += variants("inference", "batch", counts, lambda count: predict(base, batch_size=count), BATCH_SIZE)
+        return methods + variants("inference", "precision", TYPES, lambda t: predict(base, dtype=TYPES[t]), "float32")
 
     def errors(self, case: list[Sample], result: Result) -> dict[str, float]:
-        errors = dict.fromkeys(self.units, float("nan"))
-        chamfer = np.mean([self._chamfer(v, s, result.variant) for v, s in zip(result.vertices, case, strict=True)])
+        errors, faces = dict.fromkeys(self.units, float("nan")), self.trained(result.variant)[0].faces.numpy()
+        distances = [
+            chamfer(vertices.astype(np.float64), faces, self.data["points"][sample.object], self.points)
+            for vertices, sample in zip(result.vertices, case, strict=True)
+        ]
         if not result.timed:
-            return errors | {"Chamfer distance, of training": float(chamfer)}
-        exact = self._exact(result.variant, case)
-        squared_distance = np.square(result.vertices - exact).sum(axis=2).mean()
-        return errors | {
-            "Chamfer distance, of inference": float(chamfer),
-            "rounding": 1e3 * float(squared_distance**0.5),
-        }
-
-    def _chamfer(self, vertices: np.ndarray, sample: Sample, variant: Variant) -> float:
-        faces = self.trained(variant)[0].faces.numpy()
-        return chamfer(vertices.astype(np.float64), faces, self.data["points"][sample.object], self.points)
+            return errors | {"Chamfer distance, of training": float(np.mean(distances))}
+        squared_distance = np.square(result.vertices - self._exact(result.variant, case)).sum(axis=2).mean()
+        errors["rounding"] = 1e3 * float(squared_distance**0.5)
+        return errors | {"Chamfer distance, of inference": float(np.mean(distances))}
 
     def _exact(self, variant: Variant, case: list[Sample]) -> np.ndarray:
         if variant not in self._results:
             self._results[variant] = self._predict(variant, case, dtype=torch.float64).vertices
         return self._results[variant]
 
-    def trained(self, variant: Variant) -> tuple[Reconstruction, Step]:
+    def trained(self, variant: Variant) -> tuple[Reconstruction, TrainingSteps]:
         """The trained model, on the CPU in float32, and its training; trained at the first call."""
         if variant not in self._trained:
-            gcn = {"width": variant.width, "layers": variant.layers}
-            changed = {
-                "architecture": recipes.merge(self.layers, {"gcn": gcn, "deformations": variant.deformations}),
-                "batch": variant.batch,
-                "rate": self.rate,
-                "steps": -(-SAMPLES // variant.batch),
-                **dict.fromkeys(("epochs", "evaluate_every", "patience")),
-                "validation_samples": 1,
-            }
-            changed["evaluate_every"] = changed["steps"]
+            layers = {"gcn": {"width": variant.width, "layers": variant.layers}, "deformations": variant.deformations}
+            steps = -(-SAMPLES // variant.batch)
+            changed = {"architecture": recipes.merge(self.layers, layers), "batch": variant.batch, "rate": self.rate}
+            changed |= {"steps": steps, "evaluate_every": steps, "validation_samples": 1}
+            changed |= {"epochs": None, "patience": None}
             learner = ReconstructionLearner(self.data, EXPERIMENT, {**self.settings, **changed}, variant.seed)
             machine = Machine("cpu", precision=variant.precision, threads=self.machine["threads"])
             with tempfile.TemporaryDirectory() as folder:
                 training.train(learner, f"{folder}/model", f"{folder}/checkpoints", machine, str(variant))
             model = copy.deepcopy(learner.evaluated).float().eval()
-            self._trained[variant] = model, Step(learner.train(), variant.precision)
+            fabric = lightning.Fabric(accelerator="cpu", devices=1, precision=variant.precision)
+            self._trained[variant] = model, TrainingSteps(learner.train(), fabric.autocast)
         return self._trained[variant]
 
     def _train(self, variant: Variant, case: list[Sample]) -> Result:
         _, step = self.trained(variant)
-        step(self.timed_samples)
+        for number in range(self.timed_samples // variant.batch):
+            step(number)
         return Result(self._exact(variant, case), variant, False)
 
     def _predict(
-        self,
-        variant: Variant,
-        case: list[Sample],
-        batch_size: int = BATCH_SIZE,
-        dtype: torch.dtype = torch.float32,
+        self, variant: Variant, case: list[Sample], batch_size: int = BATCH_SIZE, dtype: torch.dtype = torch.float32
     ) -> Result:
         """Predict in batches; bfloat16 by autocast as in Lightning, the other types throughout."""
         model, mixed = self.trained(variant)[0], dtype == torch.bfloat16

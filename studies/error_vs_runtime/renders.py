@@ -3,10 +3,9 @@
 Import it before anything that loads embree, because it loads Blender.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import cached_property, partial
-from pathlib import Path
 from typing import Any, NamedTuple
 
 from palpate.vision import Camera, Renderer, blender, paper_camera
@@ -18,12 +17,11 @@ from PIL import Image as PillowImage  # noqa: E402
 
 from palpate.scene import Scene  # noqa: E402
 from palpate.vision.renderer import CYCLES  # noqa: E402
-from studies.error_vs_runtime.study import Method, Study  # noqa: E402
-from studies.pictures import rms, similarity  # noqa: E402
+from studies.error_vs_runtime.study import Method, Study, variants  # noqa: E402
+from studies.image_difference import rms, similarity  # noqa: E402
 from studies.scenes import scene_of  # noqa: E402
 from studies.subjects import Subject  # noqa: E402
 
-OBJECTS = 2  # that are looked at
 # The reference: another draw of random numbers, and nothing omitted.
 REFERENCE = 4096  # samples a pixel
 REFERENCE_CYCLES = {
@@ -62,38 +60,32 @@ class ImagePair(NamedTuple):
     foreground: list[np.ndarray]
 
 
-def study(run: Path, subjects: list[Subject], settings: Mapping[str, Any]) -> "Renders":
-    """The study of the first `OBJECTS` objects, in their first grasp. settings: section `vision`."""
-    return Renders(Path(run), subjects[:OBJECTS], settings["vision"])
-
-
 class Renders(Study):
     stage = "renders"
-    units = {
-        "RMSE": "grey levels",
-        "1 - SSIM": "1",
-        "RMSE alone": "grey levels",
-        "RMSE in the hand": "grey levels",
-    }
+    units = {"RMSE": "grey levels", "1 - SSIM": "1", "RMSE alone": "grey levels", "RMSE in the hand": "grey levels"}
     reference = (
         f"{REFERENCE} samples a pixel, 24 bounces of every kind, caustics, another seed; pixels that show"
         " something in the middle of the pictures"
     )
 
-    def __init__(self, run: Path, subjects: list[Subject], vision: Mapping[str, Any]):
-        self.run, self.subjects, self.vision = run, subjects, vision
+    objects = 2  # in their first grasp
+
+    @property
+    def vision(self) -> Mapping[str, Any]:
+        """The section `vision` of the config."""
+        return self.settings["vision"]
 
     @cached_property
     def renderer(self) -> Renderer:
         return Renderer(self.vision["samples"], self.vision["device"])
 
-    def cases(self) -> Iterator[tuple[str, ImagePair]]:
-        for subject in self.subjects:
-            scene = scene_of(self.run, subject)
-            case = ImagePair(replace(scene, link_pose=scene.link_pose[:1]), [], [])
-            reference = self.reference_images(case)
-            foreground = [(image < BACKGROUND_LEVEL).any(axis=-1) for image in reference]
-            yield subject.name, case._replace(reference=reference, foreground=foreground)
+    def case(self, subject: Subject) -> ImagePair:
+        scene = scene_of(self.run, subject)
+        case = ImagePair(replace(scene, link_pose=scene.link_pose[:1]), [], [])
+        reference = self.reference_images(case)
+        return case._replace(
+            reference=reference, foreground=[(image < BACKGROUND_LEVEL).any(axis=-1) for image in reference]
+        )
 
     def reference_images(self, case: ImagePair, samples: int = REFERENCE) -> list[np.ndarray]:
         """The middles of the two images at reference quality."""
@@ -106,21 +98,23 @@ class Renders(Study):
         return replace(whole, size=whole.size - 2 * round(whole.size * (1 - CROP) / 2))
 
     def methods(self) -> list[Method]:
-        size, chosen = self.vision["size"], self.vision["samples"]
-        methods = []
-        for samples in sorted({*SAMPLES, chosen}):
-            run = partial(self.rendered, samples=samples)
-            methods.append(Method("path tracing", "samples", samples, run, samples == chosen))
-        for bounces in sorted({*BOUNCES, CYCLES["diffuse_bounces"]}):
-            run = partial(self.rendered, cycles=_bounces(bounces))
-            methods.append(Method("path tracing", "bounces", bounces, run, bounces == CYCLES["diffuse_bounces"]))
-        for samples in sorted({max(1, round(chosen * share)) for share in DENOISED_SHARES}):
-            run = partial(self.rendered, samples=samples, cycles=DENOISER)
-            methods.append(Method("denoised by OpenImageDenoise", "samples", samples, run))
+        size, chosen, rendered = self.vision["size"], self.vision["samples"], self.rendered
+        own, most = CYCLES["diffuse_bounces"], ADAPTIVE_FACTOR * self.vision["samples"]
+        shares = sorted({max(1, round(chosen * share)) for share in DENOISED_SHARES})
+        adaptive = {"use_adaptive_sampling": True}
+
+        def denoised(samples: int) -> Callable:
+            return partial(rendered, samples=samples, cycles=DENOISER)
+
+        samples, bounces = sorted({*SAMPLES, chosen}), sorted({*BOUNCES, own})
+        methods = [
+            *variants("path tracing", "samples", samples, lambda n: partial(rendered, samples=n), chosen),
+            *variants("path tracing", "bounces", bounces, lambda n: partial(rendered, cycles=_bounces(n)), own),
+            *variants("denoised by OpenImageDenoise", "samples", shares, denoised),
+        ]
         for threshold in ADAPTIVE_THRESHOLDS:
-            cycles = {"use_adaptive_sampling": True, "adaptive_threshold": threshold}
-            run = partial(self.rendered, samples=ADAPTIVE_FACTOR * chosen, cycles=cycles)
-            methods.append(Method(f"adaptive, at most {ADAPTIVE_FACTOR * chosen} samples", "threshold", threshold, run))
+            run = partial(rendered, samples=most, cycles=adaptive | {"adaptive_threshold": threshold})
+            methods.append(Method(f"adaptive, at most {most} samples", "threshold", threshold, run))
         for scale, share in SCALES:
             samples = max(1, round(chosen * share))
             run = partial(self.resized, side=round(size * scale), samples=samples)
@@ -151,16 +145,12 @@ class Renders(Study):
 
     def errors(self, case: ImagePair, result: list[np.ndarray]) -> dict[str, float]:
         images = [crop(image, len(reference)) for image, reference in zip(result, case.reference, strict=True)]
-        pairs = list(zip(images, case.reference, case.foreground, strict=True))
-        unoccluded, occluded = (rms(image[foreground], reference[foreground]) for image, reference, foreground in pairs)
-        ssim = np.concatenate([similarity(image, reference)[foreground] for image, reference, foreground in pairs])
-        both = [np.concatenate([pair[k][pair[2]] for pair in pairs]) for k in (0, 1)]
-        return {
-            "RMSE": rms(*both),
-            "1 - SSIM": 1 - float(ssim.mean()),
-            "RMSE alone": unoccluded,
-            "RMSE in the hand": occluded,
-        }
+        triples = list(zip(images, case.reference, case.foreground, strict=True))
+        shown = [(image[at], reference[at]) for image, reference, at in triples]
+        ssim = np.concatenate([similarity(image, reference)[at] for image, reference, at in triples])
+        both = (np.concatenate(each) for each in zip(*shown, strict=True))
+        values = rms(*both), 1 - float(ssim.mean()), *(rms(*each) for each in shown)
+        return dict(zip(self.units, values, strict=True))
 
 
 def crop(image: np.ndarray, side: int) -> np.ndarray:
@@ -173,3 +163,6 @@ def _bounces(number: int) -> dict[str, int]:
     """Settings of Cycles for a number of diffuse and glossy bounces."""
     longest = max(CYCLES["max_bounces"], number)
     return {"diffuse_bounces": number, "glossy_bounces": number, "max_bounces": longest}
+
+
+study = Renders

@@ -1,9 +1,8 @@
 """Shading: error of readings from finite differences relative to true normals, against time."""
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable
 from functools import partial
-from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from scipy import integrate, interpolate, ndimage, signal
@@ -12,7 +11,6 @@ from palpate.touch.sensor import PIXEL, PIXEL_CENTRES, SENSOR_RANGE, SENSOR_WIDT
 from palpate.touch.shading import DIFFUSE, LIGHTS, impression, lit, normals
 from palpate.touch.sphere_tracing import TOLERANCE
 from studies.error_vs_runtime.study import Method, Study
-from studies.subjects import Subject
 
 PRESSES = 8  # of each shape
 MAX_IMPRESSION = 0.006  # m, depth of an impression; the least is a sixth of it
@@ -40,11 +38,6 @@ class Press(NamedTuple):
     inside: np.ndarray
 
 
-def study(run: Path, subjects: list[Subject], settings: Mapping[str, Any]) -> "Shading":
-    """The study of spheres, cylinders, planes and steps; ignores subjects and config."""
-    return Shading()
-
-
 class Shading(Study):
     """Finite differences of several orders, smoothed and limited ones, and splines.
 
@@ -68,34 +61,26 @@ class Shading(Study):
 
     def cases(self) -> Iterable[tuple[str, Press]]:
         random = np.random.default_rng(0)
-        for radius in (0.003, 0.01, 0.03):
-            yield f"sphere {1e3 * radius:g} mm", press(partial(_sphere, radius), random)
-        for radius in (0.005, 0.02):
-            yield f"cylinder {1e3 * radius:g} mm", press(partial(_cylinder, radius), random)
-        yield "plane", press(_plane, random)
-        yield "step", press(_step, random)
-        yield "sphere 10 mm, sphere-traced", press(partial(_traced_sphere, 0.01), random)
+        shapes = {f"sphere {1e3 * radius:g} mm": partial(_sphere, radius) for radius in (0.003, 0.01, 0.03)}
+        shapes |= {f"cylinder {1e3 * radius:g} mm": partial(_cylinder, radius) for radius in (0.005, 0.02)}
+        shapes |= {"plane": _plane, "step": _step, "sphere 10 mm, sphere-traced": partial(_traced_sphere, 0.01)}
+        return ((name, press(shape, random)) for name, shape in shapes.items())
 
     def methods(self) -> list[Method]:
         """The library's differences are second-order, first-order at the border, in single precision."""
-        central = "central differences"
-        return [
-            Method(central, "order", 2, _reading_from_normals(normals), chosen=True),
-            *(Method(central, "order", n, _reading_from_slopes(partial(_central, n))) for n in (4, 6)),
-            Method(central, "order at the border", 1, _reading_from_normals(normals), chosen=True),
-            Method(central, "order at the border", 2, _reading_from_slopes(_gradient)),
-            Method(central, "precision", "float32", _reading_from_normals(normals), chosen=True),
-            Method(central, "precision", "float64", _reading_from_normals(_in_double_precision)),
-            Method("one-sided differences", "order", 1, _reading_from_slopes(_one_sided)),
-            Method("limited differences", "order", 1, _reading_from_slopes(_minmod)),
-            Method("limited differences", "order", 2, _reading_from_slopes(_van_leer)),
-            Method("Sobel", "pixels", 3, _reading_from_slopes(_sobel)),
-            *(
-                Method("Savitzky-Golay, parabola", "pixels", n, _reading_from_slopes(partial(_parabola, n)))
-                for n in (5, 7)
-            ),
-            *(Method("spline", "degree", n, _reading_from_slopes(partial(_spline, n))) for n in (3, 5)),
+        of = _reading_from_slopes
+        own, double = (_reading_from_normals(each) for each in (normals, _in_double_precision))
+        rows = [
+            ("central differences", "order", {2: own, 4: of(partial(_central, 4)), 6: of(partial(_central, 6))}),
+            ("central differences", "order at the border", {1: own, 2: of(_gradient)}),
+            ("central differences", "precision", {"float32": own, "float64": double}),
+            ("one-sided differences", "order", {1: of(_one_sided)}),
+            ("limited differences", "order", {1: of(_minmod), 2: of(_van_leer)}),
+            ("Sobel", "pixels", {3: of(_sobel)}),
+            ("Savitzky-Golay, parabola", "pixels", {n: of(partial(_parabola, n)) for n in (5, 7)}),
+            ("spline", "degree", {n: of(partial(_spline, n)) for n in (3, 5)}),
         ]
+        return [Method(name, knob, value, run, run is own) for name, knob, runs in rows for value, run in runs.items()]
 
     def errors(self, case: Press, result: tuple[np.ndarray, np.ndarray]) -> dict[str, float]:
         normal, reading = result
@@ -291,3 +276,6 @@ def _step(random: np.random.Generator) -> Surface:
     up = (Y - y) * u + (Z - z) * v > 0
     low = random.uniform(0, depth)
     return Surface(np.where(up, depth, low), np.zeros((2, *Y.shape)), up.astype(int))
+
+
+study = Shading

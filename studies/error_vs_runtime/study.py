@@ -6,13 +6,15 @@ A study defines methods, cases and errors. `measure` runs every method on every 
 
 import logging
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import partial
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
 
-from studies.error_vs_runtime.front import front
+from studies.subjects import Subject
 from studies.timing import ROUNDS, Timing, differs_significantly, interleaved, timing, with_peak_memory
 
 log = logging.getLogger(__name__)
@@ -40,24 +42,40 @@ class Method(NamedTuple):
         return f"{self.name}, {self.knob} {self.value}"
 
 
+def variants(name: str, knob: str, values: Iterable, make: Callable, chosen: Any = None) -> list[Method]:
+    """A method at each value of a knob; make: from a value to what runs it. chosen: the config's value."""
+    return [Method(name, knob, value, make(value), value == chosen) for value in values]
+
+
 class Study(ABC):
-    """A comparison of the methods of one stage.
+    """A comparison of the methods of one stage, on objects of a run.
 
     Attributes:
         stage: its name in the report.
         units: the measures of error and their units.
         panels: how many of them, from the first, the figure draws.
         reference: what errors are against, in words.
+        objects: how many subjects are used at most; None for all.
     """
 
     stage: str
     units: Mapping[str, str]
     reference: str
     panels: int = 1
+    objects: int | None = None
 
-    @abstractmethod
+    def __init__(self, run: Path | None = None, subjects: Sequence[Subject] = (), settings: Mapping | None = None):
+        """settings: the sections of the config that `studies.items` names."""
+        self.run, self.subjects, self.settings = run, subjects[: self.objects], settings or {}
+
     def cases(self) -> Iterable[tuple[str, Any]]:
         """Names of objects, and the case of each that methods take."""
+        for subject in self.subjects:
+            yield subject.name, self.case(subject)
+
+    def case(self, subject: Subject) -> Any:
+        """The case of one subject."""
+        raise NotImplementedError
 
     @abstractmethod
     def methods(self) -> list[Method]:
@@ -68,6 +86,14 @@ class Study(ABC):
         """Errors of a result: a number for each key of `units`, NaN where one is undefined."""
 
 
+class Measured(NamedTuple):
+    """One method on one case. memory: bytes."""
+
+    errors: dict[str, float]
+    memory: float
+    time: Timing
+
+
 def measure(study: Study, rounds: int = ROUNDS) -> pd.DataFrame:
     """Run every method on every case: a row for each case, method and measure, with the columns `COLUMNS`.
 
@@ -76,24 +102,20 @@ def measure(study: Study, rounds: int = ROUNDS) -> pd.DataFrame:
     same error. `noisy`: on the front, but its time does not differ significantly from that of its neighbour there.
     Rows of the object `ALL` are means over the objects.
     """
-    methods = study.methods()
-    measurements: dict[str, dict[Method, tuple[dict[str, float], float, Timing]]] = {}
+    methods, objects = study.methods(), {}
     for name, case in study.cases():
         log.info("%s: %s, %d methods", study.stage, name, len(methods))
-        errors, memory = {}, {}
+        calls, found = {number: partial(method.run, case) for number, method in enumerate(methods)}, []
         for number, method in enumerate(methods):
-            result, memory[number] = with_peak_memory(lambda m=method, case=case: m.run(case))
-            errors[number] = study.errors(case, result)
+            result, memory = with_peak_memory(calls[number])
+            found.append((study.errors(case, result), memory))
             del result
-            log.info("  %s: %s", method, errors[number])
-        calls = {number: lambda m=method, case=case: m.run(case) for number, method in enumerate(methods)}
+            log.info("  %s: %s", method, found[-1][0])
         times = interleaved(calls, rounds, warm=True)
-        measurements[name] = {m: (errors[k], memory[k], times[k]) for k, m in enumerate(methods)}
-    if len(measurements) > 1:
-        measurements[ALL] = {
-            m: _mean_over_objects([of[m] for of in measurements.values()], study.units) for m in methods
-        }
-    rows = [row for name, of in measurements.items() for row in _rows(study, name, of, rounds)]
+        objects[name] = [Measured(*each, times[number]) for number, each in enumerate(found)]
+    if len(objects) > 1:
+        objects[ALL] = [_mean_over_objects(of_method) for of_method in zip(*objects.values(), strict=True)]
+    rows = [row for name, measured in objects.items() for row in _rows(study, name, methods, measured, rounds)]
     table = pd.DataFrame(rows, columns=list(COLUMNS))
     for row in table[table["noisy"] & table["drawn"] & (table["object"] == ALL)].itertuples():
         log.warning(
@@ -118,45 +140,39 @@ def over_objects(table: pd.DataFrame) -> pd.DataFrame:
     return table[(table["object"] == ALL) | ~table["stage"].isin(together)]
 
 
-def _mean_over_objects(measurements: list, units: Mapping[str, str]) -> tuple[dict[str, float], float, Timing]:
+def front(seconds: np.ndarray, error: np.ndarray) -> np.ndarray:
+    """Which methods, with seconds (n,) and error (n,), are on the Pareto front: (n,) bool.
+
+    A method is not on it if another is at least as good in time and error, and better in one of them. Nor is one
+    whose error is NaN or whose time is not finite.
+    """
+    s, e = np.asarray(seconds, dtype=float), np.asarray(error, dtype=float)
+    known = np.isfinite(s) & ~np.isnan(e)
+    no_worse = (s[None] <= s[:, None]) & (e[None] <= e[:, None])
+    better = (s[None] < s[:, None]) | (e[None] < e[:, None])
+    return known & ~(no_worse & better & known).any(axis=1)
+
+
+def _mean_over_objects(measured: Iterable[Measured]) -> Measured:
     """One method on several objects: mean errors, the largest memory, the mean time round by round."""
-    errors = {key: float(np.mean([errors[key] for errors, _, _ in measurements])) for key in units}
-    together = timing(np.mean([each.rounds for _, _, each in measurements], axis=0))
-    return errors, max(memory for _, memory, _ in measurements), together
+    errors, memory, times = zip(*measured, strict=True)
+    means = {key: float(np.mean([each[key] for each in errors])) for key in errors[0]}
+    return Measured(means, max(memory), timing(np.mean([each.rounds for each in times], axis=0)))
 
 
-def _rows(study: Study, name: str, measurements: Mapping[Method, tuple], rounds: int) -> list[dict[str, Any]]:
-    rows = []
-    for number, (measured, unit) in enumerate(study.units.items()):
-        methods = list(measurements)
-        times = [measurements[m][2] for m in methods]
-        on_front = front([t.seconds for t in times], [measurements[m][0][measured] for m in methods])
-        noisy = _noisy(times, on_front)
-        for method, is_on_front, doubtful in zip(methods, on_front, noisy, strict=True):
-            errors, memory, times_of_method = measurements[method]
-            rows.append(
-                {
-                    "stage": study.stage,
-                    "object": name,
-                    "method": method.name,
-                    "knob": method.knob,
-                    "value": method.value,
-                    "chosen": method.chosen,
-                    "measure": measured,
-                    "drawn": number < study.panels,
-                    "error": errors[measured],
-                    "unit": unit,
-                    "reference": study.reference,
-                    "seconds": times_of_method.seconds,
-                    "seconds_low": times_of_method.low,
-                    "seconds_high": times_of_method.high,
-                    "rounds": rounds,
-                    "peak_mib": memory / 2**20,
-                    "front": bool(is_on_front),
-                    "noisy": bool(doubtful),
-                }
-            )
-    return rows
+def _rows(study: Study, name: str, methods: list[Method], measured: list[Measured], rounds: int) -> Iterable[dict]:
+    times = [each.time for each in measured]
+    for number, (measure_name, unit) in enumerate(study.units.items()):
+        on_front = front([time.seconds for time in times], [each.errors[measure_name] for each in measured])
+        each_method = zip(methods, measured, on_front, _noisy(times, on_front), strict=True)
+        for method, (errors, memory, time), is_on_front, noisy in each_method:
+            yield dict(
+                zip(("stage", "object", "method", "knob", "value"), (study.stage, name, *method[:3]), strict=True),
+                chosen=method.chosen, measure=measure_name, drawn=number < study.panels, error=errors[measure_name],
+                unit=unit, reference=study.reference, seconds=time.seconds, seconds_low=time.low,
+                seconds_high=time.high, rounds=rounds, peak_mib=memory / 2**20, front=bool(is_on_front),
+                noisy=bool(noisy),
+            )  # fmt: skip
 
 
 def _noisy(times: list[Timing], on_front: np.ndarray) -> np.ndarray:

@@ -1,9 +1,8 @@
 """Surface sampling: which area gets points and how evenly, against time."""
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable
 from functools import partial
-from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import igl
 import numpy as np
@@ -15,8 +14,7 @@ from palpate.mesh import load_visual
 from palpate.surface.depth_maps import RESOLUTION, VIEWS, sample_by_depth_maps
 from palpate.surface.embree import RayMesh
 from palpate.surface.rays import DIRECTIONS, fibonacci_sphere, sample_by_rays, sees_out
-from studies.error_vs_runtime.study import Method, Study
-from studies.subjects import Subject
+from studies.error_vs_runtime.study import Method, Study, variants
 
 COUNTS = (16, 32, 64, 128, 256)  # directions of rays
 RESOLUTIONS = (64, 128, 256, 512)  # pixels along a depth map
@@ -49,16 +47,8 @@ class Sampled(NamedTuple):
     classifies: Callable[[Case], np.ndarray]
 
 
-def study(run: Path, subjects: list[Subject], settings: Mapping[str, Any]) -> "Surface":
-    """Surface sampling of the first two subjects and of two shapes whose exterior is known.
-
-    settings: the section `surface` of the config.
-    """
-    return Surface(subjects[:2], settings["surface"]["points"], settings["surface"]["method"])
-
-
 class Surface(Study):
-    """Visibility rays and depth maps.
+    """Visibility rays and depth maps, on two shapes whose exterior is known and on two objects.
 
     `misclassified` is the hidden area that gets points plus the exterior area that gets none. For depth maps it
     does not depend on their resolution, because each pixel looks at a random spot of its square. Coarse maps err in
@@ -72,26 +62,24 @@ class Surface(Study):
         "shapes: the exterior in closed form, 20,000 places; objects: 2,000 places by area (trimesh), each "
         f"seeing out in any of {REFERENCE} Sobol directions (libigl's tree of boxes, double precision)"
     )
-
-    def __init__(self, subjects: list[Subject], points: int, chosen: str):
-        """points: how many are drawn. chosen: the run's method."""
-        self._subjects, self._points, self._chosen = subjects, points, chosen
+    objects = 2
 
     def cases(self) -> Iterable[tuple[str, Case]]:
         yield "overlapping spheres", overlapping_spheres()
         yield "cup 4 radii deep", cup(4)
-        for subject in self._subjects:
+        for subject in self.subjects:
             yield subject.name, traced_case(load_visual(subject.folder))
 
     def methods(self) -> list[Method]:
-        rays, maps = self._chosen == "rays", self._chosen == "depth_maps"
+        directions, resolution = (
+            value if self.settings["surface"]["method"] == method else None
+            for method, value in (("rays", DIRECTIONS), ("depth_maps", RESOLUTION))
+        )
+        six = lambda n: partial(self._maps, n, VIEWS)  # noqa: E731
         return [
-            *(Method("rays", "directions", n, partial(self._rays, n), rays and n == DIRECTIONS) for n in COUNTS),
-            *(
-                Method("6 depth maps", "pixels", n, partial(self._maps, n, VIEWS), maps and n == RESOLUTION)
-                for n in RESOLUTIONS
-            ),
-            Method("20 depth maps", "pixels", 128, partial(self._maps, 128, MORE_VIEWS)),
+            *variants("rays", "directions", COUNTS, lambda n: partial(self._rays, n), directions),
+            *variants("6 depth maps", "pixels", RESOLUTIONS, six, resolution),
+            *variants("20 depth maps", "pixels", (128,), lambda n: partial(self._maps, n, MORE_VIEWS)),
         ]
 
     def errors(self, case: Case, result: Sampled) -> dict[str, float]:
@@ -103,13 +91,14 @@ class Surface(Study):
         }
 
     def _rays(self, directions: int, case: Case) -> Sampled:
-        points = sample_by_rays(RayMesh(case.mesh), self._points, np.random.default_rng(0), directions)
-        return Sampled(points, partial(_visible_to_rays, directions))
+        points = self.settings["surface"]["points"]
+        sampled = sample_by_rays(RayMesh(case.mesh), points, np.random.default_rng(0), directions)
+        return Sampled(sampled, partial(_visible_to_rays, directions))
 
     def _maps(self, resolution: int, views: np.ndarray, case: Case) -> Sampled:
-        random = np.random.default_rng(0)
-        points = sample_by_depth_maps(RayMesh(case.mesh), self._points, random, resolution, views)
-        return Sampled(points, lambda case: visible(case.mesh, case.points, case.face, -views))
+        points, random = self.settings["surface"]["points"], np.random.default_rng(0)
+        sampled = sample_by_depth_maps(RayMesh(case.mesh), points, random, resolution, views)
+        return Sampled(sampled, lambda case: visible(case.mesh, case.points, case.face, -views))
 
 
 def _visible_to_rays(directions: int, case: Case) -> np.ndarray:
@@ -177,3 +166,6 @@ def cup(depth: float) -> Case:
 def _sample_points(mesh: trimesh.Trimesh, count: int = SHAPE_POINTS) -> tuple[np.ndarray, np.ndarray]:
     points, face = trimesh.sample.sample_surface(mesh, count, seed=POINTS_SEED)
     return np.asarray(points), np.asarray(face)
+
+
+study = Surface

@@ -1,9 +1,9 @@
 """Touch depth: error of depth maps, and of readings made from them, relative to exact rays, against time."""
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import igl
 import numpy as np
@@ -17,7 +17,8 @@ from palpate import mesh, store
 from palpate.touch import RESOLUTION, SENSOR_RANGE, SENSOR_WIDTH, TRACERS, RayCaster, SphereTracer, shade
 from palpate.touch.sensor import SENSOR_PLANE
 from palpate.touch.sphere_tracing import TOLERANCE
-from studies.error_vs_runtime.study import Method, Study
+from studies.error_vs_runtime.study import Method, Study, variants
+from studies.exact_depth import exact_depth
 from studies.subjects import Subject
 
 TOUCHES = 4  # of an object: the first that its grasps have
@@ -30,10 +31,8 @@ CELLS = (6, 12, 20)  # along each side of the box in front of a sensor
 class Case(NamedTuple):
     """An object with sensors that touch it, all in its own frame, metres.
 
-    Attributes:
-        visual: every face; decimated: meshes with fewer faces, by their file.
-        position: (k, 3), rotation: (k, 3, 3) of the sensors.
-        depth: (k, 100, 100) the reference; reading: (k, 100, 100, 3) uint8, made from it.
+    visual: every face; decimated: meshes with fewer faces, by their file. position: (k, 3), rotation: (k, 3, 3) of the
+    sensors. depth: (k, 100, 100) the reference; reading: (k, 100, 100, 3) uint8, made from it.
     """
 
     visual: trimesh.Trimesh
@@ -42,35 +41,6 @@ class Case(NamedTuple):
     rotation: np.ndarray
     depth: np.ndarray
     reading: np.ndarray
-
-
-def exact_depth(triangles: np.ndarray, position: np.ndarray, rotation: np.ndarray) -> np.ndarray:
-    """Depth of every pixel of one sensor (100, 100), +inf beyond its range: tests every ray with every face.
-
-    By Moeller and Trumbore (1997), in the sensor's frame, in the precision of the arguments. Faces whose bounding
-    boxes miss all rays are skipped.
-
-    triangles: (f, 3, 3), position: (3,), rotation: (3, 3), all in one frame, metres.
-    """
-    corners = (triangles - position) @ rotation
-    low, high = corners.min(axis=1), corners.max(axis=1)
-    half = SENSOR_WIDTH / 2
-    ahead = (low[:, 0] <= SENSOR_RANGE) & (high[:, 0] >= 0)
-    ahead &= (low[:, 1:] <= half).all(axis=1) & (high[:, 1:] >= -half).all(axis=1)
-    a, b, c = corners[ahead].swapaxes(0, 1)
-    across = np.cross(np.array([1, 0, 0], dtype=corners.dtype), c - a)
-    determinant = ((b - a) * across).sum(axis=-1)
-    depth = np.full((RESOLUTION, RESOLUTION), np.inf, dtype=corners.dtype)
-    with np.errstate(divide="ignore", invalid="ignore"):  # a face seen exactly edge-on is not hit
-        for row, starts in enumerate(SENSOR_PLANE):
-            away = starts[:, None] - a
-            turned = np.cross(away, b - a)
-            u = (away * across).sum(axis=-1) / determinant
-            v = turned[..., 0] / determinant
-            t = (turned * (c - a)).sum(axis=-1) / determinant
-            inside = (u >= 0) & (v >= 0) & (u + v <= 1) & (t >= 0) & (t <= SENSOR_RANGE)
-            depth[row] = np.where(inside, t, np.inf).min(axis=1, initial=np.inf)
-    return depth
 
 
 def traced_by_library(tracer: Callable, visual: trimesh.Trimesh, position, rotation, **options) -> np.ndarray:
@@ -93,8 +63,7 @@ def traced_in_single_precision(visual: trimesh.Trimesh, position, rotation) -> n
     TriangleMesh(scene, visual.vertices.astype(np.float32), visual.faces.astype(np.int32))
     depth = []
     for rays in map(_rays, position, rotation):
-        start, direction = (part.astype(np.float32) for part in rays)
-        hit = scene.run(start, direction, output=1)
+        hit = scene.run(*(part.astype(np.float32) for part in rays), output=1)
         depth.append(np.where(hit["primID"] >= 0, hit["tfar"], np.inf))
     return _in_range(np.array(depth))
 
@@ -118,12 +87,9 @@ def traced_on_grid(visual: trimesh.Trimesh, position, rotation, cells: int) -> n
     axes = [np.linspace(0, SENSOR_RANGE, cells + 1)] + 2 * [np.linspace(-half, half, cells + 1)]
     corners = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
     points = corners @ rotation.swapaxes(1, 2) + position[:, None]
-    signed = igl.signed_distance(
-        points.reshape(-1, 3),
-        np.asarray(visual.vertices, dtype=float),
-        np.asarray(visual.faces, dtype=np.int64),
-        sign_type=igl.SIGNED_DISTANCE_TYPE_FAST_WINDING_NUMBER,
-    )[0].reshape(-1, *3 * (cells + 1,))
+    surface = np.asarray(visual.vertices, dtype=float), np.asarray(visual.faces, dtype=np.int64)
+    kind = igl.SIGNED_DISTANCE_TYPE_FAST_WINDING_NUMBER
+    signed = igl.signed_distance(points.reshape(-1, 3), *surface, sign_type=kind)[0].reshape(-1, *3 * (cells + 1,))
     return _in_range(np.array([_sphere_traced(RegularGridInterpolator(axes, distance)) for distance in signed]))
 
 
@@ -151,61 +117,43 @@ class TouchStudy(Study):
     """Ways to compute the depth maps of an object's first touches; times include the search tree or grid.
 
     A run builds the search tree once for all touches of an object, several times as many as here.
-
-    Args:
-        run: its folder; meshes and grasps are read.
-        subjects: objects.
-        settings: of the config; `touch` and `mesh` are read.
     """
 
     stage = "touch"
     units = {"depth": "mm", "worst depth": "mm", "flipped": "% of pixels", "reading": "grey levels"}
-    reference = "every ray against every face of the visual mesh (Moeller and Trumbore), double precision"
+    reference = "every ray against every face of the visual mesh (barycentric coordinates), double precision"
 
-    def __init__(self, run: Path, subjects: Sequence[Subject], settings: Mapping[str, Any]):
-        self.run, self.subjects = Path(run), subjects
-        self.tracer = settings["touch"]["method"]
-        self.files = ["collision.ply", *(f"level-{faces}.ply" for faces in settings["mesh"]["levels"])]
+    @property
+    def files(self) -> list[str]:
+        """The run's meshes with fewer faces."""
+        return ["collision.ply", *(f"level-{faces}.ply" for faces in self.settings["mesh"]["levels"])]
 
-    def cases(self) -> Iterable[tuple[str, Case]]:
-        for subject in self.subjects:
-            yield subject.name, self._case(subject)
-
-    def _case(self, subject: Subject) -> Case:
+    def case(self, subject: Subject) -> Case:
         visual = mesh.load_visual(subject.folder)
         position, rotation = _touching_sensors(self.run, subject)
-        triangles = np.asarray(visual.triangles, dtype=float)
-        depth = np.array([exact_depth(triangles, p, r) for p, r in zip(position, rotation, strict=True)])
+        depths = [exact_depth(visual.triangles, *pose) for pose in zip(position, rotation, strict=True)]
+        depth = np.array(depths).reshape(-1, RESOLUTION, RESOLUTION)
         decimated = {file: trimesh.load_mesh(subject.folder / file, process=False) for file in self.files}
         return Case(visual, decimated, position, rotation, depth, shade(depth))
 
     def methods(self) -> list[Method]:
         def of(make: Callable[..., np.ndarray], *args, **options) -> Callable[[Case], np.ndarray]:
-            make = partial(make, *args)
-            return lambda case: make(case.visual, case.position, case.rotation, **options)
+            return lambda case: make(*args, case.visual, case.position, case.rotation, **options)
 
         def decimated(file: str) -> Callable[[Case], np.ndarray]:
-            tracer = TRACERS[self.tracer]
-            return lambda case: traced_by_library(tracer, case.decimated[file], case.position, case.rotation)
+            return lambda case: traced_by_library(TRACERS[own], case.decimated[file], case.position, case.rotation)
 
-        spheres = self.tracer == "sphere_tracing"
-        methods = [
-            Method("embree", "precision", "double", of(traced_by_library, RayCaster), self.tracer == "embree"),
+        own, spheres = self.settings["touch"]["method"], partial(of, traced_by_library, SphereTracer)
+        tolerance = TOLERANCE if own == "sphere_tracing" else None
+        return [
+            Method("embree", "precision", "double", of(traced_by_library, RayCaster), own == "embree"),
             Method("embree alone", "precision", "single", of(traced_in_single_precision)),
             Method("trimesh's wrapper", "precision", "double", of(traced_by_trimesh)),
+            *variants("sphere tracing", "tolerance, m", TOLERANCES, lambda t: spheres(tolerance=t), tolerance),
+            *variants("sphere tracing", "steps", STEPS, lambda steps: spheres(max_steps=steps)),
+            *variants("sphere tracing on a grid", "cells a side", CELLS, lambda n: of(traced_on_grid, cells=n)),
+            *variants(f"{own}, fewer faces", "mesh", self.files, decimated),
         ]
-        for tolerance in TOLERANCES:
-            run = of(traced_by_library, SphereTracer, tolerance=tolerance)
-            chosen = spheres and tolerance == TOLERANCE
-            methods.append(Method("sphere tracing", "tolerance, m", tolerance, run, chosen))
-        for steps in STEPS:
-            run = of(traced_by_library, SphereTracer, max_steps=steps)
-            methods.append(Method("sphere tracing", "steps", steps, run))
-        for cells in CELLS:
-            methods.append(Method("sphere tracing on a grid", "cells a side", cells, of(traced_on_grid, cells=cells)))
-        for file in self.files:
-            methods.append(Method(f"{self.tracer}, fewer faces", "mesh", file, decimated(file)))
-        return methods
 
     def errors(self, case: Case, result: np.ndarray) -> dict[str, float]:
         """Errors of depth over pixels in range in both; of readings, over pixels in range in either."""
@@ -229,6 +177,4 @@ def _touching_sensors(run: Path, subject: Subject) -> tuple[np.ndarray, np.ndarr
     return position[:TOUCHES] - mesh.OBJECT_POSITION, rotation[:TOUCHES]
 
 
-def study(run: Path, subjects: Sequence[Subject], settings: Mapping[str, Any]) -> TouchStudy:
-    """The study of a run; `settings`: `touch` and `mesh` of the config."""
-    return TouchStudy(run, subjects, settings)
+study = TouchStudy

@@ -3,10 +3,9 @@
 Charts are fitted to true depth maps, so that the error is the fit's and not the U-Net's.
 """
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from functools import partial
 from inspect import signature
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -14,17 +13,18 @@ import torch
 from scipy.spatial import cKDTree
 from torch import Tensor
 
-from palpate.charts import TouchChart, fit_adam, fit_direct, touch_chart
+from palpate.charts import fit_adam, fit_direct, touch_chart
 from palpate.charts.fit import placed
 from palpate.dataset import Dataset
 from palpate.mesh import OBJECT_POSITION, load_visual
 from palpate.mesh.distance import Surface, sample
-from palpate.touch import PIXEL_CENTRES, RESOLUTION, SENSOR_RANGE, SENSOR_WIDTH, local_points
+from palpate.touch import PIXEL_CENTRES, RESOLUTION, SENSOR_WIDTH, local_points
 from palpate.training.losses import subsample
-from studies.error_vs_runtime.study import Method, Study
+from studies.error_vs_runtime.study import Method, Study, variants
+from studies.exact_depth import exact_depth
 from studies.subjects import Subject
 
-OBJECTS, TOUCHES = 2, 2  # that are looked at, and of each object
+TOUCHES = 2  # of each object
 RAYS_PER_PIXEL = 4  # along each side of a pixel, to sample the true surface
 CHART_POINTS = 20_000  # points on a chart
 MAX_STEPS = 100  # steps of the paper's optimisation, where the run does not use it
@@ -36,10 +36,9 @@ VARIANTS = {"steps": (50,), "samples": (500,), "rate": (0.01,), "points of the c
 class Touches(NamedTuple):
     """k touches of one object.
 
-    Attributes:
-        depth: (k, 100, 100) m, valid: (k, 100, 100), position: (k, 3) m and rotation: (k, 3, 3) in the world:
-            what `fit_direct` takes. clouds: k local clouds, what `fit_adam` takes.
-        truth: k times points (n, 3) of the true surface, dense, and a tree of them.
+    depth: (k, 100, 100) m, valid: (k, 100, 100), position: (k, 3) m and rotation: (k, 3, 3) in the world: what
+    `fit_direct` takes. clouds: k local clouds, what `fit_adam` takes. truth: k times points (n, 3) of the true surface,
+    dense, and a tree of them.
     """
 
     depth: Tensor
@@ -50,39 +49,16 @@ class Touches(NamedTuple):
     truth: list[tuple[np.ndarray, cKDTree]]
 
 
-def visible_surface(
-    triangles: np.ndarray, position: np.ndarray, rotation: np.ndarray, rays_per_pixel: int
-) -> np.ndarray:
-    """Points (n, 3) where the parallel rays of a sensor first meet the surface within its range.
+def visible_surface(triangles: np.ndarray, position: np.ndarray, rotation: np.ndarray, per_pixel: int) -> np.ndarray:
+    """Points (n, 3) where parallel rays of a sensor, `per_pixel`^2 a pixel, first meet the surface within its range.
 
-    Every pixel has `rays_per_pixel` x `rays_per_pixel` rays. Triangle by triangle in double precision, with
-    barycentric coordinates. triangles: (f, 3, 3) m, in the frame of the pose.
+    triangles: (f, 3, 3) m, in the frame of the pose.
     """
-    corners = (triangles - position) @ rotation
-    side = RESOLUTION * rays_per_pixel
-    low, high = corners.min(axis=1), corners.max(axis=1)
-    first = np.ceil((low[:, 1:] / SENSOR_WIDTH + 0.5) * side - 0.5).clip(0).astype(int)
-    last = np.floor((high[:, 1:] / SENSOR_WIDTH + 0.5) * side - 0.5).clip(max=side - 1).astype(int)
-    near = (first <= last).all(axis=1) & (high[:, 0] >= 0) & (low[:, 0] <= SENSOR_RANGE)
+    side = RESOLUTION * per_pixel
     centres = ((np.arange(side) + 0.5) / side - 0.5) * SENSOR_WIDTH
-    depth = np.full((side, side), np.inf)
-    for (a, b, c), start, stop in zip(corners[near], first[near], last[near] + 1, strict=True):
-        block = np.s_[start[1] : stop[1], start[0] : stop[0]]
-        y, z = centres[None, block[1]], centres[block[0], None]
-        area = _cross(b[1:] - a[1:], c[1:] - a[1:])
-        if area == 0:
-            continue
-        of_b = ((y - a[1]) * (c[2] - a[2]) - (z - a[2]) * (c[1] - a[1])) / area
-        of_c = ((z - a[2]) * (b[1] - a[1]) - (y - a[1]) * (b[2] - a[2])) / area
-        x = a[0] + of_b * (b[0] - a[0]) + of_c * (c[0] - a[0])
-        inside = (of_b >= 0) & (of_c >= 0) & (of_b + of_c <= 1) & (x >= 0) & (x <= SENSOR_RANGE)
-        depth[block] = np.where(inside, np.minimum(depth[block], x), depth[block])
-    row, column = np.nonzero(np.isfinite(depth))
-    return np.stack([depth[row, column], centres[column], centres[row]], axis=1) @ rotation.T + position
-
-
-def _cross(one: np.ndarray, other: np.ndarray) -> float:
-    return float(one[0] * other[1] - one[1] * other[0])
+    y, z = (each.ravel() for each in np.meshgrid(centres, centres))
+    points = np.stack([exact_depth(triangles, position, rotation, np.stack([y, z], axis=1)), y, z], axis=1)
+    return points[np.isfinite(points[:, 0])] @ rotation.T + position
 
 
 def distances(chart: np.ndarray, truth: np.ndarray, tree: cKDTree) -> tuple[np.ndarray, np.ndarray]:
@@ -103,10 +79,9 @@ def distances(chart: np.ndarray, truth: np.ndarray, tree: cKDTree) -> tuple[np.n
 
 def fit_to_nearest(depth: Tensor, valid: Tensor, position: Tensor, rotation: Tensor) -> Tensor:
     """Another direct fit: each vertex of the sensor's grid is moved to the nearest pixel in contact."""
-    chart: TouchChart = touch_chart()
     z, y = torch.meshgrid(*2 * [torch.from_numpy(PIXEL_CENTRES).float()], indexing="ij")
     pixels = torch.stack([y, z], dim=2).reshape(-1, 2)
-    pixel_distance = torch.cdist(chart.grid, pixels).expand(len(depth), -1, -1)
+    pixel_distance = torch.cdist(touch_chart().grid, pixels).expand(len(depth), -1, -1)
     at = pixel_distance.masked_fill(~valid.flatten(1)[:, None], torch.inf).argmin(dim=2)
     return placed(torch.cat([depth.flatten(1).gather(1, at)[..., None], pixels[at]], dim=2), position, rotation)
 
@@ -120,50 +95,42 @@ class TouchCharts(Study):
         f"the object's faces that the sensor sees, {RAYS_PER_PIXEL} x {RAYS_PER_PIXEL} exact rays a pixel in double "
         f"precision; distances both ways, to the chart's triangles exact. Seconds are for {TOUCHES} touches"
     )
-
-    def __init__(self, run: Path, subjects: Sequence[Subject], fit: str):
-        self.dataset, self.subjects, self.fit = Dataset(run, ("meshes", "touch")), subjects, fit
+    objects = 2
 
     def cases(self) -> Iterable[tuple[str, Touches]]:
-        for subject in self.subjects:
-            touches = self._touches(subject)
-            if touches is not None:
-                yield subject.name, touches
+        """Objects without a successful touch are left out."""
+        dataset = Dataset(self.run, ("meshes", "touch"))
+        found = ((subject.name, self._touches(subject, dataset)) for subject in self.subjects)
+        return ((name, touches) for name, touches in found if touches is not None)
 
-    def _touches(self, subject: Subject) -> Touches | None:
+    def _touches(self, subject: Subject, dataset: Dataset) -> Touches | None:
         """`TOUCHES` of the object's successful touches, evenly spaced in their order; None if it has none."""
         touches = [
-            (grasp, sensor) for grasp in self.dataset[subject.name].grasps for sensor in np.flatnonzero(grasp.success)
+            (grasp, sensor) for grasp in dataset[subject.name].grasps for sensor in np.flatnonzero(grasp.success)
         ]
         chosen = [touches[k * len(touches) // TOUCHES] for k in range(min(TOUCHES, len(touches)))]
         if not chosen:
             return None
         triangles = load_visual(subject.folder).triangles.astype(np.float64) + OBJECT_POSITION
-        arrays = [
-            np.stack([getattr(grasp, name)[sensor] for grasp, sensor in chosen])
-            for name in ("depth", "position", "rotation")
-        ]
-        points = [
-            visible_surface(triangles, place, turn, RAYS_PER_PIXEL) for place, turn in zip(*arrays[1:], strict=True)
-        ]
+        names = ("depth", "position", "rotation")
+        arrays = [np.stack([getattr(grasp, name)[sensor] for grasp, sensor in chosen]) for name in names]
+        points = [visible_surface(triangles, *pose, RAYS_PER_PIXEL) for pose in zip(*arrays[1:], strict=True)]
         depth, position, rotation = (torch.from_numpy(array).float() for array in arrays)
         clouds = [torch.from_numpy(local_points(*each)) for each in zip(*arrays, strict=True)]
-        trees = [(each, cKDTree(each)) for each in points]
-        return Touches(depth, torch.isfinite(depth), position, rotation, clouds, trees)
+        return Touches(depth, torch.isfinite(depth), position, rotation, clouds, [(p, cKDTree(p)) for p in points])
 
     def methods(self) -> list[Method]:
-        own = signature(fit_adam).parameters["steps"].default
-        steps = own if self.fit == "adam" else MAX_STEPS
-        return [
-            Method("direct", "rows", "over the contact", partial(_direct, fit_direct), self.fit == "direct"),
+        by_adam = self.settings["training"]["chart_fit"] == "adam"
+        steps = signature(fit_adam).parameters["steps"].default if by_adam else MAX_STEPS
+        adam = partial(_adam, {"steps": steps})
+        methods = [
+            Method("direct", "rows", "over the contact", partial(_direct, fit_direct), not by_adam),
             Method("direct", "rows", "to the nearest contact", partial(_direct, fit_to_nearest)),
-            Method("Adam", "steps", steps, partial(_adam, {"steps": steps}), self.fit == "adam"),
-            *(
-                Method("Adam", knob, value, partial(_adam, {"steps": steps, knob: value}))
-                for knob, values in VARIANTS.items()
-                for value in values
-            ),
+            Method("Adam", "steps", steps, adam, by_adam),
         ]
+        for knob, values in VARIANTS.items():
+            methods += variants("Adam", knob, values, lambda v, k=knob: partial(_adam, {"steps": steps, k: v}))
+        return methods
 
     def errors(self, case: Touches, result: Tensor) -> dict[str, float]:
         both_ways = [distances(chart, *truth) for chart, truth in zip(result.double().numpy(), case.truth, strict=True)]
@@ -185,6 +152,4 @@ def _adam(options: Mapping[str, Any], case: Touches) -> Tensor:
     return fit_adam(clouds, case.position, case.rotation, generator=generator, **options)
 
 
-def study(run: Path, subjects: Sequence[Subject], settings: Mapping[str, Any]) -> TouchCharts:
-    """The study of a run. Reads `training.chart_fit` of the settings, and the run's meshes and touch stores."""
-    return TouchCharts(run, subjects[:OBJECTS], settings["training"]["chart_fit"])
+study = TouchCharts

@@ -8,18 +8,15 @@ from typing import NamedTuple
 import numpy as np
 import trimesh
 
-from palpate import store
 from palpate.batch import generator
 from palpate.grasp.closing import GraspSimulation
-from palpate.grasp.grasp import Grasper
 from palpate.grasp.patches import surface_patches
 from palpate.grasp.penetration import PenetrationCheck
 from palpate.hand import Hand
-from palpate.mesh import OBJECT_POSITION, load_collision, load_visual
+from palpate.mesh import load_collision, load_visual
+from studies.grasping import Closing, find_closings, grasper_of
 from studies.omitted.omission import NOT_MODELLED, OMITTED, STAYS, Omission
-from studies.omitted.reach import ReachLimitedSimulation
-from studies.omitted.simulations import ChangedSimulation, EveryFace, EveryPair
-from studies.scenes import hand_of
+from studies.omitted.simulations import ChangedSimulation, EveryFace, EveryPair, ReachLimitedSimulation
 from studies.subjects import Subject
 
 CLOSINGS = 4  # an object
@@ -29,14 +26,10 @@ CHECKED = 2  # of them, on whose targets the penetration check runs
 ROUNDING, GIVING_WAY = 1e-6, 0.01
 BOUNDS = {"gravity": ROUNDING, "object degrees of freedom": GIVING_WAY}
 
+# Items that enlarge the compiled model: their times include its compilation.
+IN_THE_MODEL = ("visual geometry", "pairs of palm and object", "pairs of object patches")
 # Items that the engine omits: the result is the same.
-OMITTED_ITEMS = (
-    "visual geometry",
-    "gravity",
-    "object degrees of freedom",
-    "pairs of palm and object",
-    "pairs of object patches",
-)
+OMITTED_ITEMS = (IN_THE_MODEL[0], "gravity", "object degrees of freedom", *IN_THE_MODEL[1:])
 # Items that the penetration check omits, each with a check that doesn't, and the method to compare.
 CHECK_ITEMS: dict[str, tuple[type[PenetrationCheck], str]] = {
     "faces out of the hand": (EveryFace, "in_object"),
@@ -55,21 +48,19 @@ KEPT_ITEMS = {
     "patches out of reach": "the engine's tree of boxes passes them by: nothing would be saved",
 }
 ITEMS = (*OMITTED_ITEMS, *CHECK_ITEMS, *NOT_MODELLED_ITEMS, *KEPT_ITEMS)
-# Items that enlarge the compiled model: their times include its compilation.
-IN_THE_MODEL = ("visual geometry", "pairs of palm and object", "pairs of object patches")
 # Tens of thousands of pairs, half a second a closing and more: one closing on one object only.
 SLOW = "pairs of object patches"
 
 
 class Case(NamedTuple):
-    """One object with closings: collision-free palm poses (4, 4) in the object's frame, and targets (J,)."""
+    """One object with closings, in its frame."""
 
     name: str
     visual: trimesh.Trimesh
     patches: list[np.ndarray]
     hand: Hand
     timestep: float  # s
-    closings: list[tuple[np.ndarray, np.ndarray]]
+    closings: list[Closing]
 
 
 class FinalJoints(NamedTuple):
@@ -82,8 +73,7 @@ class FinalJoints(NamedTuple):
 def omissions(run: Path, subjects: list[Subject], settings: Mapping) -> Iterator[Omission]:
     """Closings with and without each item, and the penetration check with and without its items.
 
-    The pairs of patches are measured on the object with the fewest, in one closing. settings: `grasps`. Reads the
-    run's meshes, surface and grasps (for the hand).
+    The pairs of patches are measured on the object with the fewest, in one closing.
     """
     cases = [load_case(run, subject, settings["grasps"]["timestep"]) for subject in subjects]
     cases = [case for case in cases if case.closings]
@@ -98,44 +88,25 @@ def omissions(run: Path, subjects: list[Subject], settings: Mapping) -> Iterator
 
 def load_case(run: Path, subject: Subject, timestep: float) -> Case:
     """An object of the run with `CLOSINGS` closings, drawn as in the stage."""
-    visual, collision = load_visual(subject.folder), load_collision(subject.folder)
-    surface = store.read(run / f"surface/{subject.batch}.zarr", "object", "points")
-    points = surface["points"][list(surface["object"]).index(subject.name)] - np.array(OBJECT_POSITION)
-    hand = hand_of(run, subject.batch)
-    grasper = Grasper(visual, collision, points, hand, timestep)
-    rng, closings = generator(0, subject.name, "left out"), []
-    for _ in range(CLOSINGS):
-        pose = grasper.free_palm_pose(rng)
-        if pose is not None:
-            closings.append((pose, grasper.workspace.targets(pose, grasper.surface)))
-    return Case(subject.name, visual, surface_patches(collision), hand, timestep, closings)
+    grasper = grasper_of(run, subject, timestep=timestep)
+    closings = find_closings(grasper, generator(0, subject.name, "left out"), CLOSINGS)
+    patches = surface_patches(load_collision(subject.folder))
+    return Case(subject.name, load_visual(subject.folder), patches, grasper.hand, timestep, closings)
 
 
 def closing_omission(case: Case, item: str) -> Omission:
     """The omission of an item of the simulation."""
-    simulations = [
-        partial(changed_simulation, case, item),
-        partial(GraspSimulation, case.hand, case.patches, case.timestep),
-    ]
+    engine = partial(GraspSimulation, case.hand, case.patches, case.timestep)
+    compiled = [partial(changed_simulation, case, item), engine]
     if item in KEPT_ITEMS:
-        simulations.reverse()
+        compiled.reverse()
     if item in IN_THE_MODEL:
-        with_it, without = (lambda compiled=compiled: final_joints(compiled(), case) for compiled in simulations)
+        runs = [lambda make=make: final_joints(make(), case) for make in compiled]
     else:
-        with_it, without = (partial(final_joints, compiled(), case) for compiled in simulations)
-    return Omission(
-        stage="grasp",
-        item=item,
-        when=when(item),
-        object=case.name,
-        with_it=with_it,
-        without=without,
-        difference=joint_difference,
-        unit="degrees",
-        bound=BOUNDS.get(item, 0.0),
-        size=lambda joints: joints.model_bytes,
-        state=NOT_MODELLED if item in NOT_MODELLED_ITEMS else STAYS if item in KEPT_ITEMS else OMITTED,
-    )
+        runs = [partial(final_joints, make(), case) for make in compiled]
+    state = NOT_MODELLED if item in NOT_MODELLED_ITEMS else STAYS if item in KEPT_ITEMS else OMITTED
+    how = {"bound": BOUNDS.get(item, 0.0), "size": lambda joints: joints.model_bytes, "state": state}
+    return Omission("grasp", item, when(item), case.name, *runs, joint_difference, "degrees", **how)
 
 
 def changed_simulation(case: Case, *items: str) -> GraspSimulation:
@@ -168,21 +139,15 @@ def joint_difference(one: FinalJoints, other: FinalJoints) -> float:
 
 def check_omissions(case: Case) -> Iterator[Omission]:
     """Omissions of the penetration check, on hands at their targets, deeper than grasps ever are."""
-    links = [case.hand.forward(pose, targets) for pose, targets in case.closings[:CHECKED]]
-    for item, (naive, depth_of) in CHECK_ITEMS.items():
-        with_it, without = (getattr(check(case.hand, case.visual), depth_of) for check in (naive, PenetrationCheck))
-        yield Omission(
-            stage="grasp",
-            item=item,
-            when=when(item),
-            object=case.name,
-            with_it=partial(penetration_depths, with_it, links),
-            without=partial(penetration_depths, without, links),
-            difference=lambda one, other: float(np.abs(one - other).max()),
-            unit="m",
-        )
+    links = [case.hand.forward(*closing) for closing in case.closings[:CHECKED]]
 
+    def depths(depth_of: Callable[[np.ndarray], float]) -> np.ndarray:
+        return np.array([depth_of(each) for each in links])
 
-def penetration_depths(depth_of: Callable[[np.ndarray], float], links: list[np.ndarray]) -> np.ndarray:
-    """Penetration of each hand (n,), metres."""
-    return np.array([depth_of(each) for each in links])
+    def largest_difference(one: np.ndarray, other: np.ndarray) -> float:
+        return float(np.abs(one - other).max())
+
+    for item, (naive, method) in CHECK_ITEMS.items():
+        of = (getattr(check(case.hand, case.visual), method) for check in (naive, PenetrationCheck))
+        checks = [partial(depths, each) for each in of]
+        yield Omission("grasp", item, when(item), case.name, *checks, largest_difference, "m")

@@ -16,12 +16,10 @@ from studies.omitted.omission import Omission
 from studies.subjects import Subject
 
 WHEN = "a mesh has no more faces than a level asks for"
-# Metres. The distance of a surface to itself is the rounding of nearest points.
-ROUNDING = 1e-9
 
 
 class Level(NamedTuple):
-    """collision.ply: vertices (n, 3), metres, and faces (f, 3); stated: its record in `mesh.json`."""
+    """collision.ply: vertices (n, 3), metres, and faces (f, 3); record: of it in `mesh.json`."""
 
     vertices: np.ndarray
     faces: np.ndarray
@@ -29,27 +27,13 @@ class Level(NamedTuple):
 
 
 def omissions(run: Path, subjects: list[Subject], settings: Mapping) -> Iterator[Omission]:
-    """Prepare objects from their own collision meshes, which have few enough faces already.
-
-    settings: `mesh`. Reads the run's meshes.
-    """
-    asked = settings["mesh"]["collision_faces"]
+    """Prepare objects from their own collision meshes, which have few enough faces already."""
     for subject in subjects:
-        source = subject.folder / "collision.ply"
-        faces = max(asked, len(mesh.load_collision(subject.folder).faces))
-        make = partial(prepared_level, source, faces)
-        for item, (omitted, difference) in ITEMS.items():
-            yield Omission(
-                stage="mesh",
-                item=item,
-                when=WHEN,
-                object=subject.name,
-                with_it=lambda make=make, omitted=omitted: omitted(make()),
-                without=make,
-                difference=difference,
-                unit="m",
-                bound=ROUNDING if item == "distance to the source" else 0.0,
-            )
+        faces = max(settings["mesh"]["collision_faces"], len(mesh.load_collision(subject.folder).faces))
+        make = partial(prepared_level, subject.folder / "collision.ply", faces)
+        for item, (omitted, difference, bound) in ITEMS.items():
+            with_it = lambda make=make, omitted=omitted: omitted(make())  # noqa: E731
+            yield Omission("mesh", item, WHEN, subject.name, with_it, make, difference, "m", bound)
 
 
 def prepared_level(source: Path, faces: int) -> Level:
@@ -82,15 +66,13 @@ def vertex_distance(one: Level, other: Level) -> float:
 
 def record_difference(one: Level, other: Level) -> float:
     """Largest difference (m) of two levels' recorded distances to the source."""
-    return max(
-        abs(one.record[way][key] - other.record[way][key])
-        for way in ("source_to_level", "level_to_source")
-        for key in ("mean", "max")
-    )
+    keys = [(way, key) for way in ("source_to_level", "level_to_source") for key in ("mean", "max")]
+    return max(abs(one.record[way][key] - other.record[way][key]) for way, key in keys)
 
 
-# By item: a function that does the omitted work, and the difference of results.
-ITEMS: dict[str, tuple[Callable[[Level], Level], Callable[[Level, Level], float]]] = {
-    "decimation": (decimate_level, vertex_distance),
-    "distance to the source": (measure_level, record_difference),
+# By item: what does the omitted work, the difference of results, and its bound in metres. The distance of a surface to
+# itself is the rounding of nearest points.
+ITEMS: dict[str, tuple[Callable[[Level], Level], Callable[[Level, Level], float], float]] = {
+    "decimation": (decimate_level, vertex_distance, 0.0),
+    "distance to the source": (measure_level, record_difference, 1e-9),
 }

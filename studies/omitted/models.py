@@ -5,6 +5,8 @@ needs. The naive variants here have needless inputs, whose features get no weigh
 """
 
 from collections.abc import Iterable, Mapping
+from functools import partial
+from operator import attrgetter
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -20,6 +22,7 @@ from palpate.dataset import Dataset
 from palpate.models import Reconstruction
 from palpate.models.encoder import ReadingEncoder
 from palpate.models.reconstruction import POSE_FEATURES
+from palpate.models.touch import TouchAttention
 from palpate.training import TrainingData, checkpoints, recipes
 from palpate.training.inputs import INPUTS, inputs, stages
 from palpate.training.samples import Assembler, windows
@@ -32,26 +35,17 @@ TOUCH = {"strategy": "charts", "vision": "none", "touch": True, "grasps": 1}
 BOTH = VISION | {"touch": True}
 SPHERE = BOTH | {"strategy": "sphere"}
 
-# The arrays of an omission of data, and the stage that makes them.
-ARRAYS = {
-    "unoccluded renders": ("unoccluded", "image_camera"),
-    "occluded renders": ("occluded",),
-    "views": ("views", "camera"),
-    "touch": ("success", "position", "rotation"),
-    "touch charts": ("charts",),
-    "touch readings": ("reading",),
+# Omissions of data: the needless arrays, an experiment that omits them, and all experiments that do.
+DATA = {
+    "unoccluded renders": (("unoccluded", "image_camera"), TOUCH, "touch only, or occluded vision"),
+    "occluded renders": (("occluded",), BOTH, "touch only, or unoccluded vision"),
+    "views": (("views", "camera"), BOTH, "all but single images"),
+    "touch": (("success", "position", "rotation"), VISION, "vision only"),
+    "touch charts": (("charts",), SPHERE, "vision only, and strategy sphere"),
+    "touch readings": (("reading",), BOTH, "all but strategy sphere with touch"),
 }
-# Omissions of data: the inputs, an experiment that omits them, and all experiments that do.
-DATA = (
-    ("unoccluded renders", TOUCH, "touch only, or occluded vision"),
-    ("occluded renders", BOTH, "touch only, or unoccluded vision"),
-    ("views", BOTH, "all but single images"),
-    ("touch", VISION, "vision only"),
-    ("touch charts", SPHERE, "vision only, and strategy sphere"),
-    ("touch readings", BOTH, "all but strategy sphere with touch"),
-)
 IMAGE, READING, SPARE = "image encoder", "reading encoder", "spare touch charts"
-# Omissions of models.
+# Omissions of models: what is needless, an experiment that omits it, and all experiments that do.
 MODEL = (
     (IMAGE, TOUCH, "touch only"),
     (READING, BOTH, "all but strategy sphere with touch"),
@@ -61,7 +55,7 @@ MODEL = (
 GRASPS = 5  # of the largest experiment
 # The same sums in another order: float32 coordinates below 1 m are good to 6e-8 m.
 ROUNDING = 1e-6
-LAST_LAYER = 0.1
+LAST_LAYER = 0.1  # scale of the last layer: vertices move by decimetres, as after training
 
 
 class SpareGraph(Graph):
@@ -84,7 +78,7 @@ class SpareGraph(Graph):
 class NaiveReconstruction(Reconstruction):
     """A model with needless inputs, whose features are further inputs of its first layer.
 
-    naive: subset of `IMAGE`, `READING` and `SPARE`, by default all. Without touch there is no reading to encode.
+    naive: subset of `IMAGE`, `READING` and `SPARE`. Without touch there is no reading to encode.
     """
 
     def __init__(
@@ -98,11 +92,14 @@ class NaiveReconstruction(Reconstruction):
         **sensors: Any,
     ):
         super().__init__(strategy, vision or IMAGE in naive, touch, grasps, architecture, **sensors)
+        width = architecture["gcn"]["width"]
+        if self.pools_touch and not vision:  # beside an image the engine has no attention
+            self.touch_attention = TouchAttention(width)
         if READING in naive and touch and not self.reads_readings:
             self.reads_readings = True
             self.reading_encoder = ReadingEncoder()
             features = self.sensors * (self.reading_encoder.features + POSE_FEATURES)
-            self.reading_weight = nn.Parameter(torch.empty(features, architecture["gcn"]["width"]))
+            self.reading_weight = nn.Parameter(torch.empty(features, width))
         if SPARE in naive:
             charts, graph = self.graph.touch_charts, self.graph
             self.graph = SpareGraph(charts, graph.kind, graph.normalisation, self.hand_sensors * GRASPS - charts)
@@ -127,48 +124,30 @@ class Result(NamedTuple):
 
 
 def omissions(run: Path, subjects: list[Subject], settings: Mapping[str, Any]) -> Iterable[Omission]:
-    """Omissions of data and of models, for the first subject of the run.
-
-    run: its stores of surface, touch, charts, vision and views, and its U-Net. settings: `training` and `recipe`,
-    which has the models' layers.
-    """
+    """Omissions of data and of models, for the first subject of the run, with its U-Net and all its stores."""
     subject = subjects[0]
-    for name, experiment, when in DATA:
-        if (run / stage_of(name)).is_dir():
-            yield data_omission(run, subject, name, experiment, when, settings["training"]["chart_fit"])
+    for name, (arrays, *_) in DATA.items():
+        if (run / next(item.stage for item in INPUTS if item.name in arrays)).is_dir():
+            yield data_omission(run, subject, name, settings["training"]["chart_fit"])
     for name, experiment, when in MODEL:
         yield model_omission(run, subject, name, experiment, when, settings["recipe"])
 
 
-def stage_of(name: str) -> str:
-    """The stage whose store holds the arrays of an omission."""
-    return next(item.stage for item in INPUTS if item.name in ARRAYS[name])
-
-
-def data_omission(
-    run: Path, subject: Subject, name: str, experiment: Mapping[str, Any], when: str, method: str
-) -> Omission:
+def data_omission(run: Path, subject: Subject, name: str, method: str) -> Omission:
     """An omission of data: the arrays of an object are loaded, and its samples assembled.
 
     Touch charts are fitted first, with the run's U-Net.
     """
+    arrays, experiment, when = DATA[name]
 
     def with_it() -> Result:
         if name == "touch charts":
             fit_charts(run, subject, method)
-        return load_samples(run, subject, experiment, ARRAYS[name])
+        return load_samples(run, subject, experiment, arrays)
 
-    return Omission(
-        "experiment",
-        name,
-        when,
-        subject.name,
-        with_it,
-        lambda: load_samples(run, subject, experiment),
-        difference,
-        "of any value of a sample",
-        size=lambda result: result.size,
-    )
+    without, unit = partial(load_samples, run, subject, experiment), "of any value of a sample"
+    size = attrgetter("size")
+    return Omission("experiment", name, when, subject.name, with_it, without, difference, unit, size=size)
 
 
 def load_samples(run: Path, subject: Subject, experiment: Mapping[str, Any], extra: Iterable[str] = ()) -> Result:
@@ -192,28 +171,15 @@ def model_omission(
 ) -> Omission:
     """An omission of models: the prediction of an object; size: bytes of parameters and graph."""
     torch.manual_seed(0)
-    sensors = sensors_of(run)
-    engine = experiment_model(experiment, recipe, **sensors)
-    naive = copy_weights(engine, experiment_model(experiment, recipe, [name], **sensors))
-    batch = first_sample(run, subject)
-    return Omission(
-        "experiment",
-        name,
-        when,
-        subject.name,
-        lambda: predict(naive, batch),
-        lambda: predict(engine, batch),
-        difference,
-        "m",
-        bound=ROUNDING,
-        size=lambda result: result.size,
-    )
-
-
-def sensors_of(run: Path) -> dict[str, Any]:
-    """What a model has to know of a run's sensors: `hand_sensors` and `sensor`."""
     dataset = Dataset(run, ["touch"])
-    return {"hand_sensors": dataset.array("touch", "success").shape[2], "sensor": dataset.sensor}
+    sensors = {"hand_sensors": dataset.array("touch", "success").shape[2], "sensor": dataset.sensor}
+    # Layers are those of vision and touch, so that there is an encoder to add.
+    layers = checkpoints.architecture(BOTH, recipes.settings(recipe, BOTH)) | {"last_layer_scale": LAST_LAYER}
+    engine, naive = (build(experiment, layers, needless, **sensors).eval() for needless in ([], [name]))
+    batch = first_sample(run, subject)
+    runs = [partial(predict, model, batch) for model in (copy_weights(engine, naive), engine)]
+    how = {"bound": ROUNDING, "size": attrgetter("size")}
+    return Omission("experiment", name, when, subject.name, *runs, difference, "m", **how)
 
 
 def first_sample(run: Path, subject: Subject) -> dict[str, Tensor]:
@@ -223,18 +189,6 @@ def first_sample(run: Path, subject: Subject) -> dict[str, Tensor]:
         for experiment in (BOTH, SPHERE)
         for key, values in load_samples(run, subject, experiment).tensors.items()
     }
-
-
-def experiment_model(
-    experiment: Mapping[str, Any], recipe: Mapping[str, Any], naive: Iterable[str] = (), **sensors: Any
-) -> Reconstruction:
-    """The untrained model of an experiment; naive: its needless inputs; sensors: as `sensors_of` has them.
-
-    Its layers are those of vision and touch, so that there is an encoder to add. The scale of the last layer lets
-    vertices move by decimetres, as after training.
-    """
-    layers = checkpoints.architecture(BOTH, recipes.settings(recipe, BOTH)) | {"last_layer_scale": LAST_LAYER}
-    return build(experiment, layers, naive, **sensors).eval()
 
 
 def build(
@@ -266,8 +220,7 @@ def predict(model: Reconstruction, batch: Mapping[str, Tensor]) -> Result:
 
 def difference(one: Result, other: Result) -> float:
     """Largest difference of any tensor; infinite if names or shapes differ."""
-    if {key: value.shape for key, value in one.tensors.items()} != {
-        key: value.shape for key, value in other.tensors.items()
-    }:
+    shapes = [{key: value.shape for key, value in each.tensors.items()} for each in (one, other)]
+    if shapes[0] != shapes[1]:
         return float("inf")
     return max(float((one.tensors[key].double() - other.tensors[key].double()).abs().max()) for key in one.tensors)

@@ -24,8 +24,8 @@ from PIL import Image as PillowImage  # noqa: E402
 from palpate.batch import generator  # noqa: E402
 from palpate.scene import Scene  # noqa: E402
 from palpate.vision.renderer import POINT_FILTER  # noqa: E402
+from studies.image_difference import rms  # noqa: E402
 from studies.omitted.omission import OMITTED, STAYS, Omission  # noqa: E402
-from studies.pictures import rms  # noqa: E402
 from studies.scenes import scene_of  # noqa: E402
 from studies.subjects import Subject  # noqa: E402
 
@@ -136,10 +136,7 @@ class NaiveRenderer(Renderer):
 
 
 def omissions(run: Path, subjects: list[Subject], settings: Mapping[str, Any]) -> Iterable[Omission]:
-    """Omissions for the first object: unoccluded, occluded in its first grasps, and views from all around.
-
-    settings: sections `vision`, `views` and `seed`.
-    """
+    """Omissions for the first object: unoccluded, occluded in its first grasps, and views from all around."""
     pictures = _Comparisons(Path(run), subjects[0], settings)
     yield from pictures.exact_omissions()
     yield from pictures.light_omissions()
@@ -221,39 +218,22 @@ class _Comparisons:
             (OCCLUDED, "paths of more than 6 bounces", always, self.occluded, {}),
             (VIEW, "scene for every view", f"always; here of {VIEWS} views", self.views, {}),
         ):  # fmt: skip
-            made = partial(self._with_change, make, kind, item)
-            yield self._row(kind, item, when, made, make, difference=largest_difference, unit="grey levels", **options)
-        yield self._row(
-            UNOCCLUDED,
-            "EXR master",
-            "unless vision.exr",
-            *(partial(self.with_exr, write) for write in (True, False)),
-            difference=lambda one, other: largest_difference(one[0], other[0]),
-            unit="grey levels",
-            size=lambda images: images[1],
-        )
+            runs = partial(self._with_change, make, kind, item), make
+            yield Omission(kind, item, when, self.subject.name, *runs, largest_difference, "grey levels", **options)
+        made = [partial(self.with_exr, write) for write in (True, False)]
+        what = UNOCCLUDED, "EXR master", "unless vision.exr", self.subject.name
+        of_images = lambda one, other: largest_difference(one[0], other[0])  # noqa: E731
+        yield Omission(*what, *made, of_images, "grey levels", size=lambda images: images[1])
 
     def light_omissions(self) -> Iterator[Omission]:
         """Items that change the paths of light: those within a bound are omitted, the others stay."""
-        for item, omitted in (
-            ("bounces of light after the fourth", True),
-            ("caustics", True),
-            ("tree of lights", True),
-            ("first bounce of light", False),
-            ("second to fourth bounce of light", False),
-            ("hand", False),
-        ):
-            changed, engine = partial(self._with_change, self.occluded, OCCLUDED, item), self.occluded
-            yield self._row(
-                OCCLUDED,
-                item,
-                "always" if omitted else "never: it stays",
-                *((changed, engine) if omitted else (engine, changed)),
-                difference=foreground_rms,
-                unit="grey levels (RMS)",
-                bound=BOUND,
-                state=OMITTED if omitted else STAYS,
-            )
+        omitted = ("bounces of light after the fourth", "caustics", "tree of lights")
+        for item in (*omitted, "first bounce of light", "second to fourth bounce of light", "hand"):
+            made = partial(self._with_change, self.occluded, OCCLUDED, item), self.occluded
+            when, state = ("always", OMITTED) if item in omitted else ("never: it stays", STAYS)
+            made = made if item in omitted else made[::-1]
+            unit = "grey levels (RMS)"
+            yield Omission(OCCLUDED, item, when, self.subject.name, *made, foreground_rms, unit, BOUND, state=state)
 
     def _with_change(self, make: Callable[[], Any], kind: str, item: str) -> Any:
         """Call a function that renders, with one item changed."""
@@ -262,11 +242,6 @@ class _Comparisons:
             return make()
         finally:
             self.renderer.changes = frozenset()
-
-    def _row(
-        self, kind: str, item: str, when: str, with_it: Callable[[], Any], without: Callable[[], Any], **options: Any
-    ) -> Omission:
-        return Omission(kind, item, when, self.subject.name, with_it, without, **options)
 
 
 def largest_difference(images: list[Image], others: list[Image]) -> float:

@@ -7,8 +7,8 @@ import mujoco
 import numpy as np
 import trimesh
 
-from palpate.grasp.closing import GraspSimulation
-from palpate.grasp.penetration import PenetrationCheck
+from palpate.grasp.closing import GraspSimulation, patch_name
+from palpate.grasp.penetration import PenetrationCheck, geom_surface
 from palpate.hand import Hand
 from palpate.hand.model import add_geom
 
@@ -21,17 +21,14 @@ WELD_SOLIMP = (0.9999, 0.9999, 0.001, 0.5, 2.0)
 
 
 class ChangedSimulation(GraspSimulation):
-    """A `GraspSimulation` with changes to its specification, which are functions of `CHANGES` by their items."""
+    """A `GraspSimulation` with changes to its specification, which are functions of `CHANGES` by their items.
+
+    visual: the object's visual mesh, every face.
+    """
 
     def __init__(
-        self,
-        hand: Hand,
-        patches: list[np.ndarray],
-        timestep: float,
-        items: Iterable[str],
-        visual: trimesh.Trimesh,
+        self, hand: Hand, patches: list[np.ndarray], timestep: float, items: Iterable[str], visual: trimesh.Trimesh
     ):
-        """visual: the object's visual mesh, every face; the others are as in `GraspSimulation`."""
         self.items, self.visual = tuple(items), visual
         super().__init__(hand, patches, timestep)
 
@@ -71,19 +68,14 @@ def let_sag(simulation: ChangedSimulation, spec: mujoco.MjSpec) -> None:
 
 def hold_object(simulation: ChangedSimulation, spec: mujoco.MjSpec) -> None:
     """Free the object's six degrees of freedom, and hold it in place by a weld."""
-    _free_object(spec, HELD)
+    loosen_object(simulation, spec, HELD)
     weld = spec.add_equality(
         type=mujoco.mjtEq.mjEQ_WELD, objtype=mujoco.mjtObj.mjOBJ_BODY, name1="object", name2="world"
     )
     weld.solref, weld.solimp = [2 * spec.option.timestep, 1], WELD_SOLIMP
 
 
-def loosen_object(simulation: ChangedSimulation, spec: mujoco.MjSpec) -> None:
-    """Free the object's six degrees of freedom, without a weld."""
-    _free_object(spec, LOOSE)
-
-
-def _free_object(spec: mujoco.MjSpec, mass: float) -> None:
+def loosen_object(simulation: ChangedSimulation, spec: mujoco.MjSpec, mass: float = LOOSE) -> None:
     """Free the six degrees of freedom of the object, of `mass` kg."""
     body = spec.body("object")
     body.add_freejoint()
@@ -107,7 +99,6 @@ def _add_pairs(spec: mujoco.MjSpec, pairs: Iterable[tuple[str, str]]) -> None:
 
 
 def _colliding(spec: mujoco.MjSpec, body: str) -> list[str]:
-    """Names of a body's geoms that can collide."""
     return [geom.name for geom in spec.body(body).geoms if geom.contype or geom.conaffinity]
 
 
@@ -132,9 +123,8 @@ def collide_only_with_object(simulation: ChangedSimulation, spec: mujoco.MjSpec)
             geom.contype, geom.conaffinity = int(not of_object), int(of_object)
 
 
-Change = Callable[[ChangedSimulation, mujoco.MjSpec], None]
 # All but the last add an item; the last removes self-collision, which the engine has.
-CHANGES: dict[str, Change] = {
+CHANGES: dict[str, Callable[[ChangedSimulation, mujoco.MjSpec], None]] = {
     "visual geometry": add_visual_geometry,
     "gravity": add_gravity,
     "object degrees of freedom": hold_object,
@@ -146,6 +136,43 @@ CHANGES: dict[str, Change] = {
     "loose object": loosen_object,
     "self-collision": collide_only_with_object,
 }
+
+
+def reach_of(hand: Hand) -> float:
+    """Upper bound (m) of the distance of any point of the hand from the palm's origin, for all joint positions."""
+    chain = np.zeros(len(hand.link_names))
+    for link in range(1, len(chain)):
+        chain[link] = chain[hand.link_parent[link]] + np.linalg.norm(hand.link_position[link])
+    return max(
+        chain[hand.geom_link[geom]]
+        + np.linalg.norm(hand.geom_position[geom])
+        + np.linalg.norm(geom_surface(hand, geom), axis=2).max()
+        for geom in np.flatnonzero(hand.geom_collides)
+    )
+
+
+class ReachLimitedSimulation(GraspSimulation):
+    """A simulation without collisions with patches that the hand can't reach from its palm's position."""
+
+    def __init__(self, hand: Hand, patches: list[np.ndarray], timestep: float):
+        super().__init__(hand, patches, timestep)
+        self.reach, self.centres = reach_of(hand), np.array([patch.mean(axis=0) for patch in patches]).reshape(-1, 3)
+        around = zip(patches, self.centres, strict=True)
+        self.radii = np.array([np.linalg.norm(patch - centre, axis=1).max() for patch, centre in around])
+        self.geoms = np.array([self.model.geom(patch_name(number)).id for number in range(len(patches))], dtype=int)
+        self.bits = self.model.geom_contype[self.geoms].copy(), self.model.geom_conaffinity[self.geoms].copy()
+
+    def reachable(self, palm: np.ndarray) -> np.ndarray:
+        """Which patches the hand can reach with its palm's origin at `palm` (3,): bool."""
+        return np.linalg.norm(self.centres - palm, axis=1) - self.radii <= self.reach
+
+    def place(self, palm_pose: np.ndarray, joint_positions: np.ndarray) -> None:
+        """As `GraspSimulation.place`."""
+        near = self.reachable(palm_pose[:3, 3])
+        self.model.geom_contype[self.geoms], self.model.geom_conaffinity[self.geoms] = (
+            bits * near for bits in self.bits
+        )
+        super().place(palm_pose, joint_positions)
 
 
 class EveryFace(PenetrationCheck):

@@ -10,7 +10,6 @@ import zarr
 
 from palpate import store, touch
 from palpate.mesh import load_visual
-from palpate.scene import Scene
 from palpate.sensor import DIGIT
 from palpate.touch import TouchReading, Tracer
 from palpate.touch.tracing import Block
@@ -71,8 +70,7 @@ class TouchSubject:
 
     def __init__(self, run: Path, subject: Subject, method: str):
         self.name, self.method = subject.name, touch.TRACERS[method]
-        self.scene: Scene = scene_of(run, subject)
-        self.mesh = load_visual(subject.folder)
+        self.scene, self.mesh = scene_of(run, subject), load_visual(subject.folder)
         self.sensors = self.scene.sensor_position, self.scene.sensor_rotation
 
     def tracer(self, *variants: type[Tracer]) -> Tracer:
@@ -86,59 +84,32 @@ class TouchSubject:
 
 
 def omissions(run: Path, subjects: list[Subject], settings: Mapping) -> Iterator[Omission]:
-    """Omissions for the sensors of all grasps of each object, and for the store of their readings.
-
-    settings: `touch`. Reads the run's meshes and grasps.
-    """
+    """Omissions for the sensors of all grasps of each object, and for the store of their readings."""
     for subject in subjects:
-        subject_touches = TouchSubject(run, subject, settings["touch"]["method"])
-        row = partial(Omission, object=subject_touches.name)
-        flat = (
-            subject_touches.scene.sensor_position.reshape(-1, 3),
-            subject_touches.scene.sensor_rotation.reshape(-1, 3, 3),
-        )
+        touched = TouchSubject(run, subject, settings["touch"]["method"])
+        name, (position, rotation), engine = subject.name, touched.sensors, touched.tracer()
+        flat = position.reshape(-1, 3), rotation.reshape(-1, 3, 3)
         for item, variant, method, difference, unit in (
             ("faces outside the swept box", EveryFace, "trace", depth_difference, "m"),
             ("pixels outside the block in reach", EveryPixel, "trace", depth_difference, "m"),
             ("pixels after the first in range", EveryPixelForSuccess, "succeeds", count_differing, "sensors"),
         ):
-            yield row(
-                stage="touch",
-                item=item,
-                when=ALWAYS,
-                with_it=partial(getattr(subject_touches.tracer(variant), method), *flat),
-                without=partial(getattr(subject_touches.tracer(), method), *flat),
-                difference=difference,
-                unit=unit,
-            )
-        engine = subject_touches.tracer()
+            runs = [partial(getattr(each, method), *flat) for each in (touched.tracer(variant), touched.tracer())]
+            yield Omission("touch", item, ALWAYS, name, *runs, difference, unit)
+
+        def stored_bytes(sensed: TouchReading, touched: TouchSubject = touched) -> int:
+            return folder_bytes(write_store(touched.arrays(sensed)))
+
         for item, variant, difference, unit in (
             ("readings of sensors that touched nothing", sense_every_reading, reading_difference, "grey levels"),
             ("points of sensors that touched nothing", sense_every_cloud, cloud_difference, "m"),
         ):
-            yield row(
-                stage="touch",
-                item=item,
-                when=UNTOUCHED,
-                with_it=partial(variant, engine, *subject_touches.sensors),
-                without=partial(touch.sense, engine, *subject_touches.sensors),
-                difference=difference,
-                unit=unit,
-                size=lambda sensed, subject_touches=subject_touches: folder_bytes(
-                    write_store(subject_touches.arrays(sensed))
-                ),
-            )
-        arrays = subject_touches.arrays(touch.sense(engine, *subject_touches.sensors))
-        yield row(
-            stage="store",
-            item="empty chunks",
-            when=f"all of a chunk is the array's fill value: {UNTOUCHED}",
-            with_it=partial(write_store_with_empty_chunks, arrays),
-            without=partial(write_store, arrays),
-            difference=store_difference,
-            unit="numbers",
-            size=folder_bytes,
-        )
+            runs = [partial(each, engine, *touched.sensors) for each in (variant, touch.sense)]
+            yield Omission("touch", item, UNTOUCHED, name, *runs, difference, unit, size=stored_bytes)
+        arrays = touched.arrays(touch.sense(engine, *touched.sensors))
+        runs = [partial(each, arrays) for each in (write_store_with_empty_chunks, write_store)]
+        when = f"all of a chunk is the array's fill value: {UNTOUCHED}"
+        yield Omission("store", "empty chunks", when, name, *runs, store_difference, "numbers", size=folder_bytes)
 
 
 def write_store(arrays: Mapping[str, np.ndarray]) -> tempfile.TemporaryDirectory:

@@ -132,13 +132,7 @@ def altered(path: Path, rng: np.random.Generator) -> None:
     path.write_bytes(content)
 
 
-DAMAGES = {
-    "removed": removed,
-    "emptied": emptied,
-    "cut off": cut,
-    "a block of zeros": zeroed,
-    "a bit altered": altered,
-}
+DAMAGES = {"removed": removed, "emptied": emptied, "cut off": cut, "a block of zeros": zeroed, "a bit altered": altered}
 
 
 def apply(kind: Kind, damage: Callable, run: Path, rng: np.random.Generator, tries: int) -> list[Try]:

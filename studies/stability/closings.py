@@ -139,14 +139,7 @@ def record(
         outcome, depth = result, max(grasper.check.in_object(links), grasper.check.in_itself(links))
     warnings = int(sum(warning.number for warning in seen.data.warning))
     return RecordedClosing(
-        label,
-        joints,
-        warnings,
-        np.array(seen.kinetic),
-        np.cumsum(seen.work),
-        np.array(seen.path),
-        depth,
-        outcome,
+        label, joints, warnings, np.array(seen.kinetic), np.cumsum(seen.work), np.array(seen.path), depth, outcome
     )
 
 

@@ -73,9 +73,7 @@ def hand():
 def distance_off_surface(points: np.ndarray, mesh: trimesh.Trimesh) -> float:
     """Largest distance (m) from points (n, 3) to the faces of a mesh."""
     squared, _, _ = igl.point_mesh_squared_distance(
-        np.asarray(points, dtype=float),
-        np.asarray(mesh.vertices, dtype=float),
-        np.asarray(mesh.faces, dtype=np.int64),
+        np.asarray(points, dtype=float), np.asarray(mesh.vertices, dtype=float), np.asarray(mesh.faces, dtype=np.int64)
     )
     return float(np.sqrt(squared.max()))
 

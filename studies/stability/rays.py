@@ -28,6 +28,7 @@ from palpate.touch import (
     shade,
 )
 from palpate.touch.sphere_tracing import TOLERANCE
+from studies.exact_depth import PIXELS, Y, Z, exact_depth
 from studies.stability.cases import Cases, Finding, at_least, at_most, equal, rejects
 
 CASES = Cases()
@@ -52,35 +53,7 @@ class Pose(NamedTuple):
         return points @ self.rotation.T + self.position
 
 
-Y, Z = np.meshgrid(PIXEL_CENTRES, PIXEL_CENTRES)
-PIXELS = np.stack([Y.ravel(), Z.ravel()], axis=1)
 SHIFTS = BAND * np.stack([np.cos(np.arange(8) * np.pi / 4), np.sin(np.arange(8) * np.pi / 4)], axis=1)
-
-
-def exact_depth(triangles, pose: Pose, pixels=PIXELS, low=0.0, high=SENSOR_RANGE) -> np.ndarray:
-    """(n,) depth of the nearest of triangles (f, 3, 3), between low and high, at each of pixels (n, 2).
-
-    Uses barycentric coordinates in the sensor plane, in double precision, of every face that is not exactly
-    edge-on. Edges count as 1e-12 m wide.
-    """
-    corner = (np.asarray(triangles, dtype=np.float64) - pose.position) @ pose.rotation
-    a, ab, ac = corner[:, 0], corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]
-    twice = ab[:, 1] * ac[:, 2] - ab[:, 2] * ac[:, 1]
-    left, right = corner[:, :, 1].min(axis=1) - 1e-9, corner[:, :, 1].max(axis=1) + 1e-9
-    depth = np.full(len(pixels), np.inf)
-    for y in np.unique(pixels[:, 0]):
-        column = np.flatnonzero(pixels[:, 0] == y)
-        f = np.flatnonzero((left <= y) & (y <= right) & (twice != 0))
-        away = pixels[column, None] - a[f, 1:]
-        u = (away[..., 0] * ac[f, 2] - away[..., 1] * ac[f, 1]) / twice[f]
-        v = (ab[f, 1] * away[..., 1] - ab[f, 2] * away[..., 0]) / twice[f]
-        covered = np.ones(u.shape, dtype=bool)
-        for share, edge in ((u, ac[f]), (v, ab[f]), (1 - u - v, (ac - ab)[f])):
-            covered &= share >= -1e-12 * np.linalg.norm(edge[:, 1:], axis=1) / np.abs(twice[f])
-        found = a[f, 0] + np.clip(u, 0, 1) * ab[f, 0] + np.clip(v, 0, 1) * ac[f, 0]
-        covered &= (found >= low) & (found <= high)
-        depth[column] = np.where(covered, found, np.inf).min(axis=1, initial=np.inf)
-    return depth
 
 
 class Disagreement(NamedTuple):
@@ -93,11 +66,11 @@ class Disagreement(NamedTuple):
 def disagreement(depth: np.ndarray, triangles: np.ndarray, pose: Pose) -> Disagreement:
     """Compare a depth map (100, 100) with the exact depths of all rays within `BAND` of each pixel's ray."""
     depth = depth.ravel().astype(np.float64)
-    doubtful = np.flatnonzero(~np.isclose(depth, exact_depth(triangles, pose), rtol=1e-7, atol=0))
+    doubtful = np.flatnonzero(~np.isclose(depth, exact_depth(triangles, *pose), rtol=1e-7, atol=0))
     if not len(doubtful):
-        return Disagreement(0, _largest_difference(depth, exact_depth(triangles, pose)))
+        return Disagreement(0, _largest_difference(depth, exact_depth(triangles, *pose)))
     right = [
-        exact_depth(triangles, pose, PIXELS[doubtful] + shift, low, high)
+        exact_depth(triangles, *pose, PIXELS[doubtful] + shift, low, high)
         for low, high in ((-BAND, SENSOR_RANGE + BAND), (BAND, SENSOR_RANGE - BAND))
         for shift in (*SHIFTS, np.zeros(2))
     ]
@@ -197,7 +170,7 @@ def grazing_by_sphere_tracing(subject):
         pose = random_pose(1)
         placed = in_pose(sheet(0.0125, slope, width=0.01 / slope), pose)
         depth = trace_depth(SphereTracer(placed), pose).ravel()
-        right = exact_depth(placed.triangles, pose)
+        right = exact_depth(placed.triangles, *pose)
         angle = f" at {np.degrees(np.arctan(slope)):.6g} degrees"
         missed = int((np.isfinite(right) & np.isinf(depth)).sum())
         yield equal(f"pixels given up{angle}", missed, 0, "", f"of {np.isfinite(right).sum()}")
@@ -263,7 +236,7 @@ def slivers_and_needles(subject):
     # Sphere tracing hits whatever it passes within its tolerance, and treats a degenerate face as its longest edge.
     bound = 1e3 * (TOLERANCE + 1e-4 * placed.edges_unique_length.max())
     yield at_most("sphere tracing, points off needles", away, bound, "mm")
-    missed = np.isfinite(exact_depth(placed.triangles, pose)) & np.isinf(depth.ravel())
+    missed = np.isfinite(exact_depth(placed.triangles, *pose)) & np.isinf(depth.ravel())
     yield equal("sphere tracing, needles missed", int(missed.sum()), 0)
 
 
@@ -273,9 +246,7 @@ def loose_needles(count: int = 300) -> trimesh.Trimesh:
     second = first + 0.01 * rng.normal(size=(count, 3))
     third = first + rng.normal(size=(count, 3)) * 10.0 ** rng.uniform(-9, -2, (count, 1))
     return trimesh.Trimesh(
-        np.stack([first, second, third], axis=1).reshape(-1, 3),
-        np.arange(3 * count).reshape(-1, 3),
-        process=False,
+        np.stack([first, second, third], axis=1).reshape(-1, 3), np.arange(3 * count).reshape(-1, 3), process=False
     )
 
 
@@ -482,7 +453,7 @@ def on_the_object(subject, count: int) -> Iterator[Finding]:
         axes[:, 2] *= np.sign(np.linalg.det(axes))
         pose = Pose(point - axes[:, 0] * rng.uniform(-0.01, 0.03), axes)
         cast = disagreement(trace_depth(RayCaster(mesh), pose), mesh.triangles, pose)
-        right = exact_depth(mesh.triangles, pose)
+        right = exact_depth(mesh.triangles, *pose)
         traced = trace_depth(SphereTracer(mesh), pose).ravel()
         flips["RayCaster"] += cast.flipped
         flips["SphereTracer"] += int((np.isinf(right) & np.isfinite(traced)).sum())

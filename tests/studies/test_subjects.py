@@ -10,10 +10,7 @@ def run(tmp_path):
     """Two batches; b of the first is rejected at touch, d of the second has no meshes."""
     (tmp_path / "catalogue").mkdir()
     (tmp_path / "rejected/touch").mkdir(parents=True)
-    batches = {
-        "batch-0000": {"a": "knife", "b": "knife", "c": "knife"},
-        "batch-0001": {"d": "rifle", "e": "rifle"},
-    }
+    batches = {"batch-0000": {"a": "knife", "b": "knife", "c": "knife"}, "batch-0001": {"d": "rifle", "e": "rifle"}}
     for batch, objects in batches.items():
         rows = "".join(f"{name},{kind},train,{batch}\n" for name, kind in objects.items())
         (tmp_path / f"catalogue/{batch}.csv").write_text(f"object,class,split,batch\n{rows}")

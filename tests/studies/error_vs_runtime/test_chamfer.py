@@ -110,7 +110,8 @@ def test_bias_and_spread_of_vectors():
 
 
 def test_errors_and_what_is_chosen(pair):
-    study = Chamfer([], 10_000, 1500, 10_000)
+    recipe = {"reconstruction": {"loss_points": 1500}}
+    study = Chamfer(settings={"surface": {"points": 10_000}, "recipe": recipe, "evaluation": {"points": 10_000}})
     methods = study.methods()
     assert [(method.name, method.value) for method in methods if method.chosen] == [
         ("loss of training", 1500),

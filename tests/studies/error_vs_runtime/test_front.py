@@ -4,7 +4,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from studies.error_vs_runtime.front import front
+from studies.error_vs_runtime.study import front
 
 numbers = st.sampled_from([0.0, 1.0, 2.0, 3.0, float("inf"), float("nan")])
 

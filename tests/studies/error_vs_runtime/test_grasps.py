@@ -139,8 +139,8 @@ def closing(run):
     """The study and its case, of two closings and fewer models than usual."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(grasps, "CLOSINGS", 2)
-        patch.setattr(grasps, "TIMESTEPS", (1e-4, 1e-3, 4e-3, 1e-2))
-        patch.setattr(grasps, "CELLS", (0.05,))
+        for field, values in {"timestep": (1e-4, 1e-3, 4e-3, 1e-2), "cell": (0.05,)}.items():
+            patch.setitem(grasps.KNOBS, field, grasps.KNOBS[field]._replace(values=values))
         study = grasps.study(run[0], [run[1]], SETTINGS)
         ((_, case),) = study.cases()
         yield study, case
@@ -186,7 +186,7 @@ def test_errors_are_what_they_are_called(closing):
 def test_what_is_chosen_is_what_the_library_does(closing):
     study, case = closing
     chosen = [each for each in study.methods() if each.chosen]
-    assert sorted(each.knob for each in chosen) == sorted(knob for knob, _ in grasps.KNOBS.values())
+    assert sorted(each.knob for each in chosen) == sorted(knob.name for knob in grasps.KNOBS.values())
     simulation = GraspSimulation(case.hand, surface_patches(case.collision), SETTINGS["grasps"]["timestep"])
     expected = []
     for pose, targets in zip(case.poses, case.targets, strict=True):

@@ -12,8 +12,8 @@ from palpate.mesh import OBJECT_POSITION
 from palpate.scene import LIGHTS
 from palpate.vision import image, paper_camera, renderer
 from studies.error_vs_runtime.renders import REFERENCE, REFERENCE_CYCLES, ImagePair, Renders, crop, study
+from studies.image_difference import rms
 from studies.omitted.renders import rewrite_glb
-from studies.pictures import rms
 from tests.vision.scenes import grasp_poses, painted, scene_of
 
 VISION = {"size": 64, "samples": 8, "device": "cpu"}
@@ -50,7 +50,7 @@ def matte_ball(folder):
 def test_the_reference_of_a_matte_ball_is_the_closed_form(tmp_path):
     """Of a convex surface nothing else lights: what it sends out is albedo (lamp cos / pi + ambient)."""
     size = 64
-    made = Renders(tmp_path, [], {**VISION, "size": size})
+    made = Renders(settings={"vision": {**VISION, "size": size}})
     seen = made.reference_images(matte_ball(tmp_path), samples=512)[0]
     camera = replace(paper_camera(size), size=20)
     rays, out = camera.rays(), camera.position - OBJECT_POSITION

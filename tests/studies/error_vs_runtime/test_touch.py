@@ -3,34 +3,15 @@
 import numpy as np
 import pytest
 import trimesh
-from scipy.spatial.transform import Rotation
 
 from palpate import mesh, store
 from palpate.sensor import DIGIT
-from palpate.touch import PIXEL_CENTRES, SENSOR_RANGE, RayCaster, SphereTracer
+from palpate.touch import RayCaster, SphereTracer
 from studies.error_vs_runtime import touch
 from studies.subjects import Subject
+from tests.studies.lumps import lumpy, poses
 
-Y, Z = np.meshgrid(PIXEL_CENTRES, PIXEL_CENTRES)
 SETTINGS = {"touch": {"method": "embree"}, "mesh": {"levels": [320]}}
-
-
-def lumpy(subdivisions=3) -> trimesh.Trimesh:
-    """A bumpy closed surface about 0.1 m wide: 1280 faces, or 320 that have some of its vertices."""
-    made = trimesh.creation.icosphere(subdivisions=subdivisions, radius=0.05)
-    x, y, z = 100 * made.vertices.T
-    made.vertices *= 1 + 0.1 * (np.sin(3 * x) * np.sin(4 * y + 1) * np.cos(3 * z))[:, None]
-    return made
-
-
-def poses(made: trimesh.Trimesh, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Sensors whose planes are 15 mm in front of random spots, tilted at random."""
-    points, face = trimesh.sample.sample_surface(made, count, seed=1)
-    tilt = Rotation.from_rotvec(0.3 * np.random.default_rng(1).standard_normal((count, 3)))
-    x = tilt.apply(-made.face_normals[face])
-    z = np.cross(x, [0.3, 0.5, 0.8])
-    z /= np.linalg.norm(z, axis=1, keepdims=True)
-    return points - 0.015 * x, np.stack([x, np.cross(z, x), z], axis=2)
 
 
 @pytest.fixture(scope="module")
@@ -79,46 +60,6 @@ def rows(run, case):
     """Errors by method, knob and value."""
     found = touch.study(*[run[0], [run[1]]], SETTINGS)
     return {(m.name, m.knob, m.value): found.errors(case, m.run(case)) for m in found.methods()}
-
-
-def test_reference_of_a_slanted_plane():
-    y, z = np.array([-1, 1, 1, -1]) * 0.02, np.array([-1, -1, 1, 1]) * 0.02
-    corners = np.column_stack([0.024 + 0.2 * y - 0.1 * z, y, z])
-    expected = 0.024 + 0.2 * Y - 0.1 * Z
-    expected[expected > SENSOR_RANGE] = np.inf
-    assert 0.1 < np.isinf(expected).mean() < 0.9
-    turn, place = Rotation.from_rotvec([0.4, -1.0, 2.0]).as_matrix(), np.array([0.1, -0.2, 0.3])
-    triangles = corners[[[0, 1, 2], [0, 2, 3]]] @ turn.T + place
-    np.testing.assert_allclose(touch.exact_depth(triangles, place, turn), expected, atol=1e-15)
-
-
-def test_reference_is_as_good_as_exact():
-    """Longer arithmetic (64 bits of mantissa) changes no depth by 1e-12 m, and no pixel."""
-    assert np.finfo(np.longdouble).eps < np.finfo(float).eps, "no longer arithmetic on this machine"
-    made = lumpy()
-    for position, rotation in zip(*poses(made, 4), strict=True):
-        depth = touch.exact_depth(np.asarray(made.triangles), position, rotation)
-        longer = (part.astype(np.longdouble) for part in (made.triangles, position, rotation))
-        exact = touch.exact_depth(*longer)
-        assert exact.dtype == np.longdouble and np.isfinite(depth).any()
-        np.testing.assert_array_equal(np.isfinite(depth), np.isfinite(exact))
-        touched = np.isfinite(depth)
-        assert np.abs(depth[touched] - exact[touched]).max() < 1e-12
-
-
-def test_reference_leaves_out_no_face():
-    """As solving start + t x = a + u (b - a) + v (c - a) for every face, in the mesh's frame."""
-    made = lumpy()
-    position, rotation = (part[0] for part in poses(made, 1))
-    rows, columns = np.random.default_rng(0).integers(100, size=(2, 200))
-    depth = touch.exact_depth(np.asarray(made.triangles), position, rotation)[rows, columns]
-    a, b, c = np.asarray(made.triangles).swapaxes(0, 1)
-    system = np.stack([b - a, c - a, np.broadcast_to(-rotation[:, 0], a.shape)], axis=2)
-    for found, y, z in zip(depth, PIXEL_CENTRES[columns], PIXEL_CENTRES[rows], strict=True):
-        start = position + rotation @ [0, y, z]
-        u, v, t = np.linalg.solve(system, (start - a)[..., None])[..., 0].T
-        hit = (u >= 0) & (v >= 0) & (u + v <= 1) & (t >= 0) & (t <= SENSOR_RANGE)
-        assert found == pytest.approx(t[hit].min(initial=np.inf), abs=1e-12)
 
 
 def test_the_cases_are_the_first_touches(case, run):

@@ -86,7 +86,7 @@ def test_an_offset_is_the_error():
 
 @pytest.mark.parametrize("fit", ["direct", "adam"])
 def test_what_the_config_fits_by_is_chosen(fit):
-    methods = TouchCharts.methods(type("", (), {"fit": fit}))
+    methods = TouchCharts(settings={"training": {"chart_fit": fit}}).methods()
     chosen = [method for method in methods if method.chosen]
     assert [method.name.lower() for method in chosen] == [fit]
     assert fit == "direct" or chosen[0].value == 300  # the steps that `fit_adam` makes by itself
@@ -94,8 +94,7 @@ def test_what_the_config_fits_by_is_chosen(fit):
 
 
 def test_errors_of_fits(touches):
-    study = object.__new__(TouchCharts)
-    study.fit = "direct"
+    study = TouchCharts(settings={"training": {"chart_fit": "direct"}})
     methods = {str(method): method for method in study.methods()}
 
     def error(charts):

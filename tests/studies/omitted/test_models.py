@@ -13,7 +13,6 @@ from palpate.training import TrainingData
 from palpate.training.inputs import INPUTS, inputs, stages
 from palpate.training.samples import Assembler, training_samples, windows
 from studies.omitted.models import (
-    ARRAYS,
     BOTH,
     DATA,
     IMAGE,
@@ -91,9 +90,9 @@ def test_all_arrays_give_the_same_samples_in_the_same_order(made, experiment):  
 
 def test_the_report_adds_only_what_is_omitted_and_every_array_somewhere():
     added = set()
-    for name, experiment, _ in DATA:
-        assert not {item.name for item in inputs(experiment)} & set(ARRAYS[name])
-        added |= set(ARRAYS[name])
+    for arrays, experiment, _ in DATA.values():
+        assert not {item.name for item in inputs(experiment)} & set(arrays)
+        added |= set(arrays)
     assert added == {item.name for item in INPUTS} - {"points"}
     for name, experiment, _ in MODEL:
         assert (experiment, [name]) in [(each, naive) for each, naive in omissions()]
@@ -105,8 +104,7 @@ def test_stages_of_what_is_omitted_are_not_read():
 
 
 @pytest.mark.parametrize(
-    ("kind", "normalisation"),
-    list(itertools.product(["charts", "no_comm", "sphere"], ["symmetric", "mean"])),
+    ("kind", "normalisation"), list(itertools.product(["charts", "no_comm", "sphere"], ["symmetric", "mean"]))
 )
 def test_spare_charts_are_alone(kind, normalisation):
     plain, more = Graph(2, kind, normalisation), SpareGraph(2, kind, normalisation, spare=3)

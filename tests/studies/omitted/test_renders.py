@@ -28,11 +28,7 @@ from studies.omitted.renders import (
 )
 from tests.vision.scenes import grasp_poses, painted, scene_of
 
-SETTINGS = {
-    "seed": 0,
-    "vision": {"size": 64, "samples": 8, "device": "cpu"},
-    "views": {"size": 40, "samples": 2},
-}
+SETTINGS = {"seed": 0, "vision": {"size": 64, "samples": 8, "device": "cpu"}, "views": {"size": 40, "samples": 2}}
 # These change a picture, but by less than its noise.
 BOUNDED = set(CYCLES_WITH) - {"paths of more than 6 bounces"}
 EXACT = {(kind, item) for kind, items in OMITTED_ITEMS.items() for item in items}

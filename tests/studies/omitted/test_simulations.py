@@ -12,8 +12,7 @@ from palpate.grasp.grasp import Grasper
 from palpate.grasp.patches import surface_patches
 from palpate.grasp.penetration import geom_surface
 from palpate.hand import allegro, from_mjcf
-from studies.omitted.reach import ReachLimitedSimulation, reach_of
-from studies.omitted.simulations import ChangedSimulation, EveryFace, EveryPair
+from studies.omitted.simulations import ChangedSimulation, EveryFace, EveryPair, ReachLimitedSimulation, reach_of
 from tests.hand import grippers
 
 HAND = allegro()

@@ -6,18 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from studies.stability.cases import (
-    COLUMNS,
-    FAILS,
-    HOLDS,
-    REJECTED,
-    Cases,
-    at_least,
-    at_most,
-    equal,
-    rejects,
-    report,
-)
+from studies.stability.cases import COLUMNS, FAILS, HOLDS, REJECTED, Cases, at_least, at_most, equal, rejects, report
 
 
 @pytest.mark.parametrize(
@@ -67,12 +56,7 @@ def test_report_holds_every_finding_error_and_warning():
     table = report("contact", cases, 3)
     assert tuple(table.columns) == COLUMNS and (table["suite"] == "contact").all()
     verdicts = table.groupby("case", sort=False)["verdict"].agg(list).to_dict()
-    assert verdicts == {
-        "fine": [HOLDS],
-        "stops half way": [HOLDS, FAILS],
-        "warns": [HOLDS, FAILS],
-        "empty": [FAILS],
-    }
+    assert verdicts == {"fine": [HOLDS], "stops half way": [HOLDS, FAILS], "warns": [HOLDS, FAILS], "empty": [FAILS]}
     assert "boom" in table.set_index("quantity").loc["runs to its end", "note"].iloc[0]
     assert "divide by zero" in table.set_index("quantity").loc["numerical warnings", "note"]
     assert [case.short for case in cases] == [True, False, True, True]

@@ -51,11 +51,7 @@ def absolute(vertices, faces, part):
 
 NAIVE = {
     "blade of 0.2 mm": (build, "decimate", thinning),
-    "sheet without thickness": (
-        repairs,
-        "_doubled",
-        lambda vertices, faces, merged, among, tolerance: ~among,
-    ),
+    "sheet without thickness": (repairs, "_doubled", lambda vertices, faces, merged, among, tolerance: ~among),
     "slivers of aspect 1e6": (repairs, "_droppable", all_thin),
     "objects x0.01 to x100": (build, "repair", absolute),
     "coordinates offset by 1e6": (build, "COARSEST", np.inf),

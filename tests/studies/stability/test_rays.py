@@ -54,11 +54,7 @@ careful = sphere_tracing.SphereTracer.__init__
 NAIVE = {
     "grazing sensor, Embree": (caster, "_NO_WIDTH", 0.1),
     "grazing sensor, sphere tracing": (sphere_tracing.SphereTracer, "__init__", few_steps),
-    "rays through vertices and along edges": (
-        caster,
-        "_pits",
-        lambda depth, pixel: np.zeros(depth.shape, dtype=bool),
-    ),
+    "rays through vertices and along edges": (caster, "_pits", lambda depth, pixel: np.zeros(depth.shape, dtype=bool)),
     "sensor plane inside the mesh": (caster, "_EDGE_ON", 0.0),
     "surface on the sensor plane": (caster, "_SLACK", 0.0),
     "surface exactly at the range limit": (tracing.Tracer, "_in_range", unlimited),
@@ -74,16 +70,6 @@ def test_fails_without_its_guard(name, subject, monkeypatch):
     monkeypatch.setattr(*NAIVE[name])
     with np.errstate(all="ignore"):
         assert any(finding.verdict == FAILS for finding in SHORT[name].examine(subject))
-
-
-def test_exact_depth_of_a_plane_and_a_hole():
-    pose = rays.random_pose(1)
-    mesh = rays.in_pose(rays.sheet(0.01, 2.0), pose)
-    middle = rays.PIXEL_CENTRES[50]
-    expected = 0.01 + 2 * (0.8 * (rays.PIXELS[:, 0] - middle) + 0.6 * (rays.PIXELS[:, 1] - middle))
-    expected = np.where((expected >= 0) & (expected <= rays.SENSOR_RANGE), expected, np.inf)
-    np.testing.assert_allclose(rays.exact_depth(mesh.triangles, pose), expected, atol=1e-12)
-    assert np.isinf(rays.exact_depth(mesh.triangles[:0], pose)).all()
 
 
 def test_disagreement_is_seen():

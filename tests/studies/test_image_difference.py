@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from studies.pictures import rms, similarity
+from studies.image_difference import rms, similarity
 
 
 def photo(seed: int) -> np.ndarray:
