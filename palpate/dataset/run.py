@@ -29,7 +29,7 @@ BEFORE = {
     "rings": ("touch", "grasps", "surface"),
 }
 T = TypeVar("T")
-# Stores whose headers are remembered, the latest used: some 16 kB each (studies/benchmarks/reader.py).
+# Stores whose headers are remembered, the latest used: some 16 kB each (studies/benchmarks/reading.py).
 REMEMBERED_STORES = 1024
 
 
