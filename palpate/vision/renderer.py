@@ -276,6 +276,9 @@ class Renderer:
         except Exception as error:
             reason = str(error).strip().splitlines()[-1]
             raise UnusableObject(f"{path}: Blender can't read it as glTF ({reason})") from error
+        # Textures that Blender lacks the memory for have no pixels, and it would render without them.
+        if unread := [image.name for image in bpy.data.images if image.type == "IMAGE" and 0 in image.size[:]]:
+            raise RuntimeError(f"{path}: Blender could not load texture {', '.join(unread)}")
         bodies = []
         for body in [body for body in bpy.data.objects if body not in before]:
             if body.parent is None:

@@ -1,4 +1,7 @@
-"""Transparent and thin objects: right pictures of them are valid, and those of nothing are not made."""
+"""Transparent and thin objects, and too little memory: right pictures are valid, and wrong ones are not made."""
+
+import subprocess
+import sys
 
 import bpy  # noqa: F401
 import numpy as np
@@ -68,3 +71,52 @@ def test_an_object_that_cannot_be_seen_is_unusable(write_glb):
     nothing.visual.material.baseColorFactor = [0.5, 0.5, 0.5, 0.0]
     with pytest.raises(UnusableObject, match="visual.glb: no pixel of 96 x 96 shows the object"):
         Renderer(samples=1, device="cpu").render(scene_of(write_glb("nothing", nothing), size=SIZE))
+
+
+# A picture of a box with a texture of 4096 x 4096, which takes 64 MB in Blender and as much in Cycles, under a limit
+# of memory (MB beyond what is in use; 0: none).
+LIMITED = """
+import os, resource, sys
+import numpy as np
+from pathlib import Path
+from palpate.vision import Renderer, views
+from palpate.batch import each_object
+from palpate.camera import paper_camera
+from palpate.scene import Scene
+stage, folder, spare = sys.argv[1], Path(sys.argv[2]), int(sys.argv[3])
+renderer = Renderer(1, "cpu", 1)
+if spare:
+    limit = int(open("/proc/self/statm").read().split()[0]) * os.sysconf("SC_PAGE_SIZE") + (spare << 20)
+    resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
+def draw(name):
+    if stage == "views":
+        return views.render(renderer, Scene(folder), views.viewpoints(np.random.default_rng(0), 1), 64).image
+    return renderer.render(Scene(folder, camera=paper_camera(64)))[0].rgb
+images, rejections = each_object(["box"], draw, stage)
+print(rejections or images["box"].tolist(), flush=True)
+os._exit(0)
+"""
+
+
+@pytest.mark.parametrize("stage", ["vision", "views"])
+def test_too_little_memory_for_a_texture_stops_the_batch_and_draws_nothing_else(tmp_path, stage):
+    """Blender goes on without a texture that it lacks the memory for."""
+    box = striped("OPAQUE", 255)
+    pixels = np.random.default_rng(0).integers(0, 256, (64, 64, 3), dtype=np.uint8)
+    box.visual.material.baseColorTexture = PillowImage.fromarray(pixels).resize((4096, 4096), PillowImage.NEAREST)
+    (tmp_path / "box.glb").write_bytes(trimesh.Scene(box).export(file_type="glb"))
+    prepare(tmp_path / "box.glb", tmp_path / "out")
+
+    def run(spare):
+        command = [sys.executable, "-c", LIMITED, stage, str(tmp_path / "out"), str(spare)]
+        return subprocess.run(command, capture_output=True, text=True, check=False)
+
+    drawn = run(0).stdout
+    assert drawn.startswith("[[[")
+    ends = set()
+    for spare in (60, 90, 110, 150, 220):
+        done = run(spare)
+        stopped = "MemoryError" in done.stderr and done.returncode == 1
+        assert stopped or done.returncode < 0 or done.stdout == drawn, (spare, done.stdout[:200], done.stderr[-2000:])
+        ends.add("stopped" if stopped else "crashed" if done.returncode < 0 else "drawn")
+    assert "stopped" in ends

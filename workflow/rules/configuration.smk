@@ -267,12 +267,21 @@ def sources_of(batch):
 
 
 @cache
-def mesh_memory(batch):
-    """MB that the meshes of a batch take: 22 for a MB of the OBJ in work, and 16 bytes a pixel of its pictures."""
-    stored = max((stored_mb([path]) for path in sources_of(batch)), default=0)
+def texture_mb(batch):
+    """MB that the largest textures of an object of a batch take: 16 bytes a pixel, in the meshes stage and in Blender."""
     paths = [Path(SOURCE["path"], entry.source) for entry in BATCH_ENTRIES[batch] if SOURCE["kind"] != "procedural"]
-    pixels = max((named_files.texture_pixels(path, NAMED_IN) for path in paths), default=0)
-    return int(2000 + 30 * stored + 16e-6 * pixels)
+    return int(16e-6 * max((named_files.texture_pixels(path, NAMED_IN) for path in paths), default=0))
+
+
+def mesh_memory(wildcards):
+    """MB that the meshes of a batch take: 30 for a MB of the OBJ in work, and those of its textures."""
+    stored = max((stored_mb([path]) for path in sources_of(wildcards.batch)), default=0)
+    return 2000 + 30 * stored + texture_mb(wildcards.batch)
+
+
+def render_memory(wildcards):
+    """MB that Blender takes for the objects of a batch."""
+    return 2000 + texture_mb(wildcards.batch)
 
 
 def batch_sources(wildcards):

@@ -11,7 +11,7 @@ rule meshes:
     benchmark:
         "benchmarks/meshes/{batch}.tsv"
     resources:
-        mem_mb=lambda wildcards: mesh_memory(wildcards.batch),
+        mem_mb=mesh_memory,
     params:
         version=2,  # palpate.mesh.VERSION, whose import loads mesh libraries
         outside=SOURCE["outside"],

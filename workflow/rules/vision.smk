@@ -12,6 +12,7 @@ rule vision:
     benchmark:
         "benchmarks/vision/{batch}.tsv"
     resources:
+        mem_mb=render_memory,
         runtime=120,
     params:
         vision=config["vision"],
@@ -31,6 +32,8 @@ rule views:
         "logs/views/{batch}.log",
     benchmark:
         "benchmarks/views/{batch}.tsv"
+    resources:
+        mem_mb=render_memory,
     params:
         objects=batch_objects,
         views=config["views"],
