@@ -48,7 +48,7 @@ def companions(path: Path, root: Path | str | None = None, head: int = -1) -> li
 
     root: as for `find`. head: read only so many bytes of an OBJ, which can be long; -1: all of it.
     """
-    if unusable(path) or not path.is_file():
+    if path.suffix.lower() not in (*PATTERNS, ".glb") or unusable(path) or not path.is_file():
         return []
 
     def existing(file: Path, suffix: str) -> list[str]:
@@ -65,8 +65,6 @@ def _names(path: Path, suffix: str, most: int) -> set[str]:
     with open(path, "rb") as file:
         if suffix == ".glb":
             most, suffix = min(int.from_bytes(file.read(20)[12:16], "little"), MOST), ".gltf"
-        if suffix not in PATTERNS:
-            return set()
         data = b"\n" + file.read(most)
     if suffix == ".ply":
         data = data.partition(b"end_header")[0]
