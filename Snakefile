@@ -20,7 +20,6 @@ configfile: PROJECT / "config/config.yaml"
 
 
 include: "workflow/rules/configuration.smk"
-include: "workflow/rules/inputs.smk"
 
 
 report: "workflow/report/workflow.rst"
@@ -81,8 +80,7 @@ rule all:
     default_target: True
     input:
         rules.dataset.input,
-        expand("tables/{table}.{form}", table=[*MODEL_TABLES, *ARCHITECTURES], form=["csv", "md", "tex"]),
-        expand("figures/{figure}.png", figure=MODEL_FIGURES),
+        [product_files(each) for each in MADE if each.category == "Models"],
 
 
 # One environment for all rules; Snakemake has no directive that says so once.

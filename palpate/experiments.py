@@ -9,6 +9,7 @@ import yaml
 
 from palpate.configuration import ConfigError, check
 
+SPLITS = ("validation", "test")  # that models are tested on
 
 @dataclass(frozen=True)
 class Experiment:
@@ -123,7 +124,7 @@ class Experiments:
                 raise ConfigError(f"{path}: {experiment.name} needs vision or touch, and has neither")
         tables = {}
         for name, row in rows["tables"].items():
-            if row["split"] == "train":
+            if row["split"] not in SPLITS:
                 raise ConfigError(f"{path}: table {name}: models are tested on validation or test")
             for experiment in row["experiments"]:
                 if experiment not in experiments:

@@ -20,8 +20,9 @@ from palpate.dataset import Dataset
 from palpate.dataset.reader import GraspRecord, ObjectRecord
 from palpate.evaluation.metrics import score, seeded
 from palpate.evaluation.rings import SAMPLES, ring_distances, ring_points
-from palpate.evaluation.rows import COLUMNS, RING_COLUMNS, SPLITS, TOUCH_COLUMNS, EvaluationError
+from palpate.evaluation.rows import COLUMNS, RING_COLUMNS, TOUCH_COLUMNS, EvaluationError
 from palpate.evaluation.surface_quality import surface_quality, topology
+from palpate.experiments import SPLITS
 from palpate.models import Reconstruction, SingleImageModel, TouchDepth
 from palpate.protocol import CHAMFER_SCALE, RINGS
 from palpate.rebuild_command import rebuild_command

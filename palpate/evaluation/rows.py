@@ -9,8 +9,6 @@ import pandas as pd
 from palpate import checksums
 from palpate.rebuild_command import rebuild_advice, rebuild_command
 
-SPLITS = ("validation", "test")  # that models are measured on
-
 # A row a sample: one object with one window of its grasps, or one image of it.
 _SAMPLE = ("experiment", "seed", "object", "class", "split", "window")
 SCORES = ("chamfer", "f1_tau", "f1_2tau")

@@ -16,7 +16,7 @@ from palpate.models.layers import Concatenate, ConvolutionBlock, LinearBlock
 from palpate.models.pooling import MapProducts, PerceptualPooling
 from palpate.models.reconstruction import Reconstruction
 from palpate.models.touch_depth import TouchDepth
-from palpate.results.published import paper_values
+from palpate.results import products, published
 from palpate.touch.sensor import RESOLUTION
 from palpate.vision.views import SIZE as VIEW_SIZE
 
@@ -190,18 +190,23 @@ def compare(model: str, rows: list[dict[str, str]]) -> pd.DataFrame:
     return frame
 
 
-def architecture_table(name: str) -> pd.DataFrame:
-    """`compare` for the U-Net ("touch_depth") or one of the paper's architectures, by its name."""
-    if name == "touch_depth":
-        return compare(name, read_layers(TouchDepth().eval(), _image(RESOLUTION)))
-    architecture = PAPER_ARCHITECTURES[name]
-    model = Reconstruction("charts", "encoder" in architecture, "touch" in name, 1, architecture).eval()
-    batch = _seen(VIEW_SIZE if name == "single_image" else IMAGE_SIZE) if model.vision else {}
-    if model.touch:
-        position = torch.tensor(OBJECT_POSITION).expand(1, model.sensors, 3)
-        batch |= {"success": torch.ones(1, model.sensors, dtype=torch.bool), "position": position}
+@products.table(name="architectures/{model}")
+def architecture(model: str) -> pd.DataFrame:
+    """Layers of the live module, read off with hooks, beside the rows of the paper's table. A note explains each place
+    where the paper contradicts itself.
+
+    model: "touch_depth" (the U-Net) or a name in `PAPER_ARCHITECTURES`.
+    """
+    if model == "touch_depth":
+        return compare(model, read_layers(TouchDepth().eval(), _image(RESOLUTION)))
+    layers = PAPER_ARCHITECTURES[model]
+    module = Reconstruction("charts", "encoder" in layers, "touch" in model, 1, layers).eval()
+    batch = _seen(VIEW_SIZE if model == "single_image" else IMAGE_SIZE) if module.vision else {}
+    if module.touch:
+        position = torch.tensor(OBJECT_POSITION).expand(1, module.sensors, 3)
+        batch |= {"success": torch.ones(1, module.sensors, dtype=torch.bool), "position": position}
         batch["charts"] = position[:, :, None].expand(-1, -1, TOUCH_VERTICES, -1)
-    return compare(name, read_layers(model, batch))
+    return compare(model, read_layers(module, batch))
 
 
 def _seen(size: int) -> dict[str, Tensor]:
@@ -213,10 +218,10 @@ def _image(size: int) -> Tensor:
 
 
 def _read(file: str, model: str) -> list[dict[str, str]]:
-    table = paper_values(file, text=True)
-    rows = table[table["model"] == model].drop(columns="model").to_dict("records")
+    rows = [dict(row) for row in published.paper_rows(file) if row["model"] == model]
     if not rows:
-        raise ValueError(f"the paper's {file} have no model {model!r}: {sorted(set(table['model']))}")
+        known = sorted({row["model"] for row in published.paper_rows(file)})
+        raise ValueError(f"the paper's {file} have no model {model!r}: {known}")
     return rows
 
 

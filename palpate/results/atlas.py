@@ -11,6 +11,7 @@ from matplotlib.colors import to_rgba_array
 
 from palpate.charts import ATLAS_RADIUS, vision_atlas
 from palpate.mesh import OBJECT_POSITION
+from palpate.results import products
 from palpate.results.page import COLOURS, new_figure, save, styled
 
 EXPLOSION = 0.055  # distance by which charts are moved out, in radii
@@ -24,9 +25,12 @@ EDGE = (0.15, 0.15, 0.18)  # RGB of the faces' sides
 SIZE = 4.5  # inches
 
 
+@products.figure(name="atlas")
 @styled
 def draw(path: Path | str) -> None:
-    """Draw all faces of the 96 vision charts, each chart in one colour, seen from the side."""
+    """The initial positions of the vision charts: 96 charts of 19 vertices and 24 faces that close a sphere. They are
+    drawn slightly apart, to tell them from one another.
+    """
     atlas = vision_atlas()
     vertices = atlas.vertices.double().numpy() - OBJECT_POSITION
     chart, faces = atlas.chart.numpy(), atlas.faces.numpy()

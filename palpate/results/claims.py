@@ -25,10 +25,18 @@ from typing import NamedTuple
 import numpy as np
 import pandas as pd
 
+from palpate.results import products
 from palpate.results.bootstrap import RESAMPLES, Estimate
 from palpate.results.errors import AVERAGE, Errors, errors
-from palpate.results.model_tables import intervals_note, ring_errors, ring_key, size_columns, touch_errors
-from palpate.results.published import paper_values, published_experiments, without_paper
+from palpate.results.model_tables import (
+    interval_columns,
+    intervals_note,
+    ring_errors,
+    ring_key,
+    size_columns,
+    touch_errors,
+)
+from palpate.results.published import paper_rows, paper_values, published_experiments, without_paper
 
 HOLDS, FAILS, UNDECIDED = "holds", "does not hold", "undecided"
 
@@ -96,7 +104,7 @@ class Claim(NamedTuple):
 def claims() -> list[Claim]:
     """The claims, in the file's order. Raises KeyError for a statistic that does not exist."""
     found = []
-    for row in paper_values("claims", text=True).to_dict("records"):
+    for row in map(dict, paper_rows("claims")):
         parameters = map(float, row.pop("parameters").split())
         measured, *bounds = STATISTICS[row.pop("statistic")](*parameters)
         row["experiments"] = tuple(row["experiments"].split("; "))
@@ -104,19 +112,20 @@ def claims() -> list[Claim]:
     return found
 
 
+@products.table(name="claims", evaluations="claims", rings="claims", files=("touches",), splits=("validation", "test"))
 def decide(
     evaluations: pd.DataFrame, rings: pd.DataFrame, touches: pd.DataFrame, resamples: int = RESAMPLES
 ) -> pd.DataFrame:
-    """The verdict of a run on each claim: one row a claim.
+    """Each claim of the paper that a number can decide. A claim is that the measured number is negative (or within the
+    bound that it names). It `holds` if this is true of the whole 95 % interval, `does not hold` if of no part of it,
+    and is `undecided` otherwise. Differences are taken object by object.
 
-    Args:
-        evaluations: rows of `rows.read` of `published_experiments()`; rings: of those of `extrapolation`;
-        touches: of `evaluations/touch_depth.csv`.
+    evaluations: rows of `rows.read` of `published_experiments()`; rings: of those of `extrapolation`; touches: of
+    `evaluations/touch_depth.csv`.
 
-    Columns: claim, section, split, measured with its interval (`_low`, `_high`) and the same of the paper's
-    numbers (`_paper`), between_seeds (how far two seeds differ in it), unit, verdict, paper_agrees (whether the paper's
-    numbers themselves are so: it states no spread), objects, seeds, steps. Raises EvaluationError if an experiment is
-    missing.
+    Columns: claim, section, split, measured with its interval (`_low`, `_high`) and the same of the paper's numbers
+    (`_paper`), between_seeds (how far two seeds differ in it), unit, verdict, paper_agrees (whether the paper's numbers
+    themselves are so: it states no spread), objects, seeds, steps. Raises EvaluationError if an experiment is missing.
     """
     measured_by = _errors_of_tables(evaluations, rings, touches)
     rows = []
@@ -133,9 +142,7 @@ def decide(
                 "claim": claim.claim,
                 "section": claim.section,
                 "split": claim.split,
-                "measured": estimate.value,
-                "measured_low": estimate.low,
-                "measured_high": estimate.high,
+                **interval_columns("measured", estimate),
                 "measured_paper": float(claim.measured(means)),
                 "between_seeds": found.between_seeds(claim.experiments, claim.measured),
                 "unit": claim.unit,
@@ -170,10 +177,10 @@ def verdict(bounds: list[tuple[Estimate, float]]) -> str:
 def _errors_of_tables(evaluations, rings, touches) -> dict[str, Errors]:
     """The errors that the claims of each table are decided by."""
     found = {}
-    for table in ("model_selection", "input_modalities", "grasps"):
-        members = [claim for claim in claims() if claim.table == table]
-        names = list(dict.fromkeys(name for claim in members for name in claim.experiments))
-        found[table] = errors(evaluations, names, members[0].split)
+    for name in ("model_selection", "input_modalities", "grasps"):
+        members = [claim for claim in claims() if claim.table == name]
+        names = list(dict.fromkeys(each for claim in members for each in claim.experiments))
+        found[name] = errors(evaluations, names, members[0].split)
     found["extrapolation"] = ring_errors(rings, published_experiments("extrapolation"), "test")
     found["local_touch_charts"] = _merge(found["input_modalities"], touch_errors(touches, "test"))
     return found

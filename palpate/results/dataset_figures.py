@@ -11,6 +11,7 @@ from matplotlib.patches import Circle
 
 from palpate.dataset.reader import Dataset, GraspRecord
 from palpate.mesh import OBJECT_POSITION, load_visual
+from palpate.results import products
 from palpate.results.page import FAINT, LABEL, PALE, TITLE, new_figure, save, save_sentence, styled
 from palpate.results.surface_view import SurfaceView, site_colours
 
@@ -24,9 +25,12 @@ VISIBLE = 0.65
 FULL_RELIEF = 50.0  # standard deviation of a reading's pixels (0..255); one that varies more is no better
 
 
+@products.figure(stores=("dataset",), category="Dataset", simulated=True)
 @styled
 def data_point(dataset: Dataset, path: Path | str) -> None:
-    """Draw one data point as the paper's figure of its dataset: images, readings, surface with touch sites.
+    """One data point: the camera's image of the object in the hand, and of the object alone; what the four touch
+    sensors read (a faded, struck-through reading is that of a sensor that touched nothing); and the object's surface
+    with the touch sites in the colours of their readings. A dashed ring marks a site that this view does not show.
 
     The grasp is the one that `example_grasp` picks.
     """
@@ -62,12 +66,19 @@ def data_point(dataset: Dataset, path: Path | str) -> None:
     save(figure, path)
 
 
+@products.figure(
+    name="examples_{class_name}",
+    stores=("dataset",),
+    category="Dataset",
+    simulated=True,
+)
 @styled
 def examples(dataset: Dataset, class_name: str, path: Path | str) -> None:
-    """Draw a sheet of examples of one class: a row an object, with images, readings and touch sites.
+    """Examples of class {class_name}, taken evenly from its objects and not chosen: images, readings of the four
+    sensors (faded and struck through where a sensor touched nothing), and the surface with the touch sites in the
+    colours of their readings. A dashed ring marks a site that the view does not show.
 
-    Objects are taken evenly from the class, each with another of its grasps (the first object's first, the
-    second's second, ...): a sample of the dataset, not a choice of its best.
+    A row an object, each with another of its grasps: the first object's first, the second's second, ...
     """
     objects = dataset.of_class(class_name).objects if class_name in dataset.classes else []
     if not objects:

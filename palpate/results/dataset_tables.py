@@ -20,6 +20,7 @@ import pandas as pd
 
 from palpate.catalogue import SPLITS, read_catalogue
 from palpate.dataset import Dataset
+from palpate.results import products
 from palpate.results.bootstrap import Estimate, ratio_interval
 from palpate.results.published import has_papers_classes, paper_values, without_paper
 from palpate.store.contract import SENSOR_NAMES
@@ -72,13 +73,15 @@ def _grasp_frame(names, classes, success: np.ndarray, attempts, penetration) -> 
     )
 
 
+@products.table(stores=("meshes", "surface", "grasps", "touch"), category="Dataset")
 def dataset_statistics(frames: Frames) -> pd.DataFrame:
-    """Size of the dataset by class and in total, the paper's values beside (`*_paper`) if it has the paper's classes.
+    """Size of the dataset by class and in total, how many objects each split has, and the share of touches that met the
+    object, with a 95 % bootstrap interval over objects (`successful_low`, `successful_high`). Columns that end in
+    `_paper` hold the paper's values, if the run has any of its classes. `attempted` counts the catalogue's objects,
+    `rejected` those that some stage could not use (`rejected.csv` has the reasons), `attempts` the mean number of
+    grasps tried an object.
 
-    `objects` counts those with grasps, `attempted` all of the catalogue, `rejected` those that some stage
-    could not use; `successful_percent` is the share of touches that met the object, with its bootstrap
-    interval over objects (`_low`, `_high`); `attempts` is the mean number of grasps tried an object.
-    A class without grasps has zeros, and no percentage.
+    `objects` counts those with grasps. A class without grasps has zeros, and no percentage.
     """
     objects, rejected, grasps = frames
     published = paper_values("dataset_statistics").set_index(["class", "quantity"])["value"]
@@ -117,10 +120,10 @@ def dataset_statistics(frames: Frames) -> pd.DataFrame:
     return table
 
 
+@products.table(stores=("meshes", "surface", "grasps", "touch"), category="Dataset")
 def grasp_success(frames: Frames) -> pd.DataFrame:
-    """Share of grasps with 0 to s successful touches, by class and in total, the paper's shares beside.
-
-    The paper states the shares over all classes only, and promises none with 0.
+    """Share of grasps with 0 to 4 successful touches, with a 95 % bootstrap interval over objects, and the paper's
+    shares over all classes (if the run has any of its classes). No grasp should have 0.
     """
     objects, _, grasps = frames
     sensors = int(grasps["touches"].max()) if len(grasps) else len(SENSOR_NAMES)
@@ -147,11 +150,11 @@ def grasp_success(frames: Frames) -> pd.DataFrame:
     return table
 
 
+@products.table(stores=("meshes", "surface", "grasps", "touch"), category="Dataset", simulated=True)
 def penetration(frames: Frames) -> pd.DataFrame:
-    """Penetration of the hand into the object (or itself) at the end of a grasp, in millimetres.
-
-    A grasp's penetration is its worst one, as measured independently of the physics engine. Mean with its
-    bootstrap interval over objects, 95th percentile and maximum over grasps. The paper reports none.
+    """How deep the hand is inside the object, or in itself, when it has closed: the worst place of each grasp in
+    millimetres, by a check that is independent of the physics engine. Mean with a 95 % bootstrap interval over objects,
+    95th percentile, maximum.
     """
     objects, _, grasps = frames
     rows = []

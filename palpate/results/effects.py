@@ -11,11 +11,12 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from palpate.evaluation.rows import SPLITS
+from palpate.experiments import SPLITS
+from palpate.results import products
 from palpate.results.bootstrap import RESAMPLES
 from palpate.results.claims import contrast
 from palpate.results.errors import AVERAGE, Errors, errors
-from palpate.results.model_tables import intervals_note, size_columns
+from palpate.results.model_tables import interval_columns, intervals_note, size_columns
 from palpate.results.published import effects, paper_values, without_paper
 
 # The verdict by the sign of a finding, and what stands behind it where a single seed was trained.
@@ -23,8 +24,11 @@ VERDICTS = {-1: "better", 0: "undecided", 1: "worse"}
 ONE_SEED = " (one seed)"
 
 
+@products.table(evaluations="effects", splits=("validation", "test"))
 def touch_effect(evaluations: pd.DataFrame, resamples: int = RESAMPLES) -> pd.DataFrame:
-    """Differences of Chamfer distances (m^2 x 9000), paired by object and seed: a row a difference and split.
+    """What touch, more grasps, copying and communication change, and the paper's own graph: the Chamfer distance (9000
+    times m²) of one experiment less that of another, paired by object and seed, on both splits. `better` and `worse`
+    are findings: the interval excludes 0, and two seeds differ by less.
 
     evaluations: rows of `rows.read`; differences are those whose experiments it has.
 
@@ -42,11 +46,12 @@ def touch_effect(evaluations: pd.DataFrame, resamples: int = RESAMPLES) -> pd.Da
     return _effects_table(rows, evaluations, "A difference is the error of `experiment` less that of `compared with`")
 
 
+@products.table(evaluations="effects", splits=("validation", "test"))
 def touch_effect_by_class(evaluations: pd.DataFrame, resamples: int = RESAMPLES) -> pd.DataFrame:
-    """`touch_effect` for each class: a row a difference, split and class.
+    """What touch, more grasps, copying and communication change in each class. `error` and `median` (over objects) are
+    those of the experiment that is compared with.
 
-    Columns: effect, split, class, error (the average of the experiment that is compared with), its median over objects,
-    and those of `touch_effect` from difference on.
+    Columns: effect, split, class, error, median, and those of `touch_effect` from difference on.
     """
     rows = []
     for row, split, of_all in _compared(evaluations):
@@ -83,12 +88,8 @@ def _difference(found: Errors, row: dict[str, str], stated: dict[str, float], re
     sizes = size_columns(found, *pair)
     sign = estimate.sign(spread)
     return {
-        "difference": estimate.value,
-        "difference_low": estimate.low,
-        "difference_high": estimate.high,
-        "percent": percent.value,
-        "percent_low": percent.low,
-        "percent_high": percent.high,
+        **interval_columns("difference", estimate),
+        **interval_columns("percent", percent),
         "percent_paper": 100 * (stated.get(row["stated_as"], np.nan) / stated.get(pair[1], np.nan) - 1),
         "between_seeds": spread,
         "verdict": VERDICTS[sign] + (ONE_SEED if sign and sizes["seeds"] == 1 else ""),

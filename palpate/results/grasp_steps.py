@@ -19,6 +19,7 @@ from palpate.dataset import Dataset  # noqa: E402
 from palpate.dataset.reader import GraspRecord  # noqa: E402
 from palpate.hand import Hand  # noqa: E402  (Blender comes before what loads embree)
 from palpate.mesh import DIAGONAL, OBJECT_POSITION, load_visual, mesh_file  # noqa: E402
+from palpate.results import products  # noqa: E402
 from palpate.results.dataset_figures import example_grasp  # noqa: E402
 from palpate.results.page import TITLE, new_figure, save, save_sentence, styled  # noqa: E402
 from palpate.store import read  # noqa: E402
@@ -44,12 +45,14 @@ HAND_STRIDE = 5  # of the hand's vertices, those that are looked at
 BESIDE = 0.05  # m between the object and the open hand that is loaded
 
 
+@products.figure(stores=("dataset",), category="Dataset", simulated=True)
 @styled
 def grasp_steps(dataset: Dataset, path: Path | str, threads: int = 1) -> None:
-    """Draw the steps of one grasp as the paper's figure of them; the grasp is the data point's.
+    """The steps of a grasp: the object; the hand, loaded open; its palm placed tangent to a random point of the
+    surface, at a random distance and turned at random; its fingers, driven towards the surface by inverse kinematics,
+    stopped by contact. Steps 3 and 4 are a stored grasp, the same as the data point's.
 
-    Steps 1 and 2 show where a simulation starts; 3 is the stored pose of the palm with the hand open, 4 the
-    stored grasp. threads: of the CPU, for the renderer.
+    threads: of the CPU, for the renderer.
     """
     grasp = example_grasp(dataset)
     if grasp is None:

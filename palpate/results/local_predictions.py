@@ -23,11 +23,11 @@ from palpate.evaluation.reconstruct import (  # noqa: E402
     TouchCharts,
 )
 from palpate.mesh import OBJECT_POSITION  # noqa: E402
+from palpate.results import products  # noqa: E402
 from palpate.results.page import FAINT, LABEL, TITLE, new_figure, save, save_sentence, styled  # noqa: E402
 from palpate.results.reconstructions import test_objects  # noqa: E402
 from palpate.vision import Mesh, Renderer, looking_at, spheres  # noqa: E402
 
-STAGES = ("touch",)  # whose objects can be drawn
 HEADINGS = ("reading", "true cloud", "predicted cloud", "touch chart")
 TOUCHES = 2  # of every object
 # Touches are drawn far larger than they are: Blender's rays start a fixed distance off a surface.
@@ -46,14 +46,18 @@ DISTANCE, FIELD_OF_VIEW = 1.5, 19.0  # m, degrees
 UPRIGHT = np.array([[0, 1, 0], [0, 0, -1], [-1, 0, 0]], dtype=float)
 
 
+@products.figure(stores=("touch",), files=("touch_depth",))
 @styled
 def local_predictions(
     dataset: Dataset, touch_depth: Path | str, path: Path | str, fit: str = "direct", threads: int = 1
 ) -> None:
-    """Draw touches of the first test object of every class: reading, true cloud, predicted cloud, chart.
+    """Local predictions of the first test object of every class: the widest touch of each of two grasps. The reading;
+    the true cloud of the touch site; the cloud that the U-Net predicts from the reading, at the pixels that differ from
+    the untouched reading; and the touch chart fitted to it. Seen from the sensor's side; the bottom of the reading is
+    in front.
 
-    touch_depth: the trained U-Net's folder. fit: how charts are fitted, `direct` or `adam`. An object's
-    touches are those of `touches`. threads: of the CPU, for the renderer.
+    touch_depth: the trained U-Net's folder. fit: how charts are fitted, `direct` or `adam`. threads: of the CPU, for
+    the renderer.
     """
     drawn = [(record, touches(record)) for record in test_objects(dataset)]
     drawn = [(record, chosen) for record, chosen in drawn if chosen]

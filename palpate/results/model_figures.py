@@ -4,6 +4,7 @@ Bands and bars are 95 % bootstrap intervals, as in the tables; dashed lines are 
 """
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,8 +13,10 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import FormatStrFormatter, LogLocator, MaxNLocator, NullFormatter, PercentFormatter
 
 from palpate.evaluation.rows import EvaluationError, read_table
+from palpate.experiments import Experiment
 from palpate.protocol import RINGS
 from palpate.rebuild_command import rebuild_command
+from palpate.results import products
 from palpate.results.bootstrap import RESAMPLES
 from palpate.results.errors import errors
 from palpate.results.model_tables import (
@@ -33,6 +36,7 @@ COLUMNS = 4  # panels beside each other
 OTHER_LOSS = (STRATEGY_NAMES["r2n2"],)  # trained by the cells' cross entropy, which has no place on the axis
 
 
+@products.figure(evaluations="grasps")
 @styled
 def multi_grasp(
     evaluations: pd.DataFrame,
@@ -41,8 +45,9 @@ def multi_grasp(
     split: str = "test",
     resamples: int = RESAMPLES,
 ) -> None:
-    """Chamfer distance with more grasps relative to that with one (the paper's figure "Multi-grasp
-    experiment"), for each set-up of the table `grasps`."""
+    """Chamfer distance with more grasps, relative to that with one; bands are 95 % bootstrap intervals, dashed lines
+    the paper's values.
+    """
     found = errors(evaluations, list(experiments), split)
     published = paper_values("grasps").set_index("experiment")["value"]
     figure = new_figure(6, 4)
@@ -65,6 +70,7 @@ def multi_grasp(
     save(figure, path)
 
 
+@products.figure(rings="extrapolation")
 @styled
 def error_over_rings(
     rings: pd.DataFrame,
@@ -73,9 +79,9 @@ def error_over_rings(
     split: str = "test",
     resamples: int = RESAMPLES,
 ) -> None:
-    """Mean squared distance from the true surface to the prediction in rings around each touch (the paper's
-    figure "Local Chamfer distance at expanding distances"), this run's left and the paper's right, each with
-    its own scale: their sizes differ, their shapes compare."""
+    """Mean squared distance from the true surface to the prediction, in square rings around each touch: this run's,
+    with 95 % bootstrap intervals, and the paper's. Each side has its own scale.
+    """
     found = ring_errors(rings, list(experiments), split)
     published = paper_values("extrapolation").set_index(["experiment", "ring"])["value"]
     figure = new_figure(9, 4)
@@ -93,13 +99,14 @@ def error_over_rings(
     save(figure, path)
 
 
+@products.figure(files=("histories",))
 @styled
 def training_curves(histories: Mapping[tuple[str, int], Path | str], experiments: Experiments, path) -> None:
-    """Loss against run time of every training, a panel for each kind of input: on the validation split
-    (solid) and in training (faint, but for `OTHER_LOSS`).
+    """Loss (9000 times the Chamfer distance, m²) of every training against its run time: on the validation split
+    (solid) and in training (faint).
 
-    histories: (experiment, seed) -> its `history.csv`. Raises EvaluationError, naming the file, if one is
-    missing or lacks a column.
+    histories: (experiment, seed) -> its `history.csv`. Raises EvaluationError, naming the file, if one is missing or
+    lacks a column.
     """
     panels: dict[str, list[tuple[str, str, pd.DataFrame, bool]]] = {}
     losses, named = [], set()
@@ -148,15 +155,15 @@ def training_curves(histories: Mapping[tuple[str, int], Path | str], experiments
     save(figure, path)
 
 
-def _panel(setup: Mapping) -> tuple[str, str, str]:
+def _panel(setup: Experiment) -> tuple[str, str, str]:
     """The panel that an experiment's curve is in, its name there (its strategy, or how many grasps), its
     colour."""
-    label, grasps = input_label({**setup, "architecture": {}}), setup["grasps"]
+    label, grasps = input_label(replace(setup, architecture={})), setup.grasps
     if grasps > 1:
         return f"{label}, more grasps", f"{grasps} grasps", COLOURS[grasps % len(COLOURS)]
     name = model_label(setup)
     # Strategies first; one with another architecture is a curve of its own.
-    number = list(STRATEGY_NAMES).index(setup["strategy"])
+    number = list(STRATEGY_NAMES).index(setup.strategy)
     return label, name, COLOURS[number if name in STRATEGY_NAMES.values() else len(STRATEGY_NAMES)]
 
 

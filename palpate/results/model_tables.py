@@ -4,6 +4,13 @@ Each function gives a DataFrame of numbers. A measured column `x` is followed by
 95 % interval, and `x_paper` where the paper states it. `between_seeds` is how far two seeds of a row's model differ in
 its average; with one seed it is left out. The frame's `attrs["note"]` describes the data behind its
 numbers; `palpate.results.tables` writes it.
+
+Args that they share:
+    evaluations: rows of `rows.read`; rings: the same with `RING_COLUMNS`, touches: with `TOUCH_COLUMNS`.
+    experiments: those of the table by their names, in its order. split: that they are tested on.
+    resamples: of the bootstrap.
+
+They raise EvaluationError if an experiment is missing.
 """
 
 from collections.abc import Mapping, Sequence
@@ -13,7 +20,9 @@ import numpy as np
 import pandas as pd
 
 from palpate.evaluation.rows import QUALITY, EvaluationError
+from palpate.experiments import Experiment
 from palpate.protocol import CHAMFER_SCALE, PIXEL2MESH_SCALE, RINGS, TAU, pixel2mesh_chamfer
+from palpate.results import products
 from palpate.results.bootstrap import RESAMPLES, Estimate
 from palpate.results.errors import AVERAGE, Errors, errors
 from palpate.results.published import has_papers_classes, paper_values, without_paper
@@ -30,9 +39,8 @@ STRATEGY_NAMES = {
 }
 # Rows measured for the table of single images: ours, and the published networks that are built here.
 SINGLE_IMAGE_NAMES = STRATEGY_NAMES | {"charts": "charts (ours)"}
-VISION_NAMES = {"occluded": "occluded", "unoccluded": "unoccluded", "views": "views", "none": "–"}
 PAPER_OBJECTS = {"validation": 258, "test": 175}  # supplement, Dataset Statistics
-TOUCH_PARTS = {"cloud": "local point cloud", "chart": "touch chart"}
+TOUCH_ESTIMATES = {"cloud": "local point cloud", "chart": "touch chart"}
 STEPS_NOTE = " The paper trained for at most 260 epochs in batches of 16."
 QUALITY_LABELS = {"bend": "bend_degrees", "folded": "folded_percent", "gap": "gap_mm", "across": "across_degrees"}
 QUALITY_NOTE = (
@@ -40,91 +48,53 @@ QUALITY_NOTE = (
     "mean distance of boundary vertices that the initial sphere joins; across: mean angle between a face and the true "
     "surface. Vision charts only."
 )
-
-# Name -> strategy, vision, touch, grasps and what else, as in config/experiments.yaml.
-Experiments = Mapping[str, Mapping[str, Any]]
-SETUP = ("strategy", "vision", "touch", "grasps")  # what makes a row of the paper's tables
 PAPERS_GRAPH = "paper's graph, equation 1"  # touch charts in the graph, `architecture: {touch: graph}`
 
+Experiments = Mapping[str, Experiment]
 
+
+@products.table(evaluations="model_selection")
 def model_selection(
     evaluations: pd.DataFrame, experiments: Experiments, split: str = "validation", resamples: int = RESAMPLES
 ) -> pd.DataFrame:
-    """Chamfer distance (m^2 x 9000) of each experiment, by class and on average (table "Model selection").
-
-    evaluations: rows of `rows.read`; experiments: those of the table, in its order.
-    Raises EvaluationError if one is missing.
+    """Model selection: Chamfer distance (9000 times m²) of the twelve models on the validation split, by class and on
+    average.
     """
     found = errors(evaluations, list(experiments), split)
     published = paper_values("model_selection").set_index(["experiment", "class"])["value"]
     rows = []
-    for number, (name, setup) in enumerate(experiments.items(), start=1):
-        row = {
-            "row": number,
-            "experiment": name,
-            **_inputs(setup),
-        }
+    for number, (name, experiment) in enumerate(experiments.items(), start=1):
+        row = {"row": number, "experiment": name, **_inputs(experiment)}
         rows.append(row | _by_class(found, name, name, published, resamples) | size_columns(found, name))
     return _finish(rows, split, found, STEPS_NOTE)
 
 
+@products.table(evaluations="input_modalities")
 def input_modalities(
     evaluations: pd.DataFrame, experiments: Experiments, split: str = "test", resamples: int = RESAMPLES
 ) -> pd.DataFrame:
-    """Chamfer distance (m^2 x 9000) with different inputs, by class and on average (table "Test set
-    results"); the paper states averages only.
+    """Different input modalities: Chamfer distance (9000 times m²) of the charts model on the test split.
 
-    A model with another architecture is a row of its own, labelled with it, beside the paper's value of the same
-    set-up; the paper's claims are decided by the experiments of the paper's names alone.
+    A model with another architecture is a row of its own, beside the paper's value of the same setup; the paper's
+    claims are decided by the experiments of the paper's names alone.
     """
     found = errors(evaluations, list(experiments), split)
     published = paper_values("input_modalities").set_index(["experiment", "class"])["value"]
-    stated = {_setup(experiments[name]): name for name, _ in published.index if name in experiments}
+    stated = {experiments[name].setup: name for name, _ in published.index if name in experiments}
     rows = []
-    for name, setup in experiments.items():
-        row = {"experiment": name, **_inputs(setup)}
-        by_class = _by_class(found, name, stated.get(_setup(setup), name), published, resamples)
-        rows.append(row | by_class | size_columns(found, name))
+    for name, experiment in experiments.items():
+        by_class = _by_class(found, name, stated.get(experiment.setup, name), published, resamples)
+        rows.append({"experiment": name, **_inputs(experiment)} | by_class | size_columns(found, name))
     return _finish(rows, split, found, STEPS_NOTE)
 
 
-def local_touch_charts(touches: pd.DataFrame, split: str = "test", resamples: int = RESAMPLES) -> pd.DataFrame:
-    """Chamfer distance (m^2 x 9000) of local predictions to the true local cloud, by class and on average
-    (table "Chamfer distance per class for local point cloud prediction"): the predicted cloud's, and that of
-    the chart fitted to it, of which the paper states nothing.
-
-    touches: rows of `rows.read` with `TOUCH_COLUMNS`.
-    """
-    found = touch_errors(touches, split)
-    published = paper_values("local_touch_charts").assign(part="cloud").set_index(["part", "class"])["value"]
-    rows = [
-        {"prediction": label} | _by_class(found, part, part, published, resamples) | size_columns(found, part)
-        for part, label in TOUCH_PARTS.items()
-    ]
-    counts = touches[touches["split"] == split]
-    note = f" {len(counts)} successful touches; an object's error is the mean over its touches."
-    return _finish(rows, split, found, note, decimals=5)
-
-
-def touch_errors(touches: pd.DataFrame, split: str) -> Errors:
-    """Errors of local predictions as of two experiments, `cloud` and `chart`."""
-    long = touches.assign(seed=0).melt(
-        [name for name in (*touches.columns, "seed") if name not in TOUCH_PARTS],
-        list(TOUCH_PARTS),
-        var_name="part",
-        value_name="chamfer",
-    )
-    return errors(long, list(TOUCH_PARTS), split, key="part")
-
-
+@products.table(evaluations="grasps")
 def grasps(
     evaluations: pd.DataFrame, experiments: Experiments, split: str = "test", resamples: int = RESAMPLES
 ) -> pd.DataFrame:
-    """Chamfer distance (m^2 x 9000) against the number of grasps, a row a set-up (supplement, table "Chamfer
-    distance when increasing the number of grasps").
+    """More grasps: Chamfer distance (9000 times m²) of models that take 1 to 5 grasps, on the test split.
 
-    A set-up is what experiments share but for their number of grasps. Raises EvaluationError if one is
-    missing.
+    A row is a setup: experiments that differ in their number of grasps only.
     """
     found = errors(evaluations, list(experiments), split)
     published = paper_values("grasps").set_index("experiment")["value"]
@@ -132,65 +102,29 @@ def grasps(
     for label, members in setups(experiments).items():
         row: dict[str, Any] = {"input": label}
         for count, name in sorted(members.items()):
-            row |= _columns(f"grasps_{count}", found.estimate([name], resamples=resamples))
+            row |= interval_columns(f"grasps_{count}", found.estimate([name], resamples=resamples))
             row[f"grasps_{count}_paper"] = published.get(name, np.nan)
         rows.append(row | size_columns(found, *members.values()))
     return _finish(rows, split, found, STEPS_NOTE)
 
 
-def setups(experiments: Experiments) -> dict[str, dict[int, str]]:
-    """Experiments by their inputs: label -> {number of grasps: name}, in the order given."""
-    found: dict[str, dict[int, str]] = {}
-    for name, setup in experiments.items():
-        found.setdefault(input_label(setup), {})[setup["grasps"]] = name
-    return found
-
-
-def input_label(setup: Mapping[str, Any]) -> str:
-    """An experiment's inputs as text: `unoccluded vision + touch`, and whether touch enters by the paper's graph."""
-    names = {"none": [], "views": ["single view"]}
-    vision = names.get(setup["vision"], [f"{setup['vision']} vision"])
-    return _with_graph(" + ".join([*vision, *(["touch"] if setup["touch"] else [])]) or "nothing", setup)
-
-
-def model_label(setup: Mapping[str, Any]) -> str:
-    """An experiment's strategy as text, and whether touch enters by the paper's graph."""
-    return _with_graph(STRATEGY_NAMES[setup["strategy"]], setup)
-
-
-def _with_graph(label: str, setup: Mapping[str, Any]) -> str:
-    in_graph = setup["touch"] and setup.get("architecture", {}).get("touch") == "graph"
-    return f"{label} ({PAPERS_GRAPH})" if in_graph else label
-
-
-def _inputs(setup: Mapping[str, Any]) -> dict[str, str]:
-    """The columns that say what a row's model is and takes."""
-    vision, touch = VISION_NAMES[setup["vision"]], "yes" if setup["touch"] else "no"
-    return {"model": model_label(setup), "vision": vision, "touch": touch}
-
-
-def _setup(experiment: Mapping[str, Any]) -> tuple:
-    return tuple(experiment[key] for key in SETUP)
-
-
+@products.table(rings="extrapolation")
 def extrapolation(
     rings: pd.DataFrame, experiments: Experiments, split: str = "test", resamples: int = RESAMPLES
 ) -> pd.DataFrame:
-    """Mean squared distance from the true surface in square rings around each touch to the prediction
-    (supplement, table "Local Chamfer distance in increasingly large square rings"): in m^2 as there, and
-    multiplied by 9000 as everywhere else.
-
-    rings: rows of `rows.read` with `RING_COLUMNS`.
+    """Around touch sites: mean squared distance from the true surface to the prediction, in square rings of 1 to 5
+    times the sensor's size around each touch (ring r lies between r - 1 and r times); in m² as in the paper, and 9000
+    times that.
     """
     found = ring_errors(rings, list(experiments), split)
     published = paper_values("extrapolation").set_index(["experiment", "ring"])["value"]
     rows = []
     for unit, scale in (("m^2", 1.0), ("m^2 x 9000", CHAMFER_SCALE)):
-        for name, setup in experiments.items():
-            row: dict[str, Any] = {"input": input_label(setup), "unit": unit}
+        for name, experiment in experiments.items():
+            row: dict[str, Any] = {"input": input_label(experiment), "unit": unit}
             for ring in RINGS:
                 estimate = found.estimate([ring_key(name, ring)], resamples=resamples)
-                row |= _columns(f"x{ring}", Estimate(*(scale * number for number in estimate)))
+                row |= interval_columns(f"x{ring}", Estimate(*(scale * number for number in estimate)))
                 row[f"x{ring}_paper"] = scale * published.get((name, ring), np.nan)
             rows.append(row | size_columns(found, *(ring_key(name, ring) for ring in RINGS)))
     note = (
@@ -198,6 +132,126 @@ def extrapolation(
         "touches; here an object's error is the mean over its touches, and classes have the same share."
     )
     return _finish(rows, split, found, note, decimals=None)
+
+
+@products.table(evaluations="single_image")
+def single_image(
+    evaluations: pd.DataFrame, experiments: Experiments, split: str = "test", resamples: int = RESAMPLES
+) -> pd.DataFrame:
+    """Reconstruction from single images, by Pixel2Mesh's protocol: Chamfer distance in thousandths, F1 at tau and 2 tau
+    in percent. Rows marked as cited are the paper's, which cites them; they were measured on other objects.
+    """
+    columns = ("chamfer", "f1_tau", "f1_2tau")
+    scores = {column: errors(evaluations, list(experiments), split, column) for column in columns}
+    found, rows = scores["chamfer"], []
+    for name, experiment in experiments.items():
+        row: dict[str, Any] = {"source": "measured", "method": SINGLE_IMAGE_NAMES[experiment.strategy], "from": name}
+        for column in columns:
+            estimate = scores[column].estimate([name], resamples=resamples)
+            if column == "chamfer":
+                estimate = Estimate(*(pixel2mesh_chamfer(number) for number in estimate))
+            row |= interval_columns(column, estimate)
+        rows.append(row | size_columns(found, name))
+    published = paper_values("single_image").sort_values("cited_by_the_paper", kind="stable")
+    for record in published.to_dict("records"):
+        origin = "cited by the paper" if record["cited_by_the_paper"] == "yes" else "the paper"
+        row = {"source": "cited", "method": record["method"], "from": origin}
+        rows.append(row | {column: record[column] for column in columns})
+    note = (
+        " Pixel2Mesh's protocol as in Mesh R-CNN's evaluation: meshes scaled by "
+        f"{PIXEL2MESH_SCALE:.2f} (0.57 for a bounding box of diagonal 1; here it is 0.5), squared distances, "
+        f"tau = {TAU:g}; Chamfer distance in "
+        "thousandths. Measured rows: models of this run, trained on the same views for the same processor time; "
+        "PSG, Pixel2Mesh and 3D-R2N2 built from their publications (docs/single_image.md). Cited rows: of ShapeNet's "
+        "13 classes and published renderings, not this run's objects."
+    )
+    return _finish(rows, split, found, note, decimals=2, exact={"chamfer": 3})
+
+
+@products.table(files=("touches",), splits=("test",))
+def local_touch_charts(touches: pd.DataFrame, split: str = "test", resamples: int = RESAMPLES) -> pd.DataFrame:
+    """Local predictions at each touch of the test split: Chamfer distance (9000 times m²) of the predicted local point
+    cloud, and of the touch chart fitted to it, to the true local cloud.
+    """
+    found = touch_errors(touches, split)
+    published = paper_values("local_touch_charts").assign(estimate="cloud").set_index(["estimate", "class"])["value"]
+    rows = [
+        {"prediction": label} | _by_class(found, name, name, published, resamples) | size_columns(found, name)
+        for name, label in TOUCH_ESTIMATES.items()
+    ]
+    counts = touches[touches["split"] == split]
+    note = f" {len(counts)} successful touches; an object's error is the mean over its touches."
+    return _finish(rows, split, found, note, decimals=5)
+
+
+@products.table(evaluations="input_modalities")
+def surface_quality(
+    evaluations: pd.DataFrame, experiments: Experiments, split: str = "test", resamples: int = RESAMPLES
+) -> pd.DataFrame:
+    """Crumpled sheets, torn charts and spikes told apart: angles between adjacent faces (`bend`, `folded`), distances
+    between charts that were joined (`gap`), and angles to the true surface (`across`), on the test split.
+
+    The columns are explained in `palpate.evaluation.surface_quality`. The paper states none of them.
+    """
+    scores = {column: errors(evaluations, list(experiments), split, column) for column in QUALITY}
+    rows = []
+    for name, experiment in experiments.items():
+        row: dict[str, Any] = {"experiment": name, **_inputs(experiment)}
+        for column, label in QUALITY_LABELS.items():
+            row |= interval_columns(label, scores[column].estimate([name], resamples=resamples))
+        rows.append(row | size_columns(scores["bend"], name))
+    return _finish(rows, split, scores["bend"], QUALITY_NOTE, decimals=1)
+
+
+@products.table(files=("trainings",), on_request=True)
+def tuning(points: Sequence[Mapping[str, Any]], trainings: Sequence[Mapping[str, Any]]) -> pd.DataFrame:
+    """The supplement's hyperparameters in every combination of the config's grid, for the model of occluded vision and
+    touch: the lowest validation loss (9000 x Chamfer distance), the best first.
+
+    points: of `palpate.training.tuning.grid`; trainings: the `training.json` of each.
+    """
+    table = pd.DataFrame(summary(points, trainings))
+    machines = ", ".join(sorted({training["machine"]["found"] for training in trainings}))
+    validated = trainings[0]["validated"]
+    table.attrs["note"] = f"Validation loss of {validated} samples, the best of all evaluations; on {machines}."
+    return table
+
+
+def setups(experiments: Experiments) -> dict[str, dict[int, str]]:
+    """Experiments by their inputs: label -> {number of grasps: name}, in the order given."""
+    found: dict[str, dict[int, str]] = {}
+    for name, experiment in experiments.items():
+        found.setdefault(input_label(experiment), {})[experiment.grasps] = name
+    return found
+
+
+def input_label(experiment: Experiment) -> str:
+    """An experiment's inputs as text: `unoccluded vision + touch`, and whether touch enters by the paper's graph."""
+    vision = {"none": [], "views": ["single view"]}.get(experiment.vision, [f"{experiment.vision} vision"])
+    return _with_graph(" + ".join([*vision, *["touch"] * experiment.touch]) or "nothing", experiment)
+
+
+def model_label(experiment: Experiment) -> str:
+    """An experiment's strategy as text, and whether touch enters by the paper's graph."""
+    return _with_graph(STRATEGY_NAMES[experiment.strategy], experiment)
+
+
+def _with_graph(label: str, experiment: Experiment) -> str:
+    return f"{label} ({PAPERS_GRAPH})" if experiment.in_graph else label
+
+
+def _inputs(experiment: Experiment) -> dict[str, str]:
+    """The columns with a row's model and its inputs."""
+    vision = experiment.vision if experiment.has_vision else "–"
+    return {"model": model_label(experiment), "vision": vision, "touch": "yes" if experiment.touch else "no"}
+
+
+def touch_errors(touches: pd.DataFrame, split: str) -> Errors:
+    """Errors of local predictions as of two experiments, `cloud` and `chart`."""
+    names = list(TOUCH_ESTIMATES)
+    others = [name for name in (*touches.columns, "seed") if name not in names]
+    long = touches.assign(seed=0).melt(others, names, var_name="estimate", value_name="chamfer")
+    return errors(long, names, split, key="estimate")
 
 
 def ring_key(experiment: str, ring: int) -> str:
@@ -223,76 +277,6 @@ def ring_errors(rings: pd.DataFrame, experiments: Sequence[str], split: str) -> 
     return errors(named, keys, split, column="distance", key="key")
 
 
-def single_image(
-    evaluations: pd.DataFrame, experiments: Experiments, split: str = "test", resamples: int = RESAMPLES
-) -> pd.DataFrame:
-    """Single-image reconstruction by Pixel2Mesh's protocol (supplement, table "Single image 3D shape
-    reconstructing results"): the models measured here first, then the paper's own row, then those that it cites.
-
-    Column `source` is `measured` or `cited`: what is cited was measured on other objects. `chamfer` is in thousandths
-    at the protocol's scale, `f1_tau` and `f1_2tau` in percent.
-    """
-    columns = ("chamfer", "f1_tau", "f1_2tau")
-    scores = {column: errors(evaluations, list(experiments), split, column) for column in columns}
-    found, rows = scores["chamfer"], []
-    for name, setup in experiments.items():
-        row: dict[str, Any] = {"source": "measured", "method": SINGLE_IMAGE_NAMES[setup["strategy"]], "from": name}
-        for column in columns:
-            estimate = scores[column].estimate([name], resamples=resamples)
-            if column == "chamfer":
-                estimate = Estimate(*(pixel2mesh_chamfer(number) for number in estimate))
-            row |= _columns(column, estimate)
-        rows.append(row | size_columns(found, name))
-    published = paper_values("single_image").sort_values("cited_by_the_paper", kind="stable")
-    for record in published.to_dict("records"):
-        cited = record["cited_by_the_paper"] == "yes"
-        rows.append(
-            {
-                "source": "cited",
-                "method": record["method"],
-                "from": "cited by the paper" if cited else "the paper",
-                **{column: record[column] for column in ("chamfer", "f1_tau", "f1_2tau")},
-            }
-        )
-    note = (
-        " Pixel2Mesh's protocol as in Mesh R-CNN's evaluation: meshes scaled by "
-        f"{PIXEL2MESH_SCALE:.2f} (0.57 for a bounding box of diagonal 1; here it is 0.5), squared distances, "
-        f"tau = {TAU:g}; Chamfer distance in "
-        "thousandths. Measured rows: models of this run, trained on the same views for the same processor time; "
-        "PSG, Pixel2Mesh and 3D-R2N2 built from their publications (docs/single_image.md). Cited rows: of ShapeNet's "
-        "13 classes and published renderings, not this run's objects."
-    )
-    return _finish(rows, split, found, note, decimals=2, exact={"chamfer": 3})
-
-
-def surface_quality(
-    evaluations: pd.DataFrame, experiments: Experiments, split: str = "test", resamples: int = RESAMPLES
-) -> pd.DataFrame:
-    """How smooth predicted surfaces are, on average over classes: the columns that
-    `palpate.evaluation.surface_quality` explains. The paper states nothing of it."""
-    scores = {column: errors(evaluations, list(experiments), split, column) for column in QUALITY}
-    rows = []
-    for name, setup in experiments.items():
-        row: dict[str, Any] = {"experiment": name, **_inputs(setup)}
-        for column, label in QUALITY_LABELS.items():
-            row |= _columns(label, scores[column].estimate([name], resamples=resamples))
-        rows.append(row | size_columns(scores["bend"], name))
-    return _finish(rows, split, scores["bend"], QUALITY_NOTE, decimals=1)
-
-
-def tuning(points: Sequence[Mapping[str, Any]], trained: Sequence[Mapping[str, Any]]) -> pd.DataFrame:
-    """The points of the grid of hyperparameters with the result of each, the lowest validation loss first.
-
-    points: of `palpate.training.tuning.grid`; trained: the `training.json` of each.
-    """
-    table = pd.DataFrame(summary(points, trained))
-    machines = sorted({training["machine"]["found"] for training in trained})
-    table.attrs["note"] = (
-        f"Validation loss of {trained[0]['validated']} samples, the best of all evaluations; on {', '.join(machines)}."
-    )
-    return table
-
-
 def _by_class(found: Errors, name: str, stated: str, published: pd.Series, resamples: int) -> dict[str, float]:
     """An experiment's measured and published columns: each class, then the average, and how far two seeds differ in it.
 
@@ -301,12 +285,13 @@ def _by_class(found: Errors, name: str, stated: str, published: pd.Series, resam
     row = {}
     for label in (*found.class_names, AVERAGE):
         part = found if label == AVERAGE else found.of_class(label)
-        row |= _columns(label, part.estimate([name], resamples=resamples))
+        row |= interval_columns(label, part.estimate([name], resamples=resamples))
         row[f"{label}_paper"] = published.get((stated, label), np.nan)
     return row | {"between_seeds": found.between_seeds([name])}
 
 
-def _columns(label: str, estimate: Estimate) -> dict[str, float]:
+def interval_columns(label: str, estimate: Estimate) -> dict[str, float]:
+    """The columns of a number and its interval."""
     return {label: estimate.value, f"{label}_low": estimate.low, f"{label}_high": estimate.high}
 
 

@@ -1,4 +1,4 @@
-"""The paper's numbers, typed from its tables; each row names its table.
+"""The paper's numbers, typed from its tables; each row names its table. It needs no pandas but for `paper_values`.
 
 | file | key columns | unit |
 |---|---|---|
@@ -16,13 +16,14 @@
 | effects | experiment, compared_with | the differences that the text is about: `palpate.results.effects` |
 """
 
-from collections.abc import Iterable, Mapping
+import csv
+from collections.abc import Iterable
+from functools import cache
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-import pandas as pd
-
-from palpate.evaluation.rows import SPLITS
-from palpate.experiments import Comparison
+if TYPE_CHECKING:
+    import pandas as pd
 
 FOLDER = Path(__file__).parent / "paper"
 
@@ -32,49 +33,46 @@ OF_EXPERIMENTS = ("model_selection", "input_modalities", "grasps", "extrapolatio
 
 def published_experiments(*tables: str) -> list[str]:
     """The experiments that the paper has numbers of in these tables (if none: `OF_EXPERIMENTS`)."""
-    names = (name for table in tables or OF_EXPERIMENTS for name in paper_values(table)["experiment"])
-    return list(dict.fromkeys(names))
+    return list(dict.fromkeys(row["experiment"] for table in tables or OF_EXPERIMENTS for row in paper_rows(table)))
 
 
 def effects(experiments: Iterable[str]) -> list[dict[str, str]]:
     """The rows of `paper/effects.csv` whose two experiments are among those given."""
-    known, rows = set(experiments), paper_values("effects", text=True).to_dict("records")
-    return [row for row in rows if {row["experiment"], row["compared_with"]} <= known]
-
-
-def needed_splits(experiment: str, tables: Mapping[str, Comparison]) -> list[str]:
-    """The splits of which a table, a claim or a difference takes an experiment's errors; all `SPLITS` if none does.
-
-    tables: those of config/experiments.yaml.
-    """
-    needed = {table.split for table in tables.values() if experiment in table.by_name}
-    claims = paper_values("claims", text=True)
-    needed |= {row.split for row in claims.itertuples() if experiment in row.experiments.split("; ")}
-    effects_of = paper_values("effects", text=True)
-    if experiment in {*effects_of["experiment"], *effects_of["compared_with"]}:
-        needed |= set(SPLITS)
-    return [split for split in SPLITS if split in needed or not needed]
+    known = set(experiments)
+    return [row for row in paper_rows("effects") if {row["experiment"], row["compared_with"]} <= known]
 
 
 def has_papers_classes(classes: Iterable[str]) -> bool:
     """Whether a run has any of the paper's classes; the tables of one without leave the paper's columns out."""
-    return bool({*classes} & {*paper_values("dataset_statistics")["class"]} - {"total"})
+    return bool({*classes} & {row["class"] for row in paper_rows("dataset_statistics")} - {"total"})
 
 
-def without_paper(table: pd.DataFrame, classes: Iterable[str]) -> pd.DataFrame:
+def without_paper(table: "pd.DataFrame", classes: Iterable[str]) -> "pd.DataFrame":
     """A table without the paper's columns (`*_paper`, `paper_agrees`), if none of its run's classes is the paper's."""
     theirs = [name for name in table if name.endswith("_paper") or name == "paper_agrees"]
     return table if has_papers_classes(classes) else table.drop(columns=theirs)
 
 
-def paper_values(table: str, text: bool = False) -> pd.DataFrame:
-    """The rows of one of the module's files, in its order.
+def paper_values(table: str) -> "pd.DataFrame":
+    """The rows of one of the module's files, in its order. Raises what `paper_rows` raises."""
+    import pandas as pd
 
-    text: every cell as it is written, an empty one as "".
+    return pd.read_csv(_path(table))
+
+
+@cache
+def paper_rows(table: str) -> tuple[dict[str, str], ...]:
+    """The rows of one of the module's files as text, an empty cell as "".
+
     Raises FileNotFoundError for a file that does not exist, and names those that do.
     """
+    with open(_path(table), encoding="utf-8", newline="") as file:
+        return tuple(csv.DictReader(file))
+
+
+def _path(table: str) -> Path:
     path = FOLDER / f"{table}.csv"
     if not path.exists():
         known = sorted(file.stem for file in FOLDER.glob("*.csv"))
         raise FileNotFoundError(f"{path}: the paper has numbers for the tables {known}, not for {table!r}")
-    return pd.read_csv(path, dtype=str, keep_default_na=False) if text else pd.read_csv(path)
+    return path

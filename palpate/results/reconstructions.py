@@ -30,6 +30,7 @@ from palpate.evaluation.reconstruct import (  # noqa: E402  (Blender comes befor
     of_object,
 )
 from palpate.mesh import OBJECT_POSITION, load_visual  # noqa: E402
+from palpate.results import products  # noqa: E402
 from palpate.results.page import COLOURS, FAINT, INK, LABEL, TITLE, new_figure, save, save_sentence, styled  # noqa: E402
 from palpate.results.surface_view import CLAY  # noqa: E402
 from palpate.vision import Mesh, Renderer, spheres  # noqa: E402
@@ -44,7 +45,6 @@ SETUPS = (
     *((f"charts_touch_{count}", "Touch only", f"{count} grasps") for count in (2, 3, 4, 5)),
 )
 EXPERIMENTS = tuple(experiment for experiment, *_ in SETUPS)
-STAGES = ("surface", "touch", "vision")  # whose objects can be drawn
 
 POINT = 0.004  # m, radius of a surface point, where there is no mesh
 SAMPLES = 16
@@ -57,6 +57,21 @@ MARGIN = 0.03  # of the picture's edge, free on each side where the camera moves
 WIRE = 0.006  # m: sides this far behind the surface that the picture shows are hidden
 
 
+@products.figure(
+    models=(  # of `SETUPS`
+        "charts_occluded",
+        "charts_occluded_touch",
+        "charts_unoccluded",
+        "charts_unoccluded_touch",
+        "charts_touch",
+        "charts_touch_2",
+        "charts_touch_3",
+        "charts_touch_4",
+        "charts_touch_5",
+    ),
+    files=("touch_depth",),
+    stores=("meshes", "surface", "touch", "vision"),
+)
 @styled
 def reconstructions(
     dataset: Dataset,
@@ -66,7 +81,9 @@ def reconstructions(
     threads: int = 1,
     wires: bool = False,
 ) -> None:
-    """Draw the first test object of every class as each model reconstructs it, with inputs and ground truth.
+    """The first test object of every class, not chosen, as the models of this run reconstruct it: from its occluded or
+    unoccluded image, alone and with the touches of one grasp, and from the touches of one to five grasps alone. All
+    renders are from the images' camera, moved closer. Vision charts are blue, the charts of successful touches orange.
 
     models: folder of each trained model by its experiment, of `EXPERIMENTS`; of these, columns are drawn for
     those given. A model that takes n grasps gets the object's first n; images are those of the first.

@@ -26,7 +26,7 @@ from palpate.catalogue import SPLITS, CatalogueEntry
 from palpate.dataset import Dataset, ObjectRecord
 from palpate.dataset.run import Run
 from palpate.rebuild_command import RECORD
-from palpate.results.captions import caption, position
+from palpate.results.products import caption, position
 from palpate.results.tables import display
 from palpate.store.contract import CONTRACT
 from palpate.terminal import duration

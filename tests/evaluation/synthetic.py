@@ -4,22 +4,20 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-import yaml
 
 from palpate.evaluation.rows import COLUMNS, RING_COLUMNS, TOUCH_COLUMNS
-from palpate.experiments import Experiments
+from palpate.experiments import Experiment, Experiments
 from palpate.results.published import paper_values
 
 ROOT = Path(__file__).parents[2]
 CLASSES = ("bottle", "knife", "cellphone", "rifle")
-DECLARED = yaml.safe_load((ROOT / "config/experiments.yaml").read_text())
-EXPERIMENTS = DECLARED["experiments"]
-READ = Experiments.read(ROOT / "config/experiments.yaml", ROOT / "workflow/schemas/experiments.schema.yaml")
+DECLARED = Experiments.read(ROOT / "config/experiments.yaml", ROOT / "workflow/schemas/experiments.schema.yaml")
+EXPERIMENTS = DECLARED.experiments
 
 
-def of_table(table: str) -> dict:
-    """The experiments of a table, as the rules pass them."""
-    return {name: EXPERIMENTS[name] for name in DECLARED["tables"][table]["experiments"]}
+def of_table(table: str) -> dict[str, Experiment]:
+    """The experiments of a table by their names."""
+    return DECLARED.tables[table].by_name
 
 
 def objects(each: int, classes=CLASSES) -> list[tuple[str, str]]:
@@ -87,13 +85,9 @@ def published_means() -> dict[str, float]:
 def means_of_tables() -> dict[str, float]:
     """Those of the paper, and the same for experiments of the same set-up and another architecture."""
     means = published_means()
-    setups = {setup(name): mean for name, mean in means.items()}
-    of_tables = [name for table in DECLARED["tables"].values() for name in table["experiments"] if name not in means]
-    return means | {name: setups[setup(name)] for name in of_tables if setup(name) in setups}
-
-
-def setup(name: str) -> tuple:
-    return tuple(EXPERIMENTS[name][key] for key in ("strategy", "vision", "touch", "grasps"))
+    setups = {EXPERIMENTS[name].setup: mean for name, mean in means.items()}
+    of_tables = [each for table in DECLARED.tables.values() for each in table.experiments if each.name not in means]
+    return means | {each.name: setups[each.setup] for each in of_tables if each.setup in setups}
 
 
 def published_rings() -> dict[tuple[str, int], float]:

@@ -11,7 +11,7 @@ from palpate.camera import paper_camera
 from palpate.models import PAPER_ARCHITECTURES, Reconstruction, TouchDepth, paper_architecture
 from palpate.models.gcn import ZeroNeighbourLayer
 from palpate.models.layers import ConvolutionBlock
-from palpate.results.architectures import architecture_table, compare, paper_rows, read_layers
+from palpate.results.architectures import architecture, compare, paper_rows, read_layers
 from palpate.results.tables import write_table
 
 TABLES = ["touch_depth", *PAPER_ARCHITECTURES]
@@ -20,7 +20,7 @@ IMAGE = {"image": torch.rand(1, 3, 256, 256), "camera": torch.from_numpy(paper_c
 
 @pytest.fixture(scope="module")
 def tables():
-    return {name: architecture_table(name) for name in TABLES}
+    return {name: architecture(name) for name in TABLES}
 
 
 def occluded(architecture):

@@ -1,10 +1,11 @@
 import numpy as np
+import pandas as pd
 import pytest
 
 from palpate.evaluation.rows import EvaluationError
 from palpate.results.bootstrap import Estimate
 from palpate.results.claims import FAILS, HOLDS, STATISTICS, UNDECIDED, claims, decide, verdict
-from palpate.results.published import paper_values, published_experiments
+from palpate.results.published import paper_rows, paper_values, published_experiments
 from tests.evaluation import synthetic
 
 MEANS = synthetic.published_means()
@@ -125,7 +126,7 @@ def test_claims_take_what_the_rule_gives_them():
 
 
 def test_a_limit_is_the_one_that_its_claim_names():
-    rows = paper_values("claims", text=True)
+    rows = pd.DataFrame(paper_rows("claims"))
     limits = rows[rows["statistic"].isin(["change", "share_of_least"])]
     assert len(limits) == 3 and set(rows["statistic"]) == set(STATISTICS)
     for row in limits.to_dict("records"):
@@ -185,6 +186,6 @@ def test_claims_of_the_model_selection_compare_the_rows_that_the_paper_names():
     number = paper_values("model_selection").drop_duplicates("experiment").set_index("experiment")["row"]
     named = {(4, 1), (8, 5), (10, 9), (12, 11)} | {(4, 2), (8, 6)} | {(4, 3), (8, 7)}
     named |= {(1, 5), (2, 6), (3, 7), (4, 8), (9, 11), (10, 12)} | {(4, 10), (8, 12), (1, 9), (5, 11)}
-    rows = paper_values("claims", text=True)
+    rows = pd.DataFrame(paper_rows("claims"))
     rows = rows[(rows["table"] == "model_selection") & (rows["parameters"] == "1 -1")]
     assert {tuple(number[name] for name in pair.split("; ")) for pair in rows["experiments"]} == named

@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -5,6 +7,7 @@ from matplotlib.colors import to_rgb
 from matplotlib.image import imread
 
 from palpate.evaluation.rows import EvaluationError
+from palpate.experiments import Experiment
 from palpate.results import model_figures as figures
 from tests.evaluation import synthetic
 
@@ -91,9 +94,9 @@ def test_a_history_that_is_missing_or_broken_is_named(tmp_path):
 
 
 def test_the_papers_graph_is_a_curve_of_its_own_beside_the_others():
-    charts = {"strategy": "charts", "vision": "occluded", "touch": True, "grasps": 1}
-    graph = charts | {"architecture": {"touch": "graph"}}
+    charts = Experiment("charts", strategy="charts", vision="occluded", touch=True, grasps=1)
+    graph = replace(charts, architecture={"touch": "graph"})
     (panel, label, colour), (its_panel, its_label, its_colour) = map(figures._panel, (charts, graph))
     assert its_panel == panel and its_label != label and its_colour != colour
-    every = [figures._panel(charts | {"strategy": name}) for name in ("sphere", "no_copy", "no_comm")]
+    every = [figures._panel(replace(charts, strategy=name)) for name in ("sphere", "no_copy", "no_comm")]
     assert its_colour not in [colour for _, _, colour in every]

@@ -1,4 +1,5 @@
 import re
+from dataclasses import replace
 
 import numpy as np
 import pandas as pd
@@ -69,7 +70,7 @@ def test_the_papers_graph_has_a_row_of_its_own_beside_the_papers_value(evaluatio
     """Experiments of the same set-up and another architecture: labelled, measured apart, the same published value."""
     setups = {name: synthetic.EXPERIMENTS[name] for name in ("charts_occluded_touch", "charts_touch")}
     graph = {"architecture": {"touch": "graph", "gcn": {"normalisation": "symmetric"}}, "base": "base_occluded"}
-    setups |= {name.replace("charts", "graph"): setup | graph for name, setup in setups.items()}
+    setups |= {name.replace("charts", "graph"): replace(setup, **graph) for name, setup in setups.items()}
     frame = pd.concat(
         [
             evaluations[evaluations["experiment"].str.startswith("charts")],

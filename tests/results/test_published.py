@@ -3,11 +3,11 @@
 import pandas as pd
 import pytest
 
-from palpate.evaluation.rows import SPLITS
-from palpate.experiments import Comparison, Experiment
+from palpate.experiments import SPLITS, Comparison, Experiment
 from palpate.results.claims import decide
 from palpate.results.effects import touch_effect
-from palpate.results.published import needed_splits, paper_values, published_experiments
+from palpate.results.products import needed_splits
+from palpate.results.published import paper_values, published_experiments
 from tests.evaluation import synthetic
 from tests.evaluation.synthetic import DECLARED
 
@@ -38,12 +38,12 @@ def test_rings_times_9000_are_of_the_main_tables_size():
 
 def test_every_published_experiment_is_declared_in_its_table():
     for table in ("model_selection", "input_modalities", "grasps", "extrapolation"):
-        declared = DECLARED["tables"][table]["experiments"]
+        declared = DECLARED.tables[table].by_name
         assert published_experiments(table) == [name for name in declared if not name.startswith("graph_")]
     grasps = paper_values("grasps")
-    assert (grasps["experiment"].map(lambda n: DECLARED["experiments"][n]["grasps"]) == grasps["grasps"]).all()
-    ours = {name for name in DECLARED["experiments"] if name.startswith(("graph_", "base_", "single_image"))}
-    assert set(published_experiments()) == set(DECLARED["experiments"]) - ours
+    assert (grasps["experiment"].map(lambda n: DECLARED.experiments[n].grasps) == grasps["grasps"]).all()
+    ours = {name for name in DECLARED.experiments if name.startswith(("graph_", "base_", "single_image"))}
+    assert set(published_experiments()) == set(DECLARED.experiments) - ours
 
 
 def test_the_single_image_table_marks_what_is_cited():
@@ -67,15 +67,15 @@ def test_an_unknown_table_names_the_known_ones():
 def test_tables_claims_and_differences_are_the_same_from_the_splits_that_are_needed():
     means = synthetic.published_means()
     measured = synthetic.evaluations(means, each=3)
-    kept = [row.split in needed_splits(row.experiment, synthetic.READ.tables) for row in measured.itertuples()]
+    kept = [row.split in needed_splits(row.experiment, DECLARED.tables) for row in measured.itertuples()]
     of_needed = measured[kept]
     assert 0 < len(of_needed) < len(measured)
     rings, touches = synthetic.rings(synthetic.published_rings(), each=3), synthetic.touches(0.01, each=3)
     for make in (lambda rows: decide(rows, rings, touches, resamples=50), lambda rows: touch_effect(rows, 50)):
         pd.testing.assert_frame_equal(make(of_needed), make(measured))
-    for name, table in DECLARED["tables"].items():
-        for experiment in table["experiments"]:
-            assert table["split"] in needed_splits(experiment, synthetic.READ.tables), name
+    for name, table in DECLARED.tables.items():
+        for experiment in table.by_name:
+            assert table.split in needed_splits(experiment, DECLARED.tables), name
 
 
 @pytest.mark.parametrize(

@@ -14,7 +14,7 @@ import pytest
 from PIL import Image
 
 import palpate
-from palpate.results.captions import caption
+from palpate.results.products import caption
 from palpate.results.tables import write_table
 from palpate.viewer import run_page
 from tests.viewer.browser import in_browser, needs_browser

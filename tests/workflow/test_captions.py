@@ -1,14 +1,32 @@
-"""Captions of a run's page and of `snakemake --report`, which read the same files: one for each table and figure."""
+"""Tables and figures as the workflow takes them from their functions: captions, and one that is new."""
 
+import os
 import re
+import shutil
+import subprocess
+import sys
 
+import pandas as pd
 import pytest
 
-from palpate.results.captions import FOLDER, caption, position
+from palpate import Dataset
+from palpate.results.products import caption, position
 from tests.workflow.conftest import PROJECT, plan
 
 KINDS = (("tables", "csv"), ("figures", "png"))
 DATASET = ["dataset_statistics", "grasp_success", "penetration"]
+NEW = '''
+import pandas as pd
+
+from palpate.results import products
+
+
+@products.table(stores=("touch",), category="Dataset")
+def touches_of_classes(dataset):
+    """Successful touches of each class."""
+    counts = {name: dataset.of_class(name).array("touch", "success")[:].sum() for name in dataset.classes}
+    return pd.DataFrame(counts.items(), columns=["class", "touches"])
+'''
 
 
 def test_every_table_and_figure_has_a_caption_of_its_own():
@@ -30,13 +48,42 @@ def test_captions_of_the_dataset_say_nothing_of_seeds(name):
     assert "seeds" not in caption("tables", name)
 
 
-def test_names_are_in_the_order_of_their_captions():
+def test_names_are_in_the_order_of_their_products():
     names = ["zzz", "architectures/touch", "claims", "touch_effect_by_class", "touch_effect", "dataset_statistics"]
-    ordered = ["dataset_statistics", "claims", "touch_effect", "touch_effect_by_class", "architectures/touch", "zzz"]
-    assert sorted(names, key=lambda name: position("tables", name)) == ordered
+    dataset_first, *others = sorted(names, key=lambda name: position("tables", name))
+    assert dataset_first == "dataset_statistics" and others[-1] == "zzz"
+    assert others.index("touch_effect") + 1 == others.index("touch_effect_by_class")  # as they stand in their module
 
 
-def test_snakemakes_report_reads_the_same_files():
-    rules = "".join(path.read_text() for path in (PROJECT / "workflow/rules").glob("*.smk"))
-    stated = re.findall(r'caption="([^"]+)"', rules)
-    assert {(PROJECT / "workflow/rules" / path).resolve() for path in stated} == set(FOLDER.glob("*.rst"))
+def test_snakemakes_report_has_the_docstrings(finished):
+    result = finished("tables/dataset_statistics.csv", "figures/examples_can.png", "--report", "report.html")
+    assert result.returncode == 0, result.stderr
+    report = (finished.run / "report.html").read_text()
+    # In its HTML: code between tags.
+    assert "Size of the dataset by class and in total, how many objects each split has" in report
+    assert re.search(r">successful_low<|\\u003esuccessful_low\\u003c", report) and "Examples of class can," in report
+
+
+def test_a_new_table_is_one_function(finished, tmp_path):
+    """In a copy of the project: nothing but the function names it, and the workflow makes it."""
+    for name in ("Snakefile", "workflow", "config", "envs", "studies"):
+        (tmp_path / name).symlink_to(PROJECT / name)
+    shutil.copytree(PROJECT / "palpate", tmp_path / "palpate", ignore=shutil.ignore_patterns("__pycache__"))
+    (tmp_path / "palpate/results/own.py").write_text(NEW)
+    (tmp_path / "Snakefile").unlink()
+    shutil.copy(PROJECT / "Snakefile", tmp_path)  # its folder is the project's
+    options = ["--cores", "1", "--rerun-triggers", "mtime", "--configfile", str(finished.config)]
+    for target in (["dataset", "--dry-run"], ["tables/touches_of_classes.tex"]):
+        result = subprocess.run(
+            [sys.executable, "-m", "snakemake", *target, *options],
+            cwd=tmp_path,
+            env=os.environ | {"PYTHONPATH": str(tmp_path)},
+            capture_output=True,
+            text=True,
+            timeout=600,
+        )
+        assert result.returncode == 0 and "touches_of_classes" in result.stdout + result.stderr, result.stderr
+    made = pd.read_csv(finished.run / "tables/touches_of_classes.csv").set_index("class")["touches"]
+    dataset = Dataset(finished.run)
+    touched = {record.name: sum(grasp.success.sum() for grasp in record.grasps) for record in dataset}
+    assert made["can"] == sum(count for name, count in touched.items() if dataset[name].class_name == "can") > 0

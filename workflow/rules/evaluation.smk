@@ -1,3 +1,6 @@
+from palpate.results import products
+
+
 # Square rings of surface points around every successful touch (section 5.3).
 rule rings:
     input:
@@ -36,7 +39,7 @@ rule evaluate:
         gpu=min(TRAINING_GPUS, 1),
     params:
         experiment=lambda wildcards: EXPERIMENTS.experiments[wildcards.experiment].row(),
-        splits=lambda wildcards: needed_splits(wildcards.experiment, EXPERIMENTS.tables),
+        splits=lambda wildcards: products.needed_splits(wildcards.experiment, EXPERIMENTS.tables),
         points=config["evaluation"]["points"],
         device=config["training"]["device"],
     script:
@@ -76,4 +79,4 @@ use rule evaluate as evaluate_touch with:
         "benchmarks/evaluate_touch.tsv"
     params:
         experiment=None,
-        splits=[LOCAL_SPLIT],
+        splits=list(products.find("tables", "local_touch_charts")[0].splits),

@@ -1,11 +1,12 @@
-import pandas
-from snakemake.utils import Paramspace
-
 from palpate.training import tuning
 
 TUNED = "charts_occluded_touch"
 try:
-    TUNING = Paramspace(pandas.DataFrame(tuning.grid(PROJECT / "config/tuning.yaml", config["tuning"]["grid"])))
+    # The points of the grid by their folders, as Snakemake's Paramspace names them, which would load pandas.
+    POINTS = {
+        "/".join(f"{key}~{value}" for key, value in point.items()): point
+        for point in tuning.grid(PROJECT / "config/tuning.yaml", config["tuning"]["grid"])
+    }
 except ConfigError as error:
     stop(error)
 
@@ -42,17 +43,19 @@ use rule reconstruction as tuning_point with:
     input:
         unpack(lambda wildcards: stores_of(TUNED)),
     output:
-        model=f"tuning/{TUNING.wildcard_pattern}/best.ckpt",
-        history=f"tuning/{TUNING.wildcard_pattern}/history.csv",
-        summary=f"tuning/{TUNING.wildcard_pattern}/training.json",
+        model="tuning/{point}/best.ckpt",
+        history="tuning/{point}/history.csv",
+        summary="tuning/{point}/training.json",
     log:
-        f"logs/tuning/{TUNING.wildcard_pattern}.log",
+        "logs/tuning/{point}.log",
     benchmark:
-        f"benchmarks/tuning/{TUNING.wildcard_pattern}.tsv"
+        "benchmarks/tuning/{point}.tsv"
+    wildcard_constraints:
+        point="|".join(map(re.escape, POINTS)),
     params:
         experiment=EXPERIMENTS.experiments[TUNED].row() if TUNED in EXPERIMENTS.experiments else None,
         settings=lambda wildcards: recipes.settings(RECIPE, EXPERIMENTS.experiments[TUNED].row()),
-        point=TUNING.instance,
+        point=lambda wildcards: POINTS[wildcards.point],
         steps=config["tuning"]["steps"],
         machine=TRAINING_MACHINE,
         seed=config["seed"],

@@ -1,0 +1,194 @@
+"""Tables and figures of a run: each is one function of this package, declared by a decorator.
+
+    @products.table(evaluations="input_modalities")
+    def worst_objects(evaluations, split):
+        \"""The ten objects of the test split with the largest Chamfer distance (9000 times m²).\"""
+        return evaluations[evaluations["split"] == split].nlargest(10, "chamfer")
+
+The function's name is the table's or the figure's. The first paragraph of its docstring is the caption. The
+decorator's values (`Product`) say what it reads. Its parameters get what is read under the same name, as listed in
+`workflow/scripts/product.py`; a figure also gets the `path` to write to. Inputs, params, captions and targets of the
+workflow follow from this.
+
+Declarations are read from the source, without importing it, so that the workflow's start loads no pandas, matplotlib,
+torch or Blender. Their values are therefore literals.
+"""
+
+import ast
+import importlib
+import re
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from string import Formatter
+from typing import Any, TypeVar
+
+from palpate.experiments import SPLITS, Comparison
+from palpate.results.published import paper_rows
+from palpate.stages import STAGES
+
+Function = TypeVar("Function", bound=Callable)
+FOLDER = Path(__file__).parent
+KINDS = {"products.table": "tables", "products.figure": "figures"}  # decorator -> folder of the run
+INTERVALS = (
+    "In brackets, or in the columns `_low` and `_high`: 95 % bootstrap intervals over objects within classes, and over "
+    "seeds where there are several. Columns that end in `paper` hold the paper's values, if the run has any of its "
+    "classes; `objects`, `seeds` and `steps` (of training) are the numbers of these behind each row."
+)
+REPORTS = {  # captions of the reports, which `studies` makes
+    "error_vs_runtime": "Error against run time of every stage: each method with each of its settings, on some objects "
+    "of the run and over all of them. Times are medians of rounds in which the methods take turns, on one core. The "
+    "line is the front of best methods. A ring marks the setting of the config. A hollow mark is a method that this "
+    "machine is too noisy to rank.",
+    "stability": "Stiff and extreme cases: the quantities that each case measures, their bounds and values, and "
+    "whether the case holds, was rejected with a reason, or fails.",
+    "omitted": "What each stage omits: seconds and bytes with it and without it, and the largest difference in the "
+    "result.",
+}
+
+
+@dataclass(frozen=True)
+class Product:
+    """One table or figure, as its decorator declares it.
+
+    Attributes:
+        kind: `tables` or `figures`. module, function: where its function is. parameters: of the function.
+        caption: first paragraph of its docstring.
+        name: by default the function's; `{class_name}` or `{model}` in it stands for each class of the run, or each
+            model whose layers the paper lists. The caption may have the same field.
+        evaluations, rings: whose evaluations it reads, over all surfaces and in rings around touches: a table of
+            config/experiments.yaml, `claims` or `effects`.
+        models: experiments whose trained models it reads.
+        files: further files that it reads: `touches` (evaluation of the U-Net), `touch_depth` (the U-Net), `histories`
+            (of all trainings), `trainings` (of the grid of hyperparameters).
+        stores: stages whose stores it reads, `dataset` for all of the dataset; a dataset that was read, not simulated,
+            lacks some.
+        splits: that it needs objects of; by default the split of the table that `evaluations` or `rings` names.
+        category: `Dataset` or `Models`.
+        simulated: whether a dataset that was read, not simulated, can't have it.
+        on_request: whether it is made only when it is asked for, not by `all`.
+    """
+
+    kind: str
+    module: str
+    function: str
+    parameters: tuple[str, ...]
+    caption: str
+    name: str
+    evaluations: str = ""
+    rings: str = ""
+    models: tuple[str, ...] = ()
+    files: tuple[str, ...] = ()
+    stores: tuple[str, ...] = ()
+    splits: tuple[str, ...] = ()
+    category: str = "Models"
+    simulated: bool = False
+    on_request: bool = False
+
+    @property
+    def fields(self) -> list[str]:
+        """The fields in its name."""
+        return [field for _, field, *_ in Formatter().parse(self.name) if field]
+
+    @property
+    def pattern(self) -> str:
+        """Regular expression of its name, a group a field."""
+        return re.sub(r"\\\{(\w+)\\\}", r"(?P<\1>.+)", re.escape(self.name))
+
+    @property
+    def comparison(self) -> str:
+        """The table of config/experiments.yaml whose experiments it reads evaluations of; empty without one."""
+        source = self.evaluations or self.rings
+        return source if source not in ("claims", "effects") else ""
+
+    def needed_splits(self, tables: Mapping[str, Comparison]) -> tuple[str, ...]:
+        """The splits that it needs objects of. tables: those of config/experiments.yaml."""
+        return self.splits or ((tables[self.comparison].split,) if self.comparison in tables else ())
+
+    def load(self) -> Callable:
+        """Its function; imports the engines of its module."""
+        return getattr(importlib.import_module(f"palpate.results.{self.module}"), self.function)
+
+
+def table(**declaration: Any) -> Callable[[Function], Function]:
+    """Declares a function that gives a table (DataFrame); keywords are attributes of `Product`."""
+    return lambda function: function
+
+
+def figure(**declaration: Any) -> Callable[[Function], Function]:
+    """Declares a function that draws a figure to `path`; keywords are attributes of `Product`."""
+    return lambda function: function
+
+
+@cache
+def products() -> tuple[Product, ...]:
+    """The tables and figures, those of the dataset first, then by module, in the order of the source.
+
+    Raises ValueError, naming file and line, for a declaration that can't be read, or without a caption.
+    """
+    found = []
+    for path in sorted(FOLDER.glob("*.py")):
+        for function in ast.parse(path.read_text(encoding="utf-8")).body:
+            if isinstance(function, ast.FunctionDef):
+                for decorator in function.decorator_list:
+                    kind = KINDS.get(ast.unparse(getattr(decorator, "func", decorator)))
+                    if kind:
+                        found.append(_product(kind, path, function, decorator))
+    return tuple(sorted(found, key=lambda each: each.category))
+
+
+def _product(kind: str, path: Path, function: ast.FunctionDef, decorator: ast.Call) -> Product:
+    try:
+        declared = {each.arg: ast.literal_eval(each.value) for each in decorator.keywords}
+        caption = " ".join((ast.get_docstring(function) or "").split("\n\n")[0].split())
+        if not caption:
+            raise ValueError("its docstring, whose first paragraph is the caption, is missing")
+        parameters = tuple(each.arg for each in (*function.args.args, *function.args.kwonlyargs))
+        if declared.get("stores") == ("dataset",):
+            declared["stores"] = tuple(stage.name for stage in STAGES.values() if stage.in_dataset)
+        return Product(kind, path.stem, function.name, parameters, caption, **{"name": function.name} | declared)
+    except (ValueError, TypeError) as error:
+        raise ValueError(f"{path}:{function.lineno}: {function.name}: {error}") from None
+
+
+def find(kind: str, name: str) -> tuple[Product, dict[str, str]] | None:
+    """The product of a name, and what the fields in its name stand for; None for an unknown name."""
+    for product in products():
+        match = re.fullmatch(product.pattern, name) if product.kind == kind else None
+        if match:
+            return product, match.groupdict()
+    return None
+
+
+def caption(kind: str, name: str) -> str:
+    """The caption of a table, figure or report, with code between backticks; empty for an unknown name."""
+    if kind == "reports":
+        return REPORTS.get(name, "")
+    found = find(kind, name)
+    if not found:
+        return ""
+    product, fields = found
+    text = product.caption.format(**fields)
+    has_intervals = product.evaluations or product.rings or "touches" in product.files
+    return f"{text} {INTERVALS}" if kind == "tables" and has_intervals else text
+
+
+def position(kind: str, name: str) -> tuple[int, str]:
+    """What sorts names in the order of their products; unknown ones at the end, by name."""
+    found = find(kind, name)
+    return products().index(found[0]) if found else len(products()), name
+
+
+def needed_splits(experiment: str, tables: Mapping[str, Comparison]) -> list[str]:
+    """The splits of which a table, a claim or a difference takes an experiment's errors; all if none does.
+
+    tables: those of config/experiments.yaml.
+    """
+    needed = {row["split"] for row in paper_rows("claims") if experiment in row["experiments"].split("; ")}
+    for product in products():
+        if product.comparison in tables and experiment in tables[product.comparison].by_name:
+            needed |= set(product.needed_splits(tables))
+    if any(experiment in (row["experiment"], row["compared_with"]) for row in paper_rows("effects")):
+        needed |= set(SPLITS)
+    return [split for split in SPLITS if split in needed or not needed]

@@ -1,0 +1,53 @@
+"""tables/<table>.csv with .md and .tex, or figures/<figure>.png: by the function of palpate/results that declares it.
+
+Each parameter of the function gets what `READERS` reads for it, or a value of params. Others keep their defaults.
+"""
+
+from pathlib import Path
+
+from palpate import checksums
+from palpate.atomic import atomic_write
+from palpate.batch import log_to
+from palpate.experiments import Experiment
+from palpate.results import products
+
+log_to(snakemake.log[0])
+product, _ = products.find(f"{snakemake.rule}s", snakemake.wildcards[0])
+make = product.load()  # first of all: it may load Blender, which comes before what loads embree
+
+from palpate import Dataset  # noqa: E402
+from palpate.evaluation import rows  # noqa: E402
+from palpate.results.dataset_tables import dataset_frames  # noqa: E402
+from palpate.results.tables import write_table  # noqa: E402
+
+inputs, values = snakemake.input, snakemake.params.values
+
+
+def by_training(paths):
+    """Files of trainings by experiment and seed."""
+    folders = {path: Path(path).parent for path in paths}
+    return {(each.parent.name, int(each.name.removeprefix("seed-"))): path for path, each in folders.items()}
+
+
+READERS = {
+    "dataset": lambda: Dataset(".", product.stores),
+    "frames": lambda: dataset_frames("."),
+    "evaluations": lambda: rows.read(inputs.evaluations),
+    "rings": lambda: rows.read(inputs.rings, rows.RING_COLUMNS),
+    "touches": lambda: rows.read([inputs.touches], rows.TOUCH_COLUMNS),
+    "models": lambda: {name: path for (name, _), path in by_training(inputs.models).items()},
+    "touch_depth": lambda: inputs.touch_depth,
+    "histories": lambda: by_training(inputs.histories),
+    "trainings": lambda: [
+        checksums.read_record(path, "remove it and train this point again") for path in inputs.trainings
+    ],
+    "experiments": lambda: {name: Experiment.from_row(name, row) for name, row in values["experiments"].items()},
+    "threads": lambda: snakemake.threads,
+}
+read = {name: READERS[name]() for name in product.parameters if name in READERS}
+arguments = {name: values[name] for name in product.parameters if name in values} | read
+if product.kind == "tables":
+    write_table(make(**arguments), snakemake.output.table)
+else:
+    with atomic_write(snakemake.output.figure) as path:
+        make(path=path, **arguments)
