@@ -46,7 +46,9 @@ if not RELEASED:
 include: "workflow/rules/touch_charts.smk"
 include: "workflow/rules/reconstruction.smk"
 include: "workflow/rules/evaluation.smk"
+include: "workflow/rules/products.smk"
 include: "workflow/rules/results.smk"
+include: "workflow/rules/known_targets.smk"
 include: "workflow/rules/targets.smk"
 
 

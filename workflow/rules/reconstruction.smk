@@ -2,13 +2,11 @@ from palpate.training import tuning
 
 TUNED = "charts_occluded_touch"
 try:
-    # The points of the grid by their folders, as Snakemake's Paramspace names them, which would load pandas.
-    POINTS = {
-        "/".join(f"{key}~{value}" for key, value in point.items()): point
-        for point in tuning.grid(PROJECT / "config/tuning.yaml", config["tuning"]["grid"])
-    }
+    grid = tuning.grid(PROJECT / "config/tuning.yaml", config["tuning"]["grid"])
 except ConfigError as error:
     stop(error)
+# The points of the grid by their folders, as Snakemake's Paramspace names them; that would load pandas.
+POINTS = {str(Path(*(f"{key}~{value}" for key, value in point.items()))): point for point in grid}
 
 
 # One model of config/experiments.yaml, from just the stores that it takes arrays of (palpate/training/inputs.py), and

@@ -5,33 +5,15 @@ from studies.subjects import round_robin
 
 REPORT_OBJECTS = round_robin(ENTRIES, lambda entry: entry.class_name)[: config["reports"]["objects"]]
 REPORT_BATCHES = sorted({PLACES[entry.object] for entry in REPORT_OBJECTS})
-
-
-def report_item(wildcards):
-    return report_items.REPORTS[wildcards.report][wildcards.item]
-
-
-def report_inputs(wildcards):
-    """What an item reads, of the batches that hold the report's objects."""
-    files = {name: report_items.FILES[name] for name in report_item(wildcards).reads}
-    files["catalogue"] = "catalogue/{batch}.csv"
-    return {name: expand(paths, batch=REPORT_BATCHES, every_batch=BATCHES) for name, paths in sorted(files.items())}
-
-
-def report_settings(wildcards):
-    """The sections of the config that an item depends on."""
-    return {section: RECIPE if section == "recipe" else config[section] for section in report_item(wildcards).settings}
-
-
-def report_tables(report):
-    """The tables of the items that `reports.stages` asks for."""
-    asked = report_items.items_of_stages(report, config["reports"]["stages"])
-    return expand(f"reports/{report}/{{item}}.csv", item=asked)
-
-
-def timed(wildcards):
-    """Whether an item measures times: then no other job runs beside it."""
-    return wildcards.report in report_items.TIMED
+ASKED_ITEMS = {each: report_items.items_of_stages(each, config["reports"]["stages"]) for each in report_items.REPORTS}
+REPORT_TABLES = {each: expand(f"reports/{each}/{{item}}.csv", item=items) for each, items in ASKED_ITEMS.items()}
+REPORT_FILES = {
+    name: expand(paths, batch=REPORT_BATCHES, every_batch=BATCHES)
+    for name, paths in {**report_items.FILES, "catalogue": "catalogue/{batch}.csv"}.items()
+}
+item_of = lambda wildcards: report_items.REPORTS[wildcards.report][wildcards.item]
+# Whether an item measures times: then no other job runs beside it.
+is_timed = lambda wildcards: wildcards.report in report_items.TIMED
 
 
 localrules:
@@ -40,7 +22,7 @@ localrules:
 
 rule report_item:
     input:
-        unpack(report_inputs),
+        unpack(lambda wildcards: {name: REPORT_FILES[name] for name in ("catalogue", *item_of(wildcards).reads)}),
     output:
         table="reports/{report}/{item}.csv",
     log:
@@ -50,22 +32,24 @@ rule report_item:
     wildcard_constraints:
         report="|".join(report_items.REPORTS),
     # It works on one thread.
-    threads: lambda wildcards: (workflow.resource_settings.cores or 1) if timed(wildcards) else 1
+    threads: lambda wildcards: (workflow.resource_settings.cores or 1) if is_timed(wildcards) else 1
     resources:
         mem_mb=6000,
         runtime=120,
     params:
-        settings=report_settings,
+        settings=lambda wildcards: {
+            section: RECIPE if section == "recipe" else config[section] for section in item_of(wildcards).settings
+        },
         batches=REPORT_BATCHES,
-        objects=lambda wildcards: config["reports"]["objects"] if timed(wildcards) else 1,
-        rounds=lambda wildcards: config["reports"]["rounds"] if timed(wildcards) else 1,
+        objects=lambda wildcards: config["reports"]["objects"] if is_timed(wildcards) else 1,
+        rounds=lambda wildcards: config["reports"]["rounds"] if is_timed(wildcards) else 1,
     script:
         "../scripts/report_item.py"
 
 
 rule report:
     input:
-        tables=lambda wildcards: report_tables(wildcards.report),
+        tables=lambda wildcards: REPORT_TABLES[wildcards.report],
     output:
         table=report(
             "reports/{report}.csv",
@@ -92,9 +76,4 @@ rule report:
 
 rule reports:
     input:
-        [
-            f"reports/{report}.{form}"
-            for report in report_items.REPORTS
-            if report_tables(report)
-            for form in ("csv", "md", "png")
-        ],
+        [f"reports/{name}.{form}" for name, tables in REPORT_TABLES.items() if tables for form in ("csv", "md", "png")],

@@ -1,0 +1,37 @@
+# What there is to ask for, for a target that nothing makes.
+def named_targets():
+    """Rules that can be asked for; those named like files stand for paths from the project's root."""
+    return [rule.name for rule in workflow.rules if not rule.has_wildcards() and rule.name.isidentifier()]
+
+
+def known_targets():
+    """The targets that there are: by name, and every file that is worth asking for."""
+    of_models = {"experiment": EXPERIMENTS.experiments, "seed": config["training"]["seeds"]}
+    return [
+        *named_targets(),
+        *(path for product in OFFERED for path in product_files(product)),
+        *expand("models/{experiment}/seed-{seed}/best.ckpt", **of_models),
+        *expand("evaluations/{experiment}/seed-{seed}.csv", **of_models),
+        *expand("evaluations/rings/{experiment}/seed-{seed}.csv", **of_models),
+        *("catalogue.csv", "rejected.csv", "models/touch_depth/best.ckpt", "evaluations/touch_depth.csv"),
+        *expand("reports/{report}.csv", report=["validation", *([] if RELEASED else report_items.REPORTS)]),
+        *(path for stage in stages.STAGES.values() for path in expand(stage.path(), batch=BATCHES)),
+    ]
+
+
+def explain_target(path):
+    """What to say of a target that nothing makes."""
+    path = os.path.relpath(path, RUN_FOLDER) if os.path.isabs(path) else path
+    known, seeds = known_targets(), config["training"]["seeds"]
+    notes = [
+        f"by name: {', '.join(sorted(named_targets()))}",
+        f"tables/<table>.csv, .md, .tex: {', '.join(product_names('tables', OFFERED))}",
+        f"figures/<figure>.png: {', '.join(product_names('figures', OFFERED))}",
+        f"models/<experiment>/seed-<seed>/best.ckpt, evaluations/<experiment>/seed-<seed>.csv: "
+        f"{', '.join(EXPERIMENTS.experiments)}; seeds {', '.join(map(str, seeds))}",
+        f"meshes/<batch>, <stage>/<batch>.zarr, grasps/<batch>.h5: {BATCHES[0]} to {BATCHES[-1]}",
+    ]
+    seed = re.search(r"\bseed-(\d+)\b", path)
+    if seed and int(seed[1]) not in seeds:
+        notes.insert(0, f"the config has no seed {seed[1]}: add it to training.seeds")
+    return terminal.unknown_target(path, known, notes)

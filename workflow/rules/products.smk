@@ -1,0 +1,117 @@
+# Tables and figures: each is a function of palpate/results, which declares what it reads (palpate/results/products.py).
+from palpate import stages
+from palpate.results import published
+
+FORMS = {"tables": ["csv", "md", "tex"], "figures": ["png"]}
+# What the fields in names of products stand for: the run's classes by their names in files, the paper's models.
+FIELDS = {
+    "class_name": {catalogue.file_name(name): name for name in CLASS_COUNTS},
+    "model": {row["model"]: row["model"] for row in published.paper_rows("architectures")},
+}
+# Experiments that take no more grasps than the run has, and the differences between them.
+SMALL = [each.name for each in EXPERIMENTS.experiments.values() if each.grasps <= config["grasps"]["per_object"]]
+EFFECTS = published.effects(SMALL)
+
+for name in EXPERIMENTS.tables:
+    if name not in (known := dict.fromkeys(each.comparison for each in products.products() if each.comparison)):
+        stop(f"config/experiments.yaml: no table is called {name}; there are {', '.join(known)}")
+
+
+def is_available(source):
+    """Whether the run has a source of evaluations. A released dataset has no views, which single images are of."""
+    tables = EXPERIMENTS.tables
+    if source == "effects":
+        return bool(EFFECTS)
+    if source == "claims":
+        defined = set(published.published_experiments()) <= set(EXPERIMENTS.experiments)
+        return defined and "extrapolation" in tables and tables["extrapolation"].split == "test"
+    if source in tables:
+        return not (RELEASED and any(each.vision == "views" for each in tables[source].experiments))
+    return not source
+
+
+def experiments_of(source, rings=False):
+    """Names of the experiments of a source; a source or an experiment that is not defined is an error."""
+    if source == "claims":
+        names = published.published_experiments(*["extrapolation"] * rings)
+    elif source == "effects":
+        names = sorted({row[key] for row in EFFECTS for key in ("experiment", "compared_with")})
+    elif source in EXPERIMENTS.tables:
+        names = EXPERIMENTS.tables[source].by_name
+    else:
+        stop(f"config/experiments.yaml defines no table {source}")
+    for name in names:
+        if name not in EXPERIMENTS.experiments:
+            stop(f"experiment {name} is needed, but config/experiments.yaml does not define it")
+    return names
+
+
+def product_files(product):
+    names = expand(product.name, **FIELDS)
+    return expand(f"{product.kind}/{{name}}.{{form}}", name=names, form=FORMS[product.kind])
+
+
+def product_names(kind, chosen):
+    return [name for each in chosen if each.kind == kind for name in expand(each.name, **FIELDS)]
+
+
+# What the config allows to ask for, and what `all` makes of it.
+PRODUCTS = [each for each in products.products() if not (RELEASED and each.simulated)]
+OFFERED = [each for each in PRODUCTS if is_available(each.evaluations) and is_available(each.rings)]
+MADE = [each for each in OFFERED if not each.on_request]
+TRAINED = sorted({name for table in filter(is_available, EXPERIMENTS.tables) for name in experiments_of(table)})
+EVERY_SEED = {"seed": config["training"]["seeds"]}
+FILES = {
+    "touches": "evaluations/touch_depth.csv",
+    "touch_depth": "models/touch_depth/best.ckpt",
+    "histories": expand("models/{experiment}/seed-{seed}/history.csv", experiment=TRAINED, **EVERY_SEED),
+    "trainings": expand("tuning/{point}/training.json", point=POINTS),
+}
+
+
+def product_inputs(kind, name):
+    """The files that a table or figure reads. That the run lacks a split is an error before anything runs."""
+    product, _ = products.find(kind, name)
+    files = {each: FILES[each] for each in product.files}
+    if product.stores:
+        rejecting = ["released"] if RELEASED else [each for each in product.stores if stages.STAGES[each].rejects]
+        files["catalogue"] = "catalogue.csv"
+        files["rejected"] = expand("rejected/{stage}/{batch}.csv", stage=rejecting, batch=BATCHES)
+    for stage in map(stages.STAGES.get, product.stores):
+        if not (RELEASED and stage.simulated):
+            files[stage.name] = expand(stage.path(), batch=BATCHES)
+    if product.models:
+        models = [each for each in product.models if each in SMALL]
+        seed = config["training"]["seeds"][0]
+        files["models"] = expand("models/{experiment}/seed-{seed}/best.ckpt", experiment=models, seed=seed)
+    if source := product.evaluations:
+        files["evaluations"] = expand(
+            "evaluations/{experiment}/seed-{seed}.csv", experiment=experiments_of(source), **EVERY_SEED
+        )
+    if source := product.rings:
+        files["rings"] = expand(
+            "evaluations/rings/{experiment}/seed-{seed}.csv", experiment=experiments_of(source, True), **EVERY_SEED
+        )
+    catalogue_with(product.needed_splits(EXPERIMENTS.tables), f"{kind[:-1]} {name}")
+    return files
+
+
+def product_params(kind, name):
+    """The values that its function takes of the config."""
+    product, fields = products.find(kind, name)
+    comparison = EXPERIMENTS.tables.get(product.comparison)
+    compared = comparison.by_name if comparison else {each: EXPERIMENTS.experiments[each] for each in TRAINED}
+    values = {
+        "experiments": {each: experiment.row() for each, experiment in compared.items()},
+        "split": next(iter(product.needed_splits(EXPERIMENTS.tables)), None),
+        "resamples": config["evaluation"]["resamples"],
+        "fit": config["training"]["chart_fit"],
+        "points": list(POINTS.values()),
+    }
+    values |= {field: FIELDS[field][value] for field, value in fields.items()}
+    return {key: value for key, value in values.items() if key in product.parameters}
+
+
+def caption(kind, name):
+    """A caption as reStructuredText. Params that take the output are no reason to make it again: another wording isn't."""
+    return products.caption(kind, name).replace("`", "``")
