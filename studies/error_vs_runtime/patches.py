@@ -9,7 +9,7 @@ import numpy as np
 import trimesh
 
 from palpate.grasp.closing import GraspSimulation
-from palpate.grasp.patches import CELL, surface_patches
+from palpate.grasp.patches import CELL, THICKNESS, surface_patches
 from studies.error_vs_runtime.grasps import AT_REST, TRUE_SURFACE, Case, Closings, GraspStudy, close, face_pieces
 from studies.error_vs_runtime.study import Method
 
@@ -39,7 +39,9 @@ class PatchStudy(GraspStudy):
         for cell in sorted({*CELLS, CELL}):
             cut = run(lambda collision, cell=cell: surface_patches(collision, cell))
             methods.append(Method("patches", "cell, mm", round(1e3 * cell, 6), cut, cell == CELL))
-        methods.append(Method("a piece a face", "pieces", "faces", run(face_pieces)))
+        methods.append(
+            Method("a piece a face", "pieces", "faces", run(lambda collision: face_pieces(collision, THICKNESS)))
+        )
         methods.append(Method("convex hull", "pieces", "1", run(lambda collision: [collision.vertices])))
         return methods
 
