@@ -16,7 +16,8 @@ from typing import Any, NamedTuple
 import pandas as pd
 
 from palpate.atomic import atomic_write
-from studies import figures, subjects, summaries, tables
+from palpate.results.tables import markdown
+from studies import figures, subjects, summaries
 from studies.error_vs_runtime import study
 from studies.omitted import omission
 from studies.stability import cases
@@ -69,10 +70,25 @@ def measure(
 
 
 def join(report: str, items: Iterable[Path | str], table: Path | str, text: Path | str, figure: Path | str) -> None:
-    """Join the tables of a report's items: all rows as CSV, a summary as Markdown, a figure as PNG."""
-    spec = JOINS[report]
-    rows = tables.read(items)
-    tables.write(rows.drop(columns=list(spec.dropped)), table)
-    tables.write_text(spec.summarise(rows), text)
+    """Join the tables of a report's items: all rows as CSV, a summary as Markdown, a figure as PNG; atomically."""
+    spec, rows = JOINS[report], read(items)
+    write(rows.drop(columns=list(spec.dropped)), table)
+    with atomic_write(text) as path:
+        path.write_text(markdown(spec.summarise(rows)))
     with atomic_write(figure) as path:
         spec.draw(rows, path)
+
+
+def write(table: pd.DataFrame, path: Path | str) -> None:
+    """Write a table as CSV with six digits, atomically."""
+    with atomic_write(path) as partial:
+        table.to_csv(partial, index=False, float_format="%.6g")
+
+
+def read(paths: Iterable[Path | str]) -> pd.DataFrame:
+    """Read and concatenate the tables of a report's items; only an empty field is a missing value.
+
+    The column `value` stays text: it holds numbers or words, depending on the knob.
+    """
+    how = {"keep_default_na": False, "na_values": [""], "dtype": {"value": str}}
+    return pd.concat([pd.read_csv(path, **how) for path in paths], ignore_index=True)

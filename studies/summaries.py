@@ -22,27 +22,19 @@ def fronts(table: pd.DataFrame) -> pd.DataFrame:
     references = table.groupby("stage", sort=False)["reference"].first()
     rows = over_objects(table)
     rows = rows[rows["drawn"] & rows["error"].notna() & (rows["front"] | rows["chosen"])]
-    groups = rows.groupby(["stage", "measure"], sort=False)
-    rows = pd.concat([group.sort_values("seconds") for _, group in groups])
-    spread = [
-        f"{_number(1e3 * middle)} ({_number(1e3 * low)} to {_number(1e3 * high)}){'?' if noisy else ''}"
-        for middle, low, high, noisy in zip(
-            rows["seconds"], rows["seconds_low"], rows["seconds_high"], rows["noisy"], strict=True
-        )
-    ]
-    summary = pd.DataFrame(
-        {
-            "stage": rows["stage"],
-            "measure": rows["measure"] + ", " + rows["unit"],
-            "method": rows["method"],
-            "knob": [setting(*each) for each in zip(rows["knob"], rows["value"], strict=True)],
-            "error": rows["error"].map(_number),
-            "ms": spread,
-            "MiB": rows["peak_mib"].map(_number),
-            "front": rows["front"].map({True: "front", False: ""}),
-            "chosen": rows["chosen"].map({True: "chosen", False: ""}),
-        }
-    ).reset_index(drop=True)
+    rows = pd.concat([group.sort_values("seconds") for _, group in rows.groupby(["stage", "measure"], sort=False)])
+    middle, low, high = ((1e3 * rows[key]).map(_number) for key in ("seconds", "seconds_low", "seconds_high"))
+    columns = {
+        "stage": rows["stage"],
+        "measure": rows["measure"] + ", " + rows["unit"],
+        "method": rows["method"],
+        "knob": [setting(*each) for each in zip(rows["knob"], rows["value"], strict=True)],
+        "error": rows["error"].map(_number),
+        "ms": middle + " (" + low + " to " + high + ")" + rows["noisy"].map({True: "?", False: ""}),
+        "MiB": rows["peak_mib"].map(_number),
+        **{key: rows[key].map({True: key, False: ""}) for key in ("front", "chosen")},
+    }
+    summary = pd.DataFrame(columns).reset_index(drop=True)
     lines = "\n".join(f"- {stage}: {reference}" for stage, reference in references.items())
     summary.attrs["note"] = f"Errors are against:\n\n{lines}"
     return summary
@@ -53,20 +45,12 @@ def verdicts(table: pd.DataFrame) -> pd.DataFrame:
     rows = []
     for (suite, case), findings in table.groupby(["suite", "case"], sort=False):
         count = findings["verdict"].value_counts()
-        row = findings.iloc[0]
-        failed = findings[findings["verdict"] == FAILS]
-        row = failed.iloc[0] if len(failed) else row
-        value = pd.to_numeric(row["value"], errors="coerce")
-        unit = row["unit"] if pd.notna(row["unit"]) else ""
-        shown = row["value"] if pd.isna(value) else f"{_number(value)} {unit}"
-        rows.append(
-            {
-                "suite": suite,
-                "case": case,
-                **{verdict: int(count.get(verdict, 0)) for verdict in (HOLDS, REJECTED, FAILS)},
-                "for example": f"{row['quantity']}: {str(shown).strip()} ({row['bound']})",
-            }
-        )
+        row = findings.sort_values("verdict", key=lambda verdict: verdict != FAILS, kind="stable").iloc[0]
+        value, unit = pd.to_numeric(row["value"], errors="coerce"), row["unit"] if pd.notna(row["unit"]) else ""
+        shown = str(row["value"] if pd.isna(value) else f"{_number(value)} {unit}").strip()
+        counts = {verdict: int(count.get(verdict, 0)) for verdict in (HOLDS, REJECTED, FAILS)}
+        example = f"{row['quantity']}: {shown} ({row['bound']})"
+        rows.append({"suite": suite, "case": case, **counts, "for example": example})
     return pd.DataFrame(rows)
 
 

@@ -15,10 +15,7 @@ import pandas as pd
 
 from palpate.batch import generator
 from palpate.results.tables import markdown
-from studies.reliability import clock, files
-from studies.reliability.fault import COLUMNS, row
-
-FAULTS = [*files.FAULTS, *clock.FAULTS]
+from studies.reliability.faults import COLUMNS, FAULTS, row
 
 
 def main() -> None:

@@ -13,6 +13,7 @@ from palpate.grasp.closing import GraspSimulation
 from palpate.grasp.grasp import Grasp, Grasper
 from palpate.hand import MAX_PENETRATION, allegro
 from palpate.mesh import load_collision, load_visual
+from studies.grasping import Closing, find_closings
 from studies.stability.cases import Finding, at_most, equal
 from studies.subjects import Subject
 
@@ -24,13 +25,6 @@ CLOSED = "closed"  # outcome of a closing that the grasper accepts
 FINGER_LENGTH = 0.14  # m from the base of an Allegro's finger to its gel
 JOINT_TOLERANCE = MAX_PENETRATION / FINGER_LENGTH  # rad: moves a fingertip by the allowed penetration; 0.4 degrees
 GEL_TOLERANCE = 0.0032 / FINGER_LENGTH  # rad: moves a fingertip by its gel's thickness; 1.3 degrees
-
-
-class Closing(NamedTuple):
-    """A palm pose (4, 4), clear of the object, and the servos' targets (J,)."""
-
-    pose: np.ndarray
-    targets: np.ndarray
 
 
 class RecordedClosing(NamedTuple):
@@ -75,12 +69,9 @@ def closing_setup(subject: Subject) -> ClosingSetup:
     visual, collision = load_visual(subject.folder), load_collision(subject.folder)
     points = trimesh.sample.sample_surface(visual, POINTS, seed=0)[0]
     grasper = Grasper(visual, collision, points, HAND)
-    rng, closings = np.random.default_rng(0), []
-    for _ in range(CLOSINGS):
-        pose = grasper.free_palm_pose(rng)
-        if pose is None:
-            raise ValueError(f"{subject.name}: {CLOSINGS} palm poses free of the object were not found")
-        closings.append(Closing(pose, grasper.workspace.targets(pose, grasper.surface)))
+    closings = find_closings(grasper, np.random.default_rng(0), CLOSINGS)
+    if len(closings) < CLOSINGS:
+        raise ValueError(f"{subject.name}: {CLOSINGS} palm poses free of the object were not found")
     return ClosingSetup(grasper, closings)
 
 
@@ -138,9 +129,8 @@ def record(
         links = hand.forward(closing.pose, joints)
         outcome, depth = result, max(grasper.check.in_object(links), grasper.check.in_itself(links))
     warnings = int(sum(warning.number for warning in seen.data.warning))
-    return RecordedClosing(
-        label, joints, warnings, np.array(seen.kinetic), np.cumsum(seen.work), np.array(seen.path), depth, outcome
-    )
+    kinetic, path = np.array(seen.kinetic), np.array(seen.path)
+    return RecordedClosing(label, joints, warnings, kinetic, np.cumsum(seen.work), path, depth, outcome)
 
 
 def deepest_penetration(grasper: Grasper, closing: Closing, recorded: RecordedClosing, every: int = 3) -> float:

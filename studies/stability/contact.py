@@ -16,8 +16,10 @@ Depths are those of `palpate.grasp.penetration`, between true surfaces, not the 
 import copy
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -62,25 +64,26 @@ REFUSED = (UNSTABLE, UNSETTLED, OUT_OF_RANGE, PENETRATING)
 Change = Callable[[GraspSimulation], None]
 
 
-def solref(first: float, second: float = 1.0, safe: bool = True) -> Change:
-    """Set time constant (s) and damping ratio of contacts and joint limits; safe: keep the engine's `refsafe` on."""
+def setting(safe: bool = True, **values: Any) -> Change:
+    """Set fields of the model; safe: keep the engine's `refsafe` on."""
 
     def edit(simulation: GraspSimulation) -> None:
-        model = simulation.model
-        model.geom_solref[:] = model.jnt_solref[:] = first, second
+        for name, value in values.items():
+            getattr(simulation.model, name)[:] = value
         if not safe:
-            model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_REFSAFE
+            simulation.model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_REFSAFE
 
     return edit
+
+
+def solref(first: float, second: float = 1.0, safe: bool = True) -> Change:
+    """Set time constant (s) and damping ratio of contacts and joint limits."""
+    return setting(safe, geom_solref=(first, second), jnt_solref=(first, second))
 
 
 def solimp(*values: float) -> Change:
     """Set impedances of contacts and joint limits: at depth 0, at `width` (m), `width`, midpoint and power."""
-
-    def edit(simulation: GraspSimulation) -> None:
-        simulation.model.geom_solimp[:] = simulation.model.jnt_solimp[:] = values
-
-    return edit
+    return setting(geom_solimp=values, jnt_solimp=values)
 
 
 def gains(factor: float, torque: float = 1.0) -> Change:
@@ -111,11 +114,7 @@ def mass(factor: float, links: str = "") -> Change:
 
 def armature(value: float) -> Change:
     """Set the armature of all hinges, kg m^2."""
-
-    def edit(simulation: GraspSimulation) -> None:
-        simulation.model.dof_armature[:] = value
-
-    return edit
+    return setting(dof_armature=value)
 
 
 def faster_closing(factor: float) -> Change:
@@ -129,12 +128,12 @@ def faster_closing(factor: float) -> Change:
 
 def combined(*changes: Change) -> Change:
     """Apply several changes in order."""
+    return lambda simulation: [change(simulation) for change in changes]
 
-    def edit(simulation: GraspSimulation) -> None:
-        for each in changes:
-            each(simulation)
 
-    return edit
+def plate_setup() -> ClosingSetup:
+    """The middle finger bending onto a plate."""
+    return shapes.shape_setup(shapes.placed_at_pad(shapes.plate(), shapes.bent_finger()))
 
 
 def none_accepted(recorded: Sequence[RecordedClosing], what: str) -> Finding:
@@ -261,10 +260,7 @@ def gains_at_10_ms(subject) -> Iterator[Finding]:
 @CASES.case("masses 1e-4 to 1e4", STAGE)
 def mass_ratios(subject) -> Iterator[Finding]:
     """All links or the tips alone: light hands rest where the default does, heavy ones don't come to rest."""
-    setup, plate = (
-        closing_setup(subject),
-        shapes.shape_setup(shapes.placed_at_pad(shapes.plate(), shapes.bent_finger())),
-    )
+    setup, plate = closing_setup(subject), plate_setup()
     mild, on_plate = setup.record(hold_targets), plate.record(hold_targets)
     for name, links in (("all links", ""), ("tips", "_tip")):
         for factor in (1e-4, 1e-2):
@@ -279,10 +275,7 @@ def mass_ratios(subject) -> Iterator[Finding]:
 @CASES.case("armature to 0", STAGE)
 def armature_to_zero(subject) -> Iterator[Finding]:
     """The servos' damping stays; only the links' own inertia remains, 1e-5 kg m^2 at a finger's base."""
-    setup, plate = (
-        closing_setup(subject),
-        shapes.shape_setup(shapes.placed_at_pad(shapes.plate(), shapes.bent_finger())),
-    )
+    setup, plate = closing_setup(subject), plate_setup()
     mild, on_plate = setup.record(hold_targets), plate.record(hold_targets)
     for share in (0.1, 0.01, 0):
         lighter = combined(armature(share * ARMATURE), hold_targets)
@@ -310,10 +303,7 @@ def timesteps(subject) -> Iterator[Finding]:
 @CASES.case("closing at 10 times the speed", STAGE)
 def ten_times_faster(subject) -> Iterator[Finding]:
     """Also how much holding longer changes: in theory the remainder of the servos' lag behind their ramp."""
-    setup, plate = (
-        closing_setup(subject),
-        shapes.shape_setup(shapes.placed_at_pad(shapes.plate(), shapes.bent_finger())),
-    )
+    setup, plate = closing_setup(subject), plate_setup()
     mild, sooner = setup.record(hold_targets), combined(faster_closing(10), hold_targets)
     yield joints_agree(setup.record(sooner), mild, GEL_TOLERANCE)
     yield joints_agree(plate.record(sooner), plate.record(hold_targets), what="joints' change on a plate")
@@ -411,11 +401,9 @@ def edges_and_vertices(subject) -> Iterator[Finding]:
     }
     for name, (shape, at) in met.items():
         mesh = shapes.placed_at_pad(shape, shapes.bent_finger(), at=at)
-        setup = shapes.shape_setup(mesh)
-        ends = [
-            setup.record(hold_targets, simulation=GraspSimulation(HAND, surface_patches(mesh), step))
-            for step in TIMESTEPS[:4]
-        ]
+        setup, patches = shapes.shape_setup(mesh), surface_patches(mesh)
+        simulations = [GraspSimulation(HAND, patches, step) for step in TIMESTEPS[:4]]
+        ends = [setup.record(hold_targets, simulation=each) for each in simulations]
         yield from soundness(ends[1], what=name)
         if at != corner:
             yield joints_agree(ends[1], ends[2], what=f"{name}: joints' change to 2 ms")
@@ -458,34 +446,21 @@ def extreme_files(subject) -> Iterator[Finding]:
         for name, values in {"inertia": 'mass="1" diaginertia="1 1 9"', "mass": 'mass="-1"'}.items():
             file = Path(folder) / f"impossible_{name}.xml"
             file.write_text(IMPOSSIBLE.format(values))
-            found = rejects(
-                name, lambda file=file: from_mjcf(file, {"sensors": [{"site": "gel"}]}), ValueError, file.name
-            )
+            found = rejects(name, partial(from_mjcf, file, {"sensors": [{"site": "gel"}]}), ValueError, file.name)
             yield found._replace(note=found.note.replace(f"{folder}/", ""))
     reason = "from end to end, not 0.01 to 1 m: give all lengths in metres"
     for size in (10, 1000, 0.001):
-        yield rejects(f"lengths x{size:g}", lambda size=size: scaled_hand(HAND, size), ValueError, reason)
-    crossed_fingers, distant_ball = replace(HAND, open_joint_positions=shapes.crossed_fingers()), shapes.distant_ball()
-    yield rejects(
-        "open hand in itself",
-        lambda: Grasper(distant_ball, distant_ball, distant_ball.triangles_center, crossed_fingers),
-        ValueError,
-        "deep in each other",
-    )
+        yield rejects(f"lengths x{size:g}", partial(scaled_hand, HAND, size), ValueError, reason)
+    crossed, far = replace(HAND, open_joint_positions=shapes.crossed_fingers()), shapes.distant_ball()
+    grasper = partial(Grasper, far, far, far.triangles_center, crossed)
+    yield rejects("open hand in itself", grasper, ValueError, "deep in each other")
 
 
 def scaled_hand(hand: Hand, size: float) -> Hand:
     """The hand with all lengths scaled by `size`."""
-    anchor = hand.palm_anchor.copy()
-    anchor[:3, 3] *= size
-    return replace(
-        hand,
-        link_position=size * hand.link_position,
-        geom_size=size * hand.geom_size,
-        geom_position=size * hand.geom_position,
-        sensor_position=size * hand.sensor_position,
-        palm_anchor=anchor,
-    )
+    names = ("link_position", "geom_size", "geom_position", "sensor_position")
+    lengths = {name: size * getattr(hand, name) for name in names}
+    return replace(hand, palm_anchor=scaled_position(hand.palm_anchor, size), **lengths)
 
 
 def scaled_position(pose: np.ndarray, size: float) -> np.ndarray:

@@ -6,7 +6,7 @@ or larger than the camera's view, occur only where a user calls the library dire
 
 import tempfile
 from collections.abc import Iterator
-from functools import lru_cache
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -72,10 +72,8 @@ def hand():
 
 def distance_off_surface(points: np.ndarray, mesh: trimesh.Trimesh) -> float:
     """Largest distance (m) from points (n, 3) to the faces of a mesh."""
-    squared, _, _ = igl.point_mesh_squared_distance(
-        np.asarray(points, dtype=float), np.asarray(mesh.vertices, dtype=float), np.asarray(mesh.faces, dtype=np.int64)
-    )
-    return float(np.sqrt(squared.max()))
+    surface = np.asarray(mesh.vertices, dtype=float), np.asarray(mesh.faces, dtype=np.int64)
+    return float(np.sqrt(igl.point_mesh_squared_distance(np.asarray(points, dtype=float), *surface)[0].max()))
 
 
 def rotation_along(axis: int, sign: int) -> np.ndarray:
@@ -113,17 +111,9 @@ def sample_points(result: PreparedMesh) -> tuple[np.ndarray, list[Finding]]:
 
 def grasp_once(result: PreparedMesh, points: np.ndarray, attempts: int = 12) -> GraspSet:
     """One grasp; raises `UnusableObject` if `attempts` palm poses give none."""
-    return grasp_object(
-        result.visual,
-        result.collision,
-        points + OBJECT_POSITION,
-        hand(),
-        np.random.default_rng(0),
-        per_object=1,
-        attempts=1,
-        max_attempts=attempts,
-        max_penetration=MAX_PENETRATION,
-    )
+    limits = {"per_object": 1, "attempts": 1, "max_attempts": attempts, "max_penetration": MAX_PENETRATION}
+    surface, rng = points + OBJECT_POSITION, np.random.default_rng(0)
+    return grasp_object(result.visual, result.collision, surface, hand(), rng, **limits)
 
 
 def later_stages(result: PreparedMesh, attempts: int = 12) -> Iterator[Finding]:
@@ -188,12 +178,8 @@ def needle(subject):
     hair = prepare_mesh(trimesh.creation.cylinder(radius=1e-5, height=1, sections=12))
     points, findings = sample_points(hair)
     yield from findings
-    yield rejects(
-        "grasp of a hair of 10 micrometres",
-        lambda: grasp_once(hair, points),
-        UnusableObject,
-        "no surface that a finger could stop at",
-    )
+    reason = "no surface that a finger could stop at"
+    yield rejects("grasp of a hair of 10 micrometres", lambda: grasp_once(hair, points), UnusableObject, reason)
 
 
 def with_slivers(box: trimesh.Trimesh, share: float) -> trimesh.Trimesh:
@@ -220,9 +206,8 @@ def slivers(subject):
         yield at_most(f"depth changes, along {'xyz'[axis]}", float(np.abs(both[0] - both[1]).max()), 2e-7, "m")
     yield from later_stages(result)
     flat = soup([(0, 0, 0), (1, 0, 0), (0.5, 0.9e-6, 0)], [(0, 1, 2)])
-    yield rejects(
-        "one sliver, alone", lambda: prepare_mesh(flat), UnusableObject, "none of its 1 triangles has an area"
-    )
+    reason = "none of its 1 triangles has an area"
+    yield rejects("one sliver, alone", lambda: prepare_mesh(flat), UnusableObject, reason)
 
 
 @CASES.case("objects x0.01 to x100", "meshes")
@@ -241,28 +226,26 @@ def offset(subject):
     """Accepted in files of double precision; rejected where rounding to single precision has lost the shape."""
     ball = trimesh.creation.icosphere(subdivisions=3)
     away = soup(ball.vertices + (1e6, -1e6, 1e6), ball.faces)
-    reference, result = prepare_mesh(ball).visual, prepare_mesh(away).visual
+    reference = prepare_mesh(ball).visual
+
+    def corners_move(result: PreparedMesh, other: trimesh.Trimesh) -> float:
+        return float(np.abs(result.visual.triangles - other.triangles).max())
+
     # Doubles are 1.2e-10 apart out there, for a ball of radius 1; its diagonal is off by that too.
-    change = float(np.abs(result.triangles - reference.triangles).max())
-    yield at_most("corners move, text in double precision", change, 2 * ROUNDED + 2e-10, "m")
+    moved = corners_move(prepare_mesh(away), reference)
+    yield at_most("corners move, text in double precision", moved, 2 * ROUNDED + 2e-10, "m")
+    reason = r"rounded by up to .* \(single precision\)"
     for suffix in ("ply", "stl", "glb"):
-        yield rejects(
-            f"{suffix}, single precision",
-            lambda suffix=suffix: prepare_mesh(away, suffix),
-            UnusableObject,
-            r"rounded by up to .* \(single precision\)",
-        )
+        made = partial(prepare_mesh, away, suffix)
+        yield rejects(f"{suffix}, single precision", made, UnusableObject, reason)
     box = trimesh.creation.box((40, 20, 10))
     there = soup(box.vertices + (1e6, -1e6, 1e6), box.faces)
-    change = float(
-        np.abs(prepare_mesh(there, "stl").visual.triangles - prepare_mesh(box, "stl").visual.triangles).max()
-    )
-    yield at_most("corners move, stl of whole numbers", change, 2 * ROUNDED, "m", "which single holds exactly")
+    moved = corners_move(prepare_mesh(there, "stl"), prepare_mesh(box, "stl").visual)
+    yield at_most("corners move, stl of whole numbers", moved, 2 * ROUNDED, "m", "which single holds exactly")
     for far in (100.0, 1000.0):
-        result = prepare_mesh(soup(ball.vertices + far, ball.faces), "ply").visual
-        change = float(np.abs(result.vertices - reference.vertices).max())
+        moved = corners_move(prepare_mesh(soup(ball.vertices + far, ball.faces), "ply"), reference)
         bound = float(np.spacing(np.float32(far + 1))) * DIAGONAL / np.linalg.norm(ball.extents) + 2 * ROUNDED
-        yield at_most(f"corners move, ply at {far:g}", change, bound, "m", "single precision there")
+        yield at_most(f"corners move, ply at {far:g}", moved, bound, "m", "single precision there")
 
 
 @CASES.case("a million faces", "meshes, surface, touch", short=False)
@@ -295,13 +278,16 @@ def a_million_faces(subject):
 @CASES.case("a mesh that takes too long", "meshes")
 def too_long(subject):
     """A mesh on which a library takes very long: 20,000 faces around one corner, minutes to decimate."""
-    turn = np.linspace(0, 2 * np.pi, 20_000, endpoint=False)
-    rim = np.stack([np.cos(turn), np.sin(turn), 0 * turn], axis=1)
-    around = np.arange(20_000)
-    faces = np.stack([0 * around, around + 1, (around + 1) % 20_000 + 1], axis=1)
-    fan = soup(np.concatenate([[(0, 0, 1.0)], rim]), faces)
+    mesh = fan(1.0, np.linspace(0, 2 * np.pi, 20_000, endpoint=False))
     reason = r"took more than 0\.3 s: simplify the mesh, or raise the time limit"
-    yield rejects("fan of 20,000 faces", lambda: prepare_mesh(fan, time_limit=0.3), UnusableObject, reason)
+    yield rejects("fan of 20,000 faces", lambda: prepare_mesh(mesh, time_limit=0.3), UnusableObject, reason)
+
+
+def fan(height: float, turn: np.ndarray) -> trimesh.Trimesh:
+    """Faces around a tip at z = `height`, between points of the unit circle at angles `turn` (n,)."""
+    rim, around = np.stack([np.cos(turn), np.sin(turn), 0 * turn], axis=1), np.arange(len(turn))
+    faces = np.stack([0 * around, around + 1, (around + 1) % len(turn) + 1], axis=1)
+    return soup(np.concatenate([[(0, 0, height)], rim]), faces)
 
 
 @CASES.case("one triangle", "meshes, surface, grasps, touch")

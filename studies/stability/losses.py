@@ -36,32 +36,14 @@ CASES = Cases()
 ROUNDING = 1e-5  # relative, of sums of thousands of numbers in float32
 GRASPS = 5
 EXPERIMENT = {"strategy": "charts", "vision": "unoccluded", "touch": True, "grasps": GRASPS}
-VISION = EXPERIMENT | {"touch": False, "grasps": 1}
-BATCH, ATTRIBUTES = "batch-0000", {"seed": 0, "made_from": {}, "sensor": DIGIT.description()}
-SETTINGS = {
-    "architecture": {
-        "encoder": {"channels": [8, 16], "layers": [1, 2], "pool": [1, 3], "norm": "instance", "padding": 1},
-        "gcn": {"layers": 4, "width": 32},
-        "unsuccessful": "held",
-        "normalise_positions": True,
-        "init": "he",
-        "last_layer_scale": 0.01,
-    },
-    "optimiser": "adam",
-    "rate": 1e-3,
-    "schedule": "constant",
-    "weight_decay": 0,
-    "clip": 1.0,
-    "ema": None,
-    "batch": 1,
-    "steps": 12,
-    "epochs": None,
-    "evaluate_every": 4,
-    "patience": None,
-    "loss_points": 500,
-    "validation_points": 500,
-    "validation_samples": 1,
-}
+Change = Callable[[Tensor], Tensor]
+REFUSED = "was touched: more objects are needed"
+ENCODER = {"channels": [8, 16], "layers": [1, 2], "pool": [1, 3], "norm": "instance", "padding": 1}
+LAYERS = {"encoder": ENCODER, "gcn": {"layers": 4, "width": 32}, "unsuccessful": "held", "init": "he"}
+LAYERS |= {"normalise_positions": True, "last_layer_scale": 0.01}
+SETTINGS = {"architecture": LAYERS, "optimiser": "adam", "rate": 1e-3, "schedule": "constant", "weight_decay": 0}
+SETTINGS |= {"clip": 1.0, "ema": None, "batch": 1, "steps": 12, "epochs": None, "evaluate_every": 4, "patience": None}
+SETTINGS |= {"loss_points": 500, "validation_points": 500, "validation_samples": 1}
 
 
 def seeded(seed: int = 0) -> torch.Generator:
@@ -106,6 +88,12 @@ def count_nonfinite(*tensors: Tensor) -> int:
     return sum(int((~torch.isfinite(tensor)).sum()) for tensor in tensors)
 
 
+def backward_nonfinite(loss: Tensor, model: torch.nn.Module, *tensors: Tensor) -> int:
+    """Take the gradients of a loss; how many numbers of it, of them, and of further tensors are NaN or infinite."""
+    loss.backward()
+    return count_nonfinite(loss, gradients(model), *(tensor.detach() for tensor in tensors))
+
+
 def gradients(model: torch.nn.Module) -> Tensor:
     """All gradients of a model in one vector."""
     return torch.cat([weights.grad.flatten() for weights in model.parameters() if weights.grad is not None])
@@ -118,12 +106,11 @@ def synthetic_sensors(cloud: Tensor, seed: int = 0) -> tuple[Tensor, Tensor, Ten
     """
     places = cloud[torch.randperm(len(cloud), generator=seeded(seed))[: 4 * GRASPS]]
     away = torch.nn.functional.normalize(places - cloud.mean(dim=0), dim=1)
-    position = places + 0.02 * away
+    position, grid = places + 0.02 * away, touch_chart().grid
     side = torch.nn.functional.normalize(torch.linalg.cross(away, away.roll(1, dims=1) + 0.1), dim=1)
     rotation = torch.stack([-away, side, torch.linalg.cross(-away, side)], dim=2)
-    grid = touch_chart().grid
-    sheet = torch.cat([torch.full((len(grid), 1), 0.02), grid], dim=1)
-    charts = placed(sheet.expand(len(places), -1, -1), position, rotation)
+    plane = torch.cat([torch.full((len(grid), 1), 0.02), grid], dim=1)
+    charts = placed(plane.expand(len(places), -1, -1), position, rotation)
     return tuple(values.unflatten(0, (GRASPS, 4)) for values in (position, rotation, charts))
 
 
@@ -137,9 +124,8 @@ def small_data(subject: Subject, successful: bool = True, **changed: np.ndarray)
     """Training data in memory: the object in three sizes, two of them to train on. changed: arrays to replace."""
     centre = torch.tensor(OBJECT_POSITION)
     clouds = [(cloud_of(subject, seed=k) - centre) * size + centre for k, size in enumerate((1.0, 0.8, 0.9))]
-    position, rotation, charts = (
-        torch.stack(values).numpy() for values in zip(*map(synthetic_sensors, clouds), strict=True)
-    )
+    sensors = zip(*map(synthetic_sensors, clouds), strict=True)
+    position, rotation, charts = (torch.stack(values).numpy() for values in sensors)
     success = np.full(position.shape[:3], successful)
     if not successful:
         charts = np.repeat(position[..., None, :], TOUCH_VERTICES, axis=3)
@@ -164,7 +150,7 @@ def model_and_batch(
     """An untrained model whose vertices move by centimetres, a batch of two objects, and their points."""
     data = small_data(subject, successful)
     torch.manual_seed(0)
-    layers = SETTINGS["architecture"] | {"last_layer_scale": last_layer_scale}
+    layers = LAYERS | {"last_layer_scale": last_layer_scale}
     batch = Assembler(data, EXPERIMENT)([Sample(number, tuple(range(GRASPS))) for number in (0, 1)])
     model = Reconstruction("charts", True, True, GRASPS, layers)
     return model, batch, Truth(torch.from_numpy(data["points"]))
@@ -176,37 +162,38 @@ def loss_of(model: Reconstruction, vertices: Tensor, truth: Truth, n: int = 1000
 
 
 class PerturbedLearner(ReconstructionLearner):
-    """Training that applies a function to the losses of one step, or of every step (None)."""
+    """Training that applies a function to the losses of one step, or of every step (None).
 
-    def __init__(self, data: TrainingData, settings: Mapping, change: Callable[[Tensor], Tensor], step: int | None):
+    epsilon: factor of Adam's.
+    """
+
+    def __init__(self, data: TrainingData, settings: Mapping, change: Change, step: int | None, epsilon: float = 1.0):
         super().__init__(data, EXPERIMENT, settings, seed=0)
-        self.change, self.step = change, step
+        self.change, self.step, self.epsilon = change, step, epsilon
 
     def losses(self, batch_samples, generator, model, validation=False):
         losses = super().losses(batch_samples, generator, model, validation)
         now = self.step is None or self.global_step == self.step
         return self.change(losses) if now and not validation else losses
 
+    def configure_optimizers(self) -> dict[str, Any]:
+        configured = super().configure_optimizers()
+        configured["optimizer"].param_groups[0]["eps"] *= self.epsilon
+        return configured
+
 
 def short_training(
     folder: Path,
     subject: Subject,
-    change: Callable[[Tensor], Tensor] = lambda losses: losses,
+    change: Change = lambda losses: losses,
     step: int | None = None,
     data: TrainingData | None = None,
     precision: str = "32-true",
+    epsilon: float = 1.0,
     **settings: Any,
 ) -> tuple[dict[str, Any], list[float], Tensor]:
     """A short training: its summary, its validation losses, and its best weights in one vector."""
-    return train_learner(
-        PerturbedLearner(data or small_data(subject), SETTINGS | settings, change, step), folder, precision
-    )
-
-
-def train_learner(
-    learner: PerturbedLearner, folder: Path, precision: str = "32-true"
-) -> tuple[dict[str, Any], list[float], Tensor]:
-    """As `short_training`, of a learner."""
+    learner = PerturbedLearner(data or small_data(subject), SETTINGS | settings, change, step, epsilon)
     summary = train(learner, folder / "model", folder / "work", Machine("cpu", precision=precision), "trust")
     with (folder / "model/history.csv").open(newline="") as file:
         history = [float(row["validation_loss"]) for row in csv.DictReader(file)]
@@ -317,13 +304,9 @@ def faces_without_area(subject: Subject) -> Iterator[Finding]:
     points, lines = faces[:, :1].expand(-1, 3), flat
     mixed = torch.stack([points, faces, lines], dim=1).flatten(0, 1)
     baseline = sample_faces(vertices[None], faces, 3000, seeded())
-    yield at_most(
-        "samples that move",
-        float((sample_faces(vertices[None], mixed, 3000, seeded()) - baseline).abs().max()),
-        1e-6,
-        "m",
-        note="the same random numbers with and without faces that have no area",
-    )
+    moved = float((sample_faces(vertices[None], mixed, 3000, seeded()) - baseline).abs().max())
+    note = "the same random numbers with and without faces that have no area"
+    yield at_most("samples that move", moved, 1e-6, "m", note)
     moving = vertices[None].clone().requires_grad_()
     sample_faces(moving, mixed, 3000, seeded()).square().sum().backward()
     yield equal("NaN or infinite gradients", count_nonfinite(moving.grad), 0)
@@ -380,9 +363,8 @@ def collinear_charts(subject: Subject) -> Iterator[Finding]:
     model, batch, truth = model_and_batch(subject)
     batch["charts"][:, :3] = charts
     vertices = model(batch)
-    loss = loss_of(model, vertices, truth)
-    loss.backward()
-    yield equal("model and loss: NaN or infinite", count_nonfinite(vertices.detach(), loss, gradients(model)), 0)
+    wrong = backward_nonfinite(loss_of(model, vertices, truth), model, vertices)
+    yield equal("model and loss: NaN or infinite", wrong, 0)
 
 
 @CASES.case("collinear clouds", "charts")
@@ -410,9 +392,8 @@ def no_touch(subject: Subject) -> Iterator[Finding]:
     fingertips = batch["position"].repeat_interleave(TOUCH_VERTICES, dim=1)
     off = float((vertices[:, -fingertips.shape[1] :] - fingertips).abs().max().detach())
     yield equal("held charts off the fingertip", off, 0.0, "m")
-    loss = loss_of(model, vertices, truth)
-    loss.backward()
-    yield equal("NaN or infinite", count_nonfinite(vertices.detach(), loss, gradients(model)), 0)
+    wrong = backward_nonfinite(loss_of(model, vertices, truth), model, vertices)
+    yield equal("NaN or infinite", wrong, 0)
     alone = sample_faces(vertices, model.faces, 2000, seeded()).detach()
     at_tips = (alone[:, :, None] == batch["position"][:, None]).all(dim=3).sum()
     yield equal("samples on charts without area", int(at_tips), 0)
@@ -433,18 +414,12 @@ def faint_readings(subject: Subject) -> Iterator[Finding]:
     position, rotation = (values[0, :3] for values in synthetic_sensors(cloud_of(subject))[:2])
     yield equal("NaN or infinite charts", count_nonfinite(fit_direct(depth, valid, position, rotation)), 0)
     nowhere = torch.full_like(depth, torch.inf)
-    yield rejects(
-        "loss where nothing is in range",
-        lambda: touch_depth_loss(depth, valid, nowhere, None, seeded()),
-        ValueError,
-        "touch 0 of the batch has no pixel in range",
-    )
-    yield rejects(
-        "loss where no pixel is in contact",
-        lambda: touch_depth_loss(depth, valid & False, depth, None, seeded()),
-        ValueError,
-        "touch 0 of the batch has no valid pixel",
-    )
+    for what, seen, truth, reason in (
+        ("nothing is in range", valid, nowhere, "pixel in range"),
+        ("no pixel is in contact", valid & False, depth, "valid pixel"),
+    ):
+        loss = partial(touch_depth_loss, depth, seen, truth, None, seeded())
+        yield rejects(f"loss where {what}", loss, ValueError, f"touch 0 of the batch has no {reason}")
 
 
 @CASES.case("data in which nothing was touched", "training")
@@ -456,13 +431,20 @@ def data_without_touches(subject: Subject) -> Iterator[Finding]:
         summary, history, weights = short_training(folder, subject, data=data, steps=8)
         yield equal("NaN or infinite losses and weights", count_nonfinite(torch.tensor(history), weights), 0)
         yield at_most("validation loss, of the first", summary["validation_loss"] / history[0], 1.0)
-        write_stores(folder, subject, "touch")
-        yield rejects(
-            "U-Net",
-            lambda: read_touches(Dataset(folder, ["touch"]), "train"),
-            TrainingDataError,
-            "was touched: more objects are needed",
-        )
+        yield rejects("U-Net", lambda: read_untouched(folder, subject), TrainingDataError, REFUSED)
+
+
+def read_untouched(folder: Path, subject: Subject) -> Any:
+    """Read the touches of a run with one object of the train split, which nothing touched."""
+    sizes, arrays = {"o": 1, "g": 2, "s": 4, "r": 4, "c": 4, "rc": 16}, {}
+    for name, spec in store.CONTRACT["touch"].arrays.items():
+        arrays[name] = np.zeros([sizes.get(axis, axis) for axis in spec.shape], spec.dtype.replace("string", "U64"))
+    arrays["object"] = np.array([subject.name])
+    path = folder / store.CONTRACT["touch"].path("batch-0000")
+    store.write(path, "touch", arrays, {"seed": 0, "made_from": {}, "sensor": DIGIT.description()})
+    row = f"{subject.name},{subject.class_name},train,batch-0000"
+    (folder / "catalogue.csv").write_text(f"object,class,split,batch\n{row}\n")
+    return read_touches(Dataset(folder, ["touch"]), "train")
 
 
 @CASES.case("an image and readings of one colour", "models")
@@ -473,12 +455,9 @@ def one_colour(subject: Subject) -> Iterator[Finding]:
     batch["reading"] = torch.full((2, 4 * GRASPS, 3, RESOLUTION, RESOLUTION), 0.3)
     batch["rotation"] = torch.eye(3).expand(2, 4 * GRASPS, 3, 3)
     torch.manual_seed(0)
-    layers = SETTINGS["architecture"]
-    for model in (baseline, Reconstruction("sphere", True, True, GRASPS, layers)):
+    for model in (baseline, Reconstruction("sphere", True, True, GRASPS, LAYERS)):
         vertices = model(batch)
-        loss = loss_of(model, vertices, truth)
-        loss.backward()
-        wrong = count_nonfinite(vertices.detach(), loss, gradients(model))
+        wrong = backward_nonfinite(loss_of(model, vertices, truth), model, vertices)
         yield equal(f"{model.strategy}: NaN or infinite", wrong, 0)
 
 
@@ -512,12 +491,8 @@ def bfloat16(subject: Subject) -> Iterator[Finding]:
         found[enabled] = vertices.detach(), float(loss.detach()), gradients(model)
     (baseline, loss, gradient), (half, half_loss, half_gradient) = found[False], found[True]
     yield equal("NaN or infinite", count_nonfinite(half, half_gradient), 0)
-    yield at_most(
-        "root mean square of vertices moved",
-        1e3 * float((half - baseline).norm(dim=2).square().mean().sqrt()),
-        1.0,
-        "mm",
-    )
+    moved = 1e3 * float((half - baseline).norm(dim=2).square().mean().sqrt())
+    yield at_most("root mean square of vertices moved", moved, 1.0, "mm")
     yield at_most("loss: relative error", relative(half_loss, loss), 0.02)
     yield at_least("cosine of the gradients", float(torch.cosine_similarity(half_gradient, gradient, dim=0)), 0.95)
     torch.manual_seed(0)
@@ -565,19 +540,6 @@ def scaled_gradients(subject: Subject) -> Iterator[Finding]:
     yield at_least("smallest gradient that is not 0", float(baseline[baseline != 0].abs().min()), 2.0**-106)
 
 
-class ScaledLearner(PerturbedLearner):
-    """Training with the loss times `scale` and Adam's epsilon times `epsilon`."""
-
-    def __init__(self, data: TrainingData, settings: Mapping, scale: float, epsilon: float):
-        super().__init__(data, settings, lambda losses: scale * losses, None)
-        self.epsilon = epsilon
-
-    def configure_optimizers(self) -> dict[str, Any]:
-        configured = super().configure_optimizers()
-        configured["optimizer"].param_groups[0]["eps"] *= self.epsilon
-        return configured
-
-
 @CASES.case("loss times 1e-6 to 1e6: what is learnt", "training", short=False)
 def scaled_training(subject: Subject) -> Iterator[Finding]:
     """Adam cancels the scale of the loss, but for its epsilon of 1e-8. Clipping, which cancels all of it, is off."""
@@ -586,8 +548,8 @@ def scaled_training(subject: Subject) -> Iterator[Finding]:
     reached = {}
     with TemporaryDirectory() as name:
         for scale, epsilon in ((one, one), (down, one), (2.0**-10, one), (up, one), (down, down), (up, up)):
-            learner = ScaledLearner(small_data(subject), SETTINGS | settings, scale, epsilon)
-            reached[scale, epsilon] = train_learner(learner, Path(name) / f"{scale:g} {epsilon:g}")
+            folder, change = Path(name) / f"{scale:g} {epsilon:g}", lambda losses, scale=scale: scale * losses
+            reached[scale, epsilon] = short_training(folder, subject, change, epsilon=epsilon, **settings)
     loss, weights = reached[one, one][0]["validation_loss"], reached[one, one][2]
     for (scale, epsilon), (summary, _, found) in reached.items():
         if scale == one:
@@ -681,74 +643,5 @@ def diverging(subject: Subject) -> Iterator[Finding]:
             wrong = count_nonfinite(*(values for values in last.values() if values.is_floating_point()))
             yield equal(f"{what}: NaN or infinite weights to go on from", wrong, 0)
     with TemporaryDirectory() as name:
-        yield rejects(
-            "rate 1e30", lambda: short_training(Path(name), subject, rate=1e30, clip=None), Diverged, "NaN or inf"
-        )
-
-
-def write_stores(folder: Path, subject: Subject, *stages: str) -> None:
-    """Write a run: stores of one untouched object of the train split, and the catalogue."""
-    sizes = {"o": 1, "g": 2, "n": 500, "s": 4, "r": 4, "c": 4, "rc": 16, "k": 1, "p": 8, "b": 3}
-    for stage in stages:
-        arrays = {}
-        for name, spec in store.CONTRACT[stage].arrays.items():
-            shape = [axis if isinstance(axis, int) else sizes[axis] for axis in spec.shape]
-            arrays[name] = np.zeros(shape, "U64" if spec.dtype == "string" else spec.dtype)
-        arrays["object"] = np.array([subject.name])
-        if stage == "surface":
-            arrays["points"] = cloud_of(subject, 500)[None].numpy().astype(arrays["points"].dtype)
-        path = folder / store.CONTRACT[stage].path(BATCH)
-        store.write(path, stage, arrays, ATTRIBUTES)
-    with (folder / "catalogue.csv").open("w", newline="") as file:
-        rows = [("object", "class", "split", "batch"), (subject.name, subject.class_name, "train", BATCH)]
-        csv.writer(file).writerows(rows)
-
-
-@CASES.case("corrupt data", "training")
-def corrupt_data(subject: Subject) -> Iterator[Finding]:
-    """Truncated, a bit flipped, NaN, millimetres for metres, images of three objects: the error names the store."""
-    with TemporaryDirectory() as name:
-        folder = Path(name)
-        write_stores(folder, subject, "surface", "vision")
-        path = folder / store.CONTRACT["surface"].path(BATCH)
-        chunk = next(file for file in (path / "points").rglob("*") if file.is_file() and file.name != "zarr.json")
-        whole, arrays = chunk.read_bytes(), store.read(path)
-
-        def load() -> TrainingData:
-            return TrainingData.load(folder, VISION)
-
-        def read(content: bytes) -> TrainingData:
-            chunk.write_bytes(content)
-            return load()
-
-        yield equal("objects of the whole store", len(load()), 1)
-        changed = bytearray(whole)
-        changed[len(whole) // 2] ^= 0x10
-        size = rf"{path.name} is damaged: points/.* bytes, but {len(whole)} were written"
-        yield rejects("cut in half", lambda: read(whole[: len(whole) // 2]), store.StoreError, size)
-        yield rejects("no byte", lambda: read(b""), store.StoreError, size)
-        yield rejects("one bit changed", lambda: read(bytes(changed)), store.StoreError, rf"{path.name} can't be read")
-
-        def with_point(value: float) -> TrainingData:
-            points = arrays["points"].copy()
-            points[0, 3, 1] = value
-            store.write(path, "surface", arrays | {"points": points}, ATTRIBUTES)
-            return load()
-
-        named = rf"{path.name}: points of {subject.name} is NaN, infinite or above"
-        for value in (np.nan, np.inf, 600.0):
-            yield rejects(f"{value} among points", lambda v=value: with_point(v), store.StoreError, named)
-        images = store.read(folder / store.CONTRACT["vision"].path(BATCH))
-        three = images | {"unoccluded": np.zeros((3, 1, 8, 8, 3), np.uint8)}
-        yield rejects(
-            "three images of one object",
-            lambda: store.write(folder / store.CONTRACT["vision"].path(BATCH), "vision", three, ATTRIBUTES),
-            store.StoreError,
-            "o = 3|o = 1",
-        )
-    yield rejects(
-        "NaN in memory",
-        lambda: small_data(subject, points=np.full((3, 50, 3), np.nan, np.float32)),
-        TrainingDataError,
-        "NaN or infinite",
-    )
+        run = partial(short_training, Path(name), subject, rate=1e30, clip=None)
+        yield rejects("rate 1e30", run, Diverged, "NaN or inf")

@@ -7,7 +7,8 @@ import trimesh
 from palpate.grasp.closing import GraspSimulation
 from palpate.grasp.grasp import Grasper
 from palpate.grasp.targets import PRESS
-from studies.stability.closings import HAND, POINTS, Closing, ClosingSetup
+from studies.grasping import Closing
+from studies.stability.closings import HAND, POINTS, ClosingSetup
 
 FINGER = 1  # the middle finger: its sensor's number
 BENT_JOINTS = (0.0, 0.5, 0.5, 0.4)  # rad, of its joints where it meets a shape

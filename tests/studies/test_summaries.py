@@ -4,8 +4,8 @@ import pandas as pd
 
 from studies import summaries
 from studies.error_vs_runtime.study import ALL
+from studies.report import read, write
 from studies.stability.cases import Cases, at_most, rejects, report
-from studies.tables import read, write
 
 
 def test_fronts_hold_what_is_best_or_chosen():

@@ -10,8 +10,8 @@ from studies.threads import one_thread
 one_thread()
 
 from palpate.batch import log_to  # noqa: E402
-from studies import report, tables  # noqa: E402
+from studies import report  # noqa: E402
 
 log_to(snakemake.log[0])
 table = report.measure(snakemake.wildcards.report, snakemake.wildcards.item, ".", **snakemake.params)
-tables.write(table, snakemake.output.table)
+report.write(table, snakemake.output.table)

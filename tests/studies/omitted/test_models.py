@@ -35,25 +35,26 @@ NO_COPY, NO_COMM = (BOTH | {"strategy": strategy} for strategy in ("no_copy", "n
 VIEWS, OCCLUDED = VISION | {"vision": "views"}, BOTH | {"vision": "occluded"}
 EXPERIMENTS = (VISION, TOUCH, TOUCH | {"grasps": 2}, BOTH, SPHERE, NO_COPY, NO_COMM, VIEWS, OCCLUDED)
 EXACT = 1e-12  # m, in double precision
+POOLED = SMALL | {"touch": "pooled"}
 
 
 def omissions():
-    """Experiments, and needless inputs of their models: each alone, and all at once."""
-    for experiment in EXPERIMENTS:
-        model = build(experiment, SMALL)
+    """Layers, experiments, and needless inputs of their models: each alone, and all at once."""
+    for layers, experiment in itertools.product((SMALL, POOLED), EXPERIMENTS):
+        model = build(experiment, layers)
         needless = [SPARE]
         needless += [] if model.vision else [IMAGE]
         # Without touch there is no reading to encode.
         needless += [READING] if model.touch and not model.reads_readings else []
         for naive in [[each] for each in needless] + [needless] * (len(needless) > 1):
-            yield experiment, naive
+            yield layers, experiment, naive
 
 
-@pytest.mark.parametrize(("experiment", "naive"), list(omissions()))
-def test_a_needless_part_without_weight_changes_no_vertex(experiment, naive):
+@pytest.mark.parametrize(("layers", "experiment", "naive"), list(omissions()))
+def test_a_needless_part_without_weight_changes_no_vertex(layers, experiment, naive):
     torch.manual_seed(1)
-    less = build(experiment, SMALL).double().eval()
-    more = build(experiment, SMALL, naive).double().eval()
+    less = build(experiment, layers).double().eval()
+    more = build(experiment, layers, naive).double().eval()
     sizes = [sum(tensor.numel() for tensor in (*model.parameters(), *model.buffers())) for model in (less, more)]
     assert sizes[0] < sizes[1]
     batch = random_batch(2, experiment["grasps"], seed=3)
@@ -95,7 +96,7 @@ def test_the_report_adds_only_what_is_omitted_and_every_array_somewhere():
         added |= set(arrays)
     assert added == {item.name for item in INPUTS} - {"points"}
     for name, experiment, _ in MODEL:
-        assert (experiment, [name]) in [(each, naive) for each, naive in omissions()]
+        assert (experiment, [name]) in [(each, naive) for _, each, naive in omissions()]
     assert {name for name, _, _ in MODEL} == {IMAGE, READING, SPARE}
 
 

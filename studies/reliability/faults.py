@@ -1,9 +1,14 @@
-"""Faults of files: each kind of file of a run is removed, emptied, cut, zeroed and altered at random places."""
+"""Faults of a run's files, each a row of the table in docs/reliability.md.
+
+Each kind of file is removed, emptied, cut, zeroed and altered at random places. The clock was ahead while the run was
+made, and is right again: what is changed now looks older than the run.
+"""
 
 import json
 import os
 import shutil
-from collections.abc import Callable, Iterator
+import time
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from pathlib import Path
 from typing import NamedTuple
@@ -14,13 +19,43 @@ from palpate import checksums, mesh, store
 from palpate.batch import read_rejections
 from palpate.catalogue import read_catalogue
 from palpate.dataset.run import Run
-from palpate.dataset.validation import check_files, read_findings
+from palpate.dataset.validation import check_again, check_files, combine_validation, read_findings
 from palpate.evaluation import rows
 from palpate.training import checkpoints
 from palpate.training.loop import HISTORY
-from studies.reliability.fault import Fault, Try
 
+COLUMNS = ("fault", "tried", "by the reader", "by validate", "nothing changed", "lost in silence", "for example")
+DAY = 86400.0  # seconds
 BLOCK = 4096  # bytes: what file systems write at once, and lose at once
+
+
+class Try(NamedTuple):
+    """What came of a fault at one place.
+
+    noticed: `reader` if the step or user who reads it gets an error, `validate` if only `snakemake validate` fails,
+    `unchanged` if all that is read is as before, `silent` if it is not and nobody said so. message: of the error.
+    """
+
+    noticed: str
+    message: str = ""
+
+
+class Fault(NamedTuple):
+    """A fault: its name, and the function that applies it to a copy of a run.
+
+    apply: from the copy, which it leaves as it was, a random generator and the number of tries to what came of each.
+    """
+
+    name: str
+    apply: Callable[[Path, np.random.Generator, int], Sequence[Try]]
+
+
+def row(name: str, tries: Sequence[Try], run: Path) -> dict[str, str | int]:
+    """One row of the table; the run's path is RUN in its message."""
+    counts = [sum(found.noticed == each for found in tries) for each in ("reader", "validate", "unchanged", "silent")]
+    messages = [found.message for found in tries if found.message]
+    example = (messages[0] if messages else "").splitlines()[:1]
+    return dict(zip(COLUMNS, (name, len(tries), *counts, "".join(example).replace(str(run), "RUN")), strict=True))
 
 
 class Kind(NamedTuple):
@@ -64,14 +99,16 @@ def _weights(run: Path) -> Iterator[object]:
         yield repr(content)
 
 
-def _records(run: Path) -> Iterator[object]:
-    for path in sorted(run.glob("models/**/seed-*")):
-        yield checksums.read_record(path / "training.json", "train the model again")
+def _of_models(read: Callable[[Path], object], run: Path) -> Iterator[object]:
+    return map(read, sorted(run.glob("models/**/seed-*")))
 
 
-def _histories(run: Path) -> Iterator[object]:
-    for path in sorted(run.glob("models/**/seed-*")):
-        yield rows.read_table(path / "history.csv", HISTORY, "train the model again").to_csv()
+def _record(path: Path) -> object:
+    return checksums.read_record(path / "training.json", "train the model again")
+
+
+def _history(path: Path) -> str:
+    return rows.read_table(path / "history.csv", HISTORY, "train the model again").to_csv()
 
 
 def _evaluations(run: Path) -> Iterator[object]:
@@ -94,45 +131,34 @@ KINDS = (
     Kind("rejected csv", ("rejected.csv", "rejected/*/*.csv"), _rejections),
     Kind("EXR masters", ("exr/*/*",), _masters),
     Kind("checkpoint", ("models/*/seed-*/best.ckpt",), _weights),
-    Kind("training.json", ("models/*/seed-*/training.json",), _records),
-    Kind("history.csv", ("models/*/seed-*/history.csv",), _histories),
+    Kind("training.json", ("models/*/seed-*/training.json",), partial(_of_models, _record)),
+    Kind("history.csv", ("models/*/seed-*/history.csv",), partial(_of_models, _history)),
     Kind("evaluation csv", ("evaluations/*/seed-*.csv",), _evaluations),
     Kind("validation csv", ("reports/validation/batch-*.csv",), _validation),
 )
 
 
-def removed(path: Path, rng: np.random.Generator) -> None:
-    """The file is not there."""
-    path.unlink()
-
-
-def emptied(path: Path, rng: np.random.Generator) -> None:
-    """The file has no bytes."""
-    path.write_bytes(b"")
-
-
-def cut(path: Path, rng: np.random.Generator) -> None:
-    """The file ends at a random place."""
-    content = path.read_bytes()
-    path.write_bytes(content[: rng.integers(len(content))])
-
-
-def zeroed(path: Path, rng: np.random.Generator) -> None:
+def _zeroed(content: bytes, rng: np.random.Generator) -> bytes:
     """A block of the file is zeros: its size was written, its data not."""
-    content = bytearray(path.read_bytes())
     start = BLOCK * int(rng.integers(-(-len(content) // BLOCK)))
-    content[start : start + BLOCK] = bytes(len(content[start : start + BLOCK]))
-    path.write_bytes(content)
+    return content[:start] + bytes(len(content[start : start + BLOCK])) + content[start + BLOCK :]
 
 
-def altered(path: Path, rng: np.random.Generator) -> None:
+def _altered(content: bytes, rng: np.random.Generator) -> bytes:
     """One bit of the file is another."""
-    content = bytearray(path.read_bytes())
-    content[rng.integers(len(content))] ^= 1 << int(rng.integers(8))
-    path.write_bytes(content)
+    changed = bytearray(content)
+    changed[rng.integers(len(content))] ^= 1 << int(rng.integers(8))
+    return bytes(changed)
 
 
-DAMAGES = {"removed": removed, "emptied": emptied, "cut off": cut, "a block of zeros": zeroed, "a bit altered": altered}
+# What is left of a file's content; None if nothing is there.
+DAMAGES: dict[str, Callable[[bytes, np.random.Generator], bytes | None]] = {
+    "removed": lambda content, rng: None,
+    "emptied": lambda content, rng: b"",
+    "cut off": lambda content, rng: content[: rng.integers(len(content))],
+    "a block of zeros": _zeroed,
+    "a bit altered": _altered,
+}
 
 
 def apply(kind: Kind, damage: Callable, run: Path, rng: np.random.Generator, tries: int) -> list[Try]:
@@ -145,7 +171,8 @@ def apply(kind: Kind, damage: Callable, run: Path, rng: np.random.Generator, tri
     for _ in range(tries):
         path = files[rng.integers(len(files))]
         content, times = path.read_bytes(), path.stat()
-        damage(path, rng)
+        damaged = damage(content, rng)
+        path.unlink() if damaged is None else path.write_bytes(damaged)
         outcomes.append(outcome(kind, run, expected))
         path.write_bytes(content)
         os.utime(path, ns=(times.st_atime_ns, times.st_mtime_ns))
@@ -199,6 +226,46 @@ def moved(run: Path, rng: np.random.Generator, tries: int) -> list[Try]:
     return outcomes
 
 
+def _validate(run: Path) -> str:
+    """What `snakemake validate` finds wrong, if anything."""
+    findings, _ = check_again(run, sorted(run.glob("reports/validation/batch-*.csv")))
+    checks = combine_validation(findings, run, run / "sources")
+    failed = checks[~checks.passed]
+    return "; ".join(f"{each.check}: {each['where']}" for _, each in failed.iterrows())
+
+
+def source_changed(run: Path, rng: np.random.Generator, tries: int) -> list[Try]:
+    """A source file is another, but a day older than all that was made of it: Snakemake makes nothing again."""
+    entries, outcomes = read_catalogue(run / "catalogue.csv"), []
+    for number in rng.integers(len(entries), size=min(tries, 3)):
+        path = run / "sources" / entries[number].source
+        content, times = path.read_bytes(), path.stat()
+        path.write_bytes(content + b"\n")
+        os.utime(path, (time.time() - DAY,) * 2)
+        message = _validate(run)
+        outcomes.append(Try("validate" if "sources" in message else "silent", message))
+        path.write_bytes(content)
+        os.utime(path, ns=(times.st_atime_ns, times.st_mtime_ns))
+    return outcomes
+
+
+def store_rebuilt(run: Path, rng: np.random.Generator, tries: int) -> list[Try]:
+    """A store is written again with a wrong value, and is older than the report that it passed."""
+    paths, outcomes = sorted(run.glob("surface/*.zarr")), []
+    for number in rng.integers(len(paths), size=min(tries, 3)):
+        path = paths[number]
+        attributes, arrays = store.open(path).attributes, store.read(path)
+        wrong = arrays["points"].copy()
+        wrong[0, rng.integers(wrong.shape[1])] += 1.0
+        store.write(path, "surface", arrays | {"points": wrong}, attributes)
+        for file in [path, *path.rglob("*")]:
+            os.utime(file, (time.time() - DAY,) * 2)
+        message = _validate(run)
+        outcomes.append(Try("validate" if "inside box" in message else "silent", message))
+        store.write(path, "surface", arrays, attributes)
+    return outcomes
+
+
 def each_damage(kind: Kind, run: Path, rng: np.random.Generator, tries: int) -> list[Try]:
     """Each of `DAMAGES`, so often."""
     return [found for damage in DAMAGES.values() for found in apply(kind, damage, run, rng, tries)]
@@ -208,4 +275,6 @@ FAULTS = [
     *(Fault(f"{kind.name}: {', '.join(DAMAGES)}", partial(each_damage, kind)) for kind in KINDS),
     Fault("all values of an array removed", values_removed),
     Fault("folder moved elsewhere", moved),
+    Fault("clock moved back: a source file changed", source_changed),
+    Fault("clock moved back: a store built again", store_rebuilt),
 ]
