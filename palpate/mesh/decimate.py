@@ -21,11 +21,7 @@ QUALITY = 0.3
 
 
 def decimate(
-    vertices: np.ndarray,
-    faces: np.ndarray,
-    count: int,
-    planar_weight: float = PLANAR_WEIGHT,
-    quality: float = QUALITY,
+    vertices: np.ndarray, faces: np.ndarray, count: int, planar_weight: float = PLANAR_WEIGHT, quality: float = QUALITY
 ) -> tuple[np.ndarray, np.ndarray]:
     """Vertices (m, 3), rounded to float32, and faces (k, 3) of the mesh with about `count` faces.
 
@@ -39,11 +35,7 @@ def decimate(
 
 
 def collapse(
-    vertices: np.ndarray,
-    faces: np.ndarray,
-    count: int,
-    planar_weight: float = PLANAR_WEIGHT,
-    quality: float = QUALITY,
+    vertices: np.ndarray, faces: np.ndarray, count: int, planar_weight: float = PLANAR_WEIGHT, quality: float = QUALITY
 ) -> tuple[np.ndarray, np.ndarray]:
     """As `decimate`, but pymeshlab is called even for a mesh that has no more than `count` faces."""
     closed = topology.is_closed(faces)

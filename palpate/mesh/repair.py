@@ -223,8 +223,7 @@ def _seen_from_behind(vertices, faces, patch, candidates):
     chosen = index[rank * 16 // length != (rank - 1) * 16 // length]
     mesh = Trimesh(vertices, faces, process=False, validate=False)
     normal = np.cross(
-        vertices[faces[chosen, 1]] - vertices[faces[chosen, 0]],
-        vertices[faces[chosen, 2]] - vertices[faces[chosen, 0]],
+        vertices[faces[chosen, 1]] - vertices[faces[chosen, 0]], vertices[faces[chosen, 2]] - vertices[faces[chosen, 0]]
     )
     area = np.linalg.norm(normal, axis=1)
     normal /= np.maximum(area, 1e-300)[:, None]

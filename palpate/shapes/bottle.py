@@ -12,7 +12,7 @@ from scipy.interpolate import PchipInterpolator
 from palpate.shapes.assembly import Part
 from palpate.shapes.deformation import form
 from palpate.shapes.materials import Material, across, around, choose, glass, label, metal, plastic, wood
-from palpate.shapes.parameters import Choice, Range
+from palpate.shapes.parameters import read
 from palpate.shapes.solids import box, filleted, fluted, lathe, rod, superellipse, sweep, turned, union, upright
 
 AXES = (2, 1)
@@ -20,138 +20,7 @@ AROUND, ROWS = 132, 46  # points around a body, and rows from the ground to the 
 WIDEST = 0.32  # radius over height of a body that has handles
 PAPER = 0.0005  # m that a label stands off the body
 
-PARAMETERS = {
-    "body": {
-        "height": Range(0.15, 0.3, "m", "from the ground to the mouth"),
-        "slimness": Range(0.11, 0.2, "1", "radius over height"),
-        "depth": Range(0.65, 1, "1", "of the cross-section, over its width"),
-        "squareness": Range(2, 2.6, "1", "exponent of the cross-section: 2 is an ellipse, 6 nearly a rectangle"),
-        "shoulder": Range(0.42, 0.72, "1", "height of the shoulder's lower end over the height"),
-    },
-    "profile": {
-        "base": Range(0.75, 1.05, "1", "radius at the ground over that at the shoulder"),
-        "lower": Range(0.8, 1.12, "1", "the same at a quarter of the shoulder's height"),
-        "middle": Range(0.75, 1.1, "1", "the same at half of it"),
-        "upper": Range(0.85, 1.1, "1", "the same at three quarters of it"),
-        "heel": Range(0.03, 0.25, "1", "radius of the edge at the ground over the body's"),
-    },
-    "neck": {
-        "neck": Range(0.3, 0.5, "1", "radius of the neck over the body's"),
-        "neck_length": Range(0.04, 0.25, "1", "height of the straight neck over the height"),
-        "dome": Range(1, 3, "1", "how long the shoulder stays wide: 1 is a cone, 3 a dome"),
-        "hollow": Range(0.6, 1.8, "1", "how the shoulder meets the neck: 0.5 flat, 2 in a long curve"),
-        "finish": Range(0, 0.25, "1", "how far a ring below the mouth stands out, over the neck's radius"),
-    },
-    "relief": {
-        "relief": Choice("none none ribs flutes", "rings pressed into the body, grooves along it, or neither"),
-        "relief_count": Range(3, 12, "count", "of rings, or half the number of grooves"),
-        "relief_depth": Range(0.02, 0.09, "1", "of rings or grooves over the body's radius"),
-        "spiral": Range(-60, 60, "degrees", "turn of grooves and of corners from the ground to the shoulder"),
-    },
-    "top": {
-        "top": Choice("screw screw cork stopper", "what closes the mouth"),
-        "top_width": Range(1.1, 1.5, "1", "radius of a cap over the neck's"),
-        "top_height": Range(0.9, 2.4, "1", "height of a cap over the neck's radius"),
-        "top_taper": Range(0.75, 1.05, "1", "radius of a cap at its upper end over that at its lower end"),
-        "reach": Range(0.6, 1.5, "1", "length of a spout, a straw or a carrying loop over the body's radius"),
-        "top_turn": Range(-40, 40, "degrees", "turn of a spout or loop about the vertical"),
-    },
-    "handle": {
-        "handle": Choice("none none none none none loop", "none, one, or one on either side"),
-        "handle_turn": Range(40, 140, "degrees", "direction of the handle: 0 is +x, 90 is +y"),
-        "handle_high": Range(0.8, 0.97, "1", "height of its upper end over the height"),
-        "handle_low": Range(0.3, 0.7, "1", "height of its lower end over the height"),
-        "handle_reach": Range(0.3, 1.1, "1", "how far it stands out, over the body's radius"),
-        "handle_width": Range(0.14, 0.34, "1", "thickness over the body's radius"),
-    },
-    "finish": {
-        "material": Choice("glass glass plastic", "of the body"),
-        "label": Choice("front sleeve none", "over the front, all round, or none"),
-        "label_low": Range(0.1, 0.35, "1", "lower edge of the label over the shoulder's height"),
-        "label_high": Range(0.6, 0.92, "1", "upper edge of the label over the shoulder's height"),
-        "label_width": Range(0.9, 1.5, "1", "of a label at the front, over the body's radius"),
-    },
-    "form": form(twist=8, warp=0.02, lean=0.05),
-}
-
-ROUND = {"depth": (0.96, 1), "squareness": (2, 2.1)}
-STRAIGHT = {"base": (0.9, 1), "lower": (0.97, 1.02), "middle": (0.97, 1.02), "upper": (0.98, 1.02)}
-NO_HANDLE = {"handle": "none"}
-STYLES = {
-    "wine": ROUND | STRAIGHT | NO_HANDLE | {
-        "height": (0.25, 0.31), "slimness": (0.1, 0.15), "shoulder": (0.5, 0.66), "neck": (0.33, 0.45),
-        "neck_length": (0.1, 0.28), "relief": "none", "top": "cork capsule capsule stopper", "material": "glass",
-    },
-    "beer": ROUND | STRAIGHT | NO_HANDLE | {
-        "height": (0.16, 0.26), "slimness": (0.11, 0.2), "neck": (0.38, 0.48), "relief": "none none none flutes",
-        "top": "crown crown swing", "material": "glass",
-    },
-    "water": ROUND | NO_HANDLE | {
-        "height": (0.18, 0.31), "slimness": (0.1, 0.2), "shoulder": (0.62, 0.82), "neck_length": (0.03, 0.07),
-        "relief": "ribs ribs flutes", "top": "screw", "material": "pet", "label": "sleeve none",
-    },
-    "soda": ROUND | NO_HANDLE | {
-        "height": (0.18, 0.25), "slimness": (0.12, 0.18), "relief": "flutes", "middle": (0.7, 0.9),
-        "neck_length": (0.02, 0.08), "top": "crown screw", "material": "glass pet",
-    },
-    "squeeze": NO_HANDLE | {
-        "height": (0.14, 0.22), "slimness": (0.15, 0.24), "shoulder": (0.65, 0.88), "neck_length": (0.02, 0.06),
-        "top": "nozzle screw nozzle", "material": "plastic", "lean": (-0.12, 0.12),
-    },
-    "jug": {
-        "height": (0.19, 0.28), "slimness": (0.2, 0.33), "squareness": (2.2, 6), "depth": (0.6, 1),
-        "neck": (0.2, 0.34), "neck_length": (0.03, 0.08), "handle": "loop", "handle_reach": (0.2, 0.9),
-        "top": "screw", "material": "plastic",
-    },
-    "spirit": STRAIGHT | NO_HANDLE | {
-        "height": (0.15, 0.28), "slimness": (0.14, 0.26), "squareness": (2, 7), "depth": (0.5, 1),
-        "shoulder": (0.5, 0.78), "neck": (0.22, 0.38), "top": "stopper cork screw", "material": "glass",
-    },
-    "medicine": ROUND | STRAIGHT | NO_HANDLE | {
-        "height": (0.06, 0.12), "slimness": (0.2, 0.38), "shoulder": (0.66, 0.84), "neck": (0.55, 0.88),
-        "neck_length": (0.05, 0.12), "relief": "none", "top": "screw screw dropper", "material": "pill glass",
-        "top_height": (0.5, 1.3),
-    },
-    "soap": NO_HANDLE | {
-        "height": (0.11, 0.18), "slimness": (0.18, 0.3), "squareness": (2, 5), "shoulder": (0.65, 0.88),
-        "neck": (0.28, 0.45), "neck_length": (0.03, 0.08), "top": "pump", "material": "plastic glass",
-    },
-    "spray": NO_HANDLE | {
-        "height": (0.15, 0.23), "slimness": (0.16, 0.24), "squareness": (2, 4), "depth": (0.55, 0.9),
-        "shoulder": (0.45, 0.7), "neck": (0.3, 0.42), "top": "trigger", "material": "plastic", "lean": (-0.1, 0.1),
-    },
-    "sports": ROUND | NO_HANDLE | {
-        "height": (0.18, 0.28), "slimness": (0.12, 0.19), "shoulder": (0.72, 0.88), "neck": (0.6, 0.88),
-        "neck_length": (0.03, 0.1), "top": "loop straw loop", "material": "metal plastic", "label": "none band",
-        "top_height": (0.6, 1.2),
-    },
-    "growler": ROUND | {
-        "height": (0.18, 0.29), "slimness": (0.2, 0.32), "shoulder": (0.45, 0.65), "neck": (0.24, 0.34),
-        "handle": "loop loop pair", "handle_high": (0.9, 0.97), "handle_low": (0.65, 0.82),
-        "handle_reach": (0.1, 0.5), "top": "cork open swing", "material": "stone glass",
-    },
-    "carafe": ROUND | NO_HANDLE | {
-        "height": (0.18, 0.28), "slimness": (0.18, 0.34), "base": (0.4, 1), "lower": (0.9, 1.5), "middle": (0.8, 1.4),
-        "shoulder": (0.3, 0.6), "neck": (0.22, 0.4), "neck_length": (0.1, 0.35), "top": "open stopper open",
-        "material": "glass", "label": "none",
-    },
-    "perfume": NO_HANDLE | {
-        "height": (0.05, 0.1), "slimness": (0.28, 0.5), "squareness": (2, 8), "depth": (0.5, 1),
-        "shoulder": (0.7, 0.88), "base": (0.5, 1.1), "neck": (0.22, 0.36), "neck_length": (0.03, 0.08),
-        "top": "stopper cap", "top_height": (1.5, 4.5), "top_width": (1.2, 2.4), "material": "glass", "label": "none",
-    },
-    "amphora": ROUND | {
-        "height": (0.2, 0.29), "slimness": (0.16, 0.28), "base": (0.35, 0.7), "lower": (0.7, 1), "upper": (0.95, 1.2),
-        "shoulder": (0.5, 0.7), "neck": (0.3, 0.5), "neck_length": (0.08, 0.25), "handle": "pair pair loop",
-        "handle_turn": (70, 110), "handle_low": (0.5, 0.68), "top": "open cork", "material": "stone", "label": "none",
-    },
-    "canteen": {
-        "height": (0.16, 0.26), "slimness": (0.28, 0.42), "depth": (0.4, 0.6), "squareness": (2, 3),
-        "shoulder": (0.4, 0.5), "base": (0.45, 0.75), "lower": (0.8, 1), "middle": (0.95, 1.05), "dome": (1.8, 3),
-        "hollow": (0.5, 0.8), "neck": (0.14, 0.26), "neck_length": (0.04, 0.1), "top": "screw stopper loop",
-        "material": "metal plastic", "label": "none", "relief": "none",
-    },
-}  # fmt: skip
+PARAMETERS, STYLES = read("bottle", form(twist=8, warp=0.02, lean=0.05))
 
 
 def build(p: SimpleNamespace, rng: np.random.Generator) -> list[Part]:
@@ -165,7 +34,7 @@ def build(p: SimpleNamespace, rng: np.random.Generator) -> list[Part]:
         body += handle(p, profile, section).scale((1, side, 1))
     if p.top == "open":
         tool = [(0.75 * neck, p.height + 0.01), (0.7 * neck, 0.8 * p.height), (0, 0.78 * p.height)]
-        body -= lathe(filleted(np.array(tool), 0.3 * neck), 72)
+        body -= lathe(filleted(tool, 0.3 * neck), 72)
     parts = [Part(body, look), *top(p, rng, neck, radius)]
     if p.label == "none":
         return parts
@@ -269,14 +138,14 @@ def handle(p: SimpleNamespace, profile: np.ndarray, section: np.ndarray) -> Mani
     thick = p.handle_width * radius
     out = min(surface(low) + p.handle_reach * radius, 0.44 * p.height)
     path = [(0, surface(high) - 0.4 * thick, high), (0, out, high), (0, out, low), (0, surface(low) - 0.4 * thick, low)]
-    ribbon = sweep(filleted(np.array(path), 0.4 * (high - low)), superellipse(1.2 * thick, 0.8 * thick, 2.5, 32))
+    ribbon = sweep(filleted(path, 0.4 * (high - low)), superellipse(1.2 * thick, 0.8 * thick, 2.5, 32))
     return ribbon.rotate((0, 0, p.handle_turn - 90))
 
 
 def screw_cap(radius: float, low: float, height: float, taper: float = 0.97, ribs: int = 36) -> Manifold:
     """A knurled cap with a rounded top."""
     top = low + height
-    profile = filleted(np.array([(radius, low), (taper * radius, top), (1e-3 * radius, top)]), [0, 0.15 * height, 0])
+    profile = filleted([(radius, low), (taper * radius, top), (1e-3 * radius, top)], [0, 0.15 * height, 0])
     return upright(profile, fluted(0.05, ribs, 4 * ribs))
 
 
@@ -295,7 +164,7 @@ def top(p: SimpleNamespace, rng: np.random.Generator, neck: float, radius: float
         return [Part(upright(profile, teeth), metal(rng) if rng.uniform() < 0.5 else plastic(rng))]
     if p.top == "cork":
         sides = [(0.7 * neck, h - neck), (0.75 * neck, h), (0.6 * wide, h + 0.6 * tall), (0, h + 0.6 * tall)]
-        return [Part(lathe(filleted(np.array(sides), 0.1 * neck), 72), Material("cork", (196, 158, 110), 0, 0.8))]
+        return [Part(lathe(filleted(sides, 0.1 * neck), 72), Material("cork", (196, 158, 110), 0, 0.8))]
     if p.top == "capsule":
         low = h - min(p.neck_length, 0.2) * rng.uniform(0.5, 1) * h
         foil = np.array(
@@ -320,7 +189,7 @@ def top(p: SimpleNamespace, rng: np.random.Generator, neck: float, radius: float
     reach = min(p.reach * radius, 0.25 * h)
     if p.top == "nozzle":
         cone = [(0.55 * neck, end - 0.1 * neck), (0.45 * neck, end), (0.15 * neck, end + reach), (0, end + reach)]
-        solid = collar + lathe(filleted(np.array(cone), 0.05 * neck), 48)
+        solid = collar + lathe(filleted(cone, 0.05 * neck), 48)
     elif p.top == "dropper":
         bulb = np.array([(0.9, -0.1), (0.8, 0.5), (1, 1.2), (0.7, 2), (0, 2.2)]) * [0.75 * neck, 0.35 * tall] + [0, end]
         rubber = Part(lathe(filleted(bulb, 0.4 * neck), 72), Material("rubber", (40, 38, 38), 0, 0.8))
@@ -328,11 +197,11 @@ def top(p: SimpleNamespace, rng: np.random.Generator, neck: float, radius: float
     elif p.top == "pump":
         z = end + rng.uniform(0.5, 1.1) * min(radius, 0.16 * h)
         spout = [(0, -0.5 * neck, z), (0, 0.8 * reach, z + 0.1 * neck), (0, reach, z - 0.5 * neck)]
-        ribbon = sweep(filleted(np.array(spout), 0.4 * neck), superellipse(0.9 * neck, 0.6 * neck, 2.5, 32))
+        ribbon = sweep(filleted(spout, 0.4 * neck), superellipse(0.9 * neck, 0.6 * neck, 2.5, 32))
         solid = union([collar, rod((0, 0, h), (0, 0, z), 0.35 * neck), ribbon])
     elif p.top == "straw":
         straw = [(0, 0, h), (0, 0, end + 0.3 * reach), (0, 0.5 * reach, end + 0.8 * reach)]
-        solid = collar + sweep(filleted(np.array(straw), 0.4 * reach), superellipse(0.7 * neck, 0.6 * neck, 2.5, 32))
+        solid = collar + sweep(filleted(straw, 0.4 * reach), superellipse(0.7 * neck, 0.6 * neck, 2.5, 32))
     elif p.top in ("loop", "swing"):
         span, rise = 0.85 * wide, 0.7 * reach
         path = [
@@ -342,7 +211,7 @@ def top(p: SimpleNamespace, rng: np.random.Generator, neck: float, radius: float
             (0, span, end - 0.3 * neck),
         ]
         thin = 0.2 if p.top == "swing" else 0.45
-        solid = collar + sweep(filleted(np.array(path), 0.6 * span), superellipse(2 * thin * neck, thin * neck, 3, 24))
+        solid = collar + sweep(filleted(path, 0.6 * span), superellipse(2 * thin * neck, thin * neck, 3, 24))
     else:
         return trigger_head(p, rng, neck, reach, end, collar, cap_look)
     return [Part(solid.rotate((0, 0, p.top_turn)), cap_look)]
@@ -354,15 +223,13 @@ def trigger_head(p, rng, neck: float, reach: float, end: float, collar: Manifold
     z = end + rise + neck
     back = rng.uniform(0.8, 1.8) * neck
     spine = [(0, -back, z - slope), (0, 0, z), (0, 1.2 * reach, z + 0.5 * slope)]
-    head = sweep(filleted(np.array(spine), neck), superellipse(1.4 * neck, 1.6 * neck, 3, 40))
+    head = sweep(filleted(spine, neck), superellipse(1.4 * neck, 1.6 * neck, 3, 40))
     stem = rod((0, 0, end - 0.3 * neck), (0, 0, z), 0.75 * neck)
     drop = rng.uniform(1.6, 3.2) * neck
     at = 0.75 * reach
     path = [(0, at, z), (0, at + 0.4 * neck, z - 0.5 * drop), (0, at - 0.2 * neck, z - drop)]
-    trigger = sweep(filleted(np.array(path), neck), superellipse(0.8 * neck, 0.35 * neck, 3, 28))
-    nozzle = turned(
-        np.array([(0.55 * neck, 0), (0.45 * neck, neck)]), (0, 1.15 * reach, z + 0.4 * slope), (0, 1, 0), 32
-    )
+    trigger = sweep(filleted(path, neck), superellipse(0.8 * neck, 0.35 * neck, 3, 28))
+    nozzle = turned([(0.55 * neck, 0), (0.45 * neck, neck)], (0, 1.15 * reach, z + 0.4 * slope), (0, 1, 0), 32)
     small = Material("trigger", tuple(int(c) for c in rng.integers(40, 230, 3)))
     return [
         Part(union([head, stem, collar]).rotate((0, 0, p.top_turn)), look),

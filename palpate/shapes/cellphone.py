@@ -12,7 +12,7 @@ from palpate.camera import rotation_about
 from palpate.shapes.assembly import Part
 from palpate.shapes.deformation import form
 from palpate.shapes.materials import PLASTIC, Material, across, choose, interface, metal
-from palpate.shapes.parameters import Choice, Range
+from palpate.shapes.parameters import read
 from palpate.shapes.solids import box, cut, filleted, lathe, rod, slab, turned, union
 
 AXES = (2, 0)
@@ -25,107 +25,7 @@ GLASS = Material("black-glass", (14, 14, 18), 0.0, 0.08)
 LENS = Material("lens", (16, 18, 30), 0.2, 0.05)
 PROUD = 0.0002  # m that glass and keys stand off the shell
 
-PARAMETERS = {
-    "body": {
-        "height": Range(0.1, 0.16, "m", "of the closed or only panel"),
-        "width": Range(0.4, 0.58, "1", "over the height"),
-        "thickness": Range(0.06, 0.16, "1", "of both panels together over the height"),
-        "joint": Choice("none", "none, or how two panels are joined: flip, slide, swivel, book"),
-        "opening": Range(0.2, 1, "1", "how far panels are opened"),
-        "lid": Range(0.35, 0.6, "1", "share of the thickness that the panel with the screen has"),
-    },
-    "shell": {
-        "corner": Range(0.06, 0.45, "1", "radius of the outline's corners over the width"),
-        "edge": Range(0.1, 0.49, "1", "radius of the rim over the panel's thickness"),
-        "antenna": Choice("none none none none stub", "none, a stub, or a rod"),
-        "antenna_length": Range(0.1, 0.55, "1", "over the height"),
-        "antenna_width": Range(0.035, 0.085, "1", "radius over the width"),
-        "antenna_side": Range(-0.42, 0.42, "1", "place over the width"),
-        "bumper": Choice("none none none none corners rails", "round the corners, along the sides, or none"),
-        "bumper_out": Range(0.02, 0.08, "1", "how far it stands out over the width"),
-    },
-    "face": {
-        "screen": Range(0.3, 0.55, "1", "height of the screen over the panel's"),
-        "bezel": Range(0.05, 0.12, "1", "margin round screen and keys over the width"),
-        "keys": Choice("pad", "below the screen: none, a home button, a pad of twelve, or a keyboard"),
-        "navigation": Choice("round square none", "the direction pad"),
-        "key_gap": Range(0.08, 0.35, "1", "gap between keys over their pitch"),
-        "key_round": Range(0.1, 0.49, "1", "radius of a key's corners over its height"),
-        "key_out": Range(0.0004, 0.0022, "m", "how far keys stand out"),
-        "old": Choice("yes", "whether the screen shows the menu of a feature phone"),
-    },
-    "back": {
-        "camera": Choice("single single none", "on the back"),
-        "lens": Range(0.055, 0.1, "1", "radius of a lens over the width"),
-        "rise": Range(0.006, 0.05, "1", "how far the camera stands out over the width"),
-        "hump": Range(0, 0.5, "1", "thickness of a battery on the back over the phone's"),
-        "hump_height": Range(0.3, 0.8, "1", "height of the battery over the phone's"),
-    },
-    "form": form(stretch=0.12, taper=0.07, bend=9, warp=0.012, twist=2),
-}
-
-TOUCH = {
-    "keys": "none",
-    "old": "no",
-    "screen": (0.84, 0.95),
-    "bezel": (0.025, 0.06),
-    "navigation": "none",
-    "hump": (-1, 0),
-}
-THIN = {"antenna": "none", "hump": (-1, 0)}
-STYLES = {
-    "smart": TOUCH | THIN | {
-        "height": (0.135, 0.17), "width": (0.42, 0.56), "thickness": (0.042, 0.07), "corner": (0.04, 0.2),
-        "bumper": "none none none none corners", "camera": "square pill bar disc lenses",
-    },
-    "touch": THIN | {
-        "height": (0.105, 0.14), "width": (0.46, 0.64), "thickness": (0.065, 0.12), "keys": "home home none",
-        "screen": (0.6, 0.78), "old": "no", "bezel": (0.04, 0.1), "camera": "single pill",
-    },
-    "phablet": TOUCH | THIN | {
-        "height": (0.15, 0.2), "width": (0.52, 0.74), "thickness": (0.035, 0.06), "corner": (0.03, 0.15),
-        "camera": "square bar lenses", "bumper": "none",
-    },
-    "bar": {
-        "height": (0.095, 0.13), "width": (0.34, 0.5), "thickness": (0.09, 0.2), "antenna": "none none stub rod",
-    },
-    "keyboard": {
-        "height": (0.1, 0.135), "width": (0.5, 0.74), "thickness": (0.08, 0.15), "keys": "keyboard",
-        "screen": (0.36, 0.52), "old": "yes no",
-    },
-    "flip": {
-        "height": (0.078, 0.1), "width": (0.46, 0.66), "thickness": (0.18, 0.34), "joint": "flip",
-        "screen": (0.5, 0.75), "antenna": "none none stub", "bumper": "none", "bezel": (0.06, 0.14),
-    },
-    "slider": {
-        "height": (0.088, 0.115), "width": (0.42, 0.58), "thickness": (0.12, 0.22), "joint": "slide",
-        "screen": (0.55, 0.85), "opening": (0.25, 1), "bumper": "none", "old": "yes no",
-    },
-    "swivel": {
-        "height": (0.09, 0.115), "width": (0.4, 0.54), "thickness": (0.13, 0.24), "joint": "swivel",
-        "opening": (0, 1), "screen": (0.55, 0.85), "corner": (0.2, 0.49), "antenna": "none", "bumper": "none",
-        "hump": (-1, 0.2),
-    },
-    "book": TOUCH | THIN | {
-        "height": (0.13, 0.165), "width": (0.33, 0.42), "thickness": (0.07, 0.12), "joint": "book",
-        "opening": (0.35, 1), "corner": (0.04, 0.16), "camera": "pill lenses square", "bumper": "none",
-    },
-    "brick": {
-        "height": (0.15, 0.2), "width": (0.26, 0.42), "thickness": (0.16, 0.3), "screen": (0.08, 0.25),
-        "antenna": "rod rod stub", "antenna_length": (0.15, 0.6), "navigation": "none", "hump": (0, 0.5),
-        "key_out": (0.0015, 0.003), "camera": "none",
-    },
-    "rugged": {
-        "height": (0.13, 0.17), "width": (0.44, 0.58), "thickness": (0.085, 0.16), "bumper": "corners corners rails",
-        "bumper_out": (0.04, 0.1), "keys": "home pad none", "screen": (0.5, 0.8), "old": "no",
-        "camera": "pill square", "antenna": "none stub rod",
-    },
-    "handset": {
-        "height": (0.13, 0.19), "width": (0.24, 0.36), "thickness": (0.13, 0.24), "screen": (0.16, 0.34),
-        "corner": (0.3, 0.49), "antenna": "stub rod none", "bend": (-22, 4), "camera": "none",
-        "key_out": (0.001, 0.0025),
-    },
-}  # fmt: skip
+PARAMETERS, STYLES = read("cellphone", form(stretch=0.12, taper=0.07, bend=9, warp=0.012, twist=2))
 
 
 def build(p: SimpleNamespace, rng: np.random.Generator) -> list[Part]:
@@ -232,7 +132,7 @@ def front(p, rng, size, look: Material, screen: bool, keys: bool, glass: str = "
 
 def disc(x: float, y: float, z: float, radius: float, towards: float, height: float) -> Manifold:
     """A button or lens on the face at x, standing out along x by `height` (towards = 1 front, -1 back)."""
-    profile = filleted(np.array([(radius, -0.0015), (radius, height), (0, height)]), 0.4 * min(height, radius))
+    profile = filleted([(radius, -0.0015), (radius, height), (0, height)], 0.4 * min(height, radius))
     return turned(profile, (x, y, z), (towards, 0, 0), 48)
 
 
@@ -319,7 +219,7 @@ def trim(p, rng, size, look: Material) -> list[Part]:
             (0.5 * width - 1.3 * radius - p.corner * width * 0.3) * p.antenna_side / 0.42,
             height / 2,
         )
-        stick = lathe(filleted(np.array(steps), 0.3 * thin), 48).translate(place)
+        stick = lathe(filleted(steps, 0.3 * thin), 48).translate(place)
         parts.append(Part(stick, Material("rubber", (30, 30, 32), 0, 0.8)))
     if p.bumper == "none":
         return parts

@@ -42,6 +42,5 @@ def make(class_name: str, index: int, seed: int = 0) -> trimesh.Scene:
     p = draw(rng, name, family.PARAMETERS, family.STYLES)
     waves = int(rng.integers(2**32))
     return assemble(
-        family.build(p, rng),
-        partial(deformed, p=p, long_axis=family.AXES[0], bend_axis=family.AXES[1], seed=waves),
+        family.build(p, rng), partial(deformed, p=p, long_axis=family.AXES[0], bend_axis=family.AXES[1], seed=waves)
     )

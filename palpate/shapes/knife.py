@@ -13,7 +13,7 @@ from scipy.interpolate import PchipInterpolator
 from palpate.shapes.assembly import Part
 from palpate.shapes.deformation import form
 from palpate.shapes.materials import Material, across, dark_metal, metal, plastic, polymer, wood
-from palpate.shapes.parameters import Choice, Range
+from palpate.shapes.parameters import read
 from palpate.shapes.solids import along_y, box, cut, filleted, loft, prism, rod, superellipse, sweep, union
 
 AXES = (1, 2)
@@ -22,143 +22,7 @@ EDGE = 0.0004
 POINT = 0.0012  # m, height of a blade at its very tip
 STATIONS = 90  # along a blade
 
-PARAMETERS = {
-    "blade": {
-        "length": Range(0.1, 0.2, "m", "from the handle to the tip"),
-        "height": Range(0.12, 0.24, "1", "largest height over the length"),
-        "thickness": Range(0.0018, 0.0045, "m", "at the back, at the handle"),
-        "edges": Choice("single", "single or double, as a dagger's"),
-        "heel": Range(0.7, 1, "1", "height at the handle over the largest"),
-        "offset": Range(-0.15, 0.1, "1", "how far the blade sits above the handle's middle, over its height"),
-        "point": Range(0.1, 0.9, "1", "height of the tip: 0 at the edge, 1 at the back"),
-        "blunt": Range(0, 0.05, "1", "height that is left at the tip over the largest"),
-        "fold": Range(0, 0, "degrees", "how far a folding knife is closed"),
-    },
-    "outline": {
-        "clip": Range(0.3, 0.85, "1", "where the back begins to drop, over the length"),
-        "clip_power": Range(0.8, 3, "1", "how it drops: 1 straight, 3 late"),
-        "belly": Range(0.2, 0.85, "1", "where the edge begins to rise, over the length"),
-        "belly_power": Range(1.4, 3.5, "1", "how it rises"),
-        "bulge": Range(-0.15, 0.2, "1", "growth of the height in the middle of the blade"),
-        "wave": Range(-0.12, 0.12, "1", "depth of an S in the edge over the height"),
-        "droop": Range(-0.05, 0.05, "1", "how far the tip sinks by the curve of the whole blade, over its length"),
-    },
-    "grind": {
-        "bevel": Range(0.25, 0.85, "1", "share of the height that is ground"),
-        "teeth": Choice("none none none scallops saw", "none, in the edge, or in the back"),
-        "pitch": Range(0.0035, 0.009, "m", "from tooth to tooth"),
-        "toothed": Range(0.3, 0.95, "1", "where teeth end, over the length"),
-        "side": Choice("none none groove hole dents", "what is cut into the flat side"),
-    },
-    "handle": {
-        "grip": Range(0.09, 0.135, "m", "length of the handle"),
-        "tall": Range(0.16, 0.27, "1", "height of the handle over its length"),
-        "wide": Range(0.5, 0.9, "1", "thickness of the handle over its height"),
-        "squareness": Range(2, 4.5, "1", "exponent of the cross-section: 2 is an ellipse, 6 nearly a rectangle"),
-        "neck": Range(0.7, 1, "1", "height at a tenth of the handle over the whole"),
-        "palm": Range(0.9, 1.15, "1", "the same at the middle"),
-        "waist": Range(0.75, 1.05, "1", "the same at three quarters"),
-        "butt": Range(0.8, 1.3, "1", "the same near the end"),
-        "sag": Range(-0.04, 0.14, "1", "how far the end of the handle sinks, over its length"),
-        "tilt": Range(-10, 6, "degrees", "turn of the handle against the blade"),
-        "rings": Range(0, 0.01, "1", "depth of rings along the handle over its height"),
-        "rivets": Range(0, 4.99, "count", "pins through the handle"),
-        "grip_material": Choice("wood polymer plastic", "of the handle"),
-    },
-    "guard": {
-        "guard": Choice("none bolster cross", "between handle and blade; a bow goes round the fingers"),
-        "reach": Range(0.7, 1.6, "1", "height of the guard over the handle's"),
-        "sweep": Range(-0.5, 0.5, "1", "how far the guard's ends point to the tip, over its reach"),
-        "guard_thick": Range(0.25, 0.5, "1", "thickness of the guard over the handle's height"),
-    },
-    "pommel": {
-        "pommel": Choice("none none none cap ball ring", "at the end of the handle"),
-        "pommel_size": Range(0.8, 1.5, "1", "over the handle's height"),
-    },
-    "form": form(stretch=0.25, twist=5, warp=0.03, bend=9, taper=0.04),
-}
-
-KITCHEN = {"guard": "none bolster", "pommel": "none", "grip_material": "wood polymer plastic", "rings": (0, 0.002)}
-STYLES = {
-    "chef": KITCHEN | {
-        "length": (0.15, 0.27), "height": (0.13, 0.27), "offset": (-0.35, -0.15), "point": (0.35, 0.75),
-        "clip": (0.2, 0.7), "belly": (0.05, 0.5), "teeth": "none", "side": "none", "heel": (0.95, 1),
-    },
-    "santoku": KITCHEN | {
-        "length": (0.13, 0.19), "height": (0.22, 0.36), "offset": (-0.35, -0.15), "point": (0, 0.2),
-        "clip": (0.6, 0.85), "clip_power": (1.6, 3), "heel": (0.95, 1), "side": "dents dents none", "teeth": "none",
-    },
-    "bread": KITCHEN | {
-        "length": (0.19, 0.29), "height": (0.1, 0.17), "point": (0, 0.3), "clip": (0.7, 0.92), "teeth": "scallops",
-        "toothed": (0.9, 0.97), "heel": (0.9, 1), "side": "none",
-    },
-    "paring": KITCHEN | {
-        "length": (0.06, 0.11), "height": (0.17, 0.32), "grip": (0.085, 0.115), "droop": (-0.05, 0.25),
-        "teeth": "none", "side": "none", "tall": (0.14, 0.2),
-    },
-    "cleaver": KITCHEN | {
-        "length": (0.14, 0.22), "height": (0.36, 0.62), "blunt": (0.6, 0.95), "offset": (-0.4, -0.22),
-        "clip": (0.6, 0.95), "belly": (0.3, 0.8), "side": "hole hole none", "teeth": "none", "heel": (0.85, 1),
-        "thickness": (0.0025, 0.0055),
-    },
-    "steak": KITCHEN | {
-        "length": (0.09, 0.14), "height": (0.12, 0.19), "teeth": "scallops", "pitch": (0.003, 0.005),
-        "tall": (0.13, 0.18), "point": (0.3, 1), "side": "none",
-    },
-    "table": {
-        "length": (0.08, 0.13), "height": (0.14, 0.26), "heel": (0.35, 0.8), "blunt": (0.02, 0.3), "clip": (0.6, 0.9),
-        "belly": (0.5, 0.85), "teeth": "none scallops", "side": "none", "grip": (0.09, 0.13), "tall": (0.1, 0.17),
-        "wide": (0.35, 0.7), "neck": (0.35, 0.7), "guard": "none", "pommel": "none", "grip_material": "steel",
-        "rivets": (0, 0.5), "rings": (0, 0.002), "tilt": (-2, 2),
-    },
-    "folder": {
-        "length": (0.065, 0.1), "height": (0.2, 0.36), "fold": (0, 66), "side": "hole groove none",
-        "thickness": (0.003, 0.004), "grip": (0.1, 0.135), "wide": (0.4, 0.6), "squareness": (3, 6),
-        "rivets": (2, 4.99), "guard": "none", "pommel": "none none ring",
-    },
-    "multitool": {
-        "length": (0.055, 0.08), "height": (0.16, 0.3), "fold": (0, 62), "grip": (0.083, 0.11), "tall": (0.2, 0.34),
-        "wide": (0.55, 0.95), "squareness": (3, 6), "guard": "none", "pommel": "none tool tool", "rivets": (2, 3),
-        "grip_material": "plastic", "side": "groove", "sag": (-0.02, 0.02), "neck": (0.95, 1), "butt": (0.9, 1),
-        "waist": (0.95, 1.02), "palm": (0.97, 1.05), "rings": (0, 0.002),
-    },
-    "hunting": {
-        "length": (0.1, 0.2), "height": (0.17, 0.3), "thickness": (0.003, 0.0055), "point": (0.3, 1),
-        "clip": (0.35, 0.75), "clip_power": (0.7, 1.8), "guard": "cross bolster", "pommel": "cap none",
-        "grip_material": "wood",
-    },
-    "combat": {
-        "length": (0.12, 0.2), "height": (0.16, 0.26), "thickness": (0.0035, 0.0055), "clip": (0.5, 0.85),
-        "clip_power": (0.8, 1.4), "teeth": "saw saw scallops", "guard": "cross", "pommel": "cap",
-        "grip_material": "polymer", "rings": (0.02, 0.07), "wide": (0.75, 0.95), "squareness": (2, 2.8),
-    },
-    "dagger": {
-        "length": (0.13, 0.28), "height": (0.08, 0.24), "edges": "double", "point": (0.45, 0.55),
-        "offset": (-0.02, 0.02), "clip": (0.05, 0.8), "belly": (0.05, 0.8), "thickness": (0.004, 0.0065),
-        "wave": (-0.01, 0.01), "guard": "cross", "reach": (1.6, 4), "pommel": "ball ball ring", "rings": (0.01, 0.06),
-        "teeth": "none", "side": "none groove", "tilt": (-1, 1), "sag": (-0.01, 0.01),
-    },
-    "cutter": {
-        "length": (0.03, 0.09), "height": (0.2, 0.45), "heel": (0.95, 1), "point": (0.75, 1), "belly": (0.6, 0.8),
-        "belly_power": (1, 1.2), "bulge": (-0.01, 0.01), "wave": (-0.01, 0.01), "side": "dents", "teeth": "none",
-        "thickness": (0.0012, 0.0016), "grip": (0.12, 0.16), "tall": (0.14, 0.23), "wide": (0.45, 0.7),
-        "squareness": (3, 6), "guard": "none", "pommel": "none", "grip_material": "plastic",
-    },
-    "machete": KITCHEN | {
-        "length": (0.22, 0.38), "height": (0.1, 0.24), "heel": (0.4, 0.8), "bulge": (0, 0.3), "droop": (-0.1, 0.25),
-        "thickness": (0.003, 0.0055), "pommel": "none none ball", "side": "none",
-    },
-    "karambit": {
-        "length": (0.07, 0.13), "height": (0.22, 0.38), "droop": (0.25, 0.6), "point": (0.2, 0.7),
-        "clip": (0.05, 0.4), "grip": (0.09, 0.12), "sag": (0.05, 0.2), "pommel": "ring", "guard": "none",
-        "teeth": "none saw",
-    },
-    "sabre": {
-        "length": (0.27, 0.4), "height": (0.055, 0.12), "droop": (-0.2, -0.02), "thickness": (0.004, 0.007),
-        "clip": (0.6, 0.9), "belly": (0.5, 0.85), "guard": "bow cross bow", "reach": (1.6, 2.6), "pommel": "ball cap",
-        "side": "groove none", "teeth": "none", "tilt": (-14, 0),
-    },
-}  # fmt: skip
+PARAMETERS, STYLES = read("knife", form(stretch=0.25, twist=5, warp=0.03, bend=9, taper=0.04))
 
 
 def build(p: SimpleNamespace, rng: np.random.Generator) -> list[Part]:
@@ -295,12 +159,12 @@ def guard(p: SimpleNamespace, tall: float, wide: float, centre) -> list[Manifold
         ]
     ahead = p.sweep * reach / 2
     path = [(0, ahead, reach / 2), (0, 0, 0.25 * reach), (0, 0, -0.25 * reach), (0, ahead, -reach / 2)]
-    bar = sweep(filleted(np.array(path), 0.3 * reach), superellipse(1.05 * wide, thick, 3, 32))
+    bar = sweep(filleted(path, 0.3 * reach), superellipse(1.05 * wide, thick, 3, 32))
     if p.guard == "cross":
         return [bar]
     low, end = -0.5 * reach, float(centre(1))
     path = [(0, 0, low), (0, -0.25 * p.grip, low - 0.3 * tall), (0, -0.8 * p.grip, low - 0.3 * tall), (0, -p.grip, end)]
-    return [bar, sweep(filleted(np.array(path), 0.03), superellipse(0.7 * wide, 0.35 * thick, 2.5, 28))]
+    return [bar, sweep(filleted(path, 0.03), superellipse(0.7 * wide, 0.35 * thick, 2.5, 28))]
 
 
 def pommel(p: SimpleNamespace, rng: np.random.Generator, tall: float, wide: float, centre) -> list[Manifold]:

@@ -17,12 +17,7 @@ PLASTIC = {
     "green-plastic": (38, 134, 66), "blue-plastic": (34, 86, 176), "black-plastic": (28, 28, 30),
     "orange-plastic": (226, 110, 28), "teal-plastic": (30, 136, 140), "pink-plastic": (222, 128, 156),
 }  # fmt: skip
-METAL = {
-    "steel": (192, 194, 198),
-    "brass": (196, 158, 78),
-    "aluminium": (214, 216, 220),
-    "copper": (184, 112, 76),
-}
+METAL = {"steel": (192, 194, 198), "brass": (196, 158, 78), "aluminium": (214, 216, 220), "copper": (184, 112, 76)}
 DARK_METAL = {"gunmetal": (58, 60, 66), "parkerised": (74, 76, 72), "blued-steel": (40, 44, 56)}
 WOOD = {"walnut": (98, 60, 34), "oak": (168, 122, 72), "cherry": (136, 66, 38), "ebony": (52, 40, 34)}
 POLYMER = {"black-polymer": (32, 32, 34), "olive-polymer": (84, 90, 58), "tan-polymer": (172, 146, 104)}
@@ -99,16 +94,7 @@ def wood(rng) -> Material:
 
 
 BRANDS = ("AURELIA", "Northfell", "Casa Luma", "BRIO", "Old Mill", "Verde", "KELPIE", "Solstice", "Tarn & Co")
-GOODS = (
-    "finest quality",
-    "No. 7",
-    "since 1894",
-    "500 ml",
-    "natural",
-    "extra dry",
-    "pure spring",
-    "home made",
-)
+GOODS = ("finest quality", "No. 7", "since 1894", "500 ml", "natural", "extra dry", "pure spring", "home made")
 
 
 def label(rng: np.random.Generator) -> Material:

@@ -1,10 +1,13 @@
 """Parameters of the procedural classes: names, ranges and units; drawn independently of each other."""
 
 from collections.abc import Mapping
+from pathlib import Path
 from types import SimpleNamespace
 from typing import NamedTuple
 
 import numpy as np
+
+from palpate.configuration import read_yaml
 
 # Probability that a group of parameters (a bottle's top, a rifle's stock) is drawn as in any of the class's styles.
 EXCHANGE = 0.25
@@ -26,16 +29,26 @@ class Choice(NamedTuple):
     meaning: str
 
 
-Parameters = Mapping[str, Mapping[str, Range | Choice]]
-# By style and parameter: (low, high) in place of a range's bounds, or other options of a choice.
-Styles = Mapping[str, Mapping[str, tuple[float, float] | str]]
+Parameters = dict[str, Mapping[str, Range | Choice]]  # by group and name
+# By style and parameter: [low, high] in place of a range's bounds, or other options of a choice.
+Styles = dict[str, Mapping[str, list[float] | str]]
+
+
+def read(class_name: str, form: Mapping[str, Range]) -> tuple[Parameters, Styles]:
+    """Parameters and styles of a class, from its YAML file; form: the last group (`palpate.shapes.deformation`)."""
+    found = read_yaml(Path(__file__).with_name(f"{class_name}.yaml"))
+    groups = {
+        group: {name: (Range if len(values) == 4 else Choice)(*values) for name, values in parameters.items()}
+        for group, parameters in found["parameters"].items()
+    }
+    return groups | {"form": form}, found["styles"]
 
 
 def draw(rng: np.random.Generator, style: str, parameters: Parameters, styles: Styles) -> SimpleNamespace:
     """A value of each parameter, as attributes.
 
-    parameters: by group and name. The first group is always drawn as in `style`; each other group is drawn as in a
-    style that is chosen at random with the probability `EXCHANGE`.
+    The first group is always drawn as in `style`; each other group is drawn as in a style that is chosen at random with
+    the probability `EXCHANGE`.
     """
     values, names = {}, list(styles)
     for position, group in enumerate(parameters.values()):

@@ -12,144 +12,14 @@ from manifold3d import Manifold
 from palpate.shapes.assembly import Part
 from palpate.shapes.deformation import form
 from palpate.shapes.materials import Material, across, dark_metal, metal, polymer, wood
-from palpate.shapes.parameters import Choice, Range
+from palpate.shapes.parameters import read
 from palpate.shapes.solids import along_y, box, cut, filleted, prism, rod, superellipse, sweep, turned, union
 
 AXES = (1, 2)
 OPTIC = Material("optic", (24, 24, 28), 0.4, 0.35)
 GLASS = Material("optic-glass", (60, 90, 140), 0.3, 0.05)
 
-PARAMETERS = {
-    "action": {
-        "receiver": Range(0.16, 0.26, "m", "length of the receiver"),
-        "high": Range(0.018, 0.032, "m", "its top above the bore"),
-        "low": Range(0.028, 0.045, "m", "its underside below the bore"),
-        "body_width": Range(0.028, 0.042, "m", "its width"),
-        "body_slope": Range(-0.4, 0.5, "1", "how far its top falls to the front, over its height above the bore"),
-        "bulk": Range(0.75, 1.4, "1", "scale across the bore, of everything"),
-        "action": Choice("none charging bolt", "what the hand works: none, a charging handle, a bolt, a lever"),
-        "metal_look": Choice("dark dark steel", "of the receiver"),
-        "bullpup": Choice("no", "whether the grip lies before the magazine"),
-    },
-    "barrel": {
-        "barrel": Range(0.3, 0.55, "m", "length before the receiver"),
-        "bore": Range(0.0085, 0.014, "m", "radius at the receiver"),
-        "slim": Range(0.55, 0.95, "1", "radius at the muzzle over that"),
-        "second": Choice("none none none gas tube", "beside it: none, a gas tube, a tube magazine, another barrel"),
-        "second_length": Range(0.4, 0.9, "1", "length of that over the barrel's"),
-        "muzzle": Choice("none hider brake", "at the end of the barrel"),
-        "muzzle_size": Range(0.7, 1.5, "1", "scale of what is at the muzzle"),
-    },
-    "stock": {
-        "stock": Choice("straight carbine skeleton", "form of the butt stock"),
-        "stock_length": Range(0.2, 0.34, "m", "from the receiver to the butt"),
-        "drop": Range(-0.01, 0.05, "m", "fall of the comb from the bore to the butt"),
-        "butt": Range(0.095, 0.15, "m", "height of the butt"),
-        "comb": Range(-0.012, 0.03, "m", "rise of a cheek piece"),
-        "stock_width": Range(0.03, 0.05, "m", "thickness of the stock"),
-        "pitch": Range(-0.03, 0.03, "m", "how far the butt's toe lies behind its heel"),
-    },
-    "grip": {
-        "grip": Choice("pistol pistol none", "a pistol grip, or none"),
-        "grip_length": Range(0.075, 0.12, "m", "length of the pistol grip"),
-        "rake": Range(0.1, 0.6, "1", "how far it leans back over its length"),
-        "grip_depth": Range(0.034, 0.056, "m", "from front to back"),
-    },
-    "forend": {
-        "forend": Choice("slotted ribbed wood", "round the barrel: none, wood below it, slots, ribs, a pump"),
-        "forend_length": Range(0.3, 0.85, "1", "over the barrel's length"),
-        "forend_size": Range(0.019, 0.032, "m", "half of its height"),
-        "wood": Choice("no no yes", "whether stock, grip and fore-end are of wood"),
-    },
-    "magazine": {
-        "magazine": Choice("box box curved none", "below the receiver: none, a box, a curved box, a drum"),
-        "magazine_length": Range(0.05, 0.2, "m", "from the receiver to its end"),
-        "magazine_depth": Range(0.045, 0.085, "m", "from front to back"),
-        "curve": Range(0.25, 0.9, "radians", "of a curved one"),
-        "magazine_place": Range(0.5, 0.78, "1", "over the receiver's length"),
-    },
-    "sight": {
-        "sight": Choice("irons scope dot", "above: irons, a telescope, a dot sight, a carrying handle, or none"),
-        "sight_size": Range(0.7, 1.25, "1", "scale of the sight"),
-        "sight_length": Range(0.2, 0.36, "m", "length of a telescope"),
-        "sight_rise": Range(0, 0.025, "m", "height of its mount"),
-        "sight_place": Range(0.3, 0.75, "1", "over the receiver's length"),
-    },
-    "below": {
-        "below": Choice("none none bipod foregrip", "below the barrel"),
-        "below_size": Range(0.7, 1.3, "1", "scale of it"),
-        "below_place": Range(0.2, 0.6, "1", "over the barrel's length"),
-        "spread": Range(-0.2, 1, "1", "legs of a bipod: 0 folded to the front, 1 spread and down"),
-    },
-    "form": form(stretch=0.15),
-}
-
-MODERN = {"wood": "no", "grip": "pistol", "action": "charging", "bullpup": "no", "metal_look": "dark"}
-SPORTING = {"wood": "yes yes yes no", "grip": "none", "stock": "straight", "forend": "wood", "below": "none"}
-STYLES = {
-    "hunting": SPORTING | {
-        "barrel": (0.4, 0.62), "action": "bolt", "magazine": "none none box", "magazine_length": (0.03, 0.07),
-        "sight": "scope scope irons", "receiver": (0.18, 0.24), "muzzle": "none none brake", "high": (0.016, 0.022),
-    },
-    "sniper": {
-        "barrel": (0.45, 0.7), "bore": (0.012, 0.016), "slim": (0.8, 1), "action": "bolt",
-        "stock": "thumbhole skeleton", "sight": "scope", "sight_length": (0.3, 0.42), "below": "bipod",
-        "spread": (0.5, 1), "magazine": "box", "magazine_length": (0.04, 0.1), "muzzle": "brake brake suppressor",
-        "forend": "slotted wood",
-    },
-    "carbine": MODERN | {
-        "barrel": (0.25, 0.46), "stock": "carbine carbine straight skeleton", "forend": "slotted ribbed",
-        "magazine": "box curved", "magazine_length": (0.09, 0.19), "sight": "carry dot scope irons",
-        "below": "none foregrip none bipod launcher",
-    },
-    "kalashnikov": MODERN | {
-        "barrel": (0.26, 0.44), "second": "gas", "second_length": (0.4, 0.6), "stock": "straight straight skeleton",
-        "forend": "wood", "wood": "yes yes no", "magazine": "curved curved drum", "curve": (0.5, 1),
-        "drop": (0, 0.04), "magazine_length": (0.14, 0.23), "sight": "irons irons dot", "body_slope": (0.1, 0.6),
-    },
-    "lever": SPORTING | {
-        "barrel": (0.36, 0.6), "action": "lever", "second": "tube", "second_length": (0.5, 0.97),
-        "receiver": (0.13, 0.18), "metal_look": "brass steel dark", "sight": "irons irons scope", "magazine": "none",
-        "muzzle": "none", "drop": (0.03, 0.07),
-    },
-    "bullpup": MODERN | {
-        "barrel": (0.16, 0.34), "receiver": (0.25, 0.34), "bullpup": "yes", "stock": "shell",
-        "forend": "none slotted", "magazine": "box curved", "magazine_length": (0.08, 0.17),
-        "sight": "carry dot scope", "below": "none none foregrip",
-    },
-    "battle": SPORTING | {
-        "barrel": (0.38, 0.56), "action": "charging bolt", "forend_length": (0.5, 0.85), "sight": "irons irons scope",
-        "magazine": "none box curved", "magazine_length": (0.05, 0.14), "muzzle": "hider none",
-        "below": "none none bayonet",
-    },
-    "double": SPORTING | {
-        "barrel": (0.5, 0.74), "bore": (0.0115, 0.013), "slim": (0.88, 0.96), "second": "over side",
-        "receiver": (0.09, 0.13), "action": "none", "forend_length": (0.25, 0.4), "sight": "none", "magazine": "none",
-        "muzzle": "none", "metal_look": "steel brass dark", "second_length": (0.99, 1), "drop": (0.03, 0.07),
-    },
-    "pump": {
-        "barrel": (0.35, 0.6), "bore": (0.011, 0.014), "second": "tube", "second_length": (0.5, 1), "forend": "pump",
-        "forend_length": (0.3, 0.6), "action": "none", "magazine": "none", "sight": "none irons dot",
-        "muzzle": "none brake", "stock": "straight straight carbine", "grip": "none pistol", "wood": "no yes",
-    },
-    "submachine": MODERN | {
-        "barrel": (0.15, 0.28), "receiver": (0.26, 0.34), "stock": "skeleton carbine",
-        "forend": "ribbed slotted none", "magazine": "box drum curved", "magazine_length": (0.1, 0.24),
-        "magazine_depth": (0.035, 0.055), "muzzle": "none suppressor hider", "stock_length": (0.2, 0.3),
-        "magazine_place": (0.45, 0.85),
-    },
-    "machinegun": MODERN | {
-        "barrel": (0.4, 0.62), "bore": (0.012, 0.017), "receiver": (0.24, 0.34), "high": (0.03, 0.045),
-        "low": (0.038, 0.055), "stock": "straight shell carbine", "forend": "slotted none",
-        "magazine": "drum drum box", "below": "bipod", "sight": "irons carry scope", "muzzle": "hider brake",
-        "second": "gas none",
-    },
-    "musket": SPORTING | {
-        "barrel": (0.55, 0.8), "receiver": (0.12, 0.18), "action": "bolt", "forend_length": (0.7, 0.95),
-        "slim": (0.7, 0.9), "magazine": "none", "sight": "irons none", "muzzle": "none", "below": "none bayonet",
-        "drop": (0.03, 0.08), "bulk": (0.9, 1.7),
-    },
-}  # fmt: skip
+PARAMETERS, STYLES = read("rifle", form(stretch=0.15))
 
 
 def build(p: SimpleNamespace, rng: np.random.Generator) -> list[Part]:
@@ -181,7 +51,7 @@ def build(p: SimpleNamespace, rng: np.random.Generator) -> list[Part]:
 
 def plank(points, radii, thickness: float, edge: float) -> Manifold:
     """A plate in y-z from corner points with fillets, its rim rounded."""
-    return prism(filleted(np.array(points), radii, closed=True), thickness, edge)
+    return prism(filleted(points, radii, closed=True), thickness, edge)
 
 
 def receiver(p) -> Manifold:
@@ -200,7 +70,7 @@ def barrels(p) -> list[Manifold]:
     length, thick, thin = p.barrel + 0.02, p.bore, p.slim * p.bore
     start = p.receiver - 0.02
     profile = [(thick, 0), (thick, 0.15 * length), (0.5 * (thick + thin), 0.3 * length), (thin, length), (0, length)]
-    tube = turned(np.array(profile), (0, start, 0), (0, 1, 0), 44)
+    tube = turned(profile, (0, start, 0), (0, 1, 0), 44)
     tube -= rod((0, start + length - 0.03, 0), (0, start + length + 0.01, 0), 0.45 * thin, segments=24)
     end = p.receiver + p.second_length * p.barrel
     if p.second == "none":
@@ -244,9 +114,7 @@ def muzzle(p, rng) -> list[Manifold]:
 def action(p) -> list[Manifold]:
     """A bolt with its handle, a charging handle, or a lever with its loop and a hammer."""
     if p.action == "bolt":
-        path = filleted(
-            np.array([(0, 0.03, 0), (-p.body_width, 0.026, -0.004), (-1.5 * p.body_width, 0.01, -0.03)]), 0.015
-        )
+        path = filleted([(0, 0.03, 0), (-p.body_width, 0.026, -0.004), (-1.5 * p.body_width, 0.01, -0.03)], 0.015)
         knob = Manifold.sphere(0.0095, 28).translate(tuple(path[-1]))
         bolt = rod((0, -0.045, 0.3 * p.high), (0, 0.04, 0.3 * p.high), 0.55 * p.high)
         return [sweep(path, superellipse(0.009, 0.009, 2, 20), side=(0, 1, 0)), knob, bolt]
@@ -279,7 +147,7 @@ def action(p) -> list[Manifold]:
 def trigger(y: float, z: float, length: float = 0.06, drop: float = 0.032) -> Manifold:
     """A trigger and its guard below a receiver's underside z; the guard spans y - length .. y."""
     path = [(0, y, z + 0.006), (0, y - 0.004, z - drop), (0, y - length + 0.004, z - drop), (0, y - length, z + 0.006)]
-    guard = sweep(filleted(np.array(path), 0.014), superellipse(0.011, 0.003, 4, 20))
+    guard = sweep(filleted(path, 0.014), superellipse(0.011, 0.003, 4, 20))
     bent = np.array([(0.5, -0.006), (0.56, 0.45 * drop), (0.46, 0.8 * drop)])
     bent = np.column_stack([0 * bent[:, 0], y - bent[:, 0] * length, z - bent[:, 1]])
     return guard + sweep(filleted(bent, 0.03), superellipse(0.006, 0.004, 3, 16))
@@ -288,9 +156,7 @@ def trigger(y: float, z: float, length: float = 0.06, drop: float = 0.032) -> Ma
 def pistol_grip(y: float, z: float, length: float, rake: float, depth: float) -> Manifold:
     """A raked grip below (y, z)."""
     lean = rake * length
-    path = filleted(
-        np.array([(0, y, z + 0.012), (0, y - 0.3 * lean, z - 0.3 * length), (0, y - lean, z - length)]), 0.08
-    )
+    path = filleted([(0, y, z + 0.012), (0, y - 0.3 * lean, z - 0.3 * length), (0, y - lean, z - length)], 0.08)
     scale = np.linspace(1, 0, len(path))[:, None] * [-0.04, 0.12] + [1, 1.0]
     return sweep(path, superellipse(0.7 * depth, depth, 2.8, 36), scale)
 
@@ -343,7 +209,7 @@ def stock(p) -> list[Manifold]:
             (0, 0.5 * end, -0.8 * p.low - 0.1 * p.butt),
             (0, end - 0.008 - p.pitch, toe + 0.02),
         ]
-        return [tube, plate, sweep(filleted(np.array(strut), 0.05), superellipse(0.011, 0.013, 3, 24))]
+        return [tube, plate, sweep(filleted(strut, 0.05), superellipse(0.011, 0.013, 3, 24))]
     body = [(0.45 * end, 0.3 * p.low + p.comb), (end, heel + 0.3 * p.low), (end - p.pitch, toe), (end + 0.03, toe)]
     body += [(0.75 * end, low - 0.45 * p.butt), (0.45 * end, -0.8 * p.low)]
     hole = [(end + 0.02, heel - 0.3 * p.butt), (0.7 * end, heel - 0.3 * p.butt), (end + 0.025, heel - 0.62 * p.butt)]
@@ -383,7 +249,7 @@ def forend(p) -> list[Manifold]:
             (size, wave[-1][1] + 0.004),
             (0.9 * size, wave[-1][1] + 0.014),
         ]
-        return [turned(np.array(profile), (0, start, 0), (0, 1, 0), 44)]
+        return [turned(profile, (0, start, 0), (0, 1, 0), 44)]
     body = sweep([(0, start, 0), (0, end, 0)], superellipse(1.8 * size, 2 * size, 4, 48))
     slot = sweep([(-0.1, 0, 0), (0.1, 0, 0)], superellipse(0.028, 0.4 * size, 5, 16), side=(0, 1, 0))
     at = np.arange(start + 0.03, end - 0.025, 0.042)
@@ -404,7 +270,7 @@ def magazine(p) -> Manifold:
     if p.magazine == "drum":
         radius, half = 0.3 * length + 0.02, 0.6 * depth
         middle = (0, y, z - 0.03 - radius)
-        drum = turned(filleted(np.array([(radius, -half), (radius, half)]), 0.004), middle, (0, 1, 0), 56)
+        drum = turned(filleted([(radius, -half), (radius, half)], 0.004), middle, (0, 1, 0), 56)
         return drum + sweep(path, superellipse(0.026, depth, 7, 32))
     body = sweep(path, superellipse(0.024, depth, 7, 32))
     groove = sweep(path[3:12], superellipse(0.004, 0.1 * depth, 2, 12))
@@ -452,8 +318,8 @@ def sight(p, rng) -> list[Part]:
             (front, 0.6 * half),
             (front, half),
         ]
-    body = turned(filleted(np.array(profile), 0.008), (0, y, z), (0, 1, 0), 40)
-    knob = filleted(np.array([(0.8 * tube, 0), (0.8 * tube, 2 * tube), (0, 2 * tube)]), 0.002)
+    body = turned(filleted(profile, 0.008), (0, y, z), (0, 1, 0), 40)
+    knob = filleted([(0.8 * tube, 0), (0.8 * tube, 2 * tube), (0, 2 * tube)], 0.002)
     knobs = [turned(knob, (0, y - 0.1 * half, z), axis, 28) for axis in ((0, 0, 1), (-1, 0, 0))]
     ends = [(half, front), (-half, eye)]
     cups = [rod((0, y + 0.95 * at, z), (0, y + 1.05 * at, z), 0.86 * r, segments=28) for at, r in ends]

@@ -20,11 +20,7 @@ _GRAZING = 0.05
 
 
 def sample_by_depth_maps(
-    mesh: RayMesh,
-    count: int,
-    rng: np.random.Generator,
-    resolution: int = RESOLUTION,
-    views: np.ndarray = VIEWS,
+    mesh: RayMesh, count: int, rng: np.random.Generator, resolution: int = RESOLUTION, views: np.ndarray = VIEWS
 ) -> np.ndarray:
     """(count, 3) float64 points on what the depth maps see, uniform by area.
 

@@ -9,11 +9,7 @@ import numpy as np
 from palpate.camera import Camera, matrices
 
 # Names of the channels in Blender's files and in those kept, by pass.
-CHANNELS = {
-    "Combined": "ViewLayer.Combined",
-    "Depth": "ViewLayer.Depth.Z",
-    "IndexOB": "ViewLayer.IndexOB.X",
-}
+CHANNELS = {"Combined": "ViewLayer.Combined", "Depth": "ViewLayer.Depth.Z", "IndexOB": "ViewLayer.IndexOB.X"}
 # Blender's depth where a pixel shows nothing; real depths are far below.
 NOTHING = 1e9
 

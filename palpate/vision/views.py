@@ -110,11 +110,7 @@ def render(renderer: "Renderer", scene: "Scene", at: Iterable[Viewpoint], size: 
 
 
 def published(
-    folder: Path | str,
-    record: Mapping[str, Any],
-    points: np.ndarray,
-    count: int = COUNT,
-    size: int = SIZE,
+    folder: Path | str, record: Mapping[str, Any], points: np.ndarray, count: int = COUNT, size: int = SIZE
 ) -> Views:
     """The first `count` published images of an object: `<synset>/<model>/rendering/` of ShapeNetRendering.
 
