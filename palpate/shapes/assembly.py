@@ -9,7 +9,7 @@ from manifold3d import Manifold
 from scipy.spatial import cKDTree
 from trimesh.visual import TextureVisuals
 
-from palpate.shapes.materials import Material
+from palpate.shapes.materials import Material, across
 from palpate.shapes.solids import union
 
 # Faces of one object: enough that a flat facet is smaller than a touch sensor, few enough to stay quick.
@@ -26,11 +26,11 @@ TOUCH, GAP = 5e-7, 1e-5
 
 @dataclass(frozen=True)
 class Part:
-    """A closed solid of one material. `uv` maps vertices (n, 3) to texture coordinates (n, 2)."""
+    """A closed solid of one material. `uv` maps vertices (n, 3) to texture coordinates (n, 2); default: `across`."""
 
     solid: Manifold
     material: Material
-    uv: Callable[[np.ndarray], np.ndarray] | None = None
+    uv: Callable[[np.ndarray], np.ndarray] = across
 
 
 def assemble(parts: Iterable[Part], deform: Callable[[np.ndarray, np.ndarray], np.ndarray]) -> trimesh.Scene:
@@ -49,13 +49,9 @@ def assemble(parts: Iterable[Part], deform: Callable[[np.ndarray, np.ndarray], n
         raw = solid.to_mesh64()
         faces = np.asarray(raw.tri_verts, dtype=np.int64)
         vertices = np.asarray(raw.vert_properties)[:, :3]
-        uv = np.zeros((len(vertices), 2)) if part.uv is None else part.uv(vertices)
-        mesh = trimesh.Trimesh(
-            apart(deform(vertices, bounds), faces),
-            faces,
-            visual=TextureVisuals(uv=uv, material=part.material.to_pbr()),
-            process=False,
-        )
+        uv = part.uv(vertices) if part.material.picture else np.zeros((len(vertices), 2))
+        visual = TextureVisuals(uv=uv, material=part.material.to_pbr())
+        mesh = trimesh.Trimesh(apart(deform(vertices, bounds), faces), faces, visual=visual, process=False)
         scene.add_geometry(mesh, node_name=name, geom_name=name)
     return scene
 
@@ -83,21 +79,19 @@ def apart(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
 
 def bounded_faces(solids: dict[str, Manifold]) -> dict[str, Manifold]:
     """Simplify where there are too many faces, then cut long edges, so that facets can bend."""
-    tolerance, simple = SLIVER, {name: solid.simplify(SLIVER) for name, solid in solids.items()}
-    while face_count(simple) > SIMPLIFIED_FACES:
+
+    def each(solids, method, length):
+        changed = {name: getattr(solid, method)(length) for name, solid in solids.items()}
+        return changed, sum(solid.num_tri() for solid in changed.values())
+
+    tolerance, (simple, count) = SLIVER, each(solids, "simplify", SLIVER)
+    while count > SIMPLIFIED_FACES:
         tolerance *= 2
-        simple = {name: solid.simplify(tolerance) for name, solid in simple.items()}
+        simple, count = each(simple, "simplify", tolerance)
     edge = EDGE * float(np.linalg.norm(np.diff(bounds_of(simple.values()), axis=0)))
-    refined = {name: solid.refine_to_length(edge) for name, solid in simple.items()}
-    while face_count(refined) < FEWEST_FACES:
-        edge *= SHORTER
-        refined = {name: solid.refine_to_length(edge) for name, solid in simple.items()}
-    while face_count(refined) > MOST_FACES:
-        edge *= LONGER
-        refined = {name: solid.refine_to_length(edge) for name, solid in simple.items()}
+    refined, count = each(simple, "refine_to_length", edge)
+    for too_few in (True, False):
+        while count < FEWEST_FACES if too_few else count > MOST_FACES:
+            edge *= SHORTER if too_few else LONGER
+            refined, count = each(simple, "refine_to_length", edge)
     return refined
-
-
-def face_count(solids: dict[str, Manifold]) -> int:
-    """Number of faces of all solids."""
-    return sum(solid.num_tri() for solid in solids.values())

@@ -13,12 +13,21 @@ from palpate.shapes.assembly import Part
 from palpate.shapes.deformation import form
 from palpate.shapes.materials import Material, across, around, choose, glass, label, metal, plastic, wood
 from palpate.shapes.parameters import read
-from palpate.shapes.solids import box, filleted, fluted, lathe, rod, superellipse, sweep, turned, union, upright
+from palpate.shapes.solids import bent_bar, box, filleted, fluted, lathe, rod, superellipse, turned, union, upright
 
 AXES = (2, 1)
 AROUND, ROWS = 132, 46  # points around a body, and rows from the ground to the neck: facets of about 3 degrees
 WIDEST = 0.32  # radius over height of a body that has handles
 PAPER = 0.0005  # m that a label stands off the body
+
+PET = {"clear-pet": (190, 215, 228), "blue-pet": (90, 150, 205), "green-pet": (110, 180, 120)}
+STONE = {"stoneware": (196, 180, 150), "slate-glaze": (80, 92, 104), "terracotta": (178, 98, 66)}
+LOOKS = {
+    **{"glass": glass, "plastic": plastic, "metal": metal},
+    "pet": lambda rng: choose(rng, PET, 0, 0.1),
+    "pill": lambda rng: plastic(rng, ["white-plastic", "orange-plastic", "teal-plastic"]),
+    "stone": lambda rng: choose(rng, STONE, 0, 0.35),
+}
 
 PARAMETERS, STYLES = read("bottle", form(twist=8, warp=0.02, lean=0.05))
 
@@ -28,8 +37,7 @@ def build(p: SimpleNamespace, rng: np.random.Generator) -> list[Part]:
     profile, section = outline(p)
     body = upright(profile, section)
     radius, neck = p.slimness * p.height, p.neck * p.slimness * p.height
-    looks = {"glass": glass, "plastic": plastic, "metal": metal, "pet": pet, "pill": pill, "stone": stone}
-    look = looks[p.material](rng)
+    look = LOOKS[p.material](rng)
     for side in {"none": [], "loop": [1], "pair": [1, -1]}[p.handle if p.slimness < WIDEST else "none"]:
         body += handle(p, profile, section).scale((1, side, 1))
     if p.top == "open":
@@ -40,10 +48,9 @@ def build(p: SimpleNamespace, rng: np.random.Generator) -> list[Part]:
         return parts
     low, high = (share * p.shoulder * p.height for share in (p.label_low, p.label_high))
     rows = (profile[:, 1] > low) & (profile[:, 1] < high)
-    skin = np.concatenate([cut_at(profile, section, low), cut_at(profile, section, high)])
     levels = np.concatenate([[low], profile[rows, 1], [high]])
-    outlines = np.concatenate([skin[:1], profile[rows, :1, None] * section[rows], skin[1:]])
-    outlines = outlines * (1 + PAPER / radius)
+    ends = cut_at(profile, section, low), cut_at(profile, section, high)
+    outlines = np.concatenate([ends[0], profile[rows, :1, None] * section[rows], ends[1]]) * (1 + PAPER / radius)
     sticker = upright(np.column_stack([np.ones(len(levels)), levels]), outlines)
     if p.label == "front":
         wide = p.label_width * radius
@@ -51,20 +58,6 @@ def build(p: SimpleNamespace, rng: np.random.Generator) -> list[Part]:
     if p.label == "sleeve":
         return [*parts, Part(sticker, label(rng), around)]
     return [*parts, Part(sticker, Material("grip", (60, 60, 64), 0, 0.8))]
-
-
-def pet(rng) -> Material:
-    return choose(rng, {"clear-pet": (190, 215, 228), "blue-pet": (90, 150, 205), "green-pet": (110, 180, 120)}, 0, 0.1)
-
-
-def pill(rng) -> Material:
-    return plastic(rng, ["white-plastic", "orange-plastic", "teal-plastic"])
-
-
-def stone(rng) -> Material:
-    return choose(
-        rng, {"stoneware": (196, 180, 150), "slate-glaze": (80, 92, 104), "terracotta": (178, 98, 66)}, 0, 0.35
-    )
 
 
 def outline(p: SimpleNamespace) -> tuple[np.ndarray, np.ndarray]:
@@ -93,12 +86,7 @@ def outline(p: SimpleNamespace) -> tuple[np.ndarray, np.ndarray]:
     section = body_share * section + (1 - body_share) * superellipse(2, 2, 2, AROUND)
     if p.relief == "flutes":
         envelope = np.sin(np.pi * np.clip(profile[:, 1] / end, 0, 1)) ** 0.7 * p.relief_depth
-        section = (
-            section
-            * np.stack([np.linalg.norm(fluted(depth, 2 * p.relief_count, AROUND), axis=1) for depth in envelope])[
-                ..., None
-            ]
-        )
+        section = section * np.linalg.norm(fluted(envelope, 2 * p.relief_count, AROUND), axis=-1, keepdims=True)
     angle = np.radians(p.spiral) * (p.relief == "flutes" or p.squareness > 3.5) * np.clip(profile[:, 1] / end, 0, 1)
     cosine, sine = np.cos(angle)[:, None], np.sin(angle)[:, None]
     x, y = section[..., 0], section[..., 1]
@@ -138,8 +126,7 @@ def handle(p: SimpleNamespace, profile: np.ndarray, section: np.ndarray) -> Mani
     thick = p.handle_width * radius
     out = min(surface(low) + p.handle_reach * radius, 0.44 * p.height)
     path = [(0, surface(high) - 0.4 * thick, high), (0, out, high), (0, out, low), (0, surface(low) - 0.4 * thick, low)]
-    ribbon = sweep(filleted(path, 0.4 * (high - low)), superellipse(1.2 * thick, 0.8 * thick, 2.5, 32))
-    return ribbon.rotate((0, 0, p.handle_turn - 90))
+    return bent_bar(path, 0.4 * (high - low), 1.2 * thick, 0.8 * thick, 2.5, 32).rotate((0, 0, p.handle_turn - 90))
 
 
 def screw_cap(radius: float, low: float, height: float, taper: float = 0.97, ribs: int = 36) -> Manifold:
@@ -160,18 +147,16 @@ def top(p: SimpleNamespace, rng: np.random.Generator, neck: float, radius: float
         return []
     if p.top == "crown":
         profile = np.array([(1.22, -0.35), (1.12, -0.15), (1.0, 0.08), (0.85, 0.15)]) * neck + [0, h]
-        teeth = np.stack([fluted(depth, 21, 84) for depth in (0.1, 0.05, 0, 0)])
+        teeth = fluted([0.1, 0.05, 0, 0], 21, 84)
         return [Part(upright(profile, teeth), metal(rng) if rng.uniform() < 0.5 else plastic(rng))]
     if p.top == "cork":
         sides = [(0.7 * neck, h - neck), (0.75 * neck, h), (0.6 * wide, h + 0.6 * tall), (0, h + 0.6 * tall)]
         return [Part(lathe(filleted(sides, 0.1 * neck), 72), Material("cork", (196, 158, 110), 0, 0.8))]
     if p.top == "capsule":
         low = h - min(p.neck_length, 0.2) * rng.uniform(0.5, 1) * h
-        foil = np.array(
-            [(1.03 * neck, low), ((1.06 + p.finish) * neck, h - 0.3 * neck), (1.05 * neck, h + 0.05 * neck)]
-        )
-        foil = filleted(np.append(foil, [[0, h + 0.08 * neck]], axis=0), 0.1 * neck)
-        return [Part(lathe(foil, AROUND), Material("foil", cap_look.colour, 0.6, 0.3))]
+        foil = [(1.03 * neck, low), ((1.06 + p.finish) * neck, h - 0.3 * neck)]
+        foil += [(1.05 * neck, h + 0.05 * neck), (0, h + 0.08 * neck)]
+        return [Part(lathe(filleted(foil, 0.1 * neck), AROUND), Material("foil", cap_look.colour, 0.6, 0.3))]
     if p.top == "stopper":
         knots = rng.uniform(0.5, 1.4, 5) * wide
         z = np.linspace(0, 1, 24)
@@ -179,9 +164,9 @@ def top(p: SimpleNamespace, rng: np.random.Generator, neck: float, radius: float
         ball = np.column_stack([curve, h + 0.01 * neck + 1.4 * tall * np.append(z, 1)])
         plug = rod((0, 0, h - neck), (0, 0, h + 0.1 * tall), 0.7 * neck)
         look = [metal(rng), wood(rng), glass(rng), cap_look][rng.integers(4)]
-        return [Part(lathe(ball, 96) + plug, look, across if look.picture else None)]
+        return [Part(lathe(ball, 96) + plug, look)]
     if p.top == "cap":
-        profile = np.array([(wide, h - 0.3 * neck), (p.top_taper * wide, h + tall), (0.5 * wide, h + tall)])
+        profile = [(wide, h - 0.3 * neck), (p.top_taper * wide, h + tall), (0.5 * wide, h + tall)]
         squared = superellipse(2, 2, rng.uniform(2, 7), 96) * [rng.uniform(0.6, 1), 1]
         return [Part(upright(filleted(profile, [0, 0.1 * tall, 0]), squared), cap_look)]
     if p.top == "screw":
@@ -197,21 +182,15 @@ def top(p: SimpleNamespace, rng: np.random.Generator, neck: float, radius: float
     elif p.top == "pump":
         z = end + rng.uniform(0.5, 1.1) * min(radius, 0.16 * h)
         spout = [(0, -0.5 * neck, z), (0, 0.8 * reach, z + 0.1 * neck), (0, reach, z - 0.5 * neck)]
-        ribbon = sweep(filleted(spout, 0.4 * neck), superellipse(0.9 * neck, 0.6 * neck, 2.5, 32))
-        solid = union([collar, rod((0, 0, h), (0, 0, z), 0.35 * neck), ribbon])
+        spout = bent_bar(spout, 0.4 * neck, 0.9 * neck, 0.6 * neck, 2.5, 32)
+        solid = union([collar, rod((0, 0, h), (0, 0, z), 0.35 * neck), spout])
     elif p.top == "straw":
         straw = [(0, 0, h), (0, 0, end + 0.3 * reach), (0, 0.5 * reach, end + 0.8 * reach)]
-        solid = collar + sweep(filleted(straw, 0.4 * reach), superellipse(0.7 * neck, 0.6 * neck, 2.5, 32))
+        solid = collar + bent_bar(straw, 0.4 * reach, 0.7 * neck, 0.6 * neck, 2.5, 32)
     elif p.top in ("loop", "swing"):
-        span, rise = 0.85 * wide, 0.7 * reach
-        path = [
-            (0, -span, end - 0.3 * neck),
-            (0, -span, end + rise),
-            (0, span, end + rise),
-            (0, span, end - 0.3 * neck),
-        ]
-        thin = 0.2 if p.top == "swing" else 0.45
-        solid = collar + sweep(filleted(path, 0.6 * span), superellipse(2 * thin * neck, thin * neck, 3, 24))
+        span, low, high, thin = 0.85 * wide, end - 0.3 * neck, end + 0.7 * reach, 0.2 if p.top == "swing" else 0.45
+        path = [(0, -span, low), (0, -span, high), (0, span, high), (0, span, low)]
+        solid = collar + bent_bar(path, 0.6 * span, 2 * thin * neck, thin * neck, 3, 24)
     else:
         return trigger_head(p, rng, neck, reach, end, collar, cap_look)
     return [Part(solid.rotate((0, 0, p.top_turn)), cap_look)]
@@ -220,18 +199,14 @@ def top(p: SimpleNamespace, rng: np.random.Generator, neck: float, radius: float
 def trigger_head(p, rng, neck: float, reach: float, end: float, collar: Manifold, look: Material) -> list[Part]:
     """A sprayer's head with nozzle and trigger, pointing to +y but for `top_turn`."""
     rise, slope = rng.uniform(0.5, 1.6) * neck, rng.uniform(-0.2, 0.3) * neck
-    z = end + rise + neck
-    back = rng.uniform(0.8, 1.8) * neck
+    z, back = end + rise + neck, rng.uniform(0.8, 1.8) * neck
     spine = [(0, -back, z - slope), (0, 0, z), (0, 1.2 * reach, z + 0.5 * slope)]
-    head = sweep(filleted(spine, neck), superellipse(1.4 * neck, 1.6 * neck, 3, 40))
+    head = bent_bar(spine, neck, 1.4 * neck, 1.6 * neck, 3, 40)
     stem = rod((0, 0, end - 0.3 * neck), (0, 0, z), 0.75 * neck)
-    drop = rng.uniform(1.6, 3.2) * neck
-    at = 0.75 * reach
+    drop, at = rng.uniform(1.6, 3.2) * neck, 0.75 * reach
     path = [(0, at, z), (0, at + 0.4 * neck, z - 0.5 * drop), (0, at - 0.2 * neck, z - drop)]
-    trigger = sweep(filleted(path, neck), superellipse(0.8 * neck, 0.35 * neck, 3, 28))
+    trigger = bent_bar(path, neck, 0.8 * neck, 0.35 * neck, 3, 28)
     nozzle = turned([(0.55 * neck, 0), (0.45 * neck, neck)], (0, 1.15 * reach, z + 0.4 * slope), (0, 1, 0), 32)
     small = Material("trigger", tuple(int(c) for c in rng.integers(40, 230, 3)))
-    return [
-        Part(union([head, stem, collar]).rotate((0, 0, p.top_turn)), look),
-        Part((trigger + nozzle).rotate((0, 0, p.top_turn)), small),
-    ]
+    solids = (union([head, stem, collar]), look), (trigger + nozzle, small)
+    return [Part(solid.rotate((0, 0, p.top_turn)), material) for solid, material in solids]

@@ -12,9 +12,9 @@ from scipy.interpolate import PchipInterpolator
 
 from palpate.shapes.assembly import Part
 from palpate.shapes.deformation import form
-from palpate.shapes.materials import Material, across, dark_metal, metal, plastic, polymer, wood
+from palpate.shapes.materials import Material, dark_metal, metal, plastic, polymer, wood
 from palpate.shapes.parameters import read
-from palpate.shapes.solids import along_y, box, cut, filleted, loft, prism, rod, superellipse, sweep, union
+from palpate.shapes.solids import along_y, bent_bar, box, cut, filleted, loft, prism, rod, superellipse, sweep, union
 
 AXES = (1, 2)
 # m. A sharp edge's thickness: what a whetted edge has is below what a mesh in float32 and a sensor can tell.
@@ -22,36 +22,29 @@ EDGE = 0.0004
 POINT = 0.0012  # m, height of a blade at its very tip
 STATIONS = 90  # along a blade
 
+# Of the handle. "steel": of a table knife.
+LOOKS = {"wood": wood, "polymer": polymer, "plastic": plastic, "steel": lambda rng: metal(rng, ["brass", "aluminium"])}
+
 PARAMETERS, STYLES = read("knife", form(stretch=0.25, twist=5, warp=0.03, bend=9, taper=0.04))
 
 
 def build(p: SimpleNamespace, rng: np.random.Generator) -> list[Part]:
     """Blade, handle, guard and pommel as the parameters say."""
     tall, wide = p.tall * p.grip, p.wide * p.tall * p.grip
-    steel = [blade(p)]
+    cutting = blade(p)
     if p.fold > 0:
         pivot = np.array([0, -0.01, 0])
-        steel[0] = steel[0].translate(-pivot).rotate((p.fold, 0, 0)).translate(pivot)
+        cutting = cutting.translate(-pivot).rotate((p.fold, 0, 0)).translate(pivot)
     grip, centre = handle(p, tall, wide)
     at = np.linspace(0.12, 0.85, p.rivets) if p.rivets > 1 else np.full(p.rivets, 0.15)
     half = wide / 2 + 0.0003
-    steel += [
-        rod((-half, -s * p.grip, centre(s)), (half, -s * p.grip, centre(s)), 0.11 * tall, segments=28) for s in at
-    ]
+    pins = [rod((-half, -s * p.grip, centre(s)), (half, -s * p.grip, centre(s)), 0.11 * tall, segments=28) for s in at]
     fittings = [*guard(p, tall, wide, centre), *pommel(p, rng, tall, wide, centre)]
-    fittings = [solid.rotate((p.tilt, 0, 0)) for solid in fittings]
-    steel = [steel[0], *(solid.rotate((p.tilt, 0, 0)) for solid in steel[1:])]
+    fittings, pins = ([solid.rotate((p.tilt, 0, 0)) for solid in solids] for solids in (fittings, pins))
     if p.fold > 0:  # the slot that the blade folds into
         grip -= box((p.thickness + 0.0008, 0.9 * p.grip, tall), (0, -0.45 * p.grip, 0.45 * tall))
-    looks = {
-        "wood": wood,
-        "polymer": polymer,
-        "plastic": plastic,
-        "steel": lambda rng: metal(rng, ["brass", "aluminium"]),
-    }
-    steel_look = metal(rng, ["steel"]) if rng.uniform() < 0.75 else dark_metal(rng)
-    look = looks[p.grip_material](rng)
-    parts = [Part(union(steel), steel_look), Part(grip.rotate((p.tilt, 0, 0)), look, across if look.picture else None)]
+    steel = metal(rng, ["steel"]) if rng.uniform() < 0.75 else dark_metal(rng)
+    parts = [Part(union([cutting, *pins]), steel), Part(grip.rotate((p.tilt, 0, 0)), LOOKS[p.grip_material](rng))]
     if fittings:
         bright = metal(rng, ["brass", "steel", "copper"])
         parts.append(Part(union(fittings), Material("fittings", bright.colour, bright.metallic, bright.roughness)))
@@ -116,17 +109,9 @@ def ground(y, spine, edge, thickness, bevel: float = 0.5, double: bool = False) 
     back = edge + 0.96 * height
     if double:
         bevelled = back = edge + height / 2
-    columns = [
-        (spine_half, edge + height),
-        (-spine_half, edge + height),
-        (-thickness / 2, back),
-        (-thickness / 2, bevelled - 1e-5),
-        (-sharp / 2, edge),
-        (sharp / 2, edge),
-        (thickness / 2, bevelled - 1e-5),
-        (thickness / 2, back),
-    ]
-    return loft(np.stack([np.stack([x, y, z], -1) for x, z in columns], axis=1))
+    half = [(spine_half, edge + height), (thickness / 2, back), (thickness / 2, bevelled - 1e-5), (sharp / 2, edge)]
+    outline = [half[0], *((-x, z) for x, z in half), *half[:0:-1]]
+    return loft(np.stack([np.stack([x, y, z], -1) for x, z in outline], axis=1))
 
 
 def handle(p: SimpleNamespace, tall: float, wide: float):
@@ -135,11 +120,8 @@ def handle(p: SimpleNamespace, tall: float, wide: float):
     def centre(share):
         return -p.sag * p.grip * np.asarray(share) ** 2
 
-    knots = PchipInterpolator(
-        [0, 0.1, 0.5, 0.75, 0.95, 1], [0.9 * p.neck, p.neck, p.palm, p.waist, p.butt, 0.75 * p.butt]
-    )
-    s = np.linspace(0, 1, 100)
-    size = knots(s) * (1 + p.rings * np.cos(2 * np.pi * 9 * s))
+    s, heights = np.linspace(0, 1, 100), [0.9 * p.neck, p.neck, p.palm, p.waist, p.butt, 0.75 * p.butt]
+    size = PchipInterpolator([0, 0.1, 0.5, 0.75, 0.95, 1], heights)(s) * (1 + p.rings * np.cos(2 * np.pi * 9 * s))
     width = wide * (0.5 + 0.5 * size / size.max())
     stations = np.column_stack([-p.grip * s, centre(s) - size * tall / 2, centre(s) + size * tall / 2, width])
     return along_y(stations[::-1], p.squareness, 90, 48), centre
@@ -152,19 +134,16 @@ def guard(p: SimpleNamespace, tall: float, wide: float, centre) -> list[Manifold
         return []
     if p.guard == "bolster":
         half = 0.52 * p.neck * tall
-        return [
-            along_y(
-                [(-thick, -half, half, wide), (0, -half, half, wide), (thick, -0.8 * half, 0.8 * half, 0.3 * wide)], 3
-            )
-        ]
+        stations = [(-thick, -half, half, wide), (0, -half, half, wide), (thick, -0.8 * half, 0.8 * half, 0.3 * wide)]
+        return [along_y(stations, 3)]
     ahead = p.sweep * reach / 2
     path = [(0, ahead, reach / 2), (0, 0, 0.25 * reach), (0, 0, -0.25 * reach), (0, ahead, -reach / 2)]
-    bar = sweep(filleted(path, 0.3 * reach), superellipse(1.05 * wide, thick, 3, 32))
+    bar = bent_bar(path, 0.3 * reach, 1.05 * wide, thick, 3, 32)
     if p.guard == "cross":
         return [bar]
     low, end = -0.5 * reach, float(centre(1))
     path = [(0, 0, low), (0, -0.25 * p.grip, low - 0.3 * tall), (0, -0.8 * p.grip, low - 0.3 * tall), (0, -p.grip, end)]
-    return [bar, sweep(filleted(path, 0.03), superellipse(0.7 * wide, 0.35 * thick, 2.5, 28))]
+    return [bar, bent_bar(path, 0.03, 0.7 * wide, 0.35 * thick, 2.5, 28)]
 
 
 def pommel(p: SimpleNamespace, rng: np.random.Generator, tall: float, wide: float, centre) -> list[Manifold]:
@@ -173,28 +152,25 @@ def pommel(p: SimpleNamespace, rng: np.random.Generator, tall: float, wide: floa
     if p.pommel == "none" or (p.pommel == "tool" and p.fold == 0):
         return []
     if p.pommel == "ball":
-        shape = rng.uniform(0.7, 1.3, 2)
-        ball = Manifold.sphere(0.6 * size, 48).scale((min(1, wide / size), *shape))
+        ball = Manifold.sphere(0.6 * size, 48).scale((min(1, wide / size), *rng.uniform(0.7, 1.3, 2)))
         return [ball.translate((0, -p.grip - 0.3 * size, end))]
     if p.pommel == "cap":
         back = -p.grip - rng.uniform(0.3, 0.9) * size
-        stations = [
-            (back, end - 0.7 * size, end + 0.7 * size, 0.8 * wide),
-            (-p.grip, end - size, end + size, 1.03 * wide),
-        ]
-        return [along_y(stations, 3, 12)]
+        ends = (back, end - 0.7 * size, end + 0.7 * size, 0.8 * wide), (-p.grip, end - size, end + size, 1.03 * wide)
+        return [along_y(ends, 3, 12)]
     if p.pommel == "ring":
         return [hoop(np.array([-p.grip - 0.7 * size, end]), 0.9 * size, 0.3 * size, 0.5 * wide)]
     blade_out, turn = rng.uniform(0.35, 0.8) * p.grip, rng.uniform(20, 75)
-    tool = filleted(
-        np.array([(0, 0.1), (-1, 0.06), (-1, -0.06), (0, -0.1)]) * [blade_out, blade_out], 0.003, closed=True
-    )
-    return [prism(tool, 0.003).rotate((-turn, 0, 0)).translate((0.2 * wide, -0.9 * p.grip, end + 0.1 * tall))]
+    tool = np.array([(0, 0.1), (-1, 0.06), (-1, -0.06), (0, -0.1)]) * blade_out
+    return [
+        prism(filleted(tool, 0.003, closed=True), 0.003)
+        .rotate((-turn, 0, 0))
+        .translate((0.2 * wide, -0.9 * p.grip, end + 0.1 * tall))
+    ]
 
 
 def hoop(centre: np.ndarray, radius: float, wire: float, width: float) -> Manifold:
     """A ring around (y, z) in the plane of the blade."""
     circle = superellipse(2, 2, 2, 64)
-    return prism(centre + (radius + wire / 2) * circle, width, 0.2 * min(wire, width)) - prism(
-        centre + (radius - wire / 2) * circle, 2 * width
-    )
+    disc = prism(centre + (radius + wire / 2) * circle, width, 0.2 * min(wire, width))
+    return disc - prism(centre + (radius - wire / 2) * circle, 2 * width)

@@ -4,6 +4,7 @@ Metres; the bore lies along y at z = 0, the muzzle towards +y; the receiver's ba
 up is +z.
 """
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -11,9 +12,9 @@ from manifold3d import Manifold
 
 from palpate.shapes.assembly import Part
 from palpate.shapes.deformation import form
-from palpate.shapes.materials import Material, across, dark_metal, metal, polymer, wood
+from palpate.shapes.materials import Material, dark_metal, metal, polymer, wood
 from palpate.shapes.parameters import read
-from palpate.shapes.solids import along_y, box, cut, filleted, prism, rod, superellipse, sweep, turned, union
+from palpate.shapes.solids import along_y, bent_bar, box, cut, filleted, prism, rod, superellipse, sweep, turned, union
 
 AXES = (1, 2)
 OPTIC = Material("optic", (24, 24, 28), 0.4, 0.35)
@@ -25,8 +26,7 @@ PARAMETERS, STYLES = read("rifle", form(stretch=0.15))
 def build(p: SimpleNamespace, rng: np.random.Generator) -> list[Part]:
     """All parts as the parameters say, in one frame."""
     wooden = p.wood == "yes" and p.stock not in ("skeleton", "carbine")
-    furniture = wood(rng) if wooden else polymer(rng)
-    dark = dark_metal(rng)
+    furniture, dark = wood(rng) if wooden else polymer(rng), dark_metal(rng)
     look = dark if p.metal_look == "dark" else metal(rng, [p.metal_look])
     trigger_at = 0.62 * p.receiver if p.bullpup == "yes" else 0.075
     frame, steel = receiver(p), [*barrels(p), *muzzle(p, rng), *action(p)]
@@ -36,17 +36,12 @@ def build(p: SimpleNamespace, rng: np.random.Generator) -> list[Part]:
     if p.grip == "pistol" or p.bullpup == "yes" or p.stock in ("skeleton", "carbine"):
         plastics.append(pistol_grip(trigger_at - 0.06, -p.low, p.grip_length, p.rake, p.grip_depth))
     solids, below_look = below(p)
-    parts = [
-        Part(frame, look),
-        Part(union(steel), dark),
-        Part(union(plastics), furniture, across if furniture.picture else None),
-        *sight(p, rng),
-    ]
+    parts = [Part(frame, look), Part(union(steel), dark), Part(union(plastics), furniture), *sight(p, rng)]
     if p.magazine != "none":
         parts.append(Part(magazine(p), Material("magazine", tuple(int(0.8 * c) for c in dark.colour), 0.4, 0.5)))
     if solids:
         parts.append(Part(union(solids), below_look))
-    return [Part(part.solid.scale((p.bulk, 1, p.bulk)), part.material, part.uv) for part in parts]
+    return [replace(part, solid=part.solid.scale((p.bulk, 1, p.bulk))) for part in parts]
 
 
 def plank(points, radii, thickness: float, edge: float) -> Manifold:
@@ -56,8 +51,7 @@ def plank(points, radii, thickness: float, edge: float) -> Manifold:
 
 def receiver(p) -> Manifold:
     """A block from y = 0, its top falling to the front, and a port on its right (-x)."""
-    front = p.high * (1 - max(p.body_slope, 0))
-    back = p.high * (1 + min(p.body_slope, 0))
+    front, back = p.high * (1 - max(p.body_slope, 0)), p.high * (1 + min(p.body_slope, 0))
     points = [(0, -p.low), (0, back), (0.1 * p.receiver, p.high if p.body_slope < 0 else back)]
     points += [(0.75 * p.receiver, p.high if p.body_slope > 0 else front), (p.receiver, front)]
     points += [(p.receiver, -0.75 * p.low), (0.8 * p.receiver, -p.low)]
@@ -67,8 +61,7 @@ def receiver(p) -> Manifold:
 
 def barrels(p) -> list[Manifold]:
     """The barrel, and what lies along it."""
-    length, thick, thin = p.barrel + 0.02, p.bore, p.slim * p.bore
-    start = p.receiver - 0.02
+    start, length, thick, thin = p.receiver - 0.02, p.barrel + 0.02, p.bore, p.slim * p.bore
     profile = [(thick, 0), (thick, 0.15 * length), (0.5 * (thick + thin), 0.3 * length), (thin, length), (0, length)]
     tube = turned(profile, (0, start, 0), (0, 1, 0), 44)
     tube -= rod((0, start + length - 0.03, 0), (0, start + length + 0.01, 0), 0.45 * thin, segments=24)
@@ -81,11 +74,8 @@ def barrels(p) -> list[Manifold]:
         return [tube, rod((0, p.receiver - 0.01, z), (0, end, z), 0.85 * thick), block]
     if p.second == "tube":
         z = -2.05 * thick
-        ring = along_y(
-            [(end - 0.06, z - 1.1 * thick, 1.15 * thick, 2.5 * thick)] * 2 + np.array([[0], [0.015]]) * [1, 0, 0, 0],
-            2.4,
-            3,
-        )
+        ring = [(end - 0.06 + at, z - 1.1 * thick, 1.15 * thick, 2.5 * thick) for at in (0, 0.015)]
+        ring = along_y(ring, 2.4, 3)
         return [tube, rod((0, p.receiver - 0.01, z), (0, end, z), 0.95 * thick), ring]
     shift = (0, 0, thick) if p.second == "over" else (thick, 0, 0)
     rib = box((0.006, p.barrel, 0.006), (0, p.receiver + p.barrel / 2, shift[2] + 0.95 * thick))
@@ -94,18 +84,17 @@ def barrels(p) -> list[Manifold]:
 
 def muzzle(p, rng) -> list[Manifold]:
     """At the end of the barrel: a flash hider, a brake with ports, or a suppressor."""
-    size, end = p.muzzle_size, p.receiver + p.barrel
-    radius = p.slim * p.bore
+    size, end, radius = p.muzzle_size, p.receiver + p.barrel, p.slim * p.bore
     tools = [rod((0, end, 0), (0, end + 0.4, 0), 0.55 * radius, segments=20)]
     if p.muzzle == "hider":
-        profile = np.array([(radius + 0.003, 0), (radius + 0.004, 0.05 * size), (0.005, 0.05 * size)])
+        profile = [(radius + 0.003, 0), (radius + 0.004, 0.05 * size), (0.005, 0.05 * size)]
         tools += [box((0.002, 0.03 * size, 0.03), (0, end + 0.018 * size, 0)).rotate((0, a, 0)) for a in (0, 60, 120)]
     elif p.muzzle == "brake":
-        profile = np.array([(radius + 0.006, 0), (radius + 0.006, 0.07 * size), (0.005, 0.07 * size)])
+        profile = [(radius + 0.006, 0), (radius + 0.006, 0.07 * size), (0.005, 0.07 * size)]
         tools += [box((0.06, 0.008 * size, 1.3 * radius), (0, end + at * size, 0)) for at in (0.012, 0.028, 0.044)]
     elif p.muzzle == "suppressor":
         length, wide = 0.17 * size, rng.uniform(0.016, 0.023)
-        profile = np.array([(wide * 0.8, 0), (wide, 0.008), (wide, length), (0.006, length)])
+        profile = [(wide * 0.8, 0), (wide, 0.008), (wide, length), (0.006, length)]
     else:
         return []
     return [cut(turned(filleted(profile, 0.0015), (0, end - 0.012, 0), (0, 1, 0), 44), tools)]
@@ -119,38 +108,23 @@ def action(p) -> list[Manifold]:
         bolt = rod((0, -0.045, 0.3 * p.high), (0, 0.04, 0.3 * p.high), 0.55 * p.high)
         return [sweep(path, superellipse(0.009, 0.009, 2, 20), side=(0, 1, 0)), knob, bolt]
     if p.action == "charging":
-        at = 0.75 * p.receiver
-        return [
-            rod((-0.4 * p.body_width, at, 0.4 * p.high), (-1.2 * p.body_width, at, 0.4 * p.high), 0.0045, segments=20)
-        ]
+        inner, outer = ((share * p.body_width, 0.75 * p.receiver, 0.4 * p.high) for share in (-0.4, -1.2))
+        return [rod(inner, outer, 0.0045, segments=20)]
     if p.action == "lever":
-        loop = [
-            (0.06, 0.005),
-            (0.052, -0.035),
-            (0, -0.032),
-            (-0.02, -0.02),
-            (-0.045, -0.05),
-            (-0.12, -0.05),
-            (-0.13, -0.02),
-        ]
-        path = np.array([(0, y, z - p.low) for y, z in [*loop, (-0.03, 0.005)]])
+        loop = [(0.06, 0.005), (0.052, -0.035), (0, -0.032), (-0.02, -0.02)]
+        loop += [(-0.045, -0.05), (-0.12, -0.05), (-0.13, -0.02), (-0.03, 0.005)]
         spur = [(0, -0.01), (-0.014, 0.02), (-0.022, 0.026), (-0.018, 0.032), (0.004, 0.02), (0.006, -0.01)]
         hammer = plank(np.array(spur) + [0, 0.5 * p.high], 0.002, 0.008, 0.001)
-        return [
-            sweep(filleted(path, 0.013), superellipse(0.012, 0.005, 3, 20)),
-            hammer,
-            trigger(0.05, -p.low, 0.045, 0.03),
-        ]
+        loop = bent_bar([(0, y, z - p.low) for y, z in loop], 0.013, 0.012, 0.005, 3, 20)
+        return [loop, hammer, trigger(0.05, -p.low, 0.045, 0.03)]
     return []
 
 
 def trigger(y: float, z: float, length: float = 0.06, drop: float = 0.032) -> Manifold:
     """A trigger and its guard below a receiver's underside z; the guard spans y - length .. y."""
     path = [(0, y, z + 0.006), (0, y - 0.004, z - drop), (0, y - length + 0.004, z - drop), (0, y - length, z + 0.006)]
-    guard = sweep(filleted(path, 0.014), superellipse(0.011, 0.003, 4, 20))
-    bent = np.array([(0.5, -0.006), (0.56, 0.45 * drop), (0.46, 0.8 * drop)])
-    bent = np.column_stack([0 * bent[:, 0], y - bent[:, 0] * length, z - bent[:, 1]])
-    return guard + sweep(filleted(bent, 0.03), superellipse(0.006, 0.004, 3, 16))
+    blade = [(0, y - s * length, z - d) for s, d in ((0.5, -0.006), (0.56, 0.45 * drop), (0.46, 0.8 * drop))]
+    return bent_bar(path, 0.014, 0.011, 0.003, 4, 20) + bent_bar(blade, 0.03, 0.006, 0.004, 3, 16)
 
 
 def pistol_grip(y: float, z: float, length: float, rake: float, depth: float) -> Manifold:
@@ -177,39 +151,24 @@ def stock(p) -> list[Manifold]:
         ]
         body = along_y(stations, 2.6, 60, 40)
         if p.comb > 0.008:
-            back, ahead = 0.8 * end, 0.35 * end
-            rise = [(back, -0.03, heel, 0.4 * wide), (0.7 * end, -0.03, comb, 0.8 * wide)]
-            body += along_y(
-                [*rise, (0.45 * end, -0.03, comb, 0.8 * wide), (ahead, -0.03, -0.01, 0.4 * wide)], 2.4, 24, 32
-            )
+            rise = [(0.8, heel, 0.4), (0.7, comb, 0.8), (0.45, comb, 0.8), (0.35, -0.01, 0.4)]
+            body += along_y([(y * end, -0.03, z, share * wide) for y, z, share in rise], 2.4, 24, 32)
         if p.stock == "thumbhole":
-            hole = superellipse(0.45 * p.butt, 0.3 * p.butt, 2.4, 32)
-            body -= sweep(
-                [(-0.1, 0.27 * end, -0.5 * p.low - 0.02), (0.1, 0.27 * end, -0.5 * p.low - 0.02)], hole, side=(0, 1, 0)
-            )
+            path = [(x, 0.27 * end, -0.5 * p.low - 0.02) for x in (-0.1, 0.1)]
+            body -= sweep(path, superellipse(0.45 * p.butt, 0.3 * p.butt, 2.4, 32), side=(0, 1, 0))
         return [body]
     if p.stock == "shell":
-        points = [
-            (end, 0.8 * p.high),
-            (end - p.pitch, toe),
-            (end + 0.05, toe),
-            (0.3 * end, -p.low - 0.03),
-            (0.01, -p.low - 0.01),
-        ]
-        points += [(p.receiver, -p.low), (0.9 * p.receiver, 0.7 * p.high), (0, 1.05 * p.high)]
+        points = [(end, 0.8 * p.high), (end - p.pitch, toe), (end + 0.05, toe), (0.3 * end, -p.low - 0.03)]
+        points += [(0.01, -p.low - 0.01), (p.receiver, -p.low), (0.9 * p.receiver, 0.7 * p.high), (0, 1.05 * p.high)]
         return [plank(points, 0.012, 1.15 * p.body_width, 0.006)]
     low = -0.5 * p.low
     tube = rod((0, end + 0.01, low / 2), (0, 0.02, low / 2), 0.35 * p.low)
-    plate = plank(
-        [(end, heel), (end - 0.016, heel), (end - 0.016 - p.pitch, toe), (end - p.pitch, toe)], 0.007, wide, 0.004
-    )
+    plate = [(end, heel), (end - 0.016, heel), (end - 0.016 - p.pitch, toe), (end - p.pitch, toe)]
+    plate = plank(plate, 0.007, wide, 0.004)
     if p.stock == "skeleton":
-        strut = [
-            (0, 0.01, -0.8 * p.low),
-            (0, 0.5 * end, -0.8 * p.low - 0.1 * p.butt),
-            (0, end - 0.008 - p.pitch, toe + 0.02),
-        ]
-        return [tube, plate, sweep(filleted(strut, 0.05), superellipse(0.011, 0.013, 3, 24))]
+        strut = [(0, 0.01, -0.8 * p.low), (0, 0.5 * end, -0.8 * p.low - 0.1 * p.butt)]
+        strut.append((0, end - 0.008 - p.pitch, toe + 0.02))
+        return [tube, plate, bent_bar(strut, 0.05, 0.011, 0.013, 3, 24)]
     body = [(0.45 * end, 0.3 * p.low + p.comb), (end, heel + 0.3 * p.low), (end - p.pitch, toe), (end + 0.03, toe)]
     body += [(0.75 * end, low - 0.45 * p.butt), (0.45 * end, -0.8 * p.low)]
     hole = [(end + 0.02, heel - 0.3 * p.butt), (0.7 * end, heel - 0.3 * p.butt), (end + 0.025, heel - 0.62 * p.butt)]
@@ -225,12 +184,13 @@ def forend(p) -> list[Manifold]:
         return []
     if p.forend == "wood":
         width = max(2 * size, 4.4 * p.bore if p.second == "side" else 0)
-        stations = [(0.3 * p.receiver, -p.low - 0.006, -0.4 * p.low, 1.05 * p.body_width)]
-        stations += [
+        stations = [
+            (0.3 * p.receiver, -p.low - 0.006, -0.4 * p.low, 1.05 * p.body_width),
             (start, -size - drop - 0.012, 0.001, width),
             (0.5 * (start + end), -size - drop, 0.001, 0.95 * width),
+            (end - 0.02, -0.8 * size - drop, 0, 0.8 * width),
+            (end, -0.6 * size - drop, -0.006, 0.5 * width),
         ]
-        stations += [(end - 0.02, -0.8 * size - drop, 0, 0.8 * width), (end, -0.6 * size - drop, -0.006, 0.5 * width)]
         return [along_y(stations, 2.6, 50, 40)]
     if p.forend == "pump":
         start, z = start + 0.3 * p.barrel, -2.05 * p.bore
@@ -242,13 +202,8 @@ def forend(p) -> list[Manifold]:
     if p.forend == "ribbed":
         at = np.arange(0.03, max(length - 0.015, 0.04), 0.014)
         wave = [(f * size, a + step) for a in at for f, step in ((1, 0), (1, 0.007), (0.86, 0.008), (0.86, 0.013))]
-        profile = [
-            (size * 1.08, 0),
-            (size * 1.08, 0.02),
-            *wave,
-            (size, wave[-1][1] + 0.004),
-            (0.9 * size, wave[-1][1] + 0.014),
-        ]
+        last = wave[-1][1]
+        profile = [(size * 1.08, 0), (size * 1.08, 0.02), *wave, (size, last + 0.004), (0.9 * size, last + 0.014)]
         return [turned(profile, (0, start, 0), (0, 1, 0), 44)]
     body = sweep([(0, start, 0), (0, end, 0)], superellipse(1.8 * size, 2 * size, 4, 48))
     slot = sweep([(-0.1, 0, 0), (0.1, 0, 0)], superellipse(0.028, 0.4 * size, 5, 16), side=(0, 1, 0))
@@ -293,13 +248,10 @@ def sight(p, rng) -> list[Part]:
         if p.sight == "irons":
             rear = np.array([(-0.02, top), (-0.012, rise), (0.004, rise), (0.03, top)]) + [0.9 * p.receiver, 0]
             return [Part(union([*solids, plank(rear, 0.002, 0.014, 0.001)]), OPTIC)]
-        long = 0.8 * p.receiver
-        handle = np.array([(0.05, top), (0.06, rise), (0.9, rise - 0.006), (1, top)]) * [long, 1] + [
-            0.05 * p.receiver,
-            0,
-        ]
+        scale, shift = [0.8 * p.receiver, 1], [0.05 * p.receiver, 0]
+        handle = np.array([(0.05, top), (0.06, rise), (0.9, rise - 0.006), (1, top)]) * scale + shift
         hollow = np.array([(0.25, p.high + 0.004), (0.22, rise - 0.012), (0.78, rise - 0.016), (0.84, p.high + 0.004)])
-        hollow = plank(hollow * [long, 1] + [0.05 * p.receiver, 0], 0.003, 0.05, 0)
+        hollow = plank(hollow * scale + shift, 0.003, 0.05, 0)
         return [Part(union([*solids, plank(handle, 0.006, 0.02, 0.003) - hollow]), OPTIC)]
     tube = 0.0135 * size
     front, eye, half = tube * rng.uniform(1.1, 2.2), tube * rng.uniform(1.2, 1.7), p.sight_length / 2
@@ -310,14 +262,8 @@ def sight(p, rng) -> list[Part]:
         profile = [(front, -half), (front, half)]
         feet = [box((0.018, half, z - top), (0, y, (z + top) / 2))]
     else:
-        profile = [
-            (eye, -half),
-            (eye, -0.6 * half),
-            (tube, -0.45 * half),
-            (tube, 0.3 * half),
-            (front, 0.6 * half),
-            (front, half),
-        ]
+        profile = [(eye, -half), (eye, -0.6 * half), (tube, -0.45 * half)]
+        profile += [(tube, 0.3 * half), (front, 0.6 * half), (front, half)]
     body = turned(filleted(profile, 0.008), (0, y, z), (0, 1, 0), 40)
     knob = filleted([(0.8 * tube, 0), (0.8 * tube, 2 * tube), (0, 2 * tube)], 0.002)
     knobs = [turned(knob, (0, y - 0.1 * half, z), axis, 28) for axis in ((0, 0, 1), (-1, 0, 0))]
@@ -347,17 +293,13 @@ def below(p) -> tuple[list[Manifold], Material]:
     if p.below == "launcher":
         radius = 0.021 * size
         low = z - 0.9 * radius
-        tube = rod((0, y - 0.1 * size, low), (0, y + 0.12 * size, low), radius) - rod(
-            (0, y + 0.06 * size, low), (0, y + 0.2 * size, low), 0.8 * radius
-        )
+        tube = rod((0, y - 0.1 * size, low), (0, y + 0.12 * size, low), radius)
+        tube -= rod((0, y + 0.06 * size, low), (0, y + 0.2 * size, low), 0.8 * radius)
         return [tube, pistol_grip(y - 0.06 * size, low - 0.5 * radius, 0.06 * size, 0.3, 0.03)], look
     if p.below == "bayonet":
         end = p.receiver + p.barrel
         points = np.array([(-0.02, -1), (0.2, -0.9), (0.25, -0.6), (-0.02, -0.3)]) * [size, 2 * p.bore] - [0, p.bore]
         blade = plank(points + [end, 0], 0.002, 0.005, 0.001)
-        return [blade, box((0.012, 0.05, 3 * p.bore), (0, end - 0.03, -1.6 * p.bore))], metal_blade()
+        bayonet = Material("bayonet", (192, 194, 198), 0.9, 0.3)
+        return [blade, box((0.012, 0.05, 3 * p.bore), (0, end - 0.03, -1.6 * p.bore))], bayonet
     return [], look
-
-
-def metal_blade() -> Material:
-    return Material("bayonet", (192, 194, 198), 0.9, 0.3)

@@ -173,6 +173,11 @@ def inward_normals(outline: np.ndarray) -> np.ndarray:
     return 2 * mean / np.maximum((mean**2).sum(axis=1, keepdims=True), 1.0)
 
 
+def bent_bar(path, fillet: float, width: float, height: float, exponent: float, count: int) -> Manifold:
+    """A bar along a polyline (k, 3) with rounded corners; its section is a superellipse, `width` along x."""
+    return sweep(filleted(path, fillet), superellipse(width, height, exponent, count))
+
+
 def sweep(path: np.ndarray, section: np.ndarray, scale: np.ndarray | None = None, side=(1.0, 0.0, 0.0)) -> Manifold:
     """Move a section along a path.
 
@@ -219,11 +224,11 @@ def upright(profile: np.ndarray, section: np.ndarray) -> Manifold:
     return loft(np.concatenate([flat, np.broadcast_to(profile[:, 1:, None], (*flat.shape[:2], 1))], axis=2))
 
 
-def fluted(depth: float, flutes: int, count: int) -> np.ndarray:
-    """(count, 2) a unit circle with `flutes` grooves of relative `depth`: knurls, ribs, crown caps."""
+def fluted(depth: np.ndarray | float, flutes: int, count: int) -> np.ndarray:
+    """(..., count, 2) unit circles with `flutes` grooves of relative `depth` (...): knurls, ribs, crown caps."""
     angle = 2 * np.pi * np.arange(count) / count
-    radius = 1 - depth * (0.5 - 0.5 * np.cos(flutes * angle))
-    return np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=1)
+    radius = 1 - np.asarray(depth)[..., None] * (0.5 - 0.5 * np.cos(flutes * angle))
+    return np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=-1)
 
 
 def rod(start, end, radius: float, end_radius: float | None = None, segments: int = 32) -> Manifold:
