@@ -4,7 +4,6 @@ Real metres, z up: a bottle stands along z; a cellphone stands upright, its scre
 axis of a knife and of a rifle lies along y (tip or muzzle towards +y), its flat side faces +x.
 """
 
-from palpate.shapes.family import CLASSES, make, style
-from palpate.shapes.files import suffix, write
+from palpate.shapes.family import CLASSES, make, style, suffix, write
 
 __all__ = ["CLASSES", "make", "style", "suffix", "write"]

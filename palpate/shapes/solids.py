@@ -12,11 +12,10 @@ ARC_STEP = np.radians(7.5)
 
 
 def filleted(points: np.ndarray, radii: np.ndarray | float, closed: bool = False) -> np.ndarray:
-    """A polyline with its corners rounded by tangent arcs.
+    """A polyline (n, 2) or (n, 3) with its corners rounded by tangent arcs; the ends of an open one stay.
 
-    points: (k, 2) or (k, 3), the last row not a copy of the first; radii: (k,) or one for all, 0 keeps a
-    corner sharp. Where an arc does not fit, it takes up to 49 % of the shorter neighbouring segment. The ends
-    of an open polyline stay as they are. Returns (n, 2) or (n, 3).
+    points: (k, 2) or (k, 3), the last row not a copy of the first; radii: (k,) or one for all, 0 keeps a corner sharp.
+    Where an arc does not fit, it takes up to 49 % of the shorter neighbouring segment.
     """
     points = np.asarray(points, dtype=float)
     radii = np.broadcast_to(np.asarray(radii, dtype=float), len(points))
@@ -48,14 +47,9 @@ def filleted(points: np.ndarray, radii: np.ndarray | float, closed: bool = False
 
 
 def lathe(profile: np.ndarray, segments: int = 64) -> Manifold:
-    """Revolve a profile around z.
-
-    profile: (k, 2) rows of (radius, z), a simple polyline; its ends are joined to the axis if they
-    are not on it.
-    """
+    """Revolve a profile around z: (k, 2) rows of (radius, z), a simple polyline whose ends are joined to the axis."""
     profile = np.asarray(profile, dtype=float)
-    ends = [[0.0, profile[0, 1]]], [[0.0, profile[-1, 1]]]
-    outline = np.concatenate([ends[0], profile, ends[1]])
+    outline = np.concatenate([[[0.0, profile[0, 1]]], profile, [[0.0, profile[-1, 1]]]])
     keep = np.append(True, np.linalg.norm(np.diff(outline, axis=0), axis=1) > 1e-9)
     return Manifold.revolve(CrossSection([counter_clockwise(outline[keep])]), segments)
 
@@ -70,12 +64,11 @@ def counter_clockwise(polygon: np.ndarray) -> np.ndarray:
 def loft(rings: np.ndarray) -> Manifold:
     """Skin over cross-sections.
 
-    rings: (k, m, 3), k closed rings of m points each, corresponding points joined; the first and the last
-    ring are closed by a fan around their mean. Raises ValueError where this is not a closed solid.
+    rings: (k, m, 3), k closed rings of m points each, corresponding points joined; the first and the last are closed by
+    a fan around their mean. Raises ValueError where this is not a closed solid.
     """
     count, around, _ = rings.shape
-    here = np.arange(around)
-    there = np.roll(here, -1)
+    here, there = np.arange(around), np.roll(np.arange(around), -1)
     vertices = np.concatenate([rings.reshape(-1, 3), [rings[0].mean(0), rings[-1].mean(0)]])
     bottom = np.stack([here, there, np.full(around, count * around)], axis=1)
     top = np.stack([there, here, np.full(around, count * around + 1)], axis=1)
@@ -147,8 +140,8 @@ def slab(size: tuple[float, float, float], corner: float, fillet: float, centre=
 def prism(outline: np.ndarray, thickness: float, edge: float = 0.0) -> Manifold:
     """A plate in the y-z plane, centred on x = 0.
 
-    outline: (k, 2) rows of (y, z); edge: radius that rounds the rim of both faces. It must be smaller than
-    the outline's own convex radii and half its narrowest place.
+    outline: (k, 2) rows of (y, z); edge: radius that rounds the rim of both faces, smaller than the outline's own convex
+    radii and half its narrowest place.
     """
     outline = counter_clockwise(np.asarray(outline, dtype=float))
     edge = min(edge, 0.499 * thickness)
@@ -179,10 +172,9 @@ def bent_bar(path, fillet: float, width: float, height: float, exponent: float, 
 
 
 def sweep(path: np.ndarray, section: np.ndarray, scale: np.ndarray | None = None, side=(1.0, 0.0, 0.0)) -> Manifold:
-    """Move a section along a path.
+    """Move a section (m, 2) along a path (k, 3): its first coordinate along `side`, its second across both.
 
-    path: (k, 3); section: (m, 2), its first coordinate along `side`, its second across the path; scale:
-    (k,) or (k, 2) factors of the section. The path must not run along `side`.
+    scale: (k,) or (k, 2) factors of the section. The path must not run along `side`.
     """
     path = np.asarray(path, dtype=float)
     tangent = np.gradient(path, axis=0)
