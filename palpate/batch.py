@@ -24,19 +24,16 @@ from palpate.rebuild_command import rebuild_advice
 
 log = logging.getLogger(__name__)
 
-# In a job's environment: a run has the terminal, and jobs print nothing on it. tqdm heeds it too.
+# In a job's environment: the run prints on the terminal, its jobs don't. tqdm reads it too.
 QUIET = "TQDM_DISABLE"
-# Containers made between two searches for garbage. With Python's own 700 it goes through what modules hold again and
-# again while they load, and finds nothing.
+# New containers between two garbage collections. Python's own 700 costs time while modules load, and frees nothing.
 GARBAGE_AFTER = 50_000
-
-
 # Lack of memory in the words of libigl, pymeshlab, embree, Blender, torch and the system.
 NO_MEMORY = re.compile(
     r"bad_alloc|out of (?:\w+ )?memory|not enough memory|(?:can't|cannot|could not|unable to|failed to) allocate", re.I
 )
 NO_SPACE = re.compile(rf"{os.strerror(errno.ENOSPC)}|errno = {errno.ENOSPC}\b")
-ROOM = 1 << 20  # bytes: with less a disk is full
+FULL = 1 << 20  # bytes: a disk with less free space is full
 SPARE = 2 << 30  # bytes that a process must be able to get before an engine's failure counts against an object
 
 
@@ -51,10 +48,7 @@ class Rejection(NamedTuple):
 
 
 def generator(seed: int, *names: str) -> np.random.Generator:
-    """A random generator that depends on the run's seed and on names (object, stage, ...) only.
-
-    So a result does not change with the batch size, the number of cores or the order of objects.
-    """
+    """A random generator that depends on the run's seed and on names (object, stage, ...) only, not on the batch."""
     digest = hashlib.sha256("\0".join((str(seed), *names)).encode()).digest()
     return np.random.default_rng(np.frombuffer(digest, dtype=np.uint32))
 
@@ -62,9 +56,8 @@ def generator(seed: int, *names: str) -> np.random.Generator:
 def log_to(path: Path | str) -> None:
     """Send a job's log lines, what engines print, and the traceback of a failure to its log file.
 
-    The last line of a job that failed is its error in one line (`plain`). Standard error stays on the terminal, for
-    the progress bar and for that line.
-    The process counts as a job of the run in whose folder it is, until it ends (`palpate.lock`).
+    A failed job's last line is `one_line_error`. Standard error stays on the terminal, for the progress bar and that
+    line. Until it ends, the process counts as a job of the run whose folder it works in (`palpate.lock`).
     """
     gc.set_threshold(GARBAGE_AFTER)
     if Path(lock.LOCK).exists():
@@ -77,24 +70,25 @@ def log_to(path: Path | str) -> None:
 
     def excepthook(kind, error, traceback):
         log.critical("stopped", exc_info=(kind, error, traceback))
-        said_by_run = QUIET in os.environ
+        run_prints_error = QUIET in os.environ
         try:
-            print(plain(error), flush=True)
+            print(one_line_error(error), flush=True)
         except OSError:  # a full disk: the run finds nothing in the log
-            said_by_run = False
-        if not said_by_run:
-            print(plain(error), file=sys.stderr)
+            run_prints_error = False
+        if not run_prints_error:
+            print(one_line_error(error), file=sys.stderr)
 
     sys.excepthook = excepthook
 
 
-def plain(error: BaseException) -> str:
-    """An error in one line, with the remedy where it is the machine's: a full disk, no right to write, no memory."""
+def one_line_error(error: BaseException) -> str:
+    """An error in one line, with the remedy for those of the machine: a full disk, no right to write, no memory."""
     text = " ".join(str(error).split())
     if lacks_memory(error):
         return f"too little memory{f' ({text})' if text else ''}: start again with fewer --cores, or free some memory"
     if place := full_disk(error):
-        lacking = "it takes no more files (inodes): remove some" if _is_out_of_inodes(place) else "free some space"
+        folder = next(folder for folder in Path(os.path.abspath(place)).parents if folder.exists())
+        lacking = "it takes no more files (inodes): remove some" if _free(folder) < 0 else "free some space"
         return f"{place}: the disk is full: {lacking} and start again; what is finished stays"
     if isinstance(error, OSError):
         place = error.filename or os.getcwd()
@@ -104,40 +98,33 @@ def plain(error: BaseException) -> str:
 
 
 def full_disk(error: BaseException) -> str:
-    """A path on the disk that an error says is full, maybe in the words of HDF5; empty if it says something else."""
+    """A path on the disk that an error, also one of HDF5, says is full; empty for any other error."""
     if getattr(error, "errno", None) not in (errno.ENOSPC, errno.EDQUOT) and not NO_SPACE.search(str(error)):
         return ""
     named = re.search(r"filename = '([^']+)'", str(error))
     path = getattr(error, "filename", None) or (named and named[1])
     places = [os.getcwd(), tempfile.gettempdir()]  # of an error without a path: where jobs write
-    return str(path or next((place for place in places if _free(place) < ROOM), places[0]))
+    return str(path or next((place for place in places if _free(place) < FULL), places[0]))
 
 
-def _free(place: str) -> int:
-    """Free bytes of a disk; 0 of one that takes no more files."""
+def _free(place: Path | str) -> int:
+    """Free bytes of a disk; -1 of one that takes no more files."""
     state = os.statvfs(place)
-    return 0 if state.f_files and not state.f_favail else state.f_bavail * state.f_frsize
-
-
-def _is_out_of_inodes(path: str) -> bool:
-    folder = next(folder for folder in Path(os.path.abspath(path)).parents if folder.exists())
-    state = os.statvfs(folder)
-    return bool(state.f_files and not state.f_favail)
+    return -1 if state.f_files and not state.f_favail else state.f_bavail * state.f_frsize
 
 
 def lacks_memory(error: BaseException | None) -> bool:
-    """Whether an error, or one that it comes from, is lack of memory, maybe in an engine's own words."""
+    """Whether an error, or its cause, is lack of memory, also in an engine's own words."""
     if error is None:
         return False
-    of_machine = isinstance(error, MemoryError) or getattr(error, "errno", None) == errno.ENOMEM
-    return of_machine or bool(NO_MEMORY.search(str(error))) or lacks_memory(error.__cause__)
+    by_type = isinstance(error, MemoryError) or getattr(error, "errno", None) == errno.ENOMEM
+    return by_type or bool(NO_MEMORY.search(str(error))) or lacks_memory(error.__cause__)
 
 
 def require_memory(failure: str) -> bool:
-    """Raise MemoryError if a failure that does not name its cause may be due to lack of memory.
+    """Raise MemoryError if less than `SPARE` can be had after a failure that does not name its cause.
 
-    The process's own limit is lifted as far as it may be. Returns whether it was: then trying again shows what the
-    object itself causes.
+    Lifts the process's own limit as far as allowed, and returns whether that changed it: then try again.
     """
     soft, hard = resource.getrlimit(resource.RLIMIT_AS)
     resource.setrlimit(resource.RLIMIT_AS, (hard, hard))
@@ -153,22 +140,23 @@ def each_object(
 ) -> tuple[dict[str, Any], list[Rejection]]:
     """Apply `function` to every object of a batch; one that fails is rejected and the batch goes on.
 
-    Returns the results by object, in order, and the rejections. `UnusableObject` gives its message as the reason;
-    any other exception is an error of ours or of an engine: its traceback goes to the log as well, and the object is
-    rejected if there is memory to spare, after a second try where a limit of memory could be lifted. Raises OSError,
-    `palpate.checksums.DamagedFile`, and MemoryError, also for an engine's own words for it: a full disk says nothing
-    about the object, which is tried again when the stage is.
+    Returns the results by object, in order, and the rejections. The message of `UnusableObject` is the reason; the
+    traceback of any other exception goes to the log too. Before it counts, memory is checked (`require_memory`).
+
+    Raises OSError, `palpate.checksums.DamagedFile`, and MemoryError, also for an engine's own words for it: a full disk
+    says nothing about the object, which is tried again when the stage is.
     """
     objects = list(objects)
     results, rejections = {}, []
     bar = tqdm(objects, desc=stage, unit="object", disable=not sys.stderr.isatty())
     for position, name in enumerate(bar, start=1):
+        progress = f"{stage} {position}/{len(objects)}: {name}"
         try:
             results[name] = _twice_if_in_doubt(function, name)
-            log.info("%s %d/%d: %s", stage, position, len(objects), name)
+            log.info(progress)
         except Exception as error:
             if isinstance(error, OSError | DamagedFile) or lacks_memory(error) or full_disk(error):
-                log.error("%s %d/%d: %s was not finished", stage, position, len(objects), name)
+                log.error("%s was not finished", progress)
                 if place := full_disk(error):
                     raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), place) from error
                 if isinstance(error, OSError | DamagedFile | MemoryError):
@@ -176,7 +164,7 @@ def each_object(
                 raise MemoryError(f"{stage} of {name}: {error}") from error
             expected = isinstance(error, UnusableObject)
             rejections.append(Rejection(name, stage, str(error) if expected else f"{type(error).__name__}: {error}"))
-            log.warning("%s %d/%d: %s rejected: %s", stage, position, len(objects), name, error)
+            log.warning("%s rejected: %s", progress, error)
     return results, rejections
 
 
@@ -196,10 +184,7 @@ def _twice_if_in_doubt(function: Callable[[str], Any], name: str) -> Any:
 
 
 def read_rejections(paths: Iterable[Path | str]) -> list[Rejection]:
-    """The rejections in files that `write_rejections` wrote, in their order.
-
-    Raises `palpate.checksums.DamagedFile`, naming the file and the remedy, if one is missing or not as it was written.
-    """
+    """The rejections in files that `write_rejections` wrote, in order. Raises `DamagedFile` for a bad file."""
     rejections = []
     for path in map(Path, paths):
         rows = read_rows(path, Rejection._fields, rebuild_advice(path))
@@ -208,7 +193,7 @@ def read_rejections(paths: Iterable[Path | str]) -> list[Rejection]:
 
 
 def write_rejections(path: Path | str, rejections: Iterable[Rejection]) -> None:
-    """Write the columns object, stage, reason; the header is there even if nothing was rejected."""
+    """Write the columns object, stage, reason; with nothing rejected, only the header."""
     with open(path, "w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
         writer.writerow(Rejection._fields)

@@ -1,8 +1,7 @@
 """The pinhole camera: where a point of the world lands in an image. Numpy only.
 
-Pixels: an image is `size` pixels wide and high, row 0 at the top. Pixel (row r, column c) covers the square
-from (c, r) to (c + 1, r + 1), so its **centre is at (c + 0.5, r + 0.5)** and the image's centre at (size / 2,
-size / 2). `project` returns (x, y) = (column, row) coordinates in this system.
+An image is `size` pixels wide and high, row 0 at the top. Pixel (row r, column c) covers the square from (c, r) to
+(c + 1, r + 1): its **centre is at (c + 0.5, r + 0.5)**. Coordinates in an image are (x, y) = (column, row).
 """
 
 from collections.abc import Sequence
@@ -10,15 +9,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-# The paper's supplement, "Simulating Vision"; Euler angles as Blender applies them (about fixed x, then y,
-# then z).
+# The paper's supplement, "Simulating Vision".
 POSITION = (0.972, 0.461, 0.974)  # m
-ROTATION = (70.458, 4.940, 113.540)  # degrees
-# Not in the paper: read off its published projection matrix.
-FOCAL_LENGTH = 406.595  # pixels, for an image of 256 x 256 with the principal point at its centre
+ROTATION = (70.458, 4.940, 113.540)  # degrees, as `euler_rotation` takes them
+FOCAL_LENGTH = 406.595  # pixels of an image of `IMAGE_SIZE`; not in the paper: of its published projection matrix
 IMAGE_SIZE = 256  # pixels, the width and height of the dataset's images
-
-CONVENTION = "expected square pixels and the principal point at the image's centre"
 
 # A Blender camera looks along its -z with +y up; image coordinates have y down and z into the scene.
 IMAGE_FROM_CAMERA = np.diag([1.0, -1.0, -1.0])
@@ -28,8 +23,8 @@ IMAGE_FROM_CAMERA = np.diag([1.0, -1.0, -1.0])
 class Camera:
     """A pinhole camera with square pixels and the principal point at the image's centre.
 
-    position: (3,) in the world, metres. rotation: (3, 3), columns are the camera's axes in the world: x
-    right, y up, looking along -z. focal_length and size (the image's width and height) in pixels.
+    position: (3,) in the world, metres. rotation: (3, 3), columns are the camera's axes in the world: x right, y up,
+    looking along -z. focal_length and size (the image's width and height) in pixels.
     """
 
     position: np.ndarray
@@ -39,14 +34,13 @@ class Camera:
 
     @classmethod
     def from_matrices(cls, intrinsics: np.ndarray, extrinsics: np.ndarray, size: int) -> "Camera":
-        """The camera of a (3, 3) and a (3, 4) matrix, as `intrinsics` and `extrinsics` give them.
-
-        Raises ValueError if pixels are not square, or the principal point is not the image's centre.
-        """
+        """The camera of matrices as `intrinsics` and `extrinsics` give them; ValueError if it has other intrinsics."""
         turn, focal_length = np.asarray(extrinsics)[:, :3], float(intrinsics[0][0])
         camera = cls(-turn.T @ np.asarray(extrinsics)[:, 3], turn.T @ IMAGE_FROM_CAMERA, focal_length, size)
         if not (focal_length > 0 and np.allclose(intrinsics, camera.intrinsics(), atol=1e-6 * size)):
-            raise ValueError(f"intrinsics {np.asarray(intrinsics).tolist()} of an image of {size} pixels: {CONVENTION}")
+            found = np.asarray(intrinsics).tolist()
+            expected = "expected square pixels and the principal point at the image's centre"
+            raise ValueError(f"intrinsics {found} of an image of {size} pixels: {expected}")
         return camera
 
     def intrinsics(self) -> np.ndarray:
@@ -70,9 +64,9 @@ class Camera:
         return pose
 
     def project(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Where points land: pixels (..., 2) as (column, row), and depth (...) along the optical axis.
+        """Pixels (..., 2) as (column, row), and depth (...) along the optical axis, of points (..., 3) in the world.
 
-        points: (..., 3) in the world. Points at or behind the camera have depth <= 0 and pixels of nan.
+        Points at or behind the camera have depth <= 0 and pixels of nan.
         """
         seen = (np.asarray(points, dtype=float) - self.position) @ self.rotation @ IMAGE_FROM_CAMERA
         depth = seen[..., 2]
@@ -82,10 +76,7 @@ class Camera:
         return pixels, depth
 
     def rays(self) -> np.ndarray:
-        """(size, size, 3) world directions from the camera through pixels' centres, depth 1 along the axis.
-
-        So `position + depth[..., None] * rays` are the points that a depth image shows.
-        """
+        """(size, size, 3) world directions through pixels' centres: `position + depth[..., None] * rays` are points."""
         ticks = (np.arange(self.size) + 0.5 - self.size / 2) / self.focal_length
         column, row = np.meshgrid(ticks, ticks)
         return np.stack([column, row, np.ones_like(row)], axis=-1) @ IMAGE_FROM_CAMERA @ self.rotation.T
@@ -101,25 +92,22 @@ def matrices(cameras: Sequence[Camera]) -> dict[str, np.ndarray]:
 
 def paper_camera(size: int = IMAGE_SIZE) -> Camera:
     """The paper's camera; another size keeps the field of view (34.95 degrees)."""
-    return Camera(np.array(POSITION), rotation_of(ROTATION), paper_focal_length(size), size)
+    return Camera(np.array(POSITION), euler_rotation(ROTATION), paper_focal_length(size), size)
 
 
 def paper_focal_length(size: int) -> float:
-    """The paper's focal length in pixels, for an image of another size: the field of view is the same."""
+    """The paper's focal length in pixels, for an image of another size."""
     return FOCAL_LENGTH * size / IMAGE_SIZE
 
 
-def rotation_of(angles) -> np.ndarray:
+def euler_rotation(angles) -> np.ndarray:
     """(3, 3) rotation of Euler angles (3,) in degrees as Blender applies them: about fixed x, then y, then z."""
     about_x, about_y, about_z = (rotation_about(axis, np.radians(angle)) for axis, angle in enumerate(angles))
     return about_z @ about_y @ about_x
 
 
 def looking_at(target, position, size: int = IMAGE_SIZE, field_of_view: float = 34.95, up=(0.0, 0.0, 1.0)) -> Camera:
-    """A camera at `position` (3,) that looks at `target` (3,) with `up` upwards; field of view in degrees.
-
-    Raises ValueError if it would look along `up`, or from the target itself.
-    """
+    """A camera at `position` (3,) that looks at `target` (3,); angle in degrees. ValueError if it is along `up`."""
     position = np.asarray(position, dtype=float)
     back = position - np.asarray(target, dtype=float)
     right = np.cross(up, back)

@@ -41,10 +41,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _said(error: Exception) -> str:
-    from palpate.batch import plain
+    from palpate.batch import one_line_error
 
     if isinstance(error, OSError):
-        return plain(error)
+        return one_line_error(error)
     return str(error.args[0]) if isinstance(error, KeyError) else str(error)
 
 

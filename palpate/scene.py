@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from palpate.batch import generator
-from palpate.camera import Camera, looking_at, paper_camera, paper_focal_length, rotation_of
+from palpate.camera import Camera, euler_rotation, looking_at, paper_camera, paper_focal_length
 from palpate.configuration import ConfigError
 from palpate.hand.hand import Hand
 from palpate.mesh import OBJECT_POSITION, mesh_file
@@ -25,13 +25,11 @@ class Light:
     """A light of a scene.
 
     Attributes:
-        kind: `sun` shines in one direction everywhere; `point` in all directions from a sphere; `area` from a square,
-            to one side; `ambient` is the same from everywhere.
+        kind: `sun` (parallel), `point` (a sphere), `area` (a square, to one side), or `ambient` (from everywhere).
         energy: of a sun W / m2, of a point or an area W; of an ambient light its radiance, of which 1 is white.
         position: (3,) in the world, m; of a sun just the direction from the target counts.
         target: (3,) that a sun or an area shines at; None is the object's place.
-        size: of a sun its extent in degrees, of a point its radius and of an area its side in m: the larger, the
-            softer its shadows.
+        size: of a sun its extent in degrees, of a point its radius and of an area its side in m.
         colour: (3,) sRGB in 0..1, by which the energy is multiplied.
     """
 
@@ -43,8 +41,8 @@ class Light:
     colour: tuple[float, float, float] = (1.0, 1.0, 1.0)
 
 
-# A sun from the paper's camera's upper left, of no extent, so that its shadows are sharp and free of noise. A white
-# diffuse surface (albedo 0.8) that faces it comes out at 0.8 * (2.1 / pi + 0.45) = 0.9 of white.
+# A sun from the paper camera's upper left, without extent: its shadows are sharp and free of noise. A white diffuse
+# surface (albedo 0.8) that faces it has 0.8 * (2.1 / pi + 0.45) = 0.9 of white.
 LIGHTS = (Light("sun", 2.1, (0.6, -0.55, 1.9)), Light("ambient", 0.45))
 WHITE = (1.0, 1.0, 1.0)
 # What lights have besides kind, energy and colour.
@@ -89,11 +87,7 @@ class Scene:
     def from_grasps(
         cls, object_folder: Path | str, grasps: Mapping[str, np.ndarray], hand: Hand, **others: Any
     ) -> "Scene":
-        """The scene of an object and its stored grasps.
-
-        grasps: `GRASP_ARRAYS` of this object, (g, ...) each. hand: the one that they are of. others: further
-        attributes of the scene.
-        """
+        """The scene of an object and its stored grasps: `GRASP_ARRAYS` (g, ...) each; others: further attributes."""
         return cls(object_folder, hand, **{name: grasps[name] for name in GRASP_ARRAYS}, **others)
 
     @property
@@ -112,15 +106,16 @@ DRAWS = 100  # of cameras and lights that have to be possible
 
 
 def draw(settings: Mapping[str, Any], seed: int, name: str) -> dict[str, Any]:
-    """The config's section `vision` for the images of one object: each range `{from, to}` is a number drawn from it.
+    """The config's section `vision` for one object: for each range `{from, to}` a uniform number from it.
 
-    Numbers are uniform, and depend on the seed, the object's name and the key (`LOOK`) only. What is not possible is
-    drawn again. Raises ConfigError if `from` is above `to`, or if `DRAWS` draws in turn are not possible.
+    Numbers depend on the seed, the object's name and the key (`LOOK`) only. Impossible cameras or lights are drawn
+    again. Raises ConfigError if `from` is above `to`, or if `DRAWS` draws in turn are impossible.
     """
     for attempt in range(DRAWS):
-        numbers = {key: generator(seed, name, "vision", key, str(attempt)) for key in LOOK}
-        drawn = {key: _drawn(settings[key], numbers[key], f"config vision.{key}") for key in LOOK}
-        found = {**settings, **drawn}
+        found = dict(settings)
+        for key in LOOK:
+            rng = generator(seed, name, "vision", key, str(attempt))
+            found[key] = _drawn(settings[key], rng, f"config vision.{key}")
         try:
             cameras(found), lights(found)
             return found
@@ -154,7 +149,7 @@ def _place(position: Sequence[float] | Mapping[str, float], target: Sequence[flo
 def cameras(settings: Mapping[str, Any]) -> list[Camera]:
     """The cameras of the config's section `vision`: the paper's, or those that it lists.
 
-    Raises ConfigError, naming the camera, if one is not determined, or does not have the object's place in its image.
+    Raises ConfigError, naming the camera, for missing or contradicting keys, or if its image misses the object's place.
     """
     size = settings["size"]
     if settings["cameras"] is None:
@@ -171,11 +166,10 @@ def _camera(where: str, settings: Mapping[str, Any], size: int) -> Camera:
         raise ConfigError(f"{where}: `up` belongs to `target`: a rotation says where up is")
     position = np.array(_place(settings["position"], settings.get("target", OBJECT_POSITION)), dtype=float)
     if "rotation" in settings:
-        rotation = rotation_of(settings["rotation"])
+        rotation = euler_rotation(settings["rotation"])
     else:
-        up = {"up": settings["up"]} if "up" in settings else {}
         try:
-            rotation = looking_at(settings["target"], position, size, **up).rotation
+            rotation = looking_at(settings["target"], position, up=settings.get("up", (0.0, 0.0, 1.0))).rotation
         except ValueError as error:
             raise ConfigError(f"{where}: {error}") from None
     focal_length = settings.get("focal_length", paper_focal_length(size))
@@ -191,7 +185,7 @@ def _camera(where: str, settings: Mapping[str, Any], size: int) -> Camera:
 def lights(settings: Mapping[str, Any]) -> tuple[Light, ...]:
     """The lights of the config's section `vision`: `LIGHTS`, or those that it lists.
 
-    Raises ConfigError, naming the light, if one lacks something, or has what its kind has not.
+    Raises ConfigError, naming the light, for missing keys, or keys that its kind does not have.
     """
     if settings["lights"] is None:
         return LIGHTS

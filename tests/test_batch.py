@@ -21,7 +21,7 @@ from palpate.batch import (
     UnusableObject,
     each_object,
     generator,
-    plain,
+    one_line_error,
     read_rejections,
     write_rejections,
 )
@@ -119,7 +119,7 @@ def test_a_job_whose_log_is_on_the_full_disk_says_so_on_the_terminal():
     ],
 )
 def test_an_error_is_one_line_with_its_remedy(error, said):
-    assert said in plain(error) and "\n" not in plain(error)
+    assert said in one_line_error(error) and "\n" not in one_line_error(error)
 
 
 OUT_OF_MEMORY = [
@@ -140,8 +140,8 @@ def test_lack_of_memory_in_an_engines_words_stops_the_batch(error, hidden):
 
     with pytest.raises((MemoryError, OSError)) as raised:
         each_object(["mug"], grasp, "grasps")
-    assert plain(raised.value).startswith("too little memory (")
-    assert "fewer --cores, or free some memory" in plain(raised.value)
+    assert one_line_error(raised.value).startswith("too little memory (")
+    assert "fewer --cores, or free some memory" in one_line_error(raised.value)
 
 
 # An engine's failure that names no cause, under a limit (MB beyond what is in use) that may be lifted or not.
@@ -215,7 +215,7 @@ def test_the_disk_that_is_full_is_named_and_stops_the_batch(tmp_path):
 
     with pytest.raises(OSError) as raised:
         each_object(["mug"], write, "grasps")
-    assert plain(raised.value).startswith(f"{path}: the disk is full: free some space")
+    assert one_line_error(raised.value).startswith(f"{path}: the disk is full: free some space")
 
 
 def as_nobody(folder, read):
@@ -229,7 +229,7 @@ def as_nobody(folder, read):
             read()
             said = "nothing"
         except BaseException as error:
-            said = plain(error)
+            said = one_line_error(error)
         os.write(sender, said.encode())
         os._exit(0)
     os.waitpid(child, 0)
@@ -285,7 +285,7 @@ def test_a_folder_that_takes_no_more_files_is_named(tmp_path):
             for number in range(9):
                 with atomic_write(folder / f"{number}.txt") as partial:
                     partial.write_text("x")
-        said = plain(raised.value)
+        said = one_line_error(raised.value)
         assert (
             str(folder) in said and "the disk is full: it takes no more files (inodes): remove some and start" in said
         ), said

@@ -14,7 +14,7 @@ from palpate.shapes.assembly import assemble
 from palpate.shapes.deformation import deformed
 from palpate.shapes.parameters import draw
 
-# A module has PARAMETERS, STYLES, AXES (the long one, that towards which objects bend), build(parameters, rng) -> parts.
+# A module has PARAMETERS, STYLES, AXES (the long one, that towards which objects bend) and build(parameters, rng).
 FAMILIES = {"bottle": bottle, "knife": knife, "cellphone": cellphone, "rifle": rifle}
 CLASSES = tuple(FAMILIES)
 

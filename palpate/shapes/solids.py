@@ -140,7 +140,7 @@ def slab(size: tuple[float, float, float], corner: float, fillet: float, centre=
 def prism(outline: np.ndarray, thickness: float, edge: float = 0.0) -> Manifold:
     """A plate in the y-z plane, centred on x = 0.
 
-    outline: (k, 2) rows of (y, z); edge: radius that rounds the rim of both faces, smaller than the outline's own convex
+    outline: (k, 2) rows of (y, z); edge: radius that rounds the rim of both faces, smaller than the outline's convex
     radii and half its narrowest place.
     """
     outline = counter_clockwise(np.asarray(outline, dtype=float))

@@ -21,7 +21,7 @@ import pandas as pd
 from markupsafe import Markup, escape
 from PIL import Image
 
-from palpate.batch import plain
+from palpate.batch import one_line_error
 from palpate.catalogue import SPLITS, CatalogueEntry
 from palpate.dataset import Dataset, ObjectRecord
 from palpate.dataset.run import Run
@@ -84,7 +84,7 @@ def run_page(
         try:
             return part(*arguments)
         except (OSError, ValueError, LookupError) as error:
-            problems.append(plain(error))
+            problems.append(one_line_error(error))
             return otherwise
 
     entries = read({}, lambda: run.catalogue)

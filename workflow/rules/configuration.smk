@@ -23,7 +23,7 @@ from snakemake.utils import update_config
 
 from palpate import atomic, catalogue, lock, locked, named_files, sensor, terminal
 from palpate.batch import QUIET
-from palpate.batch import plain as one_line
+from palpate.batch import one_line_error as one_line
 from palpate.check import FILES, resolve
 from palpate.configuration import ConfigError, absolute, check, read_yaml, typed, whole_numbers
 from palpate.experiments import Experiments
