@@ -20,32 +20,10 @@ if TYPE_CHECKING:
 
 FORMATS = ("obj", "glb", "gltf", "stl", "ply", "off", "dae", "3mf")
 DIAGONAL = 0.5  # m, of the bounding boxes of objects that are scaled to one size, as the paper's
-# m, of a bounding box: an object that keeps its size and is smaller, or larger, was given in another unit. A hand does
-# not hold it, either.
-SMALLEST, LARGEST = 0.005, 2.0
+SMALLEST, LARGEST = 0.005, 2.0  # m, diagonals: an object that keeps its size and has another is in another unit
 OBJECT_POSITION = (0.0, 0.0, 0.6)
-# Of what is written, in `mesh.json` and in the rule's params: meshes that an older one wrote are made again.
-VERSION = 2
+VERSION = 2  # of the files, in `mesh.json` and in the rule's params: meshes of an older version are made again
 FACTS = ".facts.json"  # in a batch's folder: `facts` of its objects; hidden, so that no manifest has it
-
-__all__ = [
-    "DIAGONAL",
-    "FACTS",
-    "FORMATS",
-    "LARGEST",
-    "OBJECT_POSITION",
-    "SMALLEST",
-    "VERSION",
-    "diagonal",
-    "facts",
-    "load_collision",
-    "load_visual",
-    "mesh_file",
-    "prepare",
-    "read_record",
-    "usable",
-    "undecimated_levels",
-]
 
 
 def prepare(
@@ -60,17 +38,16 @@ def prepare(
 ) -> dict[str, Any]:
     """Make the mesh files of one object from a source file of any of `FORMATS`.
 
-    Writes into the folder `visual.glb` (every face, materials and textures), `collision.ply` and
-    `level-<faces>.ply` (decimated, geometry only), all in the object's own frame (metres, z up, bounding-box
-    centre at the origin), and `mesh.json`: what was repaired, and how far each level is
-    from the source. Returns what `mesh.json` holds. `up` is the source's up axis, "x", "y" or "z".
-    `scale` is "diagonal" for a bounding box with the diagonal `DIAGONAL`, "keep" for a file in metres, or the metres
-    that a unit of the file is. `root` is the folder that files have to be in which this one names (textures, buffers);
-    default: the one above its own. A mesh that has no more faces than a level asks for is that level.
+    Writes into the folder `visual.glb` (every face, materials and textures), `collision.ply` and `level-<faces>.ply`
+    (decimated, geometry only), all in the object's own frame (metres, z up, bounding-box centre at the origin), and
+    `mesh.json`: repairs, and the distance of each level from the source. Returns what `mesh.json` holds.
 
-    Raises `UnusableObject` if the file can't be read or holds no surface, or takes more than `time_limit` seconds, or
-    is not `SMALLEST` to `LARGEST` across at the scale that it is given;
-    OSError or MemoryError if the machine is at fault (a full disk, no memory).
+    up: the source's up axis, "x", "y" or "z". scale: "diagonal" for a bounding box with the diagonal `DIAGONAL`, "keep"
+    for a file in metres, or the metres of a unit of the file. root: the folder that textures and buffers have to be in;
+    default: the one above the file's own. A mesh that has no more faces than a level asks for is that level.
+
+    Raises `UnusableObject` if the file can't be read, holds no surface, takes more than `time_limit` seconds, or is not
+    `SMALLEST` to `LARGEST` across at its scale; OSError or MemoryError for a full disk or lack of memory.
     """
     source, folder = Path(source), Path(folder)
     # Imported here, in the parent of the child processes: stages that only load meshes need no pymeshlab.
@@ -89,11 +66,8 @@ def facts(record: Mapping[str, Any]) -> dict[str, Any]:
     `replaced`: files that can't be used, and why. `shape`: sides of the box, and the root of the area, in diagonals.
     """
     low, high = np.array(record["visual.glb"]["bounding_box"])
-    shape = [*(high - low), record["visual.glb"]["area"] ** 0.5]
-    return {
-        "replaced": record["source"]["replaced_textures"],
-        "shape": [float(length) / record["diagonal"] for length in shape],
-    }
+    shape = [float(length) / record["diagonal"] for length in (*(high - low), record["visual.glb"]["area"] ** 0.5)]
+    return {"replaced": record["source"]["replaced_textures"], "shape": shape}
 
 
 def undecimated_levels(record: Mapping[str, Any]) -> dict[str, int]:
@@ -108,7 +82,7 @@ def undecimated_levels(record: Mapping[str, Any]) -> dict[str, int]:
 
 
 def read_record(folder: Path | str) -> dict[str, Any]:
-    """What `mesh.json` holds; empty if a folder that is no run's has none. Raises as `mesh_file` does."""
+    """What `mesh.json` holds; empty if a folder outside a run has none. Raises as `mesh_file` does."""
     path = mesh_file(folder, "mesh.json")
     return json.loads(path.read_text()) if path.exists() else {}
 
@@ -119,9 +93,8 @@ def diagonal(folder: Path | str) -> float:
 
 
 def mesh_file(folder: Path | str, name: str) -> Path:
-    """Path of a file in an object's folder, compared with its checksum.
+    """Path of a file in an object's folder, compared with its checksum if the batch has a manifest, as in a run.
 
-    A run's batch of meshes has a manifest; a folder that `prepare` wrote alone has none, and is taken as it is.
     Raises `palpate.checksums.DamagedFile` if the file is missing or not the one that was written.
     """
     folder = Path(folder)
@@ -140,7 +113,7 @@ def usable(batch: Path | str, contents: bool = False) -> list[str]:
     """Names of the objects that a run's batch of meshes holds, by its manifest.
 
     contents: compare all files with their checksums, too. Raises `palpate.checksums.DamagedFile`, naming the first
-    files, if the manifest is missing, or files are missing, of another size, or changed.
+    files, if the manifest or files are missing, of another size, or changed.
     """
     files = checksums.read_manifest(batch, _remedy(batch))
     if found := checksums.find_damage(batch, files, contents):
@@ -157,14 +130,9 @@ def load_visual(folder: Path | str) -> "trimesh.Trimesh":
     import trimesh
 
     loaded = trimesh.load_scene(mesh_file(folder, "visual.glb"), process=False, skip_materials=True)
-    parts = list(loaded.geometry.values())
-    start = np.cumsum([0] + [len(part.vertices) for part in parts])
-    return trimesh.Trimesh(
-        np.concatenate([part.vertices for part in parts]),
-        np.concatenate([part.faces + first for part, first in zip(parts, start, strict=False)]),
-        process=False,
-        validate=False,
-    )
+    parts = loaded.geometry.values()
+    vertices, faces = trimesh.util.append_faces([part.vertices for part in parts], [part.faces for part in parts])
+    return trimesh.Trimesh(vertices, faces, process=False, validate=False)
 
 
 def load_collision(folder: Path | str) -> "trimesh.Trimesh":

@@ -15,20 +15,14 @@ from palpate.mesh.load import load_parts
 from palpate.mesh.materials import make_explicit
 from palpate.mesh.repair import repair
 
-# Rotations that turn the source's up axis to z. The front (-z for y up, as glTF and ShapeNet have it) goes to
-# +y.
+# Rotations that turn the source's up axis to z. The front (-z for y up, as in glTF and ShapeNet) goes to +y.
 UP = {
     "z": np.eye(3),
     "y": np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]]),
     "x": np.array([[0.0, 0, -1], [0, 1, 0], [1, 0, 0]]),
 }
-
-
-# Metres a unit, for messages: millimetre, centimetre, inch, metre.
-UNITS = (0.001, 0.01, 0.0254, 1.0)
-
-# Largest rounding of a source's coordinates that is accepted, as a share of its diagonal: 0.05 mm of an object
-# of 0.5 m, a third of a pixel of touch.
+UNITS = (0.001, 0.01, 0.0254, 1.0)  # metres a unit, for messages: millimetre, centimetre, inch, metre
+# Largest accepted rounding of a source's coordinates over its diagonal: 0.05 mm of 0.5 m, a third of a pixel of touch.
 COARSEST = 1e-4
 
 
@@ -56,7 +50,6 @@ def build(
     box = repaired.vertices[faces].min(axis=(0, 1)), repaired.vertices[faces].max(axis=(0, 1))
     centre, asked = (box[0] + box[1]) / 2, scale
     diagonal, scale = size(source, np.linalg.norm(box[1] - box[0]), asked)
-
     for number, mesh in enumerate(parts):
         mine = part == number
         _rewrite(mesh, UP[up], centre, scale, repaired.keep[mine], repaired.flip[mine])
@@ -117,9 +110,8 @@ def size(source, extent, asked):
 
 def _joined(parts, source):
     """Vertices (n, 3), faces (f, 3) and the part's number (f,) of all parts together, all finite."""
-    start = np.cumsum([0] + [len(mesh.vertices) for mesh in parts])
-    vertices = np.concatenate([mesh.vertices for mesh in parts]).astype(np.float64)
-    faces = np.concatenate([mesh.faces + first for mesh, first in zip(parts, start, strict=False)]).astype(np.int64)
+    joined = trimesh.util.append_faces([mesh.vertices for mesh in parts], [mesh.faces for mesh in parts])
+    vertices, faces = joined[0].astype(np.float64), joined[1].astype(np.int64)
     part = np.repeat(np.arange(len(parts)), [len(mesh.faces) for mesh in parts])
     used = np.unique(faces)
     bad = int((~np.isfinite(vertices[used]).all(axis=1)).sum())
@@ -181,8 +173,7 @@ def _describe(vertices, faces):
     """Facts about a surface: faces, area (m2), box (m), shells, whether it is closed, its volume (m3)."""
     corner = vertices[faces]
     cross = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
-    closed = topology.is_closed(faces)
-    counts = topology.edge_counts(faces)
+    closed, counts = topology.is_closed(faces), topology.edge_counts(faces)
     return {
         "faces": len(faces),
         "shells": int(topology.shells(faces, len(vertices)).max()) + 1,
@@ -205,23 +196,18 @@ def _see_through(glb):
 def _write_levels(folder, vertices, faces, counts):
     """Write the levels (file name -> faces asked for) and return the record of each.
 
-    The coarser ones are made from the finer: a million faces collapse only once. All are measured against the
-    whole mesh, except a level that is the whole mesh itself.
+    The coarser ones are made from the finer: a million faces collapse only once. All are measured against the whole
+    mesh; a level with as many faces is the whole mesh, at distance 0.
     """
-    source = Surface(vertices, faces)
-    records = {}
+    source, records = Surface(vertices, faces), {}
     for name, count in sorted(counts.items(), key=lambda item: -item[1]):
         vertices, faces = decimate(vertices, faces, count)
         mesh = trimesh.Trimesh(vertices, faces, process=False, validate=False)
         (folder / name).write_bytes(mesh.export(file_type="ply", vertex_normal=False))
-        records[name] = {"asked": count} | _describe(vertices, faces) | _distances(source, vertices, faces)
+        there = back = {"mean": 0.0, "max": 0.0}
+        if len(faces) < len(source.faces):
+            level = Surface(vertices, faces)
+            there, back = distance(source, level), distance(level, source)
+        distances = {"source_to_level": there, "level_to_source": back}
+        records[name] = {"asked": count} | _describe(vertices, faces) | distances
     return {name: records[name] for name in counts}
-
-
-def _distances(source, vertices, faces):
-    """Distances both ways between a level and the source (`Surface`): 0 for a level of as many faces."""
-    if len(faces) >= len(source.faces):
-        zero = {"mean": 0.0, "max": 0.0}
-        return {"source_to_level": zero, "level_to_source": zero}
-    level = Surface(vertices, faces)
-    return {"source_to_level": distance(source, level), "level_to_source": distance(level, source)}

@@ -5,19 +5,12 @@ import pymeshlab
 
 from palpate.mesh import topology
 
-# An open mesh that keeps more than this many times the faces asked for is tried again with borders that may
-# move.
-EXCESS = 1.1
-
-# The quadrics of a border's edges weigh this much more than those of faces, where borders may move.
-BORDER_WEIGHT = 10.0
-
-# Just enough for compact triangles in planes, where every collapse costs the same. pymeshlab's 0.001 bends
-# edges: at 1,000 faces a knife is 3.5 mm off with it and 0.2 mm without.
+EXCESS = 1.1  # an open mesh with more than this many times the faces asked for is tried again with movable borders
+BORDER_WEIGHT = 10.0  # of the quadrics of movable borders' edges, over those of faces
+# Just enough for compact triangles in planes, where every collapse costs the same. pymeshlab's 0.001 bends edges: at
+# 1,000 faces a knife is 3.5 mm off with it and 0.2 mm without.
 PLANAR_WEIGHT = 1e-6
-
-# Shapes of triangles that are no worse than this (1 for equilateral) count as equally good: pymeshlab's own.
-QUALITY = 0.3
+QUALITY = 0.3  # shapes of triangles no worse than this (1 for equilateral) count as equally good: pymeshlab's default
 
 
 def decimate(
@@ -25,9 +18,9 @@ def decimate(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Vertices (m, 3), rounded to float32, and faces (k, 3) of the mesh with about `count` faces.
 
-    A mesh that has no more than `count` faces comes back as it is. A closed mesh stays closed, and the pieces
-    of any mesh stay apart and keep their holes, if need be with more faces than asked for. Borders stay where
-    they are, unless that keeps too many faces. `planar_weight`, `quality`: pymeshlab's parameters.
+    A mesh that has no more than `count` faces comes back as it is. A closed mesh stays closed, and the pieces of any
+    mesh stay apart and keep their holes, if need be with more faces. Borders stay where they are, unless that keeps too
+    many faces. `planar_weight`, `quality`: pymeshlab's parameters.
     """
     if len(faces) <= count:
         return vertices, faces

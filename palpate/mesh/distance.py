@@ -4,9 +4,7 @@ import igl
 import numpy as np
 
 SAMPLES = 8_000
-
-# Rounds of the search for the largest distance, and triangles in each.
-ROUNDS, BEAM = 6, 250
+ROUNDS, BEAM = 6, 250  # of the search for the largest distance, and triangles in each
 
 
 class Surface:
@@ -27,9 +25,8 @@ class Surface:
 
 
 def sample(vertices: np.ndarray, faces: np.ndarray, count: int) -> np.ndarray:
-    """`count` points (count, 3) spread evenly by area, the same ones every time: equal steps of the summed
-    area, and within the triangle the additive recurrence of the plastic number (Roberts 2018, R2
-    sequence)."""
+    """`count` points (count, 3) spread evenly by area, always the same: equal steps of the summed area, and within the
+    triangle the additive recurrence of the plastic number (Roberts 2018, R2 sequence)."""
     corner = vertices[faces]
     area = np.linalg.norm(np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]), axis=1)
     total = np.cumsum(area)
@@ -46,28 +43,18 @@ def sample(vertices: np.ndarray, faces: np.ndarray, count: int) -> np.ndarray:
 def distance(source: Surface, target: Surface, samples: int = SAMPLES) -> dict[str, float]:
     """Distance from `source` to `target`: `mean` over the area (sampled) and `max`, the largest found.
 
-    Looked at are points spread evenly by area, the source's corners, the points of the source nearest to the
-    target's corners, and, finer and finer, the triangles whose middle is farthest.
+    Of points spread evenly by area, the source's corners, its points nearest to the target's corners, and, finer and
+    finer, the triangles whose middle is farthest.
     """
     spread, _ = target.closest(sample(source.vertices, source.faces, samples))
     _, feet = source.closest(target.corners)
     largest = max(spread.max(), target.closest(source.corners)[0].max(), target.closest(feet)[0].max())
-    largest = _climb(source.vertices[source.faces], target, largest)
-    return {"mean": float(spread.mean()), "max": float(largest)}
-
-
-def _climb(triangles: np.ndarray, target: Surface, largest: float) -> float:
-    """The largest distance found by cutting in four those triangles (f, 3, 3) whose middles are farthest."""
+    triangles = source.vertices[source.faces]
     for _ in range(ROUNDS):
         found, _ = target.closest(triangles.mean(axis=1))
         largest = max(largest, found.max())
-        triangles = _quarter(triangles[np.argsort(-found, kind="stable")[:BEAM]])
-    return largest
-
-
-def _quarter(triangles):
-    """The quarters (4 k, 3, 3) of triangles (k, 3, 3)."""
-    a, b, c = triangles[:, 0], triangles[:, 1], triangles[:, 2]
-    ab, bc, ca = (a + b) / 2, (b + c) / 2, (c + a) / 2
-    quarters = [(a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca)]
-    return np.concatenate([np.stack(quarter, axis=1) for quarter in quarters])
+        a, b, c = triangles[np.argsort(-found, kind="stable")[:BEAM]].swapaxes(0, 1)
+        ab, bc, ca = (a + b) / 2, (b + c) / 2, (c + a) / 2
+        quarters = [(a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca)]
+        triangles = np.concatenate([np.stack(quarter, axis=1) for quarter in quarters])
+    return {"mean": float(spread.mean()), "max": float(largest)}

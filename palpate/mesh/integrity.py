@@ -1,4 +1,4 @@
-"""Whether a mesh file can hold what it says, before a library reads it, and whether it was read as a whole."""
+"""Checks of a mesh file: before a library reads it, that its counts are possible; afterwards, that all was read."""
 
 import re
 import zipfile
@@ -9,16 +9,13 @@ import trimesh
 
 from palpate.named_files import gltf_tree
 
-# Of what a 3MF file's parts have unpacked: meshes in XML are packed to a tenth, as a rule.
-MOST_UNPACKED, LARGEST_RATIO = 500e6, 100
-# A glTF accessor without data of its own is zeros, or packed by an extension: more elements than this a byte of the
-# file are taken for damage.
-ELEMENTS_A_BYTE = 100
+MOST_UNPACKED, LARGEST_RATIO = 500e6, 100  # bytes of an unpacked 3MF file; these over its own, where 10 is common
+ELEMENTS_A_BYTE = 100  # of the file, at most, of a glTF accessor without data of its own (zeros, or an extension's)
 VERTEX_ZERO = re.compile(rb"^f[^\n]*[ \t]0(?=[/ \t\r\n])", re.MULTILINE)
 
 
 def check_sizes(path: Path) -> None:
-    """Raise ValueError if a file says that it holds more than it can: nothing is read for it but its heads."""
+    """Raise ValueError if a file states more elements than it can hold; reads its headers only."""
     suffix = path.suffix.lower()
     if suffix in (".glb", ".gltf"):
         tree, _ = gltf_tree(path)
@@ -45,32 +42,32 @@ def check_whole(path: Path, loaded: trimesh.Scene) -> None:
         _take_off(path, next(iter(loaded.geometry.values())))
 
 
-def _compare(name: str, said: int, found: int) -> None:
+def _compare(name: str, stated: int, found: int) -> None:
     names = {"vertex": "vertices", "face": "faces"}
-    if found < said:
-        raise ValueError(f"cut off: it says {said:,} {names.get(name, name)}, and has {found:,}")
+    if found < stated:
+        raise ValueError(f"cut off: it says {stated:,} {names.get(name, name)}, and has {found:,}")
 
 
 def _rows(data) -> int:
-    """How many rows there are of an element of a PLY, as trimesh has it; a face cut off in its middle is none."""
+    """Number of complete rows of an element of a PLY, as trimesh has it."""
     columns = list(data.values()) if isinstance(data, dict) else [data]
     return min((sum(np.size(each) > 2 for each in c) if c.dtype == object else len(c) for c in columns), default=0)
 
 
 def _take_off(path: Path, mesh: trimesh.Trimesh) -> None:
-    """Compare an OFF's counts, and take its colours, which trimesh does not: of vertices, or of triangles."""
+    """Compare an OFF's counts, and read its colours, which trimesh does not: of vertices, or of triangles."""
     lines = [words for line in path.read_text(errors="replace").splitlines() if (words := line.split("#")[0].split())]
     kind, counts, rows = (lines[0][0], lines[0][1:], lines[1:])
     if not counts:
         counts, rows = rows[0], rows[1:]
     vertices, faces = int(counts[0]), int(counts[1])
-    rows, of_faces = rows[:vertices], rows[vertices : vertices + faces]
-    _compare("face", faces, sum(len(row) > int(row[0]) for row in of_faces))
+    rows, face_rows = rows[:vertices], rows[vertices : vertices + faces]
+    _compare("face", faces, sum(len(row) > int(row[0]) for row in face_rows))
     if kind.startswith("C"):
         start = 6 if "N" in kind else 3
         colours, place = [row[start : start + 3] for row in rows], "vertex_colors"
-    elif all(row[0] == "3" and len(row) in (7, 8) for row in of_faces):
-        colours, place = [row[4:7] for row in of_faces], "face_colors"
+    elif all(row[0] == "3" and len(row) in (7, 8) for row in face_rows):
+        colours, place = [row[4:7] for row in face_rows], "face_colors"
     else:
         return
     scale = 255 if any("." in number for number in colours[0]) else 1  # numbers with a point are in 0..1

@@ -12,10 +12,9 @@ from palpate.batch import UnusableObject, lacks_memory, require_memory
 def isolated(function: Callable[..., Any], *arguments: Any, seconds: float) -> Any:
     """Call the function in a forked child process and return its (picklable) result.
 
-    Raises `UnusableObject` if it does, if the child crashes (segmentation fault) or takes more than `seconds`.
-    Raises OSError or MemoryError if it does, also in a library's own words, and MemoryError if the child is killed, as
-    systems do when memory runs out, or crashes with little memory; RuntimeError for any other exception. These carry
-    the child's traceback.
+    Raises `UnusableObject` if it does, if the child crashes (segmentation fault) or takes more than `seconds`. With the
+    child's traceback: OSError or MemoryError if it does, also in a library's own words; RuntimeError for any other
+    exception. MemoryError too if the child is killed, as systems do without memory, or crashes with little memory.
     """
     context = multiprocessing.get_context("fork")  # no second start of Python and its libraries
     receiver, sender = context.Pipe(duplex=False)
@@ -28,16 +27,16 @@ def isolated(function: Callable[..., Any], *arguments: Any, seconds: float) -> A
         error, answer = receiver.recv()
     except EOFError:
         child.join()
-        if child.exitcode == -signal.SIGKILL:
+        code = child.exitcode
+        if code == -signal.SIGKILL:
             raise MemoryError(
                 "the process that prepares the mesh was killed, perhaps because memory ran out: run with "
                 "fewer cores, or remove the object"
             ) from None
-        if require_memory(f"a mesh library crashed ({_death(child.exitcode)})"):
+        end = signal.Signals(-code).name if code is not None and code < 0 else f"exit status {code}"
+        if require_memory(f"a mesh library crashed ({end})"):
             return isolated(function, *arguments, seconds=seconds)
-        raise UnusableObject(
-            f"a mesh library crashed on it ({_death(child.exitcode)}): clean or simplify the mesh"
-        ) from None
+        raise UnusableObject(f"a mesh library crashed on it ({end}): clean or simplify the mesh") from None
     finally:
         child.kill()
         child.join()
@@ -58,9 +57,3 @@ def _answer(sender, function, arguments):
         message = kind, str(error) if kind is UnusableObject else trace
     sender.send(message)
     sender.close()
-
-
-def _death(code):
-    if code is not None and code < 0:
-        return signal.Signals(-code).name
-    return f"exit status {code}"

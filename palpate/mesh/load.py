@@ -19,14 +19,10 @@ log = logging.getLogger(__name__)
 def load_parts(
     path: Path | str, replaced: dict[str, str] | None = None, root: Path | str | None = None
 ) -> list[trimesh.Trimesh]:
-    """Every triangle mesh of a file, as it is stored, placed by the file's scene graph.
-
-    A geometry that the graph has several times comes several times. Nothing is merged or repaired here. The
-    order is that of the names of the graph's nodes, so it does not change from run to run.
+    """Every triangle mesh of a file, placed by its scene graph, in the order of the nodes' names; nothing is repaired.
 
     A texture or material library that can't be used is neutral grey (`palpate.mesh.textures`); replaced gets what is
-    wrong with it, by its name. root: the folder that files have to be in which this one names, as for
-    `palpate.named_files.find`.
+    wrong with it, by its name. root: the folder that named files have to be in, as for `palpate.named_files.find`.
 
     Raises `UnusableObject` if the file can't be read, or holds no triangles, or refers to vertices that it lacks;
     MemoryError, naming the file, if there is too little memory for it.
@@ -51,10 +47,14 @@ def load_parts(
             f"{path}: can't be read as {path.suffix.lower()} ({type(error).__name__}: {error}): "
             "export it again, or remove the object"
         ) from error
-    parts = [_placed(loaded, node) for node in sorted(loaded.graph.nodes_geometry) if _is_mesh(loaded, node)]
-    parts = [part for part in parts if len(part.faces)]
+    nodes = sorted(loaded.graph.nodes_geometry)
+    meshes = [node for node in nodes if isinstance(loaded.geometry[loaded.graph[node][1]], trimesh.Trimesh)]
+    parts = [part for part in (_placed(loaded, node) for node in meshes) if len(part.faces)]
     if not parts:
-        raise UnusableObject(f"{path}: holds {_contents(loaded)}, no triangles: export the object's faces")
+        loose = (trimesh.PointCloud, trimesh.path.Path2D, trimesh.path.Path3D)
+        points = any(isinstance(geometry, loose) for geometry in loaded.geometry.values())
+        contents = "points or lines only" if points else "nothing"
+        raise UnusableObject(f"{path}: holds {contents}, no triangles: export the object's faces")
     for part in parts:
         if part.faces.min() < 0 or part.faces.max() >= len(part.vertices):
             raise UnusableObject(
@@ -68,17 +68,6 @@ def load_parts(
     if replaced is not None:
         replaced |= problems
     return parts
-
-
-def _is_mesh(loaded: trimesh.Scene, node: str) -> bool:
-    return isinstance(loaded.geometry[loaded.graph[node][1]], trimesh.Trimesh)
-
-
-def _contents(loaded: trimesh.Scene) -> str:
-    loose = (trimesh.PointCloud, trimesh.path.Path2D, trimesh.path.Path3D)
-    if any(isinstance(geometry, loose) for geometry in loaded.geometry.values()):
-        return "points or lines only"
-    return "nothing"
 
 
 def _placed(loaded: trimesh.Scene, node: str) -> trimesh.Trimesh:
