@@ -1,6 +1,6 @@
-"""Materials: each part gets one that says its metallic, roughness and base colour, whatever its file leaves out.
+"""Materials: each part gets one with metallic, roughness and base colour; glTF's defaults would make it metal.
 
-Left out, glTF's own defaults would count: metal, in any format. What the formats mean is taken as Blender takes it:
+Formats mean what Blender takes them to mean:
 
 - glTF: its own, with glTF's defaults (metallic 1). A part without a material is not metal here.
 - MTL: `Kd` is linear light. Under a texture it does not count: many exporters leave a dark one there. `Pr` is the
@@ -33,7 +33,7 @@ def make_explicit(mesh: trimesh.Trimesh, suffix: str) -> None:
         colours = visual.vertex_attributes.get("color")
         if colours is not None:
             colours = _bytes(to_float(colours))
-        made = _of_simple(material, uv is not None) if isinstance(material, SimpleMaterial) else material
+        made = _from_simple(material, uv is not None) if isinstance(material, SimpleMaterial) else material
     if made.metallicFactor is None:
         made.metallicFactor = 1.0 if suffix in (".glb", ".gltf") else 0.0
     made.roughnessFactor = 1.0 if made.roughnessFactor is None else made.roughnessFactor
@@ -44,23 +44,23 @@ def make_explicit(mesh: trimesh.Trimesh, suffix: str) -> None:
         mesh.visual.vertex_attributes["color"] = colours
 
 
-def _of_simple(material: SimpleMaterial, has_coordinates: bool) -> PBRMaterial:
+def _from_simple(material: SimpleMaterial, has_coordinates: bool) -> PBRMaterial:
     """The material of an OBJ's library, or of a PLY's texture."""
-    says = {key: value for key in ("kd", "ns", "pm", "pr") if (value := _numbers(material.kwargs.get(key)))}
+    given = {key: value for key in ("kd", "ns", "pm", "pr") if (value := _numbers(material.kwargs.get(key)))}
     image = material.image if has_coordinates else None
-    shininess = np.clip(says.get("ns", [0.0])[0], 0, 1000)
-    colour = says.get("kd", [PLAIN]) if image is None else [1.0]
+    shininess = np.clip(given.get("ns", [0.0])[0], 0, 1000)
+    colour = given.get("kd", [PLAIN]) if image is None else [1.0]
     return PBRMaterial(
         name=material.name,
         baseColorTexture=image,
         baseColorFactor=[*np.clip(np.resize(colour, 3), 0, 1), 1.0],
-        metallicFactor=np.clip(says.get("pm", [0.0])[0], 0, 1),
-        roughnessFactor=np.clip(says.get("pr", [1 - np.sqrt(shininess / 1000)])[0], 0, 1),
+        metallicFactor=np.clip(given.get("pm", [0.0])[0], 0, 1),
+        roughnessFactor=np.clip(given.get("pr", [1 - np.sqrt(shininess / 1000)])[0], 0, 1),
     )
 
 
 def _numbers(value) -> list[float]:
-    """A key's numbers as the reader gives them, one or several, as text or not; empty if they are none."""
+    """A key's finite numbers, one or several, as text or not; else empty."""
     try:
         found = [float(each) for each in np.ravel(value)]
     except (TypeError, ValueError):

@@ -9,16 +9,11 @@ from trimesh.ray.ray_pyembree import RayMeshIntersector
 
 from palpate.mesh import topology
 
-# Two vertices closer than this share of the bounding box's diagonal are one; a triangle that is thinner has
-# no area. Single precision, in which most formats store, resolves about 1e-7 of it.
+# Vertices closer than this share of the bounding box's diagonal are one; a thinner triangle has no area. Single
+# precision, in which most formats store, resolves about 1e-7 of it.
 TOLERANCE = 1e-6
-
-# Coordinates whose difference is a smaller share of the tolerance differ by rounding only.
-ROUNDING = 1e-3
-
-# An open sheet is turned if this much more (as a share of the rays) escapes from its back than from its
-# front.
-VISIBILITY_MARGIN = 0.05
+ROUNDING = 1e-3  # of the tolerance: coordinates that differ by less differ by rounding
+VISIBILITY_MARGIN = 0.05  # share of the rays by which more escape from an open sheet's back than its front to turn it
 
 
 class Repaired(NamedTuple):
@@ -92,8 +87,7 @@ def _collapsed(faces):
 def _doubled(vertices, faces, merged, among, tolerance):
     """Faces (f,) bool to drop of those `among` that have the same three merged vertices, in any order.
 
-    Of each set all but the earliest; and that too if the set is a fold, without which its shell has no border
-    and with one side of which it has one.
+    Of each set all but the earliest; and that too if the set is a fold without which its shell has no border.
     """
     index = np.flatnonzero(among)
     corners = np.sort(merged[index], axis=1)
@@ -120,8 +114,8 @@ def _doubled(vertices, faces, merged, among, tolerance):
 
 
 def _folded(vertices, faces, merged, tolerance):
-    """Which pairs of faces (k, 2, 3) bool are the two sides of a sliver that welding brought together: they
-    run opposite ways around the same merged vertices (k, 2, 3), and the source holds them apart."""
+    """Which pairs of faces (k, 2, 3) are two sides of a sliver that welding joined: they run opposite ways around the
+    same merged vertices (k, 2, 3), and are apart in the source."""
     a, b, c = np.moveaxis(merged, 2, 0)
     way = (a > b) ^ (b > c) ^ (a > c)
     order = np.argsort(merged, axis=2)
@@ -131,16 +125,13 @@ def _folded(vertices, faces, merged, tolerance):
 
 
 def _border(faces, group, count):
-    """How many sides of faces lie on an edge with an odd number of their group's faces: (count,)."""
+    """How many edges of faces have an odd number of their group's faces: (count,)."""
     odd = topology.edge_counts(faces, group).reshape(-1, 3) % 2
     return np.bincount(group, weights=odd.sum(axis=1), minlength=count)
 
 
 def _droppable(vertices, faces, keep, tolerance):
-    """Faces (f,) bool thinner than the tolerance, unless to drop them would open a closed surface.
-
-    A triangle with its three corners on a line may be what closes the crack between its neighbours.
-    """
+    """Faces (f,) bool thinner than the tolerance, unless that opens a closed surface: one may close a crack."""
     side = vertices[np.roll(faces, -1, axis=1)] - vertices[faces]
     longest = np.linalg.norm(side, axis=2).max(axis=1)
     height = np.linalg.norm(np.cross(side[:, 0], side[:, 1]), axis=1) / np.maximum(longest, 1e-300)
@@ -157,33 +148,21 @@ def _droppable(vertices, faces, keep, tolerance):
 def _turned(vertices, faces):
     """Which faces (f,) bool to turn for a consistent winding that faces outwards."""
     oriented, patch = igl.bfs_orient(np.ascontiguousarray(faces, dtype=np.int64))
-    oriented = _start_alike(faces, oriented)
-    turned = (oriented != faces).any(axis=1)
-    size = np.bincount(patch)
-    minority = np.bincount(patch, weights=turned) <= size / 2
+    turned = ~np.any([(np.roll(oriented, shift, axis=1) == faces).all(axis=1) for shift in range(3)], axis=0)
+    minority = np.bincount(patch, weights=turned) <= np.bincount(patch) / 2
     turned ^= ~minority[patch]  # as few as possible
     current = np.where(turned[:, None], faces[:, ::-1], faces)
     closed = topology.closed_groups(current, patch)
-    wrong = np.zeros(len(size), dtype=bool)
-    wrong[closed] = _inside_out(vertices, current, patch, closed)[closed]
+    wrong = closed & _inside_out(vertices, current, patch, closed)
     if not closed.all():
         wrong |= ~closed & _seen_from_behind(vertices, current, patch, ~closed)
     return turned ^ wrong[patch]
 
 
-def _start_alike(faces, oriented):
-    """The oriented faces, rows reversed back to front where turned, so that they compare."""
-    kept = np.zeros(len(faces), dtype=bool)
-    for shift in range(3):
-        kept |= (np.roll(oriented, shift, axis=1) == faces).all(axis=1)
-    return np.where(kept[:, None], faces, faces[:, ::-1])
-
-
 def _inside_out(vertices, faces, patch, closed):
     """Closed patches (p,) bool to turn: those whose outermost enclosing closed patch has negative volume.
 
-    So a void inside a solid goes on facing its hollow, while a solid that is inside out is turned with all
-    that it holds.
+    A void inside a solid then still faces its hollow; a solid that is inside out is turned with all in it.
     """
     origin = vertices.mean(axis=0)
     corner = vertices[faces] - origin
@@ -211,15 +190,14 @@ def _inside_out(vertices, faces, patch, closed):
 def _seen_from_behind(vertices, faces, patch, candidates):
     """Patches (p,) bool among the candidates whose back can be seen from outside more than their front.
 
-    From the centres of up to 16 faces of each patch, 8 rays a side: the side from which more rays escape from
-    the object is outside (the idea of Takayama et al. 2014, A Simple Method for Correcting Facet
-    Orientations).
+    From the centres of up to 16 faces of each patch, 8 rays a side: outside is where more rays escape from the object
+    (the idea of Takayama et al. 2014, A Simple Method for Correcting Facet Orientations).
     """
     index = np.flatnonzero(candidates[patch])
     index = index[np.argsort(patch[index], kind="stable")]
     start = np.r_[0, np.flatnonzero(np.diff(patch[index])) + 1]
-    rank = np.arange(len(index)) - np.repeat(start, np.diff(np.r_[start, len(index)]))
-    length = np.repeat(np.diff(np.r_[start, len(index)]), np.diff(np.r_[start, len(index)]))
+    lengths = np.diff(np.r_[start, len(index)])
+    rank, length = np.arange(len(index)) - np.repeat(start, lengths), np.repeat(lengths, lengths)
     chosen = index[rank * 16 // length != (rank - 1) * 16 // length]
     mesh = Trimesh(vertices, faces, process=False, validate=False)
     normal = np.cross(

@@ -1,6 +1,6 @@
-"""Textures that a mesh file names and that can't be used: said by name, and neutral grey in their place.
+"""Textures that a mesh file names and that can't be used are reported by name, and replaced by neutral grey.
 
-Without this a reader leaves them out without a word, and what is left of the material may be black.
+trimesh omits them in silence, and the rest of the material may be black.
 """
 
 import io
@@ -28,8 +28,7 @@ MARK = "palpate: neutral grey"  # in the comment of an image that stands for one
 class Resolver(FilePathResolver):
     """Reads the files that a mesh file names; an image that can't be used comes as a neutral grey one.
 
-    root: the folder that they have to be in, as for `palpate.named_files.find`.
-    Attributes: replaced, what is wrong with each such file, by the name that the mesh file has for it.
+    root: as for `palpate.named_files.find`. Attributes: replaced, the problem of each such file, by its name.
     """
 
     def __init__(self, path: Path, root: Path | str | None = None):
@@ -47,23 +46,18 @@ class Resolver(FilePathResolver):
         else:
             data = (self.path.parent / place).read_bytes()
             problem = problem_of(data) if image else None
-        if problem and image:
-            return self._instead(name, problem)
-        if problem:
-            self.replaced[name] = problem
-            raise FileNotFoundError(f"{name}: {problem}")
-        return data
-
-    def _instead(self, name: str, problem: str) -> bytes:
+        if not problem:
+            return data
         self.replaced[name] = problem
+        if not image:
+            raise FileNotFoundError(f"{name}: {problem}")
         file = io.BytesIO()
-        image = PIL.Image.new("RGB", (1, 1), (128, 128, 128))
-        image.save(file, "GIF", comment=MARK.encode())
+        PIL.Image.new("RGB", (1, 1), (128, 128, 128)).save(file, "GIF", comment=MARK.encode())
         return file.getvalue()
 
 
 def problem_of(data: bytes) -> str | None:
-    """Why an image file's content can't be used as a texture; None if it can, as far as its head tells."""
+    """Why an image file's content can't be used as a texture, by its header; None if it can."""
     try:
         with PIL.Image.open(io.BytesIO(data)) as image:
             width, height = image.size
@@ -77,7 +71,7 @@ def problem_of(data: bytes) -> str | None:
 
 
 def within(path: Path) -> tuple[dict[str, str], set[str]]:
-    """What is wrong with images within a .glb file, by name, and the names of materials whose colour they are."""
+    """Problems of images within a .glb file, by name, and the names of materials whose colour they are."""
     if path.suffix.lower() != ".glb":
         return {}, set()
     try:
@@ -96,7 +90,7 @@ def within(path: Path) -> tuple[dict[str, str], set[str]]:
 
 
 def make_neutral(mesh: trimesh.Trimesh, names: set[str]) -> None:
-    """Give a part the neutral grey material if its colour is from an image that can't be used, or from none at all.
+    """Give a part the neutral grey material if its image can't be used, or was made up by trimesh.
 
     names: of materials whose image is within the file and can't be used.
     """
@@ -104,22 +98,13 @@ def make_neutral(mesh: trimesh.Trimesh, names: set[str]) -> None:
     if material is None:
         return
     images = [getattr(material, name, None) for name in ("image", "baseColorTexture")]
-    replaced = any(image is not None and _comment(image) == MARK for image in images)
+    marks = (MARK, MARK.encode())
+    replaced = any(image is not None and image.info.get("comment") in marks for image in images)
+    # For texture coordinates alone trimesh makes up a material: one dark image, of no file.
+    made_up = images[0] is not None and images[0].format is None and np.array_equal(np.asarray(images[0]), MADE_UP)
     name = getattr(material, "name", None)
-    lost = name in names and (name is not None or images == [None, None])
-    if replaced or lost or _is_empty(material):
+    if replaced or made_up or (name in names and (name is not None or images == [None, None])):
         grey = PBRMaterial(
             name=material.name, baseColorFactor=[GREY, GREY, GREY, 1.0], metallicFactor=0.0, roughnessFactor=1.0
         )
         mesh.visual = trimesh.visual.TextureVisuals(uv=mesh.visual.uv, material=grey)
-
-
-def _comment(image: PIL.Image.Image) -> str:
-    comment = image.info.get("comment", b"")
-    return comment.decode(errors="replace") if isinstance(comment, bytes) else str(comment)
-
-
-def _is_empty(material) -> bool:
-    """Whether it is the material that the reader makes up for texture coordinates alone: one dark image, of no file."""
-    image = getattr(material, "image", None)
-    return image is not None and image.format is None and np.array_equal(np.asarray(image), MADE_UP)
