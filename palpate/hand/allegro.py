@@ -29,8 +29,7 @@ PALM_BOXES = (
     ((-0.030, 0.0), (-0.095, -0.081)),
 )
 
-# Index, middle, ring: (y, z, roll) of the finger's base in the palm frame; the index finger is next to the
-# thumb.
+# (y, z, roll) of the finger's base in the palm frame; the index finger is next to the thumb.
 FINGERS = (("index", -0.0435, -0.00154, 0.0873), ("middle", 0.0, 0.0007, 0.0), ("ring", 0.0435, -0.00154, -0.0873))
 # Of every finger's links: (offset along z from the link before, joint axis, range, half extents, centre's z).
 FINGER_LINKS = (
@@ -38,6 +37,14 @@ FINGER_LINKS = (
     (0.0164, (0, 1, 0), (-0.196, 1.61), (0.0098, 0.01375, 0.0270), 0.0270),
     (0.0540, (0, 1, 0), (-0.174, 1.709), (0.0098, 0.01375, 0.0192), 0.0192),
     (0.0384, (0, 1, 0), (-0.227, 1.618), (0.0098, 0.01375, 0.00735), 0.00735),
+)
+# Of the thumb's: place and roll, pitch, yaw in the link before; axis, range; half extents and centre of the box.
+THUMB_LINKS = (
+    ((-0.0182, -0.019333, -0.045987), (0, -1.658, 1.5708), (1, 0, 0), (0.263, 1.396))
+    + ((0.0179, 0.0170, 0.02275), (-0.0179, -0.009, 0.0145)),
+    ((-0.027, -0.005, 0.0399), (0, 0, 0), (0, 0, -1), (-0.105, 1.163), (0.0098, 0.01375, 0.00885), (0, 0, 0.00885)),
+    ((0, 0, 0.0177), (0, 0, 0), (0, 1, 0), (-0.189, 1.644), (0.0098, 0.01375, 0.0257), (0, 0, 0.0257)),
+    ((0, 0, 0.0514), (0, 0, 0), (0, 1, 0), (-0.162, 1.719), (0.0098, 0.01375, 0.01515), (0, 0, 0.01515)),
 )
 FINGER_TIP_OFFSET = 0.0147
 THUMB_TIP_OFFSET = 0.0303
@@ -57,65 +64,50 @@ def allegro(gel_face: float = DIGIT.gel_face) -> Hand:
 
     gel_face: m from the sensor frame to the gel's face, of another sensor in the DIGIT's place.
     """
-    links, joints, geoms = [], [], []
+    links, joints, geoms = [("palm", -1, (0, 0, 0), np.eye(3))], [], []
 
-    def add_link(name, parent, position, rotation, joint=None) -> int:
-        links.append((name, parent, position, rotation))
-        if joint is not None:
-            joints.append((len(links) - 1, *joint))
-        return len(links) - 1
+    def add_box(link, low, high, colour) -> None:
+        low, high = np.array(low), np.array(high)
+        geoms.append((link, (low + high) / 2, (high - low) / 2, colour))
 
-    def add_box(link, centre, half_extents, colour) -> None:
-        geoms.append((link, centre, half_extents, colour))
-
-    def add_tip(name, parent, offset) -> int:
-        tip = add_link(f"{name}_tip", parent, (0, 0, offset), np.eye(3))
-        for bounds, colour in ((DIGIT_BODY, DIGIT_COLOUR), (GEL_PAD, GEL_COLOUR)):
-            low, high = np.array(bounds).T
-            add_box(tip, (low + high) / 2, (high - low) / 2, colour)
-        return tip
-
-    palm = add_link("palm", -1, (0, 0, 0), np.eye(3))
     for (low_y, high_y), (low_z, high_z) in PALM_BOXES:
-        low, high = np.array([PALM_BACK, low_y, low_z]), np.array([PALM_FACE, high_y, high_z])
-        add_box(palm, (low + high) / 2, (high - low) / 2, LINK_COLOUR)
-
+        add_box(0, (PALM_BACK, low_y, low_z), (PALM_FACE, high_y, high_z), LINK_COLOUR)
+    fingers = [(name, finger_links(y, z, roll), FINGER_TIP_OFFSET) for name, y, z, roll in FINGERS]
     tips = []
-    for name, y, z, roll in FINGERS:
-        link = palm
-        for number, (offset, axis, limits, half_extents, centre) in enumerate(FINGER_LINKS):
-            at_base = number == 0
-            position = (0, y, z) if at_base else (0, 0, offset)
-            rotation = roll_pitch_yaw(roll, 0, 0) if at_base else np.eye(3)
-            link = add_link(f"{name}_{number}", link, position, rotation, (axis, limits))
-            add_box(link, (0, 0, centre), half_extents, LINK_COLOUR)
-        tips.append(add_tip(name, link, FINGER_TIP_OFFSET))
-
-    link = palm
-    for number, (position, rpy, axis, limits, centre, half_extents) in enumerate(thumb_links()):
-        link = add_link(f"thumb_{number}", link, position, roll_pitch_yaw(*rpy), (axis, limits))
-        add_box(link, centre, half_extents, LINK_COLOUR)
-    tips.append(add_tip("thumb", link, THUMB_TIP_OFFSET))
+    for name, finger, tip_offset in (*fingers, ("thumb", THUMB_LINKS, THUMB_TIP_OFFSET)):
+        link = 0
+        for number, (position, rpy, axis, limits, half_extents, centre) in enumerate(finger):
+            links.append((f"{name}_{number}", link, position, roll_pitch_yaw(*rpy)))
+            link = len(links) - 1
+            joints.append((link, axis, limits))
+            geoms.append((link, centre, half_extents, LINK_COLOUR))
+        links.append((f"{name}_tip", link, (0, 0, tip_offset), np.eye(3)))
+        tips.append(len(links) - 1)
+        add_box(tips[-1], *np.transpose(DIGIT_BODY), DIGIT_COLOUR)
+        add_box(tips[-1], *np.transpose(GEL_PAD), GEL_COLOUR)
 
     anchor = np.eye(4)
     anchor[:3, 3] = (PALM_FACE, 0, PALM_ANCHOR_HEIGHT)
+    link_names, link_parent, link_position, link_rotation = zip(*links, strict=True)
+    joint_link, joint_axis, joint_range = zip(*joints, strict=True)
+    geom_link, geom_position, geom_size, geom_rgba = zip(*geoms, strict=True)
     count = len(geoms)
     return Hand(
         name="allegro",
-        link_names=tuple(link[0] for link in links),
-        link_parent=np.array([link[1] for link in links]),
-        link_position=np.array([link[2] for link in links], dtype=float),
-        link_rotation=np.array([link[3] for link in links], dtype=float),
-        joint_link=np.array([joint[0] for joint in joints]),
-        joint_axis=np.array([joint[1] for joint in joints], dtype=float),
+        link_names=link_names,
+        link_parent=np.array(link_parent),
+        link_position=np.array(link_position, dtype=float),
+        link_rotation=np.array(link_rotation),
+        joint_link=np.array(joint_link),
+        joint_axis=np.array(joint_axis, dtype=float),
         joint_slides=np.zeros(len(joints), dtype=bool),
-        joint_range=np.array([joint[2] for joint in joints], dtype=float),
-        geom_link=np.array([geom[0] for geom in geoms]),
+        joint_range=np.array(joint_range),
+        geom_link=np.array(geom_link),
         geom_kind=("box",) * count,
-        geom_size=np.array([geom[2] for geom in geoms], dtype=float),
-        geom_position=np.array([geom[1] for geom in geoms], dtype=float),
+        geom_size=np.array(geom_size, dtype=float),
+        geom_position=np.array(geom_position, dtype=float),
         geom_rotation=np.tile(np.eye(3), (count, 1, 1)),
-        geom_rgba=np.array([geom[3] for geom in geoms], dtype=float),
+        geom_rgba=np.array(geom_rgba, dtype=float),
         geom_collides=np.ones(count, dtype=bool),
         geom_vertices=(np.zeros((0, 3)),) * count,
         geom_faces=(np.zeros((0, 3), dtype=int),) * count,
@@ -129,21 +121,10 @@ def allegro(gel_face: float = DIGIT.gel_face) -> Hand:
     )
 
 
-def thumb_links() -> tuple:
-    """Thumb links: place and roll, pitch, yaw in the one before; axis, range; box centre, half extents."""
-    return (
-        (
-            (-0.0182, -0.019333, -0.045987),
-            (0, -1.658, 1.5708),
-            (1, 0, 0),
-            (0.263, 1.396),
-            (-0.0179, -0.009, 0.0145),
-            (0.0179, 0.0170, 0.02275),
-        ),
-        ((-0.027, -0.005, 0.0399), (0, 0, 0), (0, 0, -1), (-0.105, 1.163), (0, 0, 0.00885), (0.0098, 0.01375, 0.00885)),
-        ((0, 0, 0.0177), (0, 0, 0), (0, 1, 0), (-0.189, 1.644), (0, 0, 0.0257), (0.0098, 0.01375, 0.0257)),
-        ((0, 0, 0.0514), (0, 0, 0), (0, 1, 0), (-0.162, 1.719), (0, 0, 0.01515), (0.0098, 0.01375, 0.01515)),
-    )
+def finger_links(y: float, z: float, roll: float) -> list[tuple]:
+    """Rows as of `THUMB_LINKS` for a finger whose base is at (y, z), turned by `roll`."""
+    base, next_ones = ((0, y, z), (roll, 0, 0)), [((0, 0, row[0]), (0, 0, 0)) for row in FINGER_LINKS[1:]]
+    return [(*place, *row[1:4], (0, 0, row[4])) for place, row in zip([base, *next_ones], FINGER_LINKS, strict=True)]
 
 
 def roll_pitch_yaw(roll: float, pitch: float, yaw: float) -> np.ndarray:

@@ -22,14 +22,11 @@ SMALLEST, LARGEST = 0.01, 1.0  # m, from end to end: hands of other sizes don't 
 class Hand:
     """A kinematic tree of L links with J joints, G geoms and s touch sensors. Metres, radians.
 
-    Links come in an order in which parents precede children; link 0 is the palm, its frame is the palm frame.
-    Joint `j` turns link `joint_link[j]` about an axis through the origin of the link's frame, or slides it along the
-    axis. A link that no joint names is fixed to its parent.
-
-    Geom sizes follow MuJoCo: box (half extents), sphere (radius), capsule and cylinder (radius, half length
-    along z), ellipsoid (half axes); a mesh is the convex hull of its vertices and has no size.
-
-    Rotations are 3 x 3 matrices whose columns are the frame's axes in the frame it is given in.
+    Parents precede children; link 0 is the palm, its frame the palm frame. Joint `j` turns link `joint_link[j]` about
+    an axis through the origin of the link's frame, or slides it along the axis; a link without a joint is fixed to its
+    parent. Geom sizes follow MuJoCo: box (half extents), sphere (radius), capsule and cylinder (radius, half length
+    along z), ellipsoid (half axes); a mesh is the convex hull of its vertices and has no size. Columns of rotations are
+    the frame's axes in the frame it is given in.
     """
 
     name: str
@@ -60,18 +57,15 @@ class Hand:
 
     def __post_init__(self) -> None:
         if not len(self.sensor_link) or self.sensor_thumb.all():
+            thumb = " but the thumb's" * bool(len(self.sensor_link))
             raise ValueError(
-                f"hand {self.name!r} has no touch sensor"
-                + " but the thumb's" * bool(len(self.sensor_link))
-                + ": name one or more sensor frames of other fingers"
+                f"hand {self.name!r} has no touch sensor{thumb}: name one or more sensor frames of other fingers"
             )
         if not np.isfinite(self.joint_range).all() or (self.joint_range[:, 0] > self.joint_range[:, 1]).any():
             raise ValueError(f"hand {self.name!r}: every joint needs a finite range (low, high) in radians or metres")
         unknown = set(self.geom_kind) - set(GEOM_KINDS)
         if unknown:
-            raise ValueError(
-                f"hand {self.name!r} has geoms of kind {sorted(unknown)}: use one of {', '.join(GEOM_KINDS)}"
-            )
+            raise ValueError(f"hand {self.name!r} has geoms of kind {sorted(unknown)}: use {', '.join(GEOM_KINDS)}")
         if not self.geom_collides.any():
             raise ValueError(f"hand {self.name!r} has no geom that collides: its fingers would pass through objects")
         # Half spaces of mesh geoms, once: (P, 4) outward normal and offset, empty for the other kinds.
@@ -90,8 +84,8 @@ class Hand:
             )
 
     def length(self) -> float:
-        """The open hand's largest extent along an axis of the palm, by geoms' centres and sensors, metres; or that of a
-        colliding geom, if it is larger."""
+        """Metres of the open hand's largest extent along an axis of the palm, by geoms' centres and sensors, or of a
+        colliding geom's, if larger."""
         links = self.forward(np.eye(4), self.open_joint_positions)
         places = [self.geom_poses(links)[self.geom_collides, :3, 3], self.sensor_frames(links)[0]]
         own = np.array([np.ptp(shape, axis=0).max() if len(shape) else 0 for shape in self.geom_vertices])
@@ -100,8 +94,7 @@ class Hand:
         return float(max(np.ptp(np.concatenate(places), axis=0).max(), geoms.max()))
 
     def contact_distance(self) -> np.ndarray:
-        """Distance (s,) in metres from each sensor's origin to where its +x axis leaves its link's geoms; 0 if it meets
-        none."""
+        """Metres (s,) from each sensor's origin to where its +x axis leaves its link's geoms; 0 if it misses them."""
         link_pose = self.forward(np.eye(4), self.open_joint_positions)
         position, rotation = self.sensor_frames(link_pose)
         along = np.linspace(0, GEL_SEARCH, 501)
@@ -113,10 +106,7 @@ class Hand:
         return distances
 
     def forward(self, palm_pose: np.ndarray, joint_positions: np.ndarray) -> np.ndarray:
-        """Pose of every link in the world.
-
-        palm_pose: (..., 4, 4); joint_positions: (..., J), the leading axes broadcast. Returns (..., L, 4, 4).
-        """
+        """World poses (..., L, 4, 4) of links for palm_pose (..., 4, 4) and joint_positions (..., J), broadcast."""
         palm_pose, joint_positions = np.asarray(palm_pose), np.asarray(joint_positions)
         if joint_positions.shape[-1:] != self.joint_link.shape:
             raise ValueError(f"expected {len(self.joint_link)} joint positions, got {joint_positions.shape}")
@@ -175,8 +165,7 @@ class Hand:
     def adjacent_links(self) -> np.ndarray:
         """Which links never collide with each other, (L, L) bool: rigidly joined, or one joint apart.
 
-        Links without colliding geoms (the joints of a body with several hinges) don't separate their
-        neighbours.
+        Links without colliding geoms (the joints of a body with several hinges) don't count between others.
         """
         count = len(self.link_names)
         solid = np.zeros(count, dtype=bool)
@@ -203,9 +192,8 @@ class Hand:
         for field in fields(self):
             value = getattr(self, field.name)
             if field.name in ("geom_vertices", "geom_faces"):
-                counts = np.array([len(array) for array in value])
                 arrays[field.name] = np.concatenate([np.reshape(array, (-1, 3)) for array in value])
-                arrays[f"{field.name}_count"] = counts
+                arrays[f"{field.name}_count"] = np.array([len(array) for array in value])
             elif isinstance(value, np.ndarray):
                 arrays[field.name] = value
             else:
@@ -215,10 +203,7 @@ class Hand:
 
     @classmethod
     def from_arrays(cls, arrays: Mapping[str, np.ndarray], prefix: str = "") -> "Hand":
-        """The hand that `to_arrays` wrote; `arrays` may be any mapping of array-likes (an HDF5 group).
-
-        prefix: of its arrays' names, which other arrays may have without it (a grasps store has "hand/").
-        """
+        """The hand of `to_arrays`; arrays: any mapping of array-likes (an HDF5 group); prefix: of the names in it."""
         values = {}
         for field in fields(cls):
             value = np.asarray(arrays[f"{prefix}{field.name}"][...])

@@ -32,24 +32,21 @@ def from_mjcf(path: Path | str, sensors: Mapping | Path | str, gel_face: float =
     sensors: a mapping, or a YAML file that holds one, with the keys
 
     - `sensors`: one or more of `{site: name}` or `{body: name, position: [x, y, z], rotation: [roll, pitch, yaw]}`
-      (metres, radians, fixed axes), at the middle of the gel's face; x points out of the gel, y along the columns and
-      z along the rows of a reading.
-    - `palm` (optional): the palm's body; default: the first one. The hand is everything from it on.
-    - `anchor` (optional): a site on the palm's face, x its outward normal and z along the fingers, which is
-      aimed at the object; default: the face of the palm's collision geoms in +x, at y = z = 0 of the palm's
-      body.
-    - `open` (optional): joint positions of the open hand in radians or metres; default: those of the file.
-    - `thumb` (optional): names of the sensors (sites or bodies) of the thumb, which closes in a share of the attempts
-      only (`grasps.thumb_share`); default: none, all fingers close in each.
+      (metres, radians, fixed axes), at the middle of the gel's face: x out of the gel, y along the columns and z along
+      the rows of a reading
+    - `palm` (default: the first body): the palm's body; the hand is everything from it on
+    - `anchor`: a site on the palm's face, which is aimed at the object, x its outward normal and z along the fingers;
+      default: the face of the palm's collision geoms in +x, at y = z = 0 of the palm's body
+    - `open`: joint positions of the open hand in radians or metres; default: those of the file
+    - `thumb`: names of the thumb's sensors, which closes in a share of the attempts only (`grasps.thumb_share`);
+      default: none, all fingers close in each
 
-    gel_face: metres from the sensors' frames to the gel's face, of their kind.
+    gel_face: metres from the sensors' frames to the gel's face. The palm's frame is that of its body, whose joints are
+    omitted with a warning, for a grasp places the palm. Every other joint gets a servo and keeps its range.
 
-    The palm's frame is that of its body. Joints of that body are omitted, for a grasp places the palm; a warning says
-    so. Every other joint is driven by a servo of its own; its range is the file's.
-
-    Raises `ConfigError`, naming the model file, for what a `Hand` can't be: joints other than hinges and slides,
-    coupled joints, unlimited joints, degrees for radians, another size than a hand's; naming the file of the sensors,
-    for a key or a name in it that is wrong, and positions of the open hand out of range.
+    Raises `ConfigError`, naming the model file, for joints other than hinges and slides, coupled or unlimited joints,
+    degrees for radians, or a size that no hand has; naming the sensors' file, for a wrong key or name, and positions of
+    the open hand out of range.
     """
     path, given = Path(path), isinstance(sensors, Mapping)
     named, description = (f"the sensors of {path}", sensors) if given else (str(sensors), read_yaml(sensors))
@@ -63,29 +60,22 @@ def from_mjcf(path: Path | str, sensors: Mapping | Path | str, gel_face: float =
 
 
 def check_files(model: Path | str, sensors: Path | str, sensor: Sensor) -> list[str]:
-    """Read an own hand's two files as `from_mjcf` does. Returns a sentence for each sensor whose gel's face, as stated,
-    is not where the surface of its link is: there a finger stops."""
+    """Read an own hand's files as `from_mjcf` does; a sentence for each sensor whose gel's face is off its link."""
     hand, found = from_mjcf(model, sensors, sensor.gel_face), []
     for name, distance in zip(hand.sensor_names, hand.contact_distance(), strict=True):
         off = distance - sensor.gel_face
-        where = (
-            f"{1e3 * abs(off):.0f} mm {'beyond' if off > 0 else 'behind'} its gel's face"
-            if distance
-            else "not on its x"
-        )
+        where = f"{1e3 * abs(off):.0f} mm {'beyond' if off > 0 else 'behind'} its gel's face"
+        where = where if distance else "not on its x"
         where += f", out of the range of {sensor.name}" * bool(distance > sensor.range)
-        if abs(off) > ON_GEL:
-            found.append(
-                f"{sensors}: sensor {name!r}: the surface of its link is {where}; a site is in that face, x out of it"
-            )
+        message = f"{sensors}: sensor {name!r}: the surface of its link is {where}; a site is in that face, x out of it"
+        found += [message] * bool(abs(off) > ON_GEL)
     return found
 
 
 def model_files(path: Path | str) -> list[Path]:
-    """The other files that a model file names and that exist, sorted: meshes, textures, included models.
+    """The existing files that a model file names, sorted: meshes, textures, included models; none if it can't be read.
 
-    Of a URDF its meshes, which MuJoCo looks up by name in the folder that its compiler element says (the
-    model's by default). None, if the file can't be read.
+    Of a URDF its meshes, which MuJoCo looks up by name in the folder of the compiler element (the model's by default).
     """
     path = Path(path)
     try:
@@ -104,9 +94,9 @@ def model_files(path: Path | str) -> list[Path]:
 class _Reader:
     """Rebases every body's frame so that its origin is on its joint's axis, as `Hand` has it."""
 
-    def __init__(self, model: mujoco.MjModel, path: Path, named: str):
-        """named: what messages call the description of the sensors."""
-        self.model, self.path, self.named = model, path, named
+    def __init__(self, model: mujoco.MjModel, path: Path, source: str):
+        """source: of the description of the sensors, for error messages."""
+        self.model, self.path, self.source = model, path, source
         if (model.eq_type == mujoco.mjtEq.mjEQ_JOINT).any():
             raise ValueError("joints coupled by an equality can't be read: each joint needs a servo of its own")
         self.links, self.joints, self.reference = [], [], []
@@ -128,35 +118,35 @@ class _Reader:
         self._check_turns()
         given = description["sensors"]
         if twice := [sensor for number, sensor in enumerate(given) if sensor in given[:number]]:
-            raise ConfigError(f"{self.named}: sensors: {twice[0]} is named twice")
+            raise ConfigError(f"{self.source}: sensors: {twice[0]} is named twice")
         sensors = [self._sensor(sensor) for sensor in given]
         names, thumb = [sensor[0] for sensor in sensors], description.get("thumb") or []
         if unknown := sorted(set(thumb) - set(names)):
             raise ConfigError(
-                f"{self.named}: `thumb` names {', '.join(unknown)}, which no sensor is called: {', '.join(names)}"
+                f"{self.source}: `thumb` names {', '.join(unknown)}, which no sensor is called: {', '.join(names)}"
             )
         joint_range = np.array([joint[2] for joint in self.joints], dtype=float).reshape(-1, 2)
         start = self._open(description.get("open"), joint_range)
         kinds, vertices, faces = zip(*(self._geom_shape(geom) for geom in geoms), strict=True)
-        hand = Hand(
+        link_names, link_parent, link_position, link_rotation = zip(*self.links, strict=True)
+        bodies = model.geom_bodyid[geoms]
+        return Hand(
             name=self.path.stem,
-            link_names=tuple(link[0] for link in self.links),
-            link_parent=np.array([link[1] for link in self.links]),
-            link_position=np.array([link[2] for link in self.links]),
-            link_rotation=np.array([link[3] for link in self.links]),
+            link_names=link_names,
+            link_parent=np.array(link_parent),
+            link_position=np.array(link_position),
+            link_rotation=np.array(link_rotation),
             joint_link=np.array([joint[0] for joint in self.joints]),
             joint_axis=np.array([joint[1] for joint in self.joints]),
             joint_slides=np.array([joint[3] for joint in self.joints], dtype=bool),
             joint_range=joint_range,
-            geom_link=np.array([self.link_of_body[model.geom_bodyid[geom]] for geom in geoms]),
+            geom_link=np.array([self.link_of_body[body] for body in bodies]),
             geom_kind=kinds,
-            geom_size=np.array([model.geom_size[geom] for geom in geoms]),
-            geom_position=np.array(
-                [self.origin_of_body[model.geom_bodyid[geom]] + model.geom_pos[geom] for geom in geoms]
-            ),
+            geom_size=model.geom_size[geoms],
+            geom_position=np.array([self.origin_of_body[body] for body in bodies]) + model.geom_pos[geoms],
             geom_rotation=_rotation(model.geom_quat[geoms]),
             geom_rgba=np.array([self._colour(geom) for geom in geoms], dtype=float),
-            geom_collides=np.array([self._collides(geom) for geom in geoms]),
+            geom_collides=(model.geom_contype[geoms] != 0) | (model.geom_conaffinity[geoms] != 0),
             geom_vertices=vertices,
             geom_faces=faces,
             sensor_names=tuple(names),
@@ -167,7 +157,6 @@ class _Reader:
             open_joint_positions=np.clip(start, *joint_range.T),
             palm_anchor=self._anchor(description, geoms),
         )
-        return hand
 
     def _find(self, kind: str, name: str) -> int:
         """The number of a body or a site that the description of the sensors names."""
@@ -176,11 +165,10 @@ class _Reader:
         except KeyError:
             known = (getattr(self.model, kind)(number).name for number in range(getattr(self.model, f"n{kind}")))
             names = ", ".join(filter(None, known))
-            raise ConfigError(f"{self.named}: {self.path} has no {kind} {name!r}, but {names or 'none'}") from None
+            raise ConfigError(f"{self.source}: {self.path} has no {kind} {name!r}, but {names or 'none'}") from None
 
     def _check_turns(self) -> None:
-        """ValueError if hinges turn so far or so little that degrees must have been taken for radians, or radians for
-        degrees."""
+        """Raises ValueError if hinges turn so far or so little that degrees and radians must have been confused."""
         turns = [(self.links[link][0], *limits) for link, _, limits, slides in self.joints if not slides]
         for name, low, high in turns:
             if max(-low, high) > FURTHEST_TURN:
@@ -194,12 +182,12 @@ class _Reader:
         names = [self.links[joint[0]][0] for joint in self.joints]
         if start.shape != (len(names),):
             raise ConfigError(
-                f"{self.named}: `open` has {start.size} joint positions, the hand has {len(names)} joints"
+                f"{self.source}: `open` has {start.size} joint positions, the hand has {len(names)} joints"
             )
         for name, position, (low, high) in zip(names, start, limits, strict=True):
             if given is not None and not low - OPEN_TOLERANCE <= position <= high + OPEN_TOLERANCE:
                 raise ConfigError(
-                    f"{self.named}: `open`: {position:g} is out of the range of {name!r}, {low:g} to {high:g}: give "
+                    f"{self.source}: `open`: {position:g} is out of the range of {name!r}, {low:g} to {high:g}: give "
                     "radians, of slides metres"
                 )
         return start
@@ -210,14 +198,11 @@ class _Reader:
 
     def _add_body(self, body: int) -> None:
         """A body as one link for each of its joints (one if it has none), each link's origin on its joint."""
-        model = self.model
-        name = model.body(body).name or f"body_{body}"
-        parent_body = model.body_parentid[body]
-        parent = self.link_of_body[parent_body]
+        model, parent_body = self.model, self.model.body_parentid[body]
+        name, parent = model.body(body).name or f"body_{body}", self.link_of_body[parent_body]
         position = self.origin_of_body[parent_body] + model.body_pos[body]
-        rotation = _rotation(model.body_quat[body])
+        rotation, anchor = _rotation(model.body_quat[body]), np.zeros(3)
         first, count = model.body_jntadr[body], model.body_jntnum[body]
-        anchor = np.zeros(3)
         if count == 0:
             parent = self._add_link(name, parent, position, rotation)
         for number, joint in enumerate(range(first, first + count)):
@@ -234,8 +219,8 @@ class _Reader:
                 position = position - reference * rotation @ axis
             else:
                 rotation = rotation @ rotation_about(axis, -reference)
-            last = number == count - 1
-            parent = self._add_link(name if last else f"{name}_{number}", parent, position, rotation)
+            link_name = name if number == count - 1 else f"{name}_{number}"
+            parent = self._add_link(link_name, parent, position, rotation)
             self.joints.append((parent, axis, model.jnt_range[joint].copy(), slides))
             self.reference.append(reference)
             position, rotation, anchor = np.zeros(3), np.eye(3), anchor_now
@@ -246,10 +231,10 @@ class _Reader:
         model = self.model
         if len({"site", "body"} & set(sensor)) != 1 or ("site" in sensor and len(sensor) > 1):
             raise ConfigError(
-                f"{self.named}: sensors: {dict(sensor)}: expected a site, or a body with a position and a rotation"
+                f"{self.source}: sensors: {dict(sensor)}: expected a site, or a body with a position and a rotation"
             )
         if np.abs(sensor.get("rotation", 0)).max() > 2 * np.pi:
-            raise ConfigError(f"{self.named}: sensors: rotation {sensor['rotation']}: give radians, not degrees")
+            raise ConfigError(f"{self.source}: sensors: rotation {sensor['rotation']}: give radians, not degrees")
         if "site" in sensor:
             site = self._find("site", sensor["site"])
             name, body = sensor["site"], model.site_bodyid[site]
@@ -259,7 +244,7 @@ class _Reader:
             position = np.asarray(sensor.get("position", (0, 0, 0)), dtype=float)
             rotation = Rotation.from_euler("xyz", sensor.get("rotation", (0, 0, 0))).as_matrix()
         if body not in self.link_of_body:
-            raise ConfigError(f"{self.named}: {name!r} is not on the hand: its body is not below the palm")
+            raise ConfigError(f"{self.source}: {name!r} is not on the hand: its body is not below the palm")
         return name, self.link_of_body[body], self.origin_of_body[body] + position, rotation
 
     def _anchor(self, description: Mapping, geoms: list[int]) -> np.ndarray:
@@ -267,7 +252,7 @@ class _Reader:
         if description.get("anchor"):
             _, link, anchor[:3, 3], anchor[:3, :3] = self._sensor({"site": description["anchor"]})
             if link != 0:
-                raise ConfigError(f"{self.named}: anchor {description['anchor']!r} is not a site of the palm's body")
+                raise ConfigError(f"{self.source}: anchor {description['anchor']!r} is not a site of the palm's body")
             return anchor
         faces = [self._front(geom) for geom in geoms if self.link_of_body[self.model.geom_bodyid[geom]] == 0]
         anchor[0, 3] = max(faces, default=0.0)
@@ -289,18 +274,12 @@ class _Reader:
         mesh = model.geom_dataid[geom]
         start, count = model.mesh_vertadr[mesh], model.mesh_vertnum[mesh]
         first, faces = model.mesh_faceadr[mesh], model.mesh_facenum[mesh]
-        return (
-            kind,
-            model.mesh_vert[start : start + count].astype(float),
-            model.mesh_face[first : first + faces].astype(int),
-        )
+        vertices = model.mesh_vert[start : start + count].astype(float)
+        return kind, vertices, model.mesh_face[first : first + faces].astype(int)
 
     def _colour(self, geom: int) -> np.ndarray:
         material = self.model.geom_matid[geom]
         return self.model.mat_rgba[material] if material >= 0 else self.model.geom_rgba[geom]
-
-    def _collides(self, geom: int) -> bool:
-        return bool(self.model.geom_contype[geom] or self.model.geom_conaffinity[geom])
 
 
 def _rotation(quaternions: np.ndarray) -> np.ndarray:

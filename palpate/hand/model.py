@@ -13,33 +13,28 @@ MUJOCO_GEOM = {
     "ellipsoid": mujoco.mjtGeom.mjGEOM_ELLIPSOID,
     "mesh": mujoco.mjtGeom.mjGEOM_MESH,
 }
-# Servo and joint constants of a hinge, with which closing is stable at a time step of 4 ms: kp 100 drives the
-# tips 9.8 mm into the object.
+# Of a hinge; closing is stable with these at a time step of 4 ms. With kp 100 the tips end 9.8 mm in the object.
 STIFFNESS = 1.0  # N m / rad
 MAX_TORQUE = 0.5  # N m
 ARMATURE = 5e-4  # kg m^2
 DAMPING = 0.01  # N m s / rad
-# Of the links about a hinge, the open hand's: three times the armature. Heavier links would swing through
-# their targets and still move at the end of a closing: a hand of twice the Allegro's size, by 7 degrees.
-LARGEST_INERTIA = 1.5e-3  # kg m^2
-# m: a slide has a hinge's constants at this arm, about a finger's length: stiffness and masses divided by its square,
-# forces by itself. Its tip gives way as a finger's does.
+# kg m^2, of the open hand's links about a hinge: three times the armature. Heavier links swing past their targets and
+# still move at the end of a closing: a hand of twice the Allegro's size, by 7 degrees.
+LARGEST_INERTIA = 1.5e-3
+# m, about a finger's length: a slide has a hinge's stiffness and masses over its square, and forces over it.
 ARM = 0.1
-# Links that have no volume of their own (a second hinge of one body) still need some inertia.
-LEAST_MASS, LEAST_INERTIA = 1e-3, 1e-7
+LEAST_MASS, LEAST_INERTIA = 1e-3, 1e-7  # of links without a volume of their own (a second hinge of one body)
 
 
 def build_spec(hand: Hand, stiffness: float = STIFFNESS) -> mujoco.MjSpec:
     """The hand as an `MjSpec`; bodies, joints and servos are named as their links.
 
-    The palm is fixed to the world; its `pos` and `quat` in the model may change between simulations.
-    `stiffness`: the servos' gain in N m / rad (of slides / ARM^2, N / m); they are critically damped against the
-    armature. Links have the
-    density of water, or less where the servos couldn't stop them in time (`LARGEST_INERTIA`). Masses, gains and
-    armature of a user's model file play no part.
+    The palm is fixed to the world; its `pos` and `quat` in the model may change between simulations. `stiffness`: the
+    servos' gain in N m / rad (of slides / ARM^2, N / m), critically damped against the armature. Links have the density
+    of water, or less where the servos couldn't stop them in time (`LARGEST_INERTIA`); a user's masses, gains and
+    armature play no part.
 
-    Omitted are geoms that are only drawn, and contacts between joined links. Their boxes overlap at the hinge,
-    where the links themselves don't.
+    Omitted are geoms that are only drawn, and contacts between joined links, whose boxes overlap at the hinge.
     """
     spec = mujoco.MjSpec()
     # The default is True: ranges in radians would silently become limits 57 times as narrow.
@@ -73,7 +68,7 @@ def build_spec(hand: Hand, stiffness: float = STIFFNESS) -> mujoco.MjSpec:
 
 
 def at_arm(constant: float, slides: bool) -> float:
-    """A hinge's constant, per square of an arm, as it is of a slide at `ARM`; a hinge's as it is."""
+    """A hinge's constant, divided by the square of `ARM` for a slide."""
     return constant / ARM**2 if slides else constant
 
 
@@ -100,9 +95,7 @@ def add_servo(spec: mujoco.MjSpec, joint: str, stiffness: float, slides: bool = 
 
 def add_geom(spec: mujoco.MjSpec, body: mujoco.MjsBody, hand: Hand, geom: int) -> mujoco.MjsGeom:
     """One of the hand's geoms on its link's body."""
-    kind = hand.geom_kind[geom]
-    name = f"hand_geom_{geom}"
-    mesh = {}
+    kind, name, mesh = hand.geom_kind[geom], f"hand_geom_{geom}", {}
     if kind == "mesh":
         spec.add_mesh(name=name, uservert=hand.geom_vertices[geom].ravel())
         mesh = {"meshname": name}

@@ -8,13 +8,13 @@ from hypothesis import strategies as st
 
 from palpate.grasp.penetration import PenetrationCheck, deepest, geom_surface
 from palpate.hand import allegro
-from palpate.hand.distance import box as box_distance
+from palpate.hand.distance import signed_distance
 
 HALF = np.array([0.02, 0.03, 0.04])
 
 
 def in_box(points):
-    return box_distance(points, HALF)
+    return signed_distance("box", HALF, points, np.zeros((0, 4)))
 
 
 @settings(deadline=None, max_examples=30)
