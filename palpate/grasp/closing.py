@@ -16,15 +16,15 @@ RAMP = 0.4  # share of the duration in which the targets move from the open hand
 ITERATIONS = 20  # of the contact solver; fewer than 5 are too few
 # MuJoCo's contact impedance (dmin, dmax, width, midpoint, power), with which fingers stop within 0.5 mm.
 SOLIMP = (0.95, 0.99, 0.0005, 0.5, 2.0)
-# Contact is as stiff as the time step lets it be. At 16 ms fingers end 1 mm deep in the object; at 20 ms 3 mm,
-# and 6 mm in each other. Below the least time step a closing takes minutes.
-LEAST_TIMESTEP, LARGEST_TIMESTEP = 1e-5, 0.01  # s
-# Largest kinetic energy of a hand at rest, as a share of the servos' work. With more its contacts chatter, or it
-# swings. A finger that just slips off an edge has a fifth of that work.
+# s. Contact is as stiff as the time step allows: at 16 ms fingers end 1 mm deep in the object, at 20 ms 3 mm, and 6 mm
+# in each other. Below the least one a closing takes minutes.
+LEAST_TIMESTEP, LARGEST_TIMESTEP = 1e-5, 0.01
+# Largest kinetic energy of a hand at rest over the servos' work. With more its contacts chatter, or it swings; a finger
+# that slips off an edge has 0.2.
 SETTLED = 0.01
-NO_WORK = 1e-6  # J: less work than this counts as this much, as where the targets are where the hand is
+NO_WORK = 1e-6  # J: smaller work counts as this, as where the hand starts at its targets
 
-# The engine would write its warnings to a file in the working folder.
+# By default the engine writes its warnings to a file in the working folder.
 log = logging.getLogger(__name__)
 mujoco.set_mju_user_warning(lambda message: log.debug("MuJoCo: %s", message))
 
@@ -41,16 +41,12 @@ class Closed(NamedTuple):
 class GraspSimulation:
     """One object, as convex patches, and one hand whose palm can be put anywhere. Frame: the object's own.
 
-    Omitted, because the result is the same:
+    Omitted, because the result is the same: visual geometry (nothing collides with it), gravity (servos would carry the
+    hand's weight), the object's degrees of freedom (it is held), pairs of palm and object (neither moves, and they are
+    apart), pairs of the object's patches.
 
-    - visual geometry: nothing collides with it;
-    - gravity: the hand's servos would carry its weight, and the object is held;
-    - the object's degrees of freedom: it is held where it is;
-    - pairs of palm and object: neither moves, and the palm is put where it is clear of the object;
-    - pairs of the object's patches: they don't move against each other.
-
-    Not modelled, by choice. With friction fingers stick where they touch first. A loose object would be pushed
-    away by the first finger, and its pose would not be known.
+    Not modelled, by choice: friction, with which fingers stick where they touch first, and loose objects, which the
+    first finger pushes away to an unknown pose.
     """
 
     def __init__(
@@ -63,10 +59,8 @@ class GraspSimulation:
     ):
         """Compile the model once; it serves all attempts.
 
-        patches: of `surface_patches`, (V, 3) each, metres. timestep, duration: seconds, of the simulation.
-        stiffness: the servos' gain, N m / rad.
-
-        Raises ValueError for a time step at which closing isn't stable, or would not end.
+        patches: of `surface_patches`, (V, 3) each, metres. timestep, duration: seconds. stiffness: the servos' gain,
+        N m / rad. Raises ValueError for a time step at which closing isn't stable, or takes too long.
         """
         if not LEAST_TIMESTEP <= timestep <= LARGEST_TIMESTEP:
             raise ValueError(

@@ -79,11 +79,9 @@ class Grasper:
     ):
         """surface_points: (N, 3) on the object's exterior; the other arguments are `grasp_object`'s.
 
-        Raises ValueError for a hand whose links are in each other when it is open, `UnusableObject` for an
-        object without a surface.
+        Raises ValueError for an open hand whose links penetrate each other, UnusableObject for an object without a face.
         """
-        self.hand = hand
-        self.max_penetration, self.thumb_share = max_penetration, thumb_share
+        self.hand, self.max_penetration, self.thumb_share = hand, max_penetration, thumb_share
         self.workspace = workspace_of(hand)
         self.surface = with_normals(surface_points[:SURFACE_POINTS], visual)
         patches = surface_patches(collision)
@@ -136,10 +134,8 @@ class Grasper:
         for _ in range(MAX_PLACEMENTS):
             pose = palm_pose(self.hand, self.surface, rng)
             self.simulation.place(pose, open_hand)
-            if self.simulation.in_contact():
-                continue
-            # The engine never collides two bodies that can't move, such as palm and object.
-            if self.check.in_object(self.hand.forward(pose, open_hand)) == 0:
+            # The engine never collides two bodies that can't move, such as palm and object: these are checked here.
+            if not self.simulation.in_contact() and not self.check.in_object(self.hand.forward(pose, open_hand)):
                 return pose
         return None
 
@@ -163,20 +159,17 @@ def grasp_object(
     Args:
         visual, collision: the object's meshes in its own frame, with every face and decimated.
         surface_points: (N, 3) on its exterior, in the world frame, as the surface store has them.
-        rng: decides everything random: the same generator gives the same grasps.
         per_object: grasps kept, those with the most touches; of equals the earlier.
-        attempts: valid grasps made before the best are kept: the more, the better the grasps.
-        max_attempts: bound on all attempts.
+        attempts: valid grasps made before the best are kept; max_attempts: bound on all attempts.
         timestep: of the simulation, seconds.
         max_penetration: metres; a deeper grasp is not accepted.
-        thumb_share: share of the attempts in which the thumb closes too. With 1 more sensors touch than in the
-            paper's dataset. Of no effect for a hand without a thumb.
+        thumb_share: of the attempts, in which the thumb closes too; with 1, more sensors touch than in the paper.
         sensor: the hand's sensors, which decide what touches.
 
-    Returns the grasps in the world frame.
+    Returns the grasps in the world frame; the same generator gives the same.
 
-    Raises `UnusableObject` if `max_attempts` attempts don't give `per_object` valid grasps, or for an object
-    without a surface; ValueError for settings, a hand or points that can't be used.
+    Raises `UnusableObject` if `max_attempts` attempts don't give `per_object` valid grasps, or for an object without a
+    surface; ValueError for settings, a hand or points that can't be used.
     """
     if attempts < per_object:
         raise ValueError(f"grasps: attempts ({attempts}) must be at least per_object ({per_object})")
@@ -201,21 +194,10 @@ def grasp_object(
 def in_world(grasps: list[Grasp], attempts: int, discarded: dict[str, int], omitted: dict[str, int]) -> GraspSet:
     """Grasps of an object in its own frame, stacked, in the world frame."""
     joints, palms, links, positions, rotations, touches, depths = (np.stack(each) for each in zip(*grasps, strict=True))
-    palms[:, :3, 3] += OBJECT_POSITION
-    links[:, :, :3, 3] += OBJECT_POSITION
-    positions += OBJECT_POSITION
-    return GraspSet(
-        joint_positions=joints,
-        palm_pose=palms,
-        link_pose=links,
-        sensor_position=positions,
-        sensor_rotation=rotations,
-        touches=touches,
-        penetration=depths.astype(np.float32),
-        attempts=attempts,
-        discarded=discarded,
-        omitted=omitted,
-    )
+    for places in (palms[:, :3, 3], links[:, :, :3, 3], positions):
+        places += OBJECT_POSITION
+    arrays = joints, palms, links, positions, rotations, touches, depths.astype(np.float32)
+    return GraspSet(*arrays, attempts=attempts, discarded=discarded, omitted=omitted)
 
 
 def omitted(hand: Hand, patches: int, visual_faces: int) -> dict[str, int]:

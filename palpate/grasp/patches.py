@@ -7,8 +7,6 @@ object, or of its parts, would fill its hollows. A convex decomposition needs a 
 import numpy as np
 import trimesh
 
-from palpate.grasp.triangles import edge_lengths, split_long_edges
-
 CELL = 0.025  # metres
 THICKNESS = 0.001  # metres
 WELD = 1e-6  # metres: vertices of a patch this close are one
@@ -18,23 +16,21 @@ NARROWEST = 2e-5  # metres: narrower patches are skipped, for their hulls are de
 def surface_patches(mesh: trimesh.Trimesh, cell: float = CELL, thickness: float = THICKNESS) -> list[np.ndarray]:
     """Point sets (V, 3) whose convex hulls together are a thin shell on the inner side of the mesh's surface.
 
-    Triangles, cut to edges of at most half a cell, are grouped by the grid cell of their centre and the
-    signed axis that their normal is nearest to; a group's vertices and a copy shifted inwards by `thickness`
-    make a patch. Faces without area make none, nor do groups narrower than
-    `NARROWEST`.
+    Triangles, cut to edges of at most half a cell, are grouped by the grid cell of their centre and the signed axis
+    nearest to their normal; a group's vertices and a copy shifted inwards by `thickness` are a patch. Faces without
+    area are omitted, and groups narrower than `NARROWEST`.
     """
     triangles = split_long_edges(np.asarray(mesh.triangles), cell / 2)
     areas = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]) / 2
     has_area = areas.any(axis=1)
     triangles, areas = triangles[has_area], areas[has_area]
+    if len(triangles):
+        group = cell_and_side(triangles, areas, cell)
+        wide = is_wide(triangles, areas, group)
+        triangles, areas = triangles[wide], areas[wide]
     if not len(triangles):
         return []
-    group = cell_and_side(triangles, areas, cell)
-    wide = is_wide(triangles, areas, group)
-    triangles, areas = triangles[wide], areas[wide]
     group = np.unique(group[wide], return_inverse=True)[1].ravel()
-    if not len(triangles):
-        return []
     points, owner = distinct_corners(triangles, group)
     # The mean over the area: many small triangles on an edge don't turn it.
     outwards = np.column_stack([np.bincount(group, weights=areas[:, axis]) for axis in range(3)])
@@ -45,10 +41,7 @@ def surface_patches(mesh: trimesh.Trimesh, cell: float = CELL, thickness: float 
 
 
 def cell_and_side(triangles: np.ndarray, areas: np.ndarray, cell: float) -> np.ndarray:
-    """A number (T,) from 0 on for each combination of grid cell and signed dominant axis of the normal.
-
-    areas: (T, 3), the triangles' normals times their areas.
-    """
+    """A number (T,) from 0 on of grid cell and signed main axis of the normal; areas: (T, 3), normals times areas."""
     axis = np.abs(areas).argmax(axis=1)
     side = areas[np.arange(len(areas)), axis] > 0
     cells = np.floor(triangles.mean(axis=1) / cell).astype(np.int64)
@@ -73,3 +66,26 @@ def distinct_corners(triangles: np.ndarray, group: np.ndarray) -> tuple[np.ndarr
     keys, points, owner = keys[order], points[order], owner[order]
     fresh = np.concatenate([[True], (np.diff(owner) != 0) | (np.diff(keys, axis=0) != 0).any(axis=1)])
     return points[fresh], owner[fresh]
+
+
+def edge_lengths(triangles: np.ndarray) -> np.ndarray:
+    """Lengths (T, 3) of the edges of triangles (T, 3, 3); edge i goes from corner i to the next."""
+    return np.linalg.norm(np.roll(triangles, -1, axis=1) - triangles, axis=2)
+
+
+def halved(triangles: np.ndarray) -> np.ndarray:
+    """Triangles (T, 3, 3) cut in two at the middle of their longest edges: (2 T, 3, 3), winding kept."""
+    at, rows = edge_lengths(triangles).argmax(axis=1), np.arange(len(triangles))
+    start, end, tip = (triangles[rows, (at + shift) % 3] for shift in range(3))
+    middle = (start + end) / 2
+    return np.concatenate([np.stack([start, middle, tip], axis=1), np.stack([middle, end, tip], axis=1)])
+
+
+def split_long_edges(triangles: np.ndarray, longest: float) -> np.ndarray:
+    """Triangles (S, 3, 3): (T, 3, 3) halved until no edge exceeds `longest`; neighbours need not share vertices."""
+    done = []
+    while len(triangles):
+        fits = edge_lengths(triangles).max(axis=1) <= longest
+        done.append(triangles[fits])
+        triangles = halved(triangles[~fits])
+    return np.concatenate(done) if done else triangles

@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 import trimesh
 
-from palpate.grasp.triangles import halved, split_long_edges
+from palpate.grasp.patches import halved, split_long_edges
 from palpate.hand import Hand
 
 SPACING = 0.001  # metres between points of a surface where it is near a geom
@@ -15,9 +15,9 @@ COARSE = 0.016  # metres: longest edge of the triangles that are first sorted ou
 def deepest(triangles: np.ndarray, distance: Callable[[np.ndarray], np.ndarray], depth: float) -> float:
     """Depth of the deepest point of triangles (T, 3, 3) in a solid, or `depth` if that is deeper.
 
-    distance: signed distance (N,) of points (N, 3) to the solid, negative inside. It changes by at most a metre
-    a metre, so triangles whose centres are farther out than their radius are dropped. The others are halved
-    until the points that are measured are at most `SPACING` apart.
+    distance: signed distance (N,) of points (N, 3) to the solid, negative inside. It changes by at most 1 m a metre:
+    triangles whose centres are farther out than their radius are dropped. The others are halved until measured points
+    are at most `SPACING` apart.
     """
     while len(triangles):
         centres = triangles.mean(axis=1)
@@ -50,10 +50,9 @@ class PenetrationCheck:
         self.pairs = self_collision_pairs(hand, self.geoms)
 
     def in_object(self, link_pose: np.ndarray) -> float:
-        """Depth in metres of the deepest point of the object's surface in the hand, 0 if there is none.
+        """Metres of the deepest point of the object's surface in the hand, or 0; link_pose: (L, 4, 4).
 
-        link_pose: (L, 4, 4). Right to half of `SPACING`, and mostly far better, for the surface's corners are
-        among the points.
+        Right to half of `SPACING`, and mostly far better, for the surface's corners are among the points.
         """
         poses = self.hand.geom_poses(link_pose)
         half = np.array([self.reach[geom] for geom in self.geoms])[:, None]
@@ -62,18 +61,15 @@ class PenetrationCheck:
         for geom in self.geoms:
             centre, reach = poses[geom, :3, 3], self.reach[geom]
             close = near[self.faces_within(centre - reach, centre + reach, near)]
-            depth = deepest(
-                self.triangles[close],
-                lambda points, geom=geom: self.hand.geom_distance(geom, points, poses[geom]),
-                depth,
-            )
+            depth = deepest(self.triangles[close], self.distance_to(geom, poses), depth)
         return float(depth)
 
-    def in_itself(self, link_pose: np.ndarray) -> float:
-        """Depth in metres of the deepest point of a link's surface in another link, not joined to it.
+    def distance_to(self, geom: int, poses: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
+        """The function that gives signed distances (N,) of points (N, 3) to a geom; poses: (G, 4, 4) of all."""
+        return lambda points: self.hand.geom_distance(geom, points, poses[geom])
 
-        link_pose: (L, 4, 4).
-        """
+    def in_itself(self, link_pose: np.ndarray) -> float:
+        """Metres of the deepest point of a link's surface in another link, not joined to it; link_pose: (L, 4, 4)."""
         poses = self.hand.geom_poses(link_pose)
         surfaces = {
             geom: surface @ poses[geom, :3, :3].T + poses[geom, :3, 3] for geom, surface in self.surfaces.items()
@@ -81,11 +77,7 @@ class PenetrationCheck:
         depth = 0.0
         for one, other in self.pairs[~self.separated(poses, surfaces)]:
             for inner, outer in ((one, other), (other, one)):
-                depth = deepest(
-                    surfaces[inner],
-                    lambda points, outer=outer: self.hand.geom_distance(outer, points, poses[outer]),
-                    depth,
-                )
+                depth = deepest(surfaces[inner], self.distance_to(outer, poses), depth)
         return float(depth)
 
     def separated(self, poses: np.ndarray, surfaces: dict[int, np.ndarray]) -> np.ndarray:
@@ -124,19 +116,16 @@ def self_collision_pairs(hand: Hand, geoms: np.ndarray) -> np.ndarray:
 
 def geom_surface(hand: Hand, geom: int) -> np.ndarray:
     """Triangles (T, 3, 3) of a geom's surface in its own frame."""
-    kind, size = hand.geom_kind[geom], hand.geom_size[geom]
-    if kind == "mesh":
-        return np.asarray(trimesh.convex.convex_hull(hand.geom_vertices[geom]).triangles)
-    if kind == "box":
-        surface = trimesh.creation.box(2 * size)
-    elif kind == "sphere":
-        surface = trimesh.creation.icosphere(radius=size[0])
-    elif kind == "capsule":
-        surface = trimesh.creation.capsule(height=2 * size[1], radius=size[0])
+    size = hand.geom_size[geom]
+    make = {
+        "mesh": lambda: trimesh.convex.convex_hull(hand.geom_vertices[geom]),
+        "box": lambda: trimesh.creation.box(2 * size),
+        "sphere": lambda: trimesh.creation.icosphere(radius=size[0]),
+        "capsule": lambda: trimesh.creation.capsule(height=2 * size[1], radius=size[0]),
+        "cylinder": lambda: trimesh.creation.cylinder(height=2 * size[1], radius=size[0]),
+        "ellipsoid": lambda: trimesh.creation.icosphere(radius=1.0).apply_scale(size),
+    }
+    surface = make[hand.geom_kind[geom]]()
+    if hand.geom_kind[geom] == "capsule":
         surface.apply_translation(-surface.bounds.mean(axis=0))
-    elif kind == "cylinder":
-        surface = trimesh.creation.cylinder(height=2 * size[1], radius=size[0])
-    else:
-        surface = trimesh.creation.icosphere(radius=1.0)
-        surface.apply_scale(size)
     return np.asarray(surface.triangles)

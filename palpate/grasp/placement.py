@@ -34,18 +34,10 @@ def palm_pose(hand: Hand, surface: Surface, rng: np.random.Generator) -> np.ndar
     """A palm pose (4, 4): at a random point, the palm's normal into the surface, random turn and gap."""
     chosen = rng.integers(len(surface.points))
     turn, gap = rng.uniform(0, 2 * np.pi), rng.uniform(*GAP)
-    face = np.eye(4)
-    inward = -surface.normals[chosen]
-    first, second = tangents(inward)
-    along = np.cos(turn) * first + np.sin(turn) * second
+    face, inward = np.eye(4), -surface.normals[chosen]
+    first = np.cross(inward, np.eye(3)[np.abs(inward).argmin()])
+    first /= np.linalg.norm(first)
+    along = np.cos(turn) * first + np.sin(turn) * np.cross(inward, first)
     face[:3, :3] = np.column_stack([inward, np.cross(along, inward), along])
     face[:3, 3] = surface.points[chosen] - gap * inward
     return face @ np.linalg.inv(hand.palm_anchor)
-
-
-def tangents(normal: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Two unit vectors (3,) that are orthogonal to a unit vector and to each other."""
-    helper = np.eye(3)[np.abs(normal).argmin()]
-    first = np.cross(normal, helper)
-    first /= np.linalg.norm(first)
-    return first, np.cross(normal, first)

@@ -7,8 +7,7 @@ from palpate.grasp.placement import Surface
 from palpate.hand import Hand
 
 PRESS = 0.003  # metres that the gel's apex aims below the surface
-# Metres that a unit of difference in direction counts for: 30 degrees off are as bad as 15 mm off.
-DIRECTION_LENGTH = 0.03
+DIRECTION_LENGTH = 0.03  # metres that a unit of difference in direction counts for: 30 degrees count as 15 mm
 CONFIGURATIONS = 3000  # random joint positions that sample a finger's workspace
 NEAREST = 64  # surface points nearest to the open finger's gel, from which it chooses
 CANDIDATES = 4  # of these points, how many inverse kinematics tries
@@ -39,9 +38,8 @@ class Workspace:
     def targets(self, palm_pose: np.ndarray, surface: Surface, thumb: bool = True) -> np.ndarray:
         """Joint positions (J,) at which each gel is pressed into a surface point that it faces, or nearly so.
 
-        Each finger chooses among the surface points that are near its open gel and that it can face. It takes
-        the one that it comes nearest to. That point is kept even if it can't be reached: contact stops the
-        finger.
+        Of the points near its open gel that it can face, each finger takes the one that it comes nearest to, even if it
+        can't reach it: contact stops the finger.
 
         palm_pose: (4, 4) in the surface's frame. thumb: whether the fingers of `sensor_thumb` close too.
         """
@@ -71,9 +69,8 @@ class Workspace:
     def solve(self, joints: np.ndarray, goal: np.ndarray, inward: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Inverse kinematics by Levenberg-Marquardt, within the joints' ranges, in the palm frame.
 
-        joints: (..., J) to start from; goal, inward: (..., s, 3) where each gel shall be and look. Returns
-        joint positions (..., J) and how far each gel is off (..., s), metres, with directions weighted by
-        `DIRECTION_LENGTH`. Joints that move several sensors follow the last one that gains by it.
+        joints: (..., J) to start from; goal, inward: (..., s, 3) where each gel shall be and look. Returns joint
+        positions (..., J) and how far each gel is off (..., s), metres, with directions weighted by `DIRECTION_LENGTH`.
         """
         low, high = self.hand.joint_range.T
         damping = np.full(goal.shape[:-1], DAMPING)
@@ -116,8 +113,7 @@ class Workspace:
 def solve_positive_definite(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
     """The x (..., N) of matrix x = right, for symmetric positive definite matrices (..., N, N).
 
-    By Gaussian elimination, which needs no pivots here. LAPACK's result depends on its number of threads, and
-    it is slower for many small systems.
+    Gaussian elimination, which needs no pivots here. LAPACK's result depends on its threads, and is slower for these.
     """
     matrix, x = matrix.copy(), right.copy()
     size = matrix.shape[-1]

@@ -6,8 +6,7 @@ import trimesh
 from scipy.spatial import ConvexHull
 
 from palpate.grasp.closing import GraspSimulation
-from palpate.grasp.patches import CELL, THICKNESS, surface_patches
-from palpate.grasp.triangles import split_long_edges
+from palpate.grasp.patches import CELL, THICKNESS, split_long_edges, surface_patches
 from palpate.hand import allegro
 
 
