@@ -79,7 +79,8 @@ class Grasper:
     ):
         """surface_points: (N, 3) on the object's exterior; the other arguments are `grasp_object`'s.
 
-        Raises ValueError for an open hand whose links penetrate each other, UnusableObject for an object without a face.
+        Raises ValueError for an open hand whose links penetrate each other, UnusableObject for an object without a
+        face.
         """
         self.hand, self.max_penetration, self.thumb_share = hand, max_penetration, thumb_share
         self.workspace = workspace_of(hand)

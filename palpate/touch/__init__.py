@@ -1,34 +1,22 @@
 """Touch: from an object's mesh and the sensors' poses to depth maps, local point clouds and readings.
 
-Only what can be in touch is computed: see `Tracer` and `TouchReading`.
+Importing this package loads no engine: embree and libigl come with the first use of a tracer.
 """
 
-from palpate.touch.rays import RayCaster
-from palpate.touch.reading import TRACERS, TouchReading, scene_tracer, sense, sense_scene, shallow_touches
-from palpate.touch.sensor import PIXEL_CENTRES, RESOLUTION, SENSOR_RANGE, SENSOR_WIDTH, local_points
-from palpate.touch.shading import DIFFUSE, LIGHTS, empty_reading, impression, normals, shade
-from palpate.touch.sphere_tracing import SphereTracer
-from palpate.touch.tracing import Tracer
+import importlib
 
-__all__ = [
-    "DIFFUSE",
-    "LIGHTS",
-    "PIXEL_CENTRES",
-    "RESOLUTION",
-    "SENSOR_RANGE",
-    "SENSOR_WIDTH",
-    "TRACERS",
-    "RayCaster",
-    "SphereTracer",
-    "TouchReading",
-    "Tracer",
-    "empty_reading",
-    "impression",
-    "local_points",
-    "normals",
-    "scene_tracer",
-    "sense",
-    "sense_scene",
-    "shade",
-    "shallow_touches",
-]
+MODULES = {
+    "rays": ("RayCaster",),
+    "reading": ("TRACERS", "TouchReading", "scene_tracer", "sense", "sense_scene", "shallow_touches"),
+    "sensor": ("PIXEL_CENTRES", "RESOLUTION", "SENSOR_RANGE", "SENSOR_WIDTH", "local_points"),
+    "shading": ("DIFFUSE", "LIGHTS", "empty_reading", "impression", "normals", "shade"),
+    "sphere_tracing": ("SphereTracer",),
+    "tracing": ("Tracer",),
+}
+
+
+def __getattr__(name: str):
+    for module, names in MODULES.items():
+        if name in names:
+            return getattr(importlib.import_module(f"palpate.touch.{module}"), name)
+    raise AttributeError(f"module 'palpate.touch' has no attribute {name!r}")

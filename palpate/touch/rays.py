@@ -5,27 +5,22 @@ import numpy as np
 from palpate.sensor import DIGIT, Sensor
 from palpate.touch.tracing import Block, Tracer
 
-# How much further than the range, and how far behind the sensor plane, Embree looks: more than its rounding,
-# so that double precision decides.
+# m that Embree's rays reach beyond the range and behind the sensor plane: more than its rounding.
 _SLACK = 1e-5
-# Metres across, of an object beyond which Embree's rounding is no longer small: Embree is not asked.
-_LARGEST = 2.0
-# Sine of the angle between a face and the rays, below which the plane of the face says too little about the
-# depth: moving the ray by Embree's rounding error (3e-8 m) then moves the hit by over 3e-6 m.
+_LARGEST = 2.0  # m across: the rounding of larger objects is too coarse for Embree
+# Sine of the angle between a face and the rays below which its plane does not give the depth: moving the ray by
+# Embree's rounding error (3e-8 m) then moves the hit by over 3e-6 m.
 _EDGE_ON = 1e-2
-# Metres by which edges are widened in double precision, so that no ray slips through between two faces.
-_DOUBLE_ROUNDING = 1e-12
-# Sine of the angle below which a face covers no pixel: seen from the sensor, it is narrower than Embree's
-# rounding.
-_NO_WIDTH = 1e-6
+_DOUBLE_ROUNDING = 1e-12  # m by which edges are widened in double precision: no ray slips through between two faces
+_NO_WIDTH = 1e-6  # sine of the angle below which a face covers no pixel: it is narrower than Embree's rounding
 
 
 class RayCaster(Tracer):
     """Depth maps by Embree. The default: exact to about 1e-7 m, and the fastest (see docs/touch.md).
 
-    Embree's single precision may name a face seen edge-on that the ray passes by, or let a ray slip through a
-    vertex, and a surface just behind the sensor plane may hide what is before it. Such pixels are found out
-    and decided in double precision against every face in range; so are all of an object larger than 2 m.
+    In single precision a ray may miss a face seen edge-on that Embree names, or slip through a vertex, and a surface
+    just behind the sensor plane may hide what is before it. Such pixels are detected and traced in double precision
+    against every face in range; so are all of an object larger than 2 m.
     """
 
     def __init__(self, mesh, object_position=(0.0, 0.0, 0.0), sensor: Sensor = DIGIT):
@@ -60,18 +55,11 @@ class RayCaster(Tracer):
         return depth.reshape(plane.shape[:2])
 
     def _depth_on_faces(self, hit, pixels, origin, rotation) -> tuple[np.ndarray, np.ndarray]:
-        """Depth at which the rays through `pixels` (n, 2), y and z, meet the faces `hit` (n,).
-
-        Returns (n,) depth and (n,) bool, whether it must be decided otherwise: the face is seen edge-on, or
-        met behind the sensor plane; the depth is then +inf.
-        """
+        """Depth (n,) at which the rays through `pixels` (n, 2), y and z, meet the faces `hit` (n,), and whether (n,)
+        bool it is doubtful: the face is seen edge-on, or met behind the sensor plane; the depth is then +inf."""
         seen = np.zeros(len(self._mesh.triangles), dtype=bool)
         seen[hit] = True
-        faces = np.flatnonzero(seen)
-        index = np.empty(len(seen), dtype=np.intp)
-        index[faces] = np.arange(len(faces))
-        hit = index[hit]
-
+        faces, hit = np.flatnonzero(seen), (np.cumsum(seen) - 1)[hit]
         corners, normal = self._in_sensor_frame(faces, origin, rotation)
         offset, slope = _planes(corners, normal)
         depth = offset[hit] + pixels[:, 0] * slope[hit, 0] + pixels[:, 1] * slope[hit, 1]
@@ -122,10 +110,7 @@ def _nearest(pixels, corners, normal, rounding) -> np.ndarray:
 
 
 def _planes(corners, normal) -> tuple[np.ndarray, np.ndarray]:
-    """The planes of faces as x = offset + y slope[0] + z slope[1]: (f,) offset and (f, 2) slope.
-
-    One seen exactly edge-on is entered at its nearest point: its offset is -inf, for clipping to the face.
-    """
+    """The planes of faces as x = offset + y slope[0] + z slope[1]: (f,) offset, -inf if edge-on, and (f, 2) slope."""
     across = np.where(normal[:, 0] == 0, np.inf, normal[:, 0])
     offset = np.einsum("fi,fi->f", normal, corners[:, 0]) / across
     return np.where(normal[:, 0] == 0, -np.inf, offset), -normal[:, 1:] / across[:, None]

@@ -22,32 +22,21 @@ TRACERS = {"embree": RayCaster, "sphere_tracing": SphereTracer}
 class TouchReading(NamedTuple):
     """What sensors report; `...` are the leading axes of their poses.
 
-    All but `success` and `depth` is computed for sensors in contact only, and 0 for the others: the reading of
-    any other is `empty_reading(sensor)`, and it has no points.
-
-    Attributes:
-        success: (...) bool, whether anything is in range of the sensor.
-        depth: (..., r, c) float32 metres from the sensor plane, +inf where nothing is in range.
-        reading: (..., r, c, 3) uint8.
-        points: (..., r c, 3) float32 local point clouds in the frame of the sensors' poses; the rest is 0.
-        point_count: (...) int32, how many rows of `points` are points.
+    Sensors without contact have reading, points and point_count 0: their reading is `empty_reading(sensor)`.
     """
 
-    success: np.ndarray
-    depth: np.ndarray
-    reading: np.ndarray
-    points: np.ndarray
-    point_count: np.ndarray
+    success: np.ndarray  # (...) bool, whether anything is in range of the sensor
+    depth: np.ndarray  # (..., r, c) float32 metres from the sensor plane, +inf where nothing is in range
+    reading: np.ndarray  # (..., r, c, 3) uint8
+    points: np.ndarray  # (..., r c, 3) float32 local point clouds in the frame of the sensors' poses; the rest is 0
+    point_count: np.ndarray  # (...) int32, how many rows of `points` are points
 
 
 def sense(tracer: Tracer, position: np.ndarray, rotation: np.ndarray) -> TouchReading:
-    """Simulate touch sensors on one object.
+    """Simulate touch sensors at position (..., 3) and rotation (..., 3, 3), whose columns are the frame's axes.
 
-    Args:
-        tracer: the object, a `RayCaster` or a `SphereTracer`, of the sensors' kind.
-        position: (..., 3), rotation: (..., 3, 3) of the sensors; columns of a rotation are the frame's axes.
-
-    Raises ValueError for a pose that is not one, and for a sensor in contact too far from the origin.
+    tracer: of the object and the kind of sensor. Raises ValueError for an invalid pose, and for a sensor in contact too
+    far from the origin.
     """
     leading = np.shape(position)[:-1]
     position, rotation = np.reshape(position, (-1, 3)), np.reshape(rotation, (-1, 3, 3))
@@ -69,8 +58,7 @@ def sense(tracer: Tracer, position: np.ndarray, rotation: np.ndarray) -> TouchRe
 def shallow_touches(sensed: TouchReading, sensor: Sensor) -> int:
     """How many touches are deepest nearer to the end of the sensor's range than to the gel's face on the hand.
 
-    A hand that stops at the object has few of them: a tilted finger, or an edge beside the gel. With sensors that are
-    not where the hand's gels are, readings are slivers.
+    Tilted fingers and edges beside the gel make a few; many, if the sensors are not where the hand's gels are.
     """
     deepest = (sensor.reach - sensed.depth[sensed.success]).max(axis=(1, 2), initial=-np.inf)
     return int((deepest < (sensor.range - sensor.gel_face) / 2).sum())

@@ -8,21 +8,14 @@ from palpate.sensor import DIGIT, Sensor
 SENSOR_WIDTH, RESOLUTION, SENSOR_RANGE, PIXEL = DIGIT.width, DIGIT.resolution[0], DIGIT.range, DIGIT.pixel[0]
 PIXEL_CENTRES, SENSOR_PLANE = DIGIT.pixel_centres[0], DIGIT.plane
 
-# Metres from the origin within which points in single precision are right to a micrometre.
-FURTHEST = 16.0
+FURTHEST = 16.0  # metres from the origin within which points in single precision are right to a micrometre
 
 
 def local_points(depth: np.ndarray, position: np.ndarray, rotation: np.ndarray, sensor: Sensor = DIGIT) -> np.ndarray:
-    """The local point cloud of one sensor: its pose applied to its depth map.
+    """The local point cloud (n, 3) float32 of a sensor: its finite pixels, row-major, in the frame of its pose.
 
-    Args:
-        depth: (r, c) distance from the sensor plane, +inf where nothing is in range.
-        position: (3,) and rotation: (3, 3) of the sensor; columns of the rotation are the frame's axes.
-
-    Returns:
-        (n, 3) float32, one point for each finite pixel, row-major, in the frame of position and rotation.
-
-    Raises ValueError if the sensor is so far from the origin that single precision is too coarse for points.
+    depth: (r, c) distance from the sensor plane, +inf where nothing is in range; position: (3,); rotation: (3, 3),
+    whose columns are the frame's axes. Raises ValueError if the sensor is too far from the origin for single precision.
     """
     if not np.abs(position).max() <= FURTHEST:
         raise ValueError(

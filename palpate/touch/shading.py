@@ -1,13 +1,11 @@
 """From a depth map to a reading: the impression in the gel, its normals, and coloured lights.
 
-The equations are the supplement's ("Simulating Touch": Phong's reflection without ambient and specular
-terms). It does not give lambda and the lights' positions; they are the sensor's (`palpate/sensors/digit.yaml`).
-All lengths are metres, in place of the supplement's mixture (x and y in sensor widths, depth in metres): with
-one unit the normal is the surface's true normal.
+The equations are the supplement's ("Simulating Touch": Phong's reflection without ambient and specular terms). Lambda
+and the lights' positions, which it does not give, are the sensor's (`palpate/sensors/digit.yaml`). All lengths are
+metres, so that normals are true; the supplement has x and y in sensor widths.
 """
 
 import numpy as np
-from scipy.ndimage import gaussian_filter
 
 from palpate.sensor import DIGIT, Sensor, Size
 
@@ -16,10 +14,7 @@ LIGHTS, DIFFUSE = np.stack([place for place, *_ in DIGIT.lamps]), DIGIT.diffuse
 
 
 def impression(depth: np.ndarray, sensor: Sensor = DIGIT) -> np.ndarray:
-    """D' = ReLU(w - D), metres, same shape as `depth`; 0 where nothing is in range (depth +inf).
-
-    w is the distance of the undeformed gel, of each pixel.
-    """
+    """D' = ReLU(w - D), metres, 0 where nothing is in range (depth +inf); w: each pixel's distance of the free gel."""
     reach = sensor.range if sensor.gel_radius is None else sensor.reach.astype(depth.dtype)
     return np.maximum(reach - depth, 0)
 
@@ -38,8 +33,8 @@ def normals(height: np.ndarray, pixel: Size = DIGIT.pixel) -> np.ndarray:
 def smoothed(height: np.ndarray, sensor: Sensor) -> np.ndarray:
     """Impressions (..., r, c) as a soft gel takes them: Taxim's approximation (Si and Yuan 2022, `deformApprox`).
 
-    Gaussian filters, the standard deviations (m) of `pyramid` in turn. After each, what is pressed in by more than
-    `held` of the deepest pixel is put back as it was: there the gel lies on the object. Then a filter of `last`.
+    Gaussian filters, the standard deviations (m) of `pyramid` in turn. After each, pixels deeper than `held` of the
+    deepest get their depth back: there the gel lies on the object. Then a filter of `last`.
     """
     settings = sensor.smoothing
     held = height > settings["held"] * height.max(axis=(-2, -1), keepdims=True)
@@ -51,19 +46,16 @@ def smoothed(height: np.ndarray, sensor: Sensor) -> np.ndarray:
 
 def _filtered(height: np.ndarray, sigma: float, sensor: Sensor) -> np.ndarray:
     """Heights (..., r, c) after a Gaussian filter of `sigma` metres, mirrored at the border."""
+    from scipy.ndimage import gaussian_filter
+
     return gaussian_filter(height, [sigma / edge for edge in sensor.pixel], mode="mirror", axes=(-2, -1))
 
 
 def shade(depth: np.ndarray, sensor: Sensor = DIGIT) -> np.ndarray:
-    """Readings of depth maps.
+    """Readings (..., r, c, 3) uint8 of depth maps (..., r, c), metres, +inf where nothing is in range.
 
-    Args:
-        depth: (..., r, c) distance from the sensor plane in metres, +inf where nothing is in range.
-
-    Returns:
-        (..., r, c, 3) uint8; the sum over the lights of their colour times lambda n . l, without those that the surface
-        faces away from; 0 beside a round gel. With a background image the reading is that image, and what shading
-        changes in that of the untouched gel.
+    The sum over the lights of their colour times lambda n . l, without those that the surface faces away from; 0 beside
+    a round gel. A background image is changed by as much as the shading differs from that of the untouched gel.
 
     Raises ValueError for a depth that is NaN or minus infinity.
     """
@@ -73,14 +65,14 @@ def shade(depth: np.ndarray, sensor: Sensor = DIGIT) -> np.ndarray:
     height = impression(depth, sensor)
     if sensor.smoothing:
         height = smoothed(height, sensor)
-    reading = _of_surface(height, sensor)
+    reading = _shade_impression(height, sensor)
     if sensor.background is None:
         return reading
-    change = reading.astype(np.int16) - _of_surface(np.zeros(depth.shape[-2:], np.float32), sensor)
+    change = reading.astype(np.int16) - _shade_impression(np.zeros(depth.shape[-2:], np.float32), sensor)
     return np.clip(sensor.background + change, 0, 255).astype(np.uint8)
 
 
-def _of_surface(height: np.ndarray, sensor: Sensor) -> np.ndarray:
+def _shade_impression(height: np.ndarray, sensor: Sensor) -> np.ndarray:
     """Shading (..., r, c, 3) uint8 of the gel with impressions (..., r, c)."""
     if sensor.gel_radius is None:
         return lit(height, normals(height, sensor.pixel), sensor)

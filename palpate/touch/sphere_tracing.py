@@ -6,30 +6,25 @@ import numpy as np
 from palpate.sensor import DIGIT, Sensor
 from palpate.touch.tracing import Block, Tracer
 
-# A point this close to the surface has arrived, metres.
-TOLERANCE = 1e-5
-# A face whose height is less than this share of its longest edge is traced as that edge: libigl's distance to
-# such needles is wrong (by centimetres at 1e-6), while the edge is at most this share of its length off.
+TOLERANCE = 1e-5  # metres: a point this close to the surface has arrived
+# A face whose height is less than this share of its longest edge is traced as that edge: libigl's distance to such
+# needles is wrong (by centimetres at 1e-6), while the edge is at most this share of its length off.
 _NEEDLE = 1e-4
 
 
 class SphereTracer(Tracer):
     """Sphere tracing (Hart 1996): each point advances by its distance to the object until it arrives.
 
-    The distance is unsigned and exact (libigl's tree of boxes over the faces), so open meshes are traced
-    as closed ones are; outside a closed mesh the signed distance takes the same steps. A ray that arrives stops
-    short of the surface by up to `tolerance` / cos(angle of incidence), and one that only passes within
-    `tolerance` of an edge counts as a hit. Error against time: docs/touch.md.
+    The distance is unsigned and exact (libigl's tree of boxes over the faces): open meshes are traced too, and outside
+    a closed mesh the signed distance takes the same steps. A ray stops short of the surface by up to `tolerance` /
+    cos(angle of incidence), and passing within `tolerance` of an edge is a hit. Error against time: docs/touch.md.
     """
 
     def __init__(
         self, mesh, object_position=(0.0, 0.0, 0.0), tolerance=TOLERANCE, max_steps=None, sensor: Sensor = DIGIT
     ):
-        """As for `Tracer`; `tolerance` in metres and `max_steps` trade error for time.
-
-        A ray that is still on its way after `max_steps` is given up as a miss. By default none is: each step
-        is longer than the tolerance, so that after the range / `tolerance` of them it has left the range.
-        """
+        """As for `Tracer`; `tolerance` in metres. A ray that has not arrived after `max_steps` is a miss; by default it
+        has left the range by then, for each step is longer than the tolerance."""
         super().__init__(mesh, object_position, sensor)
         self._tolerance = tolerance
         self._max_steps = int(sensor.range / tolerance) + 2 if max_steps is None else max_steps

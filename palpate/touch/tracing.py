@@ -9,10 +9,8 @@ import trimesh
 from palpate.sensor import DIGIT, Sensor
 from palpate.surface.embree import RayMesh
 
-# Margin of the conservative tests in metres, far above their rounding errors.
-_MARGIN = 1e-5
-# Dot products of a sensor's axes are right to this: more than single precision's rounding.
-_ORTHONORMAL = 1e-5
+_MARGIN = 1e-5  # metres, of the conservative tests: far above their rounding errors
+_ORTHONORMAL = 1e-5  # of dot products of a sensor's axes: more than single precision's rounding
 
 
 class Block(NamedTuple):
@@ -25,22 +23,17 @@ class Block(NamedTuple):
 class Tracer(ABC):
     """Orthographic depth maps of one object, seen from touch sensors.
 
-    The depth of a pixel is the distance along the sensor's +x, from the sensor plane, to the first face of
-    either orientation (a mesh need not be closed); +inf where there is none within the pixel's reach.
-
-    What can't change a depth is omitted: faces outside the box that the sensor's plane sweeps over its range,
-    and pixels with no such face before them. `studies/omitted/touch.py` puts both back in and compares.
+    The depth of a pixel is the distance along the sensor's +x, from the sensor plane, to the first face of either
+    orientation (a mesh need not be closed); +inf where there is none within the pixel's reach. Omitted are faces
+    outside the box that the sensor's plane sweeps over its range, and pixels without such a face
+    (`studies/omitted/touch.py`).
     """
 
     def __init__(self, mesh: trimesh.Trimesh, object_position=(0.0, 0.0, 0.0), sensor: Sensor = DIGIT):
-        """Build the object's search tree, once for all its grasps.
+        """Build the search tree of a mesh in the object's own frame, metres, once for all its grasps.
 
-        Args:
-            mesh: the object in its own frame, metres.
-            object_position: (3,) where the origin of that frame is in the frame of the sensors' poses.
-            sensor: of which all are.
-
-        Raises ValueError if no face has an area.
+        object_position: (3,) of that frame's origin in the frame of the sensors' poses. sensor: the kind of all
+        sensors. Raises ValueError if no face has an area.
         """
         self.sensor = sensor
         self._mesh = RayMesh(mesh)
@@ -50,15 +43,9 @@ class Tracer(ABC):
         self._high = np.ascontiguousarray(self._mesh.triangles.max(axis=1).T)
 
     def trace(self, position: np.ndarray, rotation: np.ndarray) -> np.ndarray:
-        """Depth maps of k sensors.
+        """Depth maps (k, r, c) float32, metres, of k sensors. Raises ValueError for an invalid pose.
 
-        Args:
-            position: (k, 3), rotation: (k, 3, 3) of the sensors; columns of a rotation are the frame's axes.
-
-        Returns:
-            (k, r, c) float32 metres.
-
-        Raises ValueError for a pose that is not one.
+        position: (k, 3), rotation: (k, 3, 3) of the sensors; columns of a rotation are the frame's axes.
         """
         origins, rotation = self._in_object_frame(position, rotation)
         depth = np.full((len(origins), *self.sensor.resolution), np.inf, dtype=np.float32)
@@ -69,26 +56,20 @@ class Tracer(ABC):
         return depth
 
     def succeeds(self, position: np.ndarray, rotation: np.ndarray) -> np.ndarray:
-        """Whether each sensor is in contact: (k,) bool, the same as `isfinite(trace(...)).any()` of each.
+        """Whether each sensor is in contact: (k,) bool, the same as `isfinite(trace(...)).any()` of each, but cheaper.
 
-        Cheaper, for ranking many grasps: pixels are looked at from coarse to fine until one is in range.
-        position, rotation: as for `trace`.
+        Pixels are traced from coarse to fine until one is in range. position, rotation: as for `trace`.
         """
         origins, rotation = self._in_object_frame(position, rotation)
         success = np.zeros(len(origins), dtype=bool)
         for k, origin in enumerate(origins):
             block = self._block_in_reach(origin, rotation[k])
-            if block is not None:
-                success[k] = any(
-                    np.isfinite(self._in_range(origin, rotation[k], pixels)).any() for pixels in self._passes(block)
-                )
+            passes = [] if block is None else self._passes(block)
+            success[k] = any(np.isfinite(self._in_range(origin, rotation[k], pixels)).any() for pixels in passes)
         return success
 
     def faces_in_reach(self, position: np.ndarray, rotation: np.ndarray) -> np.ndarray:
-        """The faces that are traced for any sensor: (f,) bool, of the faces that have an area.
-
-        position: (..., 3), rotation: (..., 3, 3) of the sensors.
-        """
+        """Which faces with an area are traced for any sensor: (f,) bool; position: (..., 3), rotation: (..., 3, 3)."""
         near = np.zeros(self._low.shape[1], dtype=bool)
         poses = self._in_object_frame(np.reshape(position, (-1, 3)), np.reshape(rotation, (-1, 3, 3)))
         for origin, frame in zip(*poses, strict=True):
@@ -96,7 +77,7 @@ class Tracer(ABC):
         return near
 
     def _in_object_frame(self, position, rotation) -> tuple[np.ndarray, np.ndarray]:
-        """Poses of sensors, float64, in the object's own frame; ValueError if one is no pose."""
+        """Poses of sensors, float64, in the object's own frame; ValueError for an invalid pose."""
         position, rotation = np.asarray(position, dtype=np.float64), np.asarray(rotation, dtype=np.float64)
         for k, (origin, axes) in enumerate(zip(position, rotation, strict=True)):
             if not np.isfinite(origin).all():
@@ -114,31 +95,22 @@ class Tracer(ABC):
 
     @abstractmethod
     def _depth(self, origin, rotation, block: Block) -> np.ndarray:
-        """Depth of a block of pixels, up to the sensor's range; beyond it, any larger number.
+        """Depth (rows, columns) float64 of a block of pixels, up to the sensor's range; beyond it, any larger number.
 
-        Args:
-            origin: (3,) position of the sensor in the object's own frame, rotation: (3, 3).
-
-        Returns:
-            (rows, columns) float64.
+        origin: (3,), rotation: (3, 3) of the sensor in the object's own frame.
         """
 
     def _block_in_reach(self, origin, rotation) -> Block | None:
-        """A block of pixels outside of which nothing can be in range; None if nothing can be in range at all.
-
-        Conservative: the extent, in the sensor's frame, of the faces near it.
-        """
+        """The block of pixels before the faces near the sensor, outside of which nothing can be in range, or None."""
         faces = self._near_faces(origin, rotation)
         if not len(faces):
             return None
-        # Along y and z.
-        half, pixel, side = (
-            np.array(each)[::-1] for each in (self.sensor.size, self.sensor.pixel, self.sensor.resolution)
-        )
-        half = half / 2
+        sensor = self.sensor
+        size, pixel, side = (np.array(each)[::-1] for each in (sensor.size, sensor.pixel, sensor.resolution))  # y, z
+        half = size / 2
         corners = (self._mesh.triangles[faces] - origin) @ rotation
         low, high = corners.min(axis=1), corners.max(axis=1)
-        box = np.array([[0, *-half], [self.sensor.range, *half]])
+        box = np.array([[0, *-half], [sensor.range, *half]])
         meets = ((low <= box[1] + _MARGIN) & (high >= box[0] - _MARGIN)).all(axis=1)
         if not meets.any():
             return None
