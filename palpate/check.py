@@ -65,7 +65,7 @@ def resolve(config: Mapping[str, Any], project: Path | str) -> Settings:
     grasps = config["grasps"]
     hand = grasps["hand"] and {key: absolute(path, project) for key, path in grasps["hand"].items()}
     touch_sensor = sensor.load(config["touch"]["sensor"], project)
-    if source["kind"] == "released" and touch_sensor.misfit(sensor.DIGIT):
+    if source["kind"] == "released" and touch_sensor.geometry_difference(sensor.DIGIT):
         raise ConfigError("config touch.sensor: the released data are of the DIGIT: leave it `digit`")
     if grasps["per_object"] > grasps["attempts"]:
         raise ConfigError("config grasps: attempts must be at least per_object")

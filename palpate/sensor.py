@@ -1,12 +1,11 @@
 """The touch sensor as plain data: its size, its grid of pixels, its frame, its gel and its lights.
 
-Sensors are YAML files: those shipped are in `palpate/sensors`, any other is named by its path. A touch store carries
-the one that its readings are of, so that the data explain themselves.
+Sensors are YAML files: those shipped are in `palpate/sensors`, others are named by their paths. A touch store has the
+description of its own.
 
-Sensor frame: the origin is the centre of the sensor plane, x points out of the gel, y along the columns and z
-along the rows of the reading. Seen from the sensor's inside, along +x, y is to the right and z is down, so a
-reading with row 0 at the top is what the camera behind the gel sees, not mirrored. On the hand, the gel's face is
-`gel_face` before the origin.
+Sensor frame: the origin is the centre of the sensor plane, x points out of the gel, y along the columns and z along the
+rows of the reading. Seen along +x, y is to the right and z is down: a reading with row 0 at the top is what the camera
+behind the gel sees, not mirrored. On the hand, the gel's face is `gel_face` before the origin.
 """
 
 from collections.abc import Mapping, Sequence
@@ -22,7 +21,7 @@ from palpate.configuration import ConfigError, check, read_yaml
 
 SHIPPED = Path(__file__).with_name("sensors")
 SCHEMA = SHIPPED / "schema.yaml"
-# What decides the shapes of a sensor's arrays and where its points can lie; the rest is how a reading looks.
+# Keys that decide the shapes of a sensor's arrays and its points; the others decide how a reading looks.
 GEOMETRY = ("width", "height", "resolution", "range", "gel_radius", "gel_face")
 Size = tuple[float, float]  # metres along z and y, in the order of rows and columns
 
@@ -37,9 +36,9 @@ class Sensor:
         range: distance from the sensor plane to the undeformed gel, of a round gel to its apex.
         gel_radius: of the sphere that a round gel is a cap of; None if the gel is flat and as wide as the plane.
         gel_face: distance from the sensor plane to the face that the hand has there, at which contact stops it.
-        lights: `angles` (degrees, of the red, green and blue light around the sensor's axis, from y to z), their
-            `radius` and their `height` above the plane at `range`, towards the sensor plane; or a list of lights with
-            a `colour` and a `position` (y, z, that height) or a `direction` that they are in.
+        lights: `angles` (degrees, of the red, green and blue light around the sensor's axis, from y to z), `radius` and
+            `height` above the plane at `range`, towards the sensor plane; or a list of lights with a `colour` and a
+            `position` (y, z, that height) or a `direction` that they are in.
         diffuse: lambda, grey levels of a surface that faces a light.
         smoothing: of the gel, or None: `pyramid`, `last`, `held`; see `palpate.touch.shading.smoothed`.
         background: (r, c, 3) uint8 image of the untouched gel; None: the shading of the undeformed gel.
@@ -96,7 +95,7 @@ class Sensor:
 
     @cached_property
     def sag(self) -> np.ndarray:
-        """(r, c) metres that the undeformed gel lies below its apex; beside a round gel as at its rim."""
+        """(r, c) metres that the undeformed gel is below its apex; beside a round gel as at its rim."""
         if self.gel_radius is None:
             return np.zeros(self.resolution)
         return self.gel_radius - np.sqrt(self.gel_radius**2 - np.minimum(self._off_axis, self.rim**2))
@@ -108,8 +107,8 @@ class Sensor:
 
     @cached_property
     def lamps(self) -> list[tuple[np.ndarray, np.ndarray, bool]]:
-        """Of each light its place, (y, z, height above the plane at `range`) in metres, or the direction of one that is
-        far; its colour, 1 for `diffuse` grey levels; whether it is far."""
+        """Of each light its place, (y, z, height above the plane at `range`) in metres, or its direction if it is far;
+        its colour, 1 for `diffuse` grey levels; whether it is far."""
         if not isinstance(self.lights, Mapping):
             places = [np.array(light.get("position") or light["direction"], dtype=float) for light in self.lights]
             colours = [np.array(light["colour"], dtype=float) for light in self.lights]
@@ -125,17 +124,12 @@ class Sensor:
         return {key: getattr(self, key) for key in GEOMETRY}
 
     def description(self) -> dict[str, Any]:
-        """The sensor as its file has it, for JSON; of a background image only that there is one."""
+        """The sensor as its file has it, for JSON; `background` is True if it has an image, else None."""
         return {
-            "name": self.name,
-            "width": self.width,
-            "height": self.height,
-            "resolution": list(self.resolution),
+            **{"name": self.name, "width": self.width, "height": self.height, "resolution": list(self.resolution)},
             "range": self.range,
             "gel": "flat" if self.gel_radius is None else {"radius": self.gel_radius},
-            "gel_face": self.gel_face,
-            "lights": self.lights,
-            "diffuse": self.diffuse,
+            **{"gel_face": self.gel_face, "lights": self.lights, "diffuse": self.diffuse},
             "smoothing": self.smoothing and dict(self.smoothing),
             "background": True if self.background is not None else None,
         }
@@ -146,9 +140,9 @@ class Sensor:
     ) -> "Sensor":
         """The sensor of a description, as a file or a store has it.
 
-        background: the image of the untouched gel, if the description says that there is one. what: it is called in
-        messages. Raises `ConfigError` for a description that does not fit `palpate/sensors/schema.yaml`, or a gel or a
-        light that can't be.
+        background: the image of the untouched gel, used if the description has one. what: name for error messages.
+        Raises `ConfigError` for a description that does not fit `palpate/sensors/schema.yaml`, an impossible gel or
+        light.
         """
         check(dict(description), SCHEMA, what)
         values = {key: value for key, value in description.items() if key not in ("gel", "background")}
@@ -176,8 +170,8 @@ class Sensor:
             raise ConfigError(f"{what}: lights.height must be range or more: no surface in range above the lights")
         return sensor
 
-    def misfit(self, other: "Sensor") -> str:
-        """In what the geometry of another sensor differs, as words; empty if data of one fit the other."""
+    def geometry_difference(self, other: "Sensor") -> str:
+        """The values of `GEOMETRY` that differ from another sensor's, as text; empty if data of one fit the other."""
         mine, theirs = self.geometry, other.geometry
         return ", ".join(f"{key} {mine[key]} and {theirs[key]}" for key in GEOMETRY if mine[key] != theirs[key])
 
@@ -198,10 +192,7 @@ def pixel_centres(resolution: int, width: float) -> np.ndarray:
 
 
 def sensor_file(sensor: str, folder: Path | str = ".") -> Path:
-    """The file of a sensor, by a name of those shipped or a path, absolute or from `folder`.
-
-    Raises `ConfigError`, naming those shipped, if there is none.
-    """
+    """The file of a sensor: the name of a shipped one, or a path, absolute or from `folder`. Raises `ConfigError`."""
     known = shipped()
     path = SHIPPED / f"{sensor}.yaml" if sensor in known else Path(folder, sensor).expanduser()
     if not path.is_file():
@@ -217,8 +208,8 @@ def shipped() -> list[str]:
 def read(path: Path, below: tuple[Path, ...] = ()) -> dict[str, Any]:
     """The keys of a sensor's file, and of the one that it extends; `background` as a path that can be opened.
 
-    below: the files that extend it. Raises `ConfigError`, naming the file, if it can't be read or has no keys, for a
-    `background` that is no path, and for files that extend each other.
+    below: the files that extend it. Raises `ConfigError`, naming the file, if it can't be read or has no keys, for an
+    invalid `background`, and for files that extend each other.
     """
     description = read_yaml(path)
     if not isinstance(description, dict):
@@ -236,7 +227,7 @@ def read(path: Path, below: tuple[Path, ...] = ()) -> dict[str, Any]:
 
 
 def read_background(path: Path | str, resolution: Sequence[int]) -> np.ndarray:
-    """(r, c, 3) uint8 image of an untouched gel, resized to resolution (r, c). Raises `ConfigError` if it is none."""
+    """(r, c, 3) uint8 image of an untouched gel, resized to resolution (r, c). Raises `ConfigError` if unreadable."""
     rows, columns = resolution
     try:
         with Image.open(path) as picture:
@@ -246,11 +237,8 @@ def read_background(path: Path | str, resolution: Sequence[int]) -> np.ndarray:
 
 
 def load(sensor: str, folder: Path | str = ".") -> Sensor:
-    """A sensor by a name of those shipped, or the path of its file; see `sensor_file`.
-
-    Raises `ConfigError`, naming the file, for one that can't be read or does not fit, or whose range does not reach the
-    gel's face.
-    """
+    """A sensor by its name or path (`sensor_file`). Raises `ConfigError`, naming the file, for an invalid one, or if
+    its range does not reach the gel's face."""
     path = sensor_file(sensor, folder)
     description = read(path)
     image = description.get("background")

@@ -54,12 +54,12 @@ def test_a_round_gel_is_a_cap_of_a_sphere():
 def test_a_description_brings_the_sensor_back(name):
     one = load(name)
     again = Sensor.from_description(yaml.safe_load(yaml.safe_dump(one.description())))
-    assert again.description() == one.description() and not one.misfit(again)
+    assert again.description() == one.description() and not one.geometry_difference(again)
     np.testing.assert_array_equal(one.reach, again.reach)
 
 
 def test_what_differs_is_named():
-    assert DIGIT.misfit(load("dome360")) == (
+    assert DIGIT.geometry_difference(load("dome360")) == (
         "width 0.01641 and 0.02, height 0.01641 and 0.02, resolution (100, 100) and (200, 200), "
         "gel_radius None and 0.01"
     )
@@ -104,7 +104,7 @@ def test_a_sensor_may_extend_another_and_be_rectangular(tmp_path):
 def test_stores_of_before_rectangles_are_read():
     old = DIGIT.description() | {"resolution": 100}
     del old["height"], old["gel_face"]
-    assert not DIGIT.misfit(Sensor.from_description(old))
+    assert not DIGIT.geometry_difference(Sensor.from_description(old))
 
 
 @pytest.mark.parametrize(

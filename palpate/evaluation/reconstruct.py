@@ -217,7 +217,7 @@ class Reconstructor:
                 f"{self.name} takes {_counted(self.grasps)}, but touches of {len(grasps)} were given"
             )
         for grasp in grasps:  # records of a dataset say what they are of; `GraspTouches` do not
-            if differs := self._model.sensor.misfit(getattr(grasp, "sensor", self._model.sensor)):
+            if differs := self._model.sensor.geometry_difference(getattr(grasp, "sensor", self._model.sensor)):
                 raise ReconstructionError(
                     f"{self.name} was trained with sensor {self._model.sensor.name!r}, but the touches are of "
                     f"{grasp.sensor.name!r}: {differs}; take a model of their run"

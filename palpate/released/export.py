@@ -30,11 +30,11 @@ def export(dataset, folder: Path | str) -> int:
     """
     if not len(dataset):
         raise StoreError(f"{dataset!r}: no object with surface, touch and vision: nothing to export")
-    misfit, sensors = DIGIT.misfit(dataset.sensor), dataset.array("touch", "success").shape[2]
-    if misfit or sensors != SENSORS:
+    difference, sensors = DIGIT.geometry_difference(dataset.sensor), dataset.array("touch", "success").shape[2]
+    if difference or sensors != SENSORS:
         raise StoreError(
             f"{dataset!r}: the released layout holds {SENSORS} sensors a grasp, as the DIGIT; this run has {sensors}, "
-            f"{dataset.sensor.name}{f' ({misfit})' if misfit else ''}: it can't be exported"
+            f"{dataset.sensor.name}{f' ({difference})' if difference else ''}: it can't be exported"
         )
     _require_paper_camera(dataset)
     with atomic_write(Path(folder)) as root:

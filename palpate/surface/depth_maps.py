@@ -1,39 +1,31 @@
-"""Exterior points from orthographic depth maps, the paper's technique: Smith et al., "Multi-View Silhouette
-and Depth Decomposition for High Resolution 3D Object Representation" (2018).
+"""Exterior points from orthographic depth maps, the paper's technique: Smith et al., "Multi-View Silhouette and Depth
+Decomposition for High Resolution 3D Object Representation" (2018).
 
-The object is seen from the six sides of its bounding box, and what the depth maps see is its surface. A pixel
-stands for the more surface the more obliquely it meets it, and for the less the more maps see the same
-surface: points are drawn by these weights, so that they come out uniform by area.
+The object is seen from the six sides of its bounding box. A pixel stands for the more surface the more obliquely it
+meets it, and for the less the more maps see it: drawn by these weights, points are uniform by area.
 """
 
 import numpy as np
 
 from palpate.surface.embree import RayMesh
 
-# Directions of view: along the axes, both ways.
-VIEWS = np.concatenate([np.eye(3), -np.eye(3)])
-# Pixels along the longer edge of each depth map.
-RESOLUTION = 256
-# Cosine of the angle of incidence below which a pixel stands for no more surface than at it: one sighting of
-# a surface that is almost parallel to the view must not outweigh hundreds of others.
-_GRAZING = 0.05
+VIEWS = np.concatenate([np.eye(3), -np.eye(3)])  # directions of view: along the axes, both ways
+RESOLUTION = 256  # pixels along the longer edge of each depth map
+_GRAZING = 0.05  # least cosine of incidence in weights: one pixel on a surface seen edge-on must not outweigh hundreds
 
 
 def sample_by_depth_maps(
     mesh: RayMesh, count: int, rng: np.random.Generator, resolution: int = RESOLUTION, views: np.ndarray = VIEWS
 ) -> np.ndarray:
-    """(count, 3) float64 points on what the depth maps see, uniform by area.
+    """(count, 3) float64 points on what the depth maps see, uniform by area; repeated only if they see fewer.
 
-    A point is drawn twice only if the maps see fewer than `count` points. Raises ValueError if they see none:
-    a surface in needles thinner than a pixel.
+    Raises ValueError if they see none: a surface in needles thinner than a pixel.
     """
     maps = [DepthMap(mesh, view, resolution, rng) for view in views]
     points = np.concatenate([depth_map.points for depth_map in maps])
     if not len(points):
-        raise ValueError(
-            f"the depth maps see nothing of the surface: it is thinner than a pixel "
-            f"of {resolution} x {resolution}; use the method rays"
-        )
+        thin = f"it is thinner than a pixel of {resolution} x {resolution}; use the method rays"
+        raise ValueError(f"the depth maps see nothing of the surface: {thin}")
     normals = np.concatenate([depth_map.normals for depth_map in maps])
     weight = 1 / sum(depth_map.density(points, normals) for depth_map in maps)
     chosen = rng.choice(len(points), size=count, replace=len(points) < count, p=weight / weight.sum())
@@ -43,13 +35,11 @@ def sample_by_depth_maps(
 class DepthMap:
     """One orthographic view of a mesh; each pixel looks at a random spot of its square.
 
-    Attributes:
-        points: (n, 3) float64, what the pixels see.
-        normals: (n, 3) float64, unit normals of the faces seen, of either sign.
+    points, normals: (n, 3) float64, what the pixels see, and unit normals of the faces, of either sign.
     """
 
     def __init__(self, mesh: RayMesh, view: np.ndarray, resolution: int, rng: np.random.Generator):
-        """`view`: (3,) unit vector, the way the camera looks. `resolution`: pixels along the longer edge."""
+        """view: (3,) unit vector, the way the camera looks. resolution: pixels along the longer edge."""
         # The camera's frame: two axes across, the third along the view.
         self._axes = np.linalg.svd(view[None])[2][[1, 2, 0]].T
         self._axes[:, 2] = view
@@ -78,11 +68,8 @@ class DepthMap:
         self._depth.ravel()[seen] = distance + outside
 
     def density(self, points: np.ndarray, normals: np.ndarray) -> np.ndarray:
-        """How many points per area this map has at (n, 3) points with (n, 3) normals: (n,), 0 where it is
-        blind.
-
-        The map sees a point if the depth it has there is the point's, up to the slope within a pixel.
-        """
+        """Points per area (n,) of this map at (n, 3) points with (n, 3) normals; 0 where its depth is not the point's,
+        up to the slope within a pixel."""
         place = points @ self._axes
         pixel = ((place[:, :2] - self._low[:2]) / self._pixel).astype(int)
         pixel = np.clip(pixel, 0, np.array(self._depth.shape) - 1)

@@ -1,7 +1,6 @@
-"""Embree's ray casting on the faces of one mesh.
+"""Embree's ray casting on the faces of one mesh. `bpy` must be imported before this module, if at all.
 
-Embree is called directly: trimesh's wrapper copies, scales and normalises every ray, which costs more than
-the tracing itself for the coherent rays of a sensor. `bpy` must be imported before this module, if at all.
+trimesh's wrapper copies, scales and normalises every ray, which costs more than tracing the rays of a sensor.
 """
 
 import numpy as np
@@ -11,16 +10,11 @@ from embreex.rtcore_scene import EmbreeScene
 
 
 class RayMesh:
-    """The faces of a mesh that have an area, in Embree's tree (watertight edge tests: no ray leaks between
-    two faces that share vertices).
+    """The faces of a mesh that have an area, in Embree's tree; no ray leaks between two faces that share vertices.
 
-    Embree computes in single precision, about 1e-7 of the mesh's size: exact enough to name the face that is
-    hit; where exactly it is hit is for the caller to compute from `triangles`.
-
-    Attributes:
-        triangles: (f, 3, 3) float64, corners of the faces kept, in the mesh's own coordinates.
-        normals: (f, 3) float64, their normals; the length is twice the area.
-        face: (f,) index of each into `mesh.faces`.
+    Embree's single precision, about 1e-7 of the mesh's size, names the face that is hit; the caller computes where,
+    from `triangles`: (f, 3, 3) float64, corners of the faces kept, in the mesh's own coordinates. normals: (f, 3)
+    float64, whose length is twice the area. face: (f,) index of each into `mesh.faces`.
     """
 
     def __init__(self, mesh: trimesh.Trimesh):
@@ -49,15 +43,10 @@ class RayMesh:
         return vertices[used], (np.cumsum(used) - 1)[faces]
 
     def first_face(self, origins: np.ndarray, directions: np.ndarray, reach: float | None = None) -> np.ndarray:
-        """The face that each ray meets first, from either side.
+        """The face that each ray meets first, from either side: (n,) int32 index into `triangles`, -1 for none.
 
-        Args:
-            origins: (n, 3) in the mesh's coordinates.
-            directions: (n, 3), or (1, 3) for parallel rays.
-            reach: longest distance looked at, in units of the directions' length.
-
-        Returns:
-            (n,) int32 index into `triangles`, -1 where nothing is hit.
+        origins: (n, 3) in the mesh's coordinates; directions: (n, 3), or (1, 3) for parallel rays; reach: longest
+        distance, in units of the directions' length.
         """
         return self._query(origins, directions, reach, "INTERSECT")
 

@@ -4,14 +4,12 @@ import numpy as np
 
 from palpate.surface.embree import RayMesh
 
-# Directions in which a point may see out, spread evenly over the sphere. More of them find points that see
-# out through narrower openings, for more time on the points that don't (docs/surface.md).
+# Evenly over the sphere. More directions find points that see out through narrower openings (docs/surface.md).
 DIRECTIONS = 64
-# A ray starts this far off its face, as a share of the mesh's extent: far enough not to meet its own face in
-# single precision, near enough not to jump over a thin wall (1e-6 m for an object of 0.5 m).
+# Share of the mesh's extent that a ray starts off its face: far enough not to meet that face in single precision, near
+# enough not to jump over a thin wall (1e-6 m for an object of 0.5 m).
 _OFFSET = 2e-6
-# Candidates drawn in all, at most, as a multiple of the points asked for.
-_MOST_CANDIDATES = 200
+_MOST_CANDIDATES = 200  # drawn in all, as a multiple of the points asked for
 
 
 def fibonacci_sphere(count: int) -> np.ndarray:
@@ -24,8 +22,7 @@ def fibonacci_sphere(count: int) -> np.ndarray:
 
 
 def sample_by_rays(mesh: RayMesh, count: int, rng: np.random.Generator, directions: int = DIRECTIONS) -> np.ndarray:
-    """(count, 3) float64 points, uniform by area on the exterior: of candidates on all faces, those that see
-    out.
+    """(count, 3) float64 points, uniform by area: of candidates on all faces, those that see out.
 
     Raises ValueError if so little of the surface is exterior that `count` points can't be found.
     """
@@ -50,8 +47,7 @@ def sample_by_rays(mesh: RayMesh, count: int, rng: np.random.Generator, directio
 def sample_by_area(mesh: RayMesh, count: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
     """Points uniform by area on all faces: (count, 3) and (count,) the face of each."""
     area = np.cumsum(np.linalg.norm(mesh.normals, axis=1))
-    face = np.searchsorted(area, rng.random(count) * area[-1], side="right")
-    face = np.minimum(face, len(area) - 1)
+    face = np.minimum(np.searchsorted(area, rng.random(count) * area[-1], side="right"), len(area) - 1)
     # The square root makes the barycentric coordinates uniform over the triangle (Osada et al. 2002).
     root, part = np.sqrt(rng.random((count, 1))), rng.random((count, 1))
     a, b, c = mesh.triangles[face].transpose(1, 0, 2)
@@ -59,11 +55,8 @@ def sample_by_area(mesh: RayMesh, count: int, rng: np.random.Generator) -> tuple
 
 
 def sees_out(mesh: RayMesh, points: np.ndarray, face: np.ndarray, directions: int = DIRECTIONS) -> np.ndarray:
-    """Whether each point of a face sees infinity, from either side of it, in any of the directions: (n,)
-    bool.
-
-    The orientation of faces does not matter, nor whether the mesh is closed.
-    """
+    """Whether each point sees infinity from either side of its face in any direction: (n,) bool; the mesh may be
+    open."""
     normal = mesh.normals[face]
     normal = normal / np.linalg.norm(normal, axis=1, keepdims=True)
     offset = _OFFSET * np.ptp(mesh.triangles.reshape(-1, 3), axis=0).max() * normal

@@ -181,7 +181,7 @@ def require_sensor(
 
     trained_sensors, data_sensors: of a hand; None: any number. model: what messages call it.
     """
-    differences = [trained.misfit(data)] if trained.misfit(data) else []
+    differences = [trained.geometry_difference(data)] if trained.geometry_difference(data) else []
     if None not in (trained_sensors, data_sensors) and trained_sensors != data_sensors:
         differences.append(f"sensors of a hand: {trained_sensors} and {data_sensors}")
     if differences:

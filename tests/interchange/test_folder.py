@@ -50,7 +50,7 @@ def test_each_object_has_its_mesh(built, exported):
 
 def test_the_sensor_can_be_read_back(exported):
     found = json.loads((exported / "sensor.json").read_text())
-    assert Sensor.from_description(found["sensor"]).misfit(DIGIT) == ""
+    assert Sensor.from_description(found["sensor"]).geometry_difference(DIGIT) == ""
     assert found["names"] == ["index", "middle", "ring", "thumb"]
 
 

@@ -199,7 +199,7 @@ def test_a_model_of_two_sensors_takes_them_and_a_checkpoint_brings_it_back(run, 
     assert torch.isfinite(vertices).all() and batch["success"].shape[1] == 4
     checkpoints.save(tmp_path / "best.ckpt", "reconstruction", model, learner.described())
     again = checkpoints.load(tmp_path / "best.ckpt")
-    assert again.hand_sensors == 2 and not again.sensor.misfit(KIND)
+    assert again.hand_sensors == 2 and not again.sensor.geometry_difference(KIND)
     with torch.no_grad():
         assert torch.equal(again(batch), vertices)
     table = evaluate(Trained(again, "gripper", experiment, 0, 1), data, 100, ["validation"])
