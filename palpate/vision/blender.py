@@ -10,10 +10,9 @@ from palpate.vision.system import install_command, missing_libraries
 def load():
     """Import `bpy`, once, and return it.
 
-    Blender's thread pool takes the size of the machine when it starts, and its idle threads spin: a render
-    with one thread kept two cores busy (measured: 0.51 s of CPU for 0.26 s of render). Started while the
-    process may use one core only, the pool is of that size, and Cycles still gets as many threads as the
-    renderer asks for.
+    Blender's thread pool takes the size of the machine when it starts, and its idle threads spin: a render with one
+    thread took 0.51 s of CPU for 0.26 s. Blender is therefore started while the process may use one core only; Cycles
+    still gets as many threads as the renderer asks for.
 
     Raises ImportError naming what to install, or what to import earlier.
     """
@@ -28,8 +27,7 @@ def load():
 
 
 def _advice(error: ImportError) -> str:
-    missing = missing_libraries()
-    if missing:
+    if missing := missing_libraries():
         return (
             f"Blender can't start without the system libraries {', '.join(missing)}. On Debian and Ubuntu, as"
             f" root: {install_command(missing.values())}"

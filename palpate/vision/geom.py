@@ -1,18 +1,14 @@
 """Geoms of the hand as triangles with smooth normals; edges are rounded, inwards only. Numpy only.
 
-A drawn geom lies inside its closed form: all vertices are on the closed form's surface with its edges
-rounded, and everything here is convex, so faces cut corners and never stick out.
+A drawn geom lies inside its closed form: vertices are on its surface with edges rounded, and all is convex.
 """
 
 import numpy as np
 
-# The radius of a box's or a cylinder's rounded edges: a share of the smallest half extent, up to a limit in
-# metres.
-BEVEL_SHARE = 0.5
-LARGEST_BEVEL = 0.003
+# Radius of a box's or a cylinder's rounded edges: a share of the smallest half extent, at most so many metres.
+BEVEL_SHARE, LARGEST_BEVEL = 0.5, 0.003
 TOUCHING = 1e-6  # m
-# How far bridges stay below the boxes' sides: faces in one plane would shadow each other.
-RECESS = 2e-4  # m
+RECESS = 2e-4  # m that bridges stay below the boxes' sides: faces in one plane would shadow each other
 EDGE_SEGMENTS = 3  # faces across a rounded edge, for each of the two sides that meet
 ROUND_SEGMENTS = 10  # the same, for spheres, capsules and ellipsoids
 CYLINDER_SECTORS = 48
@@ -23,9 +19,8 @@ Triangles = tuple[np.ndarray, np.ndarray, np.ndarray]
 def triangles(kind: str, size, vertices=None, faces=None) -> Triangles:
     """Vertices (n, 3), faces (f, 3) and unit normals (n, 3) of a geom in its own frame.
 
-    kind and size as in `palpate.hand.Hand`: box (half extents), sphere (radius), capsule and cylinder
-    (radius, half length along z), ellipsoid (half axes). vertices (m, 3) and faces (k, 3)
-    are those of a geom of kind mesh; without faces its convex hull is drawn.
+    kind and size as in `palpate.hand.Hand`; vertices (m, 3) and faces (k, 3): of a geom of kind mesh; without faces its
+    convex hull is drawn.
     """
     size = np.asarray(size, dtype=float)
     if kind == "box":
@@ -47,17 +42,19 @@ def triangles(kind: str, size, vertices=None, faces=None) -> Triangles:
 
 def _hull_or_mesh(vertices: np.ndarray, faces: np.ndarray) -> Triangles:
     """A mesh as it is, or without faces its vertices' convex hull; every face flat, with its own vertices."""
+
+    def across(faces):
+        corners = vertices[faces]
+        return corners, np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+
     if not len(faces):
         from scipy.spatial import ConvexHull
 
         hull = ConvexHull(vertices)
         faces = hull.simplices.copy()
-        corners = vertices[faces]
-        towards = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-        inwards = (towards * hull.equations[:, :3]).sum(axis=1) < 0
+        inwards = (across(faces)[1] * hull.equations[:, :3]).sum(axis=1) < 0
         faces[inwards] = faces[inwards][:, ::-1]
-    corners = vertices[faces]
-    towards = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    corners, towards = across(faces)
     towards /= np.maximum(np.linalg.norm(towards, axis=1, keepdims=True), np.finfo(float).tiny)
     return corners.reshape(-1, 3), np.arange(faces.size).reshape(-1, 3), np.repeat(towards, 3, axis=0)
 
@@ -65,8 +62,8 @@ def _hull_or_mesh(vertices: np.ndarray, faces: np.ndarray) -> Triangles:
 def bridges(sizes: np.ndarray, positions: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
     """Boxes (half extents, position) that close the grooves between boxes which touch face to face.
 
-    sizes, positions: (n, 3) of n boxes with parallel axes. A bridge reaches from the middle of one box to the
-    middle of its neighbour, nearly as wide as both: it lies inside the two of them.
+    sizes, positions: (n, 3) of n boxes with parallel axes. A bridge reaches from the middle of one to that of the
+    other, nearly as wide as both: it lies inside them.
     """
     made = []
     for one in range(len(sizes)):
@@ -96,8 +93,7 @@ def sphere(radius: float, segments: int) -> Triangles:
 def rounded_box(half_extents: np.ndarray, radius: float, segments: int) -> Triangles:
     """A box with edges and corners rounded with a radius; `segments` faces from a side to a corner's middle.
 
-    Every side is a grid of lines that are dense over the roundings; the surface is the inner box, pushed
-    outwards by the radius.
+    Every side is a grid, dense over the roundings; the surface is the inner box, pushed outwards by the radius.
     """
     inner = np.asarray(half_extents, dtype=float) - radius
     spread = np.tan(np.linspace(0, np.pi / 4, segments + 1))  # equal angles across the rounding
@@ -125,8 +121,7 @@ def rounded_box(half_extents: np.ndarray, radius: float, segments: int) -> Trian
 def rounded_cylinder(radius: float, half_length: float, edge: float, sectors: int, segments: int) -> Triangles:
     """A cylinder about z whose two rims are rounded with radius `edge`."""
     angle = np.linspace(0, np.pi / 2, 2 * segments + 1)
-    # The profile from the middle of the bottom to the middle of the top: distance from the axis, height,
-    # normal.
+    # The profile from the middle of the bottom to that of the top: distance from the axis, height, normal.
     out, up = np.cos(angle[::-1]), np.sin(angle[::-1])
     rim = np.stack([radius - edge + edge * out, half_length - edge + edge * up, out, up], axis=1)[::-1]
     top = np.concatenate([rim, [[0, half_length, 0, 1]]])

@@ -8,35 +8,24 @@ import numpy as np
 
 from palpate.camera import Camera, matrices
 
-# Names of the channels in Blender's files and in those kept, by pass.
-CHANNELS = {"Combined": "ViewLayer.Combined", "Depth": "ViewLayer.Depth.Z", "IndexOB": "ViewLayer.IndexOB.X"}
-# Blender's depth where a pixel shows nothing; real depths are far below.
-NOTHING = 1e9
+CHANNELS = ("ViewLayer.Combined", "ViewLayer.Depth.Z", "ViewLayer.IndexOB.X")  # Blender's names, as of `Layers`
+NOTHING = 1e9  # Blender's depth where a pixel shows nothing; real depths are far below
 
 
 class Image(NamedTuple):
-    """An image of size s. Row 0 at the top.
+    """An image of size s, row 0 at the top."""
 
-    rgb: (s, s, 3) uint8, sRGB; with a transparent background (s, s, 4), alpha not premultiplied.
-    mask: (s, s) uint8, 255 where the pixel's centre shows the object, else 0.
-    depth: (s, s) float16, metres along the camera's axis at the pixel's centre, +inf where it shows nothing.
-    """
-
-    rgb: np.ndarray
-    mask: np.ndarray
-    depth: np.ndarray
+    rgb: np.ndarray  # (s, s, 3) uint8, sRGB; with a transparent background (s, s, 4), alpha not premultiplied
+    mask: np.ndarray  # (s, s) uint8, 255 where the pixel's centre shows the object, else 0
+    depth: np.ndarray  # (s, s) float16, metres along the camera's axis at the pixel's centre, +inf for nothing
 
 
 class Layers(NamedTuple):
-    """Cycles' passes of a picture, float32, row 0 at the top.
+    """Cycles' passes of a picture, float32, row 0 at the top."""
 
-    combined: (s, s, 4) linear RGBA, colours premultiplied by alpha. depth: (s, s) metres, `NOTHING` and more
-    where there is nothing. index: (s, s) 1 for the object, 0 for all else.
-    """
-
-    combined: np.ndarray
-    depth: np.ndarray
-    index: np.ndarray
+    combined: np.ndarray  # (s, s, 4) linear RGBA, colours premultiplied by alpha
+    depth: np.ndarray  # (s, s) metres, `NOTHING` and more where there is nothing
+    index: np.ndarray  # (s, s) 1 for the object, 0 for all else
 
     @classmethod
     def empty(cls, size: int) -> "Layers":
@@ -69,14 +58,14 @@ def read_layers(path: Path | str) -> Layers:
 
     with OpenEXR.File(str(path)) as file:
         channels = file.channels()
-        return Layers(*(np.array(channels[name].pixels) for name in CHANNELS.values()))
+        return Layers(*(np.array(channels[name].pixels) for name in CHANNELS))
 
 
 def write_layers(path: Path | str, layers: Layers) -> None:
     """Keep a picture's passes as a multilayer EXR file: 32 bit floats, zip, Blender's channel names."""
     import OpenEXR
 
-    channels = dict(zip(CHANNELS.values(), layers, strict=True))
+    channels = dict(zip(CHANNELS, layers, strict=True))
     header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
     with OpenEXR.File(header, channels) as file:
         file.write(str(path))

@@ -9,17 +9,16 @@ from palpate.vision import geom
 
 
 class Mesh(NamedTuple):
-    """Triangles with colours, in the world.
+    """Triangles with colours, in the world."""
 
-    vertices: (n, 3) metres. faces: (f, 3) int. colours: sRGB in 0..1, of the whole (3,), or of every vertex
-    (n, 3) (blended over the faces), or of every face (f, 3). normals: (n, 3) for smooth shading, or none for
-    smooth shading with edges sharper than 30 degrees kept.
-    """
-
-    vertices: np.ndarray
-    faces: np.ndarray
-    colours: np.ndarray = (0.7, 0.7, 0.7)
-    normals: np.ndarray | None = None
+    vertices: np.ndarray  # (n, 3) metres
+    faces: np.ndarray  # (f, 3) int
+    colours: np.ndarray = (
+        0.7,
+        0.7,
+        0.7,
+    )  # sRGB in 0..1: (3,), of vertices (n, 3) (blended over the faces), or faces (f, 3)
+    normals: np.ndarray | None = None  # (n, 3) for smooth shading; None keeps edges sharper than 30 degrees
 
 
 def spheres(points: np.ndarray, radius: float, colours=(0.8, 0.1, 0.1), segments: int = 4) -> Mesh:
@@ -38,16 +37,10 @@ def spheres(points: np.ndarray, radius: float, colours=(0.8, 0.1, 0.1), segments
 
 def link_mesh(hand: Hand, link: int) -> Mesh:
     """A link's geoms, and the bridges between its boxes, as one mesh in the link's frame."""
-    mine = np.flatnonzero(hand.geom_link == link)
-    parts = [
-        (
-            geom.triangles(hand.geom_kind[g], hand.geom_size[g], hand.geom_vertices[g], hand.geom_faces[g]),
-            hand.geom_position[g],
-            hand.geom_rotation[g],
-            hand.geom_rgba[g],
-        )
-        for g in mine
-    ]
+    mine, parts = np.flatnonzero(hand.geom_link == link), []
+    for g in mine:
+        shape = geom.triangles(hand.geom_kind[g], hand.geom_size[g], hand.geom_vertices[g], hand.geom_faces[g])
+        parts.append((shape, hand.geom_position[g], hand.geom_rotation[g], hand.geom_rgba[g]))
     boxes = [g for g in mine if hand.geom_kind[g] == "box" and np.array_equal(hand.geom_rotation[g], np.eye(3))]
     for colour in np.unique(hand.geom_rgba[boxes], axis=0):
         same = [g for g in boxes if np.array_equal(hand.geom_rgba[g], colour)]

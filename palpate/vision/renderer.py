@@ -1,19 +1,17 @@
 """The renderer: one Blender process that draws a whole batch of scenes, each object alone and in the hand.
 
-A picture is two renders of Cycles. The first makes the colours: many samples a pixel, smoothed by the pixel
-filter. The second makes mask and depth: one sample exactly at every pixel's centre, because Cycles takes
-these from a pixel's first sample, which the filter of the first render moves by up to 0.75 pixels. Blender
-writes both as EXR files into memory (a `Viewer` node stays empty without a window), where OpenEXR reads them.
+A picture is two renders of Cycles: the colours, with many samples a pixel and a pixel filter; then mask and depth, with
+one sample at every pixel's centre, for Cycles takes them from a pixel's first sample, which the filter moves by up to
+0.75 pixels. Blender writes both as EXR files into memory (without a window a `Viewer` node stays empty).
 
-Omitted, because the picture is the same without it, or is within its noise (`studies/omitted/renders.py`
-compares):
+Omitted, because the picture is the same, or within its noise (`studies/omitted/renders.py` compares):
 
-- the object alone is rendered once, whatever the number of grasps, and without the hand;
-- the hand's meshes are built once, and only posed for each object and grasp;
-- pixels outside the rectangle of what is drawn, which can only show the background;
-- all samples but one for mask and depth;
-- a file's cameras, lamps, and materials of no triangle;
-- light's paths beyond the bounces in `CYCLES`, caustics, and the tree of lights: there is one lamp.
+- the object alone is rendered once, whatever the number of grasps, and without the hand
+- the hand's meshes are built once, and only posed for each object and grasp
+- pixels outside the rectangle of what is drawn, which show the background
+- all samples but one for mask and depth
+- a file's cameras, lamps, and unused materials
+- light's paths beyond the bounces in `CYCLES`, caustics, and the tree of lights
 """
 
 import logging
@@ -44,75 +42,39 @@ from palpate.vision.meshes import Mesh, link_mesh  # noqa: E402
 log = logging.getLogger(__name__)
 
 SAMPLES = 16
-# What a scene of CAD parts under one or a few lamps needs of Cycles, and no more, by Blender's names.
+# What a scene of CAD parts under a few lamps needs of Cycles, by Blender's names.
 CYCLES = {
-    "seed": 0,
-    "use_denoising": False,
-    "use_adaptive_sampling": False,
-    "use_light_tree": False,
-    "use_auto_tile": False,
-    "caustics_reflective": False,
-    "caustics_refractive": False,
-    "max_bounces": 6,
-    "diffuse_bounces": 4,
-    "glossy_bounces": 4,
-    "transmission_bounces": 6,
-    "transparent_max_bounces": 8,
-    "volume_bounces": 0,
+    **{"seed": 0, "use_denoising": False, "use_adaptive_sampling": False, "use_light_tree": False},
+    **{"use_auto_tile": False, "caustics_reflective": False, "caustics_refractive": False},
+    **{"max_bounces": 6, "diffuse_bounces": 4, "glossy_bounces": 4, "transmission_bounces": 6},
+    **{"transparent_max_bounces": 8, "volume_bounces": 0},
 }
-
-# The hand's plastic.
-ROUGHNESS = 0.45
-
+ROUGHNESS = 0.45  # of the hand's plastic
 OBJECT_INDEX = 1  # Blender's pass index of the object; 0 is everything else
 MARGIN = 2  # pixels around what is drawn: as far as the pixel filter reaches (0.75), and rounding
 PIXEL_FILTER = 1.5  # pixels, the width of the Blackman-Harris filter: Blender's default
 POINT_FILTER = 0.01  # pixels: the narrowest that Blender takes
-# m from the camera, Blender's default: nearer surfaces are not seen. Small objects that are looked at from near by have
-# it halfway to them.
-CLIP_START = 0.1
+CLIP_START = 0.1  # m, Blender's default: nearer surfaces are not seen. Of near objects it is halfway to them.
 SHARP_EDGE = np.radians(30)
-
-# Where the glTF importer puts a file's coordinates: y up is turned to z up, (x, y, z) -> (x, -z, y). Files
-# here hold z up as it is, so this is turned back.
+# Files here have z up. The glTF importer turns y up to z up, (x, y, z) -> (x, -z, y); this turns it back.
 FILE_ROTATION = np.array([[1, 0, 0], [0, 0, 1], [0, -1, 0]])
-
 GPU_KINDS = ("OPTIX", "CUDA", "HIP", "ONEAPI", "METAL")
-
 VISIBLE = 0.01  # opacity from which a surface counts for mask and depth: glass does, a texture's holes don't
 FREE_MEMORY = 200e6  # bytes: an uncompressed picture of 2048 x 2048 takes 24 a pixel
 
 # Kinds of Blender's data that a file can bring, and that go with it.
 DATA = (
-    "objects",
-    "meshes",
-    "materials",
-    "images",
-    "textures",
-    "collections",
-    "cameras",
-    "lights",
-    "armatures",
-    "actions",
-    "node_groups",
-    "curves",
-    "shape_keys",
-    "worlds",
-    "texts",
+    *("objects", "meshes", "materials", "images", "textures", "collections", "cameras", "lights", "armatures"),
+    *("actions", "node_groups", "curves", "shape_keys", "worlds", "texts"),
 )
 
 
 class Renderer:
-    """Blender, set up once, for as many scenes as there are.
+    """Blender, set up once for any number of scenes. It has one scene a process: a new Renderer replaces the last.
 
-    samples: Cycles' samples a pixel for the colours. device: "cpu", "gpu", or "auto": a GPU if Cycles finds
-    one. threads: of the CPU. exr: a folder that keeps every image as a multilayer EXR file with 32 bit floats
-    (see `palpate.vision.image`); none keeps nothing.
-
-    Between pictures the attributes `samples`, `exr` and `cycles` (settings of Cycles other than `CYCLES`, by
-    Blender's names) may be changed.
-
-    Blender has one scene a process: a new Renderer takes the place of the one before.
+    samples: Cycles' samples a pixel for the colours. device: "cpu", "gpu", or "auto": a GPU if Cycles finds one.
+    threads: of the CPU. exr: a folder that keeps every image as a multilayer EXR file with 32 bit floats, or None.
+    Between pictures `samples`, `exr` and `cycles` (settings beside `CYCLES`, by Blender's names) may be changed.
     """
 
     _alive = None
@@ -146,13 +108,11 @@ class Renderer:
         return self.render_cameras(scene, [scene.camera])[0]
 
     def render_cameras(self, scene: Scene, cameras: Sequence[Camera]) -> list[tuple[Image, list[Image]]]:
-        """What `render` gives, from each of the cameras instead of the scene's own.
+        """What `render` gives, from each of the cameras instead of the scene's own; logs how much was omitted.
 
-        The object's file is read once. EXR files are named after the object, and after the number of the camera if it
-        is not the first. Logs how much was omitted.
-
-        Raises UnusableObject where the object's file can't be read or holds no triangles, or where an image of
-        the object alone doesn't show it; the next scene renders all the same.
+        EXR files are named after the object, and the number of the camera if it is not the first. Raises UnusableObject
+        if the object's file can't be read or holds no triangles, or if an image of the object alone doesn't show it;
+        the next scene renders all the same.
         """
         self._take_hand(scene.hand)
         self._omitted_pixels = 0
@@ -194,9 +154,8 @@ class Renderer:
     def render_views(self, scene: Scene, cameras: Sequence[Camera]) -> list[Image]:
         """The object of a scene alone over white, from each of the cameras instead of its own.
 
-        The object's file is read once, and Cycles keeps what it made of it. The lamps go with the camera, so
-        that no view looks at the dark side: they stand to each as they stand to the scene's. An image's size is its
-        camera's. Raises UnusableObject where the file can't be read or holds no triangles.
+        The file is read once, and Cycles keeps its data. The lamps go with the camera, so that no view shows the dark
+        side. Raises UnusableObject if the file can't be read or holds no triangles.
         """
         self._take_hand(None)
         self._omitted_pixels = 0
@@ -229,14 +188,10 @@ class Renderer:
         samples: int | None = None,
         background: tuple[float, float, float] | None = WHITE,
     ) -> Image:
-        """Meshes, an object's file and a hand from any viewpoint, for figures.
+        """Meshes, an object's file and a hand from any viewpoint, for figures; the mask has all but the hand.
 
-        meshes: coloured triangles in the world (`spheres` makes them of points). visual_glb: an object's
-        file, which stands at `palpate.mesh.OBJECT_POSITION`. hand, link_pose: a `palpate.hand.Hand` and its
-        links' poses (L, 4, 4). camera: its `size` is the image's (default: the paper's). samples: default, the
-        renderer's. background: linear RGB; none for a transparent one (the image's rgb then has four channels).
-
-        The mask is that of the glb's object and of the meshes: all but the hand.
+        visual_glb: an object's file, at `palpate.mesh.OBJECT_POSITION`. link_pose: (L, 4, 4) of the hand's links.
+        camera: default, the paper's. samples: default, the renderer's. background: linear RGB; None is transparent.
         """
         self._take_hand(hand)
         with _TemporaryData():
@@ -348,11 +303,8 @@ class Renderer:
 
     @staticmethod
     def _rectangle(camera: Camera, points: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
-        """Corners (2,) of the pixels in which points (n, 3) lie: (column, row), the second one outside.
-
-        The other pixels can only show background. Cycles draws the same random numbers for a pixel whatever the
-        rectangle, so the picture is the same. None where the points are all outside the image.
-        """
+        """Corners (2,) of the pixels in which points (n, 3) lie: (column, row), the second one outside; None if no
+        point is in the image. Cycles draws the same random numbers for a pixel whatever the rectangle."""
         pixels, depth = camera.project(points)
         low, high = np.zeros(2), np.full(2, camera.size)
         if not (depth > 0).any():
@@ -435,7 +387,7 @@ def _choose_device(device: str) -> str:
 
 
 def _set_up_render(scene, threads: int, device: str) -> None:
-    """Render settings that are the same for all images."""
+    """Render settings of all images."""
     render, layer = scene.render, scene.view_layers[0]
     render.engine = "CYCLES"
     render.resolution_percentage = 100
@@ -509,12 +461,9 @@ def _coloured_material(name: str, roughness: float):
 
 def _hand_objects(hand, material) -> list[tuple[int, Any, np.ndarray]]:
     """For every link that has geoms: its number, a Blender object, vertices (n, 3) in the link's frame."""
-    made = []
-    for link in np.unique(hand.geom_link):
-        mesh = link_mesh(hand, link)
-        body = _blender_object(f"hand-{hand.link_names[link]}", mesh, material)
-        made.append((int(link), body, mesh.vertices))
-    return made
+    meshes = {int(link): link_mesh(hand, link) for link in np.unique(hand.geom_link)}
+    names = hand.link_names
+    return [(k, _blender_object(f"hand-{names[k]}", mesh, material), mesh.vertices) for k, mesh in meshes.items()]
 
 
 def _blender_object(name: str, mesh: Mesh, material):

@@ -10,9 +10,8 @@ import shutil
 import subprocess
 import sys
 
-# What `bpy` 4.5 links against besides the C and C++ runtimes and what it brings along (`ldd`), by Debian
-# package (`dpkg -S`); the packages' own dependencies come with them. The last is `pymeshlab`'s: without it
-# most of its filters are not there.
+# Libraries that `bpy` 4.5 links against (`ldd`) and does not bring along, by Debian package (`dpkg -S`). The last is
+# `pymeshlab`'s: without it most of its filters are missing.
 PACKAGES = {
     "libX11.so.6": "libx11-6",
     "libXrender.so.1": "libxrender1",
@@ -28,7 +27,13 @@ PACKAGES = {
 
 def missing_libraries() -> dict[str, str]:
     """The shared libraries that can't be loaded, each with the Debian package that has it."""
-    return {library: package for library, package in PACKAGES.items() if not _loads(library)}
+    missing = {}
+    for library, package in PACKAGES.items():
+        try:
+            ctypes.CDLL(library)
+        except OSError:
+            missing[library] = package
+    return missing
 
 
 def install_command(packages) -> str:
@@ -36,31 +41,21 @@ def install_command(packages) -> str:
     return "apt-get install --yes --no-install-recommends " + " ".join(sorted(set(packages)))
 
 
-def _loads(library: str) -> bool:
-    try:
-        ctypes.CDLL(library)
-    except OSError:
-        return False
-    return True
-
-
 def main(arguments: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description="Name the system libraries that are missing.")
     parser.add_argument("--install", action="store_true", help="install them, as root on a system with apt")
     install = parser.parse_args(arguments).install
     missing = missing_libraries()
-    if not missing:
-        if not install:
-            print("The system libraries of Blender and MeshLab are all there.")
-        return 0
-    command = install_command(missing.values())
-    if install and os.geteuid() == 0 and shutil.which("apt-get"):
+    if not missing and not install:
+        print("The system libraries of Blender and MeshLab are all there.")
+    if missing and install and os.geteuid() == 0 and shutil.which("apt-get"):
+        command = install_command(missing.values())
         print(f"Blender and MeshLab need {', '.join(missing)}: {command}", file=sys.stderr)
         subprocess.run(["apt-get", "update", "--quiet"], check=False)
         subprocess.run(command.split(), check=False)
         missing = missing_libraries()
-        if not missing:
-            return 0
+    if not missing:
+        return 0
     print(f"Blender and MeshLab need {', '.join(missing)}. On Debian and Ubuntu, as root:", file=sys.stderr)
     print(install_command(missing.values()))
     return 1

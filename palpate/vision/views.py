@@ -1,15 +1,12 @@
 """Small images of an object from all around, for single-image reconstruction, as Choy et al. made theirs.
 
-Facts of their renderings (3D-R2N2, Choy et al. 2016; read off the renderer they published and the metadata
-beside their images): 24 images of 137 x 137 an object; azimuth in [0, 360) and elevation in [25, 30) degrees
-and a distance of [0.65, 0.95) x 1.75, all uniform, around a model whose bounding box has a diagonal of 1 and
-its centre at the origin; a camera with a lens of 35 mm on a sensor of 32 mm (the field of view of 25 degrees
-in their metadata is not what Blender used). Azimuth turns clockwise seen from above: the camera stands at
-distance (cos e cos a, -cos e sin a, sin e), z up, and looks at the origin.
+3D-R2N2 (Choy et al. 2016), by the published renderer and the metadata of their images: 24 images of 137 x 137 an
+object; azimuth in [0, 360) and elevation in [25, 30) degrees and a distance of [0.65, 0.95) x 1.75, all uniform, around
+a model whose bounding box has a diagonal of 1 and its centre at the origin; a lens of 35 mm on a sensor of 32 mm
+(Blender did not use the field of view of 25 degrees in their metadata). Azimuth turns clockwise seen from above: the
+camera is at distance (cos e cos a, -cos e sin a, sin e), z up, and looks at the origin.
 
-Here the object is half as large and stands at `palpate.mesh.OBJECT_POSITION`: distances are halved with it,
-so that the images are the same. Around an object that keeps its size they are in proportion to it. Numpy only,
-but for `render`, which is given a Renderer.
+Here distances are in proportion to the object, at `palpate.mesh.OBJECT_POSITION`: the images are the same.
 """
 
 from collections.abc import Iterable, Mapping
@@ -18,6 +15,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from PIL import Image as PillowImage
+from scipy.ndimage import binary_dilation
 
 from palpate.batch import UnusableObject
 from palpate.camera import Camera, rotation_about
@@ -37,34 +35,27 @@ LARGEST_DISTANCE = 1.75  # of the bounding box's diagonal
 
 METADATA = "rendering_metadata.txt"
 OPAQUE = 128  # of 255: from here on a pixel of a published image shows the object
-# A published image that shows this mesh has nearly all of its surface within the silhouette; another mesh, or
-# the same one turned, does not. What may be missing is parts thinner than a pixel.
+# Least share of the surface within the silhouettes of published images of this mesh; parts thinner than a pixel may be
+# missing. Another mesh, or the same one turned, has less.
 AGREEMENT = 0.9
-
-# A camera at the end of the x axis that looks back along it, z up: right is y.
-_BEFORE_X = np.array([[0.0, 0, 1], [1, 0, 0], [0, 1, 0]])
+_BEFORE_X = np.array([[0.0, 0, 1], [1, 0, 0], [0, 1, 0]])  # axes of a camera on the x axis that looks back, z up
 
 
 class Viewpoint(NamedTuple):
-    """Where a view is taken from, as a line of the published metadata has it, less its field of view.
-
-    Angles in degrees; distance in units of `LARGEST_DISTANCE` times the bounding box's diagonal. `roll` turns
-    the camera about its axis; it is 0 in all published images.
-    """
+    """Where a view is taken from: a line of the published metadata without its field of view; angles in degrees."""
 
     azimuth: float
     elevation: float
-    roll: float
-    distance: float
+    roll: float  # about the camera's axis; 0 in all published images
+    distance: float  # in units of `LARGEST_DISTANCE` times the bounding box's diagonal
 
 
 class Views(NamedTuple):
-    """Images (v, s, s, 3) uint8 over white, masks (v, s, s) uint8, and cameras (v, 3, 4) float64: projections
-    from homogeneous world coordinates (metres) to homogeneous pixels (see `palpate.camera`)."""
+    """v views of an object."""
 
-    image: np.ndarray
-    mask: np.ndarray
-    camera: np.ndarray
+    image: np.ndarray  # (v, s, s, 3) uint8 over white
+    mask: np.ndarray  # (v, s, s) uint8
+    camera: np.ndarray  # (v, 3, 4) float64, from homogeneous world coordinates (m) to homogeneous pixels
 
 
 def viewpoints(generator: np.random.Generator, count: int = COUNT) -> list[Viewpoint]:
@@ -77,11 +68,10 @@ def viewpoints(generator: np.random.Generator, count: int = COUNT) -> list[Viewp
 def camera(
     viewpoint: Viewpoint, size: int = SIZE, scale: float = DIAGONAL, centre: Iterable[float] = (0, 0, 0)
 ) -> Camera:
-    """The camera of a viewpoint, in the world.
+    """The camera of a viewpoint about the origin of the source's coordinates (z up), in the world.
 
-    The object's own frame is `scale` times what is left of the source's coordinates (z up) after `centre` is
-    taken from them; the viewpoint is about the source's origin. The defaults are for an object that a source
-    holds centred and with a diagonal of 1.
+    The object's own frame is `scale` times those coordinates less `centre`. The defaults are for a source's object that
+    is centred and has a diagonal of 1.
     """
     about_z, about_y, about_x = (
         rotation_about(axis, -np.radians(angle)) for axis, angle in zip((2, 1, 0), viewpoint[:3], strict=True)
@@ -93,20 +83,14 @@ def camera(
 
 
 def render(renderer: "Renderer", scene: "Scene", at: Iterable[Viewpoint], size: int = SIZE) -> Views:
-    """Views of a scene's object.
-
-    Raises what its `render_views` raises, and UnusableObject if no view shows the object.
-    """
+    """Views of a scene's object; raises as `Renderer.render_views`, and UnusableObject if no view shows the object."""
     scale = diagonal(scene.object_folder)
     cameras = [camera(viewpoint, size, scale) for viewpoint in at]
     images = renderer.render_views(scene, cameras)
     if not any(image.mask.any() for image in images):
         raise UnusableObject(f"{scene.visual_file}: no view shows the object: make its materials less transparent")
-    return Views(
-        np.stack([image.rgb for image in images]),
-        np.stack([image.mask for image in images]),
-        np.stack([each.matrix() for each in cameras]),
-    )
+    made = [(image.rgb, image.mask, each.matrix()) for image, each in zip(images, cameras, strict=True)]
+    return Views(*map(np.stack, zip(*made, strict=True)))
 
 
 def published(
@@ -114,11 +98,10 @@ def published(
 ) -> Views:
     """The first `count` published images of an object: `<synset>/<model>/rendering/` of ShapeNetRendering.
 
-    record: what the object's `mesh.json` says (where its box lay in the source, and the scale from there).
-    points: (n, 3) of its surface in the world, against which the silhouettes are checked.
+    record: the object's `mesh.json`. points: (n, 3) of its surface in the world, to check the silhouettes.
 
-    Raises UnusableObject naming the file if images or metadata are missing or not as expected, or if the images do
-    not show this mesh (they were made of ShapeNetCore v1: those of v2 are turned).
+    Raises UnusableObject naming the file if images or metadata are missing or invalid, or if the images do not show
+    this mesh (they were made of ShapeNetCore v1: meshes of v2 are turned).
     """
     folder = Path(folder)
     centre = np.mean(record["source"]["bounding_box"], axis=0)
@@ -129,7 +112,7 @@ def published(
     for number, viewpoint in enumerate(at[:count]):
         image, mask = _read_image(folder / f"{number:02d}.png", size)
         made.append((image, mask, camera(viewpoint, size, record["scale"], centre).matrix()))
-    views = Views(*(np.stack(arrays) for arrays in zip(*made, strict=True)))
+    views = Views(*map(np.stack, zip(*made, strict=True)))
     within = silhouette_agreement(views, points)
     if within < AGREEMENT:
         raise UnusableObject(
@@ -160,18 +143,14 @@ def read_metadata(path: Path | str) -> list[Viewpoint]:
 
 
 def silhouette_agreement(views: Views, points: np.ndarray) -> float:
-    """The share of points (n, 3) in the world, of those inside the images, that land within a pixel of the
-    mask."""
+    """The share of points (n, 3) in the world, of those inside the images, that land within a pixel of the mask."""
     size = views.mask.shape[1]
     seen = inside = 0
     for mask, matrix in zip(views.mask, views.camera, strict=True):
         x, y, depth = matrix @ np.column_stack([points, np.ones(len(points))]).T
         column, row = np.floor(x / depth), np.floor(y / depth)
         kept = (depth > 0) & (column >= 0) & (column < size) & (row >= 0) & (row < size)
-        padded = np.pad(mask > 0, 1)
-        near = np.any(
-            [padded[down : down + size, over : over + size] for down in range(3) for over in range(3)], axis=0
-        )
+        near = binary_dilation(mask > 0, np.ones((3, 3)))
         seen += kept.sum()
         inside += near[row[kept].astype(int), column[kept].astype(int)].sum()
     return float(inside / seen) if seen else 0.0
