@@ -23,24 +23,19 @@ SIZES = {1e3: "n<1K", 1e4: "1K<n<10K", 1e5: "10K<n<100K", 1e6: "100K<n<1M", 1e7:
 def write_card(
     path: Path, dataset: Dataset, splits: Mapping[str, GraspDataset], files: str, licence: str, source: str
 ) -> None:
-    """Write the card: what is in the export, how it was made, how good it is, on what terms it may be used.
+    """Write the card: contents of the export, how it was made, its checks and errors, its terms.
 
-    splits: the grasps that were written. files: pattern of a split's files. licence: of the data, by the name that
-    Hugging Face has for it. source: where the meshes are from and on what terms, as text; these two stand as they are
-    given. Names and reasons, which come from meshes, are escaped.
+    splits: the grasps that were written. files: pattern of a split's files. licence: of the data, by Hugging Face's
+    name; source: of the meshes, with their terms, as text: both verbatim. Names and reasons, from meshes, are escaped.
     """
     grasps, number = next(iter(splits.values())), sum(map(len, splits.values()))
+    data_files = [{"split": split, "path": files.format(split)} for split in splits]
     header = {
         "license": licence,
         "pretty_name": f"Palpate run {dataset.name}",
         "size_categories": [next((name for limit, name in SIZES.items() if number < limit), "n>10M")],
         "tags": ["tactile", "vision", "robotics", "3d", "simulation", "palpate"],
-        "configs": [
-            {
-                "config_name": "default",
-                "data_files": [{"split": split, "path": files.format(split)} for split in splits],
-            }
-        ],
+        "configs": [{"config_name": "default", "data_files": data_files}],
     }
     parts = [
         f"---\n{yaml.safe_dump(header, sort_keys=False)}---",
@@ -68,7 +63,7 @@ def _table(rows: list[list[Any]], *heads: str) -> str:
 
 
 def escaped(text: str) -> str:
-    """Text in one line that Markdown and HTML show as it is: no markup, no link, no character that is not seen."""
+    """Text in one line that Markdown and HTML show verbatim: no markup, no link, no invisible character."""
     line = " ".join("".join(each if each.isprintable() else " " for each in str(text)).split())
     return re.sub(r"[^\w ,.;%+=()/'-]|(?<!\w)_|_(?!\w)|(?<=www)\.|/(?=/)", lambda found: f"&#{ord(found[0])};", line)
 
@@ -79,7 +74,7 @@ def _source(config: Mapping[str, Any]) -> str:
 
 
 def _public(value: Any) -> Any:
-    """A part of the config without places on this machine: of paths just the last name, and no `results`."""
+    """A part of the config without the machine's folders: of paths the last name only, and no `results`."""
     if isinstance(value, Mapping):
         return {key: _public(each) for key, each in value.items() if key != "results"}
     if isinstance(value, list):
@@ -88,7 +83,7 @@ def _public(value: Any) -> Any:
 
 
 def without_folders(text: str) -> str:
-    """Text with the last name only of each path in it that begins at the root, at a home folder or above.
+    """Text with the last name only of each path in it from the root, a home folder or above.
 
     >>> without_folders("can't read /home/me/scans/cup.png (named in ../cup.mtl)")
     "can't read cup.png (named in cup.mtl)"

@@ -1,7 +1,7 @@
 """The description of an export in Croissant 1.0, MLCommons' JSON-LD for search engines and loaders.
 
-Its terms: https://docs.mlcommons.org/croissant/docs/croissant-spec-1.0.html. Record sets are `objects` and `grasps`,
-and in WebDataset each name of images; arrays in `.npy` files are sets of files.
+https://docs.mlcommons.org/croissant/docs/croissant-spec-1.0.html. Record sets are `objects`, `grasps`, and in
+WebDataset each name of images; arrays in `.npy` files are sets of files.
 """
 
 import json
@@ -33,9 +33,9 @@ KINDS = {"b": "sc:Boolean", "i": "sc:Integer", "u": "sc:Integer", "f": "sc:Float
 def write_croissant(
     folder: Path, dataset: Dataset, splits: Mapping[str, GraspDataset], licence: str, source: str
 ) -> None:
-    """Write `croissant.json` of an export whose samples, tables and meshes are in `folder`.
+    """Write `croissant.json` of an export whose samples, tables and meshes are in `folder`, without a date.
 
-    The arguments are those of `export`. The same folder gives the same bytes, so no date is in it.
+    The arguments are those of `export`.
     """
     grasps, archives = next(iter(splits.values())), sorted(path.name for path in folder.glob("*.tar"))
     files = [_file(folder, path.name) for path in sorted([*folder.glob("*.csv"), *folder.glob("*.json")])]

@@ -33,11 +33,12 @@ def export(
     licence: str = "unknown",
     source: str = "",
 ) -> int:
-    """Write the grasps of a dataset in one of `FORMATS`; the folder appears whole or not at all. Returns their number.
+    """Write the grasps of a dataset in one of `FORMATS`, atomically; the same run gives the same bytes. Returns their
+    number.
 
-    arrays: as `Dataset.grasps` takes them. licence, source: as `write_card` takes them. The same run gives the same
-    bytes. Raises StoreError if there is no object, or batches have different sensors; KeyError for an unknown array;
-    DamagedFile, naming the mesh, if one is missing or not as it was written; and what writing the samples raises.
+    arrays: as for `Dataset.grasps`. licence, source: as for `write_card`. Raises StoreError without objects, or for
+    batches with different sensors; KeyError for an unknown array; DamagedFile for a missing or changed mesh; and what
+    writing the samples raises.
     """
     write, pattern = FORMATS[layout]
     splits = grasps_by_split(dataset, arrays)
@@ -55,7 +56,7 @@ def export(
 
 
 def _write_objects(folder: Path, dataset: Dataset) -> None:
-    """Write the table of objects and their meshes; a released dataset, which was not simulated here, has none."""
+    """Write the table of objects and their meshes; a released dataset has no meshes."""
     with (folder / "objects.csv").open("w", encoding="utf-8", newline="") as file:
         table = csv.writer(file, lineterminator="\n")
         table.writerow(["object", "class", "split", "mesh"])

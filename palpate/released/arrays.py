@@ -1,16 +1,11 @@
-"""The authors' released dataset, object by object as arrays of our stores.
+"""The authors' released dataset, object by object as arrays of our stores (files: `palpate.released.layout`).
 
-`palpate.released.layout` has the layout of its files. Their contents:
-
-- a surface is (n, 3) points of the object centred at the origin with a diagonal of 1: in the world, half of
-  that and 0.6 m up;
-- a scene is a dictionary with `touch_success` (4,), `cam_pos` (4, 3) in the world, m, `cam_rot` (4, 3) in
-  radians about fixed x, then y, then z, and for each sensor `depth` (100, 100), `gel` (100, 100, 3) in 0..255
-  and `points` (k, 3), the local cloud in the world, m;
-- the first axis of `depth` and `gel` is the sensor's y and the second its z: the other way round than here;
-- a sheet is (25, 3) vertices in the world, m, or one number where nothing was touched.
-
-`split.npy` and scenes are pickles; they are read by `palpate.released.pickles`, which runs nothing.
+- a surface is (n, 3) points of the object centred at the origin with a diagonal of 1: in the world, half of that and
+  0.6 m up
+- a scene is a dictionary with `touch_success` (4,), `cam_pos` (4, 3) in the world, m, `cam_rot` (4, 3) in radians about
+  fixed x, then y, then z, and for each sensor `depth` (100, 100), `gel` (100, 100, 3) in 0..255 and `points` (k, 3),
+  the local cloud in the world, m; the first axis of `depth` and `gel` is the sensor's y, the second its z (here: z, y)
+- a sheet is (25, 3) vertices in the world, m, or one number where nothing was touched
 """
 
 import logging
@@ -35,8 +30,7 @@ log = logging.getLogger(__name__)
 SENSORS, RESOLUTION, SENSOR_WIDTH = len(SENSOR_NAMES), DIGIT.resolution[0], DIGIT.width
 SCENE = ("touch_success", "cam_pos", "cam_rot", "depth", "gel", "points")
 
-# The 25 vertices of a sheet on its grid, rows along z and columns along y, in the order of the initial sheet
-# that they publish.
+# The 25 vertices of a sheet on its grid, rows along z and columns along y, in the order of their initial sheet.
 SHEET_ROWS = np.array([2, 1, 1, 3, 2, 1, 3, 2, 1, 0, 0, 2, 3, 4, 4, 3, 4, 3, 2, 1, 0, 0, 0, 4, 4])
 SHEET_COLUMNS = np.array([1, 2, 1, 1, 2, 3, 2, 3, 0, 1, 0, 0, 0, 1, 2, 3, 3, 4, 4, 4, 3, 4, 2, 0, 4])
 CHART = 9  # vertices along each edge of our touch charts: every second is one of a sheet
@@ -44,9 +38,9 @@ SHEET_IN_CHART = 2 * SHEET_ROWS * CHART + 2 * SHEET_COLUMNS
 
 
 def read_surface(root: Path | str, entry: ReleasedObject, count: int, generator) -> dict[str, np.ndarray]:
-    """The record of the surface store: `points` (count, 3) in the world, m; drawn if there are more.
+    """The record of the surface store: `points` (count, 3) in the world, m, of which `generator` draws, in their order.
 
-    Points keep their order; `generator` draws which. Raises UnusableObject if there are fewer, or not finite ones.
+    Raises UnusableObject if there are fewer, or not finite ones.
     """
     path = entry.surface(root)
     points = _floats(path, "points", load_plain(path), (None, 3))
@@ -58,11 +52,10 @@ def read_surface(root: Path | str, entry: ReleasedObject, count: int, generator)
 
 
 def read_touch(root: Path | str, entry: ReleasedObject, grasps: int) -> dict[str, np.ndarray]:
-    """The record of the touch store, of the first `grasps` grasps.
+    """The record of the touch store, of the first `grasps` grasps; a sensor without points is unsuccessful.
 
-    `depth` is made from the points, which have one position each on the sensor's grid: it does not depend on
-    what a distance was measured from. A sensor that touched nothing, or has no points, is unsuccessful.
-    Raises UnusableObject, naming file and field, if a scene is missing or something else.
+    `depth` is made from the points, each on the sensor's grid: theirs may be from another plane. Raises UnusableObject,
+    naming file and field, if a scene is missing or invalid.
     """
     sensed = [_sensor(path, sensor, scene) for path, scene in _scenes(root, entry, grasps) for sensor in range(SENSORS)]
     return {
@@ -91,9 +84,7 @@ def _sensor(path: Path, sensor: int, scene: dict[str, Any]) -> dict[str, np.ndar
     angles = _floats(path, "cam_rot", scene["cam_rot"], (SENSORS, 3))[sensor]
     rotation = Rotation.from_euler("xyz", angles).as_matrix()
     made = {
-        "success": np.array(False),
-        "position": position,
-        "rotation": rotation,
+        **{"success": np.array(False), "position": position, "rotation": rotation},
         "depth": np.full((RESOLUTION, RESOLUTION), np.inf, dtype=np.float32),
         "reading": np.zeros((RESOLUTION, RESOLUTION, 3), dtype=np.uint8),
         "points": np.zeros((RESOLUTION**2, 3), dtype=np.float32),
@@ -123,8 +114,8 @@ def _sensor(path: Path, sensor: int, scene: dict[str, Any]) -> dict[str, np.ndar
 def _pixel(along: np.ndarray) -> np.ndarray:
     """Rows or columns (k,) of points from their coordinate along the sensor plane, m.
 
-    Points lie on the grid of pixels, at centres (as here) or at corners (as in the authors' network); which one is not
-    documented. Their circular mean within a pixel shows it.
+    It is not documented whether points are at pixels' centres (as here) or corners (as in the authors' network): their
+    circular mean within a pixel shows it.
     """
     place = along / SENSOR_WIDTH * RESOLUTION + RESOLUTION / 2
     turn = np.angle(np.exp(2j * np.pi * place).mean()) / (2 * np.pi)  # in [-0.5, 0.5]
@@ -136,11 +127,11 @@ def _floats(path: Path, name: str, values: Any, shape: tuple[int | None, ...]) -
     """Values as float64, of a shape in which None is any length; UnusableObject if they are not finite numbers."""
     try:
         array = np.asarray(values, dtype=np.float64)
+        found = f"shape {array.shape}"
+        fits = array.ndim == len(shape) and all(b in (None, a) for a, b in zip(array.shape, shape, strict=True))
     except (TypeError, ValueError):
-        array = None
-    fits = array is not None and len(array.shape) == len(shape)
-    if not fits or any(b not in (None, a) for a, b in zip(array.shape, shape, strict=True)):
-        found = "something else" if array is None else f"shape {array.shape}"
+        fits, found = False, "something else"
+    if not fits:
         raise UnusableObject(f"{path}: {name}: expected numbers of shape {shape}, found {found}")
     if not np.isfinite(array).all():
         raise UnusableObject(f"{path}: {name}: not all finite")
@@ -164,12 +155,11 @@ def read_empty_reading(root: Path | str) -> np.ndarray:
 
 
 def orientation_agreement(touch: Mapping[str, np.ndarray], empty_reading: np.ndarray) -> tuple[float, float]:
-    """Agreement of the readings of a touch record with its depths, as they are and transposed.
+    """Agreement of the readings of a touch record with its depths, as they are and transposed; nan without touches.
 
-    The first number is the share of pixels that differ from the empty reading where something is in range, and equal
-    it elsewhere; the second is that with rows and columns of the readings exchanged. The release does not document the
-    axes of a gel's image. If the second number is larger over many objects, they are exchanged. (nan, nan) if nothing
-    was touched.
+    The share of pixels that differ from the empty reading where something is in range, and equal it elsewhere. The
+    release does not document the axes of a gel's image: if the second number is larger over many objects, they are
+    exchanged.
     """
     touched = touch["success"]
     if not touched.any():
@@ -182,8 +172,7 @@ def orientation_agreement(touch: Mapping[str, np.ndarray], empty_reading: np.nda
 def read_vision(root: Path | str, entry: ReleasedObject, grasps: int, size: int) -> dict[str, np.ndarray]:
     """The record of the vision store: images (size, size, 3) uint8 of the paper's camera; no masks, no depths.
 
-    Images of another size are resized, as the authors' loader does; transparent ones are put over white.
-    Raises UnusableObject, naming the file, if an image is missing or can't be read.
+    Images are resized as by the authors' loader, and put over white. Raises UnusableObject, naming an unreadable file.
     """
     return {
         "unoccluded": _image(entry.image(root), size)[None],
@@ -206,8 +195,8 @@ def _image(path: Path, size: int) -> np.ndarray:
 def read_charts(root: Path | str, entry: ReleasedObject, grasps: int) -> dict[str, np.ndarray]:
     """The record of the charts store from their sheets: `vertices` (grasps, 4, 81, 3) in the world, m.
 
-    A sheet has 5 x 5 vertices, our charts 9 x 9: the others are midpoints of their neighbours. All vertices are at the
-    sensor where nothing was touched, or the sheet is one number.
+    A sheet has 5 x 5 vertices, our charts 9 x 9: the others are midpoints. Without a touch or a sheet all vertices are
+    at the sensor.
     """
     charts = []
     for grasp, (path, scene) in enumerate(_scenes(root, entry, grasps)):

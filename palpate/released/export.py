@@ -21,12 +21,11 @@ NOTHING = 1.0  # m, their depth where nothing is in range: their loader cuts at 
 
 
 def export(dataset, folder: Path | str) -> int:
-    """Write a dataset's surfaces, images and touches in the layout of the released dataset.
+    """Write a dataset's surfaces, images and touches in the layout of the released dataset; sheets if it has charts.
 
-    dataset: a `palpate.Dataset` of the stages `STAGES`. folder: written atomically. Sheets are written if the run has
-    touch charts. Returns the number of objects. Raises StoreError if there is no object, or surface, touch or vision
-    have not been built, if the run has another sensor or number of sensors, or if images have another camera than the
-    paper's, more than one, or an opacity.
+    dataset: a `palpate.Dataset` of the stages `STAGES`. folder: written atomically. Returns the number of objects.
+    Raises StoreError without objects, surface, touch or vision, or if the run has other sensors, cameras or a
+    transparent background.
     """
     if not len(dataset):
         raise StoreError(f"{dataset!r}: no object with surface, touch and vision: nothing to export")

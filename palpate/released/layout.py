@@ -8,7 +8,6 @@
     empty_gel.npy                          the reading of an untouched sensor
 
 As the data loaders of facebookresearch/3D-Vision-and-Touch read it. (The released data are of ABC's objects.)
-Listing folders and one small file: no data are opened.
 """
 
 import logging
@@ -41,7 +40,7 @@ class ReleasedObject(NamedTuple):
         return f"{SURFACES}/{self.class_name}/{self.name}.npy"
 
     @classmethod
-    def of_source(cls, source: str) -> "ReleasedObject":
+    def from_source(cls, source: str) -> "ReleasedObject":
         """The object whose surface the catalogue names."""
         return cls(Path(source).parent.name, Path(source).stem)
 
@@ -73,8 +72,8 @@ class ReleasedObject(NamedTuple):
 def read_released(root: Path | str) -> list[ReleasedObject]:
     """The objects of a released dataset that have surface, images, scene info and a split; by class and name.
 
-    Objects that lack one of these are omitted, as in the authors' loaders, and named in a warning. Raises
-    UnusableObject, naming file and remedy, if a folder or `split.npy` is missing, or `split.npy` is something else.
+    Others are omitted, as in the authors' loaders, and named in a warning. Raises UnusableObject, naming file and
+    remedy, if a folder or `split.npy` is missing, or `split.npy` is invalid.
     """
     root = Path(root)
     for folder in (SURFACES, IMAGES, SCENES):
@@ -98,7 +97,7 @@ def read_released(root: Path | str) -> list[ReleasedObject]:
 
 
 def read_splits(path: Path | str) -> dict[str, str]:
-    """`split.npy`: our split of each `<object><class>`. Raises UnusableObject if it is something else."""
+    """`split.npy`: our split of each `<object><class>`. Raises UnusableObject if it is invalid."""
     lists = load_plain(path)
     if not isinstance(lists, dict) or not lists or not set(lists) <= set(SPLITS):
         keys = ", ".join(map(str, lists)) if isinstance(lists, dict) else type(lists).__name__

@@ -1,8 +1,7 @@
 """Reads `.npy` files with pickled dictionaries without running the pickle's code.
 
-A pickle is a program: `np.load(allow_pickle=True)` runs any code in it. Here a name in a pickle never resolves to the
-object that it names, but to one of the few stand-ins below, which only record their arguments. Arrays are built from
-these records afterwards, from checked shapes, plain types and bytes.
+`np.load(allow_pickle=True)` runs any code in a pickle. Here names in a pickle resolve to the few stand-ins below, which
+only record their arguments; arrays are built from these records afterwards, from checked shapes, types and bytes.
 """
 
 import collections
@@ -23,9 +22,7 @@ class UnsafePickle(UnusableObject):
 
 
 def load_plain(path: Path | str) -> Any:
-    """What `np.load(path, allow_pickle=True)` gives if it is harmless; of an array (0 axes) its one element.
-
-    So a dictionary that was saved with `np.save` comes back as a dictionary.
+    """What `np.load(path, allow_pickle=True)` gives if it is harmless; the element of an array without axes.
 
     Raises `UnsafePickle` if the file asks for anything but arrays, numbers, strings and plain containers, and
     `UnusableObject` if it is missing or can't be read; the messages name the file.
@@ -52,11 +49,11 @@ class _Refused(Exception):
 
 
 def _load(file: io.BufferedIOBase) -> Any:
-    version = np.lib.format.read_magic(file)
+    major, minor = np.lib.format.read_magic(file)
     read = {1: np.lib.format.read_array_header_1_0, 2: np.lib.format.read_array_header_2_0}
-    if version[0] not in read:
-        raise ValueError(f"format version {version[0]}.{version[1]}")
-    shape, fortran, dtype = read[version[0]](file)
+    if major not in read:
+        raise ValueError(f"format version {major}.{minor}")
+    shape, _, dtype = read[major](file)
     if not dtype.hasobject:
         file.seek(0)
         array = np.load(file, allow_pickle=False)
@@ -83,7 +80,7 @@ class _Reader(pickle.Unpickler):
 
 
 class _Call:
-    """A name in a pickle: it can be called, and has nothing else that a pickle could get at or change."""
+    """A name in a pickle: it can be called, but not changed."""
 
     __slots__ = ("_function",)
 
@@ -98,7 +95,7 @@ class _Call:
 
 
 class _Dtype:
-    """Notes of a numpy type; of its state only the byte order counts."""
+    """Record of a numpy type; of its state only the byte order counts."""
 
     def __init__(self, spec: Any, align: Any = False, copy: Any = False):
         self.dtype = np.dtype(spec) if isinstance(spec, str) else None
@@ -113,7 +110,7 @@ class _Dtype:
 
 
 class _Array:
-    """Notes of an array."""
+    """Record of an array."""
 
     def __init__(self, shape: Any = (), dtype: Any = None, data: Any = None, order: str = "C"):
         self.shape, self.dtype, self.data, self.order = shape, dtype, data, order
@@ -138,23 +135,16 @@ class _Array:
 
 
 class _Scalar(_Array):
-    """Notes of one number or string of numpy's."""
+    """Record of one of numpy's numbers or strings."""
 
     def __init__(self, dtype: Any, data: Any = b""):
         super().__init__((), dtype, data)
 
 
-def _encoded(text: Any, encoding: Any = "latin1") -> bytes:
-    """Bytes, as pickles of the protocol 2 write them."""
-    if encoding != "latin1" or not isinstance(text, str):
-        raise _Refused(f"the encoding {encoding!r}")
-    return text.encode("latin1")
-
-
-def _bytes(data: Any = b"", *_: Any) -> bytes:
-    """Bytes of bytes; a number is refused, because `bytes` of it would allocate as many."""
-    if not isinstance(data, bytes | bytearray | str):
-        raise _Refused(f"bytes of {type(data).__name__}")
+def _bytes(data: Any = b"", encoding: Any = "latin1") -> bytes:
+    """Bytes, also of text, as in protocol 2; a number is refused, because `bytes` of it would allocate as many."""
+    if not isinstance(data, bytes | bytearray | str) or encoding not in ("latin1", "latin-1"):
+        raise _Refused(f"bytes of {type(data).__name__}, encoding {encoding!r}")
     return data.encode("latin1") if isinstance(data, str) else bytes(data)
 
 
@@ -164,7 +154,7 @@ def _never(*_):
 
 _STAND_INS = {
     ("collections", "OrderedDict"): collections.OrderedDict,
-    ("_codecs", "encode"): _encoded,
+    ("_codecs", "encode"): _bytes,
     ("numpy", "dtype"): _Dtype,
     ("numpy", "ndarray"): _never,  # named as the kind of array to make, not called
     **{
@@ -185,7 +175,7 @@ _STAND_INS = {
 
 
 def _plain(value: Any) -> Any:
-    """What the notes stand for, within plain containers too."""
+    """The value of a record, within plain containers too."""
     if isinstance(value, _Array):
         return value.array()[()] if isinstance(value, _Scalar) else value.array()
     if isinstance(value, dict):

@@ -25,7 +25,7 @@ made_from = provenance.combine({"seed": params.seed, **settings})
 
 
 def read(name: str) -> dict[str, dict[str, np.ndarray]]:
-    entry = ReleasedObject.of_source(params.objects[name])
+    entry = ReleasedObject.from_source(params.objects[name])
     draw = generator(params.seed, name, "surface")
     return {
         "surface": released.read_surface(root, entry, settings["surface"]["points"], draw),
