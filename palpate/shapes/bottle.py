@@ -11,7 +11,7 @@ from scipy.interpolate import PchipInterpolator
 
 from palpate.shapes.assembly import Part
 from palpate.shapes.deformation import form
-from palpate.shapes.materials import Material, across, around, choose, glass, label, metal, plastic, wood
+from palpate.shapes.materials import Material, across, around, choose, label, wood
 from palpate.shapes.parameters import read
 from palpate.shapes.solids import bent_bar, box, filleted, fluted, lathe, rod, superellipse, turned, union, upright
 
@@ -19,15 +19,6 @@ AXES = (2, 1)
 AROUND, ROWS = 132, 46  # points around a body, and rows from the ground to the neck: facets of about 3 degrees
 WIDEST = 0.32  # radius over height of a body that has handles
 PAPER = 0.0005  # m that a label stands off the body
-
-PET = {"clear-pet": (190, 215, 228), "blue-pet": (90, 150, 205), "green-pet": (110, 180, 120)}
-STONE = {"stoneware": (196, 180, 150), "slate-glaze": (80, 92, 104), "terracotta": (178, 98, 66)}
-LOOKS = {
-    **{"glass": glass, "plastic": plastic, "metal": metal},
-    "pet": lambda rng: choose(rng, PET, 0, 0.1),
-    "pill": lambda rng: plastic(rng, ["white-plastic", "orange-plastic", "teal-plastic"]),
-    "stone": lambda rng: choose(rng, STONE, 0, 0.35),
-}
 
 PARAMETERS, STYLES = read("bottle", form(twist=8, warp=0.02, lean=0.05))
 
@@ -37,7 +28,7 @@ def build(p: SimpleNamespace, rng: np.random.Generator) -> list[Part]:
     profile, section = outline(p)
     body = upright(profile, section)
     radius, neck = p.slimness * p.height, p.neck * p.slimness * p.height
-    look = LOOKS[p.material](rng)
+    look = choose(rng, p.material)
     for side in {"none": [], "loop": [1], "pair": [1, -1]}[p.handle if p.slimness < WIDEST else "none"]:
         body += handle(p, profile, section).scale((1, side, 1))
     if p.top == "open":
@@ -140,7 +131,9 @@ def top(p: SimpleNamespace, rng: np.random.Generator, neck: float, radius: float
     """What closes the mouth, at the bottle's height."""
     # A cap stays narrower than the body, and a spout short enough that the bottle stands and is taller than wide.
     h, wide, tall = p.height, min(p.top_width * neck, 1.1 * radius), min(p.top_height * neck, 1.2 * radius)
-    cap_look = plastic(rng, ["white-plastic", "black-plastic", "red-plastic", "green-plastic", "blue-plastic"])
+    cap_look = choose(
+        rng, "plastic", ["white-plastic", "black-plastic", "red-plastic", "green-plastic", "blue-plastic"]
+    )
     collar = screw_cap(wide, h - 0.6 * neck, 0.6 * neck + 0.4 * tall, p.top_taper)
     end = h + 0.4 * tall
     if p.top == "open":
@@ -148,7 +141,7 @@ def top(p: SimpleNamespace, rng: np.random.Generator, neck: float, radius: float
     if p.top == "crown":
         profile = np.array([(1.22, -0.35), (1.12, -0.15), (1.0, 0.08), (0.85, 0.15)]) * neck + [0, h]
         teeth = fluted([0.1, 0.05, 0, 0], 21, 84)
-        return [Part(upright(profile, teeth), metal(rng) if rng.uniform() < 0.5 else plastic(rng))]
+        return [Part(upright(profile, teeth), choose(rng, "metal" if rng.uniform() < 0.5 else "plastic"))]
     if p.top == "cork":
         sides = [(0.7 * neck, h - neck), (0.75 * neck, h), (0.6 * wide, h + 0.6 * tall), (0, h + 0.6 * tall)]
         return [Part(lathe(filleted(sides, 0.1 * neck), 72), Material("cork", (196, 158, 110), 0, 0.8))]
@@ -163,7 +156,7 @@ def top(p: SimpleNamespace, rng: np.random.Generator, neck: float, radius: float
         curve = np.append(PchipInterpolator(np.linspace(0, 1, 6), [*knots, 0.3 * wide])(z), 0)
         ball = np.column_stack([curve, h + 0.01 * neck + 1.4 * tall * np.append(z, 1)])
         plug = rod((0, 0, h - neck), (0, 0, h + 0.1 * tall), 0.7 * neck)
-        look = [metal(rng), wood(rng), glass(rng), cap_look][rng.integers(4)]
+        look = [choose(rng, "metal"), wood(rng), choose(rng, "glass"), cap_look][rng.integers(4)]
         return [Part(lathe(ball, 96) + plug, look)]
     if p.top == "cap":
         profile = [(wide, h - 0.3 * neck), (p.top_taper * wide, h + tall), (0.5 * wide, h + tall)]

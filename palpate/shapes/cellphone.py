@@ -11,16 +11,11 @@ from manifold3d import Manifold
 from palpate.camera import rotation_about
 from palpate.shapes.assembly import Part
 from palpate.shapes.deformation import form
-from palpate.shapes.materials import PLASTIC, Material, across, choose, interface, metal
+from palpate.shapes.materials import Material, across, choose, interface
 from palpate.shapes.parameters import read
 from palpate.shapes.solids import box, cut, filleted, lathe, rod, slab, turned, union
 
 AXES = (2, 0)
-SHELLS = {
-    "graphite": (56, 56, 60), "silver": (196, 198, 202), "champagne": (212, 190, 156), "navy": (36, 54, 96),
-    "coral": (220, 104, 88), "mint": (160, 208, 186), "white": (234, 234, 232), "black": (26, 26, 28),
-    "red": (176, 28, 36), "olive": (88, 92, 62),
-}  # fmt: skip
 GLASS = Material("black-glass", (14, 14, 18), 0.0, 0.08)
 LENS = Material("lens", (16, 18, 30), 0.2, 0.05)
 PROUD = 0.0002  # m that glass and keys stand off the shell
@@ -31,12 +26,12 @@ PARAMETERS, STYLES = read("cellphone", form(stretch=0.12, taper=0.07, bend=9, wa
 def build(p: SimpleNamespace, rng: np.random.Generator) -> list[Part]:
     """One panel, or two and what joins them."""
     height, width, thickness = p.height, p.width * p.height, p.thickness * p.height
-    look = choose(rng, SHELLS, rng.choice([0.0, 0.0, 0.6]), rng.uniform(0.25, 0.5))
+    look = choose(rng, "shell", metallic=rng.choice([0.0, 0.0, 0.6]), roughness=rng.uniform(0.25, 0.5))
     if p.joint == "none":
         parts = front(p, rng, (thickness, width, height), look, screen=True, keys=True)
         return [*parts, *back(p, rng, thickness, width, height), *trim(p, rng, (thickness, width, height), look)]
     upper, lower = p.lid * thickness, (1 - p.lid) * thickness
-    other = Material("second-shell", choose(rng, SHELLS).colour, 0.2, 0.4)
+    other = Material("second-shell", choose(rng, "shell").colour, 0.2, 0.4)
     second = "keys" if p.joint != "book" else "screen"
     lid_height = (0.82 if p.joint == "swivel" else 1) * height
     lid = front(p, rng, (upper, width, lid_height), look, screen=True, keys=False)
@@ -126,7 +121,7 @@ def front(p, rng, size, look: Material, screen: bool, keys: bool, glass: str = "
             rows, columns = (4, 3) if p.keys == "pad" else (4, 10)
             key_solids += keypad(p, face, low, top, inner, rows, columns)
     if key_solids:
-        parts.append(Part(union(key_solids), Material("keys", choose(rng, SHELLS).colour, 0, 0.4)))
+        parts.append(Part(union(key_solids), Material("keys", choose(rng, "shell").colour, 0, 0.4)))
     return parts
 
 
@@ -171,7 +166,7 @@ def back(p, rng, thickness: float, width: float, height: float) -> list[Part]:
         size = (deep + 0.3 * thickness, 0.86 * width, p.hump_height * height)
         place = (face - deep / 2 + 0.15 * thickness, 0, -0.5 * height + 0.5 * size[2] + 0.03 * height)
         hump = slab(size, 0.12 * width, 0.3 * deep, place)
-        parts.append(Part(hump, Material("battery", choose(rng, SHELLS).colour, 0, 0.6)))
+        parts.append(Part(hump, Material("battery", choose(rng, "shell").colour, 0, 0.6)))
         rise = max(rise, 0.5 * deep) if p.hump_height > 0.75 else rise
     if p.camera == "none":
         return parts
@@ -188,7 +183,7 @@ def back(p, rng, thickness: float, width: float, height: float) -> list[Part]:
     if p.camera in islands:
         island = slab((0.002 + rise, wide * lens, tall * lens), 0.3 * min(wide, tall) * lens, 0.4 * rise, (0, 0, 0))
         island = island.translate((face - (rise - 0.002) / 2, side, top))
-        parts.append(Part(island, Material("island", choose(rng, SHELLS).colour, 0.3, 0.3)))
+        parts.append(Part(island, Material("island", choose(rng, "shell").colour, 0.3, 0.3)))
     else:
         parts.append(
             Part(
@@ -208,7 +203,7 @@ def trim(p, rng, size, look: Material) -> list[Part]:
     buttons = [
         slab((0.35 * thickness, 0.003, t), 0.001, 0.0004, (0, s * (0.5 * width - 0.0009), z)) for s, z, t in sides
     ]
-    parts = [Part(union(buttons), metal(rng, ["steel", "aluminium"]))]
+    parts = [Part(union(buttons), choose(rng, "metal", ["steel", "aluminium"]))]
     if p.antenna != "none":
         radius = min(p.antenna_width * width, 0.45 * thickness)
         length = p.antenna_length * height * (0.4 if p.antenna == "stub" else 1)
@@ -240,4 +235,4 @@ def trim(p, rng, size, look: Material) -> list[Part]:
         ridge = cut(ridge, [notch.translate((0, 0, z)) for z in np.linspace(-0.25, 0.25, count) * height])
         guards = union([ridge.translate((0, side * width / 2, 0)) for side in (-1, 1)])
     names = ["yellow-plastic", "orange-plastic", "black-plastic", "red-plastic"]
-    return [*parts, Part(guards - hollow, choose(rng, PLASTIC, 0, 0.7, names))]
+    return [*parts, Part(guards - hollow, choose(rng, "plastic", names, roughness=0.7))]

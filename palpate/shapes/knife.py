@@ -12,7 +12,7 @@ from scipy.interpolate import PchipInterpolator
 
 from palpate.shapes.assembly import Part
 from palpate.shapes.deformation import form
-from palpate.shapes.materials import Material, dark_metal, metal, plastic, polymer, wood
+from palpate.shapes.materials import Material, choose, wood
 from palpate.shapes.parameters import read
 from palpate.shapes.solids import along_y, bent_bar, box, cut, filleted, loft, prism, rod, superellipse, sweep, union
 
@@ -21,9 +21,6 @@ AXES = (1, 2)
 EDGE = 0.0004
 POINT = 0.0012  # m, height of a blade at its very tip
 STATIONS = 90  # along a blade
-
-# Of the handle. "steel": of a table knife.
-LOOKS = {"wood": wood, "polymer": polymer, "plastic": plastic, "steel": lambda rng: metal(rng, ["brass", "aluminium"])}
 
 PARAMETERS, STYLES = read("knife", form(stretch=0.25, twist=5, warp=0.03, bend=9, taper=0.04))
 
@@ -43,12 +40,19 @@ def build(p: SimpleNamespace, rng: np.random.Generator) -> list[Part]:
     fittings, pins = ([solid.rotate((p.tilt, 0, 0)) for solid in solids] for solids in (fittings, pins))
     if p.fold > 0:  # the slot that the blade folds into
         grip -= box((p.thickness + 0.0008, 0.9 * p.grip, tall), (0, -0.45 * p.grip, 0.45 * tall))
-    steel = metal(rng, ["steel"]) if rng.uniform() < 0.75 else dark_metal(rng)
-    parts = [Part(union([cutting, *pins]), steel), Part(grip.rotate((p.tilt, 0, 0)), LOOKS[p.grip_material](rng))]
+    steel = choose(rng, "metal", ["steel"]) if rng.uniform() < 0.75 else choose(rng, "dark metal")
+    parts = [Part(union([cutting, *pins]), steel), Part(grip.rotate((p.tilt, 0, 0)), grip_look(p, rng))]
     if fittings:
-        bright = metal(rng, ["brass", "steel", "copper"])
+        bright = choose(rng, "metal", ["brass", "steel", "copper"])
         parts.append(Part(union(fittings), Material("fittings", bright.colour, bright.metallic, bright.roughness)))
     return parts
+
+
+def grip_look(p: SimpleNamespace, rng: np.random.Generator) -> Material:
+    if p.grip_material == "wood":
+        return wood(rng)
+    # "steel": of a table knife.
+    return choose(rng, "metal", ["brass", "aluminium"]) if p.grip_material == "steel" else choose(rng, p.grip_material)
 
 
 def blade(p: SimpleNamespace) -> Manifold:

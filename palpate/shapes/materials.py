@@ -1,34 +1,22 @@
 """Colours and pictures of the procedural objects."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 from trimesh.visual.material import PBRMaterial
 
+from palpate.configuration import read_yaml
 from palpate.vision.image import linear
 
-GLASS = {
-    "green-glass": (28, 84, 44), "olive-glass": (84, 92, 34), "amber-glass": (120, 58, 14),
-    "clear-glass": (200, 220, 218), "blue-glass": (24, 62, 140), "rose-glass": (206, 120, 110),
-}  # fmt: skip
-PLASTIC = {
-    "white-plastic": (232, 232, 228), "red-plastic": (186, 26, 30), "yellow-plastic": (232, 186, 36),
-    "green-plastic": (38, 134, 66), "blue-plastic": (34, 86, 176), "black-plastic": (28, 28, 30),
-    "orange-plastic": (226, 110, 28), "teal-plastic": (30, 136, 140), "pink-plastic": (222, 128, 156),
-}  # fmt: skip
-METAL = {"steel": (192, 194, 198), "brass": (196, 158, 78), "aluminium": (214, 216, 220), "copper": (184, 112, 76)}
-DARK_METAL = {"gunmetal": (58, 60, 66), "parkerised": (74, 76, 72), "blued-steel": (40, 44, 56)}
-WOOD = {"walnut": (98, 60, 34), "oak": (168, 122, 72), "cherry": (136, 66, 38), "ebony": (52, 40, 34)}
-POLYMER = {"black-polymer": (32, 32, 34), "olive-polymer": (84, 90, 58), "tan-polymer": (172, 146, 104)}
+PALETTES = read_yaml(Path(__file__).with_name("palettes.yaml"))
 
 
 @dataclass(frozen=True, eq=False)
 class Material:
-    """A physically based material: sRGB colour 0-255, metallic and roughness 0-1, and perhaps a picture.
-
-    A picture replaces the colour.
-    """
+    """A physically based material: sRGB colour 0-255, metallic and roughness 0-1, and a picture instead of the
+    colour."""
 
     name: str
     colour: tuple[int, int, int]
@@ -49,37 +37,21 @@ class Material:
         )
 
 
-def choose(rng: np.random.Generator, palette: dict, metallic=0.0, roughness=0.4, names=None) -> Material:
+def choose(rng: np.random.Generator, palette: str, names=None, metallic=None, roughness=None) -> Material:
     """One of a palette's colours (or of `names` in it), a little lighter or darker, a little shifted."""
-    names = list(palette) if names is None else names
+    found = PALETTES[palette]
+    metallic = found["metallic"] if metallic is None else metallic
+    roughness = found["roughness"] if roughness is None else roughness
+    roughness = rng.uniform(*roughness) if isinstance(roughness, list) else roughness
+    names = list(found["colours"]) if names is None else names
     name = names[rng.integers(len(names))]
-    colour = np.array(palette[name]) * rng.uniform(0.85, 1.15) * rng.uniform(0.95, 1.05, 3)
+    colour = np.array(found["colours"][name]) * rng.uniform(0.85, 1.15) * rng.uniform(0.95, 1.05, 3)
     return Material(name, tuple(np.clip(colour, 8, 245).astype(int).tolist()), metallic, roughness)
-
-
-def glass(rng) -> Material:
-    return choose(rng, GLASS, 0.0, 0.08)
-
-
-def plastic(rng, names=None) -> Material:
-    return choose(rng, PLASTIC, 0.0, 0.4, names)
-
-
-def metal(rng, names=None) -> Material:
-    return choose(rng, METAL, 0.9, rng.uniform(0.2, 0.4), names)
-
-
-def dark_metal(rng) -> Material:
-    return choose(rng, DARK_METAL, 0.7, rng.uniform(0.35, 0.5))
-
-
-def polymer(rng) -> Material:
-    return choose(rng, POLYMER, 0.0, 0.6)
 
 
 def wood(rng) -> Material:
     """Wood with its grain as a picture, along the picture's width."""
-    base = choose(rng, WOOD, 0.0, 0.5)
+    base = choose(rng, "wood")
     height, width = 96, 384
     v, u = np.mgrid[0:height, 0:width] / [[[height]], [[width]]]
     waves = sum(
@@ -90,7 +62,7 @@ def wood(rng) -> Material:
     fibre = rng.normal(size=(height, 1)) * 0.25 + rng.normal(size=(height, width // 32)).repeat(32, axis=1) * 0.15
     shade = 1 + 0.14 * rings + 0.12 * fibre
     pixels = np.clip(np.array(base.colour) * shade[..., None], 0, 255).astype(np.uint8)
-    return Material(base.name, base.colour, 0.0, 0.5, Image.fromarray(pixels))
+    return replace(base, picture=Image.fromarray(pixels))
 
 
 BRANDS = ("AURELIA", "Northfell", "Casa Luma", "BRIO", "Old Mill", "Verde", "KELPIE", "Solstice", "Tarn & Co")
