@@ -3,6 +3,7 @@
 Metres; a phone stands upright along z, its screen faces +x, its middle is near the origin.
 """
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -11,7 +12,7 @@ from manifold3d import Manifold
 from palpate.camera import rotation_about
 from palpate.shapes.assembly import Part
 from palpate.shapes.deformation import form
-from palpate.shapes.materials import Material, across, choose, interface
+from palpate.shapes.materials import Material, choose, interface
 from palpate.shapes.parameters import read
 from palpate.shapes.solids import box, cut, filleted, lathe, rod, slab, turned, union
 
@@ -32,11 +33,11 @@ def build(p: SimpleNamespace, rng: np.random.Generator) -> list[Part]:
         return [*parts, *back(p, rng, thickness, width, height), *trim(p, rng, (thickness, width, height), look)]
     upper, lower = p.lid * thickness, (1 - p.lid) * thickness
     other = Material("second-shell", choose(rng, "shell").colour, 0.2, 0.4)
-    second = "keys" if p.joint != "book" else "screen"
+    book = p.joint == "book"
     lid_height = (0.82 if p.joint == "swivel" else 1) * height
     lid = front(p, rng, (upper, width, lid_height), look, screen=True, keys=False)
     lid = [*lid, *back(p, rng, upper, width, lid_height)]
-    base = front(p, rng, (lower, width, height), other, screen=second == "screen", keys=second == "keys", glass="inner")
+    base = front(p, rng, (lower, width, height), other, screen=book, keys=not book, glass="inner")
     base += trim(p, rng, (lower, width, height), other)
     if p.joint == "flip":
         # Closed below a quarter; else open by 127 to 178 degrees: both faces look to +x and the hinge lies between.
@@ -44,10 +45,10 @@ def build(p: SimpleNamespace, rng: np.random.Generator) -> list[Part]:
         radius = rng.uniform(0.35, 0.5) * thickness
         join = rod((0, -0.46 * width, 0), (0, 0.46 * width, 0), radius, segments=56)
         base = moved(base, np.eye(3), (-lower / 2, 0, -height / 2 - 0.5 * radius))
-        lift = np.array([-upper / 2 - 0.0006, 0, height / 2 + 0.5 * radius])
-        lid = moved(lid, rotation_about(1, np.radians(turn)), rotation_about(1, np.radians(turn)) @ lift)
+        rotation = rotation_about(1, np.radians(turn))
+        lid = moved(lid, rotation, rotation @ (-upper / 2 - 0.0006, 0, height / 2 + 0.5 * radius))
         return [*lid, *base, Part(join, Material("hinge", tuple(int(0.8 * c) for c in look.colour), 0.3, 0.4))]
-    if p.joint == "book":
+    if book:
         # Hinged along z, open by 100 to 180 degrees, the screens inside.
         turn = np.radians((1 - p.opening) / 0.65 * 35)
         join = rod((0, 0, -0.47 * height), (0, 0, 0.47 * height), 0.42 * thickness, segments=48)
@@ -72,11 +73,10 @@ def moved(parts: list[Part], rotation: np.ndarray, shift) -> list[Part]:
     """Parts turned by a matrix (3, 3), then shifted (3,); pictures move with them."""
     frame = np.column_stack([rotation, shift])
 
-    def place(part: Part) -> Part:
-        uv = part.uv and (lambda vertices: part.uv((vertices - shift) @ rotation))
-        return Part(part.solid.transform(frame), part.material, uv)
+    def uv(part: Part):
+        return lambda vertices: part.uv((vertices - shift) @ rotation)
 
-    return [place(part) for part in parts]
+    return [Part(part.solid.transform(frame), part.material, uv(part)) for part in parts]
 
 
 def front(p, rng, size, look: Material, screen: bool, keys: bool, glass: str = "black-glass") -> list[Part]:
@@ -103,10 +103,9 @@ def front(p, rng, size, look: Material, screen: bool, keys: bool, glass: str = "
         parts.append(Part(pane, Material(glass, GLASS.colour, 0, 0.08)))
         wide, high = inner - 0.04 * width, tall - 0.04 * width
         name = "screen" if glass == "black-glass" else "inner-screen"
-        picture = interface(rng, high / wide, p.old == "yes")
-        picture = Material(name, picture.colour, 0, picture.roughness, picture.picture)
+        picture = replace(interface(rng, high / wide, p.old == "yes"), name=name)
         rounding = max(corner - margin, 0.02 * width) if whole else 0.02 * width
-        parts.append(Part(plate(face + PROUD, 0, place, wide, high, rounding, 1.5 * PROUD), picture, across))
+        parts.append(Part(plate(face + PROUD, 0, place, wide, high, rounding, 1.5 * PROUD), picture))
         top = place - tall / 2 - 0.02 * height
     low = -height / 2 + max(margin, 0.04 * height)
     if keys and p.keys != "none" and top - low > 0.06 * height:
@@ -131,10 +130,10 @@ def disc(x: float, y: float, z: float, radius: float, towards: float, height: fl
     return turned(profile, (x, y, z), (towards, 0, 0), 48)
 
 
-def plate(x, y, z, width, height, corner=0.0004, out=PROUD, deep=0.0012, towards=1) -> Manifold:
+def plate(x, y, z, width, height, corner=0.0004, out=PROUD, deep=0.0012) -> Manifold:
     """A rounded plate let into the face at x and standing out by `out`."""
     corner = min(corner, 0.49 * width, 0.49 * height)
-    return slab((deep + out, width, height), corner, min(0.0004, 0.4 * out), (x + towards * (out - deep) / 2, y, z))
+    return slab((deep + out, width, height), corner, min(0.0004, 0.4 * out), (x + (out - deep) / 2, y, z))
 
 
 def keypad(p, face: float, low: float, high: float, width: float, rows: int, columns: int) -> list[Manifold]:
@@ -185,12 +184,8 @@ def back(p, rng, thickness: float, width: float, height: float) -> list[Part]:
         island = island.translate((face - (rise - 0.002) / 2, side, top))
         parts.append(Part(island, Material("island", choose(rng, "shell").colour, 0.3, 0.3)))
     else:
-        parts.append(
-            Part(
-                union([disc(face, side + y * lens, top + z * lens, 1.2 * lens, -1, rise) for y, z in spots]),
-                Material("island", (40, 40, 44), 0.5, 0.3),
-            )
-        )
+        islands = [disc(face, side + y * lens, top + z * lens, 1.2 * lens, -1, rise) for y, z in spots]
+        parts.append(Part(union(islands), Material("island", (40, 40, 44), 0.5, 0.3)))
     lenses = [disc(face - rise, side + y * lens, top + z * lens, 0.85 * lens, -1, 0.0008) for y, z in spots]
     return [*parts, Part(union(lenses), LENS)]
 
@@ -200,21 +195,16 @@ def trim(p, rng, size, look: Material) -> list[Part]:
     thickness, width, height = size
     share, tall = rng.uniform(-0.1, 0.35, 3) * height, rng.uniform(0.05, 0.13, 3) * height
     sides = zip(rng.choice([-1, 1], 3), share, tall, strict=True)
-    buttons = [
-        slab((0.35 * thickness, 0.003, t), 0.001, 0.0004, (0, s * (0.5 * width - 0.0009), z)) for s, z, t in sides
-    ]
+    edge = 0.5 * width - 0.0009
+    buttons = [slab((0.35 * thickness, 0.003, t), 0.001, 0.0004, (0, s * edge, z)) for s, z, t in sides]
     parts = [Part(union(buttons), choose(rng, "metal", ["steel", "aluminium"]))]
     if p.antenna != "none":
         radius = min(p.antenna_width * width, 0.45 * thickness)
         length = p.antenna_length * height * (0.4 if p.antenna == "stub" else 1)
         thin = radius * (0.85 if p.antenna == "stub" else 0.5)
         steps = [(radius, -0.06 * height), (radius, 0.35 * length), (thin, 0.5 * length), (thin, length), (0, length)]
-        place = (
-            -0.02 * thickness,
-            (0.5 * width - 1.3 * radius - p.corner * width * 0.3) * p.antenna_side / 0.42,
-            height / 2,
-        )
-        stick = lathe(filleted(steps, 0.3 * thin), 48).translate(place)
+        y = (0.5 * width - 1.3 * radius - p.corner * width * 0.3) * p.antenna_side / 0.42
+        stick = lathe(filleted(steps, 0.3 * thin), 48).translate((-0.02 * thickness, y, height / 2))
         parts.append(Part(stick, Material("rubber", (30, 30, 32), 0, 0.8)))
     if p.bumper == "none":
         return parts
@@ -223,12 +213,8 @@ def trim(p, rng, size, look: Material) -> list[Part]:
     if p.bumper == "corners":
         arm = rng.uniform(0.2, 0.4) * width
         block = slab((thickness + out, arm, arm * rng.uniform(0.8, 1.5)), 0.3 * arm, 0.3 * out)
-        at = [
-            (y * (0.5 * (width - arm) + out / 2), z * (0.5 * (height - arm) + out / 2))
-            for y in (-1, 1)
-            for z in (-1, 1)
-        ]
-        guards = union([block.translate((0, y, z)) for y, z in at])
+        y, z = 0.5 * (width - arm) + out / 2, 0.5 * (height - arm) + out / 2
+        guards = union([block.translate((0, side * y, end * z)) for side in (-1, 1) for end in (-1, 1)])
     else:
         count, ridge = int(rng.integers(4, 12)), slab((0.9 * thickness, out, 0.6 * height), 0.3 * out, 0.25 * out)
         notch = rod((0, 0, 0), (0, out, 0), 0.4 * out, segments=20).scale((3, 1, 1))

@@ -17,9 +17,7 @@ def form(stretch=0.0, taper=0.0, twist=0.0, warp=0.0, bend=0.0, lean=0.0) -> dic
     """The group of parameters that `deformed` takes, each between minus and plus its bound (warp: 0 and its bound)."""
     meaning = "{} changes of scale along the axis, densest to widest, around 1"
     return {
-        "stretch_x": Range(-stretch, stretch, "1", meaning.format("x")),
-        "stretch_y": Range(-stretch, stretch, "1", meaning.format("y")),
-        "stretch_z": Range(-stretch, stretch, "1", meaning.format("z")),
+        **{f"stretch_{axis}": Range(-stretch, stretch, "1", meaning.format(axis)) for axis in "xyz"},
         "taper": Range(-taper, taper, "1", "growth of both cross axes from the middle to the end"),
         "flare": Range(-taper, taper, "1", "growth of the bend's axis alone from the middle to the end"),
         "twist": Range(-twist, twist, "degrees", "turn about the long axis from end to end"),
