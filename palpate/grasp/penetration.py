@@ -47,7 +47,9 @@ class PenetrationCheck:
         self.geoms = np.flatnonzero(hand.geom_collides)
         self.surfaces = {geom: geom_surface(hand, geom) for geom in self.geoms}
         self.reach = {geom: np.linalg.norm(s.reshape(-1, 3), axis=1).max() for geom, s in self.surfaces.items()}
-        self.pairs = self_collision_pairs(hand, self.geoms)
+        links = hand.geom_link[self.geoms]
+        may_collide = ~hand.adjacent_links()[links[:, None], links[None, :]]
+        self.pairs = self.geoms[np.argwhere(np.triu(may_collide, k=1))]  # (P, 2) of geoms on links that may collide
 
     def in_object(self, link_pose: np.ndarray) -> float:
         """Metres of the deepest point of the object's surface in the hand, or 0; link_pose: (L, 4, 4).
@@ -105,13 +107,6 @@ class PenetrationCheck:
         for axis in range(3):
             meets &= (self.low[axis, among] < high[axis]) & (self.high[axis, among] > low[axis])
         return np.flatnonzero(meets)
-
-
-def self_collision_pairs(hand: Hand, geoms: np.ndarray) -> np.ndarray:
-    """Pairs (P, 2) of geoms on links that may collide."""
-    links = hand.geom_link[geoms]
-    may = ~hand.adjacent_links()[links[:, None], links[None, :]]
-    return geoms[np.argwhere(np.triu(may, k=1))]
 
 
 def geom_surface(hand: Hand, geom: int) -> np.ndarray:

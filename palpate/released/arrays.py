@@ -207,14 +207,9 @@ def read_charts(root: Path | str, entry: ReleasedObject, grasps: int) -> dict[st
             if not np.ravel(scene["touch_success"])[sensor] or np.size(sheet) == 1:
                 charts.append(np.broadcast_to(position[sensor], (CHART**2, 3)))
             else:
-                charts.append(_refined(_floats(path, "sheet", sheet, (len(SHEET_IN_CHART), 3))))
+                grid = np.empty((CHART, CHART, 3))
+                grid.reshape(-1, 3)[SHEET_IN_CHART] = _floats(path, "sheet", sheet, (len(SHEET_IN_CHART), 3))
+                grid[::2, 1::2] = (grid[::2, :-2:2] + grid[::2, 2::2]) / 2
+                grid[1::2] = (grid[:-2:2] + grid[2::2]) / 2
+                charts.append(grid.reshape(-1, 3))
     return {"vertices": np.stack(charts).reshape(grasps, SENSORS, CHART**2, 3).astype(np.float32)}
-
-
-def _refined(sheet: np.ndarray) -> np.ndarray:
-    """A chart (81, 3) of a sheet (25, 3)."""
-    grid = np.empty((CHART, CHART, 3))
-    grid.reshape(-1, 3)[SHEET_IN_CHART] = sheet
-    grid[::2, 1::2] = (grid[::2, :-2:2] + grid[::2, 2::2]) / 2
-    grid[1::2] = (grid[:-2:2] + grid[2::2]) / 2
-    return grid.reshape(-1, 3)

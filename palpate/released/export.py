@@ -69,10 +69,13 @@ def _export_object(record, root: Path, entry: ReleasedObject, charts: bool) -> N
     for number, grasp in enumerate(record.grasps):
         Image.fromarray(grasp.occluded).save(entry.image(root, number))
         depth = np.where(np.isfinite(grasp.depth), grasp.depth, np.float32(NOTHING))
+        with warnings.catch_warnings():  # where several angles give the same rotation, any will do
+            warnings.simplefilter("ignore", UserWarning)
+            angles = Rotation.from_matrix(grasp.rotation).as_euler("xyz")  # about fixed x, then y, then z
         scene = {
             "touch_success": grasp.success,
             "cam_pos": grasp.position,
-            "cam_rot": _angles(grasp.rotation),
+            "cam_rot": angles,
             "depth": list(depth.transpose(0, 2, 1)),
             "gel": list(grasp.reading.transpose(0, 2, 1, 3)),
             "points": list(grasp.points),
@@ -81,13 +84,6 @@ def _export_object(record, root: Path, entry: ReleasedObject, charts: bool) -> N
         for sensor in range(SENSORS) if charts else ():
             sheet = grasp.vertices[sensor][SHEET_IN_CHART] if grasp.success[sensor] else np.zeros(1)
             _save(entry.sheet(root, number, sensor), sheet)
-
-
-def _angles(rotation: np.ndarray) -> np.ndarray:
-    """Radians (..., 3) about fixed x, then y, then z, of rotations (..., 3, 3)."""
-    with warnings.catch_warnings():  # of angles that are one of many with the same rotation, which is all right
-        warnings.simplefilter("ignore", UserWarning)
-        return Rotation.from_matrix(rotation).as_euler("xyz")
 
 
 def _save(path: Path, value: Any) -> None:

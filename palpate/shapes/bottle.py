@@ -11,7 +11,7 @@ from scipy.interpolate import PchipInterpolator
 
 from palpate.shapes.assembly import Part
 from palpate.shapes.deformation import form
-from palpate.shapes.materials import Material, across, around, choose, label, wood
+from palpate.shapes.materials import Material, across, around, choose, label
 from palpate.shapes.parameters import read
 from palpate.shapes.solids import bent_bar, box, filleted, fluted, lathe, rod, superellipse, turned, union, upright
 
@@ -156,7 +156,7 @@ def top(p: SimpleNamespace, rng: np.random.Generator, neck: float, radius: float
         curve = np.append(PchipInterpolator(np.linspace(0, 1, 6), [*knots, 0.3 * wide])(z), 0)
         ball = np.column_stack([curve, h + 0.01 * neck + 1.4 * tall * np.append(z, 1)])
         plug = rod((0, 0, h - neck), (0, 0, h + 0.1 * tall), 0.7 * neck)
-        look = [choose(rng, "metal"), wood(rng), choose(rng, "glass"), cap_look][rng.integers(4)]
+        look = [choose(rng, "metal"), choose(rng, "wood"), choose(rng, "glass"), cap_look][rng.integers(4)]
         return [Part(lathe(ball, 96) + plug, look)]
     if p.top == "cap":
         profile = [(wide, h - 0.3 * neck), (p.top_taper * wide, h + tall), (0.5 * wide, h + tall)]

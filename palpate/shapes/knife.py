@@ -12,7 +12,7 @@ from scipy.interpolate import PchipInterpolator
 
 from palpate.shapes.assembly import Part
 from palpate.shapes.deformation import form
-from palpate.shapes.materials import Material, choose, wood
+from palpate.shapes.materials import Material, choose
 from palpate.shapes.parameters import read
 from palpate.shapes.solids import along_y, bent_bar, box, cut, filleted, loft, prism, rod, superellipse, sweep, union
 
@@ -41,18 +41,11 @@ def build(p: SimpleNamespace, rng: np.random.Generator) -> list[Part]:
     if p.fold > 0:  # the slot that the blade folds into
         grip -= box((p.thickness + 0.0008, 0.9 * p.grip, tall), (0, -0.45 * p.grip, 0.45 * tall))
     steel = choose(rng, "metal", ["steel"]) if rng.uniform() < 0.75 else choose(rng, "dark metal")
-    parts = [Part(union([cutting, *pins]), steel), Part(grip.rotate((p.tilt, 0, 0)), grip_look(p, rng))]
+    parts = [Part(union([cutting, *pins]), steel), Part(grip.rotate((p.tilt, 0, 0)), choose(rng, p.grip_material))]
     if fittings:
         bright = choose(rng, "metal", ["brass", "steel", "copper"])
         parts.append(Part(union(fittings), Material("fittings", bright.colour, bright.metallic, bright.roughness)))
     return parts
-
-
-def grip_look(p: SimpleNamespace, rng: np.random.Generator) -> Material:
-    if p.grip_material == "wood":
-        return wood(rng)
-    # "steel": of a table knife.
-    return choose(rng, "metal", ["brass", "aluminium"]) if p.grip_material == "steel" else choose(rng, p.grip_material)
 
 
 def blade(p: SimpleNamespace) -> Manifold:
@@ -163,7 +156,10 @@ def pommel(p: SimpleNamespace, rng: np.random.Generator, tall: float, wide: floa
         ends = (back, end - 0.7 * size, end + 0.7 * size, 0.8 * wide), (-p.grip, end - size, end + size, 1.03 * wide)
         return [along_y(ends, 3, 12)]
     if p.pommel == "ring":
-        return [hoop(np.array([-p.grip - 0.7 * size, end]), 0.9 * size, 0.3 * size, 0.5 * wide)]
+        middle, circle = np.array([-p.grip - 0.7 * size, end]), superellipse(2, 2, 2, 64)
+        wire, width = 0.3 * size, 0.5 * wide
+        disc = prism(middle + (0.9 * size + wire / 2) * circle, width, 0.2 * min(wire, width))
+        return [disc - prism(middle + (0.9 * size - wire / 2) * circle, 2 * width)]
     blade_out, turn = rng.uniform(0.35, 0.8) * p.grip, rng.uniform(20, 75)
     tool = np.array([(0, 0.1), (-1, 0.06), (-1, -0.06), (0, -0.1)]) * blade_out
     return [
@@ -171,10 +167,3 @@ def pommel(p: SimpleNamespace, rng: np.random.Generator, tall: float, wide: floa
         .rotate((-turn, 0, 0))
         .translate((0.2 * wide, -0.9 * p.grip, end + 0.1 * tall))
     ]
-
-
-def hoop(centre: np.ndarray, radius: float, wire: float, width: float) -> Manifold:
-    """A ring around (y, z) in the plane of the blade."""
-    circle = superellipse(2, 2, 2, 64)
-    disc = prism(centre + (radius + wire / 2) * circle, width, 0.2 * min(wire, width))
-    return disc - prism(centre + (radius - wire / 2) * circle, 2 * width)

@@ -46,12 +46,12 @@ def choose(rng: np.random.Generator, palette: str, names=None, metallic=None, ro
     names = list(found["colours"]) if names is None else names
     name = names[rng.integers(len(names))]
     colour = np.array(found["colours"][name]) * rng.uniform(0.85, 1.15) * rng.uniform(0.95, 1.05, 3)
-    return Material(name, tuple(np.clip(colour, 8, 245).astype(int).tolist()), metallic, roughness)
+    material = Material(name, tuple(np.clip(colour, 8, 245).astype(int).tolist()), metallic, roughness)
+    return grained(material, rng) if palette == "wood" else material
 
 
-def wood(rng) -> Material:
-    """Wood with its grain as a picture, along the picture's width."""
-    base = choose(rng, "wood")
+def grained(base: Material, rng: np.random.Generator) -> Material:
+    """A material with the grain of wood as its picture, along the picture's width."""
     height, width = 96, 384
     v, u = np.mgrid[0:height, 0:width] / [[[height]], [[width]]]
     waves = sum(
@@ -60,8 +60,8 @@ def wood(rng) -> Material:
     )
     rings = np.sin(2 * np.pi * (rng.uniform(5, 11) * v + 0.25 * waves))
     fibre = rng.normal(size=(height, 1)) * 0.25 + rng.normal(size=(height, width // 32)).repeat(32, axis=1) * 0.15
-    shade = 1 + 0.14 * rings + 0.12 * fibre
-    pixels = np.clip(np.array(base.colour) * shade[..., None], 0, 255).astype(np.uint8)
+    pixels = np.array(base.colour) * (1 + 0.14 * rings + 0.12 * fibre)[..., None]
+    pixels = np.clip(pixels, 0, 255).astype(np.uint8)
     return replace(base, picture=Image.fromarray(pixels))
 
 

@@ -12,7 +12,7 @@ from manifold3d import Manifold
 
 from palpate.shapes.assembly import Part
 from palpate.shapes.deformation import form
-from palpate.shapes.materials import Material, choose, wood
+from palpate.shapes.materials import Material, choose
 from palpate.shapes.parameters import read
 from palpate.shapes.solids import along_y, bent_bar, box, cut, filleted, prism, rod, superellipse, sweep, turned, union
 
@@ -26,7 +26,7 @@ PARAMETERS, STYLES = read("rifle", form(stretch=0.15))
 def build(p: SimpleNamespace, rng: np.random.Generator) -> list[Part]:
     """All parts as the parameters say, in one frame."""
     wooden = p.wood == "yes" and p.stock not in ("skeleton", "carbine")
-    furniture, dark = wood(rng) if wooden else choose(rng, "polymer"), choose(rng, "dark metal")
+    furniture, dark = choose(rng, "wood" if wooden else "polymer"), choose(rng, "dark metal")
     look = dark if p.metal_look == "dark" else choose(rng, "metal", [p.metal_look])
     trigger_at = 0.62 * p.receiver if p.bullpup == "yes" else 0.075
     frame, steel = receiver(p), [*barrels(p), *muzzle(p, rng), *action(p)]

@@ -32,15 +32,11 @@ class RayMesh:
         self.normals = normals[self.face]
         self._centre = (self.triangles.min(axis=(0, 1)) + self.triangles.max(axis=(0, 1))) / 2
         self._scene = EmbreeScene(robust=True)
-        corners, index = self._shared_corners(vertices, np.asarray(mesh.faces)[self.face])
-        TriangleMesh(self._scene, (corners - self._centre).astype(np.float32), index.astype(np.int32))
-
-    @staticmethod
-    def _shared_corners(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The vertices that faces use (a stray one may be NaN, or so far off that it costs precision)."""
-        used = np.zeros(len(vertices), dtype=bool)
+        # Of vertices only those that faces use: a stray one may be NaN, or so far off that it costs precision.
+        faces, used = np.asarray(mesh.faces)[self.face], np.zeros(len(vertices), dtype=bool)
         used[faces] = True
-        return vertices[used], (np.cumsum(used) - 1)[faces]
+        index = (np.cumsum(used) - 1)[faces].astype(np.int32)
+        TriangleMesh(self._scene, (vertices[used] - self._centre).astype(np.float32), index)
 
     def first_face(self, origins: np.ndarray, directions: np.ndarray, reach: float | None = None) -> np.ndarray:
         """The face that each ray meets first, from either side: (n,) int32 index into `triangles`, -1 for none.

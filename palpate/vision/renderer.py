@@ -214,9 +214,11 @@ class Renderer:
             raise RuntimeError("a newer Renderer has taken Blender's scene: use that one")
         if hand is not None and hand is not self._hand:
             bpy.data.batch_remove([block for _, body, _ in self._links for block in (body, body.data)])
-            self._hand, self._links = hand, _hand_objects(hand, self._plastic)
-            for _, body, _ in self._links:
-                _link(self._scene, body)
+            self._hand, self._links = hand, []  # number, object, vertices (n, 3) in its frame, of links with geoms
+            for link in np.unique(hand.geom_link).tolist():
+                mesh = link_mesh(hand, link)
+                body = _blender_object(f"hand-{hand.link_names[link]}", mesh, self._plastic)
+                self._links.append((link, _link(self._scene, body), mesh.vertices))
         for _, body, _ in self._links:
             body.hide_render = True
 
@@ -457,13 +459,6 @@ def _coloured_material(name: str, roughness: float):
     surface["Roughness"].default_value = roughness
     links.new(colour.outputs["Color"], surface["Base Color"])
     return material
-
-
-def _hand_objects(hand, material) -> list[tuple[int, Any, np.ndarray]]:
-    """For every link that has geoms: its number, a Blender object, vertices (n, 3) in the link's frame."""
-    meshes = {int(link): link_mesh(hand, link) for link in np.unique(hand.geom_link)}
-    names = hand.link_names
-    return [(k, _blender_object(f"hand-{names[k]}", mesh, material), mesh.vertices) for k, mesh in meshes.items()]
 
 
 def _blender_object(name: str, mesh: Mesh, material):
