@@ -45,8 +45,7 @@ Statistic = Callable[[np.ndarray], np.ndarray]  # from averages (..., experiment
 
 def contrast(*weights: float) -> list[Statistic]:
     """The weighted sum of averages; `1 -1` is the first's error less the second's."""
-    vector = np.array(weights)
-    return [lambda means: means @ vector]
+    return [lambda means: means @ np.array(weights)]
 
 
 def slope() -> list[Statistic]:
@@ -139,9 +138,7 @@ def decide(
         means = _published(claim)
         rows.append(
             {
-                "claim": claim.claim,
-                "section": claim.section,
-                "split": claim.split,
+                **{name: getattr(claim, name) for name in ("claim", "section", "split")},
                 **interval_columns("measured", estimate),
                 "measured_paper": float(claim.measured(means)),
                 "between_seeds": found.between_seeds(claim.experiments, claim.measured),
@@ -153,8 +150,8 @@ def decide(
         )
     table = without_paper(pd.DataFrame(rows), evaluations["class"]).astype({"objects": "Int64", "seeds": "Int64"})
     counts = table["verdict"].value_counts()
-    papers = " `paper agrees`: whether the paper's own numbers, without an interval, say so."
-    papers = papers if "paper_agrees" in table else ""
+    agrees = " `paper agrees`: whether the paper's own numbers, without an interval, say so."
+    papers = agrees if "paper_agrees" in table else ""
     table.attrs["note"] = (
         f"{counts.get(HOLDS, 0)} of {len(table)} claims hold, {counts.get(FAILS, 0)} do not, "
         f"{counts.get(UNDECIDED, 0)} are undecided by this run. A claim is that a number is negative (where "
@@ -188,11 +185,9 @@ def _errors_of_tables(evaluations, rings, touches) -> dict[str, Errors]:
 
 def _merge(of_objects: Errors, local: Errors) -> Errors:
     """Errors of both on the objects that both have (one without a successful touch has no local error)."""
-    here = np.isin(of_objects.objects, local.objects)
-    there = np.isin(local.objects, of_objects.objects)
-    values = {name: array[:, here] for name, array in of_objects.values.items()}
-    values |= {name: array[:, there] for name, array in local.values.items()}
-    return Errors(of_objects.objects[here], of_objects.classes[here], values, of_objects.steps | local.steps)
+    both = of_objects.select(np.isin(of_objects.objects, local.objects))
+    values = both.values | local.select(np.isin(local.objects, of_objects.objects)).values
+    return both._replace(values=values, steps=of_objects.steps | local.steps)
 
 
 def _published(claim: Claim) -> np.ndarray:

@@ -12,7 +12,7 @@ from matplotlib.patches import Circle
 from palpate.dataset.reader import Dataset, GraspRecord
 from palpate.mesh import OBJECT_POSITION, load_visual
 from palpate.results import products
-from palpate.results.page import FAINT, LABEL, PALE, TITLE, new_figure, save, save_sentence, styled
+from palpate.results.page import FAINT, LABEL, PALE, TITLE, Page, save, save_sentence, styled
 from palpate.results.surface_view import SurfaceView, site_colours
 
 RING = 0.8  # radius of the ring about a site, in sensor widths
@@ -41,29 +41,24 @@ def data_point(dataset: Dataset, path: Path | str) -> None:
     widths = np.array([cell, cell, cell, SURFACE_ASPECT * cell])
     left = gap + np.concatenate([[0], np.cumsum(widths + gap)[:-1]])
     width, height = left[-1] + widths[-1], head + cell + gap
-    figure = new_figure(width, height)
-
-    def place(x: float, y: float, across: float, down: float) -> Axes:
-        return figure.add_axes((x / width, 1 - (y + down) / height, across / width, down / height))
-
+    page = Page(width, height)
     titles = ("Occluded image", "Unoccluded image", "Touch readings", "Surface and touch sites")
     for start, extent, title in zip(left, widths, titles, strict=True):
-        x, y = (start + extent / 2) / width, 1 - 0.14 / height
-        figure.text(x, y, title, ha="center", va="center", fontsize=TITLE)
-    _image(place(left[0], head, cell, cell), grasp.occluded)
-    _image(place(left[1], head, cell, cell), grasp.object.unoccluded)
+        page.text(start + extent / 2, 0.14, title, fontsize=TITLE)
+    _image(page.axes(left[0], head, cell, cell), grasp.occluded)
+    _image(page.axes(left[1], head, cell, cell), grasp.object.unoccluded)
     side = max(2, int(np.ceil(np.sqrt(len(grasp.sensors)))))  # readings in a row
     small = (cell - label) / side
     step, colours = (cell - small) / (side - 1), site_colours(len(grasp.sensors))
     for sensor, name in enumerate(grasp.sensors):
         row, column = divmod(sensor, side)
-        axes = place(left[2] + column * step, head + row * step, small, small)
+        axes = page.axes(left[2] + column * step, head + row * step, small, small)
         _reading(axes, grasp, sensor)
         touched = grasp.success[sensor]
         colour = colours[sensor] if touched else FAINT
         axes.set_title(name if touched else f"{name}: no touch", fontsize=LABEL, pad=3, color=colour)
-    _surface(place(left[3], head, widths[3], cell), grasp)
-    save(figure, path)
+    _surface(page.axes(left[3], head, widths[3], cell), grasp)
+    save(page.figure, path)
 
 
 @products.figure(
@@ -90,30 +85,22 @@ def examples(dataset: Dataset, class_name: str, path: Path | str) -> None:
     left = gap + np.arange(len(titles)) * (cell + gap)
     widths = np.append(np.full(len(titles) - 1, cell), SURFACE_ASPECT * cell)
     width, height = left[-1] + widths[-1] + gap, head + len(chosen) * (label + cell) + gap
-    figure = new_figure(width, height, SHEET_DPI)
-
-    def text(x: float, y: float, words: str, **style) -> None:
-        figure.text(x / width, 1 - y / height, words, va="center", **style)
-
+    page = Page(width, height, SHEET_DPI)
     for start, extent, title in zip(left, widths, titles, strict=True):
-        text(start + extent / 2, head / 2, title, ha="center", fontsize=TITLE)
+        page.text(start + extent / 2, head / 2, title, fontsize=TITLE)
     for row, name in enumerate(chosen):
         record = dataset[name]
         grasp = record.grasps[row % len(record.grasps)]
         top = head + row * (label + cell)
         words = f"{name}, grasp {grasp.number}: {int(grasp.success.sum())} of {len(sensors)} touches"
-        text(gap, top + label / 2, words, fontsize=LABEL, color=FAINT)
-        bottom = 1 - (top + label + cell) / height
-        axes = [
-            figure.add_axes((start / width, bottom, extent / width, cell / height))
-            for start, extent in zip(left, widths, strict=True)
-        ]
+        page.text(gap, top + label / 2, words, fontsize=LABEL, color=FAINT, ha="left")
+        axes = [page.axes(start, top + label, extent, cell) for start, extent in zip(left, widths, strict=True)]
         _image(axes[0], record.unoccluded)
         _image(axes[1], grasp.occluded)
         for sensor in range(len(sensors)):
             _reading(axes[2 + sensor], grasp, sensor)
         _surface(axes[-1], grasp)
-    save(figure, path)
+    save(page.figure, path)
 
 
 def example_grasp(dataset: Dataset) -> GraspRecord | None:
@@ -135,11 +122,8 @@ def example_grasp(dataset: Dataset) -> GraspRecord | None:
     def merit(grasp: GraspRecord) -> float:
         unoccluded, occluded = (grasp.object.unoccluded_mask > 0).mean(), (grasp.occluded_mask > 0).mean()
         relief = grasp.reading[grasp.success].std(axis=(1, 2)).mean(axis=-1)
-        return (
-            np.sqrt(unoccluded)
-            * (1 - abs(occluded / max(unoccluded, 1e-9) - VISIBLE))
-            * relief.min(initial=FULL_RELIEF)
-        )
+        in_sight = occluded / max(unoccluded, 1e-9)
+        return np.sqrt(unoccluded) * (1 - abs(in_sight - VISIBLE)) * relief.min(initial=FULL_RELIEF)
 
     return max((dataset[int(row)].grasps[number] for row, number in candidates), key=merit)
 
@@ -185,14 +169,7 @@ def _surface(axes: Axes, grasp: GraspRecord) -> None:
     axes.imshow(np.clip(picture.image, 0, 1), interpolation="antialiased")
     for centre, hidden, colour in zip(picture.centres, picture.hidden, site_colours(len(sites)), strict=True):
         if np.isfinite(centre).all():
-            ring = Circle(
-                centre,
-                RING * max(grasp.sensor.size) / view.scale,
-                fill=False,
-                color=colour,
-                linewidth=1.2,
-                linestyle=(0, (2, 1.5)) if hidden else "solid",
-                clip_on=False,
-            )
-            axes.add_patch(ring)
+            style = {"linewidth": 1.2, "linestyle": (0, (2, 1.5)) if hidden else "solid", "clip_on": False}
+            radius = RING * max(grasp.sensor.size) / view.scale
+            axes.add_patch(Circle(centre, radius, fill=False, color=colour, **style))
     axes.set_axis_off()

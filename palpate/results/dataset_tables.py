@@ -1,6 +1,4 @@
-"""The dataset's tables: each is one DataFrame, which `palpate.results.tables` writes.
-
-The statistics work on three plain frames, which `dataset_frames` reads from a run:
+"""The dataset's tables. They are computed from three plain frames, which `dataset_frames` reads from a run:
 
 | frame | one row a | columns |
 |---|---|---|
@@ -43,34 +41,21 @@ def dataset_frames(run: Path | str) -> Frames:
     run = Path(run)
     objects = pd.DataFrame(read_catalogue(run / "catalogue.csv")).rename(columns={"class_name": "class"})
     dataset = Dataset(run, stages=("released", "meshes", "surface", "grasps", "touch"))
-    grasped = "grasps" in dataset.stages  # a released dataset comes without: nobody knows the attempts
     rejected = pd.DataFrame(dataset.rejections(), columns=["object", "stage", "reason"])
-    if not len(dataset):
-        return Frames(objects, rejected, _grasp_frame([], [], np.zeros((0, len(SENSOR_NAMES)), bool), [], []))
-    success = dataset.array("touch", "success")[:]
-    each = dataset.grasps_per_object
-    penetration = dataset.array("grasps", "penetration")[:] if grasped else np.full(success.shape[:2], np.nan)
-    grasps = _grasp_frame(
-        np.repeat(dataset.objects, each),
-        np.repeat([record.class_name for record in dataset], each),
-        success.reshape(-1, success.shape[2]),
-        np.repeat(dataset.array("grasps", "attempts")[:] if grasped else np.full(len(dataset), np.nan), each),
-        penetration.ravel(),
-    )
-    return Frames(objects, rejected, grasps)
-
-
-def _grasp_frame(names, classes, success: np.ndarray, attempts, penetration) -> pd.DataFrame:
-    return pd.DataFrame(
-        {
-            "object": np.asarray(names, dtype=object),
-            "class": np.asarray(classes, dtype=object),
-            "successful_touches": success.sum(axis=1),
-            "touches": np.full(len(success), success.shape[1]),
-            "attempts": np.asarray(attempts, dtype=float),
-            "penetration": np.asarray(penetration, dtype=float),
-        }
-    )
+    success = dataset.array("touch", "success")[:] if len(dataset) else np.zeros((0, 1, len(SENSOR_NAMES)), bool)
+    count, each, sensors = success.shape
+    attempts, penetration = np.full(count, np.nan), np.full((count, each), np.nan)
+    if count and "grasps" in dataset.stages:  # a released dataset comes without: nobody knows the attempts
+        attempts, penetration = (dataset.array("grasps", name)[:] for name in ("attempts", "penetration"))
+    grasps = {
+        "object": np.repeat(np.asarray(dataset.objects, dtype=object), each),
+        "class": np.repeat(np.asarray([record.class_name for record in dataset], dtype=object), each),
+        "successful_touches": success.sum(axis=2).ravel(),
+        "touches": np.full(count * each, sensors),
+        "attempts": np.repeat(attempts, each).astype(float),
+        "penetration": penetration.ravel().astype(float),
+    }
+    return Frames(objects, rejected, pd.DataFrame(grasps))
 
 
 @products.table(stores=("meshes", "surface", "grasps", "touch"), category="Dataset")
@@ -90,21 +75,15 @@ def dataset_statistics(frames: Frames) -> pd.DataFrame:
         kept = members[members["object"].isin(of_class["object"])]
         by_object = _by_object(of_class)
         successful = _share(by_object, "successful_touches", "touches")
-        counts = {
-            "objects": len(kept),
-            "grasps": len(of_class),
-            "touches": int(of_class["touches"].sum()),
-            "successful_percent": 100 * successful.value,
-        }
+        touches, percent = int(of_class["touches"].sum()), 100 * successful.value
+        quantities = {"objects": len(kept), "grasps": len(of_class), "touches": touches, "successful_percent": percent}
+        quantities |= {split: int((kept["split"] == split).sum()) for split in SPLITS}
         row = {"class": name}
-        for quantity, value in counts.items():
+        for quantity, value in quantities.items():
             row[quantity] = value
             if quantity == "successful_percent":
                 row |= {"successful_low": 100 * successful.low, "successful_high": 100 * successful.high}
             row[f"{quantity}_paper"] = published.get((name, quantity), np.nan)
-        for split in SPLITS:
-            row[split] = int((kept["split"] == split).sum())
-            row[f"{split}_paper"] = published.get((name, split), np.nan)
         row["attempted"] = len(members)
         row["rejected"] = int(members["object"].isin(rejected["object"]).sum())
         row["attempts"] = by_object["attempts"].mean() if len(by_object) else np.nan
@@ -133,18 +112,9 @@ def grasp_success(frames: Frames) -> pd.DataFrame:
         for touches in range(sensors + 1):
             by_object = _by_object(of_class.assign(hit=of_class["successful_touches"] == touches, one=1))
             share = _share(by_object, "hit", "one")
-            rows.append(
-                {
-                    "class": name,
-                    "objects": len(by_object),
-                    "grasps": len(of_class),
-                    "successful_touches": touches,
-                    "percent": 100 * share.value,
-                    "percent_low": 100 * share.low,
-                    "percent_high": 100 * share.high,
-                    "percent_paper": published.get((name, touches), np.nan),
-                }
-            )
+            row = {"class": name, "objects": len(by_object), "grasps": len(of_class), "successful_touches": touches}
+            row |= {"percent": 100 * share.value, "percent_low": 100 * share.low, "percent_high": 100 * share.high}
+            rows.append(row | {"percent_paper": published.get((name, touches), np.nan)})
     table = _round(without_paper(pd.DataFrame(rows), objects["class"]), percent="percent")
     table.attrs["note"] = _size_note(objects, grasps)
     return table
@@ -162,18 +132,10 @@ def penetration(frames: Frames) -> pd.DataFrame:
         depth = MILLIMETRES * of_class["penetration"].to_numpy(float)
         by_object = _by_object(of_class.assign(depth=depth, one=1))
         mean = ratio_interval(by_object["depth"], by_object["one"], by_object["class"]).within(0)
-        rows.append(
-            {
-                "class": name,
-                "objects": len(by_object),
-                "grasps": len(of_class),
-                "mean_mm": mean.value,
-                "mean_low_mm": mean.low,
-                "mean_high_mm": mean.high,
-                "percentile_95_mm": np.quantile(depth, 0.95) if len(depth) else np.nan,
-                "max_mm": depth.max(initial=-np.inf) if len(depth) else np.nan,
-            }
-        )
+        row = {"class": name, "objects": len(by_object), "grasps": len(of_class)}
+        row |= {"mean_mm": mean.value, "mean_low_mm": mean.low, "mean_high_mm": mean.high}
+        row["percentile_95_mm"] = np.quantile(depth, 0.95) if len(depth) else np.nan
+        rows.append(row | {"max_mm": depth.max() if len(depth) else np.nan})
     table = pd.DataFrame(rows).round(4)
     table.attrs["note"] = _size_note(objects, grasps)
     return table

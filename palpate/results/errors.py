@@ -34,7 +34,10 @@ class Errors(NamedTuple):
 
     def of_class(self, name: str) -> "Errors":
         """The errors on the objects of one class."""
-        chosen = self.classes == name
+        return self.select(self.classes == name)
+
+    def select(self, chosen: np.ndarray) -> "Errors":
+        """The errors on some of the objects; chosen: (n,) bool."""
         values = {experiment: array[:, chosen] for experiment, array in self.values.items()}
         return self._replace(objects=self.objects[chosen], classes=self.classes[chosen], values=values)
 

@@ -16,15 +16,10 @@ from palpate.camera import Camera  # noqa: E402
 from palpate.charts.atlas import touch_chart  # noqa: E402  (Blender comes before embree)
 from palpate.dataset import Dataset  # noqa: E402
 from palpate.dataset.reader import GraspRecord, ObjectRecord  # noqa: E402
-from palpate.evaluation.reconstruct import (  # noqa: E402
-    TOUCH_COLOUR,
-    VISION_COLOUR,
-    GraspTouches,
-    TouchCharts,
-)
+from palpate.evaluation.reconstruct import TOUCH_COLOUR, VISION_COLOUR, GraspTouches, TouchCharts  # noqa: E402
 from palpate.mesh import OBJECT_POSITION  # noqa: E402
 from palpate.results import products  # noqa: E402
-from palpate.results.page import FAINT, LABEL, TITLE, new_figure, save, save_sentence, styled  # noqa: E402
+from palpate.results.page import FAINT, LABEL, TITLE, Page, save, save_sentence, styled  # noqa: E402
 from palpate.results.reconstructions import test_objects  # noqa: E402
 from palpate.vision import Mesh, Renderer, looking_at, spheres  # noqa: E402
 
@@ -123,33 +118,24 @@ def _page(drawn: list[tuple[ObjectRecord, list]]):
     """A page, and the function (row, touch, column) -> axes."""
     cell, gap, between, left, head, label = 1.35, 0.04, 0.22, 0.3, 0.32, 0.2  # inches
     block = len(HEADINGS) * (cell + gap)
-    width = left + TOUCHES * block + (TOUCHES - 1) * between
-    height = head + len(drawn) * (cell + label)
-    figure = new_figure(width, height)
+    page = Page(left + TOUCHES * block + (TOUCHES - 1) * between, head + len(drawn) * (cell + label))
 
     def corner(place: int, column: int) -> float:
         return left + place * (block + between) + column * (cell + gap)
 
     def axes(row: int, place: int, column: int) -> Axes:
-        bottom = height - head - (row + 1) * (cell + label)
         size = cell * (0.72 if column == 0 else 1)  # a reading is flat
         inset = (cell - size) / 2
-        made = figure.add_axes(
-            ((corner(place, column) + inset) / width, (bottom + inset) / height, size / width, size / height)
-        )
-        made.set_axis_off()
-        return made
-
-    def text(x: float, y: float, words: str, **style) -> None:
-        figure.text(x / width, 1 - y / height, words, ha="center", va="center", **style)
+        top = head + row * (cell + label) + label
+        return page.axes(corner(place, column) + inset, top + inset, size, size, shown=False)
 
     for place in range(TOUCHES):
         for column, heading in enumerate(HEADINGS):
-            text(corner(place, column) + cell / 2, head / 2, heading, fontsize=TITLE - 1)
+            page.text(corner(place, column) + cell / 2, head / 2, heading, fontsize=TITLE - 1)
     for row, (record, chosen) in enumerate(drawn):
         top = head + row * (cell + label)
-        text(left / 2, top + label + cell / 2, record.name, rotation=90, fontsize=LABEL, color=FAINT)
+        page.text(left / 2, top + label + cell / 2, record.name, rotation=90, fontsize=LABEL, color=FAINT)
         for place, (grasp, sensor) in enumerate(chosen):
             words = f"grasp {grasp.number}, {grasp.sensors[sensor]}"
-            text(corner(place, 0) + block / 2, top + label / 2, words, fontsize=LABEL, color=FAINT)
-    return figure, axes
+            page.text(corner(place, 0) + block / 2, top + label / 2, words, fontsize=LABEL, color=FAINT)
+    return page.figure, axes

@@ -28,7 +28,7 @@ from palpate.results.model_tables import (
     ring_key,
     setups,
 )
-from palpate.results.page import COLOURS, LABEL, PALE, TITLE, new_figure, save, styled
+from palpate.results.page import COLOURS, LABEL, PALE, TITLE, Page, new_figure, save, styled
 from palpate.results.published import paper_values
 
 HISTORY = ("step", "seconds", "train_loss", "validation_loss")
@@ -120,39 +120,25 @@ def training_curves(histories: Mapping[tuple[str, int], Path | str], experiments
     top = max(part.max(axis=None) for part in losses) * 1.2
     columns = min(COLUMNS, len(panels))
     lines = -(-len(panels) // columns)
-    width, height = 3.1 * columns + 0.2, 2.5 * lines + 0.3
-    figure = new_figure(width, height)
+    page = Page(3.1 * columns + 0.2, 2.5 * lines + 0.3)
     for number, (title, curves) in enumerate(panels.items()):
         line, column = divmod(number, columns)
-        axes = figure.add_axes(
-            (
-                (column * 3.1 + 0.7) / width,
-                1 - (line * 2.5 + 2.25) / height,
-                2.5 / width,
-                1.9 / height,
-            )
-        )
+        axes = page.axes(column * 3.1 + 0.7, line * 2.5 + 0.35, 2.5, 1.9)
         for label, colour, history, first in curves:
             minutes = history["seconds"] / 60
             if label not in OTHER_LOSS:
                 axes.plot(minutes, history["train_loss"], color=colour, lw=0.8, alpha=0.35)
-            axes.plot(
-                minutes,
-                history["validation_loss"],
-                color=colour,
-                lw=1.3,
-                marker="o" if len(history) == 1 else None,
-                ms=3,
-                label=label if first else None,
-            )
+            style = {"lw": 1.3, "marker": "o" if len(history) == 1 else None, "ms": 3}
+            named_once = label if first else None
+            axes.plot(minutes, history["validation_loss"], color=colour, label=named_once, **style)
         axes.set_yscale("log")
         axes.set_ylim(bottom, top)
         axes.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
         axes.yaxis.set_major_formatter(FormatStrFormatter("%g"))
         axes.yaxis.set_minor_formatter(NullFormatter())
         _finish(axes, "Minutes" if line == lines - 1 else "", "", title, integers=False)
-    figure.text(0.012, 0.5, "Loss: Chamfer distance, m² x 9000", rotation=90, va="center", fontsize=LABEL)
-    save(figure, path)
+    page.figure.text(0.012, 0.5, "Loss: Chamfer distance, m² x 9000", rotation=90, va="center", fontsize=LABEL)
+    save(page.figure, path)
 
 
 def _panel(setup: Experiment) -> tuple[str, str, str]:

@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import matplotlib.style
+from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
@@ -22,6 +23,25 @@ def new_figure(width: float, height: float, dpi: int = DPI) -> Figure:
     figure = Figure(figsize=(width, height), dpi=dpi)
     FigureCanvasAgg(figure)
     return figure
+
+
+class Page:
+    """A figure of a size in inches. Places on it are inches from its top left corner."""
+
+    def __init__(self, width: float, height: float, dpi: int = DPI):
+        self.width, self.height, self.figure = width, height, new_figure(width, height, dpi)
+
+    def axes(self, x: float, y: float, width: float, height: float, shown: bool = True) -> Axes:
+        """Axes with their top left corner at (x, y); shown: whether they have a frame and ticks."""
+        place = x / self.width, 1 - (y + height) / self.height, width / self.width, height / self.height
+        axes = self.figure.add_axes(place)
+        if not shown:
+            axes.set_axis_off()
+        return axes
+
+    def text(self, x: float, y: float, words: str, **style) -> None:
+        """Words about (x, y)."""
+        self.figure.text(x / self.width, 1 - y / self.height, words, **{"ha": "center", "va": "center"} | style)
 
 
 def save(figure: Figure, path: Path | str) -> None:

@@ -31,7 +31,7 @@ from palpate.evaluation.reconstruct import (  # noqa: E402  (Blender comes befor
 )
 from palpate.mesh import OBJECT_POSITION, load_visual  # noqa: E402
 from palpate.results import products  # noqa: E402
-from palpate.results.page import COLOURS, FAINT, INK, LABEL, TITLE, new_figure, save, save_sentence, styled  # noqa: E402
+from palpate.results.page import COLOURS, FAINT, INK, LABEL, TITLE, Page, save, save_sentence, styled  # noqa: E402
 from palpate.results.surface_view import CLAY  # noqa: E402
 from palpate.vision import Mesh, Renderer, spheres  # noqa: E402
 
@@ -207,47 +207,30 @@ def _page(records: list[ObjectRecord], setups: list[tuple], cells: dict, zooms: 
     cell, gap, between, left, head = 1.3, 0.02, 0.14, 0.3, 0.5  # inches
     columns = [("image", "Input images", "occluded"), ("image", "Input images", "unoccluded")]
     columns += [("truth", "", "Ground truth"), *setups]
+    groups = [group for _, group, _ in columns]
     start, x = [], left
-    for number, (_, group, _) in enumerate(columns):
-        x += between if number and group != columns[number - 1][1] else 0
+    for number, group in enumerate(groups):
+        x += between if number and group != groups[number - 1] else 0
         start.append(x)
         x += cell + gap
-    width, height = x, head + len(records) * (cell + gap)
-    figure = new_figure(width, height)
-
-    def axes(row: int, column: int) -> Axes:
-        bottom = height - head - (row + 1) * (cell + gap) + gap
-        made = figure.add_axes((start[column] / width, bottom / height, cell / width, cell / height))
-        made.set_axis_off()
-        return made
-
-    for group, members in _groups(columns):
-        middle = (start[members[0]] + start[members[-1]] + cell) / 2
-        figure.text(middle / width, 1 - 0.14 / height, group, ha="center", va="center", fontsize=TITLE)
-    for column, (_, _, heading) in enumerate(columns):
-        x = (start[column] + cell / 2) / width
-        figure.text(x, 1 - 0.37 / height, heading, ha="center", va="center", fontsize=LABEL)
+    page = Page(x, head + len(records) * (cell + gap))
+    for group in filter(None, dict.fromkeys(groups)):
+        last = len(groups) - 1 - groups[::-1].index(group)
+        page.text((start[groups.index(group)] + start[last] + cell) / 2, 0.14, group, fontsize=TITLE)
+    for x, (_, _, heading) in zip(start, columns, strict=True):
+        page.text(x + cell / 2, 0.37, heading, fontsize=LABEL)
     for row, record in enumerate(records):
-        y = 1 - (head + (row + 0.5) * (cell + gap)) / height
-        figure.text(
-            left / 2 / width,
-            y,
-            record.name,
-            ha="center",
-            va="center",
-            rotation=90,
-            fontsize=LABEL,
-            color=FAINT,
-        )
-        for column, image in enumerate((record.grasps[0].occluded, record.unoccluded)):
-            panel = axes(row, column)
+        top = head + row * (cell + gap)
+        page.text(left / 2, head + (row + 0.5) * (cell + gap), record.name, rotation=90, fontsize=LABEL, color=FAINT)
+        panels = [page.axes(x, top, cell, cell, shown=False) for x in start]
+        for panel, image in zip(panels, (record.grasps[0].occluded, record.unoccluded), strict=False):
             panel.imshow(image, interpolation="antialiased")
             low, high = frame(len(image), zooms[row])
             # Matplotlib has the middle of the first pixel at 0.
             panel.set(xlim=(low - 0.5, high - 0.5), ylim=(high - 0.5, low - 0.5))
-        for column, (name, *_) in enumerate(columns[2:], start=2):
-            _draw(axes(row, column), cells[row, name])
-    save(figure, path)
+        for panel, (name, *_) in zip(panels[2:], columns[2:], strict=True):
+            _draw(panel, cells[row, name])
+    save(page.figure, path)
 
 
 def _draw(panel: Axes, cell: Cell) -> None:
@@ -260,11 +243,3 @@ def _draw(panel: Axes, cell: Cell) -> None:
     if cell.outside:
         panel.plot(*(cell.edge.T - 0.5), "o", color=COLOURS[1], ms=2.5, mew=0, clip_on=False)
         panel.text(2, size - 4, f"{cell.outside} outside", color=COLOURS[1], fontsize=LABEL - 3)
-
-
-def _groups(columns: Iterable[tuple]) -> list[tuple[str, list[int]]]:
-    """Numbers of the columns that stand under one heading, for every heading that is not empty."""
-    found: dict[str, list[int]] = {}
-    for number, (_, group, _) in enumerate(columns):
-        found.setdefault(group, []).append(number)
-    return [(group, members) for group, members in found.items() if group]

@@ -8,6 +8,7 @@ A table is a DataFrame. Three entries of its `attrs` say how it is written:
     exact       column -> decimals, where a column has its own
 """
 
+import math
 from pathlib import Path
 
 import pandas as pd
@@ -56,11 +57,9 @@ def display(table: pd.DataFrame) -> pd.DataFrame:
     for name in table:
         if name.endswith(("_low", "_high")) and name.rsplit("_", 1)[0] in table:
             continue
-        if f"{name}_low" in table:
-            intervals = zip(*(table[column] for column in (name, f"{name}_low", f"{name}_high")), strict=True)
-            shown[name] = [_bracketed(table, name, *numbers) for numbers in intervals]
-        elif pd.api.types.is_float_dtype(table[name]):
-            shown[name] = [_number(table, name, number) for number in table[name]]
+        columns = [column for column in (name, f"{name}_low", f"{name}_high") if column in table]
+        if len(columns) == 3 or pd.api.types.is_float_dtype(table[name]):
+            shown[name] = [_number(table, name, *numbers) for numbers in zip(*map(table.get, columns), strict=True)]
         else:
             shown[name] = [_text(value) for value in table[name]]
     return pd.DataFrame(shown, dtype=object)
@@ -79,16 +78,9 @@ def _text(value) -> str:
     return MISSING if pd.isna(value) else str(value)
 
 
-def _bracketed(table: pd.DataFrame, name: str, value: float, low: float, high: float) -> str:
-    text = _number(table, name, value)
-    if pd.isna(low) or pd.isna(high):
-        return text
-    return f"{text} [{_number(table, name, low)}, {_number(table, name, high)}]"
-
-
-def _number(table: pd.DataFrame, name: str, value: float) -> str:
-    """With the table's decimals; with three significant digits where it has none."""
-    if pd.isna(value):
-        return MISSING
+def _number(table: pd.DataFrame, name: str, value: float, low: float = math.nan, high: float = math.nan) -> str:
+    """A number and its interval with the table's decimals; with three significant digits where it has none."""
     decimals = table.attrs.get("exact", {}).get(name.removesuffix("_paper"), table.attrs["decimals"])
-    return f"{value:.3g}" if decimals is None else f"{value:.{decimals}f}"
+    form = ".3g" if decimals is None else f".{decimals}f"
+    value, low, high = (MISSING if pd.isna(number) else format(number, form) for number in (value, low, high))
+    return value if MISSING in (low, high) else f"{value} [{low}, {high}]"
