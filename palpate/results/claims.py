@@ -25,18 +25,11 @@ from typing import NamedTuple
 import numpy as np
 import pandas as pd
 
+from palpate.results import model_tables as tables
 from palpate.results import products
 from palpate.results.bootstrap import RESAMPLES, Estimate
 from palpate.results.errors import AVERAGE, Errors, errors
-from palpate.results.model_tables import (
-    interval_columns,
-    intervals_note,
-    ring_errors,
-    ring_key,
-    size_columns,
-    touch_errors,
-)
-from palpate.results.published import paper_rows, paper_values, published_experiments, without_paper
+from palpate.results.published import paper_rows, paper_values, published_experiments
 
 HOLDS, FAILS, UNDECIDED = "holds", "does not hold", "undecided"
 
@@ -139,16 +132,16 @@ def decide(
         rows.append(
             {
                 **{name: getattr(claim, name) for name in ("claim", "section", "split")},
-                **interval_columns("measured", estimate),
+                **tables.interval_columns("measured", estimate),
                 "measured_paper": float(claim.measured(means)),
                 "between_seeds": found.between_seeds(claim.experiments, claim.measured),
                 "unit": claim.unit,
                 "verdict": verdict(bounds),
                 "paper_agrees": "yes" if all(bound(means) < 0 for bound in claim.bounds) else "no",
-                **size_columns(found, *claim.experiments),
+                **tables.size_columns(found, *claim.experiments),
             }
         )
-    table = without_paper(pd.DataFrame(rows), evaluations["class"]).astype({"objects": "Int64", "seeds": "Int64"})
+    table = tables.frame_of(rows, evaluations["class"])
     counts = table["verdict"].value_counts()
     agrees = " `paper agrees`: whether the paper's own numbers, without an interval, say so."
     papers = agrees if "paper_agrees" in table else ""
@@ -157,7 +150,7 @@ def decide(
         f"{counts.get(UNDECIDED, 0)} are undecided by this run. A claim is that a number is negative (where "
         "it names a bound: within it); it holds or not if the whole interval says so, and two seeds differ by less "
         f"(`between seeds`). Differences are paired by object and seed.{papers} "
-        f"{intervals_note(int(table['seeds'].max()))}"
+        f"{tables.intervals_note(int(table['seeds'].max()))}"
     )
     table.attrs["decimals"] = None
     return table
@@ -178,8 +171,8 @@ def _errors_of_tables(evaluations, rings, touches) -> dict[str, Errors]:
         members = [claim for claim in claims() if claim.table == name]
         names = list(dict.fromkeys(each for claim in members for each in claim.experiments))
         found[name] = errors(evaluations, names, members[0].split)
-    found["extrapolation"] = ring_errors(rings, published_experiments("extrapolation"), "test")
-    found["local_touch_charts"] = _merge(found["input_modalities"], touch_errors(touches, "test"))
+    found["extrapolation"] = tables.ring_errors(rings, published_experiments("extrapolation"), "test")
+    found["local_touch_charts"] = _merge(found["input_modalities"], tables.touch_errors(touches, "test"))
     return found
 
 
@@ -197,7 +190,7 @@ def _published(claim: Claim) -> np.ndarray:
         frame = frame[frame["class"] == AVERAGE]
     names = frame["experiment"]
     if "ring" in frame:
-        names = list(map(ring_key, names, frame["ring"]))
+        names = list(map(tables.ring_key, names, frame["ring"]))
     local = paper_values("local_touch_charts").set_index("class")["value"]
     known = dict(zip(names, frame["value"], strict=True)) | {"cloud": local[AVERAGE]}
     return np.array([known[name] for name in claim.experiments])

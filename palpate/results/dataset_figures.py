@@ -61,12 +61,7 @@ def data_point(dataset: Dataset, path: Path | str) -> None:
     save(page.figure, path)
 
 
-@products.figure(
-    name="examples_{class_name}",
-    stores=("dataset",),
-    category="Dataset",
-    simulated=True,
-)
+@products.figure(name="examples_{class_name}", stores=("dataset",), category="Dataset", simulated=True)
 @styled
 def examples(dataset: Dataset, class_name: str, path: Path | str) -> None:
     """Examples of class {class_name}, taken evenly from its objects and not chosen: images, readings of the four

@@ -12,12 +12,12 @@ import numpy as np
 import pandas as pd
 
 from palpate.experiments import SPLITS
+from palpate.results import model_tables as tables
 from palpate.results import products
 from palpate.results.bootstrap import RESAMPLES
 from palpate.results.claims import contrast
 from palpate.results.errors import AVERAGE, Errors, errors
-from palpate.results.model_tables import interval_columns, intervals_note, size_columns
-from palpate.results.published import effects, paper_values, without_paper
+from palpate.results.published import effects, paper_values
 
 # The verdict by the sign of a finding, and what stands behind it where a single seed was trained.
 VERDICTS = {-1: "better", 0: "undecided", 1: "worse"}
@@ -85,11 +85,11 @@ def _difference(found: Errors, row: dict[str, str], stated: dict[str, float], re
     estimate = found.estimate(pair, difference, resamples)
     percent = found.estimate(pair, lambda means: 100 * (means[..., 0] / means[..., 1] - 1), resamples)
     spread = found.between_seeds(pair, difference)
-    sizes = size_columns(found, *pair)
+    sizes = tables.size_columns(found, *pair)
     sign = estimate.sign(spread)
     return {
-        **interval_columns("difference", estimate),
-        **interval_columns("percent", percent),
+        **tables.interval_columns("difference", estimate),
+        **tables.interval_columns("percent", percent),
         "percent_paper": 100 * (stated.get(row["stated_as"], np.nan) / stated.get(pair[1], np.nan) - 1),
         "between_seeds": spread,
         "verdict": VERDICTS[sign] + (ONE_SEED if sign and sizes["seeds"] == 1 else ""),
@@ -99,10 +99,10 @@ def _difference(found: Errors, row: dict[str, str], stated: dict[str, float], re
 
 def _effects_table(rows: list[dict], evaluations: pd.DataFrame, what: str) -> pd.DataFrame:
     """The table of these rows, which evaluations are compared in; its note begins with `what` a difference is."""
-    table = without_paper(pd.DataFrame(rows), evaluations["class"]).astype({"objects": "Int64", "seeds": "Int64"})
+    table = tables.frame_of(rows, evaluations["class"])
     table.attrs["note"] = (
         f"{what}, paired by object and seed. It is a finding (better, worse) if its interval excludes 0 and two seeds "
-        f"differ by less (`between seeds`). {intervals_note(int(table['seeds'].max()))}"
+        f"differ by less (`between seeds`). {tables.intervals_note(int(table['seeds'].max()))}"
     )
     table.attrs |= {"decimals": 3, "exact": {"percent": 1}}
     return table

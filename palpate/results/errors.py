@@ -56,11 +56,7 @@ class Errors(NamedTuple):
 
 
 def errors(
-    frame: pd.DataFrame,
-    experiments: Sequence[str],
-    split: str,
-    column: str = "chamfer",
-    key: str = "experiment",
+    frame: pd.DataFrame, experiments: Sequence[str], split: str, column: str = "chamfer", key: str = "experiment"
 ) -> Errors:
     """The errors of experiments on one split, object by object.
 

@@ -21,11 +21,11 @@ from palpate.hand import Hand  # noqa: E402  (Blender comes before what loads em
 from palpate.mesh import DIAGONAL, OBJECT_POSITION, load_visual, mesh_file  # noqa: E402
 from palpate.results import products  # noqa: E402
 from palpate.results.dataset_figures import example_grasp  # noqa: E402
+from palpate.results.hand_sheet import posed_geoms  # noqa: E402
 from palpate.results.page import TITLE, new_figure, save, save_sentence, styled  # noqa: E402
-from palpate.store import read  # noqa: E402
+from palpate.results.surface_view import direction  # noqa: E402
 from palpate.surface.embree import RayMesh  # noqa: E402
 from palpate.vision import Renderer  # noqa: E402
-from palpate.vision.geom import triangles  # noqa: E402
 
 STEPS = (
     "1  The object",
@@ -57,7 +57,7 @@ def grasp_steps(dataset: Dataset, path: Path | str, threads: int = 1) -> None:
     grasp = example_grasp(dataset)
     if grasp is None:
         return save_sentence("No usable object in this run", path)
-    hand = stored_hand(grasp)
+    hand = grasp.object.hand
     towards = best_direction(grasp, hand)
     opened = hand.open_joint_positions
     loaded = hand.forward(beside(grasp.object.points, towards, hand), opened)
@@ -66,24 +66,9 @@ def grasp_steps(dataset: Dataset, path: Path | str, threads: int = 1) -> None:
     points = [grasp.object.points, *(hand_points(hand, pose) for pose in poses[1:])]
     camera = camera_holding(np.concatenate(points), towards)
     renderer = Renderer(samples=SAMPLES, threads=threads)
-    pictures = [
-        renderer.render_meshes(
-            visual_glb=mesh_file(grasp.object.mesh, "visual.glb"),
-            hand=None if pose is None else hand,
-            link_pose=pose,
-            camera=camera,
-            background=None,
-        ).rgb
-        for pose in poses
-    ]
-    save(_page(_cropped(pictures)), path)
-
-
-def stored_hand(grasp: GraspRecord) -> Hand:
-    """The hand that made a grasp, as its batch's store has it."""
-    record = grasp.object
-    arrays = read(record.mesh.parents[2] / "grasps" / f"{record.batch}.h5")
-    return Hand.from_arrays(arrays, prefix="hand/")
+    seen = {"visual_glb": mesh_file(grasp.object.mesh, "visual.glb"), "camera": camera, "background": None}
+    hands = [{"hand": None if pose is None else hand, "link_pose": pose} for pose in poses]
+    save(_page(_cropped([renderer.render_meshes(**seen, **each).rgb for each in hands])), path)
 
 
 def best_direction(grasp: GraspRecord, hand: Hand) -> np.ndarray:
@@ -102,7 +87,7 @@ def best_direction(grasp: GraspRecord, hand: Hand) -> np.ndarray:
     def area(towards: np.ndarray) -> float:
         return np.prod(np.ptp(grasp.object.points @ _picture_axes(towards).T, axis=0))
 
-    directions = [_unit(*view) for view in itertools.product(AZIMUTHS, ELEVATIONS)]
+    directions = [direction(*view) for view in itertools.product(AZIMUTHS, ELEVATIONS)]
     clear, largest = list(map(seen, directions)), max(map(area, directions))
     score = [2 * c + abs(d @ across) + area(d) / largest for d, c in zip(directions, clear, strict=True)]
     return directions[np.argmax(np.where(clear >= np.median(clear), score, -np.inf))]
@@ -127,16 +112,7 @@ def beside(points: np.ndarray, towards: np.ndarray, hand: Hand) -> np.ndarray:
 
 def hand_points(hand: Hand, link_pose: np.ndarray) -> np.ndarray:
     """(n, 3) vertices of the drawn hand in the world."""
-    points = []
-    for number, pose in enumerate(hand.geom_poses(link_pose)):
-        vertices, _, _ = triangles(
-            hand.geom_kind[number],
-            hand.geom_size[number],
-            hand.geom_vertices[number],
-            hand.geom_faces[number],
-        )
-        points.append(vertices @ pose[:3, :3].T + pose[:3, 3])
-    return np.concatenate(points)
+    return np.concatenate([points for points, _ in posed_geoms(hand, link_pose)])
 
 
 def camera_holding(points: np.ndarray, towards: np.ndarray) -> Camera:
@@ -153,11 +129,6 @@ def _picture_axes(towards: np.ndarray) -> np.ndarray:
     right = np.cross((0, 0, 1), towards)
     right /= np.linalg.norm(right)
     return np.stack([right, np.cross(towards, right)])
-
-
-def _unit(azimuth: float, elevation: float) -> np.ndarray:
-    turn, tilt = np.radians([azimuth, elevation])
-    return np.array([np.cos(turn) * np.cos(tilt), np.sin(turn) * np.cos(tilt), np.sin(tilt)])
 
 
 def _cropped(pictures: list[np.ndarray]) -> list[np.ndarray]:

@@ -34,14 +34,7 @@ def hand_figure(hand: Hand, sensor: Sensor) -> Figure:
     to lie on them, where contact stops the finger.
     """
     links = hand.forward(np.eye(4), hand.open_joint_positions)
-    geoms = zip(
-        hand.geom_kind, hand.geom_size, hand.geom_vertices, hand.geom_faces, hand.geom_poses(links), strict=True
-    )
-    shapes = []  # of each geom its vertices (n, 3) and triangles (f, 3, 3), in the palm's frame
-    for *geom, pose in geoms:
-        points, faces, _ = triangles(*geom)
-        points = points @ pose[:3, :3].T + pose[:3, 3]
-        shapes.append((points, points[faces]))
+    shapes = posed_geoms(hand, links)
     frames = list(zip(hand.sensor_names, *hand.sensor_frames(links), hand.sensor_link, strict=True))
     rows = max(2, -(-min(len(frames), SIDES) // 2))
     figure = new_figure(WIDTH, rows * ROW)
@@ -54,6 +47,17 @@ def hand_figure(hand: Hand, sensor: Sensor) -> Figure:
         outlines = [((shapes[geom][0] - position) @ rotation, hand.geom_rgba[geom]) for geom in mine]
         _draw_side(figure.add_subplot(grid[number // 2, 2 + number % 2]), name, sensor, outlines)
     return figure
+
+
+def posed_geoms(hand: Hand, link_pose: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Of each geom of a hand in a pose its vertices (n, 3) and triangles (f, 3, 3), in the frame of `link_pose`."""
+    geoms = zip(hand.geom_kind, hand.geom_size, hand.geom_vertices, hand.geom_faces, strict=True)
+    shapes = []
+    for geom, pose in zip(geoms, hand.geom_poses(link_pose), strict=True):
+        points, faces, _ = triangles(*geom)
+        points = points @ pose[:3, :3].T + pose[:3, 3]
+        shapes.append((points, points[faces]))
+    return shapes
 
 
 def _draw_whole(axes: Axes, hand: Hand, sensor: Sensor, shapes: list, frames: list) -> None:

@@ -16,24 +16,17 @@ from palpate.evaluation.rows import EvaluationError, read_table
 from palpate.experiments import Experiment
 from palpate.protocol import RINGS
 from palpate.rebuild_command import rebuild_command
+from palpate.results import model_tables as tables
 from palpate.results import products
 from palpate.results.bootstrap import RESAMPLES
 from palpate.results.errors import errors
-from palpate.results.model_tables import (
-    STRATEGY_NAMES,
-    Experiments,
-    input_label,
-    model_label,
-    ring_errors,
-    ring_key,
-    setups,
-)
 from palpate.results.page import COLOURS, LABEL, PALE, TITLE, Page, new_figure, save, styled
 from palpate.results.published import paper_values
 
+Experiments = tables.Experiments
 HISTORY = ("step", "seconds", "train_loss", "validation_loss")
 COLUMNS = 4  # panels beside each other
-OTHER_LOSS = (STRATEGY_NAMES["r2n2"],)  # trained by the cells' cross entropy, which has no place on the axis
+OTHER_LOSS = (tables.STRATEGY_NAMES["r2n2"],)  # trained by the cells' cross entropy, which has no place on the axis
 
 
 @products.figure(evaluations="grasps")
@@ -52,7 +45,7 @@ def multi_grasp(
     published = paper_values("grasps").set_index("experiment")["value"]
     figure = new_figure(6, 4)
     axes = figure.add_axes((0.12, 0.13, 0.85, 0.78))
-    for colour, (label, members) in zip(COLOURS, setups(experiments).items(), strict=False):
+    for colour, (label, members) in zip(COLOURS, tables.setups(experiments).items(), strict=False):
         counts = sorted(members)
         first = members[counts[0]]
         estimates = [
@@ -82,15 +75,15 @@ def error_over_rings(
     """Mean squared distance from the true surface to the prediction, in square rings around each touch: this run's,
     with 95 % bootstrap intervals, and the paper's. Each side has its own scale.
     """
-    found = ring_errors(rings, list(experiments), split)
+    found = tables.ring_errors(rings, list(experiments), split)
     published = paper_values("extrapolation").set_index(["experiment", "ring"])["value"]
     figure = new_figure(9, 4)
     left, right = (figure.add_axes((x, 0.13, 0.41, 0.75)) for x in (0.075, 0.57))
     for colour, (name, setup) in zip(COLOURS, experiments.items(), strict=False):
-        estimates = [found.estimate([ring_key(name, ring)], resamples=resamples) for ring in RINGS]
-        _line(left, RINGS, estimates, colour, input_label(setup))
+        estimates = [found.estimate([tables.ring_key(name, ring)], resamples=resamples) for ring in RINGS]
+        _line(left, RINGS, estimates, colour, tables.input_label(setup))
         paper = [published.get((name, ring), np.nan) for ring in RINGS]
-        right.plot(RINGS, paper, "--o", color=colour, lw=1, ms=3.5, label=input_label(setup))
+        right.plot(RINGS, paper, "--o", color=colour, lw=1, ms=3.5, label=tables.input_label(setup))
     for axes, title in ((left, f"This run ({_size(found, split)})"), (right, "The paper")):
         _finish(axes, "Ring, in sensor sizes", "Mean squared distance, m²", title)
         axes.set_ylim(bottom=0)
@@ -144,13 +137,13 @@ def training_curves(histories: Mapping[tuple[str, int], Path | str], experiments
 def _panel(setup: Experiment) -> tuple[str, str, str]:
     """The panel that an experiment's curve is in, its name there (its strategy, or how many grasps), its
     colour."""
-    label, grasps = input_label(replace(setup, architecture={})), setup.grasps
+    label, grasps = tables.input_label(replace(setup, architecture={})), setup.grasps
     if grasps > 1:
         return f"{label}, more grasps", f"{grasps} grasps", COLOURS[grasps % len(COLOURS)]
-    name = model_label(setup)
+    name = tables.model_label(setup)
     # Strategies first; one with another architecture is a curve of its own.
-    number = list(STRATEGY_NAMES).index(setup.strategy)
-    return label, name, COLOURS[number if name in STRATEGY_NAMES.values() else len(STRATEGY_NAMES)]
+    number = list(tables.STRATEGY_NAMES).index(setup.strategy)
+    return label, name, COLOURS[number if name in tables.STRATEGY_NAMES.values() else len(tables.STRATEGY_NAMES)]
 
 
 def _history(path: Path | str) -> pd.DataFrame:

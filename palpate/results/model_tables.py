@@ -13,7 +13,7 @@ Args that they share:
 They raise EvaluationError if an experiment is missing.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -306,6 +306,11 @@ def size_columns(found: Errors, *names: str) -> dict[str, Any]:
     }
 
 
+def frame_of(rows: list[dict], classes: Iterable[str]) -> pd.DataFrame:
+    """The rows as a table, without the paper's columns if none of the classes is the paper's."""
+    return without_paper(pd.DataFrame(rows), classes).astype({"objects": "Int64", "seeds": "Int64"})
+
+
 def intervals_note(seeds: int) -> str:
     """What stands in brackets in a table of models with so many seeds."""
     over = "objects, within classes, and over seeds" if seeds > 1 else "objects only, within classes"
@@ -334,9 +339,9 @@ def _finish(
     exact: dict[str, int] | None = None,
 ) -> pd.DataFrame:
     """The frame, with its note and how its numbers are printed; no columns of values that nobody states."""
-    table = without_paper(pd.DataFrame(rows), found.class_names)
+    table = frame_of(rows, found.class_names)
     empty = [name for name in table if name.endswith(("_paper", "between_seeds")) and table[name].isna().all()]
-    table = table.drop(columns=empty).astype({"objects": "Int64", "seeds": "Int64"})
+    table = table.drop(columns=empty)
     classes = ", ".join(f"{np.sum(found.classes == name)} {name}" for name in found.class_names)
     seeds = min(map(len, found.values.values()))
     papers = f"; the paper: {PAPER_OBJECTS[split]}" if has_papers_classes(found.class_names) else ""

@@ -21,7 +21,6 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from string import Formatter
 from typing import Any, TypeVar
 
 from palpate.experiments import SPLITS, Comparison
@@ -87,11 +86,6 @@ class Product:
     on_request: bool = False
 
     @property
-    def fields(self) -> list[str]:
-        """The fields in its name."""
-        return [field for _, field, *_ in Formatter().parse(self.name) if field]
-
-    @property
     def pattern(self) -> str:
         """Regular expression of its name, a group a field."""
         return re.sub(r"\\\{(\w+)\\\}", r"(?P<\1>.+)", re.escape(self.name))
@@ -130,11 +124,9 @@ def products() -> tuple[Product, ...]:
     found = []
     for path in sorted(FOLDER.glob("*.py")):
         for function in ast.parse(path.read_text(encoding="utf-8")).body:
-            if isinstance(function, ast.FunctionDef):
-                for decorator in function.decorator_list:
-                    kind = KINDS.get(ast.unparse(getattr(decorator, "func", decorator)))
-                    if kind:
-                        found.append(_product(kind, path, function, decorator))
+            for decorator in getattr(function, "decorator_list", ()):
+                if kind := KINDS.get(ast.unparse(getattr(decorator, "func", decorator))):
+                    found.append(_product(kind, path, function, decorator))
     return tuple(sorted(found, key=lambda each: each.category))
 
 

@@ -69,6 +69,12 @@ class Picture:
     silhouette: float
 
 
+def direction(azimuth: float, elevation: float) -> np.ndarray:
+    """(3,) unit vector of an azimuth about z and an elevation, in degrees; azimuth 0 is +x."""
+    turn, tilt = np.radians([azimuth, elevation])
+    return np.array([np.cos(turn) * np.cos(tilt), np.sin(turn) * np.cos(tilt), np.sin(tilt)])
+
+
 def site_colours(count: int) -> list[tuple[float, float, float]]:
     """Colours of the sites of `count` sensors, in their order; from the first again after four."""
     return [SITE_COLOURS[sensor % len(SITE_COLOURS)] for sensor in range(count)]
@@ -88,9 +94,8 @@ class SurfaceView:
 
     def view(self, azimuth: float, elevation: float, shape: tuple[int, int]) -> View:
         """The view from a direction in degrees (azimuth 0 is +x), the object filling the picture."""
-        turn, tilt = np.deg2rad([azimuth, elevation])
-        into = -np.array([np.cos(turn) * np.cos(tilt), np.sin(turn) * np.cos(tilt), np.sin(tilt)])
-        right = np.array([-np.sin(turn), np.cos(turn), 0])
+        turn = np.deg2rad(azimuth)
+        into, right = -direction(azimuth, elevation), np.array([-np.sin(turn), np.cos(turn), 0])
         axes = np.stack([right, np.cross(into, right), into])
         flat = self._vertices @ axes.T
         low, high = flat.min(axis=0), flat.max(axis=0)
@@ -105,8 +110,8 @@ class SurfaceView:
         root of the silhouette keeps long objects from being looked at end on.
         """
 
-        def merit(direction: tuple[int, int]) -> float:
-            preview = self.draw(self.view(*direction, (PREVIEW, PREVIEW)), preview=True)
+        def merit(angles: tuple[int, int]) -> float:
+            preview = self.draw(self.view(*angles, (PREVIEW, PREVIEW)), preview=True)
             return (np.sqrt(preview.area).sum() + self._sensor.width) * np.sqrt(preview.silhouette)
 
         return self.view(*max(itertools.product(AZIMUTHS, ELEVATIONS), key=merit), shape)
@@ -115,8 +120,8 @@ class SurfaceView:
         """The picture from a view; a preview has the sites' areas only right, not the shading."""
         samples = 1 if preview else SUPERSAMPLING
         distance = 2 * np.linalg.norm(np.ptp(self._vertices, axis=0))
-        origins, direction = view.rays(samples, distance)
-        face = self._mesh.first_face(origins, direction)
+        origins, ahead = view.rays(samples, distance)
+        face = self._mesh.first_face(origins, ahead)
         hit = np.flatnonzero(face >= 0)
         normal = self._mesh.normals[face[hit]]
         normal /= np.linalg.norm(normal, axis=1, keepdims=True)
@@ -124,7 +129,7 @@ class SurfaceView:
         facing = normal @ view.axes[2]
         normal *= -np.sign(facing)[:, None]  # a face is drawn from either side
         depth = np.einsum("ni,ni->n", corner - origins[hit], normal) / np.minimum(-np.abs(facing), -1e-3)
-        points = origins[hit] + np.clip(depth, 0, 2 * distance)[:, None] * direction
+        points = origins[hit] + np.clip(depth, 0, 2 * distance)[:, None] * ahead
 
         site = self._site_of(points)
         pixel = (view.scale / samples) ** 2

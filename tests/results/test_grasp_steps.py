@@ -18,7 +18,7 @@ def grasp(dataset):
 
 
 def test_the_stored_hand_is_the_hand_that_was_stored(grasp):
-    stored, made = steps.stored_hand(grasp).to_arrays(), allegro().to_arrays()
+    stored, made = grasp.object.hand.to_arrays(), allegro().to_arrays()
     assert stored.keys() == made.keys()
     for name in made:
         np.testing.assert_array_equal(stored[name], made[name])
