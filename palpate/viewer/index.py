@@ -28,7 +28,7 @@ from palpate.dataset.run import Run
 from palpate.rebuild_command import RECORD
 from palpate.results.products import caption, position
 from palpate.results.tables import display
-from palpate.store.contract import CONTRACT
+from palpate.stages import STAGES
 from palpate.terminal import duration
 from palpate.viewer.html import data_uri, render, resource
 
@@ -177,10 +177,8 @@ def _result(path: Path, name: str, link: Callable[..., str]) -> Table:
     columns = [[_shown(*each) for each in zip(shown[head], frame[head], strict=True)] for head in shown]
     files = {form: link("tables", name + form) for form in (".csv", ".md", ".tex") if path.with_suffix(form).exists()}
     note = _marked(_text(path.with_suffix(".md")).rpartition("|\n")[2].strip())
-    heads = [head.replace("_", " ") for head in shown]
-    return _table(
-        heads, zip(*columns, strict=True), name=name, caption=_marked(caption("tables", name)), note=note, files=files
-    )
+    about = {"name": name, "caption": _marked(caption("tables", name)), "note": note, "files": files}
+    return _table([head.replace("_", " ") for head in shown], zip(*columns, strict=True), **about)
 
 
 def _shown(text: str, value: Any) -> Cell:
@@ -229,13 +227,13 @@ def _thumbnail(record: ObjectRecord, stages: Sequence[str], link: Callable[..., 
 
 def _is_current(page: Path, record: ObjectRecord) -> bool:
     """Whether an object has a page that is not older than what it shows."""
-    made = [record.mesh.parent, *_stores(record, ("surface", "grasps", "touch", "vision"))]
+    made = _stores(record, [stage.name for stage in STAGES.values() if stage.in_dataset])
     newest = max((path.stat().st_mtime for path in made if path.exists()), default=0)
     return page.exists() and page.stat().st_mtime >= newest
 
 
 def _stores(record: ObjectRecord, stages: Iterable[str]) -> list[Path]:
-    return [record.mesh.parents[2] / CONTRACT[stage].path(record.batch) for stage in stages]
+    return [record.mesh.parents[2] / STAGES[stage].path(record.batch) for stage in stages]
 
 
 def _write_object_page(page: Path, record: ObjectRecord) -> None:
@@ -255,16 +253,15 @@ def _warnings(folder: Path) -> list[str]:
 def _figures(folder: Path, link: Callable[..., str]) -> list[dict[str, Any]]:
     """Figures, and pictures of reports, with their captions: in the page, but for those beyond `EMBEDDED` bytes."""
     found, used = [], 0
-    for kind in ("figures", "reports"):
-        for name, path in _files(folder, kind, "png"):
-            file, source = link(kind, f"{name}.png"), ""
-            with Image.open(path) as picture:
-                size = dict(zip(("width", "height"), picture.size, strict=True))
-                if used < EMBEDDED:
-                    source = data_uri(picture.convert("RGB"), FIGURE)
-            used += len(source)
-            found.append({"name": name, "file": file, "source": source or file, **size})
-            found[-1]["caption"] = _marked(caption(kind, name))
+    pictures = [(each, *file) for each in ("figures", "reports") for file in _files(folder, each, "png")]
+    for kind, name, path in pictures:
+        file = link(kind, f"{name}.png")
+        with Image.open(path) as picture:
+            size = dict(zip(("width", "height"), picture.size, strict=True))
+            source = data_uri(picture.convert("RGB"), FIGURE) if used < EMBEDDED else ""
+        used += len(source)
+        about = {"name": name, "file": file, "caption": _marked(caption(kind, name))}
+        found.append({**about, "source": source or file, **size})
     return found
 
 
@@ -274,9 +271,9 @@ def _trainings(folder: Path) -> Table:
     for path in sorted(folder.glob("models/**/training.json")):
         training = json.loads(path.read_bytes())
         history, seconds = pd.read_csv(path.with_name("history.csv")), training["seconds"]
-        rows.append([path.parent.relative_to(folder / "models").as_posix(), Cell("", curve=_curve(history))])
-        rows[-1].append(Cell(f"{training['validation_loss']:.3f}", training["validation_loss"]))
-        rows[-1] += [training["best_step"], training["steps"], Cell(duration(seconds), seconds)]
+        name, loss = path.parent.relative_to(folder / "models").as_posix(), training["validation_loss"]
+        cells = Cell("", curve=_curve(history)), Cell(f"{loss:.3f}", loss), training["best_step"], training["steps"]
+        rows.append([name, *cells, Cell(duration(seconds), seconds)])
     return _table(("model", "loss", "best on validation", "at step", "steps", "time"), rows)
 
 
@@ -291,9 +288,8 @@ def _curve(history: pd.DataFrame) -> list[str]:
 def _times(folder: Path) -> Table:
     """Jobs, time and memory by stage, from the benchmarks of jobs; tables and figures together."""
     jobs: dict[str, list[tuple[float, float]]] = {}
-    made = {
-        name: kind for kind, form in (("tables", "csv"), ("figures", "png")) for name, _ in _files(folder, kind, form)
-    }
+    kinds = ("tables", "csv"), ("figures", "png")
+    made = {name: kind for kind, form in kinds for name, _ in _files(folder, kind, form)}
     for path in sorted(folder.glob("benchmarks/**/*.tsv")):
         name = path.relative_to(folder / "benchmarks").with_suffix("").as_posix()
         row = next(csv.DictReader(_text(path).splitlines(), delimiter="\t"))

@@ -14,14 +14,8 @@ from palpate.dataset import GraspRecord, ObjectRecord
 from palpate.viewer.html import data_uri, render, resource
 from palpate.viewer.scene import Y_UP, cameras, record_scene, sensor_colour
 
-LABELS = {
-    "object": "object",
-    "hand": "hand",
-    "gel": "readings on the sensors",
-    "cloud": "touch clouds",
-    "prediction": "prediction",
-    "camera": "cameras",
-}
+LABELS = {"object": "object", "hand": "hand", "gel": "readings on the sensors", "cloud": "touch clouds"}
+LABELS |= {"prediction": "prediction", "camera": "cameras"}
 
 
 def object_page(
@@ -75,16 +69,11 @@ def _grasps(record: ObjectRecord, numbers: Sequence[int] | None) -> list[GraspRe
 
 def _grasp(grasp: GraspRecord) -> dict[str, object]:
     """What the page shows of one grasp beside the scene: images, readings."""
-    sensors = [
-        {
-            "name": name,
-            "reading": data_uri(grasp.reading[number]),
-            "colour": sensor_colour(number),
-            "touches": grasp.success[number],
-            "points": grasp.point_count[number],
-        }
-        for number, name in enumerate(grasp.sensors if "touch" in grasp.stages else ())
-    ]
+    sensors = []
+    for number, name in enumerate(grasp.sensors if "touch" in grasp.stages else ()):
+        touch = {"touches": grasp.success[number], "points": grasp.point_count[number]}
+        picture = {"reading": data_uri(grasp.reading[number]), "colour": sensor_colour(number)}
+        sensors.append({"name": name, **picture, **touch})
     return {"number": grasp.number, "images": _images(grasp, "occluded"), "sensors": sensors}
 
 

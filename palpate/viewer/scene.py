@@ -1,6 +1,7 @@
 """One object and its grasps as a scene of named nodes, for GLB: object, hand, sensors, clouds, predictions, cameras.
 
-A node is named `<group> <kind> <name>`. Its group is `object`, or `grasp-<number>`; its kind is one of `KINDS`.
+A node is named `<group> <kind> <name>`. Its group is `object`, or `grasp-<number>`; its kind is `object`, `hand`,
+`gel`, `cloud`, `prediction` or `camera`.
 """
 
 from collections.abc import Mapping, Sequence
@@ -17,7 +18,6 @@ from palpate.sensor import Size
 from palpate.vision.image import linear
 from palpate.vision.meshes import link_mesh
 
-KINDS = ("object", "hand", "gel", "cloud", "prediction", "camera")
 # glTF has y up, the dataset's world z: the scene's root turns one into the other.
 Y_UP = np.array([[1.0, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1]])
 ROOT = "world"
@@ -51,8 +51,10 @@ def record_scene(
         group = f"grasp-{grasp.number}"
         if "grasps" in grasp.stages:
             for link in np.unique(record.hand.geom_link):
-                name = f"{group} hand {record.hand.link_names[link]}"
-                _add(scene, name, _link(record, int(link)), grasp.link_pose[link], geometry=f"link {link}")
+                mesh = link_mesh(record.hand, int(link))
+                shape = trimesh.Trimesh(mesh.vertices, mesh.faces, vertex_normals=mesh.normals, process=False)
+                name, shape = f"{group} hand {record.hand.link_names[link]}", _with_colours(shape, mesh.colours)
+                _add(scene, name, shape, grasp.link_pose[link], geometry=f"link {link}")
         if "touch" in grasp.stages:
             for number, name in enumerate(grasp.sensors):
                 pose = np.eye(4)
@@ -61,7 +63,9 @@ def record_scene(
                 if len(grasp.points[number]):
                     _add(scene, f"{group} cloud {name}", _cloud(grasp.points[number], sensor_colour(number)))
         if predictions and grasp.number in predictions:
-            _add(scene, f"{group} prediction", _coloured(predictions[grasp.number]))
+            mesh = predictions[grasp.number]
+            colours = np.asarray(mesh.visual.vertex_colors)[:, :3] / 255
+            _add(scene, f"{group} prediction", _with_colours(mesh.copy(), colours))
     return scene
 
 
@@ -99,22 +103,12 @@ def _add_object(scene: trimesh.Scene, record: ObjectRecord) -> None:
         _add(scene, f"object object {number}", loaded.geometry[geometry], place @ pose, f"object {geometry}")
 
 
-def _link(record: ObjectRecord, link: int) -> trimesh.Trimesh:
-    mesh = link_mesh(record.hand, link)
-    made = trimesh.Trimesh(mesh.vertices, mesh.faces, vertex_normals=mesh.normals, process=False)
-    return _with_colours(made, mesh.colours)
-
-
 def _with_colours(mesh: trimesh.Trimesh, colours: np.ndarray) -> trimesh.Trimesh:
     """A mesh with sRGB colours (n, 3) of its vertices: glTF has them linear. Without a material it would be metal."""
     rgba = np.column_stack([np.rint(255 * linear(np.asarray(colours))), np.full(len(colours), 255)]).astype(np.uint8)
     mesh.visual = TextureVisuals(material=PBRMaterial(metallicFactor=0.0, roughnessFactor=0.6, doubleSided=True))
     mesh.visual.vertex_attributes["color"] = rgba
     return mesh
-
-
-def _coloured(prediction: trimesh.Trimesh) -> trimesh.Trimesh:
-    return _with_colours(prediction.copy(), np.asarray(prediction.visual.vertex_colors)[:, :3] / 255)
 
 
 def _gel(reading: np.ndarray, size: Size) -> trimesh.Trimesh:
@@ -125,11 +119,9 @@ def _gel(reading: np.ndarray, size: Size) -> trimesh.Trimesh:
     material = PBRMaterial(
         baseColorTexture=Image.fromarray(reading), doubleSided=True, metallicFactor=0.0, roughnessFactor=1.0
     )
-    vertices = np.column_stack([np.zeros(4), y, z])
+    vertices, visual = np.column_stack([np.zeros(4), y, z]), TextureVisuals(uv, material=material)
     # From outside, along -x, its front is seen.
-    return trimesh.Trimesh(
-        vertices, [[0, 1, 2], [0, 2, 3]], visual=TextureVisuals(uv, material=material), process=False
-    )
+    return trimesh.Trimesh(vertices, [[0, 1, 2], [0, 2, 3]], visual=visual, process=False)
 
 
 def _cloud(points: np.ndarray, colour: str) -> trimesh.PointCloud:
@@ -143,9 +135,8 @@ def _frustum(intrinsics: np.ndarray, extrinsics: np.ndarray) -> trimesh.path.Pat
     corners = np.array([[0, 0, 1], [size, 0, 1], [size, size, 1], [0, size, 1]]) @ np.linalg.inv(intrinsics).T
     turn, shift = extrinsics[:, :3], extrinsics[:, 3]
     centre, *frame = (np.vstack([np.zeros(3), CAMERA_LENGTH * corners]) - shift) @ turn
-    path = trimesh.load_path(
-        np.array([*([centre, corner] for corner in frame), *zip(frame, np.roll(frame, 1, 0), strict=True)])
-    )
+    edges = [*([centre, corner] for corner in frame), *zip(frame, np.roll(frame, 1, 0), strict=True)]
+    path = trimesh.load_path(np.array(edges))
     path.colors = np.tile(_linear_bytes(CAMERA_COLOUR), (len(path.entities), 1))
     return path
 

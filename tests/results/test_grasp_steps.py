@@ -32,7 +32,7 @@ def test_drawn_points_are_on_the_hand(grasp):
 
 @pytest.mark.parametrize("azimuth, elevation", [(0, 15), (130, 35), (250, 15)])
 def test_the_loaded_hand_stands_clear_of_the_object_and_to_its_right(grasp, azimuth, elevation):
-    towards = steps._unit(azimuth, elevation)
+    towards = steps.direction(azimuth, elevation)
     points = grasp.object.points.astype(float)
     hand = allegro()
     palm = steps.beside(points, towards, hand)
@@ -51,7 +51,7 @@ def test_an_own_hand_faces_the_object_with_its_palms_face(grasp, tmp_path, turn)
     model = grippers.two_fingers("degree").replace('name="face"', f'name="face" euler="{turn}"')
     (tmp_path / "hand.xml").write_text(model)
     hand = from_mjcf(tmp_path / "hand.xml", grippers.SENSORS)
-    towards, points = steps._unit(130, 35), grasp.object.points
+    towards, points = steps.direction(130, 35), grasp.object.points
     palm = steps.beside(points, towards, hand)
     camera = steps.camera_holding(points, towards)
     face = palm @ hand.palm_anchor
@@ -75,7 +75,7 @@ def test_the_camera_holds_everything_and_no_more():
     rng = np.random.default_rng(0)
     for _ in range(20):
         points = OBJECT_POSITION + rng.normal(size=(50, 3)) * rng.uniform(0.05, 0.2, size=3)
-        towards = steps._unit(rng.uniform(0, 360), rng.uniform(-60, 60))
+        towards = steps.direction(rng.uniform(0, 360), rng.uniform(-60, 60))
         camera = steps.camera_holding(points, towards)
         pixels, depth = camera.project(points)
         assert (depth > 0).all() and pixels.min() > 0 and pixels.max() < camera.size
@@ -92,7 +92,7 @@ def test_the_object_does_not_hide_the_hand_from_the_best_view(grasp):
     def hidden(direction):
         return mesh.ray.intersects_any(points, np.tile(direction, (len(points), 1))).mean()
 
-    every = [hidden(steps._unit(a, e)) for a in steps.AZIMUTHS[::2] for e in steps.ELEVATIONS]
+    every = [hidden(steps.direction(a, e)) for a in steps.AZIMUTHS[::2] for e in steps.ELEVATIONS]
     assert hidden(towards) <= np.median(every)
 
 
