@@ -119,7 +119,7 @@ def decide(
     (`_paper`), between_seeds (how far two seeds differ in it), unit, verdict, paper_agrees (whether the paper's numbers
     themselves are so: it states no spread), objects, seeds, steps. Raises EvaluationError if an experiment is missing.
     """
-    measured_by = _errors_of_tables(evaluations, rings, touches)
+    measured_by = _errors_by_table(evaluations, rings, touches)
     rows = []
     for claim in claims():
         found = measured_by[claim.table]
@@ -164,7 +164,7 @@ def verdict(bounds: list[tuple[Estimate, float]]) -> str:
     return HOLDS if all(sign == -1 for sign in signs) else UNDECIDED
 
 
-def _errors_of_tables(evaluations, rings, touches) -> dict[str, Errors]:
+def _errors_by_table(evaluations, rings, touches) -> dict[str, Errors]:
     """The errors that the claims of each table are decided by."""
     found = {}
     for name in ("model_selection", "input_modalities", "grasps"):
@@ -176,11 +176,11 @@ def _errors_of_tables(evaluations, rings, touches) -> dict[str, Errors]:
     return found
 
 
-def _merge(of_objects: Errors, local: Errors) -> Errors:
+def _merge(whole: Errors, local: Errors) -> Errors:
     """Errors of both on the objects that both have (one without a successful touch has no local error)."""
-    both = of_objects.select(np.isin(of_objects.objects, local.objects))
-    values = both.values | local.select(np.isin(local.objects, of_objects.objects)).values
-    return both._replace(values=values, steps=of_objects.steps | local.steps)
+    both = whole.select(np.isin(whole.objects, local.objects))
+    values = both.values | local.select(np.isin(local.objects, whole.objects)).values
+    return both._replace(values=values, steps=whole.steps | local.steps)
 
 
 def _published(claim: Claim) -> np.ndarray:

@@ -45,7 +45,7 @@ def dataset_frames(run: Path | str) -> Frames:
     success = dataset.array("touch", "success")[:] if len(dataset) else np.zeros((0, 1, len(SENSOR_NAMES)), bool)
     count, each, sensors = success.shape
     attempts, penetration = np.full(count, np.nan), np.full((count, each), np.nan)
-    if count and "grasps" in dataset.stages:  # a released dataset comes without: nobody knows the attempts
+    if count and "grasps" in dataset.stages:  # a released dataset has no grasps
         attempts, penetration = (dataset.array("grasps", name)[:] for name in ("attempts", "penetration"))
     grasps = {
         "object": np.repeat(np.asarray(dataset.objects, dtype=object), each),
@@ -71,12 +71,12 @@ def dataset_statistics(frames: Frames) -> pd.DataFrame:
     objects, rejected, grasps = frames
     published = paper_values("dataset_statistics").set_index(["class", "quantity"])["value"]
     rows = []
-    for name, members, of_class in _classes(objects, grasps):
-        kept = members[members["object"].isin(of_class["object"])]
-        by_object = _by_object(of_class)
+    for name, members, class_grasps in _classes(objects, grasps):
+        kept = members[members["object"].isin(class_grasps["object"])]
+        by_object = _by_object(class_grasps)
         successful = _share(by_object, "successful_touches", "touches")
-        touches, percent = int(of_class["touches"].sum()), 100 * successful.value
-        quantities = {"objects": len(kept), "grasps": len(of_class), "touches": touches, "successful_percent": percent}
+        quantities = {"objects": len(kept), "grasps": len(class_grasps), "touches": int(class_grasps["touches"].sum())}
+        quantities["successful_percent"] = 100 * successful.value
         quantities |= {split: int((kept["split"] == split).sum()) for split in SPLITS}
         row = {"class": name}
         for quantity, value in quantities.items():
@@ -108,11 +108,11 @@ def grasp_success(frames: Frames) -> pd.DataFrame:
     sensors = int(grasps["touches"].max()) if len(grasps) else len(SENSOR_NAMES)
     published = paper_values("grasp_success").set_index(["class", "successful_touches"])["value"]
     rows = []
-    for name, _, of_class in _classes(objects, grasps):
+    for name, _, class_grasps in _classes(objects, grasps):
         for touches in range(sensors + 1):
-            by_object = _by_object(of_class.assign(hit=of_class["successful_touches"] == touches, one=1))
+            by_object = _by_object(class_grasps.assign(hit=class_grasps["successful_touches"] == touches, one=1))
             share = _share(by_object, "hit", "one")
-            row = {"class": name, "objects": len(by_object), "grasps": len(of_class), "successful_touches": touches}
+            row = {"class": name, "objects": len(by_object), "grasps": len(class_grasps), "successful_touches": touches}
             row |= {"percent": 100 * share.value, "percent_low": 100 * share.low, "percent_high": 100 * share.high}
             rows.append(row | {"percent_paper": published.get((name, touches), np.nan)})
     table = _round(without_paper(pd.DataFrame(rows), objects["class"]), percent="percent")
@@ -128,11 +128,11 @@ def penetration(frames: Frames) -> pd.DataFrame:
     """
     objects, _, grasps = frames
     rows = []
-    for name, _, of_class in _classes(objects, grasps):
-        depth = MILLIMETRES * of_class["penetration"].to_numpy(float)
-        by_object = _by_object(of_class.assign(depth=depth, one=1))
+    for name, _, class_grasps in _classes(objects, grasps):
+        depth = MILLIMETRES * class_grasps["penetration"].to_numpy(float)
+        by_object = _by_object(class_grasps.assign(depth=depth, one=1))
         mean = ratio_interval(by_object["depth"], by_object["one"], by_object["class"]).within(0)
-        row = {"class": name, "objects": len(by_object), "grasps": len(of_class)}
+        row = {"class": name, "objects": len(by_object), "grasps": len(class_grasps)}
         row |= {"mean_mm": mean.value, "mean_low_mm": mean.low, "mean_high_mm": mean.high}
         row["percentile_95_mm"] = np.quantile(depth, 0.95) if len(depth) else np.nan
         rows.append(row | {"max_mm": depth.max() if len(depth) else np.nan})

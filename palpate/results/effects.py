@@ -54,9 +54,9 @@ def touch_effect_by_class(evaluations: pd.DataFrame, resamples: int = RESAMPLES)
     Columns: effect, split, class, error, median, and those of `touch_effect` from difference on.
     """
     rows = []
-    for row, split, of_all in _compared(evaluations):
-        for name in of_all.class_names:
-            found = of_all.of_class(name)
+    for row, split, whole in _compared(evaluations):
+        for name in whole.class_names:
+            found = whole.of_class(name)
             before = found.values[row["compared_with"]].mean(axis=0)
             known = {"class": name, "error": before.mean(), "median": np.median(before)}
             difference = _difference(found, row, _stated(split, name), resamples)
@@ -72,9 +72,9 @@ def _compared(evaluations: pd.DataFrame) -> Iterator[tuple[dict[str, str], str, 
     """The differences whose experiments were measured, with each split and its errors."""
     chosen = effects(set(evaluations["experiment"]))
     names = sorted({name for row in chosen for name in (row["experiment"], row["compared_with"])})
-    of_splits = {split: errors(evaluations, names, split) for split in SPLITS}
+    by_split = {split: errors(evaluations, names, split) for split in SPLITS}
     for row in chosen:
-        for split, found in of_splits.items():
+        for split, found in by_split.items():
             yield row, split, found
 
 

@@ -43,8 +43,8 @@ def hand_figure(hand: Hand, sensor: Sensor) -> Figure:
     grid = figure.add_gridspec(rows, 4, left=0, right=0.98, bottom=0.1, wspace=0.3, hspace=0.35)
     _draw_whole(figure.add_subplot(grid[:, :2], projection="3d", computed_zorder=False), hand, sensor, shapes, frames)
     for number, (name, position, rotation, link) in enumerate(frames[:SIDES]):
-        mine = np.flatnonzero(hand.geom_collides & (hand.geom_link == link))
-        outlines = [((shapes[geom][0] - position) @ rotation, hand.geom_rgba[geom]) for geom in mine]
+        own = np.flatnonzero(hand.geom_collides & (hand.geom_link == link))
+        outlines = [((shapes[geom][0] - position) @ rotation, hand.geom_rgba[geom]) for geom in own]
         _draw_side(figure.add_subplot(grid[number // 2, 2 + number % 2]), name, sensor, outlines)
     return figure
 
@@ -109,7 +109,7 @@ if __name__ == "__main__":
     )
     parser.add_argument("sensor", help="one that is shipped, or the path of its file")
     parser.add_argument("output", help="the picture, .png")
-    asked = parser.parse_args()
-    kind = load(asked.sensor)
-    hand = from_mjcf(*asked.hand, kind.gel_face) if asked.hand else allegro(kind.gel_face)
-    save(hand_figure(hand, kind), asked.output)
+    args = parser.parse_args()
+    kind = load(args.sensor)
+    hand = from_mjcf(*args.hand, kind.gel_face) if args.hand else allegro(kind.gel_face)
+    save(hand_figure(hand, kind), args.output)

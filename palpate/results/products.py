@@ -66,7 +66,7 @@ class Product:
         splits: that it needs objects of; by default the split of the table that `evaluations` or `rings` names.
         category: `Dataset` or `Models`.
         simulated: whether a dataset that was read, not simulated, can't have it.
-        on_request: whether it is made only when it is asked for, not by `all`.
+        on_request: whether only a request by name makes it, not `all`.
     """
 
     kind: str

@@ -49,8 +49,8 @@ def has_papers_classes(classes: Iterable[str]) -> bool:
 
 def without_paper(table: "pd.DataFrame", classes: Iterable[str]) -> "pd.DataFrame":
     """A table without the paper's columns (`*_paper`, `paper_agrees`), if none of its run's classes is the paper's."""
-    theirs = [name for name in table if name.endswith("_paper") or name == "paper_agrees"]
-    return table if has_papers_classes(classes) else table.drop(columns=theirs)
+    papers = [name for name in table if name.endswith("_paper") or name == "paper_agrees"]
+    return table if has_papers_classes(classes) else table.drop(columns=papers)
 
 
 def paper_values(table: str) -> "pd.DataFrame":

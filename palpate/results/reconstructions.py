@@ -107,11 +107,11 @@ def reconstructions(
     renderer = Renderer(samples=SAMPLES, threads=threads)
     cells, zooms = {}, []
     for row in range(len(records)):
-        of_row = {column: mesh for (number, column), mesh in meshes.items() if number == row}
+        drawn = {column: mesh for (number, column), mesh in meshes.items() if number == row}
         seen_by = records[row].vision_camera
-        zooms.append(zoom_of(of_row.values(), seen_by))
+        zooms.append(zoom_of(drawn.values(), seen_by))
         camera = shared_camera(PIXELS, zooms[row], seen_by)
-        for column, mesh in of_row.items():
+        for column, mesh in drawn.items():
             image = renderer.render_meshes([mesh], camera=camera)
             sides = visible_sides(mesh, camera, image.depth) if wires and column != "truth" else None
             cells[row, column] = Cell(image.rgb, *marks(mesh, camera), sides)

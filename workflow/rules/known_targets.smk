@@ -1,4 +1,4 @@
-# What there is to ask for, for a target that nothing makes.
+# The targets that there are, for the message about one that no rule makes.
 def named_targets():
     """Rules that can be asked for; those named like files stand for paths from the project's root."""
     return [rule.name for rule in workflow.rules if not rule.has_wildcards() and rule.name.isidentifier()]
@@ -6,13 +6,13 @@ def named_targets():
 
 def known_targets():
     """The targets that there are: by name, and every file that is worth asking for."""
-    of_models = {"experiment": EXPERIMENTS.experiments, "seed": config["training"]["seeds"]}
+    every_model = {"experiment": EXPERIMENTS.experiments, "seed": config["training"]["seeds"]}
     return [
         *named_targets(),
         *(path for product in OFFERED for path in product_files(product)),
-        *expand("models/{experiment}/seed-{seed}/best.ckpt", **of_models),
-        *expand("evaluations/{experiment}/seed-{seed}.csv", **of_models),
-        *expand("evaluations/rings/{experiment}/seed-{seed}.csv", **of_models),
+        *expand("models/{experiment}/seed-{seed}/best.ckpt", **every_model),
+        *expand("evaluations/{experiment}/seed-{seed}.csv", **every_model),
+        *expand("evaluations/rings/{experiment}/seed-{seed}.csv", **every_model),
         *("catalogue.csv", "rejected.csv", "models/touch_depth/best.ckpt", "evaluations/touch_depth.csv"),
         *expand("reports/{report}.csv", report=["validation", *([] if RELEASED else report_items.REPORTS)]),
         *(path for stage in stages.STAGES.values() for path in expand(stage.path(), batch=BATCHES)),
@@ -20,7 +20,7 @@ def known_targets():
 
 
 def explain_target(path):
-    """What to say of a target that nothing makes."""
+    """The message for a target that no rule makes."""
     path = os.path.relpath(path, RUN_FOLDER) if os.path.isabs(path) else path
     known, seeds = known_targets(), config["training"]["seeds"]
     notes = [
