@@ -17,6 +17,9 @@ from pathlib import Path
 import palpate
 
 Parser = argparse.ArgumentParser
+# Extras of the package that bring what a command may lack, by the first module that is missed.
+EXTRAS = dict.fromkeys(("bpy", "embreex", "igl", "mujoco", "OpenEXR", "pymeshlab"), "factory")
+EXTRAS |= dict.fromkeys(("lightning", "matplotlib", "torch"), "models") | {"pyarrow": "parquet"}
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -29,20 +32,23 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if name != "check":
             own.add_argument("run", type=Path, help="the run's folder, for example results/default")
         declare(own)
-    asked = parser.parse_args(arguments)
+    args = parser.parse_args(arguments)
     try:
-        return COMMANDS[asked.command][2](asked)
+        return COMMANDS[args.command][2](args)
     except (ValueError, LookupError, OSError, ImportError) as error:
-        print(_said(error), file=sys.stderr)
+        print(error_message(error), file=sys.stderr)
         return 1
     except KeyboardInterrupt:
         print("\ninterrupted; the same command starts again", file=sys.stderr)
         return 130
 
 
-def _said(error: Exception) -> str:
+def error_message(error: Exception) -> str:
+    """An error in one line, with the extra of the package that brings a module that is missing."""
     from palpate.batch import one_line_error
 
+    if isinstance(error, ModuleNotFoundError) and (extra := EXTRAS.get((error.name or "").partition(".")[0])):
+        return f"{error}: pip install 'palpate[{extra}]' brings it"
     if isinstance(error, OSError):
         return one_line_error(error)
     return str(error.args[0]) if isinstance(error, KeyError) else str(error)
@@ -55,11 +61,11 @@ def _declare_check(parser: Parser) -> None:
     parser.add_argument("--output", type=Path, metavar="PNG", help="the picture (default: results/<run>/check.png)")
 
 
-def check(asked: argparse.Namespace) -> int:
+def check(args: argparse.Namespace) -> int:
     """Look at a config before its run."""
     from palpate.check import check_config
 
-    check_config(asked.config, asked.object, asked.output, partial(print, flush=True))
+    check_config(args.config, args.object, args.output, partial(print, flush=True))
     return 0
 
 
@@ -79,7 +85,7 @@ def _declare_view(parser: Parser) -> None:
     )
 
 
-def view(asked: argparse.Namespace) -> int:
+def view(args: argparse.Namespace) -> int:
     """Write pages and print their paths."""
     from tqdm import tqdm
 
@@ -87,27 +93,27 @@ def view(asked: argparse.Namespace) -> int:
     from palpate.viewer import object_page, run_page
     from palpate.viewer.index import OBJECT_PAGES
 
-    dataset = Dataset(asked.run)
-    folder, page = asked.output or asked.run / "viewer", (asked.output or asked.run) / "index.html"
-    names = dataset.objects if asked.all else [asked.object] if asked.object else []
+    dataset = Dataset(args.run)
+    folder, page = args.output or args.run / "viewer", (args.output or args.run) / "index.html"
+    names = dataset.objects if args.all else [args.object] if args.object else []
     records = [dataset[name] for name in names]
     model = None
-    if asked.model:
+    if args.model:
         from palpate.evaluation.reconstruct import Reconstructor, named_model
 
         if not names:
             raise ValueError("--model: name an object, or give --all")
-        model = Reconstructor(named_model(asked.run / "models", asked.model, asked.seed), asked.device)
+        model = Reconstructor(named_model(args.run / "models", args.model, args.seed), args.device)
     for record in tqdm(records, unit="page", disable=len(records) == 1 or not sys.stderr.isatty()):
-        predictions = model.predictions(record, asked.grasps) if model else None
+        predictions = model.predictions(record, args.grasps) if model else None
         path = folder / f"{record.name}.html"
-        scene = object_page(path, record, asked.grasps, predictions, asked.model or "")
-        if not asked.all:
+        scene = object_page(path, record, args.grasps, predictions, args.model or "")
+        if not args.all:
             print(f"{path}\n{scene}")
-    if asked.all or not asked.object:
-        print(run_page(asked.run, page, folder, object_pages=0 if asked.all else OBJECT_PAGES))
+    if args.all or not args.object:
+        print(run_page(args.run, page, folder, object_pages=0 if args.all else OBJECT_PAGES))
     elif page.exists():  # which links the object's page now
-        run_page(asked.run, page, folder, object_pages=0)
+        run_page(args.run, page, folder, object_pages=0)
     return 0
 
 
@@ -122,18 +128,16 @@ def _declare_reconstruct(parser: Parser) -> None:
     parser.add_argument("--output", type=Path, required=True, help="mesh file; its suffix says the format, as .ply")
 
 
-def reconstruct(asked: argparse.Namespace) -> int:
+def reconstruct(args: argparse.Namespace) -> int:
     """Write the mesh that a model predicts."""
     from palpate.atomic import atomic_write
     from palpate.evaluation.reconstruct import check_format, reconstruct_from_run
 
-    check_format(asked.output)
-    mesh = reconstruct_from_run(
-        asked.run, asked.experiment, asked.object, asked.grasp, asked.view, asked.seed, asked.device
-    )
-    with atomic_write(asked.output) as partial:
+    check_format(args.output)
+    mesh = reconstruct_from_run(args.run, args.experiment, args.object, args.grasp, args.view, args.seed, args.device)
+    with atomic_write(args.output) as partial:
         mesh.export(partial)
-    print(f"{asked.output}: {len(mesh.vertices)} vertices, {len(mesh.faces)} faces, metres, world frame")
+    print(f"{args.output}: {len(mesh.vertices)} vertices, {len(mesh.faces)} faces, metres, world frame")
     return 0
 
 
@@ -143,17 +147,17 @@ def _declare_validate(parser: Parser) -> None:
     )
 
 
-def validate(asked: argparse.Namespace) -> int:
+def validate(args: argparse.Namespace) -> int:
     """Check a run, and print what was found; 1 if a check failed. Values that a report is about are not read again."""
     from palpate.dataset import validation
     from palpate.dataset.run import Run
 
-    run = Run(asked.run)
+    run = Run(args.run)
     tables = [run.folder / f"reports/validation/{batch}.csv" for batch in run.batches]
     settings = run.config.get("grasps", {})
     limit = {"max_penetration": settings["max_penetration"]} if "max_penetration" in settings else {}
-    passed, said = validation.validate(run.folder, tables, sources=asked.sources, **limit)
-    print(said, file=sys.stdout if passed else sys.stderr)
+    passed, report = validation.validate(run.folder, tables, sources=args.sources, **limit)
+    print(report, file=sys.stdout if passed else sys.stderr)
     return 0 if passed else 1
 
 
@@ -161,13 +165,13 @@ def _declare_info(parser: Parser) -> None:
     parser.add_argument("object", nargs="?", help="its name in catalogue.csv (default: the whole run)")
 
 
-def info(asked: argparse.Namespace) -> int:
+def info(args: argparse.Namespace) -> int:
     """Print what a run, or one of its objects, holds."""
     from palpate.dataset import Dataset
     from palpate.dataset.information import object_lines, run_lines
 
-    dataset = Dataset(asked.run)
-    print("\n".join(object_lines(dataset[asked.object]) if asked.object else run_lines(dataset)))
+    dataset = Dataset(args.run)
+    print("\n".join(object_lines(dataset[args.object]) if args.object else run_lines(dataset)))
     return 0
 
 
@@ -184,23 +188,23 @@ def _declare_export(parser: Parser) -> None:
     parser.add_argument("--source", default="", help="where the meshes are from and on what terms, for the data card")
 
 
-def export(asked: argparse.Namespace) -> int:
+def export(args: argparse.Namespace) -> int:
     """Write a run in another layout, whole or not at all."""
     from palpate.dataset import Dataset
 
-    if asked.output.exists():
-        raise FileExistsError(f"{asked.output} exists: name a new folder, or remove it")
-    if asked.format == "released":
+    if args.output.exists():
+        raise FileExistsError(f"{args.output} exists: name a new folder, or remove it")
+    if args.format == "released":
         from palpate.released.export import STAGES
         from palpate.released.export import export as export_released
 
-        count = f"{export_released(Dataset(asked.run, STAGES), asked.output)} objects"
+        count = f"{export_released(Dataset(args.run, STAGES), args.output)} objects"
     else:
         from palpate import interchange
 
-        given = (asked.output, asked.format, asked.arrays, asked.license, asked.source)
-        count = f"{interchange.export(Dataset(asked.run), *given)} grasps"
-    print(f"{asked.output}: {count}")
+        given = (args.output, args.format, args.arrays, args.license, args.source)
+        count = f"{interchange.export(Dataset(args.run), *given)} grasps"
+    print(f"{args.output}: {count}")
     return 0
 
 

@@ -11,8 +11,11 @@ from pathlib import Path
 import pytest
 
 import palpate
-from palpate.command import main
+from palpate.command import error_message, main
 from tests.store.conftest import *  # noqa: F403
+
+# Files of requirements, by the extra of the package that they make; "" is the package itself.
+EXTRAS = {"": ["core.in"], "factory": ["factory.in"], "models": ["models.in"], "all": ["factory.in", "models.in"]}
 
 
 def test_version_and_help(capsys):
@@ -107,6 +110,12 @@ def test_errors_are_one_line(built, arguments, said, capsys):
     assert not (built / "out").exists() and not (built / "viewer").exists()
 
 
+def test_a_missing_engine_is_named_with_the_extra_that_brings_it():
+    error = ModuleNotFoundError("No module named 'torch.nn'", name="torch.nn")
+    assert error_message(error) == "No module named 'torch.nn': pip install 'palpate[models]' brings it"
+    assert error_message(ModuleNotFoundError("No module named 'x'", name="x")) == "No module named 'x'"
+
+
 def test_the_package_installs_whole(tmp_path):
     """A wheel: every file of the package but its caches, the command, the dependencies, one version."""
     root = Path(palpate.__file__).parents[1]
@@ -127,13 +136,20 @@ def test_the_package_installs_whole(tmp_path):
     (installed,) = importlib.metadata.distributions(path=[str(target)])
     assert installed.version == palpate.__version__
     assert [entry.value for entry in installed.entry_points] == ["palpate.command:main"]
-    needed = {line.split(";")[0].strip() for line in installed.requires if "extra" not in line}
-    assert names(needed) == names((root / "envs/requirements.in").read_text().splitlines())
+    for extra, files in EXTRAS.items():
+        needed = {line for line in installed.requires if ("extra" not in line if not extra else f'"{extra}"' in line)}
+        assert names(needed) == names(required(root, *files))
     done = subprocess.run(
         [sys.executable, "-c", "from palpate.viewer import html, run_page; html.resource('three.min.js')"],
         cwd=target, env={"PYTHONPATH": str(target)}, capture_output=True, text=True,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
+
+
+def required(root, *files):
+    """Lines of files of requirements, with those of the files that they include."""
+    lines = [line for file in files for line in (root / "envs" / file).read_text().splitlines()]
+    return [*lines, *(each for line in lines if line.startswith("-r ") for each in required(root, line[3:]))]
 
 
 def names(lines):
@@ -147,5 +163,6 @@ def test_the_lock_file_has_every_dependency():
     root = Path(palpate.__file__).parents[1]
     locked = names((root / "envs/requirements.txt").read_text().splitlines())
     for name in ("requirements.in", "development.in"):
-        wanted = names((root / "envs" / name).read_text().splitlines())
+        wanted = names(required(root, name))
         assert wanted and wanted <= locked
+    assert set().union(*(names(required(root, *files)) for files in EXTRAS.values())) <= locked

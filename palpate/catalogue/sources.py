@@ -15,16 +15,18 @@ from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from palpate import shapes
 from palpate.batch import UnusableObject
 from palpate.catalogue.companion_files import richness
 from palpate.catalogue.object_table import ObjectTable, Scale, read_object_table
 from palpate.configuration import ConfigError
+from palpate.mesh import FORMATS
 from palpate.named_files import HEAD, unusable
 from palpate.released.layout import SURFACES, ReleasedObject, read_released
 
 log = logging.getLogger(__name__)
 
-MESH_SUFFIXES = (".obj", ".glb", ".gltf", ".stl", ".ply", ".off", ".dae", ".3mf")
+MESH_SUFFIXES = tuple(f".{each}" for each in FORMATS)
 # Of classes, as the schemas of config and catalogue have it: letters of any script and digits, with spaces and some
 # signs between them.
 CLASS_NAME = r"\w([\w .,()&'+-]*[\w.)+-])?"
@@ -32,10 +34,6 @@ CLASS_NAME = r"\w([\w .,()&'+-]*[\w.)+-])?"
 # ShapeNetCore's folders of the paper's classes (WordNet synset offsets). Others are asked for by their
 # number.
 SYNSETS = {"bottle": "02876657", "knife": "03624134", "cellphone": "02992529", "rifle": "04090263"}
-
-# As `palpate.shapes.CLASSES`; repeated here because that import loads mesh libraries, and the workflow looks
-# at its source once a job.
-PROCEDURAL = ("bottle", "knife", "cellphone", "rifle")
 
 Count = int | str
 
@@ -466,17 +464,12 @@ def files_root(source: Mapping[str, Any]) -> str:
 
 
 def _procedural(name: str, count: Count) -> list[SourceObject]:
-    if name not in PROCEDURAL:
-        raise CatalogueError(f"class {name}: the procedural classes are {', '.join(PROCEDURAL)}")
+    if name not in shapes.CLASSES:
+        raise CatalogueError(f"class {name}: the procedural classes are {', '.join(shapes.CLASSES)}")
     if count == "all":
         raise CatalogueError(f"class {name}: procedural objects have no end: ask for a number, not for `all`")
     names = [f"{name}-{index:04d}" for index in range(count)]
-    return [SourceObject(each, name, f"{name}/{each}{procedural_suffix(index)}") for index, each in enumerate(names)]
-
-
-def procedural_suffix(index: int) -> str:
-    """As `palpate.shapes.suffix`: every third is an OBJ, so that both formats are in use."""
-    return ".obj" if index % 3 == 2 else ".glb"
+    return [SourceObject(each, name, f"{name}/{each}{shapes.suffix(index)}") for index, each in enumerate(names)]
 
 
 def _released(root: Path, name: str) -> list[SourceObject]:

@@ -8,19 +8,21 @@ import json
 import os
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
+from importlib import import_module
 from pathlib import Path
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-import trimesh
 
 from palpate.camera import Camera
 from palpate.hand import MAX_OUT_OF_RANGE, MAX_PENETRATION, Hand
 from palpate.mesh import DIAGONAL, OBJECT_POSITION, load_visual, mesh_file, read_record
 from palpate.sensor import DIGIT, Sensor
-from palpate.surface.embree import RayMesh
-from palpate.touch import RayCaster, local_points, shade
+from palpate.touch import local_points, shade
+
+if TYPE_CHECKING:
+    import trimesh
 
 # libigl would use every core for one batch, but batches are what is done in parallel. Read at its first use.
 os.environ.setdefault("IGL_NUM_THREADS", "1")
@@ -108,6 +110,20 @@ CHECKS = {
 }
 
 
+# Checks that need a compiled engine of the extra `factory`, and the engine.
+ENGINES = {"on mesh": "igl", "touches": "embreex", "picture of mesh": "embreex"}
+
+
+@cache
+def can_check(check: str) -> bool:
+    """Whether the engine that a check needs, if any, is installed."""
+    try:
+        import_module(ENGINES.get(check, "numpy"))
+    except ImportError:
+        return False
+    return True
+
+
 @dataclass
 class CheckedObject:
     """One object of a batch: its rows of every store that has it, its mesh, the hand and its kind of sensor."""
@@ -118,7 +134,7 @@ class CheckedObject:
     sensor: Sensor = DIGIT
 
     @cached_property
-    def mesh(self) -> trimesh.Trimesh:
+    def mesh(self) -> "trimesh.Trimesh":
         """The visual mesh in the world."""
         mesh = load_visual(self.folder)
         mesh.vertices = mesh.vertices + OBJECT_POSITION
@@ -205,7 +221,8 @@ def check_surface(item: CheckedObject) -> Measured:
     if "scale" in item.rows["surface"]:
         yield "scale factor", abs(item.rows["surface"]["scale"] - read_record(item.folder).get("scale", np.nan))
     yield "inside box", np.maximum(low - points, points - high).max(initial=0)
-    yield "on mesh", item.distance(points).max(initial=0)
+    if can_check("on mesh"):
+        yield "on mesh", item.distance(points).max(initial=0)
 
 
 def check_grasps(item: CheckedObject) -> Measured:
@@ -254,7 +271,8 @@ def check_touch(item: CheckedObject) -> Measured:
     yield "untouched", ~success & rows["reading"].any(axis=(2, 3, 4))
     yield "points", _each_sensor(item, _points_error)
     yield "reading", _each_sensor(item, _reading_error)
-    yield "on mesh", _cloud_distance(item)
+    if can_check("on mesh"):
+        yield "on mesh", _cloud_distance(item)
 
 
 def check_vision(item: CheckedObject) -> Measured:
@@ -274,7 +292,8 @@ def check_vision(item: CheckedObject) -> Measured:
     yield "camera", error
     if error <= EXACT:  # else nothing is where it says
         yield "image depth", sum(_depth_error(pictures, item.diagonal) for pictures in seen)
-        yield "picture of mesh", max(_picture_error(item, pictures) for pictures in seen)
+        if can_check("picture of mesh"):
+            yield "picture of mesh", max(_picture_error(item, pictures) for pictures in seen)
         yield "occlusion", np.max([_occlusion_error(pictures) for pictures in seen], axis=0)
 
 
@@ -316,15 +335,18 @@ def check_together(item: CheckedObject) -> Measured:
     position = np.abs(grasps["sensor_position"] - touch["position"]).max(axis=2)
     rotation = np.abs(grasps["sensor_rotation"] - touch["rotation"]).max(axis=(2, 3))
     yield "sensor poses", np.maximum(position, rotation)
-    wrong = grasps["touches"] != touch["success"]
-    for index in zip(*np.nonzero(wrong), strict=True):
-        wrong[index] = not _borderline(item, touch["position"][index], touch["rotation"][index])
-    yield "touches", wrong
+    if can_check("touches"):
+        wrong = grasps["touches"] != touch["success"]
+        for index in zip(*np.nonzero(wrong), strict=True):
+            wrong[index] = not _borderline(item, touch["position"][index], touch["rotation"][index])
+        yield "touches", wrong
 
 
 def _borderline(item: CheckedObject, position: np.ndarray, rotation: np.ndarray) -> bool:
     """Whether a shift of a sensor by `BORDER` along one of its axes would change its success."""
     shifts = BORDER * np.concatenate([np.eye(3), np.zeros((1, 3)), -np.eye(3)]) @ rotation.T
+    from palpate.touch import RayCaster
+
     caster = RayCaster(item.mesh, sensor=item.sensor)
     try:
         touches = caster.succeeds(position + shifts, np.tile(rotation, (len(shifts), 1, 1)))
@@ -388,6 +410,8 @@ def _picture_error(item: CheckedObject, pictures: _Pictures) -> float:
 
     Where the mesh is transparent, they may show what lies behind it, or nothing.
     """
+    from palpate.surface.embree import RayMesh
+
     camera = pictures.camera
     rays = camera.rays().reshape(-1, 3)
     mesh = RayMesh(item.mesh)

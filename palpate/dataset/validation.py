@@ -19,9 +19,11 @@ from palpate.catalogue import SPLITS, CatalogueEntry, CatalogueError, checksum, 
 from palpate.configuration import ConfigError
 from palpate.dataset.checks import (
     CHECKS,
+    ENGINES,
     MAX_PENETRATION,
     CheckedObject,
     Measured,
+    can_check,
     check_grasps,
     check_mesh,
     check_surface,
@@ -347,6 +349,8 @@ def validate(
     checks = combine_validation(findings, run, sources)
     checked = f"{len(checks)} checks, {len({finding.object for finding in findings if finding.object})} objects"
     took = f"in {time.perf_counter() - start:.1f} s (values of {anew} of {len(batches)} batches anew)"
+    if anew and (unchecked := [check for check in ENGINES if not can_check(check)]):
+        took += f"; not checked: {', '.join(unchecked)}: pip install 'palpate[factory]' brings the engines for that"
     failed = checks[~checks.passed]
     if len(failed):
         table = failed.to_string(index=False, max_colwidth=None)

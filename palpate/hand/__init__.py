@@ -6,14 +6,7 @@ MuJoCo is imported only to read a user's model (`from_mjcf`, `check_files`, `mod
 
 from palpate.hand.allegro import allegro
 from palpate.hand.hand import MAX_OUT_OF_RANGE, MAX_PENETRATION, Hand
+from palpate.lazy import lazy_exports
 
-OF_MJCF = ("check_files", "from_mjcf", "model_files")
-__all__ = ["MAX_OUT_OF_RANGE", "MAX_PENETRATION", "Hand", "allegro", *OF_MJCF]
-
-
-def __getattr__(name: str):
-    if name in OF_MJCF:
-        from palpate.hand import mjcf
-
-        return getattr(mjcf, name)
-    raise AttributeError(f"module 'palpate.hand' has no attribute {name!r}")
+of_mjcf, __getattr__ = lazy_exports(__name__, {"mjcf": ["check_files", "from_mjcf", "model_files"]})
+__all__ = ["MAX_OUT_OF_RANGE", "MAX_PENETRATION", "Hand", "allegro", *of_mjcf]

@@ -4,6 +4,13 @@ Real metres, z up: a bottle stands along z; a cellphone stands upright, its scre
 axis of a knife and of a rifle lies along y (tip or muzzle towards +y), its flat side faces +x.
 """
 
-from palpate.shapes.family import CLASSES, make, style, suffix, write
+from palpate.lazy import lazy_exports
 
-__all__ = ["CLASSES", "make", "style", "suffix", "write"]
+CLASSES = ("bottle", "knife", "cellphone", "rifle")
+generators, __getattr__ = lazy_exports(__name__, {"family": ["make", "style", "write"]})
+__all__ = ["CLASSES", "suffix", *generators]
+
+
+def suffix(index: int) -> str:
+    """The format of object `index`: every third is an OBJ, the others are GLB."""
+    return ".obj" if index % 3 == 2 else ".glb"

@@ -9,14 +9,13 @@ import trimesh
 from trimesh.exchange.obj import export_obj
 
 from palpate.batch import generator
-from palpate.shapes import bottle, cellphone, knife, rifle
+from palpate.shapes import CLASSES, bottle, cellphone, knife, rifle, suffix
 from palpate.shapes.assembly import assemble
 from palpate.shapes.deformation import deformed
 from palpate.shapes.parameters import draw
 
 # A module has PARAMETERS, STYLES, AXES (the long one, that towards which objects bend) and build(parameters, rng).
-FAMILIES = {"bottle": bottle, "knife": knife, "cellphone": cellphone, "rifle": rifle}
-CLASSES = tuple(FAMILIES)
+FAMILIES = dict(zip(CLASSES, (bottle, knife, cellphone, rifle), strict=True))
 
 
 def style(class_name: str, index: int, seed: int = 0) -> str:
@@ -46,11 +45,6 @@ def make(class_name: str, index: int, seed: int = 0) -> trimesh.Scene:
     return assemble(
         family.build(p, rng), partial(deformed, p=p, long_axis=family.AXES[0], bend_axis=family.AXES[1], seed=waves)
     )
-
-
-def suffix(index: int) -> str:
-    """The format of object `index`: every third is an OBJ, the others are GLB."""
-    return ".obj" if index % 3 == 2 else ".glb"
 
 
 def write(class_name: str, index: int, path: Path | str, seed: int = 0) -> Path:

@@ -3,20 +3,14 @@
 Importing this package loads no engine: embree and libigl come with the first use of a tracer.
 """
 
-import importlib
+from palpate.lazy import lazy_exports
 
-MODULES = {
-    "rays": ("RayCaster",),
-    "reading": ("TRACERS", "TouchReading", "scene_tracer", "sense", "sense_scene", "shallow_touches"),
-    "sensor": ("PIXEL_CENTRES", "RESOLUTION", "SENSOR_RANGE", "SENSOR_WIDTH", "local_points"),
-    "shading": ("DIFFUSE", "LIGHTS", "empty_reading", "impression", "normals", "shade"),
-    "sphere_tracing": ("SphereTracer",),
-    "tracing": ("Tracer",),
+EXPORTS = {
+    "rays": ["RayCaster"],
+    "reading": ["TRACERS", "TouchReading", "scene_tracer", "sense", "sense_scene", "shallow_touches"],
+    "sensor": ["PIXEL_CENTRES", "RESOLUTION", "SENSOR_RANGE", "SENSOR_WIDTH", "local_points"],
+    "shading": ["DIFFUSE", "LIGHTS", "empty_reading", "impression", "normals", "shade"],
+    "sphere_tracing": ["SphereTracer"],
+    "tracing": ["Tracer"],
 }
-
-
-def __getattr__(name: str):
-    for module, names in MODULES.items():
-        if name in names:
-            return getattr(importlib.import_module(f"palpate.touch.{module}"), name)
-    raise AttributeError(f"module 'palpate.touch' has no attribute {name!r}")
+__all__, __getattr__ = lazy_exports(__name__, EXPORTS)

@@ -1,6 +1,6 @@
 """Training: recipes, the data in memory, losses, and the loop."""
 
-from importlib import import_module
+from palpate.lazy import lazy_exports
 
 # Public names by module, imported when they are used: planning a workflow waits neither for torch nor for zarr.
 LAZY_EXPORTS = {
@@ -15,11 +15,4 @@ LAZY_EXPORTS = {
     "touches": ("Touches", "object_charts", "read_touches", "touch_charts"),
 }
 
-__all__ = [name for names in LAZY_EXPORTS.values() for name in names]
-
-
-def __getattr__(name: str):
-    for module, names in LAZY_EXPORTS.items():
-        if name in names:
-            return getattr(import_module(f"palpate.training.{module}"), name)
-    raise AttributeError(f"module 'palpate.training' has no attribute {name!r}")
+__all__, __getattr__ = lazy_exports(__name__, LAZY_EXPORTS)

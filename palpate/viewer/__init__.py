@@ -3,13 +3,7 @@
 A page is one HTML file that needs no network; that of an object holds three.js (three.min.js, MIT).
 """
 
-import importlib
+from palpate.lazy import lazy_exports
 
-MODULES = {"object_page": "page", "record_scene": "scene", "run_page": "index"}  # imported when they are used
-__all__ = ["object_page", "record_scene", "run_page"]
-
-
-def __getattr__(name: str):
-    if name in MODULES:
-        return getattr(importlib.import_module(f"palpate.viewer.{MODULES[name]}"), name)
-    raise AttributeError(f"module 'palpate.viewer' has no attribute {name!r}")
+EXPORTS = {"page": ["object_page"], "scene": ["record_scene"], "index": ["run_page"]}
+__all__, __getattr__ = lazy_exports(__name__, EXPORTS)

@@ -24,8 +24,6 @@ def names(entries):
 
 
 def test_what_is_repeated_here_agrees_with_its_origin():
-    assert sources.PROCEDURAL == shapes.CLASSES
-    assert [sources.procedural_suffix(i) for i in range(9)] == [shapes.suffix(i) for i in range(9)]
     assert {suffix[1:] for suffix in sources.MESH_SUFFIXES} == set(mesh.FORMATS)
     assert set(sources.UP_AXIS.values()) <= {"x", "y", "z", "format"}
     schemas = [yaml.safe_load(path.read_text()) for path in Path("workflow/schemas").glob("c*.schema.yaml")]

@@ -1,0 +1,17 @@
+"""Packages whose public names are imported when they are used: nothing waits for an engine that it does not need."""
+
+from collections.abc import Callable, Iterable, Mapping
+from importlib import import_module
+from typing import Any
+
+
+def lazy_exports(package: str, names: Mapping[str, Iterable[str]]) -> tuple[list[str], Callable[[str], Any]]:
+    """`__all__` and `__getattr__` of a package; names: its public names by the module that defines them."""
+    module_of = {name: module for module, own in names.items() for name in own}
+
+    def __getattr__(name: str) -> Any:
+        if name not in module_of:
+            raise AttributeError(f"module {package!r} has no attribute {name!r}")
+        return getattr(import_module(f"{package}.{module_of[name]}"), name)
+
+    return sorted(module_of), __getattr__

@@ -1,0 +1,97 @@
+"""The core of the package reads, validates, views and exports a run without what the extras bring."""
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import palpate
+from tests.core_session import EXTRAS, sums
+from tests.store.conftest import *  # noqa: F403
+
+ROOT = Path(palpate.__file__).parents[1]
+SESSION = ROOT / "tests/core_session.py"
+# Python and numpy of the environments that are tried. numpy 1 has no wheels for Python 3.13. PALPATE_PYTHONS=all tries
+# all of them, which takes a minute each; otherwise the first.
+OLD, NEW = "numpy<2", "numpy>=2"
+ENVIRONMENTS = (("3.12", OLD), ("3.13", NEW), ("3.12", NEW), ("3.11", OLD), ("3.11", NEW))
+ALL = os.environ.get("PALPATE_PYTHONS") == "all"
+
+
+def session(python, run, out, *options, **environment):
+    """What `core_session.py` printed last, and all that it printed."""
+    command = [str(python), str(SESSION), str(run), str(out), *options]
+    done = subprocess.run(command, capture_output=True, text=True, cwd=out, env={**os.environ, **environment})
+    assert done.returncode == 0, done.stdout + done.stderr
+    return json.loads(done.stdout.splitlines()[-1]), done.stdout + done.stderr
+
+
+def require_outputs(out, run):
+    """The pages and the export are there, and the page of the object shows its mesh."""
+    dataset = palpate.Dataset(run)
+    assert (out / "index/index.html").stat().st_size > 10_000
+    glb = (out / f"pages/{dataset.objects[0]}.glb").read_bytes()
+    assert glb.startswith(b"glTF") and b"object object 0" in glb and b"gel thumb" in glb
+    assert sorted((out / "webdataset").rglob("*.tar"))
+
+
+def require_same(found, expected):
+    assert found.keys() == expected.keys()
+    for name, values in expected.items():
+        assert found[name] == pytest.approx(values, rel=1e-6), name
+
+
+def test_without_engines(run, tmp_path):
+    found, printed = session(sys.executable, run, tmp_path, "--block", PYTHONPATH=str(ROOT))
+    require_same(found["sums"], sums(run))
+    require_outputs(tmp_path, run)
+    assert "not checked: on mesh, touches, picture of mesh: pip install 'palpate[factory]'" in printed
+
+
+def test_the_blocked_modules_are_those_of_the_extras():
+    names = {"bpy": "mathutils", "pycollada": "collada", "libigl": "igl"}
+    files = [ROOT / "envs" / f"{extra}.in" for extra in ("factory", "models")]
+    lines = [line.split("#")[0].strip() for file in files for line in file.read_text().splitlines()]
+    wanted = {line.split(";")[0].split("=")[0].split("<")[0] for line in lines if line}
+    assert {names.get(name, name) for name in wanted} | {"bpy", "snakemake"} == set(EXTRAS)
+
+
+def python_of(version):
+    """An interpreter of this version that makes virtual environments; None if the machine has none."""
+    pyenv = Path.home().glob(f".pyenv/versions/{version}.*/bin/python")
+    for place in (shutil.which(f"python{version}"), *pyenv):
+        if place and subprocess.run([place, "-c", "import ensurepip"], capture_output=True).returncode == 0:
+            return place
+    return None
+
+
+@pytest.fixture(scope="module")
+def wheel(tmp_path_factory):
+    source, folder = tmp_path_factory.mktemp("source"), tmp_path_factory.mktemp("wheel")
+    for name in ("palpate", "envs"):
+        shutil.copytree(ROOT / name, source / name, ignore=shutil.ignore_patterns("__pycache__"))
+    for name in ("pyproject.toml", "README.md"):
+        shutil.copy(ROOT / name, source / name)
+    build = [sys.executable, "-m", "pip", "wheel", "--quiet", "--no-deps", "--no-build-isolation"]
+    subprocess.run([*build, "--wheel-dir", folder, source], check=True, capture_output=True)
+    return next(folder.glob("*.whl"))
+
+
+@pytest.mark.parametrize(("version", "numpy"), ENVIRONMENTS if ALL else ENVIRONMENTS[:1])
+def test_in_a_bare_environment(run, wheel, tmp_path, version, numpy):
+    if not (python := python_of(version)):
+        pytest.skip(f"no Python {version} here")
+    subprocess.run([python, "-m", "venv", tmp_path / "venv"], check=True)
+    python = tmp_path / "venv/bin/python"
+    install = [python, "-m", "pip", "install", "--quiet", "--only-binary", ":all:", "--retries", "1", numpy, wheel]
+    done = subprocess.run(install, capture_output=True, text=True)
+    if done.returncode:
+        pytest.skip(f"packages can't be installed: {done.stderr.strip().splitlines()[-1]}")
+    found, _ = session(python, run, tmp_path, PYTHONPATH="")
+    assert (found["numpy"] < "2") == (numpy == OLD)
+    require_same(found["sums"], sums(run))
+    require_outputs(tmp_path, run)
