@@ -1,6 +1,12 @@
-"""The stages of the pipeline that write one output a batch, as one table: every list of stages follows from it."""
+"""The stages of the pipeline that write one output a batch, as one table: every list of stages follows from it.
+
+A new stage is a row here, a rule and a script named after it, and rows of `palpate/store/contract.csv` for its arrays.
+"""
 
 from dataclasses import dataclass
+
+# Stands in for the simulated stages where a dataset is read that was not made here: it writes all of its stores.
+RELEASED = "released"
 
 
 @dataclass(frozen=True)
@@ -8,12 +14,13 @@ class Stage:
     """One stage: what its rule reads and writes, at `<run>/<name>/<batch><suffix>`.
 
     Attributes:
-        name: of its folder, its rule and its script. suffix: of its output; empty: a folder of meshes.
-        reads: names of the stages that it reads.
+        name: of its folder, its rule and its script. suffix: of its store; empty: a folder of meshes.
+        reads: names of the stages that it reads, in the order in which an object goes through them.
         rejects: whether it can reject objects, in `rejected/<name>/<batch>.csv`.
         in_dataset: whether its output is part of the dataset; the others belong to models.
         engines: packages whose versions its stores record.
         simulated: whether a dataset that was read, not simulated, lacks it.
+        groups: of further arrays that its stores may hold. states: attributes that only its stores have.
     """
 
     name: str
@@ -23,6 +30,8 @@ class Stage:
     in_dataset: bool
     engines: tuple[str, ...] = ()
     simulated: bool = False
+    groups: tuple[str, ...] = ()
+    states: tuple[str, ...] = ()
 
     def path(self, batch: str = "{batch}") -> str:
         """Its output of one batch, relative to the run's folder; by default the pattern of all batches."""
@@ -32,17 +41,26 @@ class Stage:
         """Its table of rejected objects of one batch."""
         return f"rejected/{self.name}/{batch}.csv"
 
+    @property
+    def rejecting(self) -> tuple[str, ...]:
+        """The stages that may have rejected an object that its output lacks: the last one first."""
+        before = [name for each in reversed(self.reads) for name in STAGES[each].rejecting]
+        return tuple(dict.fromkeys([self.name] * self.rejects + before))
+
 
 STAGES = {
     stage.name: stage
     for stage in (
         Stage("meshes", "", (), True, True, simulated=True),
         Stage("surface", ".zarr", ("meshes",), True, True, ("trimesh", "embreex")),
-        Stage("grasps", ".h5", ("meshes",), True, True, ("mujoco", "trimesh"), simulated=True),
-        Stage("touch", ".zarr", ("meshes", "grasps"), True, True, ("trimesh", "embreex")),
+        Stage("grasps", ".h5", ("meshes", "surface"), True, True, ("mujoco", "trimesh"), True, groups=("hand",)),
+        Stage("touch", ".zarr", ("meshes", "grasps"), True, True, ("trimesh", "embreex"), states=("sensor",)),
+        Stage("charts", ".zarr", ("touch",), False, False, ("torch",)),
         Stage("vision", ".zarr", ("meshes", "grasps"), True, True, ("bpy",)),
         Stage("views", ".zarr", ("meshes",), True, False, ("bpy",)),
-        Stage("charts", ".zarr", ("touch",), False, False, ("torch",)),
         Stage("rings", ".zarr", ("meshes", "touch"), False, False, ("trimesh", "embreex")),
     )
 }
+# What makes a dataset, simulated or read, and the stores among it.
+DATASET_STAGES = (RELEASED, *(stage.name for stage in STAGES.values() if stage.in_dataset))
+DATASET_STORES = tuple(stage.name for stage in STAGES.values() if stage.in_dataset and stage.suffix)

@@ -20,6 +20,7 @@ from palpate.dataset.arrays import JoinedArray, fill_untouched
 from palpate.dataset.grasps import GraspDataset
 from palpate.dataset.run import Run
 from palpate.sensor import Sensor
+from palpate.stages import DATASET_STAGES, RELEASED, STAGES
 from palpate.store.contract import CONTRACT, SENSOR_NAMES, ArraySpec
 from palpate.store.files import StoreError
 
@@ -27,11 +28,6 @@ if TYPE_CHECKING:
     import pandas
 
     from palpate.hand import Hand
-
-# In the order in which an object goes through them; `released` reads a dataset that was not made here.
-STAGES = ("released", "meshes", *CONTRACT)
-# What the target `dataset` builds: other stores are made from these, of all of their objects or of some.
-DATASET_STAGES = ("released", "meshes", "surface", "grasps", "touch", "vision")
 
 
 class Dataset(Sequence):
@@ -47,8 +43,8 @@ class Dataset(Sequence):
     def __init__(self, run: Path | str, stages: Iterable[str] = DATASET_STAGES):
         self._run = Run(run)
         self._asked = tuple(stages)
-        if unknown := sorted(set(self._asked) - set(STAGES)):
-            raise ValueError(f"no stage {', '.join(unknown)}: expected some of {', '.join(STAGES)}")
+        if unknown := sorted(set(self._asked) - {RELEASED, *STAGES}):
+            raise ValueError(f"no stage {', '.join(unknown)}: expected some of {', '.join([RELEASED, *STAGES])}")
         self._entries = self._run.usable(self._asked)
 
     def _view(self, entries: Iterable[CatalogueEntry]) -> "Dataset":

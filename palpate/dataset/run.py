@@ -14,20 +14,10 @@ from palpate.configuration import ConfigError, read_yaml
 from palpate.provenance import Made
 from palpate.rebuild_command import RECORD, rebuild_advice, rebuild_command
 from palpate.sensor import Sensor
+from palpate.stages import RELEASED, STAGES
 from palpate.store.contract import CONTRACT
 from palpate.store.files import Store, StoreError
 
-# The stages with rejections that an object must have come through to be in a store, the last one's own first. Stages
-# without a store (meshes, released) come before all of them.
-BEFORE = {
-    "surface": ("surface",),
-    "grasps": ("grasps", "surface"),
-    "touch": ("touch", "grasps", "surface"),
-    "charts": ("touch", "grasps", "surface"),
-    "vision": ("vision", "grasps", "surface"),
-    "views": ("views",),
-    "rings": ("touch", "grasps", "surface"),
-}
 T = TypeVar("T")
 # Stores whose headers are remembered, the latest used: some 16 kB each (studies/benchmarks/reading.py).
 REMEMBERED_STORES = 1024
@@ -111,7 +101,7 @@ class Run:
 
     def _was_made(self, stage: str, batch: str) -> bool:
         """Whether a stage has finished a batch: its store is written after its rejections."""
-        path = CONTRACT[stage].path(batch) if stage in CONTRACT else f"{stage}/{batch}"
+        path = STAGES[stage].path(batch) if stage in STAGES else f"{stage}/{batch}"
         return (self.folder / path).exists()
 
     def rejected(self, stages: Iterable[str] | None = None) -> set[str]:
@@ -133,8 +123,9 @@ class Run:
             for stage in asked & set(CONTRACT):
                 if not self._was_made(stage, batch):
                     continue
-                if (self.folder / f"rejected/{BEFORE[stage][0]}/{batch}.csv").exists():
-                    excluding[batch] |= {"released", "meshes", *BEFORE[stage]}
+                rejecting = STAGES[stage].rejecting
+                if (self.folder / STAGES[rejecting[0]].rejected(batch)).exists():
+                    excluding[batch] |= {RELEASED, *rejecting}
                 else:
                     held[batch].append(set(self.objects(stage, batch)))
         return {

@@ -31,16 +31,16 @@ from palpate.dataset.checks import (
     check_touch,
     check_vision,
 )
-from palpate.dataset.run import BEFORE, Run
+from palpate.dataset.run import Run
 from palpate.hand import Hand
 from palpate.rebuild_command import rebuild_advice
 from palpate.sensor import DIGIT, Sensor
+from palpate.stages import DATASET_STORES, STAGES
 from palpate.store.contract import CONTRACT, SENSOR_NAMES
 from palpate.store.files import Store, StoreError, check_headers, describe
 from palpate.touch import empty_reading
 
 NAMED = 5  # how many failures a row names
-STAGES = ("surface", "grasps", "touch", "vision")  # what makes a dataset
 OF_OBJECT: dict[str, Callable] = {
     "surface": check_surface,
     "grasps": check_grasps,
@@ -142,7 +142,7 @@ class _Batch:
 
     def check_objects(self, stage: str) -> None:
         """The store's objects are the catalogue's except the rejected ones, in order."""
-        stages = {*BEFORE[stage], *({row["stage"] for row in self.rejected} - set(STAGES))}
+        stages = {*STAGES[stage].rejecting, *({row["stage"] for row in self.rejected} - set(DATASET_STORES))}
         rejected = {row["object"] for row in self.rejected if row["stage"] in stages}
         expected = {name for name in self.catalogue if name not in rejected}
         found = self.objects[stage]
@@ -217,7 +217,7 @@ class _Batch:
         return ", ".join([f"grasp {grasp}", *(f"sensor {self.sensor_names[i]}" for i in sensor)])
 
 
-def check_files(run: Run, batch: str, stages: Sequence[str] = STAGES, others: bool = True) -> list[Finding]:
+def check_files(run: Run, batch: str, stages: Sequence[str] = DATASET_STORES, others: bool = True) -> list[Finding]:
     """Compare all files of a batch with their checksums, and the stores with what they were made from.
 
     Compared are meshes, the stores of `stages`, and `others` that are there. `where` of a finding of files that
@@ -270,7 +270,7 @@ def validate_batch(
     run: Path | str,
     batch: str,
     max_penetration: float = MAX_PENETRATION,
-    stages: Sequence[str] = STAGES,
+    stages: Sequence[str] = DATASET_STORES,
     others: bool = True,
 ) -> list[Finding]:
     """Check every file and every array of every store of one batch.

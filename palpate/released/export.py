@@ -8,6 +8,7 @@ import numpy as np
 from PIL import Image
 from scipy.spatial.transform import Rotation
 
+from palpate import stages
 from palpate.atomic import atomic_write
 from palpate.camera import paper_camera
 from palpate.mesh import DIAGONAL, OBJECT_POSITION
@@ -16,7 +17,8 @@ from palpate.released.layout import EMPTY_READING, SPLITS, ReleasedObject
 from palpate.sensor import DIGIT
 from palpate.store.files import StoreError
 
-STAGES = ("surface", "touch", "vision")  # that an exported object must have come through
+# That an exported object must have come through.
+STAGES = tuple(each for each in stages.DATASET_STORES if not stages.STAGES[each].simulated)
 NOTHING = 1.0  # m, their depth where nothing is in range: their loader cuts at 1
 
 

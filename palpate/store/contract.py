@@ -9,6 +9,8 @@ import csv
 from dataclasses import dataclass
 from importlib import resources
 
+from palpate.stages import STAGES, Stage
+
 # 1: arrays of grasps were (og, ...), object by object, with `object_index` and `grasp_index`.
 # 2: stores did not state which files they hold, with sizes and checksums.
 # 3: touch stores did not state their sensor; hands had hinges only, and four sensors; images had one camera, which was
@@ -97,18 +99,19 @@ class ArraySpec:
 
 @dataclass(frozen=True)
 class StoreSpec:
-    """One kind of store: what a stage writes for one batch, at `<run>/<stage>/<batch><suffix>`."""
+    """One kind of store: the stage that writes it, one a batch, and its arrays by their names."""
 
-    stage: str
-    suffix: str
-    engines: tuple[str, ...]  # packages whose versions are recorded
-    groups: tuple[str, ...]  # groups of further arrays that it may hold
+    stage: Stage
     arrays: dict[str, ArraySpec]
-    attributes: tuple[str, ...] = ("made_from", "seed")  # that its writer has to give
+
+    @property
+    def attributes(self) -> tuple[str, ...]:
+        """Attributes that its writer has to give."""
+        return ("made_from", "seed", *self.stage.states)
 
     def path(self, batch: str) -> str:
         """Path of one batch's store in the run's folder."""
-        return f"{self.stage}/{batch}{self.suffix}"
+        return self.stage.path(batch)
 
 
 def _arrays(stage: str) -> dict[str, ArraySpec]:
@@ -129,12 +132,4 @@ def _arrays(stage: str) -> dict[str, ArraySpec]:
     }
 
 
-CONTRACT = {
-    "surface": StoreSpec("surface", ".zarr", ("trimesh", "embreex"), (), _arrays("surface")),
-    "grasps": StoreSpec("grasps", ".h5", ("mujoco", "trimesh"), ("hand",), _arrays("grasps")),
-    "touch": StoreSpec("touch", ".zarr", ("trimesh", "embreex"), (), _arrays("touch"), ("made_from", "seed", "sensor")),
-    "charts": StoreSpec("charts", ".zarr", ("torch",), (), _arrays("charts")),
-    "vision": StoreSpec("vision", ".zarr", ("bpy",), (), _arrays("vision")),
-    "views": StoreSpec("views", ".zarr", ("bpy",), (), _arrays("views")),
-    "rings": StoreSpec("rings", ".zarr", ("trimesh", "embreex"), (), _arrays("rings")),
-}
+CONTRACT = {name: StoreSpec(stage, _arrays(name)) for name, stage in STAGES.items() if stage.suffix}

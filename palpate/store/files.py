@@ -61,8 +61,8 @@ def write(path: Path | str, stage: str, arrays: Mapping[str, np.ndarray], attrib
     """
     path = Path(path)
     spec = CONTRACT[stage]
-    if path.suffix != spec.suffix:
-        raise StoreError(f"{path}: a store of {stage} ends in {spec.suffix}")
+    if path.suffix != spec.stage.suffix:
+        raise StoreError(f"{path}: a store of {stage} ends in {spec.stage.suffix}")
     missing = [name for name in spec.attributes if name not in attributes]
     if missing:
         raise StoreError(f"{path}: attributes {missing} are missing")
@@ -83,11 +83,11 @@ def write(path: Path | str, stage: str, arrays: Mapping[str, np.ndarray], attrib
 
 def describe(spec: StoreSpec) -> dict[str, Any]:
     """Attributes that every store of this stage carries: schema version, units, frames, what made it."""
-    library = "zarr" if spec.suffix == ".zarr" else "h5py"
-    versions = {name: importlib.metadata.version(name) for name in ("numpy", library, *spec.engines)}
+    library = "zarr" if spec.stage.suffix == ".zarr" else "h5py"
+    versions = {name: importlib.metadata.version(name) for name in ("numpy", library, *spec.stage.engines)}
     return {
         "schema_version": SCHEMA_VERSION,
-        "stage": spec.stage,
+        "stage": spec.stage.name,
         "units": UNITS,
         "frames": FRAMES,
         "versions": {"palpate": palpate.__version__, **versions},
@@ -102,11 +102,11 @@ def check_headers(path: Path, spec: StoreSpec, headers: Mapping[str, Header], op
 
     optional: whether the arrays that the contract calls so may be missing.
     """
-    given = {name for name in headers if name.split("/")[0] not in spec.groups}
+    given = {name for name in headers if name.split("/")[0] not in spec.stage.groups}
     needed = {name for name, array in spec.arrays.items() if not (optional and array.optional)}
     missing, unknown = sorted(needed - given), sorted(given - set(spec.arrays))
     if missing or unknown:
-        raise StoreError(f"{path}: arrays of {spec.stage} missing: {missing}, unknown: {unknown}")
+        raise StoreError(f"{path}: arrays of {spec.stage.name} missing: {missing}, unknown: {unknown}")
     sizes: dict[str, tuple[str, int]] = {}
     for name, array_spec in spec.arrays.items():
         if name not in given:

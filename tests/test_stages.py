@@ -1,0 +1,32 @@
+"""The table of stages: what follows from its rows, against what is written elsewhere."""
+
+from palpate.stages import DATASET_STAGES, DATASET_STORES, STAGES
+from palpate.store import CONTRACT
+
+
+def test_rows_stand_under_their_names_after_what_they_read():
+    names = list(STAGES)
+    for name, stage in STAGES.items():
+        assert stage.name == name and all(names.index(each) < names.index(name) for each in stage.reads)
+
+
+def test_an_object_is_rejected_by_what_its_stage_goes_back_to():
+    assert {name: stage.rejecting for name, stage in STAGES.items()} == {
+        "meshes": ("meshes",),
+        "surface": ("surface", "meshes"),
+        "grasps": ("grasps", "surface", "meshes"),
+        "touch": ("touch", "grasps", "surface", "meshes"),
+        "charts": ("touch", "grasps", "surface", "meshes"),
+        "vision": ("vision", "grasps", "surface", "meshes"),
+        "views": ("views", "meshes"),
+        "rings": ("touch", "grasps", "surface", "meshes"),
+    }
+
+
+def test_lists_of_stages():
+    assert DATASET_STAGES == ("released", "meshes", "surface", "grasps", "touch", "vision")
+    assert DATASET_STORES == ("surface", "grasps", "touch", "vision")
+    assert set(CONTRACT) == set(STAGES) - {"meshes"}
+    assert STAGES["grasps"].path("batch-0001") == CONTRACT["grasps"].path("batch-0001") == "grasps/batch-0001.h5"
+    assert STAGES["meshes"].path("batch-0001") == "meshes/batch-0001"
+    assert STAGES["views"].rejected() == "rejected/views/{batch}.csv"
