@@ -21,7 +21,7 @@ import numpy as np
 from palpate import catalogue, sensor
 from palpate.atomic import atomic_write
 from palpate.batch import UnusableObject, generator
-from palpate.catalogue import SourceObject
+from palpate.catalogue import Source, SourceObject
 from palpate.configuration import ConfigError, absolute, check, read_config
 from palpate.sensor import Sensor
 
@@ -39,17 +39,20 @@ COLUMNS = 6  # of images and readings in a row
 MOST_CLASSES = 20  # that have a line each
 
 
+class HandFiles(NamedTuple):
+    """Absolute paths of the files of an own hand: its model and its sensors."""
+
+    mjcf: str
+    sensors: str
+
+
 class Settings(NamedTuple):
-    """What a config means.
+    """What a config means: its source, objects of each class, all objects, an own hand or None, the touch sensor."""
 
-    Attributes: source, as `catalogue.resolve_source` gives it; classes, objects of each; entries, all objects; hand,
-        absolute paths of an own one (`mjcf`, `sensors`), or None; sensor, the touch sensor.
-    """
-
-    source: dict[str, Any]
+    source: Source
     classes: dict[str, int | str]
     entries: list[SourceObject]
-    hand: dict[str, str] | None
+    hand: HandFiles | None
     sensor: Sensor
 
 
@@ -59,22 +62,23 @@ def resolve(config: Mapping[str, Any], project: Path | str) -> Settings:
     Raises `ConfigError` and `catalogue.CatalogueError`, in a line with the remedy, for a file that is missing or
     invalid, a source without what is asked of it, and keys that contradict each other.
     """
-    source = catalogue.resolve_source(config, project)
+    source = Source.from_config(config, project)
     classes = catalogue.class_counts(config, source)
     entries = catalogue.scan(source, classes)
     grasps = config["grasps"]
-    hand = grasps["hand"] and {key: absolute(path, project) for key, path in grasps["hand"].items()}
+    own = grasps["hand"]
+    hand = HandFiles(absolute(own["mjcf"], project), absolute(own["sensors"], project)) if own else None
     touch_sensor = sensor.load(config["touch"]["sensor"], project)
-    if source["kind"] == "released" and touch_sensor.geometry_difference(sensor.DIGIT):
+    if source.kind == "released" and touch_sensor.geometry_difference(sensor.DIGIT):
         raise ConfigError("config touch.sensor: the released data are of the DIGIT: leave it `digit`")
     if grasps["per_object"] > grasps["attempts"]:
         raise ConfigError("config grasps: attempts must be at least per_object")
     if grasps["attempts"] > grasps["max_attempts"]:
         raise ConfigError("config grasps: max_attempts must be at least attempts")
-    for path in (hand or {}).values():
+    for path in hand or ():
         if not Path(path).is_file():
             raise ConfigError(f"config grasps.hand: {path}: no such file")
-    if source["kind"] == "released" and config["vision"]["cameras"]:
+    if source.kind == "released" and config["vision"]["cameras"]:
         raise ConfigError("config vision.cameras: a released dataset has the paper's camera: set it to null")
     return Settings(source, classes, entries, hand, touch_sensor)
 
@@ -109,7 +113,7 @@ def check_config(
     settings = resolve(config, project)
     for line in object_lines(settings, config):
         say(line)
-    if settings.source["kind"] == "released":
+    if settings.source.kind == "released":
         return say("released data are read, not simulated: there is nothing to try")
     from palpate.vision import blender
 
@@ -122,13 +126,13 @@ def check_config(
 
     scene.draw(config["vision"], config["seed"], "")
     own, face = settings.hand, settings.sensor.gel_face
-    hand = hands.from_mjcf(own["mjcf"], own["sensors"], face) if own else hands.allegro(face)
-    for line in hands.check_files(own["mjcf"], own["sensors"], settings.sensor) if own else ():
+    hand = hands.from_mjcf(own.mjcf, own.sensors, face) if own else hands.allegro(face)
+    for line in hands.check_files(own.mjcf, own.sensors, settings.sensor) if own else ():
         say(line)
     logging.getLogger("palpate.mesh").setLevel(logging.ERROR)  # its warnings of textures are lines here
     with tempfile.TemporaryDirectory(prefix="palpate-check-") as scratch:
         looks = [
-            look(entry, root, settings.source["outside"])
+            look(entry, root, settings.source.outside)
             for entry, root in _opened(settings, names, config["seed"], Path(scratch))
         ]
         for line in mesh_lines(looks, settings):
@@ -162,7 +166,7 @@ def object_lines(settings: Settings, config: Mapping[str, Any]) -> Iterator[str]
     source, entries = settings.source, settings.entries
     splits = catalogue.splits_of(entries, config["split"])
     counts = Counter((entry.class_name, splits[entry.object]) for entry in entries)
-    yield f"source: {source['kind']}, {'made by Palpate' if source['kind'] == 'procedural' else source['path']}"
+    yield f"source: {source.kind}, {'made by Palpate' if source['kind'] == 'procedural' else source.path}"
     classes = f"{len(settings.classes)} class{'es' * (len(settings.classes) > 1)}"
     yield f"{len(entries)} objects in {classes}: {_tally(Path(entry.source).suffix.lower() for entry in entries)}"
     for name in list(settings.classes)[:MOST_CLASSES]:
@@ -205,7 +209,7 @@ def _opened(settings: Settings, names: Sequence[str], seed: int, scratch: Path) 
     if unknown := [name for name in names if name not in known]:
         raise ConfigError(f"no object {unknown[0]!r} in this run; its objects are {', '.join(known[:10])}, ...")
     turns.sort(key=lambda each: each.object not in names)
-    if settings.source["kind"] == "procedural":  # all sound, and they have to be made first
+    if settings.source.kind == "procedural":  # all sound, and they have to be made first
         from palpate import shapes
 
         for each in turns[: max(TRIED, len(names))]:
@@ -213,7 +217,7 @@ def _opened(settings: Settings, names: Sequence[str], seed: int, scratch: Path) 
             shapes.write(each.class_name, int(each.object.rpartition("-")[2]), scratch / each.source, seed)
             yield each, scratch
         return
-    root, total = Path(settings.source["path"]), 0
+    root, total = Path(settings.source.path), 0
     for number, each in enumerate(turns[: max(MOST_OPENED, len(names))]):
         path = root / each.source
         total += path.stat().st_size if path.is_file() else 0  # what is none is said later
@@ -226,7 +230,7 @@ def look(entry: SourceObject, root: Path, outside: bool = False) -> Look:
     import palpate.mesh.build  # noqa: F401 - once, and not in each of the processes
     from palpate.mesh.isolation import isolated
 
-    files = catalogue.files_root({"path": root, "outside": outside})
+    files = catalogue.files_root(root, outside)
     try:
         return Look(entry, root, *isolated(_open, root / entry.source, entry.scale, files, seconds=SECONDS_A_MESH))
     except (UnusableObject, RuntimeError, OSError, MemoryError) as error:
@@ -258,8 +262,8 @@ def mesh_lines(looks: Sequence[Look], settings: Settings) -> Iterator[str]:
         sizes = (
             f"{extents[0]:.3g} to {extents[-1]:.3g} units of the file across, {min(faces):,} to {max(faces):,} faces"
         )
-        yield f"  {sizes}; scale {settings.source['scale']}, up {settings.source['up']}"
-        if extents[len(extents) // 2] > LARGEST and settings.source["scale"] == "diagonal":
+        yield f"  {sizes}; scale {settings.source.scale}, up {settings.source.up}"
+        if extents[len(extents) // 2] > LARGEST and settings.source.scale == "diagonal":
             yield "  units look like millimetres or centimetres: `source: {scale: 0.001}`, or 0.01, would keep sizes"
     for each in looks:
         yield from (f"  {each.entry.object}: {name}: {what}: drawn in grey" for name, what in each.missing.items())
@@ -285,7 +289,7 @@ def make_example(
     from palpate.dataset.arrays import fill_untouched
 
     seed, name, folder = config["seed"], entry.object, scratch / "made" / entry.object
-    files = catalogue.files_root(config["source"] | {"path": root})
+    files = catalogue.files_root(root, config["source"]["outside"])
     mesh.prepare(root / entry.source, folder, up=entry.up, scale=entry.scale, root=files, **config["mesh"])
     visual, collision = mesh.load_visual(folder), mesh.load_collision(folder)
     count, method = config["surface"]["points"], config["surface"]["method"]

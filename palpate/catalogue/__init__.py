@@ -9,15 +9,13 @@ from palpate.catalogue.batches import (
     write_places,
 )
 from palpate.catalogue.companion_files import richness
-from palpate.catalogue.record import check_same_run, resolve_source, write_record
+from palpate.catalogue.record import check_same_run, write_record
+from palpate.catalogue.source import UP_AXIS, CatalogueError, Source, files_root
 from palpate.catalogue.sources import (
-    UP_AXIS,
-    CatalogueError,
     SourceObject,
     all_classes,
     class_counts,
     file_name,
-    files_root,
     scan,
 )
 from palpate.catalogue.split import PAPER_SPLIT, SPLITS, assign_split, suggest_split
@@ -44,6 +42,7 @@ __all__ = [
     "UP_AXIS",
     "CatalogueEntry",
     "CatalogueError",
+    "Source",
     "SourceObject",
     "all_classes",
     "assign_batches",
@@ -65,7 +64,6 @@ __all__ = [
     "read_places",
     "require_unchanged",
     "resolve_batch_size",
-    "resolve_source",
     "richness",
     "scan",
     "sources_of",

@@ -13,7 +13,8 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 from palpate.atomic import atomic_write
-from palpate.catalogue.sources import CatalogueError, SourceObject
+from palpate.catalogue.source import CatalogueError
+from palpate.catalogue.sources import SourceObject
 from palpate.checksums import DamagedFile, read_record
 
 PLACES = "batches.json"

@@ -4,30 +4,17 @@
 """
 
 from collections.abc import Mapping
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
 import yaml
 
 from palpate.atomic import atomic_write
-from palpate.catalogue.sources import DEFAULTS, UP_AXIS, CatalogueError, class_counts
-from palpate.configuration import RENAMED_VALUES, ConfigError, absolute, read_yaml
+from palpate.catalogue.source import CatalogueError, Source
+from palpate.catalogue.sources import class_counts
+from palpate.configuration import ConfigError, read_yaml
 from palpate.rebuild_command import RECORD
-
-
-def resolve_source(config: Mapping[str, Any], project: Path | str) -> dict[str, Any]:
-    """The source of a checked config: its keys, with absolute paths and the up axis of its kind.
-
-    Relative paths are the project's. Procedural objects are made in the run's folder. Keys that a config of an older
-    version lacks have their defaults.
-    """
-    source = DEFAULTS | dict(config["source"])
-    made_in = Path(absolute(config["results"], project), config["run"], "sources")
-    return source | {
-        "path": absolute(source["path"], project) if source["path"] else str(made_in),
-        "up": source["up"] or UP_AXIS[source["kind"]],
-        "objects": absolute(source["objects"], project) if source["objects"] else None,
-    }
 
 
 def check_same_run(folder: Path | str, config: Mapping[str, Any], project: Path | str) -> None:
@@ -63,11 +50,11 @@ def check_same_run(folder: Path | str, config: Mapping[str, Any], project: Path 
 
 def _differences(recorded: Mapping[str, Any], config: Mapping[str, Any], project: Path | str) -> list[str]:
     """A line for each key that makes two configs those of different runs."""
-    before, now = resolve_source(recorded, project), resolve_source(config, project)
-    before["variants"] = RENAMED_VALUES["source.variants"].get(before["variants"], before["variants"])
-    if before["kind"] == now["kind"] == "procedural":  # made in the run's folder, which may have been moved
-        before["path"] = now["path"]
-    pairs = {f"source.{key}": (before[key], now[key]) for key in now if key != "outside"}  # may be allowed later
+    before, now = (Source.from_config(each, project) for each in (recorded, config))
+    if before.kind == now.kind == "procedural":  # made in the run's folder, which may have been moved
+        before = replace(before, path=now.path)
+    pairs = {f"source.{key}": (old, getattr(now, key)) for key, old in asdict(before).items()}
+    del pairs["source.outside"]  # may be allowed later
     pairs["seed"] = recorded["seed"], config["seed"]
     lines = [f"{key}: {old} there, {new} in this config" for key, (old, new) in pairs.items() if old != new]
     if not lines and not recorded["classes"] == config["classes"] == "all":

@@ -9,7 +9,8 @@ from typing import NamedTuple
 
 from palpate import provenance
 from palpate.catalogue.companion_files import companions
-from palpate.catalogue.sources import CatalogueError, SourceObject
+from palpate.catalogue.source import CatalogueError
+from palpate.catalogue.sources import SourceObject
 from palpate.catalogue.split import SPLITS, assign_split, suggest_split
 from palpate.checksums import DamagedFile, read_rows
 from palpate.named_files import unusable

@@ -374,7 +374,7 @@ def combine_validation(findings: Sequence[Finding], run: Path | str, sources: Pa
     validated = {finding.batch for finding in findings}
     of_run = [*_check_run(catalogue, rejected, validated), _check_tables(run)]
     if sources is not None:
-        files = files_root(Run(run).config.get("source", {}) | {"path": sources})
+        files = files_root(sources, Run(run).config.get("source", {}).get("outside", False))
         of_run.append(_check_sources(catalogue, Path(sources), files))
     findings = [*of_run, *findings]
     groups: dict[tuple[str, str, str], list[Finding]] = {}

@@ -5,6 +5,7 @@ import json
 import os
 import re
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -17,11 +18,11 @@ from palpate.catalogue import (
     SPLITS,
     CatalogueEntry,
     CatalogueError,
+    Source,
     all_classes,
     checksum,
     file_name,
     join_copies,
-    resolve_source,
     scan,
     splits_of,
 )
@@ -35,7 +36,7 @@ from tests.mesh.written import write
 
 
 def source(path, kind="folder", **keys):
-    return {"kind": kind, "path": path, **keys}
+    return Source(kind, path, **keys)
 
 
 def ball():
@@ -291,7 +292,7 @@ def test_ycb(tmp_path, caplog):
         ("thing-003_box", "003_box/poisson/textured.obj", (), "z"),
     ]
     assert "no mesh in 1 models: 001_chips" in caplog.text
-    tsdf = scan(given | {"pattern": "*/tsdf/textured.obj"}, {"thing": "all"})
+    tsdf = scan(replace(given, pattern="*/tsdf/textured.obj"), {"thing": "all"})
     assert [entry.source for entry in tsdf] == ["002_can/tsdf/textured.obj"]
 
 
@@ -350,17 +351,17 @@ def test_shapenet_of_both_versions_is_one_object(tmp_path):
 
 def test_home_folders(tmp_path, monkeypatch):
     monkeypatch.setenv("HOME", str(tmp_path))
-    config = {"results": "~/results", "run": "mine", "source": source("~/meshes", objects="~/objects.csv", up=None)}
-    resolved = resolve_source(config, "/project")
-    assert (resolved["path"], resolved["objects"]) == (f"{tmp_path}/meshes", f"{tmp_path}/objects.csv")
-    assert resolved["up"] == "format"
+    config = {"results": "~/results", "run": "mine", "source": {"kind": "folder", "path": "~/meshes", "objects": "~/objects.csv"}}
+    resolved = Source.from_config(config, "/project")
+    assert (resolved.path, resolved.objects) == (f"{tmp_path}/meshes", f"{tmp_path}/objects.csv")
+    assert resolved.up == "format"
     procedural = {**config, "source": {"kind": "procedural", "path": None, "up": None}}
-    assert resolve_source(procedural, "/project")["path"] == f"{tmp_path}/results/mine/sources"
+    assert Source.from_config(procedural, "/project").path == f"{tmp_path}/results/mine/sources"
     tree(tmp_path, "meshes/mug/a.obj")
     (tmp_path / "objects.csv").write_text("path,split\n~/meshes/mug/a.obj,test\n")
     assert scan(resolved, {"mug": "all"})[0].split == "test"
     with pytest.raises(ConfigError, match="write the path out"):
-        resolve_source({**config, "results": "~nobody-of-this-name/x"}, "/project")
+        Source.from_config({**config, "results": "~nobody-of-this-name/x"}, "/project")
 
 
 def test_the_table_does_not_depend_on_the_place_of_the_meshes(formats, tmp_path_factory):
@@ -413,14 +414,14 @@ def test_linked_folders_are_followed_and_loops_end(tmp_path):
     (mug / "whole").symlink_to("/")
     (tmp_path / "elsewhere/back").symlink_to(mug)  # a loop of two
     for pattern in (None, "{class}/**", "{class}/**/*.stl"):
-        given = source(tmp_path / "meshes") | {"pattern": pattern}
+        given = source(tmp_path / "meshes", pattern=pattern)
         found = [entry.source for entry in scan(given, {"mug": "all"})]
         assert found == ["mug/a.stl", "mug/in/b.stl", "mug/linked/c.stl", "mug/linked/deep/d.stl"]
 
 
 def test_a_pattern_with_folders_of_any_depth_within(tmp_path):
     tree(tmp_path, "x/a/scan.stl", "x/a/b/c/scan.stl", "x/scan.stl", "x/a/other.stl", "y/a/scan.stl", "x/.h/a/scan.stl")
-    given = source(tmp_path) | {"pattern": "x/**/a*/**/scan.stl"}
+    given = source(tmp_path, pattern="x/**/a*/**/scan.stl")
     assert {entry.source for entry in scan(given, {"mug": "all"})} == {"x/a/b/c/scan.stl", "x/a/scan.stl"}
 
 

@@ -7,7 +7,8 @@ import pytest
 import yaml
 
 from palpate import catalogue, mesh, shapes
-from palpate.catalogue import CatalogueError, all_classes, class_counts, scan, sources
+from palpate.catalogue import CatalogueError, Source, all_classes, class_counts, scan, sources
+from palpate.catalogue.source import MESH_SUFFIXES
 from palpate.configuration import ConfigError
 
 
@@ -24,8 +25,8 @@ def names(entries):
 
 
 def test_what_is_repeated_here_agrees_with_its_origin():
-    assert {suffix[1:] for suffix in sources.MESH_SUFFIXES} == set(mesh.FORMATS)
-    assert set(sources.UP_AXIS.values()) <= {"x", "y", "z", "format"}
+    assert {suffix[1:] for suffix in MESH_SUFFIXES} == set(mesh.FORMATS)
+    assert set(catalogue.UP_AXIS.values()) <= {"x", "y", "z", "format"}
     schemas = [yaml.safe_load(path.read_text()) for path in Path("workflow/schemas").glob("c*.schema.yaml")]
     assert sorted(_patterns_of_classes(schemas)) == [f"^{sources.CLASS_NAME}$"] * 2
 
@@ -40,7 +41,7 @@ def _patterns_of_classes(schema):
 
 
 def test_procedural_needs_no_files(tmp_path):
-    entries = scan({"kind": "procedural", "path": tmp_path / "none"}, {"rifle": 1, "bottle": 3})
+    entries = scan(Source("procedural", tmp_path / "none"), {"rifle": 1, "bottle": 3})
     assert [(entry.object, entry.class_name, entry.source) for entry in entries] == [
         ("rifle-0000", "rifle", "rifle/rifle-0000.glb"),
         ("bottle-0000", "bottle", "bottle/bottle-0000.glb"),
@@ -50,7 +51,7 @@ def test_procedural_needs_no_files(tmp_path):
 
 
 def test_procedural_files_are_where_the_catalogue_looks(tmp_path):
-    (entry,) = scan({"kind": "procedural", "path": tmp_path}, {"cellphone": 1})
+    (entry,) = scan(Source("procedural", tmp_path), {"cellphone": 1})
     (tmp_path / "cellphone").mkdir()
     assert shapes.write("cellphone", 0, tmp_path / "cellphone" / entry.object) == tmp_path / entry.source
 
@@ -59,7 +60,7 @@ def test_folder(tmp_path):
     """Every format, upper case too, nested; not textures, hidden files, or other classes."""
     tree(
         tmp_path,
-        *(f"mug/{suffix[1:]}{suffix}" for suffix in sources.MESH_SUFFIXES),
+        *(f"mug/{suffix[1:]}{suffix}" for suffix in MESH_SUFFIXES),
         "mug/deep/er/a.STL",
         "mug/ply.mtl",
         "mug/texture.png",
@@ -67,8 +68,8 @@ def test_folder(tmp_path):
         "mug/.cache/x.obj",
         "other/b.obj",
     )
-    entries = scan({"kind": "folder", "path": tmp_path}, {"mug": "all"})
-    assert names(entries) == sorted([f"mug-{suffix[1:]}" for suffix in sources.MESH_SUFFIXES] + ["mug-deep-er-a"])
+    entries = scan(Source("folder", tmp_path), {"mug": "all"})
+    assert names(entries) == sorted([f"mug-{suffix[1:]}" for suffix in MESH_SUFFIXES] + ["mug-deep-er-a"])
     assert all((tmp_path / entry.source).is_file() for entry in entries)
 
 
@@ -77,30 +78,30 @@ def test_shapenet(tmp_path, file, caplog):
     """Both versions; a model without a mesh is left out, and said so."""
     tree(tmp_path, *(f"03624134/{model}/{file}" for model in ("b2", "a1")), "03624134/c3/models/notes.txt")
     tree(tmp_path, f"02880940/d4/{file}")
-    entries = scan({"kind": "shapenet", "path": tmp_path}, {"knife": 2, "02880940": "all"})
+    entries = scan(Source("shapenet", tmp_path), {"knife": 2, "02880940": "all"})
     assert [(entry.object, entry.source) for entry in entries] == [
         ("knife-a1", f"03624134/a1/{file}"),
         ("knife-b2", f"03624134/b2/{file}"),
         ("02880940-d4", f"02880940/d4/{file}"),
     ]
     assert "c3" in caplog.text
-    assert all_classes({"kind": "shapenet", "path": tmp_path}) == {"02880940": "all", "knife": "all"}
+    assert all_classes(Source("shapenet", tmp_path)) == {"02880940": "all", "knife": "all"}
 
 
 def test_abc(tmp_path):
     tree(tmp_path, "00000002.obj", "00000001.stl", "readme.txt", "00000003.glb")
-    entries = scan({"kind": "abc", "path": tmp_path}, {"part": "all"})
+    entries = scan(Source("abc", tmp_path), {"part": "all"})
     assert [entry[:3] for entry in entries] == [
         ("part-00000001", "part", "00000001.stl"),
         ("part-00000002", "part", "00000002.obj"),
     ]
-    assert all_classes({"kind": "abc", "path": tmp_path}) == {"object": "all"}
+    assert all_classes(Source("abc", tmp_path)) == {"object": "all"}
 
 
 def test_the_choice_of_objects_is_even_and_stable(tmp_path):
     """Some of 200: not simply the first, always the same, and more when more are asked for."""
     tree(tmp_path, *(f"mug/{i:03d}.obj" for i in range(200)))
-    source = {"kind": "folder", "path": tmp_path}
+    source = Source("folder", tmp_path)
     ten, fifty = scan(source, {"mug": 10}), scan(source, {"mug": 50})
     assert ten == scan(source, {"mug": 10})
     assert set(ten) < set(fifty)
@@ -112,7 +113,7 @@ def test_the_choice_of_objects_is_even_and_stable(tmp_path):
 
 def test_object_names_are_safe_and_differ(tmp_path):
     tree(tmp_path, "mug/a b.obj", "mug/a_b.obj", "mug/a?b.obj", "mug/杯子.obj", "mug/瓶子.obj", "mug/-x.obj")
-    found = names(scan({"kind": "folder", "path": tmp_path}, {"mug": "all"}))
+    found = names(scan(Source("folder", tmp_path), {"mug": "all"}))
     assert len(set(found)) == 6
     assert "mug-a_b" in found
     assert all(re.fullmatch(r"mug-[A-Za-z0-9_.-]+", name) for name in found)
@@ -120,7 +121,7 @@ def test_object_names_are_safe_and_differ(tmp_path):
 
 def test_all_classes(tmp_path):
     tree(tmp_path, "mug/a.obj", "pan/b.obj", ".git/c.obj", "readme.txt")
-    assert all_classes({"kind": "folder", "path": tmp_path}) == {"mug": "all", "pan": "all"}
+    assert all_classes(Source("folder", tmp_path)) == {"mug": "all", "pan": "all"}
 
 
 @pytest.mark.parametrize(
@@ -129,7 +130,7 @@ def test_all_classes(tmp_path):
 )
 def test_all_classes_leaves_out_folders_without_a_mesh(tmp_path, caplog, kind, mesh, classes):
     tree(tmp_path, mesh, "notes/read.me", "02880940/b2/picture.png", "mug-licences/.hidden.obj")
-    source = {"kind": kind, "path": tmp_path}
+    source = Source(kind, tmp_path)
     assert list(all_classes(source)) == classes
     assert "02880940" in caplog.text
     assert scan(source, all_classes(source))
@@ -138,7 +139,7 @@ def test_all_classes_leaves_out_folders_without_a_mesh(tmp_path, caplog, kind, m
 def test_class_counts(tmp_path):
     """As listed; the folders of the source for `all`; a class that is listed twice has no count."""
     tree(tmp_path, "mug/a.obj")
-    source = {"kind": "folder", "path": tmp_path}
+    source = Source("folder", tmp_path)
     rows = [{"class": "pan", "objects": 2}, {"class": "mug", "objects": "all"}]
     assert list(class_counts({"classes": rows}, source).items()) == [("pan", 2), ("mug", "all")]
     assert class_counts({"classes": "all"}, source) == {"mug": "all"}
@@ -168,19 +169,19 @@ def test_class_counts(tmp_path):
 def test_errors_name_the_place_and_the_remedy(tmp_path, kind, classes, says):
     tree(tmp_path, "mug/a.obj", "mug/b.obj", "empty/notes.txt")
     with pytest.raises(CatalogueError, match=says):
-        scan({"kind": kind, "path": tmp_path}, classes)
+        scan(Source(kind, tmp_path), classes)
 
 
 @pytest.mark.parametrize("kind", ["folder", "shapenet", "abc"])
 def test_a_missing_root_is_named(tmp_path, kind):
     with pytest.raises(CatalogueError, match="nowhere: no such folder: set source.path"):
-        scan({"kind": kind, "path": tmp_path / "nowhere"}, {"bottle": 1})
+        scan(Source(kind, tmp_path / "nowhere"), {"bottle": 1})
 
 
 def test_all_classes_needs_folders(tmp_path):
     for kind in ("folder", "shapenet", "abc", "procedural"):
         with pytest.raises(CatalogueError):
-            all_classes({"kind": kind, "path": tmp_path})
+            all_classes(Source(kind, tmp_path))
 
 
 def test_up_axis_of_every_kind():

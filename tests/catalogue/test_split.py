@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import binom
 
-from palpate.catalogue import PAPER_SPLIT, CatalogueError, assign_split, check_splits, scan, suggest_split
+from palpate.catalogue import PAPER_SPLIT, CatalogueError, Source, assign_split, check_splits, scan, suggest_split
 
 PAPER_COUNTS = {"bottle": 487, "knife": 416, "cellphone": 493, "rifle": 335}
 ratios = st.fixed_dictionaries(dict.fromkeys(PAPER_SPLIT, st.integers(0, 50))).filter(lambda each: sum(each.values()))
@@ -63,7 +63,7 @@ def test_procedural_classes_are_close_to_the_paper(count):
     """No class is without validation or test objects, and each count is near its share."""
     total = sum(PAPER_SPLIT.values())
     for name, whole in PAPER_COUNTS.items():
-        entries = scan({"kind": "procedural", "path": "nowhere"}, {name: count or whole})
+        entries = scan(Source("procedural", "nowhere"), {name: count or whole})
         found = Counter(assign_split(entry.object) for entry in entries)
         for split, share in PAPER_SPLIT.items():
             expected = len(entries) * share / total

@@ -6,7 +6,7 @@ import shutil
 
 import pytest
 
-from palpate.catalogue import COLUMNS, CatalogueError, checksum, empty_splits
+from palpate.catalogue import COLUMNS, CatalogueError, Source, checksum, empty_splits
 from palpate.catalogue.table import companions
 from tests.catalogue.whole import whole_catalogue
 from tests.mesh import nasty
@@ -18,7 +18,7 @@ def source(tmp_path):
         path = tmp_path / "meshes" / ("mug" if i < 4 else "pan") / f"{i}.obj"
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(f"v {i} 0 0\n")
-    return {"kind": "folder", "path": tmp_path / "meshes"}
+    return Source("folder", tmp_path / "meshes")
 
 
 def test_rows(source):
@@ -30,19 +30,19 @@ def test_rows(source):
     assert table["object"].is_unique
     assert set(table["split"]) <= {"train", "validation", "test"}
     for row in table.itertuples():
-        assert row.checksum == hashlib.sha256((source["path"] / row.source).read_bytes()).hexdigest()
+        assert row.checksum == hashlib.sha256((source.path / row.source).read_bytes()).hexdigest()
 
 
 def test_the_table_does_not_depend_on_the_place(source, tmp_path):
-    shutil.copytree(source["path"], tmp_path / "elsewhere")
-    moved = source | {"path": tmp_path / "elsewhere"}
+    shutil.copytree(source.path, tmp_path / "elsewhere")
+    moved = Source("folder", tmp_path / "elsewhere")
     classes = {"mug": "all", "pan": "all"}
     assert whole_catalogue(source, classes).equals(whole_catalogue(moved, classes))
 
 
 def test_other_objects_change_no_row_but_its_batch(source):
     before = whole_catalogue(source, {"mug": "all", "pan": "all"}, batches=2).set_index("object")
-    (source["path"] / "mug" / "00.obj").write_text("new")
+    (source.path / "mug" / "00.obj").write_text("new")
     after = whole_catalogue(source, {"mug": "all", "pan": "all"}, batches=2).set_index("object")
     same = ["class", "split", "source", "checksum"]
     assert after.loc[before.index, same].equals(before[same])

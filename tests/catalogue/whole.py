@@ -8,4 +8,4 @@ def whole_catalogue(source, classes, ratios=PAPER_SPLIT, batches=16):
     entries = scan(source, classes)
     if isinstance(batches, int):
         batches = assign_batches([entry.object for entry in entries], batches)
-    return build(source["path"], in_order(entries, batches), splits_of(entries, ratios), batches)
+    return build(source.path, in_order(entries, batches), splits_of(entries, ratios), batches)

@@ -10,7 +10,7 @@ import trimesh
 
 from palpate import mesh
 from palpate.batch import UnusableObject
-from palpate.catalogue import CatalogueError, scan
+from palpate.catalogue import CatalogueError, Source, scan
 from palpate.mesh import load
 from palpate.mesh.textures import GREY, LARGEST, problem_of
 from palpate.scene import Scene
@@ -137,6 +137,6 @@ def test_a_link_that_leads_nowhere_is_said_at_the_start(tmp_path):
     (tmp_path / "mug").mkdir()
     (tmp_path / "mug/a.stl").symlink_to(tmp_path / "moved/a.stl")
     with pytest.raises(CatalogueError, match="mug/a.stl: a link to .*moved/a.stl, where there is no file: mend"):
-        scan({"kind": "folder", "path": tmp_path}, {"mug": "all"})
+        scan(Source("folder", tmp_path), {"mug": "all"})
     with pytest.raises(UnusableObject, match="no such file"):
         load.load_parts(tmp_path / "mug/a.stl")

@@ -11,7 +11,7 @@ from PIL import Image
 import palpate.store
 from palpate.batch import UnusableObject, each_object
 from palpate.camera import paper_camera
-from palpate.catalogue import CatalogueError, all_classes, scan
+from palpate.catalogue import CatalogueError, Source, all_classes, scan
 from palpate.dataset import Dataset
 from palpate.released import arrays as released
 from palpate.released.export import STAGES, export
@@ -113,7 +113,7 @@ def test_what_is_whole_and_has_a_split_is_listed(tree, caplog):
 
 
 def test_the_catalogue_takes_their_splits(tree):
-    source = {"kind": "released", "path": tree}
+    source = Source("released", tree)
     assert all_classes(source) == {"0001": "all", "0002": "all"}
     table = whole_catalogue(source, {"0002": "all", "0001": 1}, batches=1)
     assert table["object"].tolist()[0] == "0002-a.b"
@@ -306,7 +306,7 @@ def test_nothing_in_a_dataset_is_run(tree):
 def test_a_dataset_that_is_something_else_is_named(tree, damage, said):
     damage(tree)
     with pytest.raises(CatalogueError, match=said):
-        scan({"kind": "released", "path": tree}, {"0001": "all"})
+        scan(Source("released", tree), {"0001": "all"})
 
 
 def test_an_empty_reading_is_needed(tree):

@@ -14,6 +14,6 @@ objects = [(catalogue.SourceObject(*fields), split) for *fields, split in snakem
 splits = {entry.object: split for entry, split in objects}
 with atomic_write(snakemake.output.table, checksum=True) as partial:
     entries, batches = [entry for entry, _ in objects], dict.fromkeys(splits, batch)
-    files = catalogue.files_root({"path": root, "outside": snakemake.params.outside})
+    files = catalogue.files_root(root, snakemake.params.outside)
     table = catalogue.build(root, entries, splits, batches, files)
     table.to_csv(partial, index=False)

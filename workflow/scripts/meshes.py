@@ -23,7 +23,7 @@ from palpate.catalogue import files_root
 log_to(snakemake.log[0])
 log = logging.getLogger("meshes")
 objects, settings, sources = snakemake.params.objects, snakemake.params.mesh, Path(snakemake.params.folder)
-files = files_root({"path": sources, "outside": snakemake.params.outside})
+files = files_root(sources, snakemake.params.outside)
 checksum_of = {name: catalogue.checksum(sources / file, files) for name, (file, _, _) in objects.items()}
 
 with (

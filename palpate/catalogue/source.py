@@ -1,0 +1,146 @@
+"""The source of a run's meshes: what the config says of it, and the layouts of data sets as they are published."""
+
+import os
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from palpate.catalogue.object_table import Scale
+from palpate.configuration import RENAMED_VALUES, absolute
+from palpate.mesh import FORMATS
+
+MESH_SUFFIXES = tuple(f".{each}" for each in FORMATS)
+
+# ShapeNetCore's folders of the paper's classes (WordNet synset offsets). Others are asked for by their
+# number.
+SYNSETS = {"bottle": "02876657", "knife": "03624134", "cellphone": "02992529", "rifle": "04090263"}
+
+
+class CatalogueError(ValueError):
+    """The source lacks what the config requests; the message names the place and the remedy."""
+
+
+class Layout(NamedTuple):
+    """Where the data sets of a kind have their meshes, and how they stand.
+
+    Attributes:
+        patterns: of mesh files below the source's path, the best first; `{class}` is the folder of a class. An object
+            is what its wildcards stand for, and has the first file that exists. `**` alone is any mesh, at any depth.
+        up: the up axis, or `format`: that of the file's format (`FORMAT_UP`).
+        suffixes: of mesh files.
+    """
+
+    patterns: tuple[str, ...]
+    up: str
+    suffixes: tuple[str, ...] = MESH_SUFFIXES
+
+
+# Layouts as their publishers have them, unpacked. ShapeNetCore v1 and v2: a class's folder is its synset. ABC: chunks
+# of OBJ or STL files. YCB: scans by Google's scanner, then those of Berkeley's, for not every object has all. Google
+# Scanned Objects: as the zip files of Gazebo Fuel. Objaverse 1.0: as its package `objaverse` downloads it.
+LAYOUTS = {
+    "folder": Layout(("{class}/**",), "format"),
+    "shapenet": Layout(("{class}/*/model.obj", "{class}/*/models/model_normalized.obj"), "y"),
+    "abc": Layout(("**",), "z", (".obj", ".stl")),
+    "ycb": Layout(
+        tuple(f"*/{scan}/textured.obj" for scan in ("google_16k", "google_64k", "google_512k", "tsdf", "poisson")), "z"
+    ),
+    "google_scanned_objects": Layout(("*/meshes/model.obj",), "z"),
+    "objaverse": Layout(("glbs/*/*.glb", "hf-objaverse-v1/glbs/*/*.glb"), "y"),
+}
+# glTF's is y (its specification, section 3.4). COLLADA files say theirs, or have y. Other formats have none, or allow
+# any; CAD and scans have z as a rule.
+FORMAT_UP = {".glb": "y", ".gltf": "y"}
+# The up axis of a source whose config does not say it.
+UP_AXIS = {"procedural": "z", "released": "z", **{kind: layout.up for kind, layout in LAYOUTS.items()}}
+
+
+def files_root(path: Path | str, outside: bool) -> str:
+    """The folder that files have to be in which meshes name: that of the source, or any with `outside`."""
+    return "/" if outside else str(path)
+
+
+@dataclass(frozen=True)
+class Source:
+    """The section `source` of a config.
+
+    Attributes:
+        kind: a key of `UP_AXIS`. path: its folder. pattern: of mesh files, in place of those of its layout.
+        up: the up axis, or `format`; by default that of its kind. scale: `diagonal`, `keep`, or metres a unit of files.
+        objects: a CSV file of what the user says of objects. variants: `best` takes one of several files of an object,
+        `each` all. outside: whether files that meshes name may be outside its folder.
+
+    Raises CatalogueError for an unknown kind.
+    """
+
+    kind: str
+    path: Path | str
+    pattern: str | None = None
+    up: str | None = None
+    scale: Scale = "diagonal"
+    objects: Path | str | None = None
+    variants: str = "best"
+    outside: bool = False
+
+    def __post_init__(self) -> None:
+        if self.kind not in UP_AXIS:
+            raise CatalogueError(f"source kind {self.kind!r}: expected one of {', '.join(UP_AXIS)}")
+        object.__setattr__(self, "up", self.up or UP_AXIS[self.kind])
+
+    @classmethod
+    def from_config(cls, config: Mapping[str, Any], project: Path | str) -> "Source":
+        """The source of a checked config, with absolute paths: relative ones are the project's.
+
+        Procedural objects are made in the run's folder. Keys that a config of an older version lacks have their
+        defaults. Raises ConfigError as `absolute` does.
+        """
+        section = dict(config["source"])
+        made_in = Path(absolute(config["results"], project), config["run"], "sources")
+        section["path"] = absolute(section["path"], project) if section["path"] else str(made_in)
+        section["objects"] = absolute(section["objects"], project) if section.get("objects") else None
+        if "variants" in section:  # the record of an older run may have the value of then
+            section["variants"] = RENAMED_VALUES["source.variants"].get(section["variants"], section["variants"])
+        return cls(**section)
+
+    @property
+    def files_root(self) -> str:
+        """As `files_root`."""
+        return files_root(self.path, self.outside)
+
+    @property
+    def patterns(self) -> tuple[str, ...]:
+        """The patterns of its mesh files, the best first; of kinds with a layout."""
+        return (self.pattern,) if self.pattern else LAYOUTS[self.kind].patterns
+
+    @property
+    def suffixes(self) -> tuple[str, ...]:
+        """The suffixes of its mesh files; of kinds with a layout."""
+        return LAYOUTS[self.kind].suffixes
+
+    @property
+    def has_class_folders(self) -> bool:
+        """Whether the meshes of a class are in a folder of their own."""
+        return self.kind in LAYOUTS and all("{class}" in pattern.split("/") for pattern in self.patterns)
+
+    def class_folders(self, place: Path) -> list[str]:
+        """Names of the folders of classes in a folder, sorted."""
+        found = sorted(each.name for each in os.scandir(place) if each.is_dir() and not each.name.startswith("."))
+        return [name for name in found if self.kind != "shapenet" or re.fullmatch(r"\d{8}", name)]
+
+    def class_of(self, folder: str) -> str:
+        """The class of a folder's name."""
+        names = {synset: name for name, synset in SYNSETS.items()} if self.kind == "shapenet" else {}
+        return names.get(folder, folder)
+
+    def folder_of(self, class_name: str) -> str:
+        """The name of a class's folder. Raises CatalogueError for a name that ShapeNet's synsets are not known by."""
+        if self.kind != "shapenet" or re.fullmatch(r"\d{8}", class_name):
+            return class_name
+        if class_name not in SYNSETS:
+            raise CatalogueError(
+                f"class {class_name}: ShapeNet classes known by name are {', '.join(SYNSETS)}; name others by their "
+                "synset number (eight digits)"
+            )
+        return SYNSETS[class_name]
