@@ -166,7 +166,7 @@ def object_lines(settings: Settings, config: Mapping[str, Any]) -> Iterator[str]
     source, entries = settings.source, settings.entries
     splits = catalogue.splits_of(entries, config["split"])
     counts = Counter((entry.class_name, splits[entry.object]) for entry in entries)
-    yield f"source: {source.kind}, {'made by Palpate' if source['kind'] == 'procedural' else source.path}"
+    yield f"source: {source.kind}, {'made by Palpate' if source.kind == 'procedural' else source.path}"
     classes = f"{len(settings.classes)} class{'es' * (len(settings.classes) > 1)}"
     yield f"{len(entries)} objects in {classes}: {_tally(Path(entry.source).suffix.lower() for entry in entries)}"
     for name in list(settings.classes)[:MOST_CLASSES]:

@@ -351,7 +351,8 @@ def test_shapenet_of_both_versions_is_one_object(tmp_path):
 
 def test_home_folders(tmp_path, monkeypatch):
     monkeypatch.setenv("HOME", str(tmp_path))
-    config = {"results": "~/results", "run": "mine", "source": {"kind": "folder", "path": "~/meshes", "objects": "~/objects.csv"}}
+    section = {"kind": "folder", "path": "~/meshes", "objects": "~/objects.csv"}
+    config = {"results": "~/results", "run": "mine", "source": section}
     resolved = Source.from_config(config, "/project")
     assert (resolved.path, resolved.objects) == (f"{tmp_path}/meshes", f"{tmp_path}/objects.csv")
     assert resolved.up == "format"

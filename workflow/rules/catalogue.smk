@@ -27,7 +27,7 @@ rule catalogue_batch:
         "benchmarks/catalogue/{batch}.tsv"
     params:
         root=SOURCE_PATH,
-        outside=SOURCE["outside"],
+        outside=SOURCE.outside,
         objects=batch_objects_with_splits,
     script:
         "../scripts/catalogue_batch.py"

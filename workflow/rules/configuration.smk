@@ -80,10 +80,10 @@ try:
         catalogue.check_same_run(RUN_FOLDER, config, PROJECT)
     SOURCE, CLASS_COUNTS, ENTRIES, HAND, SENSOR = resolve(config, PROJECT)
     # As jobs see it: what is made in the run's folder moves with it.
-    SOURCE_PATH = "sources" if SOURCE["kind"] == "procedural" else SOURCE["path"]
-    NAMED_IN = catalogue.files_root(SOURCE)  # what meshes name has to be in it
+    SOURCE_PATH = "sources" if SOURCE.kind == "procedural" else SOURCE.path
+    NAMED_IN = SOURCE.files_root  # what meshes name has to be in it
     for entry in ENTRIES:
-        checked(f"{SOURCE['path']}/{entry.source}")
+        checked(f"{SOURCE.path}/{entry.source}")
     BATCH_SIZE = catalogue.resolve_batch_size(config["batch_size"], len(ENTRIES), RUN_FOLDER)
     KNOWN_PLACES = catalogue.read_places(RUN_FOLDER, BATCH_SIZE)
     PLACES = catalogue.assign_batches([entry.object for entry in ENTRIES], BATCH_SIZE, KNOWN_PLACES)
@@ -96,7 +96,7 @@ try:
     if HAND and workflow.is_main_process:
         from palpate import hand  # loads MuJoCo
 
-        for line in hand.check_files(HAND["mjcf"], HAND["sensors"], SENSOR):
+        for line in hand.check_files(HAND.mjcf, HAND.sensors, SENSOR):
             logger.warning(line)
     LOOK = [config["vision"][key] for key in ("cameras", "lights", "background")]
     if workflow.is_main_process and LOOK != [None, None, [1, 1, 1]]:
@@ -233,7 +233,7 @@ def write_page(seconds, object_pages):
 
 
 # The authors' dataset is read and not simulated: it comes without meshes and grasps.
-RELEASED = SOURCE["kind"] == "released"
+RELEASED = SOURCE.kind == "released"
 STAGES = ["released"] if RELEASED else ["meshes", "surface", "grasps", "touch", "vision"]
 
 
@@ -260,16 +260,16 @@ def batch_entries(wildcards):
 def sources_of(batch):
     """Files that a batch's meshes come from; procedural objects come as one folder a class."""
     entries = BATCH_ENTRIES[batch]
-    if SOURCE["kind"] == "procedural":
+    if SOURCE.kind == "procedural":
         return sorted({f"sources/{entry.class_name}" for entry in entries})
-    files = [file for entry in entries for file in mesh_files(f"{SOURCE['path']}/{entry.source}")]
+    files = [file for entry in entries for file in mesh_files(f"{SOURCE.path}/{entry.source}")]
     return [checked(file) for file in dict.fromkeys(files)]
 
 
 @cache
 def texture_mb(batch):
     """MB that the largest textures of an object of a batch take: 16 bytes a pixel, in the meshes stage and in Blender."""
-    paths = [Path(SOURCE["path"], entry.source) for entry in BATCH_ENTRIES[batch] if SOURCE["kind"] != "procedural"]
+    paths = [Path(SOURCE.path, entry.source) for entry in BATCH_ENTRIES[batch] if SOURCE.kind != "procedural"]
     return int(16e-6 * max((named_files.texture_pixels(path, NAMED_IN) for path in paths), default=0))
 
 
@@ -307,7 +307,7 @@ def batch_meshes(wildcards):
 def own_hand_files():
     from palpate.hand import model_files  # loads MuJoCo
 
-    return [checked(str(path)) for path in model_files(HAND["mjcf"])]
+    return [checked(str(path)) for path in model_files(HAND.mjcf)]
 
 
 def hand_files(wildcards):

@@ -3,7 +3,7 @@ rule grasps:
     input:
         meshes="meshes/{batch}",
         surface="surface/{batch}.zarr",
-        hand=[HAND[key] for key in ("mjcf", "sensors")] if HAND else [],
+        hand=list(HAND or []),
         hand_files=hand_files,
     output:
         grasps="grasps/{batch}.h5",

@@ -14,7 +14,7 @@ rule meshes:
         mem_mb=mesh_memory,
     params:
         version=2,  # palpate.mesh.VERSION, whose import loads mesh libraries
-        outside=SOURCE["outside"],
+        outside=SOURCE.outside,
         objects=batch_meshes,
         folder=SOURCE_PATH,
         mesh=config["mesh"],

@@ -4,7 +4,7 @@ if RELEASED:
     rule released:
         input:
             sources=batch_sources,
-            empty_reading=f"{SOURCE['path']}/empty_gel.npy",
+            empty_reading=f"{SOURCE.path}/empty_gel.npy",
         output:
             surface=directory("surface/{batch}.zarr"),
             touch=directory("touch/{batch}.zarr"),
@@ -16,7 +16,7 @@ if RELEASED:
             "benchmarks/released/{batch}.tsv"
         params:
             objects=batch_objects,
-            source=SOURCE["path"],
+            source=SOURCE.path,
             settings={
                 "surface": {"points": config["surface"]["points"]},
                 "grasps": {"per_object": config["grasps"]["per_object"]},
