@@ -16,7 +16,6 @@ MAX_COORDINATE = 10.0
 MAX_ROTATION = 1.001  # greatest element of a rotation matrix, with its rounding
 SENSOR_AXES = len(CONTRACT["touch"].arrays["success"].shape)  # axes that count objects, grasps and sensors
 
-BASIC = int | np.integer | slice
 Index = int | slice | Sequence[int] | np.ndarray
 
 
@@ -78,33 +77,26 @@ class JoinedArray(Sequence):
         return len(self._entries)
 
     def __getitem__(self, index: Index | tuple) -> np.ndarray:
-        """Indexes as numpy does: numbers, slices, lists, boolean masks, `...`, and several of them.
+        """Indexes as numpy does: numbers, slices and `...`, and in the first place also one list or mask of objects.
 
-        Numbers and slices read only the chunks that they need; so does one list or mask of objects before them. With
-        other lists and masks the objects that are needed are read whole. Raises IndexError for an index out of range,
-        too many of them, or a new axis.
+        Only the chunks that these need are read. Raises IndexError for an index out of range and for any other, which
+        the result takes: `array[:][mask]`.
         """
-        first, further = self._split(index)
-        try:
-            if not (isinstance(first, slice) or np.ndim(first) <= 1) or not all(isinstance(x, BASIC) for x in further):
-                return self._gathered(first, further)
-            return self._read(first, further)
-        except (IndexError, TypeError) as error:
-            raise IndexError(f"{self!r}: {error}") from None
-
-    def _split(self, index: Index | tuple) -> tuple[Index, tuple]:
-        """The index of the first axis, and those of the further axes that have one."""
         given = index if isinstance(index, tuple) else (index,)
-        axes = sum(_axes(item) for item in given)
-        if axes > self.ndim:
-            raise IndexError(f"{self!r} has {self.ndim} axes, but the index has {axes}")
         place = next((place for place, item in enumerate(given) if item is Ellipsis), None)
         if place is not None:
-            given = given[:place] + (slice(None),) * (self.ndim - axes) + given[place + 1 :]
-        if any(item is None or item is Ellipsis or isinstance(item, bool | np.bool_) for item in given):
-            raise IndexError(f"{self!r} takes one `...`, no new axis and no single bool; index the result")
+            given = (*given[:place], *[slice(None)] * (self.ndim - len(given) + 1), *given[place + 1 :])
         first, *further = given or (slice(None),)
-        return first, tuple(further)
+        of_objects = _is_basic(first) or np.ndim(first) == 1
+        if len(given) > self.ndim or not of_objects or not all(map(_is_basic, further)):
+            raise IndexError(
+                f"{self!r} takes up to {self.ndim} numbers and slices, one `...`, and one list of objects in the first "
+                "place: index the result by anything else"
+            )
+        try:
+            return self._read(first, tuple(further))
+        except (IndexError, TypeError) as error:
+            raise IndexError(f"{self!r}: {error}") from None
 
     def _read(self, first: Index, further: tuple[int | slice, ...]) -> np.ndarray:
         """One object, or the objects of a slice, a list or a mask, and of each what `further` picks."""
@@ -133,20 +125,6 @@ class JoinedArray(Sequence):
         store = self._run.store(self._stage, batch)
         success = store.get("success", (rows, *further[: SENSOR_AXES - 1]))
         return fill_untouched(values, success, store.get("empty_reading", further[SENSOR_AXES - 1 :]))
-
-    def _gathered(self, first: Index, further: tuple) -> np.ndarray:
-        """What an index picks that is not of numbers and slices only: by numpy, of the objects that it needs."""
-        if isinstance(first, slice):
-            return self._read(first, ())[(slice(None), *further)]
-        first = np.asarray(first)
-        if first.dtype == bool and first.ndim > 1:
-            if first.shape != self.shape[: first.ndim]:
-                raise IndexError(f"a mask {first.shape} for an array {self.shape}")
-            rows = np.flatnonzero(first.reshape(len(first), -1).any(axis=1))
-            return self._read(rows, ())[(first[rows], *further)]
-        numbers = np.arange(len(self))[first]
-        rows, inverse = np.unique(numbers, return_inverse=True)
-        return self._read(rows, ())[(inverse.reshape(numbers.shape), *further)]
 
     def _store(self, batch: str) -> Store:
         """The store of a batch. Raises StoreError if its records have another shape than those of the first."""
@@ -199,12 +177,8 @@ class JoinedArray(Sequence):
         )
 
 
-def _axes(item: Any) -> int:
-    """How many axes of the array an item of an index is for."""
-    if item is None or item is Ellipsis:
-        return 0
-    mask = not isinstance(item, slice) and np.asarray(item).dtype == bool
-    return np.ndim(item) if mask else 1
+def _is_basic(item: Any) -> bool:
+    return isinstance(item, int | np.integer | slice) and not isinstance(item, bool)
 
 
 def fill_untouched(reading: np.ndarray, success: np.ndarray, empty: np.ndarray) -> np.ndarray:

@@ -90,14 +90,12 @@ def test_arrays_are_joined_over_batches_in_the_order_of_the_view(built):
     indices = [slice(None), -1, [2, 0, 1], slice(0, 3, 2), mask, mask.tolist(), (1, 1), (2, -1, 3), (slice(0, 2), 1)]
     indices += [(slice(1, 3), slice(None), 0), (mask, slice(1, None), 2, slice(10, 20, 3)), (mask, 0, -1), ...]
     indices += [(..., 5), (0, ..., slice(3)), (slice(3, 3), 1), ([], 0), (np.int64(1), np.int64(0)), ()]
-    touched = expected < np.inf
-    indices += [(0, slice(None, None, -1)), (0, [0, 1]), ([2, -1, 0], [1, 0, 1]), (slice(None, None, -1), [1], 2)]
-    indices += [touched, (touched.any((3, 4)), slice(3), 7), np.array([[0, 1], [-1, -3]]), (mask, [0, 1], [3, 2])]
-    indices += [(slice(1), ..., [5, 1], 0), ([1, 1], ..., slice(None, None, -7))]
+    indices += [(0, slice(None, None, -1)), (slice(None, None, -1), 1, 2), ([1, 1], ..., slice(None, None, -7))]
     for index in indices:
         np.testing.assert_array_equal(depth[index], expected[index], err_msg=str(index))
         assert depth[index].shape == expected[index].shape and depth[index].dtype == expected.dtype
-    wrong = [3, -4, (0, GRASPS), (0, 0, 0, 0, 0, 0), (0, mask), (0, None), True, [[0, 3]], "a", [-4, 0], touched[1:]]
+    wrong = [3, -4, (0, GRASPS), (0, 0, 0, 0, 0, 0), (0, mask), (0, None), True, [[0, 3]], "a", [-4, 0], mask[1:]]
+    wrong += [expected < np.inf, (0, [0, 1]), (..., 0, ...), (0, True), ["a"], 0.5]
     for index in wrong:
         with pytest.raises(IndexError):
             depth[index]
@@ -120,7 +118,7 @@ def test_an_untouched_sensor_reads_the_empty_gel_in_every_way_of_reading(built):
     expected = np.stack([stored[name] for name in OBJECTS])
     assert not expected[~success].any() and not success.all()
     expected[~success] = empty_reading()
-    for index in (..., 1, (2, 1), (slice(None), 0, 3), (0, 1, slice(1, 3), slice(7), 3), (1, 0, 2, 4, 9, 1), ~success):
+    for index in (..., 1, (2, 1), (slice(None), 0, 3), (0, 1, slice(1, 3), slice(7), 3), (1, 0, 2, 4, 9, 1), [2, 0]):
         np.testing.assert_array_equal(reading[index], expected[index], err_msg=str(index))
     np.testing.assert_array_equal(dataset.load("touch", "reading"), expected)
     np.testing.assert_array_equal([[grasp.reading for grasp in record.grasps] for record in dataset], expected)
