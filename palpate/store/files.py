@@ -1,50 +1,27 @@
 """One batch's store on disk: written atomically and checked against the contract, read array by array.
 
-Zarr v3 with the sharding codec (a chunk is one record, a shard one array of the batch) or HDF5, by the suffix.
+Zarr v3 with the sharding codec or HDF5, by the suffix.
 """
 
-import hashlib
 import importlib.metadata
-import json
-import os
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-import h5py
-import numcodecs.blosc
 import numpy as np
 import zarr
-from zarr.codecs import BloscCodec, Crc32cCodec
 
 import palpate
-from palpate import checksums
 from palpate.atomic import atomic_write
 from palpate.provenance import Made
-from palpate.rebuild_command import rebuild_advice, rebuild_command
+from palpate.rebuild_command import rebuild_command
 from palpate.store.contract import CONTRACT, FRAMES, SCHEMA_VERSION, UNITS, ArraySpec, StoreSpec
-from palpate.store.shards import Chunk, Records, is_chunk, is_readable, shard_file
+from palpate.store.errors import StoreError, reading
+from palpate.store.hdf5_file import Hdf5File, seal_hdf5, write_hdf5
+from palpate.store.zarr_files import ZarrFiles, seal_zarr, write_zarr
 
-# Batches are worked on in parallel, never the chunks of one store: one thread a process, unless the user says
-# otherwise (ZARR_THREADING__MAX_WORKERS). Several threads of Blosc may write a chunk's blocks in any order.
-if zarr.config.get("threading.max_workers") is None:
-    zarr.config.set({"threading.max_workers": 1})
-numcodecs.blosc.use_threads = False
-
-# Chosen in studies/benchmarks/store.py; lossless.
-COMPRESSION = {"cname": "zstd", "clevel": 1, "shuffle": "shuffle"}
 STRING_KINDS = "UOST"  # numpy's kinds of types that hold text
-# A Zarr store's attribute: `files`, the manifest of all files but the one that holds it, and `sha256`, the checksum of
-# the other attributes and the manifest.
-MANIFEST = "manifest"
-ROOT = "zarr.json"  # the file of a Zarr group's attributes, and of an array's header
-# Bytes before the content of an HDF5 file (its user block, which HDF5 skips): the content's size and SHA-256 as JSON.
-USER_BLOCK = 512
-
-
-class StoreError(ValueError):
-    """A store, or arrays to be written, violate the contract; the message names the file."""
+Header = tuple[tuple[int, ...], np.dtype]  # of an array: shape and type
 
 
 def write(path: Path | str, stage: str, arrays: Mapping[str, np.ndarray], attributes: Mapping[str, Any]) -> None:
@@ -75,10 +52,7 @@ def write(path: Path | str, stage: str, arrays: Mapping[str, np.ndarray], attrib
     }
     described = {**describe(spec), **attributes}
     with atomic_write(path) as partial:
-        if path.suffix == ".zarr":
-            _write_zarr(partial, spec, arrays, described)
-        else:
-            _write_hdf5(partial, spec, arrays, described)
+        (write_zarr if path.suffix == ".zarr" else write_hdf5)(partial, spec, arrays, described)
 
 
 def describe(spec: StoreSpec) -> dict[str, Any]:
@@ -92,9 +66,6 @@ def describe(spec: StoreSpec) -> dict[str, Any]:
         "frames": FRAMES,
         "versions": {"palpate": palpate.__version__, **versions},
     }
-
-
-Header = tuple[tuple[int, ...], np.dtype]  # of an array: shape and type
 
 
 def check_headers(path: Path, spec: StoreSpec, headers: Mapping[str, Header], optional: bool = True) -> None:
@@ -147,74 +118,9 @@ def _text(path: Path, name: str, array: np.ndarray) -> np.ndarray:
     return array.astype(object)
 
 
-def _write_zarr(path: Path, spec: StoreSpec, arrays: dict[str, np.ndarray], attributes: dict[str, Any]) -> None:
-    group = zarr.create_group(path)
-    for name in filter(arrays.__contains__, spec.arrays):
-        array, array_spec = arrays[name], spec.arrays[name]
-        text = array_spec.dtype == "string"
-        chunk = array_spec.chunk(array.shape)
-        shard = tuple(max(length, 1) for length in array.shape)
-        target = group.create_array(
-            name,
-            shape=array.shape,
-            dtype="string" if text else array.dtype,
-            chunks=chunk,
-            shards=shard if shard != chunk else None,
-            compressors=[Crc32cCodec()] if text else [BloscCodec(**COMPRESSION), Crc32cCodec()],
-            fill_value=array_spec.fill if text else array.dtype.type(array_spec.fill),
-            attributes={"meaning": array_spec.meaning, "unit": array_spec.unit},
-        )
-        if array.size:
-            target[...] = array
-    seal(path, attributes)
-
-
 def seal(path: Path, attributes: Mapping[str, Any] | None = None) -> None:
-    """Have a store that is written state what it holds: its files' sizes and checksums.
-
-    attributes: those to give to a Zarr store; by default those that it has.
-    """
-    if path.suffix != ".zarr":
-        stated = _user_block(path.read_bytes()[USER_BLOCK:])
-        with path.open("r+b") as file:
-            file.write(stated)
-        return
-    group = zarr.open_group(path, mode="r+")
-    attributes = dict(group.attrs if attributes is None else attributes)
-    attributes.pop(MANIFEST, None)
-    # Zarr reads a file that is missing as the fill value.
-    files = {name: stated for name, stated in checksums.manifest_of(path).items() if name != ROOT}
-    group.attrs.put({**attributes, MANIFEST: {"sha256": _digest(attributes, files), "files": files}})
-
-
-def _user_block(content: bytes) -> bytes:
-    stated = {"size": len(content), "sha256": hashlib.sha256(content).hexdigest()}
-    return json.dumps(stated).encode().ljust(USER_BLOCK)
-
-
-def _digest(attributes: Mapping[str, Any], files: checksums.Manifest) -> str:
-    return hashlib.sha256(json.dumps([attributes, files], sort_keys=True).encode()).hexdigest()
-
-
-def _write_hdf5(path: Path, spec: StoreSpec, arrays: dict[str, np.ndarray], attributes: dict[str, Any]) -> None:
-    with h5py.File(path, "w", userblock_size=USER_BLOCK) as file:
-        file.attrs.update({name: json.dumps(value, sort_keys=True) for name, value in attributes.items()})
-        for name, array in arrays.items():
-            if array.dtype == object:  # of fixed length: those of variable length have no checksums
-                array = np.char.encode(array.astype(str), "utf-8")
-                array = array.astype(h5py.string_dtype("utf-8", max(array.dtype.itemsize, 1)))
-            whole_array = {"chunks": array.shape, "fletcher32": True} if array.size and array.ndim else {}
-            dataset = file.create_dataset(name, data=array, **whole_array)
-            if name in spec.arrays:
-                dataset.attrs.update({"meaning": spec.arrays[name].meaning, "unit": spec.arrays[name].unit})
-    seal(path)
-
-
-def _as_str(values: np.ndarray) -> np.ndarray:
-    """An array as read, its strings as numpy's str."""
-    if values.dtype.kind == "S":
-        return np.char.decode(values, "utf-8")
-    return values.astype(str) if values.dtype == object else values
+    """Have a store that is written state what it holds. attributes: of a Zarr store; by default those that it has."""
+    seal_zarr(path, attributes) if path.suffix == ".zarr" else seal_hdf5(path)
 
 
 class Store:
@@ -230,141 +136,43 @@ class Store:
         self.path = Path(path)
         if not self.path.exists():
             raise StoreError(f"{self.path} does not exist; build it with: {rebuild_command(self.path)}")
-        self._headers: dict[str, Records | Chunk | zarr.Array] = {}
-        if self.path.suffix != ".zarr":
-            self._require_intact_hdf5()
-        with self._reading():
-            if self.path.suffix == ".zarr":
-                attributes = dict(zarr.open_group(self.path, mode="r").attrs)
-            else:  # HDF5 has no nested attributes: there each is a JSON text
-                with h5py.File(self.path, "r") as file:
-                    attributes = {name: json.loads(value) for name, value in file.attrs.items()}
-        version = attributes.get("schema_version")
-        if version != SCHEMA_VERSION:
+        with reading(self.path):
+            self._files = ZarrFiles(self.path) if self.path.suffix == ".zarr" else Hdf5File(self.path)
+        self.attributes = self._files.attributes
+        version = self.attributes.get("schema_version")
+        if version != SCHEMA_VERSION:  # of all stores of the run
+            target = "/".join(self.path.parts[-2:])
             raise StoreError(
                 f"{self.path} has schema version {version}, but this palpate reads version {SCHEMA_VERSION}; "
-                f"use the palpate that made it, or build the run again with: {self._rebuild}"
+                "use the palpate that made it, or build the run again with: "
+                f"{rebuild_command(self.path, 'dataset', target)} --forceall"
             )
-        stated = attributes.pop(MANIFEST, {})
-        self.attributes, self._files = attributes, stated.get("files", {})
-        if self.path.suffix == ".zarr" and stated.get("sha256") != _digest(self.attributes, self._files):
-            raise self._damaged([f"{ROOT} has changed since it was written (checksum)"])
-        if self.path.suffix == ".zarr":
-            self._require_intact(contents=False)
-
-    def _require_intact_hdf5(self) -> None:
-        """Raise StoreError if an HDF5 file, some 30 kB an object, is not as it was written.
-
-        Before HDF5 opens it: of some damaged files it never returns. Files of earlier versions have no user block.
-        """
-        with self._reading():
-            data = self.path.read_bytes()
-            self._content = hashlib.sha256(data[:USER_BLOCK]).hexdigest()
-        earlier = data.startswith(b"\x89HDF\r\n\x1a\n")
-        if not earlier and data[:USER_BLOCK] != _user_block(data[USER_BLOCK:]):
-            raise self._damaged(["it has changed since it was written (checksum)"])
-        self._block = data[:USER_BLOCK]
-
-    def _require_intact(self, contents: bool) -> None:
-        """Raise StoreError, naming the first files, if files are missing or of another size (or content)."""
-        if self.path.suffix != ".zarr":
-            self._require_intact_hdf5()
-        elif found := checksums.find_damage(self.path, self._files, contents):
-            raise self._damaged(found)
-
-    def _damaged(self, lines: list[str]) -> StoreError:
-        return StoreError(f"{self.path} is damaged: {checksums.join_first(lines)}; {rebuild_advice(self.path)}")
+        self._files.require_files()
 
     def verify(self) -> None:
         """Compare all files with their checksums. Raises StoreError, naming the first, if any is not as written."""
-        self._require_intact(contents=True)
+        with reading(self.path):
+            self._files.verify()
 
     @property
     def digest(self) -> str:
         """SHA-256 of what the store states of its files: other content has another digest."""
-        return _digest(self.attributes, self._files) if self._files else self._content
+        return self._files.digest
 
     @property
     def made(self) -> Made:
         """What it holds and what it was made from, to compare with other stores."""
         return Made(self.path, self.attributes["stage"], self.digest, self.attributes["made_from"])
 
-    @property
-    def _target(self) -> str:
-        """The path as Snakemake's targets name it: from the run's folder on."""
-        return "/".join(self.path.parts[-2:])
-
-    @property
-    def _rebuild(self) -> str:
-        """The command that builds all stores of the run again: they have one schema version."""
-        return f"{rebuild_command(self.path, 'dataset', self._target)} --forceall"
-
-    @contextmanager
-    def _reading(self) -> Iterator[None]:
-        try:
-            yield
-        except (StoreError, IndexError, PermissionError):  # not about what the file holds
-            raise
-        except Exception as error:
-            raise StoreError(
-                f"{self.path} can't be read ({type(error).__name__}: {error}); {rebuild_advice(self.path)}"
-            ) from error
-
-    def _array(self, name: str) -> Records | Chunk | zarr.Array | np.ndarray:
-        """One array, not read, of a file that is as it was when the store was opened; StoreError if it is missing."""
-        array = self._headers.get(name)
-        if array is None:
-            array = self._opened(name)
-        if self.path.suffix != ".zarr":
-            with self.path.open("rb", buffering=0) as file:
-                if file.read(USER_BLOCK) != self._block:
-                    raise StoreError(f"{self.path} has changed since it was opened; open the dataset again")
-            return array
-        # At every read, because Zarr takes a missing file for one of fill values.
-        shard = shard_file(name, array)
-        stated = {shard: self._files[shard]} if shard in self._files else {}
-        found = checksums.find_damage(self.path, stated)
-        if not stated and os.path.exists(self.path / shard):
-            found = [f"{shard} was not written with it"]
-        if found:
-            raise self._damaged(found)
-        return array
-
-    def _opened(self, name: str) -> Records | Chunk | zarr.Array | np.ndarray:
-        """An array whose header is the one that was written, remembered; a small one of HDF5 without chunks is read."""
-        if self.path.suffix != ".zarr":
-            with h5py.File(self.path, "r") as file:
-                if name not in file:
-                    raise StoreError(f"{self.path} has no array {name!r}")
-                if not is_chunk(file[name]):
-                    return file[name][...]
-                return self._headers.setdefault(name, Chunk(self.path, file[name]))
-        header = f"{name}/{ROOT}"
-        if header not in self._files:
-            if (self.path / header).exists():
-                raise self._damaged([f"{header} was not written with it"])
-            raise StoreError(f"{self.path} has no array {name!r}")
-        if found := checksums.find_damage(self.path, {header: self._files[header]}, contents=True):
-            raise self._damaged(found)
-        array = zarr.open_array(self.path / name, mode="r")
-        if is_readable(array):
-            shard = shard_file(name, array)
-            array = Records(self.path / shard if shard in self._files else None, array)
-        return self._headers.setdefault(name, array)
-
     def names(self) -> list[str]:
         """Names of all arrays, sorted; those in groups as `hand/<name>`."""
-        if self.path.suffix == ".zarr":
-            return sorted(metadata.parent.name for metadata in self.path.glob("*/zarr.json"))
-        found: dict[str, object] = {}
-        with self._reading(), h5py.File(self.path, "r") as file:
-            file.visititems(found.__setitem__)
-            return sorted(name for name, item in found.items() if isinstance(item, h5py.Dataset))
+        with reading(self.path):
+            return sorted(self._files.names())
 
     def header(self, name: str) -> Header:
         """Shape and type of an array, which is not read."""
-        with self._reading():
-            array = self._array(name)
+        with reading(self.path):
+            array = self._files.array(name)
             return tuple(array.shape), array.dtype
 
     def get(self, name: str, index: Any = ...) -> np.ndarray:
@@ -372,9 +180,12 @@ class Store:
 
         Only the records are read that numbers, slices, and numbers of rows in a numpy array pick.
         """
-        with self._reading():
-            array = self._array(name)
-            return _as_str(np.asarray((array[...] if isinstance(array, zarr.Array) else array)[index]))
+        with reading(self.path):
+            array = self._files.array(name)
+            values = np.asarray((array[...] if isinstance(array, zarr.Array) else array)[index])
+            if values.dtype.kind == "S":
+                return np.char.decode(values, "utf-8")
+            return values.astype(str) if values.dtype == object else values
 
     __getitem__ = get
 

@@ -21,7 +21,7 @@ from tabulate import tabulate
 from palpate import store
 from palpate.dataset import Dataset, validation
 from palpate.sensor import DIGIT
-from palpate.store import files
+from palpate.store import zarr_files
 from studies.timing import interleaved
 
 # Codec, level and shuffle of Blosc; level 0 stores.
@@ -54,7 +54,7 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         for name, level, shuffle in CODECS:
             found = []
-            with patch.object(files, "COMPRESSION", {"cname": name, "clevel": level, "shuffle": shuffle}):
+            with patch.object(zarr_files, "COMPRESSION", {"cname": name, "clevel": level, "shuffle": shuffle}):
                 for stage in stages:
                     path = Path(folder) / store.CONTRACT[stage].path(args.batch)
                     spent = milliseconds(partial(store.write, path, stage, arrays[stage], attributes), args.repeats)
