@@ -97,7 +97,7 @@ def simulate(folder: Path, objects: int, batch_size: int, batches: int) -> None:
         for number, members in enumerate(tqdm(of_batch, desc=stage, disable=None)):
             (folder / f"rejected/{stage}/batch-{number:04d}.csv").write_text("object,stage,reason\n")
             path, first = folder / spec.path(f"batch-{number:04d}"), folder / spec.path("batch-0000")
-            if number == 0 or (number < batches and spec.suffix == ".h5"):
+            if number == 0 or (number < batches and spec.stage.suffix == ".h5"):
                 store.write(path, stage, arrays | {"object": np.array(members)}, ATTRIBUTES)
             elif number < batches and len(members) == batch_size:
                 shutil.copytree(first, path)
