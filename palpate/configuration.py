@@ -25,7 +25,7 @@ CONTROL = re.compile(r"[\x00-\x1f\x7f-\x9f]")
 
 
 class ConfigError(ValueError):
-    """A config, catalogue or experiment that does not fit its schema; the message lists every misfit."""
+    """A config, catalogue or experiment that does not fit its schema; the message lists every difference."""
 
 
 def absolute(path: Path | str, project: Path | str) -> str:
@@ -170,7 +170,7 @@ def whole_numbers(values: Any) -> Any:
 
 
 def check(instance: Any, schema: Path | str, what: str) -> None:
-    """Raise `ConfigError` with one line for each misfit of `instance` to the schema file.
+    """Raise `ConfigError` with one line for each place where `instance` does not fit the schema file.
 
     `what` names the thing in the message, e.g. the config files that were read.
     """

@@ -43,7 +43,7 @@ class Made(NamedTuple):
         """Values of the config that it depends on, by their path."""
         return self.made_from.get("config", {})
 
-    def misfit(self, config: Mapping[str, Any], contents: Mapping[str, str]) -> str:
+    def difference(self, config: Mapping[str, Any], contents: Mapping[str, str]) -> str:
         """How it differs from a run's config (values by path) and contents (digests by stage); empty if it does not.
 
         What only one side states does not count.
@@ -57,9 +57,9 @@ class Made(NamedTuple):
         lines += [f"from other {' and '.join(others)} than the run has"] if others else []
         return checksums.join_first(lines)
 
-    def refused(self, misfit: str) -> str:
-        """The message about a misfit."""
-        return f"{self.path} was made {misfit}; {rebuild_advice(self.path)}"
+    def refusal(self, difference: str) -> str:
+        """The error message about a difference."""
+        return f"{self.path} was made {difference}; {rebuild_advice(self.path)}"
 
 
 def of_meshes(batch: Path | str) -> Made:
@@ -98,7 +98,7 @@ def combine(config: Mapping[str, Any], *inputs: Made, **digests: str) -> dict[st
     """
     values, contents = json.loads(json.dumps(by_path(config))), dict(digests)
     for made in inputs:
-        if misfit := made.misfit(values, contents):
-            raise MixedInputs(made.refused(misfit))
+        if difference := made.difference(values, contents):
+            raise MixedInputs(made.refusal(difference))
         values, contents = {**made.config, **values}, {**made.inputs, **contents, made.stage: made.digest}
     return {"inputs": contents, "config": values}

@@ -71,7 +71,7 @@ def resolve_batch_size(batch_size: int | str, objects: int, folder: Path | str) 
 def read_places(folder: Path | str, batch_size: int) -> dict[str, str]:
     """The batch of every object that the run in a folder has had; empty if it has none, or another batch size.
 
-    Of a run without the file, as older versions left it, `catalogue.csv` says it.
+    A run without the file, as older versions left it, has them in `catalogue.csv`.
     Raises CatalogueError, naming the file and the remedy, if the file is damaged.
     """
     path = Path(folder, PLACES)
@@ -84,7 +84,7 @@ def read_places(folder: Path | str, batch_size: int) -> dict[str, str]:
 def _read(path: Path) -> tuple[int, dict[str, str]]:
     """The batch size, and the batch of every object, as `write_places` wrote them."""
     try:
-        held = read_record(path, "remove it, and catalogue.csv says the batches")
+        held = read_record(path, "remove it: the batches are in catalogue.csv, too")
         return int(held["batch_size"]), {
             str(name): batch_name(batch_number(batch)) for name, batch in held["objects"].items()
         }
@@ -92,7 +92,7 @@ def _read(path: Path) -> tuple[int, dict[str, str]]:
         raise CatalogueError(str(error)) from None
     except (ValueError, KeyError, TypeError, AttributeError) as error:
         raise CatalogueError(
-            f"{path} is damaged ({type(error).__name__}): remove it, and catalogue.csv says the batches"
+            f"{path} is damaged ({type(error).__name__}): remove it: the batches are in catalogue.csv, too"
         ) from None
 
 

@@ -1,11 +1,12 @@
-"""What users say of classes and objects in a CSV file: class, split, up axis, scale.
+"""What users specify for classes and objects in a CSV file: class, split, up axis, scale.
 
     path,class,split,up,scale
     002_master_chef_can,can,test,,keep      a file or a folder below the source's path: all meshes in it
     mugs/blue.glb,,,z,
     ,pan,train,,0.001                       without a path: all objects of the class
 
-An empty field says nothing. Of several rows the one of the longest path counts, field by field; a class's comes last.
+An empty field specifies nothing. Of several rows the one of the longest path counts, field by field; a class's row
+comes last.
 """
 
 import csv
@@ -25,7 +26,7 @@ Scale = str | float
 
 
 class Given(NamedTuple):
-    """What is said of an object; an empty string where nothing is."""
+    """What is specified for an object; an empty string where nothing is."""
 
     class_name: str = ""
     split: str = ""
@@ -33,7 +34,7 @@ class Given(NamedTuple):
     scale: Scale = ""
 
     def over(self, other: "Given") -> "Given":
-        """Field by field this one's, or the other's where this one says nothing."""
+        """Field by field this one's, or the other's where this one is empty."""
         return Given(*(mine or theirs for mine, theirs in zip(self, other, strict=True)))
 
 
@@ -49,7 +50,7 @@ class ObjectTable(NamedTuple):
         return any(given.class_name for given in self.of_path.values())
 
     def of(self, path: str, class_name: str) -> Given:
-        """What is said of a mesh file; class_name: its class if no row gives it another."""
+        """What is specified for a mesh file; class_name: its class if no row gives it another."""
         given = Given()
         for place in (path, *map(str, PurePosixPath(path).parents)):
             given = given.over(self.of_path.get(place, Given()))
@@ -105,7 +106,7 @@ def read_object_table(path: Path | str, root: Path | str) -> ObjectTable:
         elif values.get("class"):
             table, key = of_class, values["class"]
         else:
-            raise ConfigError(f"{place}: it says of which object or class it is in neither path nor class: fill in one")
+            raise ConfigError(f"{place}: path and class are both empty: fill in one of them")
         if key in table:
             raise ConfigError(f"{place}: there is a line for {key} already: remove one of them")
         table[key] = given

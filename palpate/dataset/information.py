@@ -33,7 +33,7 @@ def run_lines(dataset: Dataset) -> list[str]:
 
 
 def _shape(dataset: Dataset, stage: str, name: str) -> str:
-    """The shape of an array; where its stage is not finished, or it is optional, that there is none."""
+    """The shape of an array; where its stage is not finished, or it is optional, "not there"."""
     try:
         return str(dataset.array(stage, name).shape)
     except StoreError:

@@ -42,14 +42,14 @@ class Dataset(Sequence):
 
     def __init__(self, run: Path | str, stages: Iterable[str] = DATASET_STAGES):
         self._run = Run(run)
-        self._asked = tuple(stages)
-        if unknown := sorted(set(self._asked) - {RELEASED, *STAGES}):
+        self._required = tuple(stages)
+        if unknown := sorted(set(self._required) - {RELEASED, *STAGES}):
             raise ValueError(f"no stage {', '.join(unknown)}: expected some of {', '.join([RELEASED, *STAGES])}")
-        self._entries = self._run.usable(self._asked)
+        self._entries = self._run.usable(self._required)
 
     def _view(self, entries: Iterable[CatalogueEntry]) -> "Dataset":
         view = object.__new__(Dataset)
-        view._run, view._asked = self._run, self._asked
+        view._run, view._required = self._run, self._required
         view._entries = {entry.object: entry for entry in entries}
         return view
 
@@ -85,7 +85,7 @@ class Dataset(Sequence):
 
     def rejections(self) -> list[dict[str, str]]:
         """Rows object, stage, reason of what these stages rejected, in all classes and splits."""
-        return self._run.rejections(stages=self._asked)
+        return self._run.rejections(stages=self._required)
 
     def split(self, name: str) -> "Dataset":
         """The objects of one split: train, validation or test; it may have none."""
@@ -107,16 +107,19 @@ class Dataset(Sequence):
     def _entry(self, name: str) -> CatalogueEntry:
         if name in self._entries:
             return self._entries[name]
-        if name in self._run.rejected(self._asked):
+        if name in self._run.rejected(self._required):
             raise KeyError(f"{name!r} was rejected; {self._run.folder / 'rejected.csv'} has the reason")
         raise KeyError(f"{name!r} is not among the {len(self)} objects of {self!r}{_nearest(name, self._entries)}")
+
+    def _first_entry(self, purpose: str) -> CatalogueEntry:
+        if not self._entries:
+            raise StoreError(f"{self!r}: no object {purpose}; rejected.csv says why")
+        return next(iter(self._entries.values()))
 
     @property
     def grasps_per_object(self) -> int:
         """Grasps of each object, by the first stage that has grasps. Raises StoreError if there is no object."""
-        if not self._entries:
-            raise StoreError(f"{self!r}: no object to count grasps of; rejected.csv says why")
-        return self._run.grasps(next(iter(self._entries.values())))
+        return self._run.grasps(self._first_entry("to count grasps of"))
 
     def array(self, stage: str, name: str) -> JoinedArray:
         """One array of a stage, joined over batches and read where it is indexed: these objects' rows, in their order.
@@ -161,7 +164,7 @@ class Dataset(Sequence):
                 f"({', '.join(f'{name} {counts[name]}' for name in SPLITS)}): set `split` in the run's config, or add "
                 "objects, and build it again"
             )
-        return GraspDataset(self._run, chosen._entries.values(), self._asked, arrays, camera)
+        return GraspDataset(self._run, chosen._entries.values(), self._required, arrays, camera)
 
     def table(self) -> "pandas.DataFrame":
         """A row a grasp: object, class, split, batch, grasp, touches, and the object's row in `array`.
@@ -197,17 +200,13 @@ class Dataset(Sequence):
     @property
     def empty_reading(self) -> np.ndarray:
         """(r, c, 3) uint8 reading of an untouched sensor. Raises StoreError if there is no object."""
-        if not self._entries:
-            raise StoreError(f"{self!r}: no object whose touch store has the empty reading; rejected.csv says why")
-        return self._run.store("touch", next(iter(self._entries.values())).batch).get("empty_reading")
+        batch = self._first_entry("whose touch store has the empty reading").batch
+        return self._run.store("touch", batch).get("empty_reading")
 
     @property
     def sensor(self) -> Sensor:
-        """The kind of touch sensor that the readings are of, as their store states it. Raises StoreError if there is
-        no object."""
-        if not self._entries:
-            raise StoreError(f"{self!r}: no object whose touch store has the sensor; rejected.csv says why")
-        return self._run.sensor(next(iter(self._entries.values())).batch)
+        """The kind of touch sensor, as the touch store states it. Raises StoreError if there is no object."""
+        return self._run.sensor(self._first_entry("whose touch store has the sensor").batch)
 
     def __len__(self) -> int:
         return len(self._entries)
@@ -237,7 +236,7 @@ class Dataset(Sequence):
 
 
 def _nearest(name: str, known: Iterable[str]) -> str:
-    """The end of a message about a name that there is none of: the nearest ones."""
+    """The end of a message about an unknown name: the nearest known ones."""
     close = difflib.get_close_matches(name, list(known), n=3)
     return f"; did you mean {' or '.join(close)}?" if close else ""
 

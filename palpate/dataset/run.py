@@ -113,14 +113,14 @@ class Run:
 
         Tables of rejections say what a store lacks; where there are none, the store is opened.
         """
-        asked, rejected = set(stages), defaultdict(set)
+        required, rejected = set(stages), defaultdict(set)
         for row in self.rejections():
             rejected[row["object"]].add(row["stage"])
         excluding: dict[str, set[str]] = {}  # by batch: stages whose rejections count
         held: dict[str, list[set[str]]] = {}  # by batch: the objects of stores that no table is about
         for batch in self.batches:
-            excluding[batch], held[batch] = set(asked), []
-            for stage in asked & set(CONTRACT):
+            excluding[batch], held[batch] = set(required), []
+            for stage in required & set(CONTRACT):
                 if not self._was_made(stage, batch):
                     continue
                 rejecting = STAGES[stage].rejecting
@@ -175,8 +175,8 @@ class Run:
         Compared is what they state; no other file is read. The message names the store that comes first.
         """
         contents = self._known(batch)
-        misfit = made.misfit(self._values, contents)
-        if not misfit and contents.get(made.stage, made.digest) == made.digest:
+        difference = made.difference(self._values, contents)
+        if not difference and contents.get(made.stage, made.digest) == made.digest:
             self._values.update({key: value for key, value in made.config.items() if key not in self._values})
             contents |= {**made.inputs, made.stage: made.digest}
             return
@@ -186,7 +186,7 @@ class Run:
         found += [Store(path).made for path in paths if path.exists()]
         sources = sources_of(self._entries.get(batch, ()))
         first = next((message for _, message in self.mixtures(found, sources)), None)
-        raise StoreError(first or made.refused(misfit or "anew while the run was read"))
+        raise StoreError(first or made.refusal(difference or "anew while the run was read"))
 
     def mixtures(self, found: Iterable[Made], sources: str) -> Iterator[tuple[str, str]]:
         """Stage and message of each of a batch's stores that was not made from what the run holds now.
@@ -195,8 +195,8 @@ class Run:
         """
         contents, values = {"sources": sources} if sources else {}, self._values | self._weights
         for made in found:
-            if misfit := made.misfit(values, contents):
-                yield made.stage, made.refused(misfit)
+            if difference := made.difference(values, contents):
+                yield made.stage, made.refusal(difference)
             contents[made.stage] = made.digest
 
     def sensor(self, batch: str) -> Sensor:
