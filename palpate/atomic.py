@@ -50,6 +50,13 @@ def atomic_write(path: Path | str, checksum: bool = False) -> Iterator[Path]:
         remove(replaced)
 
 
+def write_if_changed(path: Path, text: str, checksum: bool = False) -> None:
+    """Write a text file atomically, unless it holds this text already."""
+    if not path.is_file() or path.read_text(encoding="utf-8", errors="replace") != text:
+        with atomic_write(path, checksum) as partial:
+            partial.write_text(text, encoding="utf-8")
+
+
 def machine() -> str:
     """This machine's name, as it stands in file names."""
     return re.sub(r"[^A-Za-z0-9.-]", "_", socket.gethostname())[:64]

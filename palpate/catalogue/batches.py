@@ -12,7 +12,7 @@ from collections import Counter
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 
-from palpate.atomic import atomic_write
+from palpate.atomic import write_if_changed
 from palpate.catalogue.source import CatalogueError
 from palpate.catalogue.sources import SourceObject
 from palpate.checksums import DamagedFile, read_record
@@ -109,8 +109,5 @@ def _of_catalogue(path: Path, batch_size: int) -> dict[str, str]:
 
 def write_places(folder: Path | str, batch_size: int, places: Mapping[str, str]) -> None:
     """Write the batch of every object that the run has or had, if what stands there is another."""
-    path = Path(folder, PLACES)
     text = json.dumps({"batch_size": batch_size, "objects": dict(places)}, indent=0) + "\n"
-    if not path.exists() or path.read_text(encoding="utf-8", errors="replace") != text:
-        with atomic_write(path, checksum=True) as partial:
-            partial.write_text(text, encoding="utf-8")
+    write_if_changed(Path(folder, PLACES), text, checksum=True)

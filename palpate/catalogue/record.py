@@ -10,7 +10,7 @@ from typing import Any
 
 import yaml
 
-from palpate.atomic import atomic_write
+from palpate.atomic import write_if_changed
 from palpate.catalogue.source import CatalogueError, Source
 from palpate.catalogue.sources import class_counts
 from palpate.configuration import ConfigError, read_yaml
@@ -67,9 +67,6 @@ def _differences(recorded: Mapping[str, Any], config: Mapping[str, Any], project
 
 def write_record(folder: Path | str, config: Mapping[str, Any]) -> None:
     """Write the config into a run's folder, if what stands there is another."""
-    path = Path(folder, RECORD)
     text = "# The config of this run, as it was last started: `--configfile` takes it.\n"
     text += yaml.safe_dump(dict(config), sort_keys=False, allow_unicode=True)
-    if not path.is_file() or path.read_text(encoding="utf-8", errors="replace") != text:
-        with atomic_write(path) as partial:
-            partial.write_text(text, encoding="utf-8")
+    write_if_changed(Path(folder, RECORD), text)

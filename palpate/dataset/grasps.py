@@ -8,7 +8,7 @@ import numpy as np
 from palpate.catalogue import CatalogueEntry
 from palpate.dataset.arrays import fill_untouched
 from palpate.dataset.run import Run
-from palpate.store.contract import CONTRACT, ArraySpec
+from palpate.store.contract import ArraySpec, arrays_by_name
 from palpate.store.files import StoreError
 
 COLOURS = ("RGB", "sRGB")  # units of arrays whose last axis is the colour
@@ -85,9 +85,7 @@ class GraspDataset(Sequence):
 
 def _named_arrays() -> dict[str, tuple[str, ArraySpec]]:
     """Stage and contract of each array, by its name in an item."""
-    specs = [(stage, spec) for stage, store in CONTRACT.items() for spec in store.arrays.values()]
-    found = {spec.name: (stage, spec) for stage, spec in specs if spec.of_grasps}
-    for stage, spec in specs:
-        if spec.of_objects and not spec.of_grasps and spec.name != "object":
-            found[f"{stage}_{spec.name}" if spec.name in found else spec.name] = (stage, spec)
-    return found
+    of_grasps, of_objects = arrays_by_name(of_grasps=True), arrays_by_name(of_grasps=False)
+    return of_grasps | {
+        (f"{stage}_{name}" if name in of_grasps else name): (stage, spec) for name, (stage, spec) in of_objects.items()
+    }

@@ -21,7 +21,7 @@ from palpate.dataset.grasps import GraspDataset
 from palpate.dataset.run import Run
 from palpate.sensor import Sensor
 from palpate.stages import DATASET_STAGES, RELEASED, STAGES
-from palpate.store.contract import CONTRACT, SENSOR_NAMES, ArraySpec
+from palpate.store.contract import CONTRACT, SENSOR_NAMES, ArraySpec, arrays_by_name
 from palpate.store.files import StoreError
 
 if TYPE_CHECKING:
@@ -251,12 +251,7 @@ class _Record:
     def __init_subclass__(cls) -> None:
         """Gives the class a property, with its shape, type and unit in `help()`, for each array of its rows."""
         leading = 2 if cls.of_grasps else 1
-        found = {
-            name: (stage, spec)
-            for stage, store in CONTRACT.items()
-            for name, spec in store.arrays.items()
-            if spec.of_objects and spec.of_grasps == cls.of_grasps and name != "object"
-        }
+        found = arrays_by_name(cls.of_grasps)
         cls.stage_of = {name: stage for name, (stage, _) in found.items()}
         for name, (stage, spec) in found.items():
             if name not in vars(cls):

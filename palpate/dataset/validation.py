@@ -17,22 +17,10 @@ from palpate.atomic import atomic_write
 from palpate.batch import Rejection, read_rejections
 from palpate.catalogue import SPLITS, CatalogueEntry, CatalogueError, checksum, files_root, read_catalogue, sources_of
 from palpate.configuration import ConfigError
-from palpate.dataset.checks import (
-    CHECKS,
-    ENGINES,
-    MAX_PENETRATION,
-    CheckedObject,
-    Measured,
-    can_check,
-    check_grasps,
-    check_mesh,
-    check_surface,
-    check_together,
-    check_touch,
-    check_vision,
-)
+from palpate.dataset import checks
+from palpate.dataset.checks import CHECKS, CheckedObject, Measured
 from palpate.dataset.run import Run
-from palpate.hand import Hand
+from palpate.hand import MAX_PENETRATION, Hand
 from palpate.rebuild_command import rebuild_advice
 from palpate.sensor import DIGIT, Sensor
 from palpate.stages import DATASET_STORES, STAGES
@@ -41,12 +29,7 @@ from palpate.store.files import Store, StoreError, check_headers, describe
 from palpate.touch import empty_reading
 
 NAMED = 5  # how many failures a row names
-OF_OBJECT: dict[str, Callable] = {
-    "surface": check_surface,
-    "grasps": check_grasps,
-    "touch": check_touch,
-    "vision": check_vision,
-}
+CHECK_STAGE = {name: getattr(checks, f"check_{name}") for name in DATASET_STORES}  # of one object
 
 
 class Finding(NamedTuple):
@@ -183,7 +166,7 @@ class _Batch:
         """Everything about one object."""
         item = CheckedObject({}, self.run.folder / "meshes" / self.name / name, hand, sensor)
         try:
-            self.measure("meshes", name, check_mesh(item))
+            self.measure("meshes", name, checks.check_mesh(item))
         except Exception as error:  # the reader raises whatever a broken file makes it trip over
             self.add("readable", "meshes", 1, name, f"{item.folder}: {type(error).__name__}: {error}")
             return
@@ -192,11 +175,11 @@ class _Batch:
             if name in self.objects[stage] and not (stage == "grasps" and hand is None):
                 with self.reading(stage, name):
                     item.rows[stage] = self.rows(stage, name)
-                    self.measure(stage, name, OF_OBJECT[stage](item))
+                    self.measure(stage, name, CHECK_STAGE[stage](item))
         if {"grasps", "touch"} <= set(item.rows) and (
             self.grasps_per_object("grasps") == self.grasps_per_object("touch")
         ):
-            self.measure("touch", name, check_together(item))
+            self.measure("touch", name, checks.check_together(item))
 
     def measure(self, store: str, name: str, measured: Measured) -> None:
         """Add the worst value of each check; NaN counts as infinite."""
@@ -346,15 +329,15 @@ def validate(
     """
     start, run = time.perf_counter(), Path(run)
     findings, anew = check_again(run, batches, max_penetration)
-    checks = combine_validation(findings, run, sources)
-    checked = f"{len(checks)} checks, {len({finding.object for finding in findings if finding.object})} objects"
+    table = combine_validation(findings, run, sources)
+    checked = f"{len(table)} checks, {len({finding.object for finding in findings if finding.object})} objects"
     took = f"in {time.perf_counter() - start:.1f} s (values of {anew} of {len(batches)} batches anew)"
-    if anew and (unchecked := [check for check in ENGINES if not can_check(check)]):
+    if anew and (unchecked := [check for check in checks.ENGINES if not checks.can_check(check)]):
         took += f"; not checked: {', '.join(unchecked)}: pip install 'palpate[factory]' brings the engines for that"
-    failed = checks[~checks.passed]
+    failed = table[~table.passed]
     if len(failed):
-        table = failed.to_string(index=False, max_colwidth=None)
-        return False, f"{checked}: {len(failed)} failed, {took}\n{table}"
+        lines = failed.to_string(index=False, max_colwidth=None)
+        return False, f"{checked}: {len(failed)} failed, {took}\n{lines}"
     catalogue, rejected = read_catalogue(run / "catalogue.csv"), read_rejections([run / "rejected.csv"])
     if {entry.object for entry in catalogue} <= {rejection.object for rejection in rejected}:
         return False, f"none of {len(catalogue)} objects could be used; the first: {rejected[0].reason}"

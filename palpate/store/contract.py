@@ -133,3 +133,9 @@ def _arrays(stage: str) -> dict[str, ArraySpec]:
 
 
 CONTRACT = {name: StoreSpec(stage, _arrays(name)) for name, stage in STAGES.items() if stage.suffix}
+
+
+def arrays_by_name(of_grasps: bool) -> dict[str, tuple[str, ArraySpec]]:
+    """Stage and contract of the arrays with a row a grasp, or with a row an object only, but for `object`."""
+    found = [(stage, each) for stage, store in CONTRACT.items() for each in store.arrays.values() if each.of_objects]
+    return {each.name: (stage, each) for stage, each in found if each.of_grasps == of_grasps and each.name != "object"}
