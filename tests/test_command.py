@@ -154,7 +154,7 @@ def required(root, *files):
 
 def names(lines):
     """Names of the packages in lines of requirements."""
-    found = (re.match(r"[A-Za-z0-9_.-]+", line) for line in lines)
+    found = (re.match(r"[A-Za-z0-9][A-Za-z0-9_.-]*", line) for line in lines)
     return {match[0].lower().replace("_", "-") for match in found if match}
 
 

@@ -12,6 +12,7 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from fnmatch import fnmatchcase
 from functools import cache
+from itertools import chain
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -122,7 +123,8 @@ def all_classes(source: Source) -> dict[str, Count]:
         return dict.fromkeys(sorted(found), "all")
     folders = source.class_folders(root)
     inner = [pattern.removeprefix("{class}/") for pattern in source.patterns]
-    full = [folder for folder in folders if any(_matches(root / folder, each, source.suffixes) for each in inner)]
+    found = {each: chain(*(_matches(root / each, pattern, source.suffixes) for pattern in inner)) for each in folders}
+    full = [folder for folder in folders if next(found[folder], None)]
     if empty := [folder for folder in folders if folder not in full]:
         log.warning("%s: no mesh in %s: no classes", root, _listed(empty))
     if not full:

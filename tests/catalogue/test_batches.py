@@ -6,6 +6,7 @@ from hypothesis import strategies as st
 
 from palpate.catalogue import (
     CatalogueError,
+    Source,
     assign_batches,
     read_places,
     resolve_batch_size,
@@ -73,7 +74,7 @@ def test_of_an_older_run_the_catalogue_says_the_places(tmp_path):
     for number in range(5):
         (tmp_path / "meshes/mug").mkdir(parents=True, exist_ok=True)
         (tmp_path / f"meshes/mug/{number}.stl").write_text("")
-    table = whole_catalogue({"kind": "folder", "path": tmp_path / "meshes"}, {"mug": "all"}, batches=2)
+    table = whole_catalogue(Source("folder", tmp_path / "meshes"), {"mug": "all"}, batches=2)
     table.to_csv(tmp_path / "catalogue.csv", index=False)
     assert read_places(tmp_path, 2) == dict(zip(table["object"], table["batch"], strict=True))
     assert read_places(tmp_path, 3) == {}
@@ -84,5 +85,5 @@ def test_rows_of_a_catalogue_are_batch_by_batch(tmp_path):
     for name in "abc":
         (tmp_path / f"mug/{name}.stl").write_text("")
     places = {"mug-b": "batch-0000", "mug-c": "batch-0000", "mug-a": "batch-0001", "mug-gone": "batch-0001"}
-    table = whole_catalogue({"kind": "folder", "path": tmp_path}, {"mug": "all"}, batches=places)
+    table = whole_catalogue(Source("folder", tmp_path), {"mug": "all"}, batches=places)
     assert list(zip(table["object"], table["batch"], strict=True)) == list(places.items())[:3]

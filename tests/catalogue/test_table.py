@@ -56,7 +56,7 @@ def test_splits_without_an_object_of_a_class():
 
 def test_procedural_files_must_be_there_for_the_table(tmp_path):
     with pytest.raises(CatalogueError, match="bottle-0000.glb: no such file"):
-        whole_catalogue({"kind": "procedural", "path": tmp_path}, {"bottle": 1})
+        whole_catalogue(Source("procedural", tmp_path), {"bottle": 1})
 
 
 def test_checksum_covers_materials_and_textures(tmp_path):
