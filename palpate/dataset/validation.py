@@ -25,7 +25,7 @@ from palpate.rebuild_command import rebuild_advice
 from palpate.sensor import DIGIT, Sensor
 from palpate.stages import DATASET_STORES, STAGES
 from palpate.store.contract import CONTRACT, SENSOR_NAMES
-from palpate.store.files import Store, StoreError, check_headers, describe
+from palpate.store.files import Store, StoreError, check_headers
 from palpate.touch import empty_reading
 
 NAMED = 5  # how many failures a row names
@@ -86,8 +86,7 @@ class _Batch:
             store = Store(path)
             objects = store.get("object").tolist()
             self.add("readable", stage, 0)
-            expected = {*describe(CONTRACT[stage]), *CONTRACT[stage].attributes}
-            missing = sorted(expected - set(store.attributes))
+            missing = sorted(set(CONTRACT[stage].all_attributes) - set(store.attributes))
             self.add("attributes", stage, len(missing), where=", ".join(missing))
             try:
                 headers = {name: store.header(name) for name in store.names()}

@@ -109,6 +109,11 @@ class StoreSpec:
         """Attributes that its writer has to give."""
         return ("made_from", "seed", *self.stage.states)
 
+    @property
+    def all_attributes(self) -> tuple[str, ...]:
+        """Attributes of its stores: those, and what `palpate.store.write` adds."""
+        return (*self.attributes, "schema_version", "stage", "units", "frames", "versions")
+
     def path(self, batch: str) -> str:
         """Path of one batch's store in the run's folder."""
         return self.stage.path(batch)

@@ -258,7 +258,7 @@ def test_classes_of_a_flat_folder_come_from_the_table(tmp_path):
         ("path,split\nb.obj,test\n", "b.obj: no such file or folder: correct the path"),
         ("path,split\n../a.obj,test\n", "not below"),
         ("path,split\na.obj,test\n./a.obj,train\n", "line 3: there is a line for a.obj already"),
-        ("path,class,split\n,,test\n", "line 2: it says of which object or class"),
+        ("path,class,split\n,,test\n", "line 2: path and class are both empty"),
     ],
 )
 def test_mistakes_in_a_table_name_file_line_and_remedy(tmp_path, text, says):

@@ -112,6 +112,7 @@ def test_any_contents_survive(tmp_path_factory, drawn):
 def test_attributes_say_what_made_the_store_and_no_time(tmp_path, stage):
     write(path_of(tmp_path, stage), stage, arrays_of(stage, 1), ATTRIBUTES | {"samples": 16, "hand": None})
     attributes = palpate.store.open(path_of(tmp_path, stage)).attributes
+    assert set(attributes) == {*palpate.store.CONTRACT[stage].all_attributes, *ATTRIBUTES, "samples", "hand"}
     assert attributes["schema_version"] == palpate.store.SCHEMA_VERSION
     assert (attributes["seed"], attributes["made_from"]) == (3, {})
     assert (attributes["samples"], attributes["hand"]) == (16, None)
