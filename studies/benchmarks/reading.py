@@ -30,9 +30,9 @@ from tqdm import tqdm
 from palpate import store
 from palpate.dataset import Dataset, GraspDataset, run
 from palpate.sensor import DIGIT
+from palpate.stages import DATASET_STORES
 from palpate.store import CONTRACT, files
 
-STAGES = ("surface", "grasps", "touch", "vision")
 # What the contract's symbols stand for, small: the number of chunks is that of a real store.
 SIZES = {"o": 16, "g": 5, "n": 4, "j": 16, "l": 21, "r": 2, "c": 2, "rc": 4, "p": 2, "s": 4, "k": 1, "b": 3}
 ATTRIBUTES = {"seed": 0, "made_from": {}, "sensor": DIGIT.description()}
@@ -87,7 +87,7 @@ def simulate(folder: Path, objects: int, batch_size: int, batches: int) -> None:
         file.write("object,class,split,batch,source,checksum\n")
         for number, members in enumerate(of_batch):
             file.writelines(f"{name},mug,train,batch-{number:04d},mug/{name}.obj,{'0' * 64}\n" for name in members)
-    for stage in STAGES:
+    for stage in DATASET_STORES:
         (folder / "rejected" / stage).mkdir(parents=True)
         spec, sizes = CONTRACT[stage], SIZES | {"o": batch_size}
         arrays = {}

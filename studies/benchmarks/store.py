@@ -21,6 +21,7 @@ from tabulate import tabulate
 from palpate import store
 from palpate.dataset import Dataset, validation
 from palpate.sensor import DIGIT
+from palpate.stages import DATASET_STORES
 from palpate.store import zarr_files
 from studies.timing import interleaved
 
@@ -63,7 +64,7 @@ def main() -> None:
             label = f"{name} {level}, {shuffle}" if level else "none"
             rows.append([label, *(f"{spent:.1f} / {kilobytes:.0f}" for spent, kilobytes in found)])
     print(tabulate(rows, ["compression", *(f"{stage}, ms / kB" for stage in [*stages, "all"])], "github"))
-    checked = [stage for stage in stages if stage in validation.STAGES]
+    checked = [stage for stage in stages if stage in DATASET_STORES]
     spent = milliseconds(lambda: validation.validate_batch(args.run, args.batch, stages=checked), args.repeats)
     print(f"validation: {spent / objects:.0f} ms an object")
     dataset = Dataset(args.run)

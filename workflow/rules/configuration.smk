@@ -21,7 +21,7 @@ from snakemake.io import contains_wildcard
 from snakemake.logging import logger
 from snakemake.utils import update_config
 
-from palpate import atomic, catalogue, lock, locked, named_files, sensor, terminal
+from palpate import atomic, catalogue, lock, locked, named_files, sensor, stages, terminal
 from palpate.batch import QUIET
 from palpate.batch import one_line_error as one_line
 from palpate.check import FILES, resolve
@@ -234,7 +234,7 @@ def write_page(seconds, object_pages):
 
 # The authors' dataset is read and not simulated: it comes without meshes and grasps.
 RELEASED = SOURCE.kind == "released"
-STAGES = ["released"] if RELEASED else ["meshes", "surface", "grasps", "touch", "vision"]
+STAGES = [stages.RELEASED] if RELEASED else [name for name in stages.DATASET_STAGES if name != stages.RELEASED]
 
 
 @cache
@@ -384,11 +384,11 @@ wildcard_constraints:
 
 
 # What everything else is made from.
+DATASET_STORES = [
+    stages.STAGES[name] for name in stages.DATASET_STORES if not (RELEASED and stages.STAGES[name].simulated)
+]
 STORES = [
     "catalogue.csv",
     "rejected.csv",
-    *expand("surface/{batch}.zarr", batch=BATCHES),
-    *expand("grasps/{batch}.h5", batch=[] if RELEASED else BATCHES),
-    *expand("touch/{batch}.zarr", batch=BATCHES),
-    *expand("vision/{batch}.zarr", batch=BATCHES),
+    *(path for each in DATASET_STORES for path in expand(each.path(), batch=BATCHES)),
 ]

@@ -21,12 +21,8 @@ localrules:
 # Every array of every store against the dataset contract.
 rule validate_batch:
     input:
-        meshes="meshes/{batch}",
+        **{name: stage.path() for name, stage in stages.STAGES.items() if stage.in_dataset},
         catalogue="catalogue/{batch}.csv",
-        surface="surface/{batch}.zarr",
-        grasps="grasps/{batch}.h5",
-        touch="touch/{batch}.zarr",
-        vision="vision/{batch}.zarr",
         rejected=expand("rejected/{stage}/{{batch}}.csv", stage=STAGES),
     output:
         table="reports/validation/{batch}.csv",
