@@ -1,6 +1,7 @@
 """The reports' figures: fronts of error and time, margins of extreme cases, savings of omissions."""
 
 import re
+from itertools import cycle
 from pathlib import Path
 
 import numpy as np
@@ -51,7 +52,7 @@ def _front(axes: Axes, rows: pd.DataFrame) -> None:
     shown = np.where(errors == 0, least, errors)
     spread = np.abs(rows[["seconds_low", "seconds_high"]].to_numpy(dtype=float).T - seconds)
     on, noisy, chosen = (rows[key].to_numpy(dtype=bool) for key in ("front", "noisy", "chosen"))
-    for colour, method in zip(_colours(), dict.fromkeys(rows["method"]), strict=False):
+    for colour, method in zip(cycle(COLOURS), dict.fromkeys(rows["method"]), strict=False):
         own = (rows["method"] == method).to_numpy()
         bars = {"fmt": "none", "ecolor": colour, "lw": 0.7, "alpha": 0.5}
         axes.errorbar(seconds[own], shown[own], xerr=spread[:, own], **bars)
@@ -98,11 +99,6 @@ def _logarithmic(axes: Axes, name: str, drawn: np.ndarray) -> None:
     axis.set_major_locator(LogLocator(subs=(1,) if powers_of_ten_only else (1, 2, 5), numticks=8))
     axis.set_major_formatter(FormatStrFormatter("%g"))
     axis.set_minor_formatter(NullFormatter())
-
-
-def _colours():
-    while True:
-        yield from COLOURS
 
 
 @styled

@@ -45,6 +45,25 @@ def test_project_is_intrinsics_times_extrinsics(offsets, size):
     assert np.allclose(depth, image[:, 2])
 
 
+def test_points_anywhere_are_projected_as_by_the_matrix_and_those_behind_have_no_pixel():
+    camera, random = paper_camera(), np.random.default_rng(0)
+    points = random.uniform(-50, 50, (10_000, 3))
+    pixels, depth = camera.project(points)
+    ahead = (camera.position - points) @ camera.rotation[:, 2]
+    assert not np.isfinite(pixels[ahead <= 0]).any() and np.isfinite(pixels[ahead > 0]).all()
+    assert np.abs(depth - ahead).max() <= 1e-10
+    homogeneous, far = np.column_stack([points, np.ones(len(points))]) @ camera.matrix().T, ahead > 0.01
+    assert np.abs(homogeneous[far, :2] / homogeneous[far, 2:] - pixels[far]).max() <= 1e-6
+    assert np.isnan(camera.project(camera.position)[0]).all()
+
+
+def test_a_normalised_object_of_any_shape_is_within_the_image():
+    """It is in the ball around the middle of its box."""
+    directions = np.random.default_rng(0).normal(size=(10_000, 3))
+    pixels, _ = paper_camera().project(OBJECT + 0.25 * directions / np.linalg.norm(directions, axis=1, keepdims=True))
+    assert pixels.min() >= 0 and pixels.max() <= paper_camera().size
+
+
 def test_rays_go_through_pixel_centres():
     camera = paper_camera(32)
     depth = np.random.default_rng(0).uniform(0.5, 2, (32, 32))

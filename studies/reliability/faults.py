@@ -9,6 +9,7 @@ import os
 import shutil
 import time
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 from typing import NamedTuple
@@ -33,7 +34,7 @@ class Try(NamedTuple):
     """What came of a fault at one place.
 
     noticed: `reader` if the step or user who reads it gets an error, `validate` if only `snakemake validate` fails,
-    `unchanged` if all that is read is as before, `silent` if it is not and nobody said so. message: of the error.
+    `unchanged` if all that is read is as before, `silent` if it is not and no error says so. message: of the error.
     """
 
     noticed: str
@@ -145,7 +146,7 @@ def _zeroed(content: bytes, rng: np.random.Generator) -> bytes:
 
 
 def _altered(content: bytes, rng: np.random.Generator) -> bytes:
-    """One bit of the file is another."""
+    """One bit of the file is flipped."""
     changed = bytearray(content)
     changed[rng.integers(len(content))] ^= 1 << int(rng.integers(8))
     return bytes(changed)
@@ -162,21 +163,27 @@ DAMAGES: dict[str, Callable[[bytes, np.random.Generator], bytes | None]] = {
 
 
 def apply(kind: Kind, damage: Callable, run: Path, rng: np.random.Generator, tries: int) -> list[Try]:
-    """Damage files of a kind, one at a time, at random; each is as it was at the end. No tries if there are none."""
+    """Damage files of a kind, one at a time, at random; each is as it was at the end. No file, no tries."""
     found = {path for pattern in kind.patterns for path in run.glob(pattern) if path.is_file() and path.stat().st_size}
     files = sorted(path for path in found if not path.name.startswith("."))
     if not files:
         return []
     expected, outcomes = list(kind.read(run)), []
     for _ in range(tries):
-        path = files[rng.integers(len(files))]
-        content, times = path.read_bytes(), path.stat()
-        damaged = damage(content, rng)
-        path.unlink() if damaged is None else path.write_bytes(damaged)
-        outcomes.append(outcome(kind, run, expected))
-        path.write_bytes(content)
-        os.utime(path, ns=(times.st_atime_ns, times.st_mtime_ns))
+        with restored(files[rng.integers(len(files))]) as (path, content):
+            damaged = damage(content, rng)
+            path.unlink() if damaged is None else path.write_bytes(damaged)
+            outcomes.append(outcome(kind, run, expected))
     return outcomes
+
+
+@contextmanager
+def restored(path: Path) -> Iterator[tuple[Path, bytes]]:
+    """A file with its content; afterwards it has this content and its times again."""
+    content, times = path.read_bytes(), path.stat()
+    yield path, content
+    path.write_bytes(content)
+    os.utime(path, ns=(times.st_atime_ns, times.st_mtime_ns))
 
 
 def outcome(kind: Kind, run: Path, expected: list) -> Try:
@@ -235,17 +242,14 @@ def _validate(run: Path) -> str:
 
 
 def source_changed(run: Path, rng: np.random.Generator, tries: int) -> list[Try]:
-    """A source file is another, but a day older than all that was made of it: Snakemake makes nothing again."""
+    """A source file has changed, but is a day older than all that was made of it: Snakemake makes nothing again."""
     entries, outcomes = read_catalogue(run / "catalogue.csv"), []
     for number in rng.integers(len(entries), size=min(tries, 3)):
-        path = run / "sources" / entries[number].source
-        content, times = path.read_bytes(), path.stat()
-        path.write_bytes(content + b"\n")
-        os.utime(path, (time.time() - DAY,) * 2)
-        message = _validate(run)
-        outcomes.append(Try("validate" if "sources" in message else "silent", message))
-        path.write_bytes(content)
-        os.utime(path, ns=(times.st_atime_ns, times.st_mtime_ns))
+        with restored(run / "sources" / entries[number].source) as (path, content):
+            path.write_bytes(content + b"\n")
+            os.utime(path, (time.time() - DAY,) * 2)
+            message = _validate(run)
+            outcomes.append(Try("validate" if "sources" in message else "silent", message))
     return outcomes
 
 
@@ -267,7 +271,7 @@ def store_rebuilt(run: Path, rng: np.random.Generator, tries: int) -> list[Try]:
 
 
 def each_damage(kind: Kind, run: Path, rng: np.random.Generator, tries: int) -> list[Try]:
-    """Each of `DAMAGES`, so often."""
+    """Each of `DAMAGES`, `tries` times."""
     return [found for damage in DAMAGES.values() for found in apply(kind, damage, run, rng, tries)]
 
 

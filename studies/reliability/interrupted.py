@@ -1,4 +1,4 @@
-"""Interrupt runs at random moments, let them go on, and compare what they end in with a run that was let be.
+"""Interrupt runs at random moments, continue them, and compare their results with those of an undisturbed run.
 
     python -m studies.reliability.interrupted [--tries 20] [--seed 0]
 
@@ -49,9 +49,9 @@ def interrupt(
     rng: np.random.Generator,
     tries: int,
 ) -> list[list[str]]:
-    """Interrupt a run so often, at moments up to `seconds` after each start; what each run lost at its end.
+    """Interrupt a run `tries` times, up to `seconds` after each start; what each run lost at its end.
 
-    A run that gets whole before it is interrupted is compared, removed, and begun again.
+    A run that ends before it is interrupted is compared, removed, and begun again.
     """
     log, lost, done = run.folder.with_suffix(".log"), [], 0
     while done < tries:
@@ -80,14 +80,13 @@ def _end(run: SmallRun, expected: dict[str, str], log: Path) -> list[str]:
 def disk_full(
     folder: Path, expected: dict[str, str], size: int, rng: np.random.Generator, tries: int
 ) -> list[list[str]]:
-    """Runs on a disk that gets full at a random place; then there is room, and they go on. What each lost.
+    """Runs on a disk that gets full at a random place; then it gets room, and they continue. What each lost.
 
     size: bytes that a whole run takes.
     """
     lost = []
-    disk = folder / "disk"
+    disk, log = folder / "disk", folder / "disk.log"
     disk.mkdir()
-    log = folder / "disk.log"
     for done in range(tries):
         room = int(rng.uniform(0.05, 0.9) * size)
         subprocess.run(["mount", "-t", "tmpfs", "-o", f"size={room}", "tmpfs", str(disk)], check=True)
@@ -96,10 +95,10 @@ def disk_full(
             start = log.stat().st_size if log.exists() else 0
             if not run.start(*CORES, log=log).wait():
                 raise RuntimeError(f"a run of {size} bytes fitted into {room}")
-            said = log.read_text()[start:]
+            output = log.read_text()[start:]
             subprocess.run(["mount", "-o", f"remount,size={4 * size}", str(disk)], check=True)
-            told = any(words in said for words in ("the disk is full", os.strerror(errno.ENOSPC)))
-            lost.append(_end(run, expected, log) + ([] if told else [f"no word of the full disk in: {said}"]))
+            named = any(words in output for words in ("the disk is full", os.strerror(errno.ENOSPC)))
+            lost.append(_end(run, expected, log) + ([] if named else [f"the full disk is not named in: {output}"]))
         finally:
             subprocess.run(["umount", "--lazy", str(disk)], check=True)
         print(f"disk_full: {done + 1} of {tries}", file=sys.stderr, flush=True)
@@ -121,24 +120,24 @@ def main() -> None:
         size = sum(path.stat().st_size for path in whole.folder.rglob("*") if path.is_file())
         print(f"whole: {len(expected)} files, {size} bytes, {2 * seconds:.0f} s", file=sys.stderr, flush=True)
         ways = {
-            "kill -9 at a random moment: the run and its jobs, the run alone, or one process": lambda rng: interrupt(
-                killed, small_run(folder, "killed"), expected, seconds, rng, options.tries
-            ),
-            "SIGINT (Ctrl-C) at a random moment": lambda rng: interrupt(
-                interrupted, small_run(folder, "interrupted"), expected, seconds, rng, options.tries
-            ),
-            "disk full": lambda rng: disk_full(folder, expected, size, rng, min(options.tries, 5)),
+            "kill -9 at a random moment: the run and its jobs, the run alone, or one process": killed,
+            "SIGINT (Ctrl-C) at a random moment": interrupted,
+            "disk full": None,
         }
         if os.geteuid() or not shutil.which("mount"):
             del ways["disk full"]
         rows = []
-        for way, tried in ways.items():
-            if options.only in way:
-                lost = tried(generator(options.seed, way))
-                count = len(lost) if way == "disk full" else options.tries
-                files = sorted({path for each in lost for path in each})
-                rows.append((way, count, len(lost), len(files), ", ".join(files[:3])))
-                print(*rows[-1], sep=" | ", file=sys.stderr, flush=True)
+        for way, how in ways.items():
+            if options.only not in way:
+                continue
+            rng, tries = generator(options.seed, way), min(options.tries, 5) if how is None else options.tries
+            if how is None:
+                lost = disk_full(folder, expected, size, rng, tries)
+            else:
+                lost = interrupt(how, small_run(folder, how.__name__), expected, seconds, rng, tries)
+            files = sorted({path for each in lost for path in each})
+            rows.append((way, tries, len(lost), len(files), ", ".join(files[:3])))
+            print(*rows[-1], sep=" | ", file=sys.stderr, flush=True)
         columns = ["fault", "tried", "runs compared", "files lost or another", "which"]
         print(markdown(pd.DataFrame(rows, columns=columns)))
         sys.exit(int(any(row[3] for row in rows)))

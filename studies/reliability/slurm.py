@@ -4,7 +4,7 @@
     python -m studies.reliability.slurm
 
 It needs root. Its daemons have ports, keys and folders of their own and end with it. In the middle of the run a job is
-killed with `scancel`; the run ends with an error, is started again, and goes on.
+killed with `scancel`; the run ends with an error, is started again, and continues.
 """
 
 import argparse

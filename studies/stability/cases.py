@@ -123,7 +123,7 @@ def examine(suite: str, case: Case, subject: Any) -> list[dict[str, Any]]:
 
 def without_folders(note: str) -> str:
     """Remove the names of temporary folders from a note: they differ from run to run."""
-    return re.sub(rf"{re.escape(tempfile.gettempdir())}/[^/\s]+/", "", note)
+    return re.sub(rf"{re.escape(tempfile.gettempdir())}/[^/\s']+/?", "", note)
 
 
 def report(suite: str, cases: Iterable[Case], subject: Any) -> pd.DataFrame:

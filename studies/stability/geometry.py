@@ -1,7 +1,7 @@
 """Stability of geometry: thin, sharp, tiny, huge, distant, very many and very few faces, through all stages.
 
-A run normalises every object to the diagonal `DIAGONAL`. Other sizes, such as an object smaller than the sensor
-or larger than the camera's view, occur only where a user calls the library directly.
+A run normalises every object to the diagonal `DIAGONAL`. Other sizes, such as an object smaller than the sensor, occur
+only where a user calls the library directly.
 """
 
 import tempfile
@@ -16,7 +16,6 @@ import trimesh
 from scipy.spatial import ConvexHull
 
 from palpate.batch import UnusableObject
-from palpate.camera import paper_camera
 from palpate.grasp import GraspSet, grasp_object
 from palpate.grasp.patches import surface_patches
 from palpate.hand import MAX_PENETRATION, allegro
@@ -402,32 +401,6 @@ def smaller_than_the_sensor(subject):
     yield from findings
     grasp = grasp_once(result, points, attempts=30)
     yield at_most("penetration", float(grasp.penetration.max()), MAX_PENETRATION, "m")
-
-
-@CASES.case("object larger than the camera's view", "vision")
-def larger_than_the_view(subject):
-    """Projection of points outside the image and behind the camera. Any normalised object fits the image."""
-    camera = paper_camera()
-    rng = np.random.default_rng(0)
-    points = rng.uniform(-50, 50, (10_000, 3))
-    pixels, depth = camera.project(points)
-    axis = -camera.rotation[:, 2]
-    ahead = (points - camera.position) @ axis
-    yield equal("points behind that have pixels", int(np.isfinite(pixels[ahead <= 0]).any(axis=1).sum()), 0)
-    yield equal("points ahead without", int((~np.isfinite(pixels[ahead > 0])).any(axis=1).sum()), 0)
-    yield at_most("depth off", float(np.abs(depth - ahead).max()), 1e-12 * 100, "m")
-    homogeneous = np.column_stack([points, np.ones(len(points))]) @ camera.matrix().T
-    far = ahead > 0.01
-    off = np.abs(homogeneous[far, :2] / homogeneous[far, 2:] - pixels[far]).max()
-    yield at_most("pixels off the matrix's", float(off), 1e-6, "pixels", "1 cm ahead, 1e6 pixels aside")
-    at_camera = camera.project(camera.position)[0]
-    yield equal("the camera's own place has no pixel", bool(np.isnan(at_camera).all()), True)
-    # Whatever its shape, a normalised object is in the ball around the middle of its box.
-    directions = rng.normal(size=(10_000, 3))
-    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-    pixels, _ = camera.project(np.array(OBJECT_POSITION) + DIAGONAL / 2 * directions)
-    yield at_least("normalised object, lowest pixel", float(pixels.min()), 0.0, "pixels")
-    yield at_most("normalised object, highest pixel", float(pixels.max()), float(camera.size), "pixels")
 
 
 @CASES.case("sensor far off the object", "touch")

@@ -398,7 +398,7 @@ def larger_than_single_precision(subject):
 
 
 @CASES.case("poses that are none", "touch")
-def poses_that_are_none(subject):
+def invalid_poses(subject):
     """NaN, infinite, stretched and mirrored poses raise an error; they are not read as no contact."""
     broken = np.eye(3)
     broken[1, 1] = np.nan

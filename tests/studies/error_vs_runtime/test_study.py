@@ -4,8 +4,10 @@ import time
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
-from studies.error_vs_runtime.study import ALL, COLUMNS, Method, Study, measure
+from studies.error_vs_runtime.study import ALL, COLUMNS, Method, Study, front, measure
 from studies.timing import timing
 
 
@@ -85,3 +87,26 @@ def test_methods_whose_times_can_not_be_ranked_are_noisy(caplog, monkeypatch):
         assert on_ramp["front"].to_dict() == {"exact": True, "half": True, "bad": False}
         assert on_ramp["noisy"].to_dict() == {"exact": doubtful, "half": doubtful, "bad": False}
         assert ("too noisy to rank" in caplog.text) == doubtful
+
+
+numbers = st.sampled_from([0.0, 1.0, 2.0, 3.0, float("inf"), float("nan")])
+
+
+@given(st.lists(st.tuples(numbers, numbers), max_size=8))
+def test_on_the_front_is_what_nothing_beats(points):
+    seconds = np.array([s for s, _ in points])
+    error = np.array([e for _, e in points])
+
+    def known(k):
+        return np.isfinite(seconds[k]) and not np.isnan(error[k])
+
+    def beaten(k):
+        return any(
+            known(j)
+            and seconds[j] <= seconds[k]
+            and error[j] <= error[k]
+            and (seconds[j] < seconds[k] or error[j] < error[k])
+            for j in range(len(points))
+        )
+
+    assert front(seconds, error).tolist() == [known(k) and not beaten(k) for k in range(len(points))]

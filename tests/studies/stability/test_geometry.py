@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 import trimesh
 
-from palpate import camera
 from palpate.mesh import build, decimate
 from palpate.mesh import repair as repairs
 from studies.stability import geometry
@@ -23,13 +22,6 @@ def test_holds(name):
 def thinning(vertices, faces, count):
     """A decimation that lets the two sides of a blade fall into one."""
     return vertices * [1, 1, 0.5], faces
-
-
-def unseen(self, points):
-    """A projection that forgets that there is a side behind the camera."""
-    seen = (np.asarray(points, dtype=float) - self.position) @ self.rotation @ camera.IMAGE_FROM_CAMERA
-    with np.errstate(divide="ignore", invalid="ignore"):
-        return self.focal_length * seen[..., :2] / seen[..., 2:] + self.size_preserved / 2, seen[..., 2]
 
 
 def whole(mesh, cell=None, thickness=None):
@@ -57,7 +49,6 @@ NAIVE = {
     "coordinates offset by 1e6": (build, "COARSEST", np.inf),
     "hole narrower than a finger": (geometry, "surface_patches", whole),
     "deep concavity": (geometry, "surface_patches", whole),
-    "object larger than the camera's view": (camera.Camera, "project", unseen),
 }
 
 
