@@ -1,6 +1,7 @@
 """The layers of a live module, recorded with hooks, compared with the rows of the paper's tables."""
 
 from collections.abc import Callable, Mapping
+from itertools import chain
 from typing import Any
 
 import pandas as pd
@@ -55,61 +56,50 @@ OPERATIONS: dict[type[nn.Module], Callable[[Any], str]] = {
 class _Recorder:
     """Records a row when its module runs for the first time (further deformations repeat it)."""
 
-    def __init__(self, image: Tensor | None, image_name: str):
+    def __init__(self) -> None:
         self.rows: list[dict[str, str]] = []
         self.names: dict[int, str] = {}
         self.tensors: list[Tensor] = []  # An id stays a tensor's own as long as the tensor lives.
         self.recorded: set[nn.Module] = set()
-        self.image_features: Tensor | None = None  # what a vertex has of the image
-        self.vertices: Tensor | None = None  # what it has besides
-        if image is not None:
-            self.call(image, image_name)
-            self.row("image", "", image_name, image)
+        self.image_features: Tensor | None = None  # of a vertex
+        self.vertices: Tensor | None = None  # a vertex's other inputs
 
-    def call(self, tensor: Tensor, name: str) -> None:
-        self.tensors.append(tensor)
-        self.names[id(tensor)] = name
-
-    def row(self, index: str, sources: str, operation: str, output: Tensor) -> None:
+    def add(self, sources: list[Tensor], operation: str, output: Tensor, index: str = "") -> None:
+        """Add a row. index: of an input, `image` or `vertices`; other rows are numbered."""
+        number = str(1 + sum(row["index"].isdigit() for row in self.rows))
         # Images are (B, C, H, W), vertices (V, B, C).
-        shape = output.shape[1:] if output.ndim == 4 else ["|V|", output.shape[-1]]
-        row = {"index": index, "input": sources, "operation": operation}
-        self.rows.append(row | {"shape": " x ".join(map(str, shape))})
+        shape = " x ".join(map(str, output.shape[1:] if output.ndim == 4 else ["|V|", output.shape[-1]]))
+        inputs = " ".join(dict.fromkeys(self.names.get(id(tensor), VERTICES) for tensor in sources))
+        self.rows.append({"index": index or number, "input": inputs, "operation": operation, "shape": shape})
+        self.tensors.append(output)
+        self.names[id(output)] = operation if index else f"({number})"
 
     def __call__(self, module: nn.Module, inputs: tuple, output: Tensor) -> None:
         if module in self.recorded:
             return
         self.recorded.add(module)
+        pools = isinstance(module, MapProducts | PerceptualPooling)
         if isinstance(module, MapProducts):
             # The first layer's weights are applied to the maps: what is pooled has the maps' channels.
             output = torch.empty(1, 1, sum(features.shape[1] for features in inputs[0]))
         if isinstance(module, ZeroNeighbourLayer) and self.vertices is None:
             inputs = (self.first_input(inputs[0]),)
-        tensors_in = [tensor for each in inputs for tensor in (each if isinstance(each, list) else [each])]
-        tensors_in = [tensor for tensor in tensors_in if isinstance(tensor, Tensor)]
-        if isinstance(module, MapProducts | PerceptualPooling):
-            tensors_in = inputs[0]
-        if isinstance(module, Concatenate) and all(id(tensor) not in self.names for tensor in tensors_in):
+        flat = inputs[0] if pools else chain(*(each if isinstance(each, list) else [each] for each in inputs))
+        sources = [tensor for tensor in flat if isinstance(tensor, Tensor)]
+        if isinstance(module, Concatenate) and all(id(tensor) not in self.names for tensor in sources):
             return  # a vertex's own inputs
-        self.step(
-            [self.names.get(id(tensor), VERTICES) for tensor in tensors_in], OPERATIONS[type(module)](module), output
-        )
-        if isinstance(module, MapProducts | PerceptualPooling | LinearBlock):
+        self.add(sources, OPERATIONS[type(module)](module), output)
+        if pools or isinstance(module, LinearBlock):
             self.image_features = output
-
-    def step(self, sources: list[str], operation: str, output: Tensor) -> None:
-        index = str(1 + sum(row["index"].isdigit() for row in self.rows))
-        self.row(index, " ".join(dict.fromkeys(sources)), operation, output)
-        self.call(output, f"({index})")
 
     def first_input(self, own: Tensor) -> Tensor:
         """The whole input of the first graph layer: a vertex's own (V, B, C), and the image's, which are products."""
         self.vertices = own
-        self.row("vertices", "", VERTICES, own)
+        self.add([], VERTICES, own, "vertices")
         if self.image_features is None:
             return own
         joined = torch.empty(1, 1, self.image_features.shape[-1] + own.shape[-1])
-        self.step([self.names[id(self.image_features)], VERTICES], "Concatenate", joined)
+        self.add([self.image_features, own], "Concatenate", joined)
         return joined
 
 
@@ -120,18 +110,16 @@ def read_layers(module: nn.Module, inputs: Tensor | Mapping[str, Tensor]) -> lis
     The wording is that of the supplement's tables. `index` counts from 1; two rows before name the inputs,
     `image` and `vertices`. Shapes are a sample's: C x H x W, or |V| x C.
     """
+    recorder, hooks, parts = _Recorder(), [], [module]
     image = inputs.get("image") if isinstance(inputs, Mapping) else inputs
-    recorder = _Recorder(image, "Image Input" if isinstance(inputs, Mapping) else "Input")
-    hooks = []
-
-    def add_hooks(part: nn.Module) -> None:
+    if image is not None:
+        recorder.add([], "Image Input" if isinstance(inputs, Mapping) else "Input", image, "image")
+    while parts:
+        part = parts.pop()
         if type(part) in OPERATIONS:
             hooks.append(part.register_forward_hook(recorder))
         else:
-            for child in part.children():
-                add_hooks(child)
-
-    add_hooks(module)
+            parts += part.children()
     try:
         module(inputs)
     finally:
@@ -161,23 +149,20 @@ def compare(model: str, rows: list[dict[str, str]]) -> pd.DataFrame:
     `contradiction` (the paper contradicts itself: `note` says how, and the module is as it says), or
     `differs`. `attrs["note"]` counts them.
     """
-    paper = {row["index"]: row for row in paper_rows(model)}
-    known = {row["index"]: row for row in _read("contradictions", model)}
-    live = {row["index"]: row for row in rows}
+    paper, known, live = (
+        {row["index"]: row for row in each} for each in (paper_rows(model), _read("contradictions", model), rows)
+    )
     table = []
-    for index in [*paper, *(index for index in live if index not in paper)]:
-        published, measured = paper.get(index), live.get(index)
+    for index in dict.fromkeys([*paper, *live]):
+        published, measured, remark = (each.get(index, {}) for each in (paper, live, known))
         line: dict[str, str | None] = {"index": index}
         for field in FIELDS:
-            line[f"{field}_paper"] = published[field] if published else None
-            line[field] = measured[field] if measured else None
-        remark = known.get(index)
+            line |= {f"{field}_paper": published.get(field), field: measured.get(field)}
         line |= {"verdict": "differs", "note": ""}
         if published and measured:
-            expected = published | {key: value for key, value in (remark or {}).items() if value}
             if _same(published, measured):
-                line |= {"verdict": "agrees", "note": remark["note"] if remark else ""}
-            elif remark and _same(expected, measured):
+                line |= {"verdict": "agrees", "note": remark.get("note", "")}
+            elif remark and _same(published | {key: value for key, value in remark.items() if value}, measured):
                 line |= {"verdict": "contradiction", "note": remark["note"]}
         table.append(line)
     frame = pd.DataFrame(table)
