@@ -29,6 +29,7 @@ from palpate.stages import STAGES
 
 Function = TypeVar("Function", bound=Callable)
 FOLDER = Path(__file__).parent
+FILES = ("touches", "touch_depth", "histories", "trainings")
 KINDS = {"products.table": "tables", "products.figure": "figures"}  # decorator -> folder of the run
 INTERVALS = (
     "In brackets, or in the columns `_low` and `_high`: 95 % bootstrap intervals over objects within classes, and over "
@@ -85,6 +86,11 @@ class Product:
     simulated: bool = False
     on_request: bool = False
 
+    def __post_init__(self) -> None:
+        """Raises ValueError for a stage or a file that there is not."""
+        if unknown := {*self.stores} - {*STAGES} | {*self.files} - {*FILES}:
+            raise ValueError(f"unknown {', '.join(sorted(unknown))}: stores are of {[*STAGES]}, files of {[*FILES]}")
+
     @property
     def pattern(self) -> str:
         """Regular expression of its name, a group a field."""
@@ -119,14 +125,18 @@ def figure(**declaration: Any) -> Callable[[Function], Function]:
 def products() -> tuple[Product, ...]:
     """The tables and figures, those of the dataset first, then by module, in the order of the source.
 
-    Raises ValueError, naming file and line, for a declaration that can't be read, or without a caption.
+    Raises ValueError, naming file and line, for a declaration that can't be read, has no caption, or has the name of
+    another one.
     """
     found = []
     for path in sorted(FOLDER.glob("*.py")):
         for function in ast.parse(path.read_text(encoding="utf-8")).body:
             for decorator in getattr(function, "decorator_list", ()):
                 if kind := KINDS.get(ast.unparse(getattr(decorator, "func", decorator))):
-                    found.append(_product(kind, path, function, decorator))
+                    product = _product(kind, path, function, decorator)
+                    if any((each.kind, each.name) == (kind, product.name) for each in found):
+                        raise ValueError(f"{path}:{function.lineno}: there are two {kind} named {product.name}")
+                    found.append(product)
     return tuple(sorted(found, key=lambda each: each.category))
 
 

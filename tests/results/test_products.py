@@ -58,6 +58,7 @@ def test_a_field_in_a_name_is_one_in_its_caption(own):
     [
         ('    """The objects', '    pass\n    """The objects', "caption, is missing"),
         ('evaluations="grasps"', "evaluations=GRASPS", "malformed"),
+        ('evaluations="grasps"', 'stores=("fabric",)', "unknown fabric: stores are of"),
         ('evaluations="grasps"', 'evaluation="grasps"', "unexpected keyword argument 'evaluation'"),
     ],
 )
@@ -65,6 +66,11 @@ def test_a_declaration_that_makes_no_sense_is_named(own, old, new, message):
     assert old in WORST
     with pytest.raises(ValueError, match=rf"own\.py:6: worst_objects: .*{message}"):
         own(WORST.replace(old, new))
+
+
+def test_names_are_unique(own):
+    with pytest.raises(ValueError, match=r"own\.py:17: there are two tables named worst_objects"):
+        own(WORST + WORST)
 
 
 @pytest.mark.parametrize("product", products.products(), ids=lambda each: f"{each.kind}/{each.name}")

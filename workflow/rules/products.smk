@@ -1,6 +1,6 @@
 # Tables and figures: each is a function of palpate/results, which declares what it reads (palpate/results/products.py).
 from palpate import stages
-from palpate.results import published
+from palpate.results import products, published
 
 FORMS = {"tables": ["csv", "md", "tex"], "figures": ["png"]}
 # What the fields in names of products stand for: the run's classes by their names in files, the paper's models.
@@ -8,13 +8,14 @@ FIELDS = {
     "class_name": {catalogue.file_name(name): name for name in CLASS_COUNTS},
     "model": {row["model"]: row["model"] for row in published.paper_rows("architectures")},
 }
-# Experiments that take no more grasps than the run has, and the differences between them.
-SMALL = [each.name for each in EXPERIMENTS.experiments.values() if each.grasps <= config["grasps"]["per_object"]]
-EFFECTS = published.effects(SMALL)
+# Experiments that take at most the grasps that the run has, and the differences between them.
+FEASIBLE = [each.name for each in EXPERIMENTS.experiments.values() if each.grasps <= config["grasps"]["per_object"]]
+EFFECTS = published.effects(FEASIBLE)
 
+COMPARISONS = list(dict.fromkeys(each.comparison for each in products.products() if each.comparison))
 for name in EXPERIMENTS.tables:
-    if name not in (known := dict.fromkeys(each.comparison for each in products.products() if each.comparison)):
-        stop(f"config/experiments.yaml: no table is called {name}; there are {', '.join(known)}")
+    if name not in COMPARISONS:
+        stop(f"config/experiments.yaml: no table is called {name}; there are {', '.join(COMPARISONS)}")
 
 
 def is_available(source):
@@ -81,7 +82,7 @@ def product_inputs(kind, name):
         if not (RELEASED and stage.simulated):
             files[stage.name] = expand(stage.path(), batch=BATCHES)
     if product.models:
-        models = [each for each in product.models if each in SMALL]
+        models = [each for each in product.models if each in FEASIBLE]
         seed = config["training"]["seeds"][0]
         files["models"] = expand("models/{experiment}/seed-{seed}/best.ckpt", experiment=models, seed=seed)
     if source := product.evaluations:
@@ -113,5 +114,5 @@ def product_params(kind, name):
 
 
 def caption(kind, name):
-    """A caption as reStructuredText. Params that take the output are no reason to make it again: another wording isn't."""
+    """A caption as reStructuredText. As a param it takes `output`: Snakemake makes nothing again for such a param."""
     return products.caption(kind, name).replace("`", "``")
