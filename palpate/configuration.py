@@ -4,17 +4,20 @@ import difflib
 import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import MISSING, fields, is_dataclass
 from pathlib import Path
 from typing import Any
 
 import jsonschema
 import yaml
 
-# Keys of the config that had another name, by their path.
-RENAMED_KEYS = {
-    "training.touch_charts": "chart_fit",
-    "evaluation.bootstrap": "resamples",
-    "views.renderings": "published_renderings",
+# Keys of the config that had another name or are gone, by the end of their path, and what to do.
+FORMER_KEYS = {
+    "training.touch_charts": "this key is now called 'chart_fit'; rename it",
+    "evaluation.bootstrap": "this key is now called 'resamples'; rename it",
+    "views.renderings": "this key is now called 'published_renderings'; rename it",
+    "architecture.unsuccessful": "this key is now called 'failed_charts', and its value held 'fixed'; rename both",
+    "surface_terms": "remove this key; studies/surface_terms.py adds these terms to the loss, from Python",
 }
 # Values that had another name, by their key's path.
 RENAMED_VALUES = {"source.variants": {"richest": "best"}}
@@ -126,8 +129,8 @@ def _say(error: jsonschema.ValidationError) -> Iterator[str]:
         known = list(error.schema["properties"])
         for key in sorted(set(error.instance) - set(known)):
             path = f"{where}.{key}" if where else str(key)
-            if path in RENAMED_KEYS:
-                yield f"{path}: this key is now called {RENAMED_KEYS[path]!r}; rename it"
+            if former := next((end for end in FORMER_KEYS if f".{path}".endswith(f".{end}")), None):
+                yield f"{path}: {FORMER_KEYS[former]}"
                 continue
             close = difflib.get_close_matches(str(key), known, n=1)
             hint = f"did you mean {close[0]!r}?" if close else f"known keys: {', '.join(known)}"
@@ -158,6 +161,16 @@ def _unusable(value: Any, where: tuple[str, ...] = ()) -> Iterator[str]:
         yield f"{place}: {value!r} has a line break or another control character: remove it"
     elif isinstance(value, str) and max(len(name.encode()) for name in value.split("/")) > LONGEST_NAME:
         yield f"{place}: {value[:20]}... has a name of over {LONGEST_NAME} bytes, which no file can have: shorten it"
+
+
+def plain(instance: Any) -> dict[str, Any]:
+    """A dataclass as nested dictionaries, without the fields that have their default."""
+    row = {}
+    for each in fields(instance):
+        value, default = getattr(instance, each.name), each.default
+        if value != (default if each.default_factory is MISSING else each.default_factory()):
+            row[each.name] = plain(value) if is_dataclass(value) else value
+    return row
 
 
 def whole_numbers(values: Any) -> Any:

@@ -1,13 +1,13 @@
 """The experiments of config/experiments.yaml: each model that a table needs, and the tables as lists of them."""
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import yaml
 
-from palpate.configuration import ConfigError, check
+from palpate.configuration import ConfigError, check, plain
 
 SPLITS = ("validation", "test")  # that models are tested on
 
@@ -40,8 +40,7 @@ class Experiment:
 
     def row(self) -> dict[str, Any]:
         """The row as plain data, keys with their default left out: what checkpoints and Snakemake's params hold."""
-        defaults = {"fewer_grasps": False, "base": None, "architecture": {}}
-        return {key: value for key, value in asdict(self).items() if key != "name" and defaults.get(key, ()) != value}
+        return {key: value for key, value in plain(self).items() if key != "name"}
 
     @property
     def has_vision(self) -> bool:
@@ -88,7 +87,7 @@ class Experiment:
 
 @dataclass(frozen=True)
 class Comparison:
-    """A table of config/experiments.yaml: the experiments that it compares, in order, and the split they are tested on."""
+    """A table of config/experiments.yaml: its experiments in order, and the split that they are tested on."""
 
     name: str
     split: str
@@ -131,6 +130,3 @@ class Experiments:
                     raise ConfigError(f"{path}: table {name} has experiment {experiment}, which is not defined")
             tables[name] = Comparison(name, row["split"], tuple(experiments[each] for each in row["experiments"]))
         return cls(experiments, tables)
-
-
-EXPERIMENT_KEYS = tuple(each.name for each in fields(Experiment) if each.name != "name")

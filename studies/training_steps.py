@@ -6,7 +6,7 @@ from contextlib import AbstractContextManager, nullcontext
 
 import torch
 
-from palpate.training import ReconstructionLearner
+from palpate.training.learners import ReconstructionLearner
 
 
 class TrainingSteps:
@@ -24,7 +24,7 @@ class TrainingSteps:
         with self.autocast():
             loss = learner.losses(learner.training_batch(number), generator, learner.model).mean()
         loss.backward()
-        if learner.settings["clip"]:
-            torch.nn.utils.clip_grad_norm_(learner.model.parameters(), learner.settings["clip"])
+        if learner.settings.clip:
+            torch.nn.utils.clip_grad_norm_(learner.model.parameters(), learner.settings.clip)
         self.optimiser.step()
         return time.process_time() - start

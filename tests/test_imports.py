@@ -14,10 +14,10 @@ ROOT = Path(palpate.__file__).parent
 # From what everything else stands on to what stands on everything else; docs/design.md has the same order.
 ORDER = (
     *("lazy", "stages", "checksums", "atomic", "lock", "locked", "terminal", "rebuild_command", "provenance", "batch"),
-    *("configuration", "experiments"),
+    *("configuration", "experiments", "architectures"),
     *("camera", "sensor", "named_files"),
     *("mesh", "surface", "hand", "scene", "touch", "grasp", "vision", "shapes", "store", "released", "catalogue"),
-    *("dataset", "protocol", "charts", "models", "training", "evaluation", "results"),
+    *("dataset", "protocol", "charts", "models", "inference", "evaluation", "training", "results"),
     *("viewer", "interchange", "check", "command"),
 )
 # Packages that may import an engine: by the name that is imported.
@@ -25,7 +25,7 @@ ENGINES = {
     "mujoco": {"hand", "grasp"},
     "bpy": {"vision"},
     "mathutils": {"vision"},
-    "torch": {"charts", "models", "training", "evaluation", "results"},
+    "torch": {"charts", "models", "inference", "evaluation", "training", "results"},
     "lightning": {"training"},
     "snakemake": set(),
     "studies": set(),

@@ -1,20 +1,7 @@
 """Charts: atlas, graph, points on faces, distance between clouds, and fits to clouds. Needs torch."""
 
-from palpate.charts.atlas import (
-    ATLAS_RADIUS,
-    Atlas,
-    TouchChart,
-    chart_faces,
-    sphere,
-    touch_chart,
-    vision_atlas,
-)
-from palpate.charts.chamfer import (
-    build_tree,
-    chamfer_distance,
-    nearest,
-    one_sided_distance,
-)
+from palpate.charts.atlas import ATLAS_RADIUS, Atlas, TouchChart, chart_faces, sphere, touch_chart, vision_atlas
+from palpate.charts.chamfer import build_tree, chamfer_distance, nearest, one_sided_distance
 from palpate.charts.fit import fit_adam, fit_direct
 from palpate.charts.graph import Graph
 from palpate.charts.normals import plane_normals

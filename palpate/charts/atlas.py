@@ -1,9 +1,8 @@
 """The atlas: vision charts that close a sphere, and the touch chart.
 
-A vision chart has 19 vertices and 24 faces (paper, section 3): a hexagonal patch of radius 2, its 12 boundary
-vertices laid along the three sides of a triangle, four steps a side. The triangles are those of a tetrakis
-hexahedron (a cube with a low pyramid on each face: 14 corners, 24 triangles), each split in 4 on the sphere:
-50 corners, 96 triangles. docs/charts.md says why 96 and not the text's 95.
+A vision chart has 19 vertices and 24 faces (paper, section 3): a hexagonal patch of radius 2, its 12 boundary vertices
+laid along the three sides of a triangle, four steps a side. The triangles are those of a tetrakis hexahedron (a cube
+with a low pyramid on each face), each split in 4 on the sphere: 50 corners, 96 triangles. docs/charts.md: why not 95.
 """
 
 import math
@@ -15,10 +14,10 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from palpate.architectures import ATLAS_RADIUS
 from palpate.mesh import DIAGONAL, OBJECT_POSITION
 from palpate.sensor import DIGIT, Size
 
-ATLAS_RADIUS = 0.26  # m, around the object's centre (the published atlas)
 VISION_CHARTS = 96
 CHART_VERTICES = 19
 CHART_BOUNDARY = 12
@@ -51,7 +50,7 @@ class Atlas(NamedTuple):
 
 
 class TouchChart(NamedTuple):
-    """The touch chart, a regular sheet of the sensor's size.
+    """The touch chart, a regular grid of the sensor's size.
 
     Attributes:
         grid: (81, 2) float32 metres on the sensor plane: y along columns and z along rows, as in a reading.
@@ -70,12 +69,8 @@ def patch_faces() -> np.ndarray:
     for j in range(6):
         before, middle, after = 2 * j, 2 * j + 1, (2 * j + 2) % CHART_BOUNDARY
         inner, following = RING + j, RING + (j + 1) % 6
-        faces += [
-            (before, middle, inner),
-            (middle, following, inner),
-            (middle, after, following),
-            (inner, following, CENTRE),
-        ]
+        faces += [(before, middle, inner), (middle, following, inner)]
+        faces += [(middle, after, following), (inner, following, CENTRE)]
     return np.array(faces)
 
 
@@ -204,7 +199,7 @@ def sphere() -> tuple[Tensor, Tensor]:
 @cache
 @torch.inference_mode(False)  # kept for all later uses, whatever the first one
 def touch_chart(size: Size = DIGIT.size) -> TouchChart:
-    """The sheet of 9 x 9 vertices over the whole plane of a sensor of a size. Its faces are any sensor's."""
+    """The grid of 9 x 9 vertices over the whole plane of a sensor of a size. Its faces are any sensor's."""
     z, y = torch.meshgrid(*(torch.linspace(-edge / 2, edge / 2, TOUCH_SIDE) for edge in size), indexing="ij")
     corner = (torch.arange(TOUCH_SIDE - 1)[:, None] * TOUCH_SIDE + torch.arange(TOUCH_SIDE - 1)).ravel()
     right, below = corner + 1, corner + TOUCH_SIDE

@@ -1,7 +1,6 @@
-"""The Chamfer distance between point clouds, by exact nearest neighbours.
+"""The Chamfer distance between point clouds, by exact nearest neighbours; gradients flow through the pairs found.
 
-On a CPU neighbours are found with k-d trees; on a GPU by a search over blocks of queries, which never holds
-all pairs. Gradients flow through the pairs that were found.
+On a CPU neighbours are found with k-d trees; on a GPU by a search over blocks of queries, which never holds all pairs.
 """
 
 from collections.abc import Sequence
@@ -30,8 +29,8 @@ def checked(points: Tensor) -> Tensor:
 
 def build_tree(points: Tensor) -> cKDTree:
     """A k-d tree of a cloud (n, 3), to be built once for a cloud that does not change."""
-    # Cells split in the middle, large leaves: a search between clouds far apart, as early in training, takes
-    # half the time or less of one with the library's defaults (docs/charts.md).
+    # Cells split in the middle, large leaves: between clouds far apart, as early in training, a search takes half the
+    # time or less of one with the library's defaults (docs/charts.md).
     cloud = checked(points).cpu().double().numpy()
     return cKDTree(cloud, leafsize=LEAF_SIZE, balanced_tree=False, compact_nodes=False)
 
@@ -53,15 +52,10 @@ def nearest_in_tree(query: Tensor, tree: cKDTree, workers: int) -> Tensor:
 
 
 def nearest(query: Tensor, points: Tensor, tree: cKDTree | None = None) -> Tensor:
-    """Which point lies nearest to each query, exactly.
+    """Which point (m, 3) lies nearest to each query (n, 3), exactly: (n,) int64.
 
-    Args:
-        query: (n, 3), points: (m, 3), on one device.
-        tree: `build_tree(points)` if it is there already; used on a CPU only.
-
-    Returns: (n,) int64.
-
-    Raises ValueError if a cloud is empty or holds NaN or infinity.
+    tree: `build_tree(points)` if it is there already; used on a CPU only. Raises ValueError if a cloud is empty or
+    holds NaN or infinity.
     """
     query = checked(query)
     if query.device.type != "cpu":
@@ -92,25 +86,17 @@ def mean_squared(query: Tensor, points: Tensor, index: Tensor) -> Tensor:
     return (query.to(dtype) - points.to(dtype)[index]).square().sum(dim=1).mean()
 
 
-def paired(a: Clouds, b: Clouds) -> None:
-    """Raises ValueError unless a and b have the same number of clouds, at least one."""
-    if len(a) != len(b) or not len(a):
-        raise ValueError(f"{len(a)} clouds against {len(b)}; must be as many, and at least one")
-
-
 def one_sided_distance(query: Clouds, points: Clouds, trees: Sequence[cKDTree] | None = None) -> Tensor:
-    """Mean squared distance from each query to the nearest point, for each pair of clouds.
+    """Mean squared distance from each query to the nearest point, for each pair of clouds: (B,) m^2.
 
-    Args:
-        query, points: (B, n, 3) and (B, m, 3) metres, or sequences of B clouds (n_i, 3) and (m_i, 3).
-        trees: `build_tree` of each cloud of points, if they are there already; used on a CPU only.
-
-    Returns: (B,) square metres, float32 for clouds of less; times `palpate.protocol.CHAMFER_SCALE` in the tables' unit.
-    Differentiable in both clouds.
+    query, points: (B, n, 3) and (B, m, 3) metres, or sequences of B clouds (n_i, 3) and (m_i, 3). trees: `build_tree`
+    of each cloud of points, if they are there already; used on a CPU only. The result is float32 or more, and
+    differentiable in both clouds; times `palpate.protocol.CHAMFER_SCALE` it is in the tables' unit.
 
     Raises ValueError if a cloud is empty or holds NaN or infinity, or the numbers of clouds differ.
     """
-    paired(query, points)
+    if len(query) != len(points) or not len(query):
+        raise ValueError(f"{len(query)} clouds against {len(points)}; must be as many, and at least one")
     trees = trees or [None] * len(query)
     index = nearest_of_all(list(zip(query, points, trees, strict=True)))
     return torch.stack([mean_squared(*pair) for pair in zip(query, points, index, strict=True)])
@@ -119,25 +105,6 @@ def one_sided_distance(query: Clouds, points: Clouds, trees: Sequence[cKDTree] |
 def chamfer_distance(
     a: Clouds, b: Clouds, a_trees: Sequence[cKDTree] | None = None, b_trees: Sequence[cKDTree] | None = None
 ) -> Tensor:
-    """Chamfer distance of each pair of clouds: mean squared distance from a to b, plus that from b to a
-    (paper, equation 2, with means for sums, as in its tables).
-
-    Args:
-        a, b: (B, n, 3) and (B, m, 3) metres, or sequences of B clouds (n_i, 3) and (m_i, 3).
-        a_trees, b_trees: `build_tree` of each cloud, of those that do not change; used on a CPU only.
-
-    Returns: (B,) square metres, float32 for clouds of less; times `palpate.protocol.CHAMFER_SCALE` in the tables' unit.
-    Differentiable in both clouds.
-
-    Raises ValueError if a cloud is empty or holds NaN or infinity, or the numbers of clouds differ.
-    """
-    paired(a, b)
-    forth = zip(a, b, b_trees or [None] * len(b), strict=True)
-    back = zip(b, a, a_trees or [None] * len(a), strict=True)
-    index = nearest_of_all([*forth, *back])
-    return torch.stack(
-        [
-            mean_squared(p, q, to_q) + mean_squared(q, p, to_p)
-            for p, q, to_q, to_p in zip(a, b, index[: len(a)], index[len(a) :], strict=True)
-        ]
-    )
+    """Chamfer distance of each pair of clouds: `one_sided_distance` from a to b, plus that from b to a
+    (paper, equation 2, with means for sums, as in its tables). Raises what that raises."""
+    return one_sided_distance(a, b, b_trees) + one_sided_distance(b, a, a_trees)

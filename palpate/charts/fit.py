@@ -20,7 +20,7 @@ STOP = 0.0006 / CHAMFER_SCALE  # square metres: the supplement's loss to stop at
 def spread(valid: Tensor, count: int) -> Tensor:
     """Which `count` of the true entries of each row (..., n) lie evenly over all of them, first to last.
 
-    Returns: (..., count) int64, ascending; entries repeat where fewer are true, and are 0 where none is.
+    Returns (..., count) int64, ascending; entries repeat where fewer are true, and are 0 where none is.
     """
     rank = valid.cumsum(dim=-1)
     total = rank[..., -1:]
@@ -31,16 +31,12 @@ def spread(valid: Tensor, count: int) -> Tensor:
 
 
 def fit_direct(depth: Tensor, valid: Tensor, position: Tensor, rotation: Tensor, size: Size = DIGIT.size) -> Tensor:
-    """Touch charts of height fields, by resampling: nine of the pixel rows that hold contact, evenly spread,
+    """Touch charts (k, 81, 3) of height fields, by resampling: nine of the pixel rows that hold contact, evenly spread,
     and in each of them nine of its pixels in contact. Every vertex is a point of the cloud.
 
-    Args:
-        depth: (k, r, c) metres from the sensor plane at the centres of pixels; used where valid.
-        valid: (k, r, c) bool, pixels in contact, one or more each.
-        position: (k, 3) metres and rotation: (k, 3, 3) of the sensors; columns are the frame's axes.
-        size: of the sensors.
-
-    Returns: (k, 81, 3) in the frame and type of the positions, vertices ordered as in `touch_chart()`.
+    depth: (k, r, c) metres from the sensor plane at the centres of pixels. valid: (k, r, c) bool, pixels in contact.
+    position: (k, 3) metres and rotation: (k, 3, 3) of the sensors; columns are the frame's axes. size: of the sensors.
+    The charts are in the frame and type of the positions, vertices ordered as in `touch_chart()`.
 
     Raises ValueError if a chart has no valid pixel, or a valid depth is NaN or infinite.
     """
@@ -74,24 +70,17 @@ def fit_adam(
     generator: torch.Generator | None = None,
     size: Size = DIGIT.size,
 ) -> Tensor:
-    """Touch charts by the paper's optimisation (supplement, "Converting Point Clouds to Charts").
+    """Touch charts (k, 81, 3) by the paper's optimisation (supplement, "Converting Point Clouds to Charts").
 
-    For all sensors at once: a planar sheet in place of the sensor, its vertices moved by Adam to lower the
-    Chamfer distance between the cloud and points sampled on the sheet, until it falls below `stop`.
+    For all sensors at once: Adam moves the vertices of a plane in place of the sensor, to lower the Chamfer distance
+    between the cloud and points sampled on the chart. A chart is that of the step with the lowest loss.
 
     Args:
         points: k local clouds (n_i, 3) metres, in the frame of the poses, one point or more each.
-        position: (k, 3) and rotation: (k, 3, 3) of the sensors.
-        steps: largest number.
-        rate: Adam's learning rate, in metres.
-        stop: a chart is done when its loss falls below this many square metres.
-        samples: points on each sheet a step. With so few that their own spacing exceeds `stop`, it is
-            never reached: 1,000 are too few for the supplement's (docs/charts.md).
-        generator: of the samples; the default one if None.
-        size: of the sensors.
-
-    Returns: (k, 81, 3), vertices ordered as in `touch_chart()`; of the step with the lowest loss if it did
-    not fall below `stop`.
+        position: (k, 3) and rotation: (k, 3, 3) of the sensors. size: theirs.
+        steps: at most. rate: Adam's, in metres. stop: a chart is done when its loss falls below this, in square metres.
+        samples: points on each chart a step, from `generator` (None: the default one). With 1,000 their own spacing
+            exceeds the supplement's `stop`, which is then never reached (docs/charts.md).
 
     Raises ValueError if a cloud is empty or holds NaN or infinity, or the numbers of clouds and poses differ.
     """
@@ -104,8 +93,8 @@ def fit_adam(
     with torch.inference_mode(False), torch.enable_grad():
         points = [cloud.detach().clone() for cloud in points]
         position, rotation = position.clone(), rotation.clone()
-        sheet = torch.cat([torch.zeros(len(chart.grid), 1), chart.grid], dim=1).to(position)
-        vertices = placed(sheet.expand(len(position), -1, -1), position, rotation).detach().requires_grad_()
+        plane = torch.cat([torch.zeros(len(chart.grid), 1), chart.grid], dim=1).to(position)
+        vertices = placed(plane.expand(len(position), -1, -1), position, rotation).detach().requires_grad_()
         best = vertices.detach().clone()
         lowest = torch.full((len(best),), torch.inf, dtype=best.dtype, device=best.device)
         adam = torch.optim.Adam([vertices], lr=rate)

@@ -58,20 +58,16 @@ class NeighbourhoodSum(torch.autograd.Function):
 class Graph(nn.Module):
     """Vertices of all charts and their neighbourhoods (paper, section 3).
 
-    Vertex order: vision charts 0 to 1823 as in `vision_atlas()`, then touch chart t at 1824 + 81 t.
-    Neighbours are the ends of a mesh edge within a chart, boundary vertices of different vision charts at
-    the same initial position, and each touch chart's reference vertex with all 1152 boundary vertices of
-    vision charts.
+    Vertex order: vision charts 0 to 1823 as in `vision_atlas()`, then touch chart t at 1824 + 81 t. Neighbours are the
+    ends of a mesh edge within a chart, boundary vertices of different vision charts at the same initial position, and
+    each touch chart's reference vertex with all 1152 boundary vertices of vision charts.
 
     Args:
         touch_charts: number of touch charts, 0 or more (4 a grasp).
-        kind: `charts`; `no_comm`, vision charts only (touch charts are copied into the prediction, but are
-            not in the graph); or `sphere`, the vertices and edges of `sphere()`.
+        kind: `charts`; `no_comm`, without touch charts; or `sphere`, the vertices and edges of `sphere()`.
         normalisation: `symmetric`, the paper's equation 1, or `mean`, as in the published code.
 
-    Attributes:
-        vertices: V, number of vertices in the graph.
-        faces: (F, 3) int64 faces over them.
+    Attributes: vertices, number V of vertices in the graph; faces, (F, 3) int64 faces over them.
 
     Raises ValueError for another kind or normalisation, or a negative number.
     """
@@ -125,16 +121,11 @@ class Graph(nn.Module):
 
     def aggregate(self, x: Tensor, transpose: bool = False) -> Tensor:
         """The normalised sum over each vertex and its neighbours: `symmetric`,
-        y_u = sum_v x_v / sqrt((|N_u| + 1) (|N_v| + 1)) (paper, equation 1), or their `mean`,
-        y_u = sum_v x_v / (|N_u| + 1).
+        y_u = sum_v x_v / sqrt((|N_u| + 1) (|N_v| + 1)) (paper, equation 1), or `mean`, y_u = sum_v x_v / (|N_u| + 1).
 
-        Args:
-            x: (V, B, C) features, or (V, C), of any strides; float32 or float64, or bfloat16 or float16.
-            transpose: by the transposed matrix, as gradients are.
-
-        Returns: the same shape and type, contiguous. Differentiable any number of times.
-
-        Raises ValueError if x does not have V rows.
+        x: (V, B, C) features, or (V, C), of any strides and floating type. transpose: by the transposed matrix, as for
+        gradients. Returns the same shape and type, contiguous, differentiable any number of times. Raises ValueError if
+        x does not have V rows.
         """
         if x.ndim < 2 or len(x) != self.vertices:
             raise ValueError(f"features of shape {tuple(x.shape)}; must be ({self.vertices}, ..., channels)")
@@ -159,25 +150,3 @@ class Graph(nn.Module):
         return super()._apply(function, *arguments)
 
     forward = aggregate
-
-    def dense(self) -> Tensor:
-        """The matrix (V, V) float64 that `aggregate` multiplies by, built edge by edge: to test against, and
-        for the straightforward implementation in the benchmarks."""
-        atlas = vision_atlas()
-        adjacent = torch.eye(self.vertices, dtype=torch.float64)
-        for a, b, c in self.faces.tolist():
-            for u, v in ((a, b), (b, c), (c, a)):
-                adjacent[u, v] = adjacent[v, u] = 1
-        if self.kind != "sphere":
-            where: dict[tuple[float, ...], list[int]] = {}
-            for vertex in atlas.boundary.tolist():
-                where.setdefault(tuple(atlas.vertices[vertex].tolist()), []).append(vertex)
-            for together in where.values():
-                for u in together:
-                    adjacent[u, together] = 1
-            for u in self.reference.tolist():
-                adjacent[u, atlas.boundary] = adjacent[atlas.boundary, u] = 1
-        degree = adjacent.sum(dim=1)
-        if self.normalisation == "mean":
-            return adjacent / degree[:, None]
-        return adjacent / (degree[:, None] * degree[None]).sqrt()

@@ -20,20 +20,13 @@ def face_areas(corners: Tensor) -> Tensor:
 
 
 def sample_faces(vertices: Tensor, faces: Tensor, n: int, generator: torch.Generator | None = None) -> Tensor:
-    """Random points on each mesh of a batch, uniform by area (Osada et al. 2002, "Shape Distributions").
+    """Random points (B, n, 3) on each mesh of a batch, uniform by area (Osada et al. 2002, "Shape Distributions").
 
-    Which face and where in it is drawn without gradient; the point then moves with the face's corners (Smith
-    et al. 2019, GEOMetrics). A face without area is never chosen.
+    Which face and where in it is drawn without gradient; the point then moves with the face's corners (Smith et al.
+    2019, GEOMetrics). A face without area is never chosen.
 
-    Args:
-        vertices: (B, V, 3).
-        faces: (F, 3) int64, the same for all meshes.
-        n: points a mesh.
-        generator: of the random numbers, on the CPU or the vertices' device; the default one if None.
-
-    Returns: (B, n, 3).
-
-    Raises ValueError if a vertex is NaN or infinite, or a mesh has no area.
+    vertices: (B, V, 3). faces: (F, 3) int64, the same for all meshes. generator: on the CPU or the vertices' device;
+    the default one if None. Raises ValueError if a vertex is NaN or infinite, or a mesh has no area.
     """
     corners = vertices[:, faces]  # (B, F, 3, 3)
     with torch.no_grad():

@@ -26,13 +26,10 @@ class Score(NamedTuple):
 
 
 def squared_distances(points: Tensor, others: Tensor, tree: cKDTree | None = None) -> Tensor:
-    """Squared distance of each point to the nearest of the others.
+    """Squared distance (n,) float64 m^2 of each point (n, 3) to the nearest of the others (m, 3), metres.
 
-    Args:
-        points: (n, 3), others: (m, 3), metres, on one device.
-        tree: `palpate.charts.build_tree(others)`, if it is there already.
-
-    Returns: (n,) float64 m^2. Raises ValueError if a cloud is empty or holds NaN or infinity.
+    tree: `palpate.charts.build_tree(others)`, if it is there already. Raises ValueError if a cloud is empty or holds
+    NaN or infinity.
     """
     index = nearest(points, others, tree)
     return (points.double() - others[index].double()).square().sum(dim=1)

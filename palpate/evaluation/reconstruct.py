@@ -1,8 +1,6 @@
-"""Use a trained model: from an image and the touches of a grasp to a mesh.
+"""Use a trained model: from an image and the touches of a grasp to a mesh. From Python `palpate.reconstruct`, or:
 
-From Python, `palpate.reconstruct`; as a command, with what a run's dataset holds:
-
-    palpate reconstruct results/default charts_occluded_touch bottle-0011 --output x.ply
+palpate reconstruct results/default charts_occluded_touch bottle-0011 --output x.ply
 """
 
 import warnings
@@ -13,10 +11,10 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from palpate.dataset import Dataset
+from palpate.experiments import Experiment
 from palpate.rebuild_command import rebuild_command
 from palpate.sensor import Sensor
 from palpate.store import CONTRACT, Store
-from palpate.training.inputs import takes_charts, takes_grasps
 
 if TYPE_CHECKING:
     import trimesh
@@ -33,11 +31,10 @@ TOUCH_COLOUR = (0.84, 0.37, 0.00)
 
 
 class GraspTouches(NamedTuple):
-    """Readings and poses of the sensors of one grasp: the part of a grasp record that a model needs.
+    """Readings and poses of the sensors of one grasp: what a model needs of a grasp record.
 
-    reading: (s, r, c, 3) uint8 images of the gels. position: (s, 3) metres and rotation: (s, 3, 3) of the
-    sensors in the world, columns of a rotation being the sensor's axes. success: (s,) bool, whether the
-    sensor touches the object.
+    reading: (s, r, c, 3) uint8 images of the gels. position: (s, 3) metres and rotation: (s, 3, 3) of the sensors in
+    the world, columns of a rotation being the sensor's axes. success: (s,) bool, whether the sensor touches the object.
     """
 
     reading: np.ndarray
@@ -81,19 +78,16 @@ def reconstruct(
     """The mesh that a trained model predicts from one image, from touches, or from both.
 
     image: (s, s, 3) uint8 sRGB, row 0 at the top; of (s, s, 4) the last channel is opacity. camera: (3, 4) the image's,
-    from homogeneous world coordinates to pixels. Without it the image is taken to be of the camera, and of the size,
-    of all images that the model was trained on; models that were trained on several cameras, or on views, need it.
-    touches: one grasp, or a sequence of as many as the model takes: grasp records of `palpate.Dataset`, or
-    `GraspTouches`. What the model does not take is ignored. model: its folder,
-    `<run>/models/<experiment>/seed-<k>`, or the checkpoint in it; a model that takes touch charts also reads
-    the run's U-Net, `<run>/models/touch_depth`.
+    from homogeneous world coordinates to pixels; models that were trained on several cameras, or on views, need it, the
+    others take that of their training. touches: one grasp, or a sequence of as many as the model takes: grasp records
+    of `palpate.Dataset`, or `GraspTouches`. What the model does not take is ignored. model: its folder,
+    `<run>/models/<experiment>/seed-<k>`, or the checkpoint in it; a model that takes touch charts also reads the run's
+    U-Net, `<run>/models/touch_depth`.
 
-    Returns a mesh in the world frame, metres (the object's centre at (0, 0, 0.6)): the charts as they are,
-    touch charts in another colour. `mesh.export("x.ply")` writes it. A grasp with no successful touch is
-    reconstructed, with a warning: the model knows only where its sensors are.
-
-    Raises ReconstructionError for a model that is not there, a missing image or touch, and values of another
-    shape or not finite. For many objects, make one `Reconstructor`.
+    Returns a mesh in the world frame, metres (the object's centre at (0, 0, 0.6)): the charts as they are, touch charts
+    in another colour. Without any successful touch there is a warning: the model only knows where sensors are. Raises
+    ReconstructionError for a model that is not there, a missing image or touch, and values of another shape or not
+    finite. For many objects, make one `Reconstructor`.
     """
     return Reconstructor(model, device)(image, touches, camera).mesh()
 
@@ -104,27 +98,23 @@ class Reconstructor:
     model: its folder or checkpoint, as `reconstruct` takes it. device: of torch. fit: how touch charts are
     fitted, `direct` or `adam` (the config's `training.chart_fit`).
 
-    Attributes:
-        experiment: the row of config/experiments.yaml that it was trained for: `strategy`, `vision`, `touch`,
-            `grasps`.
+    Attributes: experiment, that it was trained for.
 
     Raises ReconstructionError if the model is not there (naming those that are), its run has no U-Net, or the device
-    can't be used;
-    `palpate.training.CheckpointError` if a checkpoint can't be read, is of another schema version, or its
-    weights are of another architecture.
+    can't be used; CheckpointError as `palpate.inference.checkpoints.load` does.
     """
 
     def __init__(self, model: Path | str, device: str = "cpu", fit: str = "direct"):
         self.path = checkpoint(model)
-        from palpate.training import checkpoints  # brings torch: after what can be wrong without it
+        from palpate.inference import checkpoints  # brings torch: after what can be wrong without it
 
         check_device(device)
         content = checkpoints.read(self.path, "reconstruction")
         self._model = checkpoints.load(self.path).to(device)
-        self.experiment = content["experiment"]
+        self.experiment: Experiment = checkpoints.experiment_of(content)
         self._camera, self._image_size = content.get("camera"), content.get("image_size")
         self._charts = None
-        if self.takes_charts:
+        if self.experiment.takes_charts:
             touch_depth = self.path.parents[2] / TOUCH_DEPTH
             if not (touch_depth / CHECKPOINT).is_file():
                 raise ReconstructionError(
@@ -141,29 +131,28 @@ class Reconstructor:
         return self.path.parents[1].name
 
     @property
-    def takes_charts(self) -> bool:
-        """Whether touches reach the model as charts: not in strategy `sphere`, which takes the readings."""
-        return takes_charts(self.experiment)
-
-    @property
     def grasps(self) -> int:
         """Number of grasps that the model takes."""
-        return self.experiment["grasps"] if self.experiment["touch"] else 0
+        return self.experiment.grasps if self.experiment.touch else 0
 
     def __call__(self, image: np.ndarray | None = None, touches=None, camera: np.ndarray | None = None) -> Shape:
         """The prediction from one image and the touches of some grasps; see `reconstruct`."""
         import torch
 
-        from palpate.training.samples import to_colours
+        from palpate.inference.samples import to_colours
 
         inputs: dict[str, np.ndarray] = {}
         success = np.zeros(0, dtype=bool)
-        if self.experiment["vision"] != "none":
+        if self.experiment.has_vision:
             inputs |= self._image_inputs(image, camera)
-        if self.experiment["touch"]:
+        if self.experiment.touch:
             sensors = self._all_touches(touches)
-            success = sensors.success
-            inputs |= self._touch_inputs(sensors)
+            inputs |= {name: getattr(sensors, name).astype(np.float32) for name in ("position", "rotation")}
+            inputs["success"] = success = sensors.success
+            if self.experiment.takes_charts:
+                inputs["charts"] = self._charts(sensors)
+            else:
+                inputs["reading"] = sensors.reading
         device = next(self._model.parameters()).device
         batch = {name: torch.from_numpy(array)[None].to(device) for name, array in inputs.items()}
         # As a training's, also in memory: convolutions round otherwise in another layout.
@@ -180,14 +169,14 @@ class Reconstructor:
         A model of several grasps, or of none, makes one mesh of the first ones, which stands for each.
         """
         numbers = list(range(len(record.grasps))) if grasps is None else list(grasps)
-        if takes_grasps(self.experiment) and self.experiment["grasps"] == 1:
+        if self.experiment.takes_grasps and self.experiment.grasps == 1:
             return {number: self(*of_object(record, self.experiment, [number])).mesh() for number in numbers}
         return dict.fromkeys(numbers, self(*of_object(record, self.experiment)).mesh())
 
     def _image_inputs(self, image: np.ndarray | None, camera: np.ndarray | None) -> dict[str, np.ndarray]:
         """The image and its camera as the model takes them."""
         if image is None:
-            raise ReconstructionError(f"{self.name} takes an image ({self.experiment['vision']} vision): give one")
+            raise ReconstructionError(f"{self.name} takes an image ({self.experiment.vision} vision): give one")
         image = np.asarray(image)
         size = None if camera is not None or self._camera is None else self._image_size
         square = image.ndim == 3 and image.shape[0] == image.shape[1] and image.shape[2] in (3, 4)
@@ -206,7 +195,7 @@ class Reconstructor:
             )
         _check_finite("the camera", np.asarray(camera))
         if not np.linalg.cond(np.asarray(camera, dtype=float)[:, :3]) < FLAT:
-            raise ReconstructionError("the camera is none: its projection (3, 4) maps the scene to a line or a point")
+            raise ReconstructionError("invalid camera: its projection (3, 4) maps the scene to a line or a point")
         return {"image": image, "camera": np.asarray(camera, dtype=np.float32)}
 
     def _all_touches(self, touches) -> GraspTouches:
@@ -222,18 +211,11 @@ class Reconstructor:
                     f"{self.name} was trained with sensor {self._model.sensor.name!r}, but the touches are of "
                     f"{grasp.sensor.name!r}: {differs}; take a model of their run"
                 )
-        sensors = GraspTouches(
-            *(np.concatenate([getattr(grasp, name) for grasp in grasps]) for name in GraspTouches._fields)
-        )
+        fields = GraspTouches._fields
+        sensors = GraspTouches(*(np.concatenate([getattr(grasp, name) for grasp in grasps]) for name in fields))
         count = self._model.sensors
-        shapes = {
-            "reading": (count, *self._model.sensor.resolution, 3),
-            "position": (count, 3),
-            "rotation": (count, 3, 3),
-            "success": (count,),
-        }
-        for name, shape in shapes.items():
-            values = getattr(sensors, name)
+        shapes = (count, *self._model.sensor.resolution, 3), (count, 3), (count, 3, 3), (count,)
+        for name, values, shape in zip(fields, sensors, shapes, strict=True):
             if values.shape != shape:
                 raise ReconstructionError(
                     f"touches: {name} of {_counted(len(grasps))} has shape {values.shape}, expected {shape}"
@@ -251,23 +233,15 @@ class Reconstructor:
             )
         return sensors._replace(success=sensors.success.astype(bool))
 
-    def _touch_inputs(self, touches: GraspTouches) -> dict[str, np.ndarray]:
-        """The touches as the model takes them: charts, or readings."""
-        poses = {name: getattr(touches, name).astype(np.float32) for name in ("position", "rotation")}
-        inputs = {"success": touches.success, **poses}
-        if self.takes_charts:
-            return inputs | {"charts": self._charts(touches)}
-        return inputs | {"reading": touches.reading}
-
     def _shape(self, vertices: np.ndarray, faces: np.ndarray, success: np.ndarray) -> Shape:
-        if not (self.takes_charts and self._model.shows_touch):  # no touch charts in the mesh
+        if not (self.experiment.takes_charts and self._model.shows_touch):  # no touch charts in the mesh
             return Shape(vertices, faces, np.zeros(len(faces), dtype=bool))
         from palpate.charts import touch_chart
 
-        of_charts = np.repeat(success, len(touch_chart().faces))
-        touch = np.concatenate([np.zeros(len(faces) - len(of_charts), dtype=bool), of_charts])
+        touched_faces = np.repeat(success, len(touch_chart().faces))
+        touch = np.concatenate([np.zeros(len(faces) - len(touched_faces), dtype=bool), touched_faces])
         if self._model.copies_touch:  # charts without success are points
-            shown = np.concatenate([np.ones(len(faces) - len(of_charts), dtype=bool), of_charts])
+            shown = np.concatenate([np.ones(len(faces) - len(touched_faces), dtype=bool), touched_faces])
             faces, touch = faces[shown], touch[shown]
         return Shape(vertices, faces, touch)
 
@@ -280,7 +254,7 @@ class TouchCharts:
 
     def __init__(self, touch_depth: Path | str, device: str = "cpu", fit: str = "direct"):
         self.path = checkpoint(touch_depth)
-        from palpate.training import load_touch_depth
+        from palpate.inference.checkpoints import load_touch_depth
 
         self.model = load_touch_depth(self.path).to(device)
         self.empty_reading = _empty_reading(self.path.parents[2], self.model.sensor)
@@ -288,18 +262,13 @@ class TouchCharts:
 
     def __call__(self, touches: GraspTouches) -> np.ndarray:
         """Charts of k sensors; those of sensors that touch nothing are all at the sensor's position."""
-        from palpate.training import touch_charts
+        from palpate.inference.touches import touch_charts
 
         try:
-            return touch_charts(
-                model=self.model,
-                empty=self.empty_reading,
-                reading=np.asarray(touches.reading),
-                success=np.asarray(touches.success, dtype=bool),
-                position=np.asarray(touches.position),
-                rotation=np.asarray(touches.rotation),
-                method=self.fit,
-            )
+            fields = (np.asarray(getattr(touches, name)) for name in GraspTouches._fields)
+            reading, position, rotation, success = fields
+            poses = success.astype(bool), position, rotation
+            return touch_charts(self.model, reading, self.empty_reading, *poses, self.fit)
         except ValueError as error:  # of the fit: NaN in the predicted cloud
             raise ReconstructionError(f"no touch charts from what {self.path} predicts: {error}") from error
 
@@ -307,22 +276,17 @@ class TouchCharts:
         """Predicted local clouds (n, 3) of the successful sensors, world frame; charts are fitted to them."""
         import torch
 
-        from palpate.training.losses import sheet
-        from palpate.training.touches import channels_first, predict_depth
+        from palpate.inference.touches import channels_first, depth_to_points, predict_depth
 
         success = np.asarray(touches.success, dtype=bool)
         device = next(self.model.parameters()).device
         reading, empty = (channels_first(x).to(device) for x in (touches.reading[success], self.empty_reading))
         depth, valid = predict_depth(self.model, reading, empty)
+        local = depth_to_points(depth, self.model.sensor.size).cpu(), valid.cpu()
+        poses = torch.from_numpy(touches.rotation[success]), torch.from_numpy(touches.position[success])
         return [
-            (points[mask].double() @ torch.from_numpy(turn).T + torch.from_numpy(origin)).numpy()
-            for points, mask, turn, origin in zip(
-                sheet(depth, self.model.sensor.size).cpu(),
-                valid.cpu(),
-                touches.rotation[success],
-                touches.position[success],
-                strict=True,
-            )
+            (points[mask].double() @ rotation.T + position).numpy()
+            for points, mask, rotation, position in zip(*local, *poses, strict=True)
         ]
 
 
@@ -417,7 +381,7 @@ def _seed(name: str) -> int:
     return int(name.rpartition("-")[2])
 
 
-def of_object(record, experiment, grasps: Sequence[int] | None = None, view: int = 0):
+def of_object(record, experiment: Experiment, grasps: Sequence[int] | None = None, view: int = 0):
     """The inputs of a model from an object of the dataset: image or None, grasp records, the image's camera or None.
 
     record: of `palpate.Dataset`. experiment: the model's. grasps: numbers of the grasps, as many as the
@@ -426,24 +390,23 @@ def of_object(record, experiment, grasps: Sequence[int] | None = None, view: int
 
     Raises ReconstructionError for a grasp or view that the object does not have.
     """
-    numbers = list(range(experiment["grasps"])) if grasps is None else list(grasps)
-    uses_grasps = takes_grasps(experiment)
-    available = record.grasps if uses_grasps else []
-    if uses_grasps and (wrong := [number for number in numbers if not 0 <= number < len(available)]):
+    numbers = list(range(experiment.grasps)) if grasps is None else list(grasps)
+    available = record.grasps if experiment.takes_grasps else []
+    if experiment.takes_grasps and (wrong := [number for number in numbers if not 0 <= number < len(available)]):
         raise ReconstructionError(f"{record.name} has no grasp {wrong[0]}: it has {len(available)}, numbered from 0")
-    touches = [available[number] for number in numbers] if experiment["touch"] else None
-    if experiment["vision"] == "views":
+    touches = [available[number] for number in numbers] if experiment.touch else None
+    if experiment.vision == "views":
         images = record.image
         if not 0 <= view < len(images):
             raise ReconstructionError(f"{record.name} has no view {view}: it has {len(images)}, numbered from 0")
         return images[view], touches, record.camera[view]
-    if experiment["vision"] == "none":
+    if not experiment.has_vision:
         return None, touches, None
     try:
-        seen = (record if experiment["vision"] == "unoccluded" else available[numbers[0]]).seen_by(view)
+        seen = (record if experiment.vision == "unoccluded" else available[numbers[0]]).seen_by(view)
     except IndexError as error:
         raise ReconstructionError(str(error)) from None
-    image = seen.unoccluded if experiment["vision"] == "unoccluded" else seen.occluded
+    image = seen.unoccluded if experiment.vision == "unoccluded" else seen.occluded
     return image, touches, seen.vision_camera.matrix()
 
 

@@ -125,21 +125,18 @@ def ring_points(
 
 
 def ring_distances(rings: Sequence[np.ndarray], prediction: Tensor, tree: cKDTree | None = None) -> np.ndarray:
-    """Mean squared distance from the points of each ring to the nearest point of a prediction.
+    """Mean squared distance (k,) m^2 from the points of each ring to the nearest point of a prediction.
 
-    Args:
-        rings: k arrays (n, 3), of any number of touches, prediction: (m, 3) points on it; metres, one frame.
-        tree: `palpate.charts.build_tree(prediction)`, if it is there already.
-
-    Returns: (k,) m^2, nan for a ring without points. Raises ValueError for a prediction that is empty or not
-    finite.
+    rings: k arrays (n, 3), of any number of touches; nan for one without points. prediction: (m, 3) points on it;
+    metres, one frame. tree: its `palpate.charts.build_tree`, if it is there already. Raises ValueError for a prediction
+    that is empty or not finite.
     """
     sizes = [len(points) for points in rings]
     if not sum(sizes):
         return np.full(len(rings), np.nan)
     together = torch.as_tensor(np.concatenate(rings), dtype=torch.float32, device=prediction.device)
     squared = squared_distances(together, prediction, tree).split(sizes)
-    return np.array([float(of_ring.mean()) if len(of_ring) else np.nan for of_ring in squared])
+    return np.array([float(distances.mean()) if len(distances) else np.nan for distances in squared])
 
 
 def project_batch(

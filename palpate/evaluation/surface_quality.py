@@ -1,6 +1,6 @@
 """How smooth a predicted surface is: angles between faces, torn charts, and faces that lie across the true surface.
 
-Four numbers tell crumpled sheets, torn charts and spikes apart, of the vision charts (or the sphere) alone:
+Four numbers that distinguish crumpled charts, torn charts and spikes; of the vision charts (or the sphere) alone:
 
 - `bend`: mean angle in degrees between adjacent faces of a chart, 0 where it is flat (the angle that discrete shells
   resist: Grinspun et al. 2003, Discrete Shells). A sphere of the atlas's size and faces has 4.9.

@@ -1,6 +1,5 @@
 """Networks: the U-Net of touch readings, the reconstruction by deformed charts, and what it is compared with."""
 
-from palpate.models.architectures import PAPER_ARCHITECTURES, SINGLE_IMAGE_ARCHITECTURES, paper_architecture
 from palpate.models.encoder import ImageEncoder
 from palpate.models.gcn import GraphNetwork, ZeroNeighbourLayer
 from palpate.models.pooling import PerceptualPooling
@@ -9,8 +8,6 @@ from palpate.models.single_image import SINGLE_IMAGE_MODELS, SingleImageModel
 from palpate.models.touch_depth import TouchDepth
 
 __all__ = [
-    "PAPER_ARCHITECTURES",
-    "SINGLE_IMAGE_ARCHITECTURES",
     "SINGLE_IMAGE_MODELS",
     "GraphNetwork",
     "ImageEncoder",
@@ -19,5 +16,4 @@ __all__ = [
     "SingleImageModel",
     "TouchDepth",
     "ZeroNeighbourLayer",
-    "paper_architecture",
 ]

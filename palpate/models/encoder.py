@@ -19,25 +19,16 @@ class ImageEncoder(nn.Module):
     """
 
     def __init__(
-        self,
-        channels: Sequence[int],
-        layers: Sequence[int],
-        pool: Sequence[int],
-        norm: str = "batch",
-        padding: int = 0,
+        self, channels: Sequence[int], layers: Sequence[int], pool: Sequence[int], norm: str = "batch", padding: int = 0
     ):
         super().__init__()
         if len(channels) != len(layers) or not all(count > 0 for count in [*channels, *layers]):
-            raise ValueError(
-                f"encoder: channels {list(channels)} and layers {list(layers)} must be as many, and positive"
-            )
+            raise ValueError(f"encoder: channels {[*channels]} and layers {[*layers]} must be as many, and positive")
         total = sum(layers)
         if not pool or sorted(set(pool)) != list(pool) or pool[0] < 1 or pool[-1] > total:
             raise ValueError(f"encoder: pool {list(pool)} must rise within the layers 1 to {total}")
         if pool[-1] != total:
-            raise ValueError(
-                f"encoder: layers {pool[-1] + 1} to {total} are read by nothing: pool {total}, or omit them"
-            )
+            raise ValueError(f"encoder: layers {pool[-1] + 1} to {total} are not used: pool {total}, or omit them")
         self.pool = tuple(pool)
         self.padding = padding
         self.strides = [2 if first else 1 for count in layers for first in [True] + [False] * (count - 1)]
@@ -93,9 +84,8 @@ class ImageEncoder(nn.Module):
 class ReadingEncoder(nn.Module):
     """The simple CNN that makes features of a touch reading, for strategy `sphere` (section 5.1).
 
-    The paper doesn't give its layers. Here: four convolutions (3 x 3, stride 2) of 16, 32, 64, 64 channels,
-    the mean over the map, and a linear layer to `features`. Nothing is normalised: how much of a reading differs from
-    the empty one, and by how much, is what it says.
+    The paper doesn't give its layers. Here: four convolutions (3 x 3, stride 2), the mean over the map, and a linear
+    layer to `features`. Nothing is normalised: how much of a reading differs from the empty one is its content.
     """
 
     def __init__(self, features: int = 32, channels: Sequence[int] = (16, 32, 64, 64)):

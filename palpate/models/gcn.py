@@ -16,21 +16,11 @@ class ZeroNeighbour(torch.autograd.Function):
     """relu(A(X W + P) + b), where A sums the first `shared` channels over neighbourhoods, in few passes.
 
     P, or None, are the products of other inputs with their weights. One matrix product with the bias or P in it, then
-    the shared channels and the ReLU in place. Forward and backward are the plain layer's (tests/models/test_gcn.py);
-    docs/models.md has the times of both.
+    the shared channels and the ReLU in place: the plain layer (tests/models/test_gcn.py), faster (docs/models.md).
     """
 
     @staticmethod
-    def forward(
-        ctx: Any,
-        x: Tensor,
-        weight: Tensor,
-        bias: Tensor,
-        products: Tensor | None,
-        graph: Graph,
-        shared: int,
-        relu: bool,
-    ):
+    def forward(ctx: Any, x, weight, bias, products: Tensor | None, graph: Graph, shared: int, relu: bool):
         rows = x.flatten(0, 1)
         if products is None:
             late = bias.clone()  # The bias of the shared channels comes after the sum.
@@ -54,14 +44,14 @@ class ZeroNeighbour(torch.autograd.Function):
         # A copy either way: what comes in must not be changed in place.
         through = torch.ops.aten.threshold_backward
         gradient = gradient.clone() if y is None else through(gradient, y, 0)
-        of_bias = gradient.sum(dim=(0, 1))
+        grad_bias = gradient.sum(dim=(0, 1))
         if ctx.shared:
             shared = gradient[..., : ctx.shared]
             gradient[..., : ctx.shared] = ctx.graph.aggregate(shared, transpose=True)
         rows = gradient.flatten(0, 1)
-        of_x = (rows @ weight.T).view(x.shape) if ctx.needs_input_grad[0] else None
-        of_products = gradient if ctx.needs_input_grad[3] else None
-        return of_x, x.flatten(0, 1).T @ rows, of_bias, of_products, None, None, None
+        grad_x = (rows @ weight.T).view(x.shape) if ctx.needs_input_grad[0] else None
+        grad_products = gradient if ctx.needs_input_grad[3] else None
+        return grad_x, x.flatten(0, 1).T @ rows, grad_bias, grad_products, None, None, None
 
 
 @torch.no_grad()
@@ -85,10 +75,9 @@ def initialise(weight: Tensor, init: str, scale: float = 1.0, fan_in: int | None
 class ZeroNeighbourLayer(nn.Module):
     """X W; the first third of the output channels, or all, summed over the neighbourhood; bias; ReLU.
 
-    The graph operation is `Graph.aggregate`, the normalised sum of section 3's equation over a vertex and its
-    neighbours. It works on `outputs // 3` channels only, the others pass (the published code; a
-    zero-neighbour layer is GEOMetrics'). The last layer of a network has relu False, and sums all of its channels,
-    the coordinates (as in the published code).
+    The graph operation is `Graph.aggregate`. It works on `outputs // 3` channels only, the others pass (the published
+    code; a zero-neighbour layer is GEOMetrics'). The last layer of a network has relu False, and sums all of its
+    channels, the coordinates (as in the published code).
     """
 
     def __init__(self, inputs: int, outputs: int, relu: bool = True):

@@ -1,6 +1,5 @@
 """Layers shared by the networks."""
 
-import torch
 from torch import nn
 
 NORMS = {
@@ -14,9 +13,8 @@ NORMS = {
 class ConvolutionBlock(nn.Sequential):
     """A row of the paper's tables: convolution, normalisation (`norm`: batch, instance or none), ReLU.
 
-    (B, inputs, H, W) -> (B, outputs, H', W') with H' = (H + 2 padding - kernel) // stride + 1. The
-    convolution has a bias only without normalisation, which would remove it; its weights then keep the size of
-    features (He et al. 2015).
+    (B, inputs, H, W) -> (B, outputs, H', W') with H' = (H + 2 padding - kernel) // stride + 1. The convolution has a
+    bias only without normalisation, which would remove it; its weights then keep the size of features (He et al. 2015).
     """
 
     def __init__(self, inputs: int, outputs: int, kernel=3, stride=1, padding=0, norm="batch"):
@@ -27,17 +25,6 @@ class ConvolutionBlock(nn.Sequential):
             nn.init.kaiming_normal_(convolution.weight, nonlinearity="relu")
             nn.init.zeros_(convolution.bias)
         super().__init__(convolution, NORMS[norm](outputs), nn.ReLU(inplace=True))
-
-
-class Concatenate(nn.Module):
-    """Concatenates tensors along `dim`; a module, so that hooks can observe it."""
-
-    def __init__(self, dim: int):
-        super().__init__()
-        self.dim = dim
-
-    def forward(self, *tensors: torch.Tensor) -> torch.Tensor:
-        return torch.cat(tensors, dim=self.dim)
 
 
 class LinearBlock(nn.Sequential):

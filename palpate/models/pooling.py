@@ -38,10 +38,10 @@ class BilinearSum(torch.autograd.Function):
     def backward(ctx: Any, gradient: Tensor) -> tuple[Tensor | None, ...]:
         table, row, weight = ctx.saved_tensors
         gradient = gradient.contiguous()
-        of_table = of_weight = None
+        grad_table = grad_weight = None
         if ctx.needs_input_grad[0]:
             order, start = _by_row(row.flatten(), len(table))
-            of_table = functional.embedding_bag(
+            grad_table = functional.embedding_bag(
                 order // row.shape[1],
                 gradient,
                 start,
@@ -53,8 +53,8 @@ class BilinearSum(torch.autograd.Function):
             with torch.enable_grad():
                 variable = weight.detach().requires_grad_()
                 y = functional.embedding_bag(row, table.detach(), mode="sum", per_sample_weights=variable)
-            (of_weight,) = torch.autograd.grad(y, variable, gradient)
-        return of_table, None, of_weight
+            (grad_weight,) = torch.autograd.grad(y, variable, gradient)
+        return grad_table, None, grad_weight
 
 
 def _by_row(row: Tensor, rows: int) -> tuple[Tensor, Tensor]:
@@ -68,7 +68,7 @@ def _by_row(row: Tensor, rows: int) -> tuple[Tensor, Tensor]:
 
 
 class ImageProducts(NamedTuple):
-    """Feature maps times weights, cell by cell (`MapProducts`).
+    """Feature maps times weights, cell by cell (`map_products`).
 
     Attributes:
         rows: (B * cells, width), the cells of all maps of a sample together, each map row by row.
@@ -79,35 +79,31 @@ class ImageProducts(NamedTuple):
     edges: tuple[int, ...]
 
 
-class MapProducts(nn.Module):
-    """The product of pooled features with weights, taken on the maps.
+def map_products(maps: Sequence[Tensor], weight: Tensor) -> ImageProducts:
+    """The product of maps, each (B, C_k, h_k, h_k), with weights (sum of C_k, width) in the order of the maps.
 
     Pooling is linear in the maps, so that pooled features times weights are the pooled products of maps and weights.
     A map has fewer cells than a mesh has vertices in three deformations, and the products fewer channels.
     """
-
-    def forward(self, maps: Sequence[Tensor], weight: Tensor) -> ImageProducts:
-        """maps: each (B, C_k, h_k, h_k). weight: (sum of C_k, width), in the order of the maps."""
-        parts = weight.split([features.shape[1] for features in maps])
-        rows = [
-            features.flatten(2).transpose(1, 2) @ part.to(features.dtype)
-            for features, part in zip(maps, parts, strict=True)
-        ]
-        return ImageProducts(torch.cat(rows, dim=1).flatten(0, 1), tuple(features.shape[-1] for features in maps))
+    parts = weight.split([features.shape[1] for features in maps])
+    rows = [
+        features.flatten(2).transpose(1, 2) @ part.to(features.dtype)
+        for features, part in zip(maps, parts, strict=True)
+    ]
+    return ImageProducts(torch.cat(rows, dim=1).flatten(0, 1), tuple(features.shape[-1] for features in maps))
 
 
 class PerceptualPooling(nn.Module):
     """The features of each map at each vertex, by bilinear interpolation (supplement, "Chart Feature ...").
 
-    Which cell of a map belongs to a place in the image is a matter of `alignment`:
+    Which cell of a map belongs to a position in the image depends on `alignment`:
 
-    - `extent`: the map covers the image from edge to edge, its cells being equal squares (the paper: "the
-      location of this projection ... corresponds exactly to a position in each feature map"). Cells of a
-      network without padding look further inside than that.
-    - `receptive_field`: the cell whose receptive field is centred there; needs `centres`, (first, step) of
-      each map in pixels, from `ImageEncoder.centres`.
+    - `extent`: the map covers the image from edge to edge, its cells being equal squares (the paper: "the location of
+      this projection ... corresponds exactly to a position in each feature map"). Without padding cells see further in.
+    - `receptive_field`: the cell whose receptive field is centred there; needs `centres`, (first, step) of each map in
+      pixels, from `ImageEncoder.centres`.
 
-    Places outside the map take the value at its edge.
+    Positions outside the map take the value at its edge.
     """
 
     def __init__(self, alignment: str = "extent", centres: Sequence[tuple[float, int]] | None = None):
@@ -119,9 +115,8 @@ class PerceptualPooling(nn.Module):
     def forward(self, maps: Sequence[Tensor], positions: Tensor, camera: Tensor, size: int) -> Tensor:
         """Pooled features (V, B, sum of the maps' channels).
 
-        maps: each (B, C, h, h), of images of `size` x `size` pixels. positions: (V, B, 3) in the world,
-        metres. camera: (3, 4) or (B, 3, 4), from the world to homogeneous coordinates in [-1, 1] over the
-        image, x to the right and y down (`relative_camera`).
+        maps: each (B, C, h, h), of images of `size` x `size` pixels. positions: (V, B, 3) in the world, metres. camera:
+        (3, 4) or (B, 3, 4), from the world to homogeneous coordinates in [-1, 1] over the image (`relative_camera`).
         """
         place = _project(positions, camera)
         pooled = []
@@ -152,7 +147,7 @@ class PerceptualPooling(nn.Module):
         else:
             cell = (place + 1) * (edge / 2) - 0.5
         cell = cell.clamp(0, edge - 1)
-        # A position that is no number has some cell, and no number for its weights.
+        # NaN positions get any cell and NaN weights.
         low = cell.detach().nan_to_num().floor().clamp(max=max(edge - 2, 0))
         right, down = (cell - low).unbind(dim=-1)
         weight = torch.stack([(1 - down) * (1 - right), (1 - down) * right, down * (1 - right), down * right], dim=-1)

@@ -12,7 +12,6 @@ All have the image encoder of `Reconstruction`. docs/single_image.md says what e
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from itertools import pairwise
-from typing import Any
 
 import igl
 import numpy as np
@@ -21,7 +20,8 @@ from scipy.ndimage import binary_fill_holes
 from torch import Tensor, nn
 from torch.nn import functional
 
-from palpate.charts.atlas import ATLAS_RADIUS, resized, sphere
+from palpate.architectures import ATLAS_RADIUS, Architecture
+from palpate.charts.atlas import resized, sphere
 from palpate.charts.graph import Graph, mesh_edges
 from palpate.charts.sample import sample_faces
 from palpate.mesh import DIAGONAL, OBJECT_POSITION
@@ -40,29 +40,21 @@ CELL = GRID_EDGE / GRID
 
 
 class SingleImageModel(nn.Module, ABC):
-    """From one view to a shape.
+    """From one view to a shape. radius: m, of the sphere around all objects; relative_size: of it to the paper's."""
 
-    architecture: layers, as in `palpate.models.architectures` and config/recipes.yaml; `encoder` and `radius` as
-    `Reconstruction` takes them.
-
-    Attributes: radius, m: of the sphere around all objects; relative_size, of that sphere to the paper's.
-    """
-
-    def __init__(self, architecture: Mapping[str, Any]):
+    def __init__(self, architecture: Architecture):
         super().__init__()
-        options = dict(architecture["encoder"])
-        self.alignment, _ = options.pop("alignment", "extent"), options.pop("project", None)
-        self.encoder = ImageEncoder(**options)
-        self.radius = architecture.get("radius", ATLAS_RADIUS)
+        options = architecture.encoder
+        self.encoder = ImageEncoder(options.channels, options.layers, options.pool, options.norm, options.padding)
+        self.architecture, self.radius = architecture, architecture.radius
         self.relative_size = self.radius / ATLAS_RADIUS
         self.register_buffer("centre", torch.tensor(OBJECT_POSITION, dtype=torch.float64), persistent=False)
 
     def forward(self, batch: Mapping[str, Tensor]) -> Tensor:
         """The prediction (B, ...), as `stages` describes it.
 
-        batch: `image` (B, 3, S, S) in [0, 1], and `camera` (B, 3, 4) from the world (m) to homogeneous pixels.
-
-        Raises ValueError if one is missing or of another shape, or the image is too small for the encoder.
+        batch: `image` (B, 3, S, S) in [0, 1], and `camera` (B, 3, 4) from the world (m) to homogeneous pixels. Raises
+        ValueError if one is missing or of another shape, or the image is too small for the encoder.
         """
         return self.stages(batch)[-1]
 
@@ -93,14 +85,13 @@ class SingleImageModel(nn.Module, ABC):
 class PointSet(SingleImageModel):
     """PSG with two branches (its section 4.1): a fully connected one, and one of deconvolutions.
 
-    The deconvolutions go from the encoder's last pooled map back to its first, each adding the pooled map of
-    its size. Every cell of the last one gives a point. Points are predicted in the view's frame, about the object.
-
-    architecture: its `decoder` has `hidden`, the width of the fully connected layer, and `points`, how many
-    the branch gives. The encoder has padding 1, and its pooled maps are of blocks that follow each other.
+    The deconvolutions go from the encoder's last pooled map back to its first, each adding the pooled map of its size.
+    Every cell of the last one gives a point. Points are predicted in the view's frame, about the object. The decoder
+    has `hidden`, the width of the fully connected layer, and `points`, how many that branch gives. The encoder has
+    padding 1, and its pooled maps are of blocks that follow each other.
     """
 
-    def __init__(self, architecture: Mapping[str, Any]):
+    def __init__(self, architecture: Architecture):
         super().__init__(architecture)
         steps = [step for _, step in self.encoder.centres()]
         if self.encoder.padding != 1 or any(after != 2 * before for before, after in pairwise(steps)):
@@ -108,9 +99,9 @@ class PointSet(SingleImageModel):
                 "psg: each pooled map must be half as wide as the one before: set the encoder's padding to 1, and pool "
                 "to one layer of each of its last blocks"
             )
-        decoder, widths = architecture["decoder"], self.encoder.channels[::-1]
-        self.code = image_code(widths[0], decoder["hidden"])
-        self.points = nn.Linear(decoder["hidden"], 3 * decoder["points"])
+        decoder, widths = architecture.decoder, self.encoder.channels[::-1]
+        self.code = image_code(widths[0], decoder.hidden)
+        self.points = nn.Linear(decoder.hidden, 3 * decoder.points)
         pairs = list(pairwise(widths))
         self.up = nn.ModuleList(nn.ConvTranspose2d(deep, flat, KERNEL, stride=2, padding=1) for deep, flat in pairs)
         self.skip = nn.ModuleList(nn.Conv2d(flat, flat, KERNEL, padding=1) for _, flat in pairs)
@@ -120,12 +111,12 @@ class PointSet(SingleImageModel):
     def stages(self, batch):
         """The points (B, N, 3) m, world frame."""
         *maps, x = self.maps(batch)
-        of_code = self.points(self.code(x)).unflatten(1, (-1, 3))
+        code_points = self.points(self.code(x)).unflatten(1, (-1, 3))
         for up, skip, mix, features in zip(self.up, self.skip, self.mix, maps[::-1], strict=True):
             x = torch.relu(up(x, output_size=features.shape[2:]) + skip(features))
             x = torch.relu(mix(x))
-        of_cells = self.cells(x).flatten(2).transpose(1, 2)
-        seen = torch.cat([of_code, of_cells], dim=1).to(batch["camera"].dtype)
+        cell_points = self.cells(x).flatten(2).transpose(1, 2)
+        seen = torch.cat([code_points, cell_points], dim=1).to(batch["camera"].dtype)
         return [self.radius * seen @ view_axes(batch["camera"]) + self.centre.to(seen.dtype)]
 
     def mesh(self, prediction):
@@ -140,34 +131,23 @@ class PointSet(SingleImageModel):
 class DeformedSphere(SingleImageModel):
     """Pixel2Mesh without unpooling: a sphere deformed in several blocks with weights of their own.
 
-    Each block's graph network moves the vertices by the image features where they project and by their places.
+    Each block's graph network moves the vertices by the image features where they project and by their positions. There
+    are as many blocks as `deformations`.
 
-    architecture: `gcn`, `init` and `last_layer_scale` as `Reconstruction` takes them, and `deformations`, the
-    number of blocks (3 if it is missing, as published).
-
-    Attributes:
-        faces: (2304, 3) int64. edges: (E, 2) int64, each once. start: (V, 3) m, the sphere.
+    Attributes: faces, (2304, 3) int64; edges, (E, 2) int64, each once; start, (V, 3) m, the sphere.
     """
 
-    def __init__(self, architecture: Mapping[str, Any]):
+    def __init__(self, architecture: Architecture):
         super().__init__(architecture)
-        gcn = architecture["gcn"]
+        gcn = architecture.gcn
         vertices, faces = sphere()
         self.register_buffer("start", resized(vertices, self.radius), persistent=False)
         self.register_buffer("faces", faces.clone(), persistent=False)
         self.register_buffer("edges", mesh_edges(faces).sort(dim=1).values.unique(dim=0), persistent=False)
         self.graph = Graph(0, "sphere")
-        self.pooling = PerceptualPooling(self.alignment, self.encoder.centres())
-        self.blocks = nn.ModuleList(
-            GraphNetwork(
-                sum(self.encoder.channels) + 3,
-                gcn["width"],
-                gcn["layers"],
-                architecture["init"],
-                architecture["last_layer_scale"],
-            )
-            for _ in range(architecture.get("deformations", 3))
-        )
+        self.pooling = PerceptualPooling(architecture.encoder.alignment, self.encoder.centres())
+        layers = sum(self.encoder.channels) + 3, gcn.width, gcn.layers, architecture.init, architecture.last_layer_scale
+        self.blocks = nn.ModuleList(GraphNetwork(*layers) for _ in range(architecture.deformations))
 
     def stages(self, batch):
         """The vertices (B, V, 3) m, world frame, after each block."""
@@ -191,20 +171,18 @@ class Voxels(SingleImageModel):
     """3D-R2N2's encoder and decoder on one view: the image as a vector, a grid of 4^3 cells, deconvolutions to 32^3.
 
     The grid is a cube of `GRID_EDGE` around the object, along the world's axes: the camera is not used. Where objects
-    keep their size the cube has that of the largest.
-
-    architecture: its `decoder` has `hidden`, the vector's length, `channels` of the grids of 4, 8, 16 and 32
-    cells an edge, and `level`, the probability at which the surface is drawn.
+    keep their size the cube has that of the largest. The decoder has `hidden`, the vector's length, `channels` of the
+    grids of 4, 8, 16 and 32 cells an edge, and `level`, the probability at which the surface is drawn.
     """
 
-    def __init__(self, architecture: Mapping[str, Any]):
+    def __init__(self, architecture: Architecture):
         super().__init__(architecture)
-        decoder = architecture["decoder"]
-        channels, self.level = decoder["channels"], decoder["level"]
+        decoder = architecture.decoder
+        channels, self.level = decoder.channels, decoder.level
         if BASE << (len(channels) - 1) != GRID:
             raise ValueError(f"decoder: channels {list(channels)} must be of grids of 4, 8, 16 and 32 cells an edge")
-        self.code = image_code(self.encoder.channels[-1], decoder["hidden"])
-        self.base = nn.Linear(decoder["hidden"], channels[0] * BASE**3)
+        self.code = image_code(self.encoder.channels[-1], decoder.hidden)
+        self.base = nn.Linear(decoder.hidden, channels[0] * BASE**3)
         self.up = nn.ModuleList(
             nn.ConvTranspose3d(coarse, fine, 4, stride=2, padding=1) for coarse, fine in pairwise(channels)
         )
@@ -270,8 +248,4 @@ def grid_surface(values: np.ndarray, level: float, relative_size: float = 1.0) -
     return vertices, faces[:, ::-1].copy()
 
 
-SINGLE_IMAGE_MODELS: dict[str, type[SingleImageModel]] = {
-    "psg": PointSet,
-    "pixel2mesh": DeformedSphere,
-    "r2n2": Voxels,
-}
+SINGLE_IMAGE_MODELS: dict[str, type[SingleImageModel]] = {"psg": PointSet, "pixel2mesh": DeformedSphere, "r2n2": Voxels}

@@ -21,11 +21,9 @@ SURFACE_FEATURES, EMPTY_FEATURES = 14, 5
 class Touches(NamedTuple):
     """The touches of one sample, in the world frame, metres.
 
-    Attributes:
-        points: (n, 3) vertices of the successful touches' charts; n is 0 without any.
-        normals: (n, 3) unit normals of the charts there, out of the object.
-        tree: the points' k-d tree, on a CPU, if there are any; else None.
-        position, rotation: (m, 3), (m, 3, 3) of the sensors without success, which have nothing in their reach.
+    points: (n, 3) vertices of the successful touches' charts. normals: (n, 3) unit normals of the charts there, out of
+    the object. tree: the points' k-d tree, on a CPU, if there are any; else None. position, rotation: (m, 3), (m, 3, 3)
+    of the sensors without success, which have nothing in their reach.
     """
 
     points: Tensor
@@ -58,8 +56,7 @@ def touches_of(batch: Mapping[str, Tensor]) -> list[Touches]:
 
 
 class TouchPooling(nn.Module):
-    """What the touches near a vertex tell it, times weights that start at zero; as image features are pooled where a
-    vertex is seen.
+    """Features of the nearest touches at a vertex, times weights that start at zero.
 
     Of the nearest touched surface: with o the offset (m) to the nearest vertex of a successful touch chart, r its
     length, n the chart's unit normal there, w = exp(-r / 0.05) and v = exp(-r / 0.15): o w / 0.05, w, exp(-r / 0.015),
@@ -96,14 +93,14 @@ def _surface_features(touches: Touches, place: Tensor) -> Tensor:
     """(V, 14) of the nearest touched surface."""
     if not len(touches.points):
         return place.new_zeros(len(place), SURFACE_FEATURES)
-    # A place that is no number has some nearest vertex, and no number for its features.
+    # A NaN position gets any nearest vertex, and NaN features.
     index = nearest(place.detach().nan_to_num(), touches.points, touches.tree)
     offset, normal = touches.points[index] - place, touches.normals[index]
     distance = torch.linalg.vector_norm(offset, dim=1, keepdim=True)
     nearer, near, far = (torch.exp(-distance / length) for length in (NEARER, NEAR, FAR))
     across = (offset * normal).sum(dim=1, keepdim=True)
-    of_near = [offset * near / NEAR, near, nearer, across * near / ACROSS, normal * near]
-    return torch.cat([*of_near, offset * far / FAR, far, torch.ones_like(far)], dim=1)
+    near_features = [offset * near / NEAR, near, nearer, across * near / ACROSS, normal * near]
+    return torch.cat([*near_features, offset * far / FAR, far, torch.ones_like(far)], dim=1)
 
 
 def _empty_features(touches: Touches, place: Tensor, sensor: Sensor) -> Tensor:
@@ -127,21 +124,22 @@ def _outside(local: Tensor, sensor: Sensor) -> Tensor:
 
 
 class TouchAttention(nn.Module):
-    """What each vertex takes from all touches, near or far: attention, whose output's weights start at zero.
+    """Features of all touches, near or far, at a vertex: attention, whose output's weights start at zero.
 
     Scaled dot-product attention (Vaswani et al. 2017) with one head: a query from the vertex's position, a key and a
-    value from each touch. A touch is told by its position and its sensor's direction, by whether it succeeded, and by
-    the shape of its chart. The order and the number of the touches do not matter.
+    value from each touch. Its inputs are the position and the direction of its sensor, its success, and the shape of
+    its chart. The order and the number of the touches do not matter.
 
     width: of the output. channels: of the touches' features.
     """
 
     GRID = slice(0, None, 4)  # Each fourth vertex along a side of a chart: 3 x 3 of them.
-    TOLD = 3 + 3 + 1 + 9 * 3
+    TOUCH_INPUTS = 3 + 3 + 1 + 9 * 3
 
     def __init__(self, width: int, channels: int = 64):
         super().__init__()
-        self.touch = nn.Sequential(nn.Linear(self.TOLD, channels), nn.ReLU(), nn.Linear(channels, channels), nn.ReLU())
+        inputs = self.TOUCH_INPUTS
+        self.touch = nn.Sequential(nn.Linear(inputs, channels), nn.ReLU(), nn.Linear(channels, channels), nn.ReLU())
         self.key = nn.Linear(channels, channels // 2)
         self.query = nn.Sequential(nn.Linear(3, channels), nn.ReLU(), nn.Linear(channels, channels // 2))
         self.weight = nn.Parameter(torch.zeros(channels, width))
@@ -157,11 +155,11 @@ class TouchAttention(nn.Module):
         grid = batch["charts"].unflatten(2, (TOUCH_SIDE, TOUCH_SIDE))[:, :, self.GRID, self.GRID].flatten(2, 3)
         centre = torch.where(success, grid[:, :, 4], batch["position"])
         shape = torch.where(success[..., None], (grid - centre[:, :, None]) / ACROSS, 0.0).flatten(2)
-        told = torch.cat([relative(centre), batch["rotation"][..., 0], success.to(shape.dtype), shape], dim=2)
-        features = self.touch(told)
+        inputs = torch.cat([relative(centre), batch["rotation"][..., 0], success.to(shape.dtype), shape], dim=2)
+        features = self.touch(inputs)
         return self.key(features), features @ self.weight
 
     def forward(self, keys: Tensor, values: Tensor, relative: Tensor) -> Tensor:
-        """What vertices at relative positions (V, B, 3) take: (V, B, width)."""
+        """Features (V, B, width) of vertices at relative positions (V, B, 3)."""
         query = self.query(relative).transpose(0, 1)
         return functional.scaled_dot_product_attention(query, keys, values).transpose(0, 1)

@@ -3,7 +3,7 @@
 import torch
 from torch import nn
 
-from palpate.models.layers import Concatenate, ConvolutionBlock
+from palpate.models.layers import ConvolutionBlock
 from palpate.sensor import DIGIT, Sensor
 
 # Metres of impression for one unit of the network's output. The gel stands 18 to 20 mm above the sensor plane
@@ -33,13 +33,12 @@ class TouchDepth(nn.Module):
         for outputs in channels:
             self.down.append(nn.Sequential(_same(inputs, outputs), _same(outputs, outputs)))
             inputs = outputs
-        self.raise_, self.concatenate, self.up = nn.ModuleList(), nn.ModuleList(), nn.ModuleList()
+        self.upsample, self.up = nn.ModuleList(), nn.ModuleList()
         sizes = [tuple(edge >> level for edge in sensor.resolution) for level in range(5)]
         for level in (3, 2, 1, 0):
             # 12 -> 25, for example, needs one more row and column than twice as many.
             missing = tuple(edge - 2 * half for edge, half in zip(sizes[level], sizes[level + 1], strict=True))
-            self.raise_.append(nn.ConvTranspose2d(2 * channels[level], channels[level], 2, 2, output_padding=missing))
-            self.concatenate.append(Concatenate(1))
+            self.upsample.append(nn.ConvTranspose2d(2 * channels[level], channels[level], 2, 2, output_padding=missing))
             self.up.append(_same(2 * channels[level], channels[level]))
         self.depth = nn.Conv2d(width, 1, 1)
 
@@ -59,8 +58,8 @@ class TouchDepth(nn.Module):
             x = down(self.pool[level - 1](x) if level else x)
             levels.append(x)
         levels.pop()
-        for raise_, concatenate, up in zip(self.raise_, self.concatenate, self.up, strict=True):
-            x = up(concatenate(raise_(x), levels.pop()))
+        for upsample, up in zip(self.upsample, self.up, strict=True):
+            x = up(torch.cat([upsample(x), levels.pop()], dim=1))
         impression = self.depth(x)[:, 0]
         # In float32 at least: in bfloat16 a depth of 20 mm is good to 0.06 mm.
         impression = impression.to(torch.promote_types(impression.dtype, torch.float32))

@@ -1,20 +1,14 @@
-"""The layers of a live module, recorded with hooks, compared with the rows of the paper's tables."""
+"""The layers of live modules, run one by one, compared with the rows of the paper's tables."""
 
-from collections.abc import Callable, Mapping
-from itertools import chain
-from typing import Any
+from collections.abc import Mapping
 
 import pandas as pd
 import torch
 from torch import Tensor, nn
 
-from palpate.camera import IMAGE_SIZE, paper_camera
-from palpate.charts.atlas import TOUCH_VERTICES
-from palpate.mesh import OBJECT_POSITION
-from palpate.models.architectures import PAPER_ARCHITECTURES
-from palpate.models.gcn import ZeroNeighbourLayer
-from palpate.models.layers import Concatenate, ConvolutionBlock, LinearBlock
-from palpate.models.pooling import MapProducts, PerceptualPooling
+from palpate.architectures import PAPER_ARCHITECTURES
+from palpate.camera import IMAGE_SIZE
+from palpate.experiments import Experiment
 from palpate.models.reconstruction import Reconstruction
 from palpate.models.touch_depth import TouchDepth
 from palpate.results import products, published
@@ -23,109 +17,91 @@ from palpate.vision.views import SIZE as VIEW_SIZE
 
 FIELDS = ["input", "operation", "shape"]
 VERTICES = "Vertex Input"
+WORDS = {nn.BatchNorm2d: "BN", nn.GroupNorm: "IN", nn.ReLU: "ReLU", nn.Linear: "Linear"}
+# Names of convolutions and poolings, and the stride that goes without saying.
+STRIDED = {nn.Conv2d: ("Conv", 1), nn.ConvTranspose2d: ("DeConv", 2), nn.MaxPool2d: ("MaxPooling", 2)}
 
 
-def _convolution(layer: nn.Conv2d | nn.ConvTranspose2d | nn.MaxPool2d, name: str, stride: int) -> str:
-    size = layer.kernel_size if isinstance(layer.kernel_size, tuple) else (layer.kernel_size,) * 2
-    real = layer.stride if isinstance(layer.stride, int) else layer.stride[0]
-    return f"{name} ({size[0]} x {size[1]})" + ("" if real == stride else f" (stride {real})")
+def operation(layer: nn.Module) -> str:
+    """A layer, or a block of layers, in the wording of the paper's tables."""
+    if type(layer) in STRIDED:
+        name, stride = STRIDED[type(layer)]
+        size, real = (
+            value if isinstance(value, tuple) else (value,) * 2 for value in (layer.kernel_size, layer.stride)
+        )
+        return f"{name} ({size[0]} x {size[1]})" + ("" if real[0] == stride else f" (stride {real[0]})")
+    return WORDS[type(layer)] if type(layer) in WORDS else " + ".join(map(operation, layer))
 
 
-def _block(block: nn.Sequential) -> str:
-    """The operations of a block of layers, in the wording of the paper's tables."""
-    words = {nn.BatchNorm2d: "BN", nn.GroupNorm: "IN", nn.ReLU: "ReLU", nn.Linear: "Linear"}
-    return " + ".join(
-        _convolution(layer, "Conv", 1) if isinstance(layer, nn.Conv2d) else words[type(layer)] for layer in block
-    )
+class Listing:
+    """Rows of index, input, operation and shape; steps are counted from 1."""
 
-
-# Modules that are a row of a table, and the row's wording. Modules inside them are not recorded.
-OPERATIONS: dict[type[nn.Module], Callable[[Any], str]] = {
-    ConvolutionBlock: _block,
-    LinearBlock: _block,
-    nn.Conv2d: lambda layer: _convolution(layer, "Conv", 1),
-    nn.ConvTranspose2d: lambda layer: _convolution(layer, "DeConv", 2),
-    nn.MaxPool2d: lambda layer: _convolution(layer, "MaxPooling", 2),
-    Concatenate: lambda layer: "Concatenate",
-    PerceptualPooling: lambda layer: "perceptual feature pooling",
-    MapProducts: lambda layer: "perceptual feature pooling",
-    ZeroNeighbourLayer: lambda layer: "GCN Layer",
-}
-
-
-class _Recorder:
-    """Records a row when its module runs for the first time (further deformations repeat it)."""
-
-    def __init__(self) -> None:
+    def __init__(self):
         self.rows: list[dict[str, str]] = []
-        self.names: dict[int, str] = {}
-        self.tensors: list[Tensor] = []  # An id stays a tensor's own as long as the tensor lives.
-        self.recorded: set[nn.Module] = set()
-        self.image_features: Tensor | None = None  # of a vertex
-        self.vertices: Tensor | None = None  # a vertex's other inputs
 
-    def add(self, sources: list[Tensor], operation: str, output: Tensor, index: str = "") -> None:
-        """Add a row. index: of an input, `image` or `vertices`; other rows are numbered."""
-        number = str(1 + sum(row["index"].isdigit() for row in self.rows))
-        # Images are (B, C, H, W), vertices (V, B, C).
-        shape = " x ".join(map(str, output.shape[1:] if output.ndim == 4 else ["|V|", output.shape[-1]]))
-        inputs = " ".join(dict.fromkeys(self.names.get(id(tensor), VERTICES) for tensor in sources))
-        self.rows.append({"index": index or number, "input": inputs, "operation": operation, "shape": shape})
-        self.tensors.append(output)
-        self.names[id(output)] = operation if index else f"({number})"
+    def add(self, operation: str, shape: tuple[int, ...] | int, *sources: str, index: str | None = None) -> str:
+        """Adds a row and returns its name. shape: C, H, W of a map, or a vertex's channels."""
+        steps = sum(row["index"].isdigit() for row in self.rows)
+        row = {"index": index or str(1 + steps), "input": " ".join(sources), "operation": operation}
+        per_vertex = isinstance(shape, int)
+        self.rows.append(row | {"shape": f"|V| x {shape}" if per_vertex else " x ".join(map(str, shape))})
+        return operation if index else f"({1 + steps})"
 
-    def __call__(self, module: nn.Module, inputs: tuple, output: Tensor) -> None:
-        if module in self.recorded:
-            return
-        self.recorded.add(module)
-        pools = isinstance(module, MapProducts | PerceptualPooling)
-        if isinstance(module, MapProducts):
-            # The first layer's weights are applied to the maps: what is pooled has the maps' channels.
-            output = torch.empty(1, 1, sum(features.shape[1] for features in inputs[0]))
-        if isinstance(module, ZeroNeighbourLayer) and self.vertices is None:
-            inputs = (self.first_input(inputs[0]),)
-        flat = inputs[0] if pools else chain(*(each if isinstance(each, list) else [each] for each in inputs))
-        sources = [tensor for tensor in flat if isinstance(tensor, Tensor)]
-        if isinstance(module, Concatenate) and all(id(tensor) not in self.names for tensor in sources):
-            return  # a vertex's own inputs
-        self.add(sources, OPERATIONS[type(module)](module), output)
-        if pools or isinstance(module, LinearBlock):
-            self.image_features = output
-
-    def first_input(self, own: Tensor) -> Tensor:
-        """The whole input of the first graph layer: a vertex's own (V, B, C), and the image's, which are products."""
-        self.vertices = own
-        self.add([], VERTICES, own, "vertices")
-        if self.image_features is None:
-            return own
-        joined = torch.empty(1, 1, self.image_features.shape[-1] + own.shape[-1])
-        self.add([self.image_features, own], "Concatenate", joined)
-        return joined
+    def run(self, layer: nn.Module, source: tuple[str, Tensor]) -> tuple[str, Tensor]:
+        """Runs a layer on the output of a row, and adds it; names and outputs go together."""
+        output = layer(source[1])
+        return self.add(operation(layer), output.shape[1:], source[0]), output
 
 
 @torch.no_grad()
-def read_layers(module: nn.Module, inputs: Tensor | Mapping[str, Tensor]) -> list[dict[str, str]]:
-    """Run a module on its inputs and record its layers: rows of index, input, operation, shape.
+def read_layers(module: Reconstruction | TouchDepth, image: Tensor | None = None) -> list[dict[str, str]]:
+    """The layers of a module in the order in which they run: rows of index, input, operation, shape.
 
-    The wording is that of the supplement's tables. `index` counts from 1; two rows before name the inputs,
-    `image` and `vertices`. Shapes are a sample's: C x H x W, or |V| x C.
+    image: (1, 3, H, W) that they are run on. The wording is that of the supplement's tables. `index` counts from 1; two
+    rows before name the inputs, `image` and `vertices`. Shapes are a sample's: C x H x W, or |V| x C.
     """
-    recorder, hooks, parts = _Recorder(), [], [module]
-    image = inputs.get("image") if isinstance(inputs, Mapping) else inputs
+    listing = Listing()
+    if isinstance(module, TouchDepth):
+        _unet_layers(module, image, listing)
+    else:
+        _reconstruction_layers(module, image, listing)
+    return sorted(listing.rows, key=lambda row: row["index"].isdigit())
+
+
+def _unet_layers(model: TouchDepth, reading: Tensor, listing: Listing) -> None:
+    x = listing.add("Input", reading.shape[1:], index="image"), reading
+    levels = []
+    for level, blocks in enumerate(model.down):
+        for layer in [*([model.pool[level - 1]] if level else []), *blocks]:
+            x = listing.run(layer, x)
+        levels.append(x)
+    levels.pop()
+    for upsample, up in zip(model.upsample, model.up, strict=True):
+        x, skip = listing.run(upsample, x), levels.pop()
+        joined = torch.cat([x[1], skip[1]], dim=1)
+        x = listing.run(up, (listing.add("Concatenate", joined.shape[1:], x[0], skip[0]), joined))
+    listing.run(model.depth, x)
+
+
+def _reconstruction_layers(model: Reconstruction, image: Tensor | None, listing: Listing) -> None:
+    own = source = VERTICES
+    channels = model.gcn.layers[0].weight.shape[0]
     if image is not None:
-        recorder.add([], "Image Input" if isinstance(inputs, Mapping) else "Input", image, "image")
-    while parts:
-        part = parts.pop()
-        if type(part) in OPERATIONS:
-            hooks.append(part.register_forward_hook(recorder))
-        else:
-            parts += part.children()
-    try:
-        module(inputs)
-    finally:
-        for hook in hooks:
-            hook.remove()
-    return sorted(recorder.rows, key=lambda row: row["index"].isdigit())
+        x, maps = (listing.add("Image Input", image.shape[1:], index="image"), image), []
+        for number, layer in enumerate(model.encoder.layers, start=1):
+            x = listing.run(layer, x)
+            if number in model.encoder.pool:
+                maps.append(x)
+        features = sum(output.shape[1] for _, output in maps)
+        source = listing.add("perceptual feature pooling", features, *(name for name, _ in maps))
+        if model.project:
+            features = model.project[0].out_features
+            source = listing.add(operation(model.project), features, source)
+    listing.add(VERTICES, channels, index="vertices")
+    if image is not None:
+        source = listing.add("Concatenate", features + channels, source, own)
+    for layer in model.gcn.layers:
+        source = listing.add("GCN Layer", layer.weight.shape[1], source)
 
 
 def paper_rows(model: str) -> list[dict[str, str]]:
@@ -177,25 +153,18 @@ def compare(model: str, rows: list[dict[str, str]]) -> pd.DataFrame:
 
 @products.table(name="architectures/{model}")
 def architecture(model: str) -> pd.DataFrame:
-    """Layers of the live module, read off with hooks, beside the rows of the paper's table. A note explains each place
-    where the paper contradicts itself.
+    """Layers of the live module, run one by one, beside the rows of the paper's table. A note explains each place where
+    the paper contradicts itself.
 
     model: "touch_depth" (the U-Net) or a name in `PAPER_ARCHITECTURES`.
     """
     if model == "touch_depth":
         return compare(model, read_layers(TouchDepth().eval(), _image(RESOLUTION)))
     layers = PAPER_ARCHITECTURES[model]
-    module = Reconstruction("charts", "encoder" in layers, "touch" in model, 1, layers).eval()
-    batch = _seen(VIEW_SIZE if model == "single_image" else IMAGE_SIZE) if module.vision else {}
-    if module.touch:
-        position = torch.tensor(OBJECT_POSITION).expand(1, module.sensors, 3)
-        batch |= {"success": torch.ones(1, module.sensors, dtype=torch.bool), "position": position}
-        batch["charts"] = position[:, :, None].expand(-1, -1, TOUCH_VERTICES, -1)
-    return compare(model, read_layers(module, batch))
-
-
-def _seen(size: int) -> dict[str, Tensor]:
-    return {"image": _image(size), "camera": torch.from_numpy(paper_camera(size).matrix()).float()[None]}
+    vision = "occluded" if layers.encoder else "none"
+    module = Reconstruction(Experiment(model, "charts", vision, "touch" in model, 1), layers).eval()
+    size = VIEW_SIZE if model == "single_image" else IMAGE_SIZE
+    return compare(model, read_layers(module, _image(size) if layers.encoder else None))
 
 
 def _image(size: int) -> Tensor:

@@ -8,8 +8,8 @@ resumes without any difference.
 import copy
 import logging
 import math
-from abc import ABC, abstractmethod
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -18,14 +18,17 @@ import torch
 from torch import Tensor
 
 from palpate.charts.atlas import radius_around
+from palpate.experiments import Experiment
+from palpate.inference import checkpoints
+from palpate.inference.data import ExperimentData, ExperimentDataError
+from palpate.inference.samples import Assembler, windows
+from palpate.inference.touches import touched
 from palpate.models import TouchDepth
 from palpate.models.reconstruction import HAND_SENSORS
-from palpate.training import checkpoints
-from palpate.training.data import TrainingData, TrainingDataError
-from palpate.training.losses import Truth, cloud_loss, moving_charts_loss, touch_depth_loss, touched
-from palpate.training.samples import Assembler, shuffled, spread, training_samples, windows
+from palpate.training.losses import Truth, cloud_loss, moving_charts_loss, touch_depth_loss
+from palpate.training.recipes import ReconstructionSettings, Settings, TouchDepthSettings
+from palpate.training.samples import shuffled, spread, training_samples
 from palpate.training.single_image import LOSSES
-from palpate.training.surface_terms import SurfaceTerms
 from palpate.training.touches import Touches
 
 log = logging.getLogger(__name__)
@@ -40,59 +43,62 @@ class Diverged(RuntimeError):
     """A prediction, the loss, or its gradient is NaN or infinite; the message names the sample."""
 
 
-class Learner(lightning.LightningModule, ABC):
-    """A model and how it is trained. Subclasses define the samples and the loss of a step.
+class Learner(lightning.LightningModule):
+    """A model and how it is trained.
 
-    Args:
-        model: to be trained.
-        settings: of the recipe.
-        seed: of the order of samples and of points.
-        samples: number of training samples; validated: number of validation samples.
+    Subclasses define `kind` (of their checkpoints), `training_batch(step)` (the samples of this process in a step),
+    `sample_names(batch_samples)` (for messages), `losses(batch_samples, generator, model, validation=False)` (B,), and
+    `described()` (what a checkpoint states of the model besides its weights).
 
-    Attributes:
-        evaluated: the model of validation and checkpoint: `model`, or its moving average.
-        steps: number of training steps; every: steps between validations.
+    model: to be trained. settings: of the recipe. seed: of the order of samples and of points. samples: number of
+    training samples. validation_samples: those of a validation, in order.
+
+    Attributes: eval_model, of validation and checkpoint: `model`, or its moving average; steps, number of training
+    steps; validation_interval, steps between validations.
     """
 
-    kind: str
-
-    def __init__(self, model: torch.nn.Module, settings: Mapping[str, Any], seed: int, samples: int, validated: int):
+    def __init__(
+        self, model: torch.nn.Module, settings: Settings, seed: int, samples: int, validation_samples: Sequence
+    ):
         super().__init__()
         self.model, self.settings, self.seed = model, settings, seed
-        self.averaged = copy.deepcopy(model).requires_grad_(False) if settings["ema"] else None
-        self.validated = validated
-        an_epoch = -(-samples // settings["batch"])
-        limits = [settings["steps"], settings["epochs"] and settings["epochs"] * an_epoch]
+        self.averaged = copy.deepcopy(model).requires_grad_(False) if settings.ema else None
+        self.validation_samples = validation_samples
+        epoch_steps = -(-samples // settings.batch)
+        limits = [settings.steps, settings.epochs and settings.epochs * epoch_steps]
         self.steps = min(limit for limit in limits if limit)
-        self.every = min(settings["evaluate_every"] or an_epoch, self.steps)
+        self.validation_interval = min(settings.evaluate_every or epoch_steps, self.steps)
         self.largest_norm = 0.0  # norm of a gradient in this process
 
     @property
-    def evaluated(self) -> torch.nn.Module:
+    def eval_model(self) -> torch.nn.Module:
         return self.model if self.averaged is None else self.averaged
 
-    def train_dataloader(self) -> "StepNumbers":
-        return StepNumbers(self)
+    def stated(self) -> dict[str, Any]:
+        """What checkpoint and summary state of the model and its training, besides the weights."""
+        return {"kind": self.kind, **self.described(), "settings": self.settings.row(), "seed": self.seed}
+
+    def train_dataloader(self) -> range:
+        """Numbers of the steps up to the next validation, which are Lightning's epoch."""
+        first = self.trainer.current_epoch * self.validation_interval
+        return range(first, min(first + self.validation_interval, self.steps))
 
     def val_dataloader(self) -> range:
         """Numbers of the validation batches, each of as many samples as a step."""
-        return range(-(-self.validated // self.settings["batch"]))
+        return range(-(-len(self.validation_samples) // self.settings.batch))
 
     def configure_optimizers(self) -> dict[str, Any]:
-        kind = {"adam": torch.optim.Adam, "adamw": torch.optim.AdamW}[self.settings["optimiser"]]
-        optimiser = kind(
-            self.model.parameters(),
-            lr=self.settings["rate"],
-            weight_decay=self.settings["weight_decay"],
-            # One pass over all weights on a CPU; a GPU has its own way, and Lightning refuses it in mixed precision.
-            fused=(self.device.type == "cpu" and not (self._trainer and "mixed" in self.trainer.precision)) or None,
-        )
-        if self.settings["schedule"] == "constant":
+        kind = {"adam": torch.optim.Adam, "adamw": torch.optim.AdamW}[self.settings.optimiser]
+        # One pass over all weights on a CPU; a GPU has its own way, and Lightning refuses it in mixed precision.
+        fused = (self.device.type == "cpu" and not (self._trainer and "mixed" in self.trainer.precision)) or None
+        rate, decay = self.settings.rate, self.settings.weight_decay
+        optimiser = kind(self.model.parameters(), lr=rate, weight_decay=decay, fused=fused)
+        if self.settings.schedule == "constant":
             return {"optimizer": optimiser}
         # The rate reaches `LAST` after the last step, hence one more; torch's rise ends a step before its share.
         scheduler = torch.optim.lr_scheduler.OneCycleLR(
             optimiser,
-            self.settings["rate"],
+            rate,
             total_steps=self.steps + 1,
             pct_start=(WARM_UP * self.steps + 1) / (self.steps + 1),
             div_factor=1 / FIRST,
@@ -117,22 +123,19 @@ class Learner(lightning.LightningModule, ABC):
         norm = float(torch.nn.utils.get_total_norm(gradients))
         if not math.isfinite(norm):
             raise Diverged(f"the gradient is NaN or infinite in {self.current_step}")
-        if not self.settings["clip"] and norm > SPIKE * self.largest_norm > 0:
-            log.warning(
-                "the gradient is %.0f times as large as any before in %s; the optimiser's averages stay off "
-                "for thousands of steps: look at the sample, or clip the gradient (config training.override)",
-                norm / self.largest_norm,
-                self.current_step,
-            )
+        if not self.settings.clip and norm > SPIKE * self.largest_norm > 0:
+            text = "the gradient is %.0f times as large as any before in %s; the optimiser's averages stay off for "
+            text += "thousands of steps: look at the sample, or clip the gradient (config training.override)"
+            log.warning(text, norm / self.largest_norm, self.current_step)
         self.largest_norm = max(self.largest_norm, norm)
 
     def on_train_batch_end(self, *_: Any) -> None:
         if self.averaged is None:
             return
         # A short memory at first, so that the random first weights are forgotten.
-        decay = min(self.settings["ema"], self.global_step / (self.global_step + 10))
-        pairs = zip(self.averaged.state_dict().values(), self.model.state_dict().values(), strict=True)
-        for average, value in pairs:
+        decay = min(self.settings.ema, self.global_step / (self.global_step + 10))
+        states = self.averaged.state_dict().values(), self.model.state_dict().values()
+        for average, value in zip(*states, strict=True):
             if average.is_floating_point():
                 average.lerp_(value, 1 - decay)
             else:
@@ -142,8 +145,9 @@ class Learner(lightning.LightningModule, ABC):
         self._validation: list[Tensor] = []
 
     def validation_step(self, number: int, _: int) -> None:
-        samples = self.validation_batch(number)[self._rank()]
-        losses = self.losses(samples, self._generator(VALIDATION_SEED, number), self.evaluated, True)
+        first = number * self.settings.batch
+        samples = self.validation_samples[first : first + self.settings.batch][self._rank()]
+        losses = self.losses(samples, self._generator(VALIDATION_SEED, number), self.eval_model, True)
         self.check_finite("the loss", losses, samples, "the validation")
         self._validation.append(losses.detach().double())
 
@@ -158,8 +162,8 @@ class Learner(lightning.LightningModule, ABC):
         is_finite = torch.isfinite(values.detach()).flatten(1).all(dim=1) if values.ndim > 1 else values.isfinite()
         if not is_finite.all():
             first = int((~is_finite).nonzero()[0])
-            of = f"{where}, " * bool(where) + self.sample_names(batch_samples[first : first + 1])
-            raise Diverged(f"{what} is NaN or infinite: {of}")
+            sample = f"{where}, " * bool(where) + self.sample_names(batch_samples[first : first + 1])
+            raise Diverged(f"{what} is NaN or infinite: {sample}")
 
     def _rank(self) -> slice:
         """This process's share of a list of samples; there is a process for each GPU."""
@@ -169,134 +173,88 @@ class Learner(lightning.LightningModule, ABC):
         number = ((seed << 32) + step) * 64 + self.global_rank
         return torch.Generator().manual_seed(number % (1 << 63))
 
-    @abstractmethod
-    def training_batch(self, step: int) -> Any:
-        """This process's samples of a step."""
-
-    @abstractmethod
-    def validation_batch(self, number: int) -> Any:
-        """The samples of a validation batch, of all processes."""
-
-    @abstractmethod
-    def sample_names(self, batch_samples: Any) -> str:
-        """Names of samples, for a message."""
-
-    @abstractmethod
-    def losses(
-        self, batch_samples: Any, generator: torch.Generator, model: torch.nn.Module, validation: bool = False
-    ) -> Tensor:
-        """(B,) the loss of each sample."""
-
-    @abstractmethod
-    def described(self) -> dict[str, Any]:
-        """A checkpoint's description of the model, besides its weights."""
-
-
-class StepNumbers:
-    """The numbers of the steps between two validations, which are Lightning's epoch."""
-
-    def __init__(self, learner: Learner):
-        self.learner = learner
-
-    def __iter__(self) -> Iterator[int]:
-        first = self.learner.trainer.current_epoch * self.learner.every
-        return iter(range(first, min(first + self.learner.every, self.learner.steps)))
-
 
 class ReconstructionLearner(Learner):
-    """Trains reconstruction on the objects of the train split, for a row of config/experiments.yaml.
+    """Trains reconstruction on the objects of the train split, for one experiment.
 
     data: of the train and validation splits. base: the checkpoint of the model that training starts from, instead of
-    random weights. Raises TrainingDataError if a split has no object, CheckpointError for a base that does not fit.
+    random weights. extra_loss: from the model and its predictions (B, ...) to a term (B,) of a training step's loss
+    (`studies/surface_terms.py`); its `repr` is stated by the checkpoint. Raises ExperimentDataError if a split has no
+    object, CheckpointError for a base that does not fit.
     """
 
     kind = "reconstruction"
 
     def __init__(
         self,
-        data: TrainingData,
-        experiment: Mapping[str, Any],
-        settings: Mapping[str, Any],
+        data: ExperimentData,
+        experiment: Experiment,
+        settings: ReconstructionSettings,
         seed: int,
         base: Path | str | None = None,
+        extra_loss: Callable[[torch.nn.Module, Tensor], Tensor] | None = None,
     ):
-        self.data, self.experiment = data, dict(experiment)
-        self.layers = checkpoints.architecture(experiment, settings)
+        self.data, self.experiment, self.extra_loss = data, experiment, extra_loss
+        self.architecture = settings.architecture
         if data.largest is not None:
-            self.layers = {**self.layers, "radius": radius_around(data.largest)}
+            self.architecture = replace(self.architecture, radius=radius_around(data.largest))
         train = data.of_split("train")
-        validation_samples = spread(windows(data, experiment, "validation"), settings["validation_samples"])
+        validation_samples = spread(windows(data, experiment, "validation"), settings.validation_samples)
         for split, number in {"train": len(train), "validation": len(validation_samples)}.items():
             if not number:
-                raise TrainingDataError(f"{data.source}: no object of the {split} split: more objects are needed")
-        self.validation_samples = validation_samples
+                raise ExperimentDataError(f"{data.source}: no object of the {split} split: more objects are needed")
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(seed)
             hand_sensors = data.hand_sensors or HAND_SENSORS
-            model = checkpoints.build(experiment, self.layers, hand_sensors, data.sensor)
+            model = checkpoints.build(experiment, self.architecture, hand_sensors, data.sensor)
         self.base = checkpoints.continue_from(model, base) if base else None
-        super().__init__(model, settings, seed, len(train), len(validation_samples))
+        super().__init__(model, settings, seed, len(train), validation_samples)
 
     def on_fit_start(self) -> None:
         self.assemble = Assembler(self.data, self.experiment, self.device)
         points = torch.from_numpy(self.data["points"]).to(self.device)
         self.truth = Truth(points.to(next(self.model.parameters()).dtype))
-        self.terms = None
-        if self.settings.get("surface_terms") and self.experiment["strategy"] not in LOSSES:
-            charts = self.experiment["strategy"] != "sphere"
-            self.terms = SurfaceTerms(self.model.moving_faces, charts, self.settings["surface_terms"])
 
     def training_batch(self, step):
-        batch = self.settings["batch"]
-        return training_samples(self.data, self.experiment, batch, self.seed, step)[self._rank()]
-
-    def validation_batch(self, batch_samples):
-        first = batch_samples * self.settings["batch"]
-        return self.validation_samples[first : first + self.settings["batch"]]
+        samples = training_samples(self.data, self.experiment, self.settings.batch, self.seed, step)
+        return samples[self._rank()]
 
     def sample_names(self, batch_samples):
-        return ", ".join(
-            f"{self.data.objects[sample.object]} grasps {list(sample.grasps)} view {sample.view}"
-            for sample in batch_samples
-        )
+        names = self.data.objects
+        return ", ".join(f"{names[each.object]} grasps {list(each.grasps)} view {each.view}" for each in batch_samples)
 
     def losses(self, batch_samples, generator, model, validation=False):
         if not batch_samples:
             return torch.empty(0, device=self.device)
         dtype = self.truth.points.dtype
-        batch = {
-            key: value.to(dtype) if value.is_floating_point() else value
-            for key, value in self.assemble(batch_samples).items()
-        }
-        loss = None if validation else LOSSES.get(self.experiment["strategy"], moving_charts_loss)
+        batch = self.assemble(batch_samples)
+        batch = {key: values.to(dtype) if values.is_floating_point() else values for key, values in batch.items()}
+        loss = None if validation else LOSSES.get(self.experiment.strategy, moving_charts_loss)
         predictions = model.stages(batch) if loss else [model(batch)]
         for prediction in predictions:
             self.check_finite("the prediction", prediction, batch_samples)
-        points = self.settings["validation_points" if validation else "loss_points"]
+        points = self.settings.validation_points if validation else self.settings.loss_points
         against = self.truth, [sample.object for sample in batch_samples], points, generator
         with torch.autocast(self.device.type, enabled=False):
             if loss:
                 found = loss(model, predictions, *against)
-                return found + self.terms(predictions[-1].to(dtype)) if self.terms else found
+                return found + self.extra_loss(model, predictions[-1].to(dtype)) if self.extra_loss else found
             return cloud_loss(model.sample(predictions[-1].to(dtype), points, generator), *against)
-
-    def described_sensor(self) -> dict[str, Any]:
-        """What a checkpoint says of the hand's sensors, if its model takes touch."""
-        if not self.experiment["touch"]:
-            return {}
-        return {"hand_sensors": self.model.hand_sensors, "sensor": self.model.sensor.description()}
 
     def described(self):
         camera = self.data.common_camera(self.experiment)
-        return {
-            "experiment": self.experiment,
-            "architecture": self.layers,
+        described = {
+            "experiment": self.experiment.row(),
+            "architecture": self.architecture.row(),
             "data": self.data.digest,
             "base": self.base,
             # What an image is taken to be of that comes without its camera.
             "camera": None if camera is None else camera.tolist(),
             "image_size": self.data.image_size(self.experiment),
-        } | self.described_sensor()
+        }
+        if self.experiment.touch:
+            described |= {"hand_sensors": self.model.hand_sensors, "sensor": self.model.sensor.description()}
+        return described | ({"extra_loss": repr(self.extra_loss)} if self.extra_loss else {})
 
 
 class TouchDepthLearner(Learner):
@@ -304,16 +262,15 @@ class TouchDepthLearner(Learner):
 
     kind = "touch_depth"
 
-    def __init__(self, train: Touches, validation: Touches, settings: Mapping[str, Any], seed: int):
+    def __init__(self, train: Touches, validation: Touches, settings: TouchDepthSettings, seed: int):
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(seed)
-            model = TouchDepth(settings["width"], train.sensor)
-        count = min(settings["validation_samples"] or len(validation), len(validation))
+            model = TouchDepth(settings.width, train.sensor)
+        count = min(settings.validation_samples or len(validation), len(validation))
         # Evenly, not the first: touches come object by object.
         chosen = torch.arange(count) * len(validation) // count
         self.touches = {"train": train, "validation": validation}
-        super().__init__(model, settings, seed, len(train), count)
-        self.chosen = chosen
+        super().__init__(model, settings, seed, len(train), chosen.numpy())
 
     def on_fit_start(self) -> None:
         self.on_device = {
@@ -322,11 +279,7 @@ class TouchDepthLearner(Learner):
         }
 
     def training_batch(self, step):
-        return shuffled(len(self.touches["train"]), self.settings["batch"], self.seed, step)[self._rank()]
-
-    def validation_batch(self, batch_samples):
-        first = batch_samples * self.settings["batch"]
-        return self.chosen[first : first + self.settings["batch"]].numpy()
+        return shuffled(len(self.touches["train"]), self.settings.batch, self.seed, step)[self._rank()]
 
     def sample_names(self, batch_samples):
         return "touches " + ", ".join(str(int(row)) for row in batch_samples)
@@ -341,14 +294,9 @@ class TouchDepthLearner(Learner):
         depth = model(reading)
         self.check_finite("the prediction", depth, batch_samples)
         with torch.autocast(self.device.type, enabled=False):
-            return touch_depth_loss(
-                depth.to(dtype),
-                touched(reading, empty),
-                touches.depth[rows].to(dtype),
-                self.settings["loss_points"],
-                generator,
-                touches.sensor.size,
-            )
+            valid, true = touched(reading, empty), touches.depth[rows].to(dtype)
+            n = self.settings.loss_points
+            return touch_depth_loss(depth.to(dtype), valid, true, n, generator, touches.sensor.size)
 
     def described(self):
-        return {"width": self.settings["width"], "sensor": self.model.sensor.description()}
+        return {"width": self.settings.width, "sensor": self.model.sensor.description()}

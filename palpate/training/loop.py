@@ -1,8 +1,7 @@
 """Training from start to end: it resumes where it was interrupted, and keeps the best model by validation.
 
-Lightning's `EarlyStopping` counts patience. Its `CSVLogger` is not used, because it begins a new file when a training
-resumes. Its `ModelCheckpoint` is not used, because it moves files from the temporary folder: across file systems that
-is no atomic write.
+Lightning's `CSVLogger` is not used, because it begins a new file when a training resumes, and `ModelCheckpoint` is not,
+because it moves files from the temporary folder: across file systems that is no atomic write.
 """
 
 import csv
@@ -23,15 +22,14 @@ from tqdm import tqdm
 
 from palpate import checksums
 from palpate.atomic import atomic_write
-from palpate.training import checkpoints
+from palpate.inference import checkpoints
+from palpate.inference.machine import Machine
 from palpate.training.learners import Diverged, Learner
-from palpate.training.machine import Machine
 
 log = logging.getLogger(__name__)
 
 HISTORY = ("step", "seconds", "train_loss", "validation_loss", "rate")
-# Between lines of progress in a log: seconds, and a share of the time so far. Few lines, however long it
-# takes.
+# Between lines of progress in a log: seconds, and a share of the time so far. Few lines, however long it takes.
 LOG_EVERY, LOG_SHARE = 10.0, 0.02
 BEST, LAST = "best.ckpt", "last.ckpt"
 PRECISIONS = ("32-true", "64-true", "bf16-mixed", "16-mixed")
@@ -40,7 +38,7 @@ PRECISIONS = ("32-true", "64-true", "bf16-mixed", "16-mixed")
 class Recorder(lightning.Callback):
     """Keeps the history, writes the best and the last checkpoint, and logs progress.
 
-    folder: where the checkpoints are while training goes on. name: of the model in its run, which they state.
+    folder: where the checkpoints are during the training. name: of the model in its run, which they state.
     """
 
     def __init__(self, folder: Path, label: str, name: str | None = None):
@@ -68,13 +66,8 @@ class Recorder(lightning.Callback):
 
     def on_train_start(self, trainer, learner) -> None:
         self.began_at = trainer.global_step
-        self.bar = tqdm(
-            total=learner.steps,
-            initial=trainer.global_step,
-            desc=self.label,
-            unit="step",
-            disable=not sys.stderr.isatty(),
-        )
+        first, hidden = trainer.global_step, not sys.stderr.isatty()
+        self.bar = tqdm(total=learner.steps, initial=first, desc=self.label, unit="step", disable=hidden)
 
     def on_train_epoch_start(self, trainer, learner) -> None:
         self.losses: list[torch.Tensor] = []
@@ -90,13 +83,10 @@ class Recorder(lightning.Callback):
         self.logged = time.perf_counter()
         done = trainer.global_step
         rate = (done - self.began_at) / (self.logged - self.start)
-        best = (
-            f", best validation {self.best['validation_loss']:.3f} at step {self.best['step']}" if self.history else ""
-        )
-        log.info(
-            "%s: step %d of %d, %.2f a second, loss %.3f%s",
-            *(self.label, done, learner.steps, rate, float(torch.stack(self.losses).mean()), best),
-        )
+        loss, best = float(torch.stack(self.losses).mean()), ""
+        if self.history:
+            best = f", best validation {self.best['validation_loss']:.3f} at step {self.best['step']}"
+        log.info("%s: step %d of %d, %.2f a second, loss %.3f%s", self.label, done, learner.steps, rate, loss, best)
 
     def on_validation_end(self, trainer, learner) -> None:
         row = {
@@ -108,24 +98,13 @@ class Recorder(lightning.Callback):
         }
         self.history.append(row)
         if self.best is row and trainer.is_global_zero:
-            checkpoints.save(
-                self.folder / BEST,
-                learner.kind,
-                learner.evaluated,
-                {
-                    **learner.described(),
-                    "name": self.name,
-                    "settings": dict(learner.settings),
-                    "seed": learner.seed,
-                    "step": row["step"],
-                    "validation_loss": row["validation_loss"],
-                },
-            )
+            reached = {"name": self.name, "step": row["step"], "validation_loss": row["validation_loss"]}
+            checkpoints.save(self.folder / BEST, learner.kind, learner.eval_model, learner.stated() | reached)
         self.bar.set_postfix_str(f"validation {row['validation_loss']:.3f}, best {self.best['validation_loss']:.3f}")
 
     def on_train_epoch_end(self, trainer, learner) -> None:
         if trainer.should_stop:
-            patience, step = learner.settings["patience"], trainer.global_step
+            patience, step = learner.settings.patience, trainer.global_step
             log.info("%s: no better for %d evaluations: stopped at step %d", self.label, patience, step)
         self.finished = trainer.should_stop or trainer.global_step >= learner.steps
         # All processes take part. A state is complete at the end of a round only.
@@ -144,20 +123,13 @@ def train(
 ) -> dict[str, Any]:
     """Train a model, or resume an interrupted training of the same model; the result is the same.
 
-    Args:
-        learner: the model with its data and settings.
-        folder: gets `best.ckpt` (see `checkpoints`), `training.json`, and `history.csv` (step, seconds,
-            train_loss, validation_loss, rate: a row an evaluation, losses in the tables' unit).
-        checkpoint_folder: checkpoints of the training in progress; removed at the end. Checkpoints of another
-            config or other data are ignored.
-        machine: device, precision and threads.
-        label: for progress.
+    learner: the model with its data and settings. folder: gets `best.ckpt` (see `checkpoints`), `training.json` (which
+    is returned), and `history.csv` (step, seconds, train_loss, validation_loss, rate: a row an evaluation, losses in
+    the tables' unit). checkpoint_folder: checkpoints of the training in progress; removed at the end. Those of another
+    config or other data are ignored. label: for progress.
 
-    Returns: the content of `training.json`.
-
-    Raises Diverged, naming the sample and the last good checkpoint, if the prediction, the loss or its
-    gradient becomes NaN or infinite, before any weight is changed by it; ValueError for a precision below
-    float32.
+    Raises Diverged, naming the sample and the last good checkpoint, if the prediction, the loss or its gradient becomes
+    NaN or infinite, before any weight is changed by it; ValueError for a precision below float32.
     """
     folder, checkpoints_folder = Path(folder), Path(checkpoint_folder)
     if machine.precision not in PRECISIONS:
@@ -168,14 +140,14 @@ def train(
     identity = _identity(learner, machine)
     recorder = Recorder(checkpoints_folder, label, checkpoints.name_of(folder / BEST))
     callbacks = [recorder]
-    if patience := learner.settings["patience"]:
+    if patience := learner.settings.patience:
         callbacks.append(EarlyStopping("validation_loss", patience=patience, check_on_train_epoch_end=False))
     trainer = lightning.Trainer(
         accelerator=accelerator,
         devices=machine.devices if accelerator == "gpu" else 1,
         precision=machine.precision,
-        max_epochs=-(-learner.steps // learner.every),
-        gradient_clip_val=learner.settings["clip"],
+        max_epochs=-(-learner.steps // learner.validation_interval),
+        gradient_clip_val=learner.settings.clip,
         callbacks=callbacks,
         num_sanity_val_steps=0,
         reload_dataloaders_every_n_epochs=1,
@@ -188,7 +160,7 @@ def train(
     )
     resume = _resumable(checkpoints_folder, identity)
     if resume:
-        log.info("%s: goes on from %s", label, resume)
+        log.info("%s: continues from %s", label, resume)
         recorder.load_state_dict(torch.load(resume, weights_only=False)["callbacks"][recorder.state_key])
     # Adam's averages of a weight without gradient fall below 1e-38 in some 800 steps; processors compute with such
     # numbers many times slower than with 0.
@@ -214,27 +186,13 @@ def _silence_lightning() -> None:
     """Silences Lightning's banner and its DataLoader and logging warnings (no DataLoader is used)."""
     for name in ("lightning.pytorch", "lightning.fabric", "lightning.pytorch.utilities.rank_zero"):
         logging.getLogger(name).setLevel(logging.ERROR)
-    for pattern in (
-        "does not have many workers",
-        ".*IterableDataset",
-        ".*tensorboardX",
-        ".*LeafSpec",
-        ".*litlogger",
-        ".*sync_dist",
-    ):
-        warnings.filterwarnings("ignore", message=f".*{pattern}")
+    for text in ("does not have many workers", "IterableDataset", "tensorboardX", "LeafSpec", "litlogger", "sync_dist"):
+        warnings.filterwarnings("ignore", message=f".*{text}")
 
 
 def _identity(learner: Learner, machine: Machine) -> str:
     """Digest of all that determines the weights."""
-    determines = {
-        "kind": learner.kind,
-        "settings": dict(learner.settings),
-        "seed": learner.seed,
-        "precision": machine.precision,
-        "schema": checkpoints.SCHEMA_VERSION,
-        **learner.described(),
-    }
+    determines = {"precision": machine.precision, "schema": checkpoints.SCHEMA_VERSION, **learner.stated()}
     return hashlib.sha256(json.dumps(determines, sort_keys=True).encode()).hexdigest()
 
 
@@ -249,10 +207,8 @@ def _resumable(checkpoints_folder: Path, identity: str) -> Path | None:
         checkpoints.require_intact(last)
         return last
     if checkpoints_folder.exists():
-        log.info(
-            "%s is of another config or other data, or stopped before its first evaluation: begins anew",
-            checkpoints_folder,
-        )
+        reason = "is of another config or other data, or stopped before its first evaluation"
+        log.info("%s %s: begins anew", checkpoints_folder, reason)
         shutil.rmtree(checkpoints_folder)
     checkpoints_folder.mkdir(parents=True)
     with atomic_write(marker, checksum=True) as partial:
@@ -263,12 +219,9 @@ def _resumable(checkpoints_folder: Path, identity: str) -> Path | None:
 def _summary(learner: Learner, recorder: Recorder, machine: Machine, accelerator: str) -> dict[str, Any]:
     name = torch.cuda.get_device_name() if accelerator == "gpu" else "cpu"
     return {
-        "kind": learner.kind,
-        **learner.described(),
-        "settings": dict(learner.settings),
-        "seed": learner.seed,
+        **learner.stated(),
         "parameters": sum(weights.numel() for weights in learner.model.parameters()),
-        "validated": learner.validated,
+        "validated": len(learner.validation_samples),
         "steps": recorder.history[-1]["step"],
         "best_step": recorder.best["step"],
         "validation_loss": recorder.best["validation_loss"],

@@ -7,14 +7,11 @@ from scipy.spatial import cKDTree
 from torch import Tensor
 
 from palpate.charts import build_tree, one_sided_distance, plane_normals, sample_faces
+from palpate.inference.touches import depth_to_points
 from palpate.models import Reconstruction
 from palpate.models.single_image import occupied
 from palpate.protocol import CHAMFER_SCALE
-from palpate.sensor import DIGIT, Size, pixel_centres
-
-# Squared difference of a pixel to the untouched reading, summed over colours in [0, 1], above which it counts
-# as touched (supplement, "Optimization Details" of local touch charts).
-TOUCHED = 0.001
+from palpate.sensor import DIGIT, Size
 
 
 class Truth:
@@ -57,16 +54,11 @@ class Truth:
 def reconstruction_loss(
     vertices: Tensor, faces: Tensor, truth: Truth, objects: Sequence[int], n: int, generator: torch.Generator
 ) -> Tensor:
-    """Chamfer distance of each predicted mesh to its object (paper, equation 2).
+    """Chamfer distance (B,) of each predicted mesh to its object (paper, equation 2), differentiable in the vertices.
 
-    Args:
-        vertices: (B, V, 3) metres, faces: (F, 3).
-        objects: B numbers of objects in `truth`.
-        n: points sampled on each mesh, and taken of the true ones. Each of the former looks for the nearest
-            of all true points, each of the latter for the nearest sampled one.
-        generator: of the random choices.
-
-    Returns: (B,), differentiable in the vertices.
+    vertices: (B, V, 3) metres, faces: (F, 3). objects: B numbers of objects in `truth`. n: points sampled on each mesh,
+    and taken of the true ones. Each of the former looks for the nearest of all true points, each of the latter for the
+    nearest sampled one. generator: of the random choices.
     """
     return cloud_loss(sample_faces(vertices.to(truth.points.dtype), faces, n, generator), truth, objects, n, generator)
 
@@ -81,8 +73,7 @@ def moving_charts_loss(
 ) -> Tensor:
     """`reconstruction_loss` (B,) of the charts that move, of the last of the model's `stages`.
 
-    Charts that do not move give no gradient. At the start, where the others are far away, they would be the nearest to
-    up to half of the true points.
+    The others give no gradient, and would at the start be the nearest to up to half of the true points.
     """
     return reconstruction_loss(predictions[-1], model.moving_faces, truth, objects, n, generator)
 
@@ -103,42 +94,14 @@ def subsample(points: Tensor, n: int | None, generator: torch.Generator) -> Tens
     return points[order.to(points.device)]
 
 
-def touched(reading: Tensor, empty: Tensor) -> Tensor:
-    """Which pixels of readings (..., 3, r, c) in [0, 1] differ from the empty one (3, r, c).
-
-    Returns: (..., r, c) bool.
-    """
-    return (reading - empty).square().sum(dim=-3) > TOUCHED
-
-
-def sheet(depth: Tensor, size: Size = DIGIT.size) -> Tensor:
-    """Depths (..., r, c) as points (..., r, c, 3) in the frame of a sensor of a size (height, width), metres: x the
-    depth, y along columns, z along rows."""
-    centres = [torch.from_numpy(line).to(depth) for line in map(pixel_centres, depth.shape[-2:], size)]
-    z, y = torch.meshgrid(*centres, indexing="ij")
-    return torch.stack([depth, y.expand_as(depth), z.expand_as(depth)], dim=-1)
-
-
 def touch_depth_loss(
-    predicted: Tensor,
-    valid: Tensor,
-    depth: Tensor,
-    n: int | None,
-    generator: torch.Generator,
-    size: Size = DIGIT.size,
+    predicted: Tensor, valid: Tensor, depth: Tensor, n: int | None, generator: torch.Generator, size: Size = DIGIT.size
 ) -> Tensor:
-    """Chamfer distance between the predicted and the true local cloud of each touch (paper, section 3.2).
+    """Chamfer distance (B,) between the predicted and the true local cloud of each touch (paper, section 3.2).
 
-    A distance between clouds does not depend on the frame: here it is the sensor's.
-
-    Args:
-        predicted: (B, r, c) metres from the sensor plane.
-        valid: (B, r, c) bool, the pixels whose prediction counts; at least one of each touch.
-        depth: (B, r, c) true depth, +inf where nothing is in range.
-        n: points of either cloud that look for the nearest of all in the other; None: all.
-        size: of the sensors.
-
-    Returns: (B,), differentiable in `predicted`.
+    predicted: (B, r, c) metres from the sensor plane. valid: (B, r, c) bool, the pixels whose prediction counts. depth:
+    (B, r, c) true depth, +inf where nothing is in range. n: points of either cloud that look for the nearest of all in
+    the other; None: all. size: of the sensors, in whose frame clouds are compared: a distance does not depend on it.
 
     Raises ValueError if a touch has no valid pixel or nothing in range.
     """
@@ -147,8 +110,8 @@ def touch_depth_loss(
         without = ~pixels.flatten(1).any(dim=1)
         if without.any():
             raise ValueError(f"touch {int(without.nonzero()[0])} of the batch has no {what}: leave it out")
-    clouds = [cloud[mask] for cloud, mask in zip(sheet(predicted.to(depth.dtype), size), valid, strict=True)]
-    truths = [cloud[mask] for cloud, mask in zip(sheet(depth, size), in_range, strict=True)]
+    clouds = [cloud[mask] for cloud, mask in zip(depth_to_points(predicted.to(depth.dtype), size), valid, strict=True)]
+    truths = [cloud[mask] for cloud, mask in zip(depth_to_points(depth, size), in_range, strict=True)]
     there = one_sided_distance([subsample(cloud, n, generator) for cloud in clouds], truths)
     back = one_sided_distance([subsample(truth, n, generator) for truth in truths], clouds)
     return CHAMFER_SCALE * (there + back)

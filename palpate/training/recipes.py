@@ -2,17 +2,59 @@
 
 import copy
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import yaml
 
-from palpate.configuration import ConfigError, check
+from palpate.architectures import Architecture, paper_architecture
+from palpate.configuration import ConfigError, check, plain
+from palpate.experiments import Experiment
 
-Settings = dict[str, Any]
+
+@dataclass(frozen=True)
+class Settings:
+    """How one model is trained; config/recipes.yaml says what each is, and None stands for its null."""
+
+    optimiser: str
+    rate: float
+    schedule: str
+    weight_decay: float
+    clip: float | None
+    ema: float | None
+    batch: int
+    steps: int | None
+    epochs: int | None
+    evaluate_every: int | None
+    patience: int | None
+    loss_points: int | None
+    validation_samples: int | None
+
+    row = plain
 
 
-def merge(base: Mapping[str, Any], over: Mapping[str, Any]) -> Settings:
+@dataclass(frozen=True)
+class TouchDepthSettings(Settings):
+    """Of the U-Net. width: channels of its first level."""
+
+    width: int
+
+
+@dataclass(frozen=True)
+class ReconstructionSettings(Settings):
+    """Of a model of config/experiments.yaml. validation_points: sampled on its predictions."""
+
+    validation_points: int
+    architecture: Architecture
+
+    @classmethod
+    def from_row(cls, row: Mapping[str, Any]) -> "ReconstructionSettings":
+        """The settings in the form that `row` gives (Snakemake's params)."""
+        return cls(**{**row, "architecture": Architecture.from_row(row["architecture"])})
+
+
+def merge(base: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:
     """`base` with the keys of `over`; where both hold a mapping, it is merged in turn. Neither is changed."""
     merged = copy.deepcopy(dict(base))
     for key, value in over.items():
@@ -21,65 +63,70 @@ def merge(base: Mapping[str, Any], over: Mapping[str, Any]) -> Settings:
     return merged
 
 
-def resolve(recipes: Path | str, name: str, override: Mapping[str, Any], schema: Path | str) -> Settings:
-    """The recipe `name` of the file `recipes` with a run's `override` merged over it, checked.
+@dataclass(frozen=True)
+class Recipe:
+    """A recipe of config/recipes.yaml with a run's `training.override`, section by section as there."""
 
-    Raises ConfigError, naming the keys, if there is no such recipe, or the file or the result does not fit the
-    schema or has neither steps nor epochs.
-    """
-    known = yaml.safe_load(Path(recipes).read_text())
-    check(known, schema, str(recipes))
-    if name not in known:
-        raise ConfigError(f"config training.recipe: no recipe {name!r} in {recipes}; known: {', '.join(known)}")
-    recipe = merge(known[name], override)
-    check({name: recipe}, schema, f"recipe {name} with config training.override")
-    sections = {"touch_depth": recipe["touch_depth"], "reconstruction": recipe["reconstruction"]}
-    for section in ("modalities", "strategies"):
-        for key, over in recipe[section].items():
-            sections[f"{section}.{key}"] = merged = merge(recipe["reconstruction"], over)
-            # Settings of one modality or strategy are complete only with those of all models.
-            complete = recipe | {"reconstruction": merged, "modalities": {}, "strategies": {}}
-            check({name: complete}, schema, f"recipe {name}, {section}.{key}")
-    for path, settings in sections.items():
-        if settings["steps"] is None and settings["epochs"] is None:
-            raise ConfigError(f"recipe {name}: {path} needs steps or epochs")
-    return recipe
+    touch_depth: TouchDepthSettings
+    reconstruction: Mapping[str, Any]
+    modalities: Mapping[str, Mapping[str, Any]]
+    strategies: Mapping[str, Mapping[str, Any]]
 
+    row = plain
 
-def modality(experiment: Mapping[str, Any]) -> str:
-    """The modality of a model of config/experiments.yaml, as recipes name it: `occluded_touch`, `single_image`.
+    @classmethod
+    def from_row(cls, row: Mapping[str, Any]) -> "Recipe":
+        """The recipe as the file has it, and as `row` gives it (Snakemake's params)."""
+        return cls(**{**row, "touch_depth": TouchDepthSettings(**row["touch_depth"])})
 
-    Raises ConfigError for an experiment without vision and touch.
-    """
-    if experiment["vision"] == "views":
-        return "single_image"
-    inputs = [experiment["vision"]] * (experiment["vision"] != "none") + ["touch"] * experiment["touch"]
-    if not inputs:
-        raise ConfigError("an experiment needs vision or touch, and this one has neither")
-    return "_".join(inputs)
+    @classmethod
+    def read(cls, recipes: Path | str, name: str, override: Mapping[str, Any], schema: Path | str) -> "Recipe":
+        """The recipe `name` of the file `recipes` with a run's `override` merged over it, checked.
 
+        Raises ConfigError, naming the keys, if there is no such recipe, or the file or the result does not fit the
+        schema or has neither steps nor epochs.
+        """
+        known = yaml.safe_load(Path(recipes).read_text())
+        check(known, schema, str(recipes))
+        if name not in known:
+            raise ConfigError(f"config training.recipe: no recipe {name!r} in {recipes}; known: {', '.join(known)}")
+        recipe = merge(known[name], override)
+        check({name: recipe}, schema, f"recipe {name} with config training.override")
+        sections = {"touch_depth": recipe["touch_depth"], "reconstruction": recipe["reconstruction"]}
+        for section in ("modalities", "strategies"):
+            for key, over in recipe[section].items():
+                sections[f"{section}.{key}"] = merged = merge(recipe["reconstruction"], over)
+                # Settings of one modality or strategy are complete only with those of all models.
+                complete = recipe | {"reconstruction": merged, "modalities": {}, "strategies": {}}
+                check({name: complete}, schema, f"recipe {name}, {section}.{key}")
+        for path, settings in sections.items():
+            if settings["steps"] is None and settings["epochs"] is None:
+                raise ConfigError(f"recipe {name}: {path} needs steps or epochs")
+        return cls.from_row(recipe)
 
-def settings(recipe: Mapping[str, Any], experiment: Mapping[str, Any]) -> Settings:
-    """How to train one experiment: `reconstruction` with what its modality, its strategy, then its row change.
+    def settings(self, experiment: Experiment) -> ReconstructionSettings:
+        """How to train one experiment: `reconstruction` with what its modality, its strategy, then its row change.
 
-    An experiment that goes on from its base model has the settings of `continuation` merged over these. Steps, epochs
-    and the steps between evaluations are then multiplied by `steps_factor`, if there is one.
-    """
-    merged = _merged(recipe, experiment)
-    if merged["architecture"] != "paper":
-        merged["architecture"] = merge(merged["architecture"], experiment.get("architecture", {}))
-    continuation = merged.pop("continuation")
-    merged = merge(merged, continuation) if base(recipe, experiment) else merged
-    factor = merged.pop("steps_factor", 1)
-    lengths = ("steps", "epochs", "evaluate_every")
-    return merged | {key: merged[key] and max(1, round(factor * merged[key])) for key in lengths}
+        Architecture `paper` is resolved. An experiment that continues from its base model has the settings of
+        `continuation` merged over these. Steps, epochs and the steps between evaluations are then multiplied by
+        `steps_factor`, if there is one.
+        """
+        merged = self._merged(experiment)
+        if merged["architecture"] == "paper":
+            merged["architecture"] = paper_architecture(experiment).row()
+        else:
+            merged["architecture"] = merge(merged["architecture"], experiment.architecture)
+        continuation = merged.pop("continuation")
+        merged = merge(merged, continuation) if self.base(experiment) else merged
+        factor = merged.pop("steps_factor", 1)
+        for key in ("steps", "epochs", "evaluate_every"):
+            merged[key] = merged[key] and max(1, round(factor * merged[key]))
+        return ReconstructionSettings.from_row(merged)
 
+    def base(self, experiment: Experiment) -> str | None:
+        """The name of the model that an experiment's training continues from; None: it starts from random weights."""
+        return experiment.base if self._merged(experiment)["continuation"] else None
 
-def base(recipe: Mapping[str, Any], experiment: Mapping[str, Any]) -> str | None:
-    """The name of the model that an experiment's training goes on from; None if it starts from random weights."""
-    return experiment.get("base") if _merged(recipe, experiment)["continuation"] else None
-
-
-def _merged(recipe: Mapping[str, Any], experiment: Mapping[str, Any]) -> Settings:
-    merged = merge(recipe["reconstruction"], recipe["modalities"].get(modality(experiment), {}))
-    return merge(merged, recipe["strategies"].get(experiment["strategy"], {}))
+    def _merged(self, experiment: Experiment) -> dict[str, Any]:
+        merged = merge(self.reconstruction, self.modalities.get(experiment.modality, {}))
+        return merge(merged, self.strategies.get(experiment.strategy, {}))

@@ -55,7 +55,7 @@ def deformed_sphere_loss(
             + (there + back)
             + EDGE * edges.square().sum(dim=2).mean(dim=1)
             + LAPLACIAN * change.square().sum(dim=2).mean(dim=1)
-            + NORMAL * slant(edges, normal, model.edges)
+            + NORMAL * mean_cosine(edges, normal, model.edges)
         )
         before = vertices
     return CHAMFER_SCALE * total / len(stages)
@@ -71,7 +71,7 @@ def laplacian(vertices: Tensor, edges: Tensor) -> Tensor:
     return vertices - torch.zeros_like(vertices).index_add(1, ends, vertices[:, others]) / count[:, None]
 
 
-def slant(edges: Tensor, normals: Tensor, ends: Tensor) -> Tensor:
+def mean_cosine(edges: Tensor, normals: Tensor, ends: Tensor) -> Tensor:
     """(B,) mean absolute cosine between each edge (B, E, 3) and the normals (B, V, 3) at its two ends (E, 2)."""
     unit = functional.normalize(edges, dim=2)
     return torch.stack([(unit * normals[:, end]).sum(dim=2).abs() for end in ends.T]).mean(dim=(0, 2))

@@ -2,14 +2,14 @@
 
 import itertools
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import yaml
 
 from palpate.configuration import ConfigError
-from palpate.training.recipes import Settings, merge
+from palpate.training.recipes import ReconstructionSettings
 
 KEYS = ("rate", "cnn_layers", "gcn_layers", "width")
 BLOCKS = 4  # of an image encoder, in the paper's models
@@ -42,23 +42,18 @@ def layers_of_blocks(count: int) -> list[int]:
 
 
 def point_settings(
-    settings: Mapping[str, Any], architecture: Mapping[str, Any], point: Mapping[str, Any], steps: int | None
-) -> Settings:
-    """The settings of one training of the grid.
+    settings: ReconstructionSettings, point: Mapping[str, Any], steps: int | None
+) -> ReconstructionSettings:
+    """The settings of one training of the grid: those of the experiment, with some layers and the rate of a point.
 
-    settings: of the experiment, from the run's recipe. architecture: its layers; a point replaces some of them. Maps
-    are pooled after the last three blocks, as in the paper's tables. steps: replaces that of the settings, unless
+    Maps are pooled after the last three blocks, as in the paper's tables. steps: replaces those of the settings, unless
     None.
     """
-    point = {key: np.asarray(value).item() for key, value in point.items()}  # a data frame's are numpy's
-    layers = layers_of_blocks(point["cnn_layers"])
-    ends = list(itertools.accumulate(layers))[1:]
-    changed = {
-        "encoder": {"layers": layers, "pool": ends},
-        "gcn": {"layers": point["gcn_layers"], "width": point["width"]},
-    }
-    found = merge(settings, {"architecture": merge(architecture, changed), "rate": point["rate"]})
-    return found | ({"steps": steps} if steps else {})
+    layers, old = layers_of_blocks(point["cnn_layers"]), settings.architecture
+    encoder = replace(old.encoder, layers=layers, pool=list(itertools.accumulate(layers))[1:])
+    gcn = replace(old.gcn, layers=point["gcn_layers"], width=point["width"])
+    architecture = replace(old, encoder=encoder, gcn=gcn)
+    return replace(settings, architecture=architecture, rate=point["rate"], steps=steps or settings.steps)
 
 
 def summary(points: Sequence[Mapping[str, Any]], trained: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:

@@ -17,6 +17,7 @@ from torch.nn import functional
 
 from palpate.charts import Graph, vision_atlas
 from palpate.charts.atlas import CHART_VERTICES, TOUCH_VERTICES, VISION_CHARTS
+from studies.benchmarks.straightforward import dense_adjacency
 from studies.timing import interleaved
 
 SIZES = ((1, 2, 22), (1, 2, 84), (1, 8, 22), (1, 16, 84), (5, 8, 84))  # grasps, batch, channels
@@ -26,7 +27,7 @@ def sums(graph: Graph) -> dict[str, Callable[[Tensor], Tensor]]:
     """Methods to apply the normalised adjacency to features (V, n), all with the same result."""
     vertices, touches = graph.vertices, graph.touch_charts
     start, neighbour, weight = graph.start, graph.neighbour, graph.weight.float()
-    left, dense = graph.left.float(), graph.dense().float()
+    left, dense = graph.left.float(), dense_adjacency(graph).float()
     row = torch.arange(vertices).repeat_interleave(start.diff())
     sparse = torch.sparse_csr_tensor(start, neighbour, weight, (vertices, vertices))
     place = torch.arange(len(neighbour)) - start[:-1].repeat_interleave(start.diff())
@@ -64,7 +65,7 @@ def sums(graph: Graph) -> dict[str, Callable[[Tensor], Tensor]]:
 
 def both_passes(graph: Graph, features: Tensor) -> dict[str, Callable[[], object]]:
     """Forward and backward with autograd, of features (V, B, C)."""
-    adjacency, gradient = graph.dense().float(), torch.rand(features.shape)
+    adjacency, gradient = dense_adjacency(graph).float(), torch.rand(features.shape)
     ways = {
         "dense, both passes": lambda: (adjacency @ features.flatten(1)).view_as(features),
         "aggregate, both passes": lambda: graph.aggregate(features),

@@ -23,15 +23,16 @@ import numpy as np
 import pandas as pd
 import torch
 
-from palpate import Dataset, training
+from palpate import Dataset
 from palpate.charts import build_tree, sample_faces
 from palpate.evaluation.evaluate import evaluate, load
 from palpate.evaluation.metrics import score, seeded
 from palpate.evaluation.rings import CloudSurface, MeshSurface, ring_distances, ring_points
+from palpate.inference import checkpoints
+from palpate.inference.data import ExperimentData
 from palpate.mesh import OBJECT_POSITION, load_visual
 from palpate.protocol import RINGS
 from palpate.results.bootstrap import interval
-from palpate.training import checkpoints
 
 POINTS = (1_000, 3_000, 10_000, 30_000)
 RUNS = 400  # simulated for each coverage
@@ -138,9 +139,9 @@ def evaluation_time(run: str, names: list[str]) -> pd.DataFrame:
     rows = []
     for name in names:
         model = min(Path(run, "models", name).glob("seed-*/best.ckpt"))
-        experiment = checkpoints.read(model, "reconstruction")["experiment"]
-        trained = load(model, model.with_name("training.json"), name, experiment, 0, "cpu")
-        data = training.TrainingData.load(run, experiment, ("validation", "test"))
+        experiment = checkpoints.experiment_of(checkpoints.read(model, "reconstruction"))
+        trained = load(model, model.with_name("training.json"), experiment, 0, "cpu")
+        data = ExperimentData.load(run, experiment, ("validation", "test"))
         start = time.process_time()
         table = evaluate(trained, data)
         seconds = (time.process_time() - start) / len(table)

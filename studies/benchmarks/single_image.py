@@ -18,14 +18,17 @@ import torch
 import yaml
 from tabulate import tabulate
 
-from palpate import Dataset, training
+from palpate import Dataset
 from palpate.charts import sample_faces
 from palpate.evaluation.evaluate import POINTS
 from palpate.evaluation.metrics import score, seeded
+from palpate.experiments import Experiments
+from palpate.inference.data import ExperimentData
+from palpate.inference.inputs import INPUTS
 from palpate.models.single_image import grid_surface, occupied
 from palpate.protocol import pixel2mesh_chamfer
-from palpate.training import inputs, recipes
-from palpate.training.data import TrainingData
+from palpate.training.learners import ReconstructionLearner
+from palpate.training.recipes import Recipe
 from studies.training_steps import TrainingSteps
 
 PROJECT = Path(__file__).parents[2]
@@ -47,14 +50,14 @@ def main() -> None:
 
 def step_times(args: argparse.Namespace) -> tuple[list[tuple], tuple]:
     """Rows and headers of the table of steps."""
-    declared = yaml.safe_load((PROJECT / "config/experiments.yaml").read_text())
-    experiments = {name: declared["experiments"][name] for name in declared["tables"]["single_image"]["experiments"]}
-    schema = PROJECT / "workflow/schemas/recipes.schema.yaml"
-    recipe = recipes.resolve(PROJECT / "config/recipes.yaml", args.recipe, args.override, schema)
-    data = TrainingData.load(args.run, experiments[OURS], ("train", "validation"))
+    schemas = PROJECT / "workflow/schemas"
+    declared = Experiments.read(PROJECT / "config/experiments.yaml", schemas / "experiments.schema.yaml")
+    experiments = declared.tables["single_image"].by_name
+    recipe = Recipe.read(PROJECT / "config/recipes.yaml", args.recipe, args.override, schemas / "recipes.schema.yaml")
+    data = ExperimentData.load(args.run, experiments[OURS], ("train", "validation"))
     steps = {}
     for name, experiment in experiments.items():
-        learner = training.ReconstructionLearner(data, experiment, recipes.settings(recipe, experiment), 0)
+        learner = ReconstructionLearner(data, experiment, recipe.settings(experiment), 0)
         learner.on_fit_start()
         steps[name] = TrainingSteps(learner)
     # An object's tree, normals and cells are made once, in its first step: here before all.
@@ -77,8 +80,8 @@ def step_times(args: argparse.Namespace) -> tuple[list[tuple], tuple]:
 
 def limits(run: Path) -> tuple[list[tuple], tuple]:
     """Scores of true cells and of some of the true points, by the table's protocol, averaged over the objects."""
-    points = [item for item in inputs.INPUTS if item.name == "points"]
-    data = TrainingData.read(Dataset(run, [points[0].stage]), points, ["validation"])
+    points = [item for item in INPUTS if item.name == "points"]
+    data = ExperimentData.read(Dataset(run, [points[0].stage]), points, ["validation"])
     scores: dict[str, list[tuple]] = {}
     for points in torch.from_numpy(data["points"]):
         cells, order = occupied(points).numpy(), torch.randperm(len(points), generator=seeded(0, "limits"))

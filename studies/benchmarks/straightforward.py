@@ -9,9 +9,32 @@ import torch
 
 from palpate.charts import ATLAS_RADIUS, sphere, vision_atlas
 from palpate.charts.atlas import TOUCH_VERTICES
+from palpate.charts.graph import Graph
 from palpate.mesh import OBJECT_POSITION
 from palpate.models import Reconstruction
 from palpate.models.touch import TouchAttention
+
+
+def dense_adjacency(graph: Graph) -> torch.Tensor:
+    """The matrix (V, V) float64 that `graph.aggregate` multiplies by, built edge by edge."""
+    atlas = vision_atlas()
+    adjacent = torch.eye(graph.vertices, dtype=torch.float64)
+    for a, b, c in graph.faces.tolist():
+        for u, v in ((a, b), (b, c), (c, a)):
+            adjacent[u, v] = adjacent[v, u] = 1
+    if graph.kind != "sphere":
+        where: dict[tuple[float, ...], list[int]] = {}
+        for vertex in atlas.boundary.tolist():
+            where.setdefault(tuple(atlas.vertices[vertex].tolist()), []).append(vertex)
+        for together in where.values():
+            for u in together:
+                adjacent[u, together] = 1
+        for u in graph.reference.tolist():
+            adjacent[u, atlas.boundary] = adjacent[atlas.boundary, u] = 1
+    degree = adjacent.sum(dim=1)
+    if graph.normalisation == "mean":
+        return adjacent / degree[:, None]
+    return adjacent / (degree[:, None] * degree[None]).sqrt()
 
 
 def pixels(positions: torch.Tensor, batch: dict) -> torch.Tensor:
@@ -139,13 +162,13 @@ def graph_network(
 
 
 def reconstruct(model: Reconstruction, batch: dict, adjacency: torch.Tensor) -> torch.Tensor:
-    """What `model(batch)` computes: (B, V, 3) vertices. adjacency: `model.graph.dense()`."""
+    """What `model(batch)` computes: (B, V, 3) vertices. adjacency: `dense_adjacency(model.graph)`."""
     samples = len(next(iter(batch.values())))
     dtype = next(model.parameters()).dtype
-    start = sphere()[0] if model.strategy == "sphere" else vision_atlas().vertices
+    start = sphere()[0] if model.experiment.strategy == "sphere" else vision_atlas().vertices
     positions = start.to(dtype).expand(samples, -1, -1)
     touch = fixed = mask = None
-    if model.touch and model.strategy != "sphere":
+    if model.experiment.touch and model.experiment.strategy != "sphere":
         touch = batch["charts"].clone()
         for sample in range(samples):
             for sensor in range(model.sensors):
@@ -156,14 +179,14 @@ def reconstruct(model: Reconstruction, batch: dict, adjacency: torch.Tensor) -> 
         success = batch["success"].to(dtype).repeat_interleave(TOUCH_VERTICES, dim=1)
         vision = torch.zeros(samples, len(start), dtype=dtype)
         mask = torch.cat([vision, 2 * success - 1], dim=1)[..., None]
-        stays = torch.ones_like(success) if model.held else success
+        stays = torch.ones_like(success) if model.architecture.failed_charts == "fixed" else success
         fixed = torch.cat([vision, stays], dim=1)[..., None] == 1
         positions = torch.cat([positions, touch], dim=1)
     scale = torch.tensor(model.scale, dtype=dtype)
     centre = torch.tensor(OBJECT_POSITION if model.scale == ATLAS_RADIUS else (0.0, 0.0, 0.0), dtype=dtype)
     for _ in range(3):
         features, weights = [], []
-        if model.vision:
+        if model.experiment.has_vision:
             pooled = [pool(each, pixels(positions, batch)) for each in model.encoder(batch["image"])]
             features.append(torch.cat(pooled, dim=-1))
             if model.project:
@@ -173,7 +196,7 @@ def reconstruct(model: Reconstruction, batch: dict, adjacency: torch.Tensor) -> 
         weights.append(model.gcn.layers[0].weight)
         if mask is not None:
             features.append(mask)
-        if model.strategy == "sphere" and model.touch:
+        if model.experiment.strategy == "sphere" and model.experiment.touch:
             touches = []
             for sensor in range(model.sensors):
                 success = batch["success"][:, sensor].to(dtype)[:, None]
@@ -183,7 +206,7 @@ def reconstruct(model: Reconstruction, batch: dict, adjacency: torch.Tensor) -> 
             rows = [torch.cat([shown[:, k] * s, p, r, s], dim=1) for k, s, p, r in touches]
             features.append(torch.cat(rows, dim=1)[:, None].expand(-1, positions.shape[1], -1))
             weights.append(model.reading_weight)
-        if model.pools_touch:
+        if model.touch_input == "pooled":
             features.append(nearest_touch(positions, batch["charts"], batch["success"]))
             features.append(empty_space(positions, batch))
             weights.append(model.touch_pooling.weight)
@@ -192,7 +215,7 @@ def reconstruct(model: Reconstruction, batch: dict, adjacency: torch.Tensor) -> 
                 weights.append(model.touch_attention.weight)
         residual = graph_network(model, torch.cat(features, dim=-1), torch.cat(weights), adjacency)
         moved = positions + scale * residual
-        if fixed is not None and model.strategy == "charts":
+        if fixed is not None and model.experiment.strategy == "charts":
             moved = torch.where(fixed, positions, moved)
         positions = moved
     if model.copies_touch:

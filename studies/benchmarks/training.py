@@ -6,7 +6,7 @@
 
 Each variant of `VARIANTS` (default: all), or one given as YAML, changes some keys of the recipe. Its steps are timed
 first. Then it trains for as many steps as fit in the seconds of processor time on one core, or for --steps; the
-schedule ends with the last. The run's stores must exist (python -m palpate.training.inputs lists them). With --base
+schedule ends with the last. The run's stores must exist (python -m palpate.inference.inputs lists them). With --base
 each seed goes on from that model of its seed, with the recipe's settings of a continuation.
 
 The last columns say how smooth the best model's meshes are (`palpate.evaluation.surface_quality`), the mean over the
@@ -22,6 +22,7 @@ import logging
 import os
 import statistics
 import tempfile
+from dataclasses import replace
 from itertools import product
 from pathlib import Path
 
@@ -32,12 +33,18 @@ import torch
 import yaml
 from scipy.spatial import cKDTree
 
-from palpate import training
 from palpate.evaluation.rows import QUALITY
 from palpate.evaluation.surface_quality import surface_quality, topology
+from palpate.experiments import Experiment, Experiments
+from palpate.inference.checkpoints import load
+from palpate.inference.data import ExperimentData
+from palpate.inference.machine import Machine
+from palpate.inference.samples import Assembler, windows
 from palpate.models import Reconstruction
-from palpate.training import recipes
-from palpate.training.data import TrainingData
+from palpate.training.learners import ReconstructionLearner
+from palpate.training.loop import train
+from palpate.training.recipes import Recipe, ReconstructionSettings, merge
+from studies.surface_terms import SurfaceTerms
 from studies.training_steps import TrainingSteps
 
 PROJECT = Path(__file__).parents[2]
@@ -59,7 +66,7 @@ batch norm, batch 2: {batch: 2, architecture: {encoder: {norm: batch}}}
 batch norm, batch 2, rate 6e-3: {batch: 2, rate: 6.0e-3, architecture: {encoder: {norm: batch}}}
 graph: {architecture: {touch: graph}}
 graph, mean: {architecture: {touch: graph, gcn: {normalisation: mean}}}
-graph, free: {architecture: {touch: graph, unsuccessful: free}}
+graph, free: {architecture: {touch: graph, failed_charts: free}}
 batch 2: {batch: 2}
 batch 4: {batch: 4}
 1000 points: {loss_points: 1000}
@@ -77,31 +84,30 @@ adamw: {optimiser: adamw, weight_decay: 0.01}
 )
 
 
-def combine(own: TrainingData, larger: TrainingData) -> TrainingData:
+def combine(own: ExperimentData, larger: ExperimentData) -> ExperimentData:
     """The training objects of one run and the validation objects of the other."""
     chosen = [(own, own.of_split("train")), (larger, larger.of_split("validation"))]
     arrays = {name: np.concatenate([data[name][rows] for data, rows in chosen]) for name in own.arrays}
     for name, column in {"object": "objects", "class": "classes", "split": "splits"}.items():
         arrays[name] = [getattr(data, column)[row] for data, rows in chosen for row in rows]
-    return TrainingData(arrays, sensor=own.sensor)
+    return ExperimentData(arrays, sensor=own.sensor)
 
 
-def step_seconds(data: TrainingData, experiment: dict, settings: dict) -> float:
+def step_seconds(learner: ReconstructionLearner) -> float:
     """Processor time of a training step."""
-    learner = training.ReconstructionLearner(data, experiment, settings, 0)
     learner.on_fit_start()
     step = TrainingSteps(learner)
     return statistics.median([step(number) for number in range(2 * TIMED)][TIMED:])
 
 
 @torch.no_grad()
-def smoothness(model: Reconstruction, data: TrainingData, experiment: dict, windows: int) -> np.ndarray:
+def smoothness(model: Reconstruction, data: ExperimentData, experiment: Experiment, count: int) -> np.ndarray:
     """The numbers of `QUALITY` of a model's meshes, on average over so many windows of every validation object."""
-    assemble, surface = training.Assembler(data, experiment), topology(model.strategy)
+    assemble, surface = Assembler(data, experiment), topology(experiment.strategy)
     found = [
         surface_quality(model(assemble([sample]))[0].numpy(), surface, cKDTree(data["points"][sample.object]))
-        for sample in training.windows(data, experiment, "validation")
-        if sample.window < windows
+        for sample in windows(data, experiment, "validation")
+        if sample.window < count
     ]
     return np.mean(found, axis=0)
 
@@ -121,15 +127,16 @@ def main() -> None:
     args = parser.parse_args()
     logging.basicConfig(level=logging.WARNING)
 
-    experiment = yaml.safe_load((PROJECT / "config/experiments.yaml").read_text())["experiments"][args.experiment]
-    schema = PROJECT / "workflow/schemas/recipes.schema.yaml"
-    recipe = recipes.resolve(PROJECT / "config/recipes.yaml", args.recipe, {}, schema)
+    schemas = PROJECT / "workflow/schemas"
+    declared = Experiments.read(PROJECT / "config/experiments.yaml", schemas / "experiments.schema.yaml")
+    experiment = declared.experiments[args.experiment]
+    recipe = Recipe.read(PROJECT / "config/recipes.yaml", args.recipe, {}, schemas / "recipes.schema.yaml")
     if not args.base:
-        experiment = {key: value for key, value in experiment.items() if key != "base"}
-    common = recipes.settings(recipe, experiment)
-    data = TrainingData.load(args.run, experiment, ("train", "validation"))
+        experiment = replace(experiment, base=None)
+    common = recipe.settings(experiment).row()
+    data = ExperimentData.load(args.run, experiment, ("train", "validation"))
     if args.validate_on:
-        data = combine(data, TrainingData.load(args.validate_on, experiment, ["validation"]))
+        data = combine(data, ExperimentData.load(args.validate_on, experiment, ["validation"]))
     torch.set_num_threads(1)
     print(
         f"{args.experiment}, {f'{args.steps} steps' if args.steps else f'{args.seconds:.0f} s'} of one core, "
@@ -140,18 +147,24 @@ def main() -> None:
     columns += QUALITY
     print(f"| {' | '.join(columns)} |\n{'|---' * len(columns)}|", flush=True)
     for name, seed in product(args.variants, args.seeds):
-        settings = recipes.merge(common, VARIANTS.get(name) if name in VARIANTS else yaml.safe_load(name))
-        seconds = step_seconds(data, experiment, settings)
+        settings = merge(common, VARIANTS.get(name) if name in VARIANTS else yaml.safe_load(name))
+        terms = settings.pop("surface_terms", None)
+        settings |= {"validation_samples": args.windows, "validation_points": 2500, "epochs": None, "patience": None}
+        start = args.base / f"seed-{seed}/best.ckpt" if args.base else None
+
+        def learner_of(seed: int, start: Path | None, settings: dict, terms: dict | None = terms):
+            extra_loss = SurfaceTerms(**terms) if terms else None
+            made = ReconstructionSettings.from_row(settings)
+            return ReconstructionLearner(data, experiment, made, seed, start, extra_loss)
+
+        seconds = step_seconds(learner_of(0, None, settings))
         steps = args.steps or int(args.seconds / seconds)
-        settings |= {"steps": steps, "evaluate_every": -(-steps // EVALUATIONS), "validation_points": 2500}
-        settings |= {"validation_samples": args.windows, "epochs": None, "patience": None}
+        settings |= {"steps": steps, "evaluate_every": -(-steps // EVALUATIONS)}
         with tempfile.TemporaryDirectory() as folder:
-            start = args.base / f"seed-{seed}/best.ckpt" if args.base else None
-            learner = training.ReconstructionLearner(data, experiment, settings, seed, start)
-            machine = training.Machine("cpu")
-            found = training.train(learner, f"{folder}/model", f"{folder}/checkpoints", machine, name)
+            learner = learner_of(seed, start, settings)
+            found = train(learner, f"{folder}/model", f"{folder}/checkpoints", Machine("cpu"), name)
             rows = np.genfromtxt(f"{folder}/model/history.csv", delimiter=",", names=True)
-            smooth = smoothness(training.load(f"{folder}/model/best.ckpt"), data, experiment, args.windows)
+            smooth = smoothness(load(f"{folder}/model/best.ckpt"), data, experiment, args.windows)
         losses = found["validation_loss"], rows["validation_loss"][-1], rows["train_loss"][-1]
         best, last, of_training = (f"{loss:.2f}" for loss in losses)
         cells = [name, f"{found['parameters']:,}", f"{1e3 * seconds:.0f}", steps, best, found["best_step"], last]

@@ -13,6 +13,7 @@ import os
 import time
 from collections.abc import Callable, Sequence
 from copy import deepcopy
+from dataclasses import replace
 from pathlib import Path
 
 import torch
@@ -21,11 +22,13 @@ from tabulate import tabulate
 from torch import Tensor
 from torch.utils.flop_counter import FlopCounterMode
 
+from palpate.architectures import PAPER_ARCHITECTURES, Architecture
 from palpate.camera import IMAGE_SIZE, paper_camera
 from palpate.charts import chamfer_distance, sample_faces
 from palpate.charts.atlas import TOUCH_VERTICES
+from palpate.experiments import Experiment
 from palpate.mesh import OBJECT_POSITION
-from palpate.models import PAPER_ARCHITECTURES, Reconstruction
+from palpate.models import Reconstruction
 from palpate.protocol import CHAMFER_SCALE
 from studies.benchmarks import straightforward
 from studies.timing import interleaved
@@ -34,8 +37,8 @@ from studies.timing import interleaved
 STABLE = {"normalise_positions": True, "init": "he", "last_layer_scale": 0.01}
 FAST = yaml.safe_load((Path(__file__).parents[2] / "config/recipes.yaml").read_text())["fast"]["reconstruction"]
 SIZES = {  # layers, samples, points
-    "paper": (PAPER_ARCHITECTURES["occluded_touch"] | STABLE, 2, 10_000),
-    "fast": (FAST["architecture"], FAST["batch"], FAST["loss_points"]),
+    "paper": (replace(PAPER_ARCHITECTURES["occluded_touch"], **STABLE), 2, 10_000),
+    "fast": (Architecture.from_row(FAST["architecture"]), FAST["batch"], FAST["loss_points"]),
 }
 
 
@@ -89,8 +92,8 @@ def compare(name: str, runs: int) -> list:
     """A row of the table: milliseconds by both clocks, ratios, and differences of loss and gradients."""
     architecture, samples, points = SIZES[name]
     torch.manual_seed(0)
-    model = Reconstruction("charts", True, True, 1, architecture)
-    (batch, truth), dense = synthetic_batch(samples, points), model.graph.dense().float()
+    model = Reconstruction(Experiment("model", "charts", "occluded", True, 1), architecture)
+    (batch, truth), dense = synthetic_batch(samples, points), straightforward.dense_adjacency(model.graph).float()
     plain = lambda m: straightforward.reconstruct(m, batch, dense)  # noqa: E731
     fast = Step(deepcopy(model), lambda m: m(batch), chamfer_distance, truth)
     naive = Step(deepcopy(model), plain, straightforward.chamfer_distance, truth)

@@ -23,8 +23,7 @@ from palpate.mesh import OBJECT_POSITION, load_visual
 from palpate.mesh.distance import Surface, sample
 from palpate.protocol import CHAMFER_SCALE
 from palpate.surface import sample as sample_exterior
-from palpate.training import Truth, reconstruction_loss
-from palpate.training.losses import subsample
+from palpate.training.losses import Truth, reconstruction_loss, subsample
 from studies.error_vs_runtime.study import Method, Study, variants
 from studies.subjects import Subject
 

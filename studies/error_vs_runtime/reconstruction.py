@@ -7,6 +7,7 @@ gain more from a long training. Always on the CPU.
 import copy
 import tempfile
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -16,20 +17,23 @@ import numpy as np
 import torch
 from scipy.spatial import cKDTree
 
-from palpate import training
 from palpate.evaluation.evaluate import BATCH_SIZE
+from palpate.experiments import Experiment
+from palpate.inference.data import ExperimentData
+from palpate.inference.machine import Machine
+from palpate.inference.samples import Assembler, Sample, windows
 from palpate.mesh.distance import sample
 from palpate.models import Reconstruction
-from palpate.models.reconstruction import DEFORMATIONS
 from palpate.protocol import CHAMFER_SCALE
-from palpate.training import Assembler, Machine, ReconstructionLearner, Sample, TrainingData, recipes, windows
-from palpate.training.checkpoints import architecture
+from palpate.training.learners import ReconstructionLearner
+from palpate.training.loop import train
+from palpate.training.recipes import Recipe, ReconstructionSettings
 from studies.error_vs_runtime.study import ALL, Method, Study, variants
 from studies.subjects import Subject
 from studies.training_steps import TrainingSteps
 
 # The experiment with vision that trains fastest: one image an object.
-EXPERIMENT = {"strategy": "charts", "vision": "unoccluded", "touch": False, "grasps": 1}
+EXPERIMENT = Experiment("charts_unoccluded", "charts", "unoccluded", False, 1)
 SAMPLES = 200  # on which each model is trained
 SEEDS = (0, 1)
 TYPES = {"float64": torch.float64, "float32": torch.float32, "bfloat16": torch.bfloat16}
@@ -67,17 +71,16 @@ class ReconstructionStudy(Study):
     }
     panels = 2
 
-    def __init__(self, data: TrainingData, settings: Mapping[str, Any], machine: Mapping[str, Any], points: int):
+    def __init__(self, data: ExperimentData, settings: ReconstructionSettings, machine: Mapping[str, Any], points: int):
         """settings: of the experiment, from the run's recipe. machine: the config's `training`. points: sampled in an
         evaluation."""
         self.data, self.settings, self.machine, self.points = data, settings, machine, points
-        self.layers = architecture(EXPERIMENT, settings)
-        gcn, deformations = self.layers["gcn"], self.layers.get("deformations", DEFORMATIONS)
-        setup = gcn["width"], gcn["layers"], deformations, machine["precision"], settings["batch"], SEEDS[0]
+        gcn, deformations = settings.architecture.gcn, settings.architecture.deformations
+        setup = gcn.width, gcn.layers, deformations, machine["precision"], settings.batch, SEEDS[0]
         self.base = Variant(*setup)
         # A short training is better at a higher rate (docs/training.md), but varies more with the seed.
-        total_samples = ReconstructionLearner(data, EXPERIMENT, settings, SEEDS[0]).steps * settings["batch"]
-        self.rate = settings["rate"] * max(1.0, total_samples / SAMPLES) ** 0.25
+        total_samples = ReconstructionLearner(data, EXPERIMENT, settings, SEEDS[0]).steps * settings.batch
+        self.rate = settings.rate * max(1.0, total_samples / SAMPLES) ** 0.25
         self.samples = windows(data, EXPERIMENT, "validation")
         self._trained: dict[Variant, tuple[Reconstruction, TrainingSteps]] = {}
         self._results: dict[Variant, np.ndarray] = {}
@@ -142,16 +145,17 @@ class ReconstructionStudy(Study):
     def trained(self, variant: Variant) -> tuple[Reconstruction, TrainingSteps]:
         """The trained model, on the CPU in float32, and its training; trained at the first call."""
         if variant not in self._trained:
-            layers = {"gcn": {"width": variant.width, "layers": variant.layers}, "deformations": variant.deformations}
+            architecture = self.settings.architecture
+            gcn = replace(architecture.gcn, width=variant.width, layers=variant.layers)
+            architecture = replace(architecture, gcn=gcn, deformations=variant.deformations)
             steps = -(-SAMPLES // variant.batch)
-            changed = {"architecture": recipes.merge(self.layers, layers), "batch": variant.batch, "rate": self.rate}
-            changed |= {"steps": steps, "evaluate_every": steps, "validation_samples": 1}
-            changed |= {"epochs": None, "patience": None}
-            learner = ReconstructionLearner(self.data, EXPERIMENT, {**self.settings, **changed}, variant.seed)
+            changed = {"architecture": architecture, "batch": variant.batch, "rate": self.rate, "steps": steps}
+            changed |= {"evaluate_every": steps, "validation_samples": 1, "epochs": None, "patience": None}
+            learner = ReconstructionLearner(self.data, EXPERIMENT, replace(self.settings, **changed), variant.seed)
             machine = Machine("cpu", precision=variant.precision, threads=self.machine["threads"])
             with tempfile.TemporaryDirectory() as folder:
-                training.train(learner, f"{folder}/model", f"{folder}/checkpoints", machine, str(variant))
-            model = copy.deepcopy(learner.evaluated).float().eval()
+                train(learner, f"{folder}/model", f"{folder}/checkpoints", machine, str(variant))
+            model = copy.deepcopy(learner.eval_model).float().eval()
             fabric = lightning.Fabric(accelerator="cpu", devices=1, precision=variant.precision)
             self._trained[variant] = model, TrainingSteps(learner.train(), fabric.autocast)
         return self._trained[variant]
@@ -191,6 +195,6 @@ def study(run: Path, subjects: Sequence[Subject], settings: Mapping[str, Any]) -
     Reads `recipe` (resolved), `training` (precision, threads) and `evaluation.points` of the settings, and the run's
     stores of surface and vision.
     """
-    data = TrainingData.load(run, EXPERIMENT, ("train", "validation"))
-    recipe = recipes.settings(settings["recipe"], EXPERIMENT)
-    return ReconstructionStudy(data, recipe, settings["training"], settings["evaluation"]["points"])
+    data = ExperimentData.load(run, EXPERIMENT, ("train", "validation"))
+    of_experiment = Recipe.from_row(settings["recipe"]).settings(EXPERIMENT)
+    return ReconstructionStudy(data, of_experiment, settings["training"], settings["evaluation"]["points"])

@@ -1,10 +1,11 @@
 """Omissions of models and their data: models with needless encoders and charts, arrays that no input needs.
 
-`palpate.training.inputs` lists an experiment's arrays; `palpate.models.Reconstruction` builds only what the experiment
+`palpate.inference.inputs` lists an experiment's arrays; `palpate.models.Reconstruction` builds only what the experiment
 needs. The naive variants here have needless inputs, whose features get no weight.
 """
 
 from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from functools import partial
 from operator import attrgetter
 from pathlib import Path
@@ -15,25 +16,29 @@ import torch
 from torch import Tensor, nn
 
 from palpate import store
+from palpate.architectures import Architecture
 from palpate.charts import Graph, touch_chart
 from palpate.charts.atlas import TOUCH_VERTICES
 from palpate.charts.graph import mesh_edges
 from palpate.dataset import Dataset
+from palpate.experiments import Experiment
+from palpate.inference import checkpoints
+from palpate.inference.data import ExperimentData
+from palpate.inference.inputs import INPUTS, inputs, stages
+from palpate.inference.samples import Assembler, windows
+from palpate.inference.touches import object_charts
 from palpate.models import Reconstruction
 from palpate.models.encoder import ReadingEncoder
 from palpate.models.reconstruction import POSE_FEATURES
 from palpate.models.touch import TouchAttention
-from palpate.training import TrainingData, checkpoints, recipes
-from palpate.training.inputs import INPUTS, inputs, stages
-from palpate.training.samples import Assembler, windows
-from palpate.training.touches import object_charts
+from palpate.training.recipes import Recipe
 from studies.omitted.omission import Omission
 from studies.subjects import Subject
 
-VISION = {"strategy": "charts", "vision": "unoccluded", "touch": False, "grasps": 1}
-TOUCH = {"strategy": "charts", "vision": "none", "touch": True, "grasps": 1}
-BOTH = VISION | {"touch": True}
-SPHERE = BOTH | {"strategy": "sphere"}
+VISION = Experiment("charts_unoccluded", "charts", "unoccluded", False, 1)
+TOUCH = Experiment("charts_touch", "charts", "none", True, 1)
+BOTH = replace(VISION, touch=True)
+SPHERE = replace(BOTH, strategy="sphere")
 
 # Omissions of data: the needless arrays, an experiment that omits them, and all experiments that do.
 DATA = {
@@ -83,26 +88,28 @@ class NaiveReconstruction(Reconstruction):
 
     def __init__(
         self,
-        strategy: str,
-        vision: bool,
-        touch: bool,
-        grasps: int,
-        architecture: Mapping[str, Any],
+        experiment: Experiment,
+        architecture: Architecture,
         naive: Iterable[str] = (IMAGE, READING, SPARE),
         **sensors: Any,
     ):
-        super().__init__(strategy, vision or IMAGE in naive, touch, grasps, architecture, **sensors)
-        width = architecture["gcn"]["width"]
-        if self.pools_touch and not vision:  # beside an image the engine has no attention
+        vision = "unoccluded" if IMAGE in naive and not experiment.has_vision else experiment.vision
+        super().__init__(replace(experiment, vision=vision), architecture, **sensors)
+        width = architecture.gcn.width
+        if self.touch_input == "pooled" and not experiment.has_vision:  # beside an image the engine has no attention
             self.touch_attention = TouchAttention(width)
-        if READING in naive and touch and not self.reads_readings:
-            self.reads_readings = True
+        self.needless_readings = READING in naive and experiment.touch and self.touch_input != "readings"
+        if self.needless_readings:
             self.reading_encoder = ReadingEncoder()
             features = self.sensors * (self.reading_encoder.features + POSE_FEATURES)
             self.reading_weight = nn.Parameter(torch.empty(features, width))
         if SPARE in naive:
             charts, graph = self.graph.touch_charts, self.graph
             self.graph = SpareGraph(charts, graph.kind, graph.normalisation, self.hand_sensors * GRASPS - charts)
+
+    def _inputs(self, batch, vertices):
+        needless = [self._reading_products(batch, vertices)] if self.needless_readings else []
+        return super()._inputs(batch, vertices) + needless
 
     def deform(self, batch, positions, mask, fixed):
         """As `Reconstruction.deform`, with rows for spare touch charts: in the centre, with mask 0."""
@@ -150,11 +157,11 @@ def data_omission(run: Path, subject: Subject, name: str, method: str) -> Omissi
     return Omission("experiment", name, when, subject.name, with_it, without, difference, unit, size=size)
 
 
-def load_samples(run: Path, subject: Subject, experiment: Mapping[str, Any], extra: Iterable[str] = ()) -> Result:
+def load_samples(run: Path, subject: Subject, experiment: Experiment, extra: Iterable[str] = ()) -> Result:
     """The samples of an object, from the arrays that an experiment needs and `extra`, and the bytes of these arrays."""
     names = {item.name for item in inputs(experiment)} | set(extra)
     dataset = Dataset(run, stages(experiment)).select([subject.name])
-    data = TrainingData.read(dataset, [item for item in INPUTS if item.name in names])
+    data = ExperimentData.read(dataset, [item for item in INPUTS if item.name in names])
     samples = windows(data, experiment, *data.splits)
     return Result(Assembler(data, experiment)(samples), sum(values.nbytes for values in data.arrays.values()))
 
@@ -167,14 +174,14 @@ def fit_charts(run: Path, subject: Subject, method: str) -> np.ndarray:
 
 
 def model_omission(
-    run: Path, subject: Subject, name: str, experiment: Mapping[str, Any], when: str, recipe: Mapping
+    run: Path, subject: Subject, name: str, experiment: Experiment, when: str, recipe: Mapping
 ) -> Omission:
     """An omission of models: the prediction of an object; size: bytes of parameters and graph."""
     torch.manual_seed(0)
     dataset = Dataset(run, ["touch"])
     sensors = {"hand_sensors": dataset.array("touch", "success").shape[2], "sensor": dataset.sensor}
     # Layers are those of vision and touch, so that there is an encoder to add.
-    layers = checkpoints.architecture(BOTH, recipes.settings(recipe, BOTH)) | {"last_layer_scale": LAST_LAYER}
+    layers = replace(Recipe.from_row(recipe).settings(BOTH).architecture, last_layer_scale=LAST_LAYER)
     engine, naive = (build(experiment, layers, needless, **sensors).eval() for needless in ([], [name]))
     batch = first_sample(run, subject)
     runs = [partial(predict, model, batch) for model in (copy_weights(engine, naive), engine)]
@@ -191,13 +198,11 @@ def first_sample(run: Path, subject: Subject) -> dict[str, Tensor]:
     }
 
 
-def build(
-    experiment: Mapping[str, Any], layers: Mapping[str, Any], naive: Iterable[str] = (), **sensors: Any
-) -> Reconstruction:
+def build(experiment: Experiment, layers: Architecture, naive: Iterable[str] = (), **sensors: Any) -> Reconstruction:
     """The untrained model of an experiment, with needless inputs if any are named."""
-    vision = experiment["vision"] != "none"
-    setup = experiment["strategy"], vision, experiment["touch"], experiment["grasps"], layers
-    return NaiveReconstruction(*setup, naive, **sensors) if naive else Reconstruction(*setup, **sensors)
+    if naive:
+        return NaiveReconstruction(experiment, layers, naive, **sensors)
+    return Reconstruction(experiment, layers, **sensors)
 
 
 @torch.no_grad()

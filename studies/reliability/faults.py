@@ -22,7 +22,7 @@ from palpate.catalogue import read_catalogue
 from palpate.dataset.run import Run
 from palpate.dataset.validation import check_again, check_files, combine_validation, read_findings
 from palpate.evaluation import rows
-from palpate.training import checkpoints
+from palpate.inference import checkpoints
 from palpate.training.loop import HISTORY
 
 COLUMNS = ("fault", "tried", "by the reader", "by validate", "nothing changed", "lost in silence", "for example")

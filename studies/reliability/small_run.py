@@ -12,9 +12,9 @@ from typing import NamedTuple
 import yaml
 
 from palpate.evaluation import rows
+from palpate.inference import checkpoints
 from palpate.lock import JOBS_LOCK, LOCK
 from palpate.rebuild_command import RECORD
-from palpate.training import checkpoints
 
 PROJECT = Path(__file__).parents[2]
 # The data with their tables and figures, and a model that continues from another, with its evaluation.

@@ -2,7 +2,8 @@
 
 import csv
 import logging
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -13,37 +14,44 @@ import torch
 from torch import Tensor
 
 from palpate import Dataset, store
+from palpate.architectures import GCN, Architecture, Encoder
 from palpate.camera import paper_camera
 from palpate.charts import chamfer_distance, fit_adam, fit_direct, sample_faces, touch_chart
 from palpate.charts.atlas import TOUCH_VERTICES
 from palpate.charts.fit import placed
+from palpate.experiments import Experiment
+from palpate.inference.data import ExperimentData, ExperimentDataError
+from palpate.inference.machine import Machine
+from palpate.inference.samples import Assembler, Sample
+from palpate.inference.touches import predict_depth
 from palpate.mesh import OBJECT_POSITION, load_collision
 from palpate.models import Reconstruction, TouchDepth
 from palpate.models.pooling import PerceptualPooling, relative_camera
 from palpate.sensor import DIGIT
 from palpate.touch.sensor import RESOLUTION, SENSOR_WIDTH
-from palpate.training.data import TrainingData, TrainingDataError
 from palpate.training.learners import Diverged, ReconstructionLearner
 from palpate.training.loop import train
 from palpate.training.losses import Truth, reconstruction_loss, touch_depth_loss
-from palpate.training.machine import Machine
-from palpate.training.samples import Assembler, Sample
-from palpate.training.touches import predict_depth, read_touches
+from palpate.training.recipes import ReconstructionSettings
+from palpate.training.touches import read_touches
 from studies.stability.cases import Cases, Finding, at_least, at_most, equal, rejects
 from studies.subjects import Subject
 
 CASES = Cases()
 ROUNDING = 1e-5  # relative, of sums of thousands of numbers in float32
 GRASPS = 5
-EXPERIMENT = {"strategy": "charts", "vision": "unoccluded", "touch": True, "grasps": GRASPS}
+EXPERIMENT = Experiment("charts_unoccluded_touch_5", "charts", "unoccluded", True, GRASPS)
 Change = Callable[[Tensor], Tensor]
 REFUSED = "was touched: more objects are needed"
-ENCODER = {"channels": [8, 16], "layers": [1, 2], "pool": [1, 3], "norm": "instance", "padding": 1}
-LAYERS = {"encoder": ENCODER, "gcn": {"layers": 4, "width": 32}, "unsuccessful": "held", "init": "he"}
-LAYERS |= {"normalise_positions": True, "last_layer_scale": 0.01}
-SETTINGS = {"architecture": LAYERS, "optimiser": "adam", "rate": 1e-3, "schedule": "constant", "weight_decay": 0}
-SETTINGS |= {"clip": 1.0, "ema": None, "batch": 1, "steps": 12, "epochs": None, "evaluate_every": 4, "patience": None}
-SETTINGS |= {"loss_points": 500, "validation_points": 500, "validation_samples": 1}
+LAYERS = Architecture(
+    Encoder([8, 16], [1, 2], [1, 3], norm="instance", padding=1),
+    GCN(4, 32),
+    **{"failed_charts": "fixed", "normalise_positions": True, "init": "he", "last_layer_scale": 0.01},
+)
+TRAINING = {"optimiser": "adam", "rate": 1e-3, "schedule": "constant", "weight_decay": 0, "clip": 1.0, "ema": None}
+TRAINING |= {"batch": 1, "steps": 12, "epochs": None, "evaluate_every": 4, "patience": None}
+TRAINING |= {"loss_points": 500, "validation_points": 500, "validation_samples": 1}
+SETTINGS = ReconstructionSettings(architecture=LAYERS, **TRAINING)
 
 
 def seeded(seed: int = 0) -> torch.Generator:
@@ -120,7 +128,7 @@ def density_image(cloud: Tensor, pixels: int = 32) -> np.ndarray:
     return np.repeat((255 * np.minimum(counts[0] / 8, 1)).astype(np.uint8)[..., None], 3, axis=2)
 
 
-def small_data(subject: Subject, successful: bool = True, **changed: np.ndarray) -> TrainingData:
+def small_data(subject: Subject, successful: bool = True, **changed: np.ndarray) -> ExperimentData:
     """Training data in memory: the object in three sizes, two of them to train on. changed: arrays to replace."""
     centre = torch.tensor(OBJECT_POSITION)
     clouds = [(cloud_of(subject, seed=k) - centre) * size + centre for k, size in enumerate((1.0, 0.8, 0.9))]
@@ -141,7 +149,7 @@ def small_data(subject: Subject, successful: bool = True, **changed: np.ndarray)
         "rotation": rotation,
         "charts": charts,
     }
-    return TrainingData(arrays | changed)
+    return ExperimentData(arrays | changed)
 
 
 def model_and_batch(
@@ -150,9 +158,9 @@ def model_and_batch(
     """An untrained model whose vertices move by centimetres, a batch of two objects, and their points."""
     data = small_data(subject, successful)
     torch.manual_seed(0)
-    layers = LAYERS | {"last_layer_scale": last_layer_scale}
+    layers = replace(LAYERS, last_layer_scale=last_layer_scale)
     batch = Assembler(data, EXPERIMENT)([Sample(number, tuple(range(GRASPS))) for number in (0, 1)])
-    model = Reconstruction("charts", True, True, GRASPS, layers)
+    model = Reconstruction(EXPERIMENT, layers)
     return model, batch, Truth(torch.from_numpy(data["points"]))
 
 
@@ -167,7 +175,14 @@ class PerturbedLearner(ReconstructionLearner):
     epsilon: factor of Adam's.
     """
 
-    def __init__(self, data: TrainingData, settings: Mapping, change: Change, step: int | None, epsilon: float = 1.0):
+    def __init__(
+        self,
+        data: ExperimentData,
+        settings: ReconstructionSettings,
+        change: Change,
+        step: int | None,
+        epsilon: float = 1.0,
+    ):
         super().__init__(data, EXPERIMENT, settings, seed=0)
         self.change, self.step, self.epsilon = change, step, epsilon
 
@@ -187,13 +202,13 @@ def short_training(
     subject: Subject,
     change: Change = lambda losses: losses,
     step: int | None = None,
-    data: TrainingData | None = None,
+    data: ExperimentData | None = None,
     precision: str = "32-true",
     epsilon: float = 1.0,
     **settings: Any,
 ) -> tuple[dict[str, Any], list[float], Tensor]:
     """A short training: its summary, its validation losses, and its best weights in one vector."""
-    learner = PerturbedLearner(data or small_data(subject), SETTINGS | settings, change, step, epsilon)
+    learner = PerturbedLearner(data or small_data(subject), replace(SETTINGS, **settings), change, step, epsilon)
     summary = train(learner, folder / "model", folder / "work", Machine("cpu", precision=precision), "trust")
     with (folder / "model/history.csv").open(newline="") as file:
         history = [float(row["validation_loss"]) for row in csv.DictReader(file)]
@@ -431,7 +446,7 @@ def data_without_touches(subject: Subject) -> Iterator[Finding]:
         summary, history, weights = short_training(folder, subject, data=data, steps=8)
         yield equal("NaN or infinite losses and weights", count_nonfinite(torch.tensor(history), weights), 0)
         yield at_most("validation loss, of the first", summary["validation_loss"] / history[0], 1.0)
-        yield rejects("U-Net", lambda: read_untouched(folder, subject), TrainingDataError, REFUSED)
+        yield rejects("U-Net", lambda: read_untouched(folder, subject), ExperimentDataError, REFUSED)
 
 
 def read_untouched(folder: Path, subject: Subject) -> Any:
@@ -455,10 +470,10 @@ def one_colour(subject: Subject) -> Iterator[Finding]:
     batch["reading"] = torch.full((2, 4 * GRASPS, 3, RESOLUTION, RESOLUTION), 0.3)
     batch["rotation"] = torch.eye(3).expand(2, 4 * GRASPS, 3, 3)
     torch.manual_seed(0)
-    for model in (baseline, Reconstruction("sphere", True, True, GRASPS, LAYERS)):
+    for model in (baseline, Reconstruction(replace(EXPERIMENT, strategy="sphere"), LAYERS)):
         vertices = model(batch)
         wrong = backward_nonfinite(loss_of(model, vertices, truth), model, vertices)
-        yield equal(f"{model.strategy}: NaN or infinite", wrong, 0)
+        yield equal(f"{model.experiment.strategy}: NaN or infinite", wrong, 0)
 
 
 @CASES.case("vertices at the camera and behind it", "models")
@@ -589,7 +604,7 @@ def spike(subject: Subject) -> Iterator[Finding]:
     def spiked(losses: Tensor) -> Tensor:
         return 2.0**20 * losses
 
-    at, every = 20, SETTINGS["evaluate_every"]
+    at, every = 20, SETTINGS.evaluate_every
     before = at // every  # evaluations
     with TemporaryDirectory() as name, LogCapture("palpate.training.learners") as log:
         folder = Path(name)

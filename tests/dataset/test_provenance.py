@@ -14,8 +14,9 @@ from palpate import Dataset, catalogue, checksums, provenance
 from palpate.command import main
 from palpate.dataset.run import Run
 from palpate.dataset.validation import check_again, validate_batch, write_findings
+from palpate.experiments import Experiment
+from palpate.inference.data import ExperimentData
 from palpate.store import CONTRACT, StoreError
-from palpate.training import TrainingData
 from tests.store.conftest import ATTRIBUTES, BATCHES, REJECTED
 
 BATCH = "batch-0000"
@@ -119,9 +120,9 @@ def test_the_same_without_a_config(whole):
 
 def test_training_refuses_them(whole):
     make(whole, "vision", size=24)
-    experiment = {"strategy": "charts", "vision": "occluded", "touch": False, "grasps": 1}
+    experiment = Experiment("occluded", "charts", "occluded", False, 1)
     with pytest.raises(StoreError, match=f"vision/{BATCH}.zarr was made with vision.size = 24, but the run has 48"):
-        TrainingData.load(whole, experiment)
+        ExperimentData.load(whole, experiment)
 
 
 def test_a_store_that_was_put_back(whole, tmp_path):

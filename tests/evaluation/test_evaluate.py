@@ -10,6 +10,7 @@ import torch
 import trimesh
 
 from palpate import Dataset, store
+from palpate.architectures import Architecture
 from palpate.camera import paper_camera
 from palpate.charts import build_tree, sample_faces, touch_chart, vision_atlas
 from palpate.evaluation import evaluate as evaluation
@@ -17,11 +18,12 @@ from palpate.evaluation.evaluate import Trained, evaluate, evaluate_rings, evalu
 from palpate.evaluation.metrics import score, seeded
 from palpate.evaluation.rings import MeshSurface, project_batch, ring_points
 from palpate.evaluation.rows import COLUMNS, RING_COLUMNS, TOUCH_COLUMNS, EvaluationError, read
+from palpate.experiments import Experiment
+from palpate.inference.data import ExperimentData
 from palpate.mesh import OBJECT_POSITION
 from palpate.models import SINGLE_IMAGE_MODELS, Reconstruction, TouchDepth
 from palpate.sensor import DIGIT
 from palpate.touch import RayCaster, empty_reading, sense
-from palpate.training import TrainingData
 from palpate.vision import views
 from tests.models.batches import SMALL
 
@@ -29,8 +31,8 @@ SPLITS = {"ball-0000": "train", "ball-0001": "validation", "ball-0002": "test", 
 RADII = dict(zip(SPLITS, (0.05, 0.06, 0.07, 0.08), strict=True))
 GRASPS = 2
 ATTRIBUTES = {"seed": 0, "made_from": {}, "sensor": DIGIT.description()}
-OCCLUDED_TOUCH = {"strategy": "charts", "vision": "occluded", "touch": True, "grasps": 1}
-UNOCCLUDED = {"strategy": "charts", "vision": "unoccluded", "touch": False, "grasps": 1}
+OCCLUDED_TOUCH = Experiment("model", "charts", "occluded", True, 1)
+UNOCCLUDED = Experiment("model", "charts", "unoccluded", False, 1)
 MODEL_SEED = 7
 CAMERAS = np.tile(paper_camera().matrix().astype(np.float32), (len(SPLITS), 1, 1, 1))  # of images, (o, 1, 3, 4)
 
@@ -78,7 +80,7 @@ def run(tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def data(run) -> TrainingData:
+def data(run) -> ExperimentData:
     """What both experiments take of the run, in memory."""
     touch = store.read(run / "touch" / "batch-0000.zarr")
     charts = store.read(run / "charts" / "batch-0000.zarr")["vertices"]
@@ -98,22 +100,21 @@ def data(run) -> TrainingData:
         "occluded": rng.integers(0, 256, (len(SPLITS), GRASPS, 1, 256, 256, 3), dtype=np.uint8),
         "image_camera": CAMERAS,
     }
-    return TrainingData(arrays)
+    return ExperimentData(arrays)
 
 
 @pytest.fixture(scope="module")
-def unoccluded_data(data) -> TrainingData:
+def unoccluded_data(data) -> ExperimentData:
     arrays = {name: np.array(getattr(data, attribute)) for name, attribute in
               (("object", "objects"), ("class", "classes"), ("split", "splits"))}  # fmt: skip
     arrays |= {"points": data["points"], "unoccluded": data["occluded"][:, 0], "image_camera": CAMERAS}
-    return TrainingData(arrays)
+    return ExperimentData(arrays)
 
 
-def untrained(experiment, name="model") -> Trained:
+def untrained(experiment) -> Trained:
     torch.manual_seed(MODEL_SEED)
-    vision = experiment["vision"] != "none"
-    model = Reconstruction("charts", vision, experiment["touch"], experiment["grasps"], SMALL).eval()
-    return Trained(model, name, experiment, 3, 700)
+    model = Reconstruction(experiment, Architecture.from_row(SMALL)).eval()
+    return Trained(model, experiment, 3, 700)
 
 
 def test_every_sample_is_scored_against_its_own_object(data):
@@ -150,11 +151,10 @@ def test_the_published_single_image_networks_are_measured_by_the_same_protocol(d
     arrays["camera"] = cameras.reshape(len(SPLITS), GRASPS, 3, 4)
     torch.manual_seed(MODEL_SEED)
     decoder = {"hidden": 8, "points": 50, "channels": [4, 4, 4, 4], "level": 0.5}
-    model = SINGLE_IMAGE_MODELS[strategy](
-        SMALL | {"encoder": SMALL["encoder"] | {"padding": 1}, "decoder": decoder}
-    ).eval()
-    experiment = {"strategy": strategy, "vision": "views", "touch": False, "grasps": 1}
-    table = evaluate(Trained(model, "model", experiment, 3, 700), TrainingData(arrays), points=300)
+    architecture = SMALL | {"encoder": SMALL["encoder"] | {"padding": 1}, "decoder": decoder}
+    model = SINGLE_IMAGE_MODELS[strategy](Architecture.from_row(architecture)).eval()
+    experiment = Experiment("model", strategy, "views", False, 1)
+    table = evaluate(Trained(model, experiment, 3, 700), ExperimentData(arrays), points=300)
     assert table["object"].tolist() == [name for name in list(SPLITS)[1:] for _ in range(GRASPS)]
     for row in table.to_dict("records"):
         number, view = data.objects.index(row["object"]), row["window"]
@@ -259,7 +259,7 @@ def test_a_touch_chart_without_area_is_scored_by_its_vertices(run):
 def test_a_split_without_objects_is_an_error(data, run):
     arrays = {"object": np.array(["a"]), "class": np.array(["b"]), "split": np.array(["train"])}
     arrays |= {"points": data["points"][:1], "unoccluded": data["occluded"][:1, 0], "image_camera": CAMERAS[:1]}
-    alone = TrainingData(arrays)
+    alone = ExperimentData(arrays)
     with pytest.raises(EvaluationError, match="no object in validation or test"):
         evaluate(untrained(UNOCCLUDED), alone)
     with pytest.raises(EvaluationError, match="no successful touch in nonsense"):
@@ -295,7 +295,7 @@ def test_an_evaluation_that_is_no_table_is_named_with_the_remedy(tmp_path, conte
     path = tmp_path / "evaluations/a/seed-0.csv"
     path.parent.mkdir(parents=True)
     path.write_bytes(content)
-    with pytest.raises(EvaluationError, match=f"(?s){path} .*build it with: snakemake evaluations/a/seed-0.csv"):
+    with pytest.raises(EvaluationError, match=f"(?s){path} .*build it again with: snakemake evaluations/a/seed-0.csv"):
         read([path])
 
 
@@ -307,10 +307,10 @@ def test_what_is_measured_is_read_back(tmp_path, unoccluded_data):
 
 def test_an_image_of_several_windows_is_encoded_once(data, unoccluded_data):
     """As many images as objects go through the encoder, and every window's score is that of a model's own call."""
-    experiment = {"strategy": "charts", "vision": "unoccluded", "touch": True, "grasps": 1}
+    experiment = Experiment("model", "charts", "unoccluded", True, 1)
     arrays = {name: data[name] for name in ("points", "success", "position", "rotation", "charts")}
     arrays |= {"object": data.objects, "class": data.classes, "split": data.splits}
-    both = TrainingData(arrays | {"unoccluded": unoccluded_data["unoccluded"], "image_camera": CAMERAS})
+    both = ExperimentData(arrays | {"unoccluded": unoccluded_data["unoccluded"], "image_camera": CAMERAS})
     trained, encoded = untrained(experiment), []
     trained.model.encoder.layers[0].register_forward_pre_hook(lambda _, images: encoded.append(len(images[0])))
     table = evaluate(trained, both, points=300)

@@ -11,14 +11,20 @@ import zarr
 
 import palpate
 from palpate import command, store, vision
+from palpate.architectures import Architecture
 from palpate.camera import looking_at, matrices, paper_camera
 from palpate.dataset import Dataset
 from palpate.evaluation import reconstruct
 from palpate.evaluation.reconstruct import GraspTouches, ReconstructionError, Reconstructor
+from palpate.experiments import Experiment
+from palpate.inference import checkpoints
+from palpate.inference.checkpoints import CheckpointError
+from palpate.inference.data import ExperimentData
+from palpate.inference.samples import Assembler, Sample
+from palpate.inference.touches import object_charts
 from palpate.mesh import OBJECT_POSITION
 from palpate.models import SINGLE_IMAGE_MODELS, TouchDepth
 from palpate.store import StoreError
-from palpate.training import Assembler, CheckpointError, Sample, TrainingData, checkpoints, object_charts
 from tests.models.batches import SMALL
 from tests.results.conftest import ATTRIBUTES, BATCH, build_run
 
@@ -27,20 +33,23 @@ ARCHITECTURE |= {
     "encoder": SMALL["encoder"] | {"padding": 1},
     "decoder": {"hidden": 8, "points": 50, "channels": [4, 4, 4, 4], "level": 0.5},
 }
-POOLED = {"architecture": {"touch": "pooled"}}
+POOLED = {"touch": "pooled"}
 EXPERIMENTS = {
-    "charts_occluded_touch": {"strategy": "charts", "vision": "occluded", "touch": True, "grasps": 1},
-    "no_copy_unoccluded_touch": {"strategy": "no_copy", "vision": "unoccluded", "touch": True, "grasps": 1},
-    "no_comm_unoccluded_touch": {"strategy": "no_comm", "vision": "unoccluded", "touch": True, "grasps": 1},
-    "sphere_occluded_touch": {"strategy": "sphere", "vision": "occluded", "touch": True, "grasps": 1},
-    "charts_occluded": {"strategy": "charts", "vision": "occluded", "touch": False, "grasps": 1},
-    "charts_touch_2": {"strategy": "charts", "vision": "none", "touch": True, "grasps": 2},
-    "pooled_occluded_touch": {"strategy": "charts", "vision": "occluded", "touch": True, "grasps": 1} | POOLED,
-    "pooled_no_copy_touch_2": {"strategy": "no_copy", "vision": "none", "touch": True, "grasps": 2} | POOLED,
-    "single_image": {"strategy": "charts", "vision": "views", "touch": False, "grasps": 1},
-    "single_image_psg": {"strategy": "psg", "vision": "views", "touch": False, "grasps": 1},
-    "single_image_pixel2mesh": {"strategy": "pixel2mesh", "vision": "views", "touch": False, "grasps": 1},
-    "single_image_r2n2": {"strategy": "r2n2", "vision": "views", "touch": False, "grasps": 1},
+    each.name: each
+    for each in (
+        Experiment("charts_occluded_touch", "charts", "occluded", True, 1),
+        Experiment("no_copy_unoccluded_touch", "no_copy", "unoccluded", True, 1),
+        Experiment("no_comm_unoccluded_touch", "no_comm", "unoccluded", True, 1),
+        Experiment("sphere_occluded_touch", "sphere", "occluded", True, 1),
+        Experiment("charts_occluded", "charts", "occluded", False, 1),
+        Experiment("charts_touch_2", "charts", "none", True, 2),
+        Experiment("pooled_occluded_touch", "charts", "occluded", True, 1, architecture=POOLED),
+        Experiment("pooled_no_copy_touch_2", "no_copy", "none", True, 2, architecture=POOLED),
+        Experiment("single_image", "charts", "views", False, 1),
+        Experiment("single_image_psg", "psg", "views", False, 1),
+        Experiment("single_image_pixel2mesh", "pixel2mesh", "views", False, 1),
+        Experiment("single_image_r2n2", "r2n2", "views", False, 1),
+    )
 }
 VIEWS, VIEW_SIZE = 2, 137
 
@@ -69,15 +78,15 @@ def run(tmp_path_factory):
     unet = TouchDepth(width=4).eval()
     checkpoints.save(folder / "models/touch_depth/best.ckpt", "touch_depth", unet, {"width": 4})
     for name, experiment in EXPERIMENTS.items():
-        architecture = ARCHITECTURE | experiment.get("architecture", {})
-        model = checkpoints.build(experiment, architecture)
-        if "architecture" in experiment:  # weights that start at zero
+        architecture = ARCHITECTURE | experiment.architecture
+        model = checkpoints.build(experiment, Architecture.from_row(architecture))
+        if experiment.architecture:  # weights that start at zero
             torch.nn.init.normal_(model.touch_pooling.weight)
-        if experiment["strategy"] == "r2n2":  # untrained, all cells are as probable, whatever the image
+        if experiment.strategy == "r2n2":  # untrained, all cells are as probable, whatever the image
             torch.nn.init.normal_(model.cells.weight, std=1e3)
         # As if it had been trained on images of the first camera only.
-        camera = None if experiment["vision"] == "views" else vision.paper_camera().matrix().tolist()
-        described = {"experiment": experiment, "architecture": architecture, "camera": camera, "image_size": 256}
+        camera = None if experiment.vision == "views" else vision.paper_camera().matrix().tolist()
+        described = {"experiment": experiment.row(), "architecture": architecture, "camera": camera, "image_size": 256}
         checkpoints.save(folder / f"models/{name}/seed-0/best.ckpt", "reconstruction", model, described)
     touch = store.read(folder / f"touch/{BATCH}.zarr")
     vertices = np.stack([object_charts(unet, touch, row) for row in range(len(touch["object"]))])
@@ -113,7 +122,7 @@ def of_data(run, name, sample):
     experiment = EXPERIMENTS[name]
     model = checkpoints.load(folder_of(run, name) / "best.ckpt")
     with torch.inference_mode():
-        batch = Assembler(TrainingData.load(run, experiment), experiment)([sample])
+        batch = Assembler(ExperimentData.load(run, experiment), experiment)([sample])
         vertices, faces = model.mesh(model(batch)[0])
         return vertices.numpy(), faces.numpy()
 
@@ -315,8 +324,8 @@ def bad(array, value):
             r"success of 2 grasps has shape \(6,\), expected \(8,\)",
         ),
         ("single_image", {"camera": None}, "was trained on several cameras: give the image's camera"),
-        ("charts_occluded", {"camera": lambda c: c * 0}, "the camera is none: its projection"),
-        ("charts_occluded", {"camera": lambda c: c * [[1], [1], [0]]}, "the camera is none: its projection"),
+        ("charts_occluded", {"camera": lambda c: c * 0}, "invalid camera: its projection"),
+        ("charts_occluded", {"camera": lambda c: c * [[1], [1], [0]]}, "invalid camera: its projection"),
         ("charts_occluded", {"camera": lambda c: c[:2]}, r"the image's camera \(3, 4\), .* array of shape \(2, 4\)"),
         ("single_image", {"camera": lambda c: bad(c, np.nan)}, "the camera has NaN"),
     ],

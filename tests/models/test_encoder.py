@@ -3,19 +3,22 @@
 import pytest
 import torch
 
-from palpate.models import PAPER_ARCHITECTURES, ImageEncoder
+from palpate.architectures import PAPER_ARCHITECTURES, Encoder
+from palpate.models import ImageEncoder
 from palpate.models.encoder import ReadingEncoder
 from palpate.models.layers import NORMS
 from tests.models.batches import SMALL
 
 
+def encoder_of(options):
+    return ImageEncoder(options.channels, options.layers, options.pool, options.norm, options.padding)
+
+
 @pytest.mark.parametrize("name", [name for name in PAPER_ARCHITECTURES if name != "touch"] + ["small"])
 @pytest.mark.parametrize("size", [256, 137])
 def test_sizes_are_those_of_a_real_pass(name, size):
-    options = dict((SMALL if name == "small" else PAPER_ARCHITECTURES[name])["encoder"])
-    for key in ("project", "alignment"):
-        options.pop(key, None)
-    encoder = ImageEncoder(**options).eval()
+    options = Encoder(**SMALL["encoder"]) if name == "small" else PAPER_ARCHITECTURES[name].encoder
+    encoder = encoder_of(options).eval()
     try:
         sizes = encoder.sizes(size)
     except ValueError:
@@ -60,7 +63,7 @@ def test_only_the_first_layer_of_a_block_has_a_stride():
         ([4], [3], [], "must rise within the layers 1 to 3"),
         ([4], [3], [3, 2], "must rise"),
         ([4], [3], [4], "must rise"),
-        ([4], [3], [2], "layers 3 to 3 are read by nothing"),
+        ([4], [3], [2], "layers 3 to 3 are not used"),
     ],
 )
 def test_impossible_encoders(channels, layers, pool, message):
@@ -74,7 +77,7 @@ def test_unknown_norm():
 
 
 def test_an_image_that_is_too_small_is_an_error():
-    encoder = ImageEncoder(**PAPER_ARCHITECTURES["occluded"]["encoder"])
+    encoder = encoder_of(PAPER_ARCHITECTURES["occluded"].encoder)
     with pytest.raises(ValueError, match="137 x 137 is too small .* nothing is left after layer 16"):
         encoder.sizes(137)
 

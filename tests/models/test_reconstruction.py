@@ -3,8 +3,10 @@
 import pytest
 import torch
 
+from palpate.architectures import Architecture
 from palpate.camera import paper_camera
 from palpate.charts import ATLAS_RADIUS, sphere, vision_atlas
+from palpate.experiments import Experiment
 from palpate.mesh import OBJECT_POSITION
 from palpate.models import Reconstruction
 from studies.benchmarks import straightforward
@@ -25,7 +27,8 @@ VISION = len(vision_atlas().vertices)
 
 def model_of(strategy, vision, touch, grasps, architecture=SMALL, seed=0):
     torch.manual_seed(seed)
-    return Reconstruction(strategy, vision, touch, grasps, architecture).double()
+    experiment = Experiment("model", strategy, "occluded" if vision else "none", touch, grasps)
+    return Reconstruction(experiment, Architecture.from_row(architecture)).double()
 
 
 @pytest.mark.parametrize("experiment", EXPERIMENTS)
@@ -34,17 +37,17 @@ def model_of(strategy, vision, touch, grasps, architecture=SMALL, seed=0):
     [
         {},
         {"normalise_positions": False, "init": "paper"},
-        {"unsuccessful": "held", "gcn": SMALL["gcn"] | {"normalisation": "mean"}},
+        {"failed_charts": "fixed", "gcn": SMALL["gcn"] | {"normalisation": "mean"}},
         {"touch": "pooled"},
     ],
 )
 def test_same_vertices_and_gradients_as_the_straightforward_model(experiment, options):
     model = model_of(*experiment, architecture=SMALL | options)
-    if model.pools_touch:
+    if model.touch_input == "pooled":
         for weight in (model.touch_pooling, model.touch_attention):
             torch.nn.init.normal_(weight.weight) if weight else None
     batch = random_batch(2, experiment[3])
-    adjacency = model.graph.dense()
+    adjacency = straightforward.dense_adjacency(model.graph)
     direction = torch.randn(2, int(model.faces.max()) + 1, 3, dtype=torch.float64)
     results = []
     for reconstruct in (model, lambda batch: straightforward.reconstruct(model, batch, adjacency)):
@@ -73,7 +76,7 @@ def test_gradient_by_finite_differences():
 def test_projected_encoder_is_the_straightforward_one():
     options = SMALL | {"encoder": SMALL["encoder"] | {"norm": "instance", "padding": 1, "project": 7}}
     model, batch = model_of("charts", True, False, 1, architecture=options), random_batch(2, 1)
-    slow = straightforward.reconstruct(model, batch, model.graph.dense())
+    slow = straightforward.reconstruct(model, batch, straightforward.dense_adjacency(model.graph))
     torch.testing.assert_close(model(batch), slow, rtol=1e-9, atol=1e-12)
 
 
@@ -87,8 +90,8 @@ def test_enforced_charts_are_exactly_the_inputs(grasps):
     assert (charts[~success] != batch["position"][~success][:, None]).any(dim=2).all()
 
 
-def test_held_charts_of_unsuccessful_touches_stay_at_the_sensor():
-    model = model_of("charts", True, True, 1, architecture=SMALL | {"unsuccessful": "held"})
+def test_fixed_charts_of_unsuccessful_touches_stay_at_the_sensor():
+    model = model_of("charts", True, True, 1, architecture=SMALL | {"failed_charts": "fixed"})
     batch = random_batch(3, 1)
     vertices = model(batch)
     charts, success = vertices[:, VISION:].unflatten(1, (4, 81)), batch["success"]
@@ -100,13 +103,13 @@ def test_held_charts_of_unsuccessful_touches_stay_at_the_sensor():
 
 
 def test_an_option_that_is_not_known():
-    with pytest.raises(ValueError, match="'kept'; must be free or held"):
-        model_of("charts", True, True, 1, architecture=SMALL | {"unsuccessful": "kept"})
+    with pytest.raises(ValueError, match="'kept'; must be free or fixed"):
+        model_of("charts", True, True, 1, architecture=SMALL | {"failed_charts": "kept"})
 
 
 def test_deformations_follow_each_other():
-    held = SMALL | {"unsuccessful": "held"}
-    twice, once = (model_of("charts", True, True, 1, held | {"deformations": count}) for count in (2, 1))
+    fixed = SMALL | {"failed_charts": "fixed"}
+    twice, once = (model_of("charts", True, True, 1, fixed | {"deformations": count}) for count in (2, 1))
     once.load_state_dict(twice.state_dict())
     batch = random_batch(1, 1)
     middle = once(batch)
@@ -240,7 +243,7 @@ def test_no_vertex_in_front_of_the_camera_is_still_a_number():
 
 def test_bfloat16_stays_close():
     torch.manual_seed(0)
-    model = Reconstruction("charts", True, True, 1, SMALL | {"last_layer_scale": 0.01})
+    model = model_of("charts", True, True, 1, SMALL | {"last_layer_scale": 0.01}).float()
     batch = random_batch(1, 1, size=64, dtype=torch.float32)
     exact = model(batch)
     with torch.autocast("cpu", torch.bfloat16):
@@ -263,7 +266,7 @@ def test_bfloat16_stays_close():
 )
 def test_impossible_experiments(strategy, vision, touch, grasps, message):
     with pytest.raises(ValueError, match=message):
-        Reconstruction(strategy, vision, touch, grasps, SMALL)
+        model_of(strategy, vision, touch, grasps)
 
 
 @pytest.mark.parametrize("key", ["image", "camera", "success", "position", "charts"])

@@ -6,10 +6,11 @@ import torch
 import trimesh
 from torch.nn import functional
 
+from palpate.architectures import PAPER_ARCHITECTURES, SINGLE_IMAGE_ARCHITECTURES, Architecture
 from palpate.camera import paper_camera
 from palpate.charts import ATLAS_RADIUS, sphere
 from palpate.mesh import OBJECT_POSITION
-from palpate.models import PAPER_ARCHITECTURES, SINGLE_IMAGE_ARCHITECTURES, SINGLE_IMAGE_MODELS
+from palpate.models import SINGLE_IMAGE_MODELS
 from palpate.models.pooling import PerceptualPooling, relative_camera
 from palpate.models.single_image import CELL, DeformedSphere, PointSet, Voxels, grid_surface, occupied, view_axes
 from palpate.vision import views
@@ -34,7 +35,7 @@ def batch(samples: int = 2) -> dict[str, torch.Tensor]:
 
 def built(strategy: str, **changed):
     torch.manual_seed(0)
-    return SINGLE_IMAGE_MODELS[strategy](ARCHITECTURES[strategy] | changed).double()
+    return SINGLE_IMAGE_MODELS[strategy](Architecture.from_row(ARCHITECTURES[strategy] | changed)).double()
 
 
 @pytest.mark.parametrize(
@@ -246,8 +247,8 @@ def test_the_published_sizes_on_the_papers_encoder():
     assert isinstance(models["pixel2mesh"], DeformedSphere)
     assert [len(block.layers) for block in models["pixel2mesh"].blocks] == [14] * 3
     assert isinstance(models["r2n2"], Voxels) and models["r2n2"].base.in_features == 1024
-    encoder = PAPER_ARCHITECTURES["single_image"]["encoder"]
-    assert all(len(model.encoder.layers) == sum(encoder["layers"]) for model in models.values())
+    encoder = PAPER_ARCHITECTURES["single_image"].encoder
+    assert all(len(model.encoder.layers) == sum(encoder.layers) for model in models.values())
     images = {"image": torch.rand(1, 3, 137, 137), "camera": batch(1)["camera"].float()}
     with torch.inference_mode():
         shapes = {name: tuple(model(images).shape) for name, model in models.items()}

@@ -34,7 +34,7 @@ def by_the_table(model, reading):
             rows[row] = x = functional.max_pool2d(x, 2)
     assert row == 14
     for k, (skip, missing) in enumerate(((11, 0), (8, 1), (5, 0), (2, 0))):
-        rows[row + 1] = rise(rows[row], f"raise_.{k}", missing)
+        rows[row + 1] = rise(rows[row], f"upsample.{k}", missing)
         rows[row + 2] = torch.cat([rows[row + 1], rows[skip]], dim=1)
         rows[row + 3] = conv(rows[row + 2], f"up.{k}")
         row += 3

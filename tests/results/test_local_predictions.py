@@ -3,11 +3,11 @@ import pytest
 import torch
 from PIL import Image
 
+from palpate.inference import checkpoints
 from palpate.models import TouchDepth
 from palpate.results import local_predictions as figure
 from palpate.results.page import DPI
 from palpate.touch import SENSOR_WIDTH
-from palpate.training import checkpoints
 
 
 @pytest.fixture(scope="module")

@@ -7,21 +7,26 @@ import trimesh
 import yaml
 from PIL import Image
 
+from palpate.architectures import Architecture
 from palpate.charts import touch_chart, vision_atlas
 from palpate.evaluation.reconstruct import TOUCH_COLOUR, VISION_COLOUR, Shape
+from palpate.experiments import Experiment
+from palpate.inference import checkpoints
 from palpate.mesh import OBJECT_POSITION
 from palpate.models import TouchDepth
 from palpate.results import products
 from palpate.results import reconstructions as figure
 from palpate.results.page import DPI
-from palpate.training import checkpoints
 from palpate.vision import Mesh, Renderer, looking_at, paper_camera
 from tests.models.batches import SMALL
 
 PROJECT = Path(__file__).parents[2]
 EXPERIMENTS = {
-    "charts_touch": {"strategy": "charts", "vision": "none", "touch": True, "grasps": 1},
-    "charts_touch_2": {"strategy": "charts", "vision": "none", "touch": True, "grasps": 2},
+    each.name: each
+    for each in (
+        Experiment("charts_touch", "charts", "none", True, 1),
+        Experiment("charts_touch_2", "charts", "none", True, 2),
+    )
 }
 
 
@@ -33,8 +38,8 @@ def models(tmp_path_factory):
     unet = {"width": 4}
     checkpoints.save(folder / "touch_depth/best.ckpt", "touch_depth", TouchDepth(**unet).eval(), unet)
     for name, experiment in EXPERIMENTS.items():
-        described = {"experiment": experiment, "architecture": SMALL}
-        model = checkpoints.build(experiment, SMALL)
+        described = {"experiment": experiment.row(), "architecture": SMALL}
+        model = checkpoints.build(experiment, Architecture.from_row(SMALL))
         checkpoints.save(folder / name / "seed-0/best.ckpt", "reconstruction", model, described)
     return {name: folder / name / "seed-0" for name in EXPERIMENTS}
 

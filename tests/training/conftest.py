@@ -3,42 +3,41 @@
 import numpy as np
 import pytest
 
+from palpate.architectures import GCN, Architecture, Encoder
 from palpate.camera import looking_at, paper_camera
+from palpate.experiments import Experiment
+from palpate.inference.data import ExperimentData
 from palpate.mesh import OBJECT_POSITION
-from palpate.training.data import TrainingData
+from palpate.training.recipes import ReconstructionSettings
 
 SPLITS = ["train"] * 4 + ["validation"] * 2 + ["test"]
-ARCHITECTURE = {
-    "encoder": {"channels": [4, 6], "layers": [1, 1], "pool": [1, 2], "norm": "batch", "padding": 1},
-    "gcn": {"layers": 3, "width": 9},
-    "normalise_positions": True,
-    "init": "he",
-    "last_layer_scale": 0.01,
-}
-SETTINGS = {
-    "architecture": ARCHITECTURE,
-    "optimiser": "adam",
-    "rate": 3e-3,
-    "schedule": "one_cycle",
-    "weight_decay": 0,
-    "clip": 1.0,
-    "ema": None,
-    "batch": 2,
-    "steps": 8,
-    "epochs": None,
-    "evaluate_every": 2,
-    "patience": None,
-    "loss_points": 200,
-    "validation_points": 200,
-    "validation_samples": None,
-}
-OCCLUDED_TOUCH = {"strategy": "charts", "vision": "occluded", "touch": True, "grasps": 1}
-TOUCH_ONLY = {"strategy": "charts", "vision": "none", "touch": True, "grasps": 2}
+ARCHITECTURE = Architecture(
+    Encoder([4, 6], [1, 1], [1, 2], padding=1), GCN(3, 9), normalise_positions=True, init="he", last_layer_scale=0.01
+)
+SETTINGS = ReconstructionSettings(
+    optimiser="adam",
+    rate=3e-3,
+    schedule="one_cycle",
+    weight_decay=0,
+    clip=1.0,
+    ema=None,
+    batch=2,
+    steps=8,
+    epochs=None,
+    evaluate_every=2,
+    patience=None,
+    loss_points=200,
+    validation_samples=None,
+    validation_points=200,
+    architecture=ARCHITECTURE,
+)
+OCCLUDED_TOUCH = Experiment("occluded_touch", "charts", "occluded", True, 1)
+TOUCH_ONLY = Experiment("touch_only", "charts", "none", True, 2)
 
 
 def made_up(
     vision: str = "occluded", touch: str = "charts", grasps: int = 3, seed: int = 0, cameras: int = 1
-) -> TrainingData:
+) -> ExperimentData:
     """Seven ellipsoids, with random pixels."""
     random = np.random.default_rng(seed)
     o = len(SPLITS)
@@ -71,9 +70,9 @@ def made_up(
     if touch == "readings":
         arrays["reading"] = random.integers(0, 256, (o, grasps, 4, 100, 100, 3), dtype=np.uint8)
         arrays["reading"][~arrays["success"]] = 90
-    return TrainingData(arrays)
+    return ExperimentData(arrays)
 
 
 @pytest.fixture
-def data() -> TrainingData:
+def data() -> ExperimentData:
     return made_up()

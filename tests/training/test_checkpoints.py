@@ -1,16 +1,19 @@
 """Trained models as files: what is written is loaded, and what can't be used is said."""
 
+import re
 import resource
 import shutil
+from dataclasses import replace
 
 import numpy as np
 import pytest
 import torch
-import yaml
 
-from palpate.models import PAPER_ARCHITECTURES, TouchDepth
-from palpate.training.checkpoints import CheckpointError, architecture, build, load, load_touch_depth, save
+from palpate.architectures import GCN, PAPER_ARCHITECTURES
+from palpate.inference.checkpoints import CheckpointError, build, load, load_touch_depth, save
+from palpate.models import TouchDepth
 from tests.training.conftest import ARCHITECTURE, OCCLUDED_TOUCH, TOUCH_ONLY
+from tests.training.test_recipes import EXPERIMENTS, resolve
 
 
 @pytest.fixture
@@ -24,7 +27,7 @@ def path(tmp_path, model):
         tmp_path / "best.ckpt",
         "reconstruction",
         model,
-        {"experiment": OCCLUDED_TOUCH, "architecture": ARCHITECTURE},
+        {"experiment": OCCLUDED_TOUCH.row(), "architecture": ARCHITECTURE.row()},
     )
     return tmp_path / "best.ckpt"
 
@@ -35,12 +38,7 @@ def changed(path, **values):
 
 def test_what_is_written_is_loaded(path, model):
     found = load(path, OCCLUDED_TOUCH)
-    assert not found.training and (found.strategy, found.vision, found.touch, found.sensors) == (
-        "charts",
-        True,
-        True,
-        4,
-    )
+    assert not found.training and (found.experiment.row(), found.sensors) == (OCCLUDED_TOUCH.row(), 4)
     expected = model.state_dict()
     assert all(torch.equal(value, expected[key]) for key, value in found.state_dict().items())
 
@@ -52,9 +50,26 @@ def test_the_unet(tmp_path):
     torch.testing.assert_close(found(reading), model.eval()(reading))
 
 
+def test_those_of_version_0_3(tmp_path):
+    """`unsuccessful: held` is now `failed_charts: fixed`, and the U-Net's `raise_` is `upsample`."""
+    fixed = replace(ARCHITECTURE, failed_charts="fixed")
+    row = fixed.row()
+    assert row.pop("failed_charts") == "fixed"
+    described = {"experiment": OCCLUDED_TOUCH.row(), "architecture": row | {"unsuccessful": "held"}}
+    save(tmp_path / "best.ckpt", "reconstruction", build(OCCLUDED_TOUCH, fixed), described)
+    assert load(tmp_path / "best.ckpt").architecture == fixed
+    unet = TouchDepth(2).eval()
+    save(tmp_path / "unet.ckpt", "touch_depth", unet, {"width": 2})
+    weights = torch.load(tmp_path / "unet.ckpt", weights_only=True)["weights"]
+    changed(tmp_path / "unet.ckpt", weights={re.sub("^upsample", "raise_", name): w for name, w in weights.items()})
+    assert any(name.startswith("upsample") for name in weights)
+    reading = torch.rand(1, 3, 100, 100)
+    assert torch.equal(load_touch_depth(tmp_path / "unet.ckpt")(reading), unet(reading))
+
+
 def test_the_same_model_gives_the_same_bytes(path, model):
     before = path.read_bytes()
-    save(path, "reconstruction", model, {"experiment": OCCLUDED_TOUCH, "architecture": ARCHITECTURE})
+    save(path, "reconstruction", model, {"experiment": OCCLUDED_TOUCH.row(), "architecture": ARCHITECTURE.row()})
     assert path.read_bytes() == before
 
 
@@ -64,7 +79,7 @@ def test_of_another_experiment(path):
 
 
 def test_under_the_name_of_another_model(tmp_path, model):
-    described = {"experiment": OCCLUDED_TOUCH, "architecture": ARCHITECTURE}
+    described = {"experiment": OCCLUDED_TOUCH.row(), "architecture": ARCHITECTURE.row()}
     path = tmp_path / "models/charts_touch/seed-0/best.ckpt"
     save(path, "reconstruction", model, {**described, "name": "charts_touch/seed-0"})
     load(path)
@@ -86,7 +101,7 @@ def test_under_the_name_of_another_model(tmp_path, model):
         {"weights": None},
         {"experiment": None},
         {"experiment": {}},
-        {"experiment": OCCLUDED_TOUCH | {"strategy": "none"}},
+        {"experiment": replace(OCCLUDED_TOUCH, strategy="none").row()},
         {"architecture": {"gcn": 3}},
         {"architecture": []},
         {"sensor": {"name": 1}},
@@ -101,7 +116,7 @@ def test_of_a_wrong_structure(path, values):
 
 
 def test_of_another_architecture(path):
-    changed(path, architecture=ARCHITECTURE | {"gcn": {"layers": 3, "width": 12}})
+    changed(path, architecture=replace(ARCHITECTURE, gcn=GCN(3, 12)).row())
     with pytest.raises(
         CheckpointError, match="weights are of another architecture .*(image_weight|gcn.layers.0.weight)"
     ):
@@ -140,16 +155,14 @@ def test_no_checkpoint(tmp_path, capsys):
 
 
 def test_the_papers_architecture_is_that_of_what_the_model_sees():
-    with open("config/experiments.yaml") as file:
-        experiments = yaml.safe_load(file)["experiments"]
+    recipe = resolve({}, "paper")
     for name, key in {
         "sphere_occluded_touch": "occluded_touch",
         "charts_unoccluded": "unoccluded",
         "charts_touch_3": "touch",
         "single_image": "single_image",
     }.items():
-        assert architecture(experiments[name], {"architecture": "paper"}) == PAPER_ARCHITECTURES[key]
-    assert architecture(TOUCH_ONLY, {"architecture": ARCHITECTURE}) == ARCHITECTURE
+        assert recipe.settings(EXPERIMENTS[name]).architecture == PAPER_ARCHITECTURES[key]
 
 
 def test_no_altered_bit_changes_the_model_without_an_error(path, model):

@@ -1,30 +1,33 @@
 """Going on from a base model: it begins with the base's prediction, and experiments differ in touch only."""
 
+from dataclasses import replace
+
 import pytest
 import torch
 
 from palpate.charts import vision_atlas
-from palpate.training import recipes
-from palpate.training.checkpoints import CheckpointError, build, continue_from, load
+from palpate.experiments import Experiment
+from palpate.inference.checkpoints import CheckpointError, build, continue_from, load
+from palpate.inference.samples import Assembler, windows
 from palpate.training.learners import ReconstructionLearner
 from palpate.training.loop import train
-from palpate.training.samples import Assembler, training_samples, windows
+from palpate.training.samples import training_samples
 from tests.training.conftest import ARCHITECTURE, SETTINGS, made_up
 from tests.training.test_loop import CPU, Stop, same
 from tests.training.test_recipes import EXPERIMENTS, resolve
 
-POOLED = {"architecture": ARCHITECTURE | {"touch": "pooled"}}
+POOLED = {"architecture": replace(ARCHITECTURE, touch="pooled")}
 VISION = len(vision_atlas().vertices)
 
 
 def row(strategy="charts", vision="unoccluded", touch=True, grasps=1):
-    return {"strategy": strategy, "vision": vision, "touch": touch, "grasps": grasps}
+    return Experiment("experiment", strategy, vision, touch, grasps)
 
 
 def learner_of(experiment, base=None, seed=0, **settings):
-    reads = {"sphere": "readings"}.get(experiment["strategy"], "charts") if experiment["touch"] else "none"
-    data = made_up(experiment["vision"], reads)
-    return ReconstructionLearner(data, experiment, SETTINGS | POOLED | settings, seed, base)
+    reads = {"sphere": "readings"}.get(experiment.strategy, "charts") if experiment.touch else "none"
+    data = made_up(experiment.vision, reads)
+    return ReconstructionLearner(data, experiment, replace(SETTINGS, **POOLED | settings), seed, base)
 
 
 def trained(folder, experiment, base=None, **settings):
@@ -75,7 +78,7 @@ def test_touch_inputs_learn_from_the_first_step(bases):
 
 
 def test_the_papers_graph_goes_on_from_the_same_base(bases):
-    architecture = ARCHITECTURE | {"touch": "graph"}
+    architecture = replace(ARCHITECTURE, touch="graph")
     learner = learner_of(row(), bases["charts"], architecture=architecture)
     first = learner.model.gcn.layers[0].weight
     assert torch.equal(first[:3], load(bases["charts"]).gcn.layers[0].weight) and not first[3:].any()
@@ -126,7 +129,7 @@ def test_experiments_see_the_same_samples_at_the_same_step():
     for step in range(20):
         none, one, five = (
             training_samples(data, experiment, 2, 7, step)
-            for experiment in (of_one | {"touch": False}, of_one, of_one | {"grasps": 5})
+            for experiment in (replace(of_one, touch=False), of_one, replace(of_one, grasps=5))
         )
         assert none == one
         assert [sample.object for sample in one] == [sample.object for sample in five]
@@ -135,7 +138,7 @@ def test_experiments_see_the_same_samples_at_the_same_step():
 
 def test_any_number_of_grasps_up_to_its_own():
     data = made_up("none", "charts", grasps=3)
-    experiment = row(vision="none", grasps=5) | {"fewer_grasps": True}
+    experiment = replace(row(vision="none", grasps=5), fewer_grasps=True)
     numbers = [{len(sample.grasps) for sample in training_samples(data, experiment, 4, 0, step)} for step in range(60)]
     assert all(len(of_step) == 1 for of_step in numbers)
     counts = [numbers.count({k}) for k in (1, 2, 3)]
@@ -147,21 +150,21 @@ def test_any_number_of_grasps_up_to_its_own():
 def test_settings_of_a_base_and_of_what_goes_on_from_it():
     recipe = resolve({})
     base, touch = EXPERIMENTS["base_occluded"], EXPERIMENTS["charts_occluded_touch"]
-    continuation = recipe["reconstruction"]["continuation"]
-    assert recipes.base(recipe, touch) == "base_occluded" and recipes.base(recipe, base) is None
-    of_base, of_touch = recipes.settings(recipe, base), recipes.settings(recipe, touch)
-    assert of_touch == of_base | continuation and of_base["rate"] > of_touch["rate"]
+    continuation = recipe.reconstruction["continuation"]
+    assert recipe.base(touch) == "base_occluded" and recipe.base(base) is None
+    of_base, of_touch = recipe.settings(base), recipe.settings(touch)
+    assert of_touch == replace(of_base, **continuation) and of_base.rate > of_touch.rate
     scratch = resolve({"reconstruction": {"continuation": None}})
-    assert recipes.base(scratch, touch) is None and recipes.settings(scratch, touch) == of_base
-    graph = recipes.settings(recipe, EXPERIMENTS["graph_occluded_touch"])["architecture"]
-    assert graph == of_base["architecture"] | {"touch": "graph"}
+    assert scratch.base(touch) is None and scratch.settings(touch) == of_base
+    graph = recipe.settings(EXPERIMENTS["graph_occluded_touch"]).architecture
+    assert graph == replace(of_base.architecture, touch="graph")
 
 
 def test_what_is_compared_goes_on_from_one_model():
     """Rows that differ in touch only have one base, so that nothing else differs."""
     for name, experiment in EXPERIMENTS.items():
-        if "base" in experiment:
-            base = EXPERIMENTS[experiment["base"]]
-            assert base["vision"] == experiment["vision"], name
-            assert (base["strategy"] == "sphere") == (experiment["strategy"] == "sphere"), name
-            assert "base" not in base and base["touch"] == (experiment["vision"] == "none"), name
+        if experiment.base:
+            base = EXPERIMENTS[experiment.base]
+            assert base.vision == experiment.vision, name
+            assert (base.strategy == "sphere") == (experiment.strategy == "sphere"), name
+            assert base.base is None and base.touch == (experiment.vision == "none"), name

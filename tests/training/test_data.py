@@ -2,20 +2,22 @@
 
 import csv
 import shutil
+from dataclasses import replace
 
 import numpy as np
 import pytest
 import torch
 
 from palpate import Dataset, store
+from palpate.experiments import Experiment
+from palpate.inference import checkpoints
+from palpate.inference.data import ExperimentData, ExperimentDataError
+from palpate.inference.inputs import INPUTS, stages
+from palpate.inference.samples import windows
 from palpate.mesh import OBJECT_POSITION
 from palpate.sensor import DIGIT
 from palpate.store import StoreError
-from palpate.training import checkpoints
-from palpate.training.data import TrainingData, TrainingDataError
-from palpate.training.inputs import INPUTS, stages
 from palpate.training.learners import ReconstructionLearner
-from palpate.training.samples import windows
 from tests.training.conftest import OCCLUDED_TOUCH, SETTINGS, made_up
 
 ATTRIBUTES = {"seed": 0, "made_from": {}, "sensor": DIGIT.description()}
@@ -25,10 +27,10 @@ BATCHES = {
     "batch-0002": [("b-2", "b", "train")],
 }
 GRASPS = 2
-UNOCCLUDED = {"strategy": "charts", "vision": "unoccluded", "touch": False, "grasps": 1}
-TOUCH = {"strategy": "charts", "vision": "none", "touch": True, "grasps": 1}
-READINGS = TOUCH | {"strategy": "sphere"}
-VIEWS = UNOCCLUDED | {"vision": "views"}
+UNOCCLUDED = Experiment("unoccluded", "charts", "unoccluded", False, 1)
+TOUCH = Experiment("touch", "charts", "none", True, 1)
+READINGS = replace(TOUCH, strategy="sphere")
+VIEWS = replace(UNOCCLUDED, vision="views")
 
 
 def arrays_of(stage, names, seed):
@@ -101,14 +103,14 @@ def row(run, stage, name, array):
 
 
 def test_objects_that_all_stores_have(made):
-    found = TrainingData.load(made[0], OCCLUDED_TOUCH)
+    found = ExperimentData.load(made[0], OCCLUDED_TOUCH)
     assert found.objects == ["a-0", "b-0"] and found.classes == ["a", "b"] and found.splits == ["train", "test"]
-    assert TrainingData.load(made[0], UNOCCLUDED).objects == ["a-0", "b-0", "b-1"]
-    assert TrainingData.load(made[0], TOUCH).objects == ["a-0", "a-1", "b-0", "b-2"]
+    assert ExperimentData.load(made[0], UNOCCLUDED).objects == ["a-0", "b-0", "b-1"]
+    assert ExperimentData.load(made[0], TOUCH).objects == ["a-0", "a-1", "b-0", "b-2"]
 
 
 def test_rows_are_those_of_the_stores(made):
-    found = TrainingData.load(made[0], OCCLUDED_TOUCH)
+    found = ExperimentData.load(made[0], OCCLUDED_TOUCH)
     assert found.grasps == GRASPS and set(found.arrays) == {
         *("points", "occluded", "image_camera", "success", "position", "rotation", "charts")
     }
@@ -125,19 +127,19 @@ def test_rows_are_those_of_the_stores(made):
         matrices = (row(made, "vision", name, array) for array in ("intrinsics", "extrinsics"))
         expected = [k @ e for k, e in zip(*matrices, strict=True)]
         np.testing.assert_allclose(found["image_camera"][number], expected, rtol=1e-6)
-    with pytest.raises(TrainingDataError, match="the experiment takes no unoccluded"):
+    with pytest.raises(ExperimentDataError, match="the experiment takes no unoccluded"):
         found["unoccluded"]
 
 
 def test_views(made):
-    found = TrainingData.load(made[0], VIEWS)
+    found = ExperimentData.load(made[0], VIEWS)
     assert (found.images(VIEWS), found.grasps, len(found)) == (2, 0, 5)
     np.testing.assert_array_equal(found["views"][3], row(made, "views", "b-1", "image"))
     np.testing.assert_array_equal(found["camera"][3], row(made, "views", "b-1", "camera").astype(np.float32))
 
 
 def test_an_untouched_sensor_reads_the_empty_gel(made):
-    found = TrainingData.load(made[0], READINGS)
+    found = ExperimentData.load(made[0], READINGS)
     stores = [arrays for (stage, _), arrays in made[1].items() if stage == "touch"]
     for number, name in enumerate(found.objects):
         (empty,) = (arrays["empty_reading"] for arrays in stores if name in arrays["object"])
@@ -149,20 +151,20 @@ def test_an_untouched_sensor_reads_the_empty_gel(made):
 
 
 def test_some_splits(made):
-    whole, part = TrainingData.load(made[0], TOUCH), TrainingData.load(made[0], TOUCH, ["validation", "test"])
+    whole, part = ExperimentData.load(made[0], TOUCH), ExperimentData.load(made[0], TOUCH, ["validation", "test"])
     assert part.objects == ["a-1", "b-0"] and part.of_split("test") == [1]
     np.testing.assert_array_equal(part["charts"], whole["charts"][[1, 2]])
 
 
 def test_the_same_data_have_the_same_digest_and_others_another(run):
-    digest = TrainingData.load(run[0], TOUCH).digest
-    assert TrainingData.load(run[0], TOUCH).digest == digest
-    assert TrainingData.load(run[0], TOUCH, ["train"]).digest != digest
-    assert TrainingData.load(run[0], READINGS).digest != digest
+    digest = ExperimentData.load(run[0], TOUCH).digest
+    assert ExperimentData.load(run[0], TOUCH).digest == digest
+    assert ExperimentData.load(run[0], TOUCH, ["train"]).digest != digest
+    assert ExperimentData.load(run[0], READINGS).digest != digest
     change(run, "vision", "occluded", (0, 0, 0, 0, 0), 7)  # which this experiment does not take
-    assert TrainingData.load(run[0], TOUCH).digest == digest
+    assert ExperimentData.load(run[0], TOUCH).digest == digest
     change(run, "charts", "vertices", (0, 0, 0, 0), 1.5)
-    assert TrainingData.load(run[0], TOUCH).digest != digest
+    assert ExperimentData.load(run[0], TOUCH).digest != digest
 
 
 def test_names_are_part_of_the_digest():
@@ -187,22 +189,22 @@ def test_values_that_cannot_be_are_noticed_and_named(run, stage, name, value):
     change(run, stage, name, (list(arrays["object"]).index("b-0"), *[0] * (arrays[name].ndim - 1)), value)
     named = rf"{stage}/batch-0000.zarr: {name} of b-0 is NaN, infinite or above 10; remove"
     with pytest.raises(StoreError, match=named):
-        TrainingData.load(run[0], TOUCH)
-    assert len(TrainingData.load(run[0], TOUCH, ["validation"])) == 1  # what is not loaded is not checked
+        ExperimentData.load(run[0], TOUCH)
+    assert len(ExperimentData.load(run[0], TOUCH, ["validation"])) == 1  # what is not loaded is not checked
 
 
 def test_a_rotation_out_of_range_is_noticed(run):
     change(run, "touch", "rotation", (0, 0, 0, 0, 0), 1.5)
-    assert len(TrainingData.load(run[0], TOUCH | {"architecture": {"touch": "graph"}}))
+    assert len(ExperimentData.load(run[0], replace(TOUCH, architecture={"touch": "graph"})))
     with pytest.raises(StoreError, match="rotation of a-0 is NaN, infinite or above 1.001"):
-        TrainingData.load(run[0], READINGS)
+        ExperimentData.load(run[0], READINGS)
 
 
 def test_nan_in_memory_names_its_object():
     arrays = {"object": ["a", "b"], "class": ["c"] * 2, "split": ["train"] * 2, "points": np.zeros((2, 5, 3))}
     arrays["points"][1, 2, 0] = np.nan
-    with pytest.raises(TrainingDataError, match="the data in memory: points of b is NaN or infinite"):
-        TrainingData(arrays)
+    with pytest.raises(ExperimentDataError, match="the data in memory: points of b is NaN or infinite"):
+        ExperimentData(arrays)
 
 
 def test_a_changed_bit_is_noticed(run):
@@ -212,30 +214,30 @@ def test_a_changed_bit_is_noticed(run):
         whole = path.read_bytes()
         path.write_bytes(bytes([whole[0] ^ 1]) + whole[1:])
         with pytest.raises(StoreError, match="batch-0000.zarr can't be read"):
-            TrainingData.load(run[0], TOUCH)
+            ExperimentData.load(run[0], TOUCH)
         path.write_bytes(whole)
-    assert len(TrainingData.load(run[0], TOUCH))
+    assert len(ExperimentData.load(run[0], TOUCH))
 
 
 def test_no_object_left(run):
-    with pytest.raises(TrainingDataError, match="no object of nonsense: more objects are needed"):
-        TrainingData.load(run[0], TOUCH, ["nonsense"])
+    with pytest.raises(ExperimentDataError, match="no object of nonsense: more objects are needed"):
+        ExperimentData.load(run[0], TOUCH, ["nonsense"])
     (run[0] / "catalogue.csv").write_text("object,class,split,batch\nc-0,c,train,batch-0000\n")
-    with pytest.raises(TrainingDataError, match="no object is in all of surface, vision; rejected.csv says why"):
-        TrainingData.load(run[0], UNOCCLUDED)
+    with pytest.raises(ExperimentDataError, match="no object is in all of surface, vision; rejected.csv says why"):
+        ExperimentData.load(run[0], UNOCCLUDED)
 
 
 def test_a_store_that_is_missing(run):
     shutil.rmtree(run[0] / "charts")
     with pytest.raises(StoreError, match="has no charts; build it with"):
-        TrainingData.load(run[0], TOUCH)
-    assert len(TrainingData.load(run[0], READINGS))
+        ExperimentData.load(run[0], TOUCH)
+    assert len(ExperimentData.load(run[0], READINGS))
 
 
 def test_more_arrays_change_no_sample(made):
-    data = TrainingData.read(Dataset(made[0], stages(OCCLUDED_TOUCH)), INPUTS)
+    data = ExperimentData.read(Dataset(made[0], stages(OCCLUDED_TOUCH)), INPUTS)
     assert windows(data, OCCLUDED_TOUCH, "train") == windows(
-        TrainingData.load(made[0], OCCLUDED_TOUCH), OCCLUDED_TOUCH, "train"
+        ExperimentData.load(made[0], OCCLUDED_TOUCH), OCCLUDED_TOUCH, "train"
     )
 
 
@@ -258,7 +260,7 @@ def test_models_start_around_the_largest_object_that_they_are_trained_on():
     points = made["points"].copy()
     points[6] = OBJECT_POSITION + 5 * (points[6] - OBJECT_POSITION)  # of the test split
     names = {"object": made.objects, "class": made.classes, "split": made.splits}
-    data = TrainingData(made.arrays | names | {"points": points}, one_size=False)
+    data = ExperimentData(made.arrays | names | {"points": points}, one_size=False)
     box = points[:4].max(axis=1) - points[:4].min(axis=1)
     assert data.largest == pytest.approx(np.sqrt((box**2).sum(axis=1)).max(), rel=1e-6)
     learner = ReconstructionLearner(data, OCCLUDED_TOUCH, SETTINGS, 0)

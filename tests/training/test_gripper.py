@@ -1,7 +1,7 @@
 """The shipped gripper with two round sensors of rectangular readings, end to end: from grasps to models."""
 
 import csv
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
 
 import mujoco
@@ -14,9 +14,14 @@ from palpate import Dataset, store
 from palpate.evaluation import rings
 from palpate.evaluation.evaluate import Trained, evaluate, evaluate_touch
 from palpate.evaluation.reconstruct import ReconstructionError, Reconstructor
+from palpate.experiments import Experiment
 from palpate.grasp import grasp_object
 from palpate.hand import Hand, from_mjcf
 from palpate.hand.model import ARM, ARMATURE, MAX_TORQUE, STIFFNESS, build_spec
+from palpate.inference import checkpoints
+from palpate.inference.checkpoints import CheckpointError
+from palpate.inference.data import ExperimentData
+from palpate.inference.touches import object_charts
 from palpate.mesh import OBJECT_POSITION
 from palpate.models import Reconstruction, TouchDepth
 from palpate.released.export import export
@@ -25,9 +30,9 @@ from palpate.scene import Scene
 from palpate.sensor import DIGIT, Sensor, load
 from palpate.store import StoreError
 from palpate.touch import RayCaster, empty_reading, sense
-from palpate.training import ReconstructionLearner, TouchDepthLearner, TrainingData, checkpoints, read_touches
-from palpate.training.checkpoints import CheckpointError
-from palpate.training.touches import object_charts
+from palpate.training.learners import ReconstructionLearner, TouchDepthLearner
+from palpate.training.recipes import Settings, TouchDepthSettings
+from palpate.training.touches import read_touches
 from tests.training.conftest import ARCHITECTURE, SETTINGS
 
 HANDS = Path(__file__).parents[2] / "config/hands"
@@ -36,8 +41,8 @@ KIND = Sensor.from_description(load("dome360").description() | {"resolution": [3
 ATTRIBUTES = {"seed": 0, "made_from": {}, "sensor": KIND.description()}
 OBJECTS = {"rod-0": "train", "rod-1": "validation"}
 GRASPS = 2
-TOUCH = {"strategy": "charts", "vision": "none", "touch": True, "grasps": 2}
-READINGS = TOUCH | {"strategy": "sphere"}
+TOUCH = Experiment("gripper", "charts", "none", True, 2)
+READINGS = replace(TOUCH, strategy="sphere")
 
 
 def rod(number: int) -> trimesh.Trimesh:
@@ -83,7 +88,7 @@ def run(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def learner(run):
-    return ReconstructionLearner(TrainingData.load(run, TOUCH), TOUCH, SETTINGS, 0)
+    return ReconstructionLearner(ExperimentData.load(run, TOUCH), TOUCH, SETTINGS, 0)
 
 
 def test_its_jaws_slide_as_published_and_as_mujoco_says():
@@ -187,7 +192,7 @@ def test_rings_are_as_wide_as_the_sensor(run):
 
 @pytest.mark.parametrize("experiment", [TOUCH, READINGS], ids=["charts", "sphere"])
 def test_a_model_of_two_sensors_takes_them_and_a_checkpoint_brings_it_back(run, tmp_path, experiment):
-    data = TrainingData.load(run, experiment)
+    data = ExperimentData.load(run, experiment)
     learner = ReconstructionLearner(data, experiment, SETTINGS, 0)
     model = learner.model.eval()
     assert model.sensors == 2 * 2 and data.hand_sensors == 2 and model.sensor.description() == KIND.description()
@@ -202,7 +207,7 @@ def test_a_model_of_two_sensors_takes_them_and_a_checkpoint_brings_it_back(run, 
     assert again.hand_sensors == 2 and not again.sensor.geometry_difference(KIND)
     with torch.no_grad():
         assert torch.equal(again(batch), vertices)
-    table = evaluate(Trained(again, "gripper", experiment, 0, 1), data, 100, ["validation"])
+    table = evaluate(Trained(again, experiment, 0, 1), data, 100, ["validation"])
     assert np.isfinite(table["chamfer"]).all()
 
 
@@ -224,7 +229,7 @@ def test_the_unet_learns_from_readings_of_another_size(run):
     assert np.isfinite(table[["cloud", "chart"]]).all(axis=None)
 
 
-UNET_SETTINGS = SETTINGS | {"width": 2}
+UNET_SETTINGS = TouchDepthSettings(width=2, **{each.name: getattr(SETTINGS, each.name) for each in fields(Settings)})
 
 
 def test_charts_of_touches_lie_within_the_sensor(run):
@@ -237,15 +242,15 @@ def test_charts_of_touches_lie_within_the_sensor(run):
 
 
 def test_models_refuse_data_of_another_sensor(run, learner, tmp_path):
-    data = TrainingData.load(run, TOUCH)
-    of_digits = Reconstruction("charts", False, True, 2, ARCHITECTURE).eval()
-    trained = Trained(of_digits, "theirs", TOUCH, 0, 1)
+    data = ExperimentData.load(run, TOUCH)
+    of_digits = Reconstruction(TOUCH, ARCHITECTURE).eval()
+    trained = Trained(of_digits, replace(TOUCH, name="theirs"), 0, 1)
     with pytest.raises(CheckpointError, match="theirs was trained with sensor 'digit'.*width.*of a hand: 4 and 2"):
         evaluate(trained, data, 100)
     with pytest.raises(CheckpointError, match="the model of touches was trained with sensor 'digit'"):
         evaluate_touch(TouchDepth(2), 1, Dataset(run, ["touch", "charts"]))
     base = tmp_path / "best.ckpt"
-    checkpoints.save(base, "reconstruction", of_digits, {"experiment": TOUCH, "architecture": ARCHITECTURE})
+    checkpoints.save(base, "reconstruction", of_digits, {"experiment": TOUCH.row(), "architecture": ARCHITECTURE.row()})
     with pytest.raises(CheckpointError, match="was trained with sensor 'digit'"):
         ReconstructionLearner(data, TOUCH, SETTINGS, 0, base)
 

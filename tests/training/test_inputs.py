@@ -1,40 +1,38 @@
 """The table of inputs: every row of config/experiments.yaml against the arrays that its model reads."""
 
 import re
-from pathlib import Path
+from dataclasses import replace
 
 import pytest
-import yaml
 
+from palpate.experiments import Experiments
+from palpate.inference.checkpoints import build
+from palpate.inference.inputs import INPUTS, camera_array, inputs, stages, table
 from palpate.models import SINGLE_IMAGE_MODELS
 from palpate.store import CONTRACT
-from palpate.training.checkpoints import build
-from palpate.training.inputs import INPUTS, camera_array, inputs, stages, table, takes_charts, takes_readings
-from palpate.training.recipes import merge
 from tests.training.conftest import ARCHITECTURE
 
-FILE = Path("config/experiments.yaml")
-EXPERIMENTS = yaml.safe_load(FILE.read_text())["experiments"]
+EXPERIMENTS = Experiments.read("config/experiments.yaml", "workflow/schemas/experiments.schema.yaml").experiments
 
 
 def names(experiment):
     return {item.name for item in inputs(experiment)}
 
 
-PUBLISHED = [name for name, row in EXPERIMENTS.items() if row["strategy"] in SINGLE_IMAGE_MODELS]
+PUBLISHED = [name for name, row in EXPERIMENTS.items() if row.strategy in SINGLE_IMAGE_MODELS]
 
 
 @pytest.mark.parametrize("name", [name for name in EXPERIMENTS if name not in PUBLISHED])
 def test_an_experiment_takes_what_its_model_reads_and_no_more(name):
     experiment = EXPERIMENTS[name]
-    model = build(experiment, merge(ARCHITECTURE | {"touch": "pooled"}, experiment.get("architecture", {})))
+    model = build(experiment, replace(ARCHITECTURE, **{"touch": "pooled"} | experiment.architecture))
     reads, images = set(model._shapes({})), {"unoccluded", "occluded", "views"}
     taken = names(experiment)
     assert len(taken & images) == ("image" in reads) == hasattr(model, "encoder")
     assert taken - images - {"points", "camera", "image_camera"} == reads - {"image", "camera"}
     assert camera_array(experiment) in taken if hasattr(model, "encoder") else camera_array(experiment) is None
     assert ("reading" in taken) == hasattr(model, "reading_encoder")
-    assert model.graph.touch_charts == (4 * experiment["grasps"] if "architecture" in experiment else 0)
+    assert model.graph.touch_charts == (4 * experiment.grasps if experiment.architecture else 0)
 
 
 @pytest.mark.parametrize("name", PUBLISHED)
@@ -53,7 +51,7 @@ def test_stages_of_the_papers_experiments():
 
 def test_touch_comes_in_one_way():
     for experiment in EXPERIMENTS.values():
-        assert takes_charts(experiment) + takes_readings(experiment) == experiment["touch"]
+        assert experiment.takes_charts + experiment.takes_readings == experiment.touch
 
 
 def test_every_array_is_the_contracts_and_is_taken_by_some_and_only_the_truth_by_all():
@@ -64,7 +62,7 @@ def test_every_array_is_the_contracts_and_is_taken_by_some_and_only_the_truth_by
 
 
 def test_the_table():
-    printed = table(EXPERIMENTS)
+    printed = table(EXPERIMENTS.values())
     assert "| charts_touch_5 " in printed and "surface, touch, charts" in printed
     assert re.search(r"\| camera +\| views camera +\| float32 \| vision is views", printed)
     assert re.search(

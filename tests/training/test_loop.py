@@ -9,16 +9,18 @@ import signal
 import subprocess
 import sys
 import time
+from dataclasses import replace
 
 import pytest
 import torch
 
-from palpate.training.checkpoints import load
-from palpate.training.data import TrainingDataError
+from palpate.experiments import Experiment
+from palpate.inference.checkpoints import load
+from palpate.inference.data import ExperimentDataError
+from palpate.inference.machine import Machine
+from palpate.inference.samples import windows
 from palpate.training.learners import Diverged, ReconstructionLearner
 from palpate.training.loop import train
-from palpate.training.machine import Machine
-from palpate.training.samples import windows
 from tests.training.conftest import ARCHITECTURE, OCCLUDED_TOUCH, SETTINGS, TOUCH_ONLY, made_up
 
 CPU = Machine("cpu")
@@ -26,7 +28,7 @@ CPU = Machine("cpu")
 
 def run(folder, seed=0, experiment=OCCLUDED_TOUCH, **settings):
     """Train on made-up data; returns what it says and the model that was kept."""
-    learner = ReconstructionLearner(made_up(), experiment, SETTINGS | settings, seed)
+    learner = ReconstructionLearner(made_up(), experiment, replace(SETTINGS, **settings), seed)
     said = train(learner, folder / "model", folder / "checkpoints", CPU, "test")
     return said, load(folder / "model/best.ckpt", experiment)
 
@@ -287,7 +289,7 @@ def test_a_prediction_that_is_not_finite_names_its_sample(monkeypatch):
 
 def test_the_average_is_a_recursion_over_the_steps(tmp_path):
     """Of a model that is trained with constant settings: its weights after each step, averaged by hand."""
-    learner = ReconstructionLearner(made_up(), TOUCH_ONLY, SETTINGS | {"ema": 0.9}, 0)
+    learner = ReconstructionLearner(made_up(), TOUCH_ONLY, replace(SETTINGS, ema=0.9), 0)
     seen = [{key: value.clone() for key, value in learner.model.state_dict().items()}]
     step = learner.on_train_batch_end
 
@@ -306,7 +308,7 @@ def test_the_average_is_a_recursion_over_the_steps(tmp_path):
 
 
 def test_the_rate_follows_one_cycle(tmp_path):
-    learner = ReconstructionLearner(made_up(), TOUCH_ONLY, SETTINGS | {"steps": 100, "rate": 1.0}, 0)
+    learner = ReconstructionLearner(made_up(), TOUCH_ONLY, replace(SETTINGS, steps=100, rate=1.0), 0)
     found = learner.configure_optimizers()
     schedule, rates = found["lr_scheduler"]["scheduler"], []
     for _ in range(100):
@@ -327,7 +329,7 @@ def test_an_epoch_is_every_object_once(tmp_path):
 def test_an_empty_split_is_said():
     data = made_up()
     data.splits = ["train"] * len(data)
-    with pytest.raises(TrainingDataError, match="no object of the validation split"):
+    with pytest.raises(ExperimentDataError, match="no object of the validation split"):
         ReconstructionLearner(data, OCCLUDED_TOUCH, SETTINGS, 0)
 
 
@@ -348,7 +350,7 @@ def test_a_gpu_that_is_not_there_is_said(monkeypatch):
 
 
 def test_double_precision(tmp_path):
-    learner = ReconstructionLearner(made_up(), TOUCH_ONLY, SETTINGS | {"steps": 2}, 0)
+    learner = ReconstructionLearner(made_up(), TOUCH_ONLY, replace(SETTINGS, steps=2), 0)
     train(learner, tmp_path / "model", tmp_path / "checkpoints", Machine("cpu", precision="64-true"), "test")
     assert weights(tmp_path)["gcn.layers.0.weight"].dtype == torch.float64
 
@@ -365,9 +367,9 @@ def test_double_precision(tmp_path):
     ],
 )
 def test_every_kind_of_experiment(tmp_path, strategy, vision, touch, reads):
-    experiment = {"strategy": strategy, "vision": vision, "touch": touch, "grasps": 1}
-    learner = ReconstructionLearner(made_up(vision, reads), experiment, SETTINGS | {"steps": 2}, 0)
+    experiment = Experiment("any", strategy, vision, touch, 1)
+    learner = ReconstructionLearner(made_up(vision, reads), experiment, replace(SETTINGS, steps=2), 0)
     said = train(learner, tmp_path / "model", tmp_path / "checkpoints", CPU, "test")
     assert math.isfinite(said["validation_loss"])
-    assert said["architecture"] == ARCHITECTURE
-    assert load(tmp_path / "model/best.ckpt", experiment).strategy == strategy
+    assert said["architecture"] == ARCHITECTURE.row()
+    assert load(tmp_path / "model/best.ckpt", experiment).experiment.row() == experiment.row()

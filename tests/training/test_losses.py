@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 import torch
 
+from palpate.inference.touches import depth_to_points, touched
 from palpate.touch.sensor import PIXEL_CENTRES
-from palpate.training.losses import Truth, reconstruction_loss, sheet, subsample, touch_depth_loss, touched
+from palpate.training.losses import Truth, reconstruction_loss, subsample, touch_depth_loss
 
 
 def all_pairs(a, b):
@@ -73,7 +74,7 @@ def test_touched_is_the_supplements_threshold():
 
 def test_the_sheet_has_columns_along_y_and_rows_along_z():
     depth = torch.rand(100, 100, dtype=torch.float64)
-    points = sheet(depth)
+    points = depth_to_points(depth)
     for row, column in [(0, 0), (3, 97), (99, 12)]:
         expected = [float(depth[row, column]), PIXEL_CENTRES[column], PIXEL_CENTRES[row]]
         np.testing.assert_allclose(points[row, column], expected, rtol=1e-12)

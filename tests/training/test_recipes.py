@@ -1,43 +1,50 @@
 """Recipes: the shipped ones, what a run sets otherwise, and what is said of mistakes."""
 
-import json
+from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 import pytest
-import yaml
 
+from palpate.architectures import GCN, PAPER_ARCHITECTURES
 from palpate.configuration import ConfigError
-from palpate.models import PAPER_ARCHITECTURES
-from palpate.training import recipes, tuning
+from palpate.experiments import Experiments
+from palpate.training import tuning
+from palpate.training.recipes import Recipe
 
 PROJECT = Path(__file__).parents[2]
 FILE = PROJECT / "config/recipes.yaml"
 SCHEMA = PROJECT / "workflow/schemas/recipes.schema.yaml"
-EXPERIMENTS = yaml.safe_load((PROJECT / "config/experiments.yaml").read_text())["experiments"]
+EXPERIMENTS = Experiments.read(
+    PROJECT / "config/experiments.yaml", PROJECT / "workflow/schemas/experiments.schema.yaml"
+).experiments
 
 
 def resolve(override, name="fast", file=FILE):
-    return recipes.resolve(file, name, override, SCHEMA)
+    return Recipe.read(file, name, override, SCHEMA)
 
 
 def test_the_papers_numbers():
     """Supplement, "Optimization Details" of local and of global charts, and "Single Image ..."."""
     recipe = resolve({}, "paper")
-    depth = recipe["touch_depth"]
-    assert (depth["rate"], depth["batch"], depth["epochs"], depth["width"]) == (5e-5, 32, 114, 64)
+    depth = recipe.touch_depth
+    assert (depth.rate, depth.batch, depth.epochs, depth.width) == (5e-5, 32, 114, 64)
     for experiment in EXPERIMENTS.values():
-        found = recipes.settings(recipe, experiment)
-        assert found["architecture"] == "paper" and found["optimiser"] == "adam"
-        schedule = found["rate"], found["batch"], found["epochs"], found["patience"]
-        single = experiment["vision"] == "views"
+        found = recipe.settings(experiment)
+        assert found.architecture in PAPER_ARCHITECTURES.values() or experiment.strategy in (
+            "psg",
+            "pixel2mesh",
+            "r2n2",
+        )
+        assert found.optimiser == "adam"
+        schedule = found.rate, found.batch, found.epochs, found.patience
+        single = experiment.vision == "views"
         assert schedule == ((1e-5, 64, 40, None) if single else (3e-5, 16, 260, 70))
 
 
 def test_every_experiment_has_settings():
     recipe = resolve({})
     for name, experiment in EXPERIMENTS.items():
-        assert recipes.settings(recipe, experiment)["batch"] >= 1, name
+        assert recipe.settings(experiment).batch >= 1, name
 
 
 @pytest.mark.parametrize("name", ["fast", "paper"])
@@ -47,8 +54,9 @@ def test_the_published_single_image_networks_keep_their_share_of_the_steps(name)
     for lengths in ({"steps": 1000, "evaluate_every": 100}, {"steps": 4000, "epochs": 30}):
         override = {"reconstruction": lengths, "modalities": {"single_image": {"epochs": lengths.get("epochs")}}}
         recipe = resolve(override | {"strategies": {"psg": {"steps_factor": factor}}}, name)
-        ours = recipes.settings(recipe, EXPERIMENTS["single_image"])
-        theirs = recipes.settings(recipe, EXPERIMENTS["single_image_psg"])
+        ours = recipe.settings(EXPERIMENTS["single_image"])
+        theirs = recipe.settings(EXPERIMENTS["single_image_psg"])
+        ours, theirs = ours.row(), theirs.row()
         assert "steps_factor" not in theirs  # it has been applied: a checkpoint's settings hold the steps themselves
         assert {key: ours[key] for key in lengths} == lengths
         for key in ("steps", "epochs", "evaluate_every"):
@@ -57,21 +65,17 @@ def test_the_published_single_image_networks_keep_their_share_of_the_steps(name)
 
 def test_a_length_never_falls_to_none():
     recipe = resolve({"reconstruction": {"steps": 4}, "strategies": {"r2n2": {"steps_factor": 0.01}}})
-    assert recipes.settings(recipe, EXPERIMENTS["single_image_r2n2"])["steps"] == 1
+    assert recipe.settings(EXPERIMENTS["single_image_r2n2"]).steps == 1
 
 
 def test_an_override_is_merged_deeply_and_the_file_left_as_it_is():
     before = resolve({})
     changed = resolve({"reconstruction": {"rate": 0.5, "architecture": {"gcn": {"layers": 2}}}})
-    assert changed["reconstruction"]["rate"] == 0.5
-    assert changed["reconstruction"]["architecture"]["gcn"]["layers"] == 2
-    for key in ("width",):
-        assert (
-            changed["reconstruction"]["architecture"]["gcn"][key]
-            == before["reconstruction"]["architecture"]["gcn"][key]
-        )
-    assert changed["reconstruction"]["batch"] == before["reconstruction"]["batch"]
-    assert changed["touch_depth"] == before["touch_depth"]
+    assert changed.reconstruction["rate"] == 0.5
+    found, expected = (recipe.reconstruction["architecture"]["gcn"] for recipe in (changed, before))
+    assert found == expected | {"layers": 2}
+    assert changed.reconstruction["batch"] == before.reconstruction["batch"]
+    assert changed.touch_depth == before.touch_depth
     assert resolve({}) == before
 
 
@@ -83,12 +87,12 @@ def test_modality_then_strategy():
             "strategies": {"sphere": {"rate": 0.3}},
         }
     )
-    found = recipes.settings(recipe, EXPERIMENTS["sphere_occluded_touch"])
-    assert (found["batch"], found["rate"], found["clip"]) == (5, 0.3, 7.0)
-    found = recipes.settings(recipe, EXPERIMENTS["charts_occluded_touch"])
-    assert (found["batch"], found["rate"]) == (5, 0.2)
-    found = recipes.settings(recipe, EXPERIMENTS["charts_unoccluded_touch"])
-    assert (found["batch"], found["rate"]) == (3, 0.1)
+    found = recipe.settings(EXPERIMENTS["sphere_occluded_touch"])
+    assert (found.batch, found.rate, found.clip) == (5, 0.3, 7.0)
+    found = recipe.settings(EXPERIMENTS["charts_occluded_touch"])
+    assert (found.batch, found.rate) == (5, 0.2)
+    found = recipe.settings(EXPERIMENTS["charts_unoccluded_touch"])
+    assert (found.batch, found.rate) == (3, 0.1)
 
 
 @pytest.mark.parametrize(
@@ -104,6 +108,14 @@ def test_modality_then_strategy():
         ({"reconstruction": {"schedule": "cosine"}}, "fast.reconstruction.schedule: 'cosine' is not one of"),
         ({"reconstruction": {"architecture": {"gcn": {"depth": 1}}}}, "gcn.depth: unknown key"),
         ({"epochs": 3}, "fast.epochs: unknown key"),
+        (
+            {"reconstruction": {"architecture": {"unsuccessful": "held"}}},
+            "fast.reconstruction.architecture.unsuccessful: this key is now called 'failed_charts', and its value held",
+        ),
+        (
+            {"modalities": {"touch": {"surface_terms": {"joined": 1.0}}}},
+            "fast.modalities.touch.surface_terms: remove this key; studies/surface_terms.py",
+        ),
         ({"reconstruction": {"steps": None, "epochs": None}}, "reconstruction needs steps or epochs"),
         ({"modalities": {"touch": {"steps": None}}}, "modalities.touch needs steps or epochs"),
     ],
@@ -117,9 +129,10 @@ def test_each_mistake_is_one_clear_line(override, said):
 
 def test_a_part_of_an_architecture_is_merged_into_the_whole():
     override = {"modalities": {"occluded": {"architecture": {"gcn": {"layers": 2}}}}}
-    whole = resolve({})["reconstruction"]["architecture"]
-    found = recipes.settings(resolve(override), EXPERIMENTS["charts_occluded"])["architecture"]
-    assert found == whole | {"gcn": whole["gcn"] | {"layers": 2}}
+    experiment = EXPERIMENTS["charts_occluded"]
+    whole = resolve({}).settings(experiment).architecture
+    found = resolve(override).settings(experiment).architecture
+    assert found == replace(whole, gcn=replace(whole.gcn, layers=2)) != whole
     with pytest.raises(ConfigError, match="recipe paper, modalities.occluded does not fit") as error:
         resolve(override, "paper")
     assert "gcn.width: missing" in str(error.value)
@@ -142,20 +155,17 @@ def test_the_supplements_grid():
 
 
 def test_points_lay_their_layers_as_the_papers_tables_do():
-    settings = resolve({}, "paper")["reconstruction"]
+    settings = resolve({}, "paper").settings(EXPERIMENTS["charts_occluded_touch"])
     base = PAPER_ARCHITECTURES["occluded_touch"]
     point = {"rate": 3e-5, "cnn_layers": 18, "gcn_layers": 21, "width": 250}
-    found = tuning.point_settings(settings, base, point, None)
-    assert found["architecture"] == base and found == settings | {"architecture": base}
+    found = tuning.point_settings(settings, point, None)
+    assert found.architecture == base and found == settings
     point = {"rate": 1e-4, "cnn_layers": 12, "gcn_layers": 15, "width": 150}
-    found = tuning.point_settings(settings, base, point, 40)
-    assert found["architecture"]["encoder"]["layers"] == PAPER_ARCHITECTURES["unoccluded"]["encoder"]["layers"]
-    assert found["architecture"]["encoder"]["pool"] == [6, 9, 12]
-    assert found["architecture"]["gcn"] == {"layers": 15, "width": 150}
-    assert (found["rate"], found["steps"], found["epochs"]) == (1e-4, 40, 260)
-    # As they come out of Snakemake's parameter space; a checkpoint's settings are written as JSON.
-    of_frame = {key: np.asarray(value)[()] for key, value in point.items()}
-    assert json.dumps(tuning.point_settings(settings, base, of_frame, 40)) == json.dumps(found)
+    found = tuning.point_settings(settings, point, 40)
+    assert found.architecture.encoder.layers == PAPER_ARCHITECTURES["unoccluded"].encoder.layers
+    assert found.architecture.encoder.pool == [6, 9, 12]
+    assert found.architecture.gcn == GCN(15, 150)
+    assert (found.rate, found.steps, found.epochs) == (1e-4, 40, 260)
     assert tuning.layers_of_blocks(15) == [4, 4, 4, 3]
     with pytest.raises(ConfigError, match="6 CNN layers"):
         tuning.layers_of_blocks(6)

@@ -1,16 +1,20 @@
 """Which samples come when, and what their batches hold."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
-from palpate.training.data import TrainingDataError
-from palpate.training.samples import Assembler, Sample, shuffled, spread, to_colours, training_samples, windows
+from palpate.experiments import Experiment
+from palpate.inference.data import ExperimentDataError
+from palpate.inference.samples import Assembler, Sample, to_colours, windows
+from palpate.training.samples import shuffled, spread, training_samples
 from tests.training.conftest import OCCLUDED_TOUCH, TOUCH_ONLY, made_up
 
-VIEWS = {"strategy": "charts", "vision": "views", "touch": False, "grasps": 1}
+VIEWS = Experiment("views", "charts", "views", False, 1)
 
 
 @given(st.integers(1, 30), st.integers(1, 12), st.integers(0, 3), st.integers(0, 200))
@@ -28,7 +32,7 @@ def test_orders_differ_between_epochs_and_seeds():
 
 def test_windows_wrap_around():
     data = made_up(grasps=5)
-    found = windows(data, OCCLUDED_TOUCH | {"grasps": 3}, "test")
+    found = windows(data, replace(OCCLUDED_TOUCH, grasps=3), "test")
     assert [sample.grasps for sample in found] == [(0, 1, 2), (1, 2, 3), (2, 3, 4), (3, 4, 0), (4, 0, 1)]
     assert [sample.window for sample in found] == [0, 1, 2, 3, 4]
     assert {data.splits[sample.object] for sample in found} == {"test"}
@@ -36,8 +40,8 @@ def test_windows_wrap_around():
 
 def test_one_window_where_there_is_no_other():
     data = made_up(grasps=3)
-    assert len(windows(data, OCCLUDED_TOUCH | {"grasps": 3}, "validation")) == 2
-    alone = {"strategy": "charts", "vision": "unoccluded", "touch": False, "grasps": 1}
+    assert len(windows(data, replace(OCCLUDED_TOUCH, grasps=3), "validation")) == 2
+    alone = Experiment("alone", "charts", "unoccluded", False, 1)
     assert windows(made_up("unoccluded", "none"), alone, "test") == [Sample(6)]
 
 
@@ -47,10 +51,10 @@ def test_every_view_is_a_window():
 
 
 def test_too_few_grasps_is_said(data):
-    with pytest.raises(TrainingDataError, match="3 grasps an object, but the experiment needs 4"):
-        windows(data, OCCLUDED_TOUCH | {"grasps": 4}, "train")
-    with pytest.raises(TrainingDataError, match="grasps.per_object"):
-        training_samples(data, OCCLUDED_TOUCH | {"grasps": 4}, 2, 0, 0)
+    with pytest.raises(ExperimentDataError, match="3 grasps an object, but the experiment needs 4"):
+        windows(data, replace(OCCLUDED_TOUCH, grasps=4), "train")
+    with pytest.raises(ExperimentDataError, match="grasps.per_object"):
+        training_samples(data, replace(OCCLUDED_TOUCH, grasps=4), 2, 0, 0)
 
 
 def test_spread_takes_windows_of_every_object_evenly():
@@ -79,7 +83,7 @@ def test_a_step_does_not_depend_on_those_before(data):
 def test_a_batch_sample_by_sample():
     data = made_up("occluded", "charts", cameras=2)
     samples = [Sample(2, (1, 0)), Sample(5, (2, 1), 1), Sample(2, (0, 2))]
-    batch = Assembler(data, TOUCH_ONLY | {"vision": "occluded"})(samples)
+    batch = Assembler(data, replace(TOUCH_ONLY, vision="occluded"))(samples)
     assert batch["image"].dtype == torch.float32 and tuple(batch["image"].shape) == (3, 3, 24, 24)
     for place, sample in enumerate(samples):
         image = data["occluded"][sample.object, sample.grasps[0], sample.view].transpose(2, 0, 1) / 255
@@ -93,7 +97,7 @@ def test_a_batch_sample_by_sample():
 
 def test_a_batch_of_readings_and_of_views():
     data = made_up("none", "readings")
-    batch = Assembler(data, TOUCH_ONLY | {"strategy": "sphere"})([Sample(1, (2,))])
+    batch = Assembler(data, replace(TOUCH_ONLY, strategy="sphere"))([Sample(1, (2,))])
     np.testing.assert_allclose(batch["reading"][0], data["reading"][1, 2].transpose(0, 3, 1, 2) / 255, atol=1e-7)
     data = made_up("views", "none")
     batch = Assembler(data, VIEWS)([Sample(0, (), 3), Sample(6, (), 1)])
@@ -103,7 +107,7 @@ def test_a_batch_of_readings_and_of_views():
 
 def test_an_unoccluded_image_goes_with_any_grasp():
     data = made_up("unoccluded", "charts", cameras=3)
-    batch = Assembler(data, OCCLUDED_TOUCH | {"vision": "unoccluded"})([Sample(3, (2,)), Sample(3, (1,), 2)])
+    batch = Assembler(data, replace(OCCLUDED_TOUCH, vision="unoccluded"))([Sample(3, (2,)), Sample(3, (1,), 2)])
     for place, view in enumerate((0, 2)):
         image = data["unoccluded"][3, view].transpose(2, 0, 1) / 255
         np.testing.assert_allclose(batch["image"][place], image, atol=1e-7)
@@ -121,7 +125,7 @@ def test_images_of_several_cameras_are_samples_of_their_own():
     for step, samples in enumerate(seen):
         assert [each._replace(view=0) for each in samples] == training_samples(one, OCCLUDED_TOUCH, 2, 7, step)
         assert [each._replace(view=0) for each in samples] == training_samples(
-            made_up("none", "charts"), OCCLUDED_TOUCH | {"vision": "none"}, 2, 7, step
+            made_up("none", "charts"), replace(OCCLUDED_TOUCH, vision="none"), 2, 7, step
         )
 
 

@@ -6,40 +6,44 @@ import signal
 import subprocess
 import sys
 import time
+from dataclasses import replace
 
 import numpy as np
 import pytest
 import torch
 from scipy.spatial import cKDTree
 
+from palpate.architectures import Decoder
 from palpate.charts import plane_normals
+from palpate.experiments import Experiment
+from palpate.inference.checkpoints import build, load
+from palpate.inference.machine import Machine
+from palpate.inference.samples import windows
 from palpate.mesh import OBJECT_POSITION
-from palpate.training.checkpoints import architecture, build, load
 from palpate.training.learners import Diverged, ReconstructionLearner
 from palpate.training.loop import train
 from palpate.training.losses import Truth
-from palpate.training.machine import Machine
-from palpate.training.samples import windows
-from palpate.training.single_image import LOSSES, laplacian, slant
+from palpate.training.single_image import LOSSES, laplacian, mean_cosine
 from tests.training.conftest import ARCHITECTURE, SETTINGS, made_up
+from tests.training.test_recipes import resolve
 
 STRATEGIES = ("psg", "pixel2mesh", "r2n2")
-DECODERS = {"psg": {"hidden": 12, "points": 150}, "r2n2": {"hidden": 12, "channels": [4, 4, 4, 4], "level": 0.5}}
+DECODERS = {"psg": Decoder(12, points=150), "r2n2": Decoder(12, channels=[4, 4, 4, 4], level=0.5)}
 CPU = Machine("cpu")
 PARTIAL = 60  # of the true points, in the losses
 
 
 def experiment(strategy):
-    return {"strategy": strategy, "vision": "views", "touch": False, "grasps": 1}
+    return Experiment(strategy, strategy, "views", False, 1)
 
 
 def layers(strategy):
-    encoder = ARCHITECTURE["encoder"] | {"norm": "instance"}
-    return ARCHITECTURE | {"encoder": encoder, "decoder": DECODERS.get(strategy)}
+    encoder = replace(ARCHITECTURE.encoder, norm="instance")
+    return replace(ARCHITECTURE, encoder=encoder, decoder=DECODERS.get(strategy))
 
 
 def run(folder, strategy, **changed):
-    settings = SETTINGS | {"architecture": layers(strategy)} | changed
+    settings = replace(SETTINGS, architecture=layers(strategy), **changed)
     learner = ReconstructionLearner(made_up("views", "none"), experiment(strategy), settings, 0)
     return train(learner, folder / "model", folder / "checkpoints", CPU, "test")
 
@@ -135,9 +139,9 @@ def test_pixel2meshs_regularisers_in_closed_form():
     along = vertices[:, edges[:, 0]] - vertices[:, edges[:, 1]]
     upright, inclined = torch.zeros(2, 1, 7, 3, dtype=torch.float64)
     upright[..., 2], inclined[..., 0] = 1, 1
-    assert float(slant(along, upright, edges)) == 0
+    assert float(mean_cosine(along, upright, edges)) == 0
     # Of the twelve edges' directions a third has |cos| 1 with x, the others 1/2.
-    assert float(slant(along, inclined, edges)) == pytest.approx((4 * 1 + 8 * 0.5) / 12)
+    assert float(mean_cosine(along, inclined, edges)) == pytest.approx((4 * 1 + 8 * 0.5) / 12)
 
 
 def test_cross_entropy_of_the_cells(truth):
@@ -177,14 +181,14 @@ def test_it_learns(trained):
     rows = history(folder)
     assert rows[-1]["train_loss"] < 0.9 * rows[0]["train_loss"]
     assert said["validation_loss"] < rows[0]["validation_loss"]
-    assert said["experiment"] == experiment(strategy) and said["validated"] == 2 * 5
+    assert said["experiment"] == experiment(strategy).row() and said["validated"] == 2 * 5
 
 
 def test_validation_is_the_chamfer_distance_of_what_is_predicted(trained):
     """For all in the tables' unit, whatever the training's loss: against all pairs, with the model that was kept."""
     strategy, folder, said = trained
     data, model = made_up("views", "none"), load(folder / "model/best.ckpt", experiment(strategy))
-    truth, settings = data["points"], SETTINGS | {"architecture": layers(strategy)}
+    truth, settings = data["points"], replace(SETTINGS, architecture=layers(strategy))
     learner = ReconstructionLearner(data, experiment(strategy), settings, 0)
     learner.on_fit_start()
     samples = windows(data, experiment(strategy), "validation")[:2]
@@ -192,10 +196,10 @@ def test_validation_is_the_chamfer_distance_of_what_is_predicted(trained):
     generator = torch.Generator().manual_seed(3)
     with torch.inference_mode():
         predictions = model(learner.assemble(samples))
-        points = model.sample(predictions, settings["validation_points"], generator).numpy()
+        points = model.sample(predictions, settings.validation_points, generator).numpy()
     for loss, mine, sample in zip(losses, points, samples, strict=True):
         cloud = truth[sample.object]
-        chosen = cloud[torch.randperm(len(cloud), generator=generator)[: settings["validation_points"]].numpy()]
+        chosen = cloud[torch.randperm(len(cloud), generator=generator)[: settings.validation_points].numpy()]
         naive = nearest_rows(mine, cloud)[1].mean() + nearest_rows(chosen, mine)[1].mean()
         assert loss == pytest.approx(9000 * naive, rel=1e-3)
 
@@ -226,7 +230,7 @@ def test_a_killed_training_resumes_to_the_same_bytes(strategy, tmp_path):
 
 @pytest.mark.parametrize("strategy", STRATEGIES)
 def test_a_prediction_that_is_not_finite_is_said(strategy, tmp_path):
-    settings = SETTINGS | {"architecture": layers(strategy)}
+    settings = replace(SETTINGS, architecture=layers(strategy))
     learner = ReconstructionLearner(made_up("views", "none"), experiment(strategy), settings, 0)
     with torch.no_grad():
         next(learner.model.encoder.parameters()).fill_(float("nan"))
@@ -235,6 +239,5 @@ def test_a_prediction_that_is_not_finite_is_said(strategy, tmp_path):
 
 
 def test_the_published_layers_are_those_of_the_papers_recipe():
-    found = architecture(experiment("psg"), {"architecture": "paper"})
-    assert found["decoder"]["points"] == 256 and found["encoder"]["channels"][-1] == 256
-    assert architecture(experiment("psg"), {"architecture": layers("psg")}) == layers("psg")
+    found = resolve({}, "paper").settings(experiment("psg")).architecture
+    assert found.decoder.points == 256 and found.encoder.channels[-1] == 256

@@ -7,33 +7,35 @@ import pytest
 import torch
 
 from palpate import Dataset, store
+from palpate.inference.data import ExperimentDataError
+from palpate.inference.machine import Machine
+from palpate.inference.touches import predict_depth, touch_charts
 from palpate.models import TouchDepth
 from palpate.touch import SENSOR_RANGE, empty_reading, local_points, shade
 from palpate.touch.sensor import PIXEL_CENTRES
-from palpate.training.data import TrainingDataError
 from palpate.training.learners import TouchDepthLearner
 from palpate.training.loop import train
-from palpate.training.machine import Machine
-from palpate.training.touches import predict_depth, read_touches, touch_charts
+from palpate.training.recipes import TouchDepthSettings
+from palpate.training.touches import read_touches
 from tests.training.test_data import ATTRIBUTES
 
 Y, Z = np.meshgrid(PIXEL_CENTRES, PIXEL_CENTRES)
-SETTINGS = {
-    "width": 2,
-    "optimiser": "adam",
-    "rate": 3e-3,
-    "schedule": "one_cycle",
-    "weight_decay": 0,
-    "clip": 1.0,
-    "ema": None,
-    "batch": 2,
-    "steps": 12,
-    "epochs": None,
-    "evaluate_every": 4,
-    "patience": None,
-    "loss_points": 200,
-    "validation_samples": 2,
-}
+SETTINGS = TouchDepthSettings(
+    width=2,
+    optimiser="adam",
+    rate=3e-3,
+    schedule="one_cycle",
+    weight_decay=0,
+    clip=1.0,
+    ema=None,
+    batch=2,
+    steps=12,
+    epochs=None,
+    evaluate_every=4,
+    patience=None,
+    loss_points=200,
+    validation_samples=2,
+)
 
 
 def bump(y, z, radius=0.006):
@@ -91,7 +93,7 @@ def test_successful_touches_of_the_split_that_show_something(run):
     np.testing.assert_array_equal(found.reading[0].permute(1, 2, 0), arrays["reading"][0, 0, 1])
     np.testing.assert_array_equal(found.empty.permute(1, 2, 0), empty_reading())
     assert len(touches(run, "train", "validation")) == 11
-    with pytest.raises(TrainingDataError, match="no object of test was touched"):
+    with pytest.raises(ExperimentDataError, match="no object of test was touched"):
         touches(run, "test")
 
 

@@ -51,7 +51,7 @@ def test_a_training_that_was_killed_goes_on_to_the_same_model(make_workflow):
     assert not (model / "best.ckpt").exists()
     result = workflow(EVALUATION)
     assert result.returncode == 0, result.stderr
-    assert "goes on from" in (workflow.run / "logs/reconstruction/charts_touch-0.log").read_text()
+    assert "continues from" in (workflow.run / "logs/reconstruction/charts_touch-0.log").read_text()
 
     assert (model / "best.ckpt").read_bytes() == (uninterrupted / "best.ckpt").read_bytes()
     histories = [pd.read_csv(folder / "history.csv").drop(columns="seconds") for folder in (model, uninterrupted)]

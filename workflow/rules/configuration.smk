@@ -27,7 +27,8 @@ from palpate.batch import one_line_error as one_line
 from palpate.check import FILES, resolve
 from palpate.configuration import ConfigError, absolute, check, read_yaml, typed, whole_numbers
 from palpate.experiments import Experiments
-from palpate.training import inputs, recipes
+from palpate.inference import inputs
+from palpate.training.recipes import Recipe
 
 # Jobs find Palpate in this checkout, also in an environment that has only its dependencies (envs/palpate.yaml).
 os.environ.setdefault("PYTHONPATH", str(PROJECT))
@@ -69,7 +70,7 @@ try:
     check(config, SCHEMAS / "config.schema.yaml", FILES)
     config.update(whole_numbers(config))
     EXPERIMENTS = Experiments.read(PROJECT / "config/experiments.yaml", SCHEMAS / "experiments.schema.yaml")
-    RECIPE = recipes.resolve(
+    RECIPE = Recipe.read(
         PROJECT / "config/recipes.yaml",
         config["training"]["recipe"],
         config["training"]["override"],
@@ -344,7 +345,7 @@ def stores_of(name, *more):
         "catalogue": catalogue_with(("train", "validation"), f"experiment {name}"),
         **{
             stage: expand(f"{stage}/{{batch}}.zarr", batch=BATCHES)
-            for stage in dict.fromkeys([*inputs.stages(experiment.row()), *more])
+            for stage in dict.fromkeys([*inputs.stages(experiment), *more])
         },
     }
 
@@ -354,9 +355,9 @@ def experiment_stores(wildcards):
 
 
 def training_inputs(wildcards):
-    """The stores of an experiment, and the model that its training goes on from."""
+    """The stores of an experiment, and the model that its training continues from."""
     experiment, seed = wildcards.experiment, wildcards.seed
-    base = recipes.base(RECIPE, EXPERIMENTS.experiments[experiment].row())
+    base = RECIPE.base(EXPERIMENTS.experiments[experiment])
     return stores_of(experiment) | ({"base": f"models/{base}/seed-{seed}/best.ckpt"} if base else {})
 
 
@@ -373,7 +374,7 @@ def stored_mb(paths):
 
 def experiment_settings(wildcards):
     """How an experiment is trained by the run's recipe."""
-    return recipes.settings(RECIPE, EXPERIMENTS.experiments[wildcards.experiment].row())
+    return RECIPE.settings(EXPERIMENTS.experiments[wildcards.experiment]).row()
 
 
 wildcard_constraints:

@@ -9,8 +9,8 @@ except ConfigError as error:
 POINTS = {str(Path(*(f"{key}~{value}" for key, value in point.items()))): point for point in grid}
 
 
-# One model of config/experiments.yaml, from just the stores that it takes arrays of (palpate/training/inputs.py), and
-# the base model that it goes on from.
+# One model of config/experiments.yaml, from just the stores that it takes arrays of (palpate/inference/inputs.py), and
+# the base model that it continues from.
 rule reconstruction:
     input:
         unpack(training_inputs),
@@ -52,7 +52,7 @@ use rule reconstruction as tuning_point with:
         point="|".join(map(re.escape, POINTS)),
     params:
         experiment=EXPERIMENTS.experiments[TUNED].row() if TUNED in EXPERIMENTS.experiments else None,
-        settings=lambda wildcards: recipes.settings(RECIPE, EXPERIMENTS.experiments[TUNED].row()),
+        settings=lambda wildcards: RECIPE.settings(EXPERIMENTS.experiments[TUNED]).row(),
         point=lambda wildcards: POINTS[wildcards.point],
         steps=config["tuning"]["steps"],
         machine=TRAINING_MACHINE,

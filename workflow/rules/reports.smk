@@ -38,7 +38,7 @@ rule report_item:
         runtime=120,
     params:
         settings=lambda wildcards: {
-            section: RECIPE if section == "recipe" else config[section] for section in item_of(wildcards).settings
+            section: RECIPE.row() if section == "recipe" else config[section] for section in item_of(wildcards).settings
         },
         batches=REPORT_BATCHES,
         objects=lambda wildcards: config["reports"]["objects"] if is_timed(wildcards) else 1,

@@ -17,7 +17,7 @@ rule touch_depth:
         runtime=720,
         gpu=TRAINING_GPUS,
     params:
-        settings=RECIPE["touch_depth"],
+        settings=RECIPE.touch_depth.row(),
         machine=TRAINING_MACHINE,
         seed=config["seed"],
     script:
@@ -42,7 +42,7 @@ rule charts:
     params:
         settings={
             "chart_fit": config["training"]["chart_fit"],
-            "touch_depth": RECIPE["touch_depth"],
+            "touch_depth": RECIPE.touch_depth.row(),
         },
         device=config["training"]["device"],
         seed=config["seed"],

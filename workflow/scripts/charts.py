@@ -9,16 +9,18 @@ import logging
 import numpy as np
 import torch
 
-from palpate import checksums, provenance, store, training
+from palpate import checksums, provenance, store
 from palpate.batch import log_to
 from palpate.charts.atlas import TOUCH_VERTICES
+from palpate.inference.checkpoints import load_touch_depth, require_sensor
+from palpate.inference.machine import Machine
+from palpate.inference.touches import object_charts
 from palpate.sensor import Sensor
-from palpate.training.checkpoints import require_sensor
 
 log = logging.getLogger(__name__)
 log_to(snakemake.log[0])
 torch.set_num_threads(snakemake.threads)
-device = training.Machine(snakemake.params.device).torch_device()
+device = Machine(snakemake.params.device).torch_device()
 stored, settings, seed = store.open(snakemake.input.touch), snakemake.params.settings, snakemake.params.seed
 names = ("object", "success", "position", "rotation", "reading", "empty_reading")
 touch = {name: stored.get(name) for name in names}
@@ -26,14 +28,14 @@ made_with = {
     "training": {"chart_fit": settings["chart_fit"]},
     "touch_depth": {**settings["touch_depth"], "weights": checksums.size_and_sha256(snakemake.input.model)[1]},
 }
-model = training.load_touch_depth(snakemake.input.model).to(device)
+model = load_touch_depth(snakemake.input.model).to(device)
 sensor = Sensor.from_description(stored.attributes["sensor"])
 require_sensor(None, model.sensor, None, sensor, snakemake.input.model)
 names, success = touch["object"], touch["success"]
 vertices = np.empty((*success.shape, TOUCH_VERTICES, 3), np.float32)
 for place, name in enumerate(names):  # by themselves, so that charts do not depend on the batch
     log.info("charts %d/%d: %s", place + 1, len(names), name)
-    vertices[place] = training.object_charts(model, touch, place, settings["chart_fit"])
+    vertices[place] = object_charts(model, touch, place, settings["chart_fit"])
 store.write(
     snakemake.output.charts,
     "charts",

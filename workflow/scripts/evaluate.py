@@ -17,23 +17,26 @@ They are of the splits that tables need. steps are those of the training.
 import pandas as pd
 import torch
 
-from palpate import Dataset, training
+from palpate import Dataset
 from palpate.atomic import atomic_write
 from palpate.batch import log_to
 from palpate.evaluation import evaluate
+from palpate.experiments import Experiment
+from palpate.inference.checkpoints import load_touch_depth
+from palpate.inference.data import ExperimentData
+from palpate.inference.machine import Machine
 
 inputs, params, wildcards = snakemake.input, snakemake.params, snakemake.wildcards
 
 
 def measured() -> pd.DataFrame:
     if not params.get("experiment"):
-        device = training.Machine(params.device).torch_device()
-        model = training.load_touch_depth(inputs.model).to(device)
+        model = load_touch_depth(inputs.model).to(Machine(params.device).torch_device())
         steps = evaluate.training_steps(inputs.summary)
         return evaluate.evaluate_touch(model, steps, Dataset(".", ["touch", "charts"]), params.points, params.splits)
-    name, seed = wildcards.experiment, int(wildcards.seed)
-    trained = evaluate.load(inputs.model, inputs.summary, name, params.experiment, seed, params.device)
-    data = training.TrainingData.load(".", params.experiment, params.splits)
+    experiment = Experiment.from_row(wildcards.experiment, params.experiment)
+    trained = evaluate.load(inputs.model, inputs.summary, experiment, int(wildcards.seed), params.device)
+    data = ExperimentData.load(".", experiment, params.splits)
     if inputs.get("rings"):
         return evaluate.evaluate_rings(trained, data, Dataset(".", ["touch", "rings"]), params.splits)
     return evaluate.evaluate(trained, data, params.points, params.splits)

@@ -12,31 +12,36 @@ import atexit
 import gc
 from pathlib import Path
 
-from palpate import Dataset, training
+from palpate import Dataset
 from palpate.batch import log_to
-from palpate.training import checkpoints, tuning
+from palpate.experiments import Experiment
+from palpate.inference.data import ExperimentData
+from palpate.inference.machine import Machine
+from palpate.training import tuning
+from palpate.training.learners import ReconstructionLearner, TouchDepthLearner
+from palpate.training.loop import train
+from palpate.training.recipes import ReconstructionSettings, TouchDepthSettings
+from palpate.training.touches import read_touches
 
 log_to(snakemake.log[0])
 # Not to go through all of Lightning's and torch's modules once more when the process ends, which takes it 0.9 s.
 atexit.register(gc.freeze)
 params, folder = snakemake.params, Path(snakemake.output.model).parent
-settings = params.settings
 splits = ("train", "validation")
 if params.get("experiment"):
+    experiment = Experiment.from_row(snakemake.wildcards.get("experiment", ""), params.experiment)
+    settings = ReconstructionSettings.from_row(params.settings)
     if params.get("point"):
-        layers = checkpoints.architecture(params.experiment, settings)
-        settings = tuning.point_settings(settings, layers, params.point, params.steps)
-    data = training.TrainingData.load(".", params.experiment, splits)
-    learner = training.ReconstructionLearner(
-        data, params.experiment, settings, params.seed, snakemake.input.get("base")
-    )
+        settings = tuning.point_settings(settings, params.point, params.steps)
+    data = ExperimentData.load(".", experiment, splits)
+    learner = ReconstructionLearner(data, experiment, settings, params.seed, snakemake.input.get("base"))
 else:
-    touches = [training.read_touches(Dataset(".", ["touch"]), split) for split in splits]
-    learner = training.TouchDepthLearner(*touches, settings, params.seed)
-training.train(
+    touches = [read_touches(Dataset(".", ["touch"]), split) for split in splits]
+    learner = TouchDepthLearner(*touches, TouchDepthSettings(**params.settings), params.seed)
+train(
     learner,
     folder,
     Path("checkpoints", *folder.parts[folder.parts[0] == "models" :]),
-    training.Machine(**params.machine, threads=snakemake.threads),
+    Machine(**params.machine, threads=snakemake.threads),
     str(folder),
 )

@@ -7,7 +7,7 @@ import trimesh
 
 from palpate.mesh.distance import Surface, sample
 from palpate.protocol import CHAMFER_SCALE
-from palpate.training import Truth
+from palpate.training.losses import Truth
 from studies.error_vs_runtime import chamfer
 from studies.error_vs_runtime.chamfer import Chamfer, Pair, changed_loss, exact, training_loss
 

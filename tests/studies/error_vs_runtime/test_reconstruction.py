@@ -1,18 +1,19 @@
 """The study of reconstruction models, on a few ellipsoids with random pictures, trained on four samples."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
 
 from palpate.charts import sample_faces
 from palpate.evaluation.metrics import score
-from palpate.training.recipes import merge
 from studies.error_vs_runtime import reconstruction
 from studies.error_vs_runtime.reconstruction import ReconstructionStudy, chamfer
 from tests.training.conftest import ARCHITECTURE, SETTINGS, made_up
 
 # Instance norm: a mean over a batch would differ between batches.
-LAYERS = merge(ARCHITECTURE, {"encoder": {"norm": "instance"}})
+LAYERS = replace(ARCHITECTURE, encoder=replace(ARCHITECTURE.encoder, norm="instance"))
 MACHINE = {"precision": "32-true", "threads": 1}
 
 
@@ -20,7 +21,7 @@ MACHINE = {"precision": "32-true", "threads": 1}
 def study(monkeypatch) -> ReconstructionStudy:
     monkeypatch.setattr(reconstruction, "SAMPLES", 4)
     data = made_up("unoccluded", "none")
-    return ReconstructionStudy(data, {**SETTINGS, "architecture": LAYERS, "batch": 1}, MACHINE, 500)
+    return ReconstructionStudy(data, replace(SETTINGS, architecture=LAYERS, batch=1), MACHINE, 500)
 
 
 def test_the_error_is_the_evaluations(study):
@@ -86,6 +87,6 @@ def test_a_variant_is_what_it_says_and_is_trained_on_as_many_samples(study):
     variant = study.base._replace(width=12, layers=4, deformations=2, batch=2, seed=1)
     model, step = study.trained(variant)
     shapes = [tuple(layer.weight.shape) for layer in model.gcn.layers]
-    assert len(shapes) == 4 and shapes[1] == (12, 12) and model.deformations == 2
-    assert step.learner.settings["steps"] * step.learner.settings["batch"] == 4
+    assert len(shapes) == 4 and shapes[1] == (12, 12) and model.architecture.deformations == 2
+    assert step.learner.settings.steps * step.learner.settings.batch == 4
     assert study.trained(variant)[0] is model

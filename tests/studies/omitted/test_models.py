@@ -1,17 +1,20 @@
 """What is omitted in models and in their data changes nothing."""
 
 import itertools
+from dataclasses import replace
 
 import networkx
 import pytest
 import torch
 
 from palpate import Dataset
+from palpate.architectures import Architecture
 from palpate.charts import Graph, touch_chart
 from palpate.charts.graph import mesh_edges
-from palpate.training import TrainingData
-from palpate.training.inputs import INPUTS, inputs, stages
-from palpate.training.samples import Assembler, training_samples, windows
+from palpate.inference.data import ExperimentData
+from palpate.inference.inputs import INPUTS, inputs, stages
+from palpate.inference.samples import Assembler, windows
+from palpate.training.samples import training_samples
 from studies.omitted.models import (
     BOTH,
     DATA,
@@ -28,24 +31,25 @@ from studies.omitted.models import (
     difference,
     predict,
 )
-from tests.models.batches import SMALL, random_batch
+from tests.models.batches import SMALL as ROW
+from tests.models.batches import random_batch
 from tests.training.test_data import made  # noqa: F401
 
-NO_COPY, NO_COMM = (BOTH | {"strategy": strategy} for strategy in ("no_copy", "no_comm"))
-VIEWS, OCCLUDED = VISION | {"vision": "views"}, BOTH | {"vision": "occluded"}
-EXPERIMENTS = (VISION, TOUCH, TOUCH | {"grasps": 2}, BOTH, SPHERE, NO_COPY, NO_COMM, VIEWS, OCCLUDED)
+SMALL = Architecture.from_row(ROW)
+NO_COPY, NO_COMM = (replace(BOTH, strategy=strategy) for strategy in ("no_copy", "no_comm"))
+VIEWS, OCCLUDED = replace(VISION, vision="views"), replace(BOTH, vision="occluded")
+EXPERIMENTS = (VISION, TOUCH, replace(TOUCH, grasps=2), BOTH, SPHERE, NO_COPY, NO_COMM, VIEWS, OCCLUDED)
 EXACT = 1e-12  # m, in double precision
-POOLED = SMALL | {"touch": "pooled"}
+POOLED = replace(SMALL, touch="pooled")
 
 
 def omissions():
     """Layers, experiments, and needless inputs of their models: each alone, and all at once."""
     for layers, experiment in itertools.product((SMALL, POOLED), EXPERIMENTS):
-        model = build(experiment, layers)
         needless = [SPARE]
-        needless += [] if model.vision else [IMAGE]
+        needless += [] if experiment.has_vision else [IMAGE]
         # Without touch there is no reading to encode.
-        needless += [READING] if model.touch and not model.reads_readings else []
+        needless += [READING] if experiment.touch and not experiment.takes_readings else []
         for naive in [[each] for each in needless] + [needless] * (len(needless) > 1):
             yield layers, experiment, naive
 
@@ -57,7 +61,7 @@ def test_a_needless_part_without_weight_changes_no_vertex(layers, experiment, na
     more = build(experiment, layers, naive).double().eval()
     sizes = [sum(tensor.numel() for tensor in (*model.parameters(), *model.buffers())) for model in (less, more)]
     assert sizes[0] < sizes[1]
-    batch = random_batch(2, experiment["grasps"], seed=3)
+    batch = random_batch(2, experiment.grasps, seed=3)
     one, other = (predict(model, batch) for model in (copy_weights(less, more), less))
     assert difference(one, other) <= EXACT
     displacement = other.tensors["vertices"][:, : len(less.start)] - less.start
@@ -78,7 +82,7 @@ def test_a_needless_part_with_weight_changes_vertices():
 @pytest.mark.parametrize("experiment", EXPERIMENTS)
 def test_all_arrays_give_the_same_samples_in_the_same_order(made, experiment):  # noqa: F811
     dataset = Dataset(made[0], {item.stage for item in INPUTS})
-    less, more = (TrainingData.read(dataset, arrays) for arrays in (inputs(experiment), INPUTS))
+    less, more = (ExperimentData.read(dataset, arrays) for arrays in (inputs(experiment), INPUTS))
     assert set(less.arrays) < set(more.arrays)
     assert windows(less, experiment, "train") == windows(more, experiment, "train")
     for step in range(5):

@@ -2,6 +2,7 @@
 
 import hashlib
 import io
+import re
 import zipfile
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -9,15 +10,10 @@ from typing import Any
 
 import torch
 
+from palpate.architectures import Architecture
 from palpate.atomic import atomic_write
-from palpate.models import (
-    SINGLE_IMAGE_ARCHITECTURES,
-    SINGLE_IMAGE_MODELS,
-    Reconstruction,
-    SingleImageModel,
-    TouchDepth,
-    paper_architecture,
-)
+from palpate.experiments import Experiment
+from palpate.models import SINGLE_IMAGE_MODELS, Reconstruction, SingleImageModel, TouchDepth
 from palpate.models.reconstruction import HAND_SENSORS
 from palpate.rebuild_command import rebuild_command
 from palpate.sensor import DIGIT, Sensor
@@ -30,28 +26,13 @@ class CheckpointError(ValueError):
     """A checkpoint can't be used; the message names the file and what to do."""
 
 
-def architecture(experiment: Mapping[str, Any], settings: Mapping[str, Any]) -> dict[str, Any]:
-    """The layers of an experiment's model: those of its settings, or the paper's for its modalities.
-
-    Of the published single-image networks those of their publications stand for the paper's.
-    """
-    if settings["architecture"] == "paper":
-        if experiment["strategy"] in SINGLE_IMAGE_ARCHITECTURES:
-            return SINGLE_IMAGE_ARCHITECTURES[experiment["strategy"]]
-        return paper_architecture(experiment["vision"], experiment["touch"])
-    return dict(settings["architecture"])
-
-
 def build(
-    experiment: Mapping[str, Any], layers: Mapping[str, Any], hand_sensors: int = HAND_SENSORS, sensor: Sensor = DIGIT
+    experiment: Experiment, architecture: Architecture, hand_sensors: int = HAND_SENSORS, sensor: Sensor = DIGIT
 ) -> Reconstruction | SingleImageModel:
-    """The untrained model of a row of config/experiments.yaml, for a hand's number of sensors and their kind."""
-    if experiment["strategy"] in SINGLE_IMAGE_MODELS:
-        return SINGLE_IMAGE_MODELS[experiment["strategy"]](layers)
-    vision = experiment["vision"] != "none"
-    return Reconstruction(
-        experiment["strategy"], vision, experiment["touch"], experiment["grasps"], layers, hand_sensors, sensor
-    )
+    """The untrained model of an experiment, for a hand's number of sensors and their kind."""
+    if experiment.strategy in SINGLE_IMAGE_MODELS:
+        return SINGLE_IMAGE_MODELS[experiment.strategy](architecture)
+    return Reconstruction(experiment, architecture, hand_sensors, sensor)
 
 
 def continue_from(model: Reconstruction, path: Path | str) -> str:
@@ -62,7 +43,7 @@ def continue_from(model: Reconstruction, path: Path | str) -> str:
     has not, or was trained with another sensor.
     """
     content = read(path, "reconstruction")
-    if model.touch and content["experiment"]["touch"]:
+    if model.experiment.touch and experiment_of(content).touch:
         count, sensor = _sensor_of(content)
         require_sensor(count, sensor, model.hand_sensors, model.sensor, path)
     base = content["weights"]
@@ -85,8 +66,7 @@ def save(path: Path | str, kind: str, model: torch.nn.Module, described: Mapping
 
     kind: `reconstruction` or `touch_depth`. described: what `load` needs to build the model (`experiment` and
     `architecture`, or `width`; `sensor` and `hand_sensors`), and further values that JSON can hold: for
-    `palpate.reconstruct` the `camera` that all images had, a (3, 4) projection to pixels or None, and their
-    `image_size`.
+    `palpate.reconstruct` the `camera` of all images, a (3, 4) projection to pixels or None, and their `image_size`.
     """
     weights = {name: value.detach().cpu() for name, value in model.state_dict().items()}
     content = io.BytesIO()  # torch's own writing of a file does not say that the disk is full
@@ -102,13 +82,13 @@ def read(path: Path | str, kind: str) -> dict[str, Any]:
     """
     if not Path(path).exists():
         raise CheckpointError(f"{path} does not exist; train the model with: {rebuild_command(path)}")
-    open(path, "rb").close()  # a file that may not be read is no damaged one
+    open(path, "rb").close()  # a file without permission to read is not damaged
     require_intact(path)
     try:
         content = torch.load(path, map_location="cpu", weights_only=True)
         version, content_kind = content["schema_version"], content["kind"]
         if version == SCHEMA_VERSION and not isinstance(content["weights"], dict):
-            raise TypeError("its weights are none")
+            raise TypeError("no weights")
     except Exception as error:
         raise CheckpointError(
             f"{path} is no checkpoint of Palpate ({type(error).__name__}); remove it and train again"
@@ -152,20 +132,30 @@ def require_intact(path: Path | str) -> None:
         )
 
 
-def load(path: Path | str, experiment: Mapping[str, Any] | None = None) -> Reconstruction | SingleImageModel:
+def experiment_of(content: Mapping[str, Any]) -> Experiment:
+    """The experiment that a checkpoint's content states."""
+    return Experiment.from_row(str(content.get("name") or "").partition("/")[0], content["experiment"])
+
+
+def load(path: Path | str, experiment: Experiment | None = None) -> Reconstruction | SingleImageModel:
     """A trained reconstruction model in evaluation mode, on the CPU.
 
-    path: `<run>/models/<experiment>/seed-<k>/best.ckpt`. experiment: the row of config/experiments.yaml that
-    it must be of, if given. Raises CheckpointError, before anything runs, if the file is missing, of another
-    schema version, of another experiment, or its weights don't fit the architecture it names.
+    path: `<run>/models/<experiment>/seed-<k>/best.ckpt`. experiment: the one that it must be of, if given.
+    Raises CheckpointError, before anything runs, if the file is missing, of another schema version, of another
+    experiment, or its weights don't fit the architecture it names.
     """
     content = read(path, "reconstruction")
-    if experiment is not None and dict(experiment) != content.get("experiment"):
+    if experiment is not None and experiment.row() != content.get("experiment"):
         raise CheckpointError(
-            f"{path} was trained for {content.get('experiment')}, but {dict(experiment)} is asked for; "
+            f"{path} was trained for {content.get('experiment')}, but {experiment.row()} is asked for; "
             "remove it and train the model again"
         )
-    return _filled(path, lambda: build(content["experiment"], content["architecture"], *_sensor_of(content)), content)
+
+    def make() -> Reconstruction | SingleImageModel:
+        architecture = Architecture.from_row(content["architecture"])
+        return build(experiment_of(content), architecture, *_sensor_of(content))
+
+    return _filled(path, make, content)
 
 
 def _sensor_of(content: Mapping[str, Any]) -> tuple[int, Sensor]:
@@ -179,7 +169,7 @@ def require_sensor(
 ) -> None:
     """Raise CheckpointError if data are of another kind of sensor than a model, or of another number a hand.
 
-    trained_sensors, data_sensors: of a hand; None: any number. model: what messages call it.
+    trained_sensors, data_sensors: of a hand; None: any number. model: its name for error messages.
     """
     differences = [trained.geometry_difference(data)] if trained.geometry_difference(data) else []
     if None not in (trained_sensors, data_sensors) and trained_sensors != data_sensors:
@@ -194,6 +184,8 @@ def require_sensor(
 def load_touch_depth(path: Path | str) -> TouchDepth:
     """The trained U-Net in evaluation mode, on the CPU; raises CheckpointError as `load` does."""
     content = read(path, "touch_depth")
+    weights = content["weights"].items()  # `raise_`: in version 0.3 and before
+    content["weights"] = {re.sub(r"^raise_\.", "upsample.", name): values for name, values in weights}
     return _filled(path, lambda: TouchDepth(content["width"], _sensor_of(content)[1]), content)
 
 

@@ -8,12 +8,9 @@ import torch
 class Machine(NamedTuple):
     """What a model is trained on.
 
-    Weights are kept in float32 or more: in bfloat16 a position is good to a millimetre, and float16 ends at
-    6e-8, above most gradients. So precision `bf16-true` and `16-true` are refused.
-
-    Attributes:
-        device: `auto` (a GPU if there is one), `cpu` or `gpu`. devices: number of GPUs.
-        precision: as Lightning names it. threads: of the CPU.
+    device: `auto` (a GPU if there is one), `cpu` or `gpu`. devices: number of GPUs. precision: as Lightning names it;
+    weights are kept in float32 or more, because in bfloat16 a position is good to a millimetre, and float16 ends at
+    6e-8, above most gradients. threads: of the CPU.
     """
 
     device: str = "auto"

@@ -1,6 +1,6 @@
 """The arrays of an experiment in memory, read once from a run's stores, for training and evaluation.
 
-`palpate.training.inputs` lists the arrays of an experiment. Its objects are those that all of their stores have.
+`palpate.inference.inputs` lists the arrays of an experiment. Its objects are those that all of their stores have.
 Positions are in the world frame.
 
 | array | shape | type |
@@ -19,34 +19,34 @@ import hashlib
 from collections.abc import Iterable, Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from palpate.catalogue import SPLITS
 from palpate.dataset import Dataset
+from palpate.experiments import Experiment
+from palpate.inference.inputs import Input, camera_array, inputs, stages
 from palpate.sensor import DIGIT, Sensor
-from palpate.training.inputs import Input, camera_array, inputs, stages
 
 IN_MEMORY = "the data in memory"  # in messages
 
 
-class TrainingDataError(ValueError):
+class ExperimentDataError(ValueError):
     """A run's data can't be used for an experiment; the message names them and what to do."""
 
 
-class TrainingData:
+class ExperimentData:
     """Objects and their arrays in memory: `data["points"]` and the others as numpy arrays, first axis objects.
 
-    arrays: by name, among them `object`, `class` and `split` (o,). source: what messages call them. sensor: the kind of
+    arrays: by name, among them `object`, `class` and `split` (o,). source: their name for messages. sensor: the kind of
     touch sensor that touches are of. one_size: whether all objects were scaled to one size.
 
     Attributes:
-        objects, classes, splits: lists of (o,) names. grasps: g, grasps an object, 0 if no array has that
-        axis. hand_sensors: s, None if no array has that axis. largest: m, the diagonal of the largest object of the
-        train split, from corner to corner of its points' box, if objects keep their size; None where all have one size.
+        objects, classes, splits: lists of (o,) names. grasps: g, grasps an object, 0 if no array has that axis.
+        hand_sensors: s, None if no array has that axis. largest: m, the diagonal of the box of the largest object of
+        the train split, if objects keep their size; None where all have one size.
 
-    Raises TrainingDataError, naming the object, if a value is NaN or infinite.
+    Raises ExperimentDataError, naming the object, if a value is NaN or infinite.
     """
 
     def __init__(
@@ -60,16 +60,14 @@ class TrainingData:
         self.objects, self.classes, self.splits = (
             [str(name) for name in self.arrays.pop(key)] for key in ("object", "class", "split")
         )
-        of_grasps = next((name for name in ("success", "occluded") if name in self), None)
-        self.grasps = self[of_grasps].shape[1] if of_grasps else 0
+        grasped = next((name for name in ("success", "occluded") if name in self), None)
+        self.grasps = self[grasped].shape[1] if grasped else 0
         self.hand_sensors = self["success"].shape[2] if "success" in self else None
         for name, values in self.arrays.items():
             finite = np.isfinite(values.reshape(len(values), -1)).all(axis=1) if values.dtype.kind == "f" else True
             if not np.all(finite):
-                raise TrainingDataError(
-                    f"{source}: {name} of {self.objects[int(np.argmin(finite))]} is NaN or infinite"
-                )
-
+                first = self.objects[int(np.argmin(finite))]
+                raise ExperimentDataError(f"{source}: {name} of {first} is NaN or infinite")
         sized = [] if one_size else [self["points"][number].astype(float) for number in self.of_split("train")]
         self.largest = max((float(np.linalg.norm(np.ptp(points, axis=0))) for points in sized), default=None)
 
@@ -82,12 +80,12 @@ class TrainingData:
             digest.update(np.ascontiguousarray(values).data)
         return digest.hexdigest()
 
-    def images(self, experiment: Mapping[str, Any]) -> int:
+    def images(self, experiment: Experiment) -> int:
         """Images that an experiment has of one object, or of one grasp: its views, or cameras; 0 without vision."""
         name = camera_array(experiment)
         return self[name].shape[1] if name else 0
 
-    def common_camera(self, experiment: Mapping[str, Any]) -> np.ndarray | None:
+    def common_camera(self, experiment: Experiment) -> np.ndarray | None:
         """(3, 4) float32 the camera of all images of an experiment; None if there are several, or no images."""
         name = camera_array(experiment)
         if not name:
@@ -95,36 +93,32 @@ class TrainingData:
         cameras = self[name].reshape(-1, 3, 4)
         return cameras[0] if (cameras == cameras[0]).all() else None
 
-    def image_size(self, experiment: Mapping[str, Any]) -> int | None:
+    def image_size(self, experiment: Experiment) -> int | None:
         """Width and height, pixels, of an experiment's images; None without vision."""
-        return None if experiment["vision"] == "none" else self[experiment["vision"]].shape[-2]
+        return self[experiment.vision].shape[-2] if experiment.has_vision else None
 
     @classmethod
-    def load(cls, run: Path | str, experiment: Mapping[str, Any], splits: Iterable[str] = SPLITS) -> "TrainingData":
-        """The data of an experiment, a row of `config/experiments.yaml`: the objects of some splits of a run.
+    def load(cls, run: Path | str, experiment: Experiment, splits: Iterable[str] = SPLITS) -> "ExperimentData":
+        """The data of an experiment: the objects of some splits of a run.
 
-        Raises TrainingDataError if no object is in all stores that the experiment needs; StoreError, naming the
-        file and the remedy, if a store is missing, can't be read, or has values that are not finite or out of
-        their range.
+        Raises ExperimentDataError if no object is in all stores that the experiment needs; StoreError, naming the file
+        and the remedy, if a store is missing, can't be read, or has values that are not finite or out of their range.
         """
         needed = stages(experiment)
         dataset = Dataset(run, needed)
         if not len(dataset):
-            raise TrainingDataError(f"{run}: no object is in all of {', '.join(needed)}; rejected.csv says why")
+            raise ExperimentDataError(f"{run}: no object is in all of {', '.join(needed)}; rejected.csv says why")
         return cls.read(dataset, inputs(experiment), splits)
 
     @classmethod
-    def read(cls, dataset: Dataset, arrays: Sequence[Input], splits: Iterable[str] = SPLITS) -> "TrainingData":
+    def read(cls, dataset: Dataset, arrays: Sequence[Input], splits: Iterable[str] = SPLITS) -> "ExperimentData":
         """Some arrays of the objects of some splits of a dataset. Raises what `load` raises."""
         records = [record for record in dataset if record.split in set(splits)]
         chosen = dataset.select(record.name for record in records)
         if not records:
-            raise TrainingDataError(f"{dataset!r}: no object of {' or '.join(splits)}: more objects are needed")
-        names = {
-            "object": [record.name for record in records],
-            "class": [record.class_name for record in records],
-            "split": [record.split for record in records],
-        }
+            raise ExperimentDataError(f"{dataset!r}: no object of {' or '.join(splits)}: more objects are needed")
+        columns = zip(*((record.name, record.class_name, record.split) for record in records), strict=True)
+        names = dict(zip(("object", "class", "split"), map(list, columns), strict=True))
         touched = any(item.stage == "touch" for item in arrays)
         loaded = {item.name: _read(chosen, item) for item in arrays}
         one_size = all(record.normalised for record in records)
@@ -132,7 +126,7 @@ class TrainingData:
 
     def __getitem__(self, name: str) -> np.ndarray:
         if name not in self.arrays:
-            raise TrainingDataError(f"{self.source}: the experiment takes no {name}")
+            raise ExperimentDataError(f"{self.source}: the experiment takes no {name}")
         return self.arrays[name]
 
     def __contains__(self, name: str) -> bool:

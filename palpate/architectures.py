@@ -1,0 +1,134 @@
+"""Architectures of the networks: those of config/recipes.yaml, the paper's, and of published single-image networks."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from palpate.configuration import plain
+from palpate.experiments import Experiment
+
+ATLAS_RADIUS = 0.26  # m, of the initial sphere, around the object's centre (the published atlas)
+OPTIONS = {"touch": ("graph", "pooled"), "failed_charts": ("free", "fixed")}
+
+
+@dataclass(frozen=True)
+class Encoder:
+    """The image encoder.
+
+    channels: of each block. layers: convolutions of each block. pool: numbers of the layers whose maps are pooled at
+    vertices, from 1 over all blocks. norm, padding: of the convolutions. alignment: see `PerceptualPooling`. project:
+    features that pooled ones are projected to; None: all as they are.
+    """
+
+    channels: Sequence[int]
+    layers: Sequence[int]
+    pool: Sequence[int]
+    norm: str = "batch"
+    padding: int = 0
+    alignment: str = "extent"
+    project: int | None = None
+
+
+@dataclass(frozen=True)
+class GCN:
+    """The graph network. normalisation: of neighbourhoods, `symmetric` (the paper's equation 1) or `mean`."""
+
+    layers: int
+    width: int
+    normalisation: str = "symmetric"
+
+
+@dataclass(frozen=True)
+class Decoder:
+    """Of the published single-image networks: see `palpate.models.single_image`."""
+
+    hidden: int
+    points: int | None = None
+    channels: Sequence[int] | None = None
+    level: float | None = None
+
+
+@dataclass(frozen=True)
+class Architecture:
+    """The layers and options of one model; defaults are the paper's, as released.
+
+    Attributes:
+        normalise_positions: whether positions are centred and divided by the radius; otherwise they are in metres.
+        init, last_layer_scale: of the graph network's weights, see `palpate.models.gcn`.
+        touch: how touch reaches vision charts. `graph`, the paper's: touch charts are in the graph; `pooled`: features
+            of the nearest touches at every vertex.
+        failed_charts: touch charts of unsuccessful touches in the graph are deformed (`free`, the paper's), or stay at
+            the fingertip (`fixed`).
+        deformations: how often charts are deformed (paper, section 3.1). radius: m, of the initial sphere.
+
+    Raises ValueError for an unknown option, or less than one deformation.
+    """
+
+    encoder: Encoder | None = None
+    gcn: GCN | None = None
+    decoder: Decoder | None = None
+    touch: str = "graph"
+    failed_charts: str = "free"
+    normalise_positions: bool = False
+    init: str = "paper"
+    last_layer_scale: float = 1.0
+    deformations: int = 3
+    radius: float = ATLAS_RADIUS
+
+    def __post_init__(self):
+        for option, known in OPTIONS.items():
+            if getattr(self, option) not in known:
+                raise ValueError(f"{option} {getattr(self, option)!r}; must be {' or '.join(known)}")
+        if self.deformations < 1:
+            raise ValueError(f"{self.deformations} deformations: at least 1")
+
+    @classmethod
+    def from_row(cls, row: Mapping[str, Any]) -> "Architecture":
+        """The architecture of a recipe or a checkpoint, as plain data."""
+        row = dict(row)
+        if "unsuccessful" in row:  # checkpoints of version 0.3 and before
+            row["failed_charts"] = {"held": "fixed"}.get(row["unsuccessful"], row["unsuccessful"])
+            del row["unsuccessful"]
+        parts = {"encoder": Encoder, "gcn": GCN, "decoder": Decoder}
+        return cls(**row | {name: part(**row[name]) for name, part in parts.items() if row.get(name)})
+
+    row = plain
+
+
+_CONVOLUTIONS = Encoder([16, 32, 64, 128], [5, 5, 5, 3], [10, 15, 18])
+_VIEW_LAYERS = {"channels": [16, 32, 64, 128, 256], "layers": [5, 5, 5, 5, 5], "norm": "instance", "padding": 1}
+
+# The supplement's tables "Architecture for deforming charts with ...", by modality; the number of graph layers by their
+# indices. docs/models.md lists where the tables contradict themselves.
+PAPER_ARCHITECTURES = {
+    "occluded_touch": Architecture(_CONVOLUTIONS, GCN(21, 250)),
+    "occluded": Architecture(_CONVOLUTIONS, GCN(21, 200)),
+    "unoccluded_touch": Architecture(_CONVOLUTIONS, GCN(26, 200)),
+    "unoccluded": Architecture(Encoder([16, 32, 64, 128], [3, 3, 3, 3], [3, 6, 9, 12]), GCN(21, 250)),
+    "touch": Architecture(gcn=GCN(15, 250)),
+    "single_image": Architecture(Encoder(**_VIEW_LAYERS, pool=[19, 22, 25], project=250), GCN(25, 250)),
+}
+
+# The published single-image networks: decoders and graph networks of the sizes that their publications state, after the
+# encoder that the paper has for single images. PSG pools a map of each block, as its deconvolutions take them.
+SINGLE_IMAGE_ARCHITECTURES = {
+    "psg": Architecture(Encoder(**_VIEW_LAYERS, pool=[10, 15, 20, 25]), decoder=Decoder(2048, points=256)),
+    "pixel2mesh": Architecture(
+        Encoder(**_VIEW_LAYERS, pool=[19, 22, 25]), GCN(14, 128), init="he", last_layer_scale=0.01
+    ),
+    "r2n2": Architecture(
+        Encoder(**_VIEW_LAYERS, pool=[19, 22, 25]), decoder=Decoder(1024, channels=[128, 128, 128, 64], level=0.4)
+    ),
+}
+
+
+def paper_architecture(experiment: Experiment) -> Architecture:
+    """The paper's architecture for the modality of an experiment; of a single-image network that of its publication.
+
+    Raises ValueError for an experiment without vision and touch.
+    """
+    if experiment.strategy in SINGLE_IMAGE_ARCHITECTURES:
+        return SINGLE_IMAGE_ARCHITECTURES[experiment.strategy]
+    if experiment.modality not in PAPER_ARCHITECTURES:
+        raise ValueError(f"the paper has no architecture for vision {experiment.vision!r}, touch {experiment.touch}")
+    return PAPER_ARCHITECTURES[experiment.modality]

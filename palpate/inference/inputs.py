@@ -1,0 +1,85 @@
+"""The arrays that each experiment takes, and their stages: the table behind workflow inputs and data in memory.
+
+    python -m palpate.inference.inputs config/experiments.yaml     prints a table: experiment, stages, arrays
+
+It needs neither torch nor the stores.
+"""
+
+import argparse
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from typing import NamedTuple
+
+import yaml
+from tabulate import tabulate
+
+from palpate.experiments import Experiment
+
+
+def camera_array(experiment: Experiment) -> str | None:
+    """The name of the cameras, (o, v, 3, 4), of the images that an experiment takes; None if it takes none."""
+    return {"none": None, "views": "camera"}.get(experiment.vision, "image_camera")
+
+
+class Input(NamedTuple):
+    """An array in a training's memory.
+
+    name: of the array there. stage, array: of its store (intrinsics and extrinsics are multiplied).
+    dtype: in memory. when, condition: which experiments take it, as text and as a function.
+    """
+
+    name: str
+    stage: str
+    array: str
+    dtype: str
+    when: str
+    condition: Callable[[Experiment], bool]
+
+
+def _vision(name: str) -> tuple[str, Callable[[Experiment], bool]]:
+    return f"vision is {name}", lambda experiment: experiment.vision == name
+
+
+_IMAGES = "vision is unoccluded or occluded", lambda experiment: experiment.vision in ("unoccluded", "occluded")
+_TOUCH = "it has touch", lambda experiment: experiment.touch
+_DIRECTIONS = "touch is pooled, or comes as readings", lambda experiment: experiment.takes_directions
+INPUTS = (
+    Input("points", "surface", "points", "float32", "always: the truth", lambda experiment: True),
+    Input("unoccluded", "vision", "unoccluded", "uint8", *_vision("unoccluded")),
+    Input("occluded", "vision", "occluded", "uint8", *_vision("occluded")),
+    Input("image_camera", "vision", "intrinsics, extrinsics", "float32", *_IMAGES),
+    Input("views", "views", "image", "uint8", *_vision("views")),
+    Input("camera", "views", "camera", "float32", *_vision("views")),
+    Input("success", "touch", "success", "bool", *_TOUCH),
+    Input("position", "touch", "position", "float32", *_TOUCH),
+    Input("charts", "charts", "vertices", "float32", "touch comes as charts", lambda each: each.takes_charts),
+    Input("rotation", "touch", "rotation", "float32", *_DIRECTIONS),
+    Input("reading", "touch", "reading", "uint8", "touch comes as readings", lambda each: each.takes_readings),
+)
+
+
+def inputs(experiment: Experiment) -> list[Input]:
+    """The arrays that an experiment takes."""
+    return [item for item in INPUTS if item.condition(experiment)]
+
+
+def stages(experiment: Experiment) -> list[str]:
+    """The stages whose stores an experiment's arrays are read from."""
+    return list(dict.fromkeys(item.stage for item in inputs(experiment)))
+
+
+def table(experiments: Iterable[Experiment]) -> str:
+    """The stages and arrays of each experiment, as Markdown; then when each array is taken."""
+    rows = [(each.name, ", ".join(stages(each)), ", ".join(item.name for item in inputs(each))) for each in experiments]
+    arrays = [(item.name, f"{item.stage} {item.array}", item.dtype, item.when) for item in INPUTS]
+    tables = (rows, ("experiment", "stages", "arrays")), (arrays, ("array", "read from", "type", "taken when"))
+    return "\n\n".join(tabulate(*each, "github") for each in tables)
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(
+        prog="python -m palpate.inference.inputs", description=(__doc__ or "").splitlines()[0]
+    )
+    parser.add_argument("experiments", type=Path, help="config/experiments.yaml")
+    rows = yaml.safe_load(parser.parse_args().experiments.read_text())["experiments"]
+    print(table(Experiment.from_row(name, row) for name, row in rows.items()))
