@@ -86,7 +86,12 @@ class GraspSimulation:
         option.cone = mujoco.mjtCone.mjCONE_PYRAMIDAL
         option.iterations = ITERATIONS
         option.gravity = [0, 0, 0]
-        add_object(spec, patches)
+        body = spec.worldbody.add_body(name="object")
+        for number, vertices in enumerate(patches):
+            name = patch_name(number)
+            mesh = spec.add_mesh(name=name, uservert=vertices.ravel())
+            mesh.inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL  # a sheet has no volume
+            body.add_geom(name=name, type=mujoco.mjtGeom.mjGEOM_MESH, meshname=name, condim=1)
         for geom in spec.geoms:
             geom.solref = [2 * timestep, 1]
             geom.solimp = SOLIMP
@@ -133,16 +138,6 @@ class GraspSimulation:
             data.ctrl[:] = start + share * (targets - start)
             mujoco.mj_step(model, data)
             yield data
-
-
-def add_object(spec: mujoco.MjSpec, patches: list[np.ndarray]) -> None:
-    """The body `object`, which the world holds, with a geom for each patch (V, 3), without friction."""
-    body = spec.worldbody.add_body(name="object")
-    for number, vertices in enumerate(patches):
-        name = patch_name(number)
-        mesh = spec.add_mesh(name=name, uservert=vertices.ravel())
-        mesh.inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL  # a sheet has no volume
-        body.add_geom(name=name, type=mujoco.mjtGeom.mjGEOM_MESH, meshname=name, condim=1)
 
 
 def patch_name(number: int) -> str:

@@ -60,7 +60,13 @@ def build_spec(hand: Hand, stiffness: float = STIFFNESS) -> mujoco.MjSpec:
     for one, other in np.argwhere(np.triu(hand.adjacent_links(), k=1)):
         spec.add_exclude(bodyname1=hand.link_names[one], bodyname2=hand.link_names[other])
     for link, slides in zip(hand.joint_link, hand.joint_slides, strict=True):
-        add_servo(spec, hand.link_names[link], stiffness, slides)
+        joint = hand.link_names[link]
+        servo = spec.add_actuator(name=joint, target=joint, trntype=mujoco.mjtTrn.mjTRN_JOINT)
+        # Critically damped against the armature.
+        servo.set_to_position(kp=at_arm(stiffness, slides), kv=at_arm(2 * np.sqrt(stiffness * ARMATURE), slides))
+        servo.forcelimited = mujoco.mjtLimited.mjLIMITED_TRUE
+        force = MAX_TORQUE / ARM if slides else MAX_TORQUE
+        servo.forcerange = [-force, force]
     for geom in np.flatnonzero(hand.geom_collides):
         add_geom(spec, bodies[hand.geom_link[geom]], hand, geom)
     lighten(spec, hand.open_joint_positions)
@@ -82,15 +88,6 @@ def lighten(spec: mujoco.MjSpec, joint_positions: np.ndarray) -> None:
     if inertia > LARGEST_INERTIA:
         for geom in spec.geoms:
             geom.density *= LARGEST_INERTIA / inertia
-
-
-def add_servo(spec: mujoco.MjSpec, joint: str, stiffness: float, slides: bool = False) -> None:
-    """A position servo on a hinge or a slide, critically damped against its armature."""
-    servo = spec.add_actuator(name=joint, target=joint, trntype=mujoco.mjtTrn.mjTRN_JOINT)
-    servo.set_to_position(kp=at_arm(stiffness, slides), kv=at_arm(2 * np.sqrt(stiffness * ARMATURE), slides))
-    servo.forcelimited = mujoco.mjtLimited.mjLIMITED_TRUE
-    force = MAX_TORQUE / ARM if slides else MAX_TORQUE
-    servo.forcerange = [-force, force]
 
 
 def add_geom(spec: mujoco.MjSpec, body: mujoco.MjsBody, hand: Hand, geom: int) -> mujoco.MjsGeom:

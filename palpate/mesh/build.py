@@ -27,18 +27,9 @@ COARSEST = 1e-4
 
 
 def build(
-    source: Path,
-    folder: Path,
-    up: str,
-    collision_faces: int,
-    levels: tuple[int, ...],
-    scale: str | float = "diagonal",
-    root: Path | str | None = None,
+    source: Path, folder: Path, up: str, collision_faces: int, levels, scale="diagonal", root=None
 ) -> dict[str, Any]:
-    """Write `visual.glb`, `collision.ply`, `level-<faces>.ply` and `mesh.json` into the folder.
-
-    Arguments and errors are those of `palpate.mesh.prepare`. Returns what `mesh.json` holds.
-    """
+    """As `palpate.mesh.prepare`, in this process."""
     replaced: dict[str, str] = {}
     parts = load_parts(source, replaced, root)
     vertices, faces, part = _joined(parts, source)
