@@ -13,22 +13,22 @@ PLANAR_WEIGHT = 1e-6
 QUALITY = 0.3  # shapes of triangles no worse than this (1 for equilateral) count as equally good: pymeshlab's default
 
 
-def decimate(vertices: np.ndarray, faces: np.ndarray, count: int, **weights: float) -> tuple[np.ndarray, np.ndarray]:
+def decimate(vertices: np.ndarray, faces: np.ndarray, count: int, *weights: float) -> tuple[np.ndarray, np.ndarray]:
     """Vertices (m, 3), rounded to float32, and faces (k, 3) of the mesh with about `count` faces.
 
     A mesh that has no more than `count` faces comes back as it is. A closed mesh stays closed, and the pieces of any
     mesh stay apart and keep their holes, if need be with more faces. Borders stay where they are, unless that keeps too
-    many faces. weights: `planar_weight` and `quality`, pymeshlab's parameters.
+    many faces. weights: pymeshlab's `planarweight`, `qualitythr`.
     """
-    return (vertices, faces) if len(faces) <= count else collapse(vertices, faces, count, **weights)
+    return (vertices, faces) if len(faces) <= count else collapse(vertices, faces, count, *weights)
 
 
-def collapse(vertices: np.ndarray, faces: np.ndarray, count: int, **weights: float) -> tuple[np.ndarray, np.ndarray]:
+def collapse(vertices: np.ndarray, faces: np.ndarray, count: int, *weights: float) -> tuple[np.ndarray, np.ndarray]:
     """As `decimate`, but pymeshlab is called even for a mesh that has no more than `count` faces."""
     closed = topology.is_closed(faces)
-    level = _collapsed(vertices, faces, count, fixed_borders=True, **weights)
+    level = _collapsed(vertices, faces, count, True, *weights)
     if not closed and len(level[1]) > EXCESS * count:
-        looser = _collapsed(vertices, faces, count, fixed_borders=False, **weights)
+        looser = _collapsed(vertices, faces, count, False, *weights)
         level = min(level, looser, key=lambda each: len(each[1]))
     if not len(level[1]) or (closed and not topology.is_closed(level[1])):
         return vertices, faces
