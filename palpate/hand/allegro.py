@@ -66,12 +66,16 @@ def allegro(gel_face: float = DIGIT.gel_face) -> Hand:
     """
     links, joints, geoms = [("palm", -1, (0, 0, 0), np.eye(3))], [], []
 
-    def add_box(link, low, high, colour) -> None:
+    def add_box(link, centre, half_extents, colour) -> None:
+        no_mesh = np.zeros((0, 3)), np.zeros((0, 3), dtype=int)
+        geoms.append((link, "box", half_extents, centre, np.eye(3), colour, True, *no_mesh))
+
+    def add_between(link, low, high, colour) -> None:
         low, high = np.array(low), np.array(high)
-        geoms.append((link, (low + high) / 2, (high - low) / 2, colour))
+        add_box(link, (low + high) / 2, (high - low) / 2, colour)
 
     for (low_y, high_y), (low_z, high_z) in PALM_BOXES:
-        add_box(0, (PALM_BACK, low_y, low_z), (PALM_FACE, high_y, high_z), LINK_COLOUR)
+        add_between(0, (PALM_BACK, low_y, low_z), (PALM_FACE, high_y, high_z), LINK_COLOUR)
     fingers = [(name, finger_links(y, z, roll), FINGER_TIP_OFFSET) for name, y, z, roll in FINGERS]
     tips = []
     for name, finger, tip_offset in (*fingers, ("thumb", THUMB_LINKS, THUMB_TIP_OFFSET)):
@@ -79,46 +83,19 @@ def allegro(gel_face: float = DIGIT.gel_face) -> Hand:
         for number, (position, rpy, axis, limits, half_extents, centre) in enumerate(finger):
             links.append((f"{name}_{number}", link, position, roll_pitch_yaw(*rpy)))
             link = len(links) - 1
-            joints.append((link, axis, limits))
-            geoms.append((link, centre, half_extents, LINK_COLOUR))
+            joints.append((link, axis, False, limits))
+            add_box(link, centre, half_extents, LINK_COLOUR)
         links.append((f"{name}_tip", link, (0, 0, tip_offset), np.eye(3)))
         tips.append(len(links) - 1)
-        add_box(tips[-1], *np.transpose(DIGIT_BODY), DIGIT_COLOUR)
-        add_box(tips[-1], *np.transpose(GEL_PAD), GEL_COLOUR)
+        add_between(tips[-1], *np.transpose(DIGIT_BODY), DIGIT_COLOUR)
+        add_between(tips[-1], *np.transpose(GEL_PAD), GEL_COLOUR)
 
     anchor = np.eye(4)
     anchor[:3, 3] = (PALM_FACE, 0, PALM_ANCHOR_HEIGHT)
-    link_names, link_parent, link_position, link_rotation = zip(*links, strict=True)
-    joint_link, joint_axis, joint_range = zip(*joints, strict=True)
-    geom_link, geom_position, geom_size, geom_rgba = zip(*geoms, strict=True)
-    count = len(geoms)
-    return Hand(
-        name="allegro",
-        link_names=link_names,
-        link_parent=np.array(link_parent),
-        link_position=np.array(link_position, dtype=float),
-        link_rotation=np.array(link_rotation),
-        joint_link=np.array(joint_link),
-        joint_axis=np.array(joint_axis, dtype=float),
-        joint_slides=np.zeros(len(joints), dtype=bool),
-        joint_range=np.array(joint_range),
-        geom_link=np.array(geom_link),
-        geom_kind=("box",) * count,
-        geom_size=np.array(geom_size, dtype=float),
-        geom_position=np.array(geom_position, dtype=float),
-        geom_rotation=np.tile(np.eye(3), (count, 1, 1)),
-        geom_rgba=np.array(geom_rgba, dtype=float),
-        geom_collides=np.ones(count, dtype=bool),
-        geom_vertices=(np.zeros((0, 3)),) * count,
-        geom_faces=(np.zeros((0, 3), dtype=int),) * count,
-        sensor_names=("index", "middle", "ring", "thumb"),
-        sensor_thumb=np.array([False, False, False, True]),
-        sensor_link=np.array(tips),
-        sensor_position=np.tile(SENSOR_ORIGIN + np.array([DIGIT.gel_face - gel_face, 0, 0]), (4, 1)),
-        sensor_rotation=np.tile(np.eye(3), (4, 1, 1)),
-        open_joint_positions=np.array([0.0] * 12 + list(OPEN_THUMB)),
-        palm_anchor=anchor,
-    )
+    sensor_position = SENSOR_ORIGIN + np.array([DIGIT.gel_face - gel_face, 0, 0])
+    names = [name for name, *_ in FINGERS] + ["thumb"]
+    sensors = [(name, name == "thumb", tip, sensor_position, np.eye(3)) for name, tip in zip(names, tips, strict=True)]
+    return Hand.from_rows("allegro", links, joints, geoms, sensors, [0.0] * 12 + list(OPEN_THUMB), anchor)
 
 
 def finger_links(y: float, z: float, roll: float) -> list[tuple]:

@@ -8,13 +8,15 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
-from palpate.hand.distance import GEOM_KINDS, half_spaces, signed_distance
-
+GEOM_KINDS = ("box", "sphere", "capsule", "cylinder", "ellipsoid", "mesh")
 MAX_PENETRATION = 0.001  # m that a grasp's hand may be in the object or in itself; `grasps.max_penetration`
 # rad (of a slide m) that a grasp's joint may be out of its range: MuJoCo's limits are springs. Of 8,655 grasps one had
 # more than 0.0006.
 MAX_OUT_OF_RANGE = 0.001
 GEL_SEARCH = 0.05  # m in front of a sensor's origin in which the surface of its link is looked for
+# Of `Hand`: attributes that are tuples; types of arrays that are not float, by the second word of their names.
+TUPLES = ("link_names", "geom_kind", "geom_vertices", "geom_faces", "sensor_names")
+DTYPES = {"parent": int, "link": int, "slides": bool, "collides": bool, "thumb": bool}
 SMALLEST, LARGEST = 0.01, 1.0  # m, from end to end: hands of other sizes don't close in a stable way
 
 
@@ -82,6 +84,19 @@ class Hand:
                 f"hand {self.name!r} is {self.length():.3g} m from end to end, not {SMALLEST:g} to"
                 f" {LARGEST:g} m: give all lengths in metres"
             )
+
+    @classmethod
+    def from_rows(cls, name: str, links, joints, geoms, sensors, open_joint_positions, palm_anchor) -> "Hand":
+        """The hand of a row for each link, joint, geom and sensor: its attributes above, in their order."""
+        values, names = {}, [field.name for field in fields(cls)]
+        for group, rows in {"link": links, "joint": joints, "geom": geoms, "sensor": sensors}.items():
+            group_names = [each for each in names if each.startswith(f"{group}_")]
+            values |= zip(group_names, zip(*rows, strict=True) if rows else [()] * len(group_names), strict=True)
+        for each in names:
+            if each in values and each not in TUPLES:
+                values[each] = np.array(values[each], dtype=DTYPES.get(each.split("_")[1], float))
+        values["joint_range"] = values["joint_range"].reshape(-1, 2)
+        return cls(name, **values, open_joint_positions=np.array(open_joint_positions), palm_anchor=palm_anchor)
 
     def length(self) -> float:
         """Metres of the open hand's largest extent along an axis of the palm, by geoms' centres and sensors, or of a
@@ -226,3 +241,38 @@ def rotation_about(axis: np.ndarray, angle: np.ndarray) -> np.ndarray:
     cross = np.stack([zero, -z, y, z, zero, -x, -y, x, zero], axis=-1).reshape(*axis.shape[:-1], 3, 3)
     sine, versine = np.sin(angle)[..., None, None], (1 - np.cos(angle))[..., None, None]
     return np.eye(3) + sine * cross + versine * (cross @ cross)
+
+
+def signed_distance(kind: str, size: np.ndarray, points: np.ndarray, planes: np.ndarray) -> np.ndarray:
+    """Signed distance (N,) of points (N, 3) to a geom in its own frame.
+
+    size: (3,) as in `Hand`; planes: (P, 4) of a mesh, see `half_spaces`. Exact for box, sphere, capsule and cylinder.
+    For an ellipsoid along the ray from its centre, at most the smallest half axis deep: never nearer to zero than the
+    true one, so penetration is never understated. For a mesh exact inside, and outside never farther than the true one.
+    """
+    if kind == "mesh":
+        return (points @ planes[:, :3].T + planes[:, 3]).max(axis=1)
+    if kind == "sphere":
+        return np.linalg.norm(points, axis=1) - size[0]
+    if kind == "box":
+        excess = np.abs(points) - size
+        return np.linalg.norm(np.maximum(excess, 0), axis=1) + np.minimum(excess.max(axis=1), 0)
+    if kind == "ellipsoid":
+        length, scaled = np.linalg.norm(points, axis=1), np.linalg.norm(points / size, axis=1)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            along_ray = np.where(scaled > 0, length * (1 - 1 / scaled), -np.inf)
+        return np.maximum(along_ray, -np.min(size))
+    radius, half_length, _ = size
+    if kind == "capsule":
+        along = np.clip(points[:, 2], -half_length, half_length)
+        return np.linalg.norm(points - along[:, None] * np.array([0.0, 0.0, 1.0]), axis=1) - radius
+    radial, axial = np.linalg.norm(points[:, :2], axis=1) - radius, np.abs(points[:, 2]) - half_length
+    outside = np.hypot(np.maximum(radial, 0), np.maximum(axial, 0))
+    return outside + np.minimum(np.maximum(radial, axial), 0)
+
+
+def half_spaces(vertices: np.ndarray) -> np.ndarray:
+    """The convex hull of vertices (V, 3) as half spaces (P, 4): normal n and offset, n . x + offset < 0 inside."""
+    from scipy.spatial import ConvexHull
+
+    return np.unique(np.round(ConvexHull(vertices).equations, 9), axis=0)

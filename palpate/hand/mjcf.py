@@ -125,37 +125,15 @@ class _Reader:
             raise ConfigError(
                 f"{self.source}: `thumb` names {', '.join(unknown)}, which no sensor is called: {', '.join(names)}"
             )
-        joint_range = np.array([joint[2] for joint in self.joints], dtype=float).reshape(-1, 2)
-        start = self._open(description.get("open"), joint_range)
-        kinds, vertices, faces = zip(*(self._geom_shape(geom) for geom in geoms), strict=True)
-        link_names, link_parent, link_position, link_rotation = zip(*self.links, strict=True)
-        bodies = model.geom_bodyid[geoms]
-        return Hand(
-            name=self.path.stem,
-            link_names=link_names,
-            link_parent=np.array(link_parent),
-            link_position=np.array(link_position),
-            link_rotation=np.array(link_rotation),
-            joint_link=np.array([joint[0] for joint in self.joints]),
-            joint_axis=np.array([joint[1] for joint in self.joints]),
-            joint_slides=np.array([joint[3] for joint in self.joints], dtype=bool),
-            joint_range=joint_range,
-            geom_link=np.array([self.link_of_body[body] for body in bodies]),
-            geom_kind=kinds,
-            geom_size=model.geom_size[geoms],
-            geom_position=np.array([self.origin_of_body[body] for body in bodies]) + model.geom_pos[geoms],
-            geom_rotation=_rotation(model.geom_quat[geoms]),
-            geom_rgba=np.array([self._colour(geom) for geom in geoms], dtype=float),
-            geom_collides=(model.geom_contype[geoms] != 0) | (model.geom_conaffinity[geoms] != 0),
-            geom_vertices=vertices,
-            geom_faces=faces,
-            sensor_names=tuple(names),
-            sensor_thumb=np.isin(names, thumb),
-            sensor_link=np.array([sensor[1] for sensor in sensors]),
-            sensor_position=np.array([sensor[2] - gel_face * sensor[3][:, 0] for sensor in sensors]),
-            sensor_rotation=np.array([sensor[3] for sensor in sensors]),
-            open_joint_positions=np.clip(start, *joint_range.T),
-            palm_anchor=self._anchor(description, geoms),
+        start, limits = self._open(description.get("open")), np.reshape([joint[3] for joint in self.joints], (-1, 2))
+        return Hand.from_rows(
+            self.path.stem,
+            self.links,
+            self.joints,
+            [self._geom(geom) for geom in geoms],
+            [(name, name in thumb, link, at - gel_face * turn[:, 0], turn) for name, link, at, turn in sensors],
+            np.clip(start, *limits.T),
+            self._anchor(description, geoms),
         )
 
     def _find(self, kind: str, name: str) -> int:
@@ -169,26 +147,25 @@ class _Reader:
 
     def _check_turns(self) -> None:
         """Raises ValueError if hinges turn so far or so little that degrees and radians must have been confused."""
-        turns = [(self.links[link][0], *limits) for link, _, limits, slides in self.joints if not slides]
+        turns = [(self.links[link][0], *limits) for link, _, slides, limits in self.joints if not slides]
         for name, low, high in turns:
             if max(-low, high) > FURTHEST_TURN:
                 raise ValueError(f"the hinge of {name!r} turns from {low:g} to {high:g} rad: {DEGREES}")
         if turns and len(turns) == len(self.joints) and max(high - low for _, low, high in turns) < NARROWEST_TURNS:
             raise ValueError(f"no hinge turns by more than {np.degrees(NARROWEST_TURNS):.0f} degrees: {DEGREES}")
 
-    def _open(self, given: Sequence[float] | None, limits: np.ndarray) -> np.ndarray:
+    def _open(self, given: Sequence[float] | None) -> np.ndarray:
         """(J,) joint positions of the open hand."""
         start = np.asarray(self.reference if given is None else given, dtype=float)
-        names = [self.links[joint[0]][0] for joint in self.joints]
-        if start.shape != (len(names),):
+        if start.shape != (len(self.joints),):
             raise ConfigError(
-                f"{self.source}: `open` has {start.size} joint positions, the hand has {len(names)} joints"
+                f"{self.source}: `open` has {start.size} joint positions, the hand has {len(self.joints)} joints"
             )
-        for name, position, (low, high) in zip(names, start, limits, strict=True):
+        for position, (link, _, _, (low, high)) in zip(start, self.joints, strict=True):
             if given is not None and not low - OPEN_TOLERANCE <= position <= high + OPEN_TOLERANCE:
                 raise ConfigError(
-                    f"{self.source}: `open`: {position:g} is out of the range of {name!r}, {low:g} to {high:g}: give "
-                    "radians, of slides metres"
+                    f"{self.source}: `open`: {position:g} is out of the range of {self.links[link][0]!r}, {low:g} to "
+                    f"{high:g}: give radians, of slides metres"
                 )
         return start
 
@@ -221,7 +198,7 @@ class _Reader:
                 rotation = rotation @ rotation_about(axis, -reference)
             link_name = name if number == count - 1 else f"{name}_{number}"
             parent = self._add_link(link_name, parent, position, rotation)
-            self.joints.append((parent, axis, model.jnt_range[joint].copy(), slides))
+            self.joints.append((parent, axis, slides, model.jnt_range[joint].copy()))
             self.reference.append(reference)
             position, rotation, anchor = np.zeros(3), np.eye(3), anchor_now
         self.link_of_body[body], self.origin_of_body[body] = parent, -anchor
@@ -264,22 +241,25 @@ class _Reader:
         rotation = _rotation(self.model.geom_quat[geom])
         return float(self.model.geom_pos[geom, 0] + rotation[0] @ centre + np.abs(rotation[0]) @ half)
 
-    def _geom_shape(self, geom: int) -> tuple[str, np.ndarray, np.ndarray]:
-        model = self.model
+    def _geom(self, geom: int) -> tuple:
+        """The row of a geom for `Hand.from_rows`."""
+        model, body = self.model, self.model.geom_bodyid[geom]
         kind = GEOM_KIND.get(mujoco.mjtGeom(model.geom_type[geom]))
         if kind is None:
             raise ValueError(f"geom {geom} ({model.geom(geom).name!r}) is a plane or a field: no part of a hand")
-        if kind != "mesh":
-            return kind, np.zeros((0, 3)), np.zeros((0, 3), dtype=int)
-        mesh = model.geom_dataid[geom]
-        start, count = model.mesh_vertadr[mesh], model.mesh_vertnum[mesh]
-        first, faces = model.mesh_faceadr[mesh], model.mesh_facenum[mesh]
-        vertices = model.mesh_vert[start : start + count].astype(float)
-        return kind, vertices, model.mesh_face[first : first + faces].astype(int)
-
-    def _colour(self, geom: int) -> np.ndarray:
-        material = self.model.geom_matid[geom]
-        return self.model.mat_rgba[material] if material >= 0 else self.model.geom_rgba[geom]
+        vertices, faces = np.zeros((0, 3)), np.zeros((0, 3), dtype=int)
+        if kind == "mesh":
+            mesh = model.geom_dataid[geom]
+            start, count = model.mesh_vertadr[mesh], model.mesh_vertnum[mesh]
+            first, number = model.mesh_faceadr[mesh], model.mesh_facenum[mesh]
+            vertices = model.mesh_vert[start : start + count].astype(float)
+            faces = model.mesh_face[first : first + number].astype(int)
+        position, rotation = self.origin_of_body[body] + model.geom_pos[geom], _rotation(model.geom_quat[geom])
+        material = model.geom_matid[geom]
+        colour = model.mat_rgba[material] if material >= 0 else model.geom_rgba[geom]
+        collides = bool(model.geom_contype[geom] or model.geom_conaffinity[geom])
+        size, link = model.geom_size[geom], self.link_of_body[body]
+        return link, kind, size, position, rotation, colour, collides, vertices, faces
 
 
 def _rotation(quaternions: np.ndarray) -> np.ndarray:

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from palpate.grasp.penetration import PenetrationCheck, deepest, geom_surface
 from palpate.hand import allegro
-from palpate.hand.distance import signed_distance
+from palpate.hand.hand import signed_distance
 
 HALF = np.array([0.02, 0.03, 0.04])
 

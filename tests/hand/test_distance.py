@@ -7,7 +7,7 @@ import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from palpate.hand.distance import half_spaces, signed_distance
+from palpate.hand.hand import half_spaces, signed_distance
 
 SIZE = st.floats(0.005, 0.08)
 COORDINATE = st.floats(-0.15, 0.15)

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from palpate.hand.distance import half_spaces, signed_distance
+from palpate.hand.hand import half_spaces, signed_distance
 from palpate.vision import geom
 
 # kind, size, volume of the closed form
