@@ -98,7 +98,7 @@ def one_line_error(error: BaseException) -> str:
 
 
 def full_disk(error: BaseException) -> str:
-    """A path on the disk that an error, also one of HDF5, says is full; empty for any other error."""
+    """A path on the disk that an error, also of HDF5, reports as full; empty for any other error."""
     if getattr(error, "errno", None) not in (errno.ENOSPC, errno.EDQUOT) and not NO_SPACE.search(str(error)):
         return ""
     named = re.search(r"filename = '([^']+)'", str(error))

@@ -100,7 +100,7 @@ class Grasper:
         self.caster = RayCaster(visual, sensor=sensor)
 
     def attempt(self, rng: np.random.Generator) -> Grasp | str:
-        """One random placement and closing: the grasp, or the reason why there is none."""
+        """One random placement and closing: the grasp, or the reason for failing."""
         pose = self.free_palm_pose(rng)
         if pose is None:
             return BLOCKED
@@ -108,7 +108,7 @@ class Grasper:
         return self.closed_at(pose, self.workspace.targets(pose, self.surface, thumb))
 
     def closed_at(self, pose: np.ndarray, targets: np.ndarray) -> Grasp | str:
-        """The grasp that closing towards `targets` (J,) gives, or the reason why there is none.
+        """The grasp that closing towards `targets` (J,) gives, or the reason for failing.
 
         pose: (4, 4), at which the simulation has been placed.
         """

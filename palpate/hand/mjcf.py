@@ -17,7 +17,7 @@ from palpate.sensor import DIGIT, Sensor
 
 log = logging.getLogger(__name__)
 SCHEMA = Path(__file__).with_name("schema.yaml")
-# Of a hinge that is no mistake: at most two turns to a side; all of a hand's more than some degrees wide.
+# Of plausible hinges: at most two turns to a side; the widest of a hand more than some degrees.
 FURTHEST_TURN, NARROWEST_TURNS = 4 * np.pi, 0.1
 DEGREES = 'does `<compiler angle="..."/>` say degree or radian rightly?'
 OPEN_TOLERANCE = 1e-3  # rad, of a slide m: an `open` that was rounded

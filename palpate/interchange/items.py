@@ -11,7 +11,7 @@ from tqdm import tqdm
 from palpate.catalogue import SPLITS
 from palpate.dataset import Dataset, GraspDataset
 
-# Of an item of `GraspDataset`, what is no array.
+# Keys of an item of `GraspDataset` that are text.
 TEXT = ("object", "class", "split")
 
 

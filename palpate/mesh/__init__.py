@@ -61,7 +61,7 @@ def prepare(
 
 
 def facts(record: Mapping[str, Any]) -> dict[str, Any]:
-    """What a run's summary says of an object; record: of `mesh.json`.
+    """An object's facts for the summary of a run; record: of `mesh.json`.
 
     `replaced`: files that can't be used, and why. `shape`: sides of the box, and the root of the area, in diagonals.
     """

@@ -18,7 +18,7 @@ VISIBILITY_MARGIN = 0.05  # share of the rays by which more escape from an open 
 
 class Repaired(NamedTuple):
     """Result for f source faces: `vertices` (m, 3) merged, `faces` (f, 3) into them, in final winding;
-    `keep` and `flip` (f,) bool say which source faces stay and which were turned."""
+    `keep` and `flip` (f,) bool: which source faces stay, and which were turned."""
 
     vertices: np.ndarray
     faces: np.ndarray

@@ -86,7 +86,7 @@ def within(path: Path) -> tuple[dict[str, str], set[str]]:
                 names.add(material.get("name"))
         return replaced, names
     except (ValueError, KeyError, IndexError, TypeError, AttributeError):
-        return {}, set()  # damaged: its reader says so
+        return {}, set()  # damaged: its reader raises
 
 
 def make_neutral(mesh: trimesh.Trimesh, names: set[str]) -> None:

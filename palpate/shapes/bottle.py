@@ -24,7 +24,7 @@ PARAMETERS, STYLES = read("bottle", form(twist=8, warp=0.02, lean=0.05))
 
 
 def build(p: SimpleNamespace, rng: np.random.Generator) -> list[Part]:
-    """Body, top, handle and label as the parameters say."""
+    """Body, top, handle and label by the parameters."""
     profile, section = outline(p)
     body = upright(profile, section)
     radius, neck = p.slimness * p.height, p.neck * p.slimness * p.height

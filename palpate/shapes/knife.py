@@ -26,7 +26,7 @@ PARAMETERS, STYLES = read("knife", form(stretch=0.25, twist=5, warp=0.03, bend=9
 
 
 def build(p: SimpleNamespace, rng: np.random.Generator) -> list[Part]:
-    """Blade, handle, guard and pommel as the parameters say."""
+    """Blade, handle, guard and pommel by the parameters."""
     tall, wide = p.tall * p.grip, p.wide * p.tall * p.grip
     cutting = blade(p)
     if p.fold > 0:

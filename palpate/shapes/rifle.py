@@ -24,7 +24,7 @@ PARAMETERS, STYLES = read("rifle", form(stretch=0.15))
 
 
 def build(p: SimpleNamespace, rng: np.random.Generator) -> list[Part]:
-    """All parts as the parameters say, in one frame."""
+    """All parts by the parameters, in one frame."""
     wooden = p.wood == "yes" and p.stock not in ("skeleton", "carbine")
     furniture, dark = choose(rng, "wood" if wooden else "polymer"), choose(rng, "dark metal")
     look = dark if p.metal_look == "dark" else choose(rng, "metal", [p.metal_look])

@@ -33,7 +33,7 @@ def sample_by_rays(mesh: RayMesh, count: int, rng: np.random.Generator, directio
                 f"expected {count} exterior points, found {count - missing} among {drawn} candidates: "
                 "nearly all of the surface is hidden inside the object; remove its interior parts"
             )
-        # The share of exterior points seen so far says how many candidates the missing ones take.
+        # How many candidates the missing points take, by the share of exterior ones so far.
         share = (count - missing + 1) / (drawn + 1)
         batch = min(int(1.05 * missing / share) + 100, 4 * count)
         points, face = sample_by_area(mesh, batch, rng)
