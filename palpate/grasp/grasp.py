@@ -1,9 +1,8 @@
 """Grasps of one object: attempts until enough of them are valid, of which the best are kept."""
 
 from collections import Counter
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import lru_cache
-from typing import NamedTuple
 
 import numpy as np
 import trimesh
@@ -35,8 +34,9 @@ UNTOUCHED = "no sensor touches"
 PENETRATING = "penetrates too deep"
 
 
-class Grasp(NamedTuple):
-    """One closed hand, in the object's own frame."""
+@dataclass(frozen=True)
+class Grasp:
+    """One closed hand, in the object's own frame, metres, radians."""
 
     joint_positions: np.ndarray  # (J,)
     palm_pose: np.ndarray  # (4, 4)
@@ -44,20 +44,13 @@ class Grasp(NamedTuple):
     sensor_position: np.ndarray  # (s, 3)
     sensor_rotation: np.ndarray  # (s, 3, 3)
     touches: np.ndarray  # (s,) bool
-    penetration: float
+    penetration: float  # of the hand in the object, or in itself
 
 
 @dataclass(frozen=True)
-class GraspSet:
-    """The grasps kept of one object, those with the most touches first; world frame, metres, radians."""
+class GraspSet(Grasp):
+    """The g grasps kept of one object, those with the most touches first: arrays (g, ...) in the world frame."""
 
-    joint_positions: np.ndarray  # (g, J)
-    palm_pose: np.ndarray  # (g, 4, 4)
-    link_pose: np.ndarray  # (g, L, 4, 4)
-    sensor_position: np.ndarray  # (g, s, 3)
-    sensor_rotation: np.ndarray  # (g, s, 3, 3)
-    touches: np.ndarray  # (g, s) bool
-    penetration: np.ndarray  # (g,) float32: the hand in the object, or in itself
     attempts: int  # made in all
     discarded: dict[str, int]  # how many of them gave no grasp, by reason
     omitted: dict[str, int]  # what the simulation omits, and how much of each
@@ -194,11 +187,11 @@ def grasp_object(
 
 def in_world(grasps: list[Grasp], attempts: int, discarded: dict[str, int], omitted: dict[str, int]) -> GraspSet:
     """Grasps of an object in its own frame, stacked, in the world frame."""
-    joints, palms, links, positions, rotations, touches, depths = (np.stack(each) for each in zip(*grasps, strict=True))
-    for places in (palms[:, :3, 3], links[:, :, :3, 3], positions):
+    arrays = {field.name: np.stack([getattr(grasp, field.name) for grasp in grasps]) for field in fields(Grasp)}
+    for places in (arrays["palm_pose"][:, :3, 3], arrays["link_pose"][:, :, :3, 3], arrays["sensor_position"]):
         places += OBJECT_POSITION
-    arrays = joints, palms, links, positions, rotations, touches, depths.astype(np.float32)
-    return GraspSet(*arrays, attempts=attempts, discarded=discarded, omitted=omitted)
+    arrays["penetration"] = arrays["penetration"].astype(np.float32)
+    return GraspSet(**arrays, attempts=attempts, discarded=discarded, omitted=omitted)
 
 
 def omitted(hand: Hand, patches: int, visual_faces: int) -> dict[str, int]:
