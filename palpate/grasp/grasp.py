@@ -60,16 +60,9 @@ class Grasper:
     """One object and one hand, set up once for any number of attempts. Frames: the object's own."""
 
     def __init__(
-        self,
-        visual: trimesh.Trimesh,
-        collision: trimesh.Trimesh,
-        surface_points: np.ndarray,
-        hand: Hand,
-        timestep: float = TIMESTEP,
-        max_penetration: float = MAX_PENETRATION,
-        thumb_share: float = THUMB_SHARE,
-        sensor: Sensor = DIGIT,
-    ):
+        self, visual, collision, surface_points, hand: Hand,
+        timestep=TIMESTEP, max_penetration=MAX_PENETRATION, thumb_share=THUMB_SHARE, sensor=DIGIT,
+    ):  # fmt: skip
         """surface_points: (N, 3) on the object's exterior; the other arguments are `grasp_object`'s.
 
         Raises ValueError for an open hand whose links penetrate each other, UnusableObject for an object without a

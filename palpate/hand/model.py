@@ -3,16 +3,9 @@
 import mujoco
 import numpy as np
 
-from palpate.hand.hand import Hand
+from palpate.hand.hand import GEOM_KINDS, Hand
 
-MUJOCO_GEOM = {
-    "box": mujoco.mjtGeom.mjGEOM_BOX,
-    "sphere": mujoco.mjtGeom.mjGEOM_SPHERE,
-    "capsule": mujoco.mjtGeom.mjGEOM_CAPSULE,
-    "cylinder": mujoco.mjtGeom.mjGEOM_CYLINDER,
-    "ellipsoid": mujoco.mjtGeom.mjGEOM_ELLIPSOID,
-    "mesh": mujoco.mjtGeom.mjGEOM_MESH,
-}
+MUJOCO_GEOM = {kind: getattr(mujoco.mjtGeom, f"mjGEOM_{kind.upper()}") for kind in GEOM_KINDS}
 # Of a hinge; closing is stable with these at a time step of 4 ms. With kp 100 the tips end 9.8 mm in the object.
 STIFFNESS = 1.0  # N m / rad
 MAX_TORQUE = 0.5  # N m

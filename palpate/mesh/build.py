@@ -63,16 +63,10 @@ def build(
     record = {
         "version": VERSION,
         "source": {
-            "file": source.name,
-            "faces": len(repaired.faces),
-            "parts": len(parts),
-            "up": up,
-            "scale": asked,
-            "replaced_textures": replaced,
-            "bounding_box": [corner.tolist() for corner in box],
+            **{"file": source.name, "faces": len(repaired.faces), "parts": len(parts), "up": up, "scale": asked},
+            **{"replaced_textures": replaced, "bounding_box": [corner.tolist() for corner in box]},
         },
-        "scale": float(scale),
-        "diagonal": float(diagonal),
+        **{"scale": float(scale), "diagonal": float(diagonal)},
         "repairs": repaired.counts,
         "visual.glb": _describe(vertices, faces) | {"see_through": _see_through(glb)},
     }

@@ -39,20 +39,12 @@ def _collapsed(vertices, faces, count, fixed_borders, planar_weight=PLANAR_WEIGH
     meshes = pymeshlab.MeshSet(verbose=False)
     meshes.add_mesh(pymeshlab.Mesh(vertices, faces))
     # All parameters: those not given pymeshlab takes from the call before, and results would depend on it.
+    # Cleaning would drop what collapsed to nothing, and so open closed meshes.
+    fixed = dict.fromkeys(("preservenormal", "preservetopology", "optimalplacement", "planarquadric"), True)
+    fixed |= dict.fromkeys(("qualityweight", "autoclean", "selected"), False)
+    fixed |= {"targetperc": 0.0, "boundaryweight": BORDER_WEIGHT, "preserveboundary": fixed_borders}
     meshes.meshing_decimation_quadric_edge_collapse(
-        targetfacenum=count,
-        targetperc=0.0,
-        qualitythr=quality,
-        preserveboundary=fixed_borders,
-        boundaryweight=BORDER_WEIGHT,
-        preservenormal=True,
-        preservetopology=True,
-        optimalplacement=True,
-        planarquadric=True,
-        planarweight=planar_weight,
-        qualityweight=False,
-        autoclean=False,  # it would drop what collapsed to nothing, and so open closed meshes
-        selected=False,
+        targetfacenum=count, planarweight=planar_weight, qualitythr=quality, **fixed
     )
     meshes.meshing_remove_unreferenced_vertices()
     mesh = meshes.current_mesh()
