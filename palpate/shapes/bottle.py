@@ -120,11 +120,11 @@ def handle(p: SimpleNamespace, profile: np.ndarray, section: np.ndarray) -> Mani
     return bent_bar(path, 0.4 * (high - low), 1.2 * thick, 0.8 * thick, 2.5, 32).rotate((0, 0, p.handle_turn - 90))
 
 
-def screw_cap(radius: float, low: float, height: float, taper: float = 0.97, ribs: int = 36) -> Manifold:
+def screw_cap(radius: float, low: float, height: float, taper: float) -> Manifold:
     """A knurled cap with a rounded top."""
     top = low + height
     profile = filleted([(radius, low), (taper * radius, top), (1e-3 * radius, top)], [0, 0.15 * height, 0])
-    return upright(profile, fluted(0.05, ribs, 4 * ribs))
+    return upright(profile, fluted(0.05, 36, 144))
 
 
 def top(p: SimpleNamespace, rng: np.random.Generator, neck: float, radius: float) -> list[Part]:

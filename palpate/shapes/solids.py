@@ -171,10 +171,12 @@ def bent_bar(path, fillet: float, width: float, height: float, exponent: float, 
     return sweep(filleted(path, fillet), superellipse(width, height, exponent, count))
 
 
-def sweep(path: np.ndarray, section: np.ndarray, scale: np.ndarray | None = None, side=(1.0, 0.0, 0.0)) -> Manifold:
+def sweep(
+    path: np.ndarray, section: np.ndarray, scale: np.ndarray | float | None = None, side=(1.0, 0.0, 0.0)
+) -> Manifold:
     """Move a section (m, 2) along a path (k, 3): its first coordinate along `side`, its second across both.
 
-    scale: (k,) or (k, 2) factors of the section. The path must not run along `side`.
+    scale: factors of the section, (k,), (k, 2) or one. The path must not run along `side`.
     """
     path = np.asarray(path, dtype=float)
     tangent = np.gradient(path, axis=0)
@@ -223,14 +225,11 @@ def fluted(depth: np.ndarray | float, flutes: int, count: int) -> np.ndarray:
     return np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=-1)
 
 
-def rod(start, end, radius: float, end_radius: float | None = None, segments: int = 32) -> Manifold:
-    """A cylinder or truncated cone from `start` to `end` (3,)."""
-    start, end = np.asarray(start, float), np.asarray(end, float)
-    axis = (end - start) / np.linalg.norm(end - start)
+def rod(start, end, radius: float, segments: int = 32) -> Manifold:
+    """A cylinder from `start` to `end` (3,)."""
+    axis = np.subtract(end, start) / np.linalg.norm(np.subtract(end, start))
     side = np.eye(3)[np.argmin(np.abs(axis))]
-    section = superellipse(2, 2, 2, segments)
-    radii = np.array([radius, radius if end_radius is None else end_radius])
-    return sweep(np.array([start, end]), section, radii, side)
+    return sweep(np.array([start, end]), superellipse(2, 2, 2, segments), radius, side)
 
 
 def turned(profile: np.ndarray, start, direction, segments: int = 32) -> Manifold:
