@@ -101,7 +101,7 @@ try:
             logger.warning(line)
     LOOK = [config["vision"][key] for key in ("cameras", "lights", "background")]
     if workflow.is_main_process and LOOK != [None, None, [1, 1, 1]]:
-        from palpate import scene  # loads trimesh
+        from palpate import scene
 
         scene.draw(config["vision"], config["seed"], "")
     TRAINING_MACHINE = {key: config["training"][key] for key in ("device", "devices", "precision")}

@@ -1,3 +1,6 @@
+from palpate.mesh import VERSION as MESH_VERSION
+
+
 # Load, repair, normalise and decimate the meshes of a batch. Its objects are params and not the catalogue's rows, so
 # that another split, or another object's file, does not make it again.
 rule meshes:
@@ -13,7 +16,7 @@ rule meshes:
     resources:
         mem_mb=mesh_memory,
     params:
-        version=2,  # palpate.mesh.VERSION, whose import loads mesh libraries
+        version=MESH_VERSION,
         outside=SOURCE.outside,
         objects=batch_meshes,
         folder=SOURCE_PATH,
