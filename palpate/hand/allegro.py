@@ -77,7 +77,7 @@ def allegro(gel_face: float = DIGIT.gel_face) -> Hand:
     for (low_y, high_y), (low_z, high_z) in PALM_BOXES:
         add_between(0, (PALM_BACK, low_y, low_z), (PALM_FACE, high_y, high_z), LINK_COLOUR)
     fingers = [(name, finger_links(y, z, roll), FINGER_TIP_OFFSET) for name, y, z, roll in FINGERS]
-    tips = []
+    sensors, sensor_position = [], SENSOR_ORIGIN + np.array([DIGIT.gel_face - gel_face, 0, 0])
     for name, finger, tip_offset in (*fingers, ("thumb", THUMB_LINKS, THUMB_TIP_OFFSET)):
         link = 0
         for number, (position, rpy, axis, limits, half_extents, centre) in enumerate(finger):
@@ -86,15 +86,13 @@ def allegro(gel_face: float = DIGIT.gel_face) -> Hand:
             joints.append((link, axis, False, limits))
             add_box(link, centre, half_extents, LINK_COLOUR)
         links.append((f"{name}_tip", link, (0, 0, tip_offset), np.eye(3)))
-        tips.append(len(links) - 1)
-        add_between(tips[-1], *np.transpose(DIGIT_BODY), DIGIT_COLOUR)
-        add_between(tips[-1], *np.transpose(GEL_PAD), GEL_COLOUR)
+        tip = len(links) - 1
+        add_between(tip, *np.transpose(DIGIT_BODY), DIGIT_COLOUR)
+        add_between(tip, *np.transpose(GEL_PAD), GEL_COLOUR)
+        sensors.append((name, name == "thumb", tip, sensor_position, np.eye(3)))
 
     anchor = np.eye(4)
     anchor[:3, 3] = (PALM_FACE, 0, PALM_ANCHOR_HEIGHT)
-    sensor_position = SENSOR_ORIGIN + np.array([DIGIT.gel_face - gel_face, 0, 0])
-    names = [name for name, *_ in FINGERS] + ["thumb"]
-    sensors = [(name, name == "thumb", tip, sensor_position, np.eye(3)) for name, tip in zip(names, tips, strict=True)]
     return Hand.from_rows("allegro", links, joints, geoms, sensors, [0.0] * 12 + list(OPEN_THUMB), anchor)
 
 

@@ -131,11 +131,8 @@ class Renderer:
                         f"{suffix.replace('-', ' ')}: make its materials less transparent, or the object thicker"
                     )
             occluded = [[self._draw_occluded(each, points, grasp, suffix) for grasp in grasps] for each, suffix in seen]
-        log.info(
-            "%s: omitted: %d renders of the object alone again; %s of %s pixels around what is drawn",
-            scene.name, len(seen) * max(0, len(grasps) - 1), f"{self._omitted_pixels:,}",
-            f"{(1 + len(grasps)) * sum(each.index.size for each in unoccluded):,}",
-        )  # fmt: skip
+        again = f"{len(seen) * max(0, len(grasps) - 1)} renders of the object alone"
+        self._log_omitted(scene, again, (1 + len(grasps)) * sum(each.index.size for each in unoccluded))
         behind = None if scene.background is None else tuple(linear(scene.background))
         return [
             (alone.image(behind), [layers.image(behind) for layers in held])
@@ -171,12 +168,13 @@ class Renderer:
                     layers.append(self._draw(camera, points))
             finally:
                 render.use_persistent_data = False
-        log.info(
-            "%s: omitted: %d imports of the object again; %s of %s pixels around what is drawn",
-            scene.name, max(0, len(layers) - 1), f"{self._omitted_pixels:,}",
-            f"{sum(each.index.size for each in layers):,}",
-        )  # fmt: skip
+        again = f"{max(0, len(layers) - 1)} imports of the object"
+        self._log_omitted(scene, again, sum(each.index.size for each in layers))
         return [each.image(WHITE) for each in layers]
+
+    def _log_omitted(self, scene: Scene, again: str, pixels: int) -> None:
+        omitted = f"{again} again; {self._omitted_pixels:,} of {pixels:,} pixels around what is drawn"
+        log.info("%s: omitted: %s", scene.name, omitted)
 
     def render_meshes(
         self,
