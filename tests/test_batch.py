@@ -102,7 +102,7 @@ def test_a_job_whose_log_is_on_the_full_disk_says_so_on_the_terminal():
 
 
 @pytest.mark.parametrize(
-    ("error", "said"),
+    ("error", "message"),
     [
         (OSError(28, "No space left on device", "x.zarr"), "x.zarr: the disk is full: free some space"),
         (
@@ -118,8 +118,8 @@ def test_a_job_whose_log_is_on_the_full_disk_says_so_on_the_terminal():
         (ValueError("two\nlines"), "ValueError: two lines"),
     ],
 )
-def test_an_error_is_one_line_with_its_remedy(error, said):
-    assert said in one_line_error(error) and "\n" not in one_line_error(error)
+def test_an_error_is_one_line_with_its_remedy(error, message):
+    assert message in one_line_error(error) and "\n" not in one_line_error(error)
 
 
 OUT_OF_MEMORY = [
@@ -227,10 +227,10 @@ def as_nobody(folder, read):
             if os.geteuid() == 0:
                 os.setuid(65534)
             read()
-            said = "nothing"
+            message = "nothing"
         except BaseException as error:
-            said = one_line_error(error)
-        os.write(sender, said.encode())
+            message = one_line_error(error)
+        os.write(sender, message.encode())
         os._exit(0)
     os.waitpid(child, 0)
     return os.read(receiver, 10_000).decode()
@@ -267,9 +267,9 @@ def test_a_file_that_may_not_be_read_is_not_damaged(open_folder):
     }
     for path, read in reads.items():
         path.chmod(0)
-        said = as_nobody(folder, read)
-        assert "Permission denied: give the right to it" in said, (path, said)
-        assert "damaged" not in said and "remove it" not in said
+        message = as_nobody(folder, read)
+        assert "Permission denied: give the right to it" in message, (path, message)
+        assert "damaged" not in message and "remove it" not in message
         path.chmod(0o644)
 
 
@@ -285,10 +285,9 @@ def test_a_folder_that_takes_no_more_files_is_named(tmp_path):
             for number in range(9):
                 with atomic_write(folder / f"{number}.txt") as partial:
                     partial.write_text("x")
-        said = one_line_error(raised.value)
-        assert (
-            str(folder) in said and "the disk is full: it takes no more files (inodes): remove some and start" in said
-        ), said
+        message = one_line_error(raised.value)
+        full = "the disk is full: it takes no more files (inodes): remove some and start"
+        assert str(folder) in message and full in message, message
         assert not [name for name in os.listdir(folder) if name.startswith(".partial")]
     finally:
         subprocess.run(["umount", str(folder)], check=True)

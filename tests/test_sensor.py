@@ -1,4 +1,4 @@
-"""Sensors as data: the shipped ones, what a file may say, and what is said of one that can't be."""
+"""Sensors as data: the shipped ones, valid files, and errors for invalid ones."""
 
 import numpy as np
 import pytest

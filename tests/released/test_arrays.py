@@ -244,7 +244,7 @@ def of_first(change):
 
 
 @pytest.mark.parametrize(
-    ("damage", "said"),
+    ("damage", "message"),
     [
         (without("gel"), r"0\.npy: no gel in it"),
         (with_value("cam_pos", lambda values: values[:3]), r"0\.npy: cam_pos: expected numbers of shape"),
@@ -260,9 +260,9 @@ def of_first(change):
         (lambda tree: save(tree / "scene_info/0001/00012/0.npy", np.zeros(3)), "no touch_success, cam_pos"),
     ],
 )
-def test_a_scene_that_is_something_else_is_named(tree, damage, said):
+def test_a_scene_that_is_something_else_is_named(tree, damage, message):
     damage(tree)
-    with pytest.raises(UnusableObject, match=said):
+    with pytest.raises(UnusableObject, match=message):
         released.read_touch(tree, ENTRY, 2)
     kept = ReleasedObject("0001", "00013")
     _, rejections = each_object([ENTRY, kept], lambda entry: released.read_touch(tree, entry, 2), "released")
@@ -291,7 +291,7 @@ def test_nothing_in_a_dataset_is_run(tree):
 
 
 @pytest.mark.parametrize(
-    ("damage", "said"),
+    ("damage", "message"),
     [
         (lambda tree: shutil.rmtree(tree / "images"), "images: no such folder: set source.path"),
         (lambda tree: (tree / "split.npy").unlink(), r"split\.npy: no such file"),
@@ -303,9 +303,9 @@ def test_nothing_in_a_dataset_is_run(tree):
         (lambda tree: save(tree / "split.npy", {"train": ["a"], "test": ["a"]}), "a is in train and in test"),
     ],
 )
-def test_a_dataset_that_is_something_else_is_named(tree, damage, said):
+def test_a_dataset_that_is_something_else_is_named(tree, damage, message):
     damage(tree)
-    with pytest.raises(CatalogueError, match=said):
+    with pytest.raises(CatalogueError, match=message):
         scan(Source("released", tree), {"0001": "all"})
 
 
