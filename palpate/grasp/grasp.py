@@ -11,8 +11,7 @@ from palpate.batch import UnusableObject
 from palpate.grasp.closing import TIMESTEP, GraspSimulation
 from palpate.grasp.patches import surface_patches
 from palpate.grasp.penetration import PenetrationCheck
-from palpate.grasp.placement import palm_pose, with_normals
-from palpate.grasp.targets import Workspace
+from palpate.grasp.targets import Workspace, palm_pose, with_normals
 from palpate.hand import MAX_OUT_OF_RANGE, MAX_PENETRATION, Hand
 from palpate.mesh import OBJECT_POSITION
 from palpate.sensor import DIGIT, Sensor

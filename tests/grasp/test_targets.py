@@ -4,13 +4,16 @@ import numpy as np
 import pytest
 import trimesh
 
-from palpate.grasp.placement import GAP, Surface, palm_pose, with_normals
 from palpate.grasp.targets import (
     DIRECTION_LENGTH,
+    GAP,
     PRESS,
+    Surface,
     Workspace,
+    palm_pose,
     sensor_joints,
     solve_positive_definite,
+    with_normals,
 )
 from palpate.hand import allegro
 
