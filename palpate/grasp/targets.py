@@ -1,5 +1,5 @@
-"""Where a grasp goes: the palm tangent to a random point of the exterior surface; for each sensor a surface point that
-it can face, by inverse kinematics."""
+"""Where a grasp goes: the palm at a random point of the surface; for each sensor a surface point, by inverse
+kinematics."""
 
 from typing import NamedTuple
 
