@@ -1,4 +1,4 @@
-"""Where a grasp goes: the palm at a random point of the surface; for each sensor a surface point, by inverse
+"""Where a grasp goes: the palm at a random surface point; for each sensor a surface point, by inverse kinematics."""
 kinematics."""
 
 from typing import NamedTuple
