@@ -1,5 +1,4 @@
 """Where a grasp goes: the palm at a random surface point; for each sensor a surface point, by inverse kinematics."""
-kinematics."""
 
 from typing import NamedTuple
 
