@@ -16,7 +16,7 @@ run: env
 	@$(BIN)/palpate view results/default
 
 smoke: env
-	$(BIN)/snakemake --cores $(CORES) smoke
+	$(BIN)/snakemake --cores $(CORES) all validate --configfile config/smoke.yaml
 
 # On the smoke run.
 examples: env

@@ -11,15 +11,22 @@ from pathlib import Path
 
 from snakemake.utils import min_version
 
+from workflow.run import environment, hooks
+
 min_version("9.0")
 
 PROJECT = Path(workflow.basedir)
+# At Ctrl-C the run ends its jobs (`hooks.catch_signals`). They ignore that of the terminal, where each would print.
+shell.prefix("set -euo pipefail; trap '' INT; ")
+hooks.prepare(PROJECT)
 
 
 configfile: PROJECT / "config/config.yaml"
 
 
 include: "workflow/rules/configuration.smk"
+include: "workflow/rules/batches.smk"
+include: "workflow/rules/experiments.smk"
 
 
 report: "workflow/report/workflow.rst"
@@ -52,25 +59,23 @@ include: "workflow/rules/known_targets.smk"
 include: "workflow/rules/targets.smk"
 
 
-if workflow.is_main_process:
-    for each in logger.handlers:
-        each.addFilter(terminal.Errors(explain_target))
+if hooks.LogHandler.current:
+    hooks.LogHandler.current.explain = explain_target
 
 
 onstart:
-    check_environment()
+    if warning := environment.warning(PROJECT / "envs/requirements.txt"):
+        logger.warning(warning)
     take_folder()
-    take_terminal()
-    take_signals()
-    schedule_at_events()
+    hooks.catch_signals()
 
 
 onsuccess:
-    say_end(object_pages=8)
+    hooks.finish(RUN_FOLDER, object_pages=8)
 
 
 onerror:
-    say_end(object_pages=0)
+    hooks.finish(RUN_FOLDER, object_pages=0)
 
 
 localrules:
@@ -83,8 +88,3 @@ rule all:
     input:
         rules.dataset.input,
         [product_files(each) for each in MADE if each.category == "Models"],
-
-
-# One environment for all rules; Snakemake has no directive that says so once.
-for each in workflow.rules:
-    each.conda_env = CONDA

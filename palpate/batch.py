@@ -1,8 +1,7 @@
-"""Processing of a batch of objects, shared by all stages: seeds, rejections, progress."""
+"""Processing of a batch of objects, shared by all stages: seeds, rejections, progress, errors in one line."""
 
 import csv
 import errno
-import gc
 import hashlib
 import logging
 import mmap
@@ -18,16 +17,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from tqdm import tqdm
 
-from palpate import lock
 from palpate.checksums import DamagedFile, read_rows
 from palpate.rebuild_command import rebuild_advice
 
 log = logging.getLogger(__name__)
 
-# In a job's environment: the run prints on the terminal, its jobs don't. tqdm reads it too.
-QUIET = "TQDM_DISABLE"
-# New containers between two garbage collections. Python's own 700 costs time while modules load, and frees nothing.
-GARBAGE_AFTER = 50_000
 # Lack of memory in the words of libigl, pymeshlab, embree, Blender, torch and the system.
 NO_MEMORY = re.compile(
     r"bad_alloc|out of (?:\w+ )?memory|not enough memory|(?:can't|cannot|could not|unable to|failed to) allocate", re.I
@@ -51,34 +45,6 @@ def generator(seed: int, *names: str) -> np.random.Generator:
     """A random generator that depends on the run's seed and on names (object, stage, ...) only, not on the batch."""
     digest = hashlib.sha256("\0".join((str(seed), *names)).encode()).digest()
     return np.random.default_rng(np.frombuffer(digest, dtype=np.uint32))
-
-
-def log_to(path: Path | str) -> None:
-    """Send a job's log lines, what engines print, and the traceback of a failure to its log file.
-
-    A failed job's last line is `one_line_error`. Standard error stays on the terminal, for the progress bar and that
-    line. Until it ends, the process counts as a job of the run whose folder it works in (`palpate.lock`).
-    """
-    gc.set_threshold(GARBAGE_AFTER)
-    if Path(lock.LOCK).exists():
-        lock.share(".")
-    file = open(path, "w", buffering=1)  # noqa: SIM115 - it lives as long as the process
-    logging.basicConfig(stream=file, level=logging.INFO, format="%(asctime)s %(levelname)s %(message)s", force=True)
-    logging.captureWarnings(True)
-    sys.stdout.flush()
-    os.dup2(file.fileno(), 1)
-
-    def excepthook(kind, error, traceback):
-        log.critical("stopped", exc_info=(kind, error, traceback))
-        run_prints_error = QUIET in os.environ
-        try:
-            print(one_line_error(error), flush=True)
-        except OSError:  # a full disk: the run finds nothing in the log
-            run_prints_error = False
-        if not run_prints_error:
-            print(one_line_error(error), file=sys.stderr)
-
-    sys.excepthook = excepthook
 
 
 def one_line_error(error: BaseException) -> str:

@@ -86,6 +86,21 @@ def typed(value: Any) -> Any:
     return read if read is None or isinstance(read, int | float) else value
 
 
+def parse_texts(config: dict[str, Any], schema: Path | str) -> None:
+    """Replace, in place, texts that the schema refuses by what YAML reads them as.
+
+    A command line's `--config` leaves all values in braces or brackets as texts.
+    """
+    for section in filter(lambda value: isinstance(value, dict), config.values()):
+        section.update({key: None for key, value in section.items() if value == "null"})
+    for error in list(_validator(schema).iter_errors(config)):
+        if isinstance(error.instance, str) and error.absolute_path:
+            place, (*above, last) = config, error.absolute_path
+            for step in above:
+                place = place[step]
+            place[last] = typed(error.instance)
+
+
 def read_yaml(path: Path | str) -> Any:
     """What a YAML file holds.
 
@@ -182,13 +197,16 @@ def whole_numbers(values: Any) -> Any:
     return int(values) if isinstance(values, float) and values.is_integer() and abs(values) < 2**53 else values
 
 
+def _validator(schema: Path | str) -> jsonschema.Draft202012Validator:
+    return jsonschema.Draft202012Validator(yaml.safe_load(Path(schema).read_text()))
+
+
 def check(instance: Any, schema: Path | str, what: str) -> None:
     """Raise `ConfigError` with one line for each place where `instance` does not fit the schema file.
 
     `what` names the thing in the message, e.g. the config files that were read.
     """
-    validator = jsonschema.Draft202012Validator(yaml.safe_load(Path(schema).read_text()))
-    errors = sorted(validator.iter_errors(instance), key=lambda error: list(map(str, error.absolute_path)))
+    errors = sorted(_validator(schema).iter_errors(instance), key=lambda error: list(map(str, error.absolute_path)))
     # A key that is wrong in several ways (a failed `required` names each missing key) is said once.
     lines = list(dict.fromkeys(line for error in errors for line in _say(error)))
     lines += _unusable(instance)

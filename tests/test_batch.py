@@ -16,7 +16,6 @@ from hypothesis import strategies as st
 from palpate import checksums, store
 from palpate.atomic import atomic_write
 from palpate.batch import (
-    QUIET,
     Rejection,
     UnusableObject,
     each_object,
@@ -73,32 +72,6 @@ def test_rejections_survive_their_file(tmp_path_factory, rejections):
     path = tmp_path_factory.mktemp("rejected") / "batch.csv"
     write_rejections(path, rejections)
     assert read_rejections([path, path]) == rejections + rejections
-
-
-def test_a_job_log_holds_lines_prints_of_engines_and_the_traceback(tmp_path):
-    code = (
-        "import logging, os, sys; from palpate.batch import log_to; log_to(sys.argv[1]);"
-        "logging.info('a line'); os.system('echo an engine'); raise ValueError('the end')"
-    )
-    done = subprocess.run([sys.executable, "-c", code, str(tmp_path / "log")], capture_output=True, text=True)
-    log = (tmp_path / "log").read_text()
-    assert done.returncode == 1
-    assert "ValueError: the end" in done.stderr and done.stdout == ""
-    assert "INFO a line" in log and "an engine" in log and "ValueError: the end" in log
-    assert "Traceback" in log and "Traceback" not in done.stderr
-    assert log.splitlines()[-1] == "ValueError: the end"
-
-
-def test_a_job_whose_log_is_on_the_full_disk_says_so_on_the_terminal():
-    script = f"import os; os.environ['{QUIET}'] = '1'; from palpate.batch import log_to; log_to('/dev/full');"
-    done = subprocess.run(
-        [sys.executable, "-c", script + "raise OSError(28, 'No space left on device', 'x.zarr')"],
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert done.returncode
-    assert "x.zarr: the disk is full: free some space" in done.stderr
 
 
 @pytest.mark.parametrize(

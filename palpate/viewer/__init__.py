@@ -7,3 +7,11 @@ from palpate.lazy import lazy_exports
 
 EXPORTS = {"page": ["object_page"], "scene": ["record_scene"], "index": ["run_page"]}
 __all__, __getattr__ = lazy_exports(__name__, EXPORTS)
+
+
+def duration(seconds: float) -> str:
+    """Hours, minutes, or seconds, as one reads them: `1 h 20 min`, `3 min 5 s`, `12 s`."""
+    seconds = round(seconds)
+    if seconds >= 3600:
+        return f"{seconds // 3600} h {seconds % 3600 // 60} min"
+    return f"{seconds // 60} min {seconds % 60} s" if seconds >= 60 else f"{seconds} s"

@@ -29,7 +29,7 @@ from palpate.rebuild_command import RECORD
 from palpate.results.products import caption, position
 from palpate.results.tables import display
 from palpate.stages import STAGES
-from palpate.terminal import duration
+from palpate.viewer import duration
 from palpate.viewer.html import data_uri, render, resource
 
 PICTURED = 300  # objects with a picture in the page: 1 to 3 kB each

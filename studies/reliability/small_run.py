@@ -13,8 +13,8 @@ import yaml
 
 from palpate.evaluation import rows
 from palpate.inference import checkpoints
-from palpate.lock import JOBS_LOCK, LOCK
 from palpate.rebuild_command import RECORD
+from workflow.run.lock import JOBS_LOCK, LOCK
 
 PROJECT = Path(__file__).parents[2]
 # The data with their tables and figures, and a model that continues from another, with its evaluation.

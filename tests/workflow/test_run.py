@@ -13,11 +13,11 @@ import pandas as pd
 import pytest
 
 import palpate
-from palpate.lock import JOBS_LOCK, LOCK
 from palpate.mesh import FORMATS
 from palpate.rebuild_command import RECORD
 from tests.mesh import nasty
 from tests.workflow.conftest import EVERY_SPLIT, PROJECT
+from workflow.run.lock import JOBS_LOCK, LOCK
 
 STORES = ("surface", "grasps", "touch", "vision")
 PAGE = ("index.html", "last_run.json", "viewer")

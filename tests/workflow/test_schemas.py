@@ -10,6 +10,7 @@ from snakemake.utils import update_config
 
 from palpate.catalogue import assign_split
 from palpate.configuration import ConfigError, check
+from workflow.schemas import document
 
 PROJECT = Path(__file__).parents[2]
 SCHEMA = PROJECT / "workflow/schemas/config.schema.yaml"
@@ -118,6 +119,16 @@ def test_every_number_has_a_greatest_value():
     found = bounds(yaml.safe_load(SCHEMA.read_text()))
     assert len(found) > 25
     assert [path for path, bounded in found.items() if not bounded] == []
+
+
+def test_the_readme_has_a_row_for_each_key_as_the_schema_describes_it():
+    text = document.DOCUMENT.read_text()
+    assert text == document.renewed(text), "run: python workflow/schemas/document.py"
+    sections = {key for key, value in DEFAULT.items() if isinstance(value, dict) and key != "split"}
+    keys = [key for key in DEFAULT if key not in sections]
+    keys += [f"{section}.{key}" for section in sections for key in DEFAULT[section]]
+    assert len(keys) > 50 and all(text.count(f"\n| `{key}` | ") == 1 for key in keys)
+    assert "| `grasps.timestep` | `0.004` | time step of MuJoCo, s" in text
 
 
 @pytest.mark.parametrize("value", [math.inf, -math.inf, math.nan])

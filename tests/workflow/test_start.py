@@ -2,11 +2,11 @@
 
 import os
 import re
-from unittest import mock
+import threading
+import time
 
 import pytest
 import yaml
-from snakemake.scheduling.job_scheduler import JobScheduler
 
 from tests.workflow.conftest import PROJECT
 
@@ -122,13 +122,30 @@ def test_a_path_from_the_root_is_the_runs(smoke, place, monkeypatch):
     assert found[0].startswith("no target tables/graps.csv; did you mean tables/grasps.csv")
 
 
-def test_jobs_that_ended_leave_no_timers_that_look_for_jobs_every_second(make_workflow):
+def test_jobs_that_ended_leave_no_timers_that_look_for_jobs_every_second(make_workflow, monkeypatch):
     """Snakemake 9's limit of jobs a second does, one for each: hundreds take a core of the run."""
+    delays, begin = [], threading.Timer.__init__
+
+    def count(timer, interval, *arguments):
+        delays.append(interval)
+        begin(timer, interval, *arguments)
+
+    monkeypatch.setattr(threading.Timer, "__init__", count)
     workflow = make_workflow()
-    with mock.patch.object(JobScheduler, "_schedule_reevalutation") as timer:
-        run = workflow.plan("catalogue.csv")
-        assert run.returncode == 0 and (workflow.run / "catalogue.csv").exists(), run.stdout + run.stderr
-        timer.assert_not_called()
-        asked = make_workflow().plan("catalogue.csv", "--max-jobs-per-timespan", "50/1s")
-        assert asked.returncode == 0, asked.stdout + asked.stderr
-        timer.assert_called()
+    started = time.monotonic()
+    run = workflow.plan("catalogue.csv")
+    assert run.returncode == 0 and (workflow.run / "catalogue.csv").exists(), run.stdout + run.stderr
+    for each in threading.enumerate():  # Python waits for them before it ends
+        if isinstance(each, threading.Timer):
+            each.join()
+    assert set(delays) <= {60} and time.monotonic() - started < 60
+    asked = make_workflow().plan("catalogue.csv", "--max-jobs-per-timespan", "50/1s")
+    assert asked.returncode == 0 and 1 in delays, asked.stdout + asked.stderr
+
+
+def test_without_the_logger_a_run_has_snakemakes_own_output_and_the_end_of_ours(make_workflow):
+    """As in an environment into which `make env` has not installed this checkout."""
+    workflow = make_workflow()
+    run = workflow.plan("catalogue.csv", "--workflow-profile", "none", "--nolock")
+    assert run.returncode == 0, run.stdout + run.stderr
+    assert "rule catalogue:" in run.stderr and f"{workflow.run}: index.html" in run.stderr

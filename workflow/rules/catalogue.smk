@@ -6,6 +6,8 @@ rule shapes:
         "logs/shapes/{class}.log",
     benchmark:
         "benchmarks/shapes/{class}.tsv"
+    conda:
+        "../../envs/palpate.yaml"
     params:
         name=lambda wildcards: wildcards["class"],
         objects=lambda wildcards: CLASS_COUNTS[wildcards["class"]],
@@ -25,6 +27,8 @@ rule catalogue_batch:
         "logs/catalogue/{batch}.log",
     benchmark:
         "benchmarks/catalogue/{batch}.tsv"
+    conda:
+        "../../envs/palpate.yaml"
     params:
         root=SOURCE_PATH,
         outside=SOURCE.outside,
@@ -43,6 +47,8 @@ rule catalogue:
         "logs/catalogue.log",
     benchmark:
         "benchmarks/catalogue.tsv"
+    conda:
+        "../../envs/palpate.yaml"
     params:
         split=config["split"],
         by_name=not any(entry.split for entry in ENTRIES),
@@ -60,5 +66,7 @@ rule rejected:
         "logs/rejected.log",
     benchmark:
         "benchmarks/rejected.tsv"
+    conda:
+        "../../envs/palpate.yaml"
     script:
         "../scripts/rejected.py"

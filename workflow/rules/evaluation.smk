@@ -14,6 +14,8 @@ rule rings:
         "logs/rings/{batch}.log",
     benchmark:
         "benchmarks/rings/{batch}.tsv"
+    conda:
+        "../../envs/palpate.yaml"
     params:
         seed=config["seed"],
     script:
@@ -32,6 +34,8 @@ rule evaluate:
         "logs/evaluate/{experiment}-{seed}.log",
     benchmark:
         "benchmarks/evaluate/{experiment}-{seed}.tsv"
+    conda:
+        "../../envs/palpate.yaml"
     threads: config["training"]["threads"]
     resources:
         mem_mb=lambda wildcards, input: 2000 + 2 * stored_mb(input),

@@ -12,6 +12,8 @@ rule grasps:
         "logs/grasps/{batch}.log",
     benchmark:
         "benchmarks/grasps/{batch}.tsv"
+    conda:
+        "../../envs/palpate.yaml"
     params:
         grasps=config["grasps"],
         sensor=SENSOR.geometry,

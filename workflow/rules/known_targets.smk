@@ -1,14 +1,13 @@
 # The targets that there are, for the message about one that no rule makes.
-def named_targets():
-    """Rules that can be asked for; those named like files stand for paths from the project's root."""
-    return [rule.name for rule in workflow.rules if not rule.has_wildcards() and rule.name.isidentifier()]
+NAMED_TARGETS = ["all", "catalogue", "dataset", "export", "rejected", *([] if RELEASED else ["reports"]), "smoke"]
+NAMED_TARGETS += ["touch_depth", "validate", "validation"]
 
 
 def known_targets():
     """The targets that there are: by name, and every file that is worth asking for."""
     every_model = {"experiment": EXPERIMENTS.experiments, "seed": config["training"]["seeds"]}
     return [
-        *named_targets(),
+        *NAMED_TARGETS,
         *(path for product in OFFERED for path in product_files(product)),
         *expand("models/{experiment}/seed-{seed}/best.ckpt", **every_model),
         *expand("evaluations/{experiment}/seed-{seed}.csv", **every_model),
@@ -24,7 +23,7 @@ def explain_target(path):
     path = os.path.relpath(path, RUN_FOLDER) if os.path.isabs(path) else path
     known, seeds = known_targets(), config["training"]["seeds"]
     notes = [
-        f"by name: {', '.join(sorted(named_targets()))}",
+        f"by name: {', '.join(NAMED_TARGETS)}",
         f"tables/<table>.csv, .md, .tex: {', '.join(product_names('tables', OFFERED))}",
         f"figures/<figure>.png: {', '.join(product_names('figures', OFFERED))}",
         f"models/<experiment>/seed-<seed>/best.ckpt, evaluations/<experiment>/seed-<seed>.csv: "
@@ -34,4 +33,4 @@ def explain_target(path):
     seed = re.search(r"\bseed-(\d+)\b", path)
     if seed and int(seed[1]) not in seeds:
         notes.insert(0, f"the config has no seed {seed[1]}: add it to training.seeds")
-    return terminal.unknown_target(path, known, notes)
+    return hooks.unknown_target(path, known, notes)

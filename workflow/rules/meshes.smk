@@ -13,6 +13,8 @@ rule meshes:
         "logs/meshes/{batch}.log",
     benchmark:
         "benchmarks/meshes/{batch}.tsv"
+    conda:
+        "../../envs/palpate.yaml"
     resources:
         mem_mb=mesh_memory,
     params:

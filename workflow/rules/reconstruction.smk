@@ -22,6 +22,8 @@ rule reconstruction:
         "logs/reconstruction/{experiment}-{seed}.log",
     benchmark:
         "benchmarks/reconstruction/{experiment}-{seed}.tsv"
+    conda:
+        "../../envs/palpate.yaml"
     threads: config["training"]["threads"]
     resources:
         mem_mb=lambda wildcards, input: 2000 + 4 * stored_mb(input),

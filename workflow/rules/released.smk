@@ -14,6 +14,8 @@ if RELEASED:
             "logs/released/{batch}.log",
         benchmark:
             "benchmarks/released/{batch}.tsv"
+        conda:
+            "../../envs/palpate.yaml"
         params:
             objects=batch_objects,
             source=SOURCE.path,
@@ -37,5 +39,7 @@ rule export:
         "logs/export.log",
     benchmark:
         "benchmarks/export.tsv"
+    conda:
+        "../../envs/palpate.yaml"
     script:
         "../scripts/export.py"

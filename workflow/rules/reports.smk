@@ -31,14 +31,17 @@ rule report_item:
         "benchmarks/reports/{report}-{item}.tsv"
     wildcard_constraints:
         report="|".join(report_items.REPORTS),
+    conda:
+        "../../envs/palpate.yaml"
     # It works on one thread.
-    threads: lambda wildcards: (workflow.resource_settings.cores or 1) if is_timed(wildcards) else 1
+    threads: lambda wildcards: all_cores() if is_timed(wildcards) else 1
     resources:
         mem_mb=6000,
         runtime=120,
     params:
         settings=lambda wildcards: {
-            section: RECIPE.row() if section == "recipe" else config[section] for section in item_of(wildcards).settings
+            section: RECIPE.row() if section == "recipe" else config[section]
+            for section in item_of(wildcards).settings
         },
         batches=REPORT_BATCHES,
         objects=lambda wildcards: config["reports"]["objects"] if is_timed(wildcards) else 1,
@@ -68,6 +71,8 @@ rule report:
         "benchmarks/{report}.tsv"
     wildcard_constraints:
         report="|".join(report_items.REPORTS),
+    conda:
+        "../../envs/palpate.yaml"
     params:
         caption=lambda wildcards, output: caption("reports", wildcards.report),
     script:

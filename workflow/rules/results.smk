@@ -15,6 +15,8 @@ rule table:
         "benchmarks/{table}.tsv"
     wildcard_constraints:
         table="|".join(map(re.escape, product_names("tables", PRODUCTS))),
+    conda:
+        "../../envs/palpate.yaml"
     params:
         values=lambda wildcards: product_params("tables", wildcards.table),
         caption=lambda wildcards, output: caption("tables", wildcards.table),
@@ -38,6 +40,8 @@ rule figure:
     wildcard_constraints:
         figure="|".join(map(re.escape, product_names("figures", PRODUCTS))),
     priority: 1  # Those of Blender take half a minute, which a run would wait for at its end.
+    conda:
+        "../../envs/palpate.yaml"
     params:
         values=lambda wildcards: product_params("figures", wildcards.figure),
         caption=lambda wildcards, output: caption("figures", wildcards.figure),

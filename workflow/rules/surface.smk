@@ -9,6 +9,8 @@ rule surface:
         "logs/surface/{batch}.log",
     benchmark:
         "benchmarks/surface/{batch}.tsv"
+    conda:
+        "../../envs/palpate.yaml"
     params:
         objects=batch_objects,
         surface=config["surface"],

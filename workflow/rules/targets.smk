@@ -30,6 +30,8 @@ rule validate_batch:
         "logs/validate_batch/{batch}.log",
     benchmark:
         "benchmarks/validate_batch/{batch}.tsv"
+    conda:
+        "../../envs/palpate.yaml"
     params:
         max_penetration=config["grasps"]["max_penetration"],
     script:
@@ -51,6 +53,8 @@ rule validation:
         "logs/validation.log",
     benchmark:
         "benchmarks/validation.tsv"
+    conda:
+        "../../envs/palpate.yaml"
     script:
         "../scripts/validation.py"
 
@@ -64,6 +68,8 @@ rule validate:
         rejected="rejected.csv",
     log:
         "logs/validate.log",
+    conda:
+        "../../envs/palpate.yaml"
     params:
         max_penetration=config["grasps"]["max_penetration"],
         sources=SOURCE_PATH,
@@ -83,6 +89,8 @@ rule dataset:
 rule smoke:
     log:
         "logs/smoke.log",
+    conda:
+        "../../envs/palpate.yaml"
     threads: 2
     params:
         project=PROJECT,

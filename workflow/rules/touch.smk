@@ -11,6 +11,8 @@ rule touch:
         "logs/touch/{batch}.log",
     benchmark:
         "benchmarks/touch/{batch}.tsv"
+    conda:
+        "../../envs/palpate.yaml"
     params:
         touch={"method": config["touch"]["method"]},
         sensor=SENSOR.description(),

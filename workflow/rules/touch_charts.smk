@@ -11,6 +11,8 @@ rule touch_depth:
         "logs/touch_depth.log",
     benchmark:
         "benchmarks/touch_depth.tsv"
+    conda:
+        "../../envs/palpate.yaml"
     threads: config["training"]["threads"]
     resources:
         mem_mb=lambda wildcards, input: 2000 + 8 * stored_mb(input),
@@ -35,6 +37,8 @@ rule charts:
         "logs/charts/{batch}.log",
     benchmark:
         "benchmarks/charts/{batch}.tsv"
+    conda:
+        "../../envs/palpate.yaml"
     threads: config["training"]["threads"]
     resources:
         runtime=120,

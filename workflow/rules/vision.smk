@@ -11,6 +11,8 @@ rule vision:
         "logs/vision/{batch}.log",
     benchmark:
         "benchmarks/vision/{batch}.tsv"
+    conda:
+        "../../envs/palpate.yaml"
     resources:
         mem_mb=render_memory,
         runtime=120,
@@ -32,6 +34,8 @@ rule views:
         "logs/views/{batch}.log",
     benchmark:
         "benchmarks/views/{batch}.tsv"
+    conda:
+        "../../envs/palpate.yaml"
     resources:
         mem_mb=render_memory,
     params:

@@ -3,6 +3,8 @@
 catalogue.csv    the rows of catalogue/<batch>.csv, batch by batch
 """
 
+from workflow.run.job import log_to
+
 import logging
 from pathlib import Path
 
@@ -10,7 +12,6 @@ import pandas as pd
 
 from palpate import catalogue, configuration
 from palpate.atomic import atomic_write
-from palpate.batch import log_to
 
 log_to(snakemake.log[0])
 entries = [entry for path in snakemake.input.batches for entry in catalogue.read_catalogue(path)]

@@ -4,9 +4,10 @@ catalogue/<batch>.csv    object, class, split, batch, source (from the source's 
                          others
 """
 
+from workflow.run.job import log_to
+
 from palpate import catalogue
 from palpate.atomic import atomic_write
-from palpate.batch import log_to
 
 log_to(snakemake.log[0])
 root, batch = snakemake.params.root, snakemake.wildcards.batch

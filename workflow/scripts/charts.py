@@ -1,8 +1,6 @@
-"""Touch charts of a batch.
+"""Touch charts of a batch: charts/<batch>.zarr; arrays: palpate/store/contract.csv."""
 
-charts/<batch>.zarr   vertices   (o, g, s, 81, 3)   float32   m, world frame; at the sensor if it touched nothing
-                      object     (o,)               string
-"""
+from workflow.run.job import log_to
 
 import logging
 
@@ -10,7 +8,6 @@ import numpy as np
 import torch
 
 from palpate import checksums, provenance, store
-from palpate.batch import log_to
 from palpate.charts.atlas import TOUCH_VERTICES
 from palpate.inference.checkpoints import load_touch_depth, require_sensor
 from palpate.inference.machine import Machine

@@ -14,12 +14,13 @@ evaluations/touch_depth.csv                    a row a successful touch: object,
 They are of the splits that tables need. steps are those of the training.
 """
 
+from workflow.run.job import log_to
+
 import pandas as pd
 import torch
 
 from palpate import Dataset
 from palpate.atomic import atomic_write
-from palpate.batch import log_to
 from palpate.evaluation import evaluate
 from palpate.experiments import Experiment
 from palpate.inference.checkpoints import load_touch_depth

@@ -7,10 +7,11 @@ released/surfaces/<class>/<object>.npy
         /split.npy, /empty_gel.npy
 """
 
+from workflow.run.job import log_to
+
 import logging
 
 from palpate import Dataset
-from palpate.batch import log_to
 from palpate.released.export import STAGES, export
 
 log_to(snakemake.log[0])

@@ -1,22 +1,16 @@
-"""Grasps of a batch: the hand closes on every object.
+"""Grasps of a batch: the hand closes on every object. Arrays: palpate/store/contract.csv.
 
-grasps/<batch>.h5    joint_positions              (o, g, j)             float64    rad (of slides m)
-                     palm_pose                    (o, g, 4, 4)          float64    world frame, m
-                     link_pose                    (o, g, L, 4, 4)       float64    world frame, m
-                     sensor_position, _rotation   (o, g, s, 3[, 3])     float64    world frame, m
-                     touches                      (o, g, s)             bool
-                     penetration                  (o, g)                float32    m, independent of the engine
-                     attempts                     (o,)                  int32
-                     hand/*                                             the hand: links, joints, geoms, sensors
-rejected/grasps/<batch>.csv    object, stage, reason
+grasps/<batch>.h5, rejected/grasps/<batch>.csv
 """
+
+from workflow.run.job import log_to
 
 import logging
 from dataclasses import replace
 from pathlib import Path
 
 from palpate import grasp, hand, mesh, provenance, store
-from palpate.batch import each_object, generator, log_to
+from palpate.batch import each_object, generator
 from palpate.sensor import DIGIT
 
 log_to(snakemake.log[0])

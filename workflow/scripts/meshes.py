@@ -10,6 +10,8 @@ meshes/<batch>/<object>/visual.glb       full resolution, materials and textures
 rejected/meshes/<batch>.csv              object, stage, reason
 """
 
+from workflow.run.job import log_to
+
 import json
 import logging
 import shutil
@@ -17,7 +19,7 @@ from pathlib import Path
 
 from palpate import catalogue, checksums, mesh, provenance
 from palpate.atomic import atomic_write
-from palpate.batch import each_object, log_to, write_rejections
+from palpate.batch import each_object, write_rejections
 from palpate.catalogue import files_root
 
 log_to(snakemake.log[0])

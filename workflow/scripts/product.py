@@ -3,11 +3,13 @@
 Each parameter of the function gets what `READERS` reads for it, or a value of params. Others keep their defaults.
 """
 
+from workflow.run.job import log_to
+
 from pathlib import Path
 
+import palpate
 from palpate import checksums
 from palpate.atomic import atomic_write
-from palpate.batch import log_to
 from palpate.experiments import Experiment
 from palpate.results import products
 
@@ -15,9 +17,7 @@ log_to(snakemake.log[0])
 product, _ = products.find(f"{snakemake.rule}s", snakemake.wildcards[0])
 make = product.load()  # first of all: it may load Blender, which comes before what loads embree
 
-from palpate import Dataset  # noqa: E402
 from palpate.evaluation import rows  # noqa: E402
-from palpate.results.dataset_tables import dataset_frames  # noqa: E402
 from palpate.results.tables import write_table  # noqa: E402
 
 inputs, values = snakemake.input, snakemake.params.values
@@ -29,9 +29,15 @@ def by_training(paths):
     return {(each.parent.name, int(each.name.removeprefix("seed-"))): path for path, each in folders.items()}
 
 
+def frames():
+    from palpate.results.dataset_tables import dataset_frames  # loads what tables of models don't need
+
+    return dataset_frames(".")
+
+
 READERS = {
-    "dataset": lambda: Dataset(".", product.stores),
-    "frames": lambda: dataset_frames("."),
+    "dataset": lambda: palpate.Dataset(".", product.stores),
+    "frames": frames,
     "evaluations": lambda: rows.read(inputs.evaluations),
     "rings": lambda: rows.read(inputs.rings, rows.RING_COLUMNS),
     "touches": lambda: rows.read([inputs.touches], rows.TOUCH_COLUMNS),

@@ -3,8 +3,10 @@
 rejected.csv    object, stage, reason
 """
 
+from workflow.run.job import log_to
+
 from palpate.atomic import atomic_write
-from palpate.batch import log_to, read_rejections, write_rejections
+from palpate.batch import read_rejections, write_rejections
 
 log_to(snakemake.log[0])
 with atomic_write(snakemake.output.table, checksum=True) as path:

@@ -6,6 +6,8 @@ vision/<batch>.zarr     images; without masks and depths, which the release does
 rejected/released/<batch>.csv    object, stage, reason
 """
 
+from workflow.run.job import log_to
+
 import logging
 from pathlib import Path
 
@@ -13,7 +15,7 @@ import numpy as np
 
 from palpate import provenance, store
 from palpate.atomic import atomic_write
-from palpate.batch import each_object, generator, log_to, write_rejections
+from palpate.batch import each_object, generator, write_rejections
 from palpate.released import arrays as released
 from palpate.released.layout import ReleasedObject
 from palpate.sensor import DIGIT

@@ -5,7 +5,8 @@ reports/<report>.md     the summary
 reports/<report>.png    the figure
 """
 
-from palpate.batch import log_to
+from workflow.run.job import log_to
+
 from studies import report
 
 log_to(snakemake.log[0])

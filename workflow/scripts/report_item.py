@@ -5,11 +5,12 @@ reports/stability/<item>.csv           the columns of `studies.stability.cases.C
 reports/omitted/<item>.csv             the columns of `studies.omitted.omission.COLUMNS`
 """
 
+from workflow.run.job import log_to
+
 from studies.threads import one_thread
 
 one_thread()
 
-from palpate.batch import log_to  # noqa: E402
 from studies import report  # noqa: E402
 
 log_to(snakemake.log[0])

@@ -1,13 +1,13 @@
 """Square rings of surface points around every successful touch of a batch.
 
-rings/<batch>.zarr    object        (o,)                  string
-                      ring_depth    (o, g, s, 100, 100)   float32    m along the sensor's x, +inf: no surface
+rings/<batch>.zarr; arrays: palpate/store/contract.csv
 """
+
+from workflow.run.job import log_to
 
 from pathlib import Path
 
 from palpate import mesh, provenance, store
-from palpate.batch import log_to
 from palpate.evaluation import rings
 from palpate.sensor import Sensor
 

@@ -3,13 +3,14 @@
 sources/<class>/<object>.glb | .obj    one object a file, with its materials; metres, z up
 """
 
+from workflow.run.job import log_to
+
 import sys
 
 from tqdm import tqdm
 
 from palpate import shapes
 from palpate.atomic import atomic_write
-from palpate.batch import log_to
 
 log_to(snakemake.log[0])
 name, count, seed = snakemake.params.name, snakemake.params.objects, snakemake.params.seed

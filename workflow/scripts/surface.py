@@ -1,16 +1,16 @@
-"""Surface points of a batch.
+"""Surface points of a batch. Arrays: palpate/store/contract.csv.
 
-surface/<batch>.zarr             points    (o, 10000, 3)    exterior surface, uniform by area; world frame, m
-                                 scale     (o,)             from the source file's unit to metres
-rejected/surface/<batch>.csv     object, stage, reason
+surface/<batch>.zarr, rejected/surface/<batch>.csv
 """
+
+from workflow.run.job import log_to
 
 from pathlib import Path
 
 import numpy as np
 
 from palpate import mesh, provenance, store, surface
-from palpate.batch import each_object, generator, log_to
+from palpate.batch import each_object, generator
 
 log_to(snakemake.log[0])
 meshes, settings, seed = Path(snakemake.input.meshes), snakemake.params.surface, snakemake.params.seed

@@ -1,15 +1,9 @@
 """Touches of a batch: depth maps, readings and local clouds of the sensors of every grasp.
 
-touch/<batch>.zarr    success         (o, g, s)                 bool       whether the sensor is in contact
-                      position        (o, g, s, 3)               float64    world frame, m
-                      rotation        (o, g, s, 3, 3)            float64    columns are the sensor's axes
-                      depth           (o, g, s, r, c)            float32    m from the gel plane, +inf: nothing
-                      reading         (o, g, s, r, c, 3)         uint8
-                      points          (o, g, s, rc, 3)           float32    local cloud, world frame, m
-                      point_count     (o, g, s)                 int32
-                      empty_reading   (r, c, 3)                 uint8      what an untouched sensor reads
-rejected/touch/<batch>.csv    object, stage, reason
+touch/<batch>.zarr, rejected/touch/<batch>.csv; arrays: palpate/store/contract.csv
 """
+
+from workflow.run.job import log_to
 
 import logging
 from collections import Counter
@@ -18,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from palpate import provenance, store, touch
-from palpate.batch import each_object, log_to
+from palpate.batch import each_object
 from palpate.hand import Hand
 from palpate.scene import GRASP_ARRAYS, Scene
 from palpate.sensor import Sensor, read_background, warn_of_shallow

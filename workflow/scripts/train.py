@@ -8,12 +8,11 @@ The folder is models/<experiment>/seed-<k>, tuning/rate~<r>/cnn_layers~<c>/gcn_l
 models/touch_depth. Work in progress is in checkpoints/<the same>, so that an interrupted training resumes.
 """
 
-import atexit
-import gc
+from workflow.run.job import log_to
+
 from pathlib import Path
 
 from palpate import Dataset
-from palpate.batch import log_to
 from palpate.experiments import Experiment
 from palpate.inference.data import ExperimentData
 from palpate.inference.machine import Machine
@@ -24,8 +23,6 @@ from palpate.training.recipes import ReconstructionSettings, TouchDepthSettings
 from palpate.training.touches import read_touches
 
 log_to(snakemake.log[0])
-# Not to go through all of Lightning's and torch's modules once more when the process ends, which takes it 0.9 s.
-atexit.register(gc.freeze)
 params, folder = snakemake.params, Path(snakemake.output.model).parent
 splits = ("train", "validation")
 if params.get("experiment"):

@@ -4,9 +4,10 @@ All files are compared with their checksums. The values of a batch are looked at
 table in reports/validation.
 """
 
+from workflow.run.job import log_to
+
 import sys
 
-from palpate.batch import log_to
 from palpate.dataset import validation
 
 log_to(snakemake.log[0])

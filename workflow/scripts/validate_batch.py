@@ -3,7 +3,8 @@
 reports/validation/<batch>.csv    check, store, batch, object, where, value, limit
 """
 
-from palpate.batch import log_to
+from workflow.run.job import log_to
+
 from palpate.dataset import validation
 
 log_to(snakemake.log[0])

@@ -3,8 +3,9 @@
 reports/validation.csv    check, store, batch, objects, worst, limit, passed, where
 """
 
+from workflow.run.job import log_to
+
 from palpate.atomic import atomic_write
-from palpate.batch import log_to
 from palpate.dataset import validation
 
 log_to(snakemake.log[0])

@@ -1,10 +1,9 @@
-"""Views of a batch: small images of every object alone, from all around.
+"""Views of a batch: small images of every object alone, from all around. Arrays: palpate/store/contract.csv.
 
-views/<batch>.zarr    image     (o, 24, 137, 137, 3)    uint8      sRGB over white, row 0 at the top
-                      mask      (o, 24, 137, 137)       uint8      255: the object
-                      camera    (o, 24, 3, 4)           float64    world frame, m, to pixels; homogeneous
-rejected/views/<batch>.csv    object, stage, reason
+views/<batch>.zarr, rejected/views/<batch>.csv
 """
+
+from workflow.run.job import log_to
 
 from pathlib import Path
 
@@ -13,7 +12,7 @@ import numpy as np
 from palpate.vision import Renderer  # Blender: before anything that loads embree
 
 from palpate import mesh, provenance, store  # isort: skip
-from palpate.batch import each_object, generator, log_to  # isort: skip
+from palpate.batch import each_object, generator  # isort: skip
 from palpate.scene import Scene  # isort: skip
 from palpate.vision import views  # isort: skip
 

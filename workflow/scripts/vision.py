@@ -1,14 +1,11 @@
-"""Images of a batch: every object alone, and in each of its grasps.
+"""Images of a batch: every object alone, and in each of its grasps. Arrays: palpate/store/contract.csv.
 
-vision/<batch>.zarr    unoccluded                      (o, k, 256, 256, 3)     uint8      sRGB, row 0 at the top
-                       occluded                        (o, g, k, 256, 256, 3)  uint8      k: cameras
-                       unoccluded_mask, occluded_mask  (..., 256, 256)         uint8      255: the object
-                       unoccluded_depth, occluded_depth                        float16    m along its axis
-                       intrinsics, extrinsics          (o, k, 3, 3), (o, k, 3, 4)         float64
-                       attribute `drawn`: cameras, lights and background of each object, where the config has ranges
-exr/<batch>/           multilayer EXR masters, if the config keeps them, and manifest.json: sizes and checksums
-rejected/vision/<batch>.csv    object, stage, reason
+vision/<batch>.zarr; its attribute `drawn`: cameras, lights and background of each object, where the config has ranges
+exr/<batch>/: multilayer EXR masters, if the config keeps them, and manifest.json
+rejected/vision/<batch>.csv
 """
+
+from workflow.run.job import log_to
 
 from contextlib import ExitStack
 from pathlib import Path
@@ -17,7 +14,7 @@ from palpate.atomic import atomic_write
 from palpate.vision import Renderer  # Blender: before anything that loads embree
 
 from palpate import checksums, provenance, scene, store  # isort: skip
-from palpate.batch import each_object, log_to  # isort: skip
+from palpate.batch import each_object  # isort: skip
 from palpate.hand import Hand  # isort: skip
 from palpate.scene import GRASP_ARRAYS, Scene  # isort: skip
 from palpate.vision.image import vision_record  # isort: skip

@@ -5,6 +5,7 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 PIN = re.compile(r"([A-Za-z0-9_.-]+)==([^\s;#]+)")
+MOST_NAMED = 5
 
 
 def differences(requirements: Path | str) -> list[str]:
@@ -22,3 +23,11 @@ def differences(requirements: Path | str) -> list[str]:
             if installed.partition("+")[0] != pin[2].partition("+")[0]:
                 found.append(f"{pin[1]} {installed} (locked: {pin[2]})")
     return found
+
+
+def warning(requirements: Path | str) -> str:
+    """One line that names packages of another version; empty if there are none."""
+    others = differences(requirements)
+    more = f" and {len(others) - MOST_NAMED} more" if len(others) > MOST_NAMED else ""
+    named = ", ".join(others[:MOST_NAMED])
+    return f"this environment is not the locked one: {named}{more}; `make env` builds that" if others else ""

@@ -9,7 +9,6 @@ They hold on one machine, and across machines on NFS and on parallel file system
 
 import errno
 import fcntl
-import logging
 import os
 import sys
 import time
@@ -18,8 +17,6 @@ from pathlib import Path
 from typing import IO
 
 from palpate.atomic import is_alive, machine
-
-log = logging.getLogger(__name__)
 
 LOCK, JOBS_LOCK = ".lock", ".jobs.lock"
 # What a file system without such locks answers.
@@ -32,10 +29,10 @@ class FolderInUse(RuntimeError):
     """Another run uses the folder; the message names its process, its machine, and what to do."""
 
 
-def hold(folder: Path | str, say: Callable[[str], None] = log.warning) -> None:
+def hold(folder: Path | str, warn: Callable[[str], None]) -> None:
     """Take a run's folder for this process, until it ends; wait for jobs that a killed run has left.
 
-    say: gets a line where there is something to know, as that it waits. Raises FolderInUse if another process
+    warn: gets a line where there is something to know, as that it waits. Raises FolderInUse if another process
     has the folder; OSError if the lock's file can't be written.
     """
     file = open(Path(folder, LOCK), "a+")  # noqa: SIM115 - it stays open
@@ -43,7 +40,7 @@ def hold(folder: Path | str, say: Callable[[str], None] = log.warning) -> None:
         fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except OSError as error:
         if error.errno in UNSUPPORTED:
-            say(f"{folder}: this file system has no locks: do not start a second run in this folder")
+            warn(f"{folder}: this file system has no locks: do not start a second run in this folder")
         else:
             holder = _text(file)
             file.close()
@@ -51,9 +48,12 @@ def hold(folder: Path | str, say: Callable[[str], None] = log.warning) -> None:
                 f"{folder} is in use by another run: {holder or 'a process that has just started'}. Wait until it "
                 "ends, or stop it there; or give this run a folder of its own, with --config run=<another name>"
             ) from None
-    _write(file, f"process {os.getpid()} on {machine()}, since {time.strftime('%Y-%m-%d %H:%M:%S')}, {_command()}")
+    command = " ".join([Path(sys.argv[0]).name, *sys.argv[1:]])
+    file.truncate(0)
+    file.write(f"process {os.getpid()} on {machine()}, since {time.strftime('%Y-%m-%d %H:%M:%S')}, {command}\n")
+    file.flush()
     _held.append(file)
-    _wait_for_jobs(Path(folder), say)
+    _wait_for_jobs(Path(folder), warn)
 
 
 def share(folder: Path | str) -> None:
@@ -69,10 +69,10 @@ def share(folder: Path | str) -> None:
     _held.append(file)
 
 
-def _wait_for_jobs(folder: Path, say: Callable[[str], None]) -> None:
+def _wait_for_jobs(folder: Path, warn: Callable[[str], None]) -> None:
     """Returns when no job of an earlier run is left, which would write over what this run makes."""
     with open(folder / JOBS_LOCK, "a+") as file:
-        said = False
+        waits = False
         while True:
             try:
                 fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -80,30 +80,20 @@ def _wait_for_jobs(folder: Path, say: Callable[[str], None]) -> None:
             except OSError as error:
                 if error.errno in UNSUPPORTED:
                     break
-            if not said:
+            if not waits:
                 jobs = [line for line in _text(file).splitlines() if not _has_ended(line)]
-                say(f"{folder}: waiting for jobs of a run that was killed: {', '.join(jobs) or 'on another machine'}")
-                said = True
+                warn(f"{folder}: waiting for jobs of a run that was killed: {', '.join(jobs) or 'on another machine'}")
+                waits = True
             time.sleep(0.2)
         file.truncate(0)
 
 
 def _has_ended(line: str) -> bool:
-    """Whether a line `process <number> on <machine>` names a process of this machine that is no more."""
+    """Whether a line `process <number> on <machine>` names a process of this machine that has ended."""
     words = line.split()
     return len(words) == 4 and words[3] == machine() and words[1].isdigit() and not is_alive(words[1])
-
-
-def _command() -> str:
-    return " ".join([Path(sys.argv[0]).name, *sys.argv[1:]])
 
 
 def _text(file: IO[str]) -> str:
     file.seek(0)
     return file.read().strip()
-
-
-def _write(file: IO[str], text: str) -> None:
-    file.truncate(0)
-    file.write(f"{text}\n")
-    file.flush()

@@ -2,20 +2,17 @@
 
 import io
 import logging
+import logging.handlers
+import queue
+import signal
 
 import pytest
+from snakemake_interface_logger_plugins.tests import MockOutputSettings, TestLogHandlerBase
 
-from palpate.terminal import (
-    INTERRUPTED,
-    Errors,
-    Estimate,
-    Progress,
-    duration,
-    end_lines,
-    excepthook,
-    last_line,
-    unknown_target,
-)
+from palpate.viewer import duration
+from snakemake_logger_plugin_palpate import INTERRUPTED, LogHandler, last_line
+from snakemake_logger_plugin_palpate.estimate import Estimate
+from workflow.run import hooks
 
 
 class Clock:
@@ -23,6 +20,24 @@ class Clock:
 
     def __call__(self):
         return self.time
+
+
+def handler(jobs, now=None, **settings):
+    """A handler of a run that starts, which writes to its `stream`; settings as of the command line."""
+    common = MockOutputSettings()
+    vars(common).update({"printshellcmds": False} | settings)
+    made = LogHandler(common, None)
+    made.stream = io.StringIO()
+    if jobs:
+        made.begin(jobs, now or Clock())
+    return made
+
+
+def shown(made, record):
+    """What a handler adds to its stream for a record, without the end of the line."""
+    before = len(made.stream.getvalue())
+    made.handle(record)
+    return made.stream.getvalue()[before:].removesuffix("\n")
 
 
 def record(event=None, level=logging.INFO, msg="", **fields):
@@ -96,9 +111,21 @@ def test_durations_are_as_one_reads_them(seconds, said):
     assert duration(seconds) == said
 
 
+class TestInterface(TestLogHandlerBase):
+    """What Snakemake's interface asks of each logger."""
+
+    __test__ = True
+
+    def get_log_handler_cls(self):
+        return LogHandler
+
+    def get_log_handler_settings(self):
+        return None
+
+
 def test_progress_is_one_line_and_a_failure_is_one_line(tmp_path):
-    clock, stream = Clock(), io.StringIO()
-    progress = Progress({"meshes": 3}, stream, clock)
+    clock = Clock()
+    made = handler({"meshes": 3}, clock)
     log = tmp_path / "meshes.log"
     log.write_text("Traceback\n  ...\nx.zarr: the disk is full: free some space\n\n")
     pages = [
@@ -112,54 +139,61 @@ def test_progress_is_one_line_and_a_failure_is_one_line(tmp_path):
     ]
     for page in pages:
         clock.time += 10
-        assert not progress.filter(page)
-    assert progress.filter(record(None, logging.WARNING, "something else"))
-    assert progress.line() == "1 of 3 jobs done, 1 failed, 1 min 10 s so far, about 20 s left"
-    assert stream.getvalue() == (
+        made.handle(page)
+    assert made.stream.getvalue() == (
         f"failed: meshes meshes/batch-0001: x.zarr: the disk is full: free some space (log: {log})\n"
     )
-    progress.stop()
-    assert progress.filter(record(None, logging.INFO, "the end"))
+    assert shown(made, record(None, logging.WARNING, "something else")) == "something else"
+    assert made.line() == "1 of 3 jobs done, 1 failed, 1 min 10 s so far, about 20 s left"
+    made.stop()
+    assert shown(made, record(None, logging.INFO, "the end")) == "the end"
+
+
+@pytest.mark.parametrize("option", ["printshellcmds", "verbose", "dryrun"])
+def test_options_ask_for_a_page_a_job(option):
+    made = handler({"meshes": 1}, **{option: True})
+    assert shown(made, record("job_info", msg="rule meshes:", jobid=1, rule_name="meshes", output=["m"], log=[]))
+    failed = record("job_error", logging.ERROR, "Error in rule meshes", jobid=1, rule_name="meshes", output=[], log=[])
+    assert shown(made, failed) == "Error in rule meshes" and len(made.failures) == 1
 
 
 def test_what_snakemake_says_again_at_the_end_is_omitted():
-    progress = Progress({"meshes": 1}, io.StringIO(), Clock())
-    progress.stop()
+    made = handler({"meshes": 1})
+    made.stop()
     for text in (
         "WorkflowError:\nAt least one job did not complete successfully.",
         "Exiting because a job execution failed. Look above for error messages",
         "Elapsed time: 0:00:21.319559",
     ):
-        assert not progress.filter(record(None, logging.ERROR, text))
-    assert progress.filter(record(None, logging.INFO, "Complete log(s): x"))
+        assert not shown(made, record(None, logging.ERROR, text))
+    assert shown(made, record(None, logging.INFO, "Complete log(s): x"))
 
 
 def test_an_interrupted_run_says_so_and_nothing_of_its_jobs():
-    stream = io.StringIO()
-    progress = Progress({"meshes": 1}, stream, Clock())
-    progress.interrupt()
+    made = handler({"meshes": 1})
+    made.interrupt()
+    assert made.stream.getvalue() == "stopping the jobs that run\n"
     failed = record("job_error", logging.ERROR, jobid=1, rule_name="meshes", output=["m"], log=[])
-    assert not progress.filter(failed) and not progress.failures
-    assert not progress.filter(record(None, logging.ERROR, "WorkflowError: x", exception="WorkflowError"))
-    assert progress.filter(record(None, logging.WARNING, INTERRUPTED))
-    assert stream.getvalue() == "stopping the jobs that run\n"
+    assert not shown(made, failed) and not made.failures
+    assert not shown(made, record(None, logging.ERROR, "WorkflowError: x", exception="WorkflowError"))
+    assert shown(made, record(None, logging.WARNING, INTERRUPTED)) == INTERRUPTED
 
 
 def test_an_interrupt_before_the_run_is_one_line(capsys):
-    excepthook(KeyboardInterrupt, KeyboardInterrupt(), None)
+    hooks.excepthook(KeyboardInterrupt, KeyboardInterrupt(), None)
     assert capsys.readouterr().err == f"{INTERRUPTED}\n"
-    excepthook(ValueError, ValueError("as ever"), None)
+    hooks.excepthook(ValueError, ValueError("as ever"), None)
     assert "ValueError: as ever" in capsys.readouterr().err
 
 
-def test_a_job_that_the_system_killed_is_said_to_be(tmp_path):
-    progress = Progress({"grasps": 1}, io.StringIO(), Clock())
-    progress.filter(record("job_info", jobid=1, rule_name="grasps", output=["g.h5"], log=[]))
-    progress.filter(record("error", logging.ERROR, "died with <Signals.SIGKILL: 9>.", exception="RuleException"))
-    progress.filter(record("job_error", logging.ERROR, jobid=1, rule_name="grasps", output=["g.h5"], log=[]))
-    assert "memory is short" in progress.failures[0].said
-    progress.filter(record("job_error", logging.ERROR, jobid=2, rule_name="grasps", output=["h.h5"], log=[]))
-    assert progress.failures[1].said == "ended from outside"  # it had no time for a line in its log
+def test_a_job_that_the_system_killed_is_said_to_be():
+    made = handler({"grasps": 1})
+    made.handle(record("job_info", jobid=1, rule_name="grasps", output=["g.h5"], log=[]))
+    made.handle(record("error", logging.ERROR, "died with <Signals.SIGKILL: 9>.", exception="RuleException"))
+    made.handle(record("job_error", logging.ERROR, jobid=1, rule_name="grasps", output=["g.h5"], log=[]))
+    assert "memory is short" in made.failures[0].error
+    made.handle(record("job_error", logging.ERROR, jobid=2, rule_name="grasps", output=["h.h5"], log=[]))
+    assert made.failures[1].error == "ended from outside"  # it had no time for a line in its log
 
 
 @pytest.mark.parametrize(
@@ -177,13 +211,14 @@ def test_a_job_that_the_system_killed_is_said_to_be(tmp_path):
     ],
 )  # fmt: skip
 def test_errors_are_plain(kind, text, said):
-    held = record("error", logging.ERROR, text, exception=kind)
-    assert Errors(lambda path: f"<{path}>").filter(held)
-    assert held.msg.startswith(said) and (said == "as it is" or "\n" not in held.msg)
+    made = handler({})
+    made.explain = lambda path: f"<{path}>"
+    line = shown(made, record("error", logging.ERROR, text, exception=kind))
+    assert line.startswith(said) and (said == "as it is" or "\n" not in line)
 
 
 def test_an_unknown_target_without_a_near_one_gets_the_notes_alone():
-    assert unknown_target("zzzz", ["dataset", "all"], ["by name: all"]) == "no target zzzz\n  by name: all"
+    assert hooks.unknown_target("zzzz", ["dataset", "all"], ["by name: all"]) == "no target zzzz\n  by name: all"
 
 
 def test_the_last_line_of_a_log(tmp_path):
@@ -192,19 +227,38 @@ def test_the_last_line_of_a_log(tmp_path):
 
 
 def test_of_a_job_that_a_cluster_refuses_its_word_is_passed_on(tmp_path):
-    stream = io.StringIO()
-    progress = Progress({"touch_depth": 2}, stream, Clock())
+    made = handler({"touch_depth": 2})
     message = "SLURM sbatch failed. The error message was 'Invalid generic resource'.\n    sbatch call: ..."
     fields = {"rule_name": "touch_depth", "output": ["best.ckpt"], "log": [str(tmp_path / "touch_depth.log")]}
-    progress.filter(record("job_error", logging.ERROR, jobid=1, rule_msg=message, **fields))
-    progress.filter(record("job_error", logging.ERROR, jobid=2, rule_msg=None, **fields))
-    assert [each.said for each in progress.failures] == [message.splitlines()[0], "ended from outside"]
+    made.handle(record("job_error", logging.ERROR, jobid=1, rule_msg=message, **fields))
+    made.handle(record("job_error", logging.ERROR, jobid=2, rule_msg=None, **fields))
+    assert [each.error for each in made.failures] == [message.splitlines()[0], "ended from outside"]
 
 
-def test_the_end_names_objects_places_and_time_and_counts_what_failed(tmp_path):
+def test_the_end_names_objects_places_and_time_and_counts_what_failed(tmp_path, monkeypatch):
+    """With the handler in a thread of its own, as Snakemake has it: the end waits until all jobs are counted."""
     (tmp_path / "tables").mkdir()
-    lines = end_lines(tmp_path, ["objects: 3"], 1, 7, 61)
-    assert lines == [
+    clock = Clock()
+    made = handler({"meshes": 8}, clock)
+    monkeypatch.setattr(hooks, "_write_page", lambda *_: None)
+    monkeypatch.setattr("palpate.dataset.summary", lambda folder: ["objects: 3"])
+    records = queue.Queue()
+    logger = logging.getLogger("snakemake.logging")
+    listener = logging.handlers.QueueListener(records, made)
+    sender = logging.handlers.QueueHandler(records)
+    monkeypatch.setattr(logger, "handlers", [sender])
+    monkeypatch.setattr(logger, "level", logging.INFO)
+    for job in range(7):
+        logger.info("", extra={"event": "job_info", "jobid": job, "rule_name": "meshes", "output": ["m"], "log": []})
+        logger.info("", extra={"event": "job_finished", "job_id": job})
+    logger.error("", extra={"event": "job_error", "jobid": 7, "rule_name": "meshes", "output": ["m"], "log": []})
+    clock.time = 61
+    listener.start()
+    before = signal.getsignal(signal.SIGINT)
+    hooks.finish(str(tmp_path), object_pages=0)
+    signal.signal(signal.SIGINT, before)
+    listener.stop()
+    assert made.stream.getvalue().splitlines()[1:] == [
         "objects: 3",
         f"{tmp_path}: tables",
         "7 jobs done, 1 failed, in 1 min 1 s",

@@ -9,17 +9,20 @@ from contextlib import contextmanager
 
 import pytest
 
-from palpate import lock
+from tests.workflow.conftest import PROJECT
+from workflow.run import lock
 
-HOLD = "import sys; from palpate import lock; lock.hold(sys.argv[1], print); print('held', flush=True); input()"
-SHARE = "import sys; from palpate import lock; lock.share(sys.argv[1]); print('shared', flush=True); input()"
+HOLD = "import sys; from workflow.run import lock; lock.hold(sys.argv[1], print); print('held', flush=True); input()"
+SHARE = "import sys; from workflow.run import lock; lock.share(sys.argv[1]); print('shared', flush=True); input()"
 
 
 @contextmanager
 def process(code, folder, **options):
     """A process that has done what the code does up to its first line of output, and waits."""
     command = [sys.executable, "-c", code, str(folder)]
-    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, **options) as started:
+    with subprocess.Popen(
+        command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, cwd=PROJECT, **options
+    ) as started:
         try:
             started.line = started.stdout.readline()
             yield started
@@ -41,7 +44,7 @@ def test_a_second_run_is_told_which_process_on_which_machine(tmp_path):
     with process(HOLD, tmp_path) as first:
         assert first.line == "held\n"
         with pytest.raises(lock.FolderInUse) as error:
-            lock.hold(tmp_path)
+            lock.hold(tmp_path, print)
         for said in (str(tmp_path), f"process {first.pid} on {socket.gethostname()}", "run=<another name>"):
             assert said in str(error.value)
 
@@ -51,7 +54,7 @@ def test_a_lock_ends_with_its_process_however_it_ends(tmp_path, end):
     with process(HOLD, tmp_path) as first:
         first.send_signal(end) if end else first.communicate("\n")
         first.wait()
-        lock.hold(tmp_path)
+        lock.hold(tmp_path, print)
     assert f"process {os.getpid()} on" in (tmp_path / lock.LOCK).read_text()
 
 
@@ -60,7 +63,7 @@ def test_a_child_that_outlives_its_run_does_not_keep_the_lock(tmp_path):
     with process(code, tmp_path, start_new_session=True) as first:
         first.kill()
         first.wait()
-        lock.hold(tmp_path)
+        lock.hold(tmp_path, print)
         os.killpg(first.pid, signal.SIGKILL)
 
 
@@ -71,7 +74,7 @@ def test_a_run_waits_for_the_jobs_of_a_killed_one(tmp_path):
         assert f"process {job.pid} on {socket.gethostname()}" in run.line
         job.communicate("\n")
         assert run.stdout.readline() == "held\n"
-    lock.hold(tmp_path)
+    lock.hold(tmp_path, print)
     assert (tmp_path / lock.JOBS_LOCK).read_text() == ""
 
 

@@ -1,10 +1,8 @@
 import subprocess
 import sys
-from pathlib import Path
 
-from palpate.locked import differences
-
-PROJECT = Path(__file__).parents[1]
+from tests.workflow.conftest import PROJECT
+from workflow.run.environment import differences, warning
 
 
 def test_another_version_is_named_and_what_is_right_or_missing_is_not(tmp_path):
@@ -14,9 +12,10 @@ def test_another_version_is_named_and_what_is_right_or_missing_is_not(tmp_path):
     numpy = next(line for line in pins if line.startswith("numpy=="))
     requirements = tmp_path / "requirements.txt"
     requirements.write_text("\n".join(["# a comment", *pins, "no-such-package==1.0"]))
-    assert differences(requirements) == []
+    assert differences(requirements) == [] and warning(requirements) == ""
     requirements.write_text(requirements.read_text().replace(numpy, "numpy==0.9  # of old"))
     assert differences(requirements) == [f"numpy {numpy.partition('==')[2]} (locked: 0.9)"]
+    assert warning(requirements).startswith("this environment is not the locked one: numpy ")
 
 
 def test_the_cluster_plugin_asks_for_nothing_that_the_lock_does_not_have():

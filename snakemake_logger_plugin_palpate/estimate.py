@@ -1,0 +1,57 @@
+"""How long a run still takes."""
+
+import time
+from collections import Counter
+from collections.abc import Callable, Mapping
+
+OVERDUE = 0.1  # share of its time so far that a job still needs, if it has run longer than its rule's others
+
+
+class Estimate:
+    """The time that a run has left, from the jobs of each rule that it has done.
+
+    jobs: how many there are of each rule. now: a clock in seconds.
+    """
+
+    def __init__(self, jobs: Mapping[str, int], now: Callable[[], float] = time.monotonic):
+        self.left, self.now, self.start = Counter(jobs), now, now()
+        self.running: dict[int, tuple[str, float]] = {}
+        self.took: dict[str, list[float]] = {}
+
+    def begin(self, job: int, rule: str) -> None:
+        """A job starts."""
+        self.running[job] = rule, self.now()
+
+    def end(self, job: int, done: bool = True) -> None:
+        """A job ends. One that failed says nothing of the time that others take."""
+        rule, start = self.running.pop(job, ("", 0.0))
+        self.left[rule] -= 1
+        if done and rule:
+            self.took.setdefault(rule, []).append(self.now() - start)
+
+    def so_far(self) -> float:
+        """Seconds since the start."""
+        return self.now() - self.start
+
+    def seconds(self) -> float | None:
+        """Seconds left; None as long as no job is done.
+
+        Each job that is left takes the mean time of its rule's, or of all if none of its rule is done. A running job
+        that has taken longer counts among its rule's with `OVERDUE` more than its time so far. The jobs that run side
+        by side are those that have run so on average, and the time left is at least that of the longest.
+        """
+        times = [each for times in self.took.values() for each in times]
+        if not times or self.so_far() <= 0:
+            return None
+        overall = sum(times) / len(times)
+        mean = {rule: sum(took) / len(took) for rule, took in self.took.items()}
+        ages = [(rule, self.now() - start) for rule, start in self.running.values()]
+        for rule in {rule for rule, _ in ages}:
+            late = [(1 + OVERDUE) * age for each, age in ages if each == rule and age > mean.get(rule, overall)]
+            expected = self.took.get(rule, []) + late
+            mean[rule] = sum(expected) / len(expected) if expected else overall
+        left = [max(mean[rule] - age, OVERDUE * age) for rule, age in ages]
+        waiting = Counter(self.left) - Counter(rule for rule, _ in ages)
+        work = sum(left) + sum(count * mean.get(rule, overall) for rule, count in waiting.items())
+        side_by_side = max(1.0, (sum(times) + sum(age for _, age in ages)) / self.so_far())
+        return max(work / side_by_side, *left, 0.0)

@@ -1,0 +1,129 @@
+# What jobs take of a batch: its objects and their files, and memory by the sizes of those.
+from functools import cache
+
+from snakemake.exceptions import WorkflowError
+
+from palpate import atomic, named_files
+from workflow.run import lock
+
+WHOLE_OUTPUT = re.compile(r"batch-.*|\.snakemake")  # folders in which nothing is written in part
+
+
+def take_folder():
+    """At the start of a run: have its folder for it alone, as its config says, without what killed runs left."""
+    try:
+        lock.hold(RUN_FOLDER, logger.warning)
+        catalogue.check_same_run(RUN_FOLDER, config, PROJECT)  # again: a run may have begun in the meantime
+        if catalogue.read_places(RUN_FOLDER, BATCH_SIZE) != KNOWN_PLACES:
+            stop(f"{RUN_FOLDER}: another run has added objects since this one was started: start it again")
+        catalogue.write_places(RUN_FOLDER, BATCH_SIZE, PLACES)
+        catalogue.write_record(RUN_FOLDER, config)
+        atomic.sweep(RUN_FOLDER, WHOLE_OUTPUT)
+    except (lock.FolderInUse, catalogue.CatalogueError) as error:
+        stop(error)
+
+
+@cache
+def mesh_files(path):
+    """A mesh file with the materials, textures and buffers that it names: a change to any re-runs its batch.
+
+    Of a long OBJ only the head is read for them, at every start; the catalogue's checksums read all of it. What can't
+    be a mesh's file is none of Snakemake's inputs: the job says why.
+    """
+    if named_files.unusable(path):
+        return []
+    folder, names = Path(path).parent, catalogue.companions(Path(path), NAMED_IN, named_files.HEAD)
+    return [path, *(os.path.normpath(folder / name) for name in names)]
+
+
+def batch_entries(wildcards):
+    if wildcards.batch not in BATCH_ENTRIES:
+        stop(f"the run has no {wildcards.batch}; its batches are {BATCHES[0]} to {BATCHES[-1]}")
+    return BATCH_ENTRIES[wildcards.batch]
+
+
+@cache
+def sources_of(batch):
+    """Files that a batch's meshes come from; procedural objects come as one folder a class."""
+    entries = BATCH_ENTRIES[batch]
+    if SOURCE.kind == "procedural":
+        return sorted({f"sources/{entry.class_name}" for entry in entries})
+    files = [file for entry in entries for file in mesh_files(f"{SOURCE.path}/{entry.source}")]
+    return [checked(file) for file in dict.fromkeys(files)]
+
+
+@cache
+def texture_mb(batch):
+    """MB that the largest textures of an object of a batch take: 16 bytes a pixel, in the meshes stage and in Blender."""
+    paths = [Path(SOURCE.path, entry.source) for entry in BATCH_ENTRIES[batch] if SOURCE.kind != "procedural"]
+    return int(16e-6 * max((named_files.texture_pixels(path, NAMED_IN) for path in paths), default=0))
+
+
+def mesh_memory(wildcards):
+    """MB that the meshes of a batch take: 30 for a MB of the OBJ in work, and those of its textures."""
+    stored = max((stored_mb([path]) for path in sources_of(wildcards.batch)), default=0)
+    return 2000 + 30 * stored + texture_mb(wildcards.batch)
+
+
+def render_memory(wildcards):
+    """MB that Blender takes for the objects of a batch."""
+    return 2000 + texture_mb(wildcards.batch)
+
+
+def batch_sources(wildcards):
+    batch_entries(wildcards)  # an error if there is no such batch
+    return sources_of(wildcards.batch)
+
+
+def batch_objects(wildcards):
+    return {entry.object: entry.source for entry in batch_entries(wildcards)}
+
+
+def batch_objects_with_splits(wildcards):
+    """The fields of a batch's objects, as `catalogue.SourceObject` has them, and then their splits."""
+    return [(*entry, splits()[entry.object]) for entry in batch_entries(wildcards)]
+
+
+def batch_meshes(wildcards):
+    """The mesh file of each object of a batch, its up axis and its scale."""
+    return {entry.object: (entry.source, entry.up, entry.scale) for entry in batch_entries(wildcards)}
+
+
+@cache
+def own_hand_files():
+    from palpate.hand import model_files  # loads MuJoCo
+
+    return [checked(str(path)) for path in model_files(HAND.mjcf)]
+
+
+def hand_files(wildcards):
+    """Meshes and whatever else the model file of an own hand names."""
+    return own_hand_files() if HAND else []
+
+
+@cache
+def splits():
+    return catalogue.splits_of(ENTRIES, config["split"])
+
+
+def catalogue_with(needed, what):
+    """The catalogue, for what needs objects in some splits; that there are none is an error before anything runs."""
+    try:
+        catalogue.check_splits(splits(), needed, what, by_name=not any(entry.split for entry in ENTRIES))
+    except catalogue.CatalogueError as error:
+        stop(error)
+    return "catalogue.csv"
+
+
+def stored_mb(paths):
+    """Megabytes of files and of all files in folders, which Snakemake's `size_mb` counts as empty."""
+    files = [file for path in map(Path, paths) for file in (path.rglob("*") if path.is_dir() else [path])]
+    return int(sum(file.stat().st_size for file in files) / 1e6)
+
+
+def all_cores():
+    """The cores of a job that is to run alone; on a cluster, which has no number of them, one."""
+    try:
+        return workflow.cores
+    except WorkflowError:
+        return 1
