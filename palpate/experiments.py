@@ -11,6 +11,7 @@ from palpate.configuration import ConfigError, check, plain
 
 SPLITS = ("validation", "test")  # that models are tested on
 
+
 @dataclass(frozen=True)
 class Experiment:
     """One model: a row of config/experiments.yaml.
