@@ -9,17 +9,16 @@ from palpate.inference.data import ExperimentData
 from palpate.inference.samples import Sample, grasps_per_sample
 
 
-def spread(samples: Sequence[Sample], an_object: int | None) -> list[Sample]:
-    """At most `an_object` samples of each object (None: all), evenly over its windows; the windows differ by object."""
+def spread(samples: Sequence[Sample], per_object: int | None) -> list[Sample]:
+    """At most `per_object` samples of each object (None: all), evenly over its windows; these differ by object."""
     by_object: dict[int, list[Sample]] = {}
     for sample in samples:
         by_object.setdefault(sample.object, []).append(sample)
     chosen = []
-    for order, of_object in enumerate(by_object.values()):
-        count = min(an_object or len(of_object), len(of_object))
-        chosen += [
-            of_object[k] for k in sorted((order + j * len(of_object) // count) % len(of_object) for j in range(count))
-        ]
+    for order, windows in enumerate(by_object.values()):
+        total = len(windows)
+        count = min(per_object or total, total)
+        chosen += [windows[k] for k in sorted((order + j * total // count) % total for j in range(count))]
     return chosen
 
 
