@@ -160,7 +160,7 @@ def _marked(text: str) -> Markup:
 
 
 def _files(folder: Path, kind: str, suffix: str) -> list[tuple[str, Path]]:
-    """Tables, figures or reports of the run with their names, in the order of their captions."""
+    """Tables, figures or reports of the run with their names, in the order of `products`."""
     found = [(path.relative_to(folder / kind), path) for path in folder.glob(f"{kind}/**/*.{suffix}")]
     named = [(path.with_suffix("").as_posix(), whole) for path, whole in found]
     return sorted(named, key=lambda each: position(kind, each[0]))
