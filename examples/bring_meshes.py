@@ -5,7 +5,7 @@
 Without a folder it makes one of two classes: a mug and a brick, whose file is in millimetres.
 """
 
-# %% A folder of meshes: <folder>/<class>/<object>.obj, or any other layout (docs/meshes.md).
+# %% A folder of meshes: <folder>/<class>/<object>.obj, or any other layout (docs/objects.md).
 import subprocess
 import sys
 from pathlib import Path

@@ -99,7 +99,7 @@ _CONVOLUTIONS = Encoder([16, 32, 64, 128], [5, 5, 5, 3], [10, 15, 18])
 _VIEW_LAYERS = {"channels": [16, 32, 64, 128, 256], "layers": [5, 5, 5, 5, 5], "norm": "instance", "padding": 1}
 
 # The supplement's tables "Architecture for deforming charts with ...", by modality; the number of graph layers by their
-# indices. docs/models.md lists where the tables contradict themselves.
+# indices. docs/evidence/models.md lists where the tables contradict themselves.
 PAPER_ARCHITECTURES = {
     "occluded_touch": Architecture(_CONVOLUTIONS, GCN(21, 250)),
     "occluded": Architecture(_CONVOLUTIONS, GCN(21, 200)),

@@ -2,8 +2,8 @@
 
     ReconstructionLearner(data, experiment, settings, seed, extra_loss=SurfaceTerms(normal_consistency=0.1))
 
-They are the usual ones of mesh reconstruction, of the charts (or the sphere) that move. docs/training.md shows what
-they change.
+They are the usual ones of mesh reconstruction, of the charts (or the sphere) that move. What they change:
+docs/evidence/training.md.
 """
 
 from dataclasses import dataclass

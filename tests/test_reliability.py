@@ -1,4 +1,4 @@
-"""The table of docs/reliability.md names tests that exist."""
+"""The table of docs/evidence/reliability.md names tests that exist."""
 
 import ast
 import re
@@ -7,7 +7,7 @@ from pathlib import Path
 ROOT = Path(__file__).parents[1]
 PROMISES = [
     line.split(" | ")
-    for line in (ROOT / "docs/reliability.md").read_text(encoding="utf-8").split("\n## ")[0].splitlines()
+    for line in (ROOT / "docs/evidence/reliability.md").read_text(encoding="utf-8").split("\n## ")[1].splitlines()
     if line.startswith("| ") and not line.startswith(("| what", "| **"))
 ]
 

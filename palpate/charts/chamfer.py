@@ -11,7 +11,7 @@ from scipy.spatial import cKDTree
 from torch import Tensor
 
 BLOCK_PAIRS = 1 << 24  # pairs of a query and a point held at a time on a GPU: 64 MiB of float32 distances
-LEAF_SIZE = 64  # points in a leaf of a k-d tree, chosen in docs/charts.md
+LEAF_SIZE = 64  # points in a leaf of a k-d tree, chosen in docs/evidence/error_vs_runtime.md
 
 Clouds = Tensor | Sequence[Tensor]
 
@@ -30,7 +30,7 @@ def checked(points: Tensor) -> Tensor:
 def build_tree(points: Tensor) -> cKDTree:
     """A k-d tree of a cloud (n, 3), to be built once for a cloud that does not change."""
     # Cells split in the middle, large leaves: between clouds far apart, as early in training, a search takes half the
-    # time or less of one with the library's defaults (docs/charts.md).
+    # time or less of one with the library's defaults (docs/evidence/error_vs_runtime.md).
     cloud = checked(points).cpu().double().numpy()
     return cKDTree(cloud, leafsize=LEAF_SIZE, balanced_tree=False, compact_nodes=False)
 

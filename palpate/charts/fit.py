@@ -1,6 +1,6 @@
 """Touch charts from local point clouds: directly, or by the paper's optimisation.
 
-docs/charts.md has the error and the time of both; the direct fit is the default.
+docs/evidence/error_vs_runtime.md has the error and the time of both; the direct fit is the default.
 """
 
 from collections.abc import Sequence

@@ -2,7 +2,7 @@
 
 The normalised adjacency is applied without being formed: a sparse part (edges within charts, joined boundary
 vertices, the vertices themselves), and the block between the touch charts' reference vertices and all
-boundary vertices of vision charts, which has rank two. docs/charts.md has the times of other ways.
+boundary vertices of vision charts, which has rank two. docs/evidence/models.md has the times of other ways.
 """
 
 from typing import Any, Literal

@@ -21,7 +21,7 @@ MAX_PLACEMENTS = 50  # random palm poses for one attempt
 SURFACE_POINTS = 4000  # of the object's points, those that placement and targets choose from
 WORKSPACE_SEED = 0  # the workspace belongs to the hand: the same for every object and run
 
-# Share of the attempts in which the thumb closes too, calibrated to the paper's statistics (docs/grasps.md).
+# Share of the attempts in which the thumb closes too, calibrated to the paper's statistics (docs/evidence/grasps.md).
 THUMB_SHARE = 0.15
 
 # Reasons for which an attempt gives no grasp.

@@ -16,7 +16,8 @@ class ZeroNeighbour(torch.autograd.Function):
     """relu(A(X W + P) + b), where A sums the first `shared` channels over neighbourhoods, in few passes.
 
     P, or None, are the products of other inputs with their weights. One matrix product with the bias or P in it, then
-    the shared channels and the ReLU in place: the plain layer (tests/models/test_gcn.py), faster (docs/models.md).
+    the shared channels and the ReLU in place: the plain layer (tests/models/test_gcn.py), faster
+    (docs/evidence/models.md).
     """
 
     @staticmethod

@@ -113,7 +113,7 @@ class Reconstruction(nn.Module):
         if self.touch_input == "pooled":
             self.touch_pooling = TouchPooling(width, sensor)
             # Far vertices learn of touches by attention where no image does it; beside one it does not help
-            # (docs/training.md).
+            # (docs/evidence/training.md).
             self.touch_attention = None if experiment.has_vision else TouchAttention(width)
 
     def _build_encoder(self, options: Encoder) -> int:

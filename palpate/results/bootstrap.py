@@ -19,7 +19,7 @@ SEED = 0
 STEP = 1e-4  # of the means, relative, for the slope of a statistic
 # A variance between two or three seeds is often far too small by chance. Welch and Satterthwaite's degrees of freedom
 # are then those of the many objects. So it counts 1 + 8 / f^2 times in them, f being its own degrees. Intervals then
-# contain the truth in 94 to 97 of 100 simulated runs, instead of 88 to 95 (docs/evaluation.md).
+# contain the truth in 94 to 97 of 100 simulated runs, instead of 88 to 95 (docs/evidence/evaluation.md).
 SEEDS_WEIGHT = 8.0
 
 

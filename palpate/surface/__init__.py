@@ -15,7 +15,7 @@ def sample(mesh: trimesh.Trimesh, count: int, rng: np.random.Generator, method: 
 
     Exterior is what a straight line reaches from outside, through openings too; the mesh may be open, non-manifold or
     flipped. Method "rays" tests each point for visibility; "depth_maps" is the paper's (Smith et al. 2018), six
-    orthographic depth maps (docs/surface.md).
+    orthographic depth maps (docs/evidence/error_vs_runtime.md).
 
     Raises ValueError for an unknown method, a mesh without area, or one that is hidden nearly everywhere.
     """

@@ -16,7 +16,7 @@ _NO_WIDTH = 1e-6  # sine of the angle below which a face covers no pixel: it is 
 
 
 class RayCaster(Tracer):
-    """Depth maps by Embree. The default: exact to about 1e-7 m, and the fastest (see docs/touch.md).
+    """Depth maps by Embree. The default: exact to about 1e-7 m, and the fastest (docs/evidence/error_vs_runtime.md).
 
     In single precision a ray may miss a face seen edge-on that Embree names, or slip through a vertex, and a surface
     just behind the sensor plane may hide what is before it. Such pixels are detected and traced in double precision

@@ -17,7 +17,8 @@ class SphereTracer(Tracer):
 
     The distance is unsigned and exact (libigl's tree of boxes over the faces): open meshes are traced too, and outside
     a closed mesh the signed distance takes the same steps. A ray stops short of the surface by up to `tolerance` /
-    cos(angle of incidence), and passing within `tolerance` of an edge is a hit. Error against time: docs/touch.md.
+    cos(angle of incidence), and passing within `tolerance` of an edge is a hit. Error against time:
+    docs/evidence/error_vs_runtime.md.
     """
 
     def __init__(

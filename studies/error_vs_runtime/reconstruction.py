@@ -78,7 +78,7 @@ class ReconstructionStudy(Study):
         gcn, deformations = settings.architecture.gcn, settings.architecture.deformations
         setup = gcn.width, gcn.layers, deformations, machine["precision"], settings.batch, SEEDS[0]
         self.base = Variant(*setup)
-        # A short training is better at a higher rate (docs/training.md), but varies more with the seed.
+        # A short training is better at a higher rate (docs/evidence/training.md), but varies more with the seed.
         total_samples = ReconstructionLearner(data, EXPERIMENT, settings, SEEDS[0]).steps * settings.batch
         self.rate = settings.rate * max(1.0, total_samples / SAMPLES) ** 0.25
         self.samples = windows(data, EXPERIMENT, "validation")

@@ -2,7 +2,7 @@
 
     python -m studies.reliability results/smoke [--tries 20] [--seed 0] [--only checkpoint]
 
-Prints the table of docs/reliability.md. Exits with 1 if anything was lost in silence.
+Prints the table of docs/evidence/reliability.md. Exits with 1 if anything was lost in silence.
 """
 
 import argparse

@@ -1,4 +1,4 @@
-"""Faults of a run's files, each a row of the table in docs/reliability.md.
+"""Faults of a run's files, each a row of the table in docs/evidence/reliability.md.
 
 Each kind of file is removed, emptied, cut, zeroed and altered at random places. The clock was ahead while the run was
 made, and is right again: what is changed now looks older than the run.

@@ -2,7 +2,7 @@
 
     python -m studies.reliability.interrupted [--tries 20] [--seed 0]
 
-Prints the table of docs/reliability.md. Exits with 1 if anything was lost. Filling a disk needs root, for a small one.
+Prints the table of docs/evidence/reliability.md. Exits with 1 if anything was lost. Filling a disk needs root.
 """
 
 import argparse

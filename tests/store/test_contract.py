@@ -89,7 +89,7 @@ def test_what_users_read_is_the_contract():
 
 
 def test_the_documents_example_runs(built, capsys):
-    example = DOCUMENT.read_text(encoding="utf-8").split("```python\n")[1].split("```")[0]
+    example = (DOCUMENT.parent / "reading.md").read_text(encoding="utf-8").split("```python\n")[1].split("```")[0]
     names = {}
     exec(example.replace("results/default", str(built)).replace('"bottle"', '"ball"'), names)
     assert "3 objects" in capsys.readouterr().out

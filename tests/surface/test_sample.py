@@ -112,7 +112,7 @@ def test_uniform_on_a_sphere():
     assert spread(height * 12 + angle, 144) < 0.999
 
 
-# `share` allows for the depth maps' own error (docs/surface.md).
+# `share` allows for the depth maps' own error (docs/evidence/error_vs_runtime.md).
 @pytest.mark.parametrize(("method", "n", "share"), [("rays", 40_000, 0.001), ("depth_maps", 10_000, 0.02)])
 def test_moments_of_a_sphere_a_torus_and_a_cylinder(method, n, share):
     # Over a sphere the mean of x^2 is r^2/3; over a torus that of z^2 is r^2/2, of x^2 + y^2 R^2 + 3 r^2/2.
