@@ -14,6 +14,7 @@ class TrainingSteps:
 
     def __init__(self, learner: ReconstructionLearner, autocast: Callable[[], AbstractContextManager] = nullcontext):
         self.learner, self.autocast = learner, autocast
+        learner._rank = lambda: slice(None)  # all samples of a step: one process, and there may be no Trainer
         self.optimiser = learner.configure_optimizers()["optimizer"]
 
     def __call__(self, number: int) -> float:
