@@ -72,8 +72,7 @@ CHECKS = {
     "touch depth": Check(0, "pixels neither in (0, the sensor's range] nor +inf"),
     "success": Check(0, "sensors whose success is not whether a pixel is in range"),
     "touches": Check(
-        0,
-        "sensors whose success is not `touches` of the grasps store, though they move 0.1 mm without a change",
+        0, "sensors whose success is not `touches` of the grasps store, though they move 0.1 mm without a change"
     ),
     "one touch": Check(0, "grasps without a successful touch"),
     "point count": Check(0, "difference between the point count and the pixels in range"),
@@ -85,8 +84,7 @@ CHECKS = {
     # Of vision.
     "mask values": Check(0, "mask pixels neither 0 nor 255"),
     "camera": Check(
-        EXACT,
-        "distance of cameras' rotations from orthonormal; inf if matrices are not finite or not a camera's",
+        EXACT, "distance of cameras' rotations from orthonormal; inf if matrices are not finite or not a camera's"
     ),
     "image depth": Check(0, "depth pixels that are NaN or out of the scene, or finite where the object's mask is 0"),
     "seen": Check(0, "images that are of one colour, and unoccluded masks without a pixel"),
@@ -239,11 +237,7 @@ def check_grasps(item: CheckedObject) -> Measured:
     yield "joint limits", hand.out_of_range(joints)
     links = hand.forward(rows["palm_pose"], joints)
     position, rotation = hand.sensor_frames(links)
-    pairs = (
-        (links, rows["link_pose"]),
-        (position, rows["sensor_position"]),
-        (rotation, rows["sensor_rotation"]),
-    )
+    pairs = ((links, rows["link_pose"]), (position, rows["sensor_position"]), (rotation, rows["sensor_rotation"]))
     yield "kinematics", np.max([np.abs(a - b).reshape(number, -1).max(axis=1) for a, b in pairs], axis=0)
     yield "penetration", np.where(rows["penetration"] >= 0, rows["penetration"], np.inf)
     if "surface" in item.rows:

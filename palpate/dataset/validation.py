@@ -3,9 +3,8 @@
 import csv
 import time
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
@@ -206,32 +205,23 @@ def check_files(run: Run, batch: str, stages: Sequence[str] = DATASET_STORES, ot
     passed is the digest of what they held: as long as it stays, so does everything that was found in their values.
     """
     folder, findings, made = run.folder, [], []
-
-    def compare(stage: str, digest: Callable[[], str]) -> None:
+    paths = {name: folder / stage.path(batch) for name, stage in STAGES.items()}
+    for stage, path in [*paths.items(), ("exr", folder / "exr" / batch)]:
+        if stage not in ("meshes", *stages) and not (path.exists() and (others or stage == "exr")):
+            continue
+        value, where = 0, ""
         try:
-            value, where = 0, digest()
+            if stage in CONTRACT:
+                store = Store(path)
+                store.verify()
+                where = store.digest
+                made.append(store.made)
+            else:
+                where = _folder_digest(path)
+                made += [provenance.of_meshes(path)] if stage == "meshes" else []
         except (StoreError, checksums.DamagedFile, OSError) as error:
             value, where = 1, str(error)
         findings.append(Finding("files", stage, batch, "", where, value, CHECKS["files"].limit))
-
-    def meshes() -> str:
-        digest = _folder_digest(folder / "meshes" / batch)
-        made.append(provenance.of_meshes(folder / "meshes" / batch))
-        return digest
-
-    def store(path: Path) -> str:
-        opened = Store(path)
-        opened.verify()
-        made.append(opened.made)
-        return opened.digest
-
-    compare("meshes", meshes)
-    for stage, spec in CONTRACT.items():
-        path = folder / spec.path(batch)
-        if stage in stages or (others and path.exists()):
-            compare(stage, partial(store, path))
-    if (folder / "exr" / batch).exists():
-        compare("exr", lambda: _folder_digest(folder / "exr" / batch))
     sources, limit = sources_of(read_catalogue(folder / f"catalogue/{batch}.csv")), CHECKS["made from"].limit
     mixed = dict(run.mixtures(made, sources))
     for each in made:
@@ -414,9 +404,7 @@ def _check_run(catalogue: list[CatalogueEntry], rejected: list[Rejection], valid
         splits.setdefault(entry.object, set()).add(entry.split)
     yield _of_run("unique", "catalogue", (name for name, count in Counter(names).items() if count > 1))
     yield _of_run(
-        "one split",
-        "catalogue",
-        (name for name, found in splits.items() if len(found) > 1 or found - set(SPLITS)),
+        "one split", "catalogue", (name for name, found in splits.items() if len(found) > 1 or found - set(SPLITS))
     )
     yield _of_run("batches", "catalogue", {entry.batch for entry in catalogue} - validated)
     unexplained = (row for row in rejected if row.object not in splits or not row.reason.strip())

@@ -4,14 +4,4 @@ from palpate.store.contract import CONTRACT, SCHEMA_VERSION
 from palpate.store.files import Store, StoreError, open, read, write
 from palpate.store.join import join, write_batch
 
-__all__ = [
-    "CONTRACT",
-    "SCHEMA_VERSION",
-    "Store",
-    "StoreError",
-    "join",
-    "open",
-    "read",
-    "write",
-    "write_batch",
-]
+__all__ = ["CONTRACT", "SCHEMA_VERSION", "Store", "StoreError", "join", "open", "read", "write", "write_batch"]
