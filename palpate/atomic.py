@@ -89,7 +89,7 @@ def sweep(folder: Path, whole: re.Pattern[str]) -> list[Path]:
 
 
 def remove(path: Path) -> None:
-    """Remove a file or a folder with all in it; nothing happens if there is none."""
+    """Remove a file or a folder with all in it, if it exists."""
     if path.is_dir() and not path.is_symlink():
         shutil.rmtree(path)
     else:

@@ -220,7 +220,7 @@ def _opened(settings: Settings, names: Sequence[str], seed: int, scratch: Path) 
     root, total = Path(settings.source.path), 0
     for number, each in enumerate(turns[: max(MOST_OPENED, len(names))]):
         path = root / each.source
-        total += path.stat().st_size if path.is_file() else 0  # what is none is said later
+        total += path.stat().st_size if path.is_file() else 0  # a missing file is reported later
         if number < max(1, len(names)) or total <= MOST_BYTES:
             yield each, root
 

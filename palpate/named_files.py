@@ -40,7 +40,7 @@ def unusable(path: Path | str) -> str:
     if "\\udc" in str(path):  # as `palpate.catalogue` has bytes that are not UTF-8
         return "its name is not UTF-8: rename it"
     special = os.path.exists(path) and not os.path.isfile(path)
-    return "it is no regular file but a folder, a pipe or a device: remove it" if special else ""
+    return "it is a folder, a pipe or a device, not a regular file: remove it" if special else ""
 
 
 def companions(path: Path, root: Path | str | None = None, head: int = -1) -> list[str]:
@@ -181,5 +181,5 @@ def gltf_tree(path: Path, most: int | None = None) -> tuple[dict[str, Any], int]
     except RecursionError:
         raise ValueError("its JSON is nested too deep") from None
     if not isinstance(tree, dict):
-        raise ValueError("its JSON is no object")
+        raise ValueError("its JSON is not an object")
     return tree, start + length + 8

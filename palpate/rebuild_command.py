@@ -6,7 +6,7 @@ import shlex
 from pathlib import Path
 
 RECORD = "config.yaml"  # in a run's folder: the config that it was last started with
-FOLDERS = ("catalogue.csv", "meshes", "models", "evaluations")  # one of them is in a run's folder of old, too
+FOLDERS = ("catalogue.csv", "meshes", "models", "evaluations")  # runs of older versions have one of them, too
 BRACES = re.compile(r"[\w./-]*\{\d+\.\.\d+\}[\w./-]*")  # as bash counts them up: batch-{0000..0012}
 
 

@@ -100,7 +100,7 @@ class Source:
         made_in = Path(absolute(config["results"], project), config["run"], "sources")
         section["path"] = absolute(section["path"], project) if section["path"] else str(made_in)
         section["objects"] = absolute(section["objects"], project) if section.get("objects") else None
-        if "variants" in section:  # the record of an older run may have the value of then
+        if "variants" in section:  # the record of an older run may have the old value
             section["variants"] = RENAMED_VALUES["source.variants"].get(section["variants"], section["variants"])
         return cls(**section)
 

@@ -99,7 +99,7 @@ def scan(source: Source, classes: Mapping[str, Count]) -> list[SourceObject]:
         path = os.path.join(root, entry.source)
         if os.path.islink(path) and not os.path.exists(path):
             raise CatalogueError(
-                f"{path}: a link to {os.readlink(path)}, where there is no file: mend the link or remove it"
+                f"{path}: a link to {os.readlink(path)}, where there is no file: correct the link or remove it"
             )
     return _distinct(entries)
 
@@ -280,7 +280,7 @@ def _each_mesh(folder: Path, suffixes: tuple[str, ...]) -> Iterator[str]:
 
 
 def _returns(top: Path, folder: Path) -> bool:
-    """Whether a folder below `top` is a link to one that it lies in, by its path or in truth: to follow has no end."""
+    """Whether a folder below `top` is a link to a folder that contains it: following it would never end."""
     if not folder.is_symlink():
         return False
     target = os.path.realpath(folder)
