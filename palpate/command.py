@@ -10,13 +10,13 @@ palpate export results/mine shared      the run as WebDataset, or as Parquet and
 
 import argparse
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
+from typing import Any, NamedTuple
 
 import palpate
 
-Parser = argparse.ArgumentParser
 # Extras of the package that bring what a command may lack, by the first module that is missed.
 EXTRAS = dict.fromkeys(("bpy", "embreex", "igl", "mujoco", "OpenEXR", "pymeshlab"), "factory")
 EXTRAS |= dict.fromkeys(("lightning", "matplotlib", "torch"), "models") | {"pyarrow": "parquet"}
@@ -24,17 +24,20 @@ EXTRAS |= dict.fromkeys(("lightning", "matplotlib", "torch"), "models") | {"pyar
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command; returns its exit status: 0, or 1 if it failed, with a line of why on standard error."""
-    parser = Parser(prog="palpate", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        prog="palpate", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--version", action="version", version=f"palpate {palpate.__version__}")
     commands = parser.add_subparsers(dest="command", required=True, metavar="command")
-    for name, (declare, text, _) in COMMANDS.items():
-        own = commands.add_parser(name, help=text, description=f"{text[0].upper()}{text[1:]}.")
+    for name, command in COMMANDS.items():
+        own = commands.add_parser(name, help=command.help, description=f"{command.help.capitalize()}.")
         if name != "check":
             own.add_argument("run", type=Path, help="the run's folder, for example results/default")
-        declare(own)
+        for argument, options in command.arguments.items():
+            own.add_argument(argument, **options)
     args = parser.parse_args(arguments)
     try:
-        return COMMANDS[args.command][2](args)
+        return COMMANDS[args.command].run(args)
     except (ValueError, LookupError, OSError, ImportError) as error:
         print(error_message(error), file=sys.stderr)
         return 1
@@ -54,35 +57,12 @@ def error_message(error: Exception) -> str:
     return str(error.args[0]) if isinstance(error, KeyError) else str(error)
 
 
-def _declare_check(parser: Parser) -> None:
-    parser.add_argument("config", type=Path, nargs="*", help="overlays, as --configfile takes them (default: none)")
-    objects = {"nargs": "+", "default": [], "metavar": "OBJECT"}
-    parser.add_argument("--object", **objects, help="taken through every stage (default: one that is soon done)")
-    parser.add_argument("--output", type=Path, metavar="PNG", help="the picture (default: results/<run>/check.png)")
-
-
 def check(args: argparse.Namespace) -> int:
     """Look at a config before its run."""
     from palpate.check import check_config
 
     check_config(args.config, args.object, args.output, partial(print, flush=True))
     return 0
-
-
-def _declare_model(parser: Parser) -> None:
-    parser.add_argument("--seed", type=int, help="of the trained model (default: the first there is)")
-    parser.add_argument("--device", default="cpu", help="of torch (default: cpu)")
-
-
-def _declare_view(parser: Parser) -> None:
-    parser.add_argument("object", nargs="?", help="its name in catalogue.csv (default: the page of the whole run)")
-    parser.add_argument("--grasps", type=int, nargs="+", metavar="G", help="numbers of the grasps shown (default: all)")
-    parser.add_argument("--model", metavar="EXPERIMENT", help="show its predictions too: charts_occluded_touch, ...")
-    _declare_model(parser)
-    parser.add_argument("--all", action="store_true", help="write the page of every object, and that of the run")
-    parser.add_argument(
-        "--output", type=Path, metavar="FOLDER", help="for pages (default: <run>/viewer, <run>/index.html)"
-    )
 
 
 def view(args: argparse.Namespace) -> int:
@@ -117,17 +97,6 @@ def view(args: argparse.Namespace) -> int:
     return 0
 
 
-def _declare_reconstruct(parser: Parser) -> None:
-    parser.add_argument("experiment", help="of config/experiments.yaml, for example charts_occluded_touch")
-    parser.add_argument("object", help="its name in catalogue.csv, for example bottle-0011")
-    parser.add_argument(
-        "--grasp", type=int, nargs="+", metavar="G", help="numbers of the grasps (default: the first ones)"
-    )
-    parser.add_argument("--view", type=int, default=0, help="number of the view, or of the camera (default: 0)")
-    _declare_model(parser)
-    parser.add_argument("--output", type=Path, required=True, help="mesh file; its suffix says the format, as .ply")
-
-
 def reconstruct(args: argparse.Namespace) -> int:
     """Write the mesh that a model predicts."""
     from palpate.atomic import atomic_write
@@ -139,12 +108,6 @@ def reconstruct(args: argparse.Namespace) -> int:
         mesh.export(partial)
     print(f"{args.output}: {len(mesh.vertices)} vertices, {len(mesh.faces)} faces, metres, world frame")
     return 0
-
-
-def _declare_validate(parser: Parser) -> None:
-    parser.add_argument(
-        "--sources", type=Path, metavar="FOLDER", help="of the source meshes, to compare them with the catalogue"
-    )
 
 
 def validate(args: argparse.Namespace) -> int:
@@ -161,10 +124,6 @@ def validate(args: argparse.Namespace) -> int:
     return 0 if passed else 1
 
 
-def _declare_info(parser: Parser) -> None:
-    parser.add_argument("object", nargs="?", help="its name in catalogue.csv (default: the whole run)")
-
-
 def info(args: argparse.Namespace) -> int:
     """Print what a run, or one of its objects, holds."""
     from palpate.dataset import Dataset
@@ -173,19 +132,6 @@ def info(args: argparse.Namespace) -> int:
     dataset = Dataset(args.run)
     print("\n".join(object_lines(dataset[args.object]) if args.object else run_lines(dataset)))
     return 0
-
-
-def _declare_export(parser: Parser) -> None:
-    parser.add_argument("output", type=Path, help="a new folder")
-    parser.add_argument(
-        "--format",
-        choices=("webdataset", "parquet", "released"),
-        default="webdataset",
-        help="tar shards; Parquet and images as load_dataset of Hugging Face reads them; the authors' released layout",
-    )
-    parser.add_argument("--arrays", nargs="+", metavar="ARRAY", help="which to write (default: all)")
-    parser.add_argument("--license", default="unknown", help="of the data, for the data card: cc-by-4.0, ...")
-    parser.add_argument("--source", default="", help="where the meshes are from and on what terms, for the data card")
 
 
 def export(args: argparse.Namespace) -> int:
@@ -208,14 +154,66 @@ def export(args: argparse.Namespace) -> int:
     return 0
 
 
-COMMANDS: dict[str, tuple[Callable[[Parser], None], str, Callable[[argparse.Namespace], int]]] = {
-    "check": (_declare_check, "check a config and its meshes before a run, and draw the hand and one object", check),
-    "view": (_declare_view, "write pages that show objects, hands, touches and predictions", view),
-    "reconstruct": (_declare_reconstruct, "reconstruct an object of a run with one of the run's models", reconstruct),
-    "validate": (_declare_validate, "check every file and array of a run", validate),
-    "info": (_declare_info, "print what a run holds", info),
-    "export": (_declare_export, "write a run in another layout, with a data card", export),
+class Command(NamedTuple):
+    """A command: what runs it, its help, and its arguments as `add_argument` takes them."""
+
+    run: Callable[[argparse.Namespace], int]
+    help: str
+    arguments: Mapping[str, Mapping[str, Any]]
+
+
+OBJECT = {"help": "its name in catalogue.csv, for example bottle-0011"}
+MODEL = {
+    "--seed": {"type": int, "help": "of the trained model (default: the first there is)"},
+    "--device": {"default": "cpu", "help": "of torch (default: cpu)"},
 }
+COMMANDS = {
+    "check": Command(check, "check a config and its meshes before a run, and draw the hand and one object", {
+        "config": {"type": Path, "nargs": "*", "help": "overlays, as --configfile takes them (default: none)"},
+        "--object": {"nargs": "+", "default": [], "help": "taken through every stage (default: one that is soon done)"},
+        "--output": {"type": Path, "metavar": "PNG", "help": "the picture (default: results/<run>/check.png)"},
+    }),
+    "view": Command(view, "write pages that show objects, hands, touches and predictions", {
+        "object": OBJECT | {"nargs": "?", "help": "its name in catalogue.csv (default: the page of the whole run)"},
+        "--grasps": {"type": int, "nargs": "+", "metavar": "G", "help": "numbers of the grasps shown (default: all)"},
+        "--model": {"metavar": "EXPERIMENT", "help": "show its predictions too: charts_occluded_touch, ..."},
+        **MODEL,
+        "--all": {"action": "store_true", "help": "write the page of every object, and that of the run"},
+        "--output": {
+            "type": Path, "metavar": "FOLDER", "help": "for pages (default: <run>/viewer, <run>/index.html)"
+        },
+    }),
+    "reconstruct": Command(reconstruct, "reconstruct an object of a run with one of the run's models", {
+        "experiment": {"help": "of config/experiments.yaml, for example charts_occluded_touch"},
+        "object": OBJECT,
+        "--grasp": {
+            "type": int, "nargs": "+", "metavar": "G", "help": "numbers of the grasps (default: the first ones)"
+        },
+        "--view": {"type": int, "default": 0, "help": "number of the view, or of the camera (default: 0)"},
+        **MODEL,
+        "--output": {"type": Path, "required": True, "help": "mesh file; its suffix is the format, as .ply"},
+    }),
+    "validate": Command(validate, "check every file and array of a run", {
+        "--sources": {
+            "type": Path, "metavar": "FOLDER", "help": "of the source meshes, to compare them with the catalogue"
+        },
+    }),
+    "info": Command(info, "print what a run holds", {
+        "object": OBJECT | {"nargs": "?", "help": "its name in catalogue.csv (default: the whole run)"},
+    }),
+    "export": Command(export, "write a run in another layout, with a data card", {
+        "output": {"type": Path, "help": "a new folder"},
+        "--format": {
+            "choices": ("webdataset", "parquet", "released"),
+            "default": "webdataset",
+            "help": "tar shards; Parquet and images as load_dataset of Hugging Face reads them; the authors' released "
+            "layout",
+        },
+        "--arrays": {"nargs": "+", "metavar": "ARRAY", "help": "which to write (default: all)"},
+        "--license": {"default": "unknown", "help": "of the data, for the data card: cc-by-4.0, ..."},
+        "--source": {"default": "", "help": "where the meshes are from and on what terms, for the data card"},
+    }),
+}  # fmt: skip
 
 
 if __name__ == "__main__":
