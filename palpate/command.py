@@ -174,7 +174,7 @@ COMMANDS = {
         "--output": {"type": Path, "metavar": "PNG", "help": "the picture (default: results/<run>/check.png)"},
     }),
     "view": Command(view, "write pages that show objects, hands, touches and predictions", {
-        "object": OBJECT | {"nargs": "?", "help": "its name in catalogue.csv (default: the page of the whole run)"},
+        "object": {"nargs": "?", "help": "its name in catalogue.csv (default: the page of the whole run)"},
         "--grasps": {"type": int, "nargs": "+", "metavar": "G", "help": "numbers of the grasps shown (default: all)"},
         "--model": {"metavar": "EXPERIMENT", "help": "show its predictions too: charts_occluded_touch, ..."},
         **MODEL,
@@ -191,7 +191,7 @@ COMMANDS = {
         },
         "--view": {"type": int, "default": 0, "help": "number of the view, or of the camera (default: 0)"},
         **MODEL,
-        "--output": {"type": Path, "required": True, "help": "mesh file; its suffix is the format, as .ply"},
+        "--output": {"type": Path, "required": True, "help": "mesh file; its suffix says the format, as .ply"},
     }),
     "validate": Command(validate, "check every file and array of a run", {
         "--sources": {
@@ -199,7 +199,7 @@ COMMANDS = {
         },
     }),
     "info": Command(info, "print what a run holds", {
-        "object": OBJECT | {"nargs": "?", "help": "its name in catalogue.csv (default: the whole run)"},
+        "object": {"nargs": "?", "help": "its name in catalogue.csv (default: the whole run)"},
     }),
     "export": Command(export, "write a run in another layout, with a data card", {
         "output": {"type": Path, "help": "a new folder"},
