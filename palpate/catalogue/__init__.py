@@ -11,7 +11,7 @@ EXPORTS = {
     "split": ["PAPER_SPLIT", "SPLITS", "assign_split", "suggest_split"],
     "table": [
         *("COLUMNS", "CatalogueEntry", "build", "check_splits", "checksum", "empty_splits", "fill", "join_copies"),
-        *("read_catalogue", "require_unchanged", "sources_of", "splits_of"),
+        *("read_catalogue", "require_unchanged", "sources_of", "splits_of", "write_catalogue"),
     ],
 }
 __all__, __getattr__ = lazy_exports(__name__, EXPORTS)

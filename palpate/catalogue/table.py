@@ -1,5 +1,6 @@
 """The catalogue: one row an object, with its split, its batch and the checksum of what it is made from."""
 
+import csv
 import hashlib
 import sys
 from collections import Counter
@@ -8,6 +9,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from palpate import provenance
+from palpate.atomic import atomic_write
 from palpate.catalogue.companion_files import companions
 from palpate.catalogue.source import CatalogueError
 from palpate.catalogue.sources import SourceObject
@@ -132,17 +134,15 @@ def build(
     splits: Mapping[str, str],
     batches: Mapping[str, str],
     files: Path | str | None = None,
-):
-    """The rows of some objects as a pandas DataFrame with `COLUMNS`, in their order.
+) -> list[CatalogueEntry]:
+    """The rows of some objects, in their order.
 
     root: the source's path, from which `source` is, so that the table is the same on every machine. splits, batches:
     of each object by name. files: as for `checksum`. Raises `CatalogueError` if a mesh file does not exist (procedural
     objects must have been written).
     """
-    import pandas  # slow to import, and the only place that needs it
-
-    rows = [
-        (
+    return [
+        CatalogueEntry(
             entry.object,
             entry.class_name,
             splits[entry.object],
@@ -155,7 +155,12 @@ def build(
         )
         for entry in entries
     ]
-    return pandas.DataFrame(rows, columns=list(COLUMNS))
+
+
+def write_catalogue(path: Path | str, entries: Iterable[CatalogueEntry]) -> None:
+    """Write the rows of a `catalogue.csv`, with its checksum beside it."""
+    with atomic_write(path, checksum=True) as partial, partial.open("w", newline="", encoding="utf-8") as file:
+        csv.writer(file, lineterminator="\n").writerows([COLUMNS, *entries])
 
 
 def empty_splits(splits: Iterable[tuple[str, str]], ratios: Mapping[str, float]) -> dict[str, list[str]]:

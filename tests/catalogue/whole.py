@@ -1,6 +1,8 @@
 """The whole catalogue of a source, as the workflow's rules make it batch by batch."""
 
-from palpate.catalogue import PAPER_SPLIT, assign_batches, build, in_order, scan, splits_of
+import pandas as pd
+
+from palpate.catalogue import COLUMNS, PAPER_SPLIT, CatalogueEntry, assign_batches, build, in_order, scan, splits_of
 
 
 def whole_catalogue(source, classes, ratios=PAPER_SPLIT, batches=16):
@@ -8,4 +10,5 @@ def whole_catalogue(source, classes, ratios=PAPER_SPLIT, batches=16):
     entries = scan(source, classes)
     if isinstance(batches, int):
         batches = assign_batches([entry.object for entry in entries], batches)
-    return build(source.path, in_order(entries, batches), splits_of(entries, ratios), batches)
+    rows = build(source.path, in_order(entries, batches), splits_of(entries, ratios), batches)
+    return pd.DataFrame(rows, columns=CatalogueEntry._fields).set_axis(COLUMNS, axis=1)

@@ -7,14 +7,11 @@ catalogue/<batch>.csv    object, class, split, batch, source (from the source's 
 from workflow.run.job import log_to
 
 from palpate import catalogue
-from palpate.atomic import atomic_write
 
 log_to(snakemake.log[0])
 root, batch = snakemake.params.root, snakemake.wildcards.batch
 objects = [(catalogue.SourceObject(*fields), split) for *fields, split in snakemake.params.objects]
 splits = {entry.object: split for entry, split in objects}
-with atomic_write(snakemake.output.table, checksum=True) as partial:
-    entries, batches = [entry for entry, _ in objects], dict.fromkeys(splits, batch)
-    files = catalogue.files_root(root, snakemake.params.outside)
-    table = catalogue.build(root, entries, splits, batches, files)
-    table.to_csv(partial, index=False)
+entries, batches = [entry for entry, _ in objects], dict.fromkeys(splits, batch)
+files = catalogue.files_root(root, snakemake.params.outside)
+catalogue.write_catalogue(snakemake.output.table, catalogue.build(root, entries, splits, batches, files))
