@@ -12,6 +12,7 @@ import tempfile
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from itertools import zip_longest
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -129,8 +130,7 @@ def check_config(
     hand = hands.from_mjcf(own.mjcf, own.sensors, face) if own else hands.allegro(face)
     for line in hands.check_files(own.mjcf, own.sensors, settings.sensor) if own else ():
         say(line)
-    logging.getLogger("palpate.mesh").setLevel(logging.ERROR)  # its warnings of textures are lines here
-    with tempfile.TemporaryDirectory(prefix="palpate-check-") as scratch:
+    with tempfile.TemporaryDirectory(prefix="palpate-check-") as scratch, _only_errors("palpate.mesh"):
         looks = [
             look(entry, root, settings.source.outside)
             for entry, root in _opened(settings, names, config["seed"], Path(scratch))
@@ -159,6 +159,18 @@ def check_config(
     say(f"{path}: {', '.join(['the hand with its sensor frames', *pictures])}")
     options = f" --configfile {' '.join(map(str, overlays))}" if overlays else ""
     say(f"checked in {time.monotonic() - start:.0f} s. To make the dataset: snakemake --cores 2 dataset{options}")
+
+
+@contextmanager
+def _only_errors(name: str) -> Iterator[None]:
+    """Context without a logger's warnings: those of textures are lines of the check."""
+    logger = logging.getLogger(name)
+    level = logger.level
+    logger.setLevel(logging.ERROR)
+    try:
+        yield
+    finally:
+        logger.setLevel(level)
 
 
 def object_lines(settings: Settings, config: Mapping[str, Any]) -> Iterator[str]:

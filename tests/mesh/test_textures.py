@@ -136,7 +136,7 @@ def test_too_little_memory_is_no_fault_of_the_object_and_names_the_file(tmp_path
 def test_a_link_that_leads_nowhere_is_said_at_the_start(tmp_path):
     (tmp_path / "mug").mkdir()
     (tmp_path / "mug/a.stl").symlink_to(tmp_path / "moved/a.stl")
-    with pytest.raises(CatalogueError, match="mug/a.stl: a link to .*moved/a.stl, where there is no file: mend"):
+    with pytest.raises(CatalogueError, match="mug/a.stl: a link to .*moved/a.stl, where there is no file: correct"):
         scan(Source("folder", tmp_path), {"mug": "all"})
     with pytest.raises(UnusableObject, match="no such file"):
         load.load_parts(tmp_path / "mug/a.stl")
