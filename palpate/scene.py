@@ -22,23 +22,14 @@ GRASP_ARRAYS = ("link_pose", "sensor_position", "sensor_rotation")
 
 @dataclass(frozen=True)
 class Light:
-    """A light of a scene.
+    """A light of a scene."""
 
-    Attributes:
-        kind: `sun` (parallel), `point` (a sphere), `area` (a square, to one side), or `ambient` (from everywhere).
-        energy: of a sun W / m2, of a point or an area W; of an ambient light its radiance, of which 1 is white.
-        position: (3,) in the world, m; of a sun just the direction from the target counts.
-        target: (3,) that a sun or an area shines at; None is the object's place.
-        size: of a sun its extent in degrees, of a point its radius and of an area its side in m.
-        colour: (3,) sRGB in 0..1, by which the energy is multiplied.
-    """
-
-    kind: str
-    energy: float
-    position: tuple[float, float, float] | None = None
-    target: tuple[float, float, float] | None = None
-    size: float = 0.0
-    colour: tuple[float, float, float] = (1.0, 1.0, 1.0)
+    kind: str  # `sun` (parallel), `point` (a sphere), `area` (a square, to one side), or `ambient` (from everywhere)
+    energy: float  # of a sun W / m2, of a point or an area W; of an ambient light its radiance, of which 1 is white
+    position: tuple[float, float, float] | None = None  # world, m; of a sun just the direction from the target counts
+    target: tuple[float, float, float] | None = None  # that a sun or an area shines at; None: the object's place
+    size: float = 0.0  # of a sun its extent in degrees, of a point its radius and of an area its side in m
+    colour: tuple[float, float, float] = (1.0, 1.0, 1.0)  # sRGB in 0..1, by which the energy is multiplied
 
 
 # A sun from the paper camera's upper left, without extent: its shadows are sharp and free of noise. A white diffuse
@@ -58,25 +49,19 @@ LIGHT_KEYS = {
 class Scene:
     """One object, alone or in g grasps of a hand with L links and s touch sensors.
 
-    Attributes:
-        object_folder: the object's mesh files; `visual.glb` is what is touched and seen.
-        object_position: (3,) of the origin of the object's own frame.
-        hand: None if the object is alone; link_pose: (g, L, 4, 4) of its links.
-        sensor_position: (g, s, 3), sensor_rotation: (g, s, 3, 3) of the sensors; columns are the frame's axes.
-        camera, lights: what an image is made with. background: behind all, sRGB in 0..1; None is transparent.
-
     Raises ValueError for poses of links without a hand.
     """
 
-    object_folder: Path
-    hand: Hand | None = None
-    link_pose: np.ndarray = field(default_factory=lambda: np.zeros((0, 0, 4, 4)))
-    sensor_position: np.ndarray = field(default_factory=lambda: np.zeros((0, 0, 3)))
+    object_folder: Path  # its mesh files; `visual.glb` is what is touched and seen
+    hand: Hand | None = None  # None if the object is alone
+    link_pose: np.ndarray = field(default_factory=lambda: np.zeros((0, 0, 4, 4)))  # (g, L, 4, 4)
+    sensor_position: np.ndarray = field(default_factory=lambda: np.zeros((0, 0, 3)))  # (g, s, 3)
+    # (g, s, 3, 3), columns are the frame's axes.
     sensor_rotation: np.ndarray = field(default_factory=lambda: np.zeros((0, 0, 3, 3)))
-    object_position: tuple[float, float, float] = OBJECT_POSITION
+    object_position: tuple[float, float, float] = OBJECT_POSITION  # of the origin of the object's own frame
     camera: Camera = field(default_factory=paper_camera)
     lights: tuple[Light, ...] = LIGHTS
-    background: tuple[float, float, float] | None = WHITE
+    background: tuple[float, float, float] | None = WHITE  # behind all, sRGB in 0..1; None is transparent
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "object_folder", Path(self.object_folder))
