@@ -35,18 +35,14 @@ class Sensor:
     height: float  # of the sensor plane, along z
     resolution: tuple[int, int]  # (r, c), pixels along z and y: rows, columns
     range: float  # from the sensor plane to the undeformed gel, of a round gel to its apex
-    gel_radius: (
-        float | None
-    )  # of the sphere that a round gel is a cap of; None if the gel is flat and as wide as the plane
+    gel_radius: float | None  # of the sphere that a round gel is a cap of; None: flat and as wide as the plane
     gel_face: float  # from the sensor plane to the face that the hand has there, at which contact stops it
     # `angles` (degrees, of the red, green and blue light around the sensor's axis, from y to z), `radius` and `height`
     # above the plane at `range`, towards the sensor plane; or a list of lights with a `colour` and a `position` (y, z,
     # that height) or a `direction` that they are in.
     lights: Mapping[str, Any] | Sequence[Mapping[str, Any]]
     diffuse: float  # lambda, grey levels of a surface that faces a light
-    smoothing: Mapping[str, Any] | None = (
-        None  # of the gel: `pyramid`, `last`, `held` of `palpate.touch.shading.smoothed`
-    )
+    smoothing: Mapping[str, Any] | None = None  # `pyramid`, `last`, `held`: `palpate.touch.shading.smoothed`
     # (r, c, 3) uint8 image of the untouched gel; None: the shading of the undeformed gel.
     background: np.ndarray | None = field(default=None, repr=False)
 
