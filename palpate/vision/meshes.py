@@ -13,11 +13,8 @@ class Mesh(NamedTuple):
 
     vertices: np.ndarray  # (n, 3) metres
     faces: np.ndarray  # (f, 3) int
-    colours: np.ndarray = (
-        0.7,
-        0.7,
-        0.7,
-    )  # sRGB in 0..1: (3,), of vertices (n, 3) (blended over the faces), or faces (f, 3)
+    # sRGB in 0..1: (3,), of vertices (n, 3) (blended over the faces), or of faces (f, 3).
+    colours: np.ndarray = (0.7, 0.7, 0.7)
     normals: np.ndarray | None = None  # (n, 3) for smooth shading; None keeps edges sharper than 30 degrees
 
 
