@@ -60,6 +60,9 @@ def build(
             "from the material"
         ) from error
     (folder / "visual.glb").write_bytes(glb)
+    length = int.from_bytes(glb[12:16], "little")  # of the JSON chunk, which is the first (glTF 2.0, 4.4)
+    materials = json.loads(glb[20 : 20 + length]).get("materials", [])
+    see_through = any(material.get("alphaMode", "OPAQUE") != "OPAQUE" for material in materials)
     record = {
         "version": VERSION,
         "source": {
@@ -68,7 +71,7 @@ def build(
         },
         **{"scale": float(scale), "diagonal": float(diagonal)},
         "repairs": repaired.counts,
-        "visual.glb": _describe(vertices, faces) | {"see_through": _see_through(glb)},
+        "visual.glb": _describe(vertices, faces) | {"see_through": see_through},
     }
     counts = {"collision.ply": collision_faces} | {f"level-{count}.ply": count for count in levels}
     record |= _write_levels(folder, vertices, faces, counts)
@@ -169,13 +172,6 @@ def _describe(vertices, faces):
         "volume": float(np.einsum("ij,ij->", corner[:, 0], cross) / 6) if closed else None,
         "bounding_box": [corner.min(axis=(0, 1)).tolist(), corner.max(axis=(0, 1)).tolist()],
     }
-
-
-def _see_through(glb):
-    """Whether a binary glTF file has a transparent material (by its `alphaMode`)."""
-    length = int.from_bytes(glb[12:16], "little")  # of the JSON chunk, which is the first (glTF 2.0, 4.4)
-    materials = json.loads(glb[20 : 20 + length]).get("materials", [])
-    return any(material.get("alphaMode", "OPAQUE") != "OPAQUE" for material in materials)
 
 
 def _write_levels(folder, vertices, faces, counts):

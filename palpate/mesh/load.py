@@ -86,14 +86,9 @@ def _placed(loaded: trimesh.Scene, node: str) -> trimesh.Trimesh:
     if normals is not None and len(normals) == len(placed.vertices):
         placed.metadata["vertex_normals"] = np.asarray(normals) @ np.linalg.pinv(linear)
     placed.metadata["name"] = name
-    _keep_jpeg(placed.visual)
-    return placed
-
-
-def _keep_jpeg(visual) -> None:
-    """Have a JPEG texture written again with its own quantisation, not with the writer's lower default."""
-    material = getattr(visual, "material", None)
+    material = getattr(placed.visual, "material", None)
     for name in ("image", "baseColorTexture", "metallicRoughnessTexture", "emissiveTexture", "normalTexture"):
         image = getattr(material, name, None)
         if image is not None and image.format == "JPEG" and "save" not in vars(image):
-            image.save = partial(image.save, quality="keep")
+            image.save = partial(image.save, quality="keep")  # its own quantisation, not the writer's lower default
+    return placed

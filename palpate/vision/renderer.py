@@ -85,7 +85,9 @@ class Renderer:
         self.exr = None if exr is None else Path(exr)
         if self.exr is not None:
             self.exr.mkdir(parents=True, exist_ok=True)
-        self._folder = _memory_folder()
+        shared = Path("/dev/shm")  # memory: for files that pass from Blender to numpy
+        enough = shared.is_dir() and shutil.disk_usage(shared).free > FREE_MEMORY
+        self._folder = Path(tempfile.mkdtemp(prefix="palpate-vision-", dir=shared if enough else None))
         weakref.finalize(self, shutil.rmtree, self._folder, ignore_errors=True)
         self._hand, self._links = None, []
         self._omitted_pixels = 0
@@ -249,7 +251,9 @@ class Renderer:
         points = [np.zeros((0, 3))]
         for body in bodies:
             body.pass_index = OBJECT_INDEX
-            points.append(_world_vertices(body))
+            vertices, pose = np.empty(3 * len(body.data.vertices), dtype=np.float32), np.array(body.matrix_world)
+            body.data.vertices.foreach_get("co", vertices)
+            points.append(vertices.reshape(-1, 3) @ pose[:3, :3].T + pose[:3, 3])
         points = np.concatenate(points)
         if not len(points) or not np.isfinite(points).all():
             raise UnusableObject(f"{path}: expected triangles with finite coordinates, found {len(points)} vertices")
@@ -355,13 +359,6 @@ def _blocks() -> list:
     """All of Blender's data that a file can bring."""
     blocks = [block for kind in DATA for block in getattr(bpy.data, kind)]
     return [block for block in blocks if getattr(block, "type", None) != "RENDER_RESULT"]
-
-
-def _memory_folder() -> Path:
-    """A new folder for files that pass from Blender to numpy, in memory where the system has such a folder."""
-    shared = Path("/dev/shm")
-    enough = shared.is_dir() and shutil.disk_usage(shared).free > FREE_MEMORY
-    return Path(tempfile.mkdtemp(prefix="palpate-vision-", dir=shared if enough else None))
 
 
 def _choose_device(device: str) -> str:
@@ -484,14 +481,6 @@ def _blender_object(name: str, mesh: Mesh, material):
     attribute.data.foreach_set("color", rgba.ravel())
     data.materials.append(material)
     return bpy.data.objects.new(name, data)
-
-
-def _world_vertices(body) -> np.ndarray:
-    """(n, 3) vertices of a Blender mesh object in the world."""
-    vertices = np.empty(3 * len(body.data.vertices), dtype=np.float32)
-    body.data.vertices.foreach_get("co", vertices)
-    pose = np.array(body.matrix_world)
-    return vertices.reshape(-1, 3) @ pose[:3, :3].T + pose[:3, 3]
 
 
 def _crop(render, size: int, low: np.ndarray, high: np.ndarray) -> None:
