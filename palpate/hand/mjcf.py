@@ -231,15 +231,13 @@ class _Reader:
             if link != 0:
                 raise ConfigError(f"{self.source}: anchor {description['anchor']!r} is not a site of the palm's body")
             return anchor
-        faces = [self._front(geom) for geom in geoms if self.link_of_body[self.model.geom_bodyid[geom]] == 0]
-        anchor[0, 3] = max(faces, default=0.0)
+        model, faces = self.model, [0.0]  # the largest x of each geom's bounding box in the palm's frame
+        for geom in geoms:
+            if self.link_of_body[model.geom_bodyid[geom]] == 0:
+                turn, centre, half = _rotation(model.geom_quat[geom])[0], *np.split(model.geom_aabb[geom], 2)
+                faces.append(model.geom_pos[geom, 0] + turn @ centre + np.abs(turn) @ half)
+        anchor[0, 3] = max(faces[1:], default=0.0)
         return anchor
-
-    def _front(self, geom: int) -> float:
-        """The largest x of a geom's bounding box in its body's frame."""
-        centre, half = self.model.geom_aabb[geom, :3], self.model.geom_aabb[geom, 3:]
-        rotation = _rotation(self.model.geom_quat[geom])
-        return float(self.model.geom_pos[geom, 0] + rotation[0] @ centre + np.abs(rotation[0]) @ half)
 
     def _geom(self, geom: int) -> tuple:
         """The row of a geom for `Hand.from_rows`."""

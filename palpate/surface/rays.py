@@ -27,6 +27,7 @@ def sample_by_rays(mesh: RayMesh, count: int, rng: np.random.Generator, directio
     Raises ValueError if so little of the surface is exterior that `count` points can't be found.
     """
     found, drawn, missing = [], 0, count
+    area = np.cumsum(np.linalg.norm(mesh.normals, axis=1))
     while missing > 0:
         if drawn > _MOST_CANDIDATES * count:
             raise ValueError(
@@ -36,22 +37,16 @@ def sample_by_rays(mesh: RayMesh, count: int, rng: np.random.Generator, directio
         # How many candidates the missing points take, by the share of exterior ones so far.
         share = (count - missing + 1) / (drawn + 1)
         batch = min(int(1.05 * missing / share) + 100, 4 * count)
-        points, face = sample_by_area(mesh, batch, rng)
+        face = np.minimum(np.searchsorted(area, rng.random(batch) * area[-1], side="right"), len(area) - 1)
+        # The square root makes the barycentric coordinates uniform over the triangle (Osada et al. 2002).
+        root, part = np.sqrt(rng.random((batch, 1))), rng.random((batch, 1))
+        a, b, c = mesh.triangles[face].transpose(1, 0, 2)
+        points = (1 - root) * a + root * (1 - part) * b + root * part * c
         points = points[sees_out(mesh, points, face, directions)]
         found.append(points)
         drawn += batch
         missing -= len(points)
     return np.concatenate(found)[:count]
-
-
-def sample_by_area(mesh: RayMesh, count: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-    """Points uniform by area on all faces: (count, 3) and (count,) the face of each."""
-    area = np.cumsum(np.linalg.norm(mesh.normals, axis=1))
-    face = np.minimum(np.searchsorted(area, rng.random(count) * area[-1], side="right"), len(area) - 1)
-    # The square root makes the barycentric coordinates uniform over the triangle (Osada et al. 2002).
-    root, part = np.sqrt(rng.random((count, 1))), rng.random((count, 1))
-    a, b, c = mesh.triangles[face].transpose(1, 0, 2)
-    return (1 - root) * a + root * (1 - part) * b + root * part * c, face
 
 
 def sees_out(mesh: RayMesh, points: np.ndarray, face: np.ndarray, directions: int = DIRECTIONS) -> np.ndarray:

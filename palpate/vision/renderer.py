@@ -96,7 +96,11 @@ class Renderer:
         self.device = _choose_device(device)
         self._scene = bpy.context.scene
         _set_up_render(self._scene, threads, self.device)
-        self._ambient = _add_ambient(self._scene)
+        self._scene.world = bpy.data.worlds.new("ambient")
+        self._scene.world.use_nodes = True
+        # Of a constant light the surfaces' own samples are the better ones: they follow the cosine.
+        self._scene.world.cycles.sampling_method = "NONE"
+        self._ambient = self._scene.world.node_tree.nodes["Background"].inputs
         self._camera = _link(self._scene, bpy.data.objects.new("camera", bpy.data.cameras.new("camera")))
         self._scene.camera = self._camera
         self._origin = _link(self._scene, bpy.data.objects.new("origin", None))
@@ -287,7 +291,10 @@ class Renderer:
 
         master: the EXR file's name; none keeps nothing. samples: default, the renderer's.
         """
-        self._place_camera(camera)
+        render, lens = self._scene.render, self._camera.data
+        render.resolution_x = render.resolution_y = camera.size
+        lens.sensor_fit, lens.lens = "HORIZONTAL", camera.focal_length / camera.size * lens.sensor_width
+        self._camera.matrix_world = _matrix(camera.pose())
         for name, value in {**CYCLES, **self.cycles}.items():
             setattr(self._scene.cycles, name, value)
         rectangle = self._rectangle(camera, points)
@@ -321,13 +328,6 @@ class Renderer:
     def _render_centres(self) -> Layers:
         """Mask and depth, one sample at each pixel's centre."""
         return self._render(1, POINT_FILTER)
-
-    def _place_camera(self, camera: Camera) -> None:
-        render, lens = self._scene.render, self._camera.data
-        render.resolution_x = render.resolution_y = camera.size
-        lens.sensor_fit = "HORIZONTAL"
-        lens.lens = camera.focal_length / camera.size * lens.sensor_width
-        self._camera.matrix_world = _matrix(camera.pose())
 
     def _render(self, samples: int, filter_width: float) -> Layers:
         scene = self._scene
@@ -399,15 +399,6 @@ def _set_up_render(scene, threads: int, device: str) -> None:
     layer.pass_alpha_threshold = VISIBLE
 
     scene.cycles.device = device.upper()
-
-
-def _add_ambient(scene):
-    """A constant ambient light; returns the inputs of its node."""
-    scene.world = bpy.data.worlds.new("ambient")
-    scene.world.use_nodes = True
-    # Of a constant light the surfaces' own samples are the better ones: they follow the cosine.
-    scene.world.cycles.sampling_method = "NONE"
-    return scene.world.node_tree.nodes["Background"].inputs
 
 
 def _lamp(scene, light: Light):
