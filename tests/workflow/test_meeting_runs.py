@@ -14,7 +14,6 @@ import trimesh
 import yaml
 
 import palpate
-from palpate.catalogue.sources import DEFAULTS
 from palpate.store import StoreError
 from tests.workflow.conftest import PROJECT, plan, two_classes
 
@@ -84,7 +83,8 @@ def test_after_a_kill_of_the_run_alone_the_next_waits_for_its_jobs_and_sweeps(fi
 def test_the_resolved_config_stands_in_the_run_and_starts_it_again(finished, make_workflow):
     path = finished.run / "config.yaml"
     recorded = yaml.safe_load(path.read_text())
-    assert recorded["source"] == DEFAULTS | yaml.safe_load(finished.config.read_text())["source"]
+    default = yaml.safe_load((PROJECT / "config/config.yaml").read_text())["source"]
+    assert recorded["source"] == default | yaml.safe_load(finished.config.read_text())["source"]
     assert recorded["grasps"]["per_object"] == 5  # a default
     assert type(finished)(path, finished.run).planned("dataset") == set()
 
