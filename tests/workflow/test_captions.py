@@ -66,11 +66,10 @@ def test_snakemakes_report_has_the_docstrings(finished):
 
 def test_a_new_table_is_one_function(finished, tmp_path):
     """In a copy of the project: nothing but the function names it, and the workflow makes it."""
-    for name in ("Snakefile", "workflow", "config", "envs", "studies"):
+    for name in ("workflow", "config", "envs", "profiles", "studies", "snakemake_logger_plugin_palpate"):
         (tmp_path / name).symlink_to(PROJECT / name)
     shutil.copytree(PROJECT / "palpate", tmp_path / "palpate", ignore=shutil.ignore_patterns("__pycache__"))
     (tmp_path / "palpate/results/own.py").write_text(NEW)
-    (tmp_path / "Snakefile").unlink()
     shutil.copy(PROJECT / "Snakefile", tmp_path)  # its folder is the project's
     options = ["--cores", "1", "--rerun-triggers", "mtime", "--configfile", str(finished.config)]
     for target in (["dataset", "--dry-run"], ["tables/touches_of_classes.tex"]):
