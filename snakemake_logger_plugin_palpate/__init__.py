@@ -27,8 +27,12 @@ UNKNOWN_TARGETS = {
     "MissingRuleException": re.compile(r"No rule to produce (.+?) \(if you use input functions"),
     "MissingInputException": re.compile(r"Missing input files for rule (?:all|\S*/\S*):\n(?:.*\n)*?\s+(\S.*)\Z"),
 }
-KILLED = re.compile(r"SIGKILL|exit status 137")
-KILLED_MESSAGE = "it was killed, as the system does where memory is short: start again with fewer --cores"
+KILLED = "it was killed, as the system does where memory is short: start again with fewer --cores"
+CRASHED = "a library crashed, as some do where memory is short: start again with fewer --cores, or free some memory"
+ENDED_BY_SIGNAL = {
+    re.compile(r"SIGKILL|exit status 137"): KILLED,
+    re.compile(r"SIG(?:ABRT|SEGV|BUS)|exit status 13[459]"): CRASHED,
+}
 # What Snakemake repeats at the end of a run.
 REPEATED = re.compile(r"(WorkflowError:\s+)?At least one job did not complete|Exiting because a job|Elapsed time: ")
 INTERRUPTED = "interrupted; the same command goes on"
@@ -71,7 +75,7 @@ class LogHandler(LogHandlerBase):
         self.explain: Callable[[str], str] = lambda path: f"no target {path}"
         self.estimate: Estimate | None = None
         self.done, self.failures, self.outputs = 0, [], {}
-        self.killed = False  # whether the job whose error comes next was
+        self.signalled = ""  # what to say of the job whose error comes next
         self.interrupted, self.ended, self.began = False, threading.Event(), time.time()
         LogHandler.current = self
 
@@ -103,7 +107,8 @@ class LogHandler(LogHandlerBase):
         if not self.estimate or not self.quiet or event == "run_info":
             return True
         if exception == "RuleException":  # it has the job's command line and its exit status, and no more
-            self.killed = bool(KILLED.search(str(record.msg)))
+            found = (text for pattern, text in ENDED_BY_SIGNAL.items() if pattern.search(str(record.msg)))
+            self.signalled = next(found, "")
         if event in PAGES or exception == "RuleException" or REPEATED.match(str(record.msg).strip()):
             return False
         return record.levelno >= logging.WARNING or self.ended.is_set()
@@ -135,7 +140,7 @@ class LogHandler(LogHandlerBase):
         log = next(iter(record.log or []), "")
         executor = (getattr(record, "rule_msg", None) or "ended from outside").strip().splitlines()[0]  # a cluster's
         fresh = log and os.path.exists(log) and os.path.getmtime(log) >= self.began  # else of a run before
-        error, self.killed = KILLED_MESSAGE if self.killed else (last_line(log) if fresh else "") or executor, False
+        error, self.signalled = self.signalled or (last_line(log) if fresh else "") or executor, ""
         output = str(next(iter(record.output or []), record.rule_name))
         self.failures.append(Failure(record.rule_name, output, os.path.abspath(log) if log else "", error))
         if self.quiet:

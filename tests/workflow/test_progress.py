@@ -186,12 +186,21 @@ def test_an_interrupt_before_the_run_is_one_line(capsys):
     assert "ValueError: as ever" in capsys.readouterr().err
 
 
-def test_a_job_that_the_system_killed_is_said_to_be():
+@pytest.mark.parametrize(
+    ("ended", "error"),
+    [
+        ("died with <Signals.SIGKILL: 9>.", "it was killed"),
+        ("returned non-zero exit status 137.", "it was killed"),
+        ("died with <Signals.SIGABRT: 6>.", "a library crashed"),  # as Blender's std::bad_alloc
+        ("returned non-zero exit status 139.", "a library crashed"),
+    ],
+)
+def test_a_job_that_a_signal_ended_says_so(ended, error):
     made = handler({"grasps": 1})
     made.handle(record("job_info", jobid=1, rule_name="grasps", output=["g.h5"], log=[]))
-    made.handle(record("error", logging.ERROR, "died with <Signals.SIGKILL: 9>.", exception="RuleException"))
+    made.handle(record("error", logging.ERROR, ended, exception="RuleException"))
     made.handle(record("job_error", logging.ERROR, jobid=1, rule_name="grasps", output=["g.h5"], log=[]))
-    assert "memory is short" in made.failures[0].error
+    assert error in made.failures[0].error and "memory is short" in made.failures[0].error
     made.handle(record("job_error", logging.ERROR, jobid=2, rule_name="grasps", output=["h.h5"], log=[]))
     assert made.failures[1].error == "ended from outside"  # it had no time for a line in its log
 
