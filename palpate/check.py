@@ -318,7 +318,8 @@ def make_example(
         filled = fill_untouched(sensed.reading[0], sensed.success[0], touch.empty_reading(touch_sensor))
         for sensor_name, reading, on in zip(hand.sensor_names, filled, sensed.success[0], strict=True):
             readings[sensor_name if on else f"{sensor_name}: no touch"] = reading
-        say(f"  grasp after {found.attempts} attempts, {sensed.success.sum()} of {sensed.success.size} sensors touch")
+        attempts = f"{found.attempts} attempt{'s' * (found.attempts != 1)}"
+        say(f"  grasp after {attempts}, {sensed.success.sum()} of {sensed.success.size} sensors touch")
     except UnusableObject as error:
         say(f"  no grasp: {error}")
     if "bpy" not in sys.modules:

@@ -37,8 +37,8 @@ def summary(folder: Path | str) -> list[str]:
     reasons: dict[tuple[str, str], list[str]] = {}
     for row in rows:
         reasons.setdefault((row["stage"], kind_of_reason(row["reason"])), []).append(without_place(row["reason"]))
-    for (stage, _), said in sorted(reasons.items(), key=lambda each: -len(each[1]))[:MOST_REASONS]:
-        lines.append(f"  {len(said)} at {stage}: {said[0]}{' (the first; numbers differ)' if len({*said}) > 1 else ''}")
+    for (stage, _), same in sorted(reasons.items(), key=lambda each: -len(each[1]))[:MOST_REASONS]:
+        lines.append(f"  {len(same)} at {stage}: {same[0]}{' (the first; numbers differ)' if len({*same}) > 1 else ''}")
     if len(reasons) > MOST_REASONS:
         lines.append(f"  and {len(reasons) - MOST_REASONS} other reasons")
     return [*lines, *_remarks(run, rejected), *(f"  warning: {line}" for line in _warn_of_touches(run))]

@@ -12,7 +12,7 @@ from palpate.dataset import validation
 
 log_to(snakemake.log[0])
 params = snakemake.params
-passed, said = validation.validate(".", snakemake.input.batches, params.max_penetration, params.sources)
+passed, message = validation.validate(".", snakemake.input.batches, params.max_penetration, params.sources)
 if not passed:
-    sys.exit(said)
-print(said, file=sys.stderr)
+    sys.exit(message)
+print(message, file=sys.stderr)
