@@ -55,23 +55,26 @@ def test_names_are_in_the_order_of_their_products():
     assert others.index("touch_effect") + 1 == others.index("touch_effect_by_class")  # as they stand in their module
 
 
-def test_snakemakes_report_has_the_docstrings(finished):
-    result = finished("tables/dataset_statistics.csv", "figures/examples_can.png", "--report", "report.html")
+def test_snakemakes_report_has_the_docstrings(finished, tmp_path):
+    path = tmp_path / "report.html"
+    result = finished("tables/dataset_statistics.csv", "figures/examples_can.png", "--report", str(path))
     assert result.returncode == 0, result.stderr
-    report = (finished.run / "report.html").read_text()
+    report = path.read_text()
     # In its HTML: code between tags.
     assert "Size of the dataset by class and in total, how many objects each split has" in report
     assert re.search(r">successful_low<|\\u003esuccessful_low\\u003c", report) and "Examples of class can," in report
 
 
 def test_a_new_table_is_one_function(finished, tmp_path):
-    """In a copy of the project: nothing but the function names it, and the workflow makes it."""
+    """In a copy of the project and of a run: nothing but the function names it, and the workflow makes it."""
+    run = shutil.copytree(finished.run, tmp_path / "results" / finished.run.name)
     for name in ("workflow", "config", "envs", "profiles", "studies", "snakemake_logger_plugin_palpate"):
         (tmp_path / name).symlink_to(PROJECT / name)
     shutil.copytree(PROJECT / "palpate", tmp_path / "palpate", ignore=shutil.ignore_patterns("__pycache__"))
     (tmp_path / "palpate/results/own.py").write_text(NEW)
     shutil.copy(PROJECT / "Snakefile", tmp_path)  # its folder is the project's
     options = ["--cores", "1", "--rerun-triggers", "mtime", "--configfile", str(finished.config)]
+    options += ["--config", f"results={tmp_path / 'results'}"]
     for target in (["dataset", "--dry-run"], ["tables/touches_of_classes.tex"]):
         result = subprocess.run(
             [sys.executable, "-m", "snakemake", *target, *options],
@@ -84,7 +87,7 @@ def test_a_new_table_is_one_function(finished, tmp_path):
         assert result.returncode == 0, result.stderr
         if "--dry-run" in target:
             assert "tables/touches_of_classes.csv" in result.stdout  # `dataset` makes it
-    made = pd.read_csv(finished.run / "tables/touches_of_classes.csv").set_index("class")["touches"]
+    made = pd.read_csv(run / "tables/touches_of_classes.csv").set_index("class")["touches"]
     dataset = Dataset(finished.run)
     touched = {record.name: sum(grasp.success.sum() for grasp in record.grasps) for record in dataset}
     assert made["can"] == sum(count for name, count in touched.items() if dataset[name].class_name == "can") > 0

@@ -24,8 +24,8 @@ def stop(message):
 
 
 def checked(path):
-    """The path, if Snakemake takes it as it is."""
-    if re.search(r"\{[^{}]*\}|<[a-z][a-z0-9_]*>", path):
+    """The path, if Snakemake takes it as it is: its wildcards have a name, and maybe a pattern after a comma."""
+    if re.search(r"\{\s*\w+\s*(,([^{}]|\{[\d,]+\})*)?\}|<[a-z][a-z0-9_]*>", path):
         raise ConfigError(f"{path}: Snakemake takes {{...}} and <...> in a path for placeholders: rename it")
     return path
 

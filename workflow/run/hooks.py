@@ -98,7 +98,7 @@ def finish(folder: str, object_pages: int) -> None:
     found = [place for place in places if Path(folder, place).exists()]
     for line in [*summary(folder), f"{folder}: {', '.join(found) or 'no table or report yet'}"]:
         logger.warning(line)
-    if handler:
+    if handler and handler.estimate:  # with --quiet Snakemake does not say which jobs there are
         failed = f", {len(handler.failures)} failed" if handler.failures else ""
         logger.warning(f"{handler.done} jobs done{failed}, in {duration(handler.estimate.so_far())}")
 
