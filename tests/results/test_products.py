@@ -75,9 +75,7 @@ def test_names_are_unique(own):
 
 @pytest.mark.parametrize("product", products.products(), ids=lambda each: f"{each.kind}/{each.name}")
 def test_declarations_are_those_of_the_functions(product):
-    """What the source says is what Python makes of it. Modules that load Blender are left out."""
-    if product.module in ("grasp_steps", "reconstructions", "local_predictions"):
-        pytest.skip("loads Blender")
+    """What the source says is what Python makes of it."""
     function = product.load()
     assert tuple(inspect.signature(function).parameters) == product.parameters
     assert " ".join(inspect.getdoc(function).split()).startswith(product.caption)
