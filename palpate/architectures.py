@@ -8,7 +8,7 @@ from palpate.configuration import plain
 from palpate.experiments import Experiment
 
 ATLAS_RADIUS = 0.26  # m, of the initial sphere, around the object's centre (the published atlas)
-OPTIONS = {"touch": ("graph", "pooled"), "failed_charts": ("free", "fixed")}
+FAILED_CHARTS = ("free", "fixed")
 
 
 @dataclass(frozen=True)
@@ -31,11 +31,16 @@ class Encoder:
 
 @dataclass(frozen=True)
 class GCN:
-    """The graph network. normalisation: of neighbourhoods, `symmetric` (the paper's equation 1) or `mean`."""
+    """The graph network.
+
+    normalisation: of neighbourhoods, `symmetric` (the paper's equation 1) or `mean` (the authors' first release).
+    shared_coordinates: how many of its 3 outputs are summed over neighbourhoods (3; the authors' first release: 1).
+    """
 
     layers: int
     width: int
     normalisation: str = "symmetric"
+    shared_coordinates: int = 3
 
 
 @dataclass(frozen=True)
@@ -55,8 +60,6 @@ class Architecture:
     Attributes:
         normalise_positions: whether positions are centred and divided by the radius; otherwise they are in metres.
         init, last_layer_scale: of the graph network's weights, see `palpate.models.gcn`.
-        touch: how touch reaches vision charts. `graph`, the paper's: touch charts are in the graph; `pooled`: features
-            of the nearest touches at every vertex.
         failed_charts: touch charts of unsuccessful touches in the graph are deformed (`free`, the paper's), or stay at
             the fingertip (`fixed`).
         deformations: how often charts are deformed (paper, section 3.1). radius: m, of the initial sphere.
@@ -67,7 +70,6 @@ class Architecture:
     encoder: Encoder | None = None
     gcn: GCN | None = None
     decoder: Decoder | None = None
-    touch: str = "graph"
     failed_charts: str = "free"
     normalise_positions: bool = False
     init: str = "paper"
@@ -76,21 +78,16 @@ class Architecture:
     radius: float = ATLAS_RADIUS
 
     def __post_init__(self):
-        for option, known in OPTIONS.items():
-            if getattr(self, option) not in known:
-                raise ValueError(f"{option} {getattr(self, option)!r}; must be {' or '.join(known)}")
+        if self.failed_charts not in FAILED_CHARTS:
+            raise ValueError(f"failed_charts {self.failed_charts!r}; must be {' or '.join(FAILED_CHARTS)}")
         if self.deformations < 1:
             raise ValueError(f"{self.deformations} deformations: at least 1")
 
     @classmethod
     def from_row(cls, row: Mapping[str, Any]) -> "Architecture":
         """The architecture of a recipe or a checkpoint, as plain data."""
-        row = dict(row)
-        if "unsuccessful" in row:  # checkpoints of version 0.3 and before
-            row["failed_charts"] = {"held": "fixed"}.get(row["unsuccessful"], row["unsuccessful"])
-            del row["unsuccessful"]
         parts = {"encoder": Encoder, "gcn": GCN, "decoder": Decoder}
-        return cls(**row | {name: part(**row[name]) for name, part in parts.items() if row.get(name)})
+        return cls(**dict(row) | {name: part(**row[name]) for name, part in parts.items() if row.get(name)})
 
     row = plain
 

@@ -18,10 +18,11 @@ class Experiment:
 
     Attributes:
         name: its key there.
-        strategy: charts, no_copy, no_comm or sphere; of views only psg, pixel2mesh or r2n2.
+        strategy: the paper's charts, no_copy, no_comm or sphere; ours pooled or pooled_no_copy; of views only psg,
+            pixel2mesh or r2n2.
         vision: occluded, unoccluded, views or none. touch: whether it takes touches. grasps: how many at most.
-        fewer_grasps: whether it is trained with any number of grasps up to `grasps`.
-        base: the experiment whose trained model it continues from; None: it starts from random weights.
+        fewer_grasps: whether it is trained with any number of grasps up to `grasps`; from none where it has vision.
+        weights: the experiment whose trained model it is evaluated with; None: it is trained itself.
         architecture: what it changes in the recipe's architecture.
     """
 
@@ -31,7 +32,7 @@ class Experiment:
     touch: bool
     grasps: int
     fewer_grasps: bool = False
-    base: str | None = None
+    weights: str | None = None
     architecture: Mapping[str, Any] = field(default_factory=dict)
 
     @classmethod
@@ -49,9 +50,14 @@ class Experiment:
         return self.vision != "none"
 
     @property
-    def in_graph(self) -> bool:
-        """Whether touch charts join the graph of vision charts, as in the paper's equation 1."""
-        return self.touch and self.architecture.get("touch") == "graph"
+    def trained(self) -> str:
+        """The experiment whose trained model it is: `models/<trained>`."""
+        return self.weights or self.name
+
+    @property
+    def fewest_grasps(self) -> int:
+        """The fewest grasps whose touches a sample has."""
+        return self.grasps if not self.fewer_grasps else 0 if self.has_vision else 1
 
     @property
     def takes_charts(self) -> bool:
@@ -71,7 +77,7 @@ class Experiment:
     @property
     def takes_directions(self) -> bool:
         """Whether it takes the sensors' rotations: not where touch is only copied, or in the paper's graph."""
-        return self.touch and self.strategy != "no_comm" and not self.in_graph
+        return self.touch and self.strategy not in ("charts", "no_copy", "no_comm")
 
     @property
     def modality(self) -> str:
@@ -111,15 +117,22 @@ class Experiments:
     def read(cls, path: Path | str, schema: Path | str) -> "Experiments":
         """The file's experiments and tables, checked against its schema.
 
-        Raises ConfigError, naming the row, for a base or a table's experiment that is not defined, an experiment
-        without vision and touch, or a table that is tested on the train split.
+        Raises ConfigError, naming the row, for a table's experiment that is not defined, weights that are not of a
+        trained experiment with the same vision, an experiment without vision and touch, or a table that is tested on
+        the train split.
         """
         rows = yaml.safe_load(Path(path).read_text(encoding="utf-8"))
         check(rows, schema, str(path))
-        experiments = {name: Experiment.from_row(name, row) for name, row in rows["experiments"].items()}
-        for experiment in experiments.values():
-            if experiment.base and experiment.base not in experiments:
-                raise ConfigError(f"{path}: {experiment.name} has base {experiment.base}, which is not defined")
+        experiments = {}
+        for name, row in rows["experiments"].items():
+            trained = rows["experiments"].get(row.get("weights"), {})
+            if "weights" in row and (
+                not trained or "weights" in trained or row.get("vision", trained["vision"]) != trained["vision"]
+            ):
+                raise ConfigError(
+                    f"{path}: {name} has weights {row['weights']}, which is no trained experiment of its vision"
+                )
+            experiments[name] = experiment = Experiment.from_row(name, trained | {"fewer_grasps": False} | row)
             if not experiment.has_vision and not experiment.touch:
                 raise ConfigError(f"{path}: {experiment.name} needs vision or touch, and has neither")
         tables = {}
@@ -131,3 +144,8 @@ class Experiments:
                     raise ConfigError(f"{path}: table {name} has experiment {experiment}, which is not defined")
             tables[name] = Comparison(name, row["split"], tuple(experiments[each] for each in row["experiments"]))
         return cls(experiments, tables)
+
+    def of_weights(self, trained: str) -> list[Experiment]:
+        """The experiments that are evaluated with a trained model, itself first."""
+        found = [each for each in self.experiments.values() if each.trained == trained]
+        return sorted(found, key=lambda each: each.name != trained)

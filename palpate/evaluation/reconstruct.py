@@ -131,9 +131,10 @@ class Reconstructor:
         return self.path.parents[1].name
 
     @property
-    def grasps(self) -> int:
-        """Number of grasps that the model takes."""
-        return self.experiment.grasps if self.experiment.touch else 0
+    def grasps(self) -> range:
+        """The numbers of grasps that the model takes the touches of."""
+        experiment = self.experiment
+        return range(experiment.fewest_grasps, experiment.grasps + 1) if experiment.touch else range(1)
 
     def __call__(self, image: np.ndarray | None = None, touches=None, camera: np.ndarray | None = None) -> Shape:
         """The prediction from one image and the touches of some grasps; see `reconstruct`."""
@@ -166,10 +167,10 @@ class Reconstructor:
     def predictions(self, record, grasps: Sequence[int] | None = None) -> dict[int, "trimesh.Trimesh"]:
         """Meshes of an object record by the number of the grasp: from each of some grasps, or of all.
 
-        A model of several grasps, or of none, makes one mesh of the first ones, which stands for each.
+        A model that takes several grasps only, or none, makes one mesh of the first ones, which stands for each.
         """
         numbers = list(range(len(record.grasps))) if grasps is None else list(grasps)
-        if self.experiment.takes_grasps and self.experiment.grasps == 1:
+        if self.experiment.takes_grasps and (self.experiment.grasps == 1 or self.experiment.fewer_grasps):
             return {number: self(*of_object(record, self.experiment, [number])).mesh() for number in numbers}
         return dict.fromkeys(numbers, self(*of_object(record, self.experiment)).mesh())
 
@@ -201,9 +202,10 @@ class Reconstructor:
     def _all_touches(self, touches) -> GraspTouches:
         """All sensors of all grasps in one, checked."""
         grasps = [] if touches is None else [touches] if hasattr(touches, "reading") else list(touches)
-        if len(grasps) != self.grasps:
+        if len(grasps) not in self.grasps:
+            fewest = f"{self.grasps[0]} to " * (len(self.grasps) > 1)
             raise ReconstructionError(
-                f"{self.name} takes {_counted(self.grasps)}, but touches of {len(grasps)} were given"
+                f"{self.name} takes {fewest}{_counted(self.grasps[-1])}, but touches of {len(grasps)} were given"
             )
         for grasp in grasps:  # records of a dataset say what they are of; `GraspTouches` do not
             if differs := self._model.sensor.geometry_difference(getattr(grasp, "sensor", self._model.sensor)):
@@ -212,8 +214,11 @@ class Reconstructor:
                     f"{grasp.sensor.name!r}: {differs}; take a model of their run"
                 )
         fields = GraspTouches._fields
+        count = self._model.hand_sensors * len(grasps)
+        if not grasps:
+            readings = np.zeros((0, *self._model.sensor.resolution, 3), dtype=np.uint8)
+            return GraspTouches(readings, np.zeros((0, 3)), np.zeros((0, 3, 3)), np.zeros(0, dtype=bool))
         sensors = GraspTouches(*(np.concatenate([getattr(grasp, name) for grasp in grasps]) for name in fields))
-        count = self._model.sensors
         shapes = (count, *self._model.sensor.resolution, 3), (count, 3), (count, 3, 3), (count,)
         for name, values, shape in zip(fields, sensors, shapes, strict=True):
             if values.shape != shape:
@@ -390,8 +395,9 @@ def of_object(record, experiment: Experiment, grasps: Sequence[int] | None = Non
 
     Raises ReconstructionError for a grasp or view that the object does not have.
     """
-    numbers = list(range(experiment.grasps)) if grasps is None else list(grasps)
     available = record.grasps if experiment.takes_grasps else []
+    default = range(min(experiment.grasps, len(available)) if experiment.fewer_grasps else experiment.grasps)
+    numbers = list(default if grasps is None else grasps)
     if experiment.takes_grasps and (wrong := [number for number in numbers if not 0 <= number < len(available)]):
         raise ReconstructionError(f"{record.name} has no grasp {wrong[0]}: it has {len(available)}, numbered from 0")
     touches = [available[number] for number in numbers] if experiment.touch else None

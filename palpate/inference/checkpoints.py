@@ -1,8 +1,6 @@
 """Trained models as files: weights, with the experiment and settings behind them. Safe to load (no code in them)."""
 
-import hashlib
 import io
-import re
 import zipfile
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -19,7 +17,8 @@ from palpate.rebuild_command import rebuild_command
 from palpate.sensor import DIGIT, Sensor
 
 # 1: models had the paper's camera, which was not stored.
-SCHEMA_VERSION = 2
+# 2: how touch enters was an option of the architecture, not the strategy; models continued from others.
+SCHEMA_VERSION = 3
 
 
 class CheckpointError(ValueError):
@@ -33,32 +32,6 @@ def build(
     if experiment.strategy in SINGLE_IMAGE_MODELS:
         return SINGLE_IMAGE_MODELS[experiment.strategy](architecture)
     return Reconstruction(experiment, architecture, hand_sensors, sensor)
-
-
-def continue_from(model: Reconstruction, path: Path | str) -> str:
-    """Give an untrained model the weights of a trained one, its base; returns the SHA-256 of these weights.
-
-    Inputs that the base does not have start with weight 0, so that the model predicts what its base does: rows of the
-    first layer's weights, and whole weights of inputs. Raises CheckpointError if the base has weights that the model
-    has not, or was trained with another sensor.
-    """
-    content = read(path, "reconstruction")
-    if model.experiment.touch and experiment_of(content).touch:
-        count, sensor = _sensor_of(content)
-        require_sensor(count, sensor, model.hand_sensors, model.sensor, path)
-    base = content["weights"]
-    own = model.state_dict()
-    digest = hashlib.sha256()
-    for name, values in base.items():
-        wanted = own[name].shape if name in own else None
-        if wanted is None or values.shape[1:] != wanted[1:] or tuple(values.shape[:1]) > tuple(wanted[:1]):
-            raise CheckpointError(f"{path} is no base of this model: its {name} does not fit; choose another base")
-        own[name].zero_()
-        own[name][tuple(slice(size) for size in values.shape)].copy_(values)
-        digest.update(name.encode() + values.numpy().tobytes())
-    for name in set(model.INPUT_WEIGHTS) & set(own) - set(base):
-        torch.nn.init.zeros_(own[name])
-    return digest.hexdigest()
 
 
 def save(path: Path | str, kind: str, model: torch.nn.Module, described: Mapping[str, Any]) -> None:
@@ -140,12 +113,14 @@ def experiment_of(content: Mapping[str, Any]) -> Experiment:
 def load(path: Path | str, experiment: Experiment | None = None) -> Reconstruction | SingleImageModel:
     """A trained reconstruction model in evaluation mode, on the CPU.
 
-    path: `<run>/models/<experiment>/seed-<k>/best.ckpt`. experiment: the one that it must be of, if given.
+    path: `<run>/models/<experiment>/seed-<k>/best.ckpt`. experiment: the one that it must be of, or that is evaluated
+    with these weights (`Experiment.weights`), if given: the model is then built as that one says.
     Raises CheckpointError, before anything runs, if the file is missing, of another schema version, of another
     experiment, or its weights don't fit the architecture it names.
     """
     content = read(path, "reconstruction")
-    if experiment is not None and experiment.row() != content.get("experiment"):
+    shares_weights = experiment is not None and experiment.weights is not None
+    if experiment is not None and not shares_weights and experiment.row() != content.get("experiment"):
         raise CheckpointError(
             f"{path} was trained for {content.get('experiment')}, but {experiment.row()} is asked for; "
             "remove it and train the model again"
@@ -153,7 +128,11 @@ def load(path: Path | str, experiment: Experiment | None = None) -> Reconstructi
 
     def make() -> Reconstruction | SingleImageModel:
         architecture = Architecture.from_row(content["architecture"])
-        return build(experiment_of(content), architecture, *_sensor_of(content))
+        model = build(experiment if shares_weights else experiment_of(content), architecture, *_sensor_of(content))
+        if shares_weights:  # one without touch leaves out what a touch would pass through
+            own, weights = model.state_dict(), content["weights"]
+            content["weights"] = {name: weights[name] for name in weights if name in own or name[:6] != "touch_"}
+        return model
 
     return _filled(path, make, content)
 
@@ -184,8 +163,6 @@ def require_sensor(
 def load_touch_depth(path: Path | str) -> TouchDepth:
     """The trained U-Net in evaluation mode, on the CPU; raises CheckpointError as `load` does."""
     content = read(path, "touch_depth")
-    weights = content["weights"].items()  # `raise_`: in version 0.3 and before
-    content["weights"] = {re.sub(r"^raise_\.", "upsample.", name): values for name, values in weights}
     return _filled(path, lambda: TouchDepth(content["width"], _sensor_of(content)[1]), content)
 
 

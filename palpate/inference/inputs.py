@@ -42,7 +42,7 @@ def _vision(name: str) -> tuple[str, Callable[[Experiment], bool]]:
 
 _IMAGES = "vision is unoccluded or occluded", lambda experiment: experiment.vision in ("unoccluded", "occluded")
 _TOUCH = "it has touch", lambda experiment: experiment.touch
-_DIRECTIONS = "touch is pooled, or comes as readings", lambda experiment: experiment.takes_directions
+_DIRECTIONS = "touch is neither in the graph nor only copied", lambda experiment: experiment.takes_directions
 INPUTS = (
     Input("points", "surface", "points", "float32", "always: the truth", lambda experiment: True),
     Input("unoccluded", "vision", "unoccluded", "uint8", *_vision("unoccluded")),

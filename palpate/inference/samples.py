@@ -16,12 +16,14 @@ class Sample(NamedTuple):
 
     object: its number in the data. grasps: numbers of its grasps; an occluded image is that of the first. view: number
     of the view, or of the camera, of its image. window: number among the samples of its object, in an evaluation.
+    touched: of how many of the grasps, from the first on, the touches are given; None: of all.
     """
 
     object: int
     grasps: tuple[int, ...] = ()
     view: int = 0
     window: int = 0
+    touched: int | None = None
 
 
 def grasps_per_sample(data: ExperimentData, experiment: Experiment) -> int:
@@ -77,7 +79,7 @@ class Assembler:
             batch["camera"] = self.tensors[camera_array(self.experiment)][objects, views]
         for name in self.TOUCH_ARRAYS:
             if name in self.tensors:
-                batch[name] = self.tensors[name][objects[:, None], grasps].flatten(1, 2)
+                batch[name] = self.tensors[name][objects[:, None], grasps[:, : samples[0].touched]].flatten(1, 2)
         if "reading" in batch:
             batch["reading"] = to_colours(batch["reading"])
         return batch

@@ -77,15 +77,15 @@ class ZeroNeighbourLayer(nn.Module):
     """X W; the first third of the output channels, or all, summed over the neighbourhood; bias; ReLU.
 
     The graph operation is `Graph.aggregate`. It works on `outputs // 3` channels only, the others pass (the published
-    code; a zero-neighbour layer is GEOMetrics'). The last layer of a network has relu False, and sums all of its
-    channels, the coordinates (as in the published code).
+    code; a zero-neighbour layer is GEOMetrics'). The last layer of a network has relu False, and sums `shared` of its
+    channels, the coordinates (the published code: all 3; its first release: 1).
     """
 
-    def __init__(self, inputs: int, outputs: int, relu: bool = True):
+    def __init__(self, inputs: int, outputs: int, relu: bool = True, shared: int = 3):
         super().__init__()
         self.weight = nn.Parameter(torch.empty(inputs, outputs))
         self.bias = nn.Parameter(torch.empty(outputs))
-        self.shared = outputs // 3 if relu else outputs
+        self.shared = outputs // 3 if relu else shared
         self.relu = relu
         self.initialise("he")
 
@@ -112,7 +112,7 @@ class GraphNetwork(nn.Module):
     """`layers` zero-neighbour layers of `width` channels; the last gives the 3 coordinates of a residual.
 
     init, last_layer_scale: see `initialise`; the scale is the last layer's weights'. fan_in: the number of inputs of
-    the first layer, where it takes products of further inputs.
+    the first layer, where it takes products of further inputs. shared_coordinates: of the last layer.
     """
 
     def __init__(
@@ -123,13 +123,14 @@ class GraphNetwork(nn.Module):
         init: str = "he",
         last_layer_scale: float = 0.01,
         fan_in: int | None = None,
+        shared_coordinates: int = 3,
     ):
         super().__init__()
         if layers < 1 or width < 3:
             raise ValueError(f"gcn: {layers} layers of width {width}: at least 1 layer, of width 3")
         widths = [inputs, *[width] * (layers - 1), 3]
         self.layers = nn.ModuleList(
-            ZeroNeighbourLayer(widths[k], widths[k + 1], relu=k < layers - 1) for k in range(layers)
+            ZeroNeighbourLayer(widths[k], widths[k + 1], k < layers - 1, shared_coordinates) for k in range(layers)
         )
         for k, layer in enumerate(self.layers):
             layer.initialise(init, last_layer_scale if k == layers - 1 else 1.0, None if k else fan_in)

@@ -1,7 +1,7 @@
 """The reconstruction network: charts deformed several times by features of the image and of the touches.
 
 Only what an experiment takes is built: no image encoder without vision, no reading encoder but for strategy
-`sphere`, and touch charts in the graph only where the architecture's `touch` is `graph`.
+`sphere`, and touch charts in the graph only for the paper's `charts` and `no_copy`.
 """
 
 from collections.abc import Callable, Mapping
@@ -10,7 +10,7 @@ import torch
 from torch import Tensor, nn
 
 from palpate.architectures import Architecture, Encoder
-from palpate.charts.atlas import TOUCH_VERTICES, chart_faces, resized, sphere, touch_chart, vision_atlas
+from palpate.charts.atlas import TOUCH_VERTICES, chart_faces, resized, sphere, vision_atlas
 from palpate.charts.graph import Graph
 from palpate.charts.sample import sample_faces
 from palpate.experiments import Experiment
@@ -23,7 +23,15 @@ from palpate.models.touch import TouchAttention, TouchPooling, touches_of
 from palpate.sensor import DIGIT, Sensor
 
 HAND_SENSORS = 4  # the Allegro's
-STRATEGIES = ("charts", "no_copy", "no_comm", "sphere")
+# How touches reach the vertices, by strategy.
+STRATEGIES = {
+    "charts": "graph",
+    "no_copy": "graph",
+    "no_comm": None,
+    "sphere": "readings",
+    "pooled": "pooled",
+    "pooled_no_copy": "pooled",
+}
 # The mask feature. The supplement: 0 for vision charts, a binary feature for a successful touch; the published code
 # distinguishes unsuccessful touches from both.
 SUCCESSFUL, UNSUCCESSFUL = 1.0, -1.0
@@ -38,19 +46,22 @@ class Reconstruction(nn.Module):
     """From an image, touches, or both, to the vertices of a mesh (paper, section 3 and supplement).
 
     Args:
-        experiment: what the model takes, and its strategy: whether vision charts know of touches, and whether touch
-            charts are copied into the mesh. `charts`, the paper's: both; `no_copy`: no copies (in the paper's graph the
-            touch charts are deformed like the others); `no_comm`: copies only; `sphere`: a closed sphere is deformed,
-            and each of its vertices gets features of all touch readings (section 5.1).
+        experiment: what the model takes, and its strategy. The paper's: `charts`, touch charts are in the graph of
+            vision charts (equation 1) and in the mesh; `no_copy`, in the graph they are deformed like the others;
+            `no_comm`, in the mesh only; `sphere`, a closed sphere is deformed, and each of its vertices gets features
+            of all touch readings (section 5.1). Ours: `pooled`, features of the nearest touches at every vertex, and
+            touch charts in the mesh; `pooled_no_copy`, without these.
         architecture: layers and options, see `palpate.architectures`.
         hand_sensors: s, touches a grasp: the hand's. sensor: the kind that they are of.
 
     Attributes:
         faces: (F, 3) int64 faces of the mesh whose vertices `forward` gives: vision charts, then touch charts; where
             these are copied, those without success have no area. moving_faces: (M, 3), of charts that move.
-        sensors: number of touches, s times the grasps, or 0.
+        sensors: largest number of touches, s times the grasps, or 0.
         touch_input: how touches reach the vertices: in the `graph`, `pooled`, as `readings`, or None.
         copies_touch: whether touch charts are added to the mesh as they are.
+
+    With `fewer_grasps` a batch may have the touches of any number of grasps up to the experiment's, or of none.
 
     Raises ValueError for a combination that can't be: neither vision nor touch, no touch where the strategy is about
     touch charts, no vision for `no_comm`.
@@ -71,15 +82,12 @@ class Reconstruction(nn.Module):
         self.experiment, self.architecture = experiment, architecture
         self.hand_sensors, self.sensor = hand_sensors, sensor
         self.sensors = hand_sensors * experiment.grasps if experiment.touch else 0
-        ways = {"sphere": "readings", "no_comm": None}
-        self.touch_input = ways.get(experiment.strategy, architecture.touch) if experiment.touch else None
-        pooled_copies = experiment.strategy == "charts" and self.touch_input == "pooled"
-        self.copies_touch = experiment.touch and (experiment.strategy == "no_comm" or pooled_copies)
-        self.graph = Graph(
-            self.sensors if self.touch_input == "graph" else 0,
-            "sphere" if experiment.strategy == "sphere" else "charts",
-            architecture.gcn.normalisation,
-        )
+        self.touch_input = STRATEGIES[experiment.strategy] if experiment.touch else None
+        self.copies_touch = experiment.touch and experiment.strategy in ("no_comm", "pooled")
+        # A graph for each number of grasps, the most at last.
+        counts = range(experiment.fewest_grasps, experiment.grasps + 1) if self.touch_input == "graph" else [0]
+        kind = "sphere" if experiment.strategy == "sphere" else "charts"
+        self.graphs = nn.ModuleList(Graph(hand_sensors * n, kind, architecture.gcn.normalisation) for n in counts)
         self.scale = architecture.radius if architecture.normalise_positions else 1.0
         centre = OBJECT_POSITION if architecture.normalise_positions else (0.0, 0.0, 0.0)
         self.register_buffer("centre", torch.tensor(centre, dtype=torch.float64), persistent=False)
@@ -87,7 +95,6 @@ class Reconstruction(nn.Module):
         self.register_buffer("start", resized(start, architecture.radius), persistent=False)
         faces = chart_faces(self.sensors) if self.copies_touch else self.graph.faces
         self.register_buffer("faces", faces.clone(), persistent=False)
-        self._mesh_vertices = int(faces.max()) + 1
         fixed_touch = experiment.strategy == "charts" and architecture.failed_charts == "fixed"
         moving = chart_faces(0) if fixed_touch else self.graph.faces
         self.register_buffer("moving_faces", moving.clone(), persistent=False)
@@ -101,7 +108,13 @@ class Reconstruction(nn.Module):
         gcn, init = architecture.gcn, architecture.init
         inputs = image_features + vertex_features + reading_features
         self.gcn = GraphNetwork(
-            vertex_features, gcn.width, gcn.layers, init, architecture.last_layer_scale, fan_in=inputs
+            vertex_features,
+            gcn.width,
+            gcn.layers,
+            init,
+            architecture.last_layer_scale,
+            inputs,
+            gcn.shared_coordinates,
         )
         # The first layer's weights, by what they are applied to; those of a vertex's own inputs are in `gcn`.
         width = self.gcn.layers[0].weight.shape[1]
@@ -125,6 +138,11 @@ class Reconstruction(nn.Module):
         return options.project or features
 
     @property
+    def graph(self) -> Graph:
+        """The graph with the touch charts of all grasps."""
+        return self.graphs[-1]
+
+    @property
     def shows_touch(self) -> bool:
         """Whether the mesh has touch charts, copied or deformed."""
         return self.copies_touch or self.graph.touch_charts > 0
@@ -132,8 +150,8 @@ class Reconstruction(nn.Module):
     def forward(self, batch: Mapping[str, Tensor]) -> Tensor:
         """Vertices (B, V, 3) of the final mesh, metres, world frame; its faces are `faces`.
 
-        batch, of what the experiment uses (all but the image in the world frame, metres). T is s x grasps; with
-        pooled touches it may be less, for samples of fewer grasps, which then have no charts of the others:
+        batch, of what the experiment uses (all but the image in the world frame, metres). T is s x grasps; touches
+        that are pooled, or with `fewer_grasps`, may be of fewer grasps, whose mesh then has no charts of the others:
 
         | key | shape | for |
         |---|---|---|
@@ -157,7 +175,7 @@ class Reconstruction(nn.Module):
         """Initial vertices (V, B, 3); with touch charts in the graph their mask (V, B, 1), and which vertices are
         fixed (V, B, 1), or None if all move."""
         positions = self.start[:, None].expand(-1, samples, -1)
-        if not self.graph.touch_charts:
+        if self.touch_input != "graph":
             return positions, None, None
         charts, success = self._touch_charts(batch)
         mask = torch.where(success, SUCCESSFUL, UNSUCCESSFUL).to(charts.dtype)
@@ -173,12 +191,13 @@ class Reconstruction(nn.Module):
     ) -> Tensor:
         """Vertices (V, B, 3) after all deformations, from what `_initial` gives."""
         inputs = self._inputs(batch, len(positions))
+        graph = next(each for each in self.graphs if each.vertices == len(positions))
         for _ in range(self.architecture.deformations):
             relative = self._relative(positions)
             found = [products(positions, relative) for products in inputs]
             products = sum(found[1:], found[0]) if found else None
             own = relative if mask is None else torch.cat([relative, mask], dim=-1)
-            moved = positions + self.scale * self.gcn(own, self.graph, products)
+            moved = positions + self.scale * self.gcn(own, graph, products)
             positions = moved if fixed is None else torch.where(fixed, positions, moved)
         return positions
 
@@ -196,8 +215,7 @@ class Reconstruction(nn.Module):
 
     def _faces_of(self, vertices: int) -> Tensor:
         """`faces`, less those of touch charts that a sample with fewer grasps than the model's does not have."""
-        missing = self._mesh_vertices - vertices
-        return self.faces[: len(self.faces) - missing // TOUCH_VERTICES * len(touch_chart().faces)]
+        return self.faces[(self.faces < vertices).all(dim=1)]
 
     def check(self, batch: Mapping[str, Tensor]) -> None:
         """Raises ValueError if a key is missing, of another shape, or has NaN or infinite values.
@@ -269,7 +287,8 @@ class Reconstruction(nn.Module):
             shapes |= {"image": (3, None, None), "camera": (3, 4)}
         if self.experiment.touch:
             touches = self.sensors
-            if self.touch_input == "pooled" and batch.get("success") is not None:  # any number of grasps up to its own
+            any_number = self.touch_input == "pooled" or self.experiment.fewer_grasps
+            if any_number and batch.get("success") is not None:
                 touches = min(batch["success"].shape[-1], self.sensors)
             shapes |= {"success": (touches,), "position": (touches, 3)}
             if self.touch_input in ("readings", "pooled"):
@@ -309,7 +328,7 @@ class Reconstruction(nn.Module):
 def _check_experiment(experiment: Experiment) -> None:
     strategy, vision, touch = experiment.strategy, experiment.has_vision, experiment.touch
     if strategy not in STRATEGIES:
-        raise ValueError(f"strategy {strategy!r}: choose one of {list(STRATEGIES)}")
+        raise ValueError(f"strategy {strategy!r}: choose one of {[*STRATEGIES]}")
     if not (vision or touch):
         raise ValueError("a model needs vision, touch, or both")
     if strategy in ("no_copy", "no_comm") and not touch:

@@ -33,6 +33,8 @@ STRATEGY_NAMES = {
     "no_copy": "charts, no copying",
     "no_comm": "charts, no communication",
     "charts": "charts",
+    "pooled_no_copy": "pooled touch (ours), no copying",
+    "pooled": "pooled touch (ours)",
     "psg": "PSG",
     "pixel2mesh": "Pixel2Mesh",
     "r2n2": "3D-R2N2",
@@ -48,7 +50,7 @@ QUALITY_NOTE = (
     "mean distance of boundary vertices that the initial sphere joins; across: mean angle between a face and the true "
     "surface. Vision charts only."
 )
-PAPERS_GRAPH = "paper's graph, equation 1"  # touch charts in the graph, `architecture: {touch: graph}`
+FIRST_RELEASE = "as first released"  # with the mean over neighbours: `architecture: {gcn: {normalisation: mean}}`
 
 Experiments = Mapping[str, Experiment]
 
@@ -226,18 +228,16 @@ def setups(experiments: Experiments) -> dict[str, dict[int, str]]:
 
 
 def input_label(experiment: Experiment) -> str:
-    """An experiment's inputs as text: `unoccluded vision + touch`, and whether touch enters by the paper's graph."""
+    """An experiment's inputs as text: `unoccluded vision + touch`, and whether touch is pooled."""
     vision = {"none": [], "views": ["single view"]}.get(experiment.vision, [f"{experiment.vision} vision"])
-    return _with_graph(" + ".join([*vision, *["touch"] * experiment.touch]) or "nothing", experiment)
+    label = " + ".join([*vision, *["touch"] * experiment.touch]) or "nothing"
+    return f"{label}, {STRATEGY_NAMES['pooled']}" if experiment.strategy == "pooled" else label
 
 
 def model_label(experiment: Experiment) -> str:
-    """An experiment's strategy as text, and whether touch enters by the paper's graph."""
-    return _with_graph(STRATEGY_NAMES[experiment.strategy], experiment)
-
-
-def _with_graph(label: str, experiment: Experiment) -> str:
-    return f"{label} ({PAPERS_GRAPH})" if experiment.in_graph else label
+    """An experiment's strategy as text, and whether its graph is the first release's."""
+    label = STRATEGY_NAMES[experiment.strategy]
+    return f"{label} ({FIRST_RELEASE})" if experiment.architecture else label
 
 
 def _inputs(experiment: Experiment) -> dict[str, str]:

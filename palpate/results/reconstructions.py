@@ -35,16 +35,12 @@ from palpate.results.page import COLOURS, FAINT, INK, LABEL, TITLE, Page, save, 
 from palpate.results.surface_view import CLAY  # noqa: E402
 from palpate.vision import Mesh, Renderer, spheres  # noqa: E402
 
-# Columns: the experiment, the group it stands in, and its own heading.
-SETUPS = (
-    ("charts_occluded", "Occluded vision", "alone"),
-    ("charts_occluded_touch", "Occluded vision", "and touch"),
-    ("charts_unoccluded", "Unoccluded vision", "alone"),
-    ("charts_unoccluded_touch", "Unoccluded vision", "and touch"),
-    ("charts_touch", "Touch only", "1 grasp"),
-    *((f"charts_touch_{count}", "Touch only", f"{count} grasps") for count in (2, 3, 4, 5)),
-)
-EXPERIMENTS = tuple(experiment for experiment, *_ in SETUPS)
+# The models, the group of columns of each, and the numbers of grasps in these.
+MODELS = {
+    "pooled_occluded_any": ("Occluded vision", (0, 1)),
+    "pooled_unoccluded_any": ("Unoccluded vision", (0, 1, 2, 3, 4, 5)),
+    "pooled_touch_any": ("Touch only", (1, 2, 3, 4, 5)),
+}
 
 POINT = 0.004  # m, radius of a surface point, where there is no mesh
 SAMPLES = 16
@@ -58,17 +54,7 @@ WIRE = 0.006  # m: sides this far behind the surface that the picture shows are 
 
 
 @products.figure(
-    models=(  # of `SETUPS`
-        "charts_occluded",
-        "charts_occluded_touch",
-        "charts_unoccluded",
-        "charts_unoccluded_touch",
-        "charts_touch",
-        "charts_touch_2",
-        "charts_touch_3",
-        "charts_touch_4",
-        "charts_touch_5",
-    ),
+    models=("pooled_occluded_any", "pooled_unoccluded_any", "pooled_touch_any"),  # `MODELS`
     files=("touch_depth",),
     stores=("meshes", "surface", "touch", "vision"),
 )
@@ -81,29 +67,33 @@ def reconstructions(
     threads: int = 1,
     wires: bool = False,
 ) -> None:
-    """The first test object of every class, not chosen, as the models of this run reconstruct it: from its occluded or
-    unoccluded image, alone and with the touches of one grasp, and from the touches of one to five grasps alone. All
-    renders are from the images' camera, moved closer. Vision charts are blue, the charts of successful touches orange.
+    """The first test object of every class, not chosen, as the models of this run with pooled touch (ours) reconstruct
+    it: from its occluded or unoccluded image, alone and with the touches of one or more grasps, and from the touches of
+    one to five grasps alone. All renders are from the images' camera, moved closer. Vision charts are blue, the charts
+    of successful touches orange.
 
-    models: folder of each trained model by its experiment, of `EXPERIMENTS`; of these, columns are drawn for
-    those given. A model that takes n grasps gets the object's first n; images are those of the first.
+    models: folder of each trained model by its experiment, of `MODELS`; of these, columns are drawn for those given.
+    The touches are those of the object's first grasps, an occluded image that of the first.
     fit: how touch charts are fitted, `direct` or `adam`. threads: of the CPU, for the renderer. wires: draw the sides
     of the faces too.
 
     Raises ValueError for an experiment that the figure has no column for, and what `Reconstructor` raises.
     """
-    if unknown := sorted(set(models) - set(EXPERIMENTS)):
-        raise ValueError(f"no column for {', '.join(unknown)}: expected some of {', '.join(EXPERIMENTS)}")
+    if unknown := sorted(set(models) - set(MODELS)):
+        raise ValueError(f"no column for {', '.join(unknown)}: expected some of {', '.join(MODELS)}")
     records = test_objects(dataset)
     if not records:
         return save_sentence("No usable test object in this run", path)
-    setups = [setup for setup in SETUPS if setup[0] in models]
     meshes = {(row, "truth"): ground_truth(record) for row, record in enumerate(records)}
-    for experiment, *_ in setups:
-        reconstructor = Reconstructor(models[experiment], fit=fit)
-        for row, record in enumerate(records):
-            shape = reconstructor(*of_object(record, reconstructor.experiment))
-            meshes[row, experiment] = coloured(shape)
+    columns = []
+    for name, (group, counts) in MODELS.items():
+        reconstructor = Reconstructor(models[name], fit=fit) if name in models else None
+        for count in counts if reconstructor else ():
+            heading = "alone" if not count else f"{count} grasp{'s' * (count > 1)}"
+            columns.append((f"{name} {count}", group, heading))
+            for row, record in enumerate(records):
+                image, touches, camera = of_object(record, reconstructor.experiment, range(max(count, 1)))
+                meshes[row, columns[-1][0]] = coloured(reconstructor(image, touches[:count], camera))
     renderer = Renderer(samples=SAMPLES, threads=threads)
     cells, zooms = {}, []
     for row in range(len(records)):
@@ -115,7 +105,7 @@ def reconstructions(
             image = renderer.render_meshes([mesh], camera=camera)
             sides = visible_sides(mesh, camera, image.depth) if wires and column != "truth" else None
             cells[row, column] = Cell(image.rgb, *marks(mesh, camera), sides)
-    _page(records, setups, cells, zooms, path)
+    _page(records, columns, cells, zooms, path)
 
 
 class Cell(NamedTuple):

@@ -10,7 +10,6 @@ import logging
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import lightning.pytorch as lightning
@@ -21,7 +20,7 @@ from palpate.charts.atlas import radius_around
 from palpate.experiments import Experiment
 from palpate.inference import checkpoints
 from palpate.inference.data import ExperimentData, ExperimentDataError
-from palpate.inference.samples import Assembler, windows
+from palpate.inference.samples import Assembler, grasps_per_sample, windows
 from palpate.inference.touches import touched
 from palpate.models import TouchDepth
 from palpate.models.reconstruction import HAND_SENSORS
@@ -177,10 +176,9 @@ class Learner(lightning.LightningModule):
 class ReconstructionLearner(Learner):
     """Trains reconstruction on the objects of the train split, for one experiment.
 
-    data: of the train and validation splits. base: the checkpoint of the model that training starts from, instead of
-    random weights. extra_loss: from the model and its predictions (B, ...) to a term (B,) of a training step's loss
-    (`studies/surface_terms.py`); its `repr` is stated by the checkpoint. Raises ExperimentDataError if a split has no
-    object, CheckpointError for a base that does not fit.
+    data: of the train and validation splits. extra_loss: from the model and its predictions (B, ...) to a term (B,) of
+    a training step's loss (`studies/surface_terms.py`); its `repr` is stated by the checkpoint. Raises
+    ExperimentDataError if a split has no object.
     """
 
     kind = "reconstruction"
@@ -191,7 +189,6 @@ class ReconstructionLearner(Learner):
         experiment: Experiment,
         settings: ReconstructionSettings,
         seed: int,
-        base: Path | str | None = None,
         extra_loss: Callable[[torch.nn.Module, Tensor], Tensor] | None = None,
     ):
         self.data, self.experiment, self.extra_loss = data, experiment, extra_loss
@@ -200,6 +197,12 @@ class ReconstructionLearner(Learner):
             self.architecture = replace(self.architecture, radius=radius_around(data.largest))
         train = data.of_split("train")
         validation_samples = spread(windows(data, experiment, "validation"), settings.validation_samples)
+        if experiment.fewer_grasps:  # batch by batch another number of touched grasps
+            counts = range(experiment.fewest_grasps, grasps_per_sample(data, experiment) + 1)
+            validation_samples = [
+                sample._replace(touched=counts[k // settings.batch % len(counts)])
+                for k, sample in enumerate(validation_samples)
+            ]
         for split, number in {"train": len(train), "validation": len(validation_samples)}.items():
             if not number:
                 raise ExperimentDataError(f"{data.source}: no object of the {split} split: more objects are needed")
@@ -207,8 +210,8 @@ class ReconstructionLearner(Learner):
             torch.manual_seed(seed)
             hand_sensors = data.hand_sensors or HAND_SENSORS
             model = checkpoints.build(experiment, self.architecture, hand_sensors, data.sensor)
-        self.base = checkpoints.continue_from(model, base) if base else None
-        super().__init__(model, settings, seed, len(train), validation_samples)
+        by_grasp = settings.epoch == "grasps" and experiment.takes_grasps
+        super().__init__(model, settings, seed, len(train) * (data.grasps if by_grasp else 1), validation_samples)
 
     def on_fit_start(self) -> None:
         self.assemble = Assembler(self.data, self.experiment, self.device)
@@ -216,7 +219,8 @@ class ReconstructionLearner(Learner):
         self.truth = Truth(points.to(next(self.model.parameters()).dtype))
 
     def training_batch(self, step):
-        samples = training_samples(self.data, self.experiment, self.settings.batch, self.seed, step)
+        settings = self.settings
+        samples = training_samples(self.data, self.experiment, settings.batch, self.seed, step, settings.epoch)
         return samples[self._rank()]
 
     def sample_names(self, batch_samples):
@@ -247,7 +251,6 @@ class ReconstructionLearner(Learner):
             "experiment": self.experiment.row(),
             "architecture": self.architecture.row(),
             "data": self.data.digest,
-            "base": self.base,
             # What an image is taken to be of that comes without its camera.
             "camera": None if camera is None else camera.tolist(),
             "image_size": self.data.image_size(self.experiment),

@@ -75,7 +75,9 @@ def moving_charts_loss(
 
     The others give no gradient, and would at the start be the nearest to up to half of the true points.
     """
-    return reconstruction_loss(predictions[-1], model.moving_faces, truth, objects, n, generator)
+    vertices = predictions[-1]
+    faces = model.moving_faces[(model.moving_faces < vertices.shape[1]).all(dim=1)]
+    return reconstruction_loss(vertices, faces, truth, objects, n, generator)
 
 
 def cloud_loss(points: Tensor, truth: Truth, objects: Sequence[int], n: int, generator: torch.Generator) -> Tensor:

@@ -43,9 +43,13 @@ class TouchDepthSettings(Settings):
 
 @dataclass(frozen=True)
 class ReconstructionSettings(Settings):
-    """Of a model of config/experiments.yaml. validation_points: sampled on its predictions."""
+    """Of a model of config/experiments.yaml.
+
+    validation_points: sampled on its predictions. epoch: each of the `objects` once, or each of the `grasps`.
+    """
 
     validation_points: int
+    epoch: str
     architecture: Architecture
 
     @classmethod
@@ -107,26 +111,15 @@ class Recipe:
     def settings(self, experiment: Experiment) -> ReconstructionSettings:
         """How to train one experiment: `reconstruction` with what its modality, its strategy, then its row change.
 
-        Architecture `paper` is resolved. An experiment that continues from its base model has the settings of
-        `continuation` merged over these. Steps, epochs and the steps between evaluations are then multiplied by
+        Architecture `paper` is resolved. Steps, epochs and the steps between evaluations are then multiplied by
         `steps_factor`, if there is one.
         """
-        merged = self._merged(experiment)
-        if merged["architecture"] == "paper":
-            merged["architecture"] = paper_architecture(experiment).row()
-        else:
-            merged["architecture"] = merge(merged["architecture"], experiment.architecture)
-        continuation = merged.pop("continuation")
-        merged = merge(merged, continuation) if self.base(experiment) else merged
+        merged = merge(self.reconstruction, self.modalities.get(experiment.modality, {}))
+        merged = merge(merged, self.strategies.get(experiment.strategy, {}))
+        papers = merged["architecture"] == "paper"
+        layers = paper_architecture(experiment).row() if papers else merged["architecture"]
+        merged["architecture"] = merge(layers, experiment.architecture)
         factor = merged.pop("steps_factor", 1)
         for key in ("steps", "epochs", "evaluate_every"):
             merged[key] = merged[key] and max(1, round(factor * merged[key]))
         return ReconstructionSettings.from_row(merged)
-
-    def base(self, experiment: Experiment) -> str | None:
-        """The name of the model that an experiment's training continues from; None: it starts from random weights."""
-        return experiment.base if self._merged(experiment)["continuation"] else None
-
-    def _merged(self, experiment: Experiment) -> dict[str, Any]:
-        merged = merge(self.reconstruction, self.modalities.get(experiment.modality, {}))
-        return merge(merged, self.strategies.get(experiment.strategy, {}))

@@ -33,7 +33,6 @@ ARCHITECTURE |= {
     "encoder": SMALL["encoder"] | {"padding": 1},
     "decoder": {"hidden": 8, "points": 50, "channels": [4, 4, 4, 4], "level": 0.5},
 }
-POOLED = {"touch": "pooled"}
 EXPERIMENTS = {
     each.name: each
     for each in (
@@ -43,8 +42,8 @@ EXPERIMENTS = {
         Experiment("sphere_occluded_touch", "sphere", "occluded", True, 1),
         Experiment("charts_occluded", "charts", "occluded", False, 1),
         Experiment("charts_touch_2", "charts", "none", True, 2),
-        Experiment("pooled_occluded_touch", "charts", "occluded", True, 1, architecture=POOLED),
-        Experiment("pooled_no_copy_touch_2", "no_copy", "none", True, 2, architecture=POOLED),
+        Experiment("pooled_occluded_touch", "pooled", "occluded", True, 1),
+        Experiment("pooled_no_copy_touch_2", "pooled_no_copy", "none", True, 2),
         Experiment("single_image", "charts", "views", False, 1),
         Experiment("single_image_psg", "psg", "views", False, 1),
         Experiment("single_image_pixel2mesh", "pixel2mesh", "views", False, 1),
@@ -78,15 +77,14 @@ def run(tmp_path_factory):
     unet = TouchDepth(width=4).eval()
     checkpoints.save(folder / "models/touch_depth/best.ckpt", "touch_depth", unet, {"width": 4})
     for name, experiment in EXPERIMENTS.items():
-        architecture = ARCHITECTURE | experiment.architecture
-        model = checkpoints.build(experiment, Architecture.from_row(architecture))
-        if experiment.architecture:  # weights that start at zero
+        model = checkpoints.build(experiment, Architecture.from_row(ARCHITECTURE))
+        if experiment.strategy.startswith("pooled"):  # weights that start at zero
             torch.nn.init.normal_(model.touch_pooling.weight)
         if experiment.strategy == "r2n2":  # untrained, all cells are as probable, whatever the image
             torch.nn.init.normal_(model.cells.weight, std=1e3)
         # As if it had been trained on images of the first camera only.
         camera = None if experiment.vision == "views" else vision.paper_camera().matrix().tolist()
-        described = {"experiment": experiment.row(), "architecture": architecture, "camera": camera, "image_size": 256}
+        described = {"experiment": experiment.row(), "architecture": ARCHITECTURE, "camera": camera, "image_size": 256}
         checkpoints.save(folder / f"models/{name}/seed-0/best.ckpt", "reconstruction", model, described)
     touch = store.read(folder / f"touch/{BATCH}.zarr")
     vertices = np.stack([object_charts(unet, touch, row) for row in range(len(touch["object"]))])

@@ -19,6 +19,9 @@ EXPERIMENTS = [
     ("charts", False, True, 5),
     ("no_copy", True, True, 1),
     ("no_comm", True, True, 1),
+    ("pooled", True, True, 2),
+    ("pooled", False, True, 5),
+    ("pooled_no_copy", True, True, 1),
     ("sphere", True, True, 1),
     ("sphere", True, False, 1),
 ]
@@ -38,7 +41,6 @@ def model_of(strategy, vision, touch, grasps, architecture=SMALL, seed=0):
         {},
         {"normalise_positions": False, "init": "paper"},
         {"failed_charts": "fixed", "gcn": SMALL["gcn"] | {"normalisation": "mean"}},
-        {"touch": "pooled"},
     ],
 )
 def test_same_vertices_and_gradients_as_the_straightforward_model(experiment, options):

@@ -13,7 +13,7 @@ from palpate.models import Reconstruction
 from palpate.models.touch import chart_normals, pooled_touches, touches_of
 from tests.models.batches import SMALL, random_batch
 
-POOLED = Architecture.from_row(SMALL | {"touch": "pooled"})
+ARCHITECTURE = Architecture.from_row(SMALL)
 
 
 def by_loop(place, batch, sample):
@@ -135,7 +135,7 @@ def test_normals_of_a_plane_face_the_sensor():
 
 def test_unsuccessful_touches_are_never_read():
     torch.manual_seed(0)
-    model = Reconstruction(Experiment("model", "charts", "occluded", True, 1), POOLED).double()
+    model = Reconstruction(Experiment("model", "pooled", "occluded", True, 1), ARCHITECTURE).double()
     torch.nn.init.normal_(model.touch_pooling.weight)
     batch = random_batch(2, 1)
     spoiled = batch["charts"].clone()
@@ -146,7 +146,9 @@ def test_unsuccessful_touches_are_never_read():
 @pytest.mark.parametrize("vision", [True, False])
 def test_order_and_number_of_touches(vision):
     torch.manual_seed(0)
-    model = Reconstruction(Experiment("model", "no_copy", "occluded" if vision else "none", True, 5), POOLED).double()
+    model = Reconstruction(
+        Experiment("model", "pooled_no_copy", "occluded" if vision else "none", True, 5), ARCHITECTURE
+    ).double()
     for name, weight in model.named_parameters():
         if name.startswith("touch"):
             torch.nn.init.normal_(weight)
@@ -161,7 +163,7 @@ def test_order_and_number_of_touches(vision):
 
 def test_a_sample_with_fewer_grasps_has_fewer_charts_in_its_mesh():
     torch.manual_seed(0)
-    model = Reconstruction(Experiment("model", "charts", "none", True, 5), POOLED).double()
+    model = Reconstruction(Experiment("model", "pooled", "none", True, 5), ARCHITECTURE).double()
     batch = random_batch(1, 2)
     vertices = model(batch)
     shown, faces = model.mesh(vertices[0])

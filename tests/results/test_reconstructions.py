@@ -22,11 +22,7 @@ from tests.models.batches import SMALL
 
 PROJECT = Path(__file__).parents[2]
 EXPERIMENTS = {
-    each.name: each
-    for each in (
-        Experiment("charts_touch", "charts", "none", True, 1),
-        Experiment("charts_touch_2", "charts", "none", True, 2),
-    )
+    each.name: each for each in (Experiment("pooled_touch_any", "pooled", "none", True, 2, fewer_grasps=True),)
 }
 
 
@@ -167,11 +163,13 @@ def test_one_test_object_of_every_class_is_drawn(dataset):
     assert [record.name for record in figure.test_objects(dataset)] == ["knife-0000"]
 
 
-def test_every_model_given_has_its_column(dataset, models, tmp_path, small):
+def test_every_number_of_grasps_has_its_column(dataset, models, tmp_path, small, monkeypatch):
+    monkeypatch.setitem(figure.MODELS, "pooled_touch_any", ("Touch only", (1, 2)))
     figure.reconstructions(dataset, models, tmp_path / "a.png")
     figure.reconstructions(dataset, models, tmp_path / "b.png")
     assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
-    figure.reconstructions(dataset, {"charts_touch": models["charts_touch"]}, tmp_path / "one.png", wires=True)
+    monkeypatch.setitem(figure.MODELS, "pooled_touch_any", ("Touch only", (1,)))
+    figure.reconstructions(dataset, models, tmp_path / "one.png", wires=True)
     two, one = (np.asarray(Image.open(tmp_path / f"{n}.png").convert("RGB")) for n in ("a", "one"))
     cell = 1.32 * DPI
     assert two.shape[1] - one.shape[1] == pytest.approx(cell, abs=1)
@@ -184,14 +182,14 @@ def test_every_model_given_has_its_column(dataset, models, tmp_path, small):
 
 def test_every_column_has_an_experiment_and_its_model_in_the_rule():
     known = yaml.safe_load((PROJECT / "config/experiments.yaml").read_text())["experiments"]
-    assert set(figure.EXPERIMENTS) <= set(known)
+    assert set(figure.MODELS) <= set(known)
     product, _ = products.find("figures", "reconstructions")
-    assert product.models == figure.EXPERIMENTS
+    assert product.models == tuple(figure.MODELS)
 
 
 def test_an_experiment_without_a_column_is_an_error(dataset, models, tmp_path):
-    with pytest.raises(ValueError, match="no column for sphere_touch: expected some of charts_occluded,"):
-        figure.reconstructions(dataset, {"sphere_touch": models["charts_touch"]}, tmp_path / "x.png")
+    with pytest.raises(ValueError, match="no column for sphere_touch: expected some of pooled_occluded_any,"):
+        figure.reconstructions(dataset, {"sphere_touch": models["pooled_touch_any"]}, tmp_path / "x.png")
 
 
 def test_a_run_without_test_objects_has_its_figure(dataset, models, tmp_path):

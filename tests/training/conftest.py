@@ -29,6 +29,7 @@ SETTINGS = ReconstructionSettings(
     loss_points=200,
     validation_samples=None,
     validation_points=200,
+    epoch="objects",
     architecture=ARCHITECTURE,
 )
 OCCLUDED_TOUCH = Experiment("occluded_touch", "charts", "occluded", True, 1)

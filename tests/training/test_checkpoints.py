@@ -1,6 +1,5 @@
 """Trained models as files: what is written is loaded, and what can't be used is said."""
 
-import re
 import resource
 import shutil
 from dataclasses import replace
@@ -48,23 +47,6 @@ def test_the_unet(tmp_path):
     save(tmp_path / "best.ckpt", "touch_depth", model, {"width": 2})
     found, reading = load_touch_depth(tmp_path / "best.ckpt"), torch.rand(1, 3, 100, 100)
     torch.testing.assert_close(found(reading), model.eval()(reading))
-
-
-def test_those_of_version_0_3(tmp_path):
-    """`unsuccessful: held` is now `failed_charts: fixed`, and the U-Net's `raise_` is `upsample`."""
-    fixed = replace(ARCHITECTURE, failed_charts="fixed")
-    row = fixed.row()
-    assert row.pop("failed_charts") == "fixed"
-    described = {"experiment": OCCLUDED_TOUCH.row(), "architecture": row | {"unsuccessful": "held"}}
-    save(tmp_path / "best.ckpt", "reconstruction", build(OCCLUDED_TOUCH, fixed), described)
-    assert load(tmp_path / "best.ckpt").architecture == fixed
-    unet = TouchDepth(2).eval()
-    save(tmp_path / "unet.ckpt", "touch_depth", unet, {"width": 2})
-    weights = torch.load(tmp_path / "unet.ckpt", weights_only=True)["weights"]
-    changed(tmp_path / "unet.ckpt", weights={re.sub("^upsample", "raise_", name): w for name, w in weights.items()})
-    assert any(name.startswith("upsample") for name in weights)
-    reading = torch.rand(1, 3, 100, 100)
-    assert torch.equal(load_touch_depth(tmp_path / "unet.ckpt")(reading), unet(reading))
 
 
 def test_the_same_model_gives_the_same_bytes(path, model):
@@ -125,7 +107,7 @@ def test_of_another_architecture(path):
 
 def test_of_another_schema_version(path):
     changed(path, schema_version=7)
-    with pytest.raises(CheckpointError, match="schema version 7, but this palpate reads version 2"):
+    with pytest.raises(CheckpointError, match="schema version 7, but this palpate reads version 3"):
         load(path)
 
 

@@ -82,7 +82,7 @@ def test_an_override_is_merged_deeply_and_the_file_left_as_it_is():
 def test_modality_then_strategy():
     recipe = resolve(
         {
-            "reconstruction": {"batch": 3, "rate": 0.1, "clip": 7.0, "continuation": None},
+            "reconstruction": {"batch": 3, "rate": 0.1, "clip": 7.0},
             "modalities": {"occluded_touch": {"batch": 5, "rate": 0.2}},
             "strategies": {"sphere": {"rate": 0.3}},
         }

@@ -83,7 +83,7 @@ def test_a_step_does_not_depend_on_those_before(data):
 def test_a_batch_sample_by_sample():
     data = made_up("occluded", "charts", cameras=2)
     samples = [Sample(2, (1, 0)), Sample(5, (2, 1), 1), Sample(2, (0, 2))]
-    batch = Assembler(data, replace(TOUCH_ONLY, vision="occluded"))(samples)
+    batch = Assembler(data, replace(TOUCH_ONLY, strategy="pooled", vision="occluded"))(samples)
     assert batch["image"].dtype == torch.float32 and tuple(batch["image"].shape) == (3, 3, 24, 24)
     for place, sample in enumerate(samples):
         image = data["occluded"][sample.object, sample.grasps[0], sample.view].transpose(2, 0, 1) / 255

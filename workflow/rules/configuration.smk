@@ -101,5 +101,5 @@ STORES = [
 wildcard_constraints:
     **{"class": CLASS_FILE},
     batch=r"batch-\d+",
-    experiment="|".join(map(re.escape, EXPERIMENTS.experiments)),
+    experiment="|".join(re.escape(each.name) for each in EXPERIMENTS.experiments.values() if not each.weights),
     seed="|".join(map(str, config["training"]["seeds"])),

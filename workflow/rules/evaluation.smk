@@ -22,10 +22,10 @@ rule rings:
         "../scripts/rings.py"
 
 
-# One trained model on every object of the splits that a table needs.
+# One trained model on every object of the splits that a table needs, for each experiment that has its weights.
 rule evaluate:
     input:
-        unpack(experiment_stores),
+        unpack(lambda wildcards: stores_of(evaluated(wildcards))),
         model="models/{experiment}/seed-{seed}/best.ckpt",
         summary="models/{experiment}/seed-{seed}/training.json",
     output:
@@ -42,8 +42,10 @@ rule evaluate:
         runtime=240,
         gpu=min(TRAINING_GPUS, 1),
     params:
-        experiment=lambda wildcards: EXPERIMENTS.experiments[wildcards.experiment].row(),
-        splits=lambda wildcards: products.needed_splits(wildcards.experiment, EXPERIMENTS.tables),
+        experiments=lambda wildcards: [(each.name, each.row()) for each in evaluated(wildcards)],
+        splits=lambda wildcards: {
+            each.name: products.needed_splits(each.name, EXPERIMENTS.tables) for each in evaluated(wildcards)
+        },
         points=config["evaluation"]["points"],
         device=config["training"]["device"],
     script:
@@ -53,7 +55,7 @@ rule evaluate:
 # The same on the true surface in rings around every touch of a split.
 use rule evaluate as evaluate_rings with:
     input:
-        unpack(ring_stores),
+        unpack(lambda wildcards: stores_of(evaluated_in_rings(wildcards), "touch", "rings")),
         model="models/{experiment}/seed-{seed}/best.ckpt",
         summary="models/{experiment}/seed-{seed}/training.json",
     output:
@@ -63,7 +65,10 @@ use rule evaluate as evaluate_rings with:
     benchmark:
         "benchmarks/evaluate_rings/{experiment}-{seed}.tsv"
     params:
-        splits=lambda wildcards: [EXPERIMENTS.tables["extrapolation"].split],
+        experiments=lambda wildcards: [(each.name, each.row()) for each in evaluated_in_rings(wildcards)],
+        splits=lambda wildcards: {
+            each.name: [EXPERIMENTS.tables["extrapolation"].split] for each in evaluated_in_rings(wildcards)
+        },
         points=None,
 
 
@@ -82,5 +87,5 @@ use rule evaluate as evaluate_touch with:
     benchmark:
         "benchmarks/evaluate_touch.tsv"
     params:
-        experiment=None,
+        experiments=None,
         splits=list(products.find("tables", "local_touch_charts")[0].splits),

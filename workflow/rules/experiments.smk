@@ -1,43 +1,35 @@
-# What a training or evaluation of an experiment reads, and its settings.
+# What a training or evaluation of an experiment reads.
 from palpate.inference import inputs
 
 
-def stores_of(name, *more):
-    """The catalogue, and the stores of all batches, of the stages that an experiment takes arrays of, and of more.
+def stores_of(experiments, *more):
+    """The catalogue, and the stores of all batches, of the stages that experiments take arrays of, and of more.
 
-    Too few grasps for the experiment, or no object in a split, is an error before anything runs.
+    Too few grasps for an experiment, or no object in a split, is an error before anything runs.
     """
-    experiment = EXPERIMENTS.experiments[name]
-    if experiment.grasps > config["grasps"]["per_object"] and not experiment.fewer_grasps:
-        stop(
-            f"experiment {name} takes {experiment.grasps} grasps, but the config's "
-            f"grasps.per_object is {config['grasps']['per_object']}: raise it"
-        )
+    for each in experiments:
+        if each.grasps > config["grasps"]["per_object"] and not each.fewer_grasps:
+            stop(
+                f"experiment {each.name} takes {each.grasps} grasps, but the config's "
+                f"grasps.per_object is {config['grasps']['per_object']}: raise it"
+            )
+    needed = dict.fromkeys([stage for each in experiments for stage in inputs.stages(each)] + [*more])
     return {
-        "catalogue": catalogue_with(("train", "validation"), f"experiment {name}"),
-        **{
-            stage: expand(f"{stage}/{{batch}}.zarr", batch=BATCHES)
-            for stage in dict.fromkeys([*inputs.stages(experiment), *more])
-        },
+        "catalogue": catalogue_with(("train", "validation"), f"experiment {experiments[0].name}"),
+        **{stage: expand(f"{stage}/{{batch}}.zarr", batch=BATCHES) for stage in needed},
     }
 
 
 def experiment_stores(wildcards):
-    return stores_of(wildcards.experiment)
+    return stores_of([EXPERIMENTS.experiments[wildcards.experiment]])
 
 
-def training_inputs(wildcards):
-    """The stores of an experiment, and the model that its training continues from."""
-    experiment, seed = wildcards.experiment, wildcards.seed
-    base = RECIPE.base(EXPERIMENTS.experiments[experiment])
-    return stores_of(experiment) | ({"base": f"models/{base}/seed-{seed}/best.ckpt"} if base else {})
+def evaluated(wildcards):
+    """The experiments that are evaluated with a trained model: those of tables, or that model's own."""
+    own, *others = EXPERIMENTS.of_weights(wildcards.experiment)
+    return [each for each in (own, *others) if each.name in COMPARED and each.name in FEASIBLE] or [own]
 
 
-def ring_stores(wildcards):
-    """The stores of an experiment, and the rings around the touches."""
-    return stores_of(wildcards.experiment, "touch", "rings")
-
-
-def experiment_settings(wildcards):
-    """How an experiment is trained by the run's recipe."""
-    return RECIPE.settings(EXPERIMENTS.experiments[wildcards.experiment]).row()
+def evaluated_in_rings(wildcards):
+    chosen = EXPERIMENTS.tables["extrapolation"].by_name
+    return [each for each in evaluated(wildcards) if each.name in chosen]

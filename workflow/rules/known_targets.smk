@@ -5,7 +5,7 @@ NAMED_TARGETS += ["touch_depth", "validate", "validation"]
 
 def known_targets():
     """The targets that there are: by name, and every file that is worth asking for."""
-    every_model = {"experiment": EXPERIMENTS.experiments, "seed": config["training"]["seeds"]}
+    every_model = {"experiment": trained(EXPERIMENTS.experiments), "seed": config["training"]["seeds"]}
     return [
         *NAMED_TARGETS,
         *(path for product in OFFERED for path in product_files(product)),
@@ -27,7 +27,7 @@ def explain_target(path):
         f"tables/<table>.csv, .md, .tex: {', '.join(product_names('tables', OFFERED))}",
         f"figures/<figure>.png: {', '.join(product_names('figures', OFFERED))}",
         f"models/<experiment>/seed-<seed>/best.ckpt, evaluations/<experiment>/seed-<seed>.csv: "
-        f"{', '.join(EXPERIMENTS.experiments)}; seeds {', '.join(map(str, seeds))}",
+        f"{', '.join(trained(EXPERIMENTS.experiments))}; seeds {', '.join(map(str, seeds))}",
         f"meshes/<batch>, <stage>/<batch>.zarr, grasps/<batch>.h5: {BATCHES[0]} to {BATCHES[-1]}",
     ]
     seed = re.search(r"\bseed-(\d+)\b", path)

@@ -47,6 +47,11 @@ def experiments_of(source, rings=False):
     return names
 
 
+def trained(names):
+    """The trained models that experiments are evaluated with."""
+    return list(dict.fromkeys(EXPERIMENTS.experiments[name].trained for name in names))
+
+
 def product_files(product):
     names = expand(product.name, **FIELDS)
     return expand(f"{product.kind}/{{name}}.{{form}}", name=names, form=FORMS[product.kind])
@@ -60,7 +65,8 @@ def product_names(kind, chosen):
 PRODUCTS = [each for each in products.products() if not (RELEASED and each.simulated)]
 OFFERED = [each for each in PRODUCTS if is_available(each.evaluations) and is_available(each.rings)]
 MADE = [each for each in OFFERED if not each.on_request]
-TRAINED = sorted({name for table in filter(is_available, EXPERIMENTS.tables) for name in experiments_of(table)})
+COMPARED = {name for source in (*EXPERIMENTS.tables, "claims", "effects") if is_available(source) for name in experiments_of(source)}
+TRAINED = sorted(trained(COMPARED))
 EVERY_SEED = {"seed": config["training"]["seeds"]}
 FILES = {
     "touches": "evaluations/touch_depth.csv",
@@ -82,16 +88,18 @@ def product_inputs(kind, name):
         if not (RELEASED and stage.simulated):
             files[stage.name] = expand(stage.path(), batch=BATCHES)
     if product.models:
-        models = [each for each in product.models if each in FEASIBLE]
+        models = trained(each for each in product.models if each in FEASIBLE)
         seed = config["training"]["seeds"][0]
         files["models"] = expand("models/{experiment}/seed-{seed}/best.ckpt", experiment=models, seed=seed)
     if source := product.evaluations:
         files["evaluations"] = expand(
-            "evaluations/{experiment}/seed-{seed}.csv", experiment=experiments_of(source), **EVERY_SEED
+            "evaluations/{experiment}/seed-{seed}.csv", experiment=trained(experiments_of(source)), **EVERY_SEED
         )
     if source := product.rings:
         files["rings"] = expand(
-            "evaluations/rings/{experiment}/seed-{seed}.csv", experiment=experiments_of(source, True), **EVERY_SEED
+            "evaluations/rings/{experiment}/seed-{seed}.csv",
+            experiment=trained(experiments_of(source, True)),
+            **EVERY_SEED,
         )
     catalogue_with(product.needed_splits(EXPERIMENTS.tables), f"{kind[:-1]} {name}")
     return files

@@ -9,11 +9,10 @@ except ConfigError as error:
 POINTS = {str(Path(*(f"{key}~{value}" for key, value in point.items()))): point for point in grid}
 
 
-# One model of config/experiments.yaml, from just the stores that it takes arrays of (palpate/inference/inputs.py), and
-# the base model that it continues from.
+# One model of config/experiments.yaml, from just the stores that it takes arrays of (palpate/inference/inputs.py).
 rule reconstruction:
     input:
-        unpack(training_inputs),
+        unpack(experiment_stores),
     output:
         model="models/{experiment}/seed-{seed}/best.ckpt",
         history="models/{experiment}/seed-{seed}/history.csv",
@@ -31,7 +30,7 @@ rule reconstruction:
         gpu=TRAINING_GPUS,
     params:
         experiment=lambda wildcards: EXPERIMENTS.experiments[wildcards.experiment].row(),
-        settings=experiment_settings,
+        settings=lambda wildcards: RECIPE.settings(EXPERIMENTS.experiments[wildcards.experiment]).row(),
         machine=TRAINING_MACHINE,
         seed=lambda wildcards: int(wildcards.seed),
     script:

@@ -1,4 +1,4 @@
-"""Errors of a trained model on objects that it was not trained on.
+"""Errors of a trained model on objects that it was not trained on, for each experiment that is evaluated with it.
 
 evaluations/<experiment>/seed-<k>.csv          a row a sample: experiment, seed, object, class, split, window, chamfer
                                                (m^2 x 9000), f1_tau, f1_2tau (%, Pixel2Mesh's protocol), bend
@@ -31,16 +31,19 @@ inputs, params, wildcards = snakemake.input, snakemake.params, snakemake.wildcar
 
 
 def measured() -> pd.DataFrame:
-    if not params.get("experiment"):
+    if not params.get("experiments"):
         model = load_touch_depth(inputs.model).to(Machine(params.device).torch_device())
         steps = evaluate.training_steps(inputs.summary)
         return evaluate.evaluate_touch(model, steps, Dataset(".", ["touch", "charts"]), params.points, params.splits)
-    experiment = Experiment.from_row(wildcards.experiment, params.experiment)
+    return pd.concat([measured_as(Experiment.from_row(*each), params.splits[each[0]]) for each in params.experiments])
+
+
+def measured_as(experiment: Experiment, splits: list[str]) -> pd.DataFrame:
     trained = evaluate.load(inputs.model, inputs.summary, experiment, int(wildcards.seed), params.device)
-    data = ExperimentData.load(".", experiment, params.splits)
+    data = ExperimentData.load(".", experiment, splits)
     if inputs.get("rings"):
-        return evaluate.evaluate_rings(trained, data, Dataset(".", ["touch", "rings"]), params.splits)
-    return evaluate.evaluate(trained, data, params.points, params.splits)
+        return evaluate.evaluate_rings(trained, data, Dataset(".", ["touch", "rings"]), splits)
+    return evaluate.evaluate(trained, data, params.points, splits)
 
 
 log_to(snakemake.log[0])

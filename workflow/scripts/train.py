@@ -31,7 +31,7 @@ if params.get("experiment"):
     if params.get("point"):
         settings = tuning.point_settings(settings, params.point, params.steps)
     data = ExperimentData.load(".", experiment, splits)
-    learner = ReconstructionLearner(data, experiment, settings, params.seed, snakemake.input.get("base"))
+    learner = ReconstructionLearner(data, experiment, settings, params.seed)
 else:
     touches = [read_touches(Dataset(".", ["touch"]), split) for split in splits]
     learner = TouchDepthLearner(*touches, TouchDepthSettings(**params.settings), params.seed)
