@@ -10,6 +10,18 @@ import yaml
 from palpate.configuration import ConfigError, check, plain
 
 SPLITS = ("validation", "test")  # that models are tested on
+OF_ITS_OWN = {"fewer_grasps": False, "correction": None}  # what an experiment does not take over with weights
+
+
+@dataclass(frozen=True)
+class Correction:
+    """How a prediction is bent to the touched points as its last step: `palpate.models.kriging`.
+
+    length: m, of the kernel. noise: variance of a touched point, in units of the variance of what is interpolated.
+    """
+
+    length: float
+    noise: float
 
 
 @dataclass(frozen=True)
@@ -23,6 +35,7 @@ class Experiment:
         vision: occluded, unoccluded, views or none. touch: whether it takes touches. grasps: how many at most.
         fewer_grasps: whether it is trained with any number of grasps up to `grasps`; from none where it has vision.
         weights: the experiment whose trained model it is evaluated with; None: it is trained itself.
+        correction: its last step, by the touched points; None: it has none. Training is without.
         architecture: what it changes in the recipe's architecture.
     """
 
@@ -33,12 +46,14 @@ class Experiment:
     grasps: int
     fewer_grasps: bool = False
     weights: str | None = None
+    correction: Correction | None = None
     architecture: Mapping[str, Any] = field(default_factory=dict)
 
     @classmethod
     def from_row(cls, name: str, row: Mapping[str, Any]) -> "Experiment":
         """The experiment of a row of the file, or of the form that `row` gives (checkpoints, Snakemake's params)."""
-        return cls(**{"name": name} | dict(row))
+        correction = Correction(**row["correction"]) if row.get("correction") else None
+        return cls(**{"name": name} | dict(row) | {"correction": correction})
 
     def row(self) -> dict[str, Any]:
         """The row as plain data, keys with their default left out: what checkpoints and Snakemake's params hold."""
@@ -132,7 +147,7 @@ class Experiments:
                 raise ConfigError(
                     f"{path}: {name} has weights {row['weights']}, which is no trained experiment of its vision"
                 )
-            experiments[name] = experiment = Experiment.from_row(name, trained | {"fewer_grasps": False} | row)
+            experiments[name] = experiment = Experiment.from_row(name, trained | OF_ITS_OWN | row)
             if not experiment.has_vision and not experiment.touch:
                 raise ConfigError(f"{path}: {experiment.name} needs vision or touch, and has neither")
         tables = {}

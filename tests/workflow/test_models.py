@@ -7,8 +7,8 @@ import sys
 import pandas as pd
 import trimesh
 
-MODEL = "models/charts_touch/seed-0"
-EVALUATION = "evaluations/charts_touch/seed-0.csv"
+MODEL = "models/charts_touch_any/seed-0"
+EVALUATION = "evaluations/charts_touch_any/seed-0.csv"
 STEPS = 40
 
 
@@ -29,7 +29,6 @@ def tiny(make_workflow):
                     "batch": 1,
                     "loss_points": 200,
                     "validation_points": 200,
-                    "continuation": {"steps": STEPS, "evaluate_every": 10},
                 },
             },
         },
@@ -43,15 +42,15 @@ def test_a_training_that_was_killed_goes_on_to_the_same_model(make_workflow):
     assert result.returncode == 0, result.stderr
     assert not (workflow.run / "vision").exists() and not (workflow.run / "views").exists()
 
-    # The model and its evaluation once more, from the same data and the same base.
+    # The model and its evaluation once more, from the same data.
     model, evaluation = workflow.run / MODEL, workflow.run / EVALUATION
     uninterrupted = model.rename(workflow.run / "uninterrupted")
     evaluation = evaluation.rename(uninterrupted / "evaluation.csv")
-    workflow.kill_when("checkpoints/charts_touch/seed-0/last.ckpt", EVALUATION)
+    workflow.kill_when("checkpoints/charts_touch_any/seed-0/last.ckpt", EVALUATION)
     assert not (model / "best.ckpt").exists()
     result = workflow(EVALUATION)
     assert result.returncode == 0, result.stderr
-    assert "continues from" in (workflow.run / "logs/reconstruction/charts_touch-0.log").read_text()
+    assert "continues from" in (workflow.run / "logs/reconstruction/charts_touch_any-0.log").read_text()
 
     assert (model / "best.ckpt").read_bytes() == (uninterrupted / "best.ckpt").read_bytes()
     histories = [pd.read_csv(folder / "history.csv").drop(columns="seconds") for folder in (model, uninterrupted)]
@@ -63,7 +62,7 @@ def test_a_training_that_was_killed_goes_on_to_the_same_model(make_workflow):
     assert json.loads((model / "training.json").read_text())["steps"] == STEPS
 
     mesh = workflow.run / "bottle.ply"
-    command = [sys.executable, "-m", "palpate.command", "reconstruct", str(workflow.run), "charts_touch"]
+    command = [sys.executable, "-m", "palpate.command", "reconstruct", str(workflow.run), "charts_touch_any"]
     done = subprocess.run([*command, "bottle-0000", "--output", str(mesh)], capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     assert len(trimesh.load(mesh).faces) >= 96 * 24

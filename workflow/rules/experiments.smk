@@ -2,17 +2,20 @@
 from palpate.inference import inputs
 
 
+def require_grasps(experiments):
+    """Too few grasps for an experiment are an error before anything runs."""
+    known = config["grasps"]["per_object"]
+    for each in experiments:
+        if each.grasps > known and not each.fewer_grasps:
+            stop(f"experiment {each.name} takes {each.grasps} grasps, but grasps.per_object is {known}: raise it")
+
+
 def stores_of(experiments, *more):
     """The catalogue, and the stores of all batches, of the stages that experiments take arrays of, and of more.
 
     Too few grasps for an experiment, or no object in a split, is an error before anything runs.
     """
-    for each in experiments:
-        if each.grasps > config["grasps"]["per_object"] and not each.fewer_grasps:
-            stop(
-                f"experiment {each.name} takes {each.grasps} grasps, but the config's "
-                f"grasps.per_object is {config['grasps']['per_object']}: raise it"
-            )
+    require_grasps(experiments)
     needed = dict.fromkeys([stage for each in experiments for stage in inputs.stages(each)] + [*more])
     return {
         "catalogue": catalogue_with(("train", "validation"), f"experiment {experiments[0].name}"),

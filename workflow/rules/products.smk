@@ -65,7 +65,12 @@ def product_names(kind, chosen):
 PRODUCTS = [each for each in products.products() if not (RELEASED and each.simulated)]
 OFFERED = [each for each in PRODUCTS if is_available(each.evaluations) and is_available(each.rings)]
 MADE = [each for each in OFFERED if not each.on_request]
-COMPARED = {name for source in (*EXPERIMENTS.tables, "claims", "effects") if is_available(source) for name in experiments_of(source)}
+COMPARED = {
+    name
+    for source in (*EXPERIMENTS.tables, "claims", "effects")
+    if is_available(source)
+    for name in experiments_of(source)
+}
 TRAINED = sorted(trained(COMPARED))
 EVERY_SEED = {"seed": config["training"]["seeds"]}
 FILES = {
@@ -91,6 +96,8 @@ def product_inputs(kind, name):
         models = trained(each for each in product.models if each in FEASIBLE)
         seed = config["training"]["seeds"][0]
         files["models"] = expand("models/{experiment}/seed-{seed}/best.ckpt", experiment=models, seed=seed)
+    for source in filter(None, (product.evaluations, product.rings)):
+        require_grasps(EXPERIMENTS.experiments[each] for each in experiments_of(source))
     if source := product.evaluations:
         files["evaluations"] = expand(
             "evaluations/{experiment}/seed-{seed}.csv", experiment=trained(experiments_of(source)), **EVERY_SEED
