@@ -142,8 +142,8 @@ def _panel(setup: Experiment) -> tuple[str, str, str]:
         return f"{label}, more grasps", f"{grasps} grasps", COLOURS[grasps % len(COLOURS)]
     name = tables.model_label(setup)
     # Strategies first; one with another architecture is a curve of its own.
-    number = list(tables.STRATEGY_NAMES).index(setup.strategy)
-    return label, name, COLOURS[number if name in tables.STRATEGY_NAMES.values() else len(tables.STRATEGY_NAMES)]
+    number = list(tables.STRATEGY_NAMES).index(setup.strategy) if name in tables.STRATEGY_NAMES.values() else -1
+    return label, name, COLOURS[number % len(COLOURS)]
 
 
 def _history(path: Path | str) -> pd.DataFrame:
