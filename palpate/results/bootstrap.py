@@ -11,7 +11,7 @@ from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
-from scipy.stats import t
+from scipy.special import stdtrit
 
 LEVEL = 0.95
 RESAMPLES = 2000
@@ -79,7 +79,7 @@ def interval(
     if np.isnan(freedom):
         return Estimate(value, np.nan, np.nan)
     replicates = statistic(_replicates(values, classes, resamples, np.random.default_rng(seed)))
-    half = float(t.ppf((1 + LEVEL) / 2, freedom) * np.nanstd(replicates, ddof=1))
+    half = float(stdtrit(freedom, (1 + LEVEL) / 2) * np.nanstd(replicates, ddof=1))
     return Estimate(value, value - half, value + half)
 
 

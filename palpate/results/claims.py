@@ -1,4 +1,4 @@
-"""The paper's claims that a number can decide, and a run's verdict on each.
+"""The paper's claims that a number can decide, and a run's verdict on each, for the paper's method and for ours.
 
 `paper/claims.csv` has a row a claim. Its statistic is a number of averages that must be negative: a difference
 of errors, a slope, an error less what is allowed. The claim holds if the whole 95 % interval is below zero, does
@@ -6,6 +6,7 @@ not if all of it is above, and is undecided otherwise; it is undecided too if tw
 Where a statistic has bounds, these must be negative instead, all of them.
 
 Columns of the file:
+    group                    claims that say the same of several set-ups
     claim, section           the sentence, and where the paper makes it
     split, table             what decides it: a split, and the table whose experiments it compares
     experiments              whose averages the statistic takes, in order, with "; " between; in rings
@@ -13,23 +14,23 @@ Columns of the file:
     statistic, parameters    a name in `STATISTICS`, and its numbers with a space between
     unit                     of the number that is reported
 
-Two limits come from the paper's own numbers. "Approximately the same loss at every plane size" (section
+For our methods the experiments that take the place of the paper's are compared (`methods.exchanged`), if all were
+measured. Two limits come from the paper's own numbers. "Approximately the same loss at every plane size" (section
 5.3) is `change 0.3`: the paper's vision-only errors change by -28 % and -15 % from ring 1 to ring 5. "Practically
 perfect, when compared to the error incurred over full surfaces" is `share_of_least 0.05`: the paper's share is 1.2 %.
 """
 
-from collections.abc import Callable
-from functools import cache
+from collections.abc import Callable, Collection
 from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
 
+from palpate.results import methods, products, published
 from palpate.results import model_tables as tables
-from palpate.results import products
 from palpate.results.bootstrap import RESAMPLES, Estimate
 from palpate.results.errors import AVERAGE, Errors, errors
-from palpate.results.published import paper_rows, paper_values, published_experiments
+from palpate.results.published import paper_values
 
 HOLDS, FAILS, UNDECIDED = "holds", "does not hold", "undecided"
 
@@ -80,8 +81,10 @@ STATISTICS: dict[str, Callable[..., list[Statistic]]] = {
 
 
 class Claim(NamedTuple):
-    """A row of `paper/claims.csv`; `bounds` must be negative for the claim to hold."""
+    """A row of `paper/claims.csv` for one method; `bounds` must be negative for the claim to hold."""
 
+    method: str
+    group: str
     claim: str
     section: str
     split: str
@@ -92,15 +95,16 @@ class Claim(NamedTuple):
     unit: str
 
 
-@cache
-def claims() -> list[Claim]:
-    """The claims, in the file's order. Raises KeyError for a statistic that does not exist."""
+def claims(known: Collection[str] = ()) -> list[Claim]:
+    """The claims for the paper's method, and for ours if its experiments are known, in the file's order.
+
+    Raises KeyError for a statistic that does not exist.
+    """
     found = []
-    for row in paper_rows("claims"):
+    for row in published.claims(known):
         measured, *bounds = STATISTICS[row["statistic"]](*map(float, row["parameters"].split()))
-        kept = {name: row[name] for name in ("claim", "section", "split", "table", "unit")}
-        experiments = tuple(row["experiments"].split("; "))
-        found.append(Claim(**kept, experiments=experiments, measured=measured, bounds=bounds or [measured]))
+        kept = {name: row[name] for name in Claim._fields if name in row}
+        found.append(Claim(**kept, measured=measured, bounds=bounds or [measured]))
     return found
 
 
@@ -108,30 +112,33 @@ def claims() -> list[Claim]:
 def decide(
     evaluations: pd.DataFrame, rings: pd.DataFrame, touches: pd.DataFrame, resamples: int = RESAMPLES
 ) -> pd.DataFrame:
-    """Each claim of the paper that a number can decide. A claim is that the measured number is negative (or within the
-    bound that it names). It `holds` if this is true of the whole 95 % interval, `does not hold` if of no part of it,
-    and is `undecided` otherwise. Differences are taken object by object.
+    """Each claim of the paper that a number can decide, for the paper's method and for ours. A claim is that the
+    measured number is negative (or within the bound that it names). It `holds` if this is true of the whole 95 %
+    interval, `does not hold` if of no part of it, and is `undecided` otherwise. Differences are taken object by object.
 
-    evaluations: rows of `rows.read` of `published_experiments()`; rings: of those of `extrapolation`; touches: of
+    evaluations: rows of `rows.read` of `published.claimed_experiments`; rings: of those of `extrapolation`; touches: of
     `evaluations/touch_depth.csv`.
 
-    Columns: claim, section, split, measured with its interval (`_low`, `_high`) and the same of the paper's numbers
-    (`_paper`), between_seeds (how far two seeds differ in it), unit, verdict, paper_agrees (whether the paper's numbers
-    themselves are so: it states no spread), objects, seeds, steps. Raises EvaluationError if an experiment is missing.
+    Columns: method, group, claim, section, split, measured with its interval (`_low`, `_high`) and the same of the
+    paper's numbers (`_paper`), between_seeds (how far two seeds differ in it), unit, verdict, paper_agrees (whether the
+    paper's numbers themselves are so: it states no spread), objects, seeds, steps. Raises EvaluationError if one of the
+    paper's experiments is missing.
     """
-    measured_by = _errors_by_table(evaluations, rings, touches)
+    decided = claims({*evaluations["experiment"]})
+    measured_by = _errors_by_table(decided, evaluations, rings, touches)
     rows = []
-    for claim in claims():
+    for claim in decided:
         found = measured_by[claim.table]
         estimate = found.estimate(claim.experiments, claim.measured, resamples)
         bounds = [
             (found.estimate(claim.experiments, bound, resamples), found.between_seeds(claim.experiments, bound))
             for bound in claim.bounds
         ]
-        means = _published(claim)
+        means = _stated(claim)
         rows.append(
             {
-                **{name: getattr(claim, name) for name in ("claim", "section", "split")},
+                "method": methods.method_label(claim.method),
+                **{name: getattr(claim, name) for name in ("group", "claim", "section", "split")},
                 **tables.interval_columns("measured", estimate),
                 "measured_paper": float(claim.measured(means)),
                 "between_seeds": found.between_seeds(claim.experiments, claim.measured),
@@ -142,18 +149,52 @@ def decide(
             }
         )
     table = tables.frame_of(rows, evaluations["class"])
-    counts = table["verdict"].value_counts()
     agrees = " `paper agrees`: whether the paper's own numbers, without an interval, say so."
     papers = agrees if "paper_agrees" in table else ""
     table.attrs["note"] = (
-        f"{counts.get(HOLDS, 0)} of {len(table)} claims hold, {counts.get(FAILS, 0)} do not, "
-        f"{counts.get(UNDECIDED, 0)} are undecided by this run. A claim is that a number is negative (where "
+        f"{_counted(table)} A claim is that a number is negative (where "
         "it names a bound: within it); it holds or not if the whole interval says so, and two seeds differ by less "
-        f"(`between seeds`). Differences are paired by object and seed.{papers} "
+        f"(`between seeds`). Differences are paired by object and seed.{papers}{methods.COMMUNICATION_NOTE} "
         f"{tables.intervals_note(int(table['seeds'].max()))}"
     )
     table.attrs["decimals"] = None
     return table
+
+
+@products.table(evaluations="claims", rings="claims", files=("touches",), splits=("validation", "test"))
+def claim_groups(
+    evaluations: pd.DataFrame, rings: pd.DataFrame, touches: pd.DataFrame, resamples: int = RESAMPLES
+) -> pd.DataFrame:
+    """The paper's claims in groups that say the same of several set-ups: how many hold, do not hold, and are undecided,
+    for the paper's method and for ours. A group holds if all of its claims do, and does not if one does not.
+    """
+    table = decide(evaluations, rings, touches, resamples)
+    groups = _groups(table)
+    groups.attrs["note"] = _counted(table)
+    return groups
+
+
+def _groups(table: pd.DataFrame) -> pd.DataFrame:
+    """A row for each group of claims and method of the table of claims, the methods of a group below each other."""
+    rows = []
+    for (group, method), members in table.groupby(["group", "method"], sort=False):
+        counts = {name: int((members["verdict"] == name).sum()) for name in (HOLDS, FAILS, UNDECIDED)}
+        whole = FAILS if counts[FAILS] else UNDECIDED if counts[UNDECIDED] else HOLDS
+        rows.append({"group": group, "method": method, "claims": len(members), **counts, "group verdict": whole})
+    first = {group: place for place, group in enumerate(table["group"].unique())}
+    return pd.DataFrame(sorted(rows, key=lambda row: first[row["group"]]))
+
+
+def _counted(table: pd.DataFrame) -> str:
+    """How many claims and groups of claims hold, of each method."""
+    said = []
+    for method, groups in _groups(table).groupby("method", sort=False):
+        total = groups[["claims", HOLDS, FAILS, UNDECIDED]].sum()
+        said.append(
+            f"{method}: {total[HOLDS]} of {total['claims']} claims hold, {total[FAILS]} do not, {total[UNDECIDED]} are "
+            f"undecided by this run; {(groups['group verdict'] == HOLDS).sum()} of {len(groups)} groups hold."
+        )
+    return " ".join(said)
 
 
 def verdict(bounds: list[tuple[Estimate, float]]) -> str:
@@ -164,14 +205,17 @@ def verdict(bounds: list[tuple[Estimate, float]]) -> str:
     return HOLDS if all(sign == -1 for sign in signs) else UNDECIDED
 
 
-def _errors_by_table(evaluations, rings, touches) -> dict[str, Errors]:
+def _errors_by_table(decided: list[Claim], evaluations, rings, touches) -> dict[str, Errors]:
     """The errors that the claims of each table are decided by."""
-    found = {}
-    for name in ("model_selection", "input_modalities", "grasps"):
-        members = [claim for claim in claims() if claim.table == name]
-        names = list(dict.fromkeys(each for claim in members for each in claim.experiments))
-        found[name] = errors(evaluations, names, members[0].split)
-    found["extrapolation"] = tables.ring_errors(rings, published_experiments("extrapolation"), "test")
+
+    def experiments(table: str) -> list[str]:
+        named = [name for claim in decided if claim.table == table for name in claim.experiments]
+        return list(dict.fromkeys(name.split(" x")[0] for name in named))
+
+    split = {claim.table: claim.split for claim in decided}
+    names = ("model_selection", "input_modalities", "grasps")
+    found = {name: errors(evaluations, experiments(name), split[name]) for name in names}
+    found["extrapolation"] = tables.ring_errors(rings, experiments("extrapolation"), "test")
     found["local_touch_charts"] = _merge(found["input_modalities"], tables.touch_errors(touches, "test"))
     return found
 
@@ -183,8 +227,8 @@ def _merge(whole: Errors, local: Errors) -> Errors:
     return both._replace(values=values, steps=whole.steps | local.steps)
 
 
-def _published(claim: Claim) -> np.ndarray:
-    """The paper's averages for a claim's experiments."""
+def _stated(claim: Claim) -> np.ndarray:
+    """The paper's averages for the experiments that a claim names."""
     frame = paper_values("input_modalities" if claim.table == "local_touch_charts" else claim.table)
     if "class" in frame:
         frame = frame[frame["class"] == AVERAGE]
@@ -193,4 +237,4 @@ def _published(claim: Claim) -> np.ndarray:
         names = list(map(tables.ring_key, names, frame["ring"]))
     local = paper_values("local_touch_charts").set_index("class")["value"]
     known = dict(zip(names, frame["value"], strict=True)) | {"cloud": local[AVERAGE]}
-    return np.array([known[name] for name in claim.experiments])
+    return np.array([known[methods.stated_as(name)] for name in claim.experiments])

@@ -1,19 +1,19 @@
 """What touch, grasps, copying and communication change: differences of two experiments, with their verdicts.
 
 `paper/effects.csv` has a row a difference: what it shows, the experiment, the one that it is compared with, and the
-experiment of the paper whose numbers stand beside (none: the paper states nothing). `docs/evaluation.md` says what a
-finding is.
+experiment of the paper whose numbers stand beside (none: the paper states nothing). For our methods the experiments
+that take the place of the paper's are compared (`methods.exchanged`). `docs/evaluation.md` says what a finding is.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
 from palpate.experiments import SPLITS
+from palpate.results import methods, products
 from palpate.results import model_tables as tables
-from palpate.results import products
 from palpate.results.bootstrap import RESAMPLES
 from palpate.results.claims import contrast
 from palpate.results.errors import AVERAGE, Errors, errors
@@ -26,46 +26,49 @@ ONE_SEED = " (one seed)"
 
 @products.table(evaluations="effects", splits=("validation", "test"))
 def touch_effect(evaluations: pd.DataFrame, resamples: int = RESAMPLES) -> pd.DataFrame:
-    """What touch, more grasps, copying and communication change, and the paper's own graph: the Chamfer distance (9000
-    times m²) of one experiment less that of another, paired by object and seed, on both splits. `better` and `worse`
-    are findings: the interval excludes 0, and two seeds differ by less.
+    """What touch, more grasps, copying and communication change, in the paper's method and in ours: the Chamfer
+    distance (9000 times m²) of one experiment less that of another, paired by object and seed, on both splits. `better`
+    and `worse` are findings: the interval excludes 0, and two seeds differ by less. `percent abc`: as published by the
+    authors for their models on ABC objects.
 
     evaluations: rows of `rows.read`; differences are those whose experiments it has.
 
-    Columns: effect, experiment, compared_with, split, difference (the experiment's average less the other's) with its
-    interval, percent (of the other's) with its interval and the paper's, between_seeds (how far two seeds differ in the
-    difference), verdict (`better`: the experiment's error is lower), objects, seeds, steps. A difference is a finding
-    if its interval excludes 0 and two seeds differ by less. Raises EvaluationError if experiments were measured on
-    different objects or with different seeds.
+    Columns: effect, method, experiment, compared_with, split, difference (the experiment's average less the other's)
+    with its interval and its median over objects, percent (of the other's) with its interval, the paper's and that of
+    ABC objects, between_seeds (how far two seeds differ in the difference), verdict (`better`: the experiment's error
+    is lower), objects, seeds, steps. Raises EvaluationError if experiments were measured on different objects or with
+    different seeds.
     """
     rows = []
     for row, split, found in _compared(evaluations):
-        pair = {"experiment": row["experiment"], "compared_with": row["compared_with"]}
-        difference = _difference(found, row, _stated(split, AVERAGE), resamples)
-        rows.append({"effect": row["effect"], **pair, "split": split, **difference})
+        difference = _difference(found, row, _stated(split, AVERAGE), _abc(), resamples)
+        rows.append(_named(row) | {"split": split} | difference)
     return _effects_table(rows, evaluations, "A difference is the error of `experiment` less that of `compared with`")
 
 
 @products.table(evaluations="effects", splits=("validation", "test"))
 def touch_effect_by_class(evaluations: pd.DataFrame, resamples: int = RESAMPLES) -> pd.DataFrame:
-    """What touch, more grasps, copying and communication change in each class. `error` and `median` (over objects) are
-    those of the experiment that is compared with.
+    """What touch, more grasps, copying and communication change in each class. `error` and its median are those of the
+    experiment that is compared with.
 
-    Columns: effect, split, class, error, median, and those of `touch_effect` from difference on.
+    Columns: those of `touch_effect`, and behind split: class, error and its median.
     """
     rows = []
     for row, split, whole in _compared(evaluations):
         for name in whole.class_names:
-            found = whole.of_class(name)
-            before = found.values[row["compared_with"]].mean(axis=0)
-            known = {"class": name, "error": before.mean(), "median": np.median(before)}
-            difference = _difference(found, row, _stated(split, name), resamples)
-            rows.append({"effect": row["effect"], "split": split, **known, **difference})
+            found, other = whole.of_class(name), [row["compared_with"]]
+            known = {"class": name, "error": found.values[other[0]].mean(), "error_median": found.median(other)}
+            difference = _difference(found, row, _stated(split, name), {}, resamples)
+            rows.append(_named(row) | {"split": split, **known, **difference})
     return _effects_table(
-        rows,
-        evaluations,
-        "`error` and `median` are those of what it is compared with. A difference is between averages of the class",
+        rows, evaluations, "`error` is that of what it is compared with. A difference is between averages of the class"
     )
+
+
+def _named(row: dict[str, str]) -> dict[str, str]:
+    """The columns that say what is compared; the method is the experiment's."""
+    method = methods.method_label(methods.strategy_of(row["experiment"]))
+    return {"effect": row["effect"], "method": method} | {key: row[key] for key in ("experiment", "compared_with")}
 
 
 def _compared(evaluations: pd.DataFrame) -> Iterator[tuple[dict[str, str], str, Errors]]:
@@ -78,8 +81,11 @@ def _compared(evaluations: pd.DataFrame) -> Iterator[tuple[dict[str, str], str, 
             yield row, split, found
 
 
-def _difference(found: Errors, row: dict[str, str], stated: dict[str, float], resamples: int) -> dict[str, Any]:
-    """The columns of a difference of two experiments' averages, from `difference` on; `stated` has the paper's."""
+def _difference(
+    found: Errors, row: dict[str, str], stated: dict[str, float], abc: dict[str, float], resamples: int
+) -> dict[str, Any]:
+    """The columns of a difference of two experiments' averages, from `difference` on; `stated` has the paper's, `abc`
+    those of ABC objects."""
     pair = row["experiment"], row["compared_with"]
     (difference,) = contrast(1, -1)
     estimate = found.estimate(pair, difference, resamples)
@@ -89,22 +95,32 @@ def _difference(found: Errors, row: dict[str, str], stated: dict[str, float], re
     sign = estimate.sign(spread)
     return {
         **tables.interval_columns("difference", estimate),
+        "difference_median": found.median(pair, difference),
         **tables.interval_columns("percent", percent),
-        "percent_paper": 100 * (stated.get(row["stated_as"], np.nan) / stated.get(pair[1], np.nan) - 1),
+        "percent_paper": _percent(stated, row),
+        "percent_abc": _percent(abc, row),
         "between_seeds": spread,
         "verdict": VERDICTS[sign] + (ONE_SEED if sign and sizes["seeds"] == 1 else ""),
         **sizes,
     }
 
 
+def _percent(stated: Mapping[str, float], row: dict[str, str]) -> float:
+    """A difference in percent by stated numbers; nan where one is not stated."""
+    return 100 * (
+        stated.get(row["stated_as"], np.nan) / stated.get(methods.stated_as(row["compared_with"]), np.nan) - 1
+    )
+
+
 def _effects_table(rows: list[dict], evaluations: pd.DataFrame, what: str) -> pd.DataFrame:
     """The table of these rows, which evaluations are compared in; its note begins with `what` a difference is."""
     table = tables.frame_of(rows, evaluations["class"])
+    table = table.drop(columns=[name for name in ("percent_abc",) if table[name].isna().all()])
     table.attrs["note"] = (
         f"{what}, paired by object and seed. It is a finding (better, worse) if its interval excludes 0 and two seeds "
-        f"differ by less (`between seeds`). {tables.intervals_note(int(table['seeds'].max()))}"
+        f"differ by less (`between seeds`). {tables.intervals_note(int(table['seeds'].max()))}{tables.MEDIANS_NOTE}"
     )
-    table.attrs |= {"decimals": 3, "exact": {"percent": 1}}
+    table.attrs |= {"decimals": 3, "exact": {"percent": 1, "percent_abc": 1}}
     return table
 
 
@@ -116,3 +132,8 @@ def _stated(split: str, group: str) -> dict[str, float]:
         frame = frame[frame["class"] == group] if "class" in frame else frame[[group == AVERAGE] * len(frame)]
         stated |= dict(zip(frame["experiment"], frame["value"], strict=True))
     return stated
+
+
+def _abc() -> dict[str, float]:
+    """What the authors published for their models on ABC objects."""
+    return dict(zip(*paper_values("abc")[["experiment", "value"]].to_numpy().T, strict=True))

@@ -49,6 +49,11 @@ class Errors(NamedTuple):
             return interval(values, self.classes, statistic, resamples)
         return interval(values, self.classes, resamples=resamples).within(0)
 
+    def median(self, experiments: Sequence[str], statistic=None) -> float:
+        """The median over objects of a statistic of some experiments' errors, each the mean over seeds."""
+        by_object = np.stack([self.values[name].mean(axis=0) for name in experiments], axis=1)
+        return float(np.median(by_object[:, 0] if statistic is None else statistic(by_object)))
+
     def between_seeds(self, experiments: Sequence[str], statistic=None) -> float:
         """How far two seeds differ in a statistic of the averages of some experiments; nan with one seed."""
         values = [self.values[name] for name in experiments]

@@ -4,7 +4,6 @@ Bands and bars are 95 % bootstrap intervals, as in the tables; dashed lines are 
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,8 +15,8 @@ from palpate.evaluation.rows import EvaluationError, read_table
 from palpate.experiments import Experiment
 from palpate.protocol import RINGS
 from palpate.rebuild_command import rebuild_command
+from palpate.results import methods, products
 from palpate.results import model_tables as tables
-from palpate.results import products
 from palpate.results.bootstrap import RESAMPLES
 from palpate.results.errors import errors
 from palpate.results.page import COLOURS, LABEL, PALE, TITLE, Page, new_figure, save, styled
@@ -26,65 +25,69 @@ from palpate.results.published import paper_values
 Experiments = tables.Experiments
 HISTORY = ("step", "seconds", "train_loss", "validation_loss")
 COLUMNS = 4  # panels beside each other
-OTHER_LOSS = (tables.STRATEGY_NAMES["r2n2"],)  # trained by the cells' cross entropy, which has no place on the axis
+OTHER_LOSS = (methods.NAMES["r2n2"][0],)  # trained by the cells' cross entropy, which has no place on the axis
+ORDER = ("charts", "pooled", "implicit", "sphere", "no_comm", "no_copy", "mean", "retrieval")  # of colours
+PANEL = {"left": 0.06, "right": 0.99, "bottom": 0.13, "top": 0.88}  # of the width and height of a row of panels
 
 
 @products.figure(evaluations="grasps")
 @styled
 def multi_grasp(
-    evaluations: pd.DataFrame,
-    experiments: Experiments,
-    path: Path | str,
-    split: str = "test",
-    resamples: int = RESAMPLES,
+    evaluations: pd.DataFrame, experiments: Experiments, path: Path | str, split="test", resamples: int = RESAMPLES
 ) -> None:
-    """Chamfer distance with more grasps, relative to that with one; bands are 95 % bootstrap intervals, dashed lines
-    the paper's values.
+    """Chamfer distance with more grasps, relative to that with one, for each method and input; bands are 95 % bootstrap
+    intervals, dashed lines the paper's values.
     """
     found = errors(evaluations, list(experiments), split)
     published = paper_values("grasps").set_index("experiment")["value"]
-    figure = new_figure(6, 4)
-    axes = figure.add_axes((0.12, 0.13, 0.85, 0.78))
-    for colour, (label, members) in zip(COLOURS, tables.setups(experiments).items(), strict=False):
-        counts = sorted(members)
+    setups = tables.setups(experiments)
+    inputs = list(dict.fromkeys(label for _, label in setups))
+    figure = new_figure(5 * len(inputs) + 1, 4)
+    panels = figure.subplots(1, len(inputs), squeeze=False, sharey=True, gridspec_kw=PANEL)[0]
+    for (method, label), members in setups.items():
+        axes, counts = panels[inputs.index(label)], sorted(members)
         first = members[counts[0]]
+        style = _style(experiments[first])
         estimates = [
             found.estimate([members[count], first], lambda means: means[..., 0] / means[..., 1] - 1, resamples)
             for count in counts
         ]
-        _line(axes, counts, np.maximum(estimates, -1), colour, label)  # errors are not negative
+        _line(axes, counts, np.maximum(estimates, -1), style, method)  # errors are not negative
         known = [count for count in counts if members[count] in published.index]
         if known and first in published.index:
             paper = [published[members[count]] / published[first] - 1 for count in known]
-            axes.plot(known, paper, "--", color=colour, lw=1, label=f"{label} (paper)")
-    axes.axhline(0, color=PALE, lw=0.8, zorder=0)
-    _finish(axes, "Grasps", "Chamfer distance against one grasp", f"More grasps ({_size(found, split)})")
-    axes.yaxis.set_major_formatter(PercentFormatter(1))
+            axes.plot(known, paper, "--", color=style["color"], lw=1, label="the paper's values")
+    for axes, label in zip(panels, inputs, strict=True):
+        axes.axhline(0, color=PALE, lw=0.8, zorder=0)
+        _finish(axes, "Grasps", "Chamfer distance against one grasp", f"{label} ({_size(found, split)})")
+        axes.yaxis.set_major_formatter(PercentFormatter(1))
     save(figure, path)
 
 
 @products.figure(rings="extrapolation")
 @styled
 def error_over_rings(
-    rings: pd.DataFrame,
-    experiments: Experiments,
-    path: Path | str,
-    split: str = "test",
-    resamples: int = RESAMPLES,
+    rings: pd.DataFrame, experiments: Experiments, path: Path | str, split="test", resamples: int = RESAMPLES
 ) -> None:
     """Mean squared distance from the true surface to the prediction, in square rings around each touch: this run's,
-    with 95 % bootstrap intervals, and the paper's. Each side has its own scale.
+    with 95 % bootstrap intervals, for occluded and unoccluded vision; and the paper's. Charts without communication are
+    copied into the mesh and change nothing else. Each panel has its own scale.
     """
     found = tables.ring_errors(rings, list(experiments), split)
     published = paper_values("extrapolation").set_index(["experiment", "ring"])["value"]
-    figure = new_figure(9, 4)
-    left, right = (figure.add_axes((x, 0.13, 0.41, 0.75)) for x in (0.075, 0.57))
-    for colour, (name, setup) in zip(COLOURS, experiments.items(), strict=False):
+    images = list(dict.fromkeys(each.vision for each in experiments.values()))
+    figure = new_figure(4.5 * len(images) + 4.5, 4)
+    *panels, papers = figure.subplots(1, len(images) + 1, gridspec_kw=PANEL)
+    for name, setup in experiments.items():
+        place, inputs = images.index(setup.vision), methods.input_label(setup)
         estimates = [found.estimate([tables.ring_key(name, ring)], resamples=resamples) for ring in RINGS]
-        _line(left, RINGS, estimates, colour, tables.input_label(setup))
-        paper = [published.get((name, ring), np.nan) for ring in RINGS]
-        right.plot(RINGS, paper, "--o", color=colour, lw=1, ms=3.5, label=tables.input_label(setup))
-    for axes, title in ((left, f"This run ({_size(found, split)})"), (right, "The paper")):
+        method = methods.label(setup) if setup.touch else f"vision alone, {methods.label(setup)}"
+        _line(panels[place], RINGS, estimates, _style(setup), method)
+        if (name, RINGS[0]) in published:
+            paper = [published[name, ring] for ring in RINGS]
+            papers.plot(RINGS, paper, "--o", color=COLOURS[2 * place + setup.touch], lw=1, ms=3.5, label=inputs)
+    titles = [f"{image} vision ({_size(found, split)})" for image in images]
+    for axes, title in zip([*panels, papers], [*titles, "The paper"], strict=True):
         _finish(axes, "Ring, in sensor sizes", "Mean squared distance, m²", title)
         axes.set_ylim(bottom=0)
         axes.title.set_y(1.03)
@@ -135,15 +138,19 @@ def training_curves(histories: Mapping[tuple[str, int], Path | str], experiments
 
 
 def _panel(setup: Experiment) -> tuple[str, str, str]:
-    """The panel that an experiment's curve is in, its name there (its strategy, or how many grasps), its
-    colour."""
-    label, grasps = tables.input_label(replace(setup, architecture={})), setup.grasps
-    if grasps > 1:
-        return f"{label}, more grasps", f"{grasps} grasps", COLOURS[grasps % len(COLOURS)]
-    name = tables.model_label(setup)
-    # Strategies first; one with another architecture is a curve of its own.
-    number = list(tables.STRATEGY_NAMES).index(setup.strategy) if name in tables.STRATEGY_NAMES.values() else -1
-    return label, name, COLOURS[number % len(COLOURS)]
+    """The panel that an experiment's curve is in, its name there (its method, or how many grasps), its colour."""
+    label, grasps = methods.input_label(setup), setup.grasps
+    if grasps > 1 and not setup.fewer_grasps:
+        return f"{label}, more grasps", f"{grasps} grasps, {methods.label(setup)}", COLOURS[grasps % len(COLOURS)]
+    return label, methods.label(setup), _style(setup)["color"]
+
+
+def _style(setup: Experiment) -> dict[str, str]:
+    """Colour and dashes of a line: vision alone is dotted, a model with the correction dash-dotted."""
+    method = methods.method_of(setup)
+    number = ORDER.index(method) if method in ORDER else list(methods.NAMES).index(method)
+    dashes = "-." if setup.correction else "-" if setup.touch else ":"
+    return {"color": COLOURS[number % len(COLOURS)], "linestyle": dashes}
 
 
 def _history(path: Path | str) -> pd.DataFrame:
@@ -153,10 +160,10 @@ def _history(path: Path | str) -> pd.DataFrame:
     return read_table(path, HISTORY, f"remove it and train the model again with: {rebuild_command(path)}")
 
 
-def _line(axes: Axes, x: Sequence[int], estimates: Sequence, colour: str, label: str) -> None:
+def _line(axes: Axes, x: Sequence[int], estimates: Sequence, style: dict[str, str], label: str) -> None:
     value, low, high = np.array(estimates).T
-    axes.fill_between(x, low, high, color=colour, alpha=0.15, lw=0)
-    axes.plot(x, value, "-o", color=colour, lw=1.6, ms=4, label=label)
+    axes.fill_between(x, low, high, color=style["color"], alpha=0.12, lw=0)
+    axes.plot(x, value, marker="o", lw=1.6, ms=4, label=label, **style)
 
 
 def _finish(axes: Axes, x: str, y: str, title: str, integers: bool = True) -> None:
@@ -171,5 +178,5 @@ def _finish(axes: Axes, x: str, y: str, title: str, integers: bool = True) -> No
 
 
 def _size(found, split: str) -> str:
-    seeds = min(len(values) for values in found.values.values())
+    seeds = max(len(values) for values in found.values.values())
     return f"{split} split, {len(found.objects)} objects, {seeds} seed{'s' if seeds > 1 else ''}"

@@ -1,9 +1,11 @@
 """The models' tables: measured averages with their intervals, the paper's values beside.
 
-Each function gives a DataFrame of numbers. A measured column `x` is followed by `x_low` and `x_high`, its
-95 % interval, and `x_paper` where the paper states it. `between_seeds` is how far two seeds of a row's model differ in
-its average; with one seed it is left out. The frame's `attrs["note"]` describes the data behind its
-numbers; `palpate.results.tables` writes it.
+Each function gives a DataFrame of numbers. A measured column `x` is followed by `x_low` and `x_high`, its 95 %
+interval; an error also by `x_median`, the median over objects; then `x_paper`, where the paper states it.
+`method` says whose a row is: the paper's, ours, or a look-up. `between_seeds` is how far two seeds of a row's model
+differ in its average; `weights` names the experiment whose trained model a row is, if it is another's. Columns that
+nothing stands in are left out. The frame's `attrs["note"]` describes the data behind its numbers;
+`palpate.results.tables` writes it.
 
 Args that they share:
     evaluations: rows of `rows.read`; rings: the same with `RING_COLUMNS`, touches: with `TOUCH_COLUMNS`.
@@ -22,27 +24,15 @@ import pandas as pd
 from palpate.evaluation.rows import QUALITY, EvaluationError
 from palpate.experiments import Experiment
 from palpate.protocol import CHAMFER_SCALE, PIXEL2MESH_SCALE, RINGS, TAU, pixel2mesh_chamfer
-from palpate.results import products
+from palpate.results import methods, products
 from palpate.results.bootstrap import RESAMPLES, Estimate
 from palpate.results.errors import AVERAGE, Errors, errors
 from palpate.results.published import has_papers_classes, paper_values, without_paper
 from palpate.training.tuning import summary
 
-STRATEGY_NAMES = {
-    "sphere": "sphere-based",
-    "no_copy": "charts, no copying",
-    "no_comm": "charts, no communication",
-    "charts": "charts",
-    "pooled_no_copy": "pooled touch (ours), no copying",
-    "pooled": "pooled touch (ours)",
-    "psg": "PSG",
-    "pixel2mesh": "Pixel2Mesh",
-    "r2n2": "3D-R2N2",
-}
-# Rows measured for the table of single images: ours, and the published networks that are built here.
-SINGLE_IMAGE_NAMES = STRATEGY_NAMES | {"charts": "charts (ours)"}
 PAPER_OBJECTS = {"validation": 258, "test": 175}  # supplement, Dataset Statistics
 TOUCH_ESTIMATES = {"cloud": "local point cloud", "chart": "touch chart"}
+MEDIANS_NOTE = " In parentheses: median over objects."
 STEPS_NOTE = " The paper trained for at most 260 epochs in batches of 16."
 QUALITY_LABELS = {"bend": "bend_degrees", "folded": "folded_percent", "gap": "gap_mm", "across": "across_degrees"}
 QUALITY_NOTE = (
@@ -50,50 +40,39 @@ QUALITY_NOTE = (
     "mean distance of boundary vertices that the initial sphere joins; across: mean angle between a face and the true "
     "surface. Vision charts only."
 )
-FIRST_RELEASE = "as first released"  # with the mean over neighbours: `architecture: {gcn: {normalisation: mean}}`
 
 Experiments = Mapping[str, Experiment]
+Frame = pd.DataFrame
 
 
 @products.table(evaluations="model_selection")
 def model_selection(
-    evaluations: pd.DataFrame, experiments: Experiments, split: str = "validation", resamples: int = RESAMPLES
-) -> pd.DataFrame:
-    """Model selection: Chamfer distance (9000 times m²) of the twelve models on the validation split, by class and on
-    average.
+    evaluations: Frame, experiments: Experiments, split: str = "validation", resamples: int = RESAMPLES
+) -> Frame:
+    """Model selection: Chamfer distance (9000 times m²) on the validation split, by class and on average, of the
+    paper's twelve models and of ours.
+
+    `row`: of the paper's table.
     """
-    found = errors(evaluations, list(experiments), split)
-    published = paper_values("model_selection").set_index(["experiment", "class"])["value"]
-    rows = []
-    for number, (name, experiment) in enumerate(experiments.items(), start=1):
-        row = {"row": number, "experiment": name, **_inputs(experiment)}
-        rows.append(row | _by_class(found, name, name, published, resamples) | size_columns(found, name))
-    return _finish(rows, split, found, STEPS_NOTE)
+    number = paper_values("model_selection").drop_duplicates("experiment").set_index("experiment")["row"]
+    table = _errors_by_class("model_selection", evaluations, experiments, split, resamples)
+    table.insert(0, "row", table["experiment"].map(number).astype("Int64"))
+    return table
 
 
 @products.table(evaluations="input_modalities")
 def input_modalities(
-    evaluations: pd.DataFrame, experiments: Experiments, split: str = "test", resamples: int = RESAMPLES
-) -> pd.DataFrame:
-    """Different input modalities: Chamfer distance (9000 times m²) of the charts model on the test split.
+    evaluations: Frame, experiments: Experiments, split: str = "test", resamples: int = RESAMPLES
+) -> Frame:
+    """Different input modalities: Chamfer distance (9000 times m²) of the paper's model and of ours on the test split.
 
-    A model with another architecture is a row of its own, beside the paper's value of the same setup; the paper's
-    claims are decided by the experiments of the paper's names alone.
+    Rows of other methods stand beside the paper's value of the same inputs.
     """
-    found = errors(evaluations, list(experiments), split)
-    published = paper_values("input_modalities").set_index(["experiment", "class"])["value"]
-    stated = {experiments[name].setup: name for name, _ in published.index if name in experiments}
-    rows = []
-    for name, experiment in experiments.items():
-        by_class = _by_class(found, name, stated.get(experiment.setup, name), published, resamples)
-        rows.append({"experiment": name, **_inputs(experiment)} | by_class | size_columns(found, name))
-    return _finish(rows, split, found, STEPS_NOTE)
+    return _errors_by_class("input_modalities", evaluations, experiments, split, resamples)
 
 
 @products.table(evaluations="grasps")
-def grasps(
-    evaluations: pd.DataFrame, experiments: Experiments, split: str = "test", resamples: int = RESAMPLES
-) -> pd.DataFrame:
+def grasps(evaluations: Frame, experiments: Experiments, split: str = "test", resamples: int = RESAMPLES) -> Frame:
     """More grasps: Chamfer distance (9000 times m²) of models that take 1 to 5 grasps, on the test split.
 
     A row is a setup: experiments that differ in their number of grasps only.
@@ -101,58 +80,56 @@ def grasps(
     found = errors(evaluations, list(experiments), split)
     published = paper_values("grasps").set_index("experiment")["value"]
     rows = []
-    for label, members in setups(experiments).items():
-        row: dict[str, Any] = {"input": label}
+    for (method, inputs), members in setups(experiments).items():
+        row: dict[str, Any] = {"method": method, "input": inputs}
         for count, name in sorted(members.items()):
-            row |= interval_columns(f"grasps_{count}", found.estimate([name], resamples=resamples))
-            row[f"grasps_{count}_paper"] = published.get(name, np.nan)
+            row |= error_columns(f"grasps_{count}", found, name, resamples)
+            row[f"grasps_{count}_paper"] = published.get(methods.stated_as(name), np.nan)
         rows.append(row | size_columns(found, *members.values()))
     return _finish(rows, split, found, STEPS_NOTE)
 
 
 @products.table(rings="extrapolation")
-def extrapolation(
-    rings: pd.DataFrame, experiments: Experiments, split: str = "test", resamples: int = RESAMPLES
-) -> pd.DataFrame:
+def extrapolation(rings: Frame, experiments: Experiments, split: str = "test", resamples: int = RESAMPLES) -> Frame:
     """Around touch sites: mean squared distance from the true surface to the prediction, in square rings of 1 to 5
     times the sensor's size around each touch (ring r lies between r - 1 and r times); in m² as in the paper, and 9000
-    times that.
+    times that. Charts without communication are copied into the mesh and change nothing else: what other rows with
+    touch have less than theirs is extrapolated.
     """
     found = ring_errors(rings, list(experiments), split)
     published = paper_values("extrapolation").set_index(["experiment", "ring"])["value"]
     rows = []
     for unit, scale in (("m^2", 1.0), ("m^2 x 9000", CHAMFER_SCALE)):
         for name, experiment in experiments.items():
-            row: dict[str, Any] = {"input": input_label(experiment), "unit": unit}
+            row: dict[str, Any] = {"method": methods.label(experiment), "input": methods.input_label(experiment)}
+            row["unit"] = unit
             for ring in RINGS:
-                estimate = found.estimate([ring_key(name, ring)], resamples=resamples)
-                row |= interval_columns(f"x{ring}", Estimate(*(scale * number for number in estimate)))
-                row[f"x{ring}_paper"] = scale * published.get((name, ring), np.nan)
+                row |= error_columns(f"x{ring}", found, ring_key(name, ring), resamples, scale)
+                row[f"x{ring}_paper"] = scale * published.get((methods.stated_as(name), ring), np.nan)
             rows.append(row | size_columns(found, *(ring_key(name, ring) for ring in RINGS)))
     note = (
         " One direction: from the true surface to the prediction. The published evaluation averages over all "
         "touches; here an object's error is the mean over its touches, and classes have the same share."
     )
-    return _finish(rows, split, found, note, decimals=None)
+    return _finish(rows, split, found, note + methods.COMMUNICATION_NOTE, decimals=None)
 
 
 @products.table(evaluations="single_image")
 def single_image(
-    evaluations: pd.DataFrame, experiments: Experiments, split: str = "test", resamples: int = RESAMPLES
-) -> pd.DataFrame:
+    evaluations: Frame, experiments: Experiments, split: str = "test", resamples: int = RESAMPLES
+) -> Frame:
     """Reconstruction from single images, by Pixel2Mesh's protocol: Chamfer distance in thousandths, F1 at tau and 2 tau
-    in percent. Rows marked as cited are the paper's, which cites them; they were measured on other objects.
+    in percent. Networks in the manner of PSG, Pixel2Mesh and 3D-R2N2 were built from their publications. Rows marked as
+    cited are the paper's, which cites them; they were measured on other objects.
     """
     columns = ("chamfer", "f1_tau", "f1_2tau")
     scores = {column: errors(evaluations, list(experiments), split, column) for column in columns}
     found, rows = scores["chamfer"], []
     for name, experiment in experiments.items():
-        row: dict[str, Any] = {"source": "measured", "method": SINGLE_IMAGE_NAMES[experiment.strategy], "from": name}
-        for column in columns:
-            estimate = scores[column].estimate([name], resamples=resamples)
-            if column == "chamfer":
-                estimate = Estimate(*(pixel2mesh_chamfer(number) for number in estimate))
-            row |= interval_columns(column, estimate)
+        row: dict[str, Any] = {"source": "measured", "method": methods.label(experiment), "from": name}
+        row |= error_columns("chamfer", found, name, resamples, pixel2mesh_chamfer(1.0))
+        for column in columns[1:]:
+            row |= interval_columns(column, scores[column].estimate([name], resamples=resamples))
         rows.append(row | size_columns(found, name))
     published = paper_values("single_image").sort_values("cited_by_the_paper", kind="stable")
     for record in published.to_dict("records"):
@@ -162,23 +139,22 @@ def single_image(
     note = (
         " Pixel2Mesh's protocol as in Mesh R-CNN's evaluation: meshes scaled by "
         f"{PIXEL2MESH_SCALE:.2f} (0.57 for a bounding box of diagonal 1; here it is 0.5), squared distances, "
-        f"tau = {TAU:g}; Chamfer distance in "
-        "thousandths. Measured rows: models of this run, trained on the same views for the same processor time; "
-        "PSG, Pixel2Mesh and 3D-R2N2 built from their publications (docs/single_image.md). Cited rows: of ShapeNet's "
-        "13 classes and published renderings, not this run's objects."
+        f"tau = {TAU:g}; Chamfer distance in thousandths. Measured rows: models of this run, trained on the same views "
+        "for the same processor time; how networks in the manner of others differ from these: docs/single_image.md. "
+        "Cited rows: of ShapeNet's 13 classes and published renderings, not this run's objects."
     )
     return _finish(rows, split, found, note, decimals=2, exact={"chamfer": 3})
 
 
 @products.table(files=("touches",), splits=("test",))
-def local_touch_charts(touches: pd.DataFrame, split: str = "test", resamples: int = RESAMPLES) -> pd.DataFrame:
+def local_touch_charts(touches: Frame, split: str = "test", resamples: int = RESAMPLES) -> Frame:
     """Local predictions at each touch of the test split: Chamfer distance (9000 times m²) of the predicted local point
     cloud, and of the touch chart fitted to it, to the true local cloud.
     """
     found = touch_errors(touches, split)
     published = paper_values("local_touch_charts").assign(estimate="cloud").set_index(["estimate", "class"])["value"]
     rows = [
-        {"prediction": label} | _by_class(found, name, name, published, resamples) | size_columns(found, name)
+        {"prediction": label} | _by_class(found, name, published, resamples) | size_columns(found, name)
         for name, label in TOUCH_ESTIMATES.items()
     ]
     counts = touches[touches["split"] == split]
@@ -188,8 +164,8 @@ def local_touch_charts(touches: pd.DataFrame, split: str = "test", resamples: in
 
 @products.table(evaluations="input_modalities")
 def surface_quality(
-    evaluations: pd.DataFrame, experiments: Experiments, split: str = "test", resamples: int = RESAMPLES
-) -> pd.DataFrame:
+    evaluations: Frame, experiments: Experiments, split: str = "test", resamples: int = RESAMPLES
+) -> Frame:
     """Crumpled sheets, torn charts and spikes told apart: angles between adjacent faces (`bend`, `folded`), distances
     between charts that were joined (`gap`), and angles to the true surface (`across`), on the test split.
 
@@ -198,55 +174,85 @@ def surface_quality(
     scores = {column: errors(evaluations, list(experiments), split, column) for column in QUALITY}
     rows = []
     for name, experiment in experiments.items():
-        row: dict[str, Any] = {"experiment": name, **_inputs(experiment)}
+        row = {"experiment": name, **_inputs(experiment)}
         for column, label in QUALITY_LABELS.items():
             row |= interval_columns(label, scores[column].estimate([name], resamples=resamples))
         rows.append(row | size_columns(scores["bend"], name))
     return _finish(rows, split, scores["bend"], QUALITY_NOTE, decimals=1)
 
 
+@products.table(evaluations="retrieval")
+def retrieval(evaluations: Frame, experiments: Experiments, split: str = "test", resamples: int = RESAMPLES) -> Frame:
+    """The best trained model of each kind of input beside retrieval, which takes the training object that fits the
+    image and the touches best: Chamfer distance (9000 times m²) on the test split, mean and median. Below 1 the ratio
+    says that the model is better than a look-up.
+
+    Best is the lowest mean, of retrieval as of models.
+    """
+    found, rows = errors(evaluations, list(experiments), split), []
+    groups: dict[tuple[str, int], list[str]] = {}
+    for name, experiment in experiments.items():
+        groups.setdefault((methods.input_label(experiment), experiment.grasps * experiment.touch), []).append(name)
+    for (inputs, count), names in groups.items():
+        look_ups = [name for name in names if experiments[name].strategy == "retrieval"]
+        if not look_ups or len(look_ups) == len(names):
+            continue
+        theirs, ours = (
+            min(part, key=lambda name: found.estimate([name], resamples=2).value)
+            for part in (look_ups, set(names) - set(look_ups))
+        )
+        row = {"input": inputs, "grasps": count, "experiment": ours, "method": methods.label(experiments[ours])}
+        row |= error_columns("error", found, ours, resamples) | error_columns("retrieval", found, theirs, resamples)
+        ratio = found.estimate([ours, theirs], lambda means: means[..., 0] / means[..., 1], resamples).within(0)
+        row |= interval_columns("ratio", ratio) | {"ratio_median": found.median([ours]) / found.median([theirs])}
+        rows.append(row | size_columns(found, ours))
+    return _finish(rows, split, found, " In parentheses beside the ratio: that of the medians.")
+
+
 @products.table(files=("trainings",), on_request=True)
-def tuning(points: Sequence[Mapping[str, Any]], trainings: Sequence[Mapping[str, Any]]) -> pd.DataFrame:
+def tuning(points: Sequence[Mapping[str, Any]], trainings: Sequence[Mapping[str, Any]]) -> Frame:
     """The supplement's hyperparameters in every combination of the config's grid, for the model of occluded vision and
     touch: the lowest validation loss (9000 x Chamfer distance), the best first.
 
     points: of `palpate.training.tuning.grid`; trainings: the `training.json` of each.
     """
-    table = pd.DataFrame(summary(points, trainings))
+    table = Frame(summary(points, trainings))
     machines = ", ".join(sorted({training["machine"]["found"] for training in trainings}))
     validated = trainings[0]["validated"]
     table.attrs["note"] = f"Validation loss of {validated} samples, the best of all evaluations; on {machines}."
     return table
 
 
-def setups(experiments: Experiments) -> dict[str, dict[int, str]]:
-    """Experiments by their inputs: label -> {number of grasps: name}, in the order given."""
-    found: dict[str, dict[int, str]] = {}
+def setups(experiments: Experiments) -> dict[tuple[str, str], dict[int, str]]:
+    """Experiments by their method and inputs: (method, input) -> {number of grasps: name}, in the order given."""
+    found: dict[tuple[str, str], dict[int, str]] = {}
     for name, experiment in experiments.items():
-        found.setdefault(input_label(experiment), {})[experiment.grasps] = name
+        key = methods.label(experiment), methods.input_label(experiment)
+        found.setdefault(key, {})[experiment.grasps] = name
     return found
 
 
-def input_label(experiment: Experiment) -> str:
-    """An experiment's inputs as text: `unoccluded vision + touch`, and whether touch is pooled."""
-    vision = {"none": [], "views": ["single view"]}.get(experiment.vision, [f"{experiment.vision} vision"])
-    label = " + ".join([*vision, *["touch"] * experiment.touch]) or "nothing"
-    return f"{label}, {STRATEGY_NAMES['pooled']}" if experiment.strategy == "pooled" else label
-
-
-def model_label(experiment: Experiment) -> str:
-    """An experiment's strategy as text, and whether its graph is the first release's."""
-    label = STRATEGY_NAMES[experiment.strategy]
-    return f"{label} ({FIRST_RELEASE})" if experiment.architecture else label
-
-
 def _inputs(experiment: Experiment) -> dict[str, str]:
-    """The columns with a row's model and its inputs."""
+    """The columns with a row's method and its inputs."""
     vision = experiment.vision if experiment.has_vision else "–"
-    return {"model": model_label(experiment), "vision": vision, "touch": "yes" if experiment.touch else "no"}
+    return {"method": methods.label(experiment), "vision": vision, "touch": "yes" if experiment.touch else "no"}
 
 
-def touch_errors(touches: pd.DataFrame, split: str) -> Errors:
+def _errors_by_class(table: str, evaluations: Frame, experiments: Experiments, split: str, resamples: int) -> Frame:
+    """A row an experiment: its errors by class and on average, beside the paper's of a table."""
+    found = errors(evaluations, list(experiments), split)
+    published = paper_values(table).set_index(["experiment", "class"])["value"]
+    rows = [
+        {"experiment": name, **_inputs(experiment)}
+        | _by_class(found, name, published, resamples)
+        | size_columns(found, name)
+        | {"weights": experiment.weights}
+        for name, experiment in experiments.items()
+    ]
+    return _finish(rows, split, found, STEPS_NOTE + methods.COMMUNICATION_NOTE)
+
+
+def touch_errors(touches: Frame, split: str) -> Errors:
     """Errors of local predictions as of two experiments, `cloud` and `chart`."""
     names = list(TOUCH_ESTIMATES)
     others = [name for name in (*touches.columns, "seed") if name not in names]
@@ -259,7 +265,7 @@ def ring_key(experiment: str, ring: int) -> str:
     return f"{experiment} x{ring}"
 
 
-def ring_errors(rings: pd.DataFrame, experiments: Sequence[str], split: str) -> Errors:
+def ring_errors(rings: Frame, experiments: Sequence[str], split: str) -> Errors:
     """Errors in rings as of so many experiments, named by `ring_key`. An object that has no surface in one of
     the rings around any of its touches is omitted from all."""
     known = set(rings.loc[rings["split"] == split, "experiment"])
@@ -277,17 +283,22 @@ def ring_errors(rings: pd.DataFrame, experiments: Sequence[str], split: str) -> 
     return errors(named, keys, split, column="distance", key="key")
 
 
-def _by_class(found: Errors, name: str, stated: str, published: pd.Series, resamples: int) -> dict[str, float]:
-    """An experiment's measured and published columns: each class, then the average, and how far two seeds differ in it.
-
-    stated: the experiment whose published values stand beside.
-    """
-    row = {}
-    for label in (*found.class_names, AVERAGE):
-        part = found if label == AVERAGE else found.of_class(label)
-        row |= interval_columns(label, part.estimate([name], resamples=resamples))
+def _by_class(found: Errors, name: str, published: pd.Series, resamples: int) -> dict[str, float]:
+    """An experiment's measured columns and the published ones of its inputs: each class, then the average with its
+    median, and how far two seeds differ in it."""
+    row, stated = {}, methods.stated_as(name)
+    for label in found.class_names:
+        row |= interval_columns(label, found.of_class(label).estimate([name], resamples=resamples))
         row[f"{label}_paper"] = published.get((stated, label), np.nan)
+    row |= error_columns(AVERAGE, found, name, resamples)
+    row[f"{AVERAGE}_paper"] = published.get((stated, AVERAGE), np.nan)
     return row | {"between_seeds": found.between_seeds([name])}
+
+
+def error_columns(label: str, found: Errors, name: str, resamples: int, scale: float = 1.0) -> dict[str, float]:
+    """The columns of an experiment's average, times `scale`: with its interval, and its median over objects."""
+    estimate = Estimate(*(scale * number for number in found.estimate([name], resamples=resamples)))
+    return interval_columns(label, estimate) | {f"{label}_median": scale * found.median([name])}
 
 
 def interval_columns(label: str, estimate: Estimate) -> dict[str, float]:
@@ -301,14 +312,14 @@ def size_columns(found: Errors, *names: str) -> dict[str, Any]:
     high = max(found.steps[name][1] for name in names)
     return {
         "objects": len(found.objects),
-        "seeds": min(len(found.values[name]) for name in names),
+        "seeds": max(len(found.values[name]) for name in names),
         "steps": str(low) if low == high else f"{low} to {high}",
     }
 
 
-def frame_of(rows: list[dict], classes: Iterable[str]) -> pd.DataFrame:
+def frame_of(rows: list[dict], classes: Iterable[str]) -> Frame:
     """The rows as a table, without the paper's columns if none of the classes is the paper's."""
-    return without_paper(pd.DataFrame(rows), classes).astype({"objects": "Int64", "seeds": "Int64"})
+    return without_paper(Frame(rows), classes).astype({"objects": "Int64", "seeds": "Int64"})
 
 
 def intervals_note(seeds: int) -> str:
@@ -325,30 +336,25 @@ def _between_seeds(found: Errors) -> str:
     if np.isnan(shares).all():
         return ""
     return (
-        f" Two seeds of one model differ by {100 * shares.mean():.1f} % of its average (mean over models; "
-        f"{100 * shares.max():.1f} % at most)."
+        f" Two seeds of one model differ by {100 * np.nanmean(shares):.1f} % of its average (mean over models; "
+        f"{100 * np.nanmax(shares):.1f} % at most)."
     )
 
 
 def _finish(
-    rows: list[dict],
-    split: str,
-    found: Errors,
-    note: str,
-    decimals: int | None = 3,
-    exact: dict[str, int] | None = None,
-) -> pd.DataFrame:
+    rows: list[dict], split: str, found: Errors, note: str, decimals: int | None = 3, exact: dict | None = None
+) -> Frame:
     """The frame, with its note and how its numbers are printed; no columns of values that nobody states."""
     table = frame_of(rows, found.class_names)
-    empty = [name for name in table if name.endswith(("_paper", "between_seeds")) and table[name].isna().all()]
-    table = table.drop(columns=empty)
+    sparse = [name for name in table if name.endswith(("_paper", "between_seeds", "weights"))]
+    table = table.drop(columns=[name for name in sparse if table[name].isna().all()])
     classes = ", ".join(f"{np.sum(found.classes == name)} {name}" for name in found.class_names)
-    seeds = min(map(len, found.values.values()))
+    seeds = max(map(len, found.values.values()))
+    medians = MEDIANS_NOTE * any(name.endswith("_median") for name in table)
     papers = f"; the paper: {PAPER_OBJECTS[split]}" if has_papers_classes(found.class_names) else ""
     table.attrs["note"] = (
         f"This run: {len(found.objects)} objects of the {split} split ({classes}){papers}.{note} "
-        f"{intervals_note(seeds)}{_between_seeds(found)}"
+        f"{intervals_note(seeds)}{medians}{_between_seeds(found)}"
     )
-    table.attrs["decimals"] = decimals
-    table.attrs["exact"] = exact or {}
+    table.attrs |= {"decimals": decimals, "exact": exact or {}}
     return table

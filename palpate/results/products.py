@@ -24,6 +24,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from palpate.experiments import SPLITS, Comparison
+from palpate.results.methods import stated_as
 from palpate.results.published import paper_rows
 from palpate.stages import STAGES
 
@@ -187,10 +188,11 @@ def needed_splits(experiment: str, tables: Mapping[str, Comparison]) -> list[str
 
     tables: those of config/experiments.yaml.
     """
-    needed = {row["split"] for row in paper_rows("claims") if experiment in row["experiments"].split("; ")}
+    names = {experiment, stated_as(experiment)}  # ours take the paper's place in claims and differences
+    needed = {row["split"] for row in paper_rows("claims") if names & {*row["experiments"].split("; ")}}
     for product in products():
         if product.comparison in tables and experiment in tables[product.comparison].by_name:
             needed |= set(product.needed_splits(tables))
-    if any(experiment in (row["experiment"], row["compared_with"]) for row in paper_rows("effects")):
+    if any(names & {row["experiment"], row["compared_with"]} for row in paper_rows("effects")):
         needed |= set(SPLITS)
     return [split for split in SPLITS if split in needed or not needed]

@@ -14,13 +14,16 @@
 | contradictions | model, index | what in `architectures` contradicts itself, and what is meant |
 | claims | claim, split | what decides each claim of the text: `palpate.results.claims` |
 | effects | experiment, compared_with | the differences that the text is about: `palpate.results.effects` |
+| abc | experiment | m^2 x 9000, of the authors' released models on their released ABC objects |
 """
 
 import csv
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
+
+from palpate.results.methods import COMMUNICATION, METHODS, exchanged, strategy_of
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -36,10 +39,31 @@ def published_experiments(*tables: str) -> list[str]:
     return list(dict.fromkeys(row["experiment"] for table in tables or OF_EXPERIMENTS for row in paper_rows(table)))
 
 
+def claims(known: Collection[str] = ()) -> list[dict[str, Any]]:
+    """The rows of `paper/claims.csv` for the paper's method, and for each of ours whose experiments are among those
+    known; `experiments` are those of the method."""
+    judged = [method for method in METHODS if method != "mean"]
+    rows = [(method, row, row["experiments"].split("; ")) for method in judged for row in paper_rows("claims")]
+    found = [(method, row, exchanged(names, method, known)) for method, row, names in rows]
+    return [row | {"method": method, "experiments": names} for method, row, names in found if names]
+
+
+def claimed_experiments(known: Collection[str], *tables: str) -> list[str]:
+    """The experiments, of all methods, that claims about these tables (if none: all) compare."""
+    named = [name for row in claims(known) if not tables or row["table"] in tables for name in row["experiments"]]
+    return list(dict.fromkeys(name.split(" x")[0] for name in named if strategy_of(name)))
+
+
 def effects(experiments: Iterable[str]) -> list[dict[str, str]]:
-    """The rows of `paper/effects.csv` whose two experiments are among those given."""
-    known = set(experiments)
-    return [row for row in paper_rows("effects") if {row["experiment"], row["compared_with"]} <= known]
+    """The rows of `paper/effects.csv`, for each of `METHODS`, whose two experiments are among those given."""
+    known, found = set(experiments), []
+    for method in METHODS:
+        for row in paper_rows("effects"):
+            pair = exchanged((row["experiment"], row["compared_with"]), method, known)
+            if pair and known.issuperset(pair):
+                effect = row["effect"].format(communication=COMMUNICATION.get(method))
+                found.append(row | {"effect": effect, "experiment": pair[0], "compared_with": pair[1]})
+    return found
 
 
 def has_papers_classes(classes: Iterable[str]) -> bool:

@@ -3,8 +3,9 @@
 A table is a DataFrame. Three entries of its `attrs` say how it is written:
 
     note        what stands under the table in Markdown and LaTeX
-    decimals    of the numbers in Markdown and LaTeX, where a number and its interval then share a cell; None:
-                three significant digits. Without this entry numbers are shown as the frame has them.
+    decimals    of the numbers in Markdown and LaTeX, where a number then shares a cell with its interval, in brackets,
+                and the median, in parentheses; None: three significant digits. Without this entry numbers are shown as
+                the frame has them.
     exact       column -> decimals, where a column has its own
 """
 
@@ -15,6 +16,7 @@ import pandas as pd
 from tabulate import tabulate
 
 MISSING = "–"
+ENDINGS = ("_low", "_high", "_median")  # of columns that share a cell with their number
 
 
 def write_table(table: pd.DataFrame, path: Path | str) -> None:
@@ -48,18 +50,19 @@ def latex(table: pd.DataFrame) -> str:
 
 
 def display(table: pd.DataFrame) -> pd.DataFrame:
-    """The table as it is read: every cell as text, each number with its interval in brackets."""
+    """The table as it is read: every cell as text, each number with its interval in brackets and its median."""
     if "decimals" not in table.attrs:
         # Row by row, as tuples: each cell keeps the type of its column.
         rows = [[_text(value) for value in row] for row in table.itertuples(index=False)]
         return pd.DataFrame(rows, columns=table.columns, dtype=object)
     shown = {}
     for name in table:
-        if name.endswith(("_low", "_high")) and name.rsplit("_", 1)[0] in table:
+        if name.endswith(ENDINGS) and name.rsplit("_", 1)[0] in table:
             continue
-        columns = [column for column in (name, f"{name}_low", f"{name}_high") if column in table]
-        if len(columns) == 3 or pd.api.types.is_float_dtype(table[name]):
-            shown[name] = [_number(table, name, *numbers) for numbers in zip(*map(table.get, columns), strict=True)]
+        columns = [f"{name}{ending}" for ending in ("", *ENDINGS)]
+        if pd.api.types.is_float_dtype(table[name]):
+            numbers = zip(*(table.get(column, [math.nan] * len(table)) for column in columns), strict=True)
+            shown[name] = [_number(table, name, *each) for each in numbers]
         else:
             shown[name] = [_text(value) for value in table[name]]
     return pd.DataFrame(shown, dtype=object)
@@ -78,9 +81,12 @@ def _text(value) -> str:
     return MISSING if pd.isna(value) else str(value)
 
 
-def _number(table: pd.DataFrame, name: str, value: float, low: float = math.nan, high: float = math.nan) -> str:
-    """A number and its interval with the table's decimals; with three significant digits where it has none."""
+def _number(table: pd.DataFrame, name: str, *numbers: float) -> str:
+    """A number, its interval and its median with the table's decimals; with three significant digits where it has none.
+
+    numbers: value, low, high, median; what is nan is left out."""
     decimals = table.attrs.get("exact", {}).get(name.removesuffix("_paper"), table.attrs["decimals"])
     form = ".3g" if decimals is None else f".{decimals}f"
-    value, low, high = (MISSING if pd.isna(number) else format(number, form) for number in (value, low, high))
-    return value if MISSING in (low, high) else f"{value} [{low}, {high}]"
+    value, low, high, median = (MISSING if pd.isna(number) else format(number, form) for number in numbers)
+    interval = "" if MISSING in (low, high) else f" [{low}, {high}]"
+    return value + interval + ("" if median == MISSING else f" ({median})")

@@ -171,7 +171,7 @@ def _result(path: Path, name: str, link: Callable[..., str]) -> Table:
     texts = {"class": str, "section": str}  # even if they look like numbers
     frame = pd.read_csv(path, keep_default_na=False, na_values=[""], dtype=texts).convert_dtypes()
     if name == "claims":
-        frame.insert(1, "verdict", frame.pop("verdict"))
+        frame.insert(frame.columns.get_loc("claim") + 1, "verdict", frame.pop("verdict"))
     frame.attrs |= {"decimals": None, "exact": _decimals(frame)}
     shown = display(frame)
     columns = [[_shown(*each) for each in zip(shown[head], frame[head], strict=True)] for head in shown]

@@ -4,7 +4,7 @@ import pytest
 
 from palpate.evaluation.rows import EvaluationError
 from palpate.results.bootstrap import Estimate
-from palpate.results.claims import FAILS, HOLDS, STATISTICS, UNDECIDED, claims, decide, verdict
+from palpate.results.claims import FAILS, HOLDS, STATISTICS, UNDECIDED, claim_groups, claims, decide, verdict
 from palpate.results.published import paper_rows, paper_values, published_experiments
 from tests.evaluation import synthetic
 
@@ -123,6 +123,71 @@ def test_claims_take_what_the_rule_gives_them():
     named = {name.split(" x")[0] for claim in claims() for name in claim.experiments} - {"cloud"}
     assert named == set(published_experiments())
     assert len({(claim.claim, claim.split) for claim in claims()}) == len(claims()) == 37
+
+
+OURS = {"charts": "pooled", "no_copy": "pooled_no_copy"}  # as the paper's strategies are called in our method
+POOLED = {
+    f"{ours}{name.removeprefix(theirs)}": value
+    for name, value in MEANS.items()
+    for theirs, ours in OURS.items()
+    if name.startswith(f"{theirs}_")
+}
+POOLED_RINGS = {(name.replace("charts", "pooled"), ring): value for (name, ring), value in RINGS.items()}
+
+
+def of_both(pooled=POOLED) -> tuple[pd.DataFrame, ...]:
+    rings = synthetic.rings(RINGS | POOLED_RINGS, each=4)
+    return synthetic.evaluations(MEANS | pooled, each=4, spread=1e-4), rings, synthetic.touches(0.01, each=4)
+
+
+def test_ours_are_decided_by_our_experiments():
+    """The paper's means for its own method; ours is worse with touch than without: what touch does not hold for ours
+    alone. Claims that are about the sphere only are not counted twice."""
+    worse = {name: 5 - value if "_touch" in name else value for name, value in POOLED.items()}
+    table = decide(*of_both(worse), resamples=50)
+    paper, ours = (rows.set_index("claim") for _, rows in table.groupby("method", sort=False))
+    assert set(paper["method"]) == {"charts, equation 1 (paper)"} and set(ours["method"]) == {"pooled touch (ours)"}
+    assert len(paper) == 37 and (paper["verdict"] == HOLDS).all()
+    about_sphere = [name for name in paper.index if "(sphere" in name]
+    assert not set(about_sphere) & set(ours.index)
+    by_split = ours[ours["split"] == "validation"]
+    assert by_split.loc["Touch improves occluded vision (charts)", "verdict"] == FAILS
+    assert by_split.loc["Unoccluded vision is better than occluded (charts, vision)", "verdict"] == HOLDS
+    # Beside them stands what the paper says of the same.
+    both = [name for name in ours.index.unique() if name in paper.index]
+    assert ours.loc[both, "measured_paper"].tolist() == paper.loc[both, "measured_paper"].tolist()
+
+
+def test_a_method_without_all_experiments_of_a_claim_is_not_judged_by_it():
+    some = {name: value for name, value in POOLED.items() if name.endswith(("occluded", "occluded_touch"))}
+    known = {*MEANS, *some}
+    named = {claim.claim: claim.experiments for claim in claims(known) if claim.method == "pooled"}
+    assert "Touch improves occluded vision (charts)" in named
+    assert not [claim for claim in named if "grasps" in claim or "Touch alone" in claim]
+    assert named["Communication between charts helps (occluded vision)"] == (
+        "pooled_occluded_touch",
+        "no_comm_occluded_touch",
+    )
+    # Vision alone is the paper's where ours has none.
+    without = {claim.claim: claim.experiments for claim in claims(known - {"pooled_occluded"})}
+    assert without["Touch improves occluded vision (charts)"] == ("pooled_occluded_touch", "charts_occluded")
+
+
+def test_a_group_holds_if_all_its_claims_do():
+    means = MEANS | {"no_copy_occluded_touch": 0.5}  # copying does harm there
+    frames = (
+        synthetic.evaluations(means, each=4, spread=1e-4),
+        synthetic.rings(RINGS, each=4),
+        synthetic.touches(each=4),
+    )
+    table, groups = decide(*frames, resamples=50), claim_groups(*frames, resamples=50).set_index("group")
+    assert list(groups.index) == list(table["group"].unique()) and groups["claims"].sum() == 37 and len(groups) == 13
+    assert groups.loc["unoccluded vision beats occluded", "claims"] == 6
+    assert groups.loc["copying helps", [HOLDS, FAILS, UNDECIDED]].tolist() == [1, 1, 0]
+    assert groups.loc["copying helps", "group verdict"] == FAILS
+    assert groups.loc["communication helps", "group verdict"] == HOLDS
+    held = (groups["group verdict"] == HOLDS).sum()
+    assert f"{held} of 13 groups hold" in groups.attrs["note"] and groups.attrs["note"] in table.attrs["note"]
 
 
 def test_a_limit_is_the_one_that_its_claim_names():

@@ -1,11 +1,11 @@
 import re
-from dataclasses import replace
 
 import numpy as np
 import pandas as pd
 import pytest
 
 from palpate.evaluation.rows import EvaluationError
+from palpate.experiments import Experiment
 from palpate.results import model_tables as tables
 from palpate.results.tables import display, write_table
 from tests.evaluation import synthetic
@@ -35,18 +35,19 @@ def class_means(frame: pd.DataFrame, experiment: str, split: str, column: str = 
 def test_model_selection_recomputed_with_pandas(evaluations):
     setup = synthetic.of_table("model_selection")
     table = tables.model_selection(evaluations, setup, resamples=100)
-    assert table["experiment"].tolist() == list(setup) and table["row"].tolist() == list(range(1, 13))
+    assert table["experiment"].tolist() == list(setup) and table["row"].dropna().tolist() == list(range(1, 13))
     for row in table.to_dict("records"):
         by_class = class_means(evaluations, row["experiment"], "validation")
         assert [row[name] for name in CLASSES] == pytest.approx(by_class[CLASSES].tolist())
         assert row["average"] == pytest.approx(by_class.mean())
         assert row["average_low"] < row["average"] < row["average_high"]
         assert (row["objects"], row["seeds"], row["steps"]) == (16, 2, "700")
-    first = table.iloc[0]
-    assert (first["model"], first["vision"], first["touch"]) == ("sphere-based", "unoccluded", "yes")
+    papers = table[table["row"].notna()]
+    first = papers.iloc[0]
+    assert (first["method"], first["vision"], first["touch"]) == ("sphere (paper)", "unoccluded", "yes")
     published = [first[f"{name}_paper"] for name in (*CLASSES, "average")]
     assert published == [0.775, 0.572, 1.262, 0.643, 0.813]
-    assert table["average_paper"].tolist()[3] == 0.751 and table["touch"].tolist()[8:] == ["no"] * 4
+    assert papers["average_paper"].tolist()[3] == 0.751 and papers["touch"].tolist()[8:] == ["no"] * 4
 
 
 def test_the_note_says_what_the_numbers_stand_on(evaluations):
@@ -66,22 +67,55 @@ def test_input_modalities_state_the_papers_averages_only(evaluations):
     assert worst["average"] == pytest.approx(expected.mean()) and worst["vision"] == "–"
 
 
-def test_the_papers_graph_has_a_row_of_its_own_beside_the_papers_value(evaluations):
-    """Experiments of the same set-up and another architecture: labelled, measured apart, the same published value."""
-    setups = {name: synthetic.EXPERIMENTS[name] for name in ("charts_occluded_touch", "charts_touch")}
-    graph = {"architecture": {"touch": "graph", "gcn": {"normalisation": "symmetric"}}, "base": "base_occluded"}
-    setups |= {name.replace("charts", "graph"): replace(setup, **graph) for name, setup in setups.items()}
-    frame = pd.concat(
-        [
-            evaluations[evaluations["experiment"].str.startswith("charts")],
-            synthetic.evaluations({"graph_occluded_touch": 1.5, "graph_touch": 4.0}, each=4, seeds=(0, 1)),
-        ]
+def test_ours_stand_beside_the_papers_value_of_the_same_inputs(evaluations):
+    setups = {
+        "charts_occluded_touch": synthetic.EXPERIMENTS["charts_occluded_touch"],
+        "pooled_occluded_touch": Experiment("pooled_occluded_touch", "pooled", "occluded", True, 1, weights="pooled_5"),
+        "retrieval_touch": Experiment("retrieval_touch", "retrieval", "none", True, 1),
+    }
+    ours = {"charts_occluded_touch": 1.0, "pooled_occluded_touch": 1.5, "retrieval_touch": 4.0}
+    table = tables.input_modalities(synthetic.evaluations(ours, each=4), setups, resamples=100).set_index("experiment")
+    assert table["method"].tolist() == [
+        "charts, equation 1 (paper)", "pooled touch (ours)", "retrieval (no training)"
+    ]  # fmt: skip
+    assert table["average_paper"].tolist() == [0.991, 0.991, 3.05]
+    assert table.loc["retrieval_touch", "average"] == pytest.approx(4.0, abs=0.1)
+    assert table.loc["pooled_occluded_touch", "weights"] == "pooled_5" and table["weights"].isna().sum() == 2
+
+
+def test_medians_are_over_objects(evaluations):
+    """Of each object's mean over windows and seeds; of all classes together."""
+    setup = synthetic.of_table("grasps")
+    table = tables.grasps(evaluations, setup, resamples=50).set_index(["method", "input"])
+    rows = evaluations[(evaluations["experiment"] == "charts_touch_3") & (evaluations["split"] == "test")]
+    expected = rows.groupby("object")["chamfer"].mean().median()
+    row = table.loc[("charts, equation 1 (paper)", "touch")]
+    assert row["grasps_3_median"] == pytest.approx(expected) and row["grasps_3_low"] < row["grasps_3"]
+    modalities = tables.input_modalities(evaluations, synthetic.of_table("input_modalities"), resamples=50)
+    assert display(modalities)["average"][0].endswith(f"({modalities['average_median'][0]:.3f})")
+    assert "median over objects" in modalities.attrs["note"]
+    assert (
+        "median"
+        not in tables.surface_quality(evaluations, synthetic.of_table("input_modalities"), resamples=9).attrs["note"]
     )
-    table = tables.input_modalities(frame, setups, resamples=100).set_index("experiment")
-    assert table["model"].tolist() == ["charts"] * 2 + ["charts (paper's graph, equation 1)"] * 2
-    assert table["average_paper"].tolist() == [0.991, 3.05] * 2
-    assert table.loc["graph_touch", "average"] == pytest.approx(4.0, abs=0.1)
-    assert tables.input_label(setups["graph_occluded_touch"]) == "occluded vision + touch (paper's graph, equation 1)"
+
+
+def test_the_best_model_stands_beside_retrieval():
+    means = {"charts_a": 1.0, "pooled_a": 0.8, "look_a": 0.4, "look_b": 0.5, "charts_c": 3.0}
+    rows = [
+        Experiment("charts_a", "charts", "occluded", True, 1),
+        Experiment("pooled_a", "pooled", "occluded", True, 1),
+        Experiment("look_b", "retrieval", "occluded", True, 1),
+        Experiment("look_a", "retrieval", "occluded", True, 1, correction={"length": 0.08}),
+        Experiment("charts_c", "charts", "none", True, 1),  # no look-up takes the same
+    ]
+    frame = synthetic.evaluations(means, each=4, spread=1e-3)
+    (row,) = tables.retrieval(frame, {each.name: each for each in rows}, resamples=50).to_dict("records")
+    assert (row["experiment"], row["method"], row["grasps"]) == ("pooled_a", "pooled touch (ours)", 1)
+    ours, theirs = (class_means(frame, name, "test").mean() for name in ("pooled_a", "look_a"))
+    assert (row["error"], row["retrieval"], row["ratio"]) == pytest.approx((ours, theirs, ours / theirs))
+    of_object = frame[frame["split"] == "test"].groupby(["experiment", "object"])["chamfer"].mean()
+    assert row["ratio_median"] == pytest.approx(of_object["pooled_a"].median() / of_object["look_a"].median())
 
 
 def test_tables_say_how_far_two_seeds_differ(evaluations):
@@ -112,7 +146,9 @@ def test_surface_quality_has_the_average_of_each_number(evaluations):
 
 
 def test_grasps_have_a_row_a_setup(evaluations):
-    table = tables.grasps(evaluations, synthetic.of_table("grasps"), resamples=100).set_index("input")
+    table = tables.grasps(evaluations, synthetic.of_table("grasps"), resamples=100)
+    assert not table.duplicated(["method", "input"]).any()
+    table = table[table["method"] == "charts, equation 1 (paper)"].set_index("input")
     assert list(table.index) == ["unoccluded vision + touch", "touch"]
     published = [table.loc["touch", f"grasps_{count}_paper"] for count in range(1, 6)]
     assert published == [3.05, 1.769, 1.479, 1.296, 1.237]
@@ -124,15 +160,17 @@ def test_grasps_have_a_row_a_setup(evaluations):
 
 def test_extrapolation_is_in_square_metres_and_times_9000(rings):
     table = tables.extrapolation(rings, synthetic.of_table("extrapolation"), resamples=100)
-    small, scaled = table.iloc[:4], table.iloc[4:]
-    assert small["input"].tolist() == scaled["input"].tolist()
-    assert small.iloc[1]["input"] == "occluded vision + touch" and small.iloc[1]["x1_paper"] == 2.569e-5
+    names = list(synthetic.of_table("extrapolation"))
+    small, scaled = table[table["unit"] == "m^2"], table[table["unit"] == "m^2 x 9000"]
+    assert small["input"].tolist() == scaled["input"].tolist() and len(small) == len(names)
+    touch = small.iloc[names.index("charts_occluded_touch")]
+    assert touch["input"] == "occluded vision + touch" and touch["x1_paper"] == 2.569e-5
     numbers = [name for name in table if re.fullmatch(r"x\d.*", name)]
     np.testing.assert_allclose(scaled[numbers].astype(float), 9000 * small[numbers].astype(float).to_numpy())
     rows = rings[(rings["experiment"] == "charts_unoccluded") & (rings["ring"] == 3)]
     by_object = rows.groupby(["class", "object"])["distance"].mean()
     expected = by_object.groupby("class").mean().mean()
-    assert small.iloc[2]["x3"] == pytest.approx(expected)
+    assert small.iloc[names.index("charts_unoccluded")]["x3"] == pytest.approx(expected)
 
 
 def test_local_touch_charts_recomputed_with_pandas():
@@ -164,7 +202,7 @@ def test_the_single_image_table_parts_what_is_measured_from_what_is_cited(evalua
     assert table["source"].tolist() == ["measured"] * 4 + ["cited"] * 9
     measured, cited = table[table["source"] == "measured"], table[table["source"] == "cited"]
     assert measured["from"].tolist() == list(experiments)
-    assert measured["method"].tolist() == ["charts (ours)", "PSG", "Pixel2Mesh", "3D-R2N2"]
+    assert measured["method"].tolist()[1:] == [f"in the manner of {name}" for name in ("PSG", "Pixel2Mesh", "3D-R2N2")]
     for row in measured.to_dict("records"):
         chamfer = class_means(evaluations, row["from"], "test").mean()
         assert row["chamfer"] == pytest.approx(chamfer / 9000 * (0.57 / 0.5) ** 2 * 1000, rel=1e-5)
@@ -200,7 +238,7 @@ def test_what_is_written_says_the_same_in_three_forms(tmp_path, evaluations):
     assert list(read.columns) == list(table.columns)
     np.testing.assert_allclose(read["knife_low"], table["knife_low"], rtol=1e-5)
     lines = (tmp_path / "tables" / "model_selection.md").read_text().splitlines()
-    header, body = lines[0].strip("|").split("|"), [line.strip("|").split("|") for line in lines[2:14]]
+    header, body = lines[0].strip("|").split("|"), [line.strip("|").split("|") for line in lines[2 : 2 + len(table)]]
     columns = [name.strip() for name in header]
     assert "bottle low" not in columns and "bottle paper" in columns
     tex = (tmp_path / "tables" / "model_selection.tex").read_text().splitlines()
@@ -220,9 +258,10 @@ def test_a_class_with_one_object_shows_no_interval(tmp_path, evaluations):
     assert table["knife_low"].isna().all() and table["average_low"].isna().all()
     assert table["bottle_low"].notna().all()
     shown = display(table)
-    assert re.fullmatch(r"\d\.\d{3}", shown["average"][0]) and "[" in shown["bottle"][0]
+    assert re.fullmatch(r"\d\.\d{3} \(\d\.\d{3}\)", shown["average"][0]) and "[" in shown["bottle"][0]
 
 
 def test_small_numbers_keep_their_digits(rings):
     shown = display(tables.extrapolation(rings, synthetic.of_table("extrapolation"), resamples=100))
-    assert shown["x1_paper"][0] == "6.69e-05" and shown["x1_paper"][4] == "0.602"
+    first = list(synthetic.of_table("extrapolation")).index("charts_occluded")
+    assert shown["x1_paper"][first] == "6.69e-05" and shown["x1_paper"][first + len(shown) // 2] == "0.602"

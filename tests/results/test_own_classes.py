@@ -57,9 +57,7 @@ def test_without_the_papers_classes_no_table_has_its_columns(measured, tmp_path)
         write_table(table, tmp_path / f"{name}.csv")
         for form in ("md", "tex"):
             head = (tmp_path / f"{name}.{form}").read_text().splitlines()
-            assert not [
-                line for line in head if "|" in line or "&" in line if "paper" in line.replace("paper's graph", "")
-            ]
+            assert not [line for line in head if "|" in line or "&" in line if "paper" in line.replace("(paper)", "")]
         assert "the paper:" not in table.attrs["note"] and "The paper counts" not in table.attrs["note"]
 
 

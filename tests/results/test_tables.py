@@ -47,18 +47,19 @@ def test_a_table_with_decimals_shows_numbers_and_intervals_in_one_cell(tmp_path)
             "error": [1.23456789, 2.0],
             "error_low": [1.0, np.nan],
             "error_high": [1.5, np.nan],
+            "error_median": [0.5, np.nan],
             "error_paper": [np.nan, 0.5],
             "objects": [3, 4],
         }
     )
     table.attrs |= {"decimals": 3, "exact": {"error": 2}}
     shown = display(table)
-    assert shown.to_numpy().tolist() == [["a", "1.23 [1.00, 1.50]", "–", "3"], ["b", "2.00", "0.50", "4"]]
+    assert shown.to_numpy().tolist() == [["a", "1.23 [1.00, 1.50] (0.50)", "–", "3"], ["b", "2.00", "0.50", "4"]]
     table.attrs = {"decimals": None}
-    assert display(table)["error"].tolist() == ["1.23 [1, 1.5]", "2"]
+    assert display(table)["error"].tolist() == ["1.23 [1, 1.5] (0.5)", "2"]
     write_table(table, tmp_path / "table.csv")
-    assert (tmp_path / "table.csv").read_text().splitlines()[1] == "a,1.23457,1,1.5,,3"
-    assert cells((tmp_path / "table.md").read_text(), "|")[2] == ["a", "1.23 [1, 1.5]", "–", "3"]
+    assert (tmp_path / "table.csv").read_text().splitlines()[1] == "a,1.23457,1,1.5,0.5,,3"
+    assert cells((tmp_path / "table.md").read_text(), "|")[2] == ["a", "1.23 [1, 1.5] (0.5)", "–", "3"]
 
 
 def test_a_table_without_rows_is_written():

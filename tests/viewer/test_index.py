@@ -42,8 +42,10 @@ def whole(built, tmp_path_factory):
     )
     table.attrs |= {"decimals": 3, "note": "A note with `code`."}
     write_table(table, run / "tables/input_modalities.csv")
-    claims = {"claim": ["Touch helps", "Charts help", "More helps"], "section": "5.10", "measured": [-1.5, 2.0, 0.1]}
-    write_table(pd.DataFrame(claims | {"verdict": ["holds", "does not hold", "undecided"]}), run / "tables/claims.csv")
+    methods = ["charts (paper)"] * 3 + ["pooled touch (ours)"]  # the head counts the paper's method
+    claims = {"method": methods, "claim": ["Touch helps", "Charts help", "More helps", "Touch helps"], "section": "5.10"}
+    claims |= {"measured": [-1.5, 2.0, 0.1, -1.0], "verdict": ["holds", "does not hold", "undecided", "holds"]}
+    write_table(pd.DataFrame(claims), run / "tables/claims.csv")
     (run / "figures").mkdir()
     for name in ("data_point", "training_curves", "atlas"):
         Image.effect_noise((1800, 600), 60).save(run / f"figures/{name}.png")
@@ -113,10 +115,11 @@ def test_the_page_says_what_the_files_hold(whole, tmp_path):
     assert found["heads"] == ["class", "average", "average paper"]
     modalities = [["ball", "9.50 [9.00, 9.75]", "–"], ["block", "10.25 [8.00, 12.00]", "1.50"], ["total", "0.12", "–"]]
     assert found["rows"]["table-input_modalities"] == modalities
-    assert [row[:3] for row in found["rows"]["claims"]] == [
-        ["Touch helps", "holds", "5.10"],
-        ["Charts help", "does not hold", "5.10"],
-        ["More helps", "undecided", "5.10"],
+    assert [row[:4] for row in found["rows"]["claims"]] == [
+        ["charts (paper)", "Touch helps", "holds", "5.10"],
+        ["charts (paper)", "Charts help", "does not hold", "5.10"],
+        ["charts (paper)", "More helps", "undecided", "5.10"],
+        ["pooled touch (ours)", "Touch helps", "holds", "5.10"],
     ]
     assert found["rows"]["training"] == [["charts_occluded/seed-0", "", "1.250", "20", "30", "1 min 15 s"]]
     # The losses fall from 100 to 1 and from 10 to 1 and back, on a scale of logarithms from 1 to 100.

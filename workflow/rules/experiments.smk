@@ -34,5 +34,6 @@ def evaluated(wildcards):
 
 
 def evaluated_in_rings(wildcards):
-    chosen = EXPERIMENTS.tables["extrapolation"].by_name
+    claimed = experiments_of("claims", rings=True) if is_available("claims") else ()
+    chosen = {*EXPERIMENTS.tables["extrapolation"].by_name, *claimed}
     return [each for each in evaluated(wildcards) if each.name in chosen]

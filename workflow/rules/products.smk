@@ -34,7 +34,7 @@ def is_available(source):
 def experiments_of(source, rings=False):
     """Names of the experiments of a source; a source or an experiment that is not defined is an error."""
     if source == "claims":
-        names = published.published_experiments(*["extrapolation"] * rings)
+        names = published.claimed_experiments(FEASIBLE, *["extrapolation"] * rings)
     elif source == "effects":
         names = sorted({row[key] for row in EFFECTS for key in ("experiment", "compared_with")})
     elif source in EXPERIMENTS.tables:

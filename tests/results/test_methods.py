@@ -1,0 +1,56 @@
+"""Names and labels of methods, against names written out."""
+
+import pytest
+
+from palpate.experiments import Experiment
+from palpate.results.methods import METHODS, NAMES, STATED, exchanged, input_label, label, stated_as
+
+
+@pytest.mark.parametrize(
+    ("name", "paper"),
+    [
+        ("pooled_unoccluded_touch_5", "charts_unoccluded_touch_5"),
+        ("pooled_no_copy_occluded_touch", "no_copy_occluded_touch"),
+        ("implicit_occluded", "charts_occluded"),
+        ("retrieval_touch_2_corrected", "charts_touch_2"),
+        ("no_comm_occluded_touch", "no_comm_occluded_touch"),
+        ("sphere_unoccluded", "sphere_unoccluded"),
+        ("single_image", "single_image"),
+        ("cloud", "cloud"),
+    ],
+)
+def test_the_papers_number_is_that_of_the_same_inputs(name, paper):
+    assert stated_as(name) == paper
+
+
+KNOWN = ("charts_occluded", "charts_occluded_touch", "pooled_occluded_touch", "implicit_occluded_touch", "cloud")
+
+
+@pytest.mark.parametrize(
+    ("names", "method", "found"),
+    [
+        (["charts_occluded_touch", "charts_occluded"], "charts", ("charts_occluded_touch", "charts_occluded")),
+        (["charts_occluded_touch x1", "cloud"], "pooled", ("pooled_occluded_touch x1", "cloud")),
+        (["charts_occluded_touch", "charts_occluded"], "pooled", ("pooled_occluded_touch", "charts_occluded")),
+        (["charts_occluded_touch", "no_comm_occluded_touch"], "implicit", None),  # of no other use than the charts'
+        (["charts_occluded", "charts_occluded"], "pooled", None),  # the same as the paper's
+        (["charts_touch"], "pooled", None),  # not known
+        (["pooled_occluded_touch", "charts_occluded_touch"], "implicit", None),  # compares methods already
+    ],
+)
+def test_experiments_are_exchanged_whole_or_not(names, method, found):
+    assert exchanged(names, method, KNOWN) == found
+
+
+def test_labels_say_whose_a_row_is():
+    rows = [
+        Experiment("a", "charts", "occluded", True, 1),
+        Experiment("b", "pooled", "none", True, 2, correction={"length": 0.08, "noise": 0.3}),
+        Experiment("c", "psg", "views", False, 1),
+    ]
+    assert [label(row) for row in rows] == [
+        "charts, equation 1 (paper)", "pooled touch, corrected (ours)", "in the manner of PSG"
+    ]  # fmt: skip
+    assert [input_label(row) for row in rows] == ["occluded vision + touch", "touch", "single view"]
+    assert len({*NAMES.values()}) == len(NAMES)
+    assert {*METHODS} | {*STATED} | {*STATED.values()} <= {*NAMES}
