@@ -13,10 +13,11 @@ from palpate.architectures import Architecture, Encoder
 from palpate.charts.atlas import TOUCH_VERTICES, chart_faces, resized, sphere, vision_atlas
 from palpate.charts.graph import Graph
 from palpate.charts.sample import sample_faces
-from palpate.experiments import Experiment
+from palpate.experiments import Correction, Experiment
 from palpate.mesh import OBJECT_POSITION
 from palpate.models.encoder import ImageEncoder, ReadingEncoder
 from palpate.models.gcn import GraphNetwork, initialise
+from palpate.models.kriging import displaced, touched_points
 from palpate.models.layers import LinearBlock
 from palpate.models.pooling import PerceptualPooling, map_products, relative_camera
 from palpate.models.touch import TouchAttention, TouchPooling, touches_of
@@ -61,6 +62,7 @@ class Reconstruction(nn.Module):
         touch_input: how touches reach the vertices: in the `graph`, `pooled`, as `readings`, or None.
         copies_touch: whether touch charts are added to the mesh as they are.
 
+    With a `correction` the vision charts are bent to the touched points as the last step (`palpate.models.kriging`).
     With `fewer_grasps` a batch may have the touches of any number of grasps up to the experiment's, or of none.
 
     Raises ValueError for a combination that can't be: neither vision nor touch, no touch where the strategy is about
@@ -165,8 +167,13 @@ class Reconstruction(nn.Module):
 
         Raises ValueError if a key is missing, of another shape or type. `check` also looks at the values.
         """
+        return self._vertices(batch, self.experiment.correction)
+
+    def _vertices(self, batch: Mapping[str, Tensor], correction: Correction | None) -> Tensor:
         positions, mask, fixed = self._initial(batch, self._check_shapes(batch))
         positions = self.deform(batch, positions, mask, fixed)
+        if correction and self.experiment.touch:
+            positions = self._corrected(batch, positions, correction)
         if self.copies_touch:
             positions = torch.cat([positions, self._touch_charts(batch)[0]])
         return positions.transpose(0, 1).contiguous()
@@ -201,9 +208,17 @@ class Reconstruction(nn.Module):
             positions = moved if fixed is None else torch.where(fixed, positions, moved)
         return positions
 
+    def _corrected(self, batch: Mapping[str, Tensor], positions: Tensor, correction: Correction) -> Tensor:
+        """Vertices (V, B, 3) with the vision charts bent to the touched points."""
+        count = len(self.start)
+        faces = self.moving_faces[(self.moving_faces < count).all(dim=1)]
+        samples = zip(positions[:count].unbind(1), touched_points(batch), strict=True)
+        bent = [displaced(each, faces, touched, correction) for each, touched in samples]
+        return torch.cat([torch.stack(bent, dim=1), positions[count:]])
+
     def stages(self, batch: Mapping[str, Tensor]) -> list[Tensor]:
-        """What the loss of a training step looks at: the vertices that `forward` predicts."""
-        return [self(batch)]
+        """What the loss of a training step looks at: the vertices that `forward` predicts, without a correction."""
+        return [self._vertices(batch, None)]
 
     def mesh(self, prediction: Tensor) -> tuple[Tensor, Tensor]:
         """One sample's prediction as a mesh: its vertices (V, 3), metres, world frame, and their faces."""
@@ -335,5 +350,7 @@ def _check_experiment(experiment: Experiment) -> None:
         raise ValueError(f"strategy {strategy} is about touch charts: it needs touch")
     if strategy == "no_comm" and not vision:
         raise ValueError("strategy no_comm without vision would deform the vision charts without any input")
+    if experiment.correction and not experiment.takes_charts:
+        raise ValueError(f"strategy {strategy} has no touch charts to correct by")
     if experiment.grasps < 1:
         raise ValueError(f"{experiment.grasps} grasps: at least 1")

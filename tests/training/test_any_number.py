@@ -3,13 +3,16 @@
 from collections import Counter
 from dataclasses import replace
 
+import igl
+import numpy as np
 import pytest
 import torch
 
 from palpate.charts import vision_atlas
-from palpate.experiments import Experiment
+from palpate.experiments import Correction, Experiment
 from palpate.inference.checkpoints import load
 from palpate.inference.samples import Assembler, Sample, windows
+from palpate.models.kriging import touched_points
 from palpate.training.learners import ReconstructionLearner
 from palpate.training.loop import train
 from palpate.training.samples import training_samples
@@ -117,3 +120,25 @@ def test_an_epoch_of_grasps_has_each_class_as_often_and_no_grasp_twice_before_al
     assert [each.grasps[:1] for each in five] == [
         each.grasps for each in training_samples(data, row(vision="occluded"), 4, 7, 0, "grasps")
     ]
+
+
+@pytest.mark.parametrize("vision", ["unoccluded", "none"])
+def test_the_correction_moves_vision_charts_to_the_touched_points(vision):
+    """Without touch bit-equal to none; with little noise the surface meets every point that kriging knows."""
+    data = made_up(vision, "charts", grasps=3)
+    experiment = row(vision=vision, grasps=3, fewer_grasps=True)
+    corrected = replace(experiment, correction=Correction(0.08, 1e-6))
+    plain, bent = (ReconstructionLearner(data, each, SETTINGS, 0).model for each in (experiment, corrected))
+    batch = Assembler(data, experiment)([Sample(0, (0, 1, 2))])
+    with torch.no_grad():
+        before, after = plain(batch), bent(batch)
+        assert torch.equal(bent.stages(batch)[0], before)  # training is without
+        if vision != "none":
+            none = Assembler(data, experiment)([Sample(0, (0,), touched=0)])
+            assert torch.equal(plain(none), bent(none))
+    assert torch.equal(before[:, VISION:], after[:, VISION:]) and not torch.equal(before, after)
+    known = touched_points(batch)[0].double().numpy()
+    faces = vision_atlas().faces.numpy()
+    distance, *_ = igl.point_mesh_squared_distance(known, after[0, :VISION].double().numpy(), faces)
+    reference, *_ = igl.point_mesh_squared_distance(known, before[0, :VISION].double().numpy(), faces)
+    assert np.sqrt(distance).mean() < 0.2 * np.sqrt(reference).mean()
