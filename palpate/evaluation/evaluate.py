@@ -90,9 +90,9 @@ def evaluate(
         if last != sample.object:
             cloud, last = torch.from_numpy(data["points"][sample.object]).to(trained.device), sample.object
             tree = build_tree(cloud)
-        scores = score(_sampled(trained, vertices, points, name), cloud, tree)
+        scores = score(sampled(trained, vertices, points, name), cloud, tree)
         quality = surface_quality(vertices.cpu().numpy(), surface, tree)
-        rows.append(_row(trained, data, sample) | scores._asdict() | quality._asdict() | {"seconds": seconds})
+        rows.append(row_of(trained, data, sample) | scores._asdict() | quality._asdict() | {"seconds": seconds})
     return pd.DataFrame(rows, columns=COLUMNS)
 
 
@@ -114,11 +114,11 @@ def evaluate_rings(
         numbers = sample.grasps or range(len(touches))
         chosen = [(number, sensor) for number in numbers for sensor in touches[number]]
         rings = [ring for number, sensor in chosen for ring in touches[number][sensor]]
-        distances = ring_distances(rings, _sampled(trained, vertices, points, name))
+        distances = ring_distances(rings, sampled(trained, vertices, points, name))
         places = ((*touch, ring) for touch in chosen for ring in RINGS)
         for (grasp, sensor, ring), in_ring, distance in zip(places, rings, distances, strict=True):
             ring_row = {"grasp": grasp, "sensor": sensor, "ring": ring, "points": len(in_ring), "distance": distance}
-            rows.append(_row(trained, data, sample) | ring_row)
+            rows.append(row_of(trained, data, sample) | ring_row)
     return pd.DataFrame(rows, columns=RING_COLUMNS)
 
 
@@ -139,7 +139,7 @@ def predictions(
     """Each sample of some splits with what the model predicts, its vertices (V, 3), and the seconds it took.
 
     Of the published single-image networks: what their `stages` describe. Raises EvaluationError if there is no object,
-    or a prediction is not finite; CheckpointError if the touches are of another sensor than the model's.
+    and what `predict` raises; CheckpointError if the touches are of another sensor than the model's.
     """
     model, experiment = trained.model, trained.experiment
     samples = windows(data, experiment, *splits)
@@ -154,24 +154,33 @@ def predictions(
     done = 0
     for chosen in _batches(samples):
         start = time.perf_counter()
-        batch = assemble(chosen)
-        one_image = len({(sample.object, sample.view) for sample in chosen}) == 1
-        if experiment.vision == "unoccluded" and one_image:
-            batch["image"] = batch["image"][:1].expand_as(batch["image"])  # encoded once
-        with torch.inference_mode():
-            vertices = model(batch).float()
-        if trained.device.type == "cuda":
-            torch.cuda.synchronize()
+        vertices = predict(trained, assemble, chosen, data)
         seconds = (time.perf_counter() - start) / len(chosen)
-        for sample, predicted in zip(chosen, vertices, strict=True):
-            if not torch.isfinite(predicted).all():
-                name = data.objects[sample.object]
-                raise EvaluationError(f"{label}: the prediction for {name} is not finite; train it again")
-            yield sample, predicted, seconds
+        yield from ((sample, predicted, seconds) for sample, predicted in zip(chosen, vertices, strict=True))
         bar.update(len(chosen))
         done += len(chosen)
         log.info("%s: %d of %d samples", label, done, len(samples))
     bar.close()
+
+
+def predict(trained: Trained, assemble: Assembler, chosen: Sequence[Sample], data: ExperimentData) -> Tensor:
+    """What a model predicts of samples that have as many grasps each, (B, V, 3) vertices.
+
+    Raises EvaluationError, naming the object, if a prediction is not finite.
+    """
+    batch = assemble(chosen)
+    one_image = len({(sample.object, sample.view) for sample in chosen}) == 1
+    if trained.experiment.vision == "unoccluded" and one_image:
+        batch["image"] = batch["image"][:1].expand_as(batch["image"])  # encoded once
+    with torch.inference_mode():
+        vertices = trained.model(batch).float()
+    if trained.device.type == "cuda":
+        torch.cuda.synchronize()
+    for sample, predicted in zip(chosen, vertices, strict=True):
+        if not torch.isfinite(predicted).all():
+            label, name = f"{trained.experiment.name} seed {trained.seed}", data.objects[sample.object]
+            raise EvaluationError(f"{label}: the prediction for {name} is not finite; train it again")
+    return vertices
 
 
 def _batches(samples: Sequence[Sample]) -> Iterator[list[Sample]]:
@@ -182,12 +191,13 @@ def _batches(samples: Sequence[Sample]) -> Iterator[list[Sample]]:
             yield chosen
 
 
-def _sampled(trained: Trained, prediction: Tensor, count: int, name: str) -> Tensor:
-    """(count, 3) points on the mesh, or the predicted points; random numbers depend on the object's name only."""
+def sampled(trained: Trained, prediction: Tensor, count: int, name: str) -> Tensor:
+    """(count, 3) points on a predicted mesh, or the predicted points; random by the object's name only."""
     return trained.model.sample(prediction[None], count, seeded(0, name, "evaluation"))[0]
 
 
-def _row(trained: Trained, data: ExperimentData, sample: Sample) -> dict[str, Any]:
+def row_of(trained: Trained, data: ExperimentData, sample: Sample) -> dict[str, Any]:
+    """The columns of evaluations that say what a sample is."""
     return {
         "experiment": trained.experiment.name,
         "seed": trained.seed,

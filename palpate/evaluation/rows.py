@@ -16,6 +16,8 @@ QUALITY = ("bend", "folded", "gap", "across")  # palpate.evaluation.surface_qual
 COLUMNS = (*_SAMPLE, *SCORES, *QUALITY, "seconds", "steps")
 # A row a sample, successful touch and ring.
 RING_COLUMNS = (*_SAMPLE, "grasp", "sensor", "ring", "points", "distance", "steps")
+# A row an object, strategy and number of grasps that it chose among those stored.
+SELECTION_COLUMNS = (*_SAMPLE[:-1], "strategy", "grasps", "stored", "chamfer", "steps")
 # A row a successful touch.
 TOUCH_COLUMNS = ("object", "class", "split", "grasp", "sensor", "cloud", "chart", "steps")
 

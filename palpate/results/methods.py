@@ -22,15 +22,24 @@ NAMES = {  # strategy, as in names of experiments -> name, whose it is
     "pixel2mesh": ("in the manner of Pixel2Mesh", ""),
     "r2n2": ("in the manner of 3D-R2N2", ""),
 }
-# Methods that the paper's claims and differences are of: what takes the place of the paper's strategies. None: no model
-# corresponds. Strategies that are not named stay: the sphere, and charts that are copied only.
-METHODS: dict[str, Mapping[str, str | None]] = {
+# What takes the place of the paper's strategies in a method. None: no model corresponds. Strategies that are not named
+# stay: the sphere, and charts that are copied only.
+EXCHANGED: dict[str, Mapping[str, str | None]] = {
     "charts": {},
     "mean": {"charts": "mean", "no_copy": None},
     "pooled": {"charts": "pooled", "no_copy": "pooled_no_copy"},
     "implicit": {"charts": "implicit", "no_copy": None, "no_comm": None},
 }
-COMMUNICATION = {"charts": "edges of the graph", "mean": "edges of the graph", "pooled": "pooling by nearness"}
+CORRECTED = "_corrected"  # behind the names of experiments, and of methods, with a correction
+METHODS = (
+    "charts",
+    "mean",
+    "pooled",
+    f"pooled{CORRECTED}",
+    "implicit",
+    f"implicit{CORRECTED}",
+)  # of claims, differences
+COMMUNICATION = {"charts": "edges of the graph", "mean": "edges of the graph", "pooled": "pooled touch"}
 COMMUNICATION_NOTE = (
     " Communication is edges of the graph to touch charts in the paper's method, and pooling by nearness in ours. "
     "Without it touch charts are copied into the mesh, and vision charts do not depend on them."
@@ -41,19 +50,20 @@ _NAME = re.compile(r"(.+?)(_(?:occluded|unoccluded|touch).*)")
 
 
 def method_of(experiment: Experiment) -> str:
-    """The key of an experiment's method in `NAMES`."""
-    return "mean" if experiment.strategy == "charts" and experiment.architecture else experiment.strategy
+    """An experiment's method: its strategy, `mean` with another architecture, and whether it has a correction."""
+    strategy = "mean" if experiment.strategy == "charts" and experiment.architecture else experiment.strategy
+    return strategy + CORRECTED * bool(experiment.correction)
+
+
+def method_label(method: str) -> str:
+    """A method as text: `pooled touch, corrected (ours)`."""
+    name, whose = NAMES[method.removesuffix(CORRECTED)]
+    return name + ", corrected" * method.endswith(CORRECTED) + f" ({whose})" * bool(whose)
 
 
 def label(experiment: Experiment) -> str:
-    """An experiment's method as text: `pooled touch, corrected (ours)`."""
-    name, whose = NAMES[method_of(experiment)]
-    return f"{name}{', corrected' * bool(experiment.correction)}" + f" ({whose})" * bool(whose)
-
-
-def method_label(strategy: str) -> str:
-    """A method as text: `charts, equation 1 (paper)`."""
-    return "{} ({})".format(*NAMES[strategy])
+    """An experiment's method as text."""
+    return method_label(method_of(experiment))
 
 
 def input_label(experiment: Experiment) -> str:
@@ -68,10 +78,15 @@ def strategy_of(name: str) -> str:
     return found[1] if found else ""
 
 
+def named_method(name: str) -> str:
+    """The method in an experiment's name."""
+    return strategy_of(name) + CORRECTED * name.endswith(CORRECTED)
+
+
 def stated_as(name: str) -> str:
     """The paper's experiment of the same inputs, whose numbers stand beside those of an experiment."""
-    strategy = strategy_of(name)
-    return STATED[strategy] + name.removeprefix(strategy).removesuffix("_corrected") if strategy in STATED else name
+    strategy, plain = strategy_of(name), name.replace(CORRECTED, "")
+    return STATED[strategy] + plain.removeprefix(strategy) if strategy in STATED else plain
 
 
 def exchanged(experiments: Sequence[str], method: str, known: Collection[str]) -> tuple[str, ...] | None:
@@ -80,18 +95,20 @@ def exchanged(experiments: Sequence[str], method: str, known: Collection[str]) -
 
     Vision alone stays where a method has no model of its own for it.
     """
-    found = []
+    found, base = [], method.removesuffix(CORRECTED)
+    strategies = EXCHANGED[base] | ({"no_comm": None} if base != method else {})
     for name in experiments:
-        strategy = strategy_of(name)
-        if strategy in STATED and method != "charts":
+        strategy, (plain, *ring) = strategy_of(name), name.split(" x")
+        other = strategies.get(strategy, strategy)
+        if other is None or (strategy in STATED and method != "charts"):
             return None
-        other = METHODS[method].get(strategy, strategy)
-        if other is None:
-            return None
-        there = other + name.removeprefix(strategy)
-        if there.split(" x")[0] not in known and other != strategy:
-            if "_touch" in name:
-                return None
-            there = name
-        found.append(there)
+        touch = "_touch" in plain
+        there = other + plain.removeprefix(strategy)
+        if other != strategy:
+            there += method.removeprefix(base) * touch
+            if there not in known:
+                if touch:
+                    return None
+                there = plain
+        found.append(" x".join([there, *ring]))
     return tuple(found) if method == "charts" or found != list(experiments) else None

@@ -4,6 +4,7 @@ Bands and bars are 95 % bootstrap intervals, as in the tables; dashed lines are 
 """
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -27,7 +28,7 @@ HISTORY = ("step", "seconds", "train_loss", "validation_loss")
 COLUMNS = 4  # panels beside each other
 OTHER_LOSS = (methods.NAMES["r2n2"][0],)  # trained by the cells' cross entropy, which has no place on the axis
 ORDER = ("charts", "pooled", "implicit", "sphere", "no_comm", "no_copy", "mean", "retrieval")  # of colours
-PANEL = {"left": 0.06, "right": 0.99, "bottom": 0.13, "top": 0.88}  # of the width and height of a row of panels
+PANEL = {"left": 0.075, "right": 0.99, "bottom": 0.13, "top": 0.88}  # of the width and height of a row of panels
 
 
 @products.figure(evaluations="grasps")
@@ -60,6 +61,36 @@ def multi_grasp(
     for axes, label in zip(panels, inputs, strict=True):
         axes.axhline(0, color=PALE, lw=0.8, zorder=0)
         _finish(axes, "Grasps", "Chamfer distance against one grasp", f"{label} ({_size(found, split)})")
+        axes.yaxis.set_major_formatter(PercentFormatter(1))
+    save(figure, path)
+
+
+@products.figure(selections="grasp_selection", on_request=True)
+@styled
+def grasp_selection(
+    selections: pd.DataFrame, experiments: Experiments, path: Path | str, split="test", resamples: int = RESAMPLES
+) -> None:
+    """Chamfer distance after each grasp that a strategy chose among those stored, relative to the first, with 95 %
+    bootstrap intervals. The oracle takes the grasp that leaves the least error.
+    """
+    found, chosen = tables.selection_errors(selections, experiments, split)
+    figure = new_figure(5 * len(experiments) + 1, 4)
+    panels = figure.subplots(1, len(experiments), squeeze=False, sharey=True, gridspec_kw=PANEL)[0]
+    for axes, (name, setup) in zip(panels, experiments.items(), strict=True):
+        of_model = {strategy: keys for (model, strategy), keys in chosen.items() if model == name}
+        for colour, (strategy, keys) in zip(COLOURS, of_model.items(), strict=False):
+            first = next(iter(keys.values()))
+            estimates = [
+                found.estimate([key, first], lambda means: means[..., 0] / means[..., 1] - 1, resamples)
+                for key in keys.values()
+            ]
+            _line(axes, list(keys), np.maximum(estimates, -1), {"color": colour}, strategy)
+        _finish(
+            axes,
+            "Chosen grasps",
+            "Chamfer distance against the first",
+            f"{methods.label(setup)}, {methods.input_label(setup)}",
+        )
         axes.yaxis.set_major_formatter(PercentFormatter(1))
     save(figure, path)
 
@@ -139,6 +170,7 @@ def training_curves(histories: Mapping[tuple[str, int], Path | str], experiments
 
 def _panel(setup: Experiment) -> tuple[str, str, str]:
     """The panel that an experiment's curve is in, its name there (its method, or how many grasps), its colour."""
+    setup = replace(setup, correction=None)  # training is without
     label, grasps = methods.input_label(setup), setup.grasps
     if grasps > 1 and not setup.fewer_grasps:
         return f"{label}, more grasps", f"{grasps} grasps, {methods.label(setup)}", COLOURS[grasps % len(COLOURS)]
@@ -147,7 +179,7 @@ def _panel(setup: Experiment) -> tuple[str, str, str]:
 
 def _style(setup: Experiment) -> dict[str, str]:
     """Colour and dashes of a line: vision alone is dotted, a model with the correction dash-dotted."""
-    method = methods.method_of(setup)
+    method = methods.method_of(setup).removesuffix(methods.CORRECTED)
     number = ORDER.index(method) if method in ORDER else list(methods.NAMES).index(method)
     dashes = "-." if setup.correction else "-" if setup.touch else ":"
     return {"color": COLOURS[number % len(COLOURS)], "linestyle": dashes}

@@ -209,6 +209,34 @@ def retrieval(evaluations: Frame, experiments: Experiments, split: str = "test",
     return _finish(rows, split, found, " In parentheses beside the ratio: that of the medians.")
 
 
+@products.table(selections="grasp_selection", on_request=True)
+def grasp_selection(
+    selections: Frame, experiments: Experiments, split: str = "test", resamples: int = RESAMPLES
+) -> Frame:
+    """Which grasp next: Chamfer distance (9000 times m²) after up to five grasps, chosen one by one among those stored:
+    at random, the farthest from those before, where the model's correction is most uncertain, and by an oracle, which
+    takes the one that leaves the least error. `left`: the share of the first error after the last. Cited rows are of
+    other objects, grasps and models.
+
+    selections: rows of `rows.read` with `SELECTION_COLUMNS`. A run with 20 grasps an object gives a choice.
+    """
+    found, chosen = selection_errors(selections, experiments, split)
+    rows = []
+    for (name, strategy), keys in chosen.items():
+        experiment = experiments[name]
+        row: dict[str, Any] = {"source": "measured", "method": methods.label(experiment)}
+        row |= {"input": methods.input_label(experiment), "strategy": strategy}
+        for count, key in keys.items():
+            row |= error_columns(f"grasps_{count}", found, key, resamples)
+        first, *_, last = keys.values()
+        left = found.estimate([last, first], lambda means: means[..., 0] / means[..., 1], resamples).within(0)
+        row |= interval_columns("left", left) | {"left_median": found.median([last]) / found.median([first])}
+        rows.append(row | size_columns(found, *keys.values()))
+    cited = paper_values("grasp_selection")[["source", "strategy", "left"]].to_dict("records")
+    note = f" Chosen among {selections['stored'].max()} stored grasps. Beside `left`: the ratio of the medians."
+    return _finish([*rows, *cited], split, found, note)
+
+
 @products.table(files=("trainings",), on_request=True)
 def tuning(points: Sequence[Mapping[str, Any]], trainings: Sequence[Mapping[str, Any]]) -> Frame:
     """The supplement's hyperparameters in every combination of the config's grid, for the model of occluded vision and
@@ -281,6 +309,19 @@ def ring_errors(rings: Frame, experiments: Sequence[str], split: str) -> Errors:
     keys = [ring_key(name, ring) for name in experiments for ring in RINGS]
     named = rings.assign(key=rings["experiment"] + " x" + rings["ring"].astype(str))
     return errors(named, keys, split, column="distance", key="key")
+
+
+def selection_errors(
+    selections: Frame, experiments: Iterable[str], split: str
+) -> tuple[Errors, dict[tuple[str, str], dict[int, str]]]:
+    """Errors after chosen grasps, as of experiments, and their names: (experiment, strategy) -> {grasps: name}."""
+    named = selections[selections["split"] == split]
+    named = named.assign(key=named["experiment"] + " " + named["strategy"] + " " + named["grasps"].astype(str))
+    chosen: dict[tuple[str, str], dict[int, str]] = {}
+    for row in named.drop_duplicates("key").sort_values("grasps", kind="stable").itertuples():
+        chosen.setdefault((row.experiment, row.strategy), {})[row.grasps] = row.key
+    chosen = {place: keys for name in experiments for place, keys in chosen.items() if place[0] == name}
+    return errors(named, [key for keys in chosen.values() for key in keys.values()], split, key="key"), chosen
 
 
 def _by_class(found: Errors, name: str, published: pd.Series, resamples: int) -> dict[str, float]:

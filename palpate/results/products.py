@@ -58,14 +58,14 @@ class Product:
         caption: first paragraph of its docstring.
         name: by default the function's; `{class_name}` or `{model}` in it stands for each class of the run, or each
             model whose layers the paper lists. The caption may have the same field.
-        evaluations, rings: whose evaluations it reads, over all surfaces and in rings around touches: a table of
-            config/experiments.yaml, `claims` or `effects`.
+        evaluations, rings, selections: whose evaluations it reads, over all surfaces, in rings around touches, and
+            after chosen grasps: a table of config/experiments.yaml, `claims` or `effects`.
         models: experiments whose trained models it reads.
         files: further files that it reads: `touches` (evaluation of the U-Net), `touch_depth` (the U-Net), `histories`
             (of all trainings), `trainings` (of the grid of hyperparameters).
         stores: stages whose stores it reads, `dataset` for all of the dataset; a dataset that was read, not simulated,
             lacks some.
-        splits: that it needs objects of; by default the split of the table that `evaluations` or `rings` names.
+        splits: that it needs objects of; by default the split of the table that is named there.
         category: `Dataset` or `Models`.
         simulated: whether a dataset that was read, not simulated, can't have it.
         on_request: whether only a request by name makes it, not `all`.
@@ -79,6 +79,7 @@ class Product:
     name: str
     evaluations: str = ""
     rings: str = ""
+    selections: str = ""
     models: tuple[str, ...] = ()
     files: tuple[str, ...] = ()
     stores: tuple[str, ...] = ()
@@ -100,7 +101,7 @@ class Product:
     @property
     def comparison(self) -> str:
         """The table of config/experiments.yaml whose experiments it reads evaluations of; empty without one."""
-        source = self.evaluations or self.rings
+        source = self.evaluations or self.rings or self.selections
         return source if source not in ("claims", "effects") else ""
 
     def needed_splits(self, tables: Mapping[str, Comparison]) -> tuple[str, ...]:
@@ -173,7 +174,7 @@ def caption(kind: str, name: str) -> str:
         return ""
     product, fields = found
     text = product.caption.format(**fields)
-    has_intervals = product.evaluations or product.rings or "touches" in product.files
+    has_intervals = product.comparison or product.evaluations or "touches" in product.files
     return f"{text} {INTERVALS}" if kind == "tables" and has_intervals else text
 
 

@@ -14,6 +14,7 @@
 | contradictions | model, index | what in `architectures` contradicts itself, and what is meant |
 | claims | claim, split | what decides each claim of the text: `palpate.results.claims` |
 | effects | experiment, compared_with | the differences that the text is about: `palpate.results.effects` |
+| grasp_selection | strategy | share of the first error left after five chosen grasps, not of the paper |
 | abc | experiment | m^2 x 9000, of the authors' released models on their released ABC objects |
 """
 

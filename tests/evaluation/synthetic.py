@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from palpate.evaluation.rows import COLUMNS, RING_COLUMNS, TOUCH_COLUMNS
+from palpate.evaluation.rows import COLUMNS, RING_COLUMNS, SELECTION_COLUMNS, TOUCH_COLUMNS
 from palpate.experiments import Experiment, Experiments
 from palpate.results.methods import stated_as
 from palpate.results.published import paper_values
@@ -71,6 +71,18 @@ def touches(cloud=0.01, chart=0.02, each=6, spread=0.001, rng=0):
         for sensor in range(3)
     ]  # fmt: skip
     return pd.DataFrame(rows, columns=TOUCH_COLUMNS)
+
+
+def selections(means: dict[tuple[str, str], list[float]], first=0, each=4, spread=1e-3, rng=0):
+    """Rows of chosen grasps: `means[experiment, strategy]` are its errors after `first`, first + 1, ... grasps."""
+    rng = np.random.default_rng(rng)
+    rows = []
+    for (experiment, strategy), errors in means.items():
+        for name, kind in objects(each):
+            for count, mean in enumerate(errors, start=first):
+                error = mean + rng.normal(0, spread)
+                rows.append((experiment, 0, f"test-{name}", kind, "test", strategy, count, 20, error, 700))
+    return pd.DataFrame(rows, columns=SELECTION_COLUMNS)
 
 
 def published_means() -> dict[str, float]:

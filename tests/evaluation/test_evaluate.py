@@ -11,14 +11,23 @@ import trimesh
 
 from palpate import Dataset, store
 from palpate.architectures import Architecture
+from palpate.batch import generator
 from palpate.camera import paper_camera
 from palpate.charts import build_tree, sample_faces, touch_chart, vision_atlas
 from palpate.evaluation import evaluate as evaluation
 from palpate.evaluation.evaluate import Trained, evaluate, evaluate_rings, evaluate_touch, training_steps
 from palpate.evaluation.metrics import score, seeded
 from palpate.evaluation.rings import MeshSurface, project_batch, ring_points
-from palpate.evaluation.rows import COLUMNS, RING_COLUMNS, TOUCH_COLUMNS, EvaluationError, read
-from palpate.experiments import Experiment
+from palpate.evaluation.rows import (
+    COLUMNS,
+    RING_COLUMNS,
+    SELECTION_COLUMNS,
+    TOUCH_COLUMNS,
+    EvaluationError,
+    read,
+)
+from palpate.evaluation.selection import evaluate_selection
+from palpate.experiments import Correction, Experiment
 from palpate.inference.data import ExperimentData
 from palpate.mesh import OBJECT_POSITION
 from palpate.models import SINGLE_IMAGE_MODELS, Reconstruction, TouchDepth
@@ -326,3 +335,35 @@ def test_an_image_of_several_windows_is_encoded_once(data, unoccluded_data):
         points = sample_faces(vertices, trained.model.faces, 300, seeded(0, row["object"], "evaluation"))[0]
         pairs = torch.cdist(points.double(), torch.from_numpy(both["points"][number]).double()) ** 2
         assert row["chamfer"] == pytest.approx(float(9000 * (pairs.amin(0).mean() + pairs.amin(1).mean())), rel=1e-3)
+
+
+@pytest.fixture(scope="module")
+def touched_data(data, unoccluded_data) -> ExperimentData:
+    names = {"object": data.objects, "class": data.classes, "split": data.splits}
+    both = {name: np.array(values) for name, values in names.items()} | data.arrays | unoccluded_data.arrays
+    return ExperimentData({name: values for name, values in both.items() if name != "occluded"})
+
+
+@pytest.mark.parametrize("vision", ["none", "unoccluded"])
+def test_chosen_grasps_are_measured_as_any_others(touched_data, vision):
+    """All strategies begin at the same error, and end at the same one, with both grasps; the oracle is never above
+    another where it has a choice. What one grasp leaves is what an evaluation of that grasp says."""
+    takes = {"strategy": "pooled", "vision": vision, "touch": True, "correction": Correction(0.08, 0.3)}
+    trained = untrained(Experiment("model", grasps=2, fewer_grasps=True, **takes))
+    table = evaluate_selection(trained, touched_data, ["test"], points=500)
+    assert list(table.columns) == list(SELECTION_COLUMNS) and set(table["object"]) == {"ball-0002", "ball-0003"}
+    counts = [0, 1, 2] if vision == "unoccluded" else [1, 2]
+    one = trained._replace(experiment=Experiment("model", grasps=1, **takes))
+    alone = evaluate(one, touched_data, 500, ["test"]).set_index(["object", "window"])["chamfer"]
+    for name, rows in table.groupby("object"):
+        error = rows.pivot(index="strategy", columns="grasps", values="chamfer")
+        assert list(error.columns) == counts and set(error.index) == {"random", "farthest", "uncertainty", "oracle"}
+        for count in (counts[0], 2):
+            np.testing.assert_allclose(error[count], error.loc["oracle", count], rtol=1e-4)
+        assert error.loc["oracle", 1] == pytest.approx(error[1].min())
+        order = generator(3, name, "selection").permutation(GRASPS)
+        assert error.loc["random", 1] == pytest.approx(alone[name, order[0]], rel=1e-4)
+        if vision == "unoccluded":
+            assert error.loc["oracle", 1] == pytest.approx(alone[name].min(), rel=1e-4)
+    with pytest.raises(EvaluationError, match="of two and more"):
+        evaluate_selection(one, touched_data, ["test"])

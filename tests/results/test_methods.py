@@ -2,8 +2,8 @@
 
 import pytest
 
-from palpate.experiments import Experiment
-from palpate.results.methods import METHODS, NAMES, STATED, exchanged, input_label, label, stated_as
+from palpate.experiments import Correction, Experiment
+from palpate.results.methods import EXCHANGED, METHODS, NAMES, STATED, exchanged, input_label, label, stated_as
 
 
 @pytest.mark.parametrize(
@@ -24,6 +24,7 @@ def test_the_papers_number_is_that_of_the_same_inputs(name, paper):
 
 
 KNOWN = ("charts_occluded", "charts_occluded_touch", "pooled_occluded_touch", "implicit_occluded_touch", "cloud")
+KNOWN += ("pooled_occluded_touch_corrected", "pooled_unoccluded", "sphere_occluded_touch")
 
 
 @pytest.mark.parametrize(
@@ -35,6 +36,17 @@ KNOWN = ("charts_occluded", "charts_occluded_touch", "pooled_occluded_touch", "i
         (["charts_occluded_touch", "no_comm_occluded_touch"], "implicit", None),  # of no other use than the charts'
         (["charts_occluded", "charts_occluded"], "pooled", None),  # the same as the paper's
         (["charts_touch"], "pooled", None),  # not known
+        (["charts_occluded_touch x2"], "pooled_corrected", ("pooled_occluded_touch_corrected x2",)),
+        (
+            ["charts_occluded_touch", "sphere_occluded_touch", "charts_unoccluded"],
+            "pooled_corrected",
+            ("pooled_occluded_touch_corrected", "sphere_occluded_touch", "pooled_unoccluded"),
+        ),
+        (
+            ["charts_occluded_touch", "no_comm_occluded_touch"],
+            "pooled_corrected",
+            None,
+        ),  # has no correction
         (["pooled_occluded_touch", "charts_occluded_touch"], "implicit", None),  # compares methods already
     ],
 )
@@ -45,7 +57,7 @@ def test_experiments_are_exchanged_whole_or_not(names, method, found):
 def test_labels_say_whose_a_row_is():
     rows = [
         Experiment("a", "charts", "occluded", True, 1),
-        Experiment("b", "pooled", "none", True, 2, correction={"length": 0.08, "noise": 0.3}),
+        Experiment("b", "pooled", "none", True, 2, correction=Correction(0.08, 0.3)),
         Experiment("c", "psg", "views", False, 1),
     ]
     assert [label(row) for row in rows] == [
@@ -53,4 +65,5 @@ def test_labels_say_whose_a_row_is():
     ]  # fmt: skip
     assert [input_label(row) for row in rows] == ["occluded vision + touch", "touch", "single view"]
     assert len({*NAMES.values()}) == len(NAMES)
-    assert {*METHODS} | {*STATED} | {*STATED.values()} <= {*NAMES}
+    assert {name.removesuffix("_corrected") for name in METHODS} == {*EXCHANGED}
+    assert {*EXCHANGED} | {*STATED} | {*STATED.values()} <= {*NAMES}

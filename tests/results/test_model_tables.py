@@ -118,6 +118,28 @@ def test_the_best_model_stands_beside_retrieval():
     assert row["ratio_median"] == pytest.approx(of_object["pooled_a"].median() / of_object["look_a"].median())
 
 
+def test_chosen_grasps_have_what_is_left_of_the_first_error():
+    """A row a model and strategy, beside what was published elsewhere."""
+    means = {("a", "random"): [1.0, 0.9, 0.8], ("a", "oracle"): [1.0, 0.7, 0.6], ("b", "random"): [2.0, 1.9, 1.0]}
+    setups = {
+        "b": Experiment("b", "pooled", "unoccluded", True, 2, fewer_grasps=True),
+        "a": Experiment("a", "charts", "unoccluded", True, 2, fewer_grasps=True),
+    }
+    frame = synthetic.selections(means)
+    table = tables.grasp_selection(frame, setups, resamples=50)
+    measured, cited = table[table["source"] == "measured"], table[table["source"] != "measured"]
+    assert measured["method"].str.slice(0, 6).tolist() == ["pooled", "charts", "charts"]
+    assert measured["strategy"].tolist() == ["random", "random", "oracle"]
+    assert measured["left"].tolist() == pytest.approx([0.5, 0.8, 0.6], abs=0.002)
+    assert measured["grasps_0"].tolist() == pytest.approx([2, 1, 1], abs=0.002)
+    last = frame[(frame["experiment"] == "a") & (frame["strategy"] == "oracle") & (frame["grasps"] == 2)]
+    assert measured["grasps_2_median"].iloc[2] == pytest.approx(last["chamfer"].median())
+    assert dict(zip(cited["strategy"], cited["left"], strict=True)) == {
+        "random": 0.907, "learned": 0.893, "oracle": 0.772
+    }  # fmt: skip
+    assert "among 20 stored grasps" in table.attrs["note"]
+
+
 def test_tables_say_how_far_two_seeds_differ(evaluations):
     """By the difference of the two seeds' averages; with one seed, that nothing is known of it."""
     setup = synthetic.of_table("input_modalities")

@@ -72,6 +72,25 @@ use rule evaluate as evaluate_rings with:
         points=None,
 
 
+# After each grasp that a strategy chooses among those stored; not part of `all`.
+use rule evaluate as evaluate_selection with:
+    input:
+        unpack(lambda wildcards: stores_of(evaluated_with_choice(wildcards))),
+        model="models/{experiment}/seed-{seed}/best.ckpt",
+        summary="models/{experiment}/seed-{seed}/training.json",
+    output:
+        table="evaluations/selection/{experiment}/seed-{seed}.csv",
+    log:
+        "logs/evaluate_selection/{experiment}-{seed}.log",
+    benchmark:
+        "benchmarks/evaluate_selection/{experiment}-{seed}.tsv"
+    params:
+        experiments=lambda wildcards: [(each.name, each.row()) for each in evaluated_with_choice(wildcards)],
+        splits=lambda wildcards: {
+            each.name: [EXPERIMENTS.tables["grasp_selection"].split] for each in evaluated_with_choice(wildcards)
+        },
+
+
 # The U-Net's clouds, and the charts fitted to them, at every touch of a split.
 use rule evaluate as evaluate_touch with:
     input:

@@ -37,3 +37,8 @@ def evaluated_in_rings(wildcards):
     claimed = experiments_of("claims", rings=True) if is_available("claims") else ()
     chosen = {*EXPERIMENTS.tables["extrapolation"].by_name, *claimed}
     return [each for each in evaluated(wildcards) if each.name in chosen]
+
+
+def evaluated_with_choice(wildcards):
+    chosen = EXPERIMENTS.tables["grasp_selection"].by_name
+    return [each for each in EXPERIMENTS.of_weights(wildcards.experiment) if each.name in chosen]

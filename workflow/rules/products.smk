@@ -63,14 +63,12 @@ def product_names(kind, chosen):
 
 # What the config allows to ask for, and what `all` makes of it.
 PRODUCTS = [each for each in products.products() if not (RELEASED and each.simulated)]
-OFFERED = [each for each in PRODUCTS if is_available(each.evaluations) and is_available(each.rings)]
+OFFERED = [
+    each for each in PRODUCTS if all(map(is_available, (each.evaluations, each.rings, each.selections)))
+]
 MADE = [each for each in OFFERED if not each.on_request]
-COMPARED = {
-    name
-    for source in (*EXPERIMENTS.tables, "claims", "effects")
-    if is_available(source)
-    for name in experiments_of(source)
-}
+SOURCES = dict.fromkeys(source for each in MADE for source in (each.evaluations, each.rings) if source)
+COMPARED = {name for source in SOURCES for name in experiments_of(source)}
 TRAINED = sorted(trained(COMPARED))
 EVERY_SEED = {"seed": config["training"]["seeds"]}
 FILES = {
@@ -96,7 +94,7 @@ def product_inputs(kind, name):
         models = trained(each for each in product.models if each in FEASIBLE)
         seed = config["training"]["seeds"][0]
         files["models"] = expand("models/{experiment}/seed-{seed}/best.ckpt", experiment=models, seed=seed)
-    for source in filter(None, (product.evaluations, product.rings)):
+    for source in filter(None, (product.evaluations, product.rings, product.selections)):
         require_grasps(EXPERIMENTS.experiments[each] for each in experiments_of(source))
     if source := product.evaluations:
         files["evaluations"] = expand(
@@ -107,6 +105,10 @@ def product_inputs(kind, name):
             "evaluations/rings/{experiment}/seed-{seed}.csv",
             experiment=trained(experiments_of(source, True)),
             **EVERY_SEED,
+        )
+    if source := product.selections:
+        files["selections"] = expand(
+            "evaluations/selection/{experiment}/seed-{seed}.csv", experiment=trained(experiments_of(source)), **EVERY_SEED
         )
     catalogue_with(product.needed_splits(EXPERIMENTS.tables), f"{kind[:-1]} {name}")
     return files

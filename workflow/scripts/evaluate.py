@@ -7,6 +7,10 @@ evaluations/<experiment>/seed-<k>.csv          a row a sample: experiment, seed,
 evaluations/rings/<experiment>/seed-<k>.csv    a row a sample, touch and ring of true surface around it: experiment,
                                                seed, object, class, split, window, grasp, sensor, ring (1..5), points,
                                                distance (mean squared, m^2, from these points to the prediction), steps
+evaluations/selection/<experiment>/seed-<k>.csv
+                                               a row an object, strategy and number of grasps that it chose:
+                                               experiment, seed, object, class, split, strategy, grasps, stored (grasps
+                                               to choose among), chamfer, steps
 evaluations/touch_depth.csv                    a row a successful touch: object, class, split, grasp, sensor, cloud
                                                (Chamfer distance of the predicted local cloud, m^2 x 9000), chart (that
                                                of the chart fitted to it), steps
@@ -22,6 +26,7 @@ import torch
 from palpate import Dataset
 from palpate.atomic import atomic_write
 from palpate.evaluation import evaluate
+from palpate.evaluation.selection import evaluate_selection
 from palpate.experiments import Experiment
 from palpate.inference.checkpoints import load_touch_depth
 from palpate.inference.data import ExperimentData
@@ -43,6 +48,8 @@ def measured_as(experiment: Experiment, splits: list[str]) -> pd.DataFrame:
     data = ExperimentData.load(".", experiment, splits)
     if inputs.get("rings"):
         return evaluate.evaluate_rings(trained, data, Dataset(".", ["touch", "rings"]), splits)
+    if snakemake.rule == "evaluate_selection":
+        return evaluate_selection(trained, data, splits, params.points)
     return evaluate.evaluate(trained, data, params.points, splits)
 
 

@@ -40,6 +40,7 @@ READERS = {
     "frames": frames,
     "evaluations": lambda: rows.read(inputs.evaluations),
     "rings": lambda: rows.read(inputs.rings, rows.RING_COLUMNS),
+    "selections": lambda: rows.read(inputs.selections, rows.SELECTION_COLUMNS),
     "touches": lambda: rows.read([inputs.touches], rows.TOUCH_COLUMNS),
     "models": lambda: {name: path for (name, _), path in by_training(inputs.models).items()},
     "touch_depth": lambda: inputs.touch_depth,
