@@ -91,7 +91,7 @@ def stated_as(name: str) -> str:
 
 def exchanged(experiments: Sequence[str], method: str, known: Collection[str]) -> tuple[str, ...] | None:
     """The experiments of a method that take the place of some of the paper's, also with a ring behind their names
-    (`charts_occluded x1`); None if there are none among those `known`, or they are the same.
+    (`charts_occluded x1`); None if there are none among those `known`, they are the same, or none has the correction.
 
     Vision alone stays where a method has no model of its own for it.
     """
@@ -111,4 +111,5 @@ def exchanged(experiments: Sequence[str], method: str, known: Collection[str]) -
                     return None
                 there = plain
         found.append(" x".join([there, *ring]))
-    return tuple(found) if method == "charts" or found != list(experiments) else None
+    changed = found != list(experiments) and method.removeprefix(base) in "".join(found)
+    return tuple(found) if changed or method == "charts" else None

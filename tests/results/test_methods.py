@@ -36,6 +36,8 @@ KNOWN += ("pooled_occluded_touch_corrected", "pooled_unoccluded", "sphere_occlud
         (["charts_occluded_touch", "no_comm_occluded_touch"], "implicit", None),  # of no other use than the charts'
         (["charts_occluded", "charts_occluded"], "pooled", None),  # the same as the paper's
         (["charts_touch"], "pooled", None),  # not known
+        (["charts_unoccluded"], "pooled", ("pooled_unoccluded",)),
+        (["charts_unoccluded"], "pooled_corrected", None),  # no touch, nothing to correct
         (["charts_occluded_touch x2"], "pooled_corrected", ("pooled_occluded_touch_corrected x2",)),
         (
             ["charts_occluded_touch", "sphere_occluded_touch", "charts_unoccluded"],
