@@ -127,7 +127,7 @@ def validate(args: argparse.Namespace) -> int:
 def info(args: argparse.Namespace) -> int:
     """Print what a run, or one of its objects, holds."""
     from palpate.dataset import Dataset
-    from palpate.dataset.information import object_lines, run_lines
+    from palpate.dataset.summary import object_lines, run_lines
 
     dataset = Dataset(args.run)
     print("\n".join(object_lines(dataset[args.object]) if args.object else run_lines(dataset)))

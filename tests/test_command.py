@@ -1,21 +1,16 @@
 """The command `palpate`, called as from a terminal; `reconstruct` is in tests/evaluation/test_reconstruct.py."""
 
-import importlib.metadata
 import re
 import shutil
 import subprocess
 import sys
 import tarfile
-from pathlib import Path
 
 import pytest
 
 import palpate
 from palpate.command import error_message, main
 from tests.store.conftest import *  # noqa: F403
-
-# Files of requirements, by the extra of the package that they make; "" is the package itself.
-EXTRAS = {"": ["core.in"], "factory": ["factory.in"], "models": ["models.in"], "all": ["factory.in", "models.in"]}
 
 
 def test_version_and_help(capsys):
@@ -114,55 +109,3 @@ def test_a_missing_engine_is_named_with_the_extra_that_brings_it():
     error = ModuleNotFoundError("No module named 'torch.nn'", name="torch.nn")
     assert error_message(error) == "No module named 'torch.nn': pip install 'palpate[models]' brings it"
     assert error_message(ModuleNotFoundError("No module named 'x'", name="x")) == "No module named 'x'"
-
-
-def test_the_package_installs_whole(tmp_path):
-    """A wheel: every file of the package but its caches, the command, the dependencies, one version."""
-    root = Path(palpate.__file__).parents[1]
-    source = tmp_path / "source"
-    for name in ("palpate", "envs"):
-        shutil.copytree(root / name, source / name, ignore=shutil.ignore_patterns("__pycache__"))
-    for name in ("pyproject.toml", "README.md"):
-        shutil.copy(root / name, source / name)
-    build = [sys.executable, "-m", "pip", "wheel", "--quiet", "--no-deps", "--no-build-isolation"]
-    subprocess.run([*build, "--wheel-dir", tmp_path, source], check=True, capture_output=True)
-    (wheel,) = tmp_path.glob("*.whl")
-    target = tmp_path / "installed"
-    shutil.unpack_archive(wheel, target, "zip")
-    files = {path.relative_to(root).as_posix() for path in (root / "palpate").rglob("*") if path.is_file()}
-    expected = {name for name in files if "__pycache__" not in name}
-    found = {path.relative_to(target).as_posix() for path in (target / "palpate").rglob("*") if path.is_file()}
-    assert found == expected and "palpate/py.typed" in found and "palpate/viewer/three.LICENSE" in found
-    (installed,) = importlib.metadata.distributions(path=[str(target)])
-    assert installed.version == palpate.__version__
-    assert [entry.value for entry in installed.entry_points] == ["palpate.command:main"]
-    for extra, files in EXTRAS.items():
-        needed = {line for line in installed.requires if ("extra" not in line if not extra else f'"{extra}"' in line)}
-        assert names(needed) == names(required(root, *files))
-    done = subprocess.run(
-        [sys.executable, "-c", "from palpate.viewer import html, run_page; html.resource('three.min.js')"],
-        cwd=target, env={"PYTHONPATH": str(target)}, capture_output=True, text=True,
-    )  # fmt: skip
-    assert done.returncode == 0, done.stderr
-
-
-def required(root, *files):
-    """Lines of files of requirements, with those of the files that they include."""
-    lines = [line for file in files for line in (root / "envs" / file).read_text().splitlines()]
-    return [*lines, *(each for line in lines if line.startswith("-r ") for each in required(root, line[3:]))]
-
-
-def names(lines):
-    """Names of the packages in lines of requirements."""
-    found = (re.match(r"[A-Za-z0-9][A-Za-z0-9_.-]*", line) for line in lines)
-    return {match[0].lower().replace("_", "-") for match in found if match}
-
-
-def test_the_lock_file_has_every_dependency():
-    """Also of development: `make lock` makes it from both lists."""
-    root = Path(palpate.__file__).parents[1]
-    locked = names((root / "envs/requirements.txt").read_text().splitlines())
-    for name in ("requirements.in", "development.in"):
-        wanted = names(required(root, name))
-        assert wanted and wanted <= locked
-    assert set().union(*(names(required(root, *files)) for files in EXTRAS.values())) <= locked

@@ -1,7 +1,9 @@
 """The core of the package reads, validates, views and exports a run without what the extras bring."""
 
+import importlib.metadata
 import json
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -19,6 +21,8 @@ SESSION = ROOT / "tests/core_session.py"
 # all of them, which takes a minute each; otherwise the first.
 OLD, NEW = "numpy<2", "numpy>=2"
 ENVIRONMENTS = (("3.12", OLD), ("3.13", NEW), ("3.12", NEW), ("3.11", OLD), ("3.11", NEW))
+# Files of requirements, by the extra of the package that they make; "" is the package itself.
+REQUIREMENTS = {"": ["core.in"], "factory": ["factory.in"], "models": ["models.in"], "all": ["factory.in", "models.in"]}
 ALL = os.environ.get("PALPATE_PYTHONS") == "all"
 
 
@@ -54,9 +58,7 @@ def test_without_engines(run, tmp_path):
 
 def test_the_blocked_modules_are_those_of_the_extras():
     names = {"bpy": "mathutils", "pycollada": "collada", "libigl": "igl"}
-    files = [ROOT / "envs" / f"{extra}.in" for extra in ("factory", "models")]
-    lines = [line.split("#")[0].strip() for file in files for line in file.read_text().splitlines()]
-    wanted = {line.split(";")[0].split("=")[0].split("<")[0] for line in lines if line}
+    wanted = {re.split("[;=<# ]", line)[0] for line in required("factory.in", "models.in")} - {""}
     assert {names.get(name, name) for name in wanted} | {"bpy", "snakemake"} == set(EXTRAS)
 
 
@@ -81,14 +83,50 @@ def wheel(tmp_path_factory):
     return next(folder.glob("*.whl"))
 
 
+def test_the_package_installs_whole(wheel, tmp_path):
+    """A wheel: every file of the package but its caches, the command, the dependencies, one version."""
+    shutil.unpack_archive(wheel, tmp_path, "zip")
+    files = {path.relative_to(ROOT).as_posix() for path in (ROOT / "palpate").rglob("*") if path.is_file()}
+    expected = {name for name in files if "__pycache__" not in name}
+    found = {path.relative_to(tmp_path).as_posix() for path in (tmp_path / "palpate").rglob("*") if path.is_file()}
+    assert found == expected and "palpate/py.typed" in found and "palpate/viewer/three.LICENSE" in found
+    (installed,) = importlib.metadata.distributions(path=[str(tmp_path)])
+    assert installed.version == palpate.__version__
+    assert [entry.value for entry in installed.entry_points] == ["palpate.command:main"]
+    for extra, files in REQUIREMENTS.items():
+        needed = {line for line in installed.requires if ("extra" not in line if not extra else f'"{extra}"' in line)}
+        assert names(needed) == names(required(*files))
+
+
+def required(*files):
+    """Lines of files of requirements, with those of the files that they include."""
+    lines = [line for file in files for line in (ROOT / "envs" / file).read_text().splitlines()]
+    return [*lines, *(each for line in lines if line.startswith("-r ") for each in required(line[3:]))]
+
+
+def names(lines):
+    """Names of the packages in lines of requirements."""
+    found = (re.match(r"[A-Za-z0-9][A-Za-z0-9_.-]*", line) for line in lines)
+    return {match[0].lower().replace("_", "-") for match in found if match}
+
+
+def test_the_lock_file_has_every_dependency():
+    """Also of development: `make lock` makes it from both lists."""
+    locked = names((ROOT / "envs/requirements.txt").read_text().splitlines())
+    for name in ("requirements.in", "development.in"):
+        wanted = names(required(name))
+        assert wanted and wanted <= locked
+    assert set().union(*(names(required(*files)) for files in REQUIREMENTS.values())) <= locked
+
+
 @pytest.mark.parametrize(("version", "numpy"), ENVIRONMENTS if ALL else ENVIRONMENTS[:1])
 def test_in_a_bare_environment(run, wheel, tmp_path, version, numpy):
     if not (python := python_of(version)):
         pytest.skip(f"no Python {version} here")
-    subprocess.run([python, "-m", "venv", tmp_path / "venv"], check=True)
+    subprocess.run([python, "-m", "venv", "--without-pip", tmp_path / "venv"], check=True)
     python = tmp_path / "venv/bin/python"
-    install = [python, "-m", "pip", "install", "--quiet", "--only-binary", ":all:", "--retries", "1", numpy, wheel]
-    done = subprocess.run(install, capture_output=True, text=True)
+    install = [sys.executable, "-m", "pip", "--python", python, "install", "--quiet", "--no-compile", "--retries", "1"]
+    done = subprocess.run([*install, "--only-binary", ":all:", numpy, wheel], capture_output=True, text=True)
     if done.returncode:
         pytest.skip(f"packages can't be installed: {done.stderr.strip().splitlines()[-1]}")
     found, _ = session(python, run, tmp_path, PYTHONPATH="")

@@ -1,9 +1,10 @@
 """Checks of one object: every array of its rows, against the contract, the mesh and each other.
 
-Each check is a number that must not exceed its limit: a distance, or a count of wrong values. `CHECKS` says
-what each measures.
+Each check is a number that must not exceed its limit: a distance, or a count of wrong values. `checks.csv`
+says what each measures.
 """
 
+import csv
 import json
 import os
 from collections.abc import Callable, Iterator
@@ -44,68 +45,14 @@ class Check(NamedTuple):
     measures: str
 
 
-CHECKS = {
-    # Of every store.
-    "files": Check(0, "1 if a file is missing, or not the one that was written (size, checksum)"),
-    "made from": Check(0, "1 if a store was made with another config than the run's, or from other files than it has"),
-    "readable": Check(0, "stores, arrays or meshes that are missing or can't be read"),
-    "arrays": Check(0, "1 if an array's name, shape or type is not the contract's"),
-    "attributes": Check(0, "attributes that are missing: what it was made from, seed, versions, units, frames"),
-    "objects": Check(0, "objects neither in the store nor rejected, or in it though rejected or not in the batch"),
-    "order": Check(0, "1 if the objects are not in the catalogue's order"),
-    "grasp count": Check(0, "grasps an object that a store has more or fewer than the grasps store"),
-    "finite": Check(0, "values that are NaN or infinite and must not be"),
-    "rotation": Check(EXACT, "distance of rotations from orthonormal with determinant +1"),
-    # Of the meshes and the surface.
-    "scale": Check(EXACT, "m that the mesh's bounding box is off its centre, or its diagonal off 0.5 m or its own"),
-    "scale factor": Check(0, "difference between the scale in surface and in the mesh's record"),
-    "inside box": Check(EXACT, "m that a surface point lies outside the object's bounding box"),
-    "on mesh": Check(ON_MESH, "m between a point (of the surface, or of a local cloud) and the mesh"),
-    # Of the grasps.
-    "joint limits": Check(MAX_OUT_OF_RANGE, "rad (of a slide m) that a joint is out of its range"),
-    "kinematics": Check(EXACT, "m between links or sensors and the hand's kinematics at the joint positions"),
-    "penetration": Check(MAX_PENETRATION, "m of penetration; inf if negative"),
-    "in hand": Check(MAX_PENETRATION, "m that a surface point is inside the hand"),
-    "attempts": Check(0, "grasps of the object beyond those that were tried"),
-    # Of touch.
-    "sensor poses": Check(0, "difference between the poses in touch and in grasps"),
-    "touch depth": Check(0, "pixels neither in (0, the sensor's range] nor +inf"),
-    "success": Check(0, "sensors whose success is not whether a pixel is in range"),
-    "touches": Check(
-        0, "sensors whose success is not `touches` of the grasps store, though they move 0.1 mm without a change"
-    ),
-    "one touch": Check(0, "grasps without a successful touch"),
-    "point count": Check(0, "difference between the point count and the pixels in range"),
-    "padding": Check(0, "rows of local clouds past the point count that are not 0"),
-    "points": Check(EXACT, "m between a local cloud and the sensor's pose applied to its depth"),
-    "reading": Check(1, "grey levels between a reading and the shading of its depth"),
-    "untouched": Check(0, "sensors that touched nothing and whose stored reading is not 0"),
-    "empty reading": Check(0, "grey levels between the empty reading and that of a sensor that touches nothing"),
-    # Of vision.
-    "mask values": Check(0, "mask pixels neither 0 nor 255"),
-    "camera": Check(
-        EXACT, "distance of cameras' rotations from orthonormal; inf if matrices are not finite or not a camera's"
-    ),
-    "image depth": Check(0, "depth pixels that are NaN or out of the scene, or finite where the object's mask is 0"),
-    "seen": Check(0, "images that are of one colour, and unoccluded masks without a pixel"),
-    "picture of mesh": Check(
-        OUTLINE,
-        "share of the object's pixels where rays cast at the mesh differ (see-through materials: may show "
-        "what is behind); of 500 pixels if it has fewer",
-    ),
-    "occlusion": Check(
-        OUTLINE,
-        "share of the object's pixels where both images don't fit: seen but not there "
-        "without the hand or at another depth, or hidden by nothing nearer; of 500 pixels if it has fewer",
-    ),
-    # Of the whole run.
-    "tables": Check(0, "tables, records and checkpoints that are not as they were written (size, checksum)"),
-    "sources": Check(0, "objects whose source file is missing, or not the one of the catalogue (SHA-256)"),
-    "unique": Check(0, "rows of the catalogue whose object it has already"),
-    "one split": Check(0, "objects in two splits, or in none of train, validation and test"),
-    "batches": Check(0, "batches of the catalogue without a report"),
-    "rejections": Check(0, "rejections of unknown objects or without a reason"),
-}
+# What each check measures, in the order of the table in docs/dataset.md; a limit is a number, or one of these.
+LIMITS = {"EXACT": EXACT, "ON_MESH": ON_MESH, "OUTLINE": OUTLINE}
+LIMITS |= {"MAX_OUT_OF_RANGE": MAX_OUT_OF_RANGE, "MAX_PENETRATION": MAX_PENETRATION}
+with Path(__file__).with_suffix(".csv").open(encoding="utf-8", newline="") as file:
+    CHECKS = {
+        row["check"]: Check(LIMITS[row["limit"]] if row["limit"] in LIMITS else int(row["limit"]), row["measures"])
+        for row in csv.DictReader(file)
+    }
 
 
 # Checks that need a compiled engine of the extra `factory`, and the engine.

@@ -174,22 +174,14 @@ class Dataset(Sequence):
         """
         import pandas
 
-        entries = list(self._entries.values())
-        table = pandas.DataFrame(
-            {
-                "object": [entry.object for entry in entries],
-                "class": [entry.class_name for entry in entries],
-                "split": [entry.split for entry in entries],
-                "batch": [entry.batch for entry in entries],
-                "row": np.arange(len(entries)),
-            }
-        )
+        rows = [(*entry[:4], row) for row, entry in enumerate(self._entries.values())]
+        table = pandas.DataFrame(rows, columns=["object", "class", "split", "batch", "row"])
         stage, name = ("touch", "success") if "touch" in self.stages else ("grasps", "touches")
-        if stage not in self.stages or not entries:
+        if stage not in self.stages or not rows:
             return table
         touches = self.array(stage, name)[:].sum(axis=2)  # (o, g)
         table = table.loc[table.index.repeat(touches.shape[1])].reset_index(drop=True)
-        table.insert(4, "grasp", np.tile(np.arange(touches.shape[1]), len(entries)))
+        table.insert(4, "grasp", np.tile(np.arange(touches.shape[1]), len(rows)))
         table.insert(5, "touches", touches.ravel())
         return table
 
@@ -317,41 +309,22 @@ def _described(stage: str, spec: ArraySpec, leading: int) -> str:
 
 
 class ObjectRecord(_Record):
-    """One object: `class_name`, `split`, `batch`, `mesh` (folder), `grasps`, and every array of the contract with one
-    row an object. Shapes are in the symbols of docs/dataset.md (`palpate.store.contract.SYMBOLS`). `normalised` says
-    whether it has the one size of all.
+    """One object: its `name`, `class_name`, `split` and `batch` in the catalogue, `mesh` (folder), `grasps`, and every
+    array of the contract with one row an object. Shapes are in the symbols of docs/dataset.md
+    (`palpate.store.contract.SYMBOLS`). `normalised`: whether it has the one size of all, a diagonal of 0.5 m, and not
+    its source's.
 
     Images, masks, depths and matrices are those of the scene's first camera; `seen_by(1)` gives the next one's.
     """
 
+    def __init__(self, run: Run, entry: CatalogueEntry, camera: int = 0):
+        super().__init__(run, entry, camera)
+        self.name, self.class_name, self.split, self.batch = entry[:4]
+        self.normalised = entry.normalised
+
     def seen_by(self, number: int) -> "ObjectRecord":
         """The same object with the images of another of its `cameras`. Raises IndexError if there is none."""
         return ObjectRecord(self._run, self._entry, self._with_camera(number))
-
-    @property
-    def name(self) -> str:
-        """Its name in the catalogue."""
-        return self._entry.object
-
-    @property
-    def class_name(self) -> str:
-        """Its class."""
-        return self._entry.class_name
-
-    @property
-    def split(self) -> str:
-        """Its split: train, validation or test."""
-        return self._entry.split
-
-    @property
-    def normalised(self) -> bool:
-        """Whether it was scaled to the one size of all, a diagonal of 0.5 m; otherwise it has its source's size."""
-        return self._entry.normalised
-
-    @property
-    def batch(self) -> str:
-        """The batch that holds it."""
-        return self._entry.batch
 
     @property
     def mesh(self) -> Path:

@@ -13,20 +13,8 @@ from palpate import __version__, checksums
 from palpate.dataset import Dataset, GraspDataset
 from palpate.interchange.items import TEXT, pictures
 
-TERMS = (
-    *("citeAs", "column", "equivalentProperty", "extract", "field", "fileObject", "fileProperty", "fileSet", "format"),
-    *("includes", "isLiveDataset", "jsonPath", "key", "md5", "parentField", "path", "recordSet", "references", "regex"),
-    *("repeated", "replace", "samplingRate", "separator", "source", "subField", "transform"),
-)
 # The specification's own, in full: readers warn of another.
-CONTEXT = {
-    **{"@language": "en", "@vocab": "https://schema.org/", "sc": "https://schema.org/"},
-    **{"cr": "http://mlcommons.org/croissant/", "rai": "http://mlcommons.org/croissant/RAI/"},
-    **{"dct": "http://purl.org/dc/terms/", "conformsTo": "dct:conformsTo"},
-    **{name: f"cr:{name}" for name in TERMS},
-    **{name: {"@id": f"cr:{name}", "@type": "@json"} for name in ("data", "examples")},
-    "dataType": {"@id": "cr:dataType", "@type": "@vocab"},
-}
+CONTEXT = json.loads(Path(__file__).with_suffix(".json").read_text())
 KINDS = {"b": "sc:Boolean", "i": "sc:Integer", "u": "sc:Integer", "f": "sc:Float"}  # by numpy's kinds
 
 

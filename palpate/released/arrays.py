@@ -190,26 +190,3 @@ def _image(path: Path, size: int) -> np.ndarray:
     if image.size != (size, size):
         image = image.resize((size, size), Image.Resampling.BILINEAR)
     return np.asarray(Image.alpha_composite(Image.new("RGBA", image.size, "white"), image))[..., :3]
-
-
-def read_charts(root: Path | str, entry: ReleasedObject, grasps: int) -> dict[str, np.ndarray]:
-    """The record of the charts store from their sheets: `vertices` (grasps, 4, 81, 3) in the world, m.
-
-    A sheet has 5 x 5 vertices, our charts 9 x 9: the others are midpoints. Without a touch or a sheet all vertices are
-    at the sensor.
-    """
-    charts = []
-    for grasp, (path, scene) in enumerate(_scenes(root, entry, grasps)):
-        position = _floats(path, "cam_pos", scene["cam_pos"], (SENSORS, 3))
-        for sensor in range(SENSORS):
-            path = entry.sheet(root, grasp, sensor)
-            sheet = load_plain(path)
-            if not np.ravel(scene["touch_success"])[sensor] or np.size(sheet) == 1:
-                charts.append(np.broadcast_to(position[sensor], (CHART**2, 3)))
-            else:
-                grid = np.empty((CHART, CHART, 3))
-                grid.reshape(-1, 3)[SHEET_IN_CHART] = _floats(path, "sheet", sheet, (len(SHEET_IN_CHART), 3))
-                grid[::2, 1::2] = (grid[::2, :-2:2] + grid[::2, 2::2]) / 2
-                grid[1::2] = (grid[:-2:2] + grid[2::2]) / 2
-                charts.append(grid.reshape(-1, 3))
-    return {"vertices": np.stack(charts).reshape(grasps, SENSORS, CHART**2, 3).astype(np.float32)}

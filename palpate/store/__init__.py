@@ -1,7 +1,6 @@
 """Stores, the files of one stage and batch: their contract, writing them whole, reading them."""
 
 from palpate.store.contract import CONTRACT, SCHEMA_VERSION
-from palpate.store.files import Store, StoreError, open, read, write
-from palpate.store.join import join, write_batch
+from palpate.store.files import Store, StoreError, join, open, read, write, write_batch
 
 __all__ = ["CONTRACT", "SCHEMA_VERSION", "Store", "StoreError", "join", "open", "read", "write", "write_batch"]

@@ -62,14 +62,21 @@ def say(run, **sections):
     (run / "config.yaml").write_text(yaml.safe_dump(config))
 
 
-@pytest.fixture
-def whole(run):
-    """A run whose stores state what they were made from."""
+@pytest.fixture(scope="module")
+def stating(built, tmp_path_factory):
+    """A run whose stores state what they were made from, to be read only."""
+    run = shutil.copytree(built, tmp_path_factory.mktemp("stating") / "small")
     for batch in BATCHES:
         for stage in ("meshes", *INPUTS):
             make(run, stage, batch)
     say(run)
     return run
+
+
+@pytest.fixture
+def whole(stating, tmp_path):
+    """A copy of it, to be changed."""
+    return shutil.copytree(stating, tmp_path / "small")
 
 
 def refused(run, *named):

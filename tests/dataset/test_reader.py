@@ -513,7 +513,7 @@ def test_a_dataset_in_use_travels_to_other_processes(built, method):
     dataset = palpate.Dataset(built)
     points = dataset.array("touch", "points")
     expected = [total(points, row) for row in range(len(points))]  # the stores are open now
-    with ProcessPoolExecutor(2, mp_context=get_context(method)) as pool:
+    with ProcessPoolExecutor(1, mp_context=get_context(method)) as pool:
         assert list(pool.map(total, [points] * len(points), range(len(points)))) == expected
 
 

@@ -88,13 +88,10 @@ def test_penetration_is_small_and_independently_so(on_bottle):
 
 
 def test_a_grasp_depends_on_seed_and_name_alone(on_bottle):
-    again = grasps_of(bottle())
-    grasps_of(blade(0.01), "another")
-    third = grasps_of(bottle())
-    for other in (again, third):
-        np.testing.assert_array_equal(on_bottle.joint_positions, other.joint_positions)
-        np.testing.assert_array_equal(on_bottle.palm_pose, other.palm_pose)
     different = grasps_of(bottle(), "bottle-2")
+    again = grasps_of(bottle())
+    np.testing.assert_array_equal(on_bottle.joint_positions, again.joint_positions)
+    np.testing.assert_array_equal(on_bottle.palm_pose, again.palm_pose)
     assert np.abs(different.palm_pose - on_bottle.palm_pose).max() > 0.01
 
 

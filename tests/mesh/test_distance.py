@@ -48,7 +48,7 @@ def test_distance_has_a_direction():
     assert distance(surface(large), surface(small))["max"] == pytest.approx(np.sqrt(2))
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(2))
 def test_mean_and_largest_hold_against_independent_samples(seed):
     """Points drawn by trimesh, distances by a k-d tree over a dense sample."""
     rng = np.random.default_rng(seed)

@@ -45,7 +45,7 @@ values = st.recursive(
 )
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=60, deadline=None)
 @given(st.dictionaries(st.text(), values))
 def test_dictionaries_come_back_as_numpy_would_load_them(tmp_path_factory, saved):
     path = tmp_path_factory.mktemp("npy") / "0.npy"
@@ -168,7 +168,7 @@ def test_damaged_files_are_named(tmp_path, content):
         load_plain(tmp_path / "none.npy")
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=100, deadline=None)
 @given(st.data())
 def test_a_file_with_a_changed_byte_is_read_or_named(tmp_path_factory, data):
     path = tmp_path_factory.mktemp("npy") / "0.npy"

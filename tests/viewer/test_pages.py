@@ -38,7 +38,7 @@ def test_a_page_holds_all_that_it_shows(built, page):
 
 def test_names_can_not_break_a_page(built, tmp_path):
     record = palpate.Dataset(built)["ball-0000"]
-    record._entry = record._entry._replace(class_name="</script><b>&")
+    record.class_name = "</script><b>&"
     object_page(tmp_path / "x.html", record, [])
     text = (tmp_path / "x.html").read_text()
     assert "</script><b>" not in text and "&lt;/script&gt;&lt;b&gt;&amp;" in text
