@@ -1,13 +1,10 @@
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from palpate.camera import Camera, matrices
 from palpate.vision import looking_at, paper_camera
 
 OBJECT = np.array([0.0, 0.0, 0.6])
-coordinate = st.floats(-0.25, 0.25)
 
 
 def test_paper_camera_sees_the_object_in_the_middle_of_its_image():
@@ -34,26 +31,18 @@ def test_rotation_is_blenders_euler_xyz():
     assert np.allclose(paper_camera().rotation, np.array(euler.to_matrix()), atol=1e-6)
 
 
-@given(st.lists(st.tuples(coordinate, coordinate, coordinate), min_size=1, max_size=5), st.integers(16, 600))
-def test_project_is_intrinsics_times_extrinsics(offsets, size):
-    camera = paper_camera(size)
-    points = OBJECT + np.array(offsets)
-    homogeneous = np.column_stack([points, np.ones(len(points))])
-    image = homogeneous @ camera.extrinsics().T @ camera.intrinsics().T
-    pixels, depth = camera.project(points)
-    assert np.allclose(pixels, image[:, :2] / image[:, 2:], atol=1e-9 * size)
-    assert np.allclose(depth, image[:, 2])
-
-
-def test_points_anywhere_are_projected_as_by_the_matrix_and_those_behind_have_no_pixel():
-    camera, random = paper_camera(), np.random.default_rng(0)
+@pytest.mark.parametrize("size", [16, 256, 599])
+def test_points_anywhere_are_projected_as_by_the_matrix_and_those_behind_have_no_pixel(size):
+    camera, random = paper_camera(size), np.random.default_rng(0)
     points = random.uniform(-50, 50, (10_000, 3))
     pixels, depth = camera.project(points)
     ahead = (camera.position - points) @ camera.rotation[:, 2]
     assert not np.isfinite(pixels[ahead <= 0]).any() and np.isfinite(pixels[ahead > 0]).all()
     assert np.abs(depth - ahead).max() <= 1e-10
-    homogeneous, far = np.column_stack([points, np.ones(len(points))]) @ camera.matrix().T, ahead > 0.01
+    homogeneous, far = np.column_stack([points, np.ones(len(points))]) @ camera.extrinsics().T, ahead > 0.01
+    homogeneous = homogeneous @ camera.intrinsics().T
     assert np.abs(homogeneous[far, :2] / homogeneous[far, 2:] - pixels[far]).max() <= 1e-6
+    assert np.allclose(camera.matrix(), camera.intrinsics() @ camera.extrinsics())
     assert np.isnan(camera.project(camera.position)[0]).all()
 
 
@@ -91,12 +80,6 @@ def test_matrices_that_are_not_of_such_a_camera_are_refused(place, value):
         Camera.from_matrices(intrinsics, paper_camera(100).extrinsics(), 100)
     with pytest.raises(ValueError, match="of an image of 101 pixels"):
         Camera.from_matrices(paper_camera(100).intrinsics(), paper_camera(100).extrinsics(), 101)
-
-
-def test_points_behind_the_camera_have_no_pixel():
-    camera = paper_camera()
-    pixels, depth = camera.project(camera.position + np.array([[0.5, 0.3, 0.1], [0, 0, 0]]))
-    assert np.isnan(pixels).all() and (depth <= 0).all()
 
 
 def test_looking_at_puts_the_target_in_the_middle_and_up_upwards():

@@ -113,7 +113,14 @@ def test_the_object_that_is_asked_for_is_taken_and_shown_where_asked(overlay, tm
     assert "no object 'can-tal' in this run; its objects are" in capsys.readouterr().err
 
 
-def test_sizes_that_are_kept_come_with_a_hint_at_the_unit(overlay, folder, capsys):
+@pytest.fixture
+def meshes_only(monkeypatch):
+    """Without an example, and without a picture."""
+    monkeypatch.setattr("palpate.check.make_example", lambda *_: {})
+    monkeypatch.setattr("palpate.check.draw", lambda *_: None)
+
+
+def test_sizes_that_are_kept_come_with_a_hint_at_the_unit(overlay, folder, meshes_only, capsys):
     shutil.rmtree(folder / "can")
     source = {"kind": "folder", "path": str(folder), "scale": "keep"}
     assert main(["check", str(overlay(**SMALL, source=source))]) == 0
@@ -144,7 +151,7 @@ def test_the_example_is_the_runs_own_first_grasp(overlay, tmp_path):
     assert pictures["image"].shape == (48, 48, 3)
 
 
-def test_of_many_meshes_some_of_each_class_are_opened(overlay, folder, capsys):
+def test_of_many_meshes_some_of_each_class_are_opened(overlay, folder, meshes_only, capsys):
     for number in range(40):
         shutil.copy(folder / "can/tall.stl", folder / f"can/{number}.stl")
     assert main(["check", str(overlay(**SMALL))]) == 0

@@ -4,14 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from palpate.catalogue import (
-    CatalogueError,
-    Source,
-    assign_batches,
-    read_places,
-    resolve_batch_size,
-    write_places,
-)
+from palpate.catalogue import CatalogueError, Source, assign_batches, read_places, resolve_batch_size, write_places
 from tests.catalogue.whole import whole_catalogue
 
 names = st.lists(st.text("abcdef", min_size=1, max_size=4), max_size=30, unique=True)

@@ -182,16 +182,3 @@ def test_all_classes_needs_folders(tmp_path):
     for kind in ("folder", "shapenet", "abc", "procedural"):
         with pytest.raises(CatalogueError):
             all_classes(Source(kind, tmp_path))
-
-
-def test_up_axis_of_every_kind():
-    assert catalogue.UP_AXIS == {
-        "procedural": "z",
-        "released": "z",
-        "folder": "format",
-        "shapenet": "y",
-        "abc": "z",
-        "ycb": "z",
-        "google_scanned_objects": "z",
-        "objaverse": "y",
-    }

@@ -13,13 +13,7 @@ import palpate.store
 from palpate import checksums
 from palpate.atomic import atomic_write
 from palpate.dataset.checks import CHECKS, CheckedObject, check_together, rotation_error
-from palpate.dataset.validation import (
-    check_again,
-    combine_validation,
-    read_findings,
-    validate_batch,
-    write_findings,
-)
+from palpate.dataset.validation import check_again, combine_validation, read_findings, validate_batch, write_findings
 from palpate.mesh import OBJECT_POSITION
 from palpate.sensor import DIGIT
 from palpate.store.files import seal
@@ -302,11 +296,7 @@ DAMAGES = {
         ("meshes", file(f"meshes/{BATCH}/{OBJECT}/visual.glb", lambda data: data[:100])),
         ("meshes", file(f"meshes/{BATCH}/{OBJECT}", None)),
     ],
-    "arrays": [
-        ("surface", retype),
-        ("vision", extra_array),
-        ("touch", without_depth),
-    ],
+    "arrays": [("surface", retype), ("vision", extra_array), ("touch", without_depth)],
     "files": [
         ("surface", lose(f"surface/{BATCH}.zarr/points/c")),
         ("touch", lose(f"touch/{BATCH}.zarr/success/c/0/0/0")),
@@ -342,17 +332,10 @@ DAMAGES = {
         ("grasps", add("grasps", "link_pose", (0, 1, 2, 3, 0), 1e-5)),
         ("touch", add("touch", "rotation", (0, 0, 3), 1e-5)),
     ],
-    "scale": [
-        ("meshes", scale_mesh(1.001)),
-        ("meshes", scale_mesh(1, shift=1e-5)),
-        ("meshes", keep_size(0.499)),
-    ],
+    "scale": [("meshes", scale_mesh(1.001)), ("meshes", scale_mesh(1, shift=1e-5)), ("meshes", keep_size(0.499))],
     "scale factor": [("surface", put("surface", "scale", 0, 0.0011))],
     "inside box": [("surface", put("surface", "points", (0, 7, 2), 0.9))],
-    "on mesh": [
-        ("surface", put("surface", "points", (0, 7), [0, 0, 0.6])),
-        ("touch", touched(move_points)),
-    ],
+    "on mesh": [("surface", put("surface", "points", (0, 7), [0, 0, 0.6])), ("touch", touched(move_points))],
     "joint limits": [("grasps", put("grasps", "joint_positions", (0, 1, 0), 0.53))],
     "kinematics": [
         ("grasps", add("grasps", "joint_positions", (0, 0, 5), 1e-3)),
@@ -393,10 +376,7 @@ DAMAGES = {
         ("vision", put("vision", "occluded_depth", (0, 1, 0, 5, 5), 3.0)),
         ("vision", put("vision", "unoccluded_depth", (0, 0, 0, 0), 1.0)),
     ],
-    "seen": [
-        ("vision", put("vision", "occluded", (0, 1), 128)),
-        ("vision", edit("vision", nothing_seen)),
-    ],
+    "seen": [("vision", put("vision", "occluded", (0, 1), 128)), ("vision", edit("vision", nothing_seen))],
     "picture of mesh": [
         ("vision", edit("vision", shift_picture)),
         ("vision", edit("vision", flip_pictures)),

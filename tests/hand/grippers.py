@@ -60,9 +60,5 @@ def two_fingers(angle: str) -> str:
         return " ".join(f"{value * one:.12g}" for value in degrees)
 
     return TWO_FINGERS.format(
-        angle=angle,
-        turn=in_unit(30),
-        turns=in_unit(-20, 20),
-        bends=in_unit(-15, 90),
-        tilt=in_unit(10),
+        angle=angle, turn=in_unit(30), turns=in_unit(-20, 20), bends=in_unit(-15, 90), tilt=in_unit(10)
     )

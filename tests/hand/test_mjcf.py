@@ -124,11 +124,7 @@ def test_the_allegro_survives_the_way_through_a_file(tmp_path):
             "'right_curl' is neither hinge nor slide",
         ),
         ('name="right_bend"', 'name="right_bend" limited="false"', "'right_bend' has no range"),
-        (
-            "</worldbody>",
-            '</worldbody><equality><joint joint1="left_turn" joint2="left_bend"/></equality>',
-            "coupled",
-        ),
+        ("</worldbody>", '</worldbody><equality><joint joint1="left_turn" joint2="left_bend"/></equality>', "coupled"),
     ],
 )
 def test_what_cannot_be_read_is_named_with_the_file(model_file, old, new, message):
@@ -182,12 +178,6 @@ def test_files_that_a_model_names_are_found(tmp_path):
     }
 
 
-def test_a_hand_in_millimetres_is_named_with_the_file(model_file):
-    model_file.write_text(model_file.read_text().replace('pos="0 .04 .035"', 'pos="0 40 35"'))
-    with pytest.raises(ValueError, match="gripper.xml.* m from end to end.*lengths in metres"):
-        from_mjcf(model_file, grippers.SENSORS)
-
-
 @pytest.mark.parametrize(
     ("changed", "message"),
     [
@@ -222,9 +212,12 @@ def test_degrees_for_radians_name_the_model(tmp_path, angle):
         from_mjcf(tmp_path / "hand.xml", grippers.SENSORS)
 
 
-def test_a_palm_of_45_m_is_named_with_the_file(model_file):
-    model_file.write_text(model_file.read_text().replace('size=".015 .05 .03"', 'size=".015 22.5 .03"'))
-    with pytest.raises(ConfigError, match="gripper.xml: .* is 45 m from end to end, not 0.01 to 1 m"):
+@pytest.mark.parametrize(
+    ("old", "new", "size"), [('pos="0 .04 .035"', 'pos="0 40 35"', "40"), ('".015 .05 .03"', '".015 22.5 .03"', "45")]
+)
+def test_a_hand_in_millimetres_is_named_with_the_file(model_file, old, new, size):
+    model_file.write_text(model_file.read_text().replace(old, new))
+    with pytest.raises(ConfigError, match=f"gripper.xml: .* is {size} m from end to end, not 0.01 to 1 m.*in metres"):
         from_mjcf(model_file, grippers.SENSORS)
 
 

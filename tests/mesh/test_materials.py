@@ -7,7 +7,7 @@ import pytest
 
 from palpate import mesh
 from palpate.scene import Scene
-from palpate.vision import Renderer
+from palpate.vision import Renderer, paper_camera
 from tests.mesh.written import FORMATS, RED, WHITE, write
 
 # What a format can express: of a colour by which means, and a texture.
@@ -28,7 +28,7 @@ def rendered(path, folder):
     mesh.prepare(path, folder, up="z", collision_faces=100, levels=[])
     data = (folder / "visual.glb").read_bytes()
     materials = json.loads(data[20 : 20 + int.from_bytes(data[12:16], "little")])["materials"]
-    (image,) = Renderer(samples=4, device="cpu").render(Scene(folder))[:1]
+    (image,) = Renderer(samples=4, device="cpu").render(Scene(folder, camera=paper_camera(128)))[:1]
     return image, materials
 
 

@@ -161,33 +161,20 @@ def broken(tmp_path_factory):
     return nasty.unusable(tmp_path_factory.mktemp("broken"))
 
 
+# What is wrong with some of them, in the error's words.
+SAID = {
+    **{"nan": "not finite", "infinite": "not finite", "overflowing": "diagonal", "one_point": "diagonal of 0"},
+    **{"points": "points or lines only", "lines": "points or lines only", "on_a_line": "area"},
+    **{"bad_index_ply": "vertex 7 of 3", "no_buffer": "gone.bin", "cut_texture": "a texture can't be read"},
+    **{"unknown": "ends in one of", "cut_glb": "can't be read", "missing": "no such file"},
+}
+
+
 @pytest.mark.parametrize("file", nasty.UNUSABLE)
 def test_unusable_meshes_are_rejected_with_the_file_and_a_reason(broken, file, tmp_path):
-    path = broken[file.rsplit(".", 1)[0]]
-    with pytest.raises(UnusableObject) as caught:
-        mesh.prepare(path, tmp_path / "out")
-    assert str(path) in str(caught.value)
-    assert not (tmp_path / "out" / "mesh.json").exists()
-
-
-@pytest.mark.parametrize(
-    ("name", "says"),
-    [
-        ("nan", "not finite"),
-        ("infinite", "not finite"),
-        ("overflowing", "diagonal"),
-        ("points", "points or lines only"),
-        ("lines", "points or lines only"),
-        ("one_point", "diagonal of 0"),
-        ("on_a_line", "area"),
-        ("bad_index_ply", "vertex 7 of 3"),
-        ("no_buffer", "gone.bin"),
-        ("cut_texture", "a texture can't be read"),
-        ("missing", "no such file"),
-        ("unknown", "ends in one of"),
-        ("cut_glb", "can't be read"),
-    ],
-)
-def test_the_reason_says_what_is_wrong(broken, name, says, tmp_path):
-    with pytest.raises(UnusableObject, match=says):
+    name = file.rsplit(".", 1)[0]
+    assert set(SAID) <= set(broken)
+    with pytest.raises(UnusableObject, match=SAID.get(name, "")) as caught:
         mesh.prepare(broken[name], tmp_path / "out")
+    assert str(broken[name]) in str(caught.value)
+    assert not (tmp_path / "out" / "mesh.json").exists()

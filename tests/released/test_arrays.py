@@ -73,13 +73,7 @@ def save(path, value):
 def write_tree(root, corner=True):
     """Two classes; of the second's objects one has no surface and one no split."""
     rng = np.random.default_rng(0)
-    for class_name, name in [
-        ("0001", "00012"),
-        ("0001", "00013"),
-        ("0002", "a.b"),
-        ("0002", "x"),
-        ("0002", "y"),
-    ]:
+    for class_name, name in [("0001", "00012"), ("0001", "00013"), ("0002", "a.b"), ("0002", "x"), ("0002", "y")]:
         if name != "x":
             save(root / "surfaces" / class_name / f"{name}.npy", rng.uniform(-0.3, 0.3, (50, 3)))
         for grasp in range(2):
@@ -89,10 +83,7 @@ def write_tree(root, corner=True):
         for file in ("unoccluded", "0", "1"):
             pixels = rng.integers(0, 256, (40, 40, 3), dtype=np.uint8)
             Image.fromarray(pixels).save(images / f"{file}.png")
-    save(
-        root / "split.npy",
-        {"train": ["000130001"], "valid": ["000120001"], "test": np.array(["a.b0002", "x0002"])},
-    )
+    save(root / "split.npy", {"train": ["000130001"], "valid": ["000120001"], "test": np.array(["a.b0002", "x0002"])})
     save(root / "empty_gel.npy", EMPTY)
     return root
 
@@ -120,11 +111,7 @@ def test_the_catalogue_takes_their_splits(tree):
     assert table["source"].tolist()[0] == "surfaces/0002/a.b.npy"
     assert (
         dict(zip(table["object"], table["split"], strict=True)).items()
-        <= {
-            "0002-a.b": "test",
-            "0001-00012": "validation",
-            "0001-00013": "train",
-        }.items()
+        <= {"0002-a.b": "test", "0001-00012": "validation", "0001-00013": "train"}.items()
     )
     assert table["batch"].tolist() == ["batch-0000", "batch-0001"]
     before = table["checksum"][0]
@@ -295,10 +282,7 @@ def test_nothing_in_a_dataset_is_run(tree):
     [
         (lambda tree: shutil.rmtree(tree / "images"), "images: no such folder: set source.path"),
         (lambda tree: (tree / "split.npy").unlink(), r"split\.npy: no such file"),
-        (
-            lambda tree: save(tree / "split.npy", {"bottle": []}),
-            r"split\.npy: expected a dictionary with train",
-        ),
+        (lambda tree: save(tree / "split.npy", {"bottle": []}), r"split\.npy: expected a dictionary with train"),
         (lambda tree: save(tree / "split.npy", np.zeros(3)), r"split\.npy: expected a dictionary"),
         (lambda tree: save(tree / "split.npy", {"train": ["a"], "test": ["a"]}), "a is in train and in test"),
     ],
@@ -392,15 +376,7 @@ def test_charts_go_out_as_sheets(run, tmp_path):
     grasp = record.grasps[0]
     local = (sheet - grasp.position[sensor]) @ grasp.rotation[sensor] / QUARTER
     # y and z of some vertices of the sheet that they publish, in its order.
-    for vertex, place in {
-        0: (-1, 0),
-        1: (0, -1),
-        3: (-1, 1),
-        4: (0, 0),
-        8: (-2, -1),
-        17: (2, 1),
-        24: (2, 2),
-    }.items():
+    for vertex, place in {0: (-1, 0), 1: (0, -1), 3: (-1, 1), 4: (0, 0), 8: (-2, -1), 17: (2, 1), 24: (2, 2)}.items():
         assert_allclose(local[vertex, 1:], place, atol=1e-4)
     untouched = [(k, s) for k in range(GRASPS) for s in range(4) if not record.grasps[k].success[s]]
     for grasp_number, sensor in untouched:

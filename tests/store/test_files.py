@@ -243,25 +243,6 @@ def test_missing_stores_and_arrays_are_named(tmp_path):
         palpate.store.open(path).get("colour")
 
 
-@pytest.mark.parametrize("stage, array", [("surface", "points"), ("touch", "depth"), ("grasps", "link_pose")])
-def test_a_flipped_bit_is_an_error_that_names_the_file_and_the_remedy(tmp_path, stage, array):
-    path = path_of(tmp_path, stage)
-    write(path, stage, arrays_of(stage, 2), ATTRIBUTES)
-    if stage == "grasps":
-        with h5py.File(path) as file:
-            damaged, offset = path, file[array].id.get_chunk_info(0).byte_offset + 20
-    else:
-        damaged, offset = next(file for file in (path / array / "c").rglob("*") if file.is_file()), 20
-    data = bytearray(damaged.read_bytes())
-    data[offset] ^= 1
-    damaged.write_bytes(data)
-    if stage != "grasps":
-        assert read(path, "object")["object"].tolist() == ["bottle-0000", "bottle-0001"]
-    for read_again in (lambda: read(path, array), lambda: palpate.store.open(path).get(array, np.array([0, 1]))):
-        with pytest.raises(StoreError, match=f"{path.name} (is damaged|can't be read).* with: snakemake {stage}/"):
-            read_again()
-
-
 def files_of(path: Path) -> list[Path]:
     """All files of a store."""
     return [path] if path.is_file() else sorted(file for file in path.rglob("*") if file.is_file())
@@ -331,7 +312,7 @@ def test_no_altered_byte_of_any_file_changes_what_is_read_without_an_error(tmp_p
             try:
                 found = read_all(path)
             except StoreError as error:
-                assert str(path) in str(error)
+                assert str(path) in str(error) and f"snakemake {stage}/" in str(error)
                 continue
             finally:
                 file.write_bytes(content)
@@ -483,10 +464,7 @@ def test_join_stacks_objects():
     joined = join("grasps", records)
     assert joined["object"].tolist() == ["knife-0004", "knife-0009"]
     assert joined["penetration"].shape == (2, 3)
-    assert joined["attempts"].tolist() == [
-        records["knife-0004"]["attempts"],
-        records["knife-0009"]["attempts"],
-    ]
+    assert joined["attempts"].tolist() == [records["knife-0004"]["attempts"], records["knife-0009"]["attempts"]]
     np.testing.assert_array_equal(joined["palm_pose"][1], records["knife-0009"]["palm_pose"])
 
 

@@ -8,15 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from palpate.touch import (
-    PIXEL_CENTRES,
-    RESOLUTION,
-    SENSOR_RANGE,
-    SENSOR_WIDTH,
-    RayCaster,
-    SphereTracer,
-    local_points,
-)
+from palpate.touch import PIXEL_CENTRES, RESOLUTION, SENSOR_RANGE, SENSOR_WIDTH, RayCaster, SphereTracer, local_points
 
 ORIGIN, IDENTITY = np.zeros((1, 3)), np.eye(3)[None]
 Y, Z = np.meshgrid(PIXEL_CENTRES, PIXEL_CENTRES)
@@ -91,12 +83,6 @@ def test_tilted_plane(method):
     np.testing.assert_allclose(depth, 0.02 + 0.2 * Y - 0.1 * Z, atol=2e-5 if method is SphereTracer else 1e-8)
 
 
-def test_rows_follow_z_and_columns_follow_y():
-    depth = RayCaster(sheet(0.02, 0.3, 0.0)).trace(ORIGIN, IDENTITY)[0]
-    assert (np.diff(depth, axis=1) > 0).all()
-    assert np.ptp(depth, axis=0).max() < 1e-8
-
-
 @pytest.mark.parametrize("method", METHODS)
 def test_sphere(method):
     radius, centre = 0.012, 0.03
@@ -112,17 +98,6 @@ def test_sphere(method):
     assert (depth - expected)[inside].min() > -1e-4
     assert ((depth - expected) * cosine)[inside].max() < sagitta + 1e-5
     assert np.isinf(depth[expected > SENSOR_RANGE + 1e-4]).all()
-
-
-@pytest.mark.parametrize("method", METHODS)
-def test_cylinder_across_the_sensor(method):
-    radius, axis_at = 0.005, 0.024
-    mesh = trimesh.creation.cylinder(radius=radius, height=0.1, sections=2000)
-    depth = method(turned(mesh, (0, 0, 0), (axis_at, 0, 0))).trace(ORIGIN, IDENTITY)[0]
-    seen = np.abs(Y) < 0.95 * radius
-    expected = axis_at - np.sqrt(np.maximum(radius**2 - Y**2, 0))
-    np.testing.assert_allclose(depth[seen], expected[seen], atol=4e-5)
-    assert np.isinf(depth[np.abs(Y) > radius + 1e-5]).all()
 
 
 @pytest.mark.parametrize("method", METHODS)
@@ -231,9 +206,7 @@ def test_winding_does_not_matter():
     mesh = lumpy(3)
     flipped = trimesh.Trimesh(mesh.vertices, mesh.faces[:, ::-1], process=False)
     half = trimesh.Trimesh(
-        mesh.vertices,
-        np.where(np.arange(len(mesh.faces))[:, None] % 2, mesh.faces, flipped.faces),
-        process=False,
+        mesh.vertices, np.where(np.arange(len(mesh.faces))[:, None] % 2, mesh.faces, flipped.faces), process=False
     )
     position, rotation = poses_near(mesh, 4, seed=3)
     expected = RayCaster(mesh).trace(position, rotation)
@@ -289,11 +262,7 @@ def test_faces_in_reach_are_those_with_a_point_before_a_sensor_and_few_others(me
 def test_succeeds_is_any_finite_depth(seed):
     random = np.random.default_rng(seed)
     # Few small triangles: often only a handful of pixels, or none, meet one.
-    corners = random.uniform([0.0, -1, -1], [2.0, 1, 1], (4, 1, 3)) * [
-        SENSOR_RANGE,
-        SENSOR_WIDTH,
-        SENSOR_WIDTH,
-    ]
+    corners = random.uniform([0.0, -1, -1], [2.0, 1, 1], (4, 1, 3)) * [SENSOR_RANGE, SENSOR_WIDTH, SENSOR_WIDTH]
     corners = corners + random.normal(scale=3e-4, size=(4, 3, 3))
     mesh = trimesh.Trimesh(corners.reshape(-1, 3), np.arange(12).reshape(-1, 3), process=False)
     caster = RayCaster(mesh)
@@ -307,15 +276,6 @@ def test_moving_sensor_and_object_together_changes_nothing():
     here = RayCaster(mesh).trace(position, rotation)
     there = RayCaster(mesh, object_position=shift).trace(position + shift, rotation)
     np.testing.assert_allclose(there, here, atol=1e-7)
-
-
-def test_sensors_do_not_depend_on_each_other():
-    mesh = lumpy(5)
-    position, rotation = poses_near(mesh, 4, seed=5)
-    together = RayCaster(mesh).trace(position, rotation)
-    for k in range(4):
-        alone = RayCaster(mesh).trace(position[k : k + 1], rotation[k : k + 1])[0]
-        np.testing.assert_array_equal(together[k], alone)
 
 
 @pytest.mark.parametrize("method", METHODS)

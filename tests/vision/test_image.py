@@ -2,14 +2,7 @@ import numpy as np
 import OpenEXR
 from numpy.testing import assert_array_equal
 
-from palpate.vision.image import (
-    Layers,
-    linear,
-    over_background,
-    read_layers,
-    srgb,
-    write_layers,
-)
+from palpate.vision.image import Layers, linear, over_background, read_layers, srgb, write_layers
 
 
 def test_srgb_of_known_values_and_its_inverse():

@@ -158,9 +158,7 @@ def test_materials_and_texture_appear_and_row_0_is_at_the_top(write_glb):
     )
     # Upper half: a square that faces the camera's side (+x), red where y < 0 and blue where y > 0.
     square = trimesh.Trimesh(
-        [[0, -0.1, 0.05], [0, 0.1, 0.05], [0, 0.1, 0.2], [0, -0.1, 0.2]],
-        [[0, 1, 2], [0, 2, 3]],
-        process=False,
+        [[0, -0.1, 0.05], [0, 0.1, 0.05], [0, 0.1, 0.2], [0, -0.1, 0.2]], [[0, 1, 2], [0, 2, 3]], process=False
     )
     square.visual = trimesh.visual.TextureVisuals(uv=[[0, 0], [1, 0], [1, 1], [0, 1]], material=texture)
     below = painted(ball((0, 0, -0.12), 0.06), (0.05, 0.6, 0.05))
@@ -271,12 +269,7 @@ def test_what_is_broken_is_unusable_and_the_next_object_renders(write_glb, tmp_p
     good = write_glb("good", ball((0, 0, 0), 0.1))
     expected, _ = renderer.render(scene_of(good, size=48))
     whole = good.read_bytes()
-    broken = {
-        "text": b"this is no glTF",
-        "empty": b"",
-        "cut": whole[: len(whole) // 2],
-        "header": whole[:20],
-    }
+    broken = {"text": b"this is no glTF", "empty": b"", "cut": whole[: len(whole) // 2], "header": whole[:20]}
     for name, content in broken.items():
         path = tmp_path / name / "visual.glb"
         path.parent.mkdir()

@@ -210,10 +210,7 @@ def test_agreement_counts_what_lands_within_a_pixel_of_the_mask():
         (lambda folder: (folder / views.METADATA).unlink(), "no such file"),
         (lambda folder: (folder / views.METADATA).write_text("1 2 3 4 5\n1 2 3\n"), "line 2 is '1 2 3'"),
         (lambda folder: (folder / views.METADATA).write_text("1 2 3 4 5\n"), "1 views, but"),
-        (
-            lambda folder: PillowImage.new("RGBA", (64, 64)).save(folder / "00.png"),
-            "set views.size to 64",
-        ),
+        (lambda folder: PillowImage.new("RGBA", (64, 64)).save(folder / "00.png"), "set views.size to 64"),
     ],
 )
 def test_damaged_renderings_are_named(renderings, damage, message):
