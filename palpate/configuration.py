@@ -5,6 +5,7 @@ import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import MISSING, fields, is_dataclass
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -197,6 +198,7 @@ def whole_numbers(values: Any) -> Any:
     return int(values) if isinstance(values, float) and values.is_integer() and abs(values) < 2**53 else values
 
 
+@cache
 def _validator(schema: Path | str) -> jsonschema.Draft202012Validator:
     return jsonschema.Draft202012Validator(yaml.safe_load(Path(schema).read_text()))
 
