@@ -11,15 +11,9 @@ from palpate import mesh
 from palpate.named_files import companions, find, is_outside, texture_pixels, unusable
 from tests.mesh.written import FORMATS, gltf, picture, write
 
-NAMES = {
-    "obj": ["body.mtl", "picture.png"],
-    "glb": ["picture.png"],
-    "gltf": ["body.bin", "picture.png"],
-    "ply": ["picture.png"],
-    "dae": ["picture.png"],
-    "stl": [],
-    "off": [],
-    "3mf": [],
+NAMES = {"obj": ["body.mtl", "picture.png"], "gltf": ["body.bin", "picture.png"]}
+NAMES |= {suffix: ["picture.png"] for suffix in ("glb", "ply", "dae")} | {
+    suffix: [] for suffix in ("stl", "off", "3mf")
 }
 
 
@@ -45,52 +39,42 @@ def test_names_with_escapes_options_spaces_and_other_encodings(tmp_path):
     assert companions(tmp_path / "m.obj") == ["m.mtl", "wood grain.png", "é.png"]
 
 
-def long_map(folder):
-    (folder / "a.obj").write_text("mtllib a.mtl\n")
-    (folder / "a.mtl").write_text(f"map_Kd {'x' * 300}.png\nmap_Kd {'y/' * 5000}\nmap_Kd {'- ' * 100_000}\n")
-    return "a.obj", ["a.mtl"]
+# Files with their contents, the mesh first, and what it names; a file of None is a pipe.
+HOSTILE = {
+    "long map": (
+        {
+            "a.obj": "mtllib a.mtl\n",
+            "a.mtl": f"map_Kd {'x' * 300}.png\nmap_Kd {'y/' * 5000}\nmap_Kd {'- ' * 100_000}\n",
+        },
+        ["a.mtl"],
+    ),
+    "long uri": ({"a.gltf": json.dumps({"images": [{"uri": "x" * 300}, {"uri": "y" * 100_000}]})}, []),
+    "deep": ({"a.gltf": '{"a":' + "[" * 200_000 + "]" * 200_000 + "}"}, []),
+    # 3 MB: with a quadratic search this would take days.
+    "blank lines": (
+        {"a.obj": "mtllib a.mtl\n", "a.mtl": "\n" * 1_000_000 + " " * 1_000_000 + "\n" + "map_Kd" + " " * 1_000_000},
+        ["a.mtl"],
+    ),
+    "spaces": ({"a.dae": "<init_from>" + " " * 1_000_000 + "<init_from>" * 100_000}, []),
+    "pipes": (
+        {
+            "a.obj": "mtllib a.mtl\nmtllib /dev/zero\nmtllib b.mtl\n",
+            "b.mtl": "map_Kd t.png\nmap_Kd /dev/zero\n",
+            **dict.fromkeys(("a.mtl", "t.png")),
+        },
+        ["b.mtl"],
+    ),
+    "pipe": ({"a.obj": None}, []),
+}
 
 
-def long_uri(folder):
-    (folder / "a.gltf").write_text(json.dumps({"images": [{"uri": "x" * 300}, {"uri": "y" * 100_000}]}))
-    return "a.gltf", []
-
-
-def deep(folder):
-    (folder / "a.gltf").write_text('{"a":' + "[" * 200_000 + "]" * 200_000 + "}")
-    return "a.gltf", []
-
-
-def blank_lines(folder):
-    """3 MB: with a quadratic search this would take days."""
-    (folder / "a.obj").write_text("mtllib a.mtl\n")
-    (folder / "a.mtl").write_text("\n" * 1_000_000 + " " * 1_000_000 + "\n" + "map_Kd" + " " * 1_000_000)
-    return "a.obj", ["a.mtl"]
-
-
-def spaces(folder):
-    (folder / "a.dae").write_text("<init_from>" + " " * 1_000_000 + "<init_from>" * 100_000)
-    return "a.dae", []
-
-
-def pipes(folder):
-    for name in ("a.mtl", "t.png"):
-        os.mkfifo(folder / name)
-    (folder / "a.obj").write_text("mtllib a.mtl\nmtllib /dev/zero\nmtllib b.mtl\n")
-    (folder / "b.mtl").write_text("map_Kd t.png\nmap_Kd /dev/zero\n")
-    return "a.obj", ["b.mtl"]
-
-
-def pipe(folder):
-    os.mkfifo(folder / "a.obj")
-    return "a.obj", []
-
-
-@pytest.mark.parametrize("make", [long_map, long_uri, deep, blank_lines, spaces, pipes, pipe])
-def test_whatever_a_file_says_its_names_are_found_soon(tmp_path, make):
-    name, expected = make(tmp_path)
-    assert companions(tmp_path / name, "/") == expected
-    assert texture_pixels(tmp_path / name, "/") == 0
+@pytest.mark.parametrize("files, expected", HOSTILE.values(), ids=HOSTILE)
+def test_whatever_a_file_says_its_names_are_found_soon(tmp_path, files, expected):
+    for name, content in files.items():
+        os.mkfifo(tmp_path / name) if content is None else (tmp_path / name).write_text(content)
+    path = tmp_path / next(iter(files))
+    assert companions(path, "/") == expected
+    assert texture_pixels(path, "/") == 0
 
 
 def test_what_can_be_no_mesh_file(tmp_path):

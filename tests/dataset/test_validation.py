@@ -55,11 +55,12 @@ def add(stage, name, index, value):
     return edit(stage, change)
 
 
-def touched(change):
-    """A damage to the first successful sensor: `change(arrays, index)`."""
+def touched(name, change):
+    """A damage to one array of the first successful sensor: `change(value)` in place of its value."""
 
     def change_first(arrays):
-        change(arrays, tuple(np.argwhere(arrays["success"])[0]))
+        index = tuple(np.argwhere(arrays["success"])[0])
+        arrays[name][index] = change(arrays[name][index].copy())
 
     return edit("touch", change_first)
 
@@ -67,28 +68,30 @@ def touched(change):
 def felt_pixel(value):
     """A damage to one pixel in range; all else is kept consistent with it, so that only depth is to blame."""
 
-    def change(arrays, index):
-        depth = arrays["depth"][index]
+    def change(depth):
         depth[tuple(np.argwhere(np.isfinite(depth))[0])] = value
+        return depth
 
-    return touched(change)
-
-
-def untouched(arrays):
-    """Index of a sensor that touched nothing."""
-    return tuple(np.argwhere(~arrays["success"])[0])
+    return touched("depth", change)
 
 
-def fill_reading_of_untouched(arrays):
-    arrays["reading"][untouched(arrays)] = arrays["empty_reading"]
+def untouched(name, value):
+    """A damage to one array of a sensor that touched nothing."""
+
+    def change(arrays):
+        arrays[name][tuple(np.argwhere(~arrays["success"])[0])] = value(arrays)
+
+    return edit("touch", change)
 
 
-def claim_a_touch(arrays):
-    arrays["success"][untouched(arrays)] = True
+def renewed(stage, change, *names):
+    """A damage: `change(array)` in place of some arrays of a store."""
+    return edit(stage, lambda arrays: arrays.update({name: change(arrays[name]) for name in names}))
 
 
-def deny_touches(arrays):
-    arrays["touches"] = ~arrays["touches"]
+def each(change):
+    """A damage: `change(name, array)` in place of each array of the touch store."""
+    return edit("touch", lambda arrays: arrays.update({n: change(n, a) for n, a in arrays.items()}))
 
 
 def no_touch(arrays):
@@ -105,78 +108,13 @@ def push_hand_in(run):
     add("grasps", "link_pose", (0, 0, slice(None), slice(0, 3), 3), step)(run)
 
 
-def mirror_palm(arrays):
-    arrays["palm_pose"][..., :3, 1] *= -1
-
-
-def swap_readings(arrays, index):
-    arrays["reading"][index] = arrays["reading"][index].transpose(1, 0, 2)
-
-
-def swap_points(arrays, index):
-    arrays["points"][index][:2] = arrays["points"][index][1::-1]
-
-
-def move_points(arrays, index):
+def move_points(arrays):
+    index = tuple(np.argwhere(arrays["success"])[0])
     arrays["points"][index][0] += 2e-4 * arrays["rotation"][index][:, 0]
 
 
-def move_sensor(arrays, index):
-    arrays["position"][index] += 1e-9
-
-
-def past_count(arrays, index):
-    arrays["point_count"][index] -= 1
-
-
-def more_points(arrays, index):
-    arrays["point_count"][index] += 1
-
-
-def one_grasp_less(arrays):
-    for name, array in arrays.items():
-        if name not in ("object", "empty_reading"):
-            arrays[name] = array[:, 1:]
-
-
-def drop_all(arrays):
-    for name, array in arrays.items():
-        if name != "empty_reading":
-            arrays[name] = array[:0]
-
-
-def reverse(arrays):
-    arrays["object"] = arrays["object"][::-1]
-
-
-def rename(arrays):
-    arrays["object"] = np.array(["ball-0001"])  # which was rejected
-
-
-def hide_behind_nothing(arrays):
-    arrays["occluded_mask"][0, 0] = 0
-
-
-def see_what_is_not_there(arrays):
-    arrays["occluded_mask"][0, 1] = 255
-
-
-def shift_picture(arrays):
-    for name in ("unoccluded_mask", "unoccluded_depth"):
-        arrays[name] = np.roll(arrays[name], 2, axis=3)
-
-
-def flip_pictures(arrays):
-    for name in ("unoccluded_mask", "unoccluded_depth"):
-        arrays[name] = arrays[name][..., ::-1]
-
-
-def nothing_seen(arrays):
-    arrays["unoccluded_mask"][:] = 0
-
-
-def file(path, change):
-    """A damage to a file of the run."""
+def file(path, change=None):
+    """A damage to a file of the run; without a change it is gone, or a folder with all in it."""
 
     def damage(run):
         target = run / path
@@ -188,30 +126,14 @@ def file(path, change):
     return damage
 
 
-def without_seed(run):
-    path = run / f"vision/{BATCH}.zarr"
-    attributes = dict(zarr.open_group(path).attrs)
-    del attributes["seed"]
-    seal(path, attributes)
+def made_with(change):
+    """A damage to the attributes of the vision store, which is then sealed again."""
 
+    def damage(run):
+        path = run / f"vision/{BATCH}.zarr"
+        seal(path, change(dict(zarr.open_group(path).attrs)))
 
-def of_other_grasps(run):
-    path = run / f"vision/{BATCH}.zarr"
-    seal(path, dict(zarr.open_group(path).attrs) | {"made_from": {"inputs": {"grasps": "0" * 64}}})
-
-
-def lose(path):
-    """A damage: a file is gone, or a folder with all in it."""
-    return file(path, None)
-
-
-def flip_inside(run):
-    """A file keeps its size."""
-    path = run / f"touch/{BATCH}.zarr"
-    content = (path / "success/c/0/0/0").read_bytes()
-    other = bytearray(content)
-    other[len(other) // 2] ^= 1
-    (path / "success/c/0/0/0").write_bytes(other)
+    return damage
 
 
 def change_sealed_table(run):
@@ -221,8 +143,12 @@ def change_sealed_table(run):
     table.write_text("chamfer\n1.85\n")
 
 
-def flip_a_bit(data):
-    return data[:100] + bytes([data[100] ^ 1]) + data[101:]
+def flip_a_bit(data, place=100):
+    return data[:place] + bytes([data[place] ^ 1]) + data[place + 1 :]
+
+
+def flip_the_middle(data):
+    return flip_a_bit(data, len(data) // 2)
 
 
 def scale_mesh(factor, shift=0.0):
@@ -265,10 +191,6 @@ def without_depth(run):
     seal(run / f"touch/{BATCH}.zarr")
 
 
-def hand_without_ranges(arrays):
-    del arrays["hand/joint_range"]
-
-
 def table(name, change):
     """A damage to the rows of a table."""
 
@@ -284,41 +206,42 @@ def again(split):
 
 
 NAN, INF = np.nan, np.inf
+PICTURE = ("unoccluded_mask", "unoccluded_depth")
 DAMAGES = {
-    "made from": [("vision", of_other_grasps)],
+    "made from": [("vision", made_with(lambda had: had | {"made_from": {"inputs": {"grasps": "0" * 64}}}))],
     "readable": [
-        ("surface", file(f"surface/{BATCH}.zarr", None)),
+        ("surface", file(f"surface/{BATCH}.zarr")),
         ("grasps", file(f"grasps/{BATCH}.h5", lambda data: data[: len(data) // 2])),
-        ("grasps", edit("grasps", hand_without_ranges)),
+        ("grasps", edit("grasps", lambda arrays: arrays.pop("hand/joint_range"))),
         ("touch", file(f"touch/{BATCH}.zarr/depth/c/0/0/0/0/0", flip_a_bit)),
         ("touch", file(f"touch/{BATCH}.zarr/empty_reading/c/0/0/0", flip_a_bit)),
         ("touch", file(f"touch/{BATCH}.zarr/zarr.json", lambda data: b"{")),
         ("meshes", file(f"meshes/{BATCH}/{OBJECT}/visual.glb", lambda data: data[:100])),
-        ("meshes", file(f"meshes/{BATCH}/{OBJECT}", None)),
+        ("meshes", file(f"meshes/{BATCH}/{OBJECT}")),
     ],
     "arrays": [("surface", retype), ("vision", extra_array), ("touch", without_depth)],
     "files": [
-        ("surface", lose(f"surface/{BATCH}.zarr/points/c")),
-        ("touch", lose(f"touch/{BATCH}.zarr/success/c/0/0/0")),
+        ("surface", file(f"surface/{BATCH}.zarr/points/c")),
+        ("touch", file(f"touch/{BATCH}.zarr/success/c/0/0/0")),
         ("touch", file(f"touch/{BATCH}.zarr/success/c/0/0/0", lambda data: data[:-1])),
-        ("touch", flip_inside),
+        ("touch", file(f"touch/{BATCH}.zarr/success/c/0/0/0", flip_the_middle)),
         ("grasps", file(f"grasps/{BATCH}.h5", flip_a_bit)),
         ("meshes", file(f"meshes/{BATCH}/{OBJECT}/visual.glb", flip_a_bit)),
-        ("meshes", lose(f"meshes/{BATCH}/manifest.json")),
+        ("meshes", file(f"meshes/{BATCH}/manifest.json")),
     ],
     "tables": [("run", change_sealed_table)],
     "sources": [
-        ("catalogue", lose(f"sources/{OBJECT}.obj")),
+        ("catalogue", file(f"sources/{OBJECT}.obj")),
         ("catalogue", file(f"sources/{OBJECT}.obj", lambda data: data + b"v 0 0 0\n")),
     ],
-    "attributes": [("vision", without_seed)],
+    "attributes": [("vision", made_with(lambda had: {key: had[key] for key in had if key != "seed"}))],
     "objects": [
-        ("touch", edit("touch", drop_all)),
-        ("vision", edit("vision", rename)),
+        ("touch", each(lambda name, array: array if name == "empty_reading" else array[:0])),
+        ("vision", renewed("vision", lambda _: np.array(["ball-0001"]), "object")),
         ("surface", table("rejected.csv", lambda frame: frame.assign(stage="surface"))),
     ],
-    "order": [("surface", edit("surface", reverse))],
-    "grasp count": [("touch", edit("touch", one_grasp_less))],
+    "order": [("surface", renewed("surface", lambda names: names[::-1], "object"))],
+    "grasp count": [("touch", each(lambda name, rows: rows if name in ("object", "empty_reading") else rows[:, 1:]))],
     "finite": [
         ("surface", put("surface", "points", (0, 3, 1), NAN)),
         ("grasps", put("grasps", "joint_positions", (0, 1, 2), NAN)),
@@ -327,7 +250,7 @@ DAMAGES = {
         ("touch", put("touch", "position", (0, 0, 0, 0), NAN)),
     ],
     "rotation": [
-        ("grasps", edit("grasps", mirror_palm)),
+        ("grasps", renewed("grasps", lambda pose: pose * [1, -1, 1, 1], "palm_pose")),
         ("grasps", add("grasps", "sensor_rotation", (0, 1, 2, 0, 0), 1e-5)),
         ("grasps", add("grasps", "link_pose", (0, 1, 2, 3, 0), 1e-5)),
         ("touch", add("touch", "rotation", (0, 0, 3), 1e-5)),
@@ -335,7 +258,7 @@ DAMAGES = {
     "scale": [("meshes", scale_mesh(1.001)), ("meshes", scale_mesh(1, shift=1e-5)), ("meshes", keep_size(0.499))],
     "scale factor": [("surface", put("surface", "scale", 0, 0.0011))],
     "inside box": [("surface", put("surface", "points", (0, 7, 2), 0.9))],
-    "on mesh": [("surface", put("surface", "points", (0, 7), [0, 0, 0.6])), ("touch", touched(move_points))],
+    "on mesh": [("surface", put("surface", "points", (0, 7), [0, 0, 0.6])), ("touch", edit("touch", move_points))],
     "joint limits": [("grasps", put("grasps", "joint_positions", (0, 1, 0), 0.53))],
     "kinematics": [
         ("grasps", add("grasps", "joint_positions", (0, 0, 5), 1e-3)),
@@ -348,21 +271,21 @@ DAMAGES = {
     ],
     "in hand": [("grasps", push_hand_in)],
     "attempts": [("grasps", put("grasps", "attempts", 0, 1))],
-    "sensor poses": [("touch", touched(move_sensor))],
+    "sensor poses": [("touch", touched("position", lambda place: place + 1e-9))],
     "touch depth": [
         ("touch", felt_pixel(0.0)),
         ("touch", felt_pixel(-0.001)),
         ("touch", felt_pixel(0.0251)),
         ("touch", felt_pixel(NAN)),
     ],
-    "success": [("touch", edit("touch", claim_a_touch))],
-    "touches": [("touch", edit("grasps", deny_touches))],
+    "success": [("touch", untouched("success", lambda _: True))],
+    "touches": [("touch", renewed("grasps", np.invert, "touches"))],
     "one touch": [("touch", edit("touch", no_touch))],
-    "point count": [("touch", touched(more_points))],
-    "padding": [("touch", touched(past_count))],
-    "points": [("touch", touched(swap_points))],
-    "reading": [("touch", touched(swap_readings))],
-    "untouched": [("touch", edit("touch", fill_reading_of_untouched))],
+    "point count": [("touch", touched("point_count", lambda count: count + 1))],
+    "padding": [("touch", touched("point_count", lambda count: count - 1))],
+    "points": [("touch", touched("points", lambda cloud: np.r_[cloud[1::-1], cloud[2:]]))],
+    "reading": [("touch", touched("reading", lambda image: image.transpose(1, 0, 2)))],
+    "untouched": [("touch", untouched("reading", lambda arrays: arrays["empty_reading"]))],
     "empty reading": [("touch", add("touch", "empty_reading", (5, 6, 1), 1))],
     "mask values": [("vision", put("vision", "occluded_mask", (0, 1, 0, 30, 30), 254))],
     "camera": [
@@ -376,17 +299,17 @@ DAMAGES = {
         ("vision", put("vision", "occluded_depth", (0, 1, 0, 5, 5), 3.0)),
         ("vision", put("vision", "unoccluded_depth", (0, 0, 0, 0), 1.0)),
     ],
-    "seen": [("vision", put("vision", "occluded", (0, 1), 128)), ("vision", edit("vision", nothing_seen))],
+    "seen": [("vision", put("vision", "occluded", (0, 1), 128)), ("vision", put("vision", "unoccluded_mask", ..., 0))],
     "picture of mesh": [
-        ("vision", edit("vision", shift_picture)),
-        ("vision", edit("vision", flip_pictures)),
+        ("vision", renewed("vision", lambda array: np.roll(array, 2, axis=3), *PICTURE)),
+        ("vision", renewed("vision", lambda array: array[..., ::-1], *PICTURE)),
         ("vision", add("vision", "unoccluded_depth", (0,), 2e-3)),
         ("vision", add("vision", "intrinsics", (0, 0, [0, 1], [0, 1]), 4.0)),
         ("vision", add("vision", "extrinsics", (0, 0, 2, 3), 0.03)),
     ],
     "occlusion": [
-        ("vision", edit("vision", hide_behind_nothing)),
-        ("vision", edit("vision", see_what_is_not_there)),
+        ("vision", put("vision", "occluded_mask", (0, 0), 0)),
+        ("vision", put("vision", "occluded_mask", (0, 1), 255)),
         ("vision", add("vision", "occluded_depth", (0, 1), 3e-3)),
     ],
     "unique": [("catalogue", table("catalogue.csv", again("train")))],
