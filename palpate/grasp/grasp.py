@@ -140,20 +140,15 @@ def grasp_object(
     thumb_share: float = THUMB_SHARE,
     sensor: Sensor = DIGIT,
 ) -> GraspSet:
-    """Grasp an object: `attempts` grasps with at least one touch are made, the best `per_object` are kept.
+    """Grasp an object: `attempts` grasps with at least one touch are made, of at most `max_attempts` attempts in all,
+    and the `per_object` with the most touches are kept, of equals the earlier.
 
-    Args:
-        visual, collision: the object's meshes in its own frame, with every face and decimated.
-        surface_points: (N, 3) on its exterior, in the world frame, as the surface store has them.
-        per_object: grasps kept, those with the most touches; of equals the earlier.
-        attempts: valid grasps made before the best are kept; max_attempts: bound on all attempts.
-        timestep: of the simulation, seconds.
-        max_penetration: metres; a deeper grasp is not accepted.
-        thumb_share: of the attempts, in which the thumb closes too; with 1, more sensors touch than in the paper.
-        sensor: the hand's sensors, which decide what touches.
+    visual, collision: the object's meshes in its own frame, with every face and decimated. surface_points: (N, 3) on
+    its exterior, in the world frame, as the surface store has them. timestep: of the simulation, seconds.
+    max_penetration: metres; a deeper grasp is not accepted. thumb_share: of the attempts, in which the thumb closes
+    too; with 1, more sensors touch than in the paper. sensor: the hand's sensors, which decide what touches.
 
     Returns the grasps in the world frame; the same generator gives the same.
-
     Raises `UnusableObject` if `max_attempts` attempts don't give `per_object` valid grasps, or for an object without a
     surface; ValueError for settings, a hand or points that can't be used.
     """

@@ -29,18 +29,7 @@ GEOM_KIND = {geom: kind for kind, geom in MUJOCO_GEOM.items()}
 def from_mjcf(path: Path | str, sensors: Mapping | Path | str, gel_face: float = DIGIT.gel_face) -> Hand:
     """Read a hand of hinges and slides from a model file, with the frames of its sensors.
 
-    sensors: a mapping, or a YAML file that holds one, with the keys
-
-    - `sensors`: one or more of `{site: name}` or `{body: name, position: [x, y, z], rotation: [roll, pitch, yaw]}`
-      (metres, radians, fixed axes), at the middle of the gel's face: x out of the gel, y along the columns and z along
-      the rows of a reading
-    - `palm` (default: the first body): the palm's body; the hand is everything from it on
-    - `anchor`: a site on the palm's face, which is aimed at the object, x its outward normal and z along the fingers;
-      default: the face of the palm's collision geoms in +x, at y = z = 0 of the palm's body
-    - `open`: joint positions of the open hand in radians or metres; default: those of the file
-    - `thumb`: names of the thumb's sensors, which closes in a share of the attempts only (`grasps.thumb_share`);
-      default: none, all fingers close in each
-
+    sensors: a mapping, or a YAML file that holds one, with the keys that `schema.yaml` describes.
     gel_face: metres from the sensors' frames to the gel's face. The palm's frame is that of its body, whose joints are
     omitted with a warning, for a grasp places the palm. Every other joint gets a servo and keeps its range.
 

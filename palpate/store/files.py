@@ -29,9 +29,6 @@ Header = tuple[tuple[int, ...], np.dtype]  # of an array: shape and type
 def write(path: Path | str, stage: str, arrays: Mapping[str, np.ndarray], attributes: Mapping[str, Any]) -> None:
     """Write one batch's store atomically.
 
-    Chunks that hold nothing but the array's fill value, such as those of sensors that touched nothing, are not
-    written (Zarr's setting `array.write_empty_chunks` is False): they read as the fill value.
-
     path: `<run>/<stage>/<batch>.zarr`, or `.h5` for grasps. stage: a key of `CONTRACT`.
     arrays: exactly the contract's arrays, optional ones or not; a group that it allows is given as
     `hand/<name>`.

@@ -39,7 +39,8 @@ CHECKSUM = 4  # bytes of a CRC-32C, which ends each chunk and the index
 
 
 def write_zarr(path: Path, spec: StoreSpec, arrays: Mapping[str, np.ndarray], attributes: Mapping[str, Any]) -> None:
-    """Write arrays that fit the contract, strings as objects. Chunks of nothing but fill values are not written."""
+    """Write arrays that fit the contract, strings as objects. Chunks of nothing but fill values are not written
+    (Zarr's setting `array.write_empty_chunks` is False), such as those of sensors that touched nothing."""
     group = zarr.create_group(path)
     for name, array in arrays.items():
         array_spec = spec.arrays[name]

@@ -95,42 +95,31 @@ def test_colours_are_more_than_none_and_less_than_a_texture(formats):
     assert entry.source == "can/nontextured.ply" and "can/textured.obj" in entry.others
 
 
-@pytest.mark.parametrize("suffix", ["obj", "glb", "gltf", "ply", "off", "dae", "stl"])
+# Of files without and with colours, and with a texture; a glTF or COLLADA file that is written here has a material.
+RICHNESS = {
+    "obj": (SHAPE, COLOURS, TEXTURE),
+    "ply": (SHAPE, COLOURS, TEXTURE),
+    "off": (SHAPE, COLOURS),
+    "stl": (SHAPE,),
+}
+RICHNESS |= dict.fromkeys(("glb", "gltf"), (COLOURS, COLOURS, TEXTURE)) | {"dae": (None, COLOURS, TEXTURE)}
+
+
+@pytest.mark.parametrize("suffix", RICHNESS)
 def test_richness_of_every_format(tmp_path, suffix):
-    """What a file holds, as the library that wrote it knows; nothing is richer than it is."""
-    plain, coloured, textured = (tmp_path / f"{name}.{suffix}" for name in ("plain", "coloured", "textured"))
-
-    def write(path, mesh):
-        if suffix == "gltf":
-            files = trimesh.exchange.gltf.export_gltf(trimesh.Scene(mesh))
-            for name, data in files.items():
-                (path if name == "model.gltf" else tmp_path / f"{path.stem}_{name}").write_bytes(data)
-        else:
-            mesh.export(path)
-
-    bare = ball()
-    bare.visual = trimesh.visual.ColorVisuals()
-    write(plain, bare)
-    assert richness(plain) == (COLOURS if suffix == "dae" else SHAPE)  # its writer gives every mesh a material
-    if suffix == "ply":
-        mesh = ball()
-        mesh.visual.vertex_colors = np.tile([10, 200, 10, 255], (len(mesh.vertices), 1))
-        write(coloured, mesh)
-        assert richness(coloured) == COLOURS
-    if suffix == "off":
-        coloured.write_text("COFF\n3 1 0\n0 0 0 9 9 9 9\n1 0 0 9 9 9 9\n0 1 0 9 9 9 9\n3 0 1 2\n")
-        assert richness(coloured) == COLOURS
-    if suffix in ("glb", "gltf", "obj"):
-        mesh = ball()
-        image = Image.new("RGB", (4, 4), (200, 10, 10))
-        mesh.visual = trimesh.visual.TextureVisuals(uv=np.zeros((len(mesh.vertices), 2)), image=image)
-        write(textured, mesh)
-        assert richness(textured) == TEXTURE
-        if suffix == "glb":
-            mesh.visual = trimesh.visual.TextureVisuals(material=trimesh.visual.material.PBRMaterial(name="red"))
-            write(coloured, mesh)
-            assert richness(coloured) == COLOURS
-    (tmp_path / f"cut.{suffix}").write_bytes(textured.read_bytes()[:9] if textured.exists() else b"\x00")
+    """What a file holds; nothing is richer than it is."""
+    by = "vertex" if suffix in ("ply", "off") else "material"
+    looks = {"plain": {}, "coloured": {"colour": (0.1, 0.8, 0.1), "by": by}, "textured": {"texture": True}}
+    for (name, look), expected in zip(looks.items(), RICHNESS[suffix], strict=False):
+        if expected is not None:
+            path = write(tmp_path / name, suffix, **look)
+            assert richness(path) == expected
+    if suffix == "glb":
+        bare = ball()
+        bare.visual = trimesh.visual.ColorVisuals()
+        bare.export(tmp_path / "bare.glb")
+        assert richness(tmp_path / "bare.glb") == SHAPE
+    (tmp_path / f"cut.{suffix}").write_bytes(path.read_bytes()[:3])
     assert richness(tmp_path / f"cut.{suffix}") == SHAPE
 
 
