@@ -154,12 +154,17 @@ def build(folder: Path) -> None:
             palpate.store.write(path, stage, stored, ATTRIBUTES)
 
 
+BUILT: list[Path] = []  # of this process: the fixture is of several folders
+
+
 @pytest.fixture(scope="session")
 def built(tmp_path_factory) -> Path:
     """The run, to be read only."""
-    folder = tmp_path_factory.mktemp("runs") / "small"
-    build(folder)
-    return folder
+    if not BUILT:
+        folder = tmp_path_factory.mktemp("runs") / "small"
+        build(folder)
+        BUILT.append(folder)
+    return BUILT[0]
 
 
 @pytest.fixture
