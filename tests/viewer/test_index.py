@@ -43,7 +43,11 @@ def whole(built, tmp_path_factory):
     table.attrs |= {"decimals": 3, "note": "A note with `code`."}
     write_table(table, run / "tables/input_modalities.csv")
     methods = ["charts (paper)"] * 3 + ["pooled touch (ours)"]  # the head counts the paper's method
-    claims = {"method": methods, "claim": ["Touch helps", "Charts help", "More helps", "Touch helps"], "section": "5.10"}
+    claims = {
+        "method": methods,
+        "claim": ["Touch helps", "Charts help", "More helps", "Touch helps"],
+        "section": "5.10",
+    }
     claims |= {"measured": [-1.5, 2.0, 0.1, -1.0], "verdict": ["holds", "does not hold", "undecided", "holds"]}
     write_table(pd.DataFrame(claims), run / "tables/claims.csv")
     (run / "figures").mkdir()
