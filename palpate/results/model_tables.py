@@ -181,7 +181,7 @@ def surface_quality(
     return _finish(rows, split, scores["bend"], QUALITY_NOTE, decimals=1)
 
 
-@products.table(evaluations="retrieval")
+@products.table(evaluations="retrieval", splits=("test",))
 def retrieval(evaluations: Frame, experiments: Experiments, split: str = "test", resamples: int = RESAMPLES) -> Frame:
     """The best trained model of each kind of input beside retrieval, which takes the training object that fits the
     image and the touches best: Chamfer distance (9000 times m²) on the test split, mean and median. Below 1 the ratio

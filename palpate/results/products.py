@@ -31,6 +31,7 @@ from palpate.stages import STAGES
 Function = TypeVar("Function", bound=Callable)
 FOLDER = Path(__file__).parent
 FILES = ("touches", "touch_depth", "histories", "trainings")
+UNIONS = ("claims", "effects", "retrieval")  # sources of evaluations that are no table of config/experiments.yaml
 KINDS = {"products.table": "tables", "products.figure": "figures"}  # decorator -> folder of the run
 INTERVALS = (
     "In brackets, or in the columns `_low` and `_high`: 95 % bootstrap intervals over objects within classes, and over "
@@ -59,7 +60,7 @@ class Product:
         name: by default the function's; `{class_name}` or `{model}` in it stands for each class of the run, or each
             model whose layers the paper lists. The caption may have the same field.
         evaluations, rings, selections: whose evaluations it reads, over all surfaces, in rings around touches, and
-            after chosen grasps: a table of config/experiments.yaml, `claims` or `effects`.
+            after chosen grasps: a table of config/experiments.yaml, or of `UNIONS`.
         models: experiments whose trained models it reads.
         files: further files that it reads: `touches` (evaluation of the U-Net), `touch_depth` (the U-Net), `histories`
             (of all trainings), `trainings` (of the grid of hyperparameters).
@@ -102,7 +103,7 @@ class Product:
     def comparison(self) -> str:
         """The table of config/experiments.yaml whose experiments it reads evaluations of; empty without one."""
         source = self.evaluations or self.rings or self.selections
-        return source if source not in ("claims", "effects") else ""
+        return source if source not in UNIONS else ""
 
     def needed_splits(self, tables: Mapping[str, Comparison]) -> tuple[str, ...]:
         """The splits that it needs objects of. tables: those of config/experiments.yaml."""

@@ -23,6 +23,8 @@ def is_available(source):
     tables = EXPERIMENTS.tables
     if source == "effects":
         return bool(EFFECTS)
+    if source == "retrieval":
+        return any(EXPERIMENTS.experiments[name].strategy == "retrieval" for name in experiments_of(source))
     if source == "claims":
         defined = set(published.published_experiments()) <= set(EXPERIMENTS.experiments)
         return defined and "extrapolation" in tables and tables["extrapolation"].split == "test"
@@ -37,6 +39,9 @@ def experiments_of(source, rings=False):
         names = published.claimed_experiments(FEASIBLE, *["extrapolation"] * rings)
     elif source == "effects":
         names = sorted({row[key] for row in EFFECTS for key in ("experiment", "compared_with")})
+    elif source == "retrieval":
+        members = [EXPERIMENTS.tables[name] for name in ("input_modalities", "grasps") if name in EXPERIMENTS.tables]
+        names = dict.fromkeys(name for table in members if table.split == "test" for name in table.by_name)
     elif source in EXPERIMENTS.tables:
         names = EXPERIMENTS.tables[source].by_name
     else:
@@ -118,7 +123,8 @@ def product_params(kind, name):
     """The values that its function takes of the config."""
     product, fields = products.find(kind, name)
     comparison = EXPERIMENTS.tables.get(product.comparison)
-    compared = comparison.by_name if comparison else {each: EXPERIMENTS.experiments[each] for each in TRAINED}
+    names = comparison.by_name if comparison else experiments_of(product.evaluations) if product.evaluations else TRAINED
+    compared = {each: EXPERIMENTS.experiments[each] for each in names}
     values = {
         "experiments": {each: experiment.row() for each, experiment in compared.items()},
         "split": next(iter(product.needed_splits(EXPERIMENTS.tables)), None),
