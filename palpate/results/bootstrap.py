@@ -1,10 +1,8 @@
 """Averages over classes with bootstrap intervals over objects and seeds, and of what is computed from them.
 
 An experiment's errors are an array (k seeds, n objects). Its average is the mean over classes of the mean
-over a class's objects (and over seeds), as in the paper's tables (table "Model selection", row 1:
-(0.775 + 0.572 + 1.262 + 0.643) / 4 = 0.813). Experiments are measured on the same objects and trained with the same
-seeds, so that a difference is paired by both: it is taken object by object and seed by seed. What an object makes hard,
-and what two trainings inherit from the base model of their seed, is then in both terms and cancels.
+over a class's objects (and over seeds), as in the paper's tables. Experiments are measured on the same objects and
+trained with the same seeds, so that a difference is paired by both: what makes an object hard cancels.
 """
 
 from collections.abc import Callable, Sequence
@@ -21,6 +19,8 @@ STEP = 1e-4  # of the means, relative, for the slope of a statistic
 # are then those of the many objects. So it counts 1 + 8 / f^2 times in them, f being its own degrees. Intervals then
 # contain the truth in 94 to 97 of 100 simulated runs, instead of 88 to 95 (docs/evidence/evaluation.md).
 SEEDS_WEIGHT = 8.0
+
+Statistic = Callable[[np.ndarray], np.ndarray]  # from averages (..., experiments) to numbers (...)
 
 
 class Estimate(NamedTuple):
@@ -45,12 +45,12 @@ class Estimate(NamedTuple):
         return int(self.low > 0) - int(self.high < 0)
 
 
+def _first(means: np.ndarray) -> np.ndarray:
+    return means[..., 0]
+
+
 def interval(
-    values: Sequence[np.ndarray],
-    classes: np.ndarray,
-    statistic: Callable[[np.ndarray], np.ndarray] = lambda means: means[..., 0],
-    resamples: int = RESAMPLES,
-    seed: int = SEED,
+    values: Sequence[np.ndarray], classes: np.ndarray, statistic: Statistic = _first, resamples=RESAMPLES, seed=SEED
 ) -> Estimate:
     """A statistic of the experiments' averages, with its bootstrap interval.
 
@@ -61,14 +61,12 @@ def interval(
         statistic: from averages (..., experiments) to numbers (...); by default the first one's average.
 
     The pigeonhole bootstrap (Owen 2007, section 3): objects are drawn within their class and seeds apart from them,
-    both the same for all experiments, and an average of a drawing is sum_so w_s w_o y_so, with the shares w of each
-    seed s and object o among those drawn. For a difference y_so = m + a_s + b_o + e_so its variance is
-    var(a) / k + var(b) / n + 3 var(e) / (k n): right for seeds and objects, and if at all too wide for what is left.
-    Of n objects (or k seeds) n - 1 are drawn, which makes the variance of a mean of few unbiased (McCarthy and Snowden
-    1985, The Bootstrap and Finite Population Sampling). The interval is Student's on the bootstrap's standard error
-    (Efron and Tibshirani 1993, An Introduction to the Bootstrap, section 12.2), with the degrees of freedom of Welch
-    and Satterthwaite (see `SEEDS_WEIGHT`): percentiles of a few objects or seeds are too narrow. With one seed the
-    interval is over objects only. A class with one object shows no spread, and the interval is (nan, nan).
+    both the same for all experiments. For a difference y_so = m + a_s + b_o + e_so of seed s and object o its variance
+    is var(a) / k + var(b) / n + 3 var(e) / (k n): right for seeds and objects, and if at all too wide for what is left.
+    Of n objects (or k seeds) n - 1 are drawn, so that the variance of a mean of few is unbiased (McCarthy and Snowden
+    1985). The interval is Student's on the bootstrap's standard error (Efron and Tibshirani 1993, section 12.2), with
+    Welch's and Satterthwaite's degrees of freedom (see `SEEDS_WEIGHT`). With one seed it is over objects only. A class
+    with one object shows no spread, and the interval is (nan, nan).
 
     Raises ValueError if the arrays do not fit each other, hold no object, or are not finite.
     """
@@ -83,11 +81,7 @@ def interval(
     return Estimate(value, value - half, value + half)
 
 
-def between_seeds(
-    values: Sequence[np.ndarray],
-    classes: np.ndarray,
-    statistic: Callable[[np.ndarray], np.ndarray] = lambda means: means[..., 0],
-) -> float:
+def between_seeds(values: Sequence[np.ndarray], classes: np.ndarray, statistic: Statistic = _first) -> float:
     """How far two seeds differ in a statistic of the experiments' averages: the mean of |difference| over all pairs of
     seeds (Gini's mean difference). nan with one seed. Arguments and errors are those of `interval`."""
     values, classes = _checked(values, classes)

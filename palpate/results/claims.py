@@ -24,17 +24,15 @@ from collections.abc import Callable, Collection
 from typing import NamedTuple
 
 import numpy as np
-import pandas as pd
 
 from palpate.results import methods, products, published
 from palpate.results import model_tables as tables
-from palpate.results.bootstrap import RESAMPLES, Estimate
+from palpate.results.bootstrap import RESAMPLES, Estimate, Statistic
 from palpate.results.errors import AVERAGE, Errors, errors
+from palpate.results.model_tables import Frame
 from palpate.results.published import paper_values
 
 HOLDS, FAILS, UNDECIDED = "holds", "does not hold", "undecided"
-
-Statistic = Callable[[np.ndarray], np.ndarray]  # from averages (..., experiments) to numbers (...)
 
 
 def contrast(*weights: float) -> list[Statistic]:
@@ -109,9 +107,7 @@ def claims(known: Collection[str] = ()) -> list[Claim]:
 
 
 @products.table(name="claims", evaluations="claims", rings="claims", files=("touches",), splits=("validation", "test"))
-def decide(
-    evaluations: pd.DataFrame, rings: pd.DataFrame, touches: pd.DataFrame, resamples: int = RESAMPLES
-) -> pd.DataFrame:
+def decide(evaluations: Frame, rings: Frame, touches: Frame, resamples: int = RESAMPLES) -> Frame:
     """Each claim of the paper that a number can decide, for the paper's method and for ours. A claim is that the
     measured number is negative (or within the bound that it names). It `holds` if this is true of the whole 95 %
     interval, `does not hold` if of no part of it, and is `undecided` otherwise. Differences are taken object by object.
@@ -162,9 +158,7 @@ def decide(
 
 
 @products.table(evaluations="claims", rings="claims", files=("touches",), splits=("validation", "test"))
-def claim_groups(
-    evaluations: pd.DataFrame, rings: pd.DataFrame, touches: pd.DataFrame, resamples: int = RESAMPLES
-) -> pd.DataFrame:
+def claim_groups(evaluations: Frame, rings: Frame, touches: Frame, resamples: int = RESAMPLES) -> Frame:
     """The paper's claims in groups that say the same of several set-ups: how many hold, do not hold, and are undecided,
     for the paper's method and for ours. A group holds if all of its claims do, and does not if one does not.
     """
@@ -174,7 +168,7 @@ def claim_groups(
     return groups
 
 
-def _groups(table: pd.DataFrame) -> pd.DataFrame:
+def _groups(table: Frame) -> Frame:
     """A row for each group of claims and method of the table of claims, the methods of a group below each other."""
     rows = []
     for (group, method), members in table.groupby(["group", "method"], sort=False):
@@ -182,10 +176,10 @@ def _groups(table: pd.DataFrame) -> pd.DataFrame:
         whole = FAILS if counts[FAILS] else UNDECIDED if counts[UNDECIDED] else HOLDS
         rows.append({"group": group, "method": method, "claims": len(members), **counts, "group verdict": whole})
     first = {group: place for place, group in enumerate(table["group"].unique())}
-    return pd.DataFrame(sorted(rows, key=lambda row: first[row["group"]]))
+    return Frame(sorted(rows, key=lambda row: first[row["group"]]))
 
 
-def _counted(table: pd.DataFrame) -> str:
+def _counted(table: Frame) -> str:
     """How many claims and groups of claims hold, of each method."""
     said = []
     for method, groups in _groups(table).groupby("method", sort=False):

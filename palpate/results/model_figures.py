@@ -33,9 +33,7 @@ PANEL = {"left": 0.075, "right": 0.99, "bottom": 0.13, "top": 0.88}  # of the wi
 
 @products.figure(evaluations="grasps")
 @styled
-def multi_grasp(
-    evaluations: pd.DataFrame, experiments: Experiments, path: Path | str, split="test", resamples: int = RESAMPLES
-) -> None:
+def multi_grasp(evaluations: tables.Frame, experiments: Experiments, path, split="test", resamples=RESAMPLES) -> None:
     """Chamfer distance with more grasps, relative to that with one, for each method and input; bands are 95 % bootstrap
     intervals, dashed lines the paper's values.
     """
@@ -68,7 +66,7 @@ def multi_grasp(
 @products.figure(selections="grasp_selection", on_request=True)
 @styled
 def grasp_selection(
-    selections: pd.DataFrame, experiments: Experiments, path: Path | str, split="test", resamples: int = RESAMPLES
+    selections: tables.Frame, experiments: Experiments, path, split="test", resamples=RESAMPLES
 ) -> None:
     """Chamfer distance after each grasp that a strategy chose among those stored, relative to the first, with 95 %
     bootstrap intervals. The oracle takes the grasp that leaves the least error.
@@ -97,9 +95,7 @@ def grasp_selection(
 
 @products.figure(rings="extrapolation")
 @styled
-def error_over_rings(
-    rings: pd.DataFrame, experiments: Experiments, path: Path | str, split="test", resamples: int = RESAMPLES
-) -> None:
+def error_over_rings(rings: tables.Frame, experiments: Experiments, path, split="test", resamples=RESAMPLES) -> None:
     """Mean squared distance from the true surface to the prediction, in square rings around each touch: this run's,
     with 95 % bootstrap intervals, for occluded and unoccluded vision; and the paper's. Charts without communication are
     copied into the mesh and change nothing else. Each panel has its own scale.

@@ -46,9 +46,7 @@ Frame = pd.DataFrame
 
 
 @products.table(evaluations="model_selection")
-def model_selection(
-    evaluations: Frame, experiments: Experiments, split: str = "validation", resamples: int = RESAMPLES
-) -> Frame:
+def model_selection(evaluations: Frame, experiments: Experiments, split="validation", resamples=RESAMPLES) -> Frame:
     """Model selection: Chamfer distance (9000 times m²) on the validation split, by class and on average, of the
     paper's twelve models and of ours.
 
@@ -60,19 +58,23 @@ def model_selection(
     return table
 
 
-@products.table(evaluations="input_modalities")
-def input_modalities(
-    evaluations: Frame, experiments: Experiments, split: str = "test", resamples: int = RESAMPLES
-) -> Frame:
-    """Different input modalities: Chamfer distance (9000 times m²) of the paper's model and of ours on the test split.
-
-    Rows of other methods stand beside the paper's value of the same inputs.
+@products.table(evaluations="input_modalities", splits=("test", "validation"))
+def input_modalities(evaluations: Frame, experiments: Experiments, split="test", resamples=RESAMPLES) -> Frame:
+    """Different input modalities: Chamfer distance (9000 times m²) of the paper's model and of ours on the test split,
+    by class and on average; and the average on the validation split. Rows of other methods stand beside the paper's
+    value of the same inputs.
     """
-    return _errors_by_class("input_modalities", evaluations, experiments, split, resamples)
+    table = _errors_by_class("input_modalities", evaluations, experiments, split, resamples)
+    other = errors(evaluations, list(experiments), "validation")
+    columns = Frame([error_columns("validation", other, name, resamples) for name in experiments])
+    place = table.columns.get_loc("average_median") + 1
+    joined = pd.concat([table.iloc[:, :place], columns, table.iloc[:, place:]], axis=1)
+    joined.attrs = table.attrs
+    return joined
 
 
 @products.table(evaluations="grasps")
-def grasps(evaluations: Frame, experiments: Experiments, split: str = "test", resamples: int = RESAMPLES) -> Frame:
+def grasps(evaluations: Frame, experiments: Experiments, split="test", resamples=RESAMPLES) -> Frame:
     """More grasps: Chamfer distance (9000 times m²) of models that take 1 to 5 grasps, on the test split.
 
     A row is a setup: experiments that differ in their number of grasps only.
@@ -90,7 +92,7 @@ def grasps(evaluations: Frame, experiments: Experiments, split: str = "test", re
 
 
 @products.table(rings="extrapolation")
-def extrapolation(rings: Frame, experiments: Experiments, split: str = "test", resamples: int = RESAMPLES) -> Frame:
+def extrapolation(rings: Frame, experiments: Experiments, split="test", resamples=RESAMPLES) -> Frame:
     """Around touch sites: mean squared distance from the true surface to the prediction, in square rings of 1 to 5
     times the sensor's size around each touch (ring r lies between r - 1 and r times); in m² as in the paper, and 9000
     times that. Charts without communication are copied into the mesh and change nothing else: what other rows with
@@ -115,9 +117,7 @@ def extrapolation(rings: Frame, experiments: Experiments, split: str = "test", r
 
 
 @products.table(evaluations="single_image")
-def single_image(
-    evaluations: Frame, experiments: Experiments, split: str = "test", resamples: int = RESAMPLES
-) -> Frame:
+def single_image(evaluations: Frame, experiments: Experiments, split="test", resamples=RESAMPLES) -> Frame:
     """Reconstruction from single images, by Pixel2Mesh's protocol: Chamfer distance in thousandths, F1 at tau and 2 tau
     in percent. Networks in the manner of PSG, Pixel2Mesh and 3D-R2N2 were built from their publications. Rows marked as
     cited are the paper's, which cites them; they were measured on other objects.
@@ -147,7 +147,7 @@ def single_image(
 
 
 @products.table(files=("touches",), splits=("test",))
-def local_touch_charts(touches: Frame, split: str = "test", resamples: int = RESAMPLES) -> Frame:
+def local_touch_charts(touches: Frame, split="test", resamples=RESAMPLES) -> Frame:
     """Local predictions at each touch of the test split: Chamfer distance (9000 times m²) of the predicted local point
     cloud, and of the touch chart fitted to it, to the true local cloud.
     """
@@ -163,9 +163,7 @@ def local_touch_charts(touches: Frame, split: str = "test", resamples: int = RES
 
 
 @products.table(evaluations="input_modalities")
-def surface_quality(
-    evaluations: Frame, experiments: Experiments, split: str = "test", resamples: int = RESAMPLES
-) -> Frame:
+def surface_quality(evaluations: Frame, experiments: Experiments, split="test", resamples=RESAMPLES) -> Frame:
     """Crumpled sheets, torn charts and spikes told apart: angles between adjacent faces (`bend`, `folded`), distances
     between charts that were joined (`gap`), and angles to the true surface (`across`), on the test split.
 
@@ -182,7 +180,7 @@ def surface_quality(
 
 
 @products.table(evaluations="retrieval", splits=("test",))
-def retrieval(evaluations: Frame, experiments: Experiments, split: str = "test", resamples: int = RESAMPLES) -> Frame:
+def retrieval(evaluations: Frame, experiments: Experiments, split="test", resamples=RESAMPLES) -> Frame:
     """The best trained model of each kind of input beside retrieval, which takes the training object that fits the
     image and the touches best: Chamfer distance (9000 times m²) on the test split, mean and median. Below 1 the ratio
     says that the model is better than a look-up.
@@ -210,9 +208,7 @@ def retrieval(evaluations: Frame, experiments: Experiments, split: str = "test",
 
 
 @products.table(selections="grasp_selection", on_request=True)
-def grasp_selection(
-    selections: Frame, experiments: Experiments, split: str = "test", resamples: int = RESAMPLES
-) -> Frame:
+def grasp_selection(selections: Frame, experiments: Experiments, split="test", resamples=RESAMPLES) -> Frame:
     """Which grasp next: Chamfer distance (9000 times m²) after up to five grasps, chosen one by one among those stored:
     at random, the farthest from those before, where the model's correction is most uncertain, and by an oracle, which
     takes the one that leaves the least error. `left`: the share of the first error after the last. Cited rows are of

@@ -63,6 +63,8 @@ def test_input_modalities_state_the_papers_averages_only(evaluations):
     assert papers["average_paper"].tolist() == [0.991, 1.074, 0.804, 0.861, 3.05]
     assert "bottle_paper" not in table and "bottle" in table
     worst = table.set_index("experiment").loc["charts_touch"]
+    beside = class_means(evaluations, "charts_touch", "validation")
+    assert worst["validation"] == pytest.approx(beside.mean()) and worst["validation_low"] < worst["validation"]
     expected = class_means(evaluations, "charts_touch", "test")
     assert worst["average"] == pytest.approx(expected.mean()) and worst["vision"] == "–"
 

@@ -68,9 +68,7 @@ def product_names(kind, chosen):
 
 # What the config allows to ask for, and what `all` makes of it.
 PRODUCTS = [each for each in products.products() if not (RELEASED and each.simulated)]
-OFFERED = [
-    each for each in PRODUCTS if all(map(is_available, (each.evaluations, each.rings, each.selections)))
-]
+OFFERED = [each for each in PRODUCTS if all(map(is_available, (each.evaluations, each.rings, each.selections)))]
 MADE = [each for each in OFFERED if not each.on_request]
 SOURCES = dict.fromkeys(source for each in MADE for source in (each.evaluations, each.rings) if source)
 COMPARED = {name for source in SOURCES for name in experiments_of(source)}
@@ -113,7 +111,9 @@ def product_inputs(kind, name):
         )
     if source := product.selections:
         files["selections"] = expand(
-            "evaluations/selection/{experiment}/seed-{seed}.csv", experiment=trained(experiments_of(source)), **EVERY_SEED
+            "evaluations/selection/{experiment}/seed-{seed}.csv",
+            experiment=trained(experiments_of(source)),
+            **EVERY_SEED,
         )
     catalogue_with(product.needed_splits(EXPERIMENTS.tables), f"{kind[:-1]} {name}")
     return files
@@ -123,7 +123,9 @@ def product_params(kind, name):
     """The values that its function takes of the config."""
     product, fields = products.find(kind, name)
     comparison = EXPERIMENTS.tables.get(product.comparison)
-    names = comparison.by_name if comparison else experiments_of(product.evaluations) if product.evaluations else TRAINED
+    names = (
+        comparison.by_name if comparison else experiments_of(product.evaluations) if product.evaluations else TRAINED
+    )
     compared = {each: EXPERIMENTS.experiments[each] for each in names}
     values = {
         "experiments": {each: experiment.row() for each, experiment in compared.items()},
