@@ -168,9 +168,7 @@ print("made" if results else rejections)
 """
 
 
-@pytest.mark.parametrize(
-    ("stage", "spare"), [("meshes", 0), ("meshes", 8), ("meshes", 16), ("meshes", 32), ("grasps", 64), ("grasps", 100)]
-)
+@pytest.mark.parametrize(("stage", "spare"), [("meshes", 0), ("meshes", 16), ("meshes", 32), ("grasps", 64)])
 def test_no_stage_rejects_an_object_for_lack_of_memory(tmp_path, stage, spare):
     command = [sys.executable, "-c", STAGES, stage, str(tmp_path), str(spare)]
     done = subprocess.run(command, capture_output=True, text=True, check=False)

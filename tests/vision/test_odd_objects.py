@@ -114,7 +114,7 @@ def test_too_little_memory_for_a_texture_stops_the_batch_and_draws_nothing_else(
     drawn = run(0).stdout
     assert drawn.startswith("[[[")
     ends = set()
-    for spare in (60, 90, 110, 150, 220):
+    for spare in (60, 90, 220):
         done = run(spare)
         stopped = "MemoryError" in done.stderr and done.returncode == 1
         assert stopped or done.returncode < 0 or done.stdout == drawn, (spare, done.stdout[:200], done.stderr[-2000:])
