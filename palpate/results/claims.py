@@ -171,12 +171,12 @@ def claim_groups(evaluations: Frame, rings: Frame, touches: Frame, resamples: in
 def _groups(table: Frame) -> Frame:
     """A row for each group of claims and method of the table of claims, the methods of a group below each other."""
     rows = []
-    for (group, method), members in table.groupby(["group", "method"], sort=False):
-        counts = {name: int((members["verdict"] == name).sum()) for name in (HOLDS, FAILS, UNDECIDED)}
-        whole = FAILS if counts[FAILS] else UNDECIDED if counts[UNDECIDED] else HOLDS
-        rows.append({"group": group, "method": method, "claims": len(members), **counts, "group verdict": whole})
-    first = {group: place for place, group in enumerate(table["group"].unique())}
-    return Frame(sorted(rows, key=lambda row: first[row["group"]]))
+    for group, of_group in table.groupby("group", sort=False):
+        for method, members in of_group.groupby("method", sort=False):
+            counts = {name: int((members["verdict"] == name).sum()) for name in (HOLDS, FAILS, UNDECIDED)}
+            whole = FAILS if counts[FAILS] else UNDECIDED if counts[UNDECIDED] else HOLDS
+            rows.append({"group": group, "method": method, "claims": len(members), **counts, "group verdict": whole})
+    return Frame(rows)
 
 
 def _counted(table: Frame) -> str:
