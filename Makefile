@@ -24,7 +24,7 @@ examples: env
 	  $(BIN)/python examples/$$each.py || exit 1; done
 
 test: env
-	$(BIN)/pytest --numprocesses $(CORES) --dist loadfile --durations 15
+	$(BIN)/pytest --numprocesses $(CORES) --dist loadgroup --durations 15
 
 lint: env
 	$(BIN)/ruff check .
@@ -44,7 +44,7 @@ env: .venv/installed
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info[:2] != (3, 11))' 2>/dev/null || \
 	  { echo "Palpate needs Python 3.11 (Blender's wheel is built for it): name it with make PYTHON=/path/to/python3.11" >&2; exit 1; }
 	$(PYTHON) -m venv .venv
-	$(BIN)/pip install --quiet --requirement envs/requirements.txt
+	$(BIN)/pip install --quiet --no-compile --requirement envs/requirements.txt  # Python compiles what is imported
 	$(BIN)/pip install --quiet --no-deps --editable .
 	touch $@
 

@@ -34,7 +34,6 @@ STEPS = (
     "4  The fingers close until\nthe surface stops them",
 )
 PIXELS = 580
-SAMPLES = 32
 DISTANCE = 2.2  # m from the object to the camera
 TALLEST, WIDEST, NARROWEST = 3.2, 3.1, 2.7  # inches of a picture, of one, and of a step with its words
 MARGIN = 1.04  # of the field of view over what it must hold
@@ -47,12 +46,12 @@ BESIDE = 0.05  # m between the object and the open hand that is loaded
 
 @products.figure(stores=("dataset",), category="Dataset", simulated=True)
 @styled
-def grasp_steps(dataset: Dataset, path: Path | str, threads: int = 1) -> None:
+def grasp_steps(dataset: Dataset, path: Path | str, threads: int = 1, samples: int = 32) -> None:
     """The steps of a grasp: the object; the hand, loaded open; its palm placed tangent to a random point of the
     surface, at a random distance and turned at random; its fingers, driven towards the surface by inverse kinematics,
     stopped by contact. Steps 3 and 4 are a stored grasp, the same as the data point's.
 
-    threads: of the CPU, for the renderer.
+    threads: of the CPU, samples: a pixel, for the renderer.
     """
     grasp = example_grasp(dataset)
     if grasp is None:
@@ -65,7 +64,7 @@ def grasp_steps(dataset: Dataset, path: Path | str, threads: int = 1) -> None:
     poses = (None, loaded, placed, grasp.link_pose)
     points = [grasp.object.points, *(hand_points(hand, pose) for pose in poses[1:])]
     camera = camera_holding(np.concatenate(points), towards)
-    renderer = Renderer(samples=SAMPLES, threads=threads)
+    renderer = Renderer(samples=samples, threads=threads)
     seen = {"visual_glb": mesh_file(grasp.object.mesh, "visual.glb"), "camera": camera, "background": None}
     hands = [{"hand": None if pose is None else hand, "link_pose": pose} for pose in poses]
     save(_page(_cropped([renderer.render_meshes(**seen, **each).rgb for each in hands])), path)

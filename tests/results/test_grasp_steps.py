@@ -110,9 +110,8 @@ def test_pictures_are_cut_alike_and_lose_nothing():
 
 def test_the_hand_comes_in_at_the_second_step(dataset, tmp_path, monkeypatch):
     monkeypatch.setattr(steps, "PIXELS", 120)
-    monkeypatch.setattr(steps, "SAMPLES", 2)
-    steps.grasp_steps(dataset, tmp_path / "a.png")
-    steps.grasp_steps(dataset, tmp_path / "b.png")
+    steps.grasp_steps(dataset, tmp_path / "a.png", samples=2)
+    steps.grasp_steps(dataset, tmp_path / "b.png", samples=2)
     assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
     picture = np.asarray(Image.open(tmp_path / "a.png").convert("L"))
     drawn = picture[: -round(0.6 * 130)] < 250

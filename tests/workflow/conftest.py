@@ -25,9 +25,16 @@ def plan(project: Path, *arguments: str) -> subprocess.CompletedProcess:
     """Snakemake's command in this process, for what starts no job: it saves the start of a Python and its imports."""
     printed, code = (io.StringIO(), io.StringIO()), 0
     streams = contextlib.redirect_stdout(printed[0]), contextlib.redirect_stderr(printed[1])
-    with mock.patch.dict(os.environ), contextlib.chdir(project), streams[0], streams[1]:
+    command = ["snakemake", "--snakefile", str(project / "Snakefile"), "--cores", "2", *arguments]
+    with (
+        mock.patch.dict(os.environ),
+        mock.patch("sys.argv", command),
+        contextlib.chdir(project),
+        streams[0],
+        streams[1],
+    ):
         try:
-            snakemake.cli.main(["--snakefile", str(project / "Snakefile"), "--cores", "2", *arguments])
+            snakemake.cli.main(command[1:])
         except SystemExit as end:
             code = int(end.code or 0)
     return subprocess.CompletedProcess(arguments, code, *(text.getvalue() for text in printed))

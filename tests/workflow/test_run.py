@@ -16,7 +16,7 @@ import palpate
 from palpate.mesh import FORMATS
 from palpate.rebuild_command import RECORD
 from tests.mesh import nasty
-from tests.workflow.conftest import EVERY_SPLIT, PROJECT
+from tests.workflow.conftest import EVERY_SPLIT, PROJECT, plan
 from workflow.run.lock import JOBS_LOCK, LOCK
 
 STORES = ("surface", "grasps", "touch", "vision")
@@ -150,7 +150,12 @@ def test_nasty_meshes_go_through_every_stage_or_are_rejected(make_workflow, tmp_
         (tmp_path / name).mkdir()
         paths = build(tmp_path / name).values()
         expected[name] = [path for path in paths if path.is_file() and path.suffix[1:] in FORMATS]
-    workflow = make_workflow(source={"kind": "folder", "path": str(tmp_path)})
+    workflow = make_workflow(
+        source={"kind": "folder", "path": str(tmp_path)},
+        surface={"points": 1000},
+        grasps={"per_object": 1, "attempts": 1},
+        vision={"size": 32, "samples": 1, "device": "cpu"},
+    )
     figures = [f"figures/{name}.png" for name in ("data_point", "examples_usable", "examples_unusable")]
     result = workflow("validate", "tables/dataset_statistics.csv", "tables/penetration.csv", *figures)
     assert result.returncode == 0, result.stderr
@@ -193,21 +198,25 @@ def test_nothing_is_left_to_do(finished):
 
 def test_a_killed_run_goes_on_and_ends_in_the_same_bytes(finished, make_workflow):
     workflow = make_workflow(split=EVERY_SPLIT)
+    targets = ("catalogue.csv", "rejected.csv", "tables/grasp_success.csv", "figures/data_point.png")
     # Between stages, and in the middle of one: its log is there, its store not yet.
     for path in ("meshes/batch-0000", "logs/grasps/batch-0000.log", "logs/vision/batch-0000.log"):
-        workflow.kill_when(path, "dataset")
+        workflow.kill_when(path, *targets)
     assert not (workflow.run / "vision/batch-0000.zarr").exists()
-    result = workflow("dataset")
+    result = workflow(*targets)
     assert result.returncode == 0, result.stderr
-    assert digests(workflow.run) == digests(finished.run)
+    found, expected = digests(workflow.run), digests(finished.run)
+    assert [path for path in found if found[path] != expected.get(path)] == []
+    made = {path for path in expected if path.partition("/")[0] in ("meshes", *STORES)}
+    assert {*targets} | made <= {*found}
 
 
 def test_data_do_not_depend_on_batch_size_or_cores(finished, make_workflow):
-    workflow = make_workflow(batch_size=1)
+    workflow = make_workflow(batch_size=1, classes=[{"class": "can", "objects": "all"}])
     result = workflow("catalogue.csv", "rejected.csv", cores=1)  # which need every store, and no figure
     assert result.returncode == 0, result.stderr
-    one_by_one, together = palpate.Dataset(workflow.run), palpate.Dataset(finished.run)
-    assert one_by_one.objects == together.objects
+    one_by_one, together = palpate.Dataset(workflow.run), palpate.Dataset(finished.run).of_class("can")
+    assert one_by_one.objects == together.objects == USABLE[1:]
     for store in STORES:
         for name, spec in palpate.store.CONTRACT[store].arrays.items():
             if spec.of_objects and name != "object":
@@ -236,6 +245,15 @@ def test_a_mistake_in_the_config_is_one_message_before_anything_runs(make_workfl
     assert said in result.stderr
     assert "Traceback" not in result.stderr
     assert not (workflow.run / "catalogue.csv").exists()
+
+
+@pytest.mark.parametrize("option", ["--configfile", "--configfiles"])
+def test_a_key_that_stands_twice_in_a_config_file_is_an_error(make_workflow, tmp_path, option):
+    workflow = make_workflow()
+    (tmp_path / "overlay.yaml").write_text("seed: 1\nrun: run\nseed: 2\n")
+    arguments = ["--dry-run", option, str(workflow.config), str(tmp_path / "overlay.yaml"), "--config", "seed=3"]
+    result = plan(PROJECT, "dataset", *arguments)
+    assert result.returncode and "overlay.yaml, line 1: key 'seed' stands twice" in result.stderr, result.stderr
 
 
 def test_smoke_runs_in_a_checkout_whose_path_has_a_space(tmp_path):

@@ -36,16 +36,16 @@ def mesh_files(path):
     return [path, *(os.path.normpath(folder / name) for name in names)]
 
 
-def batch_entries(wildcards):
-    if wildcards.batch not in BATCH_ENTRIES:
-        stop(f"the run has no {wildcards.batch}; its batches are {BATCHES[0]} to {BATCHES[-1]}")
-    return BATCH_ENTRIES[wildcards.batch]
+def batch_entries(batch):
+    if batch not in BATCH_ENTRIES:
+        stop(f"the run has no {batch}; its batches are {BATCHES[0]} to {BATCHES[-1]}")
+    return BATCH_ENTRIES[batch]
 
 
 @cache
-def sources_of(batch):
+def batch_sources(batch):
     """Files that a batch's meshes come from; procedural objects come as one folder a class."""
-    entries = BATCH_ENTRIES[batch]
+    entries = batch_entries(batch)
     if SOURCE.kind == "procedural":
         return sorted({f"sources/{entry.class_name}" for entry in entries})
     files = [file for entry in entries for file in mesh_files(f"{SOURCE.path}/{entry.source}")]
@@ -61,44 +61,12 @@ def texture_mb(batch):
 
 def mesh_memory(wildcards):
     """MB that the meshes of a batch take: 30 for a MB of the OBJ in work, and those of its textures."""
-    stored = max((stored_mb([path]) for path in sources_of(wildcards.batch)), default=0)
+    stored = max((stored_mb([path]) for path in batch_sources(wildcards.batch)), default=0)
     return 2000 + 30 * stored + texture_mb(wildcards.batch)
 
 
-def render_memory(wildcards):
-    """MB that Blender takes for the objects of a batch."""
-    return 2000 + texture_mb(wildcards.batch)
-
-
-def batch_sources(wildcards):
-    batch_entries(wildcards)  # an error if there is no such batch
-    return sources_of(wildcards.batch)
-
-
 def batch_objects(wildcards):
-    return {entry.object: entry.source for entry in batch_entries(wildcards)}
-
-
-def batch_objects_with_splits(wildcards):
-    """The fields of a batch's objects, as `catalogue.SourceObject` has them, and then their splits."""
-    return [(*entry, splits()[entry.object]) for entry in batch_entries(wildcards)]
-
-
-def batch_meshes(wildcards):
-    """The mesh file of each object of a batch, its up axis and its scale."""
-    return {entry.object: (entry.source, entry.up, entry.scale) for entry in batch_entries(wildcards)}
-
-
-@cache
-def own_hand_files():
-    from palpate.hand import model_files  # loads MuJoCo
-
-    return [checked(str(path)) for path in model_files(HAND.mjcf)]
-
-
-def hand_files(wildcards):
-    """Meshes and whatever else the model file of an own hand names."""
-    return own_hand_files() if HAND else []
+    return {entry.object: entry.source for entry in batch_entries(wildcards.batch)}
 
 
 @cache

@@ -20,7 +20,7 @@ rule shapes:
 # The objects of a batch: class, split, file, checksum. By batch, so that one more object is no reason to read all files.
 rule catalogue_batch:
     input:
-        sources=batch_sources,
+        sources=lambda wildcards: batch_sources(wildcards.batch),
     output:
         table="catalogue/{batch}.csv",
     log:
@@ -32,7 +32,8 @@ rule catalogue_batch:
     params:
         root=SOURCE_PATH,
         outside=SOURCE.outside,
-        objects=batch_objects_with_splits,
+        # As `catalogue.SourceObject` has them, and then their splits.
+        objects=lambda wildcards: [(*each, splits()[each.object]) for each in batch_entries(wildcards.batch)],
     script:
         "../scripts/catalogue_batch.py"
 

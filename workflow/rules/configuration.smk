@@ -1,4 +1,5 @@
 # Reads and checks the config, before anything else: the run's folder, its objects and batches, hand, sensor, recipe.
+import argparse
 import errno
 import itertools
 import os
@@ -31,7 +32,11 @@ def checked(path):
 
 
 try:
-    for path in workflow.configfiles:
+    # Snakemake reads the last of a key that stands twice in a file; this is an error. From files that a profile names
+    # with `configfile`, it takes the last.
+    options = argparse.ArgumentParser(add_help=False, allow_abbrev=False)
+    options.add_argument("--configfile", "--configfiles", nargs="+", default=[])
+    for path in [PROJECT / "config/config.yaml", *options.parse_known_args()[0].configfile]:
         read_yaml(path)
     parse_texts(config, SCHEMAS / "config.schema.yaml")
     check(config, SCHEMAS / "config.schema.yaml", FILES)
@@ -52,11 +57,13 @@ try:
         checked(f"{SOURCE.path}/{entry.source}")
     BATCH_SIZE = catalogue.resolve_batch_size(config["batch_size"], len(ENTRIES), RUN_FOLDER)
     KNOWN_PLACES = catalogue.read_places(RUN_FOLDER, BATCH_SIZE)
+    HAND_FILES = []  # what the model file of an own hand names: meshes, textures, included models
     if HAND:
         from palpate import hand  # loads MuJoCo
 
         for line in hand.check_files(HAND.mjcf, HAND.sensors, SENSOR):
             logger.warning(line)
+        HAND_FILES = [checked(str(path)) for path in hand.model_files(HAND.mjcf)]
     if [config["vision"][key] for key in ("cameras", "lights", "background")] != [None, None, [1, 1, 1]]:
         from palpate import scene
 

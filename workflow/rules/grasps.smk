@@ -4,7 +4,7 @@ rule grasps:
         meshes="meshes/{batch}",
         surface="surface/{batch}.zarr",
         hand=list(HAND or []),
-        hand_files=hand_files,
+        hand_files=HAND_FILES,
     output:
         grasps="grasps/{batch}.h5",
         rejected="rejected/grasps/{batch}.csv",

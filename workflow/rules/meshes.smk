@@ -5,7 +5,7 @@ from palpate.mesh import VERSION as MESH_VERSION
 # that another split, or another object's file, does not make it again.
 rule meshes:
     input:
-        sources=batch_sources,
+        sources=lambda wildcards: batch_sources(wildcards.batch),
     output:
         meshes=directory("meshes/{batch}"),
         rejected="rejected/meshes/{batch}.csv",
@@ -20,7 +20,7 @@ rule meshes:
     params:
         version=MESH_VERSION,
         outside=SOURCE.outside,
-        objects=batch_meshes,
+        objects=lambda wildcards: {each.object: each[1:] for each in batch_entries(wildcards.batch)},
         folder=SOURCE_PATH,
         mesh=config["mesh"],
     script:

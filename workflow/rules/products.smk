@@ -82,8 +82,15 @@ FILES = {
 }
 
 
-def product_inputs(kind, name):
+def kind_and_name(wildcards):
+    """`tables`, `figures` or `reports`, and the name of the one that is asked for."""
+    ((kind, name),) = wildcards.items()
+    return f"{kind}s", name
+
+
+def product_inputs(wildcards):
     """The files that a table or figure reads. That the run lacks a split is an error before anything runs."""
+    kind, name = kind_and_name(wildcards)
     product, _ = products.find(kind, name)
     files = {each: FILES[each] for each in product.files}
     if product.stores:
@@ -119,9 +126,13 @@ def product_inputs(kind, name):
     return files
 
 
-def product_params(kind, name):
+def product_category(wildcards):
+    return products.find(*kind_and_name(wildcards))[0].category
+
+
+def product_params(wildcards):
     """The values that its function takes of the config."""
-    product, fields = products.find(kind, name)
+    product, fields = products.find(*kind_and_name(wildcards))
     comparison = EXPERIMENTS.tables.get(product.comparison)
     names = (
         comparison.by_name if comparison else experiments_of(product.evaluations) if product.evaluations else TRAINED
@@ -133,11 +144,12 @@ def product_params(kind, name):
         "resamples": config["evaluation"]["resamples"],
         "fit": config["training"]["chart_fit"],
         "points": list(POINTS.values()),
+        "samples": 2 * config["vision"]["samples"],  # a figure of the dataset is rendered finer than its images
     }
     values |= {field: FIELDS[field][value] for field, value in fields.items()}
     return {key: value for key, value in values.items() if key in product.parameters}
 
 
-def caption(kind, name):
-    """A caption as reStructuredText. As a param it takes `output`: Snakemake makes nothing again for such a param."""
-    return products.caption(kind, name).replace("`", "``")
+def caption(wildcards, output):
+    """As reStructuredText. It takes `output`, since Snakemake makes nothing again for a change of such a param."""
+    return products.caption(*kind_and_name(wildcards)).replace("`", "``")

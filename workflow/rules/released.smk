@@ -3,7 +3,7 @@ if RELEASED:
     # The authors' released dataset, read instead of simulated: surface, touch and vision of a batch.
     rule released:
         input:
-            sources=batch_sources,
+            sources=lambda wildcards: batch_sources(wildcards.batch),
             empty_reading=f"{SOURCE.path}/empty_gel.npy",
         output:
             surface=directory("surface/{batch}.zarr"),

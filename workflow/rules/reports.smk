@@ -54,17 +54,9 @@ rule report:
     input:
         tables=lambda wildcards: REPORT_TABLES[wildcards.report],
     output:
-        table=report(
-            "reports/{report}.csv",
-            caption="../report/product.rst",
-            category="Reports",
-        ),
+        table=report("reports/{report}.csv", caption="../report/product.rst", category="Reports"),
         text="reports/{report}.md",
-        figure=report(
-            "reports/{report}.png",
-            caption="../report/product.rst",
-            category="Reports",
-        ),
+        figure=report("reports/{report}.png", caption="../report/product.rst", category="Reports"),
     log:
         "logs/{report}.log",
     benchmark:
@@ -74,7 +66,7 @@ rule report:
     conda:
         "../../envs/palpate.yaml"
     params:
-        caption=lambda wildcards, output: caption("reports", wildcards.report),
+        caption=lambda wildcards, output: caption(wildcards, output),
     script:
         "../scripts/report.py"
 

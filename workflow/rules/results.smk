@@ -1,13 +1,9 @@
 # Tables as CSV, Markdown and LaTeX, the paper's values beside.
 rule table:
     input:
-        unpack(lambda wildcards: product_inputs("tables", wildcards.table)),
+        unpack(product_inputs),
     output:
-        table=report(
-            "tables/{table}.csv",
-            caption="../report/product.rst",
-            category=lambda wildcards: products.find("tables", wildcards.table)[0].category,
-        ),
+        table=report("tables/{table}.csv", caption="../report/product.rst", category=product_category),
         text=["tables/{table}.md", "tables/{table}.tex"],
     log:
         "logs/{table}.log",
@@ -18,21 +14,15 @@ rule table:
     conda:
         "../../envs/palpate.yaml"
     params:
-        values=lambda wildcards: product_params("tables", wildcards.table),
-        caption=lambda wildcards, output: caption("tables", wildcards.table),
+        values=product_params,
+        caption=caption,
     script:
         "../scripts/product.py"
 
 
-rule figure:
-    input:
-        unpack(lambda wildcards: product_inputs("figures", wildcards.figure)),
+use rule table as figure with:
     output:
-        figure=report(
-            "figures/{figure}.png",
-            caption="../report/product.rst",
-            category=lambda wildcards: products.find("figures", wildcards.figure)[0].category,
-        ),
+        figure=report("figures/{figure}.png", caption="../report/product.rst", category=product_category),
     log:
         "logs/{figure}.log",
     benchmark:
@@ -40,10 +30,3 @@ rule figure:
     wildcard_constraints:
         figure="|".join(map(re.escape, product_names("figures", PRODUCTS))),
     priority: 1  # Those of Blender take half a minute, which a run would wait for at its end.
-    conda:
-        "../../envs/palpate.yaml"
-    params:
-        values=lambda wildcards: product_params("figures", wildcards.figure),
-        caption=lambda wildcards, output: caption("figures", wildcards.figure),
-    script:
-        "../scripts/product.py"

@@ -44,11 +44,7 @@ rule validation:
         rejected="rejected.csv",
         batches=expand("reports/validation/{batch}.csv", batch=BATCHES),
     output:
-        table=report(
-            "reports/validation.csv",
-            caption="../report/validation.rst",
-            category="Dataset",
-        ),
+        table=report("reports/validation.csv", caption="../report/validation.rst", category="Dataset"),
     log:
         "logs/validation.log",
     benchmark:

@@ -14,7 +14,7 @@ rule vision:
     conda:
         "../../envs/palpate.yaml"
     resources:
-        mem_mb=render_memory,
+        mem_mb=lambda wildcards: 2000 + texture_mb(wildcards.batch),
         runtime=120,
     params:
         vision=config["vision"],
@@ -37,16 +37,13 @@ rule views:
     conda:
         "../../envs/palpate.yaml"
     resources:
-        mem_mb=render_memory,
+        mem_mb=lambda wildcards: 2000 + texture_mb(wildcards.batch),
     params:
         objects=batch_objects,
         views=config["views"],
         # Relative paths are the project's.
-        renderings=(
-            absolute(config["views"]["published_renderings"], PROJECT)
-            if config["views"]["published_renderings"]
-            else None
-        ),
+        renderings=config["views"]["published_renderings"]
+        and absolute(config["views"]["published_renderings"], PROJECT),
         device=config["vision"]["device"],
         seed=config["seed"],
     script:

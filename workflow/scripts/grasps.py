@@ -21,38 +21,22 @@ mjcf_files = settings.pop("hand")
 sensor = replace(DIGIT, **snakemake.params.sensor)  # its lights and gel play no part in grasps
 robot = hand.from_mjcf(*snakemake.input.hand, sensor.gel_face) if mjcf_files else hand.allegro(sensor.gel_face)
 surface = store.open(snakemake.input.surface)
-made_from = provenance.combine(
-    {"seed": seed, "grasps": {**settings, "sensor": snakemake.params.sensor}},
-    provenance.of_meshes(meshes),
-    surface.made,
-)
+made_with = {"seed": seed, "grasps": {**settings, "sensor": snakemake.params.sensor}}
+made_from = provenance.combine(made_with, provenance.of_meshes(meshes), surface.made)
 points = dict(zip(surface["object"], surface["points"], strict=True))
 
 
 def close_hand(name: str) -> dict:
-    folder = meshes / name
-    found = grasp.grasp_object(
-        mesh.load_visual(folder),
-        mesh.load_collision(folder),
-        points[name],
-        robot,
-        generator(seed, name, "grasps"),
-        sensor=sensor,
-        **settings,
-    )
+    visual, collision = mesh.load_visual(meshes / name), mesh.load_collision(meshes / name)
+    draw = generator(seed, name, "grasps")
+    found = grasp.grasp_object(visual, collision, points[name], robot, draw, sensor=sensor, **settings)
     omitted = ", ".join(f"{count:,} {what}" for what, count in found.omitted.items())
     log.info("%s: omitted: %s", name, omitted)
     return vars(found)
 
 
 grasps, rejections = each_object(points, close_hand, "grasps")
+hand_arrays = {f"hand/{key}": array for key, array in robot.to_arrays().items()}
 store.write_batch(
-    snakemake.output.grasps,
-    "grasps",
-    grasps,
-    snakemake.output.rejected,
-    rejections,
-    seed,
-    made_from,
-    {f"hand/{key}": array for key, array in robot.to_arrays().items()},
+    snakemake.output.grasps, "grasps", grasps, snakemake.output.rejected, rejections, seed, made_from, hand_arrays
 )

@@ -17,24 +17,13 @@ meshes, settings, seed = Path(snakemake.input.meshes), snakemake.params.surface,
 
 
 def sample(name: str) -> dict[str, np.ndarray]:
-    points = surface.sample(
-        mesh.load_visual(meshes / name),
-        settings["points"],
-        generator(seed, name, "surface"),
-        settings["method"],
-    )
+    visual, draw = mesh.load_visual(meshes / name), generator(seed, name, "surface")
+    points = surface.sample(visual, settings["points"], draw, settings["method"])
     return {"points": points + mesh.OBJECT_POSITION, "scale": mesh.read_record(meshes / name)["scale"]}
 
 
 prepared = set(mesh.usable(meshes))
 usable = [name for name in snakemake.params.objects if name in prepared]
 points, rejections = each_object(usable, sample, "surface")
-store.write_batch(
-    snakemake.output.surface,
-    "surface",
-    points,
-    snakemake.output.rejected,
-    rejections,
-    seed,
-    provenance.combine({"seed": seed, "surface": settings}, provenance.of_meshes(meshes)),
-)
+made_from = provenance.combine({"seed": seed, "surface": settings}, provenance.of_meshes(meshes))
+store.write_batch(snakemake.output.surface, "surface", points, snakemake.output.rejected, rejections, seed, made_from)

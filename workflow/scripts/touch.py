@@ -22,11 +22,8 @@ log = logging.getLogger("touch")
 meshes, settings, seed = Path(snakemake.input.meshes), snakemake.params.touch, snakemake.params.seed
 description = snakemake.params.sensor
 grasps = store.read(snakemake.input.grasps)
-made_from = provenance.combine(
-    {"seed": seed, "touch": {**settings, "sensor": description}},
-    provenance.of_meshes(meshes),
-    store.open(snakemake.input.grasps).made,
-)
+made_with = {"seed": seed, "touch": {**settings, "sensor": description}}
+made_from = provenance.combine(made_with, provenance.of_meshes(meshes), store.open(snakemake.input.grasps).made)
 hand = Hand.from_arrays(grasps, prefix="hand/")
 image = snakemake.input.background
 background = read_background(image, description["resolution"]) if image else None
@@ -52,13 +49,6 @@ readings, rejections = each_object(grasps["object"], sense, "touch")
 for line in warn_of_shallow(**touches):
     log.warning(line)
 store.write_batch(
-    snakemake.output.touch,
-    "touch",
-    readings,
-    snakemake.output.rejected,
-    rejections,
-    seed,
-    made_from,
-    {"empty_reading": touch.empty_reading(sensor)},
-    {"sensor": description, **touches},
-)
+    snakemake.output.touch, "touch", readings, snakemake.output.rejected, rejections, seed, made_from,
+    {"empty_reading": touch.empty_reading(sensor)}, {"sensor": description, **touches},
+)  # fmt: skip

@@ -22,9 +22,8 @@ from palpate.vision.image import vision_record  # isort: skip
 log_to(snakemake.log[0])
 meshes, settings, seed = Path(snakemake.input.meshes), snakemake.params.vision, snakemake.params.seed
 grasps = store.read(snakemake.input.grasps)
-made_from = provenance.combine(
-    {"seed": seed, "vision": settings}, provenance.of_meshes(meshes), store.open(snakemake.input.grasps).made
-)
+made_with, made = {"seed": seed, "vision": settings}, store.open(snakemake.input.grasps).made
+made_from = provenance.combine(made_with, provenance.of_meshes(meshes), made)
 hand, drawn = Hand.from_arrays(grasps, prefix="hand/"), {}
 
 with ExitStack() as outputs:
@@ -34,7 +33,7 @@ with ExitStack() as outputs:
     def render(name: str) -> dict:
         row = grasps["object"].tolist().index(name)
         of_object = {array: grasps[array][row] for array in GRASP_ARRAYS}
-        found = scene.draw(settings, snakemake.params.seed, name)
+        found = scene.draw(settings, seed, name)
         drawn[name] = {key: found[key] for key in scene.LOOK if found[key] != settings[key]}
         look = {"lights": scene.lights(found), "background": scene.background(found)}
         cameras = scene.cameras(found)
@@ -45,13 +44,8 @@ with ExitStack() as outputs:
     if masters:
         checksums.write_manifest(masters)
 
+attributes = {"drawn": {name: drawn[name] for name in images}} if any(drawn.values()) else {}
 store.write_batch(
-    snakemake.output.vision,
-    "vision",
-    images,
-    snakemake.output.rejected,
-    rejections,
-    seed,
-    made_from,
-    attributes={"drawn": {name: drawn[name] for name in images}} if any(drawn.values()) else {},
-)
+    snakemake.output.vision, "vision", images, snakemake.output.rejected, rejections, seed, made_from,
+    attributes=attributes,
+)  # fmt: skip
