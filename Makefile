@@ -24,7 +24,7 @@ examples: env
 	  $(BIN)/python examples/$$each.py || exit 1; done
 
 test: env
-	$(BIN)/pytest --numprocesses $(CORES) --dist loadgroup --durations 15
+	OMP_NUM_THREADS=1 $(BIN)/pytest --numprocesses $(CORES) --dist loadgroup --durations 15
 
 lint: env
 	$(BIN)/ruff check .

@@ -1,12 +1,6 @@
 # Palpate: from CAD meshes to a visuo-tactile dataset, its tables and its figures.
-#
-#   snakemake --cores 2 all                                       the default run
-#   snakemake --cores 2 all --configfile config/small.yaml        another size, in results/small/
-#   snakemake --cores 2 tables/grasp_success.csv                  just what that table needs
-#   snakemake --cores 2 dataset                                   the data, their tables and figures; no model
-#   snakemake --cores 2 validate                                  every array of every store against the contract
-#   snakemake --cores 2 reports                                   error against run time, stability, what is omitted
-#   snakemake --cores 2 smoke                                     one object a split, end to end
+# snakemake --cores 2 all makes the default run. Other targets, by name or file, are in README.md; `all`, `dataset`,
+# `validate`, `reports` and `smoke` are rules.
 from pathlib import Path
 
 from snakemake.utils import min_version
@@ -76,10 +70,6 @@ onsuccess:
 
 onerror:
     hooks.finish(RUN_FOLDER, object_pages=0)
-
-
-localrules:
-    all,
 
 
 # Here, because Snakemake takes no default target from an included file.

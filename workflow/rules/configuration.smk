@@ -43,12 +43,8 @@ try:
     config.update(whole_numbers(config))
     config["training"]["override"] = typed(config["training"]["override"])
     EXPERIMENTS = Experiments.read(PROJECT / "config/experiments.yaml", SCHEMAS / "experiments.schema.yaml")
-    RECIPE = Recipe.read(
-        PROJECT / "config/recipes.yaml",
-        config["training"]["recipe"],
-        config["training"]["override"],
-        SCHEMAS / "recipes.schema.yaml",
-    )
+    chosen = config["training"]["recipe"], config["training"]["override"]
+    RECIPE = Recipe.read(PROJECT / "config/recipes.yaml", *chosen, SCHEMAS / "recipes.schema.yaml")
     RUN_FOLDER = str(Path(absolute(config["results"], PROJECT), config["run"]))
     catalogue.check_same_run(RUN_FOLDER, config, PROJECT)
     SOURCE, CLASS_COUNTS, ENTRIES, HAND, SENSOR = resolve(config, PROJECT)
@@ -81,9 +77,7 @@ except OSError as error:
 # The batch of each object, and the objects of each batch.
 PLACES = catalogue.assign_batches([entry.object for entry in ENTRIES], BATCH_SIZE, KNOWN_PLACES)
 ENTRIES = catalogue.in_order(ENTRIES, PLACES)
-BATCH_ENTRIES = {
-    batch: list(entries) for batch, entries in itertools.groupby(ENTRIES, lambda each: PLACES[each.object])
-}
+BATCH_ENTRIES = {batch: [*each] for batch, each in itertools.groupby(ENTRIES, lambda entry: PLACES[entry.object])}
 BATCHES = list(BATCH_ENTRIES)
 
 # The authors' dataset is read and not simulated: it comes without meshes and grasps.
@@ -95,14 +89,8 @@ NAMED_IN = SOURCE.files_root  # what meshes name has to be in it
 TRAINING_MACHINE = {key: config["training"][key] for key in ("device", "devices", "precision")}
 TRAINING_GPUS = 0 if config["training"]["device"] == "cpu" else config["training"]["devices"]
 # What everything else is made from.
-DATASET_STORES = [
-    stages.STAGES[name] for name in stages.DATASET_STORES if not (RELEASED and stages.STAGES[name].simulated)
-]
-STORES = [
-    "catalogue.csv",
-    "rejected.csv",
-    *(path for each in DATASET_STORES for path in expand(each.path(), batch=BATCHES)),
-]
+DATASET_STORES = [each for each in map(stages.STAGES.get, stages.DATASET_STORES) if not (RELEASED and each.simulated)]
+STORES = ["catalogue.csv", "rejected.csv", *expand([each.path() for each in DATASET_STORES], batch=BATCHES)]
 
 
 wildcard_constraints:

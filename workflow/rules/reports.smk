@@ -16,10 +16,6 @@ item_of = lambda wildcards: report_items.REPORTS[wildcards.report][wildcards.ite
 is_timed = lambda wildcards: wildcards.report in report_items.TIMED
 
 
-localrules:
-    reports,
-
-
 rule report_item:
     input:
         unpack(lambda wildcards: {name: REPORT_FILES[name] for name in ("catalogue", *item_of(wildcards).reads)}),

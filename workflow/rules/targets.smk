@@ -13,7 +13,6 @@ for path in dict.fromkeys(FROM_ROOT):
 
 
 localrules:
-    dataset,
     validate,
     smoke,
 
