@@ -44,8 +44,8 @@ if not RELEASED:
     include: "workflow/rules/reports.smk"
 
 
-include: "workflow/rules/touch_charts.smk"
 include: "workflow/rules/reconstruction.smk"
+include: "workflow/rules/touch_charts.smk"
 include: "workflow/rules/evaluation.smk"
 include: "workflow/rules/products.smk"
 include: "workflow/rules/results.smk"

@@ -49,6 +49,8 @@ def test_a_table_trains_and_measures_just_its_experiments(project):
     single = counts(project, "tables/single_image.csv")
     assert not {"grasps", "touch", "vision"} & set(single) and single["reconstruction"] == 4
     assert set(counts(project, "tables/architectures/occluded.csv")) == {"table"}
+    tuning = counts(project, "tables/tuning.csv")
+    assert "reconstruction" not in tuning and tuning["tuning_point"] == 2**3 and "vision" in tuning
 
 
 def test_effects_take_the_experiments_that_are_compared(project):

@@ -1,6 +1,6 @@
 from palpate.training import tuning
 
-TUNED = "charts_occluded_touch"
+TUNED = EXPERIMENTS.experiments.get("charts_occluded_touch")
 try:
     grid = tuning.grid(PROJECT / "config/tuning.yaml", config["tuning"]["grid"])
 except ConfigError as error:
@@ -40,7 +40,7 @@ rule reconstruction:
 # One point of the supplement's grid of hyperparameters; not part of `all`.
 use rule reconstruction as tuning_point with:
     input:
-        unpack(lambda wildcards: stores_of(TUNED)),
+        unpack(lambda wildcards: stores_of([TUNED])),
     output:
         model="tuning/{point}/best.ckpt",
         history="tuning/{point}/history.csv",
@@ -52,9 +52,8 @@ use rule reconstruction as tuning_point with:
     wildcard_constraints:
         point="|".join(map(re.escape, POINTS)),
     params:
-        experiment=EXPERIMENTS.experiments[TUNED].row() if TUNED in EXPERIMENTS.experiments else None,
-        settings=lambda wildcards: RECIPE.settings(EXPERIMENTS.experiments[TUNED]).row(),
+        experiment=TUNED and TUNED.row(),
+        settings=lambda wildcards: RECIPE.settings(TUNED).row(),
         point=lambda wildcards: POINTS[wildcards.point],
         steps=config["tuning"]["steps"],
-        machine=TRAINING_MACHINE,
         seed=config["seed"],

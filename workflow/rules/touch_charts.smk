@@ -1,5 +1,5 @@
 # The U-Net from a touch reading to depth, trained on the successful touches of the train split.
-rule touch_depth:
+use rule reconstruction as touch_depth with:
     input:
         catalogue=lambda wildcards: catalogue_with(("train", "validation"), "the model of touches"),
         touch=expand("touch/{batch}.zarr", batch=BATCHES),
@@ -11,19 +11,14 @@ rule touch_depth:
         "logs/touch_depth.log",
     benchmark:
         "benchmarks/touch_depth.tsv"
-    conda:
-        "../../envs/palpate.yaml"
-    threads: config["training"]["threads"]
     resources:
         mem_mb=lambda wildcards, input: 2000 + 8 * stored_mb(input),
         runtime=720,
         gpu=TRAINING_GPUS,
     params:
+        experiment=None,
         settings=RECIPE.touch_depth.row(),
-        machine=TRAINING_MACHINE,
         seed=config["seed"],
-    script:
-        "../scripts/train.py"
 
 
 # Touch charts of a batch: depth that the U-Net predicts, and a chart fitted to it, for every touch.
