@@ -45,7 +45,7 @@ env: .venv/installed
 	  { echo "Palpate needs Python 3.11 (Blender's wheel is built for it): name it with make PYTHON=/path/to/python3.11" >&2; exit 1; }
 	$(PYTHON) -m venv .venv
 	$(BIN)/pip install --quiet --no-compile --requirement envs/requirements.txt  # Python compiles what is imported
-	$(BIN)/pip install --quiet --no-deps --editable .
+	$(BIN)/pip install --quiet --no-deps --no-build-isolation --editable .
 	touch $@
 
 # What profiles/slurm needs besides. It declares another NumPy than the locked one: no dependencies.

@@ -253,7 +253,9 @@ def test_a_key_that_stands_twice_in_a_config_file_is_an_error(make_workflow, tmp
     (tmp_path / "overlay.yaml").write_text("seed: 1\nrun: run\nseed: 2\n")
     arguments = ["--dry-run", option, str(workflow.config), str(tmp_path / "overlay.yaml"), "--config", "seed=3"]
     result = plan(PROJECT, "dataset", *arguments)
-    assert result.returncode and "overlay.yaml, line 1: key 'seed' stands twice" in result.stderr, result.stderr
+    assert (
+        result.returncode and "overlay.yaml: can't be read as YAML: line 1: key 'seed' stands twice" in result.stdout
+    ), result.stdout
 
 
 def test_smoke_runs_in_a_checkout_whose_path_has_a_space(tmp_path):
