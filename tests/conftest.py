@@ -3,6 +3,7 @@ from pathlib import Path
 import pytest
 
 TESTS = Path(__file__).parent
+WORKFLOW = TESTS / "workflow"
 WITHOUT_BLENDER = ("catalogue", "charts", "grasp", "hand", "models", "shapes", "store", "surface", "touch")
 
 
@@ -21,11 +22,12 @@ def pytest_configure(config):
 def pytest_collection_modifyitems(items):
     """The longest tests first, those of the workflow: else one process would end with them alone.
 
-    Groups of pytest-xdist run in one process. Tests of a file do, for its fixtures. Of the workflow, those that share
-    the finished run do, so that it is made once; others of its files are free, as far as they share no run.
+    A group of pytest-xdist runs in one process: the tests of a file, for its fixtures; of the workflow, those that
+    share the finished run, which is made once, or a run of their file. Its other tests are in no group.
     """
-    items.sort(key=lambda item: "tests/workflow/" not in item.path.as_posix())
+    items.sort(key=lambda item: WORKFLOW not in item.path.parents)
     for item in items:
-        free = "tests/workflow/" in item.path.as_posix() and not {"run", "workflow", "smoke"} & {*item.fixturenames}
-        group = "finished" if "finished" in item.fixturenames else item.nodeid if free else str(item.path)
-        item.add_marker(pytest.mark.xdist_group(group))
+        if "finished" in item.fixturenames:
+            item.add_marker(pytest.mark.xdist_group("finished"))
+        elif WORKFLOW not in item.path.parents or {"run", "workflow", "smoke"} & {*item.fixturenames}:
+            item.add_marker(pytest.mark.xdist_group(str(item.path.relative_to(TESTS))))

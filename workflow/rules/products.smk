@@ -104,24 +104,12 @@ def product_inputs(wildcards):
         models = trained(each for each in product.models if each in FEASIBLE)
         seed = config["training"]["seeds"][0]
         files["models"] = expand("models/{experiment}/seed-{seed}/best.ckpt", experiment=models, seed=seed)
-    for source in filter(None, (product.evaluations, product.rings, product.selections)):
-        require_grasps(EXPERIMENTS.experiments[each] for each in experiments_of(source))
-    if source := product.evaluations:
-        files["evaluations"] = expand(
-            "evaluations/{experiment}/seed-{seed}.csv", experiment=trained(experiments_of(source)), **EVERY_SEED
-        )
-    if source := product.rings:
-        files["rings"] = expand(
-            "evaluations/rings/{experiment}/seed-{seed}.csv",
-            experiment=trained(experiments_of(source, True)),
-            **EVERY_SEED,
-        )
-    if source := product.selections:
-        files["selections"] = expand(
-            "evaluations/selection/{experiment}/seed-{seed}.csv",
-            experiment=trained(experiments_of(source)),
-            **EVERY_SEED,
-        )
+    for each, folder in {"evaluations": "", "rings": "rings/", "selections": "selection/"}.items():
+        if source := getattr(product, each):
+            measured = experiments_of(source, each == "rings")
+            require_grasps(EXPERIMENTS.experiments[name] for name in measured)
+            models = {"experiment": trained(measured), **EVERY_SEED}
+            files[each] = expand(f"evaluations/{folder}{{experiment}}/seed-{{seed}}.csv", **models)
     catalogue_with(product.needed_splits(EXPERIMENTS.tables), f"{kind[:-1]} {name}")
     return files
 
