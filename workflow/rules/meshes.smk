@@ -20,7 +20,9 @@ rule meshes:
     params:
         version=MESH_VERSION,
         outside=SOURCE.outside,
-        objects=lambda wildcards: {each.object: each[1:] for each in batch_entries(wildcards.batch)},
+        objects=lambda wildcards: {
+            each.object: (each.source, each.up, each.scale) for each in batch_entries(wildcards.batch)
+        },
         folder=SOURCE_PATH,
         mesh=config["mesh"],
     script:
