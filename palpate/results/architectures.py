@@ -104,20 +104,6 @@ def _reconstruction_layers(model: Reconstruction, image: Tensor | None, listing:
         source = listing.add("GCN Layer", layer.weight.shape[1], source)
 
 
-def paper_rows(model: str) -> list[dict[str, str]]:
-    """The rows of the supplement's table of a model, "..." written out."""
-    table = _read("architectures", model)
-    rows: list[dict[str, str]] = []
-    for row, following in zip(table, [*table[1:], None], strict=True):
-        if row["index"] != "...":
-            rows.append(row)
-            continue
-        assert following is not None
-        for index in range(int(rows[-1]["index"]) + 1, int(following["index"])):
-            rows.append(rows[-1] | {"index": str(index), "input": f"({index - 1})"})
-    return rows
-
-
 def compare(model: str, rows: list[dict[str, str]]) -> pd.DataFrame:
     """The paper's table of a model beside the rows read off a live module, a verdict for each.
 
@@ -126,7 +112,8 @@ def compare(model: str, rows: list[dict[str, str]]) -> pd.DataFrame:
     `differs`. `attrs["note"]` counts them.
     """
     paper, known, live = (
-        {row["index"]: row for row in each} for each in (paper_rows(model), _read("contradictions", model), rows)
+        {row["index"]: row for row in each}
+        for each in (paper_rows("architectures", model), paper_rows("contradictions", model), rows)
     )
     table = []
     for index in dict.fromkeys([*paper, *live]):
@@ -171,8 +158,9 @@ def _image(size: int) -> Tensor:
     return torch.rand(1, 3, size, size, generator=torch.Generator().manual_seed(0))
 
 
-def _read(file: str, model: str) -> list[dict[str, str]]:
-    rows = [dict(row) for row in published.paper_rows(file) if row["model"] == model]
+def paper_rows(file: str, model: str) -> list[dict[str, str]]:
+    """A model's rows of `architectures` (the supplement's table, "..." written out) or of `contradictions`."""
+    rows = [row for row in published.paper_rows(file) if row["model"] == model]
     if not rows:
         known = sorted({row["model"] for row in published.paper_rows(file)})
         raise ValueError(f"the paper's {file} have no model {model!r}: {known}")

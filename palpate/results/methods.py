@@ -13,7 +13,7 @@ NAMES = {  # strategy, as in names of experiments -> name, whose it is
     "no_copy": ("charts, no copying", "paper"),
     "no_comm": ("charts, no communication", "paper"),
     "charts": ("charts, equation 1", "paper"),
-    "mean": ("charts, mean over neighbours", "authors' first release"),  # strategy charts, another architecture
+    "mean": ("charts, mean", "authors' first release"),  # strategy charts, another architecture
     "pooled": ("pooled touch", "ours"),
     "pooled_no_copy": ("pooled touch, no copying", "ours"),
     "implicit": ("signed distance", "ours"),

@@ -47,10 +47,10 @@ def test_rows_of_the_paper_are_complete():
     counts |= {"unoccluded": 35, "touch": 15, "single_image": 53}
     assert list(counts) == ["touch_depth", *(name for name in counts if name in PAPER_ARCHITECTURES)]
     for name, count in counts.items():
-        numbered = [row["index"] for row in paper_rows(name) if row["index"].isdigit()]
+        numbered = [row["index"] for row in paper_rows("architectures", name) if row["index"].isdigit()]
         assert numbered == [str(k) for k in range(1, count + 1)]
     with pytest.raises(ValueError, match="no model 'vision'"):
-        paper_rows("vision")
+        paper_rows("architectures", "vision")
 
 
 def test_rows_are_measured_and_not_copied():
