@@ -39,9 +39,9 @@ def touch_effect(evaluations: pd.DataFrame, resamples: int = RESAMPLES) -> pd.Da
     is lower), objects, seeds, steps. Raises EvaluationError if experiments were measured on different objects or with
     different seeds.
     """
-    rows = []
+    rows, abc = [], paper_values("abc").set_index("experiment")["value"].to_dict()
     for row, split, found in _compared(evaluations):
-        difference = _difference(found, row, _stated(split, AVERAGE), _abc(), resamples)
+        difference = _difference(found, row, _stated(split, AVERAGE), abc, resamples)
         rows.append(_named(row) | {"split": split} | difference)
     return _effects_table(rows, evaluations, "A difference is the error of `experiment` less that of `compared with`")
 
@@ -107,15 +107,15 @@ def _difference(
 
 def _percent(stated: Mapping[str, float], row: dict[str, str]) -> float:
     """A difference in percent by stated numbers; nan where one is not stated."""
-    return 100 * (
-        stated.get(row["stated_as"], np.nan) / stated.get(methods.stated_as(row["compared_with"]), np.nan) - 1
-    )
+    one, other = row["stated_as"], methods.stated_as(row["compared_with"])
+    return 100 * (stated.get(one, np.nan) / stated.get(other, np.nan) - 1)
 
 
 def _effects_table(rows: list[dict], evaluations: pd.DataFrame, what: str) -> pd.DataFrame:
     """The table of these rows, which evaluations are compared in; its note begins with `what` a difference is."""
     table = tables.frame_of(rows, evaluations["class"])
-    table = table.drop(columns=[name for name in ("percent_abc",) if table[name].isna().all()])
+    if table["percent_abc"].isna().all():
+        del table["percent_abc"]
     table.attrs["note"] = (
         f"{what}, paired by object and seed. It is a finding (better, worse) if its interval excludes 0 and two seeds "
         f"differ by less (`between seeds`). {tables.intervals_note(int(table['seeds'].max()))}{tables.MEDIANS_NOTE}"
@@ -132,8 +132,3 @@ def _stated(split: str, group: str) -> dict[str, float]:
         frame = frame[frame["class"] == group] if "class" in frame else frame[[group == AVERAGE] * len(frame)]
         stated |= dict(zip(frame["experiment"], frame["value"], strict=True))
     return stated
-
-
-def _abc() -> dict[str, float]:
-    """What the authors published for their models on ABC objects."""
-    return dict(zip(*paper_values("abc")[["experiment", "value"]].to_numpy().T, strict=True))
