@@ -15,8 +15,8 @@ from studies.omitted.omission import OMITTED, SAME, verdict_text
 from studies.stability.cases import FAILS, HOLDS, REJECTED
 
 VERDICT_COLOURS = {HOLDS: COLOURS[2], REJECTED: COLOURS[0], FAILS: COLOURS[1]}
-PANELS_PER_ROW = 3  # panels beside each other
-PANEL, MARGIN = (4.2, 3.0), 0.35  # inches
+PANELS_PER_ROW = 3
+PANEL = (4.2, 3.0)  # inches
 LABEL_DISTANCE = 0.06  # of a panel: of points nearer than this only one has a label
 WIDE_RANGE = 300.0  # an axis that spans more than this ratio shows powers of ten only
 
@@ -28,11 +28,10 @@ def fronts(table: pd.DataFrame, path: Path | str) -> None:
     The line is the front, whose methods are labelled by their knobs. Rings mark the config's methods. A hollow mark
     is a method on the front whose time does not differ significantly from a neighbour's.
     """
-    table = over_objects(table[table["drawn"]])
-    panels = [rows for _, rows in table.groupby(["stage", "measure"], sort=False)]
+    panels = [rows for _, rows in over_objects(table[table["drawn"]]).groupby(["stage", "measure"], sort=False)]
     columns = min(PANELS_PER_ROW, len(panels))
     lines = -(-len(panels) // columns)
-    figure = new_figure(columns * PANEL[0] + MARGIN, lines * PANEL[1] + MARGIN)
+    figure = new_figure(columns * PANEL[0] + 0.35, lines * PANEL[1] + 0.35)
     grid = figure.subplots(lines, columns, squeeze=False)
     for axes, rows in zip(grid.flat, panels, strict=False):
         _front(axes, rows[rows["error"].notna()])
@@ -45,60 +44,41 @@ def fronts(table: pd.DataFrame, path: Path | str) -> None:
 
 
 def _front(axes: Axes, rows: pd.DataFrame) -> None:
-    seconds = rows["seconds"].to_numpy(dtype=float)
-    errors = rows["error"].to_numpy(dtype=float)
-    positive = errors[np.isfinite(errors) & (errors > 0)]
-    least = positive.min() / 3 if len(positive) else 1.0  # where an error of 0 is drawn
-    shown = np.where(errors == 0, least, errors)
+    seconds, errors = (rows[key].to_numpy(dtype=float) for key in ("seconds", "error"))
+    least = errors[errors > 0].min(initial=np.inf) / 3
+    shown = np.where(errors == 0, least if np.isfinite(least) else 1.0, errors)  # also where an error of 0 is drawn
     spread = np.abs(rows[["seconds_low", "seconds_high"]].to_numpy(dtype=float).T - seconds)
     on, noisy, chosen = (rows[key].to_numpy(dtype=bool) for key in ("front", "noisy", "chosen"))
     for colour, method in zip(cycle(COLOURS), dict.fromkeys(rows["method"]), strict=False):
         own = (rows["method"] == method).to_numpy()
-        bars = {"fmt": "none", "ecolor": colour, "lw": 0.7, "alpha": 0.5}
-        axes.errorbar(seconds[own], shown[own], xerr=spread[:, own], **bars)
+        axes.errorbar(seconds[own], shown[own], xerr=spread[:, own], fmt="none", ecolor=colour, lw=0.7, alpha=0.5)
         axes.scatter(seconds[own], shown[own], s=14, color=colour, label=method)
-        hollow = own & noisy
-        axes.scatter(seconds[hollow], shown[hollow], s=6, color="white", zorder=3)
-    order = np.argsort(seconds[on])
-    axes.plot(seconds[on][order], shown[on][order], color=PALE, lw=1, zorder=0)
+        axes.scatter(seconds[own & noisy], shown[own & noisy], s=6, color="white", zorder=3)
+    order = np.flatnonzero(on)[np.argsort(seconds[on])]
+    axes.plot(seconds[order], shown[order], color=PALE, lw=1, zorder=0)
     axes.scatter(seconds[chosen], shown[chosen], s=70, facecolor="none", edgecolor=INK, lw=1, zorder=4)
-    beside = {"xytext": (3, 3), "textcoords": "offset points", "fontsize": LABEL - 4}
-    for place in _unobstructed(seconds, shown, on & ~chosen, chosen):
-        name = setting(rows["knob"].iloc[place], rows["value"].iloc[place])
-        axes.annotate(name, (seconds[place], shown[place]), **beside)
-    for axis, drawn in (("x", seconds), ("y", shown)):
-        _logarithmic(axes, axis, drawn)
-    first = rows.iloc[0]
-    zero = ", lowest: 0" if (errors == 0).any() else ""
+    # Of labels too near to another, or to a ring, only the first is drawn.
+    logs = np.log(np.stack([seconds, shown], axis=1))
+    place = logs / np.where(np.ptp(logs, axis=0) > 0, np.ptp(logs, axis=0), 1)
+    placed = list(np.flatnonzero(chosen))
+    for point in (k for k in order if not chosen[k]):
+        if all(np.linalg.norm(place[point] - place[other]) > LABEL_DISTANCE for other in placed):
+            placed.append(point)
+            name, at = setting(*rows[["knob", "value"]].iloc[point]), (seconds[point], shown[point])
+            axes.annotate(name, at, xytext=(3, 3), textcoords="offset points", fontsize=LABEL - 4)
+    for name, axis, drawn in (("x", axes.xaxis, seconds), ("y", axes.yaxis, shown)):
+        axes.set(**{f"{name}scale": "log"})
+        powers_of_ten_only = np.nanmax(drawn) > WIDE_RANGE * np.nanmin(drawn)
+        axis.set_major_locator(LogLocator(subs=(1,) if powers_of_ten_only else (1, 2, 5), numticks=8))
+        axis.set_major_formatter(FormatStrFormatter("%g"))
+        axis.set_minor_formatter(NullFormatter())
+    first, zero = rows.iloc[0], ", lowest: 0" if (errors == 0).any() else ""
     axes.set_title(first["stage"].replace("_", " "), fontsize=TITLE)
     axes.set_xlabel("seconds", fontsize=LABEL - 1)
     axes.set_ylabel(f"{first['measure']}, {first['unit']}{zero}", fontsize=LABEL - 1)
     axes.tick_params(labelsize=LABEL - 2, which="both")
     axes.spines[["top", "right"]].set_visible(False)
     axes.legend(fontsize=LABEL - 3, frameon=False)
-
-
-def _unobstructed(x: np.ndarray, y: np.ndarray, candidates: np.ndarray, occupied: np.ndarray) -> list[int]:
-    """Of the points to label (`candidates`) those not too near to another label or to points that are `occupied`."""
-    logs = np.log(np.stack([x, y], axis=1))
-    span = np.ptp(logs, axis=0)
-    place = logs / np.where(span > 0, span, 1)
-    placed, labelled = list(np.flatnonzero(occupied)), []
-    for point in sorted(np.flatnonzero(candidates), key=lambda k: x[k]):
-        if all(np.linalg.norm(place[point] - place[other]) > LABEL_DISTANCE for other in placed):
-            placed.append(point)
-            labelled.append(int(point))
-    return labelled
-
-
-def _logarithmic(axes: Axes, name: str, drawn: np.ndarray) -> None:
-    """Make an axis logarithmic, with ticks that don't overlap."""
-    axes.set(**{f"{name}scale": "log"})
-    powers_of_ten_only = np.nanmax(drawn) > WIDE_RANGE * np.nanmin(drawn)
-    axis = getattr(axes, f"{name}axis")
-    axis.set_major_locator(LogLocator(subs=(1,) if powers_of_ten_only else (1, 2, 5), numticks=8))
-    axis.set_major_formatter(FormatStrFormatter("%g"))
-    axis.set_minor_formatter(NullFormatter())
 
 
 @styled
@@ -109,20 +89,18 @@ def margins(table: pd.DataFrame, path: Path | str) -> None:
     figure = new_figure(9, height)
     axes = figure.add_axes((0.47, 0.5 / height, 0.5, 1 - 1.0 / height))
     left = {"transform": axes.get_yaxis_transform(), "ha": "right", "va": "center", "fontsize": LABEL - 2}
-    for place, ((_, case), findings) in enumerate(cases):
+    before = cases[0][0][0]
+    for place, ((suite, case), findings) in enumerate(cases):
         axes.axhline(-place, color=PALE, lw=0.3, zorder=0)
-        ratios = [_margin(row) for _, row in findings.iterrows()]
-        colours = [VERDICT_COLOURS[verdict] for verdict in findings["verdict"]]
+        colours = findings["verdict"].map(VERDICT_COLOURS)
+        ratios = findings.apply(_margin, axis=1)
         axes.scatter(ratios, [-place] * len(ratios), s=12, c=colours, alpha=0.7, linewidths=0)
         axes.text(-0.01, -place, case, **left)
-    suites = [suite for (suite, _), _ in cases]
-    for place in range(1, len(suites)):
-        if suites[place] != suites[place - 1]:
+        if suite != before:
             axes.axhline(0.5 - place, color=INK, lw=0.6)
+        before = suite
     axes.axvline(1, color=INK, lw=0.8)
-    axes.set_xscale("log")
-    axes.set_yticks([])
-    axes.set_ylim(-len(cases), 1)
+    axes.set(xscale="log", yticks=[], ylim=(-len(cases), 1))
     axes.set_xlabel("value / bound (at the left end: 0, or no number)", fontsize=LABEL)
     axes.tick_params(labelsize=LABEL - 1)
     axes.spines[["top", "right", "left"]].set_visible(False)
@@ -137,12 +115,12 @@ def _margin(row: pd.Series, least: float = 1e-6) -> float:
     """A finding's value relative to its bound, below 1 where it holds; `least` if there is no such number."""
     match = re.fullmatch(r"(<=|>=) (\S+)", str(row["bound"]))
     try:
-        value, bound = float(row["value"]), float(match[2]) if match else np.nan
+        value = float(row["value"])
     except ValueError:
         return least
-    if not (np.isfinite(bound) and np.isfinite(value)):
+    if not match or not np.isfinite(value):
         return least if row["verdict"] != FAILS else 1 / least
-    part, whole = (value, bound) if match[1] == "<=" else (bound, value)
+    part, whole = (value, float(match[2])) if match[1] == "<=" else (float(match[2]), value)
     return float(np.clip(part / whole if whole else float(part > 0), least, 1 / least))
 
 
@@ -158,18 +136,15 @@ def savings(table: pd.DataFrame, path: Path | str) -> None:
     axes = figure.add_axes((0.42, 0.5 / height, 0.4, 1 - 0.8 / height))
     text = {"va": "center", "fontsize": LABEL - 1, "transform": axes.get_yaxis_transform()}
     for place, ((stage, item), row) in enumerate(rows.iterrows()):
-        seconds = row["seconds_without"] / row["seconds_with"]
-        colour = COLOURS[0] if row["state"] == OMITTED else FAINT
-        axes.barh(-place, seconds, height=0.55, color=colour, alpha=0.35 if row["noisy"] else 0.9)
+        colour, alpha = COLOURS[0] if row["state"] == OMITTED else FAINT, 0.35 if row["noisy"] else 0.9
+        axes.barh(-place, row["seconds_without"] / row["seconds_with"], height=0.55, color=colour, alpha=alpha)
         if row["bytes_with"]:
             axes.plot(row["bytes_without"] / row["bytes_with"], -place, "D", ms=4, color=COLOURS[1])
         axes.text(-0.02, -place, f"{stage}: {item}", ha="right", **text)
         verdict = verdict_text(row["verdict"], row["state"])
         axes.text(1.02, -place, verdict, ha="left", color=INK if row["verdict"] else COLOURS[1], **text)
     axes.axvline(1, color=INK, lw=0.8)
-    axes.set_yticks([])
-    axes.set_ylim(-len(rows) + 0.3, 0.7)
-    axes.set_xlim(0, 1.15)
+    axes.set(yticks=[], ylim=(-len(rows) + 0.3, 0.7), xlim=(0, 1.15))
     label = "without / with: seconds (bars; pale: within the noise), bytes (diamonds)"
     axes.set_xlabel(label, fontsize=LABEL)
     axes.tick_params(labelsize=LABEL - 1)

@@ -1,7 +1,6 @@
 """Pictures of the docs.
 
 python -m studies.pictures shapes docs/images/shapes.png        the procedural classes, a row each
-python -m studies.pictures sizes docs/images/sizes.png          a mug in a grasp, of its own size and of 0.5 m
 python -m studies.pictures sensors docs/images/sensors.png      what each shipped sensor reads at the same places
 python -m studies.pictures images random.png results/demo bottle-0000 knife-0000    images that a run holds:
     --rows objects    objects side by side, alone and below in their first grasp
@@ -23,23 +22,17 @@ from palpate.vision import Renderer, paper_camera  # Blender: before anything th
 import trimesh  # isort: skip
 
 from palpate import sensor as sensors  # isort: skip
-from palpate.batch import generator  # isort: skip
 from palpate.dataset import Dataset, ObjectRecord  # isort: skip
-from palpate.grasp import grasp_object  # isort: skip
-from palpate.mesh import DIAGONAL, OBJECT_POSITION, load_collision, load_visual, prepare  # isort: skip
-from palpate.results.grasp_steps import camera_holding, hand_points  # isort: skip
+from palpate.mesh import DIAGONAL  # isort: skip
 from palpate.results.page import FAINT, LABEL, TITLE, new_figure, save, styled  # isort: skip
 from palpate.scene import Scene  # isort: skip
 from palpate.shapes import CLASSES, make  # isort: skip
-from palpate.surface import sample  # isort: skip
 from palpate.touch import RayCaster, empty_reading, sense  # isort: skip
-from studies.benchmarks.grasp import HAND, POINTS, real_sizes  # isort: skip
 
 GAP = 6  # pixels between images, white
 COLUMNS, CELL = 12, 160  # of the picture of shapes: objects a row, and the width of each in pixels
 ENLARGED = 3  # shapes are rendered this much larger than a cell, then cut to what the row shows and shrunk
 FROM_BEHIND = (6, 8)  # the columns whose phones show their backs, with camera bumps
-TOWARDS = np.array([0.75, -0.55, 0.45])  # from the mug to its camera
 PRESSED = ("rifle", 3)  # the procedural object that sensors touch
 PLACES, CANDIDATES = 3, 300  # places that are drawn, of points of the surface
 MOST = 0.7  # share of the DIGIT in contact at these places: the rest shows what a soft gel does at an edge
@@ -87,23 +80,6 @@ def _cut_row(images: list, width: int) -> np.ndarray:
         cell.paste(cut.resize(shape, Image.Resampling.LANCZOS), ((width - shape[0]) // 2, GAP))
         cells.append(np.asarray(cell))
     return np.concatenate(cells, axis=1)
-
-
-def sizes() -> Image.Image:
-    """A mug in a grasp, of its own size and scaled to the dataset's."""
-    renderer, pictures = Renderer(samples=32, device="cpu"), []
-    for scale in ("keep", "diagonal"):
-        with tempfile.TemporaryDirectory() as name:
-            folder = Path(name) / "mug"
-            real_sizes()["mug"].export(Path(name) / "mug.ply")
-            prepare(Path(name) / "mug.ply", folder, levels=(), scale=scale)
-            visual, collision = load_visual(folder), load_collision(folder)
-            points = sample(visual, POINTS, generator(0, "mug", "surface")) + OBJECT_POSITION
-            pose = grasp_object(visual, collision, points, HAND, generator(0, "mug", "grasps")).link_pose[0]
-            camera = camera_holding(np.concatenate([points, hand_points(HAND, pose)]), TOWARDS)
-            drawn = {"visual_glb": folder / "visual.glb", "hand": HAND, "link_pose": pose, "camera": camera}
-            pictures.append(renderer.render_meshes(**drawn).rgb)
-    return Image.fromarray(np.concatenate(pictures, axis=1)).resize((1000, 500))
 
 
 def looking_at_surface(mesh: trimesh.Trimesh) -> tuple[np.ndarray, np.ndarray]:
@@ -179,7 +155,7 @@ def images(run: Path, objects: Sequence[str], rows: str = "objects", width: int 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("picture", choices=["shapes", "sizes", "sensors", "images"])
+    parser.add_argument("picture", choices=["shapes", "sensors", "images"])
     parser.add_argument("path", type=Path, help="the picture, .png")
     parser.add_argument("run", type=Path, nargs="?", help="of images")
     parser.add_argument("objects", nargs="*", help="of images")
@@ -193,7 +169,7 @@ def main() -> None:
     elif args.picture == "images":
         parser.error("images: name a run and its objects")
     else:
-        {"shapes": shapes, "sizes": sizes}[args.picture]().save(args.path, optimize=True)
+        shapes().save(args.path, optimize=True)
 
 
 if __name__ == "__main__":

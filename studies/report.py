@@ -1,11 +1,9 @@
 """Makes the tables of a report's items and joins them, without Snakemake.
 
-    from studies.threads import one_thread
-    one_thread()                                      # before anything that computes is imported
-    from studies import report
-    report.measure("stability", "rays", "results/default")
-
-Each item is a module `studies.<report>.<item>`, loaded when it is measured: it loads the engines of its own stage only.
+from studies.threads import one_thread
+one_thread()                                      # before anything that computes is imported
+from studies import report
+report.measure("stability", "rays", "results/default")
 """
 
 import importlib
@@ -48,15 +46,10 @@ def measure(
     rounds: int = ROUNDS,
     batches: Sequence[str] | None = None,
 ) -> pd.DataFrame:
-    """The table of one item of a report, measured on objects of a run.
+    """The table of one item of a report (keys of `studies.items.REPORTS`), measured on objects of a run.
 
-    Args:
-        report, item: keys of `studies.items.REPORTS`.
-        run: the run's folder.
-        settings: the sections of the config that the item depends on.
-        objects: number of objects; `stability` uses one.
-        rounds: of timing; each method is timed once a round.
-        batches: to select objects from; all if None.
+    settings: the sections of the config that the item depends on. objects: how many; `stability` uses one. rounds: of
+    timing; each method is timed once a round. batches: to select objects from; all if None.
 
     Raises ValueError if no object of the run is usable.
     """

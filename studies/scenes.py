@@ -1,7 +1,9 @@
-"""Scenes of a run's objects."""
+"""Scenes of a run's objects, and differences of their images."""
 
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from palpate import store
 from palpate.hand import Hand
@@ -15,3 +17,8 @@ def scene_of(run: Path | str, subject: Subject, **others: Any) -> Scene:
     row = grasps["object"].tolist().index(subject.name)
     hand = Hand.from_arrays(grasps, prefix="hand/")
     return Scene.from_grasps(subject.folder, {name: grasps[name][row] for name in GRASP_ARRAYS}, hand, **others)
+
+
+def rms(image: np.ndarray, other: np.ndarray) -> float:
+    """Root mean square difference of grey levels or colours, arrays of one shape."""
+    return float(np.sqrt(np.mean((np.asarray(image, dtype=float) - other) ** 2)))

@@ -33,10 +33,7 @@ def round_robin(items: Iterable[Item], class_of: Callable[[Item], str]) -> list[
 def pick(run: Path | str, objects: int, batches: Sequence[str] | None = None) -> list[Subject]:
     """The first usable objects of a run, one of each class in turn.
 
-    Args:
-        run: its folder.
-        objects: largest number; fewer if the run has fewer.
-        batches: to select from; None for all in `catalogue/`.
+    At most `objects`; batches: to select from, None for all in `catalogue/`.
 
     Raises ValueError if no object is usable, with what to do about it.
     """

@@ -31,7 +31,6 @@ def fronts(table: pd.DataFrame) -> pd.DataFrame:
         "knob": [setting(*each) for each in zip(rows["knob"], rows["value"], strict=True)],
         "error": rows["error"].map(_number),
         "ms": middle + " (" + low + " to " + high + ")" + rows["noisy"].map({True: "?", False: ""}),
-        "MiB": rows["peak_mib"].map(_number),
         **{key: rows[key].map({True: key, False: ""}) for key in ("front", "chosen")},
     }
     summary = pd.DataFrame(columns).reset_index(drop=True)

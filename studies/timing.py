@@ -1,15 +1,11 @@
-"""Times of several methods, measured alternately in one process, and the memory of each."""
+"""Times of several methods, measured alternately in one process."""
 
-import gc
 import time
 from collections.abc import Callable, Mapping, Sequence
-from pathlib import Path
-from typing import NamedTuple, TypeVar
+from typing import NamedTuple
 
 import numpy as np
 from scipy import stats
-
-Result = TypeVar("Result")
 
 ROUNDS = 5
 # Seconds. A shorter function is called repeatedly: the clock and a call cost a microsecond.
@@ -37,13 +33,7 @@ def interleaved(
     """Time each method once in every round, in random order.
 
     Other load on the machine then affects all of them, and cancels in their ratios. A short method is called several
-    times a round.
-
-    Args:
-        methods: functions by name; their results are discarded.
-        rounds: at least 1.
-        warm: each method was called before; otherwise it is called once untimed, to build what it caches.
-        clock: wall time, or `time.process_time` for processor time.
+    times a round. warm: each method was called before; otherwise it is called once untimed, to build what it caches.
 
     Raises ValueError if there is no method or no round.
     """
@@ -52,8 +42,7 @@ def interleaved(
     if not warm:
         for function in methods.values():
             function()
-    order = np.random.default_rng(seed)
-    seconds: dict[str, list[float]] = {name: [] for name in methods}
+    order, seconds = np.random.default_rng(seed), {name: [] for name in methods}
     for _ in range(rounds):
         for name in order.permutation(list(methods)):
             seconds[name].append(_seconds(methods[name], clock))
@@ -89,23 +78,3 @@ def differs_significantly(one: Timing, other: Timing) -> bool:
     if spread == 0:
         return bool(ratio.mean() != 0)
     return bool(abs(ratio.mean()) > spread * stats.t.ppf((1 + CONFIDENCE) / 2, len(ratio) - 1))
-
-
-def with_peak_memory(function: Callable[[], Result]) -> tuple[Result, float]:
-    """The function's result, and the largest rise of the process's resident memory during the call, in bytes.
-
-    Uses Linux's resettable peak (VmHWM); NaN elsewhere. Memory that the process has already and reuses is not
-    counted.
-    """
-    status, reset = Path("/proc/self/status"), Path("/proc/self/clear_refs")
-    if not (status.exists() and reset.exists()):
-        return function(), float("nan")
-
-    def kibibytes(key: str) -> int:
-        return next(int(line.split()[1]) for line in status.read_text().splitlines() if line.startswith(key))
-
-    gc.collect()
-    reset.write_text("5")
-    before = kibibytes("VmRSS:")
-    result = function()
-    return result, 1024.0 * max(0, kibibytes("VmHWM:") - before)

@@ -1,4 +1,4 @@
-"""Times to write a batch's stores, and their sizes, by compression; and the time of validation.
+"""Times to write a batch's stores, and their sizes, by compression.
 
     python -m studies.benchmarks.store results/<run> [--batch batch-0000] [--repeats 3]
 
@@ -9,7 +9,6 @@ import argparse
 import os
 import tempfile
 import time
-from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from unittest.mock import patch
@@ -19,20 +18,13 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 from tabulate import tabulate
 
 from palpate import store
-from palpate.dataset import Dataset, validation
 from palpate.sensor import DIGIT
-from palpate.stages import DATASET_STORES
 from palpate.store import zarr_files
 from studies.timing import interleaved
 
 # Codec, level and shuffle of Blosc; level 0 stores.
 CODECS = [("zstd", 0, "noshuffle"), ("lz4", 1, "shuffle"), ("zstd", 1, "noshuffle"), ("zstd", 1, "shuffle")]
 CODECS += [("zstd", 1, "bitshuffle"), *(("zstd", level, "shuffle") for level in (3, 5, 9))]
-
-
-def milliseconds(function: Callable[[], object], repeats: int) -> float:
-    """Median processor time of a call, whatever else the machine does."""
-    return 1e3 * interleaved({"it": function}, repeats, clock=time.process_time)["it"].seconds
 
 
 def size(path: Path) -> int:
@@ -58,20 +50,13 @@ def main() -> None:
             with patch.object(zarr_files, "COMPRESSION", {"cname": name, "clevel": level, "shuffle": shuffle}):
                 for stage in stages:
                     path = Path(folder) / store.CONTRACT[stage].path(args.batch)
-                    spent = milliseconds(partial(store.write, path, stage, arrays[stage], attributes), args.repeats)
-                    found.append((spent / objects, size(path) / 1e3 / objects))
+                    write = partial(store.write, path, stage, arrays[stage], attributes)
+                    spent = interleaved({"it": write}, args.repeats, clock=time.process_time)["it"].seconds
+                    found.append((1e3 * spent / objects, size(path) / 1e3 / objects))
             found.append(tuple(map(sum, zip(*found, strict=True))))
             label = f"{name} {level}, {shuffle}" if level else "none"
             rows.append([label, *(f"{spent:.1f} / {kilobytes:.0f}" for spent, kilobytes in found)])
     print(tabulate(rows, ["compression", *(f"{stage}, ms / kB" for stage in [*stages, "all"])], "github"))
-    checked = [stage for stage in stages if stage in DATASET_STORES]
-    spent = milliseconds(lambda: validation.validate_batch(args.run, args.batch, stages=checked), args.repeats)
-    print(f"validation: {spent / objects:.0f} ms an object")
-    dataset = Dataset(args.run)
-    print(f"opening: {milliseconds(lambda: Dataset(args.run), args.repeats):.1f} ms")
-    readings = dataset.array("touch", "reading")
-    len(readings)
-    print(f"one grasp's readings: {milliseconds(lambda: readings[1], 20):.1f} ms")
 
 
 if __name__ == "__main__":

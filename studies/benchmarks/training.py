@@ -10,11 +10,8 @@ schedule ends with the last. The run's stores must exist (python -m palpate.infe
 each seed goes on from that model of its seed, with the recipe's settings of a continuation.
 
 The last columns say how smooth the best model's meshes are (`palpate.evaluation.surface_quality`), the mean over the
-validation windows.
-
-With few objects the validation loss is inaccurate: --validate-on uses the validation objects of a larger run (of the
-same config but for its size). Losses are on 2,500 points and --windows windows of each object; the table has the best
-evaluation, as a run would keep it.
+validation windows. With few objects the validation loss is inaccurate: --validate-on uses the validation objects of a
+larger run of the same config. Losses are on 2,500 points and --windows windows of each object, at the best evaluation.
 """
 
 import argparse
@@ -52,36 +49,7 @@ TIMED = 6  # steps, after the same number of untimed ones
 EVALUATIONS = 8
 
 # Changes of the recipe by name: keys of `reconstruction`, merged over it.
-VARIANTS = yaml.safe_load(
-    """
-recipe: {}
-4 layers: {architecture: {gcn: {layers: 4}}}
-10 layers: {architecture: {gcn: {layers: 10}}}
-width 48: {architecture: {gcn: {width: 48}}}
-width 96: {architecture: {gcn: {width: 96}}}
-small encoder: {architecture: {encoder: {channels: [16, 32, 64, 64], layers: [1, 1, 2, 2], pool: [2, 4, 6]}}}
-large encoder:
-  architecture: {encoder: {channels: [16, 32, 64, 128, 256], layers: [1, 2, 2, 3, 3], pool: [5, 8, 11]}}
-batch norm, batch 2: {batch: 2, architecture: {encoder: {norm: batch}}}
-batch norm, batch 2, rate 6e-3: {batch: 2, rate: 6.0e-3, architecture: {encoder: {norm: batch}}}
-graph: {architecture: {touch: graph}}
-graph, mean: {architecture: {touch: graph, gcn: {normalisation: mean}}}
-graph, free: {architecture: {touch: graph, failed_charts: free}}
-batch 2: {batch: 2}
-batch 4: {batch: 4}
-1000 points: {loss_points: 1000}
-2500 points: {loss_points: 2500}
-rate 5e-4: {rate: 5.0e-4}
-rate 2e-3: {rate: 2.0e-3}
-rate 3e-3: {rate: 3.0e-3}
-metres: {architecture: {normalise_positions: false}}
-paper init: {architecture: {init: paper, last_layer_scale: 1.0}}
-no clipping: {clip: null}
-constant: {schedule: constant}
-ema 0.99: {ema: 0.99}
-adamw: {optimiser: adamw, weight_decay: 0.01}
-"""
-)
+VARIANTS = yaml.safe_load(Path(__file__).with_name("variants.yaml").read_text())
 
 
 def combine(own: ExperimentData, larger: ExperimentData) -> ExperimentData:
@@ -91,13 +59,6 @@ def combine(own: ExperimentData, larger: ExperimentData) -> ExperimentData:
     for name, column in {"object": "objects", "class": "classes", "split": "splits"}.items():
         arrays[name] = [getattr(data, column)[row] for data, rows in chosen for row in rows]
     return ExperimentData(arrays, sensor=own.sensor)
-
-
-def step_seconds(learner: ReconstructionLearner) -> float:
-    """Processor time of a training step."""
-    learner.on_fit_start()
-    step = TrainingSteps(learner)
-    return statistics.median([step(number) for number in range(2 * TIMED)][TIMED:])
 
 
 @torch.no_grad()
@@ -157,7 +118,9 @@ def main() -> None:
             made = ReconstructionSettings.from_row(settings)
             return ReconstructionLearner(data, experiment, made, seed, start, extra_loss)
 
-        seconds = step_seconds(learner_of(0, None, settings))
+        (timed := learner_of(0, None, settings)).on_fit_start()
+        step = TrainingSteps(timed)
+        seconds = statistics.median([step(number) for number in range(2 * TIMED)][TIMED:])
         steps = args.steps or int(args.seconds / seconds)
         settings |= {"steps": steps, "evaluate_every": -(-steps // EVALUATIONS)}
         with tempfile.TemporaryDirectory() as folder:

@@ -5,9 +5,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import igl
-import manifold3d
 import numpy as np
-import pymeshlab
 
 from palpate.mesh.decimate import PLANAR_WEIGHT, QUALITY, decimate
 from palpate.mesh.distance import Surface, distance
@@ -19,9 +17,6 @@ from studies.subjects import Subject
 FACES = (250, 500, 1000, 2000, 4000, 8000)
 PLANAR_WEIGHTS = (0.0, PLANAR_WEIGHT, 1e-3)  # 0.001 is pymeshlab's own
 QUALITIES = (0.03, 0.1, QUALITY)
-TOLERANCES = (0.05, 0.2, 0.8)  # mm
-CELLS = (0.25, 0.5, 1.0)  # % of the diagonal
-
 Mesh = tuple[np.ndarray, np.ndarray]  # vertices (n, 3), m, and faces (f, 3)
 
 
@@ -34,11 +29,11 @@ class Source(NamedTuple):
 
 
 class Decimation(Study):
-    """Palpate's quadric collapse (pymeshlab's) beside libigl's, and two cruder methods.
+    """Palpate's quadric collapse (pymeshlab's) beside libigl's.
 
     The measure `faces`, the number that remains, is no error: methods compare at equal faces. The error is NaN for
-    a mesh that is small enough already, because it is not decimated. It is NaN for a mesh that the method rejects,
-    too (libigl's and manifold3d's take closed manifolds only).
+    a mesh that is small enough already, because it is not decimated, and for one that libigl rejects (it takes closed
+    manifolds only).
     """
 
     stage = "decimation"
@@ -59,12 +54,10 @@ class Decimation(Study):
             *variants(quadric, "planar weight", PLANAR_WEIGHTS, lambda w: _by(decimate, n, w), PLANAR_WEIGHT),
             *variants(quadric, "quality", QUALITIES, lambda q: _by(decimate, n, PLANAR_WEIGHT, q), QUALITY),
             *variants("quadric collapse (libigl)", "faces", faces, lambda value: _by(_by_libigl, value)),
-            *variants("collapse within a tolerance (manifold3d)", "mm", TOLERANCES, lambda t: _by(_within, t)),
-            *variants("clusters (pymeshlab)", "% of diagonal", CELLS, lambda cell: _by(_clusters, cell)),
         ]
 
-    def errors(self, case: Source, result: Mesh | None) -> dict[str, float]:
-        if result is None or not 0 < len(result[1]) < len(case.faces):
+    def errors(self, case: Source, result: Mesh) -> dict[str, float]:
+        if not 0 < len(result[1]) < len(case.faces):
             return dict.fromkeys(self.units, float("nan"))
         level = Surface(*result)
         to_level, to_source = distance(case.surface, level), distance(level, case.surface)
@@ -83,31 +76,13 @@ def load_source(folder: Path) -> Source:
     return Source(merged.vertices, faces, Surface(merged.vertices, faces))
 
 
-def _by(decimated: Callable[..., Mesh | None], *knobs: float) -> Callable[[Source], Mesh | None]:
+def _by(decimated: Callable[..., Mesh], *knobs: float) -> Callable[[Source], Mesh]:
     return lambda case: decimated(case.vertices, case.faces, *knobs)
 
 
-def _by_libigl(vertices: np.ndarray, faces: np.ndarray, count: int) -> Mesh | None:
-    """Quadric collapse by libigl's `qslim`: no faces if it rejects the mesh, None if the mesh is small enough."""
-    return igl.qslim(vertices, faces, count)[:2] if len(faces) > count else None
-
-
-def _within(vertices: np.ndarray, faces: np.ndarray, tolerance: float) -> Mesh | None:
-    """manifold3d's collapse within a tolerance in mm; None if it rejects the mesh."""
-    solid = manifold3d.Manifold(manifold3d.Mesh64(vertices, faces.astype(np.uint64)))
-    if solid.status() != manifold3d.Error.NoError:
-        return None
-    mesh = solid.simplify(1e-3 * tolerance).to_mesh64()
-    return np.array(mesh.vert_properties[:, :3]), np.array(mesh.tri_verts, dtype=np.int64)
-
-
-def _clusters(vertices: np.ndarray, faces: np.ndarray, cell: float) -> Mesh:
-    """Merge the vertices in each cell of a grid; cell in % of the bounding box's diagonal."""
-    meshes = pymeshlab.MeshSet(verbose=False)
-    meshes.add_mesh(pymeshlab.Mesh(vertices, faces))
-    meshes.meshing_decimation_clustering(threshold=pymeshlab.PercentageValue(cell))
-    mesh = meshes.current_mesh()
-    return mesh.vertex_matrix(), mesh.face_matrix().astype(np.int64)
+def _by_libigl(vertices: np.ndarray, faces: np.ndarray, count: int) -> Mesh:
+    """Quadric collapse by libigl's `qslim`: no faces if it rejects the mesh, all of them if it is small enough."""
+    return igl.qslim(vertices, faces, count)[:2] if len(faces) > count else (vertices, faces)
 
 
 study = Decimation

@@ -27,23 +27,15 @@ from studies.subjects import Subject
 CLOSINGS = 3  # of an object, all with the thumb
 
 
-class Knob(NamedTuple):
-    """A field of `ClosingSettings`: its name in the report, its values, and the factor to its unit there."""
-
-    name: str
-    values: tuple
-    factor: float | None = None
-
-
-KNOBS = {
-    "timestep": Knob("time step, ms", (1e-4, 5e-4, 1e-3, 2e-3, 4e-3, 5e-3, 7e-3, 1e-2), 1e3),
-    "duration": Knob("closing time, s", (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.8)),
-    "ramp": Knob("ramp, share of the closing time", (0.1, 0.2, 0.3, 0.4, 0.6, 0.8)),
-    "cell": Knob("cell, mm (model not timed)", (0.01, 0.015, 0.025, 0.05, 0.1), 1e3),
-    "integrator": Knob("integrator", ("euler", "implicit", "implicitfast", "rk4")),
-    "iterations": Knob("iterations", ()),  # by solver, below
+# By field of `ClosingSettings`: its name in the report, its values, and the factor to its unit there.
+KNOBS: dict[str, tuple[str, tuple, float | None]] = {
+    "timestep": ("time step, ms", (1e-4, 5e-4, 1e-3, 2e-3, 4e-3, 5e-3, 7e-3, 1e-2), 1e3),
+    "duration": ("closing time, s", (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.8), None),
+    "ramp": ("ramp, share of the closing time", (0.1, 0.2, 0.3, 0.4, 0.6, 0.8), None),
+    "cell": ("cell, mm (model not timed)", (0.01, 0.015, 0.025, 0.05, 0.1), 1e3),
+    "integrator": ("integrator", ("euler", "implicit", "implicitfast", "rk4"), None),
+    "iterations": ("iterations", (1, 2, 3, 20, 100), None),
 }
-ITERATIONS = {"newton": (1, 2, 3, 20, 100), "cg": (1, 3, 20), "pgs": (1, 3, 20)}
 REST_DURATION = 0.8  # s, of the reference's closing: doubling it changes joints by 0.002 degrees in the mean
 REFERENCE_TIMESTEP = 1e-4  # s, of the references
 THICKNESS = 2e-4  # m, of the reference's pieces
@@ -67,7 +59,6 @@ class ClosingSettings:
     ramp: float
     cell: float
     integrator: str
-    solver: str
     iterations: int
 
 
@@ -94,25 +85,18 @@ class Case(NamedTuple):
     at_rest: np.ndarray
     same_motion: np.ndarray
 
-    @property
-    def hand(self) -> Hand:
-        """The run's hand."""
-        return self.grasper.hand
-
 
 def library_settings(hand: Hand, timestep: float) -> ClosingSettings:
     """The library's settings of a closing, at a time step in seconds."""
     option = GraspSimulation(hand, [np.vstack([np.zeros(3), np.eye(3)])], timestep).model.opt
     integrator = mujoco.mjtIntegrator(option.integrator).name.removeprefix("mjINT_").lower()
-    solver = mujoco.mjtSolver(option.solver).name.removeprefix("mjSOL_").lower()
-    return ClosingSettings(timestep, closing.DURATION, closing.RAMP, CELL, integrator, solver, option.iterations)
+    return ClosingSettings(timestep, closing.DURATION, closing.RAMP, CELL, integrator, option.iterations)
 
 
 def close(simulation: GraspSimulation, poses: np.ndarray, targets: np.ndarray, setup: ClosingSettings) -> Closings:
     """Close the hand from each palm pose, in a simulation with the time step and the cells of `setup`."""
     option = simulation.model.opt
     option.integrator = getattr(mujoco.mjtIntegrator, f"mjINT_{setup.integrator.upper()}")
-    option.solver = getattr(mujoco.mjtSolver, f"mjSOL_{setup.solver.upper()}")
     option.iterations = setup.iterations
     steps = max(1, round(setup.duration / setup.timestep))
     shares = np.minimum(1, np.arange(1, steps + 1) / (setup.ramp * steps))
@@ -160,7 +144,7 @@ class GraspStudy(Study):
     """Ways to close the hand: place it and close it, `CLOSINGS` times an object. settings: `grasps` of the config.
 
     `joint`, `tip` and `flipped` are relative to the hand at rest. `joint, same motion` is relative to a closing of
-    the same duration and patches in short time steps: the effect of time step, integrator and solver alone.
+    the same duration and patches in short time steps: the effect of time step, integrator and iterations alone.
     """
 
     stage = "grasps"
@@ -188,32 +172,26 @@ class GraspStudy(Study):
 
     def _knobs(self) -> Iterable[tuple[str, ClosingSettings]]:
         """Settings with one knob changed, for every value of every knob; the run's own comes last if it is another."""
-        default = self.default
-        for field, knob in KNOBS.items():
-            for value in dict.fromkeys([*knob.values, getattr(default, field)]) if knob.values else ():
-                yield field, replace(default, **{field: value})
-        for solver, values in ITERATIONS.items():
-            own = [default.iterations] if solver == default.solver else []
-            for value in dict.fromkeys([*values, *own]):
-                yield "iterations", replace(default, solver=solver, iterations=value)
+        for field, (_, values, _) in KNOBS.items():
+            for value in dict.fromkeys([*values, getattr(self.default, field)]):
+                yield field, replace(self.default, **{field: value})
 
     def methods(self) -> list[Method]:
         methods = []
         for field, setup in self._knobs():
-            name = f"closing, solver {setup.solver}" if field == "iterations" else "closing"
-            knob, value = KNOBS[field], getattr(setup, field)
-            shown = round(knob.factor * value, 6) if knob.factor else value
-            methods.append(Method(name, knob.name, shown, partial(_run, setup), setup == self.default))
+            (knob, _, factor), value = KNOBS[field], getattr(setup, field)
+            shown = round(factor * value, 6) if factor else value
+            methods.append(Method("closing", knob, shown, partial(_run, setup), setup == self.default))
         return methods
 
     def errors(self, case: Case, result: Closings) -> dict[str, float]:
         """Means over joints, sensors and closings; penetration is the deepest. NaN if the engine warned."""
         if not result.finite:
             return dict.fromkeys(self.units, float("nan"))
-        links, right = (case.hand.forward(case.poses, q) for q in (result.joint_positions, case.at_rest))
-        frames = [case.hand.sensor_frames(each) for each in (links, right)]
+        links, right = (case.grasper.hand.forward(case.poses, q) for q in (result.joint_positions, case.at_rest))
+        frames = [case.grasper.hand.sensor_frames(each) for each in (links, right)]
         touches = [[case.grasper.caster.succeeds(p, r) for p, r in zip(*each, strict=True)] for each in frames]
-        numerics = {"timestep": 0, "integrator": "", "solver": "", "iterations": 0}
+        numerics = {"timestep": 0, "integrator": "", "iterations": 0}
         same = replace(result.setup, **numerics) == replace(self.default, **numerics)
 
         def degrees(reference: np.ndarray) -> float:

@@ -1,7 +1,7 @@
-"""Models of other sizes, trained in the same way: error against the time of inference and of training.
+"""Models of other sizes, each trained from scratch in the same way: error against the time of training.
 
-Every model is trained from scratch on the same number of samples, much fewer than in the run: a larger model would
-gain more from a long training. Always on the CPU.
+All are trained on the same number of samples, much fewer than in the run: a larger model would gain more from a long
+training. Always on the CPU.
 """
 
 import copy
@@ -36,7 +36,6 @@ from studies.training_steps import TrainingSteps
 EXPERIMENT = Experiment("charts_unoccluded", "charts", "unoccluded", False, 1)
 SAMPLES = 200  # on which each model is trained
 SEEDS = (0, 1)
-TYPES = {"float64": torch.float64, "float32": torch.float32, "bfloat16": torch.bfloat16}
 
 
 class Variant(NamedTuple):
@@ -51,25 +50,11 @@ class Variant(NamedTuple):
     seed: int
 
 
-class Result(NamedTuple):
-    """Predictions (n, V, 3) m of the validation samples by a variant; timed: whether inference was timed, not
-    training."""
-
-    vertices: np.ndarray
-    variant: Variant
-    timed: bool
-
-
 class ReconstructionStudy(Study):
-    """All validation objects of the run as one case, whatever the report's `objects`."""
+    """All validation objects of the run as one case, whatever the report's `objects`. A result is a `Variant`."""
 
     stage = "reconstruction"
-    units = {
-        "Chamfer distance, of inference": "m^2 x 9000",
-        "Chamfer distance, of training": "m^2 x 9000",
-        "rounding": "mm",
-    }
-    panels = 2
+    units = {"Chamfer distance": "m^2 x 9000"}
 
     def __init__(self, data: ExperimentData, settings: ReconstructionSettings, machine: Mapping[str, Any], points: int):
         """settings: of the experiment, from the run's recipe. machine: the config's `training`. points: sampled in an
@@ -83,27 +68,26 @@ class ReconstructionStudy(Study):
         self.rate = settings.rate * max(1.0, total_samples / SAMPLES) ** 0.25
         self.samples = windows(data, EXPERIMENT, "validation")
         self._trained: dict[Variant, tuple[Reconstruction, TrainingSteps]] = {}
-        self._results: dict[Variant, np.ndarray] = {}
 
     @property
     def reference(self) -> str:
         return (
-            f"the true points of {len(self.samples)} validation samples, and {self.points} points spread "
-            "evenly on each, by scipy's k-d trees in double precision; for rounding the same model in "
-            f"float64. Each model was trained on {SAMPLES} samples, with one seed: the rows of the knob seed "
-            f"say what is chance. Seconds are for {len(self.samples)} predictions, or for training on "
+            f"the true points of {len(self.samples)} validation samples, and {self.points} points spread evenly on "
+            f"each, by scipy's k-d trees in double precision. Each model was trained on {SAMPLES} samples, with one "
+            "seed: the rows of the knob seed say what is chance. Seconds are for training on "
             f"{self.timed_samples} samples"
         )
 
     @property
     def timed_samples(self) -> int:
-        return max(value for knob, value in self._knobs() if knob == "batch")
+        """How many samples the timed training steps have, the same for all variants."""
+        return 2 * self.base.batch
 
     def cases(self) -> Iterable[tuple[str, list[Sample]]]:
         yield ALL, self.samples
 
-    def _knobs(self) -> list[tuple[str, Any]]:
-        base = self.base
+    def methods(self) -> list[Method]:
+        base, methods = self.base, []
         values = {
             "width": (base.width // 2, 2 * base.width),
             "layers": (max(1, base.layers // 2), 2 * base.layers),
@@ -112,35 +96,19 @@ class ReconstructionStudy(Study):
             "batch": (2 * base.batch,),
             "seed": SEEDS,
         }
-        return [(knob, value) for knob, of in values.items() for value in sorted({*of, getattr(base, knob)})]
+        for knob, others in values.items():
+            own = getattr(base, knob)
+            make = lambda value, knob=knob: partial(self._train, base._replace(**{knob: value}))  # noqa: E731
+            methods += variants("training", knob, sorted({*others, own}), make, own)
+        return methods
 
-    def methods(self) -> list[Method]:
-        methods, base, predict = [], self.base, partial(partial, self._predict)
-        for knob, value in self._knobs():
-            variant, own = base._replace(**{knob: value}), getattr(base, knob) == value
-            methods.append(Method("training", knob, value, partial(self._train, variant), own))
-            if knob in ("width", "layers", "deformations"):
-                methods.append(Method("inference", knob, value, predict(variant), own))
-        counts = sorted({1, BATCH_SIZE, 4 * BATCH_SIZE})
-        methods += variants("inference", "batch", counts, lambda count: predict(base, batch_size=count), BATCH_SIZE)
-        return methods + variants("inference", "precision", TYPES, lambda t: predict(base, dtype=TYPES[t]), "float32")
-
-    def errors(self, case: list[Sample], result: Result) -> dict[str, float]:
-        errors, faces = dict.fromkeys(self.units, float("nan")), self.trained(result.variant)[0].faces.numpy()
+    def errors(self, case: list[Sample], result: Variant) -> dict[str, float]:
+        faces, vertices = self.trained(result)[0].faces.numpy(), self.predict(result, case)
         distances = [
-            chamfer(vertices.astype(np.float64), faces, self.data["points"][sample.object], self.points)
-            for vertices, sample in zip(result.vertices, case, strict=True)
+            chamfer(each, faces, self.data["points"][sample.object], self.points)
+            for each, sample in zip(vertices, case, strict=True)
         ]
-        if not result.timed:
-            return errors | {"Chamfer distance, of training": float(np.mean(distances))}
-        squared_distance = np.square(result.vertices - self._exact(result.variant, case)).sum(axis=2).mean()
-        errors["rounding"] = 1e3 * float(squared_distance**0.5)
-        return errors | {"Chamfer distance, of inference": float(np.mean(distances))}
-
-    def _exact(self, variant: Variant, case: list[Sample]) -> np.ndarray:
-        if variant not in self._results:
-            self._results[variant] = self._predict(variant, case, dtype=torch.float64).vertices
-        return self._results[variant]
+        return {"Chamfer distance": float(np.mean(distances))}
 
     def trained(self, variant: Variant) -> tuple[Reconstruction, TrainingSteps]:
         """The trained model, on the CPU in float32, and its training; trained at the first call."""
@@ -160,26 +128,18 @@ class ReconstructionStudy(Study):
             self._trained[variant] = model, TrainingSteps(learner.train(), fabric.autocast)
         return self._trained[variant]
 
-    def _train(self, variant: Variant, case: list[Sample]) -> Result:
-        _, step = self.trained(variant)
+    def _train(self, variant: Variant, case: list[Sample]) -> Variant:
+        """Make further steps of a training. The error is of its end before them."""
         for number in range(self.timed_samples // variant.batch):
-            step(number)
-        return Result(self._exact(variant, case), variant, False)
+            self.trained(variant)[1](number)
+        return variant
 
-    def _predict(
-        self, variant: Variant, case: list[Sample], batch_size: int = BATCH_SIZE, dtype: torch.dtype = torch.float32
-    ) -> Result:
-        """Predict in batches; bfloat16 by autocast as in Lightning, the other types throughout."""
-        model, mixed = self.trained(variant)[0], dtype == torch.bfloat16
-        result_type = torch.float32 if mixed else dtype
-        model = model if result_type == torch.float32 else copy.deepcopy(model).to(result_type)
-        assemble, parts = Assembler(self.data, EXPERIMENT), []
-        with torch.inference_mode(), torch.autocast("cpu", torch.bfloat16, enabled=mixed):
-            for start in range(0, len(case), batch_size):
-                batch = assemble(case[start : start + batch_size])
-                batch = {k: v.to(result_type) if v.is_floating_point() else v for k, v in batch.items()}
-                parts.append(model(batch).to(result_type))
-        return Result(torch.cat(parts).double().numpy(), variant, True)
+    def predict(self, variant: Variant, case: list[Sample]) -> np.ndarray:
+        """Vertices (n, V, 3), metres, of samples by the trained model."""
+        (model, _), assemble = self.trained(variant), Assembler(self.data, EXPERIMENT)
+        with torch.inference_mode():
+            parts = [model(assemble(case[k : k + BATCH_SIZE])) for k in range(0, len(case), BATCH_SIZE)]
+        return torch.cat(parts).double().numpy()
 
 
 def chamfer(vertices: np.ndarray, faces: np.ndarray, truth: np.ndarray, count: int) -> float:

@@ -3,7 +3,7 @@
 Import it before anything that loads embree, because it loads Blender.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from functools import cached_property, partial
 from typing import Any, NamedTuple
@@ -13,46 +13,32 @@ from palpate.vision import Camera, Renderer, blender, paper_camera
 blender.load()
 
 import numpy as np  # noqa: E402  (Blender comes before what loads embree)
-from PIL import Image as PillowImage  # noqa: E402
 
 from palpate.scene import Scene  # noqa: E402
 from palpate.vision.renderer import CYCLES  # noqa: E402
 from studies.error_vs_runtime.study import Method, Study, variants  # noqa: E402
-from studies.image_difference import rms, similarity  # noqa: E402
-from studies.scenes import scene_of  # noqa: E402
+from studies.scenes import rms, scene_of  # noqa: E402
 from studies.subjects import Subject  # noqa: E402
 
 # The reference: another draw of random numbers, and nothing omitted.
 REFERENCE = 4096  # samples a pixel
-REFERENCE_CYCLES = {
-    "seed": 1,
-    "max_bounces": 24,
-    "diffuse_bounces": 24,
-    "glossy_bounces": 24,
-    "transmission_bounces": 24,
-    "transparent_max_bounces": 24,
-    "caustics_reflective": True,
-    "caustics_refractive": True,
-}
+BOUNCE_KINDS = ("max", "diffuse", "glossy", "transmission", "transparent_max")
+REFERENCE_CYCLES = {f"{kind}_bounces": 24 for kind in BOUNCE_KINDS} | {"seed": 1}
+REFERENCE_CYCLES |= {"caustics_reflective": True, "caustics_refractive": True}
 CROP = 0.3125  # of an image's side: the reference is rendered of the middle only, to save time
 SAMPLES = (1, 4, 8, 32, 64)
 BOUNCES = (0, 1, 4, 12)
 DENOISED_SHARES = (0.25, 0.5, 1.0)  # of the run's samples
 # The denoiser's fastest settings; the others took two to five times as long with the same error.
 DENOISER = {"use_denoising": True, "denoising_quality": "FAST", "denoising_prefilter": "NONE"}
-ADAPTIVE_THRESHOLDS = (0.1,)  # of noise, below which a pixel gets no more samples
-ADAPTIVE_FACTOR = 4  # largest number of samples, over the run's
-# Side of the rendered image over the run's, and samples a pixel over the run's.
-SCALES = ((0.5, 1.0), (0.75, 1.0), (2.0, 0.25))
 BACKGROUND_LEVEL = 250  # of 255: pixels of the reference that are darker show something
 
 
 class ImagePair(NamedTuple):
     """Unoccluded and occluded image of one object, in its first grasp.
 
-    Attributes:
-        scene: of the object and that grasp.
-        reference: middles of the two images (s, s, 3) uint8. foreground: their pixels (s, s) that errors are of.
+    scene: of the object and that grasp. reference: middles of the two images (s, s, 3) uint8. foreground: their pixels
+    (s, s) that errors are of.
     """
 
     scene: Scene
@@ -62,7 +48,7 @@ class ImagePair(NamedTuple):
 
 class Renders(Study):
     stage = "renders"
-    units = {"RMSE": "grey levels", "1 - SSIM": "1", "RMSE alone": "grey levels", "RMSE in the hand": "grey levels"}
+    units = dict.fromkeys(("RMSE", "RMSE alone", "RMSE in the hand"), "grey levels")
     reference = (
         f"{REFERENCE} samples a pixel, 24 bounces of every kind, caustics, another seed; pixels that show"
         " something in the middle of the pictures"
@@ -83,9 +69,8 @@ class Renders(Study):
         scene = scene_of(self.run, subject)
         case = ImagePair(replace(scene, link_pose=scene.link_pose[:1]), [], [])
         reference = self.reference_images(case)
-        return case._replace(
-            reference=reference, foreground=[(image < BACKGROUND_LEVEL).any(axis=-1) for image in reference]
-        )
+        foreground = [(image < BACKGROUND_LEVEL).any(axis=-1) for image in reference]
+        return case._replace(reference=reference, foreground=foreground)
 
     def reference_images(self, case: ImagePair, samples: int = REFERENCE) -> list[np.ndarray]:
         """The middles of the two images at reference quality."""
@@ -98,36 +83,18 @@ class Renders(Study):
         return replace(whole, size=whole.size - 2 * round(whole.size * (1 - CROP) / 2))
 
     def methods(self) -> list[Method]:
-        size, chosen, rendered = self.vision["size"], self.vision["samples"], self.rendered
-        own, most = CYCLES["diffuse_bounces"], ADAPTIVE_FACTOR * self.vision["samples"]
+        chosen, rendered = self.vision["samples"], self.rendered
+        own = CYCLES["diffuse_bounces"]
         shares = sorted({max(1, round(chosen * share)) for share in DENOISED_SHARES})
-        adaptive = {"use_adaptive_sampling": True}
-
-        def denoised(samples: int) -> Callable:
-            return partial(rendered, samples=samples, cycles=DENOISER)
-
+        denoised = lambda n: partial(rendered, samples=n, cycles=DENOISER)  # noqa: E731
         samples, bounces = sorted({*SAMPLES, chosen}), sorted({*BOUNCES, own})
-        methods = [
+        return [
             *variants("path tracing", "samples", samples, lambda n: partial(rendered, samples=n), chosen),
             *variants("path tracing", "bounces", bounces, lambda n: partial(rendered, cycles=_bounces(n)), own),
             *variants("denoised by OpenImageDenoise", "samples", shares, denoised),
         ]
-        for threshold in ADAPTIVE_THRESHOLDS:
-            run = partial(rendered, samples=most, cycles=adaptive | {"adaptive_threshold": threshold})
-            methods.append(Method(f"adaptive, at most {most} samples", "threshold", threshold, run))
-        for scale, share in SCALES:
-            samples = max(1, round(chosen * share))
-            run = partial(self.resized, side=round(size * scale), samples=samples)
-            methods.append(Method(f"resized, {samples} samples", "scale", scale, run))
-        return methods
 
-    def rendered(
-        self,
-        case: ImagePair,
-        camera: Camera | None = None,
-        samples: int | None = None,
-        cycles: Mapping[str, Any] | None = None,
-    ) -> list[np.ndarray]:
+    def rendered(self, case: ImagePair, camera: Camera | None = None, samples: int = 0, cycles: Mapping | None = None):
         """The two images, (s, s, 3) uint8 each, with the run's settings unless an argument replaces one."""
         renderer = self.renderer
         renderer.samples = samples or self.vision["samples"]
@@ -136,20 +103,12 @@ class Renders(Study):
         unoccluded, (occluded,) = renderer.render(scene)
         return [unoccluded.rgb, occluded.rgb]
 
-    def resized(self, case: ImagePair, side: int, samples: int) -> list[np.ndarray]:
-        """The two images rendered with `side` pixels, then enlarged bicubically or reduced by averaging."""
-        size = self.vision["size"]
-        resampling = PillowImage.Resampling.BICUBIC if side < size else PillowImage.Resampling.BOX
-        images = self.rendered(case, paper_camera(side), samples)
-        return [np.asarray(PillowImage.fromarray(image).resize((size, size), resampling)) for image in images]
-
     def errors(self, case: ImagePair, result: list[np.ndarray]) -> dict[str, float]:
         images = [crop(image, len(reference)) for image, reference in zip(result, case.reference, strict=True)]
-        triples = list(zip(images, case.reference, case.foreground, strict=True))
+        triples = zip(images, case.reference, case.foreground, strict=True)
         shown = [(image[at], reference[at]) for image, reference, at in triples]
-        ssim = np.concatenate([similarity(image, reference)[at] for image, reference, at in triples])
         both = (np.concatenate(each) for each in zip(*shown, strict=True))
-        values = rms(*both), 1 - float(ssim.mean()), *(rms(*each) for each in shown)
+        values = rms(*both), *(rms(*each) for each in shown)
         return dict(zip(self.units, values, strict=True))
 
 

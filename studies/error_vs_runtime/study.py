@@ -15,14 +15,14 @@ import numpy as np
 import pandas as pd
 
 from studies.subjects import Subject
-from studies.timing import ROUNDS, Timing, differs_significantly, interleaved, timing, with_peak_memory
+from studies.timing import ROUNDS, Timing, differs_significantly, interleaved, timing
 
 log = logging.getLogger(__name__)
 
 COLUMNS = (
-    "stage", "object", "method", "knob", "value", "chosen", "measure", "drawn", "error", "unit", "reference",
-    "seconds", "seconds_low", "seconds_high", "rounds", "peak_mib", "front", "noisy",
-)  # fmt: skip
+    *("stage", "object", "method", "knob", "value", "chosen", "measure", "drawn", "error", "unit", "reference"),
+    *("seconds", "seconds_low", "seconds_high", "rounds", "front", "noisy"),
+)
 ALL = "all"  # the object of rows that are means over all objects
 
 
@@ -50,12 +50,8 @@ def variants(name: str, knob: str, values: Iterable, make: Callable, chosen: Any
 class Study(ABC):
     """A comparison of the methods of one stage, on objects of a run.
 
-    Attributes:
-        stage: its name in the report.
-        units: the measures of error and their units.
-        panels: how many of them, from the first, the figure draws.
-        reference: what errors are against, in words.
-        objects: how many subjects are used at most; None for all.
+    stage: its name in the report. units: the measures of error and their units. reference: what errors are against, in
+    words. panels: how many measures, from the first, the figure draws. objects: how many subjects are used at most.
     """
 
     stage: str
@@ -87,42 +83,35 @@ class Study(ABC):
 
 
 class Measured(NamedTuple):
-    """One method on one case. memory: bytes."""
+    """One method on one case."""
 
     errors: dict[str, float]
-    memory: float
     time: Timing
 
 
 def measure(study: Study, rounds: int = ROUNDS) -> pd.DataFrame:
     """Run every method on every case: a row for each case, method and measure, with the columns `COLUMNS`.
 
-    Seconds are the median and the quartiles of the rounds (`studies.timing`). The peak memory is the rise of the
-    process's memory in the method's first run. `front`: no other method on this object is faster with at most the
-    same error. `noisy`: on the front, but its time does not differ significantly from that of its neighbour there.
-    Rows of the object `ALL` are means over the objects.
+    Seconds are the median and the quartiles of the rounds. `front`: no other method on this object is faster with at
+    most the same error. `noisy`: on the front, but its time does not differ significantly from that of its neighbour
+    there. Rows of the object `ALL` are means over the objects.
     """
     methods, objects = study.methods(), {}
     for name, case in study.cases():
         log.info("%s: %s, %d methods", study.stage, name, len(methods))
         calls, found = {number: partial(method.run, case) for number, method in enumerate(methods)}, []
         for number, method in enumerate(methods):
-            result, memory = with_peak_memory(calls[number])
-            found.append((study.errors(case, result), memory))
-            del result
-            log.info("  %s: %s", method, found[-1][0])
+            found.append(study.errors(case, calls[number]()))
+            log.info("  %s: %s", method, found[-1])
         times = interleaved(calls, rounds, warm=True)
-        objects[name] = [Measured(*each, times[number]) for number, each in enumerate(found)]
+        objects[name] = [Measured(each, times[number]) for number, each in enumerate(found)]
     if len(objects) > 1:
         objects[ALL] = [_mean_over_objects(of_method) for of_method in zip(*objects.values(), strict=True)]
     rows = [row for name, measured in objects.items() for row in _rows(study, name, methods, measured, rounds)]
     table = pd.DataFrame(rows, columns=list(COLUMNS))
     for row in table[table["noisy"] & table["drawn"] & (table["object"] == ALL)].itertuples():
-        log.warning(
-            "%s, %s: this machine is too noisy to rank %s %s %s against its neighbour on the front in "
-            "%d rounds: raise reports.rounds, or leave the machine alone",
-            row.stage, row.measure, row.method, row.knob, row.value, rounds,
-        )  # fmt: skip
+        which = f"{row.stage}, {row.measure}: this machine is too noisy to rank {row.method} {row.knob} {row.value}"
+        log.warning("%s against its neighbour on the front: raise reports.rounds, or leave the machine alone", which)
     return table
 
 
@@ -154,25 +143,26 @@ def front(seconds: np.ndarray, error: np.ndarray) -> np.ndarray:
 
 
 def _mean_over_objects(measured: Iterable[Measured]) -> Measured:
-    """One method on several objects: mean errors, the largest memory, the mean time round by round."""
-    errors, memory, times = zip(*measured, strict=True)
+    """One method on several objects: mean errors, the mean time round by round."""
+    errors, times = zip(*measured, strict=True)
     means = {key: float(np.mean([each[key] for each in errors])) for key in errors[0]}
-    return Measured(means, max(memory), timing(np.mean([each.rounds for each in times], axis=0)))
+    return Measured(means, timing(np.mean([each.rounds for each in times], axis=0)))
 
 
 def _rows(study: Study, name: str, methods: list[Method], measured: list[Measured], rounds: int) -> Iterable[dict]:
     times = [each.time for each in measured]
-    for number, (measure_name, unit) in enumerate(study.units.items()):
-        on_front = front([time.seconds for time in times], [each.errors[measure_name] for each in measured])
+    for number, (key, unit) in enumerate(study.units.items()):
+        on_front = front([time.seconds for time in times], [each.errors[key] for each in measured])
+        shared = {"stage": study.stage, "object": name, "measure": key, "drawn": number < study.panels, "unit": unit}
+        shared |= {"reference": study.reference, "rounds": rounds}
         each_method = zip(methods, measured, on_front, _noisy(times, on_front), strict=True)
-        for method, (errors, memory, time), is_on_front, noisy in each_method:
-            yield dict(
-                zip(("stage", "object", "method", "knob", "value"), (study.stage, name, *method[:3]), strict=True),
-                chosen=method.chosen, measure=measure_name, drawn=number < study.panels, error=errors[measure_name],
-                unit=unit, reference=study.reference, seconds=time.seconds, seconds_low=time.low,
-                seconds_high=time.high, rounds=rounds, peak_mib=memory / 2**20, front=bool(is_on_front),
-                noisy=bool(noisy),
-            )  # fmt: skip
+        for method, (errors, time), is_on_front, noisy in each_method:
+            yield shared | {
+                **dict(zip(("method", "knob", "value"), method[:3], strict=True)),
+                **dict(zip(("seconds", "seconds_low", "seconds_high"), time[:3], strict=True)),
+                **{"chosen": method.chosen, "error": errors[key]},
+                **{"front": bool(is_on_front), "noisy": bool(noisy)},
+            }
 
 
 def _noisy(times: list[Timing], on_front: np.ndarray) -> np.ndarray:

@@ -13,12 +13,11 @@ from scipy.stats import qmc
 from palpate.mesh import load_visual
 from palpate.surface.depth_maps import RESOLUTION, VIEWS, sample_by_depth_maps
 from palpate.surface.embree import RayMesh
-from palpate.surface.rays import DIRECTIONS, fibonacci_sphere, sample_by_rays, sees_out
+from palpate.surface.rays import DIRECTIONS, sample_by_rays, sees_out
 from studies.error_vs_runtime.study import Method, Study, variants
 
 COUNTS = (16, 32, 64, 128, 256)  # directions of rays
 RESOLUTIONS = (64, 128, 256, 512)  # pixels along a depth map
-MORE_VIEWS = np.concatenate([VIEWS, fibonacci_sphere(14)])
 
 # Directions of the reference: four times as many find 0.1 % more exterior points on eight objects.
 REFERENCE = 1024
@@ -41,7 +40,7 @@ class Case(NamedTuple):
 
 
 class Sampled(NamedTuple):
-    """A method's result: points (k, 3), and a function that classifies the points of a case as exterior (n,)."""
+    """Points (k, 3), and a function that classifies the points of a case as exterior (n,)."""
 
     points: np.ndarray
     classifies: Callable[[Case], np.ndarray]
@@ -75,11 +74,9 @@ class Surface(Study):
             value if self.settings["surface"]["method"] == method else None
             for method, value in (("rays", DIRECTIONS), ("depth_maps", RESOLUTION))
         )
-        six = lambda n: partial(self._maps, n, VIEWS)  # noqa: E731
         return [
             *variants("rays", "directions", COUNTS, lambda n: partial(self._rays, n), directions),
-            *variants("6 depth maps", "pixels", RESOLUTIONS, six, resolution),
-            *variants("20 depth maps", "pixels", (128,), lambda n: partial(self._maps, n, MORE_VIEWS)),
+            *variants("6 depth maps", "pixels", RESOLUTIONS, lambda n: partial(self._maps, n), resolution),
         ]
 
     def errors(self, case: Case, result: Sampled) -> dict[str, float]:
@@ -95,10 +92,10 @@ class Surface(Study):
         sampled = sample_by_rays(RayMesh(case.mesh), points, np.random.default_rng(0), directions)
         return Sampled(sampled, partial(_visible_to_rays, directions))
 
-    def _maps(self, resolution: int, views: np.ndarray, case: Case) -> Sampled:
+    def _maps(self, resolution: int, case: Case) -> Sampled:
         points, random = self.settings["surface"]["points"], np.random.default_rng(0)
-        sampled = sample_by_depth_maps(RayMesh(case.mesh), points, random, resolution, views)
-        return Sampled(sampled, lambda case: visible(case.mesh, case.points, case.face, -views))
+        sampled = sample_by_depth_maps(RayMesh(case.mesh), points, random, resolution, VIEWS)
+        return Sampled(sampled, lambda case: visible(case.mesh, case.points, case.face, -VIEWS))
 
 
 def _visible_to_rays(directions: int, case: Case) -> np.ndarray:

@@ -3,7 +3,7 @@
 Charts are fitted to true depth maps, so that the error is the fit's and not the U-Net's.
 """
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from functools import partial
 from inspect import signature
 from typing import Any, NamedTuple
@@ -14,13 +14,11 @@ from scipy.spatial import cKDTree
 from torch import Tensor
 
 from palpate.charts import fit_adam, fit_direct, touch_chart
-from palpate.charts.fit import placed
 from palpate.dataset import Dataset
 from palpate.mesh import OBJECT_POSITION, load_visual
 from palpate.mesh.distance import Surface, sample
-from palpate.touch import PIXEL_CENTRES, RESOLUTION, SENSOR_WIDTH, local_points
-from palpate.training.losses import subsample
-from studies.error_vs_runtime.study import Method, Study, variants
+from palpate.touch import RESOLUTION, SENSOR_WIDTH, local_points
+from studies.error_vs_runtime.study import Method, Study
 from studies.exact_depth import exact_depth
 from studies.subjects import Subject
 
@@ -28,9 +26,8 @@ TOUCHES = 2  # of each object
 RAYS_PER_PIXEL = 4  # along each side of a pixel, to sample the true surface
 CHART_POINTS = 20_000  # points on a chart
 MAX_STEPS = 100  # steps of the paper's optimisation, where the run does not use it
-CLOUD_POINTS = 2000  # points, of the up to 10,000 of a local cloud
 # What differs from the fit with `fit_adam`'s own options.
-VARIANTS = {"steps": (50,), "samples": (500,), "rate": (0.01,), "points of the cloud": (CLOUD_POINTS,)}
+VARIANTS = {"samples": (500,), "rate": (0.01,)}
 
 
 class Touches(NamedTuple):
@@ -77,15 +74,6 @@ def distances(chart: np.ndarray, truth: np.ndarray, tree: cKDTree) -> tuple[np.n
     return to_chart, tree.query(sample(chart, faces, CHART_POINTS))[0]
 
 
-def fit_to_nearest(depth: Tensor, valid: Tensor, position: Tensor, rotation: Tensor) -> Tensor:
-    """Another direct fit: each vertex of the sensor's grid is moved to the nearest pixel in contact."""
-    z, y = torch.meshgrid(*2 * [torch.from_numpy(PIXEL_CENTRES).float()], indexing="ij")
-    pixels = torch.stack([y, z], dim=2).reshape(-1, 2)
-    pixel_distance = torch.cdist(touch_chart().grid, pixels).expand(len(depth), -1, -1)
-    at = pixel_distance.masked_fill(~valid.flatten(1)[:, None], torch.inf).argmin(dim=2)
-    return placed(torch.cat([depth.flatten(1).gather(1, at)[..., None], pixels[at]], dim=2), position, rotation)
-
-
 class TouchCharts(Study):
     """Two touches of each of at most two objects: the paper's optimisation is slow."""
 
@@ -122,14 +110,11 @@ class TouchCharts(Study):
     def methods(self) -> list[Method]:
         by_adam = self.settings["training"]["chart_fit"] == "adam"
         steps = signature(fit_adam).parameters["steps"].default if by_adam else MAX_STEPS
-        adam = partial(_adam, {"steps": steps})
-        methods = [
-            Method("direct", "rows", "over the contact", partial(_direct, fit_direct), not by_adam),
-            Method("direct", "rows", "to the nearest contact", partial(_direct, fit_to_nearest)),
-            Method("Adam", "steps", steps, adam, by_adam),
-        ]
-        for knob, values in VARIANTS.items():
-            methods += variants("Adam", knob, values, lambda v, k=knob: partial(_adam, {"steps": steps, k: v}))
+        methods = [Method("direct", "rows", "over the contact", _direct, not by_adam)]
+        for knob, values in {"steps": (steps, 50), **VARIANTS}.items():
+            for value in values:
+                run = partial(_adam, {"steps": steps, knob: value})
+                methods.append(Method("Adam", knob, value, run, by_adam and (knob, value) == ("steps", steps)))
         return methods
 
     def errors(self, case: Touches, result: Tensor) -> dict[str, float]:
@@ -140,16 +125,13 @@ class TouchCharts(Study):
         return dict(zip(self.units, map(float, values), strict=True))
 
 
-def _direct(fit: Callable[..., Tensor], case: Touches) -> Tensor:
-    return fit(case.depth, case.valid, case.position, case.rotation)
+def _direct(case: Touches) -> Tensor:
+    return fit_direct(case.depth, case.valid, case.position, case.rotation)
 
 
 def _adam(options: Mapping[str, Any], case: Touches) -> Tensor:
-    options, clouds = dict(options), case.clouds
     generator = torch.Generator().manual_seed(0)
-    if count := options.pop("points of the cloud", None):
-        clouds = [subsample(cloud, count, generator) for cloud in clouds]
-    return fit_adam(clouds, case.position, case.rotation, generator=generator, **options)
+    return fit_adam(case.clouds, case.position, case.rotation, generator=generator, **options)
 
 
 study = TouchCharts

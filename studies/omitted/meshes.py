@@ -15,7 +15,7 @@ from palpate.mesh.distance import Surface, distance
 from studies.omitted.omission import Omission
 from studies.subjects import Subject
 
-WHEN = "a mesh has no more faces than a level asks for"
+WAYS = ("source_to_level", "level_to_source")
 
 
 class Level(NamedTuple):
@@ -31,9 +31,10 @@ def omissions(run: Path, subjects: list[Subject], settings: Mapping) -> Iterator
     for subject in subjects:
         faces = max(settings["mesh"]["collision_faces"], len(mesh.load_collision(subject.folder).faces))
         make = partial(prepared_level, subject.folder / "collision.ply", faces)
-        for item, (omitted, difference, bound) in ITEMS.items():
+        for item, (omitted, bound) in ITEMS.items():
             with_it = lambda make=make, omitted=omitted: omitted(make())  # noqa: E731
-            yield Omission("mesh", item, WHEN, subject.name, with_it, make, difference, "m", bound)
+            when = "a mesh has no more faces than a level asks for"
+            yield Omission("mesh", item, when, subject.name, with_it, make, difference, "m", bound)
 
 
 def prepared_level(source: Path, faces: int) -> Level:
@@ -53,26 +54,20 @@ def decimate_level(level: Level) -> Level:
 def measure_level(level: Level) -> Level:
     """Measure a level's distance to itself, as that of any other level to its source."""
     surface = Surface(level.vertices, level.faces)
-    distances = {"source_to_level": distance(surface, surface), "level_to_source": distance(surface, surface)}
-    return level._replace(record=level.record | distances)
+    return level._replace(record=level.record | {way: distance(surface, surface) for way in WAYS})
 
 
-def vertex_distance(one: Level, other: Level) -> float:
-    """Metres between the vertices of two levels; infinite if their faces are not the same."""
+def difference(one: Level, other: Level) -> float:
+    """Largest difference (m) of vertices and of recorded distances; infinite if faces are not the same."""
     if one.vertices.shape != other.vertices.shape or not np.array_equal(one.faces, other.faces):
         return np.inf
-    return float(np.abs(one.vertices - other.vertices).max())
+    recorded = [abs(one.record[way][key] - other.record[way][key]) for way in WAYS for key in ("mean", "max")]
+    return max(*recorded, float(np.abs(one.vertices - other.vertices).max()))
 
 
-def record_difference(one: Level, other: Level) -> float:
-    """Largest difference (m) of two levels' recorded distances to the source."""
-    keys = [(way, key) for way in ("source_to_level", "level_to_source") for key in ("mean", "max")]
-    return max(abs(one.record[way][key] - other.record[way][key]) for way, key in keys)
-
-
-# By item: what does the omitted work, the difference of results, and its bound in metres. The distance of a surface to
-# itself is the rounding of nearest points.
-ITEMS: dict[str, tuple[Callable[[Level], Level], Callable[[Level, Level], float], float]] = {
-    "decimation": (decimate_level, vertex_distance, 0.0),
-    "distance to the source": (measure_level, record_difference, 1e-9),
+# By item: what does the omitted work, and the bound of its difference in metres. The distance of a surface to itself is
+# the rounding of nearest points.
+ITEMS: dict[str, tuple[Callable[[Level], Level], float]] = {
+    "decimation": (decimate_level, 0.0),
+    "distance to the source": (measure_level, 1e-9),
 }

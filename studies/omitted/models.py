@@ -1,32 +1,27 @@
-"""Omissions of models and their data: models with needless encoders and charts, arrays that no input needs.
+"""Omissions of models: `palpate.models.Reconstruction` builds only what the experiment needs.
 
-`palpate.inference.inputs` lists an experiment's arrays; `palpate.models.Reconstruction` builds only what the experiment
-needs. The naive variants here have needless inputs, whose features get no weight.
+The naive variants here have needless encoders and charts, whose features get no weight.
 """
 
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from functools import partial
-from operator import attrgetter
+from operator import itemgetter
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
-import numpy as np
 import torch
 from torch import Tensor, nn
 
-from palpate import store
 from palpate.architectures import Architecture
 from palpate.charts import Graph, touch_chart
 from palpate.charts.atlas import TOUCH_VERTICES
 from palpate.charts.graph import mesh_edges
 from palpate.dataset import Dataset
 from palpate.experiments import Experiment
-from palpate.inference import checkpoints
 from palpate.inference.data import ExperimentData
-from palpate.inference.inputs import INPUTS, inputs, stages
+from palpate.inference.inputs import inputs, stages
 from palpate.inference.samples import Assembler, windows
-from palpate.inference.touches import object_charts
 from palpate.models import Reconstruction
 from palpate.models.encoder import ReadingEncoder
 from palpate.models.reconstruction import POSE_FEATURES
@@ -40,15 +35,6 @@ TOUCH = Experiment("charts_touch", "charts", "none", True, 1)
 BOTH = replace(VISION, touch=True)
 SPHERE = replace(BOTH, strategy="sphere")
 
-# Omissions of data: the needless arrays, an experiment that omits them, and all experiments that do.
-DATA = {
-    "unoccluded renders": (("unoccluded", "image_camera"), TOUCH, "touch only, or occluded vision"),
-    "occluded renders": (("occluded",), BOTH, "touch only, or unoccluded vision"),
-    "views": (("views", "camera"), BOTH, "all but single images"),
-    "touch": (("success", "position", "rotation"), VISION, "vision only"),
-    "touch charts": (("charts",), SPHERE, "vision only, and strategy sphere"),
-    "touch readings": (("reading",), BOTH, "all but strategy sphere with touch"),
-}
 IMAGE, READING, SPARE = "image encoder", "reading encoder", "spare touch charts"
 # Omissions of models: what is needless, an experiment that omits it, and all experiments that do.
 MODEL = (
@@ -86,13 +72,7 @@ class NaiveReconstruction(Reconstruction):
     naive: subset of `IMAGE`, `READING` and `SPARE`. Without touch there is no reading to encode.
     """
 
-    def __init__(
-        self,
-        experiment: Experiment,
-        architecture: Architecture,
-        naive: Iterable[str] = (IMAGE, READING, SPARE),
-        **sensors: Any,
-    ):
+    def __init__(self, experiment: Experiment, architecture: Architecture, naive: Iterable[str], **sensors: Any):
         vision = "unoccluded" if IMAGE in naive and not experiment.has_vision else experiment.vision
         super().__init__(replace(experiment, vision=vision), architecture, **sensors)
         width = architecture.gcn.width
@@ -123,59 +103,13 @@ class NaiveReconstruction(Reconstruction):
         return super().deform(batch, torch.cat([positions, resting]), mask, fixed)[:moving]
 
 
-class Result(NamedTuple):
-    """Tensors by name, and the bytes of the data or the model in memory."""
-
-    tensors: Mapping[str, Tensor]
-    size: int
-
-
 def omissions(run: Path, subjects: list[Subject], settings: Mapping[str, Any]) -> Iterable[Omission]:
-    """Omissions of data and of models, for the first subject of the run, with its U-Net and all its stores."""
-    subject = subjects[0]
-    for name, (arrays, *_) in DATA.items():
-        if (run / next(item.stage for item in INPUTS if item.name in arrays)).is_dir():
-            yield data_omission(run, subject, name, settings["training"]["chart_fit"])
+    """Omissions of models, for the first subject of the run; layers are those of the run's recipe."""
     for name, experiment, when in MODEL:
-        yield model_omission(run, subject, name, experiment, when, settings["recipe"])
+        yield model_omission(run, subjects[0], name, experiment, when, settings["recipe"])
 
 
-def data_omission(run: Path, subject: Subject, name: str, method: str) -> Omission:
-    """An omission of data: the arrays of an object are loaded, and its samples assembled.
-
-    Touch charts are fitted first, with the run's U-Net.
-    """
-    arrays, experiment, when = DATA[name]
-
-    def with_it() -> Result:
-        if name == "touch charts":
-            fit_charts(run, subject, method)
-        return load_samples(run, subject, experiment, arrays)
-
-    without, unit = partial(load_samples, run, subject, experiment), "of any value of a sample"
-    size = attrgetter("size")
-    return Omission("experiment", name, when, subject.name, with_it, without, difference, unit, size=size)
-
-
-def load_samples(run: Path, subject: Subject, experiment: Experiment, extra: Iterable[str] = ()) -> Result:
-    """The samples of an object, from the arrays that an experiment needs and `extra`, and the bytes of these arrays."""
-    names = {item.name for item in inputs(experiment)} | set(extra)
-    dataset = Dataset(run, stages(experiment)).select([subject.name])
-    data = ExperimentData.read(dataset, [item for item in INPUTS if item.name in names])
-    samples = windows(data, experiment, *data.splits)
-    return Result(Assembler(data, experiment)(samples), sum(values.nbytes for values in data.arrays.values()))
-
-
-def fit_charts(run: Path, subject: Subject, method: str) -> np.ndarray:
-    """Touch charts of an object's sensors, as the stage `charts` makes them."""
-    model = checkpoints.load_touch_depth(run / "models/touch_depth/best.ckpt")
-    touch = store.read(run / store.CONTRACT["touch"].path(subject.batch))
-    return object_charts(model, touch, [str(name) for name in touch["object"]].index(subject.name), method)
-
-
-def model_omission(
-    run: Path, subject: Subject, name: str, experiment: Experiment, when: str, recipe: Mapping
-) -> Omission:
+def model_omission(run: Path, subject: Subject, name: str, experiment: Experiment, when: str, recipe: Mapping):
     """An omission of models: the prediction of an object; size: bytes of parameters and graph."""
     torch.manual_seed(0)
     dataset = Dataset(run, ["touch"])
@@ -185,17 +119,17 @@ def model_omission(
     engine, naive = (build(experiment, layers, needless, **sensors).eval() for needless in ([], [name]))
     batch = first_sample(run, subject)
     runs = [partial(predict, model, batch) for model in (copy_weights(engine, naive), engine)]
-    how = {"bound": ROUNDING, "size": attrgetter("size")}
+    how = {"bound": ROUNDING, "size": itemgetter(1)}
     return Omission("experiment", name, when, subject.name, *runs, difference, "m", **how)
 
 
 def first_sample(run: Path, subject: Subject) -> dict[str, Tensor]:
-    """All inputs that any model could need of an object at its first grasp."""
-    return {
-        key: values[:1]
-        for experiment in (BOTH, SPHERE)
-        for key, values in load_samples(run, subject, experiment).tensors.items()
-    }
+    """All inputs that any of the models could need of an object, at its first grasp."""
+    batch = {}
+    for experiment in (BOTH, SPHERE):
+        data = ExperimentData.read(Dataset(run, stages(experiment)).select([subject.name]), inputs(experiment))
+        batch |= Assembler(data, experiment)(windows(data, experiment, *data.splits)[:1])
+    return batch
 
 
 def build(experiment: Experiment, layers: Architecture, naive: Iterable[str] = (), **sensors: Any) -> Reconstruction:
@@ -217,15 +151,12 @@ def copy_weights(engine: Reconstruction, naive: Reconstruction) -> Reconstructio
 
 
 @torch.inference_mode()
-def predict(model: Reconstruction, batch: Mapping[str, Tensor]) -> Result:
+def predict(model: Reconstruction, batch: Mapping[str, Tensor]) -> tuple[Tensor, int]:
     """Vertices, and the bytes of the model's parameters and buffers."""
     tensors = (*model.parameters(), *model.buffers())
-    return Result({"vertices": model(batch)}, sum(tensor.nbytes for tensor in tensors))
+    return model(batch), sum(tensor.nbytes for tensor in tensors)
 
 
-def difference(one: Result, other: Result) -> float:
-    """Largest difference of any tensor; infinite if names or shapes differ."""
-    shapes = [{key: value.shape for key, value in each.tensors.items()} for each in (one, other)]
-    if shapes[0] != shapes[1]:
-        return float("inf")
-    return max(float((one.tensors[key].double() - other.tensors[key].double()).abs().max()) for key in one.tensors)
+def difference(one: tuple[Tensor, int], other: tuple[Tensor, int]) -> float:
+    """Largest difference of vertices, metres."""
+    return float((one[0].double() - other[0].double()).abs().max())

@@ -11,9 +11,9 @@ from studies.timing import ROUNDS, differs_significantly, interleaved
 log = logging.getLogger(__name__)
 
 COLUMNS = (
-    "stage", "item", "when", "omitted", "state", "object", "seconds_with", "seconds_without", "seconds_saved",
-    "bytes_with", "bytes_without", "bytes_saved", "difference", "unit", "bound", "verdict", "noisy",
-)  # fmt: skip
+    *("stage", "item", "when", "omitted", "state", "object", "seconds_with", "seconds_without", "seconds_saved"),
+    *("bytes_with", "bytes_without", "bytes_saved", "difference", "unit", "bound", "verdict", "noisy"),
+)
 SAME, DIFFERS = "same", "differs"
 OMITTED, STAYS, NOT_MODELLED = "omitted", "stays", "not modelled"
 
@@ -21,16 +21,11 @@ OMITTED, STAYS, NOT_MODELLED = "omitted", "stays", "not modelled"
 class Omission(NamedTuple):
     """One item of a stage's work, with it and without it.
 
-    Attributes:
-        stage: name of the stage; item: the work that could be omitted.
-        when: the cases in which it is omitted, as text.
-        object: the object of the comparison.
-        with_it, without: make the result with the item and without it, all else equal.
-        difference: the largest difference between the two results, in `unit`.
-        bound: of the difference; 0 for bit-equal results.
-        size: bytes of a result on disk or in memory, where the omission saves any.
-        state: `OMITTED`: the result without it is the same. `STAYS`: omitting it would change the result or save
-            nothing. `NOT_MODELLED`: a choice of the model, not a saving; with the item the result is different.
+    stage: name of the stage; item: the work that could be omitted. when: the cases in which it is, as text. with_it,
+    without: make the result with the item and without it, all else equal. difference: the largest between the two
+    results, in `unit`; bound: of it, 0 for bit-equal results. size: bytes of a result, where the omission saves any.
+    state: `OMITTED`: the result without it is the same. `STAYS`: omitting it would change the result or save nothing.
+    `NOT_MODELLED`: a choice of the model, not a saving; with the item the result is different.
     """
 
     stage: str
@@ -61,10 +56,8 @@ def compare(omission: Omission, rounds: int = ROUNDS) -> dict[str, Any]:
     }
     log.info("%s without %s: %s", omission.stage, omission.item, row)
     if row["omitted"] and row["verdict"] == DIFFERS:
-        log.warning(
-            "%s, %s: omitting %s changes the result by %g %s, more than %g",
-            omission.stage, omission.object, omission.item, row["difference"], omission.unit, omission.bound,
-        )  # fmt: skip
+        what = f"{omission.stage}, {omission.object}: omitting {omission.item} changes the result"
+        log.warning("%s by %g %s, more than %g", what, row["difference"], omission.unit, omission.bound)
     return row
 
 

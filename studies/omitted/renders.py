@@ -3,11 +3,6 @@
 Import it before anything that loads embree, because it loads Blender.
 """
 
-import base64
-import io
-import json
-import struct
-import tempfile
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import replace
 from functools import cached_property, partial
@@ -19,48 +14,25 @@ from palpate.vision import Image, Renderer, blender, paper_camera, views
 bpy = blender.load()
 
 import numpy as np  # noqa: E402  (Blender comes before what loads embree)
-from PIL import Image as PillowImage  # noqa: E402
+import yaml  # noqa: E402
 
 from palpate.batch import generator  # noqa: E402
 from palpate.scene import Scene  # noqa: E402
 from palpate.vision.renderer import POINT_FILTER  # noqa: E402
-from studies.image_difference import rms  # noqa: E402
-from studies.omitted.omission import OMITTED, STAYS, Omission  # noqa: E402
-from studies.scenes import scene_of  # noqa: E402
+from studies.omitted.omission import OMITTED, Omission  # noqa: E402
+from studies.scenes import rms, scene_of  # noqa: E402
 from studies.subjects import Subject  # noqa: E402
 
 UNOCCLUDED, OCCLUDED, VIEW = "unoccluded image", "occluded image", "view"
 # Grey levels (RMS over pixels that show something) by which an image without an item may differ, mostly because of
 # other random numbers. The error of an image with 16 samples is 4.
 BOUND = 1.5
-VIEWS = 8  # that are rendered
-TEXTURE = 1024  # pixels, the side of the texture that is added and used by nothing
+VIEWS, GRASPS = 8, 2  # that are rendered
 OUT_OF_SIGHT = (0.0, 0.0, -1000.0)  # m: position of a hand that no image shows
 
-# Settings of Cycles that add an item that the engine omits, and that remove one that it has.
-CYCLES_WITH = {
-    "bounces of light after the fourth": {"diffuse_bounces": 12, "glossy_bounces": 12},
-    "paths of more than 6 bounces": {"max_bounces": 12, "transmission_bounces": 12},
-    "caustics": {"caustics_reflective": True, "caustics_refractive": True},
-    "tree of lights": {"use_light_tree": True},
-}
-CYCLES_WITHOUT = {
-    "second to fourth bounce of light": {"diffuse_bounces": 1, "glossy_bounces": 1},
-    "first bounce of light": {"diffuse_bounces": 0, "glossy_bounces": 0},
-}
-# Items that can be added to any kind of image without changing a bit, and by kind all that can.
-EVERY_PICTURE = (
-    "materials of no triangle",
-    "cameras and lamps of the file",
-    "pixels around what is drawn",
-    "samples of mask and depth",
-    "paths of more than 6 bounces",
-)
-OMITTED_ITEMS = {
-    UNOCCLUDED: ("hand", "render for every grasp", *EVERY_PICTURE),
-    OCCLUDED: ("hand's meshes for every object", *EVERY_PICTURE),
-    VIEW: ("scene for every view", *EVERY_PICTURE),
-}
+_DECLARED = yaml.safe_load(Path(__file__).with_suffix(".yaml").read_text())
+CYCLES_WITH, CYCLES_WITHOUT = _DECLARED["cycles_with"], _DECLARED["cycles_without"]
+OMITTED_ITEMS = {kind: (*_DECLARED[kind], *_DECLARED["every_picture"]) for kind in (UNOCCLUDED, OCCLUDED, VIEW)}
 
 
 class NaiveRenderer(Renderer):
@@ -153,30 +125,12 @@ class _Comparisons:
     def renderer(self) -> NaiveRenderer:
         return NaiveRenderer(self.settings["vision"]["samples"], self.settings["vision"]["device"])
 
-    @cached_property
-    def _folder(self) -> tempfile.TemporaryDirectory:
-        return tempfile.TemporaryDirectory(prefix="palpate-")
-
-    @cached_property
-    def with_unused_material(self) -> Scene:
-        """The scene, whose object's file has a further material that no triangle uses."""
-        folder = Path(self._folder.name) / self.scene.name
-        folder.mkdir()
-        (folder / "visual.glb").write_bytes(rewrite_glb(self.scene.visual_file.read_bytes(), add_unused_texture))
-        return replace(self.scene, object_folder=folder)
-
-    @cached_property
-    def exr_folder(self) -> Path:
-        folder = Path(self._folder.name) / "exr"
-        folder.mkdir()
-        return folder
-
-    def unoccluded(self, grasps: int = 0, scene: Scene | None = None) -> list[Image]:
+    def unoccluded(self, grasps: int = 0) -> list[Image]:
         """The image of the object alone, for a number of grasps; as many times as it is rendered."""
-        scene = replace(scene or self.scene, link_pose=self.scene.link_pose[:grasps])
+        scene = replace(self.scene, link_pose=self.scene.link_pose[:grasps])
         image, _ = self.renderer.render(scene)
         again = (UNOCCLUDED, "render for every grasp") in self.renderer.changes
-        return [image] * (max(1, grasps) if again else 1)
+        return [image] * (max(1, len(scene.link_pose)) if again else 1)
 
     def occluded(self) -> list[Image]:
         return self.renderer.render(replace(self.scene, link_pose=self.scene.link_pose[:1]))[1]
@@ -191,49 +145,23 @@ class _Comparisons:
         finally:
             self.renderer.samples = self.settings["vision"]["samples"]
 
-    def with_exr(self, write: bool) -> tuple[list[Image], int]:
-        """The unoccluded image, and the bytes of its EXR file, if one is written."""
-        for old in self.exr_folder.iterdir():
-            old.unlink()
-        self.renderer.exr = self.exr_folder if write else None
-        try:
-            return self.unoccluded(), sum(path.stat().st_size for path in self.exr_folder.iterdir())
-        finally:
-            self.renderer.exr = None
-
     def exact_omissions(self) -> Iterator[Omission]:
         """Items without which every bit is the same."""
-        more, grasps = partial(self.unoccluded, scene=self.with_unused_material), min(2, len(self.scene.link_pose))
-        images = {"size": lambda images: sum(array.nbytes for image in images for array in image)}
-        always, of_all = "always", f"always; here of {grasps} grasps"
-        for kind, item, when, make, options in (
-            (UNOCCLUDED, "hand", always, partial(self.unoccluded, 1), {}),
-            (UNOCCLUDED, "render for every grasp", of_all, partial(self.unoccluded, grasps), images),
-            (UNOCCLUDED, "materials of no triangle", "where a file has some; here one added", more, {}),
-            (UNOCCLUDED, "cameras and lamps of the file", always, self.unoccluded, {}),
-            (UNOCCLUDED, "pixels around what is drawn", always, self.unoccluded, {}),
-            (UNOCCLUDED, "samples of mask and depth", always, self.unoccluded, {}),
-            (OCCLUDED, "hand's meshes for every object", "always but for the first", self.occluded, {}),
-            (OCCLUDED, "pixels around what is drawn", always, self.occluded, {}),
-            (OCCLUDED, "paths of more than 6 bounces", always, self.occluded, {}),
-            (VIEW, "scene for every view", f"always; here of {VIEWS} views", self.views, {}),
-        ):  # fmt: skip
+        for kind, item, when in _DECLARED["exact"]:
+            grasps = {"hand": 1, "render for every grasp": GRASPS}.get(item, 0)
+            make = {UNOCCLUDED: partial(self.unoccluded, grasps), OCCLUDED: self.occluded, VIEW: self.views}[kind]
             runs = partial(self._with_change, make, kind, item), make
-            yield Omission(kind, item, when, self.subject.name, *runs, largest_difference, "grey levels", **options)
-        made = [partial(self.with_exr, write) for write in (True, False)]
-        what = UNOCCLUDED, "EXR master", "unless vision.exr", self.subject.name
-        of_images = lambda one, other: largest_difference(one[0], other[0])  # noqa: E731
-        yield Omission(*what, *made, of_images, "grey levels", size=lambda images: images[1])
+            size = image_bytes if item == "render for every grasp" else None
+            yield Omission(kind, item, when, self.subject.name, *runs, largest_difference, "grey levels", size=size)
 
     def light_omissions(self) -> Iterator[Omission]:
         """Items that change the paths of light: those within a bound are omitted, the others stay."""
-        omitted = ("bounces of light after the fourth", "caustics", "tree of lights")
-        for item in (*omitted, "first bounce of light", "second to fourth bounce of light", "hand"):
-            made = partial(self._with_change, self.occluded, OCCLUDED, item), self.occluded
-            when, state = ("always", OMITTED) if item in omitted else ("never: it stays", STAYS)
-            made = made if item in omitted else made[::-1]
-            unit = "grey levels (RMS)"
-            yield Omission(OCCLUDED, item, when, self.subject.name, *made, foreground_rms, unit, BOUND, state=state)
+        for state, items in _DECLARED["light"].items():
+            for item in items:
+                made = partial(self._with_change, self.occluded, OCCLUDED, item), self.occluded
+                when, made = ("always", made) if state == OMITTED else ("never: it stays", made[::-1])
+                unit, difference = "grey levels (RMS)", foreground_rms
+                yield Omission(OCCLUDED, item, when, self.subject.name, *made, difference, unit, BOUND, state=state)
 
     def _with_change(self, make: Callable[[], Any], kind: str, item: str) -> Any:
         """Call a function that renders, with one item changed."""
@@ -242,6 +170,11 @@ class _Comparisons:
             return make()
         finally:
             self.renderer.changes = frozenset()
+
+
+def image_bytes(images: list[Image]) -> int:
+    """Bytes of all arrays of images."""
+    return sum(array.nbytes for image in images for array in image)
 
 
 def largest_difference(images: list[Image], others: list[Image]) -> float:
@@ -265,27 +198,3 @@ def foreground_rms(images: list[Image], others: list[Image]) -> float:
     pairs = list(zip(images, others, strict=True))
     foreground = [np.isfinite(image.depth) | np.isfinite(other.depth) for image, other in pairs]
     return rms(*(np.concatenate([pair[k].rgb[at] for pair, at in zip(pairs, foreground, strict=True)]) for k in (0, 1)))
-
-
-def rewrite_glb(glb: bytes, change: Callable[[dict[str, Any]], None]) -> bytes:
-    """A glb file whose JSON a function has changed in place."""
-    length = struct.unpack_from("<I", glb, 12)[0]
-    tree = json.loads(glb[20 : 20 + length])
-    change(tree)
-    text = json.dumps(tree).encode()
-    text += b" " * (-len(text) % 4)
-    rest = glb[20 + length :]
-    return struct.pack("<4sIII4s", b"glTF", 2, 20 + len(text) + len(rest), len(text), b"JSON") + text + rest
-
-
-def add_unused_texture(tree: dict[str, Any]) -> None:
-    """Add a material with a texture of noise, which no triangle uses, to a glTF's JSON."""
-    noise = np.random.default_rng(0).integers(0, 256, (TEXTURE, TEXTURE, 3), dtype=np.uint8)
-    data = io.BytesIO()
-    PillowImage.fromarray(noise).save(data, "png", compress_level=1)
-    uri = "data:image/png;base64," + base64.b64encode(data.getvalue()).decode()
-    images, textures = tree.setdefault("images", []), tree.setdefault("textures", [])
-    images.append({"uri": uri, "name": "unused"})
-    textures.append({"source": len(images) - 1})
-    colour = {"baseColorTexture": {"index": len(textures) - 1}}
-    tree.setdefault("materials", []).append({"name": "unused", "pbrMetallicRoughness": colour})

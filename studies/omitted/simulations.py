@@ -7,8 +7,8 @@ import mujoco
 import numpy as np
 import trimesh
 
-from palpate.grasp.closing import GraspSimulation, patch_name
-from palpate.grasp.penetration import PenetrationCheck, geom_surface
+from palpate.grasp.closing import GraspSimulation
+from palpate.grasp.penetration import PenetrationCheck
 from palpate.hand import Hand
 from palpate.hand.model import add_geom
 
@@ -54,47 +54,34 @@ def add_visual_geometry(simulation: ChangedSimulation, spec: mujoco.MjSpec) -> N
         geom.contype = geom.conaffinity = geom.mass = 0
 
 
-def add_gravity(simulation: ChangedSimulation, spec: mujoco.MjSpec) -> None:
-    """Add gravity and its compensation for every body."""
-    let_sag(simulation, spec)
-    for body in spec.bodies:
-        body.gravcomp = 1
-
-
-def let_sag(simulation: ChangedSimulation, spec: mujoco.MjSpec) -> None:
-    """Add gravity without compensation."""
+def add_gravity(spec: mujoco.MjSpec, compensation: float) -> None:
+    """Add gravity, and for every body this share of its compensation."""
     spec.option.gravity = [0, 0, -GRAVITY]
+    for body in spec.bodies:
+        body.gravcomp = compensation
 
 
-def hold_object(simulation: ChangedSimulation, spec: mujoco.MjSpec) -> None:
-    """Free the object's six degrees of freedom, and hold it in place by a weld."""
-    loosen_object(simulation, spec, HELD)
-    weld = spec.add_equality(
-        type=mujoco.mjtEq.mjEQ_WELD, objtype=mujoco.mjtObj.mjOBJ_BODY, name1="object", name2="world"
-    )
-    weld.solref, weld.solimp = [2 * spec.option.timestep, 1], WELD_SOLIMP
-
-
-def loosen_object(simulation: ChangedSimulation, spec: mujoco.MjSpec, mass: float = LOOSE) -> None:
-    """Free the six degrees of freedom of the object, of `mass` kg."""
+def loosen_object(spec: mujoco.MjSpec, mass: float, held: bool) -> None:
+    """Free the six degrees of freedom of the object, of `mass` kg; held: by a weld."""
     body = spec.body("object")
     body.add_freejoint()
     body.explicitinertial, body.mass, body.ipos = True, mass, [0, 0, 0]
     body.inertia = [mass * GYRATION**2] * 3
+    if held:
+        kinds = {"type": mujoco.mjtEq.mjEQ_WELD, "objtype": mujoco.mjtObj.mjOBJ_BODY}
+        weld = spec.add_equality(name1="object", name2="world", **kinds)
+        weld.solref, weld.solimp = [2 * spec.option.timestep, 1], WELD_SOLIMP
 
 
 def add_palm_pairs(simulation: ChangedSimulation, spec: mujoco.MjSpec) -> None:
     """Add contact pairs of palm and object, which the engine skips because both are fixed to the world."""
-    _add_pairs(spec, product(_colliding(spec, simulation.hand.link_names[0]), _colliding(spec, "object")))
+    for one, other in product(_colliding(spec, simulation.hand.link_names[0]), _colliding(spec, "object")):
+        spec.add_pair(geomname1=one, geomname2=other)
 
 
-def add_patch_pairs(simulation: ChangedSimulation, spec: mujoco.MjSpec) -> None:
+def add_patch_pairs(spec: mujoco.MjSpec) -> None:
     """Add contact pairs between patches of the object, which the engine skips because they are one body."""
-    _add_pairs(spec, combinations(_colliding(spec, "object"), 2))
-
-
-def _add_pairs(spec: mujoco.MjSpec, pairs: Iterable[tuple[str, str]]) -> None:
-    for one, other in pairs:
+    for one, other in combinations(_colliding(spec, "object"), 2):
         spec.add_pair(geomname1=one, geomname2=other)
 
 
@@ -102,20 +89,20 @@ def _colliding(spec: mujoco.MjSpec, body: str) -> list[str]:
     return [geom.name for geom in spec.body(body).geoms if geom.contype or geom.conaffinity]
 
 
-def collide_joined_links(simulation: ChangedSimulation, spec: mujoco.MjSpec) -> None:
+def collide_joined_links(spec: mujoco.MjSpec) -> None:
     """Enable contacts between links that a hinge joins."""
     spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_FILTERPARENT
     for exclude in list(spec.excludes):
         spec.delete(exclude)
 
 
-def add_friction(simulation: ChangedSimulation, spec: mujoco.MjSpec) -> None:
+def add_friction(spec: mujoco.MjSpec) -> None:
     """Add friction to contacts."""
     for geom in spec.geoms:
         geom.condim = FRICTION
 
 
-def collide_only_with_object(simulation: ChangedSimulation, spec: mujoco.MjSpec) -> None:
+def collide_only_with_object(spec: mujoco.MjSpec) -> None:
     """Let the hand's geoms pass through each other."""
     for geom in spec.geoms:
         if geom.contype:
@@ -126,53 +113,16 @@ def collide_only_with_object(simulation: ChangedSimulation, spec: mujoco.MjSpec)
 # All but the last add an item; the last removes self-collision, which the engine has.
 CHANGES: dict[str, Callable[[ChangedSimulation, mujoco.MjSpec], None]] = {
     "visual geometry": add_visual_geometry,
-    "gravity": add_gravity,
-    "object degrees of freedom": hold_object,
+    "gravity": lambda _, spec: add_gravity(spec, compensation=1),
+    "object degrees of freedom": lambda _, spec: loosen_object(spec, HELD, held=True),
     "pairs of palm and object": add_palm_pairs,
-    "pairs of object patches": add_patch_pairs,
-    "pairs of joined links": collide_joined_links,
-    "friction": add_friction,
-    "sag under gravity": let_sag,
-    "loose object": loosen_object,
-    "self-collision": collide_only_with_object,
+    "pairs of object patches": lambda _, spec: add_patch_pairs(spec),
+    "pairs of joined links": lambda _, spec: collide_joined_links(spec),
+    "friction": lambda _, spec: add_friction(spec),
+    "sag under gravity": lambda _, spec: add_gravity(spec, compensation=0),
+    "loose object": lambda _, spec: loosen_object(spec, LOOSE, held=False),
+    "self-collision": lambda _, spec: collide_only_with_object(spec),
 }
-
-
-def reach_of(hand: Hand) -> float:
-    """Upper bound (m) of the distance of any point of the hand from the palm's origin, for all joint positions."""
-    chain = np.zeros(len(hand.link_names))
-    for link in range(1, len(chain)):
-        chain[link] = chain[hand.link_parent[link]] + np.linalg.norm(hand.link_position[link])
-    return max(
-        chain[hand.geom_link[geom]]
-        + np.linalg.norm(hand.geom_position[geom])
-        + np.linalg.norm(geom_surface(hand, geom), axis=2).max()
-        for geom in np.flatnonzero(hand.geom_collides)
-    )
-
-
-class ReachLimitedSimulation(GraspSimulation):
-    """A simulation without collisions with patches that the hand can't reach from its palm's position."""
-
-    def __init__(self, hand: Hand, patches: list[np.ndarray], timestep: float):
-        super().__init__(hand, patches, timestep)
-        self.reach, self.centres = reach_of(hand), np.array([patch.mean(axis=0) for patch in patches]).reshape(-1, 3)
-        around = zip(patches, self.centres, strict=True)
-        self.radii = np.array([np.linalg.norm(patch - centre, axis=1).max() for patch, centre in around])
-        self.geoms = np.array([self.model.geom(patch_name(number)).id for number in range(len(patches))], dtype=int)
-        self.bits = self.model.geom_contype[self.geoms].copy(), self.model.geom_conaffinity[self.geoms].copy()
-
-    def reachable(self, palm: np.ndarray) -> np.ndarray:
-        """Which patches the hand can reach with its palm's origin at `palm` (3,): bool."""
-        return np.linalg.norm(self.centres - palm, axis=1) - self.radii <= self.reach
-
-    def place(self, palm_pose: np.ndarray, joint_positions: np.ndarray) -> None:
-        """As `GraspSimulation.place`."""
-        near = self.reachable(palm_pose[:3, 3])
-        self.model.geom_contype[self.geoms], self.model.geom_conaffinity[self.geoms] = (
-            bits * near for bits in self.bits
-        )
-        super().place(palm_pose, joint_positions)
 
 
 class EveryFace(PenetrationCheck):

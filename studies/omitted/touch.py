@@ -18,7 +18,7 @@ from studies.scenes import scene_of
 from studies.subjects import Subject
 
 ATTRIBUTES = {"made_from": {}, "seed": 0, "sensor": DIGIT.description()}
-ALWAYS, UNTOUCHED = "always", "a sensor touches nothing"
+UNTOUCHED = "a sensor touches nothing"
 
 
 class EveryFace(Tracer):
@@ -55,16 +55,6 @@ def sense_every_reading(tracer: Tracer, *sensors: np.ndarray) -> TouchReading:
     return sensed
 
 
-def sense_every_cloud(tracer: Tracer, position: np.ndarray, rotation: np.ndarray) -> TouchReading:
-    """As `touch.sense`, with the points of sensors that touch nothing: there are none."""
-    sensed = touch.sense(tracer, position, rotation)
-    for sensor in zip(*np.nonzero(~sensed.success), strict=True):
-        cloud = touch.local_points(sensed.depth[sensor], position[sensor], rotation[sensor])
-        sensed.points[sensor][: len(cloud)] = cloud
-        sensed.point_count[sensor] = len(cloud)
-    return sensed
-
-
 class TouchSubject:
     """The sensors of all grasps of an object, and tracers of its mesh."""
 
@@ -89,23 +79,21 @@ def omissions(run: Path, subjects: list[Subject], settings: Mapping) -> Iterator
         touched = TouchSubject(run, subject, settings["touch"]["method"])
         name, (position, rotation), engine = subject.name, touched.sensors, touched.tracer()
         flat = position.reshape(-1, 3), rotation.reshape(-1, 3, 3)
-        for item, variant, method, difference, unit in (
-            ("faces outside the swept box", EveryFace, "trace", depth_difference, "m"),
-            ("pixels outside the block in reach", EveryPixel, "trace", depth_difference, "m"),
-            ("pixels after the first in range", EveryPixelForSuccess, "succeeds", count_differing, "sensors"),
+        for item, variant, method in (
+            ("faces outside the swept box", EveryFace, "trace"),
+            ("pixels outside the block in reach", EveryPixel, "trace"),
+            ("pixels after the first in range", EveryPixelForSuccess, "succeeds"),
         ):
             runs = [partial(getattr(each, method), *flat) for each in (touched.tracer(variant), touched.tracer())]
-            yield Omission("touch", item, ALWAYS, name, *runs, difference, unit)
+            unit = "m" if method == "trace" else "sensors"
+            yield Omission("touch", item, "always", name, *runs, largest_difference, unit)
 
         def stored_bytes(sensed: TouchReading, touched: TouchSubject = touched) -> int:
             return folder_bytes(write_store(touched.arrays(sensed)))
 
-        for item, variant, difference, unit in (
-            ("readings of sensors that touched nothing", sense_every_reading, reading_difference, "grey levels"),
-            ("points of sensors that touched nothing", sense_every_cloud, cloud_difference, "m"),
-        ):
-            runs = [partial(each, engine, *touched.sensors) for each in (variant, touch.sense)]
-            yield Omission("touch", item, UNTOUCHED, name, *runs, difference, unit, size=stored_bytes)
+        runs = [partial(sense, engine, *touched.sensors) for sense in (sense_every_reading, touch.sense)]
+        how = {"difference": reading_difference, "unit": "grey levels", "size": stored_bytes}
+        yield Omission("touch", "readings of sensors that touched nothing", UNTOUCHED, name, *runs, **how)
         arrays = touched.arrays(touch.sense(engine, *touched.sensors))
         runs = [partial(each, arrays) for each in (write_store_with_empty_chunks, write_store)]
         when = f"all of a chunk is the array's fill value: {UNTOUCHED}"
@@ -136,15 +124,10 @@ def store_difference(one: tempfile.TemporaryDirectory, other: tempfile.Temporary
     return float(sum((first[name] != second[name]).sum() for name in first))
 
 
-def depth_difference(one: np.ndarray, other: np.ndarray) -> float:
-    """Largest difference (m) of depth maps (k, rows, columns); infinite if only one is in range at a pixel."""
+def largest_difference(one: np.ndarray, other: np.ndarray) -> float:
+    """Largest difference of depth maps (m; infinite if only one is in range at a pixel), or 1 of two bool arrays."""
     same = one == other  # also where both are infinite
     return float(np.abs(np.where(same, 0, one) - np.where(same, 0, other)).max())
-
-
-def count_differing(one: np.ndarray, other: np.ndarray) -> float:
-    """Number of differing values of two (k,) bool arrays."""
-    return float((one != other).sum())
 
 
 def reading_difference(one: TouchReading, other: TouchReading) -> float:
@@ -156,10 +139,3 @@ def _complete(sensed: TouchReading) -> np.ndarray:
     """Readings (..., 100, 100, 3), with `empty_reading` where a sensor touches nothing and none is written."""
     missing = ~sensed.success & ~sensed.reading.any(axis=(-3, -2, -1))
     return np.where(missing[..., None, None, None], touch.empty_reading(), sensed.reading)
-
-
-def cloud_difference(one: TouchReading, other: TouchReading) -> float:
-    """Largest difference (m) of local point clouds; infinite if their numbers of points differ."""
-    if not np.array_equal(one.point_count, other.point_count):
-        return np.inf
-    return float(np.abs(one.points - other.points).max())

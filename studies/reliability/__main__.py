@@ -15,24 +15,24 @@ import pandas as pd
 
 from palpate.batch import generator
 from palpate.results.tables import markdown
-from studies.reliability.faults import COLUMNS, FAULTS, row
+from studies.reliability.faults import COLUMNS, KINDS, each_damage, row
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("run", type=Path)
-    parser.add_argument("--tries", type=int, default=20, help="of each fault")
+    parser.add_argument("--tries", type=int, default=20, help="of each damage, on each kind of file")
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--only", default="", help="faults with this in their names")
+    parser.add_argument("--only", default="", help="kinds of files with this in their names")
     options = parser.parse_args()
     rows = []
     with tempfile.TemporaryDirectory() as folder:
         run = Path(folder) / "run"
         shutil.copytree(options.run, run, ignore=shutil.ignore_patterns(".snakemake"))
-        for fault in FAULTS:
-            if options.only in fault.name:
-                tries = fault.apply(run, generator(options.seed, fault.name), options.tries)
-                rows.append(row(fault.name, tries, run))
+        for kind in KINDS:
+            if options.only in kind.name:
+                tries = each_damage(kind, run, generator(options.seed, kind.name), options.tries)
+                rows.append(row(kind.name, tries, run))
                 print(*rows[-1].values(), sep=" | ", file=sys.stderr, flush=True)
     table = pd.DataFrame(rows, columns=COLUMNS)
     print(markdown(table))

@@ -1,13 +1,10 @@
-"""Faults of a run's files, each a row of the table in docs/evidence/reliability.md.
+"""Faults of a run's files, each kind of file a row of the table in docs/evidence/reliability.md.
 
-Each kind of file is removed, emptied, cut, zeroed and altered at random places. The clock was ahead while the run was
-made, and is right again: what is changed now looks older than the run.
+Each kind of file is removed, emptied, cut, zeroed and altered at random places.
 """
 
 import json
 import os
-import shutil
-import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import partial
@@ -20,13 +17,12 @@ from palpate import checksums, mesh, store
 from palpate.batch import read_rejections
 from palpate.catalogue import read_catalogue
 from palpate.dataset.run import Run
-from palpate.dataset.validation import check_again, check_files, combine_validation, read_findings
+from palpate.dataset.validation import check_files, read_findings
 from palpate.evaluation import rows
 from palpate.inference import checkpoints
 from palpate.training.loop import HISTORY
 
 COLUMNS = ("fault", "tried", "by the reader", "by validate", "nothing changed", "lost in silence", "for example")
-DAY = 86400.0  # seconds
 BLOCK = 4096  # bytes: what file systems write at once, and lose at once
 
 
@@ -39,16 +35,6 @@ class Try(NamedTuple):
 
     noticed: str
     message: str = ""
-
-
-class Fault(NamedTuple):
-    """A fault: its name, and the function that applies it to a copy of a run.
-
-    apply: from the copy, which it leaves as it was, a random generator and the number of tries to what came of each.
-    """
-
-    name: str
-    apply: Callable[[Path, np.random.Generator, int], Sequence[Try]]
 
 
 def row(name: str, tries: Sequence[Try], run: Path) -> dict[str, str | int]:
@@ -100,16 +86,14 @@ def _weights(run: Path) -> Iterator[object]:
         yield repr(content)
 
 
-def _of_models(read: Callable[[Path], object], run: Path) -> Iterator[object]:
-    return map(read, sorted(run.glob("models/**/seed-*")))
+def _records(run: Path) -> Iterator[object]:
+    for path in sorted(run.glob("models/**/seed-*")):
+        yield checksums.read_record(path / "training.json", "train the model again")
 
 
-def _record(path: Path) -> object:
-    return checksums.read_record(path / "training.json", "train the model again")
-
-
-def _history(path: Path) -> str:
-    return rows.read_table(path / "history.csv", HISTORY, "train the model again").to_csv()
+def _histories(run: Path) -> Iterator[object]:
+    for path in sorted(run.glob("models/**/seed-*")):
+        yield rows.read_table(path / "history.csv", HISTORY, "train the model again").to_csv()
 
 
 def _evaluations(run: Path) -> Iterator[object]:
@@ -132,8 +116,8 @@ KINDS = (
     Kind("rejected csv", ("rejected.csv", "rejected/*/*.csv"), _rejections),
     Kind("EXR masters", ("exr/*/*",), _masters),
     Kind("checkpoint", ("models/*/seed-*/best.ckpt",), _weights),
-    Kind("training.json", ("models/*/seed-*/training.json",), partial(_of_models, _record)),
-    Kind("history.csv", ("models/*/seed-*/history.csv",), partial(_of_models, _history)),
+    Kind("training.json", ("models/*/seed-*/training.json",), _records),
+    Kind("history.csv", ("models/*/seed-*/history.csv",), _histories),
     Kind("evaluation csv", ("evaluations/*/seed-*.csv",), _evaluations),
     Kind("validation csv", ("reports/validation/batch-*.csv",), _validation),
 )
@@ -207,78 +191,6 @@ def validate(run: Path) -> str:
     return "".join(f"{path} has changed since it was written" for path in checksums.changed(run)[:1])
 
 
-def values_removed(run: Path, rng: np.random.Generator, tries: int) -> list[Try]:
-    """All values of an array of a Zarr store are gone: a copy that stopped. Its header is there."""
-    folders, outcomes = sorted(run.glob("*/batch-*.zarr/*/c")), []
-    kinds = {kind.name: kind for kind in KINDS}
-    for number in rng.integers(len(folders), size=tries):
-        kind, aside = kinds[f"{folders[number].parts[-4]} store"], run / ".aside"
-        expected = list(kind.read(run))
-        folders[number].rename(aside)
-        outcomes.append(outcome(kind, run, expected))
-        aside.rename(folders[number])
-    return outcomes
-
-
-def moved(run: Path, rng: np.random.Generator, tries: int) -> list[Try]:
-    """The run's folder is moved to another place: everything is read there as before."""
-    present = [kind for kind in KINDS if any(True for pattern in kind.patterns for _ in run.glob(pattern))]
-    expected, outcomes = {kind.name: list(kind.read(run)) for kind in present}, []
-    for number in range(min(tries, 3)):
-        elsewhere = run.parent / f"another place {number}" / "another name"
-        elsewhere.parent.mkdir()
-        shutil.move(run, elsewhere)
-        outcomes += [outcome(kind, elsewhere, expected[kind.name]) for kind in present]
-        shutil.move(elsewhere, run)
-    return outcomes
-
-
-def _validate(run: Path) -> str:
-    """What `snakemake validate` finds wrong, if anything."""
-    findings, _ = check_again(run, sorted(run.glob("reports/validation/batch-*.csv")))
-    checks = combine_validation(findings, run, run / "sources")
-    failed = checks[~checks.passed]
-    return "; ".join(f"{each.check}: {each['where']}" for _, each in failed.iterrows())
-
-
-def source_changed(run: Path, rng: np.random.Generator, tries: int) -> list[Try]:
-    """A source file has changed, but is a day older than all that was made of it: Snakemake makes nothing again."""
-    entries, outcomes = read_catalogue(run / "catalogue.csv"), []
-    for number in rng.integers(len(entries), size=min(tries, 3)):
-        with restored(run / "sources" / entries[number].source) as (path, content):
-            path.write_bytes(content + b"\n")
-            os.utime(path, (time.time() - DAY,) * 2)
-            message = _validate(run)
-            outcomes.append(Try("validate" if "sources" in message else "silent", message))
-    return outcomes
-
-
-def store_rebuilt(run: Path, rng: np.random.Generator, tries: int) -> list[Try]:
-    """A store is written again with a wrong value, and is older than the report that it passed."""
-    paths, outcomes = sorted(run.glob("surface/*.zarr")), []
-    for number in rng.integers(len(paths), size=min(tries, 3)):
-        path = paths[number]
-        attributes, arrays = store.open(path).attributes, store.read(path)
-        wrong = arrays["points"].copy()
-        wrong[0, rng.integers(wrong.shape[1])] += 1.0
-        store.write(path, "surface", arrays | {"points": wrong}, attributes)
-        for file in [path, *path.rglob("*")]:
-            os.utime(file, (time.time() - DAY,) * 2)
-        message = _validate(run)
-        outcomes.append(Try("validate" if "inside box" in message else "silent", message))
-        store.write(path, "surface", arrays, attributes)
-    return outcomes
-
-
 def each_damage(kind: Kind, run: Path, rng: np.random.Generator, tries: int) -> list[Try]:
     """Each of `DAMAGES`, `tries` times."""
     return [found for damage in DAMAGES.values() for found in apply(kind, damage, run, rng, tries)]
-
-
-FAULTS = [
-    *(Fault(f"{kind.name}: {', '.join(DAMAGES)}", partial(each_damage, kind)) for kind in KINDS),
-    Fault("all values of an array removed", values_removed),
-    Fault("folder moved elsewhere", moved),
-    Fault("clock moved back: a source file changed", source_changed),
-    Fault("clock moved back: a store built again", store_rebuilt),
-]

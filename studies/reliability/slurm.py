@@ -7,7 +7,6 @@ It needs root. Its daemons have ports, keys and folders of their own and end wit
 killed with `scancel`; the run ends with an error, is started again, and continues.
 """
 
-import argparse
 import os
 import secrets
 import signal
@@ -29,37 +28,13 @@ OPTIONS = (
     *("--slurm-init-seconds-before-status-checks", "2", "--seconds-between-status-checks", "2"),
 )
 CONFIG_PLACE = Path("/etc/slurm/slurm.conf")
-CONFIG = """
-ClusterName=one
-SlurmctldHost={host}(127.0.0.1)
-SlurmUser=root
-SlurmdUser=root
-AuthInfo=socket={folder}/munge.socket
-StateSaveLocation={folder}/state
-SlurmdSpoolDir={folder}/spool
-SlurmctldPidFile={folder}/slurmctld.pid
-SlurmdPidFile={folder}/slurmd.pid
-SlurmctldLogFile={folder}/slurmctld.log
-SlurmdLogFile={folder}/slurmd.log
-SlurmctldPort={ports[0]}
-SlurmdPort={ports[1]}
-ProctrackType=proctrack/linuxproc
-TaskPlugin=task/none
-SelectType=select/cons_tres
-SelectTypeParameters=CR_Core_Memory
-ReturnToService=2
-MpiDefault=none
-NodeName={host} NodeAddr=127.0.0.1 CPUs={cpus} RealMemory={megabytes} State=UNKNOWN
-PartitionName=all Nodes=ALL Default=YES MaxTime=INFINITE State=UP
-"""
+CONFIG = Path(__file__).with_suffix(".conf").read_text()
 
 
 @contextmanager
 def cluster(folder: Path) -> Iterator[None]:
     """The daemons of a cluster of one node, which all of this machine uses while the block runs."""
-    host, sockets = socket.gethostname(), [socket.socket() for _ in range(2)]
-    for each in sockets:
-        each.bind(("127.0.0.1", 0))
+    host, sockets = socket.gethostname(), [socket.create_server(("127.0.0.1", 0)) for _ in range(2)]
     ports = [each.getsockname()[1] for each in sockets]
     for each in sockets:
         each.close()
@@ -108,7 +83,6 @@ def killed_in_the_middle(run: SmallRun, log: Path) -> str:
 
 
 def main() -> None:
-    argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter).parse_args()
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         local = small_run(folder, "local")

@@ -1,8 +1,6 @@
 """The real workflow on one object a split, as `config/smoke.yaml` has them, in a folder of its own."""
 
 import hashlib
-import os
-import shutil
 import subprocess
 import sys
 from collections.abc import Sequence
@@ -37,13 +35,11 @@ class SmallRun(NamedTuple):
 
     def contents(self) -> dict[str, str]:
         """SHA-256 of all that the run made, by path; of a model that of its weights, of an evaluation without times."""
-        files = [path for path in sorted(self.folder.rglob("*")) if path.is_file()]
-        parts = {path: path.relative_to(self.folder).parts[0] for path in files}
-        found = {
-            str(path.relative_to(self.folder)): hashlib.sha256(path.read_bytes()).hexdigest()
-            for path in files
-            if parts[path] not in OF_THE_WAY and not path.name.startswith(".snakemake")
-        }
+        found = {}
+        for path in (path for path in sorted(self.folder.rglob("*")) if path.is_file()):
+            name = path.relative_to(self.folder)
+            if name.parts[0] not in OF_THE_WAY and not path.name.startswith(".snakemake"):
+                found[str(name)] = hashlib.sha256(path.read_bytes()).hexdigest()
         for path in sorted(self.folder.glob("models/*/seed-*/best.ckpt")):
             weights = checkpoints.read(path, "reconstruction")["weights"]
             digest = hashlib.sha256(b"".join(weights[name].numpy().tobytes() for name in sorted(weights)))
@@ -52,10 +48,6 @@ class SmallRun(NamedTuple):
             errors = rows.read([path]).drop(columns="seconds", errors="ignore").to_csv()
             found[str(path.relative_to(self.folder))] = hashlib.sha256(errors.encode()).hexdigest()
         return found
-
-    def remove(self) -> None:
-        """Nothing of it is left but its config."""
-        shutil.rmtree(self.folder, ignore_errors=True)
 
 
 def small_run(folder: Path, name: str) -> SmallRun:
@@ -82,12 +74,5 @@ def differences(run: SmallRun, expected: dict[str, str]) -> Sequence[str]:
 
 def processes_of(group: int) -> list[int]:
     """The processes of a session that was started with `start`, jobs too: Snakemake's own, and those it started."""
-    found = []
-    for entry in Path("/proc").iterdir():
-        if entry.name.isdigit():
-            try:
-                if os.getsid(int(entry.name)) == group:
-                    found.append(int(entry.name))
-            except ProcessLookupError:
-                continue
-    return found
+    listed = subprocess.run(["ps", "-s", str(group), "-o", "pid="], capture_output=True, text=True)
+    return [int(number) for number in listed.stdout.split()]

@@ -1,12 +1,7 @@
 """Stiff and extreme cases: the quantities that each case measures, with bounds and verdicts.
 
-A suite of the stability report is a module with `CASES`:
-
-    CASES = Cases()
-
-    @CASES.case("solref equal to the time step", "grasps")
-    def solref_at_the_time_step(subject):
-        yield at_most("penetration", depth, 1e-3, "m")
+A suite of the stability report is a module with `CASES = Cases()`, to which `@CASES.case("name", "stage")` adds
+functions of an object of the run that yield findings.
 """
 
 import logging
@@ -23,7 +18,6 @@ import pandas as pd
 log = logging.getLogger(__name__)
 
 COLUMNS = ("suite", "case", "stage", "quantity", "bound", "value", "unit", "verdict", "note", "seconds")
-LOGGED = ("quantity", "value", "unit", "bound", "verdict")
 HOLDS, REJECTED, FAILS = "holds", "rejected", "fails"
 
 
@@ -113,7 +107,7 @@ def examine(suite: str, case: Case, subject: Any) -> list[dict[str, Any]]:
         findings.append(Finding("numerical warnings", "none", len(caught), "", FAILS, warned))
     seconds = time.perf_counter() - start
     for finding in findings:
-        log.info("  %s: %s %s, %s: %s", *(getattr(finding, key) for key in LOGGED))
+        log.info("  %s: %s %s, %s: %s", finding.quantity, finding.value, finding.unit, finding.bound, finding.verdict)
     return [
         {"suite": suite, "case": case.name, "stage": case.stage, **finding._asdict(), "seconds": seconds}
         | {"note": without_folders(finding.note)}

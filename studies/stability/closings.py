@@ -1,4 +1,4 @@
-"""Closings recorded at each time step: servo work, kinetic energy, joint positions and final penetration."""
+"""Closings recorded at each time step: servo work, kinetic energy, and final joints and penetration."""
 
 import copy
 from collections.abc import Callable, Iterable, Iterator
@@ -35,7 +35,6 @@ class RecordedClosing(NamedTuple):
     warnings: int
     kinetic: np.ndarray
     work: np.ndarray
-    path: np.ndarray  # (S, J) joints after each step
     depth: float  # m at the end, of the hand in the object or in itself, by their true surfaces
     outcome: str  # `CLOSED`, or the grasper's reason
 
@@ -54,7 +53,7 @@ class ClosingSetup(NamedTuple):
 
     def record(
         self,
-        change: Callable[[GraspSimulation], None] | None = None,
+        change: Callable | None = None,
         label: str = "",
         simulation: GraspSimulation | None = None,
     ) -> list[RecordedClosing]:
@@ -76,11 +75,11 @@ def closing_setup(subject: Subject) -> ClosingSetup:
 
 
 class RecordingSimulation(GraspSimulation):
-    """A simulation that records kinetic energy (J), joint positions and the servos' positive work (J) of each step."""
+    """A simulation that records kinetic energy (J) and the servos' positive work (J) of each step."""
 
     def __init__(self, simulation: GraspSimulation):
         vars(self).update(vars(simulation))
-        self.kinetic, self.work, self.path = [], [], []
+        self.kinetic, self.work = [], []
 
     def closing(self, targets: np.ndarray) -> Iterator[mujoco.MjData]:
         before = self.data.qvel.copy()
@@ -90,7 +89,6 @@ class RecordingSimulation(GraspSimulation):
             before = data.qvel.copy()
             mujoco.mj_energyVel(self.model, data)
             self.kinetic.append(data.energy[1])
-            self.path.append(data.qpos.copy())
             yield data
 
 
@@ -113,14 +111,12 @@ def hold_targets(simulation: GraspSimulation) -> None:
     simulation.steps += extra
 
 
-def record(
-    grasper: Grasper, simulation: GraspSimulation, closing: Closing, label: str = "", start: np.ndarray | None = None
-) -> RecordedClosing:
-    """Close the hand in `simulation`, judged by the grasper; start: joint positions (J,), default open."""
+def record(grasper: Grasper, simulation: GraspSimulation, closing: Closing, label: str = "") -> RecordedClosing:
+    """Close the hand in `simulation`, judged by the grasper."""
     hand = simulation.hand
     seen, judge = RecordingSimulation(simulation), copy.copy(grasper)
     judge.simulation = seen
-    seen.place(closing.pose, hand.open_joint_positions if start is None else start)
+    seen.place(closing.pose, hand.open_joint_positions)
     result = judge.closed_at(closing.pose, closing.targets)
     joints = seen.data.qpos.copy()
     if isinstance(result, Grasp):
@@ -129,14 +125,7 @@ def record(
         links = hand.forward(closing.pose, joints)
         outcome, depth = result, max(grasper.check.in_object(links), grasper.check.in_itself(links))
     warnings = int(sum(warning.number for warning in seen.data.warning))
-    kinetic, path = np.array(seen.kinetic), np.array(seen.path)
-    return RecordedClosing(label, joints, warnings, kinetic, np.cumsum(seen.work), path, depth, outcome)
-
-
-def deepest_penetration(grasper: Grasper, closing: Closing, recorded: RecordedClosing, every: int = 3) -> float:
-    """Largest penetration of the object (m) during a closing, checked at every `every`-th step."""
-    links = grasper.hand.forward(closing.pose, recorded.path[::every])
-    return max(map(grasper.check.in_object, links))
+    return RecordedClosing(label, joints, warnings, np.array(seen.kinetic), np.cumsum(seen.work), depth, outcome)
 
 
 def soundness(recorded: Iterable[RecordedClosing], depth: float = MAX_PENETRATION, what: str = "") -> Iterator[Finding]:

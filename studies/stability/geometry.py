@@ -6,7 +6,6 @@ only where a user calls the library directly.
 
 import tempfile
 from collections.abc import Iterator
-from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -21,10 +20,10 @@ from palpate.grasp.patches import surface_patches
 from palpate.hand import MAX_PENETRATION, allegro
 from palpate.mesh import DIAGONAL, OBJECT_POSITION, load_collision, load_visual, prepare
 from palpate.surface import sample
-from palpate.touch import PIXEL_CENTRES, SENSOR_RANGE, RayCaster, sense
+from palpate.touch import PIXEL_CENTRES, RayCaster, sense
 from studies.stability.cases import Cases, Finding, at_least, at_most, equal, rejects
 
-CASES = Cases()
+CASES, HAND = Cases(), allegro()
 
 # Metres: coordinates within 0.25 m are stored in single precision, which rounds them by up to 1.5e-8 m.
 ROUNDED = 3e-8
@@ -57,40 +56,21 @@ def soup(vertices, faces) -> trimesh.Trimesh:
     return trimesh.Trimesh(np.asarray(vertices, dtype=float), np.asarray(faces), process=False, validate=False)
 
 
-def fine_box(extents, subdivisions: int = 2) -> trimesh.Trimesh:
-    box = trimesh.creation.box(extents)
-    for _ in range(subdivisions):
-        box = box.subdivide()
-    return box
-
-
-@lru_cache(maxsize=1)
-def hand():
-    return allegro()
-
-
 def distance_off_surface(points: np.ndarray, mesh: trimesh.Trimesh) -> float:
     """Largest distance (m) from points (n, 3) to the faces of a mesh."""
     surface = np.asarray(mesh.vertices, dtype=float), np.asarray(mesh.faces, dtype=np.int64)
     return float(np.sqrt(igl.point_mesh_squared_distance(np.asarray(points, dtype=float), *surface)[0].max()))
 
 
-def rotation_along(axis: int, sign: int) -> np.ndarray:
-    """(3, 3) rotation of a sensor that looks along a coordinate axis, in the positive or negative direction."""
-    x, y = sign * np.eye(3)[axis], np.eye(3)[(axis + 1) % 3]
-    return np.stack([x, y, np.cross(x, y)], axis=1)
-
-
 def depth_along(mesh: trimesh.Trimesh, axis: int, sign: int, distance: float) -> np.ndarray:
     """(100, 100) depth map (m) of a sensor that looks along an axis at the origin, from a distance."""
-    rotation = rotation_along(axis, sign)
-    return RayCaster(mesh).trace(-distance * rotation[:, 0][None], rotation[None])[0]
+    x, y = sign * np.eye(3)[axis], np.eye(3)[(axis + 1) % 3]
+    return RayCaster(mesh).trace(-distance * x[None], np.stack([x, y, np.cross(x, y)], axis=1)[None])[0]
 
 
 def size_preserved(result: PreparedMesh, area: float, extents) -> Iterator[Finding]:
     """Findings on area and diagonal of the normalised mesh, given those of the source in any unit."""
-    scale = DIAGONAL / np.linalg.norm(extents)
-    written = result.record["visual.glb"]
+    scale, written = DIAGONAL / np.linalg.norm(extents), result.record["visual.glb"]
     # Each side is off by rounding, twice; for a thin object its area is nearly that of its two sides.
     bound = 4 * ROUNDED * np.sqrt(written["faces"] / area) / scale + 1e-6
     yield at_most("area off", abs(written["area"] / (area * scale**2) - 1), bound, "of the area")
@@ -112,7 +92,7 @@ def grasp_once(result: PreparedMesh, points: np.ndarray, attempts: int = 12) -> 
     """One grasp; raises `UnusableObject` if `attempts` palm poses give none."""
     limits = {"per_object": 1, "attempts": 1, "max_attempts": attempts, "max_penetration": MAX_PENETRATION}
     surface, rng = points + OBJECT_POSITION, np.random.default_rng(0)
-    return grasp_object(result.visual, result.collision, surface, hand(), rng, **limits)
+    return grasp_object(result.visual, result.collision, surface, HAND, rng, **limits)
 
 
 def later_stages(result: PreparedMesh, attempts: int = 12) -> Iterator[Finding]:
@@ -135,7 +115,7 @@ def later_stages(result: PreparedMesh, attempts: int = 12) -> Iterator[Finding]:
 def blade(subject):
     """Both sides are kept, at the same distance, also after decimation."""
     extents = (0.45, 0.2, 2e-4)
-    result = prepare_mesh(fine_box(extents, 3), collision_faces=100)
+    result = prepare_mesh(trimesh.creation.box(extents).subdivide().subdivide().subdivide(), collision_faces=100)
     yield from size_preserved(result, 2 * (0.45 * 0.2 + 0.45 * 2e-4 + 0.2 * 2e-4), extents)
     thickness = 2e-4 * DIAGONAL / np.linalg.norm(extents)
     for name, mesh in (("visual", result.visual), ("collision", result.collision)):
@@ -194,7 +174,7 @@ def with_slivers(box: trimesh.Trimesh, share: float) -> trimesh.Trimesh:
 @CASES.case("slivers of aspect 1e6", "meshes, surface, grasps, touch")
 def slivers(subject):
     """A third of the faces are as thin as rounding errors: the box stays closed, its depth maps the same."""
-    box = fine_box((0.4, 0.2, 0.1))
+    box = trimesh.creation.box((0.4, 0.2, 0.1)).subdivide().subdivide()
     area = 2 * (0.4 * 0.2 + 0.4 * 0.1 + 0.2 * 0.1)
     plain, result = prepare_mesh(box), prepare_mesh(with_slivers(box, 2e-6))
     yield equal("closed", result.record["visual.glb"]["closed"], True)
@@ -209,110 +189,6 @@ def slivers(subject):
     yield rejects("one sliver, alone", lambda: prepare_mesh(flat), UnusableObject, reason)
 
 
-@CASES.case("objects x0.01 to x100", "meshes")
-def scaled(subject):
-    """The normalised mesh is the same."""
-    ball = trimesh.creation.icosphere(subdivisions=3)
-    reference = prepare_mesh(ball).visual
-    for factor in (0.01, 0.1, 10, 100):
-        result = prepare_mesh(soup(ball.vertices * factor, ball.faces)).visual
-        change = float(np.abs(result.triangles - reference.triangles).max())
-        yield at_most(f"corners move, x{factor:g}", change, 2 * ROUNDED, "m")
-
-
-@CASES.case("coordinates offset by 1e6", "meshes")
-def offset(subject):
-    """Accepted in files of double precision; rejected where rounding to single precision has lost the shape."""
-    ball = trimesh.creation.icosphere(subdivisions=3)
-    away = soup(ball.vertices + (1e6, -1e6, 1e6), ball.faces)
-    reference = prepare_mesh(ball).visual
-
-    def corners_move(result: PreparedMesh, other: trimesh.Trimesh) -> float:
-        return float(np.abs(result.visual.triangles - other.triangles).max())
-
-    # Doubles are 1.2e-10 apart out there, for a ball of radius 1; its diagonal is off by that too.
-    moved = corners_move(prepare_mesh(away), reference)
-    yield at_most("corners move, text in double precision", moved, 2 * ROUNDED + 2e-10, "m")
-    reason = r"rounded by up to .* \(single precision\)"
-    for suffix in ("ply", "stl", "glb"):
-        made = partial(prepare_mesh, away, suffix)
-        yield rejects(f"{suffix}, single precision", made, UnusableObject, reason)
-    box = trimesh.creation.box((40, 20, 10))
-    there = soup(box.vertices + (1e6, -1e6, 1e6), box.faces)
-    moved = corners_move(prepare_mesh(there, "stl"), prepare_mesh(box, "stl").visual)
-    yield at_most("corners move, stl of whole numbers", moved, 2 * ROUNDED, "m", "which single holds exactly")
-    for far in (100.0, 1000.0):
-        moved = corners_move(prepare_mesh(soup(ball.vertices + far, ball.faces), "ply"), reference)
-        bound = float(np.spacing(np.float32(far + 1))) * DIAGONAL / np.linalg.norm(ball.extents) + 2 * ROUNDED
-        yield at_most(f"corners move, ply at {far:g}", moved, bound, "m", "single precision there")
-
-
-@CASES.case("a million faces", "meshes, surface, touch", short=False)
-def a_million_faces(subject):
-    """A ball of 1.3 million faces: its levels are nearly as accurate as a ball with as many faces can be."""
-    ball = trimesh.creation.icosphere(subdivisions=8)
-    result = prepare_mesh(ball, "ply")
-    radius = DIAGONAL / np.linalg.norm((2, 2, 2))
-    area = result.record["visual.glb"]["area"] / (4 * np.pi * radius**2)
-    # The sagitta of a face of a ball, as a share of the radius, is about 2 pi / (3 sqrt(3) f) 2.
-    sagitta = 4 * np.pi / (3 * np.sqrt(3))
-    yield equal("faces kept", len(result.visual.faces), len(ball.faces))
-    yield at_most("area off a ball's", abs(area - 1), 4 * sagitta / len(ball.faces), "of the area")
-    for level, count in (("collision.ply", 4000), ("level-1000.ply", 1000)):
-        record = result.record[level]
-        yield equal(f"{level} closed", record["closed"], True)
-        worst = record["source_to_level"]["max"]
-        bound = 4 * radius * sagitta / count
-        yield at_most(f"{level} off the source", worst, bound, "m", "4 times the sagitta of equal faces")
-    points, findings = sample_points(result)
-    yield from findings
-    off = float(np.abs(np.linalg.norm(points, axis=1) - radius).max())
-    yield at_most("points off a ball", off, 4 * radius * sagitta / len(ball.faces) + ROUNDED, "m")
-    depth = depth_along(result.visual, 2, 1, radius + 0.01)
-    square = PIXEL_CENTRES[:, None] ** 2 + PIXEL_CENTRES[None] ** 2
-    off = float(np.abs(depth - (radius + 0.01 - np.sqrt(radius**2 - square))).max())
-    yield at_most("depth off a ball's", off, 4 * radius * sagitta / len(ball.faces) + ROUNDED, "m")
-
-
-@CASES.case("a mesh that takes too long", "meshes")
-def too_long(subject):
-    """A mesh on which a library takes very long: 20,000 faces around one corner, minutes to decimate."""
-    mesh = fan(1.0, np.linspace(0, 2 * np.pi, 20_000, endpoint=False))
-    reason = r"took more than 0\.3 s: simplify the mesh, or raise the time limit"
-    yield rejects("fan of 20,000 faces", lambda: prepare_mesh(mesh, time_limit=0.3), UnusableObject, reason)
-
-
-def fan(height: float, turn: np.ndarray) -> trimesh.Trimesh:
-    """Faces around a tip at z = `height`, between points of the unit circle at angles `turn` (n,)."""
-    rim, around = np.stack([np.cos(turn), np.sin(turn), 0 * turn], axis=1), np.arange(len(turn))
-    faces = np.stack([0 * around, around + 1, (around + 1) % len(turn) + 1], axis=1)
-    return soup(np.concatenate([[(0, 0, height)], rim]), faces)
-
-
-@CASES.case("one triangle", "meshes, surface, grasps, touch")
-def one_triangle(subject):
-    result = prepare_mesh(soup([(0, 0, 0), (1, 0, 0), (0, 1, 0)], [(0, 1, 2)]))
-    yield from size_preserved(result, 0.5, (1, 1, 0))
-    yield from later_stages(result)
-
-
-@CASES.case("many shells", "meshes, surface, grasps, touch", short=False)
-def many_shells(subject):
-    """200 separate balls: none is lost or merged with another, although this takes more faces than requested."""
-    rng = np.random.default_rng(0)
-    centres = np.stack(np.meshgrid(*[np.arange(6)] * 3), axis=-1).reshape(-1, 3)[:200]
-    balls = [trimesh.creation.icosphere(subdivisions=1, radius=0.4) for _ in centres]
-    for ball, centre in zip(balls, centres, strict=True):
-        ball.apply_translation(centre + rng.uniform(-0.05, 0.05, 3))
-    cloud = trimesh.util.concatenate(balls)
-    result = prepare_mesh(cloud, collision_faces=4000)
-    yield from size_preserved(result, float(balls[0].area) * 200, cloud.extents)
-    for name in ("visual.glb", "collision.ply", "level-1000.ply"):
-        yield equal(f"shells of {name}", result.record[name]["shells"], 200)
-    yield equal("collision.ply closed", result.record["collision.ply"]["closed"], True)
-    yield from later_stages(result, attempts=30)
-
-
 def clearance(patches: list[np.ndarray], points: np.ndarray) -> float:
     """Smallest distance (m) by which points (n, 3) are outside the convex hulls of patches; negative inside."""
     nearest = np.inf
@@ -323,19 +199,10 @@ def clearance(patches: list[np.ndarray], points: np.ndarray) -> float:
     return nearest
 
 
-def bored_tube() -> trimesh.Trimesh:
-    return trimesh.creation.annulus(r_min=0.005, r_max=0.06, height=0.48, sections=48)
-
-
-def beaker() -> trimesh.Trimesh:
-    profile = [(0, -0.1), (0.05, -0.1), (0.05, 0.15), (0.046, 0.15), (0.046, -0.096), (0, -0.096)]
-    return trimesh.creation.revolve(profile, sections=64)
-
-
 @CASES.case("hole narrower than a finger", "meshes, surface, touch")
 def narrow_hole(subject):
     """A tube 0.48 m long with a bore of 10 mm: contact geometry leaves it open, sensors see into it."""
-    tube = bored_tube()
+    tube = trimesh.creation.annulus(r_min=0.005, r_max=0.06, height=0.48, sections=48)
     result = prepare_mesh(tube)
     scale = DIAGONAL / np.linalg.norm(tube.extents)
     bore = 0.005 * scale
@@ -350,41 +217,33 @@ def narrow_hole(subject):
     yield equal("pixels wrong looking into the bore", int(wrong.sum()), 0)
     points, _ = sample_points(result)
     inside = np.hypot(points[:, 0], points[:, 1]) < 1.01 * bore
-    deepest = float(0.24 * scale - np.abs(points[inside, 2]).max(initial=0)) if inside.any() else 0.0
-    yield at_least("points sampled in the mouth of the bore", int(inside.sum()), 1, "", f"{deepest:.3g} m deep")
+    yield at_least("points sampled in the mouth of the bore", int(inside.sum()), 1)
 
 
 @CASES.case("deep concavity", "meshes, surface")
 def deep_cup(subject):
     """A beaker: its inside belongs to the exterior surface, and contact geometry does not fill it."""
-    cup = beaker()
+    profile = [(0, -0.1), (0.05, -0.1), (0.05, 0.15), (0.046, 0.15), (0.046, -0.096), (0, -0.096)]
+    cup = trimesh.creation.revolve(profile, sections=64)
     result = prepare_mesh(cup)
     scale = DIAGONAL / np.linalg.norm(cup.extents)
-    middle = np.zeros((20, 3))
-    middle[:, 2] = np.linspace(-0.09, 0.11, 20) * scale
-    free = clearance(surface_patches(result.collision), middle)
+    middle = np.column_stack([np.zeros((20, 2)), np.linspace(-0.09, 0.11, 20) * scale])
     # The floor is 0.096 + 0.025 below the middle, the wall is a quarter's chord away at the least.
+    free = clearance(surface_patches(result.collision), middle)
     yield at_least("inside clear of contact geometry", free, 0.02 * scale, "m")
     points, _ = sample_points(result)
-    within = np.hypot(points[:, 0], points[:, 1]) < 0.0475 * scale
-    within &= points[:, 2] > -0.123 * scale
+    within = (np.hypot(points[:, 0], points[:, 1]) < 0.0475 * scale) & (points[:, 2] > -0.123 * scale)
     yield at_least("points sampled inside", int(within.sum()), POINTS // 10)
-
-
-@CASES.case("grasps into holes and concavities", "grasps, touch", short=False)
-def into_concavities(subject):
-    for mesh in (bored_tube(), beaker()):
-        yield from later_stages(prepare_mesh(mesh), attempts=30)
 
 
 @CASES.case("object smaller than the sensor", "surface, grasps, touch")
 def smaller_than_the_sensor(subject):
-    """Balls of 4 mm, 1 mm and 0.1 mm diameter, passed directly to the library: depth as in closed form.
+    """Balls of 4 mm and 0.1 mm diameter, passed directly to the library: depth as in closed form.
 
     The last fits between the rays, 0.164 mm apart, so that no pixel sees it.
     """
     y, z = np.meshgrid(PIXEL_CENTRES, PIXEL_CENTRES)
-    for radius in (2e-3, 5e-4, 5e-5):
+    for radius in (2e-3, 5e-5):
         ball = trimesh.creation.icosphere(subdivisions=5, radius=radius)
         depth = depth_along(ball, 0, 1, 0.01)
         square = radius**2 - y**2 - z**2
@@ -401,19 +260,3 @@ def smaller_than_the_sensor(subject):
     yield from findings
     grasp = grasp_once(result, points, attempts=30)
     yield at_most("penetration", float(grasp.penetration.max()), MAX_PENETRATION, "m")
-
-
-@CASES.case("sensor far off the object", "touch")
-def far_sensor(subject):
-    """With nothing in range a sensor reads no contact, not an error, for very small and very large meshes."""
-    for extent in (1e-6, 1.0, 1e6):
-        mesh = trimesh.creation.box((extent,) * 3)
-        depth = depth_along(mesh, 0, 1, extent / 2 + SENSOR_RANGE + 0.001)
-        yield equal(f"pixels felt, box of {extent:g} m", int(np.isfinite(depth).sum()), 0)
-        depth = depth_along(mesh, 0, 1, extent / 2 + 0.01)
-        seen = np.abs(depth[np.isfinite(depth)] - 0.01)
-        if extent >= 1.0:
-            # The box's corners are doubles of its own size.
-            bound = 1e-8 + np.spacing(extent)
-            yield at_most(f"depth off, box of {extent:g} m", float(seen.max()), bound, "m")
-            yield equal(f"pixels felt close by, box of {extent:g} m", len(seen), depth.size)

@@ -24,8 +24,6 @@ from palpate.touch import (
     SENSOR_WIDTH,
     RayCaster,
     SphereTracer,
-    empty_reading,
-    normals,
     sense,
     shade,
 )
@@ -125,12 +123,6 @@ def sheet(distance: float, slope: float = 0.0, half: float = 0.05, width: float 
     )
 
 
-def box(extents, centre=(0.0, 0.0, 0.0)) -> trimesh.Trimesh:
-    mesh = trimesh.creation.box(extents)
-    mesh.apply_translation(centre)
-    return mesh
-
-
 def trace_depth(tracer, pose: Pose) -> np.ndarray:
     """One sensor's depth map (100, 100)."""
     return tracer.trace(pose.position[None], pose.rotation[None])[0]
@@ -152,36 +144,17 @@ def agrees_with_exact(meshes, seeds=SEEDS, what: str = "") -> Iterator[Finding]:
         found.append(disagreement(depths[-1], placed.triangles, pose))
     yield equal(f"flipped pixels{what}", sum(each.flipped for each in found), 0)
     yield at_most(f"depth off{what}", max(each.millimetres for each in found), ROUNDED, "mm")
-    least = min(int(np.isfinite(depth).sum()) for depth in depths)
-    yield at_least(f"pixels felt{what}", least, 1, "", "so that there is something to compare")
-    nearest = min(float(depth.min()) for depth in depths)
-    yield at_least(f"nearest depth{what}", nearest, 0.0, "m", "nothing behind the sensor plane is felt")
+    # So that there is something to compare, and nothing behind the sensor plane is felt.
+    yield at_least(f"pixels felt{what}", min(int(np.isfinite(depth).sum()) for depth in depths), 1)
+    yield at_least(f"nearest depth{what}", min(float(depth.min()) for depth in depths), 0.0, "m")
 
 
-@CASES.case("grazing sensor, Embree", "touch")
+@CASES.case("grazing sensor", "touch")
 def grazing(subject):
     """Sheets at up to 89.9994 degrees to the sensor plane, whose depths span 20 mm and 20 m."""
-    for slope in (10, 100, 1e3, 1e4, 1e5):
+    for slope in (10, 1e3, 1e5):
         sheets = [sheet(0.0125, slope, width=deep / slope) for deep in (0.01, 10.0)]
         yield from agrees_with_exact(sheets, what=f" at {np.degrees(np.arctan(slope)):.6g} degrees")
-
-
-@CASES.case("grazing sensor, sphere tracing", "touch")
-def grazing_by_sphere_tracing(subject):
-    """A ray stops at a distance `TOLERANCE` from the surface, which is TOLERANCE / cos(incidence) early."""
-    for slope in (1, 10, 30, 100):
-        pose = random_pose(1)
-        placed = in_pose(sheet(0.0125, slope, width=0.01 / slope), pose)
-        depth = trace_depth(SphereTracer(placed), pose).ravel()
-        right = exact_depth(placed.triangles, *pose)
-        angle = f" at {np.degrees(np.arctan(slope)):.6g} degrees"
-        missed = int((np.isfinite(right) & np.isinf(depth)).sum())
-        yield equal(f"pixels given up{angle}", missed, 0, "", f"of {np.isfinite(right).sum()}")
-        early = 1e3 * TOLERANCE * np.hypot(1, slope)
-        yield at_most(
-            f"stops short{angle}", _largest_difference(right, depth, above=True), 1.001 * early + ROUNDED, "mm"
-        )
-        yield at_most(f"goes through{angle}", _largest_difference(depth, right, above=True), ROUNDED, "mm")
 
 
 @CASES.case("rays through vertices and along edges", "touch")
@@ -209,74 +182,24 @@ def edge_on(subject):
     """A wall with sides parallel to the rays and a blade edge-on to them, both turned by very small angles."""
     y = PIXEL_CENTRES[10]
     blade = trimesh.Trimesh([[0.012, y, -0.01], [0.02, y, 0.01], [0.024, y, 0.0]], [[0, 1, 2]], process=False)
-    wall = trimesh.util.concatenate([box((0.01, 2 * abs(PIXEL_CENTRES[30]), 0.008), (0.02, 0, 0)), blade])
+    front = trimesh.creation.box((0.01, 2 * abs(PIXEL_CENTRES[30]), 0.008)).apply_translation((0.02, 0, 0))
+    wall = trimesh.util.concatenate([front, blade])
     for angle in (0.0, 1e-9, 1e-7, 1e-6, 1e-5, 1e-3, 0.1):
         leaning = wall.copy()
         leaning.vertices = wall.vertices @ Rotation.from_euler("yz", [angle, angle]).as_matrix().T
         yield from agrees_with_exact([leaning], what=f", turned by {angle:g}")
 
 
-@CASES.case("thousands of slivers and needles", "touch")
-def slivers_and_needles(subject):
-    """A fan of 2000 faces around one point, and loose needles of 1 nm to 10 mm width."""
-    turn = np.linspace(0, 2 * np.pi, 2000, endpoint=False)
-    rim = np.stack([np.full(2000, 0.02), 0.012 * np.cos(turn), 0.012 * np.sin(turn)], axis=1)
-    around = np.arange(2000)
-    faces = np.stack([0 * around, around + 1, (around + 1) % 2000 + 1], axis=1)
-    fan = trimesh.Trimesh(np.concatenate([[[0.012, 0, 0]], rim]), faces, process=False)
-    yield from agrees_with_exact([fan], (1,), ", fan")
-    needles = loose_needles()
-    yield from agrees_with_exact([needles], (1,), ", needles")
-    pose = random_pose(1)
-    placed = in_pose(needles, pose)
-    depth = trace_depth(SphereTracer(placed), pose)
-    points = pose.frame(np.column_stack([depth.ravel(), PIXELS])[np.isfinite(depth.ravel())][::10])
-    away = 1e3 * float(distance_to(placed, points).max())
-    # Sphere tracing hits whatever it passes within its tolerance, and treats a degenerate face as its longest edge.
-    bound = 1e3 * (TOLERANCE + 1e-4 * placed.edges_unique_length.max())
-    yield at_most("sphere tracing, points off needles", away, bound, "mm")
-    missed = np.isfinite(exact_depth(placed.triangles, *pose)) & np.isinf(depth.ravel())
-    yield equal("sphere tracing, needles missed", int(missed.sum()), 0)
-
-
-def loose_needles(count: int = 300) -> trimesh.Trimesh:
-    rng = np.random.default_rng(0)
-    first = rng.uniform([0, -0.01, -0.01], [0.03, 0.01, 0.01], (count, 3))
-    second = first + 0.01 * rng.normal(size=(count, 3))
-    third = first + rng.normal(size=(count, 3)) * 10.0 ** rng.uniform(-9, -2, (count, 1))
-    return trimesh.Trimesh(
-        np.stack([first, second, third], axis=1).reshape(-1, 3), np.arange(3 * count).reshape(-1, 3), process=False
-    )
-
-
-def distance_to(mesh: trimesh.Trimesh, points: np.ndarray) -> np.ndarray:
-    """Distance (n,) in metres of points (n, 3) to the nearest face of a mesh, including its edges.
-
-    An own implementation, because libigl's distance to a needle is wrong.
-    """
-    nearest = np.full(len(points), np.inf)
-    for corners in np.asarray(mesh.triangles, dtype=np.float64):
-        sides = np.roll(corners, -1, axis=0) - corners
-        away = points[:, None] - corners
-        along = np.clip((away * sides).sum(axis=2) / np.maximum((sides**2).sum(axis=1), 1e-300), 0, 1)
-        to_sides = np.linalg.norm(away - along[..., None] * sides, axis=2).min(axis=1)
-        normal = np.cross(sides[0], -sides[2])
-        normal /= max(np.linalg.norm(normal), 1e-300)
-        above = (np.cross(sides, away) @ normal >= 0).all(axis=1)
-        nearest = np.minimum(nearest, np.where(above, np.abs(away[:, 0] @ normal), to_sides))
-    return nearest
-
-
 @CASES.case("sensor plane inside the mesh", "touch")
 def inside(subject):
     """The sensor sees the wall in front of it, whatever is behind the sensor plane or crosses it."""
     for method, bound in ((RayCaster, ROUNDED), (SphereTracer, 1e3 * TOLERANCE + ROUNDED)):
-        off = float(1e3 * np.abs(depths_of(box((0.03, 0.05, 0.05)), SEEDS, method) - 0.015).max())
+        off = float(1e3 * np.abs(depths_of(trimesh.creation.box((0.03, 0.05, 0.05)), SEEDS, method) - 0.015).max())
         yield at_most(f"depth off in a box, {method.__name__}", off, bound, "mm")
     ball = trimesh.creation.icosphere(subdivisions=4, radius=0.012)
-    yield from agrees_with_exact([ball, loose_needles()], what=", surfaces through the plane")
+    yield from agrees_with_exact([ball], what=", a ball through the plane")
     # Its sides are parallel to the rays, from 5 mm behind the sensor plane to 5 mm before it: rays meet its front.
-    wall = box((0.01, 2 * abs(PIXEL_CENTRES[30]), 0.008))
+    wall = trimesh.creation.box((0.01, 2 * abs(PIXEL_CENTRES[30]), 0.008))
     yield from agrees_with_exact([wall], what=", a wall edge-on through the plane")
 
 
@@ -296,30 +219,17 @@ def on_the_sensor_plane(subject):
 
 @CASES.case("surface exactly at the range limit", "touch")
 def at_the_range_limit(subject):
-    """Just before the limit every pixel is in range, just beyond it none. At the limit the reading is empty."""
+    """Just before the limit every pixel is in range, just beyond it none."""
     for beyond in (-1e-9, 1e-9):
         depths = depths_of(sheet(SENSOR_RANGE + beyond), SEEDS)
         flipped = int((np.isfinite(depths) != (beyond < 0)).sum())
         yield equal(f"flipped pixels, surface {beyond:g} m beyond", flipped, 0)
-    levels, furthest = 0, 0.0
-    for seed in range(6):
-        pose = random_pose(seed or None)
-        tracer = RayCaster(in_pose(sheet(SENSOR_RANGE), pose))
-        found = sense(tracer, pose.position[None], pose.rotation[None])
-        reading = shade(found.depth[0]).astype(int)
-        levels = max(levels, int(np.abs(reading - empty_reading()).max()))
-        furthest = max(furthest, float(np.where(np.isfinite(found.depth), found.depth, 0).max()))
-    yield equal("reading differs from that of nothing", levels, 0, "grey levels")
-    yield at_most("furthest depth felt", furthest, float(np.float32(SENSOR_RANGE)), "m", "in single precision")
 
 
 def shade_in_double(depth: np.ndarray) -> np.ndarray:
     """(100, 100, 3) grey levels, not rounded, by the equations of docs/touch.md in double precision."""
     height = np.where(np.isfinite(depth), np.maximum(SENSOR_RANGE - depth.astype(np.float64), 0), 0)
-    pixel = PIXEL_CENTRES[1] - PIXEL_CENTRES[0]
-    padded = np.pad(height, 1, mode="reflect", reflect_type="odd")  # so that one-sided ones come of it
-    slope_y = (padded[1:-1, 2:] - padded[1:-1, :-2]) / (2 * pixel)
-    slope_z = (padded[2:, 1:-1] - padded[:-2, 1:-1]) / (2 * pixel)
+    slope_z, slope_y = np.gradient(height, PIXEL_CENTRES[1] - PIXEL_CENTRES[0])
     normal = np.stack([-slope_y, -slope_z, np.ones_like(height)], axis=-1)
     to_light = LIGHTS - np.stack([Y, Z, height], axis=-1)[:, :, None]
     cosine = np.einsum("rcx,rclx->rcl", normal, to_light)
@@ -335,16 +245,11 @@ def steep_steps(subject):
     shapes = {
         "one step": np.where(column < 50, 0.0, np.inf),
         "chessboard": np.where((row + column) % 2 == 0, 0.0, np.inf),
-        "stripes": np.where(row // 2 % 2 == 0, 0.0, SENSOR_RANGE),
         "noise": rng.uniform(0, SENSOR_RANGE, row.shape),
         "one pixel": np.where((row == 50) & (column == 50), 0.0, np.inf),
         "all on the sensor plane": np.zeros(row.shape),
-        "a surface at the light": np.where((row == 0) & (column == 50), 0.0, 1e-9),
     }
     for name, depth in shapes.items():
-        normal = normals(np.maximum(SENSOR_RANGE - np.float32(depth), 0))
-        length = np.abs(np.linalg.norm(normal.astype(np.float64), axis=-1) - 1).max()
-        yield at_most(f"length of normals off 1, {name}", float(length), 4 * np.finfo(np.float32).eps)
         off = np.abs(shade(depth) - shade_in_double(depth)).max()
         yield at_most(f"reading off, {name}", float(off), 0.51, "grey levels", "0.5 is its own rounding")
     broken = np.full((RESOLUTION, RESOLUTION), 0.02)
@@ -361,23 +266,20 @@ def far_from_the_origin(subject):
     ball.apply_translation((0.055, 0, 0.02))
     here = in_pose(ball, pose)
     expected = {method: trace_depth(method(here), pose) for method in (RayCaster, SphereTracer)}
-    for far in (1e3, 1e6):
-        shift = far * np.array([1.0, -0.7, 0.3])
-        moved_pose = Pose(pose.position + shift, pose.rotation)
-        moved = trimesh.Trimesh(here.vertices + shift, here.faces, process=False)
-        # Both are given in doubles, that far out 1.2e-10 m apart; the ball's faces lean by up to 75 degrees.
-        bound = 1e3 * 8 * np.spacing(far) + ROUNDED
-        for method, depth in expected.items():
-            for name, tracer in (("mesh", method(moved)), ("object_position", method(here, shift))):
-                result = trace_depth(tracer, moved_pose)
-                what = f"{method.__name__}, {name} at {far:g} m"
-                flipped = int((np.isfinite(result) != np.isfinite(depth)).sum())
-                yield equal(f"flipped pixels, {what}", flipped, 0)
-                yield at_most(f"depth changes, {what}", _largest_difference(result, depth), bound, "mm")
-        caster = RayCaster(here, shift)
-        sensed = partial(sense, caster, moved_pose.position[None], moved_pose.rotation[None])
-        reason = "too far from the origin for points in single precision"
-        yield rejects(f"local points at {far:g} m", sensed, ValueError, reason)
+    shift = 1e6 * np.array([1.0, -0.7, 0.3])
+    moved_pose = Pose(pose.position + shift, pose.rotation)
+    moved = trimesh.Trimesh(here.vertices + shift, here.faces, process=False)
+    # Both are given in doubles, that far out 1.2e-10 m apart; the ball's faces lean by up to 75 degrees.
+    bound = 1e3 * 8 * np.spacing(1e6) + ROUNDED
+    for method, depth in expected.items():
+        for name, tracer in (("mesh", method(moved)), ("object_position", method(here, shift))):
+            result = trace_depth(tracer, moved_pose)
+            what = f"{method.__name__}, {name} at 1e6 m"
+            yield equal(f"flipped pixels, {what}", int((np.isfinite(result) != np.isfinite(depth)).sum()), 0)
+            yield at_most(f"depth changes, {what}", _largest_difference(result, depth), bound, "mm")
+    sensed = partial(sense, RayCaster(here, shift), moved_pose.position[None], moved_pose.rotation[None])
+    reason = "too far from the origin for points in single precision"
+    yield rejects("local points at 1e6 m", sensed, ValueError, reason)
     shift = np.array([15.0, 0, 0])
     near = sense(RayCaster(here), pose.position[None], pose.rotation[None]).points.astype(np.float64)
     moved = sense(RayCaster(here, shift), (pose.position + shift)[None], pose.rotation[None]).points
@@ -397,35 +299,13 @@ def larger_than_single_precision(subject):
     yield from agrees_with_exact([sheet(0.02, 0.3, half=1e4, width=1e4)], (1, 2), ", on a plain of 20 km")
 
 
-@CASES.case("poses that are none", "touch")
-def invalid_poses(subject):
-    """NaN, infinite, stretched and mirrored poses raise an error; they are not read as no contact."""
-    broken = np.eye(3)
-    broken[1, 1] = np.nan
-    poses = {
-        "NaN position": (np.array([0, np.nan, 0]), np.eye(3), "position of sensor 0 is not finite"),
-        "infinite position": (np.array([np.inf, 0, 0]), np.eye(3), "position of sensor 0 is not"),
-        "NaN rotation": (np.zeros(3), broken, "axes of sensor 0 are not"),
-        "mirrored rotation": (np.zeros(3), np.diag([1.0, 1, -1]), "axes of sensor 0 are not"),
-        "stretched rotation": (np.zeros(3), 1.01 * np.eye(3), "axes of sensor 0 are not"),
-    }
-    for method in (RayCaster, SphereTracer):
-        tracer = method(sheet(0.01))
-        for name, (position, rotation, reason) in poses.items():
-            for call in (tracer.trace, tracer.succeeds):
-                what, traced = (
-                    f"{name}, {method.__name__}.{call.__name__}",
-                    partial(call, position[None], rotation[None]),
-                )
-                yield rejects(what, traced, ValueError, reason)
-
-
-def on_the_object(subject, count: int) -> Iterator[Finding]:
+@CASES.case("an object of the run", "touch")
+def on_the_object(subject, count: int = 4) -> Iterator[Finding]:
     """Sensors at random places of the run's object, also inside it, compared with `exact_depth`."""
     mesh = load_visual(subject.folder)
     points, face = trimesh.sample.sample_surface(mesh, count, seed=0)
     rng = np.random.default_rng(0)
-    off, seen, missed, cast_flips, traced_flips = 0.0, 0, 0, 0, 0
+    off, seen, flipped = 0.0, 0, 0
     for point, number in zip(points, face, strict=True):
         towards = -mesh.face_normals[number] + 0.5 * rng.standard_normal(3)
         axes = np.linalg.qr(np.column_stack([towards, rng.standard_normal((3, 2))]))[0]
@@ -434,25 +314,6 @@ def on_the_object(subject, count: int) -> Iterator[Finding]:
         pose = Pose(point - axes[:, 0] * rng.uniform(-0.01, 0.03), axes)
         cast = disagreement(trace_depth(RayCaster(mesh), pose), mesh.triangles, pose)
         right = np.isfinite(exact_depth(mesh.triangles, *pose))
-        traced = np.isfinite(trace_depth(SphereTracer(mesh), pose).ravel())
-        cast_flips, off = cast_flips + cast.flipped, max(off, cast.millimetres)
-        traced_flips, missed = traced_flips + int((traced & ~right).sum()), missed + int((right & ~traced).sum())
-        seen += int(right.sum())
-    note = f"of {seen} felt by {count} sensors"
-    yield equal("flipped pixels, RayCaster", cast_flips, 0, "", note)
-    yield at_most("depth off, RayCaster", off, ROUNDED, "mm")
-    # Sphere tracing also hits what it passes within its tolerance of 1e-5 m: with pixels of 0.164 mm, 6 % of those
-    # on the silhouette, which are at most a few hundred a sensor.
-    rim = 0.06 * 400 * count
-    yield at_most("flipped pixels, SphereTracer", traced_flips, rim, "", note)
-    yield at_most("pixels missed, SphereTracer", missed, 0.1 * rim, "", "by rounding, on the silhouette")
-
-
-@CASES.case("an object of the run, 2 sensors", "touch")
-def two_sensors(subject):
-    yield from on_the_object(subject, 2)
-
-
-@CASES.case("an object of the run, 24 sensors", "touch", short=False)
-def more_sensors(subject):
-    yield from on_the_object(subject, 24)
+        flipped, off, seen = flipped + cast.flipped, max(off, cast.millimetres), seen + int(right.sum())
+    yield equal("flipped pixels", flipped, 0, "", f"of {seen} felt by {count} sensors")
+    yield at_most("depth off", off, ROUNDED, "mm")

@@ -1,10 +1,8 @@
 """Simple shapes placed against one finger's pad, so that the contact is known."""
 
-import mujoco
 import numpy as np
 import trimesh
 
-from palpate.grasp.closing import GraspSimulation
 from palpate.grasp.grasp import Grasper
 from palpate.grasp.targets import PRESS
 from studies.grasping import Closing
@@ -13,7 +11,6 @@ from studies.stability.closings import HAND, POINTS, ClosingSetup
 FINGER = 1  # the middle finger: its sensor's number
 BENT_JOINTS = (0.0, 0.5, 0.5, 0.4)  # rad, of its joints where it meets a shape
 PAD_HALF_EXTENTS = (0.010, 0.012)  # m, half extents of the gel pad
-FINGERTIP_WIDTH = 0.0268  # m, width of the fingertip
 
 
 def distant_ball() -> trimesh.Trimesh:
@@ -21,31 +18,15 @@ def distant_ball() -> trimesh.Trimesh:
     return trimesh.creation.icosphere(subdivisions=2, radius=0.02).apply_translation((0.5, 0, 0.1))
 
 
-def narrow_sheets() -> tuple[trimesh.Trimesh, np.ndarray]:
-    """Parallel sheets 15 mm apart, facing upwards, and points (N, 3) on the lowest; no palm fits between them."""
-    corners, faces = [(-1, -1, 0), (1, -1, 0), (1, 1, 0), (-1, 1, 0)], [(0, 1, 2), (0, 2, 3)]
-    sheet = trimesh.Trimesh(0.15 * np.array(corners), faces)
-    sheets = [sheet.copy().apply_translation((0, 0, 0.015 * number)) for number in range(8)]
-    points = np.random.default_rng(0).uniform(-0.02, 0.02, (100, 3)) * (1, 1, 0)
-    return trimesh.util.concatenate(sheets), points
-
-
 def plate(width: float = 0.06) -> trimesh.Trimesh:
     """A plate whose top is at z = 0, with the origin in its middle, as for all shapes here."""
     return trimesh.creation.box((width, 0.06, 0.01)).apply_translation((0, 0, -0.005))
 
 
-def ball() -> trimesh.Trimesh:
-    return trimesh.creation.icosphere(subdivisions=4, radius=0.02).apply_translation((0, 0, -0.02))
-
-
-def edge(along: bool) -> trimesh.Trimesh:
-    """A prism with an edge of 60 degrees, along the finger or across it."""
+def edge() -> trimesh.Trimesh:
+    """A prism with an edge of 60 degrees, across the finger."""
     corners = [(x, y, z) for x in (-0.03, 0.03) for y, z in ((0, 0), (0.0173, -0.03), (-0.0173, -0.03))]
-    prism = trimesh.convex.convex_hull(np.array(corners))
-    if along:
-        prism.apply_transform(trimesh.transformations.rotation_matrix(np.pi / 2, (0, 0, 1)))
-    return prism
+    return trimesh.convex.convex_hull(np.array(corners))
 
 
 def vertex() -> trimesh.Trimesh:
@@ -69,26 +50,6 @@ def bent_finger() -> np.ndarray:
     joints = HAND.open_joint_positions.copy()
     joints[4 * FINGER : 4 * FINGER + 4] = BENT_JOINTS
     return joints
-
-
-def crossed_fingers() -> np.ndarray:
-    """Joint positions (J,) of index and middle finger turned into each other."""
-    joints = HAND.open_joint_positions.copy()
-    joints[[1, 5]] = 1.2
-    joints[[0, 4]] = 0.25, -0.25
-    return joints
-
-
-def mass_at_pad(simulation: GraspSimulation) -> float:
-    """Effective mass (kg) of the hand at the pad, along the pad's normal; the palm is at the origin."""
-    model, data = simulation.model, simulation.data
-    position, rotation = HAND.sensor_frames(HAND.forward(np.eye(4), data.qpos))
-    out, body = rotation[FINGER, :, 0], model.body(HAND.link_names[HAND.sensor_link[FINGER]]).id
-    jacobian, inertia = np.zeros((3, model.nv)), np.zeros((model.nv, model.nv))
-    mujoco.mj_jac(model, data, jacobian, None, position[FINGER] + gel_distance() * out, body)
-    mujoco.mj_fullM(model, data, inertia)
-    along = out @ jacobian
-    return float(1 / (along @ np.linalg.solve(inertia, along)))
 
 
 def placed_at_pad(shape: trimesh.Trimesh, joints: np.ndarray, deep: float = PRESS, at=(0.0, 0.0)) -> trimesh.Trimesh:

@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from palpate.charts import Graph, sphere, touch_chart, vision_atlas
-from studies.benchmarks.straightforward import dense_adjacency
+from tests.models.straightforward import dense_adjacency
 
 CHARTS = Graph(4)
 GRAPHS = [(0, "charts"), (4, "charts"), (20, "charts"), (4, "no_comm"), (4, "sphere")]

@@ -14,7 +14,7 @@ import trimesh
 from palpate.batch import UnusableObject, generator
 from palpate.grasp import grasp_object
 from palpate.grasp.closing import GraspSimulation
-from palpate.grasp.grasp import OUT_OF_RANGE, UNSETTLED, UNTOUCHED, Grasper
+from palpate.grasp.grasp import BLOCKED, OUT_OF_RANGE, UNSETTLED, UNTOUCHED, Grasper
 from palpate.grasp.patches import surface_patches
 from palpate.grasp.penetration import PenetrationCheck
 from palpate.hand import allegro, from_mjcf
@@ -243,6 +243,13 @@ def test_a_hand_that_is_in_itself_when_open_is_an_error_and_not_one_of_the_objec
     with pytest.raises(ValueError, match="hand 'allegro': open, its links are 1.* mm deep in each other"):
         grasps_of(bottle(), hand=fist(deep=True))
     assert len(grasps_of(bottle(), hand=fist(deep=False), per_object=1, attempts=1).touches) == 1
+
+
+def test_gaps_that_no_palm_fits_in_leave_no_free_pose():
+    sheet = trimesh.creation.box((0.3, 0.3, 1e-4))
+    sheets = trimesh.util.concatenate([sheet.copy().apply_translation((0, 0, 0.015 * k)) for k in range(8)])
+    points = np.random.default_rng(0).uniform(-0.02, 0.02, (100, 3)) * (1, 1, 0)
+    assert Grasper(sheets, sheets, points, HAND).attempt(np.random.default_rng(0)) == BLOCKED
 
 
 def test_a_pose_is_free_of_the_object_though_the_hand_touches_itself():

@@ -7,7 +7,7 @@ import torch
 
 from palpate.charts import Graph
 from palpate.models import GraphNetwork, ZeroNeighbourLayer
-from studies.benchmarks.straightforward import dense_adjacency
+from tests.models.straightforward import dense_adjacency
 
 
 def plain_layer(layer, x, adjacency):

@@ -9,7 +9,7 @@ from palpate.charts import ATLAS_RADIUS, sphere, vision_atlas
 from palpate.experiments import Experiment
 from palpate.mesh import OBJECT_POSITION
 from palpate.models import Reconstruction
-from studies.benchmarks import straightforward
+from tests.models import straightforward
 from tests.models.batches import SMALL, random_batch, resized_world
 
 EXPERIMENTS = [

@@ -5,9 +5,9 @@ import trimesh
 from scipy.spatial.transform import Rotation
 
 
-def lumpy(subdivisions=3) -> trimesh.Trimesh:
-    """A bumpy closed surface about 0.1 m wide: 1280 faces, or 320 that have some of its vertices."""
-    made = trimesh.creation.icosphere(subdivisions=subdivisions, radius=0.05)
+def lumpy() -> trimesh.Trimesh:
+    """A bumpy closed surface about 0.1 m wide: 1280 faces."""
+    made = trimesh.creation.icosphere(subdivisions=3, radius=0.05)
     x, y, z = 100 * made.vertices.T
     made.vertices *= 1 + 0.1 * (np.sin(3 * x) * np.sin(4 * y + 1) * np.cos(3 * z))[:, None]
     return made

@@ -303,6 +303,17 @@ def test_rotations_may_be_in_single_precision(method):
         np.testing.assert_array_equal(call(ORIGIN, IDENTITY.astype(np.float32)), call(ORIGIN, IDENTITY))
 
 
+@pytest.mark.parametrize("method", METHODS)
+def test_poses_that_are_none_are_errors_and_no_missed_touch(method):
+    tracer, nan = method(sheet(0.01)), np.diag([1.0, np.nan, 1])
+    poses = [((0, at, 0), np.eye(3), "position of sensor 0 is not finite") for at in (np.nan, np.inf)]
+    poses += [((0, 0, 0), axes, "axes of sensor 0 are not") for axes in (nan, np.diag([1.0, 1, -1]), 1.01 * np.eye(3))]
+    for position, rotation, message in poses:
+        for call in (tracer.trace, tracer.succeeds):
+            with pytest.raises(ValueError, match=message):
+                call(np.array([position], dtype=float), rotation[None])
+
+
 def test_points_too_far_out_for_single_precision_are_refused():
     depth = np.full((RESOLUTION, RESOLUTION), 0.01)
     for away in (17.0, -1e6, np.nan):

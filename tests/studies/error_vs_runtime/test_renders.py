@@ -12,8 +12,8 @@ from palpate.mesh import OBJECT_POSITION
 from palpate.scene import LIGHTS
 from palpate.vision import image, paper_camera, renderer
 from studies.error_vs_runtime.renders import REFERENCE, REFERENCE_CYCLES, ImagePair, Renders, crop, study
-from studies.image_difference import rms
-from studies.omitted.renders import rewrite_glb
+from studies.scenes import rms
+from tests.vision.glb import rewrite_glb
 from tests.vision.scenes import grasp_poses, painted, scene_of
 
 VISION = {"size": 64, "samples": 8, "device": "cpu"}

@@ -5,11 +5,11 @@ import pytest
 
 from palpate.grasp.closing import GraspSimulation
 from studies.omitted import grasps
-from studies.omitted.grasps import CHECK_ITEMS, ITEMS, KEPT_ITEMS, NOT_MODELLED_ITEMS, OMITTED_ITEMS
-from studies.omitted.omission import NOT_MODELLED, OMITTED, STAYS
+from studies.omitted.grasps import CHECK_ITEMS, ITEMS
+from studies.omitted.omission import OMITTED
 from tests.studies.omitted.small_run import SETTINGS
 
-FINGERS_CHANGE = {*NOT_MODELLED_ITEMS, "self-collision"}
+OMITTED_ITEMS = [item for item, row in ITEMS.items() if row["state"] == OMITTED]
 
 
 @pytest.fixture(scope="module")
@@ -24,29 +24,23 @@ def case(run):
 
 
 def test_every_item_is_compared(found):
-    assert set(found) == set(ITEMS) and len(ITEMS) == 13
+    assert set(found) == {*ITEMS, *CHECK_ITEMS} and len(found) == 12
     assert {item for item, each in found.items() if each.state == OMITTED} == {*OMITTED_ITEMS, *CHECK_ITEMS}
 
 
-@pytest.mark.parametrize("item", sorted(set(ITEMS) - FINGERS_CHANGE))
+@pytest.mark.parametrize("item", [*OMITTED_ITEMS, *CHECK_ITEMS])
 def test_the_result_is_the_same(found, item):
     omission = found[item]
     one, other = omission.with_it(), omission.without()
     assert omission.difference(one, other) <= omission.bound
-    assert omission.bound == 0 or item in grasps.BOUNDS
+    assert omission.bound == {"gravity": 1e-6, "object degrees of freedom": 0.01}.get(item, 0)
 
 
-@pytest.mark.parametrize("item", sorted(FINGERS_CHANGE))
+@pytest.mark.parametrize("item", sorted(set(ITEMS) - set(OMITTED_ITEMS)))
 def test_what_changes_the_result_is_kept_or_said_to_be_a_choice(found, item):
     omission = found[item]
-    assert omission.state == (NOT_MODELLED if item in NOT_MODELLED_ITEMS else STAYS)
+    assert omission.when.startswith("never: " if item == "self-collision" else "always, by choice of the model, not")
     assert omission.difference(omission.with_it(), omission.without()) > 0.1  # degrees
-
-
-def test_when_says_why_an_item_is_kept_or_not_modelled():
-    assert {grasps.when(item) for item in (*OMITTED_ITEMS, *CHECK_ITEMS)} == {"always"}
-    assert all(grasps.when(item) == f"never: {why}" for item, why in KEPT_ITEMS.items())
-    assert grasps.when("friction").startswith("always, by choice of the model, not as a saving: fingers slide")
 
 
 def test_fingers_are_stopped_by_the_object(case):
@@ -62,7 +56,7 @@ def test_with_all_that_is_omitted_put_in_at_once_the_joints_end_at_the_same_angl
         grasps.final_joints(everything, case),
         grasps.final_joints(GraspSimulation(case.hand, case.patches), case),
     )
-    assert grasps.joint_difference(one, other) < grasps.GIVING_WAY
+    assert grasps.joint_difference(one, other) < ITEMS["object degrees of freedom"]["bound"]
 
 
 def test_a_held_object_gives_way_less_than_a_tenth_of_a_micrometre(case):

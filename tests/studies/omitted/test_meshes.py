@@ -5,7 +5,7 @@ import pytest
 import trimesh
 
 from palpate.mesh.decimate import collapse, decimate
-from studies.omitted.meshes import ITEMS, Level, omissions, record_difference, vertex_distance
+from studies.omitted.meshes import ITEMS, Level, difference, omissions
 from studies.omitted.omission import OMITTED
 from tests.studies.omitted.small_run import SETTINGS
 
@@ -39,12 +39,12 @@ def test_differences_are_seen():
     vertices, faces = np.zeros((3, 3)), np.array([[0, 1, 2]])
     record = {way: {"mean": 0.0, "max": 0.0} for way in ("source_to_level", "level_to_source")}
     level = Level(vertices, faces, record)
-    assert vertex_distance(level, level) == 0
-    assert vertex_distance(level, level._replace(vertices=vertices + 1e-3)) == pytest.approx(1e-3)
-    assert vertex_distance(level, level._replace(faces=faces[:, ::-1])) == np.inf
-    assert vertex_distance(level, level._replace(vertices=np.zeros((4, 3)))) == np.inf
+    assert difference(level, level) == 0
+    assert difference(level, level._replace(vertices=vertices + 1e-3)) == pytest.approx(1e-3)
+    assert difference(level, level._replace(faces=faces[:, ::-1])) == np.inf
+    assert difference(level, level._replace(vertices=np.zeros((4, 3)))) == np.inf
     worse = record | {"level_to_source": {"mean": 0.0, "max": 0.25}}
-    assert record_difference(level, level._replace(record=worse)) == 0.25
+    assert difference(level, level._replace(record=worse)) == 0.25
 
 
 def test_a_mesh_that_is_small_already_is_not_decimated():

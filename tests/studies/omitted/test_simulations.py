@@ -10,9 +10,8 @@ from palpate.grasp import grasp_object
 from palpate.grasp.closing import GraspSimulation
 from palpate.grasp.grasp import Grasper
 from palpate.grasp.patches import surface_patches
-from palpate.grasp.penetration import geom_surface
 from palpate.hand import allegro, from_mjcf
-from studies.omitted.simulations import ChangedSimulation, EveryFace, EveryPair, ReachLimitedSimulation, reach_of
+from studies.omitted.simulations import ChangedSimulation, EveryFace, EveryPair
 from tests.hand import grippers
 
 HAND = allegro()
@@ -104,37 +103,6 @@ def test_friction_and_self_collision(patches):
     mine = ~of_object(model)
     assert not (model.geom_contype[mine] & model.geom_conaffinity[mine]).any()
     assert (model.geom_contype[mine] & model.geom_conaffinity[~mine][0]).all()
-
-
-def test_no_joint_positions_take_the_hand_out_of_its_reach():
-    rng = np.random.default_rng(0)
-    links = HAND.forward(np.eye(4), rng.uniform(*HAND.joint_range.T, (500, 16)))
-    poses = HAND.geom_poses(links)
-    farthest = max(
-        np.linalg.norm(
-            geom_surface(HAND, geom).reshape(-1, 3) @ poses[:, geom, :3, :3].swapaxes(1, 2)
-            + poses[:, geom, None, :3, 3],
-            axis=2,
-        ).max()
-        for geom in range(len(HAND.geom_kind))
-    )
-    assert 0.7 * reach_of(HAND) < farthest < reach_of(HAND)
-
-
-def test_patches_out_of_reach_are_those_with_no_point_in_reach(patches):
-    simulation = ReachLimitedSimulation(HAND, patches, TIMESTEP)
-    pose = np.eye(4)
-    pose[:3, 3] = (0.03, 0, 0.4)
-    simulation.place(pose, HAND.open_joint_positions)
-    near = simulation.model.geom_contype[of_object(simulation.model)] == 1
-    nearest = np.array([np.linalg.norm(patch - pose[:3, 3], axis=1).min() for patch in patches])
-    assert near[nearest <= reach_of(HAND)].all()
-    assert not near.all() and (nearest[~near] > reach_of(HAND)).all()
-    # Put near again, all are back.
-    pose[:3, 3] = 0
-    simulation.place(pose, HAND.open_joint_positions)
-    assert simulation.model.geom_contype[of_object(simulation.model)].all()
-    assert simulation.reachable(np.zeros(3)).all()
 
 
 def test_grasps_say_how_much_is_omitted_and_are_the_same_with_it_put_in(patches):

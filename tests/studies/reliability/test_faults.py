@@ -41,15 +41,6 @@ def test_what_nobody_notices_is_silent(copy):
     assert {found.noticed for found in faults.apply(kind, rename, copy, rng, 1)} == {"silent"}
 
 
-def test_values_that_are_gone_a_moved_folder_and_a_clock(copy):
-    rng, before = np.random.default_rng(0), contents(copy)
-    assert {found.noticed for found in faults.values_removed(copy, rng, 2)} == {"reader"}
-    assert {found.noticed for found in faults.moved(copy, rng, 1)} == {"unchanged"}
-    assert {found.noticed for found in faults.source_changed(copy, rng, 1)} == {"validate"}
-    assert {found.noticed for found in faults.store_rebuilt(copy, rng, 1)} == {"validate"}
-    assert contents(copy) == before
-
-
 def test_a_row_counts_each_outcome(tmp_path):
     tries = [Try("reader", f"StoreError: {tmp_path}/touch is damaged\nmore"), Try("silent"), Try("reader")]
     found = row("cut", tries, tmp_path)

@@ -30,7 +30,7 @@ from studies.stability.contact import (
     mass,
     no_unsound_accepted,
     none_accepted,
-    solref,
+    setting,
 )
 from studies.subjects import Subject
 
@@ -56,7 +56,7 @@ def test_short_cases_hold(case, subject):
 
 def test_every_finding_of_an_exploding_contact_fails(subject):
     """No refsafe, and contacts a thousand times stiffer than the time step can follow."""
-    exploded = closing_setup(subject).record(solref(4e-6, safe=False))
+    exploded = closing_setup(subject).record(setting(safe=False, solref=(4e-6, 1)))
     verdicts = {finding.quantity: finding.verdict for finding in soundness(exploded)}
     assert verdicts["engine's warnings"] == FAILS
     assert verdicts["kinetic energy over the servos' work"] == FAILS
@@ -152,5 +152,5 @@ def test_recording_does_not_change_a_closing(subject):
 def test_reasons_are_told_apart(subject):
     setup = closing_setup(subject)
     assert isinstance(setup.grasper, Grasper)
-    assert UNSTABLE in {each.outcome for each in setup.record(solref(4e-6, safe=False))}
+    assert UNSTABLE in {each.outcome for each in setup.record(setting(safe=False, solref=(4e-6, 1)))}
     assert {each.outcome for each in setup.record()} == {CLOSED}

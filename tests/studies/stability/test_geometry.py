@@ -36,17 +36,10 @@ def all_thin(vertices, faces, keep, tolerance):
     return keep & (height <= tolerance)
 
 
-def absolute(vertices, faces, part):
-    """Vertices merged within a distance that is not a share of the object's size."""
-    return repairs.repair(np.round(vertices, 2), faces, part)
-
-
 NAIVE = {
     "blade of 0.2 mm": (build, "decimate", thinning),
     "sheet without thickness": (repairs, "_doubled", lambda vertices, faces, merged, among, tolerance: ~among),
     "slivers of aspect 1e6": (repairs, "_droppable", all_thin),
-    "objects x0.01 to x100": (build, "repair", absolute),
-    "coordinates offset by 1e6": (build, "COARSEST", np.inf),
     "hole narrower than a finger": (geometry, "surface_patches", whole),
     "deep concavity": (geometry, "surface_patches", whole),
 }
@@ -67,12 +60,3 @@ def test_clearance_of_a_box():
     points = np.array([(3.0, 0, 0), (0, 0, 5.0)])
     assert geometry.clearance([box], points) == pytest.approx(2)
     assert geometry.clearance([box, box + 10], np.zeros((1, 3))) == pytest.approx(-1)
-
-
-def test_looks_along():
-    for axis in range(3):
-        for sign in (1, -1):
-            frame = geometry.rotation_along(axis, sign)
-            np.testing.assert_array_equal(frame[:, 0], sign * np.eye(3)[axis])
-            np.testing.assert_allclose(frame.T @ frame, np.eye(3))
-            assert np.linalg.det(frame) == pytest.approx(1)

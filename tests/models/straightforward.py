@@ -1,4 +1,4 @@
-"""A straightforward implementation of the model: the reference for tests and timings of the fast one.
+"""A straightforward implementation of the model: the reference that the fast one is compared with.
 
 Layout (sample, vertex, channel); a dense adjacency matrix; the image encoded again at each deformation; pooling from
 the four cells around each vertex; all pairs of points for the Chamfer distance. It uses the weights of a
@@ -221,14 +221,3 @@ def reconstruct(model: Reconstruction, batch: dict, adjacency: torch.Tensor) -> 
     if model.copies_touch:
         positions = torch.cat([positions, touch], dim=1)
     return positions
-
-
-def chamfer_distance(a: torch.Tensor, b: torch.Tensor) -> torch.Tensor:
-    """(B, n, 3), (B, m, 3) -> (B,): mean squared distance both ways, by all pairs."""
-    distances = []
-    for one, other in zip(a, b, strict=True):
-        with torch.no_grad():
-            pairs = torch.cdist(one, other, compute_mode="donot_use_mm_for_euclid_dist")
-            to_other, to_one = pairs.argmin(dim=1), pairs.argmin(dim=0)
-        distances.append((one - other[to_other]).square().sum(1).mean() + (other - one[to_one]).square().sum(1).mean())
-    return torch.stack(distances)
