@@ -2,12 +2,11 @@
 
     python -m studies.benchmarks.training results/<run> [--experiment charts_occluded_touch] [--recipe fast]
         [--seconds 200 | --steps 1000] [--windows 1] [--validate-on results/<larger run>] [--seeds 0 1]
-        [--base results/<run>/models/<base>] [--variants NAME ...]
+        [--variants NAME ...]
 
 Each variant of `VARIANTS` (default: all), or one given as YAML, changes some keys of the recipe. Its steps are timed
 first. Then it trains for as many steps as fit in the seconds of processor time on one core, or for --steps; the
-schedule ends with the last. The run's stores must exist (python -m palpate.inference.inputs lists them). With --base
-each seed goes on from that model of its seed, with the recipe's settings of a continuation.
+schedule ends with the last. The run's stores must exist (python -m palpate.inference.inputs lists them).
 
 The last columns say how smooth the best model's meshes are (`palpate.evaluation.surface_quality`), the mean over the
 validation windows. With few objects the validation loss is inaccurate: --validate-on uses the validation objects of a
@@ -19,7 +18,6 @@ import logging
 import os
 import statistics
 import tempfile
-from dataclasses import replace
 from itertools import product
 from pathlib import Path
 
@@ -83,7 +81,6 @@ def main() -> None:
     parser.add_argument("--validate-on", type=Path)
     parser.add_argument("--seeds", type=int, nargs="+", default=[0])
     parser.add_argument("--recipe", default="fast")
-    parser.add_argument("--base", type=Path, help="folder of a base model, with its seeds")
     parser.add_argument("--variants", nargs="+", default=list(VARIANTS), help="names of VARIANTS, or YAML")
     args = parser.parse_args()
     logging.basicConfig(level=logging.WARNING)
@@ -92,8 +89,6 @@ def main() -> None:
     declared = Experiments.read(PROJECT / "config/experiments.yaml", schemas / "experiments.schema.yaml")
     experiment = declared.experiments[args.experiment]
     recipe = Recipe.read(PROJECT / "config/recipes.yaml", args.recipe, {}, schemas / "recipes.schema.yaml")
-    if not args.base:
-        experiment = replace(experiment, base=None)
     common = recipe.settings(experiment).row()
     data = ExperimentData.load(args.run, experiment, ("train", "validation"))
     if args.validate_on:
@@ -111,20 +106,19 @@ def main() -> None:
         settings = merge(common, VARIANTS.get(name) if name in VARIANTS else yaml.safe_load(name))
         terms = settings.pop("surface_terms", None)
         settings |= {"validation_samples": args.windows, "validation_points": 2500, "epochs": None, "patience": None}
-        start = args.base / f"seed-{seed}/best.ckpt" if args.base else None
 
-        def learner_of(seed: int, start: Path | None, settings: dict, terms: dict | None = terms):
+        def learner_of(seed: int, settings: dict, terms: dict | None = terms):
             extra_loss = SurfaceTerms(**terms) if terms else None
             made = ReconstructionSettings.from_row(settings)
-            return ReconstructionLearner(data, experiment, made, seed, start, extra_loss)
+            return ReconstructionLearner(data, experiment, made, seed, extra_loss)
 
-        (timed := learner_of(0, None, settings)).on_fit_start()
+        (timed := learner_of(0, settings)).on_fit_start()
         step = TrainingSteps(timed)
         seconds = statistics.median([step(number) for number in range(2 * TIMED)][TIMED:])
         steps = args.steps or int(args.seconds / seconds)
         settings |= {"steps": steps, "evaluate_every": -(-steps // EVALUATIONS)}
         with tempfile.TemporaryDirectory() as folder:
-            learner = learner_of(seed, start, settings)
+            learner = learner_of(seed, settings)
             found = train(learner, f"{folder}/model", f"{folder}/checkpoints", Machine("cpu"), name)
             rows = np.genfromtxt(f"{folder}/model/history.csv", delimiter=",", names=True)
             smooth = smoothness(load(f"{folder}/model/best.ckpt"), data, experiment, args.windows)

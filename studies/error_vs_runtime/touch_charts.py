@@ -14,10 +14,11 @@ from scipy.spatial import cKDTree
 from torch import Tensor
 
 from palpate.charts import fit_adam, fit_direct, touch_chart
+from palpate.charts.fit import placed
 from palpate.dataset import Dataset
 from palpate.mesh import OBJECT_POSITION, load_visual
 from palpate.mesh.distance import Surface, sample
-from palpate.touch import RESOLUTION, SENSOR_WIDTH, local_points
+from palpate.touch import PIXEL_CENTRES, RESOLUTION, SENSOR_WIDTH, local_points
 from studies.error_vs_runtime.study import Method, Study
 from studies.exact_depth import exact_depth
 from studies.subjects import Subject
@@ -74,6 +75,15 @@ def distances(chart: np.ndarray, truth: np.ndarray, tree: cKDTree) -> tuple[np.n
     return to_chart, tree.query(sample(chart, faces, CHART_POINTS))[0]
 
 
+def fit_to_nearest(depth: Tensor, valid: Tensor, position: Tensor, rotation: Tensor) -> Tensor:
+    """Another direct fit: each vertex of the sensor's grid is moved to the nearest pixel in contact."""
+    z, y = torch.meshgrid(*2 * [torch.from_numpy(PIXEL_CENTRES).float()], indexing="ij")
+    pixels = torch.stack([y, z], dim=2).reshape(-1, 2)
+    pixel_distance = torch.cdist(touch_chart().grid, pixels).expand(len(depth), -1, -1)
+    at = pixel_distance.masked_fill(~valid.flatten(1)[:, None], torch.inf).argmin(dim=2)
+    return placed(torch.cat([depth.flatten(1).gather(1, at)[..., None], pixels[at]], dim=2), position, rotation)
+
+
 class TouchCharts(Study):
     """Two touches of each of at most two objects: the paper's optimisation is slow."""
 
@@ -110,7 +120,11 @@ class TouchCharts(Study):
     def methods(self) -> list[Method]:
         by_adam = self.settings["training"]["chart_fit"] == "adam"
         steps = signature(fit_adam).parameters["steps"].default if by_adam else MAX_STEPS
-        methods = [Method("direct", "rows", "over the contact", _direct, not by_adam)]
+        fits = {"over the contact": fit_direct, "to the nearest contact": fit_to_nearest}
+        methods = [
+            Method("direct", "rows", name, lambda case, fit=fit: fit(*case[:4]), fit is fit_direct and not by_adam)
+            for name, fit in fits.items()
+        ]
         for knob, values in {"steps": (steps, 50), **VARIANTS}.items():
             for value in values:
                 run = partial(_adam, {"steps": steps, knob: value})
@@ -123,10 +137,6 @@ class TouchCharts(Study):
         largest = [max(to_chart.max(), from_chart.max()) for to_chart, from_chart in both_ways]
         values = 1e3 * np.sqrt(np.mean(square)), 1e3 * np.max(largest)
         return dict(zip(self.units, map(float, values), strict=True))
-
-
-def _direct(case: Touches) -> Tensor:
-    return fit_direct(case.depth, case.valid, case.position, case.rotation)
 
 
 def _adam(options: Mapping[str, Any], case: Touches) -> Tensor:

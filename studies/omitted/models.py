@@ -85,7 +85,7 @@ class NaiveReconstruction(Reconstruction):
             self.reading_weight = nn.Parameter(torch.empty(features, width))
         if SPARE in naive:
             charts, graph = self.graph.touch_charts, self.graph
-            self.graph = SpareGraph(charts, graph.kind, graph.normalisation, self.hand_sensors * GRASPS - charts)
+            self.graphs[-1] = SpareGraph(charts, graph.kind, graph.normalisation, self.hand_sensors * GRASPS - charts)
 
     def _inputs(self, batch, vertices):
         needless = [self._reading_products(batch, vertices)] if self.needless_readings else []

@@ -15,7 +15,7 @@ from palpate.rebuild_command import RECORD
 from workflow.run.lock import JOBS_LOCK, LOCK
 
 PROJECT = Path(__file__).parents[2]
-# The data with their tables and figures, and a model that continues from another, with its evaluation.
+# The data with their tables and figures, and a model with its evaluation.
 TARGETS = ("dataset", "evaluations/charts_occluded_touch/seed-0.csv")
 # Records of how a run went: times, places, processes. Models and evaluations have some too.
 OF_THE_WAY = (".snakemake", "logs", "benchmarks", LOCK, JOBS_LOCK, RECORD, "models", "evaluations")

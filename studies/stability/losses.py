@@ -41,7 +41,7 @@ LAYERS = Architecture(
     **{"failed_charts": "fixed", "normalise_positions": True, "init": "he", "last_layer_scale": 0.01},
 )
 TRAINING = {"optimiser": "adam", "rate": 1e-3, "schedule": "constant", "weight_decay": 0, "clip": 1.0, "ema": None}
-TRAINING |= {"batch": 1, "steps": 12, "epochs": None, "evaluate_every": 4, "patience": None}
+TRAINING |= {"batch": 1, "steps": 12, "epochs": None, "evaluate_every": 4, "patience": None, "epoch": "objects"}
 TRAINING |= {"loss_points": 500, "validation_points": 500, "validation_samples": 1}
 SETTINGS = ReconstructionSettings(architecture=LAYERS, **TRAINING)
 

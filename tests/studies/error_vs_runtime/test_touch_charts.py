@@ -103,6 +103,7 @@ def test_errors_of_fits(touches):
     direct = error(methods["direct, rows over the contact"].run(touches))
     # Chords of a ball of 20 mm over 2 mm leave 25 micrometres; the rest is at the contact's edge.
     assert 0.005 < direct < 0.2
+    assert error(methods["direct, rows to the nearest contact"].run(touches)) < 0.3
     options = {"samples": 300}
     early, late = (error(_adam(options | {"steps": steps}, touches)) for steps in (5, 20))
     assert direct < late < early
