@@ -7,6 +7,7 @@ It needs root. Its daemons have ports, keys and folders of their own and end wit
 killed with `scancel`; the run ends with an error, is started again, and continues.
 """
 
+import argparse
 import os
 import secrets
 import signal
@@ -83,6 +84,7 @@ def killed_in_the_middle(run: SmallRun, log: Path) -> str:
 
 
 def main() -> None:
+    argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter).parse_args()
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         local = small_run(folder, "local")
