@@ -246,7 +246,8 @@ def test_a_hand_that_is_in_itself_when_open_is_an_error_and_not_one_of_the_objec
 
 
 def test_gaps_that_no_palm_fits_in_leave_no_free_pose():
-    sheet = trimesh.creation.box((0.3, 0.3, 1e-4))
+    """Parallel sheets 15 mm apart that face upwards, and points on the lowest."""
+    sheet = trimesh.Trimesh(0.15 * np.array([(-1, -1, 0), (1, -1, 0), (1, 1, 0), (-1, 1, 0)]), [(0, 1, 2), (0, 2, 3)])
     sheets = trimesh.util.concatenate([sheet.copy().apply_translation((0, 0, 0.015 * k)) for k in range(8)])
     points = np.random.default_rng(0).uniform(-0.02, 0.02, (100, 3)) * (1, 1, 0)
     assert Grasper(sheets, sheets, points, HAND).attempt(np.random.default_rng(0)) == BLOCKED
