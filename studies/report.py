@@ -7,9 +7,9 @@ report.measure("stability", "rays", "results/default")
 """
 
 import importlib
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import pandas as pd
 
@@ -21,19 +21,11 @@ from studies.omitted import omission
 from studies.stability import cases
 from studies.timing import ROUNDS
 
-
-class JoinSpec(NamedTuple):
-    """How to join the tables of a report's items: summary, figure, and columns dropped from the joined table."""
-
-    summarise: Callable[[pd.DataFrame], pd.DataFrame]
-    draw: Callable[[pd.DataFrame, Path], None]
-    dropped: tuple[str, ...] = ()
-
-
+# How to join the tables of a report's items: summary, figure, and columns dropped from the joined table.
 JOINS = {
-    "error_vs_runtime": JoinSpec(summaries.fronts, figures.fronts, dropped=("reference",)),
-    "stability": JoinSpec(summaries.verdicts, figures.margins),
-    "omitted": JoinSpec(summaries.savings, figures.savings),
+    "error_vs_runtime": (summaries.fronts, figures.fronts, ["reference"]),
+    "stability": (summaries.verdicts, figures.margins, []),
+    "omitted": (summaries.savings, figures.savings, []),
 }
 
 
@@ -64,12 +56,12 @@ def measure(
 
 def join(report: str, items: Iterable[Path | str], table: Path | str, text: Path | str, figure: Path | str) -> None:
     """Join the tables of a report's items: all rows as CSV, a summary as Markdown, a figure as PNG; atomically."""
-    spec, rows = JOINS[report], read(items)
-    write(rows.drop(columns=list(spec.dropped)), table)
+    (summarise, draw, dropped), rows = JOINS[report], read(items)
+    write(rows.drop(columns=dropped), table)
     with atomic_write(text) as path:
-        path.write_text(markdown(spec.summarise(rows)))
+        path.write_text(markdown(summarise(rows)))
     with atomic_write(figure) as path:
-        spec.draw(rows, path)
+        draw(rows, path)
 
 
 def write(table: pd.DataFrame, path: Path | str) -> None:

@@ -39,12 +39,6 @@ KNOBS: dict[str, tuple[str, tuple, float | None]] = {
 REST_DURATION = 0.8  # s, of the reference's closing: doubling it changes joints by 0.002 degrees in the mean
 REFERENCE_TIMESTEP = 1e-4  # s, of the references
 THICKNESS = 2e-4  # m, of the reference's pieces
-AT_REST = (
-    f"hand at rest: closed in {REST_DURATION} s at {1e3 * REFERENCE_TIMESTEP} ms, 100 iterations, "
-    "a piece for every face of the collision mesh"
-)
-SAME_MOTION = f"same motion: the run's closing at {1e3 * REFERENCE_TIMESTEP} ms, 100 iterations"
-TRUE_SURFACE = "penetration: closed forms against the visual mesh"
 
 
 @dataclass(frozen=True)
@@ -149,7 +143,11 @@ class GraspStudy(Study):
 
     stage = "grasps"
     units = {"joint": "deg", "tip": "mm", "penetration": "mm", "flipped": "% of touches", "joint, same motion": "deg"}
-    reference = f"{AT_REST}; {SAME_MOTION}; {TRUE_SURFACE}"
+    reference = (
+        f"hand at rest: closed in {REST_DURATION} s at {1e3 * REFERENCE_TIMESTEP} ms, 100 iterations, a piece for "
+        f"every face of the collision mesh; same motion: the run's closing at {1e3 * REFERENCE_TIMESTEP} ms, 100 "
+        "iterations; penetration: closed forms against the visual mesh"
+    )
 
     def __init__(self, run: Path, subjects: Sequence[Subject], settings: Mapping[str, Any]):
         super().__init__(run, subjects, settings)
