@@ -18,7 +18,8 @@ from palpate import checksums, mesh
 from palpate.batch import UnusableObject
 from palpate.checksums import DamagedFile
 from palpate.mesh import topology
-from palpate.mesh.decimate import decimate
+from palpate.mesh.decimate import collapse, decimate
+from palpate.mesh.distance import Surface, distance
 from palpate.mesh.isolation import isolated
 from tests.mesh import nasty
 
@@ -80,6 +81,41 @@ def test_a_small_mesh_is_its_own_level(tmp_path):
     assert record["collision.ply"]["source_to_level"] == {"mean": 0, "max": 0}
     collision, visual = mesh.load_collision(tmp_path / "out"), mesh.load_visual(tmp_path / "out")
     assert np.array_equal(collision.triangles, visual.triangles)
+
+
+def test_a_mesh_that_is_small_already_is_not_decimated():
+    solid = trimesh.creation.box((0.04, 0.04, 0.45)).subdivide().subdivide()
+    vertices, faces = np.float32(solid.vertices).astype(float), np.asarray(solid.faces, dtype=np.int64)
+    same = decimate(vertices, faces, len(faces))
+    assert same[0] is vertices and same[1] is faces
+    collapsed = collapse(vertices, faces, len(faces))
+    assert collapsed[0] is not vertices
+    np.testing.assert_array_equal(collapsed[0], vertices)
+    np.testing.assert_array_equal(collapsed[1], faces)
+    assert len(decimate(vertices, faces, len(faces) // 2)[1]) <= len(faces) // 2
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_decimating_an_untidy_mesh_to_all_its_faces_changes_nothing(seed):
+    """Holes, faces folded back, and faces across the solid: edges with three faces and more."""
+    rng = np.random.default_rng(seed)
+    ball = trimesh.creation.icosphere(subdivisions=2)
+    faces = ball.faces[rng.random(len(ball.faces)) < 0.8]
+    across = rng.permuted(np.tile(np.arange(len(ball.vertices)), (10, 1)), axis=1)[:, :3]
+    faces = np.concatenate([faces, faces[:5, ::-1], across])
+    used, faces = np.unique(faces, return_inverse=True)
+    vertices = np.float32(ball.vertices[used]).astype(float)
+    faces = faces.reshape(-1, 3).astype(np.int64)
+    for count in (len(faces), 2 * len(faces)):
+        found = collapse(vertices, faces, count)
+        np.testing.assert_array_equal(found[0], vertices)
+        np.testing.assert_array_equal(found[1], faces)
+
+
+def test_the_distance_of_a_surface_to_itself_is_rounding(knotted):
+    collision = mesh.load_collision(knotted[0] / "out")
+    level = Surface(np.asarray(collision.vertices), np.asarray(collision.faces, dtype=np.int64))
+    assert 0 < distance(level, level)["max"] < 1e-9
 
 
 def test_levels_that_are_not_decimated_are_named(tmp_path):
