@@ -14,7 +14,7 @@ from palpate.catalogue.companion_files import companions
 from palpate.catalogue.source import CatalogueError
 from palpate.catalogue.sources import SourceObject
 from palpate.catalogue.split import SPLITS, assign_split, suggest_split
-from palpate.checksums import DamagedFile, read_rows
+from palpate.checksums import DamagedFile, read_rows, size_and_sha256
 from palpate.named_files import unusable
 from palpate.rebuild_command import rebuild_advice, rebuild_command
 
@@ -185,10 +185,10 @@ def checksum(path: Path, files: Path | str | None = None) -> str:
     if not path.is_file():
         raise CatalogueError(f"{path}: no such file, though the source lists it: was it moved, or not yet written?")
     names = companions(path, files)
-    own = _digest(path)
+    own = size_and_sha256(path)[1]
     if not names:
         return own
-    lines = [f"{own}  {path.name}\n"] + [f"{_digest(path.parent / name)}  {name}\n" for name in names]
+    lines = [f"{own}  {path.name}\n"] + [f"{size_and_sha256(path.parent / name)[1]}  {name}\n" for name in names]
     return hashlib.sha256("".join(lines).encode()).hexdigest()
 
 
@@ -207,8 +207,3 @@ def sources_of(entries: Sequence[CatalogueEntry]) -> str:
     if not any(entry.checksum for entry in entries):
         return ""
     return provenance.sources_digest((each.object, each.checksum, each.up, each.scale) for each in entries)
-
-
-def _digest(path: Path) -> str:
-    with open(path, "rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()

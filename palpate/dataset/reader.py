@@ -7,7 +7,7 @@ grasp.reading, grasp.success, grasp.points
 
 import difflib
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, overload
@@ -247,7 +247,8 @@ class _Record:
         cls.stage_of = {name: stage for name, (stage, _) in found.items()}
         for name, (stage, spec) in found.items():
             if name not in vars(cls):
-                setattr(cls, name, property(_reader(name), doc=_described(stage, spec, leading)))
+                doc = _described(stage, spec, leading)
+                setattr(cls, name, property(lambda record, name=name: record._read(name), doc=doc))
 
     def __init__(self, run: Run, entry: CatalogueEntry, camera: int = 0):
         self._run, self._entry, self.camera_number = run, entry, camera
@@ -293,10 +294,6 @@ class _Record:
         raise AttributeError(
             f"{type(self).__name__} has no {name!r}{_nearest(name, dir(type(self)))}; its arrays are {known}"
         )
-
-
-def _reader(name: str) -> Callable[[_Record], np.ndarray]:
-    return lambda record: record._read(name)
 
 
 def _described(stage: str, spec: ArraySpec, leading: int) -> str:

@@ -344,7 +344,8 @@ def combine_validation(findings: Sequence[Finding], run: Path | str, sources: Pa
     run = Path(run)
     catalogue, rejected = read_catalogue(run / "catalogue.csv"), read_rejections([run / "rejected.csv"])
     validated = {finding.batch for finding in findings}
-    of_run = [*_check_run(catalogue, rejected, validated), _check_tables(run)]
+    of_run = [*_check_run(catalogue, rejected, validated)]
+    of_run.append(_of_run("tables", "run", (path.relative_to(run).as_posix() for path in checksums.changed(run))))
     if sources is not None:
         files = files_root(sources, Run(run).config.get("source", {}).get("outside", False))
         of_run.append(_check_sources(catalogue, Path(sources), files))
@@ -377,11 +378,6 @@ def _of_run(check: str, store: str, wrong: Iterable[str]) -> Finding:
     """The finding of a check that needs the whole run, from the names of what is wrong."""
     wrong = sorted(wrong)
     return Finding(check, store, "", "", ", ".join(wrong[:NAMED]), len(wrong), CHECKS[check].limit)
-
-
-def _check_tables(run: Path) -> Finding:
-    """All tables, records and checkpoints that have a checksum beside them."""
-    return _of_run("tables", "run", (path.relative_to(run).as_posix() for path in checksums.changed(run)))
 
 
 def _check_sources(catalogue: list[CatalogueEntry], root: Path, files: str) -> Finding:

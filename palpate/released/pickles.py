@@ -97,7 +97,7 @@ class _Call:
 class _Dtype:
     """Record of a numpy type; of its state only the byte order counts."""
 
-    def __init__(self, spec: Any, align: Any = False, copy: Any = False):
+    def __init__(self, spec: Any, *_):
         self.dtype = np.dtype(spec) if isinstance(spec, str) else None
         if self.dtype is None or self.dtype.fields or self.dtype.kind not in KINDS + "O":
             raise _Refused(f"the type {spec!r}")
@@ -110,35 +110,28 @@ class _Dtype:
 
 
 class _Array:
-    """Record of an array."""
+    """Record of an array, or of a number or string of numpy's, which has no shape."""
 
-    def __init__(self, shape: Any = (), dtype: Any = None, data: Any = None, order: str = "C"):
+    def __init__(self, shape: Any = None, dtype: Any = None, data: Any = b"", order: str = "C"):
         self.shape, self.dtype, self.data, self.order = shape, dtype, data, order
 
     def __setstate__(self, state: Any) -> None:
         _, self.shape, self.dtype, fortran, self.data = state
         self.order = "F" if fortran else "C"
 
-    def array(self) -> np.ndarray:
-        """The array itself; ValueError if data and shape do not fit."""
-        shape, dtype = tuple(int(length) for length in self.shape), self.dtype.dtype
+    def value(self) -> Any:
+        """The array or the number itself; ValueError if data and shape do not fit."""
+        shape, dtype = tuple(int(length) for length in self.shape or ()), self.dtype.dtype
         if dtype.kind == "O":
             array = np.empty(len(self.data), dtype=object)
             for place, element in enumerate(self.data):
                 array[place] = _plain(element)
         else:
-            data = self.data.encode("latin1") if isinstance(self.data, str) else bytes(self.data)
             # numpy refuses buffers of strings without letters
-            array = np.frombuffer(data, dtype) if dtype.itemsize else np.zeros(shape, dtype)
+            array = np.frombuffer(_bytes(self.data), dtype) if dtype.itemsize else np.zeros(shape, dtype)
             array = array.astype(dtype.newbyteorder("="))
-        return array.reshape(shape, order=self.order)
-
-
-class _Scalar(_Array):
-    """Record of one of numpy's numbers or strings."""
-
-    def __init__(self, dtype: Any, data: Any = b""):
-        super().__init__((), dtype, data)
+        array = array.reshape(shape, order=self.order)
+        return array[()] if self.shape is None else array
 
 
 def _bytes(data: Any = b"", encoding: Any = "latin1") -> bytes:
@@ -162,7 +155,7 @@ _STAND_INS = {
         for core in ("core", "_core")
         for module, name, function in (
             ("multiarray", "_reconstruct", lambda *_: _Array()),
-            ("multiarray", "scalar", _Scalar),
+            ("multiarray", "scalar", lambda dtype, data=b"": _Array(None, dtype, data)),
             ("numeric", "_frombuffer", lambda data, dtype, shape, order: _Array(shape, dtype, data, order)),
         )
     },
@@ -177,7 +170,7 @@ _STAND_INS = {
 def _plain(value: Any) -> Any:
     """The value of a record, within plain containers too."""
     if isinstance(value, _Array):
-        return value.array()[()] if isinstance(value, _Scalar) else value.array()
+        return value.value()
     if isinstance(value, dict):
         return {_plain(key): _plain(each) for key, each in value.items()}
     if isinstance(value, list | tuple | set | frozenset):
