@@ -38,6 +38,7 @@ if not RELEASED:
 
     include: "workflow/rules/meshes.smk"
     include: "workflow/rules/surface.smk"
+    include: "workflow/rules/distances.smk"
     include: "workflow/rules/grasps.smk"
     include: "workflow/rules/touch.smk"
     include: "workflow/rules/vision.smk"

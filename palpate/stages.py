@@ -58,6 +58,7 @@ STAGES = {
         Stage("charts", ".zarr", ("touch",), False, False, ("torch",)),
         Stage("vision", ".zarr", ("meshes", "grasps"), True, True, ("bpy",)),
         Stage("views", ".zarr", ("meshes",), True, False, ("bpy",)),
+        Stage("distances", ".zarr", ("meshes", "surface"), False, False, ("libigl",)),
         Stage("rings", ".zarr", ("meshes", "touch"), False, False, ("trimesh", "embreex")),
     )
 }

@@ -19,6 +19,7 @@ def test_an_object_is_rejected_by_what_its_stage_goes_back_to():
         "charts": ("touch", "grasps", "surface", "meshes"),
         "vision": ("vision", "grasps", "surface", "meshes"),
         "views": ("views", "meshes"),
+        "distances": ("surface", "meshes"),
         "rings": ("touch", "grasps", "surface", "meshes"),
     }
 

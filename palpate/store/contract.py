@@ -35,6 +35,7 @@ SYMBOLS = {
     "b": "channels of an image (3; 4, the last one opacity, with a transparent background)",
     "v": "views of an object (24)",
     "q": "rows, and columns, of a view (137)",
+    "m": "points around an object (20000)",
     "w": "rows, and columns, of the grid of the rings around a touch (100)",
 }
 UNITS = {"length": "metre", "angle": "radian", "colour": "sRGB, 8 bit"}
