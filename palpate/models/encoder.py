@@ -4,7 +4,9 @@ from collections.abc import Sequence
 
 import torch
 from torch import nn
+from torch.nn import functional
 
+from palpate.architectures import Encoder
 from palpate.models.layers import ConvolutionBlock
 
 KERNEL = 3
@@ -15,11 +17,18 @@ class ImageEncoder(nn.Module):
 
     channels: of each block. layers: how many convolutions each block has; the first of a block has stride 2.
     pool: numbers of the layers whose maps are returned, counted from 1 over all blocks as in the paper's
-    tables. norm: `batch` or `instance`. padding: of every convolution (the paper: 0; single image: 1).
+    tables. norm: `batch` or `instance`. padding: of every convolution (the paper: 0; single image: 1). downsample: the
+    image is averaged over squares of so many pixels along a side first.
     """
 
     def __init__(
-        self, channels: Sequence[int], layers: Sequence[int], pool: Sequence[int], norm: str = "batch", padding: int = 0
+        self,
+        channels: Sequence[int],
+        layers: Sequence[int],
+        pool: Sequence[int],
+        norm: str = "batch",
+        padding: int = 0,
+        downsample: int = 1,
     ):
         super().__init__()
         if len(channels) != len(layers) or not all(count > 0 for count in [*channels, *layers]):
@@ -30,7 +39,7 @@ class ImageEncoder(nn.Module):
         if pool[-1] != total:
             raise ValueError(f"encoder: layers {pool[-1] + 1} to {total} are not used: pool {total}, or omit them")
         self.pool = tuple(pool)
-        self.padding = padding
+        self.padding, self.downsample = padding, downsample
         self.strides = [2 if first else 1 for count in layers for first in [True] + [False] * (count - 1)]
         widths = [width for width, count in zip(channels, layers, strict=True) for _ in range(count)]
         self.layers = nn.ModuleList(
@@ -38,6 +47,12 @@ class ImageEncoder(nn.Module):
             for inputs, outputs, stride in zip([3, *widths], widths, self.strides, strict=False)
         )
         self.channels = [widths[number - 1] for number in pool]
+
+    @classmethod
+    def of(cls, options: Encoder) -> "ImageEncoder":
+        """The encoder that an architecture describes."""
+        fields = options.channels, options.layers, options.pool, options.norm, options.padding, options.downsample
+        return cls(*fields)
 
     def forward(self, image: torch.Tensor) -> list[torch.Tensor]:
         """(B, 3, H, W) image in [0, 1] -> the pooled layers' maps, each (B, channels, h, w).
@@ -47,6 +62,8 @@ class ImageEncoder(nn.Module):
         if len(image) > 1 and image.stride(0) == 0:
             return [features.expand(len(image), -1, -1, -1) for features in self(image[:1])]
         image = image.contiguous()  # Pixel by pixel, torch's norms lose digits.
+        if self.downsample > 1:
+            image = functional.avg_pool2d(image, self.downsample)
         maps = []
         for number, layer in enumerate(self.layers, start=1):
             image = layer(image)
@@ -56,7 +73,7 @@ class ImageEncoder(nn.Module):
 
     def sizes(self, size: int) -> list[int]:
         """Edge of each pooled map, in cells, for an image `size` x `size`; ValueError if too small."""
-        edges, edge = [], size
+        edges, edge = [], size // self.downsample
         for number, stride in enumerate(self.strides, start=1):
             edge = (edge + 2 * self.padding - KERNEL) // stride + 1
             if edge < 1:
@@ -73,7 +90,7 @@ class ImageEncoder(nn.Module):
         Cell i depends on a square of the image around first + i step, the centre of its receptive field, in the
         coordinates of `palpate.camera` (pixel c's centre at c + 0.5).
         """
-        looks, first, step = [], 0.5, 1
+        looks, first, step = [], self.downsample / 2, self.downsample
         for stride in self.strides:
             first += ((KERNEL - 1) / 2 - self.padding) * step
             step *= stride

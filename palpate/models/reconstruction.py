@@ -133,7 +133,7 @@ class Reconstruction(nn.Module):
 
     def _build_encoder(self, options: Encoder) -> int:
         """Builds the image encoder and the pooling; returns the number of features that a vertex gets."""
-        self.encoder = ImageEncoder(options.channels, options.layers, options.pool, options.norm, options.padding)
+        self.encoder = ImageEncoder.of(options)
         self.pooling = PerceptualPooling(options.alignment, self.encoder.centres())
         features = sum(self.encoder.channels)
         self.project = LinearBlock(features, options.project) if options.project else None

@@ -1,5 +1,7 @@
 """The image encoder: sizes and receptive fields against what a real pass gives, and its errors."""
 
+from dataclasses import replace
+
 import pytest
 import torch
 
@@ -9,16 +11,15 @@ from palpate.models.encoder import ReadingEncoder
 from palpate.models.layers import NORMS
 from tests.models.batches import SMALL
 
-
-def encoder_of(options):
-    return ImageEncoder(options.channels, options.layers, options.pool, options.norm, options.padding)
+encoder_of = ImageEncoder.of
 
 
 @pytest.mark.parametrize("name", [name for name in PAPER_ARCHITECTURES if name != "touch"] + ["small"])
 @pytest.mark.parametrize("size", [256, 137])
-def test_sizes_are_those_of_a_real_pass(name, size):
+@pytest.mark.parametrize("downsample", [1, 2])
+def test_sizes_are_those_of_a_real_pass(name, size, downsample):
     options = Encoder(**SMALL["encoder"]) if name == "small" else PAPER_ARCHITECTURES[name].encoder
-    encoder = encoder_of(options).eval()
+    encoder = encoder_of(replace(options, downsample=downsample)).eval()
     try:
         sizes = encoder.sizes(size)
     except ValueError:
@@ -32,11 +33,11 @@ def test_sizes_are_those_of_a_real_pass(name, size):
     ]
 
 
-@pytest.mark.parametrize("padding", [0, 1])
-def test_centres_are_those_of_the_pixels_a_cell_sees(padding):
+@pytest.mark.parametrize(("padding", "downsample"), [(0, 1), (1, 1), (1, 2)])
+def test_centres_are_those_of_the_pixels_a_cell_sees(padding, downsample):
     # With equal positive weights a cell's gradient by the image is symmetric around its receptive field.
     torch.manual_seed(0)
-    encoder = ImageEncoder([2, 3, 2], [1, 3, 2], [1, 4, 6], padding=padding).double().eval()
+    encoder = ImageEncoder([2, 3, 2], [1, 3, 2], [1, 4, 6], "batch", padding, downsample).double().eval()
     for layer in encoder.layers:
         torch.nn.init.ones_(layer[0].weight)
     image = torch.rand(1, 3, 121, 121, dtype=torch.float64, requires_grad=True)
@@ -47,6 +48,14 @@ def test_centres_are_those_of_the_pixels_a_cell_sees(padding):
         x = (seen.sum(0) @ ticks / seen.sum()).item()
         y = (seen.sum(1) @ ticks / seen.sum()).item()
         assert (x, y) == pytest.approx((first + column * step, first + row * step), abs=1e-9)
+
+
+def test_a_downsampled_image_is_the_mean_of_its_squares():
+    encoder = ImageEncoder([4], [1], [1], padding=1, downsample=2).eval()
+    image = torch.rand(1, 3, 8, 8)
+    small = (image[..., ::2, :] + image[..., 1::2, :]) / 2
+    small = (small[..., ::2] + small[..., 1::2]) / 2
+    torch.testing.assert_close(encoder(image)[0], encoder.layers[0](small))
 
 
 def test_only_the_first_layer_of_a_block_has_a_stride():
