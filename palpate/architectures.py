@@ -17,7 +17,8 @@ class Encoder:
 
     channels: of each block. layers: convolutions of each block. pool: numbers of the layers whose maps are pooled at
     vertices, from 1 over all blocks. norm, padding: of the convolutions. alignment: see `PerceptualPooling`. project:
-    features that pooled ones are projected to; None: all as they are.
+    features that pooled ones are projected to; None: all as they are. downsample: pixels along a side of the squares
+    over which images are averaged first.
     """
 
     channels: Sequence[int]
@@ -27,6 +28,7 @@ class Encoder:
     padding: int = 0
     alignment: str = "extent"
     project: int | None = None
+    downsample: int = 1
 
 
 @dataclass(frozen=True)
@@ -45,9 +47,10 @@ class GCN:
 
 @dataclass(frozen=True)
 class Decoder:
-    """Of the published single-image networks: see `palpate.models.single_image`."""
+    """Of the published single-image networks, see `palpate.models.single_image`; of `implicit` hidden and layers."""
 
     hidden: int
+    layers: int | None = None
     points: int | None = None
     channels: Sequence[int] | None = None
     level: float | None = None
@@ -117,6 +120,11 @@ SINGLE_IMAGE_ARCHITECTURES = {
         Encoder(**_VIEW_LAYERS, pool=[19, 22, 25]), decoder=Decoder(1024, channels=[128, 128, 128, 64], level=0.4)
     ),
 }
+# Of strategy `implicit`, which is ours: with the fifth block it does not take an occluding hand for the object.
+IMPLICIT_ARCHITECTURE = Architecture(
+    Encoder([16, 32, 64, 128, 192], [1, 2, 3, 3, 2], [3, 6, 9, 11], "instance", padding=1, downsample=2),
+    decoder=Decoder(128, layers=4),
+)
 
 
 def paper_architecture(experiment: Experiment) -> Architecture:
@@ -126,6 +134,8 @@ def paper_architecture(experiment: Experiment) -> Architecture:
     """
     if experiment.strategy in SINGLE_IMAGE_ARCHITECTURES:
         return SINGLE_IMAGE_ARCHITECTURES[experiment.strategy]
+    if experiment.strategy == "implicit":
+        return IMPLICIT_ARCHITECTURE
     if experiment.modality not in PAPER_ARCHITECTURES:
         raise ValueError(f"the paper has no architecture for vision {experiment.vision!r}, touch {experiment.touch}")
     return PAPER_ARCHITECTURES[experiment.modality]

@@ -1,7 +1,7 @@
 """The experiments of config/experiments.yaml: each model that a table needs, and the tables as lists of them."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -127,6 +127,15 @@ class Experiments:
 
     experiments: Mapping[str, Experiment]
     tables: Mapping[str, Comparison]
+
+    def without(self, strategy: str) -> "Experiments":
+        """All but the experiments of a strategy, in the tables too."""
+        chosen = {name: each for name, each in self.experiments.items() if each.strategy != strategy}
+        tables = {
+            table.name: replace(table, experiments=tuple(each for each in table.experiments if each.name in chosen))
+            for table in self.tables.values()
+        }
+        return replace(self, experiments=chosen, tables=tables)
 
     @classmethod
     def read(cls, path: Path | str, schema: Path | str) -> "Experiments":

@@ -21,7 +21,7 @@ from palpate.dataset.reader import GraspRecord, ObjectRecord
 from palpate.evaluation.metrics import score, seeded
 from palpate.evaluation.rings import SAMPLES, ring_distances, ring_points
 from palpate.evaluation.rows import COLUMNS, RING_COLUMNS, TOUCH_COLUMNS, EvaluationError
-from palpate.evaluation.surface_quality import surface_quality, topology
+from palpate.evaluation.surface_quality import surface_quality, topology, topology_of
 from palpate.experiments import SPLITS, Experiment
 from palpate.inference import checkpoints
 from palpate.inference.checkpoints import require_sensor
@@ -85,12 +85,15 @@ def evaluate(
     """
     rows, last = [], None
     surface = topology(trained.experiment.strategy)
-    for sample, vertices, seconds in predictions(trained, data, splits):
+    for sample, prediction, seconds in predictions(trained, data, splits):
         name = data.objects[sample.object]
+        vertices, faces = trained.model.mesh(prediction)
+        if trained.experiment.strategy == "implicit":  # whose mesh is another each time
+            surface = topology_of(faces.cpu().numpy())
         if last != sample.object:
             cloud, last = torch.from_numpy(data["points"][sample.object]).to(trained.device), sample.object
             tree = build_tree(cloud)
-        scores = score(sampled(trained, vertices, points, name), cloud, tree)
+        scores = score(points_on(vertices, faces, points, name), cloud, tree)
         quality = surface_quality(vertices.cpu().numpy(), surface, tree)
         rows.append(row_of(trained, data, sample) | scores._asdict() | quality._asdict() | {"seconds": seconds})
     return pd.DataFrame(rows, columns=COLUMNS)
@@ -106,7 +109,7 @@ def evaluate_rings(
     surface. dataset: the run's, with its stores of touch and rings.
     """
     rows, touches, last = [], [], None
-    for sample, vertices, _ in predictions(trained, data, splits):
+    for sample, prediction, _ in predictions(trained, data, splits):
         name = data.objects[sample.object]
         if last != name:
             touches, last = _touch_rings(dataset[name], dataset.sensor), name
@@ -114,7 +117,7 @@ def evaluate_rings(
         numbers = sample.grasps or range(len(touches))
         chosen = [(number, sensor) for number in numbers for sensor in touches[number]]
         rings = [ring for number, sensor in chosen for ring in touches[number][sensor]]
-        distances = ring_distances(rings, sampled(trained, vertices, points, name))
+        distances = ring_distances(rings, sampled(trained, prediction, points, name))
         places = ((*touch, ring) for touch in chosen for ring in RINGS)
         for (grasp, sensor, ring), in_ring, distance in zip(places, rings, distances, strict=True):
             ring_row = {"grasp": grasp, "sensor": sensor, "ring": ring, "points": len(in_ring), "distance": distance}
@@ -136,10 +139,10 @@ def _touch_rings(item: ObjectRecord, kind: Sensor) -> list[dict[int, list[np.nda
 def predictions(
     trained: Trained, data: ExperimentData, splits: Sequence[str]
 ) -> Iterator[tuple[Sample, Tensor, float]]:
-    """Each sample of some splits with what the model predicts, its vertices (V, 3), and the seconds it took.
+    """Each sample of some splits with what the model predicts, as its `forward` says, and the seconds it took.
 
-    Of the published single-image networks: what their `stages` describe. Raises EvaluationError if there is no object,
-    and what `predict` raises; CheckpointError if the touches are of another sensor than the model's.
+    Raises EvaluationError if there is no object, and what `predict` raises; CheckpointError if the touches are of
+    another sensor than the model's.
     """
     model, experiment = trained.model, trained.experiment
     samples = windows(data, experiment, *splits)
@@ -192,8 +195,13 @@ def _batches(samples: Sequence[Sample]) -> Iterator[list[Sample]]:
 
 
 def sampled(trained: Trained, prediction: Tensor, count: int, name: str) -> Tensor:
-    """(count, 3) points on a predicted mesh, or the predicted points; random by the object's name only."""
-    return trained.model.sample(prediction[None], count, seeded(0, name, "evaluation"))[0]
+    """`points_on` the mesh of a prediction."""
+    return points_on(*trained.model.mesh(prediction), count, name)
+
+
+def points_on(vertices: Tensor, faces: Tensor, count: int, name: str) -> Tensor:
+    """(count, 3) points on a mesh, or its vertices if it has no faces; random by the object's name only."""
+    return sample_faces(vertices[None], faces, count, seeded(0, name, "evaluation"))[0] if len(faces) else vertices
 
 
 def row_of(trained: Trained, data: ExperimentData, sample: Sample) -> dict[str, Any]:

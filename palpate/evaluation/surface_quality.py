@@ -1,12 +1,13 @@
 """How smooth a predicted surface is: angles between faces, torn charts, and faces that lie across the true surface.
 
-Four numbers that distinguish crumpled charts, torn charts and spikes; of the vision charts (or the sphere) alone:
+Four numbers that distinguish crumpled charts, torn charts and spikes; of the vision charts, the sphere, or the mesh of
+an implicit model:
 
 - `bend`: mean angle in degrees between adjacent faces of a chart, 0 where it is flat (the angle that discrete shells
   resist: Grinspun et al. 2003, Discrete Shells). A sphere of the atlas's size and faces has 4.9.
 - `folded`: percent of these pairs whose angle is above 90 degrees: one of the two is turned over against the other.
 - `gap`: mean distance in mm between boundary vertices that were one point of the initial sphere: how far charts are
-  torn apart. 0 for the sphere.
+  torn apart. 0 for the sphere and an implicit model.
 - `across`: mean angle in degrees, weighted by area, between every fourth face and the true surface at the point nearest
   to its centre; 0 where they are parallel, 57 for random faces. It is the angle of the normal consistency of Mescheder
   et al. (2019, Occupancy Networks). True normals are `palpate.charts.plane_normals`; their sign is not used.
@@ -22,7 +23,9 @@ from palpate.charts import plane_normals, sphere, vision_atlas
 from palpate.models.reconstruction import STRATEGIES
 
 FOLDED = 90.0  # degrees
-ACROSS_EVERY = 4  # faces: an angle to the true surface costs as much as a hundred between faces
+# Faces that are compared with the true surface: every fourth of the charts', and about as many of a finer mesh. Such an
+# angle costs as much as a hundred between faces.
+ACROSS_EVERY, ACROSS = 4, 1000
 
 
 class Quality(NamedTuple):
@@ -48,13 +51,16 @@ def topology(strategy: str) -> Topology | None:
     if strategy not in STRATEGIES:
         return None
     if strategy == "sphere":
-        faces, joined = sphere()[1].numpy(), np.zeros((0, 2), dtype=int)
-    else:
-        atlas = vision_atlas()
-        faces, joined = atlas.faces.numpy(), atlas.joined.numpy()
+        return topology_of(sphere()[1].numpy())
+    atlas = vision_atlas()
+    return topology_of(atlas.faces.numpy(), atlas.joined.numpy())
+
+
+def topology_of(faces: np.ndarray, joined: np.ndarray | None = None) -> Topology:
+    """Of any faces (F, 3)."""
     from trimesh.graph import face_adjacency  # here: bpy must be imported before trimesh
 
-    return Topology(faces, face_adjacency(faces), joined)
+    return Topology(faces, face_adjacency(faces), np.zeros((0, 2), dtype=int) if joined is None else joined)
 
 
 def surface_quality(vertices: np.ndarray, surface: Topology | None, tree: cKDTree) -> Quality:
@@ -73,7 +79,7 @@ def surface_quality(vertices: np.ndarray, surface: Topology | None, tree: cKDTre
     first, second = surface.adjacent[(doubled[surface.adjacent] > 0).all(axis=1)].T
     angles = np.degrees(np.arccos(np.clip((normal[first] * normal[second]).sum(axis=1), -1, 1)))
     apart = np.linalg.norm(np.subtract(*vertices[surface.joined.T]), axis=1)
-    some = slice(None, None, ACROSS_EVERY)  # 6 of the 24 faces of every chart
+    some = slice(None, None, max(ACROSS_EVERY, len(corners) // ACROSS))  # of every chart 6 of 24
     _, nearest = tree.query(corners[some].mean(axis=1))
     parallel = np.abs((normal[some] * plane_normals(tree.data[nearest], tree)).sum(axis=1))
     across = np.degrees(np.arccos(np.clip(parallel, 0, 1)))

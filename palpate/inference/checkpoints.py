@@ -11,7 +11,7 @@ import torch
 from palpate.architectures import Architecture
 from palpate.atomic import atomic_write
 from palpate.experiments import Experiment
-from palpate.models import SINGLE_IMAGE_MODELS, Reconstruction, SingleImageModel, TouchDepth
+from palpate.models import SINGLE_IMAGE_MODELS, Implicit, Reconstruction, SingleImageModel, TouchDepth
 from palpate.models.reconstruction import HAND_SENSORS
 from palpate.rebuild_command import rebuild_command
 from palpate.sensor import DIGIT, Sensor
@@ -31,7 +31,8 @@ def build(
     """The untrained model of an experiment, for a hand's number of sensors and their kind."""
     if experiment.strategy in SINGLE_IMAGE_MODELS:
         return SINGLE_IMAGE_MODELS[experiment.strategy](architecture)
-    return Reconstruction(experiment, architecture, hand_sensors, sensor)
+    model = Implicit if experiment.strategy == "implicit" else Reconstruction
+    return model(experiment, architecture, hand_sensors, sensor)
 
 
 def save(path: Path | str, kind: str, model: torch.nn.Module, described: Mapping[str, Any]) -> None:

@@ -12,6 +12,8 @@ Positions are in the world frame.
 | `success` | (o, g, s) | bool |
 | `position`, `rotation` | (o, g, s, 3) m, (o, g, s, 3, 3) | float32 |
 | `charts` | (o, g, s, 81, 3) m | float32 |
+| `distance_points`, `distance`, to train on | (o, m, 3) m, (o, m) m | float32 |
+| `unoccluded_mask`, `occluded_mask`, to train on | (o, k, p, p), (o, g, k, p, p) | uint8 |
 | `reading` (that of an untouched sensor is the empty one) | (o, g, s, r, c, 3) | uint8 |
 """
 
@@ -98,17 +100,19 @@ class ExperimentData:
         return self[experiment.vision].shape[-2] if experiment.has_vision else None
 
     @classmethod
-    def load(cls, run: Path | str, experiment: Experiment, splits: Iterable[str] = SPLITS) -> "ExperimentData":
-        """The data of an experiment: the objects of some splits of a run.
+    def load(
+        cls, run: Path | str, experiment: Experiment, splits: Iterable[str] = SPLITS, training: bool = False
+    ) -> "ExperimentData":
+        """The data of an experiment: the objects of some splits of a run. training: with what only trainings take.
 
         Raises ExperimentDataError if no object is in all stores that the experiment needs; StoreError, naming the file
         and the remedy, if a store is missing, can't be read, or has values that are not finite or out of their range.
         """
-        needed = stages(experiment)
+        needed = stages(experiment, training)
         dataset = Dataset(run, needed)
         if not len(dataset):
             raise ExperimentDataError(f"{run}: no object is in all of {', '.join(needed)}; rejected.csv says why")
-        return cls.read(dataset, inputs(experiment), splits)
+        return cls.read(dataset, inputs(experiment, training), splits)
 
     @classmethod
     def read(cls, dataset: Dataset, arrays: Sequence[Input], splits: Iterable[str] = SPLITS) -> "ExperimentData":

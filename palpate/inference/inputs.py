@@ -25,7 +25,8 @@ class Input(NamedTuple):
     """An array in a training's memory.
 
     name: of the array there. stage, array: of its store (intrinsics and extrinsics are multiplied).
-    dtype: in memory. when, condition: which experiments take it, as text and as a function.
+    dtype: in memory. when, condition: which experiments take it, as text and as a function. training: whether only
+    their training does.
     """
 
     name: str
@@ -34,6 +35,7 @@ class Input(NamedTuple):
     dtype: str
     when: str
     condition: Callable[[Experiment], bool]
+    training: bool = False
 
 
 def _vision(name: str) -> tuple[str, Callable[[Experiment], bool]]:
@@ -42,6 +44,8 @@ def _vision(name: str) -> tuple[str, Callable[[Experiment], bool]]:
 
 _IMAGES = "vision is unoccluded or occluded", lambda experiment: experiment.vision in ("unoccluded", "occluded")
 _TOUCH = "it has touch", lambda experiment: experiment.touch
+_IMPLICIT = "an implicit model is trained", lambda experiment: experiment.strategy == "implicit", True
+_OCCLUDED = "one of occluded vision is trained", lambda each: each.strategy == "implicit" and each.vision == "occluded"
 _DIRECTIONS = "touch is neither in the graph nor only copied", lambda experiment: experiment.takes_directions
 INPUTS = (
     Input("points", "surface", "points", "float32", "always: the truth", lambda experiment: True),
@@ -55,22 +59,30 @@ INPUTS = (
     Input("charts", "charts", "vertices", "float32", "touch comes as charts", lambda each: each.takes_charts),
     Input("rotation", "touch", "rotation", "float32", *_DIRECTIONS),
     Input("reading", "touch", "reading", "uint8", "touch comes as readings", lambda each: each.takes_readings),
+    Input("distance_points", "distances", "distance_points", "float32", *_IMPLICIT),
+    Input("distance", "distances", "distance", "float32", *_IMPLICIT),
+    Input("unoccluded_mask", "vision", "unoccluded_mask", "uint8", *_IMPLICIT),
+    Input("occluded_mask", "vision", "occluded_mask", "uint8", *_OCCLUDED, True),
 )
+TARGETS = [item.name for item in INPUTS if item.training]
 
 
-def inputs(experiment: Experiment) -> list[Input]:
-    """The arrays that an experiment takes."""
-    return [item for item in INPUTS if item.condition(experiment)]
+def inputs(experiment: Experiment, training: bool = False) -> list[Input]:
+    """The arrays that an experiment takes; training: and those that only its training takes."""
+    return [item for item in INPUTS if item.condition(experiment) and (training or not item.training)]
 
 
-def stages(experiment: Experiment) -> list[str]:
-    """The stages whose stores an experiment's arrays are read from."""
-    return list(dict.fromkeys(item.stage for item in inputs(experiment)))
+def stages(experiment: Experiment, training: bool = False) -> list[str]:
+    """The stages whose stores these arrays are read from."""
+    return list(dict.fromkeys(item.stage for item in inputs(experiment, training)))
 
 
 def table(experiments: Iterable[Experiment]) -> str:
     """The stages and arrays of each experiment, as Markdown; then when each array is taken."""
-    rows = [(each.name, ", ".join(stages(each)), ", ".join(item.name for item in inputs(each))) for each in experiments]
+    rows = [
+        (each.name, ", ".join(stages(each, True)), ", ".join(item.name for item in inputs(each, True)))
+        for each in experiments
+    ]
     arrays = [(item.name, f"{item.stage} {item.array}", item.dtype, item.when) for item in INPUTS]
     tables = (rows, ("experiment", "stages", "arrays")), (arrays, ("array", "read from", "type", "taken when"))
     return "\n\n".join(tabulate(*each, "github") for each in tables)

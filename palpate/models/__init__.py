@@ -2,6 +2,7 @@
 
 from palpate.models.encoder import ImageEncoder
 from palpate.models.gcn import GraphNetwork, ZeroNeighbourLayer
+from palpate.models.implicit import Implicit
 from palpate.models.pooling import PerceptualPooling
 from palpate.models.reconstruction import Reconstruction
 from palpate.models.single_image import SINGLE_IMAGE_MODELS, SingleImageModel
@@ -11,6 +12,7 @@ __all__ = [
     "SINGLE_IMAGE_MODELS",
     "GraphNetwork",
     "ImageEncoder",
+    "Implicit",
     "PerceptualPooling",
     "Reconstruction",
     "SingleImageModel",

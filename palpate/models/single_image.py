@@ -11,6 +11,7 @@ All have the image encoder of `Reconstruction`. docs/single_image.md says what e
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
+from functools import lru_cache
 from itertools import pairwise
 
 import igl
@@ -45,7 +46,7 @@ class SingleImageModel(nn.Module, ABC):
     def __init__(self, architecture: Architecture):
         super().__init__()
         options = architecture.encoder
-        self.encoder = ImageEncoder(options.channels, options.layers, options.pool, options.norm, options.padding)
+        self.encoder = ImageEncoder.of(options)
         self.architecture, self.radius = architecture, architecture.radius
         self.relative_size = self.radius / ATLAS_RADIUS
         self.register_buffer("centre", torch.tensor(OBJECT_POSITION, dtype=torch.float64), persistent=False)
@@ -201,7 +202,7 @@ class Voxels(SingleImageModel):
         probability = prediction.detach().double().sigmoid().cpu().numpy()
         greatest = probability.max()
         level = self.level if greatest > self.level else greatest / 2
-        vertices, faces = grid_surface(probability, level, self.relative_size)
+        vertices, faces = grid_surface(probability, level, CELL * self.relative_size)
         return torch.from_numpy(vertices).to(prediction), torch.from_numpy(faces).to(prediction.device)
 
 
@@ -234,18 +235,29 @@ def occupied(points: Tensor, relative_size: float = 1.0) -> Tensor:
     return torch.from_numpy(binary_fill_holes(shell)).to(points.device)
 
 
-def grid_surface(values: np.ndarray, level: float, relative_size: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
-    """The surface where values (32, 32, 32) at the cells' centres equal a level > 0, by marching cubes.
+def grid_surface(
+    values: np.ndarray, level: float, cell: float = CELL, outside: float = 0.0
+) -> tuple[np.ndarray, np.ndarray]:
+    """The surface where values (n, n, n), on a grid around the object, equal a level, by marching cubes.
 
-    Values outside the grid are 0, so that it is closed. relative_size: as for `occupied`. Returns vertices (V, 3)
-    float64 m, world frame, and faces (F, 3) int64, counterclockwise seen from where values are lower.
+    cell: m, from value to value. outside: every value beyond the grid, below the level: the surface is closed.
+    Returns vertices (V, 3) float64 m, world frame, and faces (F, 3) int64, counterclockwise seen from where values are
+    lower.
     """
-    padded = np.pad(values.astype(np.float64), 1)
-    line = (np.arange(GRID + 2) - (GRID + 1) / 2) * (CELL * relative_size)
-    z, y, x = np.meshgrid(line, line, line, indexing="ij")  # libigl's order: x varies fastest
-    places = np.stack([x, y, z], axis=-1).reshape(-1, 3) + OBJECT_POSITION
-    vertices, faces, _ = igl.marching_cubes(padded.transpose(2, 1, 0).ravel(), places, *[GRID + 2] * 3, level)
+    padded = np.pad(values.astype(np.float64), 1, constant_values=outside)
+    count = len(padded)
+    vertices, faces, _ = igl.marching_cubes(
+        padded.transpose(2, 1, 0).ravel(), _grid(count, cell), count, count, count, level
+    )
     return vertices, faces[:, ::-1].copy()
+
+
+@lru_cache(maxsize=1)
+def _grid(count: int, cell: float) -> np.ndarray:
+    """Places (count^3, 3) m, world frame, of a grid of so many values along an edge, in libigl's order: x fastest."""
+    line = (np.arange(count) - (count - 1) / 2) * cell
+    z, y, x = np.meshgrid(line, line, line, indexing="ij")
+    return np.stack([x, y, z], axis=-1).reshape(-1, 3) + OBJECT_POSITION
 
 
 SINGLE_IMAGE_MODELS: dict[str, type[SingleImageModel]] = {"psg": PointSet, "pixel2mesh": DeformedSphere, "r2n2": Voxels}

@@ -13,7 +13,7 @@ NAMES = {  # strategy, as in names of experiments -> name, whose it is
     "no_copy": ("charts, no copying", "paper"),
     "no_comm": ("charts, no communication", "paper"),
     "charts": ("charts, equation 1", "paper"),
-    "mean": ("charts, mean", "authors' first release"),  # strategy charts, `gcn: {normalisation: mean}`
+    "mean": ("charts, mean", "authors' first release"),  # strategy charts, another architecture
     "pooled": ("pooled touch", "ours"),
     "pooled_no_copy": ("pooled touch, no copying", "ours"),
     "implicit": ("signed distance", "ours"),
@@ -31,8 +31,14 @@ EXCHANGED: dict[str, Mapping[str, str | None]] = {
     "implicit": {"charts": "implicit", "no_copy": None, "no_comm": None},
 }
 CORRECTED = "_corrected"  # behind the names of experiments, and of methods, with a correction
-# Methods that claims and differences are of.
-METHODS = ("charts", "mean", *(f"{name}{end}" for name in ("pooled", "implicit") for end in ("", CORRECTED)))
+METHODS = (
+    "charts",
+    "mean",
+    "pooled",
+    f"pooled{CORRECTED}",
+    "implicit",
+    f"implicit{CORRECTED}",
+)  # of claims, differences
 COMMUNICATION = {"charts": "edges of the graph", "mean": "edges of the graph", "pooled": "pooled touch"}
 COMMUNICATION_NOTE = (
     " Communication is edges of the graph to touch charts in the paper's method, and pooling by nearness in ours. "
@@ -44,9 +50,9 @@ _NAME = re.compile(r"(.+?)(_(?:occluded|unoccluded|touch).*)")
 
 
 def method_of(experiment: Experiment) -> str:
-    """An experiment's method: its strategy, `mean` with the first release's graph, and whether it has a correction."""
-    first_release = experiment.architecture.get("gcn", {}).get("normalisation") == "mean"
-    return ("mean" if first_release else experiment.strategy) + CORRECTED * bool(experiment.correction)
+    """An experiment's method: its strategy, `mean` with another architecture, and whether it has a correction."""
+    strategy = "mean" if experiment.strategy == "charts" and experiment.architecture else experiment.strategy
+    return strategy + CORRECTED * bool(experiment.correction)
 
 
 def method_label(method: str) -> str:

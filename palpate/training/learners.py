@@ -24,6 +24,7 @@ from palpate.inference.samples import Assembler, grasps_per_sample, windows
 from palpate.inference.touches import touched
 from palpate.models import TouchDepth
 from palpate.models.reconstruction import HAND_SENSORS
+from palpate.training.implicit import Targets, implicit_loss
 from palpate.training.losses import Truth, cloud_loss, moving_charts_loss, touch_depth_loss
 from palpate.training.recipes import ReconstructionSettings, Settings, TouchDepthSettings
 from palpate.training.samples import shuffled, spread, training_samples
@@ -217,6 +218,8 @@ class ReconstructionLearner(Learner):
         self.assemble = Assembler(self.data, self.experiment, self.device)
         points = torch.from_numpy(self.data["points"]).to(self.device)
         self.truth = Truth(points.to(next(self.model.parameters()).dtype))
+        if self.experiment.strategy == "implicit":
+            self.targets = Targets(self.data, self.experiment, self.device, self.truth.points.dtype)
 
     def training_batch(self, step):
         settings = self.settings
@@ -233,6 +236,9 @@ class ReconstructionLearner(Learner):
         dtype = self.truth.points.dtype
         batch = self.assemble(batch_samples)
         batch = {key: values.to(dtype) if values.is_floating_point() else values for key, values in batch.items()}
+        if self.experiment.strategy == "implicit" and not validation:
+            target = self.targets(batch_samples, self.settings.loss_points, generator)
+            return implicit_loss(model, *model.supervised(batch, target.points), target)
         loss = None if validation else LOSSES.get(self.experiment.strategy, moving_charts_loss)
         predictions = model.stages(batch) if loss else [model(batch)]
         for prediction in predictions:

@@ -1,6 +1,7 @@
 """The table of inputs: every row of config/experiments.yaml against the arrays that its model reads."""
 
 import re
+from dataclasses import replace
 
 import pytest
 
@@ -21,7 +22,10 @@ def names(experiment):
 PUBLISHED = [name for name, row in EXPERIMENTS.items() if row.strategy in SINGLE_IMAGE_MODELS]
 
 
-@pytest.mark.parametrize("name", [name for name in EXPERIMENTS if name not in PUBLISHED])
+IMPLICIT = [name for name, row in EXPERIMENTS.items() if row.strategy == "implicit"]
+
+
+@pytest.mark.parametrize("name", [name for name in EXPERIMENTS if name not in PUBLISHED + IMPLICIT])
 def test_an_experiment_takes_what_its_model_reads_and_no_more(name):
     experiment = EXPERIMENTS[name]
     model = build(experiment, ARCHITECTURE)
@@ -34,6 +38,15 @@ def test_an_experiment_takes_what_its_model_reads_and_no_more(name):
     assert model.graph.touch_charts == (
         4 * experiment.grasps if experiment.touch and experiment.strategy in ("charts", "no_copy") else 0
     )
+
+
+@pytest.mark.parametrize("name", IMPLICIT)
+def test_an_implicit_model_takes_what_one_of_charts_takes_and_is_trained_on_more(name):
+    experiment = EXPERIMENTS[name]
+    assert names(experiment) == names(replace(experiment, strategy="pooled"))
+    more = {item.name for item in inputs(experiment, training=True)} - names(experiment)
+    assert more - {"occluded_mask"} == {"distance_points", "distance", "unoccluded_mask"}
+    assert ("occluded_mask" in more) == (experiment.vision == "occluded")
 
 
 @pytest.mark.parametrize("name", PUBLISHED)
@@ -58,7 +71,7 @@ def test_touch_comes_in_one_way():
 def test_every_array_is_the_contracts_and_is_taken_by_some_and_only_the_truth_by_all():
     for item in INPUTS:
         assert set(item.array.split(", ")) <= set(CONTRACT[item.stage].arrays)
-        taken = {item.name in names(experiment) for experiment in EXPERIMENTS.values()}
+        taken = {item in inputs(experiment, training=True) for experiment in EXPERIMENTS.values()}
         assert taken == ({True} if item.name == "points" else {True, False}), item.name
 
 

@@ -82,6 +82,8 @@ BATCHES = list(BATCH_ENTRIES)
 
 # The authors' dataset is read and not simulated: it comes without meshes and grasps.
 RELEASED = SOURCE.kind == "released"
+if RELEASED:  # implicit models learn distances to meshes
+    EXPERIMENTS = EXPERIMENTS.without("implicit")
 STAGES = [stages.RELEASED] if RELEASED else [name for name in stages.DATASET_STAGES if name != stages.RELEASED]
 # As jobs see it: what is made in the run's folder moves with it.
 SOURCE_PATH = "sources" if SOURCE.kind == "procedural" else SOURCE.path

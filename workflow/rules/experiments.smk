@@ -10,13 +10,13 @@ def require_grasps(experiments):
             stop(f"experiment {each.name} takes {each.grasps} grasps, but grasps.per_object is {known}: raise it")
 
 
-def stores_of(experiments, *more):
+def stores_of(experiments, *more, training=False):
     """The catalogue, and the stores of all batches, of the stages that experiments take arrays of, and of more.
 
     Too few grasps for an experiment, or no object in a split, is an error before anything runs.
     """
     require_grasps(experiments)
-    needed = dict.fromkeys([stage for each in experiments for stage in inputs.stages(each)] + [*more])
+    needed = dict.fromkeys([stage for each in experiments for stage in inputs.stages(each, training)] + [*more])
     return {
         "catalogue": catalogue_with(("train", "validation"), f"experiment {experiments[0].name}"),
         **{stage: expand(f"{stage}/{{batch}}.zarr", batch=BATCHES) for stage in needed},
@@ -24,7 +24,7 @@ def stores_of(experiments, *more):
 
 
 def experiment_stores(wildcards):
-    return stores_of([EXPERIMENTS.experiments[wildcards.experiment]])
+    return stores_of([EXPERIMENTS.experiments[wildcards.experiment]], training=True)
 
 
 def evaluated(wildcards):

@@ -30,7 +30,7 @@ if params.get("experiment"):
     settings = ReconstructionSettings.from_row(params.settings)
     if params.get("point"):
         settings = tuning.point_settings(settings, params.point, params.steps)
-    data = ExperimentData.load(".", experiment, splits)
+    data = ExperimentData.load(".", experiment, splits, training=True)
     learner = ReconstructionLearner(data, experiment, settings, params.seed)
 else:
     touches = [read_touches(Dataset(".", ["touch"]), split) for split in splits]
