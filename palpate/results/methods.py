@@ -13,7 +13,7 @@ NAMES = {  # strategy, as in names of experiments -> name, whose it is
     "no_copy": ("charts, no copying", "paper"),
     "no_comm": ("charts, no communication", "paper"),
     "charts": ("charts, equation 1", "paper"),
-    "mean": ("charts, mean", "authors' first release"),  # strategy charts, another architecture
+    "mean": ("charts, mean", "authors' first release"),  # strategy charts, `gcn: {normalisation: mean}`
     "pooled": ("pooled touch", "ours"),
     "pooled_no_copy": ("pooled touch, no copying", "ours"),
     "implicit": ("signed distance", "ours"),
@@ -31,14 +31,8 @@ EXCHANGED: dict[str, Mapping[str, str | None]] = {
     "implicit": {"charts": "implicit", "no_copy": None, "no_comm": None},
 }
 CORRECTED = "_corrected"  # behind the names of experiments, and of methods, with a correction
-METHODS = (
-    "charts",
-    "mean",
-    "pooled",
-    f"pooled{CORRECTED}",
-    "implicit",
-    f"implicit{CORRECTED}",
-)  # of claims, differences
+# Methods that claims and differences are of.
+METHODS = ("charts", "mean", *(f"{name}{end}" for name in ("pooled", "implicit") for end in ("", CORRECTED)))
 COMMUNICATION = {"charts": "edges of the graph", "mean": "edges of the graph", "pooled": "pooled touch"}
 COMMUNICATION_NOTE = (
     " Communication is edges of the graph to touch charts in the paper's method, and pooling by nearness in ours. "
@@ -50,9 +44,9 @@ _NAME = re.compile(r"(.+?)(_(?:occluded|unoccluded|touch).*)")
 
 
 def method_of(experiment: Experiment) -> str:
-    """An experiment's method: its strategy, `mean` with another architecture, and whether it has a correction."""
-    strategy = "mean" if experiment.strategy == "charts" and experiment.architecture else experiment.strategy
-    return strategy + CORRECTED * bool(experiment.correction)
+    """An experiment's method: its strategy, `mean` with the first release's graph, and whether it has a correction."""
+    first_release = experiment.architecture.get("gcn", {}).get("normalisation") == "mean"
+    return ("mean" if first_release else experiment.strategy) + CORRECTED * bool(experiment.correction)
 
 
 def method_label(method: str) -> str:

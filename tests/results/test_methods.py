@@ -4,6 +4,7 @@ import pytest
 
 from palpate.experiments import Correction, Experiment
 from palpate.results.methods import EXCHANGED, METHODS, NAMES, STATED, exchanged, input_label, label, stated_as
+from tests.evaluation.synthetic import EXPERIMENTS
 
 
 @pytest.mark.parametrize(
@@ -61,11 +62,18 @@ def test_labels_say_whose_a_row_is():
         Experiment("a", "charts", "occluded", True, 1),
         Experiment("b", "pooled", "none", True, 2, correction=Correction(0.08, 0.3)),
         Experiment("c", "psg", "views", False, 1),
+        EXPERIMENTS["mean_occluded_touch"],
     ]
     assert [label(row) for row in rows] == [
-        "charts, equation 1 (paper)", "pooled touch, corrected (ours)", "in the manner of PSG"
+        "charts, equation 1 (paper)", "pooled touch, corrected (ours)", "in the manner of PSG",
+        "charts, mean (authors' first release)",
     ]  # fmt: skip
-    assert [input_label(row) for row in rows] == ["occluded vision + touch", "touch", "single view"]
+    assert [input_label(row) for row in rows] == [
+        "occluded vision + touch",
+        "touch",
+        "single view",
+        "occluded vision + touch",
+    ]
     assert len({*NAMES.values()}) == len(NAMES)
     assert {name.removesuffix("_corrected") for name in METHODS} == {*EXCHANGED}
     assert {*EXCHANGED} | {*STATED} | {*STATED.values()} <= {*NAMES}
