@@ -38,7 +38,7 @@ QUALITY_LABELS = {"bend": "bend_degrees", "folded": "folded_percent", "gap": "ga
 QUALITY_NOTE = (
     " bend: mean angle between adjacent faces of a chart; folded: pairs of them bent by more than 90 degrees; gap: "
     "mean distance of boundary vertices that the initial sphere joins; across: mean angle between a face and the true "
-    "surface. Vision charts only."
+    "surface. Of charts the vision charts only."
 )
 
 Experiments = Mapping[str, Experiment]
