@@ -227,11 +227,9 @@ def join(stage: str, records: Mapping[str, Mapping[str, np.ndarray]]) -> dict[st
 
 
 def write_batch(
-    path: Path | str,
+    paths: Mapping[str, Path | str],
     stage: str,
-    records: Mapping[str, Mapping[str, np.ndarray]],
-    rejected: Path | str,
-    rejections: Iterable[Rejection],
+    results: tuple[Mapping[str, Mapping[str, np.ndarray]], Iterable[Rejection]],
     seed: int,
     made_from: Mapping[str, Any],
     more: Mapping[str, np.ndarray] = MappingProxyType({}),
@@ -239,10 +237,13 @@ def write_batch(
 ) -> None:
     """Write a stage's results for a batch: the table of rejections, then the store, both atomically.
 
-    path, stage: of the store, as for `write`; records: the objects' arrays, as for `join`, and `more` arrays
-    of the batch; rejected: path of the table (.csv); made_from: see `palpate.provenance.combine`; attributes:
-    further ones that the stage's stores have. Raises StoreError as `write` does.
+    paths: of the store by the stage's name, as for `write`, and of the table (.csv) by `rejected`; results: as
+    `palpate.batch.each_object` returns them, the objects' arrays as for `join`; made_from: see
+    `palpate.provenance.combine`; more: arrays of the batch; attributes: further ones that the stage's stores have.
+    Raises StoreError as `write` does.
     """
-    with atomic_write(rejected, checksum=True) as partial:
+    records, rejections = results
+    with atomic_write(paths["rejected"], checksum=True) as partial:
         write_rejections(partial, rejections)
-    write(path, stage, {**join(stage, records), **more}, {"seed": seed, "made_from": made_from, **attributes})
+    arrays = {**join(stage, records), **more}
+    write(paths[stage], stage, arrays, {"seed": seed, "made_from": made_from, **attributes})

@@ -68,7 +68,8 @@ def test_a_batch_has_its_store_and_its_rejections(tmp_path):
     }
     sensor, made_from = DIGIT.description(), combine({"touch": {"method": "embree"}})
     path, table = tmp_path / "touch/batch-0000.zarr", tmp_path / "rejected/touch/batch-0000.csv"
-    write_batch(path, "touch", {"a": felt}, table, rejections, 3, made_from, more, {"sensor": sensor})
+    paths, results = {"touch": path, "rejected": table}, ({"a": felt}, rejections)
+    write_batch(paths, "touch", results, 3, made_from, more, {"sensor": sensor})
     assert read_rejections([table]) == rejections
     found = Store(path)
     assert found["object"].tolist() == ["a"]

@@ -35,8 +35,6 @@ def close_hand(name: str) -> dict:
     return vars(found)
 
 
-grasps, rejections = each_object(points, close_hand, "grasps")
+grasps = each_object(points, close_hand, "grasps")
 hand_arrays = {f"hand/{key}": array for key, array in robot.to_arrays().items()}
-store.write_batch(
-    snakemake.output.grasps, "grasps", grasps, snakemake.output.rejected, rejections, seed, made_from, hand_arrays
-)
+store.write_batch(snakemake.output, "grasps", grasps, seed, made_from, hand_arrays)

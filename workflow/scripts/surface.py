@@ -24,6 +24,5 @@ def sample(name: str) -> dict[str, np.ndarray]:
 
 prepared = set(mesh.usable(meshes))
 usable = [name for name in snakemake.params.objects if name in prepared]
-points, rejections = each_object(usable, sample, "surface")
 made_from = provenance.combine({"seed": seed, "surface": settings}, provenance.of_meshes(meshes))
-store.write_batch(snakemake.output.surface, "surface", points, snakemake.output.rejected, rejections, seed, made_from)
+store.write_batch(snakemake.output, "surface", each_object(usable, sample, "surface"), seed, made_from)

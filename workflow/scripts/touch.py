@@ -45,10 +45,8 @@ def sense(name: str) -> dict[str, np.ndarray]:
     return {"position": scene.sensor_position, "rotation": scene.sensor_rotation, **sensed._asdict()}
 
 
-readings, rejections = each_object(grasps["object"], sense, "touch")
+readings = each_object(grasps["object"], sense, "touch")
 for line in warn_of_shallow(**touches):
     log.warning(line)
-store.write_batch(
-    snakemake.output.touch, "touch", readings, snakemake.output.rejected, rejections, seed, made_from,
-    {"empty_reading": touch.empty_reading(sensor)}, {"sensor": description, **touches},
-)  # fmt: skip
+more, attributes = {"empty_reading": touch.empty_reading(sensor)}, {"sensor": description, **touches}
+store.write_batch(snakemake.output, "touch", readings, seed, made_from, more, attributes)

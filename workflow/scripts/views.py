@@ -36,6 +36,5 @@ def look(name: str) -> dict[str, np.ndarray]:
 
 prepared = set(mesh.usable(meshes))
 usable = [name for name in params.objects if name in prepared]
-seen, rejections = each_object(usable, look, "views")
 made_from = provenance.combine({"seed": params.seed, "views": params.views}, provenance.of_meshes(meshes))
-store.write_batch(snakemake.output.views, "views", seen, snakemake.output.rejected, rejections, params.seed, made_from)
+store.write_batch(snakemake.output, "views", each_object(usable, look, "views"), params.seed, made_from)

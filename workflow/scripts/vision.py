@@ -40,12 +40,9 @@ with ExitStack() as outputs:
         pictures = renderer.render_cameras(Scene.from_grasps(meshes / name, of_object, hand, **look), cameras)
         return vision_record(pictures, cameras)
 
-    images, rejections = each_object(grasps["object"], render, "vision")
+    images = each_object(grasps["object"], render, "vision")
     if masters:
         checksums.write_manifest(masters)
 
-attributes = {"drawn": {name: drawn[name] for name in images}} if any(drawn.values()) else {}
-store.write_batch(
-    snakemake.output.vision, "vision", images, snakemake.output.rejected, rejections, seed, made_from,
-    attributes=attributes,
-)  # fmt: skip
+attributes = {"drawn": {name: drawn[name] for name in images[0]}} if any(drawn.values()) else {}
+store.write_batch(snakemake.output, "vision", images, seed, made_from, attributes=attributes)
