@@ -59,8 +59,7 @@ class Sensor:
     @cached_property
     def pixel_centres(self) -> tuple[np.ndarray, np.ndarray]:
         """(r,) z of the rows and (c,) y of the columns: centres of the pixels on the sensor plane."""
-        axes = zip(self.resolution, self.size, strict=True)
-        return tuple(((np.arange(count) + 0.5) / count - 0.5) * length for count, length in axes)
+        return tuple(map(pixel_centres, self.resolution, self.size))
 
     @cached_property
     def plane(self) -> np.ndarray:
@@ -175,6 +174,11 @@ def warn_of_shallow(shallow: int, touches: int) -> list[str]:
         f"{shallow} of {touches} touches are nearer to the end of the sensor's range than to the gel's face: are the "
         "hand's sensors where its gels are? `palpate check` draws them; docs/grasps.md, Your own hand"
     ]
+
+
+def pixel_centres(resolution: int, width: float) -> np.ndarray:
+    """(resolution,) centres of the pixels of a sensor `width` metres wide, along y or z."""
+    return ((np.arange(resolution) + 0.5) / resolution - 0.5) * width
 
 
 def sensor_file(sensor: str, folder: Path | str = ".") -> Path:
