@@ -30,8 +30,7 @@ Scores = Callable[[Chosen], np.ndarray]  # of the grasps chosen so far -> (g,), 
 
 
 def choose(scores: Scores, first: Chosen, count: int) -> Iterator[Chosen]:
-    """`first`, then with one more grasp each time until there are `count`: of those left the one that scores most, the
-    first of equal ones."""
+    """`first`, then with one more grasp each time, up to `count`: the first of those left that score most."""
     chosen = first
     yield chosen
     while len(chosen) < count:
@@ -45,17 +44,14 @@ def farthest(sites: np.ndarray) -> Scores:
     """Scores of grasps by their sites (g, s, 3), m: the mean distance to the nearest site of those chosen."""
 
     def scores(chosen: Chosen) -> np.ndarray:
-        if not chosen:
-            return np.zeros(len(sites))
-        away = cdist(sites.reshape(-1, 3), sites[list(chosen)].reshape(-1, 3)).min(axis=1)
+        away = cdist(sites.reshape(-1, 3), sites[list(chosen)].reshape(-1, 3)).min(axis=1, initial=np.inf)
         return away.reshape(len(sites), -1).mean(axis=1)
 
     return scores
 
 
 def most_uncertain(sites: np.ndarray, correction: Correction) -> Scores:
-    """Scores of grasps by their sites (g, s, 3), m: the mean posterior variance of the correction there, where the
-    residual is known at the sites of those chosen."""
+    """Scores of grasps by their sites (g, s, 3), m: the correction's mean variance there, given those of the chosen."""
     every = torch.from_numpy(sites).double()
 
     def scores(chosen: Chosen) -> np.ndarray:
@@ -83,8 +79,7 @@ def evaluate_selection(
 ) -> pd.DataFrame:
     """Errors after 0 to 5 grasps of each strategy, for each object of some splits: `rows.SELECTION_COLUMNS`.
 
-    Without vision, and with an occluded image, which is that of the first grasp, all begin with the same grasp. Raises
-    EvaluationError for a model, or a run, of less than two grasps.
+    Only with an unoccluded image they begin with none. Raises EvaluationError for a model, or a run, of one grasp.
     """
     experiment, rows = trained.experiment, []
     count = min(MOST, experiment.grasps, data.grasps) if experiment.touch else 0
@@ -115,7 +110,7 @@ class _Errors:
         self.tree = build_tree(self.cloud)
 
     def __call__(self, choices: Sequence[Chosen]) -> list[float]:
-        # The order in which grasps were chosen changes nothing but the random points on the prediction.
+        # The order of choice changes nothing but the random points on a prediction.
         ordered = list if self.trained.experiment.vision == "occluded" else sorted
         grasps = [tuple(ordered(self.order[list(choice)].tolist())) for choice in choices]
         new = list(dict.fromkeys(each for each in grasps if each not in self.known))
