@@ -176,7 +176,7 @@ def _only_errors(name: str) -> Iterator[None]:
 def object_lines(settings: Settings, config: Mapping[str, Any]) -> Iterator[str]:
     """The source, its objects by class and split, and splits that lack objects."""
     source, entries = settings.source, settings.entries
-    splits = catalogue.splits_of(entries, config["split"])
+    splits = catalogue.splits_of(entries, config["split"], config["seed"])
     counts = Counter((entry.class_name, splits[entry.object]) for entry in entries)
     yield f"source: {source.kind}, {'made by Palpate' if source.kind == 'procedural' else source.path}"
     classes = f"{len(settings.classes)} class{'es' * (len(settings.classes) > 1)}"
@@ -189,7 +189,7 @@ def object_lines(settings: Settings, config: Mapping[str, Any]) -> Iterator[str]
     if others := sum(len(entry.others) for entry in entries):
         yield f"  {others} further files of the same objects are not used (source.variants)"
     try:
-        by_name = not any(entry.split for entry in entries)
+        by_name = config["split"]["held_out"] == "objects" and not any(entry.split for entry in entries)
         catalogue.check_splits(splits, catalogue.SPLITS, "training with its tables", by_name)
     except catalogue.CatalogueError as error:
         yield f"  {error}"
@@ -302,7 +302,9 @@ def make_example(
 
     seed, name, folder = config["seed"], entry.object, scratch / "made" / entry.object
     files = catalogue.files_root(root, config["source"]["outside"])
-    mesh.prepare(root / entry.source, folder, up=entry.up, scale=entry.scale, root=files, **config["mesh"])
+    mesh.prepare(
+        root / entry.source, folder, up=entry.up, turn=entry.turn, scale=entry.scale, root=files, **config["mesh"]
+    )
     visual, collision = mesh.load_visual(folder), mesh.load_collision(folder)
     count, method = config["surface"]["points"], config["surface"]["method"]
     points = surface.sample(visual, count, generator(seed, name, "surface"), method) + mesh.OBJECT_POSITION

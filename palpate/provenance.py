@@ -74,9 +74,10 @@ def of_meshes(batch: Path | str) -> Made:
     return Made(batch, "meshes", checksums.size_and_sha256(batch / checksums.MANIFEST)[1], made_from)
 
 
-def sources_digest(objects: Iterable[tuple[str, str, str, str]]) -> str:
-    """SHA-256 of the name, checksum, up axis and scale of a batch's objects, as the catalogue has them."""
-    return hashlib.sha256(json.dumps([list(each) for each in objects]).encode()).hexdigest()
+def sources_digest(objects: Iterable[tuple[str, str, str, str, str]]) -> str:
+    """SHA-256 of the name, checksum, up axis, scale and turn of a batch's objects, as the catalogue has them."""
+    rows = [[*each, turn] if turn else each for *each, turn in objects]  # without a turn as older runs have it
+    return hashlib.sha256(json.dumps(rows).encode()).hexdigest()
 
 
 def by_path(config: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:

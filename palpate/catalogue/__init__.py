@@ -7,8 +7,8 @@ EXPORTS = {
     "companion_files": ["companions", "richness"],
     "record": ["check_same_run", "write_record"],
     "source": ["UP_AXIS", "CatalogueError", "Source", "files_root"],
-    "sources": ["SourceObject", "all_classes", "class_counts", "file_name", "scan"],
-    "split": ["PAPER_SPLIT", "SPLITS", "assign_split", "suggest_split"],
+    "sources": ["SourceObject", "all_classes", "class_counts", "file_name", "scan", "style_of"],
+    "split": ["PAPER_SPLIT", "SPLITS", "assign_split", "held_out_styles", "suggest_split"],
     "table": [
         *("COLUMNS", "CatalogueEntry", "build", "check_splits", "checksum", "empty_splits", "fill", "join_copies"),
         *("read_catalogue", "require_unchanged", "sources_of", "splits_of", "write_catalogue"),

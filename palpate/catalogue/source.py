@@ -70,7 +70,8 @@ class Source:
         kind: a key of `UP_AXIS`. path: its folder. pattern: of mesh files, in place of those of its layout.
         up: the up axis, or `format`; by default that of its kind. scale: `diagonal`, `keep`, or metres a unit of files.
         objects: a CSV file of what the user says of objects. variants: `best` takes one of several files of an object,
-        `each` all. outside: whether files that meshes name may be outside its folder.
+        `each` all. outside: whether files that meshes name may be outside its folder. turned: whether each object is
+        turned about the vertical by an angle of its own. seed: of these angles.
 
     Raises CatalogueError for an unknown kind.
     """
@@ -83,6 +84,8 @@ class Source:
     objects: Path | str | None = None
     variants: str = "best"
     outside: bool = False
+    turned: bool = False
+    seed: int = 0
 
     def __post_init__(self) -> None:
         if self.kind not in UP_AXIS:
@@ -102,7 +105,7 @@ class Source:
         section["objects"] = absolute(section["objects"], project) if section.get("objects") else None
         if "variants" in section:  # the record of an older run may have the old value
             section["variants"] = RENAMED_VALUES["source.variants"].get(section["variants"], section["variants"])
-        return cls(**section)
+        return cls(**section, seed=config.get("seed", 0))
 
     @property
     def files_root(self) -> str:

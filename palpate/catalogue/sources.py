@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from palpate import shapes
-from palpate.batch import UnusableObject
+from palpate.batch import UnusableObject, generator
 from palpate.catalogue.companion_files import richness
 from palpate.catalogue.object_table import ObjectTable, Scale, read_object_table
 from palpate.catalogue.source import FORMAT_UP, LAYOUTS, MESH_SUFFIXES, CatalogueError, Source
@@ -47,6 +47,7 @@ class SourceObject(NamedTuple):
         up: the file's up axis. scale: `diagonal`, `keep`, or metres a unit of the file.
         split: what the source or the user gives it; empty where its name decides.
         others: further files of the same object, which are not used.
+        turn: degrees about the vertical, counter-clockwise from above.
     """
 
     object: str
@@ -56,6 +57,7 @@ class SourceObject(NamedTuple):
     scale: Scale = "diagonal"
     split: str = ""
     others: tuple[str, ...] = ()
+    turn: float = 0.0
 
 
 def scan(source: Source, classes: Mapping[str, Count]) -> list[SourceObject]:
@@ -72,7 +74,7 @@ def scan(source: Source, classes: Mapping[str, Count]) -> list[SourceObject]:
         raise CatalogueError("no classes: name at least one, with a number of objects or `all`")
     _check_classes(classes)
     if source.kind == "procedural":
-        return [entry for name, count in classes.items() for entry in _procedural(source, name, count)]
+        return _turned(source, (entry for name, count in classes.items() for entry in _procedural(source, name, count)))
     root, table = _root(source), _object_table(source)
     if source.kind in LAYOUTS and not table.gives_classes and not source.has_class_folders and len(classes) > 1:
         raise CatalogueError(
@@ -101,7 +103,17 @@ def scan(source: Source, classes: Mapping[str, Count]) -> list[SourceObject]:
             raise CatalogueError(
                 f"{path}: a link to {os.readlink(path)}, where there is no file: correct the link or remove it"
             )
-    return _distinct(entries)
+    return _turned(source, _distinct(entries))
+
+
+def style_of(entry: SourceObject, seed: int) -> str:
+    """The style of a procedural object. Raises CatalogueError for an object of another source."""
+    index = entry.object.removeprefix(f"{entry.class_name}-")
+    if entry.class_name not in shapes.CLASSES or not index.isdigit():
+        raise CatalogueError(
+            f"{entry.object}: only procedural objects have styles: set `split: {{held_out: objects}}` in the config"
+        )
+    return shapes.style(entry.class_name, int(index), seed)
 
 
 def all_classes(source: Source) -> dict[str, Count]:
@@ -352,6 +364,14 @@ def _collada_up(path: Path) -> str:
     with open(path, "rb") as file:
         found = re.search(rb"<up_axis>\s*([XYZ])_UP", file.read(HEAD))
     return found[1].decode().lower() if found else "y"
+
+
+def _turned(source: Source, entries: Iterable[SourceObject]) -> list[SourceObject]:
+    """The entries, each with an angle of its own where the source is turned: it depends on seed and name only."""
+    if not source.turned:
+        return list(entries)
+    angles = ((entry, generator(source.seed, entry.object, "turn").uniform(0, 360)) for entry in entries)
+    return [entry._replace(turn=round(angle, 2)) for entry, angle in angles]
 
 
 def _procedural(source: Source, name: str, count: Count) -> list[SourceObject]:

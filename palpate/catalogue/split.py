@@ -22,6 +22,16 @@ def assign_split(object_name: str, ratios: Mapping[str, float] = PAPER_SPLIT) ->
     return _cut(_fraction(object_name, SALT), ratios)
 
 
+def held_out_styles(class_name: str, styles: Iterable[str], ratios: Mapping[str, float] = PAPER_SPLIT) -> set[str]:
+    """The styles of a class that no training object has: those whose names have the smallest hashes.
+
+    Their number is in proportion to validation and test: at least one, unless both have no share, and not all.
+    """
+    ordered = sorted(styles, key=lambda style: _fraction(f"{class_name}-{style}", SALT))
+    rest = 1 - ratios["train"] / sum(ratios[split] for split in SPLITS)
+    return set(ordered[: min(max(round(rest * len(ordered)), rest > 0), len(ordered) - 1)])
+
+
 def suggest_split(object_names: Iterable[str]) -> dict[str, int] | None:
     """Ratios near the paper's, as whole numbers, that put at least one of the objects in each split.
 
@@ -51,9 +61,10 @@ def _fraction(object_name: str, salt: str) -> float:
 
 
 def _cut(fraction: float, ratios: Mapping[str, float]) -> str:
-    total, reached = sum(ratios.values()), 0.0
-    for split, share in ratios.items():
+    shares = {split: ratios.get(split, 0) for split in SPLITS}
+    total, reached = sum(shares.values()), 0.0
+    for split, share in shares.items():
         reached += share
         if fraction * total < reached:
             return split
-    raise ValueError(f"split ratios {dict(ratios)}: expected at least one above 0")
+    raise ValueError(f"split ratios {shares}: expected at least one above 0")

@@ -6,19 +6,19 @@ import sys
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
-from palpate import provenance
+from palpate import provenance, shapes
 from palpate.atomic import atomic_write
 from palpate.catalogue.companion_files import companions
 from palpate.catalogue.source import CatalogueError
-from palpate.catalogue.sources import SourceObject
-from palpate.catalogue.split import SPLITS, assign_split, suggest_split
+from palpate.catalogue.sources import SourceObject, style_of
+from palpate.catalogue.split import SPLITS, assign_split, held_out_styles, suggest_split
 from palpate.checksums import DamagedFile, read_rows, size_and_sha256
 from palpate.named_files import unusable
 from palpate.rebuild_command import rebuild_advice, rebuild_command
 
-COLUMNS = ("object", "class", "split", "batch", "source", "checksum", "up", "scale", "others")
+COLUMNS = ("object", "class", "split", "batch", "source", "checksum", "up", "scale", "others", "turn", "style")
 OTHERS = "; "
 
 
@@ -27,7 +27,7 @@ class CatalogueEntry(NamedTuple):
 
     source: its mesh file, relative to the source's path. checksum: see `checksum`. up, scale: how the file is taken, as
     text; an older table has neither, and its objects have one size. others: further files of the object that are not
-    used, separated by `OTHERS`.
+    used, separated by `OTHERS`. turn: degrees about the vertical, as text, empty for none. style: of procedural objects.
     """
 
     object: str
@@ -39,6 +39,8 @@ class CatalogueEntry(NamedTuple):
     up: str = ""
     scale: str = ""
     others: str = ""
+    turn: str = ""
+    style: str = ""
 
     @property
     def normalised(self) -> bool:
@@ -83,13 +85,25 @@ def read_catalogue(path: Path | str) -> list[CatalogueEntry]:
     return entries
 
 
-def splits_of(entries: Iterable[SourceObject], ratios: Mapping[str, float]) -> dict[str, str]:
+def splits_of(entries: Iterable[SourceObject], ratios: Mapping[str, Any], seed: int = 0) -> dict[str, str]:
     """The split of each object by name: the one that the source or the user gives, or that of its name.
 
     Where names decide and leave a split without objects, though each should have some, other ratios are taken:
-    those of `suggest_split`.
+    those of `suggest_split`. ratios: the config's `split`; with its `held_out: styles`, the objects of
+    `held_out_styles` are those of validation and test. seed: of procedural objects. Raises CatalogueError for objects
+    without a style.
     """
-    entries = list(entries)
+    entries, held_out = list(entries), ratios.get("held_out")
+    ratios = {split: ratios[split] for split in SPLITS}
+    if held_out == "styles":
+        names = dict.fromkeys(entry.class_name for entry in entries)
+        styles = {entry.object: style_of(entry, seed) for entry in entries}
+        unseen = {name: held_out_styles(name, shapes.styles(name), ratios) for name in names}
+        shares = {"train": 1}, {**ratios, "train": 0}
+        return {
+            entry.object: assign_split(entry.object, shares[styles[entry.object] in unseen[entry.class_name]])
+            for entry in entries
+        }
     ratios = fill(ratios, [entry.object for entry in entries if not entry.split], len(entries))
     return {entry.object: entry.split or assign_split(entry.object, ratios) for entry in entries}
 
@@ -134,12 +148,13 @@ def build(
     splits: Mapping[str, str],
     batches: Mapping[str, str],
     files: Path | str | None = None,
+    seed: int | None = None,
 ) -> list[CatalogueEntry]:
     """The rows of some objects, in their order.
 
     root: the source's path, from which `source` is, so that the table is the same on every machine. splits, batches:
-    of each object by name. files: as for `checksum`. Raises `CatalogueError` if a mesh file does not exist (procedural
-    objects must have been written).
+    of each object by name. files: as for `checksum`. seed: of procedural objects, which have styles. Raises
+    `CatalogueError` if a mesh file does not exist (procedural objects must have been written).
     """
     return [
         CatalogueEntry(
@@ -152,6 +167,8 @@ def build(
             entry.up,
             str(entry.scale),
             OTHERS.join(entry.others),
+            str(entry.turn or ""),
+            "" if seed is None else style_of(entry, seed),
         )
         for entry in entries
     ]
@@ -168,9 +185,7 @@ def empty_splits(splits: Iterable[tuple[str, str]], ratios: Mapping[str, float])
     found: dict[str, set[str]] = {}
     for name, split in splits:
         found.setdefault(name, set()).add(split)
-    empty = {
-        name: [each for each, share in ratios.items() if share > 0 and each not in has] for name, has in found.items()
-    }
+    empty = {name: [each for each in SPLITS if ratios[each] > 0 and each not in has] for name, has in found.items()}
     return {name: names for name, names in empty.items() if names}
 
 
@@ -206,4 +221,4 @@ def sources_of(entries: Sequence[CatalogueEntry]) -> str:
     """Digest of a batch's source files; empty if the catalogue, an older one, does not state checksums."""
     if not any(entry.checksum for entry in entries):
         return ""
-    return provenance.sources_digest((each.object, each.checksum, each.up, each.scale) for each in entries)
+    return provenance.sources_digest((each.object, each.checksum, each.up, each.scale, each.turn) for each in entries)

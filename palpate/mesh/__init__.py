@@ -35,6 +35,7 @@ def prepare(
     scale: str | float = "diagonal",
     time_limit: float = 900.0,
     root: Path | str | None = None,
+    turn: float = 0.0,
 ) -> dict[str, Any]:
     """Make the mesh files of one object from a source file of any of `FORMATS`.
 
@@ -42,7 +43,7 @@ def prepare(
     (decimated, geometry only), all in the object's own frame (metres, z up, bounding-box centre at the origin), and
     `mesh.json`: repairs, and the distance of each level from the source. Returns what `mesh.json` holds.
 
-    up: the source's up axis, "x", "y" or "z". scale: "diagonal" for a bounding box with the diagonal `DIAGONAL`, "keep"
+    up: the source's up axis, "x", "y" or "z". turn: degrees about the vertical, after that. scale: "diagonal" for a bounding box with the diagonal `DIAGONAL`, "keep"
     for a file in metres, or the metres of a unit of the file. root: the folder that textures and buffers have to be in;
     default: the one above the file's own. A mesh that has no more faces than a level asks for is that level.
 
@@ -54,7 +55,9 @@ def prepare(
     from palpate.mesh.build import build
 
     try:
-        return isolated(build, source, folder, up, collision_faces, tuple(levels), scale, root, seconds=time_limit)
+        return isolated(
+            build, source, folder, up, collision_faces, tuple(levels), scale, root, turn, seconds=time_limit
+        )
     except UnusableObject as error:
         message = str(error)
         raise UnusableObject(message if str(source) in message else f"{source}: {message}") from None

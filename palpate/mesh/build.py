@@ -8,6 +8,7 @@ import numpy as np
 import trimesh
 
 from palpate.batch import UnusableObject
+from palpate.camera import rotation_about
 from palpate.mesh import DIAGONAL, LARGEST, SMALLEST, VERSION, topology
 from palpate.mesh.decimate import decimate
 from palpate.mesh.distance import Surface, distance
@@ -27,13 +28,14 @@ COARSEST = 1e-4
 
 
 def build(
-    source: Path, folder: Path, up: str, collision_faces: int, levels, scale="diagonal", root=None
+    source: Path, folder: Path, up: str, collision_faces: int, levels, scale="diagonal", root=None, turn=0.0
 ) -> dict[str, Any]:
     """As `palpate.mesh.prepare`, in this process."""
     replaced: dict[str, str] = {}
     parts = load_parts(source, replaced, root)
     vertices, faces, part = _joined(parts, source)
-    vertices = vertices @ UP[up].T
+    rotation = rotation_about(2, np.radians(turn)) @ UP[up] if turn else UP[up]
+    vertices = vertices @ rotation.T
     repaired = repair(vertices, faces, part)
     if not repaired.keep.any():
         raise UnusableObject(f"{source}: none of its {len(repaired.faces)} triangles has an area: export its surface")
@@ -43,7 +45,7 @@ def build(
     diagonal, scale = size(source, np.linalg.norm(box[1] - box[0]), asked)
     for number, mesh in enumerate(parts):
         mine = part == number
-        _rewrite(mesh, UP[up], centre, scale, repaired.keep[mine], repaired.flip[mine])
+        _rewrite(mesh, rotation, centre, scale, repaired.keep[mine], repaired.flip[mine])
         make_explicit(mesh, source.suffix.lower())
     # What is measured is what is written: single precision.
     vertices = ((repaired.vertices - centre) * scale).astype(np.float32).astype(np.float64)
@@ -66,7 +68,14 @@ def build(
     record = {
         "version": VERSION,
         "source": {
-            **{"file": source.name, "faces": len(repaired.faces), "parts": len(parts), "up": up, "scale": asked},
+            **{
+                "file": source.name,
+                "faces": len(repaired.faces),
+                "parts": len(parts),
+                "up": up,
+                "turn": turn,
+                "scale": asked,
+            },
             **{"replaced_textures": replaced, "bounding_box": [corner.tolist() for corner in box]},
         },
         **{"scale": float(scale), "diagonal": float(diagonal)},

@@ -7,7 +7,7 @@ axis of a knife and of a rifle lies along y (tip or muzzle towards +y), its flat
 from palpate.lazy import lazy_exports
 
 CLASSES = ("bottle", "knife", "cellphone", "rifle")
-generators, __getattr__ = lazy_exports(__name__, {"family": ["make", "style", "write"]})
+generators, __getattr__ = lazy_exports(__name__, {"family": ["make", "write"], "parameters": ["style", "styles"]})
 __all__ = ["CLASSES", "suffix", *generators]
 
 

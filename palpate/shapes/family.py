@@ -4,32 +4,16 @@ import re
 from functools import partial
 from pathlib import Path
 
-import numpy as np
 import trimesh
 from trimesh.exchange.obj import export_obj
 
-from palpate.batch import generator
 from palpate.shapes import CLASSES, bottle, cellphone, knife, rifle, suffix
 from palpate.shapes.assembly import assemble
 from palpate.shapes.deformation import deformed
-from palpate.shapes.parameters import draw
+from palpate.shapes.parameters import draw, style_and_rng
 
 # A module has PARAMETERS, STYLES, AXES (the long one, that towards which objects bend) and build(parameters, rng).
 FAMILIES = dict(zip(CLASSES, (bottle, knife, cellphone, rifle), strict=True))
-
-
-def style(class_name: str, index: int, seed: int = 0) -> str:
-    """The style of object `index` of a class, a key of its `STYLES`. Arguments and errors as `make`."""
-    return _style_and_rng(class_name, index, seed)[0]
-
-
-def _style_and_rng(class_name: str, index: int, seed: int) -> tuple[str, np.random.Generator]:
-    if class_name not in FAMILIES:
-        raise ValueError(f"unknown procedural class {class_name!r}: choose from {', '.join(CLASSES)}")
-    if index < 0:
-        raise ValueError(f"the index of a {class_name} must not be negative, got {index}")
-    rng, names = generator(seed, f"{class_name}-{index:04d}", "shapes"), list(FAMILIES[class_name].STYLES)
-    return names[rng.integers(len(names))], rng
 
 
 def make(class_name: str, index: int, seed: int = 0) -> trimesh.Scene:
@@ -38,7 +22,7 @@ def make(class_name: str, index: int, seed: int = 0) -> trimesh.Scene:
     Metres, z up, poses as in the package's docstring. The same arguments give the same object. Raises
     ValueError for an unknown class or a negative index.
     """
-    name, rng = _style_and_rng(class_name, index, seed)
+    name, rng = style_and_rng(class_name, index, seed)
     family = FAMILIES[class_name]
     p = draw(rng, name, family.PARAMETERS, family.STYLES)
     waves = int(rng.integers(2**32))

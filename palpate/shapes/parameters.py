@@ -1,13 +1,16 @@
 """Parameters of the procedural classes: names, ranges and units; drawn independently of each other."""
 
 from collections.abc import Mapping
+from functools import cache
 from pathlib import Path
 from types import SimpleNamespace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from palpate.batch import generator
 from palpate.configuration import read_yaml
+from palpate.shapes import CLASSES
 
 # Probability that a group of parameters (a bottle's top, a rifle's stock) is drawn as in any of the class's styles.
 EXCHANGE = 0.25
@@ -36,12 +39,38 @@ Styles = dict[str, Mapping[str, list[float] | str]]
 
 def read(class_name: str, form: Mapping[str, Range]) -> tuple[Parameters, Styles]:
     """Parameters and styles of a class, from its YAML file; form: the last group (`palpate.shapes.deformation`)."""
-    found = read_yaml(Path(__file__).with_name(f"{class_name}.yaml"))
+    found = _file(class_name)
     groups = {
         group: {name: (Range if len(values) == 4 else Choice)(*values) for name, values in parameters.items()}
         for group, parameters in found["parameters"].items()
     }
     return groups | {"form": form}, found["styles"]
+
+
+@cache
+def _file(class_name: str) -> dict[str, Any]:
+    if class_name not in CLASSES:
+        raise ValueError(f"unknown procedural class {class_name!r}: choose from {', '.join(CLASSES)}")
+    return read_yaml(Path(__file__).with_name(f"{class_name}.yaml"))
+
+
+def styles(class_name: str) -> tuple[str, ...]:
+    """The styles of a class. Raises ValueError for an unknown class."""
+    return tuple(_file(class_name)["styles"])
+
+
+def style(class_name: str, index: int, seed: int = 0) -> str:
+    """The style of object `index` of a class, without making it. Arguments and errors as `palpate.shapes.make`."""
+    return style_and_rng(class_name, index, seed)[0]
+
+
+def style_and_rng(class_name: str, index: int, seed: int) -> tuple[str, np.random.Generator]:
+    """The style of an object, and what draws the rest of it."""
+    names = styles(class_name)
+    if index < 0:
+        raise ValueError(f"the index of a {class_name} must not be negative, got {index}")
+    rng = generator(seed, f"{class_name}-{index:04d}", "shapes")
+    return names[rng.integers(len(names))], rng
 
 
 def draw(rng: np.random.Generator, style: str, parameters: Parameters, styles: Styles) -> SimpleNamespace:

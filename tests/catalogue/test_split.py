@@ -3,13 +3,27 @@
 import re
 from collections import Counter
 
+import numpy as np
 import pytest
 import yaml
 from hypothesis import given
 from hypothesis import strategies as st
-from scipy.stats import binom
+from scipy.stats import binom, kstest
 
-from palpate.catalogue import PAPER_SPLIT, CatalogueError, Source, assign_split, check_splits, scan, suggest_split
+from palpate import shapes
+from palpate.catalogue import (
+    PAPER_SPLIT,
+    CatalogueError,
+    Source,
+    assign_split,
+    check_splits,
+    held_out_styles,
+    scan,
+    splits_of,
+    style_of,
+    suggest_split,
+)
+from tests.catalogue.whole import whole_catalogue
 
 PAPER_COUNTS = {"bottle": 487, "knife": 416, "cellphone": 493, "rifle": 335}
 ratios = st.fixed_dictionaries(dict.fromkeys(PAPER_SPLIT, st.integers(0, 50))).filter(lambda each: sum(each.values()))
@@ -95,3 +109,65 @@ def test_a_split_without_objects_is_an_error_that_says_how_to_set_it():
     with pytest.raises(CatalogueError, match=r"add objects") as error:
         check_splits({"a": "train", "b": "train"}, ["test"], "table x")
     assert "set `split" not in str(error.value)
+
+
+@pytest.mark.parametrize("seed", [0, 3])
+def test_no_style_of_validation_and_test_is_in_train(seed):
+    """At the paper's counts; validation and test have all held-out styles, about as many objects as otherwise."""
+    entries = scan(Source("procedural", "nowhere"), PAPER_COUNTS)
+    splits = splits_of(entries, PAPER_SPLIT | {"held_out": "styles"}, seed)
+    found = {split: {name: set() for name in PAPER_COUNTS} for split in PAPER_SPLIT}
+    for entry in entries:
+        found[splits[entry.object]][entry.class_name].add(style_of(entry, seed))
+    for name in PAPER_COUNTS:
+        assert found["validation"][name] == found["test"][name] == held_out_styles(name, shapes.styles(name))
+        assert found["train"][name] == set(shapes.styles(name)) - found["test"][name]
+    counts = Counter(splits.values())
+    assert all(abs(counts[split] - share) < 0.25 * share for split, share in PAPER_SPLIT.items())
+
+
+def test_more_objects_change_no_split_of_held_out_styles():
+    few, many = (
+        splits_of(scan(Source("procedural", ""), {"knife": count}), PAPER_SPLIT | {"held_out": "styles"})
+        for count in (9, 90)
+    )
+    assert few.items() <= many.items()
+
+
+@pytest.mark.parametrize(("rest", "count"), [((0, 0), 0), ((1, 0), 1), ((0, 1000), 9), ((100, 0), 5)])
+def test_as_many_styles_are_held_out_as_validation_and_test_have_shares(rest, count):
+    """Of ten, with a share of train of 100: never all, and one at least."""
+    ratios = {"train": 100, "validation": rest[0], "test": rest[1]}
+    styles = [f"style-{number}" for number in range(10)]
+    assert len(held_out_styles("mug", styles, ratios)) == count
+
+
+def test_objects_of_names_are_split_as_without_the_key():
+    entries = scan(Source("procedural", ""), PAPER_COUNTS)
+    splits = splits_of(entries, PAPER_SPLIT | {"held_out": "objects"})
+    assert splits == splits_of(entries, PAPER_SPLIT) == {each.object: assign_split(each.object) for each in entries}
+
+
+def test_objects_of_files_have_no_styles(tmp_path):
+    (tmp_path / "mug").mkdir()
+    (tmp_path / "mug/a.stl").touch()
+    with pytest.raises(CatalogueError, match="mug-a: only procedural objects have styles"):
+        splits_of(scan(Source("folder", tmp_path), {"mug": 1}), PAPER_SPLIT | {"held_out": "styles"})
+
+
+def test_turned_objects_cover_the_circle():
+    """By Kolmogorov and Smirnov's test; another seed turns them otherwise, and more objects change no angle."""
+    counts = {"bottle": 500}
+    turned, other = (scan(Source("procedural", "", turned=True, seed=seed), counts) for seed in (0, 1))
+    assert kstest([each.turn for each in turned], "uniform", args=(0, 360)).pvalue > 1e-3
+    assert np.mean([a.turn == b.turn for a, b in zip(turned, other, strict=True)]) < 0.05
+    assert scan(Source("procedural", "", turned=True), {"bottle": 9}) == turned[:9]
+    assert [each._replace(turn=0) for each in turned] == scan(Source("procedural", ""), counts)
+
+
+def test_the_catalogue_has_turns_and_styles(tmp_path):
+    (tmp_path / "mug").mkdir()
+    (tmp_path / "mug/a.stl").touch()
+    plain, turned = (whole_catalogue(Source("folder", tmp_path, turned=turned), {"mug": 1}) for turned in (False, True))
+    assert list(plain["turn"]) == list(plain["style"]) == [""]
+    assert 0 < float(turned["turn"][0]) < 360

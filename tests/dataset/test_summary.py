@@ -12,7 +12,7 @@ from palpate.dataset.summary import kind_of_reason
 def test_objects_used_and_rejected_with_the_commonest_reasons(tmp_path):
     splits = ["train"] * 5 + ["validation"] * 2 + ["test"]
     with open(tmp_path / "catalogue.csv", "w", newline="") as file:
-        rows = [(f"mug-{i}", "mug", split, "batch-0000", f"{i}.stl", *[""] * 4) for i, split in enumerate(splits)]
+        rows = [(f"mug-{i}", "mug", split, "batch-0000", f"{i}.stl", *[""] * 6) for i, split in enumerate(splits)]
         csv.writer(file).writerows([COLUMNS, *rows])
     (tmp_path / "rejected/meshes").mkdir(parents=True)
     (tmp_path / "rejected/grasps").mkdir()
@@ -44,7 +44,7 @@ def test_reasons_that_differ_in_place_and_numbers_are_one():
 def run_of(tmp_path, objects, facts, config=""):
     """objects: name, split, checksum."""
     with open(tmp_path / "catalogue.csv", "w", newline="") as file:
-        rows = [(name, "mug", split, "batch-0000", "", checksum, *[""] * 3) for name, split, checksum in objects]
+        rows = [(name, "mug", split, "batch-0000", "", checksum, *[""] * 5) for name, split, checksum in objects]
         csv.writer(file).writerows([COLUMNS, *rows])
     (tmp_path / "meshes/batch-0000").mkdir(parents=True)
     (tmp_path / "meshes/batch-0000" / mesh.FACTS).write_text(json.dumps(facts))

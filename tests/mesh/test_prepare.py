@@ -73,6 +73,22 @@ def test_levels_have_the_faces_asked_for_and_stay_closed(knotted):
     assert errors == sorted(errors)
 
 
+def test_a_turned_object_is_turned_about_the_vertical_before_it_is_scaled(tmp_path):
+    """Against trimesh's rotation of the source, y up; without a turn nothing changes."""
+    path = tmp_path / "box.stl"
+    source = trimesh.creation.box((0.1, 0.2, 0.4)).apply_translation((1, 2, 3))
+    source.export(path)
+    for name, options in {"plain": {}, "none": {"turn": 0.0}, "turned": {"turn": 30.0}}.items():
+        mesh.prepare(path, tmp_path / name, up="y", **options)
+    assert digests(tmp_path / "plain") == digests(tmp_path / "none")
+    source.apply_transform(trimesh.transformations.rotation_matrix(np.pi / 2, [1, 0, 0]))
+    source.apply_transform(trimesh.transformations.rotation_matrix(np.radians(30), [0, 0, 1]))
+    source.apply_translation(-source.bounds.mean(axis=0)).apply_scale(0.5 / np.linalg.norm(source.extents))
+    found = mesh.load_collision(tmp_path / "turned").vertices
+    assert cKDTree(found).query(source.vertices)[0].max() < 1e-6
+    assert np.linalg.norm(np.ptp(found, axis=0)) == pytest.approx(0.5)
+
+
 def test_a_small_mesh_is_its_own_level(tmp_path):
     path = tmp_path / "box.stl"
     trimesh.creation.box().export(path)

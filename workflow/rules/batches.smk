@@ -71,13 +71,14 @@ def batch_objects(wildcards):
 
 @cache
 def splits():
-    return catalogue.splits_of(ENTRIES, config["split"])
+    return catalogue.splits_of(ENTRIES, config["split"], config["seed"])
 
 
 def catalogue_with(needed, what):
     """The catalogue, for what needs objects in some splits; that there are none is an error before anything runs."""
     try:
-        catalogue.check_splits(splits(), needed, what, by_name=not any(entry.split for entry in ENTRIES))
+        by_name = config["split"]["held_out"] == "objects" and not any(entry.split for entry in ENTRIES)
+        catalogue.check_splits(splits(), needed, what, by_name)
     except catalogue.CatalogueError as error:
         stop(error)
     return "catalogue.csv"

@@ -34,6 +34,7 @@ rule catalogue_batch:
         outside=SOURCE.outside,
         # As `catalogue.SourceObject` has them, and then their splits.
         objects=lambda wildcards: [(*each, splits()[each.object]) for each in batch_entries(wildcards.batch)],
+        seed=config["seed"] if SOURCE.kind == "procedural" else None,
     script:
         "../scripts/catalogue_batch.py"
 

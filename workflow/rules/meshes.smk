@@ -21,7 +21,7 @@ rule meshes:
         version=MESH_VERSION,
         outside=SOURCE.outside,
         objects=lambda wildcards: {
-            each.object: (each.source, each.up, each.scale) for each in batch_entries(wildcards.batch)
+            each.object: (each.source, each.up, each.scale, each.turn) for each in batch_entries(wildcards.batch)
         },
         folder=SOURCE_PATH,
         mesh=config["mesh"],

@@ -1,7 +1,7 @@
 """The objects of a batch.
 
 catalogue/<batch>.csv    object, class, split, batch, source (from the source's path on), checksum (SHA-256), up, scale,
-                         others
+                         others, turn, style
 """
 
 from workflow.run.job import log_to
@@ -14,4 +14,6 @@ objects = [(catalogue.SourceObject(*fields), split) for *fields, split in snakem
 splits = {entry.object: split for entry, split in objects}
 entries, batches = [entry for entry, _ in objects], dict.fromkeys(splits, batch)
 files = catalogue.files_root(root, snakemake.params.outside)
-catalogue.write_catalogue(snakemake.output.table, catalogue.build(root, entries, splits, batches, files))
+catalogue.write_catalogue(
+    snakemake.output.table, catalogue.build(root, entries, splits, batches, files, snakemake.params.seed)
+)

@@ -26,7 +26,7 @@ log_to(snakemake.log[0])
 log = logging.getLogger("meshes")
 objects, settings, sources = snakemake.params.objects, snakemake.params.mesh, Path(snakemake.params.folder)
 files = files_root(sources, snakemake.params.outside)
-checksum_of = {name: catalogue.checksum(sources / file, files) for name, (file, _, _) in objects.items()}
+checksum_of = {name: catalogue.checksum(sources / file, files) for name, (file, *_) in objects.items()}
 
 with (
     atomic_write(snakemake.output.meshes) as batch,
@@ -35,13 +35,14 @@ with (
     batch.mkdir()
 
     def prepare(name: str) -> dict:
-        folder, (file, up, scale) = batch / name, objects[name]
+        folder, (file, up, scale, turn) = batch / name, objects[name]
         try:
             record = mesh.prepare(
                 sources / file,
                 folder,
                 up=up,
                 scale=scale,
+                turn=turn,
                 collision_faces=settings["collision_faces"],
                 levels=settings["levels"],
                 root=files,
@@ -58,7 +59,9 @@ with (
     facts, rejections = each_object(objects, prepare, "meshes")
     write_rejections(rejected, rejections)
     (batch / mesh.FACTS).write_text(json.dumps(facts) + "\n")
-    read = ((name, checksum_of[name], up, str(scale)) for name, (_, up, scale) in objects.items())
+    read = (
+        (name, checksum_of[name], up, str(scale), str(turn or "")) for name, (_, up, scale, turn) in objects.items()
+    )
     made_from = provenance.combine({"mesh": settings}, sources=provenance.sources_digest(read))
     (batch / provenance.RECORD).write_text(json.dumps(made_from, sort_keys=True) + "\n")
     checksums.write_manifest(batch)
