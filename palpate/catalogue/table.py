@@ -27,7 +27,7 @@ class CatalogueEntry(NamedTuple):
 
     source: its mesh file, relative to the source's path. checksum: see `checksum`. up, scale: how the file is taken, as
     text; an older table has neither, and its objects have one size. others: further files of the object that are not
-    used, separated by `OTHERS`. turn: degrees about the vertical, as text, empty for none. style: of procedural objects.
+    used, separated by `OTHERS`. turn: degrees about the vertical, as text, empty for none. style: of procedural ones.
     """
 
     object: str

@@ -43,9 +43,10 @@ def prepare(
     (decimated, geometry only), all in the object's own frame (metres, z up, bounding-box centre at the origin), and
     `mesh.json`: repairs, and the distance of each level from the source. Returns what `mesh.json` holds.
 
-    up: the source's up axis, "x", "y" or "z". turn: degrees about the vertical, after that. scale: "diagonal" for a bounding box with the diagonal `DIAGONAL`, "keep"
-    for a file in metres, or the metres of a unit of the file. root: the folder that textures and buffers have to be in;
-    default: the one above the file's own. A mesh that has no more faces than a level asks for is that level.
+    up: the source's up axis, "x", "y" or "z". turn: degrees about the vertical, after that. scale: "diagonal" for a
+    bounding box with the diagonal `DIAGONAL`, "keep" for a file in metres, or the metres of a unit of the file. root:
+    the folder that textures and buffers have to be in; default: the one above the file's own. A mesh that has no more
+    faces than a level asks for is that level.
 
     Raises `UnusableObject` if the file can't be read, holds no surface, takes more than `time_limit` seconds, or is not
     `SMALLEST` to `LARGEST` across at its scale; OSError or MemoryError for a full disk or lack of memory.
