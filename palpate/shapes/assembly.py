@@ -12,14 +12,14 @@ from trimesh.visual import TextureVisuals
 from palpate.shapes.materials import Material, across
 from palpate.shapes.solids import union
 
-# Faces of one object: enough that a flat facet is smaller than a touch sensor, few enough to stay quick.
-FEWEST_FACES, MOST_FACES = 5_000, 20_000
+# Faces of one object: a facet is a few millimetres of a touch sensor's 16 mm, at the size that the sensor touches.
+FEWEST_FACES, MOST_FACES = 5_000, 50_000
 # Solids are simplified to so many; what is left is for the facets that deformation bends.
-SIMPLIFIED_FACES = 17_000
+SIMPLIFIED_FACES = 46_000
 # Longest edge over the object's diagonal, and what it is multiplied by where faces are too few or too many.
 EDGE, SHORTER, LONGER = 0.05, 0.7, 1.5
-# Metres. Vertices nearer than this to a simpler surface go: CSG leaves slivers where surfaces almost meet.
-SLIVER = 2e-6
+# Over the diagonal. Vertices nearer than this to a simpler surface go: CSG leaves slivers where surfaces almost meet.
+SLIVER = 3e-6
 # Metres. Vertices as near as this may become equal in a file; then they are moved this far into the solid.
 TOUCH, GAP = 5e-7, 1e-5
 
@@ -84,11 +84,13 @@ def bounded_faces(solids: dict[str, Manifold]) -> dict[str, Manifold]:
         changed = {name: getattr(solid, method)(length) for name, solid in solids.items()}
         return changed, sum(solid.num_tri() for solid in changed.values())
 
-    tolerance, (simple, count) = SLIVER, each(solids, "simplify", SLIVER)
+    diagonal = float(np.linalg.norm(np.diff(bounds_of(solids.values()), axis=0)))
+    tolerance = SLIVER * diagonal
+    simple, count = each(solids, "simplify", tolerance)
     while count > SIMPLIFIED_FACES:
         tolerance *= 2
         simple, count = each(simple, "simplify", tolerance)
-    edge = EDGE * float(np.linalg.norm(np.diff(bounds_of(simple.values()), axis=0)))
+    edge = EDGE * diagonal
     refined, count = each(simple, "refine_to_length", edge)
     for too_few in (True, False):
         while count < FEWEST_FACES if too_few else count > MOST_FACES:

@@ -16,7 +16,7 @@ from palpate.shapes.parameters import read
 from palpate.shapes.solids import bent_bar, box, filleted, fluted, lathe, rod, superellipse, turned, union, upright
 
 AXES = (2, 1)
-AROUND, ROWS = 132, 46  # points around a body, and rows from the ground to the neck: facets of about 3 degrees
+AROUND, ROWS = 256, 72  # points around a body, and rows from the ground to the neck: facets of 1.4 and about 2 degrees
 WIDEST = 0.32  # radius over height of a body that has handles
 PAPER = 0.0005  # m that a label stands off the body
 
@@ -56,7 +56,10 @@ def outline(p: SimpleNamespace) -> tuple[np.ndarray, np.ndarray]:
     radius, end = p.slimness * p.height, p.shoulder * p.height
     neck, start = p.neck * radius, (1 - p.neck_length) * p.height
     start = max(start, end + 0.05 * p.height)
-    knots = PchipInterpolator([0, 0.25, 0.5, 0.75, 1], [p.base, p.lower, p.middle, p.upper, 1])
+    widths = np.array([p.base, p.lower, p.middle, p.upper, 1])
+    # Half of each width is its neighbours': a body has a waist or a belly, and no zigzag.
+    widths[1:-1] = widths[1:-1] / 2 + (widths[:-2] + widths[2:]) / 4
+    knots = PchipInterpolator([0, 0.25, 0.5, 0.75, 1], widths)
     heel = p.heel * radius * p.base
     angle = np.linspace(0, np.pi / 2, 16)[:-1]
     body = np.linspace(heel, end, 200)
@@ -78,7 +81,9 @@ def outline(p: SimpleNamespace) -> tuple[np.ndarray, np.ndarray]:
     if p.relief == "flutes":
         envelope = np.sin(np.pi * np.clip(profile[:, 1] / end, 0, 1)) ** 0.7 * p.relief_depth
         section = section * np.linalg.norm(fluted(envelope, 2 * p.relief_count, AROUND), axis=-1, keepdims=True)
-    angle = np.radians(p.spiral) * (p.relief == "flutes" or p.squareness > 3.5) * np.clip(profile[:, 1] / end, 0, 1)
+    # Corners turn less than grooves: a square bottle keeps four sides.
+    spiral = p.spiral if p.squareness < 2.6 else 0.25 * p.spiral
+    angle = np.radians(spiral) * np.clip(profile[:, 1] / end, 0, 1)
     cosine, sine = np.cos(angle)[:, None], np.sin(angle)[:, None]
     x, y = section[..., 0], section[..., 1]
     return profile, np.stack([cosine * x - sine * y, sine * x + cosine * y], axis=-1)
@@ -90,7 +95,7 @@ def evenly_turning(profile: np.ndarray, count: int) -> np.ndarray:
     lengths = np.linalg.norm(steps, axis=1)
     turns = np.abs(np.diff(np.unwrap(np.arctan2(steps[:, 1], steps[:, 0]))))
     # A sharp corner needs one row; a straight wall that may be bent later needs some.
-    weights = np.append(np.minimum(turns, 0.1), 0) + 1.5 * lengths / lengths.sum()
+    weights = np.append(np.minimum(turns, 0.1), 0) + 0.7 * lengths / lengths.sum()
     place = np.append(0, np.cumsum(weights))
     chosen = np.searchsorted(place, np.linspace(0, place[-1], count) - 1e-9)
     return profile[np.unique(np.minimum(chosen, len(profile) - 1))]
@@ -124,7 +129,7 @@ def screw_cap(radius: float, low: float, height: float, taper: float) -> Manifol
     """A knurled cap with a rounded top."""
     top = low + height
     profile = filleted([(radius, low), (taper * radius, top), (1e-3 * radius, top)], [0, 0.15 * height, 0])
-    return upright(profile, fluted(0.05, 36, 144))
+    return upright(profile, fluted(0.05, 36, 288))
 
 
 def top(p: SimpleNamespace, rng: np.random.Generator, neck: float, radius: float) -> list[Part]:
@@ -140,7 +145,7 @@ def top(p: SimpleNamespace, rng: np.random.Generator, neck: float, radius: float
         return []
     if p.top == "crown":
         profile = np.array([(1.22, -0.35), (1.12, -0.15), (1.0, 0.08), (0.85, 0.15)]) * neck + [0, h]
-        teeth = fluted([0.1, 0.05, 0, 0], 21, 84)
+        teeth = fluted([0.1, 0.05, 0, 0], 21, 168)
         return [Part(upright(profile, teeth), choose(rng, "metal" if rng.uniform() < 0.5 else "plastic"))]
     if p.top == "cork":
         sides = [(0.7 * neck, h - neck), (0.75 * neck, h), (0.6 * wide, h + 0.6 * tall), (0, h + 0.6 * tall)]
@@ -151,7 +156,7 @@ def top(p: SimpleNamespace, rng: np.random.Generator, neck: float, radius: float
         foil += [(1.05 * neck, h + 0.05 * neck), (0, h + 0.08 * neck)]
         return [Part(lathe(filleted(foil, 0.1 * neck), AROUND), Material("foil", cap_look.colour, 0.6, 0.3))]
     if p.top == "stopper":
-        knots = rng.uniform(0.5, 1.4, 5) * wide
+        knots = rng.uniform(0.7, 1.3, 5) * wide
         z = np.linspace(0, 1, 24)
         curve = np.append(PchipInterpolator(np.linspace(0, 1, 6), [*knots, 0.3 * wide])(z), 0)
         ball = np.column_stack([curve, h + 0.01 * neck + 1.4 * tall * np.append(z, 1)])

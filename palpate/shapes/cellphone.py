@@ -21,7 +21,7 @@ GLASS = Material("black-glass", (14, 14, 18), 0.0, 0.08)
 LENS = Material("lens", (16, 18, 30), 0.2, 0.05)
 PROUD = 0.0002  # m that glass and keys stand off the shell
 
-PARAMETERS, STYLES = read("cellphone", form(stretch=0.12, taper=0.07, bend=9, warp=0.012, twist=2))
+PARAMETERS, STYLES = read("cellphone", form(stretch=0.12, taper=0.03, bend=9, warp=0.012, twist=2))
 
 
 def build(p: SimpleNamespace, rng: np.random.Generator) -> list[Part]:

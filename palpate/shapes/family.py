@@ -17,7 +17,7 @@ FAMILIES = dict(zip(CLASSES, (bottle, knife, cellphone, rifle), strict=True))
 
 
 def make(class_name: str, index: int, seed: int = 0) -> trimesh.Scene:
-    """Build object `index` of a class: a scene of closed meshes, one a material, of 5,000 to 20,000 faces.
+    """Build object `index` of a class: a scene of closed meshes, one a material, of 5,000 to 50,000 faces.
 
     Metres, z up, poses as in the package's docstring. The same arguments give the same object. Raises
     ValueError for an unknown class or a negative index.

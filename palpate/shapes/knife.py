@@ -121,7 +121,7 @@ def handle(p: SimpleNamespace, tall: float, wide: float):
     size = PchipInterpolator([0, 0.1, 0.5, 0.75, 0.95, 1], heights)(s) * (1 + p.rings * np.cos(2 * np.pi * 9 * s))
     width = wide * (0.5 + 0.5 * size / size.max())
     stations = np.column_stack([-p.grip * s, centre(s) - size * tall / 2, centre(s) + size * tall / 2, width])
-    return along_y(stations[::-1], p.squareness, 90, 48), centre
+    return along_y(stations[::-1], p.squareness, 90, 80), centre
 
 
 def guard(p: SimpleNamespace, tall: float, wide: float, centre) -> list[Manifold]:

@@ -63,7 +63,7 @@ def barrels(p) -> list[Manifold]:
     """The barrel, and what lies along it."""
     start, length, thick, thin = p.receiver - 0.02, p.barrel + 0.02, p.bore, p.slim * p.bore
     profile = [(thick, 0), (thick, 0.15 * length), (0.5 * (thick + thin), 0.3 * length), (thin, length), (0, length)]
-    tube = turned(profile, (0, start, 0), (0, 1, 0), 44)
+    tube = turned(profile, (0, start, 0), (0, 1, 0), 64)
     tube -= rod((0, start + length - 0.03, 0), (0, start + length + 0.01, 0), 0.45 * thin, segments=24)
     end = p.receiver + p.second_length * p.barrel
     if p.second == "none":
@@ -97,7 +97,7 @@ def muzzle(p, rng) -> list[Manifold]:
         profile = [(wide * 0.8, 0), (wide, 0.008), (wide, length), (0.006, length)]
     else:
         return []
-    return [cut(turned(filleted(profile, 0.0015), (0, end - 0.012, 0), (0, 1, 0), 44), tools)]
+    return [cut(turned(filleted(profile, 0.0015), (0, end - 0.012, 0), (0, 1, 0), 64), tools)]
 
 
 def action(p) -> list[Manifold]:
@@ -132,7 +132,7 @@ def pistol_grip(y: float, z: float, length: float, rake: float, depth: float) ->
     lean = rake * length
     path = filleted([(0, y, z + 0.012), (0, y - 0.3 * lean, z - 0.3 * length), (0, y - lean, z - length)], 0.08)
     scale = np.linspace(1, 0, len(path))[:, None] * [-0.04, 0.12] + [1, 1.0]
-    return sweep(path, superellipse(0.7 * depth, depth, 2.8, 36), scale)
+    return sweep(path, superellipse(0.7 * depth, depth, 2.8, 64), scale)
 
 
 def stock(p) -> list[Manifold]:
@@ -149,7 +149,7 @@ def stock(p) -> list[Manifold]:
             (0.12 * end, wrist, -0.012, 0.85 * wide),
             (0.01, -p.low, 0.3 * p.high, 0.9 * p.body_width),
         ]
-        body = along_y(stations, 2.6, 60, 40)
+        body = along_y(stations, 2.6, 80, 64)
         if p.comb > 0.008:
             rise = [(0.8, heel, 0.4), (0.7, comb, 0.8), (0.45, comb, 0.8), (0.35, -0.01, 0.4)]
             body += along_y([(y * end, -0.03, z, share * wide) for y, z, share in rise], 2.4, 24, 32)
@@ -191,20 +191,20 @@ def forend(p) -> list[Manifold]:
             (end - 0.02, -0.8 * size - drop, 0, 0.8 * width),
             (end, -0.6 * size - drop, -0.006, 0.5 * width),
         ]
-        return [along_y(stations, 2.6, 50, 40)]
+        return [along_y(stations, 2.6, 60, 64)]
     if p.forend == "pump":
         start, z = start + 0.3 * p.barrel, -2.05 * p.bore
         wave = np.linspace(0, 1, 60)
         radius = size * (1 - 0.06 * np.cos(2 * np.pi * 9 * wave)) * (1 - 0.1 * (2 * wave - 1) ** 4)
         profile = np.column_stack([radius, wave * max(0.08, 0.4 * (end - p.receiver))])
-        return [turned(profile, (0, start, z), (0, 1, 0), 44)]
+        return [turned(profile, (0, start, z), (0, 1, 0), 64)]
     length = end - start
     if p.forend == "ribbed":
         at = np.arange(0.03, max(length - 0.015, 0.04), 0.014)
         wave = [(f * size, a + step) for a in at for f, step in ((1, 0), (1, 0.007), (0.86, 0.008), (0.86, 0.013))]
         last = wave[-1][1]
         profile = [(size * 1.08, 0), (size * 1.08, 0.02), *wave, (size, last + 0.004), (0.9 * size, last + 0.014)]
-        return [turned(profile, (0, start, 0), (0, 1, 0), 44)]
+        return [turned(profile, (0, start, 0), (0, 1, 0), 64)]
     body = sweep([(0, start, 0), (0, end, 0)], superellipse(1.8 * size, 2 * size, 4, 48))
     slot = sweep([(-0.1, 0, 0), (0.1, 0, 0)], superellipse(0.028, 0.4 * size, 5, 16), side=(0, 1, 0))
     at = np.arange(start + 0.03, end - 0.025, 0.042)

@@ -33,7 +33,7 @@ def check(class_name: str, scene: trimesh.Scene) -> None:
         assert np.isfinite(mesh.vertices).all() and np.isfinite(mesh.visual.uv).all(), name
         assert mesh.visual.uv.shape == (len(mesh.vertices), 2), name
         assert mesh.visual.uv.min() >= -1e-9 and mesh.visual.uv.max() <= 1 + 1e-9, name
-    assert 5_000 <= sum(len(mesh.faces) for mesh in scene.geometry.values()) <= 20_000
+    assert 5_000 <= sum(len(mesh.faces) for mesh in scene.geometry.values()) <= 50_000
     x, y, z = scene.extents
     low, high = LARGEST[class_name]
     assert low <= max(x, y, z) <= high

@@ -5,7 +5,7 @@ import pytest
 
 from palpate.mesh import OBJECT_POSITION
 from palpate.protocol import CHAMFER_SCALE
-from studies.benchmarks.lookup import PIXELS, Shape, chamfer, evaluate, lookup, shape
+from studies.benchmarks.lookup import PIXELS, Shape, chamfer, evaluate, everything, lookup, shape
 
 
 def made(name: str, silhouette: np.ndarray, split: str = "train") -> Shape:
@@ -42,7 +42,19 @@ def test_an_object_is_scaled_placed_and_seen():
 
 
 def test_rows_hold_one_object_of_the_split_each():
-    everything = [shape("knife", index, 0) for index in range(12)]
-    rows = evaluate(everything, "train", 300)
-    assert rows["object"].tolist() == [each.name for each in everything if each.split == "train"]
+    made = everything({"knife": 12})
+    rows = evaluate(made, "train", 300)
+    assert rows["object"].tolist() == [each.name for each in made if each.split == "train"]
     assert (rows["object"] != rows["looked up"]).all() and (rows["chamfer"] > 0).all()
+
+
+def test_the_harder_split_turns_objects_and_holds_styles_out():
+    plain, hard = everything({"knife": 12}), everything({"knife": 12}, harder=True)
+    rest = {each.style for each in hard if each.split != "train"}
+    assert rest and rest.isdisjoint(each.style for each in hard if each.split == "train")
+    # A knife lies along y, so that most turns make it wider along x; its height stays in proportion.
+    assert np.median([each.mesh.extents[0] for each in hard]) > 3 * np.median([each.mesh.extents[0] for each in plain])
+    for one, turned in zip(plain, hard, strict=True):
+        assert turned.mesh.volume / np.ptp(turned.mesh.vertices[:, 2]) ** 3 == pytest.approx(
+            one.mesh.volume / np.ptp(one.mesh.vertices[:, 2]) ** 3
+        )
