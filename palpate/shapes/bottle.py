@@ -16,7 +16,8 @@ from palpate.shapes.parameters import read
 from palpate.shapes.solids import bent_bar, box, filleted, fluted, lathe, rod, superellipse, turned, union, upright
 
 AXES = (2, 1)
-AROUND, ROWS = 256, 72  # points around a body, and rows from the ground to the neck: facets of 1.4 and about 2 degrees
+# Points around a body, and rows from the ground to the neck: facets of 1.5 and about 3 degrees; ribs need more rows.
+PLAIN, RIBBED = (240, 60), (150, 104)
 WIDEST = 0.32  # radius over height of a body that has handles
 PAPER = 0.0005  # m that a label stands off the body
 
@@ -52,13 +53,14 @@ def build(p: SimpleNamespace, rng: np.random.Generator) -> list[Part]:
 
 
 def outline(p: SimpleNamespace) -> tuple[np.ndarray, np.ndarray]:
-    """The body's profile (k, 2) of (radius, z), and its cross-sections (k, AROUND, 2) for radius 1."""
+    """The body's profile (k, 2) of (radius, z), and its cross-sections (k, m, 2) for radius 1."""
     radius, end = p.slimness * p.height, p.shoulder * p.height
     neck, start = p.neck * radius, (1 - p.neck_length) * p.height
     start = max(start, end + 0.05 * p.height)
     widths = np.array([p.base, p.lower, p.middle, p.upper, 1])
     # Half of each width is its neighbours': a body has a waist or a belly, and no zigzag.
     widths[1:-1] = widths[1:-1] / 2 + (widths[:-2] + widths[2:]) / 4
+    count, rows = RIBBED if p.relief == "ribs" else PLAIN
     knots = PchipInterpolator([0, 0.25, 0.5, 0.75, 1], widths)
     heel = p.heel * radius * p.base
     angle = np.linspace(0, np.pi / 2, 16)[:-1]
@@ -71,16 +73,16 @@ def outline(p: SimpleNamespace) -> tuple[np.ndarray, np.ndarray]:
         r[len(angle) :] -= p.relief_depth * radius * wave
     t = np.linspace(0, 1, 100)[1:]
     shoulder = np.column_stack([neck + (radius - neck) * (1 - t**p.dome) ** p.hollow, end + t * (start - end)])
-    skin = evenly_turning(np.concatenate([np.column_stack([r, z]), shoulder]), ROWS)
+    skin = evenly_turning(np.concatenate([np.column_stack([r, z]), shoulder]), rows)
     lip = np.array([(1, 0), (1, 0.3), (1 + p.finish, 0.34), (1 + p.finish, 0.66), (1, 0.7), (1, 1)])
     lip = np.column_stack([neck * lip[:, 0], start + (p.height - start) * lip[:, 1]])[1:]
     profile = np.concatenate([[(0.5 * r[0], 0)], skin, lip])
     body_share = 1 - np.clip((profile[:, 1] - end) / (start - end), 0, 1)[:, None, None]
-    section = superellipse(2, 2, p.squareness, AROUND) * [p.depth, 1]
-    section = body_share * section + (1 - body_share) * superellipse(2, 2, 2, AROUND)
+    section = superellipse(2, 2, p.squareness, count) * [p.depth, 1]
+    section = body_share * section + (1 - body_share) * superellipse(2, 2, 2, count)
     if p.relief == "flutes":
         envelope = np.sin(np.pi * np.clip(profile[:, 1] / end, 0, 1)) ** 0.7 * p.relief_depth
-        section = section * np.linalg.norm(fluted(envelope, 2 * p.relief_count, AROUND), axis=-1, keepdims=True)
+        section = section * np.linalg.norm(fluted(envelope, 2 * p.relief_count, count), axis=-1, keepdims=True)
     # Corners turn less than grooves: a square bottle keeps four sides.
     spiral = p.spiral if p.squareness < 2.6 else 0.25 * p.spiral
     angle = np.radians(spiral) * np.clip(profile[:, 1] / end, 0, 1)
@@ -102,7 +104,7 @@ def evenly_turning(profile: np.ndarray, count: int) -> np.ndarray:
 
 
 def cut_at(profile: np.ndarray, section: np.ndarray, z: float) -> np.ndarray:
-    """The body's outline (1, AROUND, 2) at height z."""
+    """The body's outline (1, m, 2) at height z."""
     above = int(np.searchsorted(profile[:, 1], z))
     share = (z - profile[above - 1, 1]) / (profile[above, 1] - profile[above - 1, 1])
     rings = profile[above - 1 : above + 1, 0, None, None] * section[above - 1 : above + 1]
@@ -154,7 +156,7 @@ def top(p: SimpleNamespace, rng: np.random.Generator, neck: float, radius: float
         low = h - min(p.neck_length, 0.2) * rng.uniform(0.5, 1) * h
         foil = [(1.03 * neck, low), ((1.06 + p.finish) * neck, h - 0.3 * neck)]
         foil += [(1.05 * neck, h + 0.05 * neck), (0, h + 0.08 * neck)]
-        return [Part(lathe(filleted(foil, 0.1 * neck), AROUND), Material("foil", cap_look.colour, 0.6, 0.3))]
+        return [Part(lathe(filleted(foil, 0.1 * neck), 128), Material("foil", cap_look.colour, 0.6, 0.3))]
     if p.top == "stopper":
         knots = rng.uniform(0.7, 1.3, 5) * wide
         z = np.linspace(0, 1, 24)

@@ -3,7 +3,8 @@
 Makes procedural objects and scales them as `palpate.mesh` does. The reconstruction of an object is the training object
 of any class whose silhouette, seen by the paper's camera, has the highest intersection over union with its own. The
 table has the Chamfer distance between exterior points of the two, in the unit of the paper's tables, and beside it that
-to a training object of the same class drawn at random. Seconds are processor time to make an object. The harder split is that of config/paper_hard.yaml.
+to a training object of the same class drawn at random. Seconds are processor time to make an object. The harder split
+is that of config/paper_hard.yaml.
 """
 
 import argparse

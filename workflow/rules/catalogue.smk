@@ -12,7 +12,7 @@ rule shapes:
         name=lambda wildcards: wildcards["class"],
         objects=lambda wildcards: CLASS_COUNTS[wildcards["class"]],
         seed=config["seed"],
-        version=2,  # of what is written: files of an older one are made again
+        version=3,  # of what is written: files of an older one are made again
     script:
         "../scripts/shapes.py"
 
