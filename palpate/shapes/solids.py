@@ -7,8 +7,13 @@ import numpy as np
 from manifold3d import CrossSection, Manifold, Mesh64, OpType, triangulate
 from scipy.interpolate import PchipInterpolator
 
-# Angle between neighbouring points of an arc, radians: a chord of it leaves the arc by 0.2 % of the radius.
-ARC_STEP = np.radians(7.5)
+# Least angle between neighbouring points of an arc, radians, and how far a chord may leave it (m): small arcs have few.
+ARC_STEP, ARC_ERROR = np.radians(7.5), 3e-5
+
+
+def arc_points(turn: float, radius: float) -> int:
+    """The points of an arc that turns by an angle (radians)."""
+    return max(3, int(np.ceil(turn / max(ARC_STEP, 2 * np.arccos(max(1 - ARC_ERROR / radius, 0.6))))) + 1)
 
 
 def filleted(points: np.ndarray, radii: np.ndarray | float, closed: bool = False) -> np.ndarray:
@@ -37,10 +42,9 @@ def filleted(points: np.ndarray, radii: np.ndarray | float, closed: bool = False
         bisector = before + after
         bisector /= np.linalg.norm(bisector)
         centre = corner + bisector * radius / np.sin(half)
-        count = max(2, int(np.ceil(turn / ARC_STEP)) + 1)
         start = (corner + tangent * before - centre) / radius
         end = (corner + tangent * after - centre) / radius
-        t = np.linspace(0, 1, count)[:, None]
+        t = np.linspace(0, 1, arc_points(turn, radius))[:, None]
         # Spherical interpolation between the two radii of the arc.
         result.append(centre + radius * (np.sin((1 - t) * turn) * start + np.sin(t * turn) * end) / np.sin(turn))
     return np.concatenate(result)
@@ -103,38 +107,15 @@ def superellipse(width: float, height: float, exponent: float = 2.0, count: int 
     return np.stack([width / 2 * radius * cosine, height / 2 * radius * sine], axis=1)
 
 
-def rounded_rectangle(width: float, height: float, radius: float, corner_points: int = 9) -> np.ndarray:
-    """(4 corner_points, 2) points, counter-clockwise around the origin."""
-    radius = min(radius, 0.499 * width, 0.499 * height)
-    angle = np.linspace(0, np.pi / 2, corner_points)
-    arc = radius * np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    result = []
-    for quarter, (sx, sy) in enumerate([(1, 1), (-1, 1), (-1, -1), (1, -1)]):
-        c, s = [(1, 0), (0, 1), (-1, 0), (0, -1)][quarter]
-        turned = arc @ np.array([[c, s], [-s, c]])
-        result.append(turned + [sx * (width / 2 - radius), sy * (height / 2 - radius)])
-    return np.concatenate(result)
-
-
 def slab(size: tuple[float, float, float], corner: float, fillet: float, centre=(0.0, 0.0, 0.0)) -> Manifold:
     """A plate standing in the y-z plane: size = (thickness along x, width along y, height along z).
 
-    corner: radius of its outline; fillet: radius of the edge around front and back.
+    corner: radius of its outline, at least `fillet`, that of the rim around front and back.
     """
     thickness, width, height = size
-    fillet = min(fillet, 0.499 * thickness)
-    # A key's small radii need fewer points than a shell's.
-    steps, corner_points = (round(float(np.clip(r / 0.0008, 3, most))) for r, most in ((fillet, 5), (corner, 9)))
-    angle = np.linspace(0, np.pi / 2, steps)
-    inset = fillet * np.concatenate([1 - np.sin(angle), 1 - np.cos(angle)])
-    x = fillet * np.concatenate([1 - np.cos(angle), np.sin(angle) - 1])
-    x += thickness / 2 * np.repeat([-1, 1], steps)
-    rings = []
-    for offset, position in zip(inset, x, strict=True):
-        radius = max(corner - offset, 1e-4)
-        outline = rounded_rectangle(width - 2 * offset, height - 2 * offset, radius, corner_points)
-        rings.append(np.column_stack([np.full(len(outline), position), outline]))
-    return loft(np.array(rings)).translate(centre)
+    fillet = min(fillet, 0.499 * thickness, 0.4 * min(width, height))
+    corners = np.array([(1, 1), (-1, 1), (-1, -1), (1, -1)]) * [width / 2, height / 2]
+    return prism(filleted(corners, max(corner, 1.1 * fillet), closed=True), thickness, fillet).translate(centre)
 
 
 def prism(outline: np.ndarray, thickness: float, edge: float = 0.0) -> Manifold:
@@ -145,7 +126,7 @@ def prism(outline: np.ndarray, thickness: float, edge: float = 0.0) -> Manifold:
     """
     outline = counter_clockwise(np.asarray(outline, dtype=float))
     edge = min(edge, 0.499 * thickness)
-    angle = np.linspace(0, np.pi / 2, 4) if edge > 0 else np.array([np.pi / 2])
+    angle = np.linspace(0, np.pi / 2, arc_points(np.pi / 2, edge)) if edge > 0 else np.array([np.pi / 2])
     inset, x = edge * (1 - np.sin(angle)), edge * (1 - np.cos(angle)) - thickness / 2
     inset, x = np.append(inset, inset[::-1]), np.append(x, -x[::-1])
     planes = outline + inset[:, None, None] * inward_normals(outline)

@@ -16,7 +16,6 @@ from palpate.shapes.solids import (
     loft,
     prism,
     rod,
-    rounded_rectangle,
     slab,
     superellipse,
     sweep,
@@ -77,7 +76,8 @@ def test_sections_that_shrink_to_a_cone():
 @given(st.floats(0.01, 0.2), st.floats(0.01, 0.2), st.floats(0, 0.3), st.floats(0.001, 0.02))
 @settings(max_examples=30, deadline=None)
 def test_a_plate_without_rounded_rim_is_its_outline_times_its_thickness(width, height, corner, thickness):
-    outline = rounded_rectangle(width, height, max(corner * min(width, height), 1e-4))
+    corners = np.array([(1, 1), (-1, 1), (-1, -1), (1, -1)]) * [width / 2, height / 2]
+    outline = filleted(corners, max(corner * min(width, height), 1e-4), closed=True)
     assert prism(outline, thickness).volume() == pytest.approx(area(outline) * thickness, rel=1e-6)
     assert prism(outline[::-1], thickness).volume() > 0
 
