@@ -138,9 +138,7 @@ def top(p: SimpleNamespace, rng: np.random.Generator, neck: float, radius: float
     """What closes the mouth, at the bottle's height."""
     # A cap stays narrower than the body, and a spout short enough that the bottle stands and is taller than wide.
     h, wide, tall = p.height, min(p.top_width * neck, 1.1 * radius), min(p.top_height * neck, 1.2 * radius)
-    cap_look = choose(
-        rng, "plastic", ["white-plastic", "black-plastic", "red-plastic", "green-plastic", "blue-plastic"]
-    )
+    cap_look = choose(rng, "plastic", [f"{each}-plastic" for each in ("white", "black", "red", "green", "blue")])
     collar = screw_cap(wide, h - 0.6 * neck, 0.6 * neck + 0.4 * tall, p.top_taper)
     end = h + 0.4 * tall
     if p.top == "open":

@@ -162,8 +162,5 @@ def pommel(p: SimpleNamespace, rng: np.random.Generator, tall: float, wide: floa
         return [disc - prism(middle + (0.9 * size - wire / 2) * circle, 2 * width)]
     blade_out, turn = rng.uniform(0.35, 0.8) * p.grip, rng.uniform(20, 75)
     tool = np.array([(0, 0.1), (-1, 0.06), (-1, -0.06), (0, -0.1)]) * blade_out
-    return [
-        prism(filleted(tool, 0.003, closed=True), 0.003)
-        .rotate((-turn, 0, 0))
-        .translate((0.2 * wide, -0.9 * p.grip, end + 0.1 * tall))
-    ]
+    tool = prism(filleted(tool, 0.003, closed=True), 0.003).rotate((-turn, 0, 0))
+    return [tool.translate((0.2 * wide, -0.9 * p.grip, end + 0.1 * tall))]
