@@ -6,10 +6,11 @@ import numpy as np
 from palpate.mesh.distance import Surface
 
 POINTS = 20_000  # an object
-# Shares of the points, and how far from the surface they are at most, in diagonals of the object's box: 6 and 25 mm of
-# those that are scaled to 0.5 m. The rest is anywhere in a sphere around the box, of this many half diagonals.
+# Shares of the points, and how far from the surface they are, in diagonals of the object's box: normal numbers of
+# standard deviation 6 and 25 mm, for a diagonal of 0.5 m. The rest is anywhere in a cube around the box. Nearer points
+# teach less: at 1.5 mm on average, in place of 5, twelve objects had after 360 steps an error of 4.6 in place of 2.7.
 NEAR, MIDDLE = (0.5, 0.012), (0.25, 0.05)
-AROUND = 1.04
+AROUND = 1.04  # diagonals, of the cube
 ACCURACY = 1.5  # of libigl's winding numbers: they err by 0.02. At its default of 2 they take 1.5 times as long.
 OTHER_SIDE = 4e-4  # diagonals behind the surface, where its other side is looked at
 CLEAR = 0.25  # a winding number that is nearer to an integer than this is unambiguous
@@ -25,13 +26,11 @@ def sample_distances(
     surface: (n, 3) points on it. diagonal: of its box, whose centre is the origin. All in m.
     """
     near, middle = (int(share * POINTS) for share, _ in (NEAR, MIDDLE))
-    directions = rng.standard_normal((POINTS, 3))
-    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-    reach = np.repeat([NEAR[1], MIDDLE[1], AROUND / 2], [near, middle, POINTS - near - middle])
-    # Uniform in a ball around each.
-    points = (diagonal * reach * np.cbrt(rng.random(POINTS)))[:, None] * directions
-    points[: near + middle] += surface[rng.integers(len(surface), size=near + middle)]
-    points = points.astype(np.float32)
+    spread = np.repeat([NEAR[1], MIDDLE[1]], [near, middle])[:, None]
+    close = surface[rng.integers(len(surface), size=near + middle)]
+    close = close + diagonal * spread * rng.standard_normal(close.shape)
+    anywhere = diagonal * AROUND * rng.uniform(-0.5, 0.5, (POINTS - len(close), 3))
+    points = np.concatenate([close, anywhere]).astype(np.float32)
     exact = points.astype(float)
     distance = signed_distance(vertices, faces, exact)
     return points, distance, ambiguity(vertices, faces, exact[:near:CHECKED], OTHER_SIDE * diagonal)

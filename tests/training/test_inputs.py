@@ -82,3 +82,11 @@ def test_the_table():
     assert re.search(
         r"\| image_camera +\| vision intrinsics, extrinsics \| float32 \| vision is unoccluded or", printed
     )
+
+
+def test_without_a_strategy_nothing_of_it_is_left():
+    known = Experiments.read("config/experiments.yaml", "workflow/schemas/experiments.schema.yaml")
+    left = known.without("implicit")
+    assert {name for name in known.experiments if name not in left.experiments} == set(IMPLICIT)
+    in_tables = [each for table in left.tables.values() for each in table.experiments]
+    assert in_tables and all(each.strategy != "implicit" for each in in_tables)
