@@ -30,8 +30,8 @@ class Experiment:
 
     Attributes:
         name: its key there.
-        strategy: the paper's charts, no_copy, no_comm or sphere; ours pooled or pooled_no_copy; of views only psg,
-            pixel2mesh or r2n2.
+        strategy: the paper's charts, no_copy, no_comm or sphere; ours pooled or pooled_no_copy; the baseline
+            retrieval, which is not trained; of views only psg, pixel2mesh or r2n2.
         vision: occluded, unoccluded, views or none. touch: whether it takes touches. grasps: how many at most.
         fewer_grasps: whether it is trained with any number of grasps up to `grasps`; from none where it has vision.
         weights: the experiment whose trained model it is evaluated with; None: it is trained itself.
@@ -70,6 +70,11 @@ class Experiment:
         return self.weights or self.name
 
     @property
+    def is_trained(self) -> bool:
+        """Whether it has a trained model: all but the strategy `retrieval`."""
+        return self.strategy != "retrieval"
+
+    @property
     def fewest_grasps(self) -> int:
         """The fewest grasps whose touches a sample has."""
         return self.grasps if not self.fewer_grasps else 0 if self.has_vision else 1
@@ -85,6 +90,11 @@ class Experiment:
         return self.touch and self.strategy == "sphere"
 
     @property
+    def takes_masks(self) -> bool:
+        """Whether images reach it as silhouettes: in strategy `retrieval`."""
+        return self.has_vision and not self.is_trained
+
+    @property
     def takes_grasps(self) -> bool:
         """Whether anything that the model takes depends on a grasp: touches, or an occluded image."""
         return self.touch or self.vision == "occluded"
@@ -92,7 +102,7 @@ class Experiment:
     @property
     def takes_directions(self) -> bool:
         """Whether it takes the sensors' rotations: not where touch is only copied, or in the paper's graph."""
-        return self.touch and self.strategy not in ("charts", "no_copy", "no_comm")
+        return self.touch and self.strategy not in ("charts", "no_copy", "no_comm", "retrieval")
 
     @property
     def modality(self) -> str:

@@ -4,6 +4,7 @@ import logging
 import sys
 import time
 from collections.abc import Iterator, Sequence
+from functools import cache
 from itertools import groupby, islice
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -26,13 +27,15 @@ from palpate.experiments import SPLITS, Experiment
 from palpate.inference import checkpoints
 from palpate.inference.checkpoints import require_sensor
 from palpate.inference.data import ExperimentData
+from palpate.inference.inputs import INPUTS
 from palpate.inference.machine import Machine
 from palpate.inference.samples import Assembler, Sample, windows
 from palpate.inference.touches import channels_first, depth_to_points, predict_depth
 from palpate.models import Reconstruction, SingleImageModel, TouchDepth
+from palpate.models.retrieval import Objects, Retrieval
 from palpate.protocol import CHAMFER_SCALE, RINGS
 from palpate.rebuild_command import rebuild_command
-from palpate.sensor import Sensor
+from palpate.sensor import DIGIT, Sensor
 
 log = logging.getLogger(__name__)
 
@@ -43,7 +46,7 @@ POINTS = 10_000  # on a prediction, and on the truth (the published evaluation)
 class Trained(NamedTuple):
     """A trained model, with its experiment, seed, training steps and device."""
 
-    model: Reconstruction | SingleImageModel
+    model: Reconstruction | SingleImageModel | Retrieval
     experiment: Experiment
     seed: int
     steps: int
@@ -57,6 +60,20 @@ def load(model: Path | str, summary: Path | str, experiment: Experiment, seed: i
     """
     on = Machine(device).torch_device()
     return Trained(checkpoints.load(model, experiment).to(on), experiment, seed, training_steps(summary), on)
+
+
+def retrieval(run: Path | str, experiment: Experiment, seed: int) -> Trained:
+    """The baseline of strategy `retrieval`, from the objects of a run's train split. Nothing is trained."""
+    sensor = Dataset(run, ["touch"]).sensor if experiment.touch else DIGIT
+    model = Retrieval(_training_objects(run, experiment.has_vision), experiment.correction, sensor)
+    return Trained(model, experiment, seed, steps=0)
+
+
+@cache
+def _training_objects(run: Path | str, has_vision: bool) -> Objects:
+    arrays = [item for item in INPUTS if item.name in ("points", *["unoccluded_silhouette"] * has_vision)]
+    data = ExperimentData.read(Dataset(run, [item.stage for item in arrays]), arrays, ["train"])
+    return Objects(*(torch.from_numpy(data[item.name]) for item in arrays))
 
 
 def training_steps(summary: Path | str) -> int:
@@ -173,7 +190,7 @@ def predict(trained: Trained, assemble: Assembler, chosen: Sequence[Sample], dat
     """
     batch = assemble(chosen)
     one_image = len({(sample.object, sample.view) for sample in chosen}) == 1
-    if trained.experiment.vision == "unoccluded" and one_image:
+    if trained.experiment.vision == "unoccluded" and one_image and "image" in batch:
         batch["image"] = batch["image"][:1].expand_as(batch["image"])  # encoded once
     with torch.inference_mode():
         vertices = trained.model(batch).float()

@@ -7,6 +7,7 @@ Positions are in the world frame.
 |---|---|---|
 | `points` | (o, n, 3) m | float32 |
 | `unoccluded`, `occluded` | (o, k, p, p, b), (o, g, k, p, p, b) | uint8 |
+| `unoccluded_silhouette`; `occluded_silhouette`, `hand_silhouette` | (o, k, p, p); (o, g, k, p, p) | bool |
 | `image_camera`, of these | (o, k, 3, 4) to pixels | float32 |
 | `views`, `camera` | (o, v, q, q, 3), (o, v, 3, 4) to pixels | uint8, float32 |
 | `success` | (o, g, s) | bool |
@@ -62,7 +63,7 @@ class ExperimentData:
         self.objects, self.classes, self.splits = (
             [str(name) for name in self.arrays.pop(key)] for key in ("object", "class", "split")
         )
-        grasped = next((name for name in ("success", "occluded") if name in self), None)
+        grasped = next((name for name in ("success", "occluded", "occluded_silhouette") if name in self), None)
         self.grasps = self[grasped].shape[1] if grasped else 0
         self.hand_sensors = self["success"].shape[2] if "success" in self else None
         for name, values in self.arrays.items():
@@ -147,4 +148,6 @@ class ExperimentData:
 def _read(dataset: Dataset, item: Input) -> np.ndarray:
     if item.name == "image_camera":
         return dataset.cameras().astype(item.dtype)
+    if item.name == "hand_silhouette":
+        return np.isfinite(dataset.load("vision", "occluded_depth")) & (dataset.load("vision", "occluded_mask") == 0)
     return dataset.load(item.stage, item.array, item.dtype)

@@ -38,11 +38,13 @@ class Input(NamedTuple):
     training: bool = False
 
 
-def _vision(name: str) -> tuple[str, Callable[[Experiment], bool]]:
-    return f"vision is {name}", lambda experiment: experiment.vision == name
+def _vision(name: str, masks: bool = False) -> tuple[str, Callable[[Experiment], bool]]:
+    when = f"vision is {name}, {'in' if masks else 'but for'} retrieval"
+    return when, lambda experiment: experiment.vision == name and experiment.takes_masks == masks
 
 
 _IMAGES = "vision is unoccluded or occluded", lambda experiment: experiment.vision in ("unoccluded", "occluded")
+_SILHOUETTES = "in retrieval with vision", lambda experiment: experiment.takes_masks
 _TOUCH = "it has touch", lambda experiment: experiment.touch
 _IMPLICIT = "an implicit model is trained", lambda experiment: experiment.strategy == "implicit", True
 _OCCLUDED = "one of occluded vision is trained", lambda each: each.strategy == "implicit" and each.vision == "occluded"
@@ -51,6 +53,9 @@ INPUTS = (
     Input("points", "surface", "points", "float32", "always: the truth", lambda experiment: True),
     Input("unoccluded", "vision", "unoccluded", "uint8", *_vision("unoccluded")),
     Input("occluded", "vision", "occluded", "uint8", *_vision("occluded")),
+    Input("unoccluded_silhouette", "vision", "unoccluded_mask", "bool", *_SILHOUETTES),
+    Input("occluded_silhouette", "vision", "occluded_mask", "bool", *_vision("occluded", masks=True)),
+    Input("hand_silhouette", "vision", "occluded_depth, occluded_mask", "bool", *_vision("occluded", masks=True)),
     Input("image_camera", "vision", "intrinsics, extrinsics", "float32", *_IMAGES),
     Input("views", "views", "image", "uint8", *_vision("views")),
     Input("camera", "views", "camera", "float32", *_vision("views")),

@@ -75,8 +75,13 @@ class Assembler:
         batch = {}
         if self.experiment.has_vision:
             image = (objects, grasps[:, 0], views) if self.experiment.vision == "occluded" else (objects, views)
-            batch["image"] = to_colours(self.tensors[self.experiment.vision][image])
             batch["camera"] = self.tensors[camera_array(self.experiment)][objects, views]
+            if self.experiment.takes_masks:
+                masks = {"mask": f"{self.experiment.vision}_silhouette", "hand": "hand_silhouette"}
+                batch |= {key: self.tensors[name][image] for key, name in masks.items() if name in self.tensors}
+                batch["camera_number"] = views
+            else:
+                batch["image"] = to_colours(self.tensors[self.experiment.vision][image])
         for name in self.TOUCH_ARRAYS:
             if name in self.tensors:
                 batch[name] = self.tensors[name][objects[:, None], grasps[:, : samples[0].touched]].flatten(1, 2)

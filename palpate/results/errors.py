@@ -55,7 +55,10 @@ class Errors(NamedTuple):
         return float(np.median(by_object[:, 0] if statistic is None else statistic(by_object)))
 
     def between_seeds(self, experiments: Sequence[str], statistic=None) -> float:
-        """How far two seeds differ in a statistic of the averages of some experiments; nan with one seed."""
+        """How far two seeds differ in a statistic of the averages of some experiments; nan with one seed, and of what
+        is not trained alone."""
+        if not any(self.steps[name][1] for name in experiments):
+            return np.nan
         values = [self.values[name] for name in experiments]
         return between_seeds(values, self.classes, *([statistic] if statistic else []))
 
@@ -84,7 +87,8 @@ def errors(
         raise EvaluationError(f"{bad[key]!r}, seed {bad['seed']}, {bad['object']}: {column} is {bad[column]}")
     _once(frame, key)
     classes = frame.drop_duplicates("object").set_index("object")["class"].sort_index()
-    seeds = sorted(set(frame["seed"]))
+    trained = frame["steps"] > 0 if (frame["steps"] > 0).any() else slice(None)
+    seeds = sorted(set(frame.loc[trained, "seed"]))
     values, steps = {}, {}
     for name in experiments:
         rows = frame[frame[key] == name]
@@ -95,6 +99,8 @@ def errors(
                 f"experiment {name!r} was not measured on {unmatched[:3]} of the {split} split with every seed, "
                 "but others were: evaluate all of them on the same dataset"
             )
+        if len(table) == 1 and not rows["steps"].any():  # Measured once, what is not trained stands for every seed.
+            table = table.loc[[*table.index] * len(seeds)].set_axis(seeds)
         if list(table.index) != seeds:
             raise EvaluationError(
                 f"experiment {name!r} was measured with the seeds {list(table.index)}, but others with {seeds}: "

@@ -169,6 +169,7 @@ def surface_quality(evaluations: Frame, experiments: Experiments, split="test", 
 
     The columns are explained in `palpate.evaluation.surface_quality`. The paper states none of them.
     """
+    experiments = {name: each for name, each in experiments.items() if each.is_trained}  # not of retrieved points
     scores = {column: errors(evaluations, list(experiments), split, column) for column in QUALITY}
     rows = []
     for name, experiment in experiments.items():

@@ -39,6 +39,20 @@ def test_unknown_classes_come_after_the_papers():
     assert errors(frame, ["charts_touch"], "test").class_names == ["knife", "cellphone", "anvil", "zebra"]
 
 
+def test_what_is_not_trained_was_measured_once_and_stands_for_every_seed():
+    frame = synthetic.evaluations(MEANS, each=2, seeds=(3, 5))
+    once = synthetic.evaluations({"retrieval_touch": 2.0}, each=2, seeds=(3,))
+    with pytest.raises(EvaluationError, match=r"measured with the seeds \[3\]"):
+        errors(pd.concat([frame, once]), [*MEANS, "retrieval_touch"], "test")
+    found = errors(pd.concat([frame, once.assign(steps=0)]), [*MEANS, "retrieval_touch"], "test")
+    alone = errors(once.assign(steps=0), ["retrieval_touch"], "test")
+    assert alone.values["retrieval_touch"].shape == (1, 8)
+    np.testing.assert_array_equal(found.values["retrieval_touch"], alone.values["retrieval_touch"].repeat(2, axis=0))
+    assert found.values["charts_touch"].shape == (2, 8) and found.steps["retrieval_touch"] == (0, 0)
+    assert np.isnan(found.between_seeds(["retrieval_touch"]))
+    assert found.between_seeds(["charts_touch", "retrieval_touch"]) == found.between_seeds(["charts_touch"]) > 0
+
+
 def test_rows_may_come_in_any_order():
     frame = synthetic.evaluations(MEANS, each=3, seeds=(0, 1))
     one = errors(frame, list(MEANS), "test")

@@ -23,9 +23,10 @@ PUBLISHED = [name for name, row in EXPERIMENTS.items() if row.strategy in SINGLE
 
 
 IMPLICIT = [name for name, row in EXPERIMENTS.items() if row.strategy == "implicit"]
+NOT_TRAINED = [name for name, row in EXPERIMENTS.items() if not row.is_trained]
 
 
-@pytest.mark.parametrize("name", [name for name in EXPERIMENTS if name not in PUBLISHED + IMPLICIT])
+@pytest.mark.parametrize("name", [name for name in EXPERIMENTS if name not in PUBLISHED + IMPLICIT + NOT_TRAINED])
 def test_an_experiment_takes_what_its_model_reads_and_no_more(name):
     experiment = EXPERIMENTS[name]
     model = build(experiment, ARCHITECTURE)
@@ -54,6 +55,14 @@ def test_the_published_single_image_networks_take_what_ours_takes(name):
     assert names(EXPERIMENTS[name]) == names(EXPERIMENTS["single_image"]) == {"points", "views", "camera"}
 
 
+@pytest.mark.parametrize("name", NOT_TRAINED)
+def test_retrieval_takes_silhouettes_and_charts(name):
+    experiment = EXPERIMENTS[name]
+    vision = {"unoccluded_silhouette", "image_camera"} if experiment.has_vision else set()
+    vision |= {"occluded_silhouette", "hand_silhouette"} if experiment.vision == "occluded" else set()
+    assert names(experiment) == {"points"} | vision | ({"success", "position", "charts"} if experiment.touch else set())
+
+
 def test_stages_of_the_papers_experiments():
     found = {name: stages(experiment) for name, experiment in EXPERIMENTS.items()}
     assert found["charts_unoccluded"] == found["sphere_unoccluded"] == ["surface", "vision"]
@@ -80,7 +89,7 @@ def test_the_table():
     assert "| charts_touch_5 " in printed and "surface, touch, charts" in printed
     assert re.search(r"\| camera +\| views camera +\| float32 \| vision is views", printed)
     assert re.search(
-        r"\| image_camera +\| vision intrinsics, extrinsics \| float32 \| vision is unoccluded or", printed
+        r"\| image_camera +\| vision intrinsics, extrinsics +\| float32 \| vision is unoccluded or", printed
     )
 
 

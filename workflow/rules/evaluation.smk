@@ -26,8 +26,7 @@ rule rings:
 rule evaluate:
     input:
         unpack(lambda wildcards: stores_of(evaluated(wildcards))),
-        model="models/{experiment}/seed-{seed}/best.ckpt",
-        summary="models/{experiment}/seed-{seed}/training.json",
+        unpack(trained_model),
     output:
         table="evaluations/{experiment}/seed-{seed}.csv",
     log:
@@ -56,8 +55,7 @@ rule evaluate:
 use rule evaluate as evaluate_rings with:
     input:
         unpack(lambda wildcards: stores_of(evaluated_in_rings(wildcards), "touch", "rings")),
-        model="models/{experiment}/seed-{seed}/best.ckpt",
-        summary="models/{experiment}/seed-{seed}/training.json",
+        unpack(trained_model),
     output:
         table="evaluations/rings/{experiment}/seed-{seed}.csv",
     log:

@@ -27,6 +27,14 @@ def experiment_stores(wildcards):
     return stores_of([EXPERIMENTS.experiments[wildcards.experiment]], training=True)
 
 
+def trained_model(wildcards):
+    """The files of a model that is evaluated; none in retrieval, which is not trained."""
+    if not EXPERIMENTS.experiments[wildcards.experiment].is_trained:
+        return {}
+    folder = f"models/{wildcards.experiment}/seed-{wildcards.seed}"
+    return {"model": f"{folder}/best.ckpt", "summary": f"{folder}/training.json"}
+
+
 def evaluated(wildcards):
     """The experiments that are evaluated with a trained model: those of tables, or that model's own."""
     own, *others = EXPERIMENTS.of_weights(wildcards.experiment)

@@ -5,13 +5,13 @@ NAMED_TARGETS += ["touch_depth", "validate", "validation"]
 
 def known_targets():
     """The targets that there are: by name, and every file that is worth asking for."""
-    every_model = {"experiment": trained(EXPERIMENTS.experiments), "seed": config["training"]["seeds"]}
+    models = [name for name in trained(EXPERIMENTS.experiments) if EXPERIMENTS.experiments[name].is_trained]
     return [
         *NAMED_TARGETS,
         *(path for product in OFFERED for path in product_files(product)),
-        *expand("models/{experiment}/seed-{seed}/best.ckpt", **every_model),
-        *expand("evaluations/{experiment}/seed-{seed}.csv", **every_model),
-        *expand("evaluations/rings/{experiment}/seed-{seed}.csv", **every_model),
+        *expand("models/{experiment}/seed-{seed}/best.ckpt", experiment=models, **EVERY_SEED),
+        *evaluations_of(EXPERIMENTS.experiments),
+        *evaluations_of(EXPERIMENTS.experiments, "evaluations/rings"),
         *("catalogue.csv", "rejected.csv", "models/touch_depth/best.ckpt", "evaluations/touch_depth.csv"),
         *expand("reports/{report}.csv", report=["validation", *([] if RELEASED else report_items.REPORTS)]),
         *(path for stage in stages.STAGES.values() for path in expand(stage.path(), batch=BATCHES)),

@@ -49,12 +49,23 @@ def experiments_of(source, rings=False):
     for name in names:
         if name not in EXPERIMENTS.experiments:
             stop(f"experiment {name} is needed, but config/experiments.yaml does not define it")
-    return names
+    # A released dataset has no masks.
+    return [name for name in names if not (RELEASED and EXPERIMENTS.experiments[name].takes_masks)]
 
 
 def trained(names):
     """The trained models that experiments are evaluated with."""
     return list(dict.fromkeys(EXPERIMENTS.experiments[name].trained for name in names))
+
+
+def evaluations_of(names, folder="evaluations"):
+    """The evaluation files of experiments: with each seed, but for what is not trained, which is measured once."""
+    seeds = config["training"]["seeds"]
+    return [
+        f"{folder}/{name}/seed-{seed}.csv"
+        for name in trained(names)
+        for seed in (seeds if EXPERIMENTS.experiments[name].is_trained else seeds[:1])
+    ]
 
 
 def product_files(product):
@@ -72,7 +83,7 @@ OFFERED = [each for each in PRODUCTS if all(map(is_available, (each.evaluations,
 MADE = [each for each in OFFERED if not each.on_request]
 SOURCES = dict.fromkeys(source for each in MADE for source in (each.evaluations, each.rings) if source)
 COMPARED = {name for source in SOURCES for name in experiments_of(source)}
-TRAINED = sorted(trained(COMPARED))
+TRAINED = sorted(name for name in trained(COMPARED) if EXPERIMENTS.experiments[name].is_trained)
 EVERY_SEED = {"seed": config["training"]["seeds"]}
 FILES = {
     "touches": "evaluations/touch_depth.csv",
@@ -104,12 +115,11 @@ def product_inputs(wildcards):
         models = trained(each for each in product.models if each in FEASIBLE)
         seed = config["training"]["seeds"][0]
         files["models"] = expand("models/{experiment}/seed-{seed}/best.ckpt", experiment=models, seed=seed)
-    for each, folder in {"evaluations": "", "rings": "rings/", "selections": "selection/"}.items():
+    for each, folder in {"evaluations": "", "rings": "/rings", "selections": "/selection"}.items():
         if source := getattr(product, each):
             measured = experiments_of(source, each == "rings")
             require_grasps(EXPERIMENTS.experiments[name] for name in measured)
-            models = {"experiment": trained(measured), **EVERY_SEED}
-            files[each] = expand(f"evaluations/{folder}{{experiment}}/seed-{{seed}}.csv", **models)
+            files[each] = evaluations_of(measured, f"evaluations{folder}")
     catalogue_with(product.needed_splits(EXPERIMENTS.tables), f"{kind[:-1]} {name}")
     return files
 
@@ -122,10 +132,8 @@ def product_params(wildcards):
     """The values that its function takes of the config."""
     product, fields = products.find(*kind_and_name(wildcards))
     comparison = EXPERIMENTS.tables.get(product.comparison)
-    names = (
-        comparison.by_name if comparison else experiments_of(product.evaluations) if product.evaluations else TRAINED
-    )
-    compared = {each: EXPERIMENTS.experiments[each] for each in names}
+    source = comparison.name if comparison else product.evaluations
+    compared = {each: EXPERIMENTS.experiments[each] for each in (experiments_of(source) if source else TRAINED)}
     values = {
         "experiments": {each: experiment.row() for each, experiment in compared.items()},
         "split": next(iter(product.needed_splits(EXPERIMENTS.tables)), None),

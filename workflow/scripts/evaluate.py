@@ -15,7 +15,7 @@ evaluations/touch_depth.csv                    a row a successful touch: object,
                                                (Chamfer distance of the predicted local cloud, m^2 x 9000), chart (that
                                                of the chart fitted to it), steps
 
-They are of the splits that tables need. steps are those of the training.
+They are of the splits that tables need. steps are those of the training: 0 in retrieval, which has none.
 """
 
 from workflow.run.job import log_to
@@ -44,7 +44,10 @@ def measured() -> pd.DataFrame:
 
 
 def measured_as(experiment: Experiment, splits: list[str]) -> pd.DataFrame:
-    trained = evaluate.load(inputs.model, inputs.summary, experiment, int(wildcards.seed), params.device)
+    if experiment.is_trained:
+        trained = evaluate.load(inputs.model, inputs.summary, experiment, int(wildcards.seed), params.device)
+    else:
+        trained = evaluate.retrieval(".", experiment, int(wildcards.seed))
     data = ExperimentData.load(".", experiment, splits)
     if inputs.get("rings"):
         return evaluate.evaluate_rings(trained, data, Dataset(".", ["touch", "rings"]), splits)

@@ -1,0 +1,130 @@
+"""Retrieval: the training object that fits best, as the prediction. Nothing is trained.
+
+That it rivals trained networks is known (Tatarchenko et al. 2019, "What do single-view 3D reconstruction networks
+learn?"): it says how alike objects are.
+"""
+
+from collections.abc import Mapping
+from functools import cache, cached_property
+
+import numpy as np
+import torch
+from scipy.ndimage import distance_transform_edt
+from torch import Tensor
+
+from palpate.charts import build_tree
+from palpate.experiments import Correction
+from palpate.models.kriging import displaced, touched_points
+from palpate.sensor import DIGIT, Sensor
+
+FARTHEST = 0.05  # m, at which the distance of a touched point is capped
+TOUCH_WEIGHT = 200.0  # of the mean squared distance, m^2, beside the intersection over union
+CELLS = 2e5  # of the grid of distances
+
+
+class Retrieval:
+    """The object of a collection that fits a sample best; ties go to the first.
+
+    A fit is the intersection over union of the silhouettes, less TOUCH_WEIGHT times the mean squared distance of the
+    touched points to the object, each capped. Where nothing was seen or touched that term is 0.
+
+    correction: the last step, or None. sensor: that touches are of; their number is free.
+    """
+
+    hand_sensors = None
+
+    def __init__(self, objects: "Objects", correction: Correction | None = None, sensor: Sensor = DIGIT):
+        self.objects, self.correction, self.sensor = objects, correction, sensor
+
+    def __call__(self, batch: Mapping[str, Tensor]) -> Tensor:
+        """The points (B, n, 3) m of the objects that fit best, corrected at touched points.
+
+        batch, of what there is: `mask` and `hand`, (B, p, p) bool, where the object and the hand are seen, and
+        `camera_number` (B,) int64; `success` (B, t) and `charts` (B, t, 81, 3) m.
+        """
+        samples = len(next(iter(batch.values())))
+        points = self.objects.points
+        overlap = self.objects.overlap(batch) if "mask" in batch else torch.zeros(samples, len(points))
+        touched = touched_points(batch) if "charts" in batch else [points[0, :0]] * samples
+        found = [points[self.best(*each)] for each in zip(overlap.numpy(), touched, strict=True)]
+        if self.correction:
+            found = [displaced(*pair, self.correction) for pair in zip(found, [None] * samples, touched, strict=True)]
+        return torch.stack(found)
+
+    def best(self, overlap: np.ndarray, touched: Tensor) -> int:
+        """The object that fits best, by its overlap (T,) and the touched points (n, 3).
+
+        Distances are measured in the order of what a fit can be at most, until none can be better.
+        """
+        if not len(touched):
+            return int(overlap.argmax())
+        places = touched.double().numpy()
+        most = overlap - TOUCH_WEIGHT * self.objects.least_squares(places)
+        best, best_fit = 0, -np.inf
+        for index in map(int, np.argsort(-most, kind="stable")):
+            if most[index] < best_fit:
+                break
+            fit = overlap[index] - TOUCH_WEIGHT * self.objects.mean_square(index, places)
+            best, best_fit = max((best, best_fit), (index, fit), key=lambda each: (each[1], -each[0]))
+        return best
+
+    def mesh(self, prediction: Tensor) -> tuple[Tensor, Tensor]:
+        """The points, and no faces."""
+        return prediction, torch.empty(0, 3, dtype=torch.int64)
+
+
+class Objects:
+    """The objects that are retrieved: points (T, n, 3) m on their surfaces, and masks (T, k, p, p) bool, as k cameras
+    see them, or None."""
+
+    def __init__(self, points: Tensor, masks: Tensor | None = None):
+        self.points = points
+        self._tree = cache(lambda index: build_tree(points[index]))
+        # By camera (k, p p, T), as numbers: for sums over pixels as products of matrices, which are exact.
+        if masks is not None:
+            self._masks = masks.flatten(2).permute(1, 2, 0).float().contiguous()
+            self._areas = self._masks.sum(dim=1)
+
+    def overlap(self, batch: Mapping[str, Tensor]) -> Tensor:
+        """The intersection over union (B, T) of the samples' silhouettes with the objects' by the same camera, outside
+        the hand."""
+        seen, overlap = batch["mask"].flatten(1).float(), torch.empty(len(batch["mask"]), len(self.points))
+        for number in batch["camera_number"].unique():
+            of_camera = batch["camera_number"] == number
+            both = seen[of_camera] @ self._masks[number]
+            union = seen[of_camera].sum(dim=1, keepdim=True) + self._areas[number] - both
+            if "hand" in batch:
+                union -= batch["hand"][of_camera].flatten(1).float() @ self._masks[number]
+            overlap[of_camera] = both / union.clamp(min=1)
+        return overlap
+
+    def mean_square(self, index: int, places: np.ndarray) -> float:
+        """The mean squared distance, m^2, of places (n, 3) to an object, each capped."""
+        distance, _ = self._tree(index).query(places, distance_upper_bound=FARTHEST)
+        return float(np.square(np.minimum(distance, FARTHEST)).mean())
+
+    def least_squares(self, places: np.ndarray) -> np.ndarray:
+        """What `mean_square` is at least, (T,) m^2: for a few of the objects it then has to be measured."""
+        low, cell, grid = self._grid
+        index = np.floor((places - low) / cell).astype(int)
+        outside = ((index < 0) | (index >= grid.shape[1:])).any(axis=1)
+        least = grid[(slice(None), *np.where(outside[:, None], 0, index).T)] * (FARTHEST / 255)
+        return np.square(np.where(outside, FARTHEST, least)).mean(axis=1)
+
+    @cached_property
+    def _grid(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """The least distances to each object from anywhere in the cells of a grid, (T, x, y, z) uint8 of FARTHEST /
+        255; before them the grid's corner and the cells' size, m."""
+        clouds = self.points.numpy()
+        low = clouds.min(axis=(0, 1)) - FARTHEST
+        extent = clouds.max(axis=(0, 1)) + FARTHEST - low
+        shape = np.ceil(extent * np.cbrt(CELLS / extent.prod())).astype(int)
+        cell = extent / shape
+        grid = np.empty((len(clouds), *shape), np.uint8)
+        for least, cloud in zip(grid, clouds, strict=True):
+            empty = np.ones(shape, bool)
+            empty[tuple(np.floor((cloud - low) / cell).astype(int).T)] = False
+            # Between the centres of two cells. A place and a point are each up to half a diagonal off theirs.
+            distance = distance_transform_edt(empty, sampling=cell) - np.linalg.norm(cell)
+            least[:] = 255 * np.clip(distance / FARTHEST, 0, 1)
+        return low, cell, grid
