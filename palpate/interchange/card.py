@@ -106,11 +106,11 @@ def _rows(path: Path) -> list[dict[str, str]]:
 
 
 def _errors(run: Path) -> list[list]:
-    """Mean errors of the run's models on test objects."""
-    rows = []
+    """Mean errors on test objects of the run's experiments, of which a file may have several."""
+    found: dict[tuple[str, str], list[float]] = {}
     for path in sorted(run.glob("evaluations/*/seed-*.csv")):
-        test = [row for row in _rows(path) if row.get("split") == "test"]
-        if test and "chamfer" in test[0]:
-            mean = np.nanmean([float(row["chamfer"] or "nan") for row in test])
-            rows.append([escaped(path.parent.name), escaped(path.stem), len(test), f"{mean:.4g}"])
-    return rows
+        for row in _rows(path):
+            if row.get("split") == "test" and "chamfer" in row:
+                key = row.get("experiment") or path.parent.name, path.stem
+                found.setdefault(key, []).append(float(row["chamfer"] or "nan"))
+    return [[*map(escaped, key), len(errors), f"{np.nanmean(errors):.4g}"] for key, errors in found.items()]

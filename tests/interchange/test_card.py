@@ -17,7 +17,8 @@ def test_the_card_says_what_is_in_it(run, tmp_path):
     config = {"run": "small", "results": "/home/me/results", "source": {"kind": "folder", "path": "/home/me/mugs"}}
     (run / "config.yaml").write_text(yaml.safe_dump(config))
     (run / "evaluations/charts_touch").mkdir(parents=True)
-    (run / "evaluations/charts_touch/seed-0.csv").write_text("split,chamfer\ntest,2\ntest,4\nvalidation,100\n")
+    rows = "one,test,2", "two,test,5", "one,test,4", "one,validation,100"  # two experiments of one trained model
+    (run / "evaluations/charts_touch/seed-0.csv").write_text("\n".join(["experiment,split,chamfer", *rows]))
     (run / "reports").mkdir()
     (run / "reports/validation.csv").write_text("check,passed\nfiles,True\nfinite,False\n")
     export(palpate.Dataset(run), tmp_path / "out", arrays=["reading"], licence="cc-by-4.0", source="my mugs")
@@ -38,7 +39,8 @@ def test_the_card_says_what_is_in_it(run, tmp_path):
         "| `reading` | (4, 100, 100, 3) | uint8 | RGB |",
         "| 1 | grasps | too few grasps |",
         "2 checks of files and values: 1 failed.",
-        "| charts_touch | seed-0 | 2 | 3 |",
+        "| one | seed-0 | 2 | 3 |",
+        "| two | seed-0 | 1 | 5 |",
     ):
         assert line in body, line
     assert "path: mugs" in body and "/home/me" not in body  # nothing of this machine
