@@ -20,7 +20,7 @@ from palpate.store import CONTRACT, StoreError, join, read, write
 from palpate.store.files import seal
 
 ATTRIBUTES = {"made_from": {}, "seed": 3, "sensor": DIGIT.description()}
-SIZES = {"n": 5, "s": 4, "j": 3, "l": 2, "r": 4, "c": 6, "rc": 24, "k": 2, "p": 6, "b": 3, "v": 2, "q": 3, "w": 5}
+SIZES = {"n": 5, "m": 7, "s": 4, "j": 3, "l": 2, "r": 4, "c": 6, "rc": 24, "k": 2, "p": 6, "b": 3, "v": 2, "q": 3, "w": 5}
 STAGES = tuple(CONTRACT)
 
 
@@ -76,7 +76,7 @@ def contents(draw):
     stage = draw(st.sampled_from(STAGES))
     objects = draw(st.integers(0, 2))
     sizes = {"o": objects, "n": draw(st.integers(0, 3)), **{axis: draw(st.integers(1, 3)) for axis in "gskpv"}}
-    sizes |= {"j": 2, "l": 1, "r": 2, "c": 3, "rc": 6, "b": 4, "q": 2, "w": 2}
+    sizes |= {"m": 2, "j": 2, "l": 1, "r": 2, "c": 3, "rc": 6, "b": 4, "q": 2, "w": 2}
     names = st.text(st.characters(codec="utf-8", exclude_characters="\0"), min_size=1, max_size=5)
     arrays = {}
     for name, spec in CONTRACT[stage].arrays.items():
@@ -106,7 +106,7 @@ def test_attributes_say_what_made_the_store_and_no_time(tmp_path, stage):
     assert attributes["schema_version"] == palpate.store.SCHEMA_VERSION
     assert (attributes["seed"], attributes["made_from"]) == (3, {})
     assert (attributes["samples"], attributes["hand"]) == (16, None)
-    engines = {"grasps": "mujoco", "vision": "bpy", "views": "bpy", "charts": "torch"}
+    engines = {"grasps": "mujoco", "vision": "bpy", "views": "bpy", "charts": "torch", "distances": "libigl"}
     engine = engines.get(stage, "embreex")
     library = "h5py" if stage == "grasps" else "zarr"
     assert {"palpate", "numpy", library, engine} <= set(attributes["versions"])

@@ -23,7 +23,7 @@ OTHER_RANGE = "{extends: digit, range: 0.024}"
         ({"touch": {"sensor": OTHER_RANGE}}, "grasps", AFTER_GRASPS),
         ({"surface": {"points": 2000}}, "surface", {"grasps", *AFTER_GRASPS}),
         ({"mesh": {"levels": [500]}}, "meshes", {"surface", "grasps", *AFTER_GRASPS}),
-        ({"split": {"test": 1000}}, "catalogue_batch", {"catalogue", "table"}),
+        ({"split": {"train": 1, "validation": 0, "test": 1}}, "catalogue_batch", {"catalogue", "table"}),
     ],
     ids=["samples", "method", "thumb_share", "hand", "lights", "range", "points", "levels", "split"],
 )
