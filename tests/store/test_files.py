@@ -20,7 +20,8 @@ from palpate.store import CONTRACT, StoreError, join, read, write
 from palpate.store.files import seal
 
 ATTRIBUTES = {"made_from": {}, "seed": 3, "sensor": DIGIT.description()}
-SIZES = {"n": 5, "m": 7, "s": 4, "j": 3, "l": 2, "r": 4, "c": 6, "rc": 24, "k": 2, "p": 6, "b": 3, "v": 2, "q": 3, "w": 5}
+SIZES = {"n": 5, "m": 7, "s": 4, "j": 3, "l": 2, "r": 4, "c": 6, "rc": 24, "k": 2, "p": 6, "b": 3, "v": 2, "q": 3}
+SIZES["w"] = 5
 STAGES = tuple(CONTRACT)
 
 

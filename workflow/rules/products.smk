@@ -115,11 +115,12 @@ def product_inputs(wildcards):
         models = trained(each for each in product.models if each in FEASIBLE)
         seed = config["training"]["seeds"][0]
         files["models"] = expand("models/{experiment}/seed-{seed}/best.ckpt", experiment=models, seed=seed)
-    for each, folder in {"evaluations": "", "rings": "/rings", "selections": "/selection"}.items():
+    folders = {"evaluations": "evaluations", "rings": "evaluations/rings", "selections": "evaluations/selection"}
+    for each, folder in folders.items():
         if source := getattr(product, each):
             measured = experiments_of(source, each == "rings")
             require_grasps(EXPERIMENTS.experiments[name] for name in measured)
-            files[each] = evaluations_of(measured, f"evaluations{folder}")
+            files[each] = evaluations_of(measured, folder)
     catalogue_with(product.needed_splits(EXPERIMENTS.tables), f"{kind[:-1]} {name}")
     return files
 
