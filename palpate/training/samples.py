@@ -8,6 +8,8 @@ from palpate.experiments import Experiment
 from palpate.inference.data import ExperimentData
 from palpate.inference.samples import Sample, grasps_per_sample
 
+WITHOUT_TOUCH = 0.5  # share of steps; with fewer, vision alone learns less (docs/evidence/trials.md)
+
 
 def spread(samples: Sequence[Sample], per_object: int | None) -> list[Sample]:
     """At most `per_object` samples of each object (None: all), evenly over its windows; these differ by object."""
@@ -67,7 +69,7 @@ def training_samples(
 
     They depend on nothing but the number of grasps that the experiment takes, so that experiments with the same number
     see the same samples at the same step. An experiment with `fewer_grasps` gets the touches of a random number of
-    them, up to its own, the same for all samples of a step.
+    them, up to its own, the same for all samples of a step; with vision, half of the steps have none.
     """
     objects = data.of_split("train")
     n = grasps_per_sample(data, experiment)
@@ -75,7 +77,9 @@ def training_samples(
     random = np.random.default_rng([seed, step, 1])
     touched = None
     if experiment.fewer_grasps:
-        touched = int(np.random.default_rng([seed, step, 2]).integers(experiment.fewest_grasps, n + 1))
+        draw = np.random.default_rng([seed, step, 2])
+        without = experiment.fewest_grasps == 0 and draw.random() < WITHOUT_TOUCH
+        touched = 0 if without else int(draw.integers(1, n + 1))
     chosen = [objects[place] for place in shuffled(len(objects), size, seed, step)]
     grasps = [tuple(int(g) for g in random.permutation(data.grasps)[:n]) if n else () for _ in chosen]
     if n and epoch == "grasps":
