@@ -114,14 +114,16 @@ class Implicit(SingleImageModel):
     def stages(self, batch):
         """(B, n, n, n) signed distances (m) along x, y, z on a grid around the object, exact near the surface.
 
-        With a correction, the distance at the touched points is 0 but for its noise.
+        With a correction, the surface passes through the touched points but for its noise: there it has `LEVEL`.
         """
         fields, correction = self.fields(batch, self.maps(batch)), self.experiment.correction
+        level = LEVEL * self.relative_size
         touched = touched_points(batch) if correction and self.experiment.touch else [()] * len(fields)
         grids = []
         for field, points in zip(fields, touched, strict=True):
             decode = partial(self.decode, field)
-            grids.append(self._grid(corrected(decode, points, correction) if len(points) else decode, field.code))
+            distance = corrected(decode, points, correction, level) if len(points) else decode
+            grids.append(self._grid(distance, field.code))
         return [torch.stack(grids)]
 
     def _grid(self, distance: Callable[[Tensor], Tensor], like: Tensor) -> Tensor:
@@ -167,8 +169,11 @@ class Implicit(SingleImageModel):
 
 
 def corrected(
-    distance: Callable[[Tensor], Tensor], touched: Tensor, correction: Correction
+    distance: Callable[[Tensor], Tensor], touched: Tensor, correction: Correction, level: float = LEVEL
 ) -> Callable[[Tensor], Tensor]:
-    """A signed distance (n,) m of points (n, 3), with the residual at touched points, where it is 0, interpolated."""
-    residual = Kriging(touched, -distance(touched)[:, None], correction)
+    """A signed distance (n,) m of points (n, 3), with the residual at touched points interpolated.
+
+    level: m, of the surface that is drawn, and so of the touched points, which lie on it.
+    """
+    residual = Kriging(touched, level - distance(touched)[:, None], correction)
     return lambda points: distance(points) + residual(points)[:, 0]
