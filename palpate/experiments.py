@@ -10,7 +10,6 @@ import yaml
 from palpate.configuration import ConfigError, check, plain
 
 SPLITS = ("validation", "test")  # that models are tested on
-OF_ITS_OWN = {"fewer_grasps": False, "correction": None}  # what an experiment does not take over with weights
 
 
 @dataclass(frozen=True)
@@ -35,7 +34,7 @@ class Experiment:
         vision: occluded, unoccluded, views or none. touch: whether it takes touches. grasps: how many at most.
         fewer_grasps: whether it is trained with any number of grasps up to `grasps`; from none where it has vision.
         weights: the experiment whose trained model it is evaluated with; None: it is trained itself.
-        correction: its last step, by the touched points; None: it has none. Training is without.
+        correction: its last step, by the touched points; None: it has none, or no touch. Training is without.
         architecture: what it changes in the recipe's architecture.
     """
 
@@ -166,7 +165,8 @@ class Experiments:
                 raise ConfigError(
                     f"{path}: {name} has weights {row['weights']}, which is no trained experiment of its vision"
                 )
-            experiments[name] = experiment = Experiment.from_row(name, trained | OF_ITS_OWN | row)
+            experiment = Experiment.from_row(name, trained | {"fewer_grasps": False} | row)
+            experiments[name] = experiment if experiment.touch else replace(experiment, correction=None)
             if not experiment.has_vision and not experiment.touch:
                 raise ConfigError(f"{path}: {experiment.name} needs vision or touch, and has neither")
         tables = {}

@@ -67,7 +67,7 @@ def touch_effect_by_class(evaluations: pd.DataFrame, resamples: int = RESAMPLES)
 
 def _named(row: dict[str, str]) -> dict[str, str]:
     """The columns that say what is compared; the method is the experiment's."""
-    method = methods.method_label(methods.named_method(row["experiment"]))
+    method = methods.method_label(methods.strategy_of(row["experiment"]))
     return {"effect": row["effect"], "method": method} | {key: row[key] for key in ("experiment", "compared_with")}
 
 

@@ -16,8 +16,11 @@ NAMES = {  # strategy, as in names of experiments -> name, whose it is
     "mean": ("charts, mean", "authors' first release"),  # strategy charts, `gcn: {normalisation: mean}`
     "pooled": ("pooled touch", "ours"),
     "pooled_no_copy": ("pooled touch, no copying", "ours"),
+    "pooled_uncorrected": ("pooled touch, uncorrected", "ours"),
     "implicit": ("signed distance", "ours"),
+    "implicit_uncorrected": ("signed distance, uncorrected", "ours"),
     "retrieval": ("retrieval", "no training"),
+    "retrieval_uncorrected": ("retrieval, uncorrected", "no training"),
     "psg": ("in the manner of PSG", ""),
     "pixel2mesh": ("in the manner of Pixel2Mesh", ""),
     "r2n2": ("in the manner of 3D-R2N2", ""),
@@ -30,29 +33,37 @@ EXCHANGED: dict[str, Mapping[str, str | None]] = {
     "pooled": {"charts": "pooled", "no_copy": "pooled_no_copy"},
     "implicit": {"charts": "implicit", "no_copy": None, "no_comm": None},
 }
-CORRECTED = "_corrected"  # behind the names of experiments, and of methods, with a correction
-# Methods that claims and differences are of.
-METHODS = ("charts", "mean", *(f"{name}{end}" for name in ("pooled", "implicit") for end in ("", CORRECTED)))
-COMMUNICATION = {"charts": "edges of the graph", "mean": "edges of the graph", "pooled": "pooled touch"}
+METHODS = tuple(EXCHANGED)  # that claims and differences are of
+UNCORRECTED = "_uncorrected"  # of methods that are bent to the touched points, without it
+COMMUNICATION = {
+    "charts": "edges of the graph",
+    "mean": "edges of the graph",
+    "pooled": "pooled touch and known points",
+}
 COMMUNICATION_NOTE = (
-    " Communication is edges of the graph to touch charts in the paper's method, and pooling by nearness in ours. "
-    "Without it touch charts are copied into the mesh, and vision charts do not depend on them."
+    " Communication is edges of the graph to touch charts in the paper's method, and pooling by nearness in ours, "
+    "which also bends charts to touched points. Without it touch charts are copied into the mesh, and vision charts "
+    "do not depend on them."
 )
 # The paper's strategies whose numbers stand beside others.
-STATED = dict.fromkeys(("mean", "pooled", "implicit", "retrieval"), "charts") | {"pooled_no_copy": "no_copy"}
+STATED = {name: "charts" for name in NAMES if name.split("_")[0] in ("mean", "pooled", "implicit", "retrieval")}
+STATED["pooled_no_copy"] = "no_copy"
 _NAME = re.compile(r"(.+?)(_(?:occluded|unoccluded|touch).*)")
 
 
 def method_of(experiment: Experiment) -> str:
-    """An experiment's method: its strategy, `mean` with the first release's graph, and whether it has a correction."""
+    """An experiment's method: its strategy, `mean` with the first release's graph, `_uncorrected` where others of the
+    strategy are bent to the touched points."""
     first_release = experiment.architecture.get("gcn", {}).get("normalisation") == "mean"
-    return ("mean" if first_release else experiment.strategy) + CORRECTED * bool(experiment.correction)
+    name = "mean" if first_release else experiment.strategy
+    uncorrected = experiment.touch and not experiment.correction and name + UNCORRECTED in NAMES
+    return name + UNCORRECTED * uncorrected
 
 
 def method_label(method: str) -> str:
-    """A method as text: `pooled touch, corrected (ours)`."""
-    name, whose = NAMES[method.removesuffix(CORRECTED)]
-    return name + ", corrected" * method.endswith(CORRECTED) + f" ({whose})" * bool(whose)
+    """A method as text: `pooled touch (ours)`."""
+    name, whose = NAMES[method]
+    return name + f" ({whose})" * bool(whose)
 
 
 def label(experiment: Experiment) -> str:
@@ -72,38 +83,28 @@ def strategy_of(name: str) -> str:
     return found[1] if found else ""
 
 
-def named_method(name: str) -> str:
-    """The method in an experiment's name."""
-    return strategy_of(name) + CORRECTED * name.endswith(CORRECTED)
-
-
 def stated_as(name: str) -> str:
     """The paper's experiment of the same inputs, whose numbers stand beside those of an experiment."""
-    strategy, plain = strategy_of(name), name.replace(CORRECTED, "")
-    return STATED[strategy] + plain.removeprefix(strategy) if strategy in STATED else plain
+    strategy = strategy_of(name)
+    return STATED[strategy] + name.removeprefix(strategy) if strategy in STATED else name
 
 
 def exchanged(experiments: Sequence[str], method: str, known: Collection[str]) -> tuple[str, ...] | None:
     """The experiments of a method that take the place of some of the paper's, also with a ring behind their names
-    (`charts_occluded x1`); None if there are none among those `known`, they are the same, or none has the correction.
+    (`charts_occluded x1`); None if there are none among those `known`, or they are the same.
 
     Vision alone stays where a method has no model of its own for it.
     """
-    found, base = [], method.removesuffix(CORRECTED)
-    strategies = EXCHANGED[base] | ({"no_comm": None} if base != method else {})
+    found = []
     for name in experiments:
         strategy, (plain, *ring) = strategy_of(name), name.split(" x")
-        other = strategies.get(strategy, strategy)
+        other = EXCHANGED[method].get(strategy, strategy)
         if other is None or (strategy in STATED and method != "charts"):
             return None
-        touch = "_touch" in plain
         there = other + plain.removeprefix(strategy)
-        if other != strategy:
-            there += method.removeprefix(base) * touch
-            if there not in known:
-                if touch:
-                    return None
-                there = plain
+        if other != strategy and there not in known:
+            if "_touch" in plain:
+                return None
+            there = plain
         found.append(" x".join([there, *ring]))
-    changed = found != list(experiments) and method.removeprefix(base) in "".join(found)
-    return tuple(found) if changed or method == "charts" else None
+    return tuple(found) if found != list(experiments) or method == "charts" else None

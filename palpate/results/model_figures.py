@@ -4,7 +4,6 @@ Bands and bars are 95 % bootstrap intervals, as in the tables; dashed lines are 
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -166,7 +165,6 @@ def training_curves(histories: Mapping[tuple[str, int], Path | str], experiments
 
 def _panel(setup: Experiment) -> tuple[str, str, str]:
     """The panel that an experiment's curve is in, its name there (its method, or how many grasps), its colour."""
-    setup = replace(setup, correction=None)  # training is without
     label, grasps = methods.input_label(setup), setup.grasps
     if grasps > 1 and not setup.fewer_grasps:
         return f"{label}, more grasps", f"{grasps} grasps, {methods.label(setup)}", COLOURS[grasps % len(COLOURS)]
@@ -174,10 +172,11 @@ def _panel(setup: Experiment) -> tuple[str, str, str]:
 
 
 def _style(setup: Experiment) -> dict[str, str]:
-    """Colour and dashes of a line: vision alone is dotted, a model with the correction dash-dotted."""
-    method = methods.method_of(setup).removesuffix(methods.CORRECTED)
-    number = ORDER.index(method) if method in ORDER else list(methods.NAMES).index(method)
-    dashes = "-." if setup.correction else "-" if setup.touch else ":"
+    """Colour and dashes of a line: vision alone is dotted, a model without its correction dash-dotted."""
+    method = methods.method_of(setup)
+    plain = method.removesuffix(methods.UNCORRECTED)
+    number = ORDER.index(plain) if plain in ORDER else list(methods.NAMES).index(plain)
+    dashes = "-." if plain != method else "-" if setup.touch else ":"
     return {"color": COLOURS[number % len(COLOURS)], "linestyle": dashes}
 
 

@@ -107,7 +107,7 @@ def test_ours_have_rows_of_their_own():
     assert touch["experiment"] == "pooled_occluded_touch" and touch["compared_with"] == "charts_occluded"
     pooled = row(table, "Pooling in place of the graph's edges (touch alone)", "validation", OURS)
     assert pooled["difference"] == pytest.approx(-0.05, abs=0.02) and np.isnan(pooled["percent_paper"])
-    communication = row(table, "Communication by pooled touch (occluded vision)", "test", OURS)
+    communication = row(table, "Communication by pooled touch and known points (occluded vision)", "test", OURS)
     assert communication["compared_with"] == "no_comm_occluded_touch"
     assert row(table, "Communication by edges of the graph (occluded vision)", "test")["difference"] < 0
 

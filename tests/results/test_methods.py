@@ -3,7 +3,7 @@
 import pytest
 
 from palpate.experiments import Correction, Experiment
-from palpate.results.methods import EXCHANGED, METHODS, NAMES, STATED, exchanged, input_label, label, stated_as
+from palpate.results.methods import EXCHANGED, NAMES, STATED, exchanged, input_label, label, stated_as
 from tests.evaluation.synthetic import EXPERIMENTS
 
 
@@ -13,7 +13,7 @@ from tests.evaluation.synthetic import EXPERIMENTS
         ("pooled_unoccluded_touch_5", "charts_unoccluded_touch_5"),
         ("pooled_no_copy_occluded_touch", "no_copy_occluded_touch"),
         ("implicit_occluded", "charts_occluded"),
-        ("retrieval_touch_2_corrected", "charts_touch_2"),
+        ("retrieval_uncorrected_touch_5", "charts_touch_5"),
         ("no_comm_occluded_touch", "no_comm_occluded_touch"),
         ("sphere_unoccluded", "sphere_unoccluded"),
         ("single_image", "single_image"),
@@ -25,7 +25,7 @@ def test_the_papers_number_is_that_of_the_same_inputs(name, paper):
 
 
 KNOWN = ("charts_occluded", "charts_occluded_touch", "pooled_occluded_touch", "implicit_occluded_touch", "cloud")
-KNOWN += ("pooled_occluded_touch_corrected", "pooled_unoccluded", "sphere_occluded_touch")
+KNOWN += ("pooled_uncorrected_occluded_touch", "pooled_unoccluded", "sphere_occluded_touch")
 
 
 @pytest.mark.parametrize(
@@ -38,18 +38,12 @@ KNOWN += ("pooled_occluded_touch_corrected", "pooled_unoccluded", "sphere_occlud
         (["charts_occluded", "charts_occluded"], "pooled", None),  # the same as the paper's
         (["charts_touch"], "pooled", None),  # not known
         (["charts_unoccluded"], "pooled", ("pooled_unoccluded",)),
-        (["charts_unoccluded"], "pooled_corrected", None),  # no touch, nothing to correct
-        (["charts_occluded_touch x2"], "pooled_corrected", ("pooled_occluded_touch_corrected x2",)),
+        (["charts_occluded_touch x2"], "pooled", ("pooled_occluded_touch x2",)),
         (
             ["charts_occluded_touch", "sphere_occluded_touch", "charts_unoccluded"],
-            "pooled_corrected",
-            ("pooled_occluded_touch_corrected", "sphere_occluded_touch", "pooled_unoccluded"),
+            "pooled",
+            ("pooled_occluded_touch", "sphere_occluded_touch", "pooled_unoccluded"),
         ),
-        (
-            ["charts_occluded_touch", "no_comm_occluded_touch"],
-            "pooled_corrected",
-            None,
-        ),  # has no correction
         (["pooled_occluded_touch", "charts_occluded_touch"], "implicit", None),  # compares methods already
     ],
 )
@@ -61,19 +55,22 @@ def test_labels_say_whose_a_row_is():
     rows = [
         Experiment("a", "charts", "occluded", True, 1),
         Experiment("b", "pooled", "none", True, 2, correction=Correction(0.08, 0.3)),
+        Experiment("b", "pooled", "none", True, 2),
+        Experiment("b", "retrieval", "occluded", False, 1),
         Experiment("c", "psg", "views", False, 1),
         EXPERIMENTS["mean_occluded_touch"],
     ]
     assert [label(row) for row in rows] == [
-        "charts, equation 1 (paper)", "pooled touch, corrected (ours)", "in the manner of PSG",
-        "charts, mean (authors' first release)",
+        "charts, equation 1 (paper)", "pooled touch (ours)", "pooled touch, uncorrected (ours)",
+        "retrieval (no training)", "in the manner of PSG", "charts, mean (authors' first release)",
     ]  # fmt: skip
     assert [input_label(row) for row in rows] == [
         "occluded vision + touch",
         "touch",
+        "touch",
+        "occluded vision",
         "single view",
         "occluded vision + touch",
     ]
     assert len({*NAMES.values()}) == len(NAMES)
-    assert {name.removesuffix("_corrected") for name in METHODS} == {*EXCHANGED}
     assert {*EXCHANGED} | {*STATED} | {*STATED.values()} <= {*NAMES}

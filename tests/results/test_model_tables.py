@@ -5,12 +5,14 @@ import pandas as pd
 import pytest
 
 from palpate.evaluation.rows import EvaluationError
-from palpate.experiments import Experiment
+from palpate.experiments import Correction, Experiment
 from palpate.results import model_tables as tables
 from palpate.results.tables import display, write_table
 from tests.evaluation import synthetic
 
 CLASSES = ["bottle", "knife", "cellphone", "rifle"]
+
+CORRECTION = Correction(0.08, 0.3)
 
 
 @pytest.fixture(scope="module")
@@ -72,8 +74,10 @@ def test_input_modalities_state_the_papers_averages_only(evaluations):
 def test_ours_stand_beside_the_papers_value_of_the_same_inputs(evaluations):
     setups = {
         "charts_occluded_touch": synthetic.EXPERIMENTS["charts_occluded_touch"],
-        "pooled_occluded_touch": Experiment("pooled_occluded_touch", "pooled", "occluded", True, 1, weights="pooled_5"),
-        "retrieval_touch": Experiment("retrieval_touch", "retrieval", "none", True, 1),
+        "pooled_occluded_touch": Experiment(
+            "pooled_occluded_touch", "pooled", "occluded", True, 1, weights="pooled_5", correction=CORRECTION
+        ),
+        "retrieval_touch": Experiment("retrieval_touch", "retrieval", "none", True, 1, correction=CORRECTION),
     }
     ours = {"charts_occluded_touch": 1.0, "pooled_occluded_touch": 1.5, "retrieval_touch": 4.0}
     table = tables.input_modalities(synthetic.evaluations(ours, each=4), setups, resamples=100).set_index("experiment")
@@ -106,9 +110,9 @@ def test_the_best_model_stands_beside_retrieval():
     means = {"charts_a": 1.0, "pooled_a": 0.8, "look_a": 0.4, "look_b": 0.5, "charts_c": 3.0}
     rows = [
         Experiment("charts_a", "charts", "occluded", True, 1),
-        Experiment("pooled_a", "pooled", "occluded", True, 1),
+        Experiment("pooled_a", "pooled", "occluded", True, 1, correction=CORRECTION),
         Experiment("look_b", "retrieval", "occluded", True, 1),
-        Experiment("look_a", "retrieval", "occluded", True, 1, correction={"length": 0.08}),
+        Experiment("look_a", "retrieval", "occluded", True, 1, correction=CORRECTION),
         Experiment("charts_c", "charts", "none", True, 1),  # no look-up takes the same
     ]
     frame = synthetic.evaluations(means, each=4, spread=1e-3)
