@@ -30,6 +30,7 @@ from palpate.evaluation.selection import evaluate_selection
 from palpate.experiments import Experiment
 from palpate.inference.checkpoints import load_touch_depth
 from palpate.inference.data import ExperimentData
+from palpate.inference.inputs import inputs as arrays_of
 from palpate.inference.machine import Machine
 
 inputs, params, wildcards = snakemake.input, snakemake.params, snakemake.wildcards
@@ -40,15 +41,20 @@ def measured() -> pd.DataFrame:
         model = load_touch_depth(inputs.model).to(Machine(params.device).torch_device())
         steps = evaluate.training_steps(inputs.summary)
         return evaluate.evaluate_touch(model, steps, Dataset(".", ["touch", "charts"]), params.points, params.splits)
-    return pd.concat([measured_as(Experiment.from_row(*each), params.splits[each[0]]) for each in params.experiments])
+    frames, data, loaded = [], None, None
+    for experiment in [Experiment.from_row(*each) for each in params.experiments]:
+        splits = params.splits[experiment.name]
+        if loaded != (needed := (arrays_of(experiment), splits)):
+            data, loaded = ExperimentData.load(".", experiment, splits), needed
+        frames.append(measured_as(experiment, data, splits))
+    return pd.concat(frames)
 
 
-def measured_as(experiment: Experiment, splits: list[str]) -> pd.DataFrame:
+def measured_as(experiment: Experiment, data: ExperimentData, splits: list[str]) -> pd.DataFrame:
     if experiment.is_trained:
         trained = evaluate.load(inputs.model, inputs.summary, experiment, int(wildcards.seed), params.device)
     else:
         trained = evaluate.retrieval(".", experiment, int(wildcards.seed))
-    data = ExperimentData.load(".", experiment, splits)
     if inputs.get("rings"):
         return evaluate.evaluate_rings(trained, data, Dataset(".", ["touch", "rings"]), splits)
     if snakemake.rule == "evaluate_selection":
