@@ -15,6 +15,7 @@ from palpate import __version__
 from palpate.catalogue import SPLITS
 from palpate.dataset import Dataset, GraspDataset
 from palpate.dataset.summary import kind_of_reason
+from palpate.interchange.items import versions
 
 TEMPLATE = Path(__file__).with_name("card.md.jinja")
 # Number of samples below which Hugging Face has a name, and that name.
@@ -22,15 +23,21 @@ SIZES = {1e3: "n<1K", 1e4: "1K<n<10K", 1e5: "10K<n<100K", 1e6: "100K<n<1M", 1e7:
 
 
 def write_card(
-    path: Path, dataset: Dataset, splits: Mapping[str, GraspDataset], files: str, licence: str, source: str
+    path: Path,
+    dataset: Dataset,
+    splits: Mapping[str, GraspDataset],
+    files: tuple[str, Mapping],
+    licence: str,
+    source: str,
 ) -> None:
-    """Write the card: contents of the export, how it was made, its checks and errors, its terms.
+    """Write the card into an export's folder: its contents, how it was made, its checks and errors, its terms.
 
-    splits: the grasps that were written. files: pattern of a split's files. licence: of the data, by Hugging Face's
+    splits: the grasps that were written. files: pattern of a split's files, other names of arrays. licence: of the data, by Hugging Face's
     name; source: of the meshes, with their terms, as text: both verbatim. Names and reasons, from meshes, are escaped.
     """
+    pattern, names = files
     grasps, number, config = next(iter(splits.values())), sum(map(len, splits.values())), dataset.config
-    data_files = [{"split": split, "path": files.format(split)} for split in splits]
+    data_files = [{"split": split, "path": pattern.format(split)} for split in splits]
     header = {
         "license": licence,
         "pretty_name": f"Palpate run {dataset.name}",
@@ -46,7 +53,10 @@ def write_card(
         **{"dataset": dataset, "number": number, "licence": licence, "source": source, "splits": list(SPLITS)},
         kind=config.get("source", {}).get("kind", "unknown"),
         counts=_counts(dataset),
-        arrays=_arrays(grasps),
+        figures=sorted(each.name for each in path.parent.glob("figures/*.png")),
+        versions=versions(dataset),
+        commit=_commit(dataset.folder / "last_run.json"),
+        arrays=_arrays(grasps, names),
         rejections=_rejections(dataset),
         checks=checks,
         failed=sum(row["passed"] != "True" for row in checks),
@@ -80,6 +90,12 @@ def without_folders(text: str) -> str:
     return re.sub(r"(?<![\w.:/~<-])(?:file:/+|~[\w.-]*/|\.\./|/)(?:[^/\s:;,'\"()]*/)*", "", text)
 
 
+def _commit(path: Path) -> str:
+    """The commit that the run's last start noted; empty if it noted none."""
+    found = re.search(r'"commit": "([\w-]+)"', path.read_text(encoding="utf-8") if path.is_file() else "")
+    return found[1] if found else ""
+
+
 def _counts(dataset: Dataset) -> list[list]:
     """Objects of each class by split, and of all."""
     counts = Counter((record.class_name, record.split) for record in dataset)
@@ -87,10 +103,10 @@ def _counts(dataset: Dataset) -> list[list]:
     return [*rows, ["all", *(sum(counts[name, split] for name in dataset.classes) for split in SPLITS)]]
 
 
-def _arrays(grasps: GraspDataset) -> list[list]:
+def _arrays(grasps: GraspDataset, names: Mapping[str, str]) -> list[list]:
     item = grasps[0]
     return [
-        [f"`{name}`", item[name].shape, item[name].dtype, spec.unit, spec.meaning]
+        [f"`{names.get(name, name)}`", item[name].shape, item[name].dtype, spec.unit, spec.meaning]
         for name, (_, spec) in grasps.sources.items()
     ]
 

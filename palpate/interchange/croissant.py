@@ -1,51 +1,92 @@
 """The description of an export in Croissant 1.0, MLCommons' JSON-LD for search engines and loaders.
 
 https://docs.mlcommons.org/croissant/docs/croissant-spec-1.0.html. Record sets are `objects`, `grasps`, and in
-WebDataset each name of images; arrays in `.npy` files are sets of files.
+WebDataset each name of images; arrays in `.npy` files are sets of files. Fields `rai:` are those of its extension for
+responsible AI, https://docs.mlcommons.org/croissant/docs/croissant-rai-spec.html.
 """
 
 import json
+from collections import Counter
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-from palpate import __version__, checksums
+from palpate import __version__
+from palpate.checksums import Manifest
 from palpate.dataset import Dataset, GraspDataset
-from palpate.interchange.items import TEXT, pictures
+from palpate.interchange.items import CARD, TEXT, pictures, versions
 
+CONFORMS = ["http://mlcommons.org/croissant/1.0", "http://mlcommons.org/croissant/RAI/1.0"]
 # The specification's own, in full: readers warn of another.
 CONTEXT = json.loads(Path(__file__).with_suffix(".json").read_text())
 KINDS = {"b": "sc:Boolean", "i": "sc:Integer", "u": "sc:Integer", "f": "sc:Float"}  # by numpy's kinds
 
 
 def write_croissant(
-    folder: Path, dataset: Dataset, splits: Mapping[str, GraspDataset], licence: str, source: str
+    path: Path, dataset: Dataset, splits: Mapping[str, GraspDataset], manifest: Manifest, licence: str, source: str
 ) -> None:
-    """Write `croissant.json` of an export whose samples, tables and meshes are in `folder`, without a date.
+    """Write the description of an export whose files are in `manifest`, without a date.
 
-    The arguments are those of `export`.
+    The other arguments are those of `export`.
     """
-    grasps, archives = next(iter(splits.values())), sorted(path.name for path in folder.glob("*.tar"))
-    files = [_file(folder, path.name) for path in sorted([*folder.glob("*.csv"), *folder.glob("*.json")])]
-    files += [_set("meshes", "model/gltf-binary", "meshes/*.glb")] * (folder / "meshes").exists()
+    grasps, archives = next(iter(splits.values())), [name for name in manifest if name.endswith(".tar")]
+    files = [_file(name, manifest) for name in manifest if name.endswith((".csv", ".json")) and "/" not in name]
+    files += [_set("meshes", "model/gltf-binary", "meshes/*.glb")] * any(
+        name.startswith("meshes/") for name in manifest
+    )
     columns = {name: _column("objects", name) for name in ("object", "class", "split", "mesh")}
     sets = [_records("objects", "The objects, and where their meshes are", columns, "object")]
-    more_files, more_sets = _webdataset(folder, archives, grasps) if archives else _parquet(grasps)
+    if archives:
+        more_files, more_sets = _webdataset(manifest, archives, grasps)
+    elif any(name.endswith(".parquet") for name in manifest):
+        more_files, more_sets = _parquet(grasps)
+    else:
+        more_files, more_sets = [_set(split, "application/vnd.zarr", f"{split}.zarr/**") for split in splits], []
     described = {
-        **{"@context": CONTEXT, "@type": "sc:Dataset", "conformsTo": "http://mlcommons.org/croissant/1.0"},
+        **{"@context": CONTEXT, "@type": "sc:Dataset", "conformsTo": CONFORMS},
         **{"name": dataset.name, "license": licence, "version": "1.0.0"},
         "description": f"Simulated grasps of {len(dataset)} objects: what touch sensors and cameras record of each. "
         f"Made by palpate {__version__}. Source of the meshes: {source or 'not stated'}.",
         "keywords": ["tactile", "vision", "robotics", "3d", "simulation"],
+        **{f"rai:{name}": value for name, value in _responsible(dataset, source).items()},
         "distribution": files + more_files,
         "recordSet": sets + more_sets,
     }
     text = json.dumps(described, indent=1).replace("<", "\\u003c")  # ends no script element of a page that has it
-    (folder / "croissant.json").write_text(text + "\n", encoding="utf-8")
+    path.write_text(text + "\n", encoding="utf-8")
 
 
-def _file(folder: Path, name: str) -> dict[str, Any]:
-    size, digest = checksums.size_and_sha256(folder / name)
+def _responsible(dataset: Dataset, source: str) -> dict[str, str | list[str]]:
+    """The fields of responsible AI that a run can answer, without their prefix; a release's are its publisher's."""
+    counts = Counter(record.class_name for record in dataset)
+    left_out = len(dataset.rejections())
+    return {
+        "dataCollection": "A simulated hand grasps meshes. Touch is ray cast and shaded, images are rendered: no robot, "
+        f"sensor or person was recorded. The config that gives the same data is in {CARD}.",
+        "dataCollectionType": ["Software Collection"],
+        "dataCollectionMissingData": f"{left_out} objects could not be used and are left out; {CARD} has the reasons. "
+        "A sensor that touched nothing reads the empty gel.",
+        "dataCollectionRawData": f"Meshes. Their source: {source or 'not stated'}.",
+        "dataPreprocessingProtocol": ["Meshes are repaired without changing their shape, scaled and centred."],
+        "dataAnnotationProtocol": ["None by people: depths, clouds, masks and poses are computed from the meshes."],
+        "machineAnnotationTools": [f"{name} {version}" for name, version in versions(dataset).items()],
+        "dataBiases": [
+            "Objects by class: " + ", ".join(f"{name} {count}" for name, count in sorted(counts.items())) + ".",
+            "Objects that the hand could not grasp are missing.",
+        ],
+        "dataLimitations": [
+            "Touch is geometry within the sensor's range: no deformed gel, force, slip or markers.",
+            "Objects are held still while fingers close: grasps need not be able to lift them.",
+            "No sensor was calibrated to a real one.",
+        ],
+        "dataUseCases": ["Reconstruction of 3D shape from vision and touch: training and evaluation in simulation."],
+        "dataSocialImpact": "None on people is known. Models need tests on real sensors before a robot relies on them.",
+        "personalSensitiveInformation": ["None is added. Meshes and textures were not searched for any."],
+    }
+
+
+def _file(name: str, manifest: Manifest) -> dict[str, Any]:
+    size, digest = manifest[name]
     encoding = {".csv": "text/csv", ".json": "application/json", ".tar": "application/x-tar"}[Path(name).suffix]
     stated = {"contentUrl": name, "contentSize": f"{size} B", "encodingFormat": encoding, "sha256": digest}
     return {"@type": "cr:FileObject", "@id": name, "name": name, **stated}
@@ -94,9 +135,9 @@ def _parquet(grasps: GraspDataset) -> tuple[list[dict], list[dict]]:
     return files, [_records("grasps", "Grasps; images by their paths in the split", fields, "object", "grasp")]
 
 
-def _webdataset(folder: Path, archives: list[str], grasps: GraspDataset) -> tuple[list[dict], list[dict]]:
+def _webdataset(manifest: Manifest, archives: list[str], grasps: GraspDataset) -> tuple[list[dict], list[dict]]:
     """Files and records of tar shards: the grasps, and the images of each name by sample."""
-    item, files = grasps[0], [_file(folder, name) for name in archives]
+    item, files = grasps[0], [_file(name, manifest) for name in archives]
     fields = {name: _column("grasps", name, "sc:Integer") for name in ("sample", "grasp")}
     fields |= {name: _column("grasps", name) for name in TEXT}
     sets = [_records("grasps", "Grasps, each a sample of the tar shards", fields, "sample")]

@@ -1,6 +1,6 @@
 """An export: samples in one of the layouts, and what every export has beside them (docs/export.md):
 
-objects.csv, meshes/<object>.glb, sensor.json, README.md (the data card), croissant.json, SHA256SUMS
+objects.csv, meshes/<object>.glb, sensor.json, figures/*.png, README.md (the data card), croissant.json, SHA256SUMS
 """
 
 import csv
@@ -14,15 +14,21 @@ from palpate.atomic import atomic_write
 from palpate.dataset import Dataset
 from palpate.interchange.card import write_card
 from palpate.interchange.croissant import write_croissant
-from palpate.interchange.items import grasps_by_split
+from palpate.interchange.items import CARD, grasps_by_split
+from palpate.interchange.open_x_tactile import NAMES, write_open_x_tactile
 from palpate.interchange.parquet import write_parquet
 from palpate.interchange.webdataset import write_webdataset
 from palpate.mesh import mesh_file
 from palpate.store.contract import FRAMES, UNITS
 from palpate.store.files import StoreError
 
-# By the names that the command has for them: what writes the samples, and the pattern of a split's files.
-FORMATS = {"webdataset": (write_webdataset, "{}-*.tar"), "parquet": (write_parquet, "{}/**")}
+# By the names that the command has for them: what writes the samples, the pattern of a split's files, and the arrays
+# that have another name in it.
+FORMATS = {
+    "webdataset": (write_webdataset, "{}-*.tar", {}),
+    "parquet": (write_parquet, "{}/**", {}),
+    "open_x_tactile": (write_open_x_tactile, "{}.zarr/**", NAMES),
+}
 
 
 def export(
@@ -40,17 +46,23 @@ def export(
     batches with different sensors; KeyError for an unknown array; DamagedFile for a missing or changed mesh; and what
     writing the samples raises.
     """
-    write, pattern = FORMATS[layout]
+    write, pattern, names = FORMATS[layout]
     splits = grasps_by_split(dataset, arrays)
+    if not source and dataset.config.get("source", {}).get("kind") == "procedural":
+        source = "procedural, made by palpate (no one's meshes)"
     with atomic_write(Path(folder)) as partial:
         partial.mkdir()
-        write(partial, splits)
-        _write_objects(partial, dataset)
         if "touch" in dataset.stages:
             (partial / "sensor.json").write_text(json.dumps(_sensor(dataset), indent=1) + "\n")
-        write_croissant(partial, dataset, splits, licence, source)
-        write_card(partial / "README.md", dataset, splits, pattern, licence, source)
-        lines = [f"{digest}  {name}\n" for name, (_, digest) in checksums.manifest_of(partial).items()]
+        write(partial, splits)
+        _write_objects(partial, dataset)
+        _copy_figures(partial, dataset)
+        files = sorted(path for path in partial.rglob("*") if path.is_file())  # also hidden ones: Zarr's headers
+        manifest = {path.relative_to(partial).as_posix(): checksums.size_and_sha256(path) for path in files}
+        write_croissant(partial / "croissant.json", dataset, splits, manifest, licence, source)
+        write_card(partial / CARD, dataset, splits, (pattern, names), licence, source)
+        manifest |= {name: checksums.size_and_sha256(partial / name) for name in ("croissant.json", CARD)}
+        lines = [f"{digest}  {name}\n" for name, (_, digest) in sorted(manifest.items())]
         (partial / "SHA256SUMS").write_text("".join(lines))
     return sum(map(len, splits.values()))
 
@@ -67,6 +79,14 @@ def _write_objects(folder: Path, dataset: Dataset) -> None:
                 (folder / "meshes").mkdir(exist_ok=True)
                 shutil.copyfile(mesh_file(record.mesh, "visual.glb"), folder / mesh)
             table.writerow([record.name, record.class_name, record.split, mesh])
+
+
+def _copy_figures(folder: Path, dataset: Dataset) -> None:
+    """Copy the run's figures of data: one data point, and examples of each class; those that it has."""
+    names = ["data_point.png", *(f"examples_{name}.png" for name in dataset.classes)]
+    for figure in filter(Path.is_file, (dataset.folder / "figures" / name for name in names)):
+        (folder / "figures").mkdir(exist_ok=True)
+        shutil.copyfile(figure, folder / "figures" / figure.name)
 
 
 def _sensor(dataset: Dataset) -> dict:

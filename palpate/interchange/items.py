@@ -1,7 +1,8 @@
-"""What both layouts share: which arrays are pictures, and the grasps of a split with progress."""
+"""What the layouts share: which arrays are pictures, the grasps of a split with progress, versions of what made a run."""
 
 import io
 import sys
+import zlib
 from collections.abc import Iterable, Iterator
 
 import numpy as np
@@ -11,6 +12,7 @@ from tqdm import tqdm
 from palpate.catalogue import SPLITS
 from palpate.dataset import Dataset, GraspDataset
 
+CARD = "README.md"
 # Keys of an item of `GraspDataset` that are text.
 TEXT = ("object", "class", "split")
 
@@ -21,6 +23,14 @@ def grasps_by_split(dataset: Dataset, arrays: Iterable[str] | None) -> dict[str,
     whole = dataset.grasps(arrays=arrays, camera=camera)  # the same arrays in each split, an error without objects
     found = {record.split for record in dataset}
     return {split: dataset.grasps(split, whole.arrays, camera) for split in SPLITS if split in found}
+
+
+def versions(dataset: Dataset) -> dict[str, str]:
+    """Versions of what made the first object's stores, palpate first."""
+    found: dict[str, str] = {}
+    for stage in dataset.stages:
+        found |= dataset.array(stage, "object").attrs["versions"]
+    return found
 
 
 def with_progress(grasps: GraspDataset, split: str) -> Iterator[dict]:
@@ -37,7 +47,7 @@ def pictures(name: str, values: np.ndarray, colours: bool) -> dict[str, np.ndarr
 
 
 def png(image: np.ndarray) -> bytes:
-    """An image as the bytes of a PNG file."""
+    """An image as the bytes of a PNG file. Run lengths (Z_RLE) take 0.2 to 0.4 of the default's time."""
     file = io.BytesIO()
-    Image.fromarray(image).save(file, "PNG")
+    Image.fromarray(image).save(file, "PNG", compress_type=zlib.Z_RLE)
     return file.getvalue()

@@ -1,8 +1,10 @@
 """The data card: its header as YAML, its text as Markdown."""
 
 import html
+import json
 import re
 
+import numpy as np
 import pytest
 import yaml
 
@@ -21,6 +23,10 @@ def test_the_card_says_what_is_in_it(run, tmp_path):
     (run / "evaluations/charts_touch/seed-0.csv").write_text("\n".join(["experiment,split,chamfer", *rows]))
     (run / "reports").mkdir()
     (run / "reports/validation.csv").write_text("check,passed\nfiles,True\nfinite,False\n")
+    (run / "last_run.json").write_text(json.dumps({"commit": "0123abc-dirty"}))
+    (run / "figures").mkdir()
+    for name in ("data_point", "examples_ball", "rings"):
+        (run / f"figures/{name}.png").write_bytes(name.encode())
     export(palpate.Dataset(run), tmp_path / "out", arrays=["reading"], licence="cc-by-4.0", source="my mugs")
     text = (tmp_path / "out/README.md").read_text()
     _, header, body = text.split("---\n", 2)
@@ -39,10 +45,16 @@ def test_the_card_says_what_is_in_it(run, tmp_path):
         "| `reading` | (4, 100, 100, 3) | uint8 | RGB |",
         "| 1 | grasps | too few grasps |",
         "2 checks of files and values: 1 failed.",
+        f"palpate {palpate.__version__}, ",
+        f"numpy {np.__version__}",
+        "Commit of palpate: 0123abc-dirty.",
         "| one | seed-0 | 2 | 3 |",
         "| two | seed-0 | 1 | 5 |",
     ):
         assert line in body, line
+    linked = re.findall(r"!\[[^]]+\]\((figures/.*)\)", body)  # figures of the data, those that there are
+    assert linked == ["figures/data_point.png", "figures/examples_ball.png"]
+    assert [(tmp_path / "out" / name).read_text() for name in linked] == ["data_point", "examples_ball"]
     assert "path: mugs" in body and "/home/me" not in body  # nothing of this machine
 
 

@@ -99,7 +99,7 @@ def test_a_killed_export_leaves_nothing_that_looks_finished(built, tmp_path):
 def test_croissant_describes_the_files_and_their_columns(exported):
     text = (exported / "croissant.json").read_text()
     described = json.loads(text)
-    assert described["conformsTo"] == "http://mlcommons.org/croissant/1.0" and described["name"] == "small"
+    assert described["conformsTo"][0] == "http://mlcommons.org/croissant/1.0" and described["name"] == "small"
     nodes = {each["@id"]: each for each in described["distribution"]}
     for node in nodes.values():
         if node["@type"] == "cr:FileObject":
@@ -123,6 +123,33 @@ def test_croissant_describes_the_files_and_their_columns(exported):
                 assert field["source"]["extract"]["column"] in header
     assert len(ids) == len(set(ids))
     assert {"objects", "grasps", "occluded", "reading.3"} <= {each["@id"] for each in described["recordSet"]}
+
+
+# Properties of the specification of responsible AI, version 1.0; those that have many values.
+MANY = {
+    *("dataCollectionType", "dataCollectionTimeframe", "dataPreprocessingProtocol", "dataAnnotationProtocol"),
+    *("dataAnnotationPlatform", "dataAnnotationAnalysis", "annotatorDemographics", "machineAnnotationTools"),
+    *("dataBiases", "dataUseCases", "dataLimitations", "personalSensitiveInformation"),
+}
+ONE = {
+    *("dataCollection", "dataCollectionMissingData", "dataCollectionRawData", "dataImputationProtocol"),
+    *("dataManipulationProtocol", "annotationsPerItem", "dataSocialImpact", "dataReleaseMaintenancePlan"),
+}
+
+
+def test_responsible_ai_is_stated_in_the_specification_s_words(built, exported):
+    described = json.loads((exported / "croissant.json").read_text())
+    assert "http://mlcommons.org/croissant/RAI/1.0" in described["conformsTo"]
+    assert described["@context"]["rai"] == "http://mlcommons.org/croissant/RAI/"
+    stated = {name.removeprefix("rai:"): value for name, value in described.items() if name.startswith("rai:")}
+    assert len(stated) >= 10 and not set(stated) - MANY - ONE
+    for name, value in stated.items():
+        texts = value if name in MANY else [value]
+        assert isinstance(texts, list) and texts and all(isinstance(text, str) and text for text in texts), name
+    assert "Objects by class: ball 2, block 1." in stated["dataBiases"]
+    rejected = palpate.Dataset(built).rejections()
+    assert stated["dataCollectionMissingData"].startswith(f"{len(rejected)} objects could not be used")
+    assert f"palpate {palpate.__version__}" in stated["machineAnnotationTools"]
 
 
 def test_croissant_ends_no_script_element_of_a_page(run, tmp_path):

@@ -5,6 +5,8 @@ import logging
 import logging.handlers
 import queue
 import signal
+import subprocess
+from pathlib import Path
 
 import pytest
 from snakemake_interface_logger_plugins.tests import MockOutputSettings, TestLogHandlerBase
@@ -272,3 +274,13 @@ def test_the_end_names_objects_places_and_time_and_counts_what_failed(tmp_path, 
         f"{tmp_path}: tables",
         "7 jobs done, 1 failed, in 1 min 1 s",
     ]
+
+
+def test_a_run_notes_the_commit_of_its_workflow(monkeypatch):
+    head = subprocess.run(["git", "rev-parse", "HEAD"], cwd=Path(hooks.__file__).parent, capture_output=True, text=True)
+    if head.returncode:
+        assert hooks.commit() == {}
+    else:
+        assert hooks.commit()["commit"].removesuffix("-dirty") == head.stdout.strip()
+    monkeypatch.setenv("PATH", "")
+    assert hooks.commit() == {}

@@ -8,6 +8,7 @@ import json
 import os
 import shlex
 import signal
+import subprocess
 import sys
 import threading
 import time
@@ -103,6 +104,15 @@ def finish(folder: str, object_pages: int) -> None:
         logger.warning(f"{handler.done} jobs done{failed}, in {duration(handler.estimate.so_far())}")
 
 
+def commit() -> dict[str, str]:
+    """Git's commit of this folder as `commit`, with `-dirty` after it if files have changed since; {} without Git."""
+    command = ["git", "-C", Path(__file__).parent, "describe", "--always", "--dirty", "--abbrev=40", "--exclude=*"]
+    try:
+        return {"commit": subprocess.run(command, capture_output=True, check=True, text=True).stdout.strip()}
+    except (OSError, subprocess.CalledProcessError):
+        return {}
+
+
 def _write_page(folder: str, object_pages: int, handler: LogHandler | None) -> None:
     """index.html, and what it says of this start: last_run.json. No file of the workflow depends on them."""
     from palpate.viewer import run_page
@@ -115,6 +125,7 @@ def _write_page(folder: str, object_pages: int, handler: LogHandler | None) -> N
                 "jobs": handler.done,
                 "seconds": round(handler.estimate.so_far()),
                 "failures": handler.failures,
+                **commit(),
                 "versions": {"palpate": __version__} | {name: metadata.version(name) for name in VERSIONS},
             }
             with atomic.atomic_write(f"{folder}/last_run.json") as path:

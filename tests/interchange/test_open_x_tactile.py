@@ -1,0 +1,78 @@
+"""Open-X-Tactile's Zarr stores, read by their published layout: headers as JSON, chunks with numcodecs alone."""
+
+import json
+
+import numcodecs
+import numpy as np
+import pytest
+from scipy.linalg import logm
+
+import palpate
+from palpate.interchange import export
+from palpate.interchange.open_x_tactile import write_open_x_tactile
+
+
+def read(path):
+    """An array of Zarr format 2, chunk by chunk along its first axis."""
+    header = json.loads((path / ".zarray").read_text())
+    (length, *shape), (step, *chunk) = header["shape"], header["chunks"]
+    assert header["zarr_format"] == 2 and chunk == shape and header["order"] == "C" and not header["filters"]
+    codec = numcodecs.get_codec(header["compressor"])
+    values = np.full((-(-length // step) * step, *shape), header["fill_value"], header["dtype"])
+    for number in range(len(values) // step):
+        file = path / ".".join(map(str, [number, *[0] * len(shape)]))
+        if file.exists():  # else all fill values
+            content = np.frombuffer(codec.decode(file.read_bytes()), header["dtype"])
+            values[number * step : (number + 1) * step] = content.reshape(step, *shape)
+    return values[:length]
+
+
+def test_frames_are_the_grasps(built, tmp_path, monkeypatch):
+    monkeypatch.setattr("palpate.interchange.open_x_tactile.FRAMES", 3)  # so that the last chunk is cut
+    dataset, out = palpate.Dataset(built), tmp_path / "out"
+    assert export(dataset, out, "open_x_tactile") == 6
+    renamed = {"camera_main_rgb": "occluded", "left_tactile_data_fingers": "reading"}
+    for split in ("train", "validation", "test"):
+        data = {path.name: read(path) for path in (out / f"{split}.zarr/data").iterdir() if path.is_dir()}
+        meta = {path.name: read(path) for path in (out / f"{split}.zarr/meta").iterdir() if path.is_dir()}
+        grasps = dataset.grasps(split)
+        assert list(meta["episode_ends"]) == list(range(1, len(grasps) + 1))
+        assert {len(values) for values in data.values()} == {len(grasps)}
+        of_layout = ["timestamps", "sub_task_instruction", "left_wrist_pose"]
+        of_layout += [f"left_tactile_{key}_fingers" for key in ("area", "sensor", "type")]
+        assert {renamed.get(name, name) for name in data} == {*grasps.sources, *of_layout} - {"palm_pose"}
+        for number in range(len(grasps)):
+            item, frame = grasps[number], {name: values[number] for name, values in data.items()}
+            for name in set(data) - set(of_layout):
+                expected = item[renamed.get(name, name)]
+                np.testing.assert_array_equal(frame[name], expected, err_msg=name)
+                assert frame[name].dtype == expected.dtype
+            assert (meta["object"][number], meta["grasp"][number]) == (item["object"], item["grasp"])
+            assert frame["sub_task_instruction"] == f"grasp the {item['class']}" and frame["timestamps"] == 0
+            assert list(frame["left_tactile_area_fingers"]) == [1, 2, 3, 0]  # index, middle, ring, thumb
+            assert (frame["left_tactile_sensor_fingers"], frame["left_tactile_type_fingers"]) == ("digit", "image")
+            turn = logm(item["palm_pose"][:3, :3]).real
+            expected = [*item["palm_pose"][:3, 3], turn[2, 1], turn[0, 2], turn[1, 0]]
+            np.testing.assert_allclose(frame["left_wrist_pose"], expected, atol=1e-7)
+    assert "| `left_tactile_data_fingers` | (4, 100, 100, 3) | uint8 | RGB |" in (out / "README.md").read_text()
+    assert "train.zarr/data/depth/.zarray" in (out / "SHA256SUMS").read_text()
+
+
+def test_all_cameras_are_kept(built, tmp_path):
+    grasps = palpate.Dataset(built).grasps("test", ["occluded"], camera=None)
+    write_open_x_tactile(tmp_path, {"test": grasps})
+    data = tmp_path / "test.zarr/data"
+    np.testing.assert_array_equal(read(data / "occluded"), [grasps[0]["occluded"], grasps[1]["occluded"]])
+    np.testing.assert_array_equal(read(data / "camera_main_rgb"), read(data / "occluded")[:, 0])
+
+
+@pytest.mark.parametrize("names, areas", [(["upper_gel", "lower_gel"], [0, 1]), (["thumb", "index", "palm"], None)])
+def test_areas_of_other_hands(built, tmp_path, names, areas):
+    (tmp_path / "sensor.json").write_text(json.dumps({"names": names, "sensor": {"name": "digit"}}))
+    splits = {"test": palpate.Dataset(built).grasps("test", ["reading"])}
+    if areas is None:
+        with pytest.raises(ValueError, match="areas of thumb, index, .* sensors are called thumb, index, palm"):
+            write_open_x_tactile(tmp_path, splits)
+    else:
+        write_open_x_tactile(tmp_path, splits)
+        assert read(tmp_path / "test.zarr/data/left_tactile_area_fingers").tolist() == [areas] * 2
