@@ -17,8 +17,20 @@ from palpate.dataset import Dataset, GraspDataset
 from palpate.interchange.items import CARD, TEXT, pictures, versions
 
 CONFORMS = ["http://mlcommons.org/croissant/1.0", "http://mlcommons.org/croissant/RAI/1.0"]
+TERMS = (
+    "citeAs column equivalentProperty extract field fileObject fileProperty fileSet format includes isLiveDataset "
+    "jsonPath key md5 parentField path recordSet references regex repeated replace samplingRate separator source "
+    "subField transform"
+)
 # The specification's own, in full: readers warn of another.
-CONTEXT = json.loads(Path(__file__).with_suffix(".json").read_text())
+CONTEXT = {
+    **{"@language": "en", "@vocab": "https://schema.org/", "sc": "https://schema.org/"},
+    **{"cr": "http://mlcommons.org/croissant/", "rai": "http://mlcommons.org/croissant/RAI/"},
+    **{"dct": "http://purl.org/dc/terms/", "conformsTo": "dct:conformsTo"},
+    **{name: f"cr:{name}" for name in TERMS.split()},
+    **{name: {"@id": f"cr:{name}", "@type": "@json"} for name in ("data", "examples")},
+    "dataType": {"@id": "cr:dataType", "@type": "@vocab"},
+}
 KINDS = {"b": "sc:Boolean", "i": "sc:Integer", "u": "sc:Integer", "f": "sc:Float"}  # by numpy's kinds
 
 
@@ -31,9 +43,8 @@ def write_croissant(
     """
     grasps, archives = next(iter(splits.values())), [name for name in manifest if name.endswith(".tar")]
     files = [_file(name, manifest) for name in manifest if name.endswith((".csv", ".json")) and "/" not in name]
-    files += [_set("meshes", "model/gltf-binary", "meshes/*.glb")] * any(
-        name.startswith("meshes/") for name in manifest
-    )
+    if any(name.startswith("meshes/") for name in manifest):
+        files.append(_set("meshes", "model/gltf-binary", "meshes/*.glb"))
     columns = {name: _column("objects", name) for name in ("object", "class", "split", "mesh")}
     sets = [_records("objects", "The objects, and where their meshes are", columns, "object")]
     if archives:
@@ -57,27 +68,25 @@ def write_croissant(
 
 
 def _responsible(dataset: Dataset, source: str) -> dict[str, str | list[str]]:
-    """The fields of responsible AI that a run can answer, without their prefix; a release's are its publisher's."""
-    counts = Counter(record.class_name for record in dataset)
-    left_out = len(dataset.rejections())
+    """The fields of responsible AI that a run can answer, without their prefix."""
+    counts = sorted(Counter(record.class_name for record in dataset).items())
     return {
-        "dataCollection": "A simulated hand grasps meshes. Touch is ray cast and shaded, images are rendered: no robot, "
-        f"sensor or person was recorded. The config that gives the same data is in {CARD}.",
+        "dataCollection": "A simulated hand grasps meshes. Touch is ray cast and shaded, images are rendered. No robot "
+        f"or person was recorded. {CARD} has the config.",
         "dataCollectionType": ["Software Collection"],
-        "dataCollectionMissingData": f"{left_out} objects could not be used and are left out; {CARD} has the reasons. "
-        "A sensor that touched nothing reads the empty gel.",
+        "dataCollectionMissingData": f"{len(dataset.rejections())} objects could not be used and are left out, with "
+        f"reasons in {CARD}. A sensor that touched nothing reads the empty gel.",
         "dataCollectionRawData": f"Meshes. Their source: {source or 'not stated'}.",
         "dataPreprocessingProtocol": ["Meshes are repaired without changing their shape, scaled and centred."],
         "dataAnnotationProtocol": ["None by people: depths, clouds, masks and poses are computed from the meshes."],
-        "machineAnnotationTools": [f"{name} {version}" for name, version in versions(dataset).items()],
+        "machineAnnotationTools": list(map(" ".join, versions(dataset).items())),
         "dataBiases": [
-            "Objects by class: " + ", ".join(f"{name} {count}" for name, count in sorted(counts.items())) + ".",
+            f"Objects by class: {', '.join(f'{name} {count}' for name, count in counts)}.",
             "Objects that the hand could not grasp are missing.",
         ],
         "dataLimitations": [
             "Touch is geometry within the sensor's range: no deformed gel, force, slip or markers.",
             "Objects are held still while fingers close: grasps need not be able to lift them.",
-            "No sensor was calibrated to a real one.",
         ],
         "dataUseCases": ["Reconstruction of 3D shape from vision and touch: training and evaluation in simulation."],
         "dataSocialImpact": "None on people is known. Models need tests on real sensors before a robot relies on them.",

@@ -14,7 +14,7 @@ from palpate.atomic import atomic_write
 from palpate.dataset import Dataset
 from palpate.interchange.card import write_card
 from palpate.interchange.croissant import write_croissant
-from palpate.interchange.items import CARD, grasps_by_split
+from palpate.interchange.items import CARD, Layout, grasps_by_split
 from palpate.interchange.open_x_tactile import NAMES, write_open_x_tactile
 from palpate.interchange.parquet import write_parquet
 from palpate.interchange.webdataset import write_webdataset
@@ -22,12 +22,10 @@ from palpate.mesh import mesh_file
 from palpate.store.contract import FRAMES, UNITS
 from palpate.store.files import StoreError
 
-# By the names that the command has for them: what writes the samples, the pattern of a split's files, and the arrays
-# that have another name in it.
-FORMATS = {
-    "webdataset": (write_webdataset, "{}-*.tar", {}),
-    "parquet": (write_parquet, "{}/**", {}),
-    "open_x_tactile": (write_open_x_tactile, "{}.zarr/**", NAMES),
+FORMATS = {  # by the names that the command has for them
+    "webdataset": Layout(write_webdataset, "{}-*.tar"),
+    "parquet": Layout(write_parquet, "{}/**"),
+    "open_x_tactile": Layout(write_open_x_tactile, "{}.zarr/**", NAMES),
 }
 
 
@@ -46,7 +44,6 @@ def export(
     batches with different sensors; KeyError for an unknown array; DamagedFile for a missing or changed mesh; and what
     writing the samples raises.
     """
-    write, pattern, names = FORMATS[layout]
     splits = grasps_by_split(dataset, arrays)
     if not source and dataset.config.get("source", {}).get("kind") == "procedural":
         source = "procedural, made by palpate (no one's meshes)"
@@ -54,13 +51,13 @@ def export(
         partial.mkdir()
         if "touch" in dataset.stages:
             (partial / "sensor.json").write_text(json.dumps(_sensor(dataset), indent=1) + "\n")
-        write(partial, splits)
+        FORMATS[layout].write(partial, splits)
         _write_objects(partial, dataset)
         _copy_figures(partial, dataset)
         files = sorted(path for path in partial.rglob("*") if path.is_file())  # also hidden ones: Zarr's headers
         manifest = {path.relative_to(partial).as_posix(): checksums.size_and_sha256(path) for path in files}
         write_croissant(partial / "croissant.json", dataset, splits, manifest, licence, source)
-        write_card(partial / CARD, dataset, splits, (pattern, names), licence, source)
+        write_card(partial / CARD, dataset, splits, FORMATS[layout], licence, source)
         manifest |= {name: checksums.size_and_sha256(partial / name) for name in ("croissant.json", CARD)}
         lines = [f"{digest}  {name}\n" for name, (_, digest) in sorted(manifest.items())]
         (partial / "SHA256SUMS").write_text("".join(lines))

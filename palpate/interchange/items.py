@@ -1,9 +1,10 @@
-"""What the layouts share: which arrays are pictures, the grasps of a split with progress, versions of what made a run."""
+"""What the layouts share: which arrays are pictures, the grasps of a split with progress, versions of engines."""
 
 import io
 import sys
 import zlib
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from typing import NamedTuple
 
 import numpy as np
 from PIL import Image
@@ -15,6 +16,14 @@ from palpate.dataset import Dataset, GraspDataset
 CARD = "README.md"
 # Keys of an item of `GraspDataset` that are text.
 TEXT = ("object", "class", "split")
+
+
+class Layout(NamedTuple):
+    """What writes the samples, the pattern of a split's files, and the names of arrays that have another in it."""
+
+    write: Callable
+    files: str
+    names: Mapping[str, str] = {}
 
 
 def grasps_by_split(dataset: Dataset, arrays: Iterable[str] | None) -> dict[str, GraspDataset]:

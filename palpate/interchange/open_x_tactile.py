@@ -28,10 +28,12 @@ AREAS = {"thumb": 0, "index": 1, "middle": 2, "ring": 3, "little": 4}  # FTP-1's
 
 
 def write_open_x_tactile(folder: Path, splits: Mapping[str, GraspDataset]) -> None:
-    """Write the grasps of each split; `camera_main_rgb` is the first camera's. `folder` has `sensor.json`, if any.
+    """Write the grasps of each split; `camera_main_rgb` is the first camera's. `folder` has `sensor.json` for readings.
 
     Raises ValueError if a sensor has no area by its name in `AREAS`; two sensors are a gripper's, areas 0 and 1.
     """
+    with_touch = "reading" in next(iter(splits.values())).sources
+    sensors = _sensors(json.loads((folder / "sensor.json").read_text())) if with_touch else {}
     for split, grasps in splits.items():
         root, rows, episodes = zarr.create_group(folder / f"{split}.zarr", zarr_format=2), [], []
         for number, item in enumerate(with_progress(grasps, split), start=1):
@@ -43,22 +45,20 @@ def write_open_x_tactile(folder: Path, splits: Mapping[str, GraspDataset]) -> No
         objects, classes, numbers = map(np.array, zip(*episodes, strict=True))
         of_frames = {"timestamps": np.zeros(len(grasps), np.int64)}  # numbers of frames in their episode
         of_frames["sub_task_instruction"] = np.char.add("grasp the ", classes)
-        if "reading" in grasps.sources:
-            values = {"type": "image"} | _sensors(json.loads((folder / "sensor.json").read_text()))
-            of_frames |= {TACTILE.format(key): np.array([value] * len(grasps)) for key, value in values.items()}
+        of_frames |= {TACTILE.format(key): np.array([value] * len(grasps)) for key, value in sensors.items()}
         _append(root, "data", of_frames)
         ends = np.arange(1, len(grasps) + 1, dtype=np.int64)
         _append(root, "meta", {"episode_ends": ends, "object": objects, "grasp": numbers})
 
 
 def _sensors(stated: Mapping) -> dict:
-    """Kind and functional areas of the sensors of `sensor.json`."""
+    """Kind, type of data and functional areas of the sensors of `sensor.json`."""
     names = stated["names"]
     areas = [0, 1] if len(names) == 2 else [AREAS.get(name) for name in names]
     if None in areas:
         known = ", ".join(AREAS)
         raise ValueError(f"Open-X-Tactile has areas of {known}, but the hand's sensors are called {', '.join(names)}")
-    return {"sensor": stated["sensor"]["name"], "area": areas}
+    return {"sensor": stated["sensor"]["name"], "type": "image", "area": areas}
 
 
 def _frame(item: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
