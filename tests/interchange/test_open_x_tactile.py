@@ -32,22 +32,23 @@ def test_frames_are_the_grasps(built, tmp_path, monkeypatch):
     dataset, out = palpate.Dataset(built), tmp_path / "out"
     assert export(dataset, out, "open_x_tactile") == 6
     renamed = {"camera_main_rgb": "occluded", "left_tactile_data_fingers": "reading"}
+    of_layout = {"timestamps", "sub_task_instruction", "left_wrist_pose", "left_tactile_area_fingers"}
+    of_layout |= {"left_tactile_sensor_fingers", "left_tactile_type_fingers"}
     for split in ("train", "validation", "test"):
-        data = {path.name: read(path) for path in (out / f"{split}.zarr/data").iterdir() if path.is_dir()}
-        meta = {path.name: read(path) for path in (out / f"{split}.zarr/meta").iterdir() if path.is_dir()}
+        groups = [(out / f"{split}.zarr" / group).iterdir() for group in ("data", "grasps", "meta")]
+        data, rest, meta = ({path.name: read(path) for path in paths if path.is_dir()} for paths in groups)
         grasps = dataset.grasps(split)
         assert list(meta["episode_ends"]) == list(range(1, len(grasps) + 1))
-        assert {len(values) for values in data.values()} == {len(grasps)}
-        of_layout = ["timestamps", "sub_task_instruction", "left_wrist_pose"]
-        of_layout += [f"left_tactile_{key}_fingers" for key in ("area", "sensor", "type")]
-        assert {renamed.get(name, name) for name in data} == {*grasps.sources, *of_layout} - {"palm_pose"}
+        assert {len(values) for values in [*data.values(), *rest.values()]} == {len(grasps)}
+        assert set(data) == {*renamed, *of_layout}
+        assert set(rest) == {*grasps.sources, "object", "grasp"} - {*renamed.values(), "palm_pose"}
         for number in range(len(grasps)):
-            item, frame = grasps[number], {name: values[number] for name, values in data.items()}
-            for name in set(data) - set(of_layout):
+            item, frame = grasps[number], {name: values[number] for name, values in (data | rest).items()}
+            assert (frame.pop("object"), frame.pop("grasp")) == (item["object"], item["grasp"])
+            for name in set(frame) - of_layout:
                 expected = item[renamed.get(name, name)]
                 np.testing.assert_array_equal(frame[name], expected, err_msg=name)
                 assert frame[name].dtype == expected.dtype
-            assert (meta["object"][number], meta["grasp"][number]) == (item["object"], item["grasp"])
             assert frame["sub_task_instruction"] == f"grasp the {item['class']}" and frame["timestamps"] == 0
             assert list(frame["left_tactile_area_fingers"]) == [1, 2, 3, 0]  # index, middle, ring, thumb
             assert (frame["left_tactile_sensor_fingers"], frame["left_tactile_type_fingers"]) == ("digit", "image")
@@ -55,15 +56,15 @@ def test_frames_are_the_grasps(built, tmp_path, monkeypatch):
             expected = [*item["palm_pose"][:3, 3], turn[2, 1], turn[0, 2], turn[1, 0]]
             np.testing.assert_allclose(frame["left_wrist_pose"], expected, atol=1e-7)
     assert "| `left_tactile_data_fingers` | (4, 100, 100, 3) | uint8 | RGB |" in (out / "README.md").read_text()
-    assert "train.zarr/data/depth/.zarray" in (out / "SHA256SUMS").read_text()
+    assert "train.zarr/grasps/depth/.zarray" in (out / "SHA256SUMS").read_text()
 
 
 def test_all_cameras_are_kept(built, tmp_path):
     grasps = palpate.Dataset(built).grasps("test", ["occluded"], camera=None)
     write_open_x_tactile(tmp_path, {"test": grasps})
-    data = tmp_path / "test.zarr/data"
-    np.testing.assert_array_equal(read(data / "occluded"), [grasps[0]["occluded"], grasps[1]["occluded"]])
-    np.testing.assert_array_equal(read(data / "camera_main_rgb"), read(data / "occluded")[:, 0])
+    images = read(tmp_path / "test.zarr/grasps/occluded")
+    np.testing.assert_array_equal(images, [grasps[0]["occluded"], grasps[1]["occluded"]])
+    np.testing.assert_array_equal(read(tmp_path / "test.zarr/data/camera_main_rgb"), images[:, 0])
 
 
 @pytest.mark.parametrize("names, areas", [(["upper_gel", "lower_gel"], [0, 1]), (["thumb", "index", "palm"], None)])
