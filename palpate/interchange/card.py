@@ -15,7 +15,8 @@ from palpate import __version__
 from palpate.catalogue import SPLITS
 from palpate.dataset import Dataset, GraspDataset
 from palpate.dataset.summary import kind_of_reason
-from palpate.interchange.items import Layout, versions
+from palpate.interchange.items import versions
+from palpate.interchange.open_x_tactile import NAMES
 
 TEMPLATE = Path(__file__).with_name("card.md.jinja")
 # Number of samples below which Hugging Face has a name, and that name.
@@ -23,15 +24,15 @@ SIZES = {1e3: "n<1K", 1e4: "1K<n<10K", 1e5: "10K<n<100K", 1e6: "100K<n<1M", 1e7:
 
 
 def write_card(
-    path: Path, dataset: Dataset, splits: Mapping[str, GraspDataset], layout: Layout, licence: str, source: str
+    path: Path, dataset: Dataset, splits: Mapping[str, GraspDataset], files: str, licence: str, source: str
 ) -> None:
     """Write the card into an export's folder: its contents, how it was made, its checks and errors, its terms.
 
-    splits: the grasps that were written, in `layout`. licence: of the data, by Hugging Face's name; source: of the
-    meshes, with their terms, as text: both verbatim. Names and reasons, from meshes, are escaped.
+    splits: the grasps that were written. files: pattern of a split's files. licence: of the data, by Hugging Face's
+    name; source: of the meshes, with their terms, as text: both verbatim. Names and reasons, from meshes, are escaped.
     """
     grasps, number, config = next(iter(splits.values())), sum(map(len, splits.values())), dataset.config
-    data_files = [{"split": split, "path": layout.files.format(split)} for split in splits]
+    data_files = [{"split": split, "path": files.format(split)} for split in splits]
     header = {
         "license": licence,
         "pretty_name": f"Palpate run {dataset.name}",
@@ -48,9 +49,10 @@ def write_card(
         kind=config.get("source", {}).get("kind", "unknown"),
         counts=_counts(dataset),
         figures=sorted(each.name for each in path.parent.glob("figures/*.png")),
+        layout_names=NAMES if ".zarr" in files else {},
         versions=versions(dataset),
         commit=_commit(dataset.folder / "last_run.json"),
-        arrays=_arrays(grasps, layout.names),
+        arrays=_arrays(grasps),
         rejections=_rejections(dataset),
         checks=checks,
         failed=sum(row["passed"] != "True" for row in checks),
@@ -97,10 +99,10 @@ def _counts(dataset: Dataset) -> list[list]:
     return [*rows, ["all", *(sum(counts[name, split] for name in dataset.classes) for split in SPLITS)]]
 
 
-def _arrays(grasps: GraspDataset, names: Mapping[str, str]) -> list[list]:
+def _arrays(grasps: GraspDataset) -> list[list]:
     item = grasps[0]
     return [
-        [f"`{names.get(name, name)}`", item[name].shape, item[name].dtype, spec.unit, spec.meaning]
+        [f"`{name}`", item[name].shape, item[name].dtype, spec.unit, spec.meaning]
         for name, (_, spec) in grasps.sources.items()
     ]
 

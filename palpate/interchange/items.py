@@ -3,8 +3,7 @@
 import io
 import sys
 import zlib
-from collections.abc import Callable, Iterable, Iterator, Mapping
-from typing import NamedTuple
+from collections.abc import Iterable, Iterator
 
 import numpy as np
 from PIL import Image
@@ -16,14 +15,6 @@ from palpate.dataset import Dataset, GraspDataset
 CARD = "README.md"
 # Keys of an item of `GraspDataset` that are text.
 TEXT = ("object", "class", "split")
-
-
-class Layout(NamedTuple):
-    """What writes the samples, the pattern of a split's files, and the names of arrays that have another in it."""
-
-    write: Callable
-    files: str
-    names: Mapping[str, str] = {}
 
 
 def grasps_by_split(dataset: Dataset, arrays: Iterable[str] | None) -> dict[str, GraspDataset]:
