@@ -9,7 +9,7 @@ from palpate.catalogue import CatalogueEntry
 from palpate.dataset.arrays import fill_untouched
 from palpate.dataset.run import Run
 from palpate.store.contract import ArraySpec, arrays_by_name
-from palpate.store.files import StoreError
+from palpate.store.files import Store, StoreError
 
 COLOURS = ("RGB", "sRGB")  # units of arrays whose last axis is the colour
 
@@ -67,10 +67,11 @@ class GraspDataset(Sequence):
         number, grasp = divmod(number, self._of_object)
         entry = self._entries[number]
         item = {"object": entry.object, "class": entry.class_name, "split": entry.split, "grasp": grasp}
-        return item | {name: self._read(entry, grasp, *source) for name, source in self.sources.items()}
+        stages = dict.fromkeys(stage for stage, _ in self.sources.values())
+        places = {stage: (self._run.store(stage, entry.batch), self._run.row(stage, entry)) for stage in stages}
+        return item | {name: self._read(*places[of], grasp, of, spec) for name, (of, spec) in self.sources.items()}
 
-    def _read(self, entry: CatalogueEntry, grasp: int, stage: str, spec: ArraySpec) -> np.ndarray:
-        store, row = self._run.store(stage, entry.batch), self._run.row(stage, entry)
+    def _read(self, store: Store, row: int, grasp: int, stage: str, spec: ArraySpec) -> np.ndarray:
         place = (row, grasp) if spec.of_grasps else (row,)
         if spec.of_cameras and self._camera is not None:
             place += (self._camera,)

@@ -20,7 +20,8 @@ from scipy.spatial.transform import Rotation
 from palpate.dataset import GraspDataset
 from palpate.interchange.items import with_progress
 
-FRAMES = 16  # of a chunk, and held in memory before they are written
+FRAMES = 16  # of a chunk
+HELD = 4 * FRAMES  # in memory before they are written, 2 MB each; Zarr compresses their chunks side by side
 # Arrays that the layout has a name for. The built-in hand is a left one: seen on its palm, fingers up, its thumb is on
 # the left. The palm's pose becomes (x, y, z, rotation vector), without a turn to the layout's wrist.
 TACTILE = "left_tactile"
@@ -42,7 +43,7 @@ def write_open_x_tactile(folder: Path, splits: Mapping[str, GraspDataset]) -> No
             rows.append(_by_path({name: item[name] for name in ("grasp", *grasps.sources)}) | same)
             objects.append(item["object"])
             classes.append(item["class"])
-            if len(rows) == FRAMES or number == len(grasps):
+            if len(rows) == HELD or number == len(grasps):
                 _append(root, {path: np.stack([row[path] for row in rows]) for path in rows[0]})
                 rows = []
         instructions = [f"grasp the {name}" for name in classes]
