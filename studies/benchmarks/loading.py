@@ -6,9 +6,12 @@
 Both give batches of 8 grasps, with the arrays that the export has: ours drawn at random, webdataset's shard by shard.
 webdataset is not locked: `pip install webdataset`. Processor times are of this process and its workers, so they compare
 on a busy machine; the rates do not. Readers take turns. The first round is not counted.
+
+`computing` reads nothing: its workers keep as many cores busy as the machine has to spare.
 """
 
 import argparse
+import hashlib
 import resource
 import tarfile
 import time
@@ -23,6 +26,7 @@ from torch.utils.data import DataLoader, RandomSampler
 from palpate.dataset import Dataset, GraspDataset
 
 WORKERS, BATCH = 2, 8
+BLOCK = 2_000_000  # bytes
 
 
 def by_palpate(grasps: GraspDataset, number: int) -> Iterable:
@@ -37,6 +41,18 @@ def by_webdataset(shards: list[str], number: int) -> Iterable:
 
     samples = webdataset.WebDataset(shards * number, shardshuffle=False).decode("rgb8").map(_numbers)
     return DataLoader(samples.with_epoch(number // WORKERS), batch_size=BATCH, num_workers=WORKERS)
+
+
+def by_computing(_: object, number: int) -> Iterable:
+    """Batches of numbers that take some milliseconds of the processor each."""
+    return DataLoader(Computed(), batch_size=BATCH, sampler=range(number), num_workers=WORKERS)
+
+
+class Computed:
+    """Checksums of a block of zeros."""
+
+    def __getitem__(self, number: int) -> dict[str, int]:
+        return {"sum": hashlib.sha256(bytes(BLOCK)).digest()[0]}
 
 
 def _numbers(sample: dict) -> dict:
@@ -70,7 +86,11 @@ def main() -> None:
         names = dict.fromkeys(entry.name.split(".")[1] for entry in tar if not entry.name.endswith(".json"))
     grasps = Dataset(args.run).grasps(arrays=names)
     print(f"{len(grasps)} grasps, {WORKERS} workers, arrays: {', '.join(names)}")
-    readers = {"palpate": (by_palpate, grasps), "webdataset": (by_webdataset, shards)}
+    readers = {
+        "palpate": (by_palpate, grasps),
+        "webdataset": (by_webdataset, shards),
+        "computing": (by_computing, None),
+    }
     rounds: dict[str, list] = {name: [] for name in readers}
     for _ in range(args.rounds + 1):
         for name, (reader, source) in readers.items():
