@@ -102,8 +102,8 @@ def error_over_rings(rings: tables.Frame, experiments: Experiments, path, split=
     found = tables.ring_errors(rings, list(experiments), split)
     published = paper_values("extrapolation").set_index(["experiment", "ring"])["value"]
     images = list(dict.fromkeys(each.vision for each in experiments.values()))
-    figure = new_figure(4.5 * len(images) + 4.5, 4)
-    *panels, papers = figure.subplots(1, len(images) + 1, gridspec_kw=PANEL)
+    figure = new_figure(4.5 * len(images) + 4.5, 5.2)
+    *panels, papers = figure.subplots(1, len(images) + 1, gridspec_kw=PANEL | {"bottom": 0.4, "top": 0.9})
     for name, setup in experiments.items():
         place, inputs = images.index(setup.vision), methods.input_label(setup)
         estimates = [found.estimate([tables.ring_key(name, ring)], resamples=resamples) for ring in RINGS]
@@ -118,6 +118,7 @@ def error_over_rings(rings: tables.Frame, experiments: Experiments, path, split=
         axes.set_ylim(bottom=0)
         axes.title.set_y(1.03)
         axes.ticklabel_format(axis="y", style="sci", scilimits=(0, 0), useMathText=True)
+        axes.get_legend().set(loc="upper center", bbox_to_anchor=(0.5, -0.15))  # no place inside is free of lines
     save(figure, path)
 
 
@@ -199,11 +200,12 @@ def _finish(axes: Axes, x: str, y: str, title: str, integers: bool = True) -> No
     axes.set_ylabel(y, fontsize=LABEL)
     axes.tick_params(labelsize=LABEL - 1)
     axes.spines[["top", "right"]].set_visible(False)
-    if integers:
-        axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+    axes.xaxis.set_major_locator(MaxNLocator(integer=True) if integers else MaxNLocator(4))
     axes.legend(fontsize=LABEL - 1.5, frameon=False)
 
 
 def _size(found, split: str) -> str:
     seeds = max(len(values) for values in found.values.values())
-    return f"{split} split, {len(found.objects)} objects, {seeds} seed{'s' if seeds > 1 else ''}"
+    counted = (len(found.objects), "object"), (seeds, "seed")
+    counts = (f"{count} {what}{'s' * (count != 1)}" for count, what in counted)
+    return ", ".join([f"{split} split", *counts])
