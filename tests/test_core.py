@@ -127,8 +127,9 @@ def test_in_a_bare_environment(run, wheel, tmp_path, version, numpy):
     python = tmp_path / "venv/bin/python"
     install = [sys.executable, "-m", "pip", "--python", python, "install", "--quiet", "--no-compile", "--retries", "1"]
     done = subprocess.run([*install, "--only-binary", ":all:", numpy, wheel], capture_output=True, text=True)
-    if done.returncode:
-        pytest.skip(f"packages can't be installed: {done.stderr.strip().splitlines()[-1]}")
+    if done.returncode and subprocess.run([*install, "--dry-run", "iniconfig"], capture_output=True).returncode:
+        pytest.skip("no package can be installed here, so none of palpate's")
+    assert done.returncode == 0, done.stderr
     found, _ = session(python, run, tmp_path, PYTHONPATH="")
     assert (found["numpy"] < "2") == (numpy == OLD)
     require_same(found["sums"], sums(run))

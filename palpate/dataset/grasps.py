@@ -69,7 +69,9 @@ class GraspDataset(Sequence):
         item = {"object": entry.object, "class": entry.class_name, "split": entry.split, "grasp": grasp}
         stages = dict.fromkeys(stage for stage, _ in self.sources.values())
         places = {stage: (self._run.store(stage, entry.batch), self._run.row(stage, entry)) for stage in stages}
-        return item | {name: self._read(*places[of], grasp, of, spec) for name, (of, spec) in self.sources.items()}
+        return item | {
+            name: self._read(*places[stage], grasp, stage, spec) for name, (stage, spec) in self.sources.items()
+        }
 
     def _read(self, store: Store, row: int, grasp: int, stage: str, spec: ArraySpec) -> np.ndarray:
         place = (row, grasp) if spec.of_grasps else (row,)

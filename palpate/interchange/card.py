@@ -1,6 +1,7 @@
 """The data card of an exported run: a README with the header that Hugging Face reads, made from the run."""
 
 import csv
+import json
 import re
 from collections import Counter
 from collections.abc import Mapping
@@ -16,7 +17,7 @@ from palpate.catalogue import SPLITS
 from palpate.dataset import Dataset, GraspDataset
 from palpate.dataset.summary import kind_of_reason
 from palpate.interchange.items import versions
-from palpate.interchange.open_x_tactile import NAMES
+from palpate.store.files import StoreError
 
 TEMPLATE = Path(__file__).with_name("card.md.jinja")
 # Number of samples below which Hugging Face has a name, and that name.
@@ -24,12 +25,19 @@ SIZES = {1e3: "n<1K", 1e4: "1K<n<10K", 1e5: "10K<n<100K", 1e6: "100K<n<1M", 1e7:
 
 
 def write_card(
-    path: Path, dataset: Dataset, splits: Mapping[str, GraspDataset], files: str, licence: str, source: str
+    path: Path,
+    dataset: Dataset,
+    splits: Mapping[str, GraspDataset],
+    files: str,
+    names: Mapping[str, str],
+    licence: str,
+    source: str,
 ) -> None:
     """Write the card into an export's folder: its contents, how it was made, its checks and errors, its terms.
 
-    splits: the grasps that were written. files: pattern of a split's files. licence: of the data, by Hugging Face's
-    name; source: of the meshes, with their terms, as text: both verbatim. Names and reasons, from meshes, are escaped.
+    splits: the grasps that were written. files: pattern of a split's files. names: the layout's own, by arrays'.
+    licence: of the data, by Hugging Face's name; source: of the meshes, with their terms, as text: both verbatim. Names
+    and reasons, from meshes, are escaped. Raises StoreError for a damaged `last_run.json`.
     """
     grasps, number, config = next(iter(splits.values())), sum(map(len, splits.values())), dataset.config
     data_files = [{"split": split, "path": files.format(split)} for split in splits]
@@ -49,7 +57,7 @@ def write_card(
         kind=config.get("source", {}).get("kind", "unknown"),
         counts=_counts(dataset),
         figures=sorted(each.name for each in path.parent.glob("figures/*.png")),
-        layout_names=NAMES if ".zarr" in files else {},
+        layout_names=names,
         versions=versions(dataset),
         commit=_commit(dataset.folder / "last_run.json"),
         arrays=_arrays(grasps),
@@ -88,8 +96,10 @@ def without_folders(text: str) -> str:
 
 def _commit(path: Path) -> str:
     """The commit that the run's last start noted; empty if it noted none."""
-    found = re.search(r'"commit": "([\w-]+)"', path.read_text(encoding="utf-8") if path.is_file() else "")
-    return found[1] if found else ""
+    try:
+        return json.loads(path.read_text(encoding="utf-8")).get("commit", "") if path.is_file() else ""
+    except ValueError:
+        raise StoreError(f"{path} is damaged; remove it: the next start of the run writes it again") from None
 
 
 def _counts(dataset: Dataset) -> list[list]:

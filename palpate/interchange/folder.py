@@ -15,16 +15,20 @@ from palpate.dataset import Dataset
 from palpate.interchange.card import write_card
 from palpate.interchange.croissant import write_croissant
 from palpate.interchange.items import CARD, grasps_by_split
-from palpate.interchange.open_x_tactile import write_open_x_tactile
+from palpate.interchange.open_x_tactile import NAMES, write_open_x_tactile
 from palpate.interchange.parquet import write_parquet
 from palpate.interchange.webdataset import write_webdataset
 from palpate.mesh import mesh_file
 from palpate.store.contract import FRAMES, UNITS
 from palpate.store.files import StoreError
 
-# By the names that the command has for them: what writes the samples, and the pattern of a split's files.
-FORMATS = {"webdataset": (write_webdataset, "{}-*.tar"), "parquet": (write_parquet, "{}/**")}
-FORMATS["open_x_tactile"] = write_open_x_tactile, "{}.zarr/**"
+# By the names that the command has for them: what writes the samples, the pattern of a split's files, and the layout's
+# own names of arrays.
+FORMATS = {
+    "webdataset": (write_webdataset, "{}-*.tar", {}),
+    "parquet": (write_parquet, "{}/**", {}),
+    "open_x_tactile": (write_open_x_tactile, "{}.zarr/**", NAMES),
+}
 
 
 def export(
@@ -42,7 +46,7 @@ def export(
     batches with different sensors; KeyError for an unknown array; DamagedFile for a missing or changed mesh; and what
     writing the samples raises.
     """
-    write, pattern = FORMATS[layout]
+    write, pattern, names = FORMATS[layout]
     splits = grasps_by_split(dataset, arrays)
     if not source and dataset.config.get("source", {}).get("kind") == "procedural":
         source = "procedural, made by palpate (no one's meshes)"
@@ -56,7 +60,7 @@ def export(
         files = sorted(path for path in partial.rglob("*") if path.is_file())  # also hidden ones: Zarr's headers
         manifest = {path.relative_to(partial).as_posix(): checksums.size_and_sha256(path) for path in files}
         write_croissant(partial / "croissant.json", dataset, splits, manifest, licence, source)
-        write_card(partial / CARD, dataset, splits, pattern, licence, source)
+        write_card(partial / CARD, dataset, splits, pattern, names, licence, source)
         manifest |= {name: checksums.size_and_sha256(partial / name) for name in ("croissant.json", CARD)}
         lines = [f"{digest}  {name}\n" for name, (_, digest) in sorted(manifest.items())]
         (partial / "SHA256SUMS").write_text("".join(lines))

@@ -52,6 +52,7 @@ class Study(ABC):
 
     stage: its name in the report. units: the measures of error and their units. reference: what errors are against, in
     words. panels: how many measures, from the first, the figure draws. objects: how many subjects are used at most.
+    case: makes the case of one subject; a study whose cases are no subjects' overrides `cases` instead.
     """
 
     stage: str
@@ -59,6 +60,7 @@ class Study(ABC):
     reference: str
     panels: int = 1
     objects: int | None = None
+    case: Callable[[Subject], Any]
 
     def __init__(self, run: Path | None = None, subjects: Sequence[Subject] = (), settings: Mapping | None = None):
         """settings: the sections of the config that `studies.items` names."""
@@ -68,10 +70,6 @@ class Study(ABC):
         """Names of objects, and the case of each that methods take."""
         for subject in self.subjects:
             yield subject.name, self.case(subject)
-
-    def case(self, subject: Subject) -> Any:
-        """The case of one subject."""
-        raise NotImplementedError
 
     @abstractmethod
     def methods(self) -> list[Method]:

@@ -11,6 +11,7 @@ import yaml
 import palpate
 from palpate.interchange import export
 from palpate.interchange.card import without_folders
+from palpate.store import StoreError
 
 HOSTILE = "<script>alert('x')</script> | `a` **b** [c](javascript:d) <!-- e ![f](//g.h/i) &amp; www.j.k m@n.o \u202e#"
 
@@ -56,6 +57,13 @@ def test_the_card_says_what_is_in_it(run, tmp_path):
     assert linked == ["figures/data_point.png", "figures/examples_ball.png"]
     assert [(tmp_path / "out" / name).read_text() for name in linked] == ["data_point", "examples_ball"]
     assert "path: mugs" in body and "/home/me" not in body  # nothing of this machine
+
+
+def test_a_damaged_note_of_the_last_start_is_named(run, tmp_path):
+    (run / "last_run.json").write_text("{")
+    with pytest.raises(StoreError, match="last_run.json is damaged; remove it"):
+        export(palpate.Dataset(run), tmp_path / "out", arrays=["reading"])
+    assert not (tmp_path / "out").exists()
 
 
 def test_what_comes_from_meshes_is_shown_as_it_is(run, tmp_path):
