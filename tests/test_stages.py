@@ -31,3 +31,9 @@ def test_lists_of_stages():
     assert STAGES["grasps"].path("batch-0001") == CONTRACT["grasps"].path("batch-0001") == "grasps/batch-0001.h5"
     assert STAGES["meshes"].path("batch-0001") == "meshes/batch-0001"
     assert STAGES["views"].rejected() == "rejected/views/{batch}.csv"
+
+
+def test_tests_of_a_group_share_a_process(request):
+    """pytest-xdist reads groups behind an @ of a test's id. Without them a run that tests share is made twice."""
+    if request.config.getoption("loadgroup", default=False):
+        assert request.node.nodeid.endswith("@test_stages.py")
