@@ -1,6 +1,6 @@
 """Grasps a second that one core reads of a run.
 
-    python -m studies.benchmarks.reading results/demo [--seconds 5] [--profile]
+    python -m studies.benchmarks.reading results/demo [--seconds 5]
 
 Grasps have all of their arrays and are drawn at random, so that nothing read before helps but what a `Dataset`
 remembers. The files are in the system's memory after the first pass, which is not counted. Beside it, the same values
@@ -8,8 +8,6 @@ by zarr and h5py as they are, without a look at the files' state. Times are of t
 """
 
 import argparse
-import cProfile
-import pstats
 import random
 import time
 from collections.abc import Callable
@@ -50,7 +48,6 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("run", type=Path)
     parser.add_argument("--seconds", type=float, default=5)
-    parser.add_argument("--profile", action="store_true", help="print the functions that take most")
     args = parser.parse_args()
     dataset = Dataset(args.run)
     grasps = dataset.grasps()
@@ -61,10 +58,6 @@ def main() -> None:
     print(f"{rate(grasps.__getitem__, len(grasps), args.seconds):.0f} grasps a second by Dataset.grasps()")
     plainly = rate(lambda number: read_plainly(args.run, dataset, grasps, number), len(grasps), args.seconds)
     print(f"{plainly:.0f} grasps a second by zarr and h5py as they are")
-    if args.profile:
-        with cProfile.Profile() as profiled:
-            rate(grasps.__getitem__, len(grasps), args.seconds)
-        pstats.Stats(profiled).sort_stats("tottime").print_stats(25)
 
 
 if __name__ == "__main__":
