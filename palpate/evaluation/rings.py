@@ -10,10 +10,10 @@ import logging
 from collections.abc import Callable, Sequence
 from functools import cache
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import torch
-import trimesh
 from scipy.spatial import cKDTree
 from torch import Tensor
 
@@ -21,7 +21,9 @@ from palpate import store
 from palpate.evaluation.metrics import squared_distances
 from palpate.protocol import RINGS
 from palpate.sensor import DIGIT, Sensor, Size
-from palpate.surface.embree import RayMesh
+
+if TYPE_CHECKING:
+    import trimesh
 
 log = logging.getLogger(__name__)
 
@@ -52,12 +54,14 @@ def reach(sensor: Sensor) -> float:
 class MeshSurface:
     """A mesh that rings are projected onto, by ray casting."""
 
-    def __init__(self, mesh: trimesh.Trimesh, object_position=(0.0, 0.0, 0.0), sensor: Sensor = DIGIT):
+    def __init__(self, mesh: "trimesh.Trimesh", object_position=(0.0, 0.0, 0.0), sensor: Sensor = DIGIT):
         """mesh: in its own frame, metres; object_position: (3,) of that frame's origin in the world; sensor: that the
         rings are around.
 
         Raises ValueError if no face has an area.
         """
+        from palpate.surface.embree import RayMesh  # here: an evaluation needs neither embree nor trimesh
+
         self._mesh, self._plane, self._reach = RayMesh(mesh), plane(sensor.size), reach(sensor)
         self._object_position = np.asarray(object_position, dtype=float)
 

@@ -58,9 +58,12 @@ def topology(strategy: str) -> Topology | None:
 
 def topology_of(faces: np.ndarray, joined: np.ndarray | None = None) -> Topology:
     """Of any faces (F, 3)."""
-    from trimesh.graph import face_adjacency  # here: bpy must be imported before trimesh
-
-    return Topology(faces, face_adjacency(faces), np.zeros((0, 2), dtype=int) if joined is None else joined)
+    sides = np.sort(faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1) @ [1, faces.max() + 1]
+    order = np.argsort(sides, kind="stable")
+    _, first, count = np.unique(sides[order], return_index=True, return_counts=True)
+    first = first[count == 2]
+    adjacent = order[np.stack([first, first + 1], axis=1)] // 3
+    return Topology(faces, adjacent, np.zeros((0, 2), dtype=int) if joined is None else joined)
 
 
 def surface_quality(vertices: np.ndarray, surface: Topology | None, tree: cKDTree) -> Quality:
