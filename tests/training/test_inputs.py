@@ -1,13 +1,12 @@
 """The table of inputs: every row of config/experiments.yaml against the arrays that its model reads."""
 
-import re
 from dataclasses import replace
 
 import pytest
 
 from palpate.experiments import Experiments
 from palpate.inference.checkpoints import build
-from palpate.inference.inputs import INPUTS, camera_array, inputs, stages, table
+from palpate.inference.inputs import INPUTS, camera_array, inputs, stages
 from palpate.models import SINGLE_IMAGE_MODELS
 from palpate.store import CONTRACT
 from tests.training.conftest import ARCHITECTURE
@@ -82,15 +81,6 @@ def test_every_array_is_the_contracts_and_is_taken_by_some_and_only_the_truth_by
         assert set(item.array.split(", ")) <= set(CONTRACT[item.stage].arrays)
         taken = {item in inputs(experiment, training=True) for experiment in EXPERIMENTS.values()}
         assert taken == ({True} if item.name == "points" else {True, False}), item.name
-
-
-def test_the_table():
-    printed = table(EXPERIMENTS.values())
-    assert "| charts_touch_5 " in printed and "surface, touch, charts" in printed
-    assert re.search(r"\| camera +\| views camera +\| float32 \| vision is views", printed)
-    assert re.search(
-        r"\| image_camera +\| vision intrinsics, extrinsics +\| float32 \| vision is unoccluded or", printed
-    )
 
 
 def test_without_a_strategy_nothing_of_it_is_left():
