@@ -14,11 +14,9 @@ import yaml
 
 # Keys of the config that had another name or are gone, by the end of their path, and what to do.
 FORMER_KEYS = {
-    "training.touch_charts": "this key is now called 'chart_fit'; rename it",
     "evaluation.bootstrap": "this key is now called 'resamples'; rename it",
     "views.renderings": "this key is now called 'published_renderings'; rename it",
     "architecture.unsuccessful": "this key is now called 'failed_charts', and its value held 'fixed'; rename both",
-    "surface_terms": "remove this key; studies/surface_terms.py adds these terms to the loss, from Python",
 }
 # Values that had another name, by their key's path.
 RENAMED_VALUES = {"source.variants": {"richest": "best"}}

@@ -1,20 +1,13 @@
-"""Touch charts from local point clouds: directly, or by the paper's optimisation.
+"""Touch charts from depth maps, directly: the paper's optimisation is slower and less exact.
 
-docs/evidence/error_vs_runtime.md has the error and the time of both; the direct fit is the default.
+docs/evidence/error_vs_runtime.md has the error and the time of both.
 """
-
-from collections.abc import Sequence
 
 import torch
 from torch import Tensor
 
-from palpate.charts.atlas import TOUCH_SIDE, touch_chart
-from palpate.charts.chamfer import build_tree, chamfer_distance
-from palpate.charts.sample import sample_faces
-from palpate.protocol import CHAMFER_SCALE
+from palpate.charts.atlas import TOUCH_SIDE
 from palpate.sensor import DIGIT, Size
-
-STOP = 0.0006 / CHAMFER_SCALE  # square metres: the supplement's loss to stop at, in the tables' unit
 
 
 def spread(valid: Tensor, count: int) -> Tensor:
@@ -57,58 +50,3 @@ def fit_direct(depth: Tensor, valid: Tensor, position: Tensor, rotation: Tensor,
 def placed(points: Tensor, position: Tensor, rotation: Tensor) -> Tensor:
     """Points (k, n, 3) of the sensors' frames in the frame that their poses are given in."""
     return points.to(position.dtype) @ rotation.to(position.dtype).mT + position[:, None]
-
-
-def fit_adam(
-    points: Sequence[Tensor],
-    position: Tensor,
-    rotation: Tensor,
-    steps: int = 300,
-    rate: float = 0.003,
-    stop: float = STOP,
-    samples: int = 2000,
-    generator: torch.Generator | None = None,
-    size: Size = DIGIT.size,
-) -> Tensor:
-    """Touch charts (k, 81, 3) by the paper's optimisation (supplement, "Converting Point Clouds to Charts").
-
-    For all sensors at once: Adam moves the vertices of a plane in place of the sensor, to lower the Chamfer distance
-    between the cloud and points sampled on the chart. A chart is that of the step with the lowest loss.
-
-    Args:
-        points: k local clouds (n_i, 3) metres, in the frame of the poses, one point or more each.
-        position: (k, 3) and rotation: (k, 3, 3) of the sensors. size: theirs.
-        steps: at most. rate: Adam's, in metres. stop: a chart is done when its loss falls below this, in square metres.
-        samples: points on each chart a step, from `generator` (None: the default one). With 1,000 their own spacing
-            exceeds the supplement's `stop`, which is then never reached (docs/charts.md).
-
-    Raises ValueError if a cloud is empty or holds NaN or infinity, or the numbers of clouds and poses differ.
-    """
-    if len(points) != len(position):
-        raise ValueError(f"{len(points)} point clouds for {len(position)} sensors; must be as many")
-    chart = touch_chart(size)
-    faces = chart.faces.to(position.device)
-    trees = [build_tree(cloud) for cloud in points] if position.device.type == "cpu" else [None] * len(points)
-    # Tensors made in inference mode could not be differentiated: copies can.
-    with torch.inference_mode(False), torch.enable_grad():
-        points = [cloud.detach().clone() for cloud in points]
-        position, rotation = position.clone(), rotation.clone()
-        plane = torch.cat([torch.zeros(len(chart.grid), 1), chart.grid], dim=1).to(position)
-        vertices = placed(plane.expand(len(position), -1, -1), position, rotation).detach().requires_grad_()
-        best = vertices.detach().clone()
-        lowest = torch.full((len(best),), torch.inf, dtype=best.dtype, device=best.device)
-        adam = torch.optim.Adam([vertices], lr=rate)
-        for _ in range(steps):
-            active = (lowest >= stop).nonzero()[:, 0]
-            if not len(active):
-                break
-            sampled = sample_faces(vertices[active], faces, samples, generator)
-            numbers = active.tolist()
-            loss = chamfer_distance(sampled, [points[i] for i in numbers], b_trees=[trees[i] for i in numbers])
-            better = active[loss.detach() < lowest[active]]
-            lowest[active] = torch.minimum(lowest[active], loss.detach())
-            best[better] = vertices.detach()[better]
-            adam.zero_grad()
-            loss.sum().backward()
-            adam.step()
-    return best

@@ -5,7 +5,7 @@ vertices, the vertices themselves), and the block between the touch charts' refe
 boundary vertices of vision charts, which has rank two. docs/evidence/models.md has the times of other ways.
 """
 
-from typing import Any, Literal
+from typing import Literal
 
 import torch
 from torch import Tensor, nn
@@ -13,7 +13,7 @@ from torch.nn import functional
 
 from palpate.charts.atlas import TOUCH_VERTICES, chart_faces, sphere, touch_chart, vision_atlas
 
-Kind = Literal["charts", "no_comm", "sphere"]
+Kind = Literal["charts", "sphere"]
 Normalisation = Literal["symmetric", "mean"]
 
 
@@ -29,32 +29,6 @@ def _factors(count: Tensor, symmetric: bool) -> tuple[Tensor, Tensor]:
     return count.double().reciprocal(), torch.ones(len(count), dtype=torch.float64)
 
 
-class NeighbourhoodSum(torch.autograd.Function):
-    """A x for A = sparse + block, with x of shape (V, n). Neighbourhoods are mutual, so the transpose of A
-    has the same neighbours, and the gradient is a sum of the same kind, which can be differentiated again.
-
-    weights: those of A's entries, and of its transpose's; ends: the block's two factors.
-    """
-
-    @staticmethod
-    def forward(ctx: Any, x: Tensor, neighbour: Tensor, start: Tensor, *factors: Tensor) -> Tensor:
-        ctx.save_for_backward(neighbour, start, *factors)
-        weight, _, left, right = factors
-        # Weighted sums of rows; on a CPU twice as fast as a product with a sparse CSR tensor.
-        y = functional.embedding_bag(
-            neighbour, x, start, mode="sum", per_sample_weights=weight, include_last_offset=True
-        )
-        if len(left):
-            y.addmm_(left.T, right.flip(0) @ x)
-        return y
-
-    @staticmethod
-    def backward(ctx: Any, *gradients: Tensor) -> tuple[Tensor | None, ...]:
-        neighbour, start, weight, transposed, left, right = ctx.saved_tensors
-        factors = transposed, weight, right, left
-        return NeighbourhoodSum.apply(gradients[0].contiguous(), neighbour, start, *factors), *[None] * 6
-
-
 class Graph(nn.Module):
     """Vertices of all charts and their neighbourhoods (paper, section 3).
 
@@ -64,7 +38,7 @@ class Graph(nn.Module):
 
     Args:
         touch_charts: number of touch charts, 0 or more (4 a grasp).
-        kind: `charts`; `no_comm`, without touch charts; or `sphere`, the vertices and edges of `sphere()`.
+        kind: `charts`; or `sphere`, the vertices and edges of `sphere()`.
         normalisation: `symmetric`, the paper's equation 1, or `mean`, as in the published code.
 
     Attributes: vertices, number V of vertices in the graph; faces, (F, 3) int64 faces over them.
@@ -76,8 +50,8 @@ class Graph(nn.Module):
         super().__init__()
         if normalisation not in ("symmetric", "mean"):
             raise ValueError(f"normalisation {normalisation!r}; must be symmetric or mean")
-        if kind not in ("charts", "no_comm", "sphere"):
-            raise ValueError(f"graph of kind {kind!r}; must be charts, no_comm or sphere")
+        if kind not in ("charts", "sphere"):
+            raise ValueError(f"graph of kind {kind!r}; must be charts or sphere")
         if touch_charts < 0:
             raise ValueError(f"{touch_charts} touch charts; must be 0 or more")
         self.kind, self.normalisation = kind, normalisation
@@ -124,16 +98,20 @@ class Graph(nn.Module):
         y_u = sum_v x_v / sqrt((|N_u| + 1) (|N_v| + 1)) (paper, equation 1), or `mean`, y_u = sum_v x_v / (|N_u| + 1).
 
         x: (V, B, C) features, or (V, C), of any strides and floating type. transpose: by the transposed matrix, as for
-        gradients. Returns the same shape and type, contiguous, differentiable any number of times. Raises ValueError if
-        x does not have V rows.
+        gradients. Returns the same shape and type, contiguous. Raises ValueError if x does not have V rows.
         """
         if x.ndim < 2 or len(x) != self.vertices:
             raise ValueError(f"features of shape {tuple(x.shape)}; must be ({self.vertices}, ..., channels)")
         rows = x.reshape(self.vertices, -1).contiguous()
         weight, transposed, left, right = self._factors_as(x.dtype)
-        factors = (transposed, weight, right, left) if transpose else (weight, transposed, left, right)
-        with torch.autocast(x.device.type, enabled=False):
-            y = NeighbourhoodSum.apply(rows, self.neighbour, self.start, *factors)
+        if transpose:  # Neighbourhoods are mutual: the same neighbours.
+            weight, left, right = transposed, right, left
+        # Weighted sums of rows; on a CPU twice as fast as a product with a sparse CSR tensor.
+        y = functional.embedding_bag(
+            self.neighbour, rows, self.start, mode="sum", per_sample_weights=weight, include_last_offset=True
+        )
+        if len(left):
+            y.addmm_(left.T, right.flip(0) @ rows)
         return y.view(x.shape)
 
     def _factors_as(self, dtype: torch.dtype) -> tuple[Tensor, ...]:

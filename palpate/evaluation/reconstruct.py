@@ -95,8 +95,7 @@ def reconstruct(
 class Reconstructor:
     """A trained model, loaded once, for as many grasps as there are: `model(image, touches) -> Shape`.
 
-    model: its folder or checkpoint, as `reconstruct` takes it. device: of torch. fit: how touch charts are
-    fitted, `direct` or `adam` (the config's `training.chart_fit`).
+    model: its folder or checkpoint, as `reconstruct` takes it. device: of torch.
 
     Attributes: experiment, that it was trained for.
 
@@ -104,7 +103,7 @@ class Reconstructor:
     can't be used; CheckpointError as `palpate.inference.checkpoints.load` does.
     """
 
-    def __init__(self, model: Path | str, device: str = "cpu", fit: str = "direct"):
+    def __init__(self, model: Path | str, device: str = "cpu"):
         self.path = checkpoint(model)
         from palpate.inference import checkpoints  # brings torch: after what can be wrong without it
 
@@ -121,7 +120,7 @@ class Reconstructor:
                     f"{touch_depth / CHECKPOINT} does not exist: the U-Net that turns readings into charts "
                     f"lies beside the run's experiments; train it with: {rebuild_command(touch_depth / CHECKPOINT)}"
                 )
-            self._charts = TouchCharts(touch_depth, device, fit)
+            self._charts = TouchCharts(touch_depth, device)
             own = self._model.sensor
             checkpoints.require_sensor(None, own, None, self._charts.model.sensor, f"{self.path} (but not its U-Net)")
 
@@ -254,16 +253,15 @@ class Reconstructor:
 class TouchCharts:
     """The run's U-Net and the fit of charts: `charts(touches) -> (k, 81, 3)` metres, world frame.
 
-    touch_depth: its folder or checkpoint. fit: `direct` or `adam`.
+    touch_depth: its folder or checkpoint.
     """
 
-    def __init__(self, touch_depth: Path | str, device: str = "cpu", fit: str = "direct"):
+    def __init__(self, touch_depth: Path | str, device: str = "cpu"):
         self.path = checkpoint(touch_depth)
         from palpate.inference.checkpoints import load_touch_depth
 
         self.model = load_touch_depth(self.path).to(device)
         self.empty_reading = _empty_reading(self.path.parents[2], self.model.sensor)
-        self.fit = fit
 
     def __call__(self, touches: GraspTouches) -> np.ndarray:
         """Charts of k sensors; those of sensors that touch nothing are all at the sensor's position."""
@@ -273,7 +271,7 @@ class TouchCharts:
             fields = (np.asarray(getattr(touches, name)) for name in GraspTouches._fields)
             reading, position, rotation, success = fields
             poses = success.astype(bool), position, rotation
-            return touch_charts(self.model, reading, self.empty_reading, *poses, self.fit)
+            return touch_charts(self.model, reading, self.empty_reading, *poses)
         except ValueError as error:  # of the fit: NaN in the predicted cloud
             raise ReconstructionError(f"no touch charts from what {self.path} predicts: {error}") from error
 

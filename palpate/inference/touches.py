@@ -6,7 +6,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from palpate.charts import fit
+from palpate.charts import fit_direct
 from palpate.charts.atlas import TOUCH_VERTICES
 from palpate.models import TouchDepth
 from palpate.sensor import DIGIT, Size, pixel_centres
@@ -42,13 +42,12 @@ def touch_charts(
     success: np.ndarray,
     position: np.ndarray,
     rotation: np.ndarray,
-    method: str = "direct",
 ) -> np.ndarray:
     """Touch charts (k, 81, 3) float32 of k sensors, from their readings; metres, world frame.
 
     model: the trained U-Net, in evaluation mode, on any device. reading: (k, r, c, 3) uint8, empty: (r, c, 3) uint8, of
     the model's sensor. success: (k,) bool; charts of a touch without success are at the sensor's position. position:
-    (k, 3) m, rotation: (k, 3, 3) of the sensors, world frame. method: `direct` or `adam`, see `palpate.charts.fit`.
+    (k, 3) m, rotation: (k, 3, 3) of the sensors, world frame.
 
     The same sensors together give the same charts.
     """
@@ -60,15 +59,15 @@ def touch_charts(
             model, channels_first(reading[chosen]).to(device), channels_first(empty).to(device)
         )
         pose = [torch.from_numpy(array[chosen]).float() for array in (position, rotation)]
-        charts[chosen] = fit_charts(depth.cpu(), valid.cpu(), *pose, method, model.sensor.size).numpy()
+        charts[chosen] = fit_direct(depth.cpu(), valid.cpu(), *pose, model.sensor.size).numpy()
     return charts
 
 
-def object_charts(model: TouchDepth, touch: Mapping[str, np.ndarray], row: int, method: str = "direct") -> np.ndarray:
+def object_charts(model: TouchDepth, touch: Mapping[str, np.ndarray], row: int) -> np.ndarray:
     """(g, s, 81, 3) touch charts of all sensors of one object. touch: arrays of a touch store; row: the object's."""
     names = ("success", "position", "rotation")
     sensors = [touch[name][row].reshape(-1, *touch[name].shape[3:]) for name in ("reading", *names)]
-    charts = touch_charts(model, sensors[0], touch["empty_reading"], *sensors[1:], method)
+    charts = touch_charts(model, sensors[0], touch["empty_reading"], *sensors[1:])
     return charts.reshape(*touch["success"].shape[1:], *charts.shape[1:])
 
 
@@ -85,14 +84,3 @@ def predict_depth(model: TouchDepth, reading: Tensor, empty: Tensor) -> tuple[Te
         most = (reading[faint] - empty).square().sum(dim=1).flatten(1).argmax(dim=1)
         valid.flatten(1)[faint.nonzero()[:, 0], most] = True
     return model(reading).float(), valid
-
-
-def fit_charts(depth: Tensor, valid: Tensor, position: Tensor, rotation: Tensor, method: str, size: Size) -> Tensor:
-    """Charts (k, 81, 3) fitted to predicted depths (k, r, c) of sensors of a size (m) at the valid pixels; world."""
-    if method == "direct":
-        return fit.fit_direct(depth, valid, position, rotation, size)
-    clouds = [
-        points[mask] @ turn.T + origin
-        for points, mask, turn, origin in zip(depth_to_points(depth, size), valid, rotation, position, strict=True)
-    ]
-    return fit.fit_adam(clouds, position, rotation, generator=torch.Generator().manual_seed(0), size=size)

@@ -43,22 +43,19 @@ UPRIGHT = np.array([[0, 1, 0], [0, 0, -1], [-1, 0, 0]], dtype=float)
 
 @products.figure(stores=("touch",), files=("touch_depth",))
 @styled
-def local_predictions(
-    dataset: Dataset, touch_depth: Path | str, path: Path | str, fit: str = "direct", threads: int = 1
-) -> None:
+def local_predictions(dataset: Dataset, touch_depth: Path | str, path: Path | str, threads: int = 1) -> None:
     """Local predictions of the first test object of every class: the widest touch of each of two grasps. The reading;
     the true cloud of the touch site; the cloud that the U-Net predicts from the reading, at the pixels that differ from
     the untouched reading; and the touch chart fitted to it. Seen from the sensor's side; the bottom of the reading is
     in front.
 
-    touch_depth: the trained U-Net's folder. fit: how charts are fitted, `direct` or `adam`. threads: of the CPU, for
-    the renderer.
+    touch_depth: the trained U-Net's folder. threads: of the CPU, for the renderer.
     """
     drawn = [(record, touches(record)) for record in test_objects(dataset)]
     drawn = [(record, chosen) for record, chosen in drawn if chosen]
     if not drawn:
         return save_sentence("No test object with a successful touch in this run", path)
-    charts = TouchCharts(touch_depth, fit=fit)
+    charts = TouchCharts(touch_depth)
     renderer = Renderer(samples=SAMPLES, threads=threads)
     camera = site_camera(PIXELS)
     figure, axes = _page(drawn)

@@ -63,7 +63,6 @@ def reconstructions(
     dataset: Dataset,
     models: Mapping[str, Path | str],
     path: Path | str,
-    fit: str = "direct",
     threads: int = 1,
     wires: bool = False,
 ) -> None:
@@ -74,8 +73,7 @@ def reconstructions(
 
     models: folder of each trained model by its experiment, of `MODELS`; of these, columns are drawn for those given.
     The touches are those of the object's first grasps, an occluded image that of the first.
-    fit: how touch charts are fitted, `direct` or `adam`. threads: of the CPU, for the renderer. wires: draw the sides
-    of the faces too.
+    threads: of the CPU, for the renderer. wires: draw the sides of the faces too.
 
     Raises ValueError for an experiment that the figure has no column for, and what `Reconstructor` raises.
     """
@@ -87,7 +85,7 @@ def reconstructions(
     meshes = {(row, "truth"): ground_truth(record) for row, record in enumerate(records)}
     columns = []
     for name, (group, counts) in MODELS.items():
-        reconstructor = Reconstructor(models[name], fit=fit) if name in models else None
+        reconstructor = Reconstructor(models[name]) if name in models else None
         for count in counts if reconstructor else ():
             heading = "alone" if not count else f"{count} grasp{'s' * (count > 1)}"
             columns.append((f"{name} {count}", group, heading))

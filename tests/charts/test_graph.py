@@ -10,7 +10,7 @@ from palpate.charts import Graph, sphere, touch_chart, vision_atlas
 from tests.models.straightforward import dense_adjacency
 
 CHARTS = Graph(4)
-GRAPHS = [(0, "charts"), (4, "charts"), (20, "charts"), (4, "no_comm"), (4, "sphere")]
+GRAPHS = [(0, "charts"), (4, "charts"), (20, "charts"), (4, "sphere")]
 
 
 def networkx_graph(touch_charts, kind):
@@ -63,34 +63,13 @@ def test_is_the_papers_sum(touch_charts, kind):
 
 @pytest.mark.parametrize("normalisation", ["symmetric", "mean"])
 @pytest.mark.parametrize(("touch_charts", "kind"), GRAPHS)
-def test_agrees_with_the_dense_matrix_forward_and_backward(touch_charts, kind, normalisation):
+def test_agrees_with_the_dense_matrix_and_its_transpose(touch_charts, kind, normalisation):
     graph = Graph(touch_charts, kind, normalisation)
     dense = dense_adjacency(graph)
-    x = torch.randn(graph.vertices, 2, 3, dtype=torch.float64, requires_grad=True)
-    gradient = torch.randn(x.shape, dtype=torch.float64)
-    expected = torch.einsum("uv,vbc->ubc", dense, x)
-    (by_matrix,) = torch.autograd.grad(expected, x, gradient)
-    y = graph.aggregate(x)
-    (by_sum,) = torch.autograd.grad(y, x, gradient)
-    torch.testing.assert_close(y, expected, rtol=1e-12, atol=1e-12)
-    torch.testing.assert_close(by_sum, by_matrix, rtol=1e-12, atol=1e-12)
-    by_transpose = torch.einsum("uv,ubc->vbc", dense, gradient)
-    torch.testing.assert_close(graph.aggregate(gradient, transpose=True), by_transpose)
-
-
-@pytest.mark.parametrize("normalisation", ["symmetric", "mean"])
-def test_first_and_second_derivative(normalisation):
-    graph = Graph(1, normalisation=normalisation)
-    # Full matrices of derivatives would take minutes: some of the vertices, of all sorts.
-    some = torch.tensor([0, 3, 12, 18, 19, 1800, 1824, 1864, 1904])
-
-    def of_some(values):
-        x = torch.zeros(graph.vertices, 1, 1, dtype=torch.float64).index_put((some,), values)
-        return graph.aggregate(x)[some].square()
-
-    values = torch.randn(len(some), 1, 1, dtype=torch.float64, requires_grad=True)
-    assert torch.autograd.gradcheck(of_some, (values,))
-    assert torch.autograd.gradgradcheck(of_some, (values,))
+    x = torch.randn(graph.vertices, 2, 3, dtype=torch.float64)
+    for matrix, transpose in ((dense, False), (dense.T, True)):
+        expected = torch.einsum("uv,vbc->ubc", matrix, x)
+        torch.testing.assert_close(graph.aggregate(x, transpose), expected, rtol=1e-12, atol=1e-12)
 
 
 @settings(max_examples=15, deadline=None)
@@ -99,14 +78,14 @@ def test_slices_and_transposed_inputs(batch, channels, seed):
     graph = CHARTS
     torch.manual_seed(seed)
     wide = torch.randn(batch, 3 * channels, graph.vertices).permute(2, 0, 1)
-    x = wide[..., :channels].requires_grad_()
+    x = wide[..., :channels]
     y = graph.aggregate(x)
-    packed = x.detach().clone(memory_format=torch.contiguous_format)
+    packed = x.clone(memory_format=torch.contiguous_format)
     torch.testing.assert_close(y, graph.aggregate(packed))
     assert y.is_contiguous()
-    # A gradient that is expanded, as that of a sum.
-    (gradient,) = torch.autograd.grad(y.sum(), x)
-    torch.testing.assert_close(gradient, graph.aggregate(torch.ones_like(x)))
+    # An expanded tensor, as the gradient of a sum.
+    ones = torch.ones(1).expand(x.shape)
+    torch.testing.assert_close(graph.aggregate(ones), graph.aggregate(torch.ones_like(x)))
 
 
 @pytest.mark.parametrize(("dtype", "tolerance"), [(torch.float32, 2e-6), (torch.bfloat16, 3e-2)])
@@ -117,16 +96,6 @@ def test_lower_precision(dtype, tolerance):
     assert y.dtype == dtype
     expected = torch.einsum("uv,vbc->ubc", dense_adjacency(graph), x.double())
     assert (y.double() - expected).abs().max() < tolerance * expected.abs().max()
-
-
-def test_autocast_leaves_the_type_of_the_features():
-    graph = Graph(4)
-    x = torch.randn(graph.vertices, 2, 3, requires_grad=True)
-    with torch.autocast("cpu", torch.bfloat16):
-        y = graph.aggregate(x)
-    torch.testing.assert_close(y, graph.aggregate(x))
-    y.sum().backward()
-    assert x.grad.dtype == torch.float32
 
 
 def test_converting_the_module_keeps_working():
@@ -142,11 +111,10 @@ def test_touch_reaches_every_chart_only_where_charts_communicate():
     impulse[1824 + 40] = 1
     reached = graph.aggregate(impulse)[:, 0, 0].nonzero()[:, 0]
     assert set(vision_atlas().boundary.tolist()) < set(reached.tolist())
-    assert len(Graph(4, "no_comm").faces) == 2304 and Graph(4, "no_comm").vertices == 1824
 
 
 def test_bad_input():
-    with pytest.raises(ValueError, match="must be charts, no_comm or sphere"):
+    with pytest.raises(ValueError, match="must be charts or sphere"):
         Graph(4, "cube")
     with pytest.raises(ValueError, match="symmetric or mean"):
         Graph(4, normalisation="none")

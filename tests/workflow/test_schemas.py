@@ -62,10 +62,6 @@ def test_smoke_has_an_object_of_every_split():
             "source.turned: True: released images can't be turned",
         ),
         ({"zzz": 3}, "zzz: unknown key; known keys: run, results, seed"),
-        (
-            {"training": {"touch_charts": "adam"}},
-            "training.touch_charts: this key is now called 'chart_fit'",
-        ),
         ({"evaluation": {"bootstrap": 9}}, "evaluation.bootstrap: this key is now called 'resamples'"),
         ({"vision": {"background": [1, 1, {"from": 0}]}}, "vision.background.2.to: missing"),
         ({"vision": {"background": [1, 1, {"from": 0, "to": 2}]}}, "vision.background.2.to: 2 is greater than"),
@@ -147,8 +143,8 @@ def test_the_readme_has_a_row_for_each_key_as_the_schema_describes_it():
 @pytest.mark.parametrize("value", [math.inf, -math.inf, math.nan])
 def test_numbers_that_are_not_finite_are_refused_in_recipes_too(value):
     recipes = yaml.safe_load((PROJECT / "config/recipes.yaml").read_text())
-    recipes["fast"]["reconstruction"]["weight_decay"] = value
-    with pytest.raises(ConfigError, match="fast.reconstruction.weight_decay: .* is not a finite number"):
+    recipes["fast"]["reconstruction"]["rate"] = value
+    with pytest.raises(ConfigError, match="fast.reconstruction.rate: .* is not a finite number"):
         check(recipes, PROJECT / "workflow/schemas/recipes.schema.yaml", "recipes.yaml")
 
 

@@ -139,7 +139,6 @@ def product_params(wildcards):
         "experiments": {each: experiment.row() for each, experiment in compared.items()},
         "split": next(iter(product.needed_splits(EXPERIMENTS.tables)), None),
         "resamples": config["evaluation"]["resamples"],
-        "fit": config["training"]["chart_fit"],
         "points": list(POINTS.values()),
         "samples": 2 * config["vision"]["samples"],  # a figure of the dataset is rendered finer than its images
     }

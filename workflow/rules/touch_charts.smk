@@ -39,7 +39,7 @@ rule charts:
         runtime=120,
         gpu=TRAINING_GPUS,
     params:
-        settings={"chart_fit": config["training"]["chart_fit"], "touch_depth": RECIPE.touch_depth.row()},
+        touch_depth=RECIPE.touch_depth.row(),
         device=config["training"]["device"],
         seed=config["seed"],
     script:

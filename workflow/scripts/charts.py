@@ -18,19 +18,17 @@ log = logging.getLogger(__name__)
 log_to(snakemake.log[0])
 torch.set_num_threads(snakemake.threads)
 device = Machine(snakemake.params.device).torch_device()
-stored, settings, seed = store.open(snakemake.input.touch), snakemake.params.settings, snakemake.params.seed
+stored, seed = store.open(snakemake.input.touch), snakemake.params.seed
 arrays = ("object", "success", "position", "rotation", "reading", "empty_reading")
 touch = {name: stored.get(name) for name in arrays}
-made_with = {
-    "training": {"chart_fit": settings["chart_fit"]},
-    "touch_depth": {**settings["touch_depth"], "weights": checksums.size_and_sha256(snakemake.input.model)[1]},
-}
+weights = checksums.size_and_sha256(snakemake.input.model)[1]
+made_with = {"touch_depth": {**snakemake.params.touch_depth, "weights": weights}}
 model = load_touch_depth(snakemake.input.model).to(device)
 sensor = Sensor.from_description(stored.attributes["sensor"])
 require_sensor(None, model.sensor, None, sensor, snakemake.input.model)
 vertices = np.empty((*touch["success"].shape, TOUCH_VERTICES, 3), np.float32)
 for place, name in enumerate(names := touch["object"]):  # by themselves, so that charts do not depend on the batch
     log.info("charts %d/%d: %s", place + 1, len(names), name)
-    vertices[place] = object_charts(model, touch, place, settings["chart_fit"])
+    vertices[place] = object_charts(model, touch, place)
 attributes = {"seed": seed, "made_from": provenance.combine(made_with, stored.made)}
 store.write(snakemake.output.charts, "charts", {"object": names, "vertices": vertices}, attributes)
