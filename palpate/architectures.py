@@ -16,7 +16,7 @@ class Encoder:
     """The image encoder.
 
     channels: of each block. layers: convolutions of each block. pool: numbers of the layers whose maps are pooled at
-    vertices, from 1 over all blocks. norm, padding: of the convolutions. alignment: see `PerceptualPooling`. project:
+    vertices, from 1 over all blocks. norm, padding: of the convolutions. project:
     features that pooled ones are projected to; None: all as they are. downsample: pixels along a side of the squares
     over which images are averaged first.
     """
@@ -26,7 +26,6 @@ class Encoder:
     pool: Sequence[int]
     norm: str = "batch"
     padding: int = 0
-    alignment: str = "extent"
     project: int | None = None
     downsample: int = 1
 

@@ -3,7 +3,6 @@
 from palpate.models.encoder import ImageEncoder
 from palpate.models.gcn import GraphNetwork, ZeroNeighbourLayer
 from palpate.models.implicit import Implicit
-from palpate.models.pooling import PerceptualPooling
 from palpate.models.reconstruction import Reconstruction
 from palpate.models.single_image import SINGLE_IMAGE_MODELS, SingleImageModel
 from palpate.models.touch_depth import TouchDepth
@@ -13,7 +12,6 @@ __all__ = [
     "GraphNetwork",
     "ImageEncoder",
     "Implicit",
-    "PerceptualPooling",
     "Reconstruction",
     "SingleImageModel",
     "TouchDepth",

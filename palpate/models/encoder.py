@@ -84,19 +84,6 @@ class ImageEncoder(nn.Module):
             edges.append(edge)
         return [edges[number - 1] for number in self.pool]
 
-    def centres(self) -> list[tuple[float, int]]:
-        """Where the cells of each pooled map look: (first, step) in pixels.
-
-        Cell i depends on a square of the image around first + i step, the centre of its receptive field, in the
-        coordinates of `palpate.camera` (pixel c's centre at c + 0.5).
-        """
-        looks, first, step = [], self.downsample / 2, self.downsample
-        for stride in self.strides:
-            first += ((KERNEL - 1) / 2 - self.padding) * step
-            step *= stride
-            looks.append((first, step))
-        return [looks[number - 1] for number in self.pool]
-
 
 class ReadingEncoder(nn.Module):
     """The simple CNN that makes features of a touch reading, for strategy `sphere` (section 5.1).

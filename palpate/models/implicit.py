@@ -17,7 +17,7 @@ from palpate.architectures import Architecture
 from palpate.experiments import Correction, Experiment
 from palpate.models.kriging import Kriging, touched_points
 from palpate.models.layers import LinearBlock
-from palpate.models.pooling import ImageProducts, PerceptualPooling, map_products, relative_camera
+from palpate.models.pooling import ImageProducts, map_products, pool_products, relative_camera
 from palpate.models.single_image import SingleImageModel, grid_surface
 from palpate.models.touch import Touches, TouchPooling, touches_of
 from palpate.sensor import DIGIT, Sensor
@@ -37,12 +37,11 @@ MASK = 64  # pixels along an edge of the masks that the encoder learns beside
 class Field(NamedTuple):
     """What the distance of one sample depends on.
 
-    products: maps times weights, of one image of so many pixels a side, seen by the camera (1, 3, 4). code: (width,).
+    products: maps times weights, of one image, seen by the camera (1, 3, 4). code: (width,).
     """
 
     products: ImageProducts
     camera: Tensor
-    size: int
     code: Tensor
     touches: Touches | None
 
@@ -61,7 +60,6 @@ class Implicit(SingleImageModel):
         self.sensors = hand_sensors * experiment.grasps if experiment.touch else 0
         self.shows_touch = False
         options, width = architecture.decoder, architecture.decoder.hidden
-        self.pooling = PerceptualPooling(architecture.encoder.alignment, self.encoder.centres())
         features = sum(self.encoder.channels)
         self.image_weight = nn.Parameter(torch.randn(features, width) * (2 / features) ** 0.5)
         self.code = nn.Sequential(LinearBlock(2 * self.encoder.channels[-1], width), nn.Linear(width, width))
@@ -76,19 +74,18 @@ class Implicit(SingleImageModel):
 
     def fields(self, batch: Mapping[str, Tensor], maps: list[Tensor]) -> list[Field]:
         """Of each sample of a batch as `Reconstruction` takes it; touches may be fewer than the model's, or none."""
-        size = batch["image"].shape[-1]
-        camera = relative_camera(batch["camera"].to(batch["image"].dtype), size)
+        camera = relative_camera(batch["camera"].to(batch["image"].dtype), batch["image"].shape[-1])
         code = self.code(torch.cat([maps[-1].mean(dim=(2, 3)), maps[-1].amax(dim=(2, 3))], dim=1))
         touches = touches_of(batch) if self.experiment.touch else [None] * len(code)
         products = [map_products([each[k : k + 1] for each in maps], self.image_weight) for k in range(len(code))]
-        return [Field(products[k], camera[k : k + 1], size, code[k], touches[k]) for k in range(len(code))]
+        return [Field(products[k], camera[k : k + 1], code[k], touches[k]) for k in range(len(code))]
 
     def decode(self, field: Field, points: Tensor) -> Tensor:
         """Signed distances (V,) m of points (V, 3), world frame."""
         place = (points - self.centre.to(points.dtype)) / self.radius
         angles = torch.cat([place * (torch.pi * 2**octave) for octave in range(OCTAVES)], dim=1)
         x = self.place(torch.cat([place, angles.sin(), angles.cos()], dim=1)) + field.code
-        x = x + self.pooling.products(field.products, points[:, None], field.camera, field.size)[:, 0]
+        x = x + pool_products(field.products, points[:, None], field.camera)[:, 0]
         if field.touches is not None:
             x = x + self.touch_pooling([field.touches], points[:, None])[:, 0]
         for layer in self.layers:

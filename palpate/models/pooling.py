@@ -5,11 +5,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import torch
-from torch import Tensor, nn
+from torch import Tensor
 from torch.autograd.function import once_differentiable
 from torch.nn import functional
 
-ALIGNMENTS = ("extent", "receptive_field")
 # Metres in front of the camera; nearer vertices, and those behind it, are taken as that far.
 NEAR = 1e-3
 
@@ -93,68 +92,50 @@ def map_products(maps: Sequence[Tensor], weight: Tensor) -> ImageProducts:
     return ImageProducts(torch.cat(rows, dim=1).flatten(0, 1), tuple(features.shape[-1] for features in maps))
 
 
-class PerceptualPooling(nn.Module):
-    """The features of each map at each vertex, by bilinear interpolation (supplement, "Chart Feature ...").
+def pool(maps: Sequence[Tensor], positions: Tensor, camera: Tensor) -> Tensor:
+    """The features of each map at each vertex, by bilinear interpolation: (V, B, sum of the maps' channels).
 
-    Which cell of a map belongs to a position in the image depends on `alignment`:
+    A map covers the image from edge to edge, its cells being equal squares (supplement, "Chart Feature ...": "the
+    location of this projection ... corresponds exactly to a position in each feature map"). Without padding cells see
+    further in. Positions outside the map take the value at its edge.
 
-    - `extent`: the map covers the image from edge to edge, its cells being equal squares (the paper: "the location of
-      this projection ... corresponds exactly to a position in each feature map"). Without padding cells see further in.
-    - `receptive_field`: the cell whose receptive field is centred there; needs `centres`, (first, step) of each map in
-      pixels, from `ImageEncoder.centres`.
-
-    Positions outside the map take the value at its edge.
+    maps: each (B, C, h, h). positions: (V, B, 3) in the world, metres. camera: (3, 4) or (B, 3, 4), from the world to
+    homogeneous coordinates in [-1, 1] over the image (`relative_camera`).
     """
+    place = _project(positions, camera)
+    pooled = []
+    for features in maps:
+        row, weight = _cells(place, features.shape[-1])
+        row = row + features.shape[-1] ** 2 * torch.arange(len(features), device=row.device)[:, None]
+        table = features.flatten(2).transpose(1, 2).flatten(0, 1).contiguous()
+        pooled.append(_bilinear_sum(table, row, weight))
+    return torch.cat(pooled, dim=2)
 
-    def __init__(self, alignment: str = "extent", centres: Sequence[tuple[float, int]] | None = None):
-        super().__init__()
-        if alignment not in ALIGNMENTS:
-            raise ValueError(f"alignment {alignment!r}: choose one of {list(ALIGNMENTS)}")
-        self.centres = centres if alignment == "receptive_field" else None
 
-    def forward(self, maps: Sequence[Tensor], positions: Tensor, camera: Tensor, size: int) -> Tensor:
-        """Pooled features (V, B, sum of the maps' channels).
+def pool_products(products: ImageProducts, positions: Tensor, camera: Tensor) -> Tensor:
+    """Pooled features times weights (V, B, width), from maps times weights; the rest as in `pool`."""
+    place = _project(positions, camera)
+    rows, weights, first = [], [], 0
+    for edge in products.edges:
+        row, weight = _cells(place, edge)
+        rows.append(row + first)
+        weights.append(weight)
+        first += edge**2
+    row = torch.cat(rows, dim=2) + first * torch.arange(positions.shape[1], device=positions.device)[:, None]
+    return _bilinear_sum(products.rows, row, torch.cat(weights, dim=2))
 
-        maps: each (B, C, h, h), of images of `size` x `size` pixels. positions: (V, B, 3) in the world, metres. camera:
-        (3, 4) or (B, 3, 4), from the world to homogeneous coordinates in [-1, 1] over the image (`relative_camera`).
-        """
-        place = _project(positions, camera)
-        pooled = []
-        for k, features in enumerate(maps):
-            row, weight = self._cells(place, k, features.shape[-1], size)
-            row = row + features.shape[-1] ** 2 * torch.arange(len(features), device=row.device)[:, None]
-            table = features.flatten(2).transpose(1, 2).flatten(0, 1).contiguous()
-            pooled.append(_bilinear_sum(table, row, weight))
-        return torch.cat(pooled, dim=2)
 
-    def products(self, products: ImageProducts, positions: Tensor, camera: Tensor, size: int) -> Tensor:
-        """Pooled features times weights (V, B, width), from maps times weights; the rest as in `forward`."""
-        place = _project(positions, camera)
-        rows, weights, first = [], [], 0
-        for k, edge in enumerate(products.edges):
-            row, weight = self._cells(place, k, edge, size)
-            rows.append(row + first)
-            weights.append(weight)
-            first += edge**2
-        row = torch.cat(rows, dim=2) + first * torch.arange(positions.shape[1], device=positions.device)[:, None]
-        return _bilinear_sum(products.rows, row, torch.cat(weights, dim=2))
-
-    def _cells(self, place: Tensor, k: int, edge: int, size: int) -> tuple[Tensor, Tensor]:
-        """The four cells around places (V, B, 2) in map k of `edge` x `edge` cells, and their weights: (V, B, 4)."""
-        if self.centres is not None:
-            first, step = self.centres[k]
-            cell = ((place + 1) * (size / 2) - first) / step
-        else:
-            cell = (place + 1) * (edge / 2) - 0.5
-        cell = cell.clamp(0, edge - 1)
-        # NaN positions get any cell and NaN weights.
-        low = cell.detach().nan_to_num().floor().clamp(max=max(edge - 2, 0))
-        right, down = (cell - low).unbind(dim=-1)
-        weight = torch.stack([(1 - down) * (1 - right), (1 - down) * right, down * (1 - right), down * right], dim=-1)
-        low = low.long()
-        corner = low[..., 1] * edge + low[..., 0]
-        across, below = min(edge - 1, 1), edge * min(edge - 1, 1)
-        return corner[..., None] + corner.new_tensor([0, across, below, below + across]), weight
+def _cells(place: Tensor, edge: int) -> tuple[Tensor, Tensor]:
+    """The four cells around places (V, B, 2) in a map of `edge` x `edge` cells, and their weights: (V, B, 4)."""
+    cell = ((place + 1) * (edge / 2) - 0.5).clamp(0, edge - 1)
+    # NaN positions get any cell and NaN weights.
+    low = cell.detach().nan_to_num().floor().clamp(max=max(edge - 2, 0))
+    right, down = (cell - low).unbind(dim=-1)
+    weight = torch.stack([(1 - down) * (1 - right), (1 - down) * right, down * (1 - right), down * right], dim=-1)
+    low = low.long()
+    corner = low[..., 1] * edge + low[..., 0]
+    across, below = min(edge - 1, 1), edge * min(edge - 1, 1)
+    return corner[..., None] + corner.new_tensor([0, across, below, below + across]), weight
 
 
 def _project(positions: Tensor, camera: Tensor) -> Tensor:

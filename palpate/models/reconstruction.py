@@ -19,7 +19,7 @@ from palpate.models.encoder import ImageEncoder, ReadingEncoder
 from palpate.models.gcn import GraphNetwork, initialise
 from palpate.models.kriging import displaced, touched_points
 from palpate.models.layers import LinearBlock
-from palpate.models.pooling import PerceptualPooling, map_products, relative_camera
+from palpate.models.pooling import map_products, pool, pool_products, relative_camera
 from palpate.models.touch import TouchAttention, TouchPooling, touches_of
 from palpate.sensor import DIGIT, Sensor
 
@@ -132,9 +132,8 @@ class Reconstruction(nn.Module):
             self.touch_attention = None if experiment.has_vision else TouchAttention(width)
 
     def _build_encoder(self, options: Encoder) -> int:
-        """Builds the image encoder and the pooling; returns the number of features that a vertex gets."""
+        """Builds the image encoder; returns the number of features that a vertex gets."""
         self.encoder = ImageEncoder.of(options)
-        self.pooling = PerceptualPooling(options.alignment, self.encoder.centres())
         features = sum(self.encoder.channels)
         self.project = LinearBlock(features, options.project) if options.project else None
         return options.project or features
@@ -165,7 +164,7 @@ class Reconstruction(nn.Module):
         | `rotation` | (B, T, 3, 3), the sensors' axes as columns | touch, pooled or `sphere` |
         | `reading` | (B, T, 3, r, c) in [0, 1] | touch, `sphere` |
 
-        Raises ValueError if a key is missing, of another shape or type. `check` also looks at the values.
+        Raises ValueError if a key is missing, of another shape or type.
         """
         return self._vertices(batch, self.experiment.correction)
 
@@ -232,20 +231,6 @@ class Reconstruction(nn.Module):
         """`faces`, less those of touch charts that a sample with fewer grasps than the model's does not have."""
         return self.faces[(self.faces < vertices).all(dim=1)]
 
-    def check(self, batch: Mapping[str, Tensor]) -> None:
-        """Raises ValueError if a key is missing, of another shape, or has NaN or infinite values.
-
-        For where data come in: it reads every value, which a training step should not wait for.
-        """
-        self._check_shapes(batch)
-        for key in self._shapes(batch):
-            values = batch[key]
-            if key == "charts":
-                values = values[batch["success"].bool()]
-            if not bool(torch.isfinite(values).all()):
-                where = "" if key != "charts" else " of a successful touch"
-                raise ValueError(f"{key}: NaN or infinite values{where}")
-
     def _relative(self, positions: Tensor) -> Tensor:
         """Positions (..., 3) as the network takes them: around the object's centre, in radii of the atlas."""
         return (positions - self.centre.to(positions.dtype)) / self.scale
@@ -262,13 +247,12 @@ class Reconstruction(nn.Module):
     def _image_products(self, batch) -> Products:
         """The image's features at the vertices."""
         image = batch["image"]
-        size = image.shape[-1]
-        camera = relative_camera(batch["camera"].to(image.dtype), size)
+        camera = relative_camera(batch["camera"].to(image.dtype), image.shape[-1])
         maps = self.encoder(image)
         if self.project:
-            return lambda positions, _: self.project(self.pooling(maps, positions, camera, size)) @ self.image_weight
+            return lambda positions, _: self.project(pool(maps, positions, camera)) @ self.image_weight
         products = map_products(maps, self.image_weight)
-        return lambda positions, _: self.pooling.products(products, positions, camera, size)
+        return lambda positions, _: pool_products(products, positions, camera)
 
     def _reading_products(self, batch, vertices: int) -> Products:
         """The features of all touches at every vertex: of the reading, the sensor's position, rotation, and success."""

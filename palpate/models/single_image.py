@@ -13,6 +13,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from functools import lru_cache
 from itertools import pairwise
+from math import prod
 
 import igl
 import numpy as np
@@ -29,7 +30,7 @@ from palpate.mesh import DIAGONAL, OBJECT_POSITION
 from palpate.models.encoder import KERNEL, ImageEncoder
 from palpate.models.gcn import GraphNetwork
 from palpate.models.layers import LinearBlock
-from palpate.models.pooling import PerceptualPooling, relative_camera
+from palpate.models.pooling import pool, relative_camera
 
 CODE_CELLS = 4  # an image becomes one vector from its last map, averaged onto 4 x 4 cells whatever its size
 SLOPE = 0.1  # of 3D-R2N2's leaky ReLUs
@@ -94,7 +95,7 @@ class PointSet(SingleImageModel):
 
     def __init__(self, architecture: Architecture):
         super().__init__(architecture)
-        steps = [step for _, step in self.encoder.centres()]
+        steps = [prod(self.encoder.strides[:number]) for number in self.encoder.pool]
         if self.encoder.padding != 1 or any(after != 2 * before for before, after in pairwise(steps)):
             raise ValueError(
                 "psg: each pooled map must be half as wide as the one before: set the encoder's padding to 1, and pool "
@@ -146,7 +147,6 @@ class DeformedSphere(SingleImageModel):
         self.register_buffer("faces", faces.clone(), persistent=False)
         self.register_buffer("edges", mesh_edges(faces).sort(dim=1).values.unique(dim=0), persistent=False)
         self.graph = Graph(0, "sphere")
-        self.pooling = PerceptualPooling(architecture.encoder.alignment, self.encoder.centres())
         layers = sum(self.encoder.channels) + 3, gcn.width, gcn.layers, architecture.init, architecture.last_layer_scale
         self.blocks = nn.ModuleList(GraphNetwork(*layers) for _ in range(architecture.deformations))
 
@@ -157,7 +157,7 @@ class DeformedSphere(SingleImageModel):
         positions = self.start[:, None].expand(-1, len(image), -1)
         stages = []
         for block in self.blocks:
-            pooled = self.pooling(maps, positions, camera, image.shape[-1])
+            pooled = pool(maps, positions, camera)
             places = (positions - self.centre.to(positions.dtype)) / self.radius
             positions = positions + self.radius * block(torch.cat([pooled, places], dim=-1), self.graph)
             stages.append(positions.transpose(0, 1))

@@ -33,23 +33,6 @@ def test_sizes_are_those_of_a_real_pass(name, size, downsample):
     ]
 
 
-@pytest.mark.parametrize(("padding", "downsample"), [(0, 1), (1, 1), (1, 2)])
-def test_centres_are_those_of_the_pixels_a_cell_sees(padding, downsample):
-    # With equal positive weights a cell's gradient by the image is symmetric around its receptive field.
-    torch.manual_seed(0)
-    encoder = ImageEncoder([2, 3, 2], [1, 3, 2], [1, 4, 6], "batch", padding, downsample).double().eval()
-    for layer in encoder.layers:
-        torch.nn.init.ones_(layer[0].weight)
-    image = torch.rand(1, 3, 121, 121, dtype=torch.float64, requires_grad=True)
-    for features, (first, step) in zip(encoder(image), encoder.centres(), strict=True):
-        row, column = features.shape[-1] // 2, features.shape[-1] // 2 - 1
-        seen = torch.autograd.grad(features[0, 0, row, column], image, retain_graph=True)[0][0, 0]
-        ticks = torch.arange(121, dtype=torch.float64) + 0.5
-        x = (seen.sum(0) @ ticks / seen.sum()).item()
-        y = (seen.sum(1) @ ticks / seen.sum()).item()
-        assert (x, y) == pytest.approx((first + column * step, first + row * step), abs=1e-9)
-
-
 def test_a_downsampled_image_is_the_mean_of_its_squares():
     encoder = ImageEncoder([4], [1], [1], padding=1, downsample=2).eval()
     image = torch.rand(1, 3, 8, 8)

@@ -8,8 +8,7 @@ import torch
 
 from palpate.camera import looking_at, paper_camera
 from palpate.mesh import OBJECT_POSITION
-from palpate.models import ImageEncoder, PerceptualPooling
-from palpate.models.pooling import relative_camera
+from palpate.models.pooling import pool, relative_camera
 
 SIZE = 256
 
@@ -35,23 +34,11 @@ def ramp(first, step, count):
 @pytest.mark.parametrize("count", [256, 51, 4])
 def test_extent_maps_cover_the_image_edge_to_edge(positions, count):
     cell = SIZE / count
-    pooled = PerceptualPooling("extent")([ramp(cell / 2, cell, count)], positions, matrix_of(paper_camera()), SIZE)
+    pooled = pool([ramp(cell / 2, cell, count)], positions, matrix_of(paper_camera()))
     pixels, _ = paper_camera().project(positions.numpy())
     # Beyond the centres of the outer cells there is nothing to interpolate: the edge's value holds.
     expected = np.clip(pixels, cell / 2, SIZE - cell / 2)
     np.testing.assert_allclose(pooled.numpy(), expected, rtol=0, atol=1e-8)
-
-
-def test_receptive_field_maps_say_where_their_cells_look(positions):
-    encoder = ImageEncoder([16, 32, 64, 128], [5, 5, 5, 3], [10, 15, 18])
-    counts, centres = encoder.sizes(SIZE), encoder.centres()
-    assert counts == [51, 17, 4]
-    maps = [ramp(first, step, count) for (first, step), count in zip(centres, counts, strict=True)]
-    pooled = PerceptualPooling("receptive_field", centres)(maps, positions, matrix_of(paper_camera()), SIZE)
-    pixels, _ = paper_camera().project(positions.numpy())
-    for k, ((first, step), count) in enumerate(zip(centres, counts, strict=True)):
-        expected = np.clip(pixels, first, first + (count - 1) * step)
-        np.testing.assert_allclose(pooled[..., 2 * k : 2 * k + 2].numpy(), expected, rtol=0, atol=1e-8)
 
 
 def test_each_vertex_by_hand(positions):
@@ -62,7 +49,7 @@ def test_each_vertex_by_hand(positions):
     ]
     cameras = [paper_camera(), looking_at(OBJECT_POSITION, (0.5, -0.8, 0.9), size=SIZE)]
     matrices = torch.stack([matrix_of(camera) for camera in cameras])
-    pooled = PerceptualPooling()(maps, positions, matrices, SIZE)
+    pooled = pool(maps, positions, matrices)
     for vertex in range(0, 50, 7):
         for sample, camera in enumerate(cameras):
             column, row = camera.project(positions[vertex, sample].numpy())[0]
@@ -83,7 +70,7 @@ def test_gradients_by_finite_differences(positions):
     camera = matrix_of(paper_camera())
 
     def pooled(maps, positions):
-        return PerceptualPooling()([maps], positions, camera, SIZE)
+        return pool([maps], positions, camera)
 
     assert torch.autograd.gradcheck(pooled, (maps, few))
 
@@ -94,12 +81,7 @@ def test_places_that_are_not_seen_are_finite():
     at = torch.from_numpy(camera.position).expand(1, 1, 3)
     for place in (behind, at, at * 100):
         place = place.clone().requires_grad_()
-        pooled = PerceptualPooling()([ramp(0, 1, 9)[:1]], place, matrix_of(camera), SIZE)
+        pooled = pool([ramp(0, 1, 9)[:1]], place, matrix_of(camera))
         pooled.sum().backward()
         assert torch.isfinite(pooled).all() and torch.isfinite(place.grad).all()
         assert pooled.min() >= 0 and pooled.max() <= 8
-
-
-def test_unknown_alignment():
-    with pytest.raises(ValueError, match="alignment 'corners'"):
-        PerceptualPooling("corners")

@@ -132,7 +132,6 @@ def test_unsuccessful_charts_are_never_read():
     model, batch = model_of("charts", True, True, 1), random_batch(2, 1)
     spoiled = batch["charts"].clone()
     spoiled[~batch["success"]] = torch.nan
-    model.check(batch | {"charts": spoiled})
     assert torch.equal(model(batch), model(batch | {"charts": spoiled}))
 
 
@@ -301,14 +300,3 @@ def test_bytes_are_no_image():
     model, batch = model_of("charts", True, True, 1), random_batch(2, 1)
     with pytest.raises(ValueError, match="image is torch.uint8, expected floating point"):
         model(batch | {"image": (255 * batch["image"]).byte()})
-
-
-@pytest.mark.parametrize("key", ["image", "position", "charts"])
-@pytest.mark.parametrize("value", [torch.nan, torch.inf])
-def test_values_that_are_no_numbers_are_named(key, value):
-    model, batch = model_of("charts", True, True, 1), random_batch(2, 1)
-    model.check(batch)
-    batch[key] = batch[key].clone()
-    batch[key].flatten()[7] = value
-    with pytest.raises(ValueError, match=f"{key}: NaN or infinite"):
-        model.check(batch)

@@ -11,7 +11,7 @@ from palpate.camera import paper_camera
 from palpate.charts import ATLAS_RADIUS, sphere
 from palpate.mesh import OBJECT_POSITION
 from palpate.models import SINGLE_IMAGE_MODELS
-from palpate.models.pooling import PerceptualPooling, relative_camera
+from palpate.models.pooling import pool, relative_camera
 from palpate.models.single_image import CELL, DeformedSphere, PointSet, Voxels, grid_surface, occupied, view_axes
 from palpate.vision import views
 from tests.models.batches import SMALL, random_batch, resized_world
@@ -117,7 +117,7 @@ def test_each_block_of_the_sphere_sees_where_the_last_one_left_the_vertices():
     camera, maps = relative_camera(images["camera"], SIZE), model.encoder(images["image"])
     before = model.start.expand(2, -1, -1)
     for block, after in zip(model.blocks, model.stages(images), strict=True):
-        pooled = PerceptualPooling()(maps, before.transpose(0, 1), camera, SIZE)
+        pooled = pool(maps, before.transpose(0, 1), camera)
         inputs = torch.cat([pooled, ((before - CENTRE) / ATLAS_RADIUS).transpose(0, 1)], dim=2)
         moved = before + ATLAS_RADIUS * block(inputs, model.graph).transpose(0, 1)
         torch.testing.assert_close(after, moved)
