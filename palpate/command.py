@@ -19,7 +19,7 @@ import palpate
 
 # Extras of the package that bring what a command may lack, by the first module that is missed.
 EXTRAS = dict.fromkeys(("bpy", "embreex", "igl", "mujoco", "OpenEXR", "pymeshlab"), "factory")
-EXTRAS |= dict.fromkeys(("lightning", "matplotlib", "torch"), "models") | {"pyarrow": "parquet"}
+EXTRAS |= dict.fromkeys(("lightning_fabric", "matplotlib", "torch"), "models") | {"pyarrow": "parquet"}
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

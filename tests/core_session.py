@@ -11,7 +11,7 @@ from pathlib import Path
 
 EXTRAS = (
     *("bpy", "mathutils", "embreex", "igl", "lxml", "manifold3d", "mapbox_earcut", "mujoco", "networkx", "OpenEXR"),
-    *("collada", "pymeshlab", "shapely", "lightning", "matplotlib", "torch", "torchmetrics", "snakemake"),
+    *("collada", "pymeshlab", "shapely", "lightning_fabric", "matplotlib", "torch", "snakemake"),
 )
 
 

@@ -26,7 +26,7 @@ ENGINES = {
     "bpy": {"vision"},
     "mathutils": {"vision"},
     "torch": {"charts", "models", "inference", "evaluation", "training", "results"},
-    "lightning": {"training"},
+    "lightning_fabric": {"training"},
     "snakemake": set(),
     "studies": set(),
 }

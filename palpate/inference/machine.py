@@ -1,4 +1,4 @@
-"""What a model is trained and run on. Lightning is not loaded here: it takes seconds, and only training needs it."""
+"""What a model is trained and run on."""
 
 from typing import NamedTuple
 
@@ -8,9 +8,8 @@ import torch
 class Machine(NamedTuple):
     """What a model is trained on.
 
-    device: `auto` (a GPU if there is one), `cpu` or `gpu`. devices: number of GPUs. precision: as Lightning names it;
-    weights are kept in float32 or more, because in bfloat16 a position is good to a millimetre, and float16 ends at
-    6e-8, above most gradients. threads: of the CPU.
+    device: `auto` (a GPU if there is one), `cpu` or `gpu`. devices: number of GPUs. precision: `32-true`, or
+    `bf16-mixed`, where weights stay in float32: in bfloat16 a position is good to a millimetre. threads: of the CPU.
     """
 
     device: str = "auto"
@@ -19,11 +18,11 @@ class Machine(NamedTuple):
     threads: int = 1
 
     def accelerator(self) -> str:
-        """Lightning's name of the device. Raises ValueError if a GPU is asked for and there is none."""
+        """`cpu` or `gpu`. Raises ValueError if a GPU is asked for and there is none."""
         if self.device == "gpu" and not torch.cuda.is_available():
             raise ValueError("config training.device is gpu, but torch finds none: set it to auto or cpu")
         return "gpu" if self.device != "cpu" and torch.cuda.is_available() else "cpu"
 
     def torch_device(self) -> torch.device:
-        """The device, for a model that runs without Lightning."""
+        """The same as torch has it."""
         return torch.device("cuda" if self.accelerator() == "gpu" else "cpu")

@@ -28,9 +28,9 @@ class Target(NamedTuple):
 class Targets:
     """The targets of samples: `targets(samples, n, generator)`, at n random points of those that an object has."""
 
-    def __init__(self, data: ExperimentData, experiment: Experiment, device: torch.device, dtype: torch.dtype):
+    def __init__(self, data: ExperimentData, experiment: Experiment, device: torch.device):
         self.arrays = {name: torch.from_numpy(data[name]).to(device) for name in TARGETS if name in data}
-        self.occluded, self.dtype = experiment.vision == "occluded", dtype
+        self.occluded = experiment.vision == "occluded"
 
     def __call__(self, samples: Sequence[Sample], n: int, generator: torch.Generator) -> Target:
         arrays, found = self.arrays, []
@@ -38,9 +38,9 @@ class Targets:
             chosen = torch.randint(arrays["distance"].shape[1], (n,), generator=generator)
             whole = arrays["unoccluded_mask"][sample.object, sample.view]
             seen = arrays["occluded_mask"][sample.object, sample.grasps[0], sample.view] if self.occluded else whole
-            masks = functional.adaptive_avg_pool2d(torch.stack([whole, seen]).to(self.dtype) / 255, MASK)
+            masks = functional.adaptive_avg_pool2d(torch.stack([whole, seen]).float() / 255, MASK)
             found.append((*(arrays[name][sample.object][chosen] for name in ("distance_points", "distance")), masks))
-        return Target(*(torch.stack(each).to(self.dtype) for each in zip(*found, strict=True)))
+        return Target(*(torch.stack(each) for each in zip(*found, strict=True)))
 
 
 def implicit_loss(model: Implicit, distances: Tensor, odds: Tensor, target: Target) -> Tensor:

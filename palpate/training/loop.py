@@ -1,23 +1,18 @@
-"""Training from start to end: it resumes where it was interrupted, and keeps the best model by validation.
-
-Lightning's `CSVLogger` is not used, because it begins a new file when a training resumes, and `ModelCheckpoint` is not,
-because it moves files from the temporary folder: across file systems that is no atomic write.
-"""
+"""Training from start to end: it resumes where it was interrupted, and keeps the best model by validation."""
 
 import csv
 import hashlib
 import json
 import logging
+import math
 import shutil
 import sys
 import time
-import warnings
 from pathlib import Path
 from typing import Any
 
-import lightning.pytorch as lightning
 import torch
-from lightning.pytorch.callbacks import EarlyStopping
+from lightning_fabric import Fabric
 from tqdm import tqdm
 
 from palpate import checksums
@@ -32,90 +27,121 @@ HISTORY = ("step", "seconds", "train_loss", "validation_loss", "rate")
 # Between lines of progress in a log: seconds, and a share of the time so far. Few lines, however long it takes.
 LOG_EVERY, LOG_SHARE = 10.0, 0.02
 BEST, LAST = "best.ckpt", "last.ckpt"
-PRECISIONS = ("32-true", "64-true", "bf16-mixed", "16-mixed")
+PRECISIONS = ("32-true", "bf16-mixed")
 
 
-class Recorder(lightning.Callback):
-    """Keeps the history, writes the best and the last checkpoint, and logs progress.
+class Training:
+    """A training in progress: its history, its steps, and its checkpoints.
 
-    folder: where the checkpoints are during the training. name: of the model in its run, which they state.
+    folder: of the checkpoints. label: for progress. name: of the model in its run, which the best one states.
     """
 
-    def __init__(self, folder: Path, label: str, name: str | None = None):
-        self.folder, self.label, self.name = folder, label, name
+    def __init__(self, learner: Learner, fabric: Fabric, folder: Path, label: str, name: str | None = None):
+        self.learner, self.fabric, self.folder, self.label, self.name = learner, fabric, folder, label, name
+        optimiser, self.schedule = learner.optimiser(fabric.device)
+        self.module, self.optimiser = fabric.setup(learner, optimiser)
+        learner.begin(fabric.global_rank, fabric.world_size)
         self.history: list[dict[str, float]] = []
-        self.seconds = 0.0  # of training before this process
-        self.finished = False
+
+    @property
+    def state(self) -> dict[str, Any]:
+        """What a training goes on from."""
+        parts = {"model": self.learner.model, "optimiser": self.optimiser, "schedule": self.schedule}
+        return {**parts, "history": self.history}
 
     @property
     def best(self) -> dict[str, float]:
         """The row of the history with the lowest validation loss."""
         return min(self.history, key=lambda row: row["validation_loss"])
 
-    def state_dict(self) -> dict[str, Any]:
-        return {"history": self.history, "seconds": self._now(), "finished": self.finished}
+    @property
+    def done(self) -> int:
+        """Steps that were made and evaluated."""
+        return self.history[-1]["step"] if self.history else 0
 
-    def load_state_dict(self, state: dict[str, Any]) -> None:
-        self.history, self.seconds, self.finished = list(state["history"]), state["seconds"], state["finished"]
+    @property
+    def out_of_patience(self) -> bool:
+        """Whether the last evaluations, as many as the settings' patience, were no better."""
+        patience = self.learner.settings.patience
+        return bool(patience and self.history) and self.history.index(self.best) + patience < len(self.history)
 
-    def _now(self) -> float:
-        return self.seconds + time.perf_counter() - self.start
+    def resume(self, path: Path) -> None:
+        """Go on from a state that was saved."""
+        state = self.state
+        self.fabric.load(path, state, weights_only=True)
+        self.history = state["history"]
 
-    def on_fit_start(self, trainer, learner) -> None:
-        self.start = self.logged = time.perf_counter()
+    def run(self) -> None:
+        """All steps that are left, each evaluation with a row of the history and a checkpoint."""
+        learner, began_at, start = self.learner, self.done, time.perf_counter()
+        before, logged = self.history[-1]["seconds"] if self.history else 0.0, start
+        hidden = not sys.stderr.isatty()
+        bar = tqdm(total=learner.steps, initial=began_at, desc=self.label, unit="step", disable=hidden)
+        while self.done < learner.steps and not self.out_of_patience:
+            losses = []
+            for step in range(self.done, min(self.done + learner.validation_interval, learner.steps)):
+                losses.append(self._step(step))
+                bar.update()
+                now = time.perf_counter()
+                if now - logged >= max(LOG_EVERY, LOG_SHARE * (now - start)) or step + 1 == learner.steps:
+                    logged = now
+                    self._log_progress(step + 1, (step + 1 - began_at) / (now - start), torch.stack(losses).mean())
+            row = {
+                "step": step + 1,
+                "train_loss": float(torch.stack(losses).double().mean()),
+                "validation_loss": self._validation_loss(),
+                "rate": self.schedule.get_last_lr()[0],
+                "seconds": round(before + time.perf_counter() - start, 2),
+            }
+            self.history.append(row)
+            self._save()
+            bar.set_postfix_str(f"validation {row['validation_loss']:.3f}, best {self.best['validation_loss']:.3f}")
+        bar.close()
+        if self.out_of_patience:
+            patience = learner.settings.patience
+            log.info("%s: no better for %d evaluations: stopped at step %d", self.label, patience, self.done)
 
-    def on_train_start(self, trainer, learner) -> None:
-        self.began_at = trainer.global_step
-        first, hidden = trainer.global_step, not sys.stderr.isatty()
-        self.bar = tqdm(total=learner.steps, initial=first, desc=self.label, unit="step", disable=hidden)
+    def _step(self, step: int) -> torch.Tensor:
+        """Make a step; returns its loss."""
+        self.module.train()
+        self.optimiser.zero_grad()
+        loss = self.module(step)
+        self.fabric.backward(loss)
+        clip = self.learner.settings.clip or math.inf
+        norm = self.fabric.clip_gradients(self.module, self.optimiser, max_norm=clip, error_if_nonfinite=False)
+        if not math.isfinite(norm):  # One such gradient would turn every weight into NaN.
+            raise Diverged(f"the gradient is NaN or infinite in {self.learner.step_name()}")
+        self.optimiser.step()
+        self.schedule.step()
+        return loss.detach()
 
-    def on_train_epoch_start(self, trainer, learner) -> None:
-        self.losses: list[torch.Tensor] = []
+    @torch.inference_mode()
+    def _validation_loss(self) -> float:
+        """The mean loss of the validation samples of all processes."""
+        self.module.eval()
+        with self.fabric.autocast():
+            losses = self.learner.validation_losses()
+        total = torch.stack([losses.sum(), losses.new_tensor(float(len(losses)))])
+        total = self.fabric.all_reduce(total, reduce_op="sum")
+        return float(total[0] / total[1])
 
-    def on_train_batch_end(self, trainer, learner, outputs, batch, batch_idx) -> None:
-        self.losses.append(outputs["loss"].detach())
-        self.bar.update()
-        now = time.perf_counter()
-        if now - self.logged >= max(LOG_EVERY, LOG_SHARE * (now - self.start)):
-            self._log_progress(trainer, learner)
-
-    def _log_progress(self, trainer, learner) -> None:
-        self.logged = time.perf_counter()
-        done = trainer.global_step
-        rate = (done - self.began_at) / (self.logged - self.start)
-        loss, best = float(torch.stack(self.losses).mean()), ""
-        if self.history:
-            best = f", best validation {self.best['validation_loss']:.3f} at step {self.best['step']}"
-        log.info("%s: step %d of %d, %.2f a second, loss %.3f%s", self.label, done, learner.steps, rate, loss, best)
-
-    def on_validation_end(self, trainer, learner) -> None:
-        row = {
-            "step": trainer.global_step,
-            "seconds": round(self._now(), 2),
-            "train_loss": float(torch.stack(self.losses).double().mean()),
-            "validation_loss": float(trainer.callback_metrics["validation_loss"]),
-            "rate": trainer.optimizers[0].param_groups[0]["lr"],
-        }
-        self.history.append(row)
-        if self.best is row and trainer.is_global_zero:
+    def _save(self) -> None:
+        """Write the state, and the model if it is the best so far."""
+        row, partial = self.history[-1], self.folder / f".partial-{LAST}"
+        if self.best is row and self.fabric.is_global_zero:
             reached = {"name": self.name, "step": row["step"], "validation_loss": row["validation_loss"]}
-            checkpoints.save(self.folder / BEST, learner.kind, learner.eval_model, learner.stated() | reached)
-        self.bar.set_postfix_str(f"validation {row['validation_loss']:.3f}, best {self.best['validation_loss']:.3f}")
-
-    def on_train_epoch_end(self, trainer, learner) -> None:
-        if trainer.should_stop:
-            patience, step = learner.settings.patience, trainer.global_step
-            log.info("%s: no better for %d evaluations: stopped at step %d", self.label, patience, step)
-        self.finished = trainer.should_stop or trainer.global_step >= learner.steps
-        # All processes take part. A state is complete at the end of a round only.
-        partial = self.folder / f".partial-{LAST}"
-        trainer.save_checkpoint(partial)
-        if trainer.is_global_zero:
+            stated = self.learner.stated() | reached
+            checkpoints.save(self.folder / BEST, self.learner.kind, self.learner.model, stated)
+        self.fabric.save(partial, self.state)
+        if self.fabric.is_global_zero:
             partial.replace(self.folder / LAST)
 
-    def on_train_end(self, trainer, learner) -> None:
-        self._log_progress(trainer, learner)
-        self.bar.close()
+    def _log_progress(self, done: int, rate: float, loss: torch.Tensor) -> None:
+        best = ""
+        if self.history:
+            best = f", best validation {self.best['validation_loss']:.3f} at step {self.best['step']}"
+        steps = self.learner.steps
+        log.info("%s: step %d of %d, %.2f a second, loss %.3f%s", self.label, done, steps, rate, float(loss), best)
 
 
 def train(
@@ -134,40 +160,21 @@ def train(
     folder, checkpoints_folder = Path(folder), Path(checkpoint_folder)
     if machine.precision not in PRECISIONS:
         raise ValueError(f"precision {machine.precision!r}: choose one of {', '.join(PRECISIONS)}")
-    _silence_lightning()
     torch.set_num_threads(machine.threads)
     accelerator = machine.accelerator()
+    devices = machine.devices if accelerator == "gpu" else 1
+    fabric = Fabric(accelerator=accelerator, devices=devices, precision=machine.precision)
+    fabric.launch()
+    training = Training(learner, fabric, checkpoints_folder, label, checkpoints.name_of(folder / BEST))
     identity = _identity(learner, machine)
-    recorder = Recorder(checkpoints_folder, label, checkpoints.name_of(folder / BEST))
-    callbacks = [recorder]
-    if patience := learner.settings.patience:
-        callbacks.append(EarlyStopping("validation_loss", patience=patience, check_on_train_epoch_end=False))
-    trainer = lightning.Trainer(
-        accelerator=accelerator,
-        devices=machine.devices if accelerator == "gpu" else 1,
-        precision=machine.precision,
-        max_epochs=-(-learner.steps // learner.validation_interval),
-        gradient_clip_val=learner.settings.clip,
-        callbacks=callbacks,
-        num_sanity_val_steps=0,
-        reload_dataloaders_every_n_epochs=1,
-        logger=False,
-        enable_checkpointing=False,
-        enable_progress_bar=False,
-        enable_model_summary=False,
-        use_distributed_sampler=False,
-        default_root_dir=checkpoints_folder,
-    )
-    resume = _resumable(checkpoints_folder, identity)
-    if resume:
-        log.info("%s: continues from %s", label, resume)
-        recorder.load_state_dict(torch.load(resume, weights_only=False)["callbacks"][recorder.state_key])
+    if last := _resumable(checkpoints_folder, identity):
+        log.info("%s: continues from %s", label, last)
+        training.resume(last)
     # Adam's averages of a weight without gradient fall below 1e-38 in some 800 steps; processors compute with such
     # numbers many times slower than with 0.
     torch.set_flush_denormal(True)
     try:
-        if not recorder.finished:
-            trainer.fit(learner, ckpt_path=resume)
+        training.run()
     except Diverged as error:
         best = f"; the best model so far is {checkpoints_folder / BEST}" if (checkpoints_folder / BEST).exists() else ""
         raise Diverged(
@@ -176,18 +183,10 @@ def train(
         ) from None
     finally:
         torch.set_flush_denormal(False)
-    summary = {**_summary(learner, recorder, machine, accelerator), "identity": identity}
-    if trainer.is_global_zero:
-        _write(folder, checkpoints_folder, recorder.history, summary)
+    summary = {**_summary(training, machine, accelerator), "identity": identity}
+    if fabric.is_global_zero:
+        _write(folder, checkpoints_folder, training.history, summary)
     return summary
-
-
-def _silence_lightning() -> None:
-    """Silences Lightning's banner and its DataLoader and logging warnings (no DataLoader is used)."""
-    for name in ("lightning.pytorch", "lightning.fabric", "lightning.pytorch.utilities.rank_zero"):
-        logging.getLogger(name).setLevel(logging.ERROR)
-    for text in ("does not have many workers", "IterableDataset", "tensorboardX", "LeafSpec", "litlogger", "sync_dist"):
-        warnings.filterwarnings("ignore", message=f".*{text}")
 
 
 def _identity(learner: Learner, machine: Machine) -> str:
@@ -216,16 +215,17 @@ def _resumable(checkpoints_folder: Path, identity: str) -> Path | None:
     return None
 
 
-def _summary(learner: Learner, recorder: Recorder, machine: Machine, accelerator: str) -> dict[str, Any]:
+def _summary(training: Training, machine: Machine, accelerator: str) -> dict[str, Any]:
+    learner, last = training.learner, training.history[-1]
     name = torch.cuda.get_device_name() if accelerator == "gpu" else "cpu"
     return {
         **learner.stated(),
         "parameters": sum(weights.numel() for weights in learner.model.parameters()),
         "validated": len(learner.validation_samples),
-        "steps": recorder.history[-1]["step"],
-        "best_step": recorder.best["step"],
-        "validation_loss": recorder.best["validation_loss"],
-        "seconds": recorder.history[-1]["seconds"],
+        "steps": last["step"],
+        "best_step": training.best["step"],
+        "validation_loss": training.best["validation_loss"],
+        "seconds": last["seconds"],
         "machine": {**machine._asdict(), "found": name, "torch": torch.__version__},
     }
 

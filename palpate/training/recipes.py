@@ -17,12 +17,9 @@ from palpate.experiments import Experiment
 class Settings:
     """How one model is trained; config/recipes.yaml says what each is, and None stands for its null."""
 
-    optimiser: str
     rate: float
     schedule: str
-    weight_decay: float
     clip: float | None
-    ema: float | None
     batch: int
     steps: int | None
     epochs: int | None

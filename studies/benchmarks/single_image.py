@@ -43,7 +43,7 @@ def main() -> None:
     steps = {}
     for name, experiment in experiments.items():
         learner = ReconstructionLearner(data, experiment, recipe.settings(experiment), 0)
-        learner.on_fit_start()
+        learner.begin()
         steps[name] = TrainingSteps(learner)
     # An object's tree, normals and cells are made once, in its first step: here before all.
     truth = steps[OURS].learner.truth

@@ -6,7 +6,7 @@
 
 Each variant of `VARIANTS` (default: all), or one given as YAML, changes some keys of the recipe. Its steps are timed
 first. Then it trains for as many steps as fit in the seconds of processor time on one core, or for --steps; the
-schedule ends with the last. The run's stores must exist (python -m palpate.inference.inputs lists them).
+schedule ends with the last. The run's stores must exist.
 
 The last columns say how smooth the best model's meshes are (`palpate.evaluation.surface_quality`), the mean over the
 validation windows. With few objects the validation loss is inaccurate: --validate-on uses the validation objects of a
@@ -39,7 +39,6 @@ from palpate.models import Reconstruction
 from palpate.training.learners import ReconstructionLearner
 from palpate.training.loop import train
 from palpate.training.recipes import Recipe, ReconstructionSettings, merge
-from studies.surface_terms import SurfaceTerms
 from studies.training_steps import TrainingSteps
 
 PROJECT = Path(__file__).parents[2]
@@ -104,15 +103,12 @@ def main() -> None:
     print(f"| {' | '.join(columns)} |\n{'|---' * len(columns)}|", flush=True)
     for name, seed in product(args.variants, args.seeds):
         settings = merge(common, VARIANTS.get(name) if name in VARIANTS else yaml.safe_load(name))
-        terms = settings.pop("surface_terms", None)
         settings |= {"validation_samples": args.windows, "validation_points": 2500, "epochs": None, "patience": None}
 
-        def learner_of(seed: int, settings: dict, terms: dict | None = terms):
-            extra_loss = SurfaceTerms(**terms) if terms else None
-            made = ReconstructionSettings.from_row(settings)
-            return ReconstructionLearner(data, experiment, made, seed, extra_loss)
+        def learner_of(seed: int, settings: dict):
+            return ReconstructionLearner(data, experiment, ReconstructionSettings.from_row(settings), seed)
 
-        (timed := learner_of(0, settings)).on_fit_start()
+        (timed := learner_of(0, settings)).begin()
         step = TrainingSteps(timed)
         seconds = statistics.median([step(number) for number in range(2 * TIMED)][TIMED:])
         steps = args.steps or int(args.seconds / seconds)

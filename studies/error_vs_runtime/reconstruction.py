@@ -12,9 +12,9 @@ from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import lightning
 import numpy as np
 import torch
+from lightning_fabric import Fabric
 from scipy.spatial import cKDTree
 
 from palpate.evaluation.evaluate import BATCH_SIZE
@@ -39,7 +39,7 @@ SEEDS = (0, 1)
 
 
 class Variant(NamedTuple):
-    """A model and its training. width, layers: of the graph network. precision: Lightning's name. batch: samples a
+    """A model and its training. width, layers: of the graph network. precision: as of `Machine`. batch: samples a
     step."""
 
     width: int
@@ -123,8 +123,8 @@ class ReconstructionStudy(Study):
             machine = Machine("cpu", precision=variant.precision, threads=self.machine["threads"])
             with tempfile.TemporaryDirectory() as folder:
                 train(learner, f"{folder}/model", f"{folder}/checkpoints", machine, str(variant))
-            model = copy.deepcopy(learner.eval_model).float().eval()
-            fabric = lightning.Fabric(accelerator="cpu", devices=1, precision=variant.precision)
+            model = copy.deepcopy(learner.model).float().eval()
+            fabric = Fabric(accelerator="cpu", devices=1, precision=variant.precision)
             self._trained[variant] = model, TrainingSteps(learner.train(), fabric.autocast)
         return self._trained[variant]
 

@@ -40,7 +40,7 @@ LAYERS = Architecture(
     GCN(4, 32),
     **{"failed_charts": "fixed", "normalise_positions": True, "init": "he", "last_layer_scale": 0.01},
 )
-TRAINING = {"optimiser": "adam", "rate": 1e-3, "schedule": "constant", "weight_decay": 0, "clip": 1.0, "ema": None}
+TRAINING = {"rate": 1e-3, "schedule": "constant", "clip": 1.0}
 TRAINING |= {"batch": 1, "steps": 12, "epochs": None, "evaluate_every": 4, "patience": None, "epoch": "objects"}
 TRAINING |= {"loss_points": 500, "validation_points": 500, "validation_samples": 1}
 SETTINGS = ReconstructionSettings(architecture=LAYERS, **TRAINING)
@@ -128,11 +128,11 @@ class PerturbedLearner(ReconstructionLearner):
 
     def __init__(self, data: ExperimentData, settings: ReconstructionSettings, change: Change, step: int | None):
         super().__init__(data, EXPERIMENT, settings, seed=0)
-        self.change, self.step = change, step
+        self.change, self.at = change, step
 
-    def losses(self, batch_samples, generator, model, validation=False):
-        losses = super().losses(batch_samples, generator, model, validation)
-        return self.change(losses) if self.global_step == self.step and not validation else losses
+    def losses(self, batch_samples, generator, validation=False):
+        losses = super().losses(batch_samples, generator, validation)
+        return self.change(losses) if self.step == self.at and not validation else losses
 
 
 def short_training(
@@ -242,7 +242,7 @@ def diverging(subject: Subject) -> Iterator[Finding]:
             yield equal(f"{what}: models written", int((folder / "model").exists()), 0)
             kept = weights_of(folder / "work/best.ckpt")
             yield equal(f"{what}: NaN or infinite weights kept", count_nonfinite(kept), 0)
-            last = torch.load(folder / "work/last.ckpt", weights_only=False)["state_dict"]
+            last = torch.load(folder / "work/last.ckpt", weights_only=True)["model"]
             wrong = count_nonfinite(*(values for values in last.values() if values.is_floating_point()))
             yield equal(f"{what}: NaN or infinite weights to go on from", wrong, 0)
     with TemporaryDirectory() as name:

@@ -15,12 +15,9 @@ ARCHITECTURE = Architecture(
     Encoder([4, 6], [1, 1], [1, 2], padding=1), GCN(3, 9), normalise_positions=True, init="he", last_layer_scale=0.01
 )
 SETTINGS = ReconstructionSettings(
-    optimiser="adam",
     rate=3e-3,
     schedule="one_cycle",
-    weight_decay=0,
     clip=1.0,
-    ema=None,
     batch=2,
     steps=8,
     epochs=None,

@@ -196,10 +196,9 @@ def test_a_model_of_two_sensors_takes_them_and_a_checkpoint_brings_it_back(run, 
     learner = ReconstructionLearner(data, experiment, SETTINGS, 0)
     model = learner.model.eval()
     assert model.sensors == 2 * 2 and data.hand_sensors == 2 and model.sensor.description() == KIND.description()
-    learner.on_fit_start()
+    learner.begin()
     with torch.no_grad():
         batch = learner.assemble(learner.validation_samples)
-        model.check(batch)
         vertices = model(batch)
     assert torch.isfinite(vertices).all() and batch["success"].shape[1] == 4
     checkpoints.save(tmp_path / "best.ckpt", "reconstruction", model, learner.described())
@@ -214,11 +213,11 @@ def test_a_model_of_two_sensors_takes_them_and_a_checkpoint_brings_it_back(run, 
 def test_the_unet_learns_from_readings_of_another_size(run):
     dataset = Dataset(run, ["touch"])
     learner = TouchDepthLearner(*(read_touches(dataset, split) for split in OBJECTS.values()), UNET_SETTINGS, 0)
-    learner.on_fit_start()
+    learner.begin()
     assert learner.model.sensor.resolution == (32, 35)
     adam, losses = torch.optim.Adam(learner.model.parameters(), 3e-3), []
     for _ in range(12):
-        loss = learner.losses(np.array([0]), torch.Generator().manual_seed(0), learner.model)
+        loss = learner.losses(np.array([0]), torch.Generator().manual_seed(0))
         adam.zero_grad()
         loss.sum().backward()
         adam.step()

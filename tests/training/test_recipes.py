@@ -37,7 +37,6 @@ def test_the_papers_numbers():
             "pixel2mesh",
             "r2n2",
         )
-        assert found.optimiser == "adam"
         schedule = found.rate, found.batch, found.epochs, found.patience
         single = experiment.vision == "views"
         assert schedule == ((1e-5, 64, 40, None) if single else (3e-5, 16, 260, 70))
@@ -113,10 +112,6 @@ def test_modality_then_strategy():
         (
             {"reconstruction": {"architecture": {"unsuccessful": "held"}}},
             "fast.reconstruction.architecture.unsuccessful: this key is now called 'failed_charts', and its value held",
-        ),
-        (
-            {"modalities": {"touch": {"surface_terms": {"joined": 1.0}}}},
-            "fast.modalities.touch.surface_terms: remove this key; studies/surface_terms.py",
         ),
         ({"reconstruction": {"steps": None, "epochs": None}}, "reconstruction needs steps or epochs"),
         ({"modalities": {"touch": {"steps": None}}}, "modalities.touch needs steps or epochs"),

@@ -190,9 +190,10 @@ def test_validation_is_the_chamfer_distance_of_what_is_predicted(trained):
     data, model = made_up("views", "none"), load(folder / "model/best.ckpt", experiment(strategy))
     truth, settings = data["points"], replace(SETTINGS, architecture=layers(strategy))
     learner = ReconstructionLearner(data, experiment(strategy), settings, 0)
-    learner.on_fit_start()
+    learner.model.load_state_dict(model.state_dict())
+    learner.eval().begin()
     samples = windows(data, experiment(strategy), "validation")[:2]
-    losses = learner.losses(samples, torch.Generator().manual_seed(3), model.train(False), True).tolist()
+    losses = learner.losses(samples, torch.Generator().manual_seed(3), validation=True).tolist()
     generator = torch.Generator().manual_seed(3)
     with torch.inference_mode():
         predictions = model(learner.assemble(samples))

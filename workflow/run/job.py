@@ -13,7 +13,7 @@ log = logging.getLogger(__name__)
 
 GARBAGE_AFTER = 50_000  # containers that are made between two searches for garbage
 # Scripts import this module first (pyproject.toml). Else Python would search what modules hold for garbage again and
-# again while they load, and once more when it ends: a third of the time that torch and Lightning take to load.
+# again while they load, and once more when it ends: a third of the time that torch takes to load.
 gc.disable()
 
 
