@@ -4,7 +4,6 @@ On a CPU neighbours are found with k-d trees; on a GPU by a search over blocks o
 """
 
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 
 import torch
 from scipy.spatial import cKDTree
@@ -45,12 +44,6 @@ def nearest_in_blocks(query: Tensor, points: Tensor, pairs: int = BLOCK_PAIRS) -
     return torch.cat(found)
 
 
-def nearest_in_tree(query: Tensor, tree: cKDTree, workers: int) -> Tensor:
-    """`nearest` by a k-d tree of the points."""
-    _, index = tree.query(query.cpu().double().numpy(), workers=workers)
-    return torch.from_numpy(index).to(query.device)
-
-
 def nearest(query: Tensor, points: Tensor, tree: cKDTree | None = None) -> Tensor:
     """Which point (m, 3) lies nearest to each query (n, 3), exactly: (n,) int64.
 
@@ -60,21 +53,8 @@ def nearest(query: Tensor, points: Tensor, tree: cKDTree | None = None) -> Tenso
     query = checked(query)
     if query.device.type != "cpu":
         return nearest_in_blocks(query, checked(points))
-    return nearest_in_tree(query, tree or build_tree(points), torch.get_num_threads())
-
-
-def nearest_of_all(jobs: Sequence[tuple[Tensor, Tensor, cKDTree | None]]) -> list[Tensor]:
-    """`nearest` of many (query, points, tree); on a CPU in several threads, which also build trees in parallel."""
-    workers = min(torch.get_num_threads(), len(jobs))
-    if workers < 2 or jobs[0][0].device.type != "cpu":
-        return [nearest(*job) for job in jobs]
-
-    def search(job: tuple[Tensor, Tensor, cKDTree | None]) -> Tensor:
-        query, points, tree = job
-        return nearest_in_tree(checked(query), tree or build_tree(points), workers=1)
-
-    with ThreadPoolExecutor(workers) as pool:
-        return list(pool.map(search, jobs))
+    _, index = (tree or build_tree(points)).query(query.double().numpy(), workers=torch.get_num_threads())
+    return torch.from_numpy(index)
 
 
 def mean_squared(query: Tensor, points: Tensor, index: Tensor) -> Tensor:
@@ -98,8 +78,8 @@ def one_sided_distance(query: Clouds, points: Clouds, trees: Sequence[cKDTree] |
     if len(query) != len(points) or not len(query):
         raise ValueError(f"{len(query)} clouds against {len(points)}; must be as many, and at least one")
     trees = trees or [None] * len(query)
-    index = nearest_of_all(list(zip(query, points, trees, strict=True)))
-    return torch.stack([mean_squared(*pair) for pair in zip(query, points, index, strict=True)])
+    pairs = zip(query, points, trees, strict=True)
+    return torch.stack([mean_squared(cloud, others, nearest(cloud, others, tree)) for cloud, others, tree in pairs])
 
 
 def chamfer_distance(

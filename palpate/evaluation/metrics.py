@@ -42,12 +42,8 @@ def score(prediction: Tensor, truth: Tensor, tree: cKDTree | None = None) -> Sco
     is the harmonic mean of precision (share of predicted points with a true point nearer than the threshold)
     and recall (the other way round), 0 if both are. Raises ValueError if a cloud is empty or not finite.
     """
-    if prediction.device.type == "cpu":
-        true, predicted = tree or build_tree(truth), build_tree(prediction)
-        to_truth, to_prediction = _between_trees(predicted, true), _between_trees(true, predicted)
-    else:
-        pairs = (prediction, truth), (truth, prediction)
-        to_truth, to_prediction = (squared_distances(*pair).cpu().numpy() for pair in pairs)
+    true, predicted = tree or build_tree(truth), build_tree(prediction)
+    to_truth, to_prediction = _between_trees(predicted, true), _between_trees(true, predicted)
     thresholds = [tau / PIXEL2MESH_SCALE**2 for tau in (TAU, 2 * TAU)]
     return Score(
         CHAMFER_SCALE * float(to_truth.mean() + to_prediction.mean()),

@@ -170,17 +170,11 @@ def load_touch_depth(path: Path | str) -> TouchDepth:
 def _filled(path: Path | str, make: Callable[[], torch.nn.Module], content: Mapping[str, Any]):
     try:
         model = make()
-    except (LookupError, TypeError, ValueError, AttributeError, RuntimeError) as error:
-        raise CheckpointError(
-            f"{path} does not describe a model ({type(error).__name__}: {' '.join(str(error).split())}); "
-            "remove it and train the model again"
-        ) from error
-    try:
         model.load_state_dict(content["weights"])
-    except (RuntimeError, TypeError, AttributeError) as error:
-        first = str(error).splitlines()[1].strip() if "\n" in str(error) else str(error)
+    except (LookupError, TypeError, ValueError, AttributeError, RuntimeError) as error:
+        first = " ".join(str(error).split("\n\t")[:2][-1].split())  # of load_state_dict: the first difference
         raise CheckpointError(
-            f"{path}: its weights are of another architecture than this palpate builds ({first}); "
+            f"{path} holds another model than this palpate builds ({type(error).__name__}: {first}); "
             "use the palpate that made it, or remove it and train the model again"
         ) from error
     return model.eval()
