@@ -388,7 +388,7 @@ def copy_of(run, tmp_path, name, **changes):
 
 def test_a_checkpoint_of_another_architecture_schema_or_kind_is_refused(run, tmp_path):
     wider = ARCHITECTURE | {"gcn": {"layers": 3, "width": 15}}
-    with pytest.raises(CheckpointError, match="of another architecture"):
+    with pytest.raises(CheckpointError, match="holds another model"):
         Reconstructor(copy_of(run, tmp_path / "a", "charts_occluded", architecture=wider))
     with pytest.raises(CheckpointError, match="schema version 99"):
         Reconstructor(copy_of(run, tmp_path / "b", "charts_occluded", schema_version=99))
