@@ -164,10 +164,12 @@ def train(
     accelerator = machine.accelerator()
     devices = machine.devices if accelerator == "gpu" else 1
     fabric = Fabric(accelerator=accelerator, devices=devices, precision=machine.precision)
+    identity = _identity(learner, machine)
+    if fabric.local_rank == 0:  # the first process starts the others
+        _prepare(checkpoints_folder, identity)
     fabric.launch()
     training = Training(learner, fabric, checkpoints_folder, label, checkpoints.name_of(folder / BEST))
-    identity = _identity(learner, machine)
-    if last := _resumable(checkpoints_folder, identity):
+    if (last := checkpoints_folder / LAST).exists():
         log.info("%s: continues from %s", label, last)
         training.resume(last)
     # Adam's averages of a weight without gradient fall below 1e-38 in some 800 steps; processors compute with such
@@ -195,8 +197,8 @@ def _identity(learner: Learner, machine: Machine) -> str:
     return hashlib.sha256(json.dumps(determines, sort_keys=True).encode()).hexdigest()
 
 
-def _resumable(checkpoints_folder: Path, identity: str) -> Path | None:
-    """The last checkpoint of an interrupted training with this identity; checkpoints of another are removed.
+def _prepare(checkpoints_folder: Path, identity: str) -> None:
+    """Make the folder of checkpoints. Those of an interrupted training with this identity stay, of another are removed.
 
     Raises CheckpointError or DamagedFile if it is damaged: training anew is the user's choice.
     """
@@ -204,7 +206,7 @@ def _resumable(checkpoints_folder: Path, identity: str) -> Path | None:
     remedy = f"remove {checkpoints_folder} to train from the start"
     if last.exists() and marker.exists() and checksums.read_text(marker, remedy).strip() == identity:
         checkpoints.require_intact(last)
-        return last
+        return
     if checkpoints_folder.exists():
         reason = "is of another config or other data, or stopped before its first evaluation"
         log.info("%s %s: begins anew", checkpoints_folder, reason)
@@ -212,7 +214,6 @@ def _resumable(checkpoints_folder: Path, identity: str) -> Path | None:
     checkpoints_folder.mkdir(parents=True)
     with atomic_write(marker, checksum=True) as partial:
         partial.write_text(identity + "\n")
-    return None
 
 
 def _summary(training: Training, machine: Machine, accelerator: str) -> dict[str, Any]:
