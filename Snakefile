@@ -41,6 +41,7 @@ if not RELEASED:
     include: "workflow/rules/distances.smk"
     include: "workflow/rules/grasps.smk"
     include: "workflow/rules/touch.smk"
+    include: "workflow/rules/frames.smk"
     include: "workflow/rules/vision.smk"
     include: "workflow/rules/reports.smk"
 

@@ -3,7 +3,9 @@
 A new stage is a row here, a rule and a script named after it, and rows of `palpate/store/contract.csv` for its arrays.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 # Stands in for the simulated stages where a dataset is read that was not made here: it writes all of its stores.
 RELEASED = "released"
@@ -21,6 +23,8 @@ class Stage:
         engines: packages whose versions its stores record.
         simulated: whether a dataset that was read, not simulated, lacks it.
         groups: of further arrays that its stores may hold. states: attributes that only its stores have.
+        asked_by: the key of the config that asks for it; empty if every run has it. Arrays of such a stage may be
+            optional also in a run that was simulated here.
     """
 
     name: str
@@ -32,6 +36,12 @@ class Stage:
     simulated: bool = False
     groups: tuple[str, ...] = ()
     states: tuple[str, ...] = ()
+    asked_by: str = ""
+
+    def is_asked(self, config: Mapping[str, Any]) -> bool:
+        """Whether a run with this config has it."""
+        section, _, key = self.asked_by.partition(".")
+        return not section or bool(config.get(section, {}).get(key))
 
     def path(self, batch: str = "{batch}") -> str:
         """Its output of one batch, relative to the run's folder; by default the pattern of all batches."""
@@ -55,8 +65,13 @@ STAGES = {
         Stage("surface", ".zarr", ("meshes",), True, True, ("trimesh", "embreex")),
         Stage("grasps", ".h5", ("meshes", "surface"), True, True, ("mujoco", "trimesh"), True, groups=("hand",)),
         Stage("touch", ".zarr", ("meshes", "grasps"), True, True, ("trimesh", "embreex"), states=("sensor",)),
+        Stage(
+            *("frames", ".zarr", ("meshes", "surface", "grasps"), False, True, ("mujoco", "trimesh", "embreex"), True),
+            **{"states": ("sensor",), "asked_by": "frames.count"},
+        ),
         Stage("charts", ".zarr", ("touch",), False, False, ("torch",)),
         Stage("vision", ".zarr", ("meshes", "grasps"), True, True, ("bpy",)),
+        Stage("frame_images", ".zarr", ("meshes", "frames"), True, True, ("bpy",), True, asked_by="frames.images"),
         Stage("views", ".zarr", ("meshes",), True, False, ("bpy",)),
         Stage("distances", ".zarr", ("meshes", "surface"), False, False, ("libigl",)),
         Stage("rings", ".zarr", ("meshes", "touch"), False, False, ("trimesh", "embreex")),

@@ -16,6 +16,8 @@ def test_an_object_is_rejected_by_what_its_stage_goes_back_to():
         "surface": ("surface", "meshes"),
         "grasps": ("grasps", "surface", "meshes"),
         "touch": ("touch", "grasps", "surface", "meshes"),
+        "frames": ("grasps", "surface", "meshes"),
+        "frame_images": ("frame_images", "grasps", "surface", "meshes"),
         "charts": ("touch", "grasps", "surface", "meshes"),
         "vision": ("vision", "grasps", "surface", "meshes"),
         "views": ("views", "meshes"),
@@ -25,8 +27,11 @@ def test_an_object_is_rejected_by_what_its_stage_goes_back_to():
 
 
 def test_lists_of_stages():
-    assert DATASET_STAGES == ("released", "meshes", "surface", "grasps", "touch", "vision")
-    assert DATASET_STORES == ("surface", "grasps", "touch", "vision")
+    asked = ("frames", "frame_images")
+    assert {*DATASET_STAGES} == {"released", "meshes", "surface", "grasps", "touch", "vision", *asked}
+    assert DATASET_STORES == ("surface", "grasps", "touch", "frames", "vision", "frame_images")
+    assert [each.name for each in STAGES.values() if not each.is_asked({})] == [*asked]
+    assert STAGES["frames"].is_asked({"frames": {"count": 20}})
     assert set(CONTRACT) == set(STAGES) - {"meshes"}
     assert STAGES["grasps"].path("batch-0001") == CONTRACT["grasps"].path("batch-0001") == "grasps/batch-0001.h5"
     assert STAGES["meshes"].path("batch-0001") == "meshes/batch-0001"

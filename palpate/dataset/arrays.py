@@ -8,8 +8,10 @@ import numpy as np
 from palpate.catalogue import CatalogueEntry
 from palpate.dataset.run import Run
 from palpate.rebuild_command import rebuild_advice
+from palpate.sensor import Sensor
 from palpate.store.contract import CONTRACT
 from palpate.store.files import Store, StoreError
+from palpate.touch import empty_reading, shade
 
 # Greatest coordinate of the world, metres: a larger one is in another unit, or broken.
 MAX_COORDINATE = 10.0
@@ -187,3 +189,11 @@ def fill_untouched(reading: np.ndarray, success: np.ndarray, empty: np.ndarray) 
     success: bool, of any shape; reading: (*success.shape, *empty.shape). empty: the empty gel, (r, c, 3) or a part.
     """
     return np.where(np.asarray(success)[(..., *[None] * np.ndim(empty))], reading, empty)
+
+
+def shaded(depth: np.ndarray, sensor: Sensor) -> np.ndarray:
+    """Readings (..., r, c, 3) uint8 of depth maps (..., r, c), m: those of frames, whose stores have none."""
+    reading = np.broadcast_to(empty_reading(sensor), (*depth.shape, 3)).copy()
+    for touched in zip(*np.nonzero(np.isfinite(depth).any(axis=(-2, -1))), strict=True):
+        reading[touched] = shade(depth[touched], sensor)
+    return reading

@@ -216,6 +216,50 @@ def check_touch(item: CheckedObject) -> Measured:
         yield "on mesh", _cloud_distance(item)
 
 
+def check_frames(item: CheckedObject) -> Measured:
+    """The frames of one object's grasps."""
+    rows, hand = item.rows["frames"], item.hand
+    grasps = len(rows["time"])
+    numeric = [rows[name].reshape(grasps, -1) for name in rows if name not in ("object", "success", "depth")]
+    yield "finite", sum(np.sum(~np.isfinite(values), axis=1) for values in numeric)
+    rotations = np.concatenate([rows["link_pose"][..., :3, :3], rows["sensor_rotation"]], axis=2)
+    yield "rotation", rotation_error(rotations).max(axis=(1, 2))
+    links = hand.forward(rows["link_pose"][:, :, 0], rows["joint_positions"])
+    position, rotation = hand.sensor_frames(links)
+    pairs = ((links, rows["link_pose"]), (position, rows["sensor_position"]), (rotation, rows["sensor_rotation"]))
+    yield "kinematics", np.max([np.abs(a - b).reshape(grasps, -1).max(axis=1) for a, b in pairs], axis=0)
+    yield "frame times", np.sum(np.diff(rows["time"], axis=1) <= 0, axis=1) + (rows["time"][:, 0] < 0)
+    for at_rest in (item.rows.get("grasps", {}), item.rows.get("touch", {})):
+        for name in set(rows) & set(at_rest) - {"object"}:
+            differs = rows[name][:, -1] != at_rest[name]
+            yield "last frame", differs.reshape(grasps, -1).sum(axis=1)
+    if "depth" in rows:
+        depth = rows["depth"]
+        in_range = (depth > 0) & (depth <= item.sensor.reach.astype(depth.dtype))
+        yield "touch depth", np.sum(~in_range & (depth != np.inf), axis=(1, 2, 3, 4))
+        yield "success", np.sum(rows["success"] != np.isfinite(depth).any(axis=(-2, -1)), axis=(1, 2))
+        if can_check("on mesh"):
+            yield "on mesh", max((item.distance(cloud).max() for cloud in _first_touches(item, rows)), default=0)
+
+
+def _first_touches(item: CheckedObject, rows: dict[str, np.ndarray]) -> Iterator[np.ndarray]:
+    """The local cloud (n, 3) of each grasp's first touch, by its first sensor, on the way."""
+    for grasp, touched in enumerate(rows["success"]):
+        if touched.any():
+            index = (grasp, *np.argwhere(touched)[0])
+            sensed = (rows[name][index] for name in ("depth", "sensor_position", "sensor_rotation"))
+            yield local_points(*sensed, item.sensor)
+
+
+def check_frame_images(item: CheckedObject) -> Measured:
+    """The images of the frames of one object's grasps."""
+    images, numbers = item.rows["frame_images"]["occluded"], item.rows["frame_images"]["image_frame"]
+    yield "seen", int((images == images[:, :, :, :1, :1]).all(axis=(3, 4, 5)).sum())
+    last = item.rows["frames"]["time"].shape[1] - 1 if "frames" in item.rows else numbers[:, -1]
+    out_of_order = np.sum(np.diff(numbers, axis=1) <= 0, axis=1)
+    yield "image frames", out_of_order + (numbers[:, 0] < 0) + (numbers[:, -1] != last)
+
+
 def check_vision(item: CheckedObject) -> Measured:
     """The images of one object, by all of its cameras."""
     rows = item.rows["vision"]

@@ -1,16 +1,19 @@
 """The grasps of a run as a map-style dataset: an item is a dictionary of one grasp's arrays."""
 
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from operator import index as integer
 
 import numpy as np
 
 from palpate.catalogue import CatalogueEntry
-from palpate.dataset.arrays import fill_untouched
+from palpate.dataset.arrays import fill_untouched, shaded
 from palpate.dataset.run import Run
-from palpate.store.contract import ArraySpec, arrays_by_name
+from palpate.store.contract import CONTRACT, ArraySpec, arrays_by_name
 from palpate.store.files import Store, StoreError
 
+# What a sensor reads at each frame: made of the stored depth.
+FRAMES_READING = replace(CONTRACT["touch"].arrays["reading"], shape=(*"ogfsrc", 3), meaning="Image of the gel")
 COLOURS = ("RGB", "sRGB")  # units of arrays whose last axis is the colour
 
 
@@ -23,7 +26,8 @@ class GraspDataset(Sequence):
     its object, in the contract's shapes and types without the axes o, g and k (docs/dataset.md). All items have the
     same shapes, so that the default collation stacks them: `points` (s, rc, 3) are 0 past `point_count`. A sensor that
     touched nothing reads the empty gel. An object's array that is named as one of a grasp has its stage before it:
-    `surface_points`. camera: whose images, masks, depths and matrices are read; None for those of all, with an axis k.
+    `surface_points`; those of its frames have `frames_`.
+    camera: whose images, masks, depths and matrices are read; None for those of all, with an axis k.
 
     Attributes: arrays, the names of the arrays; sources, their stages and contracts by name; images, which of them are
     pictures, and whether these have colours. Raises StoreError if there is no object, or a stage that the arrays
@@ -54,7 +58,8 @@ class GraspDataset(Sequence):
 
     def _stored(self, stage: str, spec: ArraySpec) -> bool:
         """Whether the first object has the array: optional ones may be missing."""
-        return self._run.has(stage) and spec.name in self._run.store(stage, self._entries[0].batch)
+        name = "depth" if spec == FRAMES_READING else spec.name
+        return self._run.has(stage) and name in self._run.store(stage, self._entries[0].batch)
 
     def __len__(self) -> int:
         return len(self._entries) * self._of_object
@@ -75,6 +80,9 @@ class GraspDataset(Sequence):
 
     def _read(self, store: Store, row: int, grasp: int, stage: str, spec: ArraySpec) -> np.ndarray:
         place = (row, grasp) if spec.of_grasps else (row,)
+        if spec == FRAMES_READING:
+            return shaded(store.get("depth", place), self._run.sensor(store.path.stem, stage))
+        place += (slice(None),) if spec.of_frames else ()
         if spec.of_cameras and self._camera is not None:
             place += (self._camera,)
         values = store.get(spec.name, place)
@@ -89,6 +97,13 @@ class GraspDataset(Sequence):
 def _named_arrays() -> dict[str, tuple[str, ArraySpec]]:
     """Stage and contract of each array, by its name in an item."""
     of_grasps, of_objects = arrays_by_name(of_grasps=True), arrays_by_name(of_grasps=False)
-    return of_grasps | {
-        (f"{stage}_{name}" if name in of_grasps else name): (stage, spec) for name, (stage, spec) in of_objects.items()
-    }
+    of_frames = arrays_by_name(of_grasps=True, of_frames=True) | {"reading": ("frames", FRAMES_READING)}
+    found = {f"frames_{name}": source for name, source in of_frames.items()}
+    return (
+        of_grasps
+        | found
+        | {
+            (f"{stage}_{name}" if name in of_grasps else name): (stage, spec)
+            for name, (stage, spec) in of_objects.items()
+        }
+    )

@@ -16,7 +16,7 @@ import numpy as np
 
 from palpate.camera import Camera
 from palpate.catalogue import SPLITS, CatalogueEntry
-from palpate.dataset.arrays import JoinedArray, fill_untouched
+from palpate.dataset.arrays import JoinedArray, fill_untouched, shaded
 from palpate.dataset.grasps import GraspDataset
 from palpate.dataset.run import Run
 from palpate.sensor import Sensor
@@ -236,14 +236,14 @@ def _nearest(name: str, known: Iterable[str]) -> str:
 class _Record:
     """Attributes that are the row of one object, or of one of its grasps, in the contract's arrays."""
 
-    of_grasps = False
-    index: tuple[int, ...] = ()  # within the object's row
+    of_grasps = of_frames = False
+    index: tuple[int | slice, ...] = ()  # within the object's row
     stage_of: dict[str, str] = {}  # by the names of the arrays
 
     def __init_subclass__(cls) -> None:
         """Gives the class a property, with its shape, type and unit in `help()`, for each array of its rows."""
         leading = 2 if cls.of_grasps else 1
-        found = arrays_by_name(cls.of_grasps)
+        found = arrays_by_name(cls.of_grasps, cls.of_frames)
         cls.stage_of = {name: stage for name, (stage, _) in found.items()}
         for name, (stage, spec) in found.items():
             if name not in vars(cls):
@@ -397,6 +397,11 @@ class GraspRecord(_Record):
         """The kind of touch sensor that the readings are of."""
         return self._run.sensor(self._entry.batch)
 
+    @property
+    def frames(self) -> "FramesRecord":
+        """Its closing, from the open hand to this grasp; nothing is read yet."""
+        return FramesRecord(self._run, self._entry, self.number, self.camera_number)
+
     @cached_property
     def reading(self) -> np.ndarray:
         """(s, r, c, 3) uint8, RGB. Images of the s gels; the empty gel of a sensor that touched nothing."""
@@ -411,3 +416,33 @@ class GraspRecord(_Record):
 
     def __repr__(self) -> str:
         return f"GraspRecord({self._entry.object!r}, {self.number})"
+
+
+class FramesRecord(_Record):
+    """The frames of a grasp: its closing from the open hand to rest, every array of the contract with one row a frame.
+
+    The last frame is the grasp. `occluded` has images of the frames `image_frame` only, by the record's camera; all
+    other arrays have all `len(frames)`. Shapes are in the symbols of docs/dataset.md.
+    """
+
+    of_grasps = of_frames = True
+
+    def __init__(self, run: Run, entry: CatalogueEntry, number: int, camera: int = 0):
+        super().__init__(run, entry, camera)
+        self.index = (number, slice(None))
+
+    def __len__(self) -> int:
+        return len(self.time)
+
+    @cached_property
+    def sensor(self) -> Sensor:
+        """The kind of touch sensor that the depths are of."""
+        return self._run.sensor(self._entry.batch, "frames")
+
+    @cached_property
+    def reading(self) -> np.ndarray:
+        """(f, s, r, c, 3) uint8, RGB. Images of the s gels: `depth` as the sensor shades it; it is not stored."""
+        return shaded(self.depth, self.sensor)
+
+    def __repr__(self) -> str:
+        return f"FramesRecord({self._entry.object!r}, {self.index[0]})"

@@ -1,5 +1,6 @@
 """The files of one run: its catalogue, its rejections, and its stores."""
 
+import itertools
 from collections import defaultdict
 from collections.abc import Hashable, Iterable, Iterator
 from functools import cached_property
@@ -14,7 +15,7 @@ from palpate.configuration import ConfigError, read_yaml
 from palpate.provenance import Made
 from palpate.rebuild_command import RECORD, rebuild_advice, rebuild_command
 from palpate.sensor import Sensor
-from palpate.stages import RELEASED, STAGES
+from palpate.stages import DATASET_STORES, RELEASED, STAGES
 from palpate.store.contract import CONTRACT
 from palpate.store.files import Store, StoreError
 
@@ -34,7 +35,7 @@ class Run:
         self.folder = Path(folder)
         self._stores: dict[Path, Store] = {}
         self._objects: dict[tuple[str, str], dict[str, int]] = {}
-        self._sensors: dict[str, Sensor] = {}
+        self._sensors: dict[tuple[str, str], Sensor] = {}
         self._contents: dict[str, dict[str, str]] = {}
         self._compared_meshes: set[str] = set()
 
@@ -81,6 +82,12 @@ class Run:
     def batches(self) -> list[str]:
         """Names of the catalogue's batches. Files of others remain from an earlier config."""
         return list(dict.fromkeys(entry.batch for entry in self.catalogue.values()))
+
+    @property
+    def asked_stores(self) -> tuple[str, ...]:
+        """The stores of the dataset that the config asks for; those that are there, if there is no config."""
+        asked = [STAGES[name].is_asked(self.config) or not self.config and self.has(name) for name in DATASET_STORES]
+        return tuple(itertools.compress(DATASET_STORES, asked))
 
     def rejections(self, batch: str | None = None, stages: Iterable[str] | None = None) -> list[dict[str, str]]:
         """Rows object, stage, reason, of one batch or of all, at some stages or at any.
@@ -199,17 +206,18 @@ class Run:
                 yield made.stage, made.refusal(difference)
             contents[made.stage] = made.digest
 
-    def sensor(self, batch: str) -> Sensor:
+    def sensor(self, batch: str, stage: str = "touch") -> Sensor:
         """The touch sensor of one batch, remembered. Raises StoreError, naming the file, if it states none."""
-        if batch not in self._sensors:
-            store = self.store("touch", batch)
+        if (stage, batch) not in self._sensors:
+            store = self.store(stage, batch)
             try:
-                self._sensors[batch] = Sensor.from_description(store.attributes["sensor"], store.get("empty_reading"))
+                found = Sensor.from_description(store.attributes["sensor"], store.get("empty_reading"))
             except (KeyError, ConfigError) as error:
                 raise StoreError(
                     f"{store.path} does not state its sensor ({error}); {rebuild_advice(store.path)}"
                 ) from None
-        return self._sensors[batch]
+            self._sensors[stage, batch] = found
+        return self._sensors[stage, batch]
 
     def objects(self, stage: str, batch: str) -> dict[str, int]:
         """Row of each object in one batch's store, remembered."""

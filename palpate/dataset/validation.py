@@ -61,6 +61,7 @@ class _Batch:
         self.rejected = run.rejections(name)
         self.findings: list[Finding] = []
         self.stores: dict[str, Store] = {}
+        self.arrays: dict[str, set[str]] = {}
         self.objects: dict[str, list[str]] = {}
         for stage in stages:
             self.open(stage)
@@ -89,12 +90,12 @@ class _Batch:
             self.add("attributes", stage, len(missing), where=", ".join(missing))
             try:
                 headers = {name: store.header(name) for name in store.names()}
-                check_headers(path, CONTRACT[stage], headers, optional=False)
+                check_headers(path, CONTRACT[stage], headers, optional=bool(STAGES[stage].asked_by))
             except StoreError as error:
                 self.add("arrays", stage, 1, where=str(error))
                 return
             self.add("arrays", stage, 0)
-            self.stores[stage], self.objects[stage] = store, objects
+            self.stores[stage], self.objects[stage], self.arrays[stage] = store, objects, set(headers)
 
     def hand(self) -> Hand | None:
         """The hand in the grasps store; None, with a finding, if it is incomplete."""
@@ -142,8 +143,8 @@ class _Batch:
         if "grasps" not in self.stores:
             return
         expected = self.grasps_per_object("grasps")
-        for stage in ("touch", "vision"):
-            if stage in self.stores and self.objects[stage]:
+        for stage in self.stores:
+            if stage not in ("surface", "grasps") and self.objects[stage]:
                 self.add("grasp count", stage, abs(self.grasps_per_object(stage) - expected))
 
     def check_empty_reading(self, sensor: Sensor) -> None:
@@ -158,7 +159,8 @@ class _Batch:
     def rows(self, stage: str, name: str) -> dict[str, np.ndarray]:
         """The object's row of every array of the store."""
         row, specs = self.objects[stage].index(name), CONTRACT[stage].arrays
-        return {key: self.stores[stage].get(key, row) for key, spec in specs.items() if spec.of_objects}
+        stored = (key for key, spec in specs.items() if spec.of_objects and key in self.arrays[stage])
+        return {key: self.stores[stage].get(key, row) for key in stored}
 
     def check_object(self, name: str, hand: Hand | None, sensor: Sensor) -> None:
         """Everything about one object."""
@@ -170,7 +172,7 @@ class _Batch:
             return
         self.add("readable", "meshes", 0, name)
         for stage in self.stores:
-            if name in self.objects[stage] and not (stage == "grasps" and hand is None):
+            if name in self.objects[stage] and not (stage in ("grasps", "frames") and hand is None):
                 with self.reading(stage, name):
                     item.rows[stage] = self.rows(stage, name)
                     self.measure(stage, name, CHECK_STAGE[stage](item))
@@ -198,13 +200,14 @@ class _Batch:
         return ", ".join([f"grasp {grasp}", *(f"sensor {self.sensor_names[i]}" for i in sensor)])
 
 
-def check_files(run: Run, batch: str, stages: Sequence[str] = DATASET_STORES, others: bool = True) -> list[Finding]:
+def check_files(run: Run, batch: str, stages: Sequence[str] | None = None, others: bool = True) -> list[Finding]:
     """Compare all files of a batch with their checksums, and the stores with what they were made from.
 
-    Compared are meshes, the stores of `stages`, and `others` that are there. `where` of a finding of files that
+    Compared are meshes, the stores of `stages`, by default those of the run's dataset, and `others` that are there.
+    `where` of a finding of files that
     passed is the digest of what they held: as long as it stays, so does everything that was found in their values.
     """
-    folder, findings, made = run.folder, [], []
+    folder, findings, made, stages = run.folder, [], [], stages or run.asked_stores
     paths = {name: folder / stage.path(batch) for name, stage in STAGES.items()}
     for stage, path in [*paths.items(), ("exr", folder / "exr" / batch)]:
         if stage not in ("meshes", *stages) and not (path.exists() and (others or stage == "exr")):
@@ -242,17 +245,18 @@ def validate_batch(
     run: Path | str,
     batch: str,
     max_penetration: float = MAX_PENETRATION,
-    stages: Sequence[str] = DATASET_STORES,
+    stages: Sequence[str] | None = None,
     others: bool = True,
 ) -> list[Finding]:
     """Check every file and every array of every store of one batch.
 
     run: the run's folder. max_penetration: metres, by which the run's grasps were accepted. stages: whose
-    stores are checked; one that is missing fails. others: whether files of further stores are compared as well, where
-    there are some. Needs `catalogue/<batch>.csv` and the meshes. What is wrong with a store or a mesh never raises: it
-    is a finding.
+    stores are checked, by default those of the run's dataset; one that is missing fails. others: whether files of
+    further stores are compared as well, where there are some. Needs `catalogue/<batch>.csv` and the meshes. What is
+    wrong with a store or a mesh never raises: it is a finding.
     """
     run = Run(run)
+    stages = stages or run.asked_stores
     checked = _Batch(run, batch, stages, max_penetration)
     for stage in checked.stores:
         checked.check_objects(stage)

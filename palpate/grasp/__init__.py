@@ -1,5 +1,6 @@
 """Grasps: placement of the palm, targets of the fingers, closing in MuJoCo, penetration check, selection."""
 
-from palpate.grasp.grasp import GraspSet, grasp_object
+from palpate.grasp.frames import closing_frames
+from palpate.grasp.grasp import Grasper, GraspSet, grasp_object
 
-__all__ = ["GraspSet", "grasp_object"]
+__all__ = ["GraspSet", "Grasper", "closing_frames", "grasp_object"]

@@ -1,7 +1,8 @@
 """Closing the hand in MuJoCo: position targets ramp up while contact with the object stops the fingers."""
 
+import itertools
 import logging
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from typing import NamedTuple
 
 import mujoco
@@ -111,6 +112,11 @@ class GraspSimulation:
         self.data.ctrl[:] = joint_positions
         mujoco.mj_forward(self.model, self.data)
 
+    @property
+    def joint_state(self) -> tuple[np.ndarray, np.ndarray]:
+        """Joint positions (J,), rad (of a slide m), and velocities (J,), a second, in the present state."""
+        return self.data.qpos[self._joints].copy(), self.data.qvel[self._joints].copy()
+
     def in_contact(self) -> bool:
         """Whether the hand touches the object in the present state; contact with itself does not count."""
         one, other = (self.model.geom_bodyid[self.data.contact.geom] == self._object).T
@@ -129,6 +135,11 @@ class GraspSimulation:
         finite = warnings == 0 and bool(np.isfinite(data.qpos).all())
         settled = bool(data.energy[1] <= SETTLED * max(work, NO_WORK))
         return Closed(data.qpos[self._joints].copy(), finite, warnings, settled)
+
+    def frames(self, targets: np.ndarray, steps: Collection[int]) -> Iterator[mujoco.MjData]:
+        """The state after each of these numbers of steps of `close`, of which 0 is the present state; as `closing`."""
+        states = itertools.chain([self.data], self.closing(targets))
+        return (data for step, data in enumerate(states) if step in steps)
 
     def closing(self, targets: np.ndarray) -> Iterator[mujoco.MjData]:
         """The state after each step of `close`; it is the simulation's own and changes with the next step."""

@@ -2,7 +2,7 @@
 
 from collections import Counter
 from dataclasses import dataclass, fields
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import numpy as np
 import trimesh
@@ -82,15 +82,24 @@ class Grasper:
                 f"hand {hand.name!r}: open, its links are {1e3 * depth:.1f} mm deep in each other, and no"
                 f" grasp may be deeper than {1e3 * max_penetration:g} mm: change `open`, or the geoms"
             )
-        self.caster = RayCaster(visual, sensor=sensor)
+        self.visual, self.sensor = visual, sensor
+
+    @cached_property
+    def caster(self) -> RayCaster:
+        """What decides which sensors touch."""
+        return RayCaster(self.visual, sensor=self.sensor)
 
     def attempt(self, rng: np.random.Generator) -> Grasp | str:
         """One random placement and closing: the grasp, or the reason for failing."""
-        pose = self.free_palm_pose(rng)
-        if pose is None:
+        placed = self.placement(rng)
+        if placed is None:
             return BLOCKED
-        thumb = rng.random() < self.thumb_share
-        return self.closed_at(pose, self.workspace.targets(pose, self.surface, thumb))
+        return self.closed_at(placed[0], self.workspace.targets(placed[0], self.surface, placed[1]))
+
+    def placement(self, rng: np.random.Generator) -> tuple[np.ndarray, bool] | None:
+        """All that is random in an attempt: a free palm pose (4, 4), if one is found, and whether the thumb closes."""
+        pose = self.free_palm_pose(rng)
+        return None if pose is None else (pose, rng.random() < self.thumb_share)
 
     def closed_at(self, pose: np.ndarray, targets: np.ndarray) -> Grasp | str:
         """The grasp that closing towards `targets` (J,) gives, or the reason for failing.

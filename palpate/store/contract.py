@@ -23,6 +23,8 @@ SENSOR_NAMES = ("index", "middle", "ring", "thumb")
 SYMBOLS = {
     "o": "objects of the batch",
     "g": "grasps of an object (5)",
+    "f": "frames of a grasp, from the open hand to rest",
+    "h": "frames of a grasp that have images",
     "n": "surface points of an object (10000)",
     "s": "sensors of the hand (4)",
     "j": "joints of the hand (16)",
@@ -76,8 +78,13 @@ class ArraySpec:
         return self.shape[:2] == ("o", "g")
 
     @property
+    def of_frames(self) -> bool:
+        """Whether its third axis counts the frames of a grasp, or those of them that have images."""
+        return self.shape[2:3] in (("f",), ("h",))
+
+    @property
     def of_cameras(self) -> bool:
-        """Whether it has an axis of the scene's cameras, after those of objects and grasps."""
+        """Whether it has an axis of the scene's cameras, after those of objects, grasps and frames."""
         return "k" in self.shape
 
     def sizes(self, shape: tuple[int, ...]) -> dict[str, int]:
@@ -141,7 +148,12 @@ def _arrays(stage: str) -> dict[str, ArraySpec]:
 CONTRACT = {name: StoreSpec(stage, _arrays(name)) for name, stage in STAGES.items() if stage.suffix}
 
 
-def arrays_by_name(of_grasps: bool) -> dict[str, tuple[str, ArraySpec]]:
-    """Stage and contract of the arrays with a row a grasp, or with a row an object only, but for `object`."""
+def arrays_by_name(of_grasps: bool, of_frames: bool = False) -> dict[str, tuple[str, ArraySpec]]:
+    """Stage and contract of the arrays with a row a frame, a grasp, or an object only, but for `object`."""
     found = [(stage, each) for stage, store in CONTRACT.items() for each in store.arrays.values() if each.of_objects]
-    return {each.name: (stage, each) for stage, each in found if each.of_grasps == of_grasps and each.name != "object"}
+    rows = of_grasps, of_frames
+    return {
+        each.name: (stage, each)
+        for stage, each in found
+        if (each.of_grasps, each.of_frames) == rows and each.name != "object"
+    }

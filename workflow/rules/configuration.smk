@@ -84,14 +84,16 @@ BATCHES = list(BATCH_ENTRIES)
 RELEASED = SOURCE.kind == "released"
 if RELEASED:  # implicit models learn distances to meshes
     EXPERIMENTS = EXPERIMENTS.without("implicit")
-STAGES = [stages.RELEASED] if RELEASED else [name for name in stages.DATASET_STAGES if name != stages.RELEASED]
+# What the config asks for of the dataset, and which stages of it reject objects.
+DATASET = [each for each in stages.STAGES.values() if each.in_dataset and each.is_asked(config)]
+STAGES = [stages.RELEASED] if RELEASED else [each.name for each in DATASET if each.rejects]
 # As jobs see it: what is made in the run's folder moves with it.
 SOURCE_PATH = "sources" if SOURCE.kind == "procedural" else SOURCE.path
 NAMED_IN = SOURCE.files_root  # what meshes name has to be in it
 TRAINING_MACHINE = {key: config["training"][key] for key in ("device", "devices", "precision")}
 TRAINING_GPUS = 0 if config["training"]["device"] == "cpu" else config["training"]["devices"]
 # What everything else is made from.
-DATASET_STORES = [each for each in map(stages.STAGES.get, stages.DATASET_STORES) if not (RELEASED and each.simulated)]
+DATASET_STORES = [each for each in DATASET if each.suffix and not (RELEASED and each.simulated)]
 STORES = ["catalogue.csv", "rejected.csv", *expand([each.path() for each in DATASET_STORES], batch=BATCHES)]
 
 

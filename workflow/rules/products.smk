@@ -104,11 +104,12 @@ def product_inputs(wildcards):
     kind, name = kind_and_name(wildcards)
     product, _ = products.find(kind, name)
     files = {each: FILES[each] for each in product.files}
+    made = [each for each in map(stages.STAGES.get, product.stores) if each.is_asked(config)]
     if product.stores:
-        rejecting = ["released"] if RELEASED else [each for each in product.stores if stages.STAGES[each].rejects]
+        rejecting = ["released"] if RELEASED else [each.name for each in made if each.rejects]
         files["catalogue"] = "catalogue.csv"
         files["rejected"] = expand("rejected/{stage}/{batch}.csv", stage=rejecting, batch=BATCHES)
-    for stage in map(stages.STAGES.get, product.stores):
+    for stage in made:
         if not (RELEASED and stage.simulated):
             files[stage.name] = expand(stage.path(), batch=BATCHES)
     if product.models:

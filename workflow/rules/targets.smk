@@ -20,7 +20,7 @@ localrules:
 # Every array of every store against the dataset contract.
 rule validate_batch:
     input:
-        **{name: stage.path() for name, stage in stages.STAGES.items() if stage.in_dataset},
+        **{stage.name: stage.path() for stage in DATASET},
         catalogue="catalogue/{batch}.csv",
         rejected=expand("rejected/{stage}/{{batch}}.csv", stage=STAGES),
     output:

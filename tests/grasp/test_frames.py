@@ -1,0 +1,83 @@
+"""Frames of closings: they end at the grasps, bit for bit, and lie on the way of a simulation of every step."""
+
+import mujoco
+import numpy as np
+import pytest
+import trimesh
+
+from palpate.batch import generator
+from palpate.checksums import DamagedFile
+from palpate.grasp import Grasper, closing_frames, grasp_object
+from palpate.grasp.frames import frame_steps
+from palpate.hand import allegro
+from palpate.mesh import OBJECT_POSITION
+
+HAND, COUNT = allegro(), 12
+MESH = trimesh.creation.box((0.06, 0.09, 0.48)).subdivide().subdivide()
+POINTS = trimesh.sample.sample_surface(MESH, 3000, seed=0)[0] + OBJECT_POSITION
+
+
+def grasper():
+    return Grasper(MESH, MESH, POINTS - OBJECT_POSITION, HAND)
+
+
+@pytest.fixture(scope="module")
+def kept():
+    """Half of the attempts' grasps are kept."""
+    found = grasp_object(MESH, MESH, POINTS, HAND, generator(0, "box"), per_object=3, attempts=6)
+    assert found.attempts >= 6
+    return vars(found)
+
+
+@pytest.fixture(scope="module")
+def frames(kept):
+    return closing_frames(grasper(), kept, generator(0, "box"), COUNT)
+
+
+def test_the_last_frame_is_the_grasp_bit_for_bit(kept, frames):
+    for name in ("joint_positions", "link_pose", "sensor_position", "sensor_rotation"):
+        assert frames[name].dtype == kept[name].dtype and frames[name].shape[:2] == (3, COUNT)
+        np.testing.assert_array_equal(frames[name][:, -1], kept[name])
+
+
+def test_the_first_frame_is_the_open_hand_where_the_palm_stays(kept, frames):
+    np.testing.assert_array_equal(frames["joint_positions"][:, 0], np.tile(HAND.open_joint_positions, (3, 1)))
+    assert not frames["joint_velocities"][:, 0].any()
+    assert (frames["link_pose"][:, :, 0] == kept["palm_pose"][:, None]).all()
+
+
+def test_frames_are_states_of_a_simulation_of_every_step(kept, frames):
+    """Stepped here: the frames are among its states, at their times, and its velocities are differences of them."""
+    made = grasper()
+    simulation, draw = made.simulation, generator(0, "box")
+    for _ in range(kept["attempts"]):
+        pose, thumb = made.placement(draw)
+        number = np.flatnonzero((kept["palm_pose"][:, :3, 3] == pose[:3, 3] + OBJECT_POSITION).all(axis=1))
+        if not len(number):
+            continue
+        targets, states = made.workspace.targets(pose, made.surface, thumb), [HAND.open_joint_positions]
+        for share in simulation.ramp:
+            simulation.data.ctrl[:] = states[0] + share * (targets - states[0])
+            mujoco.mj_step(simulation.model, simulation.data)
+            states.append(simulation.data.qpos.copy())
+        (number,) = number
+        steps = np.rint(frames["time"][number] / 0.004).astype(int)
+        np.testing.assert_array_equal(frames["joint_positions"][number], np.array(states)[steps])
+        velocities = np.diff(states, axis=0)[steps[1:] - 1] / 0.004  # the integrator moves by the new velocity
+        np.testing.assert_allclose(frames["joint_velocities"][number, 1:], velocities, atol=1e-9)
+
+
+def test_moments_are_evenly_in_time():
+    np.testing.assert_array_equal(frame_steps(11, 100), np.arange(0, 101, 10))
+    assert frame_steps(1, 100).tolist() == [100]
+    assert np.ptp(np.diff(frame_steps(20, 100))) <= 1 and frame_steps(101, 100).tolist() == list(range(101))
+    with pytest.raises(ValueError, match="at most 101"):
+        frame_steps(102, 100)
+
+
+def test_grasps_that_closing_again_does_not_give_are_an_error(kept):
+    moved = kept | {"joint_positions": kept["joint_positions"] + 1e-15}
+    elsewhere = kept | {"palm_pose": kept["palm_pose"] + 1e-15}
+    for other in (moved, elsewhere):
+        with pytest.raises(DamagedFile, match="another kind of processor; make them again"):
+            closing_frames(grasper(), other, generator(0, "box"), COUNT, "make them again")

@@ -1,0 +1,55 @@
+# Closing hands, if the config asks for them: the frames of every grasp, and images of some of them.
+def asked(key):
+    """The params `frames`; a target without what asks for it is an error before anything runs."""
+    if not config["frames"][key]:
+        stop(f"the config asks for none: set frames.{key}, as in --config 'frames={{{key}: 20}}'")
+    return config["frames"]
+
+
+rule frames:
+    input:
+        meshes="meshes/{batch}",
+        surface="surface/{batch}.zarr",
+        grasps="grasps/{batch}.h5",
+        background=SENSOR_BACKGROUND,
+    output:
+        frames=directory("frames/{batch}.zarr"),
+    log:
+        "logs/frames/{batch}.log",
+    benchmark:
+        "benchmarks/frames/{batch}.tsv"
+    conda:
+        "../../envs/palpate.yaml"
+    params:
+        frames=lambda wildcards: {key: asked("count")[key] for key in ("count", "touch")},
+        grasps=config["grasps"],
+        touch={"method": config["touch"]["method"]},
+        sensor=SENSOR.description(),
+        seed=config["seed"],
+    script:
+        "../scripts/frames.py"
+
+
+rule frame_images:
+    input:
+        meshes="meshes/{batch}",
+        grasps="grasps/{batch}.h5",
+        frames="frames/{batch}.zarr",
+    output:
+        frame_images=directory("frame_images/{batch}.zarr"),
+        rejected="rejected/frame_images/{batch}.csv",
+    log:
+        "logs/frame_images/{batch}.log",
+    benchmark:
+        "benchmarks/frame_images/{batch}.tsv"
+    conda:
+        "../../envs/palpate.yaml"
+    resources:
+        mem_mb=lambda wildcards: 2000 + texture_mb(wildcards.batch),
+        runtime=120,
+    params:
+        frames=lambda wildcards: {"images": asked("images")["images"]},
+        vision=config["vision"],
+        seed=config["seed"],
+    script:
+        "../scripts/frame_images.py"
