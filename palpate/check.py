@@ -79,6 +79,17 @@ def resolve(config: Mapping[str, Any], project: Path | str) -> Settings:
     for path in hand or ():
         if not Path(path).is_file():
             raise ConfigError(f"config grasps.hand: {path}: no such file")
+    frames = config["frames"]
+    if frames["count"]:
+        from palpate.hand import DURATION
+
+        states = round(DURATION / grasps["timestep"]) + 1
+        if frames["count"] > states:
+            raise ConfigError(f"config frames.count: at a time step of {grasps['timestep']} s at most {states}")
+    if frames["images"] > frames["count"]:
+        raise ConfigError(f"config frames.images: at most frames.count, {frames['count']}")
+    if source.kind == "released" and frames["count"]:
+        raise ConfigError("config frames: a released dataset has no grasps that could be closed again: set count to 0")
     if source.kind == "released" and config["vision"]["cameras"]:
         raise ConfigError("config vision.cameras: a released dataset has the paper's camera: set it to null")
     return Settings(source, classes, entries, hand, touch_sensor)

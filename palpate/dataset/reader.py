@@ -434,6 +434,11 @@ class FramesRecord(_Record):
     def __len__(self) -> int:
         return len(self.time)
 
+    @property
+    def has_touch(self) -> bool:
+        """Whether the run has depths of its frames: `success`, `depth`, `reading`."""
+        return "depth" in self._run.store("frames", self._entry.batch)
+
     @cached_property
     def sensor(self) -> Sensor:
         """The kind of touch sensor that the depths are of."""

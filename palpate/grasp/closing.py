@@ -8,11 +8,10 @@ from typing import NamedTuple
 import mujoco
 import numpy as np
 
-from palpate.hand import Hand
+from palpate.hand import DURATION, Hand
 from palpate.hand.model import STIFFNESS, build_spec, quaternion
 
 TIMESTEP = 0.004  # s
-DURATION = 0.4  # s
 RAMP = 0.4  # share of the duration in which the targets move from the open hand to their end
 ITERATIONS = 20  # of the contact solver; fewer than 5 are too few
 # MuJoCo's contact impedance (dmin, dmax, width, midpoint, power), with which fingers stop within 0.5 mm.

@@ -5,8 +5,8 @@ MuJoCo is imported only to read a user's model (`from_mjcf`, `check_files`, `mod
 """
 
 from palpate.hand.allegro import allegro
-from palpate.hand.hand import MAX_OUT_OF_RANGE, MAX_PENETRATION, Hand
+from palpate.hand.hand import DURATION, MAX_OUT_OF_RANGE, MAX_PENETRATION, Hand
 from palpate.lazy import lazy_exports
 
 of_mjcf, __getattr__ = lazy_exports(__name__, {"mjcf": ["check_files", "from_mjcf", "model_files"]})
-__all__ = ["MAX_OUT_OF_RANGE", "MAX_PENETRATION", "Hand", "allegro", *of_mjcf]
+__all__ = ["DURATION", "MAX_OUT_OF_RANGE", "MAX_PENETRATION", "Hand", "allegro", *of_mjcf]

@@ -13,6 +13,7 @@ MAX_PENETRATION = 0.001  # m that a grasp's hand may be in the object or in itse
 # rad (of a slide m) that a grasp's joint may be out of its range: MuJoCo's limits are springs. Of 8,655 grasps one had
 # more than 0.0006.
 MAX_OUT_OF_RANGE = 0.001
+DURATION = 0.4  # s that a hand takes to close
 GEL_SEARCH = 0.05  # m in front of a sensor's origin searched for the surface of its link
 # Of `Hand`: attributes that are tuples; types of arrays that are not float, by the second word of their names.
 TUPLES = ("link_names", "geom_kind", "geom_vertices", "geom_faces", "sensor_names")

@@ -15,19 +15,18 @@ from palpate.dataset import Dataset
 from palpate.interchange.card import write_card
 from palpate.interchange.croissant import write_croissant
 from palpate.interchange.items import CARD, grasps_by_split
-from palpate.interchange.open_x_tactile import NAMES, write_open_x_tactile
+from palpate.interchange.open_x_tactile import layout_names, write_open_x_tactile
 from palpate.interchange.parquet import write_parquet
 from palpate.interchange.webdataset import write_webdataset
 from palpate.mesh import mesh_file
 from palpate.store.contract import FRAMES, UNITS
 from palpate.store.files import StoreError
 
-# By the names that the command has for them: what writes the samples, the pattern of a split's files, and the layout's
-# own names of arrays.
+# By the names that the command has for them: what writes the samples, and the pattern of a split's files.
 FORMATS = {
-    "webdataset": (write_webdataset, "{}-*.tar", {}),
-    "parquet": (write_parquet, "{}/**", {}),
-    "open_x_tactile": (write_open_x_tactile, "{}.zarr/**", NAMES),
+    "webdataset": (write_webdataset, "{}-*.tar"),
+    "parquet": (write_parquet, "{}/**"),
+    "open_x_tactile": (write_open_x_tactile, "{}.zarr/**"),
 }
 
 
@@ -46,8 +45,9 @@ def export(
     batches with different sensors; KeyError for an unknown array; DamagedFile for a missing or changed mesh; and what
     writing the samples raises.
     """
-    write, pattern, names = FORMATS[layout]
+    write, pattern = FORMATS[layout]
     splits = grasps_by_split(dataset, arrays)
+    names = layout_names(next(iter(splits.values()))) if layout == "open_x_tactile" else {}
     if not source and dataset.config.get("source", {}).get("kind") == "procedural":
         source = "procedural, made by palpate (no one's meshes)"
     with atomic_write(Path(folder)) as partial:

@@ -2,14 +2,15 @@
 
 <folder>/<split>.zarr/data/<array>        (t, ...): the frames of all episodes, one after another
                      /meta/episode_ends   (e,) int64: number of frames up to the end of each episode
-                     /grasps/<array>      (e, ...): what the layout has no name for
+                     /frames/<array>      (t, ...), /grasps/<array> (e, ...): what the layout has no name for
          and what every export has: palpate.interchange.folder
 
-https://github.com/michaelyuancb/ftp1-policy, data_processing/README.md. A grasp is an episode of one frame.
+https://github.com/michaelyuancb/ftp1-policy, data_processing/README.md. A grasp is an episode: of its frames if the run
+has them, else of one frame.
 """
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numcodecs
@@ -18,10 +19,10 @@ import zarr
 from scipy.spatial.transform import Rotation
 
 from palpate.dataset import GraspDataset
-from palpate.interchange.items import with_progress
+from palpate.interchange.items import TEXT, with_progress
 
 FRAMES = 16  # of a chunk
-HELD = 4 * FRAMES  # in memory before they are written, 2 MB each; Zarr compresses their chunks side by side
+HELD = 4 * FRAMES  # frames in memory before they are written, 2 MB each; Zarr compresses their chunks side by side
 # Arrays that the layout has a name for. The built-in hand is a left one: seen on its palm, fingers up, its thumb is on
 # the left. The palm's pose becomes (x, y, z, rotation vector), without a turn to the layout's wrist.
 TACTILE = "left_tactile"
@@ -34,21 +35,31 @@ def write_open_x_tactile(folder: Path, splits: Mapping[str, GraspDataset]) -> No
 
     Raises ValueError if a sensor has no area by its name in `AREAS`; two sensors are a gripper's, areas 0 and 1.
     """
-    with_touch = "reading" in next(iter(splits.values())).sources
+    sources = next(iter(splits.values())).sources
+    with_touch = {"reading", "frames_reading"} & {*sources}
     same = _of_sensors(json.loads((folder / "sensor.json").read_text())) if with_touch else {}
-    same["data/timestamps"] = np.int64(0)  # number of the frame in its episode
+    of_frames = [name for name, (_, spec) in sources.items() if spec.shape[2:3] == ("f",)]
     for split, grasps in splits.items():
-        root, rows, objects, classes = zarr.create_group(folder / f"{split}.zarr", zarr_format=2), [], [], []
+        root, rows, held, ends = zarr.create_group(folder / f"{split}.zarr", zarr_format=2), [], 0, []
+        texts: dict[str, list] = {"grasps/object": [], "data/sub_task_instruction": []}
         for number, item in enumerate(with_progress(grasps, split), start=1):
-            rows.append(_by_path({name: item[name] for name in ("grasp", *grasps.sources)}) | same)
-            objects.append(item["object"])
-            classes.append(item["class"])
-            if len(rows) == HELD or number == len(grasps):
-                _append(root, {path: np.stack([row[path] for row in rows]) for path in rows[0]})
-                rows = []
-        instructions = [f"grasp the {name}" for name in classes]
-        _append(root, {"grasps/object": np.array(objects), "data/sub_task_instruction": np.array(instructions)})
-        _append(root, {"meta/episode_ends": np.arange(1, len(grasps) + 1, dtype=np.int64)})
+            length = len(item[of_frames[0]]) if of_frames else 1
+            constant = {path: np.repeat(value[None], length, axis=0) for path, value in same.items()}
+            rows.append(_by_path(item, of_frames, length) | constant | {"data/timestamps": np.arange(length)})
+            held, ends = held + length, [*ends, length]
+            texts["grasps/object"].append(item["object"])
+            texts["data/sub_task_instruction"] += [f"grasp the {item['class']}"] * length
+            if held >= HELD or number == len(grasps):
+                _append(root, {path: np.concatenate([row[path] for row in rows]) for path in rows[0]})
+                rows, held = [], 0
+        _append(root, {path: np.array(values) for path, values in texts.items()})
+        _append(root, {"meta/episode_ends": np.cumsum(ends)})
+
+
+def layout_names(grasps: GraspDataset) -> dict[str, str]:
+    """The layout's names of arrays of these grasps, of frames if there are some."""
+    prefix = "frames_" if any(name.startswith("frames_") for name in grasps.sources) else ""
+    return {name if name == "palm_pose" else prefix + name: label for name, label in NAMES.items()}
 
 
 def _of_sensors(stated: Mapping) -> dict[str, np.ndarray]:
@@ -62,15 +73,28 @@ def _of_sensors(stated: Mapping) -> dict[str, np.ndarray]:
     return {f"data/{TACTILE}_{key}_fingers": np.array(value) for key, value in values.items()}
 
 
-def _by_path(item: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """A grasp's arrays in the layout's forms, by their paths in the store."""
-    found = {f"data/{NAMES[name]}" if name in NAMES else f"grasps/{name}": values for name, values in item.items()}
-    if "palm_pose" in item:
-        place, turn = item["palm_pose"][:3, 3], Rotation.from_matrix(item["palm_pose"][:3, :3])
-        found[f"data/{NAMES['palm_pose']}"] = np.append(place, turn.as_rotvec())
-    if "occluded" in item and item["occluded"].ndim == 4:  # of several cameras
-        found |= {f"data/{NAMES['occluded']}": item["occluded"][0], "grasps/occluded": item["occluded"]}
-    return found
+def _by_path(item: dict[str, np.ndarray], of_frames: Sequence[str], length: int) -> dict[str, np.ndarray]:
+    """A grasp's arrays in the layout's forms by their paths in the store, (t, ...) or for the grasp (1, ...).
+
+    of_frames: names of those with a row a frame, of which there are `length`; without any, the grasp is the frame.
+    """
+    rest = {
+        name: np.asarray(values)[None] for name, values in item.items() if name not in TEXT and name not in of_frames
+    }
+    frames = {name.removeprefix("frames_"): item[name] for name in of_frames}
+    if not of_frames:
+        frames = {name: rest.pop(name) for name in ("occluded", "reading") if name in rest}
+    elif len(item.get("frames_occluded", ())) == length:
+        frames["occluded"] = rest.pop("frames_occluded")[0]
+    found = {f"data/{NAMES[name]}" if name in NAMES else f"frames/{name}": each for name, each in frames.items()}
+    if "occluded" in frames and frames["occluded"].ndim == 5:  # of several cameras
+        several = "frames/occluded" if of_frames else "grasps/occluded"
+        found |= {f"data/{NAMES['occluded']}": frames["occluded"][:, 0], several: frames["occluded"]}
+    if "palm_pose" in rest:
+        pose = rest.pop("palm_pose")[0]
+        wrist = np.append(pose[:3, 3], Rotation.from_matrix(pose[:3, :3]).as_rotvec())
+        found[f"data/{NAMES['palm_pose']}"] = np.tile(wrist, (length, 1))
+    return found | {f"grasps/{name}": values for name, values in rest.items()}
 
 
 def _append(root: zarr.Group, arrays: Mapping[str, np.ndarray]) -> None:

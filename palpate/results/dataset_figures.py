@@ -53,7 +53,7 @@ def data_point(dataset: Dataset, path: Path | str) -> None:
     for sensor, name in enumerate(grasp.sensors):
         row, column = divmod(sensor, side)
         axes = page.axes(left[2] + column * step, head + row * step, small, small)
-        _reading(axes, grasp, sensor)
+        draw_reading(axes, grasp, sensor)
         touched = grasp.success[sensor]
         colour = colours[sensor] if touched else FAINT
         axes.set_title(name if touched else f"{name}: no touch", fontsize=LABEL, pad=3, color=colour)
@@ -93,7 +93,7 @@ def examples(dataset: Dataset, class_name: str, path: Path | str) -> None:
         _image(axes[0], record.unoccluded)
         _image(axes[1], grasp.occluded)
         for sensor in range(len(sensors)):
-            _reading(axes[2 + sensor], grasp, sensor)
+            draw_reading(axes[2 + sensor], grasp, sensor)
         _surface(axes[-1], grasp)
     save(page.figure, path)
 
@@ -145,8 +145,8 @@ def _image(axes: Axes, image: np.ndarray) -> None:
     _frame(axes)
 
 
-def _reading(axes: Axes, grasp: GraspRecord, sensor: int) -> None:
-    """The sensor's image, framed in its site's colour; an untouched one is faded and struck through."""
+def draw_reading(axes: Axes, grasp: GraspRecord, sensor: int) -> None:
+    """A sensor's image, framed in its site's colour; an untouched one is faded and struck through."""
     touched = grasp.success[sensor]
     axes.imshow(grasp.reading[sensor], interpolation="antialiased", alpha=1 if touched else 0.5)
     _frame(axes, site_colours(sensor + 1)[sensor] if touched else PALE, 2.2 if touched else 0.8)

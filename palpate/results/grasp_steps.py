@@ -1,4 +1,4 @@
-"""The figure of the four steps of a grasp, rendered by Blender.
+"""The figures of the four steps of a grasp and of its closing, rendered by Blender.
 
 Import it before anything that loads embree (trimesh does), because it loads Blender.
 """
@@ -6,9 +6,11 @@ Import it before anything that loads embree (trimesh does), because it loads Ble
 import itertools
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 from matplotlib.figure import Figure
+from PIL import Image
 
 from palpate.vision import blender
 
@@ -16,13 +18,13 @@ blender.load()
 
 from palpate.camera import Camera, looking_at  # noqa: E402
 from palpate.dataset import Dataset  # noqa: E402
-from palpate.dataset.reader import GraspRecord  # noqa: E402
+from palpate.dataset.reader import FramesRecord, GraspRecord  # noqa: E402
 from palpate.hand import Hand  # noqa: E402  (Blender comes before what loads embree)
 from palpate.mesh import DIAGONAL, OBJECT_POSITION, load_visual, mesh_file  # noqa: E402
 from palpate.results import products  # noqa: E402
-from palpate.results.dataset_figures import example_grasp  # noqa: E402
+from palpate.results.dataset_figures import draw_reading, example_grasp  # noqa: E402
 from palpate.results.hand_sheet import posed_geoms  # noqa: E402
-from palpate.results.page import TITLE, new_figure, save, save_sentence, styled  # noqa: E402
+from palpate.results.page import LABEL, TITLE, Page, figure_image, new_figure, save, save_sentence, styled  # noqa: E402
 from palpate.results.surface_view import direction  # noqa: E402
 from palpate.surface.embree import RayMesh  # noqa: E402
 from palpate.vision import Renderer  # noqa: E402
@@ -41,6 +43,9 @@ MARGIN = 1.04  # of the field of view over what it must hold
 AZIMUTHS = range(0, 360, 15)
 ELEVATIONS = (15, 35)
 HAND_STRIDE = 5  # of the hand's vertices, those that are looked at
+CLOSING = 4.2  # inches of the picture of the closing hand, and its dots an inch
+CLOSING_DPI = 100
+PAUSE, REST = 130, 1500  # ms that a frame is shown, and the last one
 BESIDE = 0.05  # m between the object and the open hand that is loaded
 
 
@@ -68,6 +73,48 @@ def grasp_steps(dataset: Dataset, path: Path | str, threads: int = 1, samples: i
     seen = {"visual_glb": mesh_file(grasp.object.mesh, "visual.glb"), "camera": camera, "background": None}
     hands = [{"hand": None if pose is None else hand, "link_pose": pose} for pose in poses]
     save(_page(_cropped([renderer.render_meshes(**seen, **each).rgb for each in hands])), path)
+
+
+@products.figure(
+    form="gif", stores=("surface", "grasps", "touch", "frames", "vision"), category="Dataset", simulated=True
+)
+@styled
+def closing(dataset: Dataset, path: Path | str, threads: int = 1, samples: int = 32) -> None:
+    """A closing hand, with what its sensors read, slowed down: the frames of the grasp of the data point.
+
+    threads: of the CPU, samples: a pixel, for the renderer.
+    """
+    grasp = example_grasp(dataset)
+    if grasp is None:
+        return save_sentence("No usable object in this run", path)
+    hand, frames, towards = grasp.object.hand, grasp.frames, best_direction(grasp, grasp.object.hand)
+    points = [grasp.object.points, *(hand_points(hand, frames.link_pose[number]) for number in (0, -1))]
+    camera = camera_holding(np.concatenate(points), towards, round(CLOSING * CLOSING_DPI))
+    renderer = Renderer(samples=samples, threads=threads)
+    seen = {"visual_glb": mesh_file(grasp.object.mesh, "visual.glb"), "camera": camera, "hand": hand}
+    pages = []
+    for number, link_pose in enumerate(frames.link_pose):
+        picture = renderer.render_meshes(**seen, link_pose=link_pose).rgb
+        pages.append(_closing_page(picture, frames, number, grasp.sensors))
+    palette = pages[-1].quantize(255)  # of all: else colours flicker, and every pixel is written again
+    first, *others = (page.quantize(palette=palette) for page in pages)
+    times = [PAUSE] * len(others) + [REST]
+    first.save(path, "GIF", save_all=True, append_images=others, duration=times, loop=0, optimize=True)
+
+
+def _closing_page(picture: np.ndarray, frames: FramesRecord, number: int, sensors: tuple[str, ...]) -> Image.Image:
+    """One frame: the picture, its time, and beside it the readings, two in a row."""
+    rows = -(-len(sensors) // 2) if frames.has_touch else 0
+    cell = CLOSING / max(2, rows)
+    page = Page(CLOSING + 2 * cell * bool(rows), CLOSING, CLOSING_DPI)
+    page.axes(0, 0, CLOSING, CLOSING, shown=False).imshow(picture)
+    page.text(0.1, CLOSING - 0.15, f"{frames.time[number]:.2f} s", fontsize=TITLE, ha="left")
+    for sensor, name in enumerate(sensors if rows else ()):
+        x, y = CLOSING + sensor % 2 * cell, sensor // 2 * cell
+        reads = SimpleNamespace(success=frames.success[number], reading=frames.reading[number])
+        draw_reading(page.axes(x + 0.05, y + 0.25, cell - 0.3, cell - 0.3), reads, sensor)
+        page.text(x + cell / 2 - 0.1, y + 0.13, name, fontsize=LABEL)
+    return figure_image(page.figure)
 
 
 def best_direction(grasp: GraspRecord, hand: Hand) -> np.ndarray:
@@ -114,13 +161,13 @@ def hand_points(hand: Hand, link_pose: np.ndarray) -> np.ndarray:
     return np.concatenate([points for points, _ in posed_geoms(hand, link_pose)])
 
 
-def camera_holding(points: np.ndarray, towards: np.ndarray) -> Camera:
+def camera_holding(points: np.ndarray, towards: np.ndarray, size: int = PIXELS) -> Camera:
     """A camera that looks from direction `towards` (3,) at the middle of points (n, 3) and holds them all."""
     middle = (points.min(axis=0) + points.max(axis=0)) / 2
-    camera = looking_at(middle, middle + DISTANCE * towards, PIXELS)
+    camera = looking_at(middle, middle + DISTANCE * towards, size)
     pixels, _ = camera.project(points)
-    reach = np.abs(pixels - PIXELS / 2).max()
-    return replace(camera, focal_length=camera.focal_length * PIXELS / 2 / (MARGIN * reach))
+    reach = np.abs(pixels - size / 2).max()
+    return replace(camera, focal_length=camera.focal_length * size / 2 / (MARGIN * reach))
 
 
 def _picture_axes(towards: np.ndarray) -> np.ndarray:

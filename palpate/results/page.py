@@ -3,9 +3,11 @@
 from pathlib import Path
 
 import matplotlib.style
+import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from PIL import Image
 
 DPI = 130
 INK, FAINT, PALE = "#222222", "#777777", "#bdbdbd"
@@ -45,9 +47,17 @@ class Page:
 
 
 def save(figure: Figure, path: Path | str) -> None:
-    """Write a PNG, without the name and version of what wrote it."""
+    """Write a PNG, without the name and version of what wrote it; a GIF if the path ends so."""
     Path(path).parent.mkdir(parents=True, exist_ok=True)
+    if Path(path).suffix == ".gif":
+        return figure_image(figure).save(path, "GIF")
     figure.savefig(path, format="png", dpi=figure.dpi, metadata={"Software": None})
+
+
+def figure_image(figure: Figure) -> Image.Image:
+    """A figure as an image, RGB."""
+    figure.canvas.draw()
+    return Image.fromarray(np.asarray(figure.canvas.buffer_rgba())[..., :3])
 
 
 @styled

@@ -64,11 +64,12 @@ class Product:
         models: experiments whose trained models it reads.
         files: further files that it reads: `touches` (evaluation of the U-Net), `touch_depth` (the U-Net), `histories`
             (of all trainings), `trainings` (of the grid of hyperparameters).
-        stores: stages whose stores it reads, `dataset` for all of the dataset; a dataset that was read, not simulated,
-            lacks some.
+        stores: stages whose stores it reads, `dataset` for all that every dataset has; one that was read, not
+            simulated, lacks some. A run has no product of stores that its config does not ask for.
         splits: that it needs objects of; by default the split of the table that is named there.
         category: `Dataset` or `Models`.
         simulated: whether a dataset that was read, not simulated, can't have it.
+        form: suffix of the files of a figure, `png` or `gif`.
         on_request: whether only a request by name makes it, not `all`.
     """
 
@@ -87,6 +88,7 @@ class Product:
     splits: tuple[str, ...] = ()
     category: str = "Models"
     simulated: bool = False
+    form: str = "png"
     on_request: bool = False
 
     def __post_init__(self) -> None:
@@ -151,7 +153,8 @@ def _product(kind: str, path: Path, function: ast.FunctionDef, decorator: ast.Ca
             raise ValueError("its docstring, whose first paragraph is the caption, is missing")
         parameters = tuple(each.arg for each in (*function.args.args, *function.args.kwonlyargs))
         if declared.get("stores") == ("dataset",):
-            declared["stores"] = tuple(stage.name for stage in STAGES.values() if stage.in_dataset)
+            stores = (each.name for each in STAGES.values() if each.in_dataset and not each.asked_by)
+            declared["stores"] = tuple(stores)
         return Product(kind, path.stem, function.name, parameters, caption, **{"name": function.name} | declared)
     except (ValueError, TypeError) as error:
         raise ValueError(f"{path}:{function.lineno}: {function.name}: {error}") from None

@@ -251,14 +251,16 @@ def _warnings(folder: Path) -> list[str]:
 
 
 def _figures(folder: Path, link: Callable[..., str]) -> list[dict[str, Any]]:
-    """Figures, and pictures of reports, with their captions: in the page, but for those beyond `EMBEDDED` bytes."""
+    """Figures, and pictures of reports, with captions: in the page, but for GIFs, and beyond `EMBEDDED` bytes."""
     found, used = [], 0
-    pictures = [(each, *file) for each in ("figures", "reports") for file in _files(folder, each, "png")]
+    places = (("figures", "png"), ("figures", "gif"), ("reports", "png"))
+    pictures = [(kind, *file) for kind, suffix in places for file in _files(folder, kind, suffix)]
     for kind, name, path in pictures:
-        file = link(kind, f"{name}.png")
+        file = link(kind, f"{name}{path.suffix}")
         with Image.open(path) as picture:
             size = dict(zip(("width", "height"), picture.size, strict=True))
-            source = data_uri(picture.convert("RGB"), FIGURE) if used < EMBEDDED else ""
+            still = path.suffix == ".png"  # the others move
+            source = data_uri(picture.convert("RGB"), FIGURE) if still and used < EMBEDDED else ""
         used += len(source)
         about = {"name": name, "file": file, "caption": _marked(caption(kind, name))}
         found.append({**about, "source": source or file, **size})

@@ -11,9 +11,11 @@ from markupsafe import Markup
 
 from palpate.atomic import atomic_write
 from palpate.dataset import GraspRecord, ObjectRecord
+from palpate.touch import empty_reading
 from palpate.viewer.html import data_uri, render, resource
 from palpate.viewer.scene import Y_UP, cameras, record_scene, sensor_colour
 
+READING = 100  # pixels of a reading of a frame, at most
 LABELS = {"object": "object", "hand": "hand", "gel": "readings on the sensors", "cloud": "touch clouds"}
 LABELS |= {"prediction": "prediction", "camera": "cameras"}
 
@@ -35,7 +37,9 @@ def object_page(
     shown = _grasps(record, grasps)
     glb = record_scene(record, shown, predictions).export(file_type="glb")
     scene_file = path.with_suffix(".glb")
+    frames = {grasp.number: _frames(grasp) for grasp in shown if "frames" in grasp.stages}
     data = {"glb": base64.b64encode(glb).decode(), "cameras": [_viewpoint(*each) for each in cameras(record)]}
+    data["frames"] = frames
     labels = {kind: label for kind, label in LABELS.items() if kind != "prediction" or predictions}
     if predictions and model:
         labels["prediction"] += f" of {model}"
@@ -48,6 +52,7 @@ def object_page(
         labels=labels,
         cameras=len(data["cameras"]),
         grasps=[_grasp(grasp) for grasp in shown],
+        frames=max((len(each["time"]) for each in frames.values()), default=0),
         images=_images(record, "unoccluded"),
         data=Markup(json.dumps(data).replace("<", "\\u003c")),
         style=resource("viewer.css"),
@@ -75,6 +80,22 @@ def _grasp(grasp: GraspRecord) -> dict[str, object]:
         picture = {"reading": data_uri(grasp.reading[number]), "colour": sensor_colour(number)}
         sensors.append({"name": name, **picture, **touch})
     return {"number": grasp.number, "images": _images(grasp, "occluded"), "sensors": sensors}
+
+
+def _frames(grasp: GraspRecord) -> dict[str, object]:
+    """A grasp's closing as the page takes it: times, poses of the scene's nodes by kind and name as rows of 3 x 4
+    matrices, and readings; None for a sensor that touches nothing, which reads `empty`."""
+    frames, hand = grasp.frames, grasp.object.hand
+    gels = np.concatenate([frames.sensor_rotation, frames.sensor_position[..., None]], axis=-1)
+    poses = {f"gel {name}": gels[:, number] for number, name in enumerate(grasp.sensors)}
+    poses |= {f"hand {hand.link_names[link]}": frames.link_pose[:, link, :3] for link in np.unique(hand.geom_link)}
+    found = {"time": frames.time.tolist()}
+    found["poses"] = {name: np.round(pose.reshape(-1, 12), 5).tolist() for name, pose in poses.items()}
+    if frames.has_touch:
+        each = [zip(*of_frame, strict=True) for of_frame in zip(frames.reading, frames.success, strict=True)]
+        found["readings"] = [[data_uri(read, READING) if on else None for read, on in pairs] for pairs in each]
+        found["empty"] = data_uri(empty_reading(frames.sensor), READING)
+    return found
 
 
 def _images(record: ObjectRecord | GraspRecord, name: str) -> list[str]:

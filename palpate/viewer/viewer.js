@@ -1,6 +1,6 @@
 "use strict";
 // Draws the page's GLB with three.js, to turn with the mouse. The page gives `page`: glb (base64), cameras.
-// The state is in the address (#grasp=1&hide=hand,cloud&camera=0), so that a view can be linked.
+// The state is in the address (#grasp=1&frame=5&hide=hand,cloud&camera=0), so that a view can be linked.
 (() => {
   const page = JSON.parse(document.getElementById("page").textContent);
   const canvas = document.getElementById("view");
@@ -24,7 +24,9 @@
   lamp.position.set(-0.5, 0.8, 0.6);
   scene.add(eye);
   const controls = new THREE.OrbitControls(eye, canvas);
-  const leaves = []; // of the scene: {node, group, kind}
+  const leaves = []; // of the scene: {node, group, kind, name}
+  const slider = document.getElementById("frame"); // of the closing; null without frames
+  const atRest = () => !slider || slider.value === slider.max;
 
   function render() {
     renderer.render(scene, eye);
@@ -80,14 +82,52 @@
   function apply() {
     const hidden = new Set([...document.querySelectorAll("input[data-kind]:not(:checked)")].map((x) => x.dataset.kind));
     for (const { node, group, kind } of leaves) {
-      node.visible = !hidden.has(kind) && (group === "object" || group === `grasp-${state.grasp}`);
+      const shown = group === "object" || (group === `grasp-${state.grasp}` && (kind !== "cloud" || atRest()));
+      node.visible = shown && !hidden.has(kind);
     }
     for (const part of document.querySelectorAll("[data-grasp]")) part.hidden = part.dataset.grasp !== state.grasp;
+    if (slider) showFrame();
     const parts = [`grasp=${state.grasp}`];
+    if (!atRest()) parts.push(`frame=${slider.value}`);
     if (hidden.size) parts.push(`hide=${[...hidden].join(",")}`);
     if (state.camera !== null) parts.push(`camera=${state.camera}`);
     history.replaceState(null, "", `#${parts.join("&")}`);
     render();
+  }
+
+  // The hand at the slider's frame, and its readings on the gels and beside the scene.
+  function showFrame() {
+    const frames = page.frames[state.grasp];
+    const number = Number(slider.value);
+    document.getElementById("time").textContent = `${frames.time[number].toFixed(2)} s`;
+    const images = [...document.querySelectorAll(`section[data-grasp="${state.grasp}"] .readings img`)];
+    if (frames.readings) images.forEach((image, sensor) => (image.src = frames.readings[number][sensor] ?? frames.empty));
+    const gels = leaves.filter(({ group, kind }) => group === `grasp-${state.grasp}` && kind === "gel");
+    for (const { node, group, kind, name } of leaves) {
+      const pose = group === `grasp-${state.grasp}` && frames.poses[`${kind} ${name}`];
+      if (pose) node.matrix.set(...pose[number], 0, 0, 0, 1).decompose(node.position, node.quaternion, node.scale);
+    }
+    if (frames.readings) gels.forEach(({ node }, sensor) => node.traverse(({ material }) => {
+      if (material) images[sensor].decode().then(() => draw(material, images[sensor]), () => {}); // the next came first
+    }));
+  }
+
+  function draw(material, image) {
+    material.emissiveMap.image = image;
+    material.emissiveMap.needsUpdate = true;
+    render();
+  }
+
+  let playing = null;
+  function play() {
+    clearInterval(playing);
+    if (atRest()) slider.value = 0;
+    playing = setInterval(() => {
+      slider.stepUp();
+      if (atRest()) clearInterval(playing);
+      apply();
+    }, 120);
+    apply();
   }
 
   function restore() {
@@ -97,6 +137,7 @@
       grasp.checked = true;
       state.grasp = grasp.value;
     }
+    if (slider && asked.has("frame")) slider.value = asked.get("frame");
     const hidden = (asked.get("hide") ?? "").split(",");
     for (const box of document.querySelectorAll("input[data-kind]")) {
       if (asked.has("hide")) box.checked = !hidden.includes(box.dataset.kind);
@@ -106,8 +147,8 @@
 
   function prepare(node) {
     const name = node.userData.name ?? node.name;
-    const [group, kind] = name.split(" ");
-    leaves.push({ node, group, kind });
+    const [group, kind, ...rest] = name.split(" ");
+    leaves.push({ node, group, kind, name: rest.join(" ") });
     node.traverse((part) => {
       if (!part.material) return;
       part.frustumCulled = false;
@@ -135,6 +176,8 @@
       apply();
     });
   }
+  slider?.addEventListener("input", apply);
+  document.getElementById("play")?.addEventListener("click", play);
   function fade(slider) {
     const opacity = Number(slider.value);
     for (const { node, kind } of leaves) {

@@ -27,6 +27,15 @@ OTHER_RANGE = "{extends: digit, range: 0.024}"
     ],
     ids=["samples", "method", "thumb_share", "hand", "lights", "range", "points", "levels", "split"],
 )
+def test_frames_are_added_to_a_run_that_stays_as_it_is(finished):
+    """And nothing of them is in one that asks for none."""
+    assert not list(finished.run.glob("*/*frame*")) and not list(finished.run.glob("*frame*"))
+    jobs = finished.changed(frames={"count": 3, "images": 2}).jobs("dataset")
+    added = {"frames", "frame_images", "animation"}
+    assert {job.rule for job in jobs} == added | {"validate_batch", "validation", "rejected", "dataset"}
+    assert finished.changed(frames={"count": 3}).planned("frames/batch-0000.zarr") == {"frames"}
+
+
 def test_a_change_runs_again_what_depends_on_it(finished, tmp_path, config, first, others):
     if "sensor" in config.get("touch", {}):
         (tmp_path / "own.yaml").write_text(config["touch"]["sensor"])

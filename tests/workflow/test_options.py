@@ -1,4 +1,4 @@
-"""Every option that is not the default, in one run: hand, sensor, cameras, lights, tracing, surface method, masters."""
+"""Every option that is not the default, in one run: hand, sensor, cameras, lights, tracing, surfaces, masters, frames."""
 
 from dataclasses import replace
 
@@ -52,6 +52,7 @@ def run(make_workflow, tmp_path_factory):
         vision={"size": SIZE, "samples": 2, "device": "cpu", "exr": True, "background": "transparent"}
         | {"cameras": CAMERAS, "lights": [{"kind": "point", "energy": 9, "position": [1, -1, 2]}]},
         mesh={"collision_faces": 500, "levels": [200, 100]},
+        frames={"count": 6, "images": 3},
     )
     result = workflow("dataset", "validate")
     assert result.returncode == 0, result.stderr
@@ -81,6 +82,25 @@ def test_masters_hold_what_the_store_holds(run):
             for grasp in range(GRASPS):
                 image = read_layers(run / f"exr/batch-0000/{name}-grasp-{grasp}{end}.exr").image(None)
                 np.testing.assert_array_equal(image.depth, stored["occluded_depth"][number, grasp, camera])
+
+
+def test_the_last_frame_is_the_grasp_with_its_touch_and_images(run):
+    for record in palpate.Dataset(run):
+        for grasp in record.grasps:
+            frames = grasp.frames
+            assert len(frames) == 6 and list(frames.image_frame) == [0, 2, 5]
+            for name in ("joint_positions", "link_pose", "sensor_position", "sensor_rotation", "success", "depth"):
+                np.testing.assert_array_equal(getattr(frames, name)[-1], getattr(grasp, name), err_msg=name)
+            np.testing.assert_array_equal(frames.reading[-1], grasp.reading)
+            np.testing.assert_array_equal(frames.occluded[-1], grasp.occluded)
+            np.testing.assert_array_equal(grasp.seen_by(1).frames.occluded[-1], grasp.seen_by(1).occluded)
+            assert (frames.reading[0][~frames.success[0]] == (90, 120, 100)).all()  # the gel's image
+            assert (frames.occluded[0] != frames.occluded[-1]).any()
+
+
+def test_frames_have_a_figure_that_moves(run):
+    with Image.open(run / "figures/closing.gif") as figure:
+        assert figure.n_frames == 6 and figure.info["loop"] == 0
 
 
 def test_cameras_are_those_of_the_config(run):

@@ -234,6 +234,8 @@ def test_data_do_not_depend_on_batch_size_or_cores(finished, make_workflow):
         ({"source": {"kind": "folder", "path": "no/such"}}, "no/such: no such folder"),
         ({"classes": [{"class": "cup", "objects": 1}]}, "the class cup has its meshes there"),
         ({"classes": [{"class": "can", "objects": 9}]}, "2 meshes of class can, the config asks for 9"),
+        ({"frames": {"count": 3, "images": 4}}, "frames.images: at most frames.count, 3"),
+        ({"frames": {"count": 102}}, "frames.count: at a time step of 0.004 s at most 101"),
         ({"grasps": {"per_object": 10}}, "attempts must be at least per_object"),
         ({"grasps": {"hand": {"mjcf": "no.xml", "sensors": "no.yaml"}}}, "no.xml: no such file"),
     ],

@@ -26,6 +26,7 @@ def explain_target(path):
         f"by name: {', '.join(NAMED_TARGETS)}",
         f"tables/<table>.csv, .md, .tex: {', '.join(product_names('tables', OFFERED))}",
         f"figures/<figure>.png: {', '.join(product_names('figures', OFFERED))}",
+        f"figures/<figure>.gif: {', '.join(product_names('figures', OFFERED, 'gif')) or 'of runs with frames'}",
         f"models/<experiment>/seed-<seed>/best.ckpt, evaluations/<experiment>/seed-<seed>.csv: "
         f"{', '.join(trained(EXPERIMENTS.experiments))}; seeds {', '.join(map(str, seeds))}",
         f"meshes/<batch>, <stage>/<batch>.zarr, grasps/<batch>.h5: {BATCHES[0]} to {BATCHES[-1]}",

@@ -2,7 +2,7 @@
 from palpate import stages
 from palpate.results import products, published
 
-FORMS = {"tables": ["csv", "md", "tex"], "figures": ["png"]}
+TABLE_FORMS = ["csv", "md", "tex"]
 # What the fields in names of products stand for: the run's classes by their names in files, the paper's models.
 FIELDS = {
     "class_name": {catalogue.file_name(name): name for name in CLASS_COUNTS},
@@ -70,15 +70,22 @@ def evaluations_of(names, folder="evaluations"):
 
 def product_files(product):
     names = expand(product.name, **FIELDS)
-    return expand(f"{product.kind}/{{name}}.{{form}}", name=names, form=FORMS[product.kind])
+    forms = TABLE_FORMS if product.kind == "tables" else product.form
+    return expand(f"{product.kind}/{{name}}.{{form}}", name=names, form=forms)
 
 
-def product_names(kind, chosen):
-    return [name for each in chosen if each.kind == kind for name in expand(each.name, **FIELDS)]
+def product_names(kind, chosen, form="png"):
+    mine = [each for each in chosen if (each.kind, each.form) == (kind, form)]
+    return [name for each in mine for name in expand(each.name, **FIELDS)]
+
+
+def is_asked(product):
+    """Whether the config asks for the stores that a product reads."""
+    return all(stages.STAGES[each].is_asked(config) for each in product.stores)
 
 
 # What the config allows to ask for, and what `all` makes of it.
-PRODUCTS = [each for each in products.products() if not (RELEASED and each.simulated)]
+PRODUCTS = [each for each in products.products() if is_asked(each) and not (RELEASED and each.simulated)]
 OFFERED = [each for each in PRODUCTS if all(map(is_available, (each.evaluations, each.rings, each.selections)))]
 MADE = [each for each in OFFERED if not each.on_request]
 SOURCES = dict.fromkeys(source for each in MADE for source in (each.evaluations, each.rings) if source)
@@ -104,12 +111,11 @@ def product_inputs(wildcards):
     kind, name = kind_and_name(wildcards)
     product, _ = products.find(kind, name)
     files = {each: FILES[each] for each in product.files}
-    made = [each for each in map(stages.STAGES.get, product.stores) if each.is_asked(config)]
     if product.stores:
-        rejecting = ["released"] if RELEASED else [each.name for each in made if each.rejects]
+        rejecting = ["released"] if RELEASED else [each for each in product.stores if stages.STAGES[each].rejects]
         files["catalogue"] = "catalogue.csv"
         files["rejected"] = expand("rejected/{stage}/{batch}.csv", stage=rejecting, batch=BATCHES)
-    for stage in made:
+    for stage in map(stages.STAGES.get, product.stores):
         if not (RELEASED and stage.simulated):
             files[stage.name] = expand(stage.path(), batch=BATCHES)
     if product.models:

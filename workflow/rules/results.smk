@@ -30,3 +30,10 @@ use rule table as figure with:
     wildcard_constraints:
         figure="|".join(map(re.escape, product_names("figures", PRODUCTS))),
     priority: 1  # Those of Blender take half a minute, which a run would wait for at its end.
+
+
+use rule figure as animation with:
+    output:
+        figure=report("figures/{figure}.gif", caption="../report/product.rst", category=product_category),
+    wildcard_constraints:
+        figure="|".join(map(re.escape, product_names("figures", PRODUCTS, "gif"))) or "none",

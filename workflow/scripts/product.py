@@ -14,7 +14,7 @@ from palpate.experiments import Experiment
 from palpate.results import products
 
 log_to(snakemake.log[0])
-product, _ = products.find(f"{snakemake.rule}s", snakemake.wildcards[0])
+product, _ = products.find("tables" if snakemake.rule == "table" else "figures", snakemake.wildcards[0])
 make = product.load()  # first of all: it may load Blender, which comes before what loads embree
 
 from palpate.evaluation import rows  # noqa: E402
