@@ -15,7 +15,7 @@ import yaml
 # Keys of the config that had another name or are gone, by the end of their path, and what to do.
 FORMER_KEYS = {
     "evaluation.bootstrap": "this key is now called 'resamples'; rename it",
-    "views.renderings": "this key is now called 'published_renderings'; rename it",
+    "mesh.levels": "remove this key: no stage read further levels; decimate collision.ply yourself",
     "architecture.unsuccessful": "this key is now called 'failed_charts', and its value held 'fixed'; rename both",
 }
 # Values that had another name, by their key's path.

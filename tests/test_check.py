@@ -133,7 +133,7 @@ def test_the_example_is_the_runs_own_first_grasp(overlay, tmp_path):
     said: list[str] = []
     pictures = make_example(entry, root, config, settings.sensor, robot, tmp_path, said.append)
 
-    mesh.prepare(root / entry.source, tmp_path / "again", up="z", collision_faces=4000, levels=())
+    mesh.prepare(root / entry.source, tmp_path / "again", up="z", collision_faces=4000)
     visual = mesh.load_visual(tmp_path / "again")
     points = surface.sample(visual, 1000, generator(0, entry.object, "surface")) + mesh.OBJECT_POSITION
     rng = generator(0, entry.object, "grasps")

@@ -94,7 +94,7 @@ def test_pixels_of_pictures_beside_and_within(tmp_path):
         path.with_name("picture.png").write_bytes(b"\x89PNG" + bytes(100_000))
         assert texture_pixels(path) == 0
     noise.save(tmp_path / "gltf/picture.png")
-    loaded = mesh.prepare(tmp_path / "gltf/body.gltf", tmp_path / "out", levels=[])
+    loaded = mesh.prepare(tmp_path / "gltf/body.gltf", tmp_path / "out")
     assert loaded["source"]["replaced_textures"] == {}
     assert texture_pixels(tmp_path / "out/visual.glb") == 512 * 256
 
@@ -128,9 +128,9 @@ def test_files_outside_the_source_are_refused_unless_that_is_allowed(source, tmp
     path.with_suffix(".mtl").write_text("newmtl skin\nmap_Kd ../../../secret.png\n")
     assert companions(path, folder) == ["body.mtl"]
     assert companions(path, "/") == ["../../../secret.png", "body.mtl"]
-    record = mesh.prepare(path, tmp_path / "out", levels=[], root=folder)
+    record = mesh.prepare(path, tmp_path / "out", root=folder)
     assert "source.outside" in record["source"]["replaced_textures"]["../../../secret.png"]
-    assert mesh.prepare(path, tmp_path / "out", levels=[], root="/")["source"]["replaced_textures"] == {}
+    assert mesh.prepare(path, tmp_path / "out", root="/")["source"]["replaced_textures"] == {}
 
 
 def test_a_buffer_outside_is_refused(source, tmp_path):
@@ -140,8 +140,8 @@ def test_a_buffer_outside_is_refused(source, tmp_path):
     text = path.with_suffix(".gltf").read_text().replace("body.bin", str(tmp_path / "body.bin"))
     path.with_suffix(".gltf").write_text(text)
     with pytest.raises(mesh.UnusableObject, match="outside the source's folder"):
-        mesh.prepare(path.with_suffix(".gltf"), tmp_path / "out", levels=[], root=folder)
-    mesh.prepare(path.with_suffix(".gltf"), tmp_path / "out", levels=[], root="/")
+        mesh.prepare(path.with_suffix(".gltf"), tmp_path / "out", root=folder)
+    mesh.prepare(path.with_suffix(".gltf"), tmp_path / "out", root="/")
 
 
 def test_links_of_the_user_are_followed_and_those_of_a_name_are_not(source, tmp_path):

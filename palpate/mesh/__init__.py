@@ -4,7 +4,7 @@ Importing this package loads no engine: its constants and the paths of mesh file
 """
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -31,7 +31,6 @@ def prepare(
     folder: Path | str,
     up: str = "z",
     collision_faces: int = 4000,
-    levels: Sequence[int] = (1000,),
     scale: str | float = "diagonal",
     time_limit: float = 900.0,
     root: Path | str | None = None,
@@ -39,14 +38,14 @@ def prepare(
 ) -> dict[str, Any]:
     """Make the mesh files of one object from a source file of any of `FORMATS`.
 
-    Writes into the folder `visual.glb` (every face, materials and textures), `collision.ply` and `level-<faces>.ply`
-    (decimated, geometry only), all in the object's own frame (metres, z up, bounding-box centre at the origin), and
-    `mesh.json`: repairs, and the distance of each level from the source. Returns what `mesh.json` holds.
+    Writes into the folder `visual.glb` (every face, materials and textures) and `collision.ply` (decimated, geometry
+    only), both in the object's own frame (metres, z up, bounding-box centre at the origin), and `mesh.json`: repairs,
+    and the distance of the decimated mesh from the source. Returns what `mesh.json` holds.
 
     up: the source's up axis, "x", "y" or "z". turn: degrees about the vertical, after that. scale: "diagonal" for a
     bounding box with the diagonal `DIAGONAL`, "keep" for a file in metres, or the metres of a unit of the file. root:
-    the folder that textures and buffers have to be in; default: the one above the file's own. A mesh that has no more
-    faces than a level asks for is that level.
+    the folder that textures and buffers have to be in; default: the one above the file's own. A mesh of no more than
+    `collision_faces` faces is not decimated.
 
     Raises `UnusableObject` if the file can't be read, holds no surface, takes more than `time_limit` seconds, or is not
     `SMALLEST` to `LARGEST` across at its scale; OSError or MemoryError for a full disk or lack of memory.
@@ -56,9 +55,7 @@ def prepare(
     from palpate.mesh.build import build
 
     try:
-        return isolated(
-            build, source, folder, up, collision_faces, tuple(levels), scale, root, turn, seconds=time_limit
-        )
+        return isolated(build, source, folder, up, collision_faces, scale, root, turn, seconds=time_limit)
     except UnusableObject as error:
         message = str(error)
         raise UnusableObject(message if str(source) in message else f"{source}: {message}") from None
@@ -72,17 +69,6 @@ def facts(record: Mapping[str, Any]) -> dict[str, Any]:
     low, high = np.array(record["visual.glb"]["bounding_box"])
     shape = [float(length) / record["diagonal"] for length in (*(high - low), record["visual.glb"]["area"] ** 0.5)]
     return {"replaced": record["source"]["replaced_textures"], "shape": shape}
-
-
-def undecimated_levels(record: Mapping[str, Any]) -> dict[str, int]:
-    """The levels whose finer mesh had no more faces than they ask for, and its faces; record: of `mesh.json`."""
-    levels = {name: level for name, level in record.items() if isinstance(level, dict) and "asked" in level}
-    faces, found = record["visual.glb"]["faces"], {}
-    for name, level in sorted(levels.items(), key=lambda item: -item[1]["asked"]):
-        if faces <= level["asked"]:
-            found[name] = faces
-        faces = level["faces"]
-    return found
 
 
 def read_record(folder: Path | str) -> dict[str, Any]:

@@ -11,7 +11,7 @@ from palpate.batch import UnusableObject
 from palpate.camera import rotation_about
 from palpate.mesh import DIAGONAL, LARGEST, SMALLEST, VERSION, topology
 from palpate.mesh.decimate import decimate
-from palpate.mesh.distance import Surface, distance
+from palpate.mesh.distance import Surface, distances
 from palpate.mesh.load import load_parts
 from palpate.mesh.materials import make_explicit
 from palpate.mesh.repair import repair
@@ -28,7 +28,7 @@ COARSEST = 1e-4
 
 
 def build(
-    source: Path, folder: Path, up: str, collision_faces: int, levels, scale="diagonal", root=None, turn=0.0
+    source: Path, folder: Path, up: str, collision_faces: int, scale="diagonal", root=None, turn=0.0
 ) -> dict[str, Any]:
     """As `palpate.mesh.prepare`, in this process."""
     replaced: dict[str, str] = {}
@@ -82,8 +82,7 @@ def build(
         "repairs": repaired.counts,
         "visual.glb": _describe(vertices, faces) | {"see_through": see_through},
     }
-    counts = {"collision.ply": collision_faces} | {f"level-{count}.ply": count for count in levels}
-    record |= _write_levels(folder, vertices, faces, counts)
+    record["collision.ply"] = _write_collision(folder / "collision.ply", vertices, faces, collision_faces)
     (folder / "mesh.json").write_text(json.dumps(record, indent=1) + "\n")
     return record
 
@@ -183,21 +182,12 @@ def _describe(vertices, faces):
     }
 
 
-def _write_levels(folder, vertices, faces, counts):
-    """Write the levels (file name -> faces asked for) and return the record of each.
-
-    The coarser ones are made from the finer: a million faces collapse only once. All are measured against the whole
-    mesh; a level with as many faces is the whole mesh, at distance 0.
-    """
-    source, records = Surface(vertices, faces), {}
-    for name, count in sorted(counts.items(), key=lambda item: -item[1]):
-        vertices, faces = decimate(vertices, faces, count)
-        mesh = trimesh.Trimesh(vertices, faces, process=False, validate=False)
-        (folder / name).write_bytes(mesh.export(file_type="ply", vertex_normal=False))
-        there = back = {"mean": 0.0, "max": 0.0}
-        if len(faces) < len(source.faces):
-            level = Surface(vertices, faces)
-            there, back = distance(source, level), distance(level, source)
-        distances = {"source_to_level": there, "level_to_source": back}
-        records[name] = {"asked": count} | _describe(vertices, faces) | distances
-    return {name: records[name] for name in counts}
+def _write_collision(path, vertices, faces, count):
+    """Write the mesh decimated to `count` faces; returns its record, with its distance from the whole mesh."""
+    level = decimate(vertices, faces, count)
+    mesh = trimesh.Trimesh(*level, process=False, validate=False)
+    path.write_bytes(mesh.export(file_type="ply", vertex_normal=False))
+    there = back = {"mean": 0.0, "max": 0.0}
+    if len(level[1]) < len(faces):
+        there, back = distances(Surface(vertices, faces), Surface(*level))
+    return {"asked": count} | _describe(*level) | {"source_to_level": there, "level_to_source": back}

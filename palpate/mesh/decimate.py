@@ -20,11 +20,8 @@ def decimate(vertices: np.ndarray, faces: np.ndarray, count: int, *weights: floa
     mesh stay apart and keep their holes, if need be with more faces. Borders stay where they are, unless that keeps too
     many faces. weights: pymeshlab's `planarweight`, `qualitythr`.
     """
-    return (vertices, faces) if len(faces) <= count else collapse(vertices, faces, count, *weights)
-
-
-def collapse(vertices: np.ndarray, faces: np.ndarray, count: int, *weights: float) -> tuple[np.ndarray, np.ndarray]:
-    """As `decimate`, but pymeshlab is called even for a mesh that has no more than `count` faces."""
+    if len(faces) <= count:
+        return vertices, faces
     closed = topology.is_closed(faces)
     level = _collapsed(vertices, faces, count, True, *weights)
     if not closed and len(level[1]) > EXCESS * count:

@@ -4,7 +4,7 @@ import igl
 import numpy as np
 
 SAMPLES = 8_000
-ROUNDS, BEAM = 6, 250  # of the search for the largest distance, and triangles in each
+ROUNDS, FIRST, BEAM = 6, 4000, 250  # of the search for the largest distance; triangles in the first, and in each later
 
 
 class Surface:
@@ -13,7 +13,8 @@ class Surface:
     def __init__(self, vertices: np.ndarray, faces: np.ndarray):
         self.vertices = np.ascontiguousarray(vertices, dtype=np.float64)
         self.faces = np.ascontiguousarray(faces, dtype=np.int64)
-        self.corners = self.vertices[np.unique(self.faces)]
+        self.used = np.unique(self.faces)
+        self.corners = self.vertices[self.used]
         self.tree = igl.AABB()
         self.tree.init(self.vertices, self.faces)
 
@@ -40,16 +41,30 @@ def sample(vertices: np.ndarray, faces: np.ndarray, count: int) -> np.ndarray:
     return corner[:, 0] + u * (corner[:, 1] - corner[:, 0]) + v * (corner[:, 2] - corner[:, 0])
 
 
-def distance(source: Surface, target: Surface, samples: int = SAMPLES) -> dict[str, float]:
-    """Distance from `source` to `target`: `mean` over the area (sampled) and `max`, the largest found.
+def distances(one: Surface, other: Surface) -> tuple[dict[str, float], dict[str, float]]:
+    """Distance of two surfaces, from the first to the second and back: `mean` over the area of the surface that it
+    starts from (sampled), and `max`, the largest found.
 
-    Of points spread evenly by area, the source's corners, its points nearest to the target's corners, and, finer and
-    finer, the triangles whose middle is farthest.
+    Of points spread evenly by area, the corners, the points nearest to the other surface's corners, and, finer and
+    finer, the triangles whose middle is farthest, beginning with those whose corners are.
     """
-    spread, _ = target.closest(sample(source.vertices, source.faces, samples))
-    _, feet = source.closest(target.corners)
-    largest = max(spread.max(), target.closest(source.corners)[0].max(), target.closest(feet)[0].max())
-    triangles = source.vertices[source.faces]
+    from_one, from_other = other.closest(one.corners), one.closest(other.corners)
+    return _distance(one, other, from_one[0], *from_other), _distance(other, one, from_other[0], *from_one)
+
+
+def _distance(source: Surface, target: Surface, corners, back, feet) -> dict[str, float]:
+    """One way of `distances`. corners: distances of the source's corners; back: those of the target's corners, and
+    feet, the source's points nearest to them."""
+    spread, _ = target.closest(sample(source.vertices, source.faces, SAMPLES))
+    largest = max(spread.max(), corners.max())
+    # A foot is no farther from the target than the corner that it belongs to is from it.
+    farther = feet[back > largest]
+    if len(farther):
+        largest = max(largest, target.closest(farther)[0].max())
+    at_corner = np.zeros(len(source.vertices))
+    at_corner[source.used] = corners
+    order = np.argsort(-at_corner[source.faces].sum(axis=1), kind="stable")
+    triangles = source.vertices[source.faces[order[:FIRST]]]
     for _ in range(ROUNDS):
         found, _ = target.closest(triangles.mean(axis=1))
         largest = max(largest, found.max())

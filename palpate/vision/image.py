@@ -88,6 +88,9 @@ def over_background(combined: np.ndarray, background: tuple[float, float, float]
     """Premultiplied linear RGBA (..., 4) over a linear colour as sRGB (..., 3); over none, sRGBA (..., 4)."""
     colour, alpha = combined[..., :3], combined[..., 3:]
     if background is not None:
-        return srgb(colour + (1 - alpha) * np.asarray(background, dtype=np.float32))
+        behind = np.asarray(background, dtype=np.float32)
+        result, seen = np.broadcast_to(srgb(behind), colour.shape).copy(), combined.any(axis=-1)
+        result[seen] = srgb(colour[seen] + (1 - alpha[seen]) * behind)
+        return result
     straight = np.divide(colour, alpha, out=np.zeros_like(colour), where=alpha > 0)
     return np.concatenate([srgb(straight), (alpha * 255 + 0.5).clip(0, 255).astype(np.uint8)], axis=-1)

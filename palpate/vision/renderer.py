@@ -8,6 +8,7 @@ Omitted, because the picture is the same, or within its noise (`studies/omitted/
 
 - the object alone is rendered once, whatever the number of grasps, and without the hand
 - the hand's meshes are built once, and only posed for each object and grasp
+- an object's geometry is given to Cycles once, not for each picture
 - pixels outside the rectangle of what is drawn, which show the background
 - all samples but one for mask and depth
 - a file's cameras, lamps, and unused materials
@@ -18,7 +19,8 @@ import logging
 import shutil
 import tempfile
 import weakref
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -124,7 +126,7 @@ class Renderer:
         self._omitted_pixels = 0
         grasps = range(len(scene.link_pose))
         seen = [(replace(scene, camera=each), f"-camera-{k}" if k else "") for k, each in enumerate(cameras)]
-        with _TemporaryData():
+        with self._temporary_data():
             self._light(scene.lights, scene.object_position)
             points = self._import(scene.visual_file, scene.object_position)
             unoccluded = []
@@ -157,23 +159,17 @@ class Renderer:
     def render_views(self, scene: Scene, cameras: Sequence[Camera]) -> list[Image]:
         """The object of a scene alone over white, from each of the cameras instead of its own.
 
-        The file is read once, and Cycles keeps its data. The lamps go with the camera, so that no view shows the dark
-        side. Raises UnusableObject if the file can't be read or holds no triangles.
+        The file is read once. The lamps go with the camera, so that no view shows the dark side. Raises UnusableObject if the file can't be read or holds no triangles.
         """
         self._take_hand(None)
         self._omitted_pixels = 0
-        render = self._scene.render
-        with _TemporaryData():
+        with self._temporary_data():
             lamps = self._light(scene.lights, scene.object_position)
             points = self._import(scene.visual_file, scene.object_position)
             layers = []
-            render.use_persistent_data = True
-            try:
-                for camera in cameras:
-                    _pose_lamps(lamps, scene.object_position, camera.rotation @ scene.camera.rotation.T)
-                    layers.append(self._draw(camera, points))
-            finally:
-                render.use_persistent_data = False
+            for camera in cameras:
+                _pose_lamps(lamps, scene.object_position, camera.rotation @ scene.camera.rotation.T)
+                layers.append(self._draw(camera, points))
         again = f"{max(0, len(layers) - 1)} imports of the object"
         self._log_omitted(scene, again, sum(each.index.size for each in layers))
         return [each.image(WHITE) for each in layers]
@@ -198,7 +194,7 @@ class Renderer:
         camera: default, the paper's. samples: default, the renderer's. background: linear RGB; None is transparent.
         """
         self._take_hand(hand)
-        with _TemporaryData():
+        with self._temporary_data():
             self._light(LIGHTS, OBJECT_POSITION)
             drawn = [np.zeros((0, 3))]
             if visual_glb is not None:
@@ -211,6 +207,17 @@ class Renderer:
                 drawn.append(self._pose_hand(link_pose))
             layers = self._draw(camera or paper_camera(), np.concatenate(drawn), samples=samples)
         return layers.image(background)
+
+    @contextmanager
+    def _temporary_data(self) -> Iterator[None]:
+        """Removes data blocks that were added to Blender within the context; Cycles keeps its data for as long."""
+        before = {block.session_uid for block in _blocks()}
+        self._scene.render.use_persistent_data = True
+        try:
+            yield
+        finally:
+            self._scene.render.use_persistent_data = False  # which frees them
+            bpy.data.batch_remove([block for block in _blocks() if block.session_uid not in before])
 
     def _take_hand(self, hand: Hand | None) -> None:
         """Build the hand's meshes, unless they are there from the scene before; hidden until posed."""
@@ -345,16 +352,6 @@ class Renderer:
         return layers
 
 
-class _TemporaryData:
-    """Removes data blocks that were added to Blender within the context."""
-
-    def __enter__(self) -> None:
-        self._before = {block.session_uid for block in _blocks()}
-
-    def __exit__(self, *_) -> None:
-        bpy.data.batch_remove([block for block in _blocks() if block.session_uid not in self._before])
-
-
 def _blocks() -> list:
     """All of Blender's data that a file can bring."""
     blocks = [block for kind in DATA for block in getattr(bpy.data, kind)]
@@ -392,7 +389,6 @@ def _set_up_render(scene, threads: int, device: str) -> None:
     render.film_transparent = True
     render.use_compositing = render.use_sequencer = False
     render.use_border, render.use_crop_to_border = True, False
-    render.use_persistent_data = False
     settings = render.image_settings
     settings.file_format, settings.color_depth, settings.exr_codec = "OPEN_EXR_MULTILAYER", "32", "NONE"
     layer.use_pass_z = layer.use_pass_object_index = True

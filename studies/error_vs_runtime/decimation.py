@@ -8,7 +8,7 @@ import igl
 import numpy as np
 
 from palpate.mesh.decimate import PLANAR_WEIGHT, QUALITY, decimate
-from palpate.mesh.distance import Surface, distance
+from palpate.mesh.distance import Surface, distances
 from palpate.mesh.load import load_parts
 from palpate.mesh.repair import repair
 from studies.error_vs_runtime.study import Method, Study, variants
@@ -59,14 +59,13 @@ class Decimation(Study):
     def errors(self, case: Source, result: Mesh) -> dict[str, float]:
         if not 0 < len(result[1]) < len(case.faces):
             return dict.fromkeys(self.units, float("nan"))
-        level = Surface(*result)
-        to_level, to_source = distance(case.surface, level), distance(level, case.surface)
+        to_level, to_source = distances(case.surface, Surface(*result))
         largest, mean = max(to_level["max"], to_source["max"]), (to_level["mean"] + to_source["mean"]) / 2
         return {"distance": 1e3 * largest, "mean distance": 1e3 * mean, "faces": len(result[1])}
 
 
 def load_source(folder: Path) -> Source:
-    """The visual mesh in a folder, its seams merged, as its levels were made from it."""
+    """The visual mesh in a folder, its seams merged, as `collision.ply` was made from it."""
     parts = load_parts(folder / "visual.glb")
     start = np.cumsum([0] + [len(part.vertices) for part in parts])
     vertices = np.concatenate([part.vertices for part in parts]).astype(np.float64)

@@ -92,7 +92,7 @@ class NaiveRenderer(Renderer):
         items = {**CYCLES_WITH, **CYCLES_WITHOUT}
         changed = [settings for item, settings in items.items() if self._changed(item)]
         self.cycles = {name: value for settings in changed for name, value in settings.items()}
-        if self._changed("scene for every view"):
+        if self._changed("geometry for every picture"):
             self._scene.render.use_persistent_data = False
         return super()._draw(*arguments, **options)
 

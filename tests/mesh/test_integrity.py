@@ -27,10 +27,10 @@ def cut(path, lines: int, characters: int = 0):
 @pytest.mark.parametrize("by", ["vertex", "face"])
 def test_fewer_faces_than_it_says(tmp_path, suffix, by):
     path = write(tmp_path / "in", suffix, RED, by=by)
-    assert mesh.prepare(path, tmp_path / "whole", levels=[])["visual.glb"]["faces"] == TRIANGLES
+    assert mesh.prepare(path, tmp_path / "whole")["visual.glb"]["faces"] == TRIANGLES
     for lines, left in ((202, TRIANGLES - 202), (TRIANGLES, 0)):
         with pytest.raises(UnusableObject, match=f"says {TRIANGLES:,} faces, and has {left:,}"):
-            mesh.prepare(cut(write(tmp_path / "cut", suffix, RED, by=by), lines), tmp_path / "out", levels=[])
+            mesh.prepare(cut(write(tmp_path / "cut", suffix, RED, by=by), lines), tmp_path / "out")
 
 
 @pytest.mark.parametrize("suffix", ["ply", "off"])
@@ -38,14 +38,14 @@ def test_a_file_that_ends_within_a_face(tmp_path, suffix):
     path = write(tmp_path, suffix)
     last = len(path.read_text().splitlines()[-1].split()[-1])
     with pytest.raises(UnusableObject, match=f"says {TRIANGLES:,} faces, and has {TRIANGLES - 1:,}"):
-        mesh.prepare(cut(path, 0, last), tmp_path / "out", levels=[])
+        mesh.prepare(cut(path, 0, last), tmp_path / "out")
 
 
 def test_counts_in_the_first_line_and_comments_of_an_off(tmp_path):
     path = write(tmp_path, "off")
     head, counts, *rest = path.read_text().splitlines()
     path.write_text("\n".join([f"{head} {counts} # counts", "", "# corners", *rest]))
-    assert mesh.prepare(path, tmp_path / "out", levels=[])["visual.glb"]["faces"] == TRIANGLES
+    assert mesh.prepare(path, tmp_path / "out")["visual.glb"]["faces"] == TRIANGLES
 
 
 @pytest.mark.parametrize("face", ["f 0 1 2", "f 1 2 0", "f 1/1 0/2 2/3", "f 3//1 0//1 1//1", "f  2 1\t0 "])
@@ -54,9 +54,9 @@ def test_vertex_0_of_an_obj(tmp_path, face):
     path = tmp_path / "a.obj"
     path.write_text("\n".join([*lines, "f 1 2 3", face, "f 1 3 4", ""]))
     with pytest.raises(UnusableObject, match="vertex 0"):
-        mesh.prepare(path, tmp_path / "out", levels=[])
+        mesh.prepare(path, tmp_path / "out")
     path.write_text("\n".join([*lines, "f 1 2 3", "f 1 3 4", "f 2 3 4", "# f 0 0 0", ""]))
-    assert mesh.prepare(path, tmp_path / "out", levels=[])["visual.glb"]["faces"] == 3
+    assert mesh.prepare(path, tmp_path / "out")["visual.glb"]["faces"] == 3
 
 
 def test_an_accessor_of_a_million_million(tmp_path):
@@ -67,14 +67,14 @@ def test_an_accessor_of_a_million_million(tmp_path):
         accessor = {key: value for key, value in accessor.items() if value is not None}
         path.write_text(json.dumps(tree | {"accessors": [accessor, *tree["accessors"][1:]]}))
         with pytest.raises(UnusableObject, match="accessor 0 says"):
-            mesh.prepare(path, tmp_path / "out", levels=[])
+            mesh.prepare(path, tmp_path / "out")
 
 
 def test_json_that_is_nested_too_deep(tmp_path):
     path = tmp_path / "a.gltf"
     path.write_text('{"a":' + "[" * 200_000 + "]" * 200_000 + "}")
     with pytest.raises(UnusableObject, match="nested too deep"):
-        mesh.prepare(path, tmp_path / "out", levels=[])
+        mesh.prepare(path, tmp_path / "out")
 
 
 def test_a_3mf_that_is_a_bomb(tmp_path):
@@ -86,7 +86,7 @@ def test_a_3mf_that_is_a_bomb(tmp_path):
         for _ in range(600):
             file.write(b" " * 1_000_000)
     with pytest.raises(UnusableObject, match="600 MB unpacked"):
-        mesh.prepare(path, tmp_path / "out", levels=[])
+        mesh.prepare(path, tmp_path / "out")
 
 
 def test_colours_of_an_off_in_shares_of_one_and_of_single_triangles(tmp_path):
@@ -94,7 +94,7 @@ def test_colours_of_an_off_in_shares_of_one_and_of_single_triangles(tmp_path):
     rows = ["COFF", "4 4 0", "0 0 0 1.0 0.0 0.0 1.0", "1 0 0 0.0 1.0 0.0 1.0", "0 1 0 0.0 0.0 1.0 1.0",
             "0 0 1 1.0 1.0 1.0 1.0", "3 0 2 1", "3 0 1 3", "3 0 3 2", "3 1 2 3"]  # fmt: skip
     (tmp_path / "a.off").write_text("\n".join(rows))
-    mesh.prepare(tmp_path / "a.off", tmp_path / "out", levels=[])
+    mesh.prepare(tmp_path / "a.off", tmp_path / "out")
     (part,) = trimesh.load_scene(tmp_path / "out/visual.glb", process=False).geometry.values()
     colours = {tuple(row) for row in np.asarray(part.visual.vertex_attributes["color"])[:, :3].tolist()}
     assert colours == {(255, 0, 0), (0, 255, 0), (0, 0, 255), (255, 255, 255)}
@@ -113,7 +113,7 @@ def test_colours_of_vertices_in_gltf_of_two_bytes(tmp_path):
     tree["accessors"].append(accessor)
     tree["meshes"][0]["primitives"][0]["attributes"]["COLOR_0"] = 3
     path.write_text(json.dumps(tree))
-    mesh.prepare(path, tmp_path / "out", levels=[])
+    mesh.prepare(path, tmp_path / "out")
     (part,) = trimesh.load_scene(tmp_path / "out/visual.glb", process=False).geometry.values()
     assert np.unique(part.visual.vertex_attributes["color"], axis=0).tolist() == [[255, 128, 255, 255]]
 
@@ -122,5 +122,5 @@ def test_a_picture_is_measured_by_its_head(tmp_path):
     """A file of a few bytes that says it has 60,000 pixels a side is not decoded."""
     path = write(tmp_path, "obj", texture=True)
     PIL.Image.new("1", (60_000, 1)).save(tmp_path / "picture.png")
-    record = mesh.prepare(path, tmp_path / "out", levels=[])
+    record = mesh.prepare(path, tmp_path / "out")
     assert "60000 x 1 pixels" in record["source"]["replaced_textures"]["picture.png"]

@@ -25,7 +25,7 @@ LOOKS = {"red": {"colour": RED}, "white": {"colour": WHITE}, "plain": {"colour":
 
 def rendered(path, folder):
     """The image of what is made of a file, and the materials that are written."""
-    mesh.prepare(path, folder, up="z", collision_faces=100, levels=[])
+    mesh.prepare(path, folder, up="z", collision_faces=100)
     data = (folder / "visual.glb").read_bytes()
     materials = json.loads(data[20 : 20 + int.from_bytes(data[12:16], "little")])["materials"]
     (image,) = Renderer(samples=4, device="cpu").render(Scene(folder, camera=paper_camera(128)))[:1]

@@ -22,7 +22,7 @@ def prepared(tmp_path_factory):
     folders = {}
     for name, path in nasty.usable(root / "in").items():
         folders[name] = root / "out" / name
-        mesh.prepare(path, folders[name], collision_faces=FACES, levels=())
+        mesh.prepare(path, folders[name], collision_faces=FACES)
     return folders
 
 

@@ -1,4 +1,4 @@
-"""The mesh files of an object: levels and their stated errors, up axes, determinism, protection."""
+"""The mesh files of an object: the decimated mesh and its stated error, up axes, determinism, protection."""
 
 import faulthandler
 import hashlib
@@ -18,12 +18,12 @@ from palpate import checksums, mesh
 from palpate.batch import UnusableObject
 from palpate.checksums import DamagedFile
 from palpate.mesh import topology
-from palpate.mesh.decimate import collapse, decimate
-from palpate.mesh.distance import Surface, distance
+from palpate.mesh.decimate import decimate
+from palpate.mesh.distance import Surface, distances
 from palpate.mesh.isolation import isolated
 from tests.mesh import nasty
 
-NAMES = ["visual.glb", "collision.ply", "level-500.ply", "mesh.json"]
+NAMES = ["visual.glb", "collision.ply", "mesh.json"]
 
 
 def digests(folder):
@@ -37,40 +37,36 @@ def knotted(tmp_path_factory):
     torus = trimesh.creation.torus(0.3, 0.1, major_sections=80, minor_sections=40)
     torus.vertices *= 1 + 0.02 * np.sin(30 * torus.vertices)
     torus.export(root / "torus.ply")
-    return root, mesh.prepare(root / "torus.ply", root / "out", collision_faces=2000, levels=(500, 1000))
+    return root, mesh.prepare(root / "torus.ply", root / "out", collision_faces=2000)
 
 
 def test_stated_errors_hold_against_sampled_ones(knotted):
     """Both ways: points by trimesh, distances by a k-d tree over 300,000 points of the other surface."""
     root, record = knotted
     source = mesh.load_visual(root / "out")
-    for name in ("collision.ply", "level-500.ply"):
-        level = trimesh.load_mesh(root / "out" / name, process=False)
-        for direction, start, end in (("source_to_level", source, level), ("level_to_source", level, source)):
-            stated = record[name][direction]
-            points, _ = trimesh.sample.sample_surface(start, 10_000, seed=1)
-            dense, _ = trimesh.sample.sample_surface(end, 300_000, seed=2)
-            apart, _ = cKDTree(dense).query(points)
-            spacing = np.sqrt(end.area / 300_000)
-            # The nearest sample is up to about a spacing beside the nearest point.
-            floor = np.sqrt(np.maximum(apart**2 - (2 * spacing) ** 2, 0))
-            assert floor.max() <= stated["max"] * 1.02
-            assert stated["max"] <= apart.max() * 1.3
-            assert floor.mean() <= stated["mean"] <= apart.mean()
+    level = mesh.load_collision(root / "out")
+    for direction, start, end in (("source_to_level", source, level), ("level_to_source", level, source)):
+        stated = record["collision.ply"][direction]
+        points, _ = trimesh.sample.sample_surface(start, 10_000, seed=1)
+        dense, _ = trimesh.sample.sample_surface(end, 300_000, seed=2)
+        apart, _ = cKDTree(dense).query(points)
+        spacing = np.sqrt(end.area / 300_000)
+        # The nearest sample is up to about a spacing beside the nearest point.
+        floor = np.sqrt(np.maximum(apart**2 - (2 * spacing) ** 2, 0))
+        assert floor.max() <= stated["max"] * 1.02
+        assert stated["max"] <= apart.max() * 1.3
+        assert floor.mean() <= stated["mean"] <= apart.mean()
 
 
-def test_levels_have_the_faces_asked_for_and_stay_closed(knotted):
+def test_the_decimated_mesh_has_the_faces_asked_for_and_stays_closed(knotted):
     root, record = knotted
-    for name, count in (("collision.ply", 2000), ("level-1000.ply", 1000), ("level-500.ply", 500)):
-        level = trimesh.load_mesh(root / "out" / name, process=False)
-        assert len(level.faces) == record[name]["faces"] <= count
-        assert level.is_watertight
-        assert level.is_winding_consistent
-        assert level.euler_number == 0  # still a torus
-        assert level.volume == pytest.approx(record[name]["volume"], rel=1e-5)
-        assert level.volume == pytest.approx(record["visual.glb"]["volume"], rel=0.02)
-    errors = [record[f"{name}.ply"]["level_to_source"]["mean"] for name in ("collision", "level-1000", "level-500")]
-    assert errors == sorted(errors)
+    level, stated = mesh.load_collision(root / "out"), record["collision.ply"]
+    assert len(level.faces) == stated["faces"] <= 2000
+    assert level.is_watertight
+    assert level.is_winding_consistent
+    assert level.euler_number == 0  # still a torus
+    assert level.volume == pytest.approx(stated["volume"], rel=1e-5)
+    assert level.volume == pytest.approx(record["visual.glb"]["volume"], rel=0.02)
 
 
 def test_a_turned_object_is_turned_about_the_vertical_before_it_is_scaled(tmp_path):
@@ -89,58 +85,20 @@ def test_a_turned_object_is_turned_about_the_vertical_before_it_is_scaled(tmp_pa
     assert np.linalg.norm(np.ptp(found, axis=0)) == pytest.approx(0.5)
 
 
-def test_a_small_mesh_is_its_own_level(tmp_path):
+def test_a_small_mesh_is_not_decimated(tmp_path):
     path = tmp_path / "box.stl"
     trimesh.creation.box().export(path)
     record = mesh.prepare(path, tmp_path / "out")
-    assert record["collision.ply"]["faces"] == record["level-1000.ply"]["faces"] == 12
+    assert record["collision.ply"]["faces"] == 12
     assert record["collision.ply"]["source_to_level"] == {"mean": 0, "max": 0}
     collision, visual = mesh.load_collision(tmp_path / "out"), mesh.load_visual(tmp_path / "out")
     assert np.array_equal(collision.triangles, visual.triangles)
 
 
-def test_a_mesh_that_is_small_already_is_not_decimated():
-    solid = trimesh.creation.box((0.04, 0.04, 0.45)).subdivide().subdivide()
-    vertices, faces = np.float32(solid.vertices).astype(float), np.asarray(solid.faces, dtype=np.int64)
-    same = decimate(vertices, faces, len(faces))
-    assert same[0] is vertices and same[1] is faces
-    collapsed = collapse(vertices, faces, len(faces))
-    assert collapsed[0] is not vertices
-    np.testing.assert_array_equal(collapsed[0], vertices)
-    np.testing.assert_array_equal(collapsed[1], faces)
-    assert len(decimate(vertices, faces, len(faces) // 2)[1]) <= len(faces) // 2
-
-
-@pytest.mark.parametrize("seed", range(6))
-def test_decimating_an_untidy_mesh_to_all_its_faces_changes_nothing(seed):
-    """Holes, faces folded back, and faces across the solid: edges with three faces and more."""
-    rng = np.random.default_rng(seed)
-    ball = trimesh.creation.icosphere(subdivisions=2)
-    faces = ball.faces[rng.random(len(ball.faces)) < 0.8]
-    across = rng.permuted(np.tile(np.arange(len(ball.vertices)), (10, 1)), axis=1)[:, :3]
-    faces = np.concatenate([faces, faces[:5, ::-1], across])
-    used, faces = np.unique(faces, return_inverse=True)
-    vertices = np.float32(ball.vertices[used]).astype(float)
-    faces = faces.reshape(-1, 3).astype(np.int64)
-    for count in (len(faces), 2 * len(faces)):
-        found = collapse(vertices, faces, count)
-        np.testing.assert_array_equal(found[0], vertices)
-        np.testing.assert_array_equal(found[1], faces)
-
-
 def test_the_distance_of_a_surface_to_itself_is_rounding(knotted):
     collision = mesh.load_collision(knotted[0] / "out")
     level = Surface(np.asarray(collision.vertices), np.asarray(collision.faces, dtype=np.int64))
-    assert 0 < distance(level, level)["max"] < 1e-9
-
-
-def test_levels_that_are_not_decimated_are_named(tmp_path):
-    """At 12 * 4**3 faces asked for, the level is the mesh; the coarser ones are decimated."""
-    solid = trimesh.creation.box((0.04, 0.04, 0.45)).subdivide().subdivide().subdivide()
-    solid.export(tmp_path / "rod.ply")
-    faces = len(solid.faces)
-    record = mesh.prepare(tmp_path / "rod.ply", tmp_path / "a", collision_faces=faces, levels=(faces // 2, faces - 1))
-    assert mesh.undecimated_levels(record) == {"collision.ply": faces}
+    assert 0 < distances(level, level)[0]["max"] < 1e-9
 
 
 def test_borders_are_preserved():
@@ -195,9 +153,9 @@ def test_y_up_fronts_face_as_in_blender(tmp_path):
 def test_the_same_file_gives_the_same_bytes(file, tmp_path):
     nasty.USABLE[file](tmp_path / file)
     for run in ("first", "second"):
-        mesh.prepare(tmp_path / file, tmp_path / run, collision_faces=200, levels=(100,))
+        mesh.prepare(tmp_path / file, tmp_path / run, collision_faces=200)
     assert digests(tmp_path / "first") == digests(tmp_path / "second")
-    assert len(digests(tmp_path / "first")) == 4
+    assert len(digests(tmp_path / "first")) == 3
 
 
 def test_mesh_json_is_what_prepare_returns(knotted):

@@ -30,7 +30,7 @@ def stays_closed(source, out) -> dict:
     for part in parts:
         part.merge_vertices(merge_tex=True, merge_norm=True, digits_vertex=12)
     assert all(part.is_watertight for part in parts)
-    record = mesh.prepare(source, out, collision_faces=10**6, levels=())
+    record = mesh.prepare(source, out, collision_faces=10**6)
     facts = record["visual.glb"]
     assert facts["closed"]
     assert facts["volume"] / record["scale"] ** 3 == pytest.approx(sum(part.volume for part in parts), rel=1e-5)

@@ -14,7 +14,7 @@ MUG = np.array([0.08, 0.12, 0.095])  # m
 
 def written(path, extents, **options):
     trimesh.creation.box(extents).apply_translation((3, -2, 1)).export(path / "box.stl")
-    return mesh.prepare(path / "box.stl", path / "out", collision_faces=100, levels=(), **options)
+    return mesh.prepare(path / "box.stl", path / "out", collision_faces=100, **options)
 
 
 @pytest.mark.parametrize(

@@ -75,7 +75,7 @@ CASES = {
 
 
 def prepared(path, folder):
-    record = mesh.prepare(path, folder, up="z", collision_faces=100, levels=[])
+    record = mesh.prepare(path, folder, up="z", collision_faces=100)
     data = (folder / "visual.glb").read_bytes()
     return record, json.loads(data[20 : 20 + int.from_bytes(data[12:16], "little")])
 

@@ -36,7 +36,7 @@ def build_run(folder: Path, objects: list[str], grasps: int = 2, vision=None) ->
         class_name, index = name.split("-")
         source = shapes.write(class_name, int(index), folder / f"{name}.glb")
         meshes = folder / "meshes" / BATCH / name
-        prepare(source, meshes, collision_faces=1000, levels=())
+        prepare(source, meshes, collision_faces=1000)
         mesh, rng = load_visual(meshes), generator(0, name, "test")
         points = surface.sample(mesh, 10000, rng) + OBJECT_POSITION
         tracer = RayCaster(mesh, OBJECT_POSITION)

@@ -51,7 +51,7 @@ def test_materials_are_those_of_the_glb(class_name, tmp_path):
     """As they are drawn: metallic, roughness and colour of each material, whichever format an object comes in."""
     found = {}
     for end in ("glb", "obj"):
-        prepare(write(class_name, 2, tmp_path / f"it.{end}"), tmp_path / end, levels=[])
+        prepare(write(class_name, 2, tmp_path / f"it.{end}"), tmp_path / end)
         parts = trimesh.load_scene(tmp_path / end / "visual.glb", process=False).geometry.values()
         materials = [part.visual.material for part in parts]
         found[end] = {each.name.removeprefix("it-"): each for each in materials}

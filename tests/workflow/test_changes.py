@@ -22,10 +22,10 @@ OTHER_RANGE = "{extends: digit, range: 0.024}"
         ({"touch": {"sensor": OTHER_LIGHT}}, "touch", {"table"}),
         ({"touch": {"sensor": OTHER_RANGE}}, "grasps", AFTER_GRASPS),
         ({"surface": {"points": 2000}}, "surface", {"grasps", *AFTER_GRASPS}),
-        ({"mesh": {"levels": [500]}}, "meshes", {"surface", "grasps", *AFTER_GRASPS}),
+        ({"mesh": {"collision_faces": 500}}, "meshes", {"surface", "grasps", *AFTER_GRASPS}),
         ({"split": {"train": 1, "validation": 0, "test": 1}}, "catalogue_batch", {"catalogue", "table"}),
     ],
-    ids=["samples", "method", "thumb_share", "hand", "lights", "range", "points", "levels", "split"],
+    ids=["samples", "method", "thumb_share", "hand", "lights", "range", "points", "faces", "split"],
 )
 def test_frames_are_added_to_a_run_that_stays_as_it_is(finished):
     """And nothing of them is in one that asks for none."""

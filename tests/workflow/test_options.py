@@ -51,7 +51,7 @@ def run(make_workflow, tmp_path_factory):
         touch={"method": "sphere_tracing", "sensor": str(hand / "own.yaml")},
         vision={"size": SIZE, "samples": 2, "device": "cpu", "exr": True, "background": "transparent"}
         | {"cameras": CAMERAS, "lights": [{"kind": "point", "energy": 9, "position": [1, -1, 2]}]},
-        mesh={"collision_faces": 500, "levels": [200, 100]},
+        mesh={"collision_faces": 500},
         frames={"count": 6, "images": 3},
     )
     result = workflow("dataset", "validate")
@@ -69,7 +69,7 @@ def test_sizes_are_those_of_the_config(run):
     assert dataset.sensor.name == "own" and dataset.sensor.gel_radius == 0.02
     assert (dataset.empty_reading == (90, 120, 100)).all() and (dataset.sensor.background == (90, 120, 100)).all()
     names = {path.name for path in dataset[0].mesh.iterdir()}
-    assert names == {"visual.glb", "collision.ply", "level-200.ply", "level-100.ply", "mesh.json"}
+    assert names == {"visual.glb", "collision.ply", "mesh.json"}
 
 
 def test_masters_hold_what_the_store_holds(run):

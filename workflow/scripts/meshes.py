@@ -2,7 +2,6 @@
 
 meshes/<batch>/<object>/visual.glb       full resolution, materials and textures; own frame, metres
                         collision.ply    what the hand collides with
-                        level-<n>.ply    further decimation levels
                         mesh.json        faces, repairs made, measured distance to the source
                 made_from.json          what they were made from
                 manifest.json           sizes and checksums of all these files
@@ -44,7 +43,6 @@ with (
                 scale=scale,
                 turn=turn,
                 collision_faces=settings["collision_faces"],
-                levels=settings["levels"],
                 root=files,
             )
         except BaseException:
@@ -52,8 +50,8 @@ with (
             raise
         finally:  # an object is not rejected, either, for a file that was being written
             catalogue.require_unchanged(sources / file, checksum_of[name], files)
-        for level, faces in mesh.undecimated_levels(record).items():
-            log.info("%s: omitted: decimation to %s: the mesh has %s faces", name, level, f"{faces:,}")
+        if (faces := record["visual.glb"]["faces"]) <= settings["collision_faces"]:
+            log.info("%s: omitted: decimation: the mesh has %s faces", name, f"{faces:,}")
         return mesh.facts(record)
 
     facts, rejections = each_object(objects, prepare, "meshes")

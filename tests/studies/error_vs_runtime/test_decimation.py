@@ -11,7 +11,7 @@ from studies.error_vs_runtime.decimation import Source, load_source, study
 from studies.subjects import Subject
 
 FACES = 1500
-SETTINGS = {"mesh": {"collision_faces": FACES, "levels": []}}
+SETTINGS = {"mesh": {"collision_faces": FACES}}
 
 
 @pytest.fixture(scope="module")
@@ -19,7 +19,7 @@ def subject(tmp_path_factory):
     """A bottle of several parts, prepared as in a run."""
     folder = tmp_path_factory.mktemp("bottle")
     shapes.make("bottle", 1).export(folder / "source.glb")
-    mesh.prepare(folder / "source.glb", folder / "mesh", collision_faces=FACES, levels=())
+    mesh.prepare(folder / "source.glb", folder / "mesh", collision_faces=FACES)
     return Subject("bottle-0001", "bottle", "batch-0000", folder / "mesh")
 
 

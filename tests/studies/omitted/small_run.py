@@ -30,7 +30,7 @@ def build(run: Path) -> Subject:
     folder = run / "meshes" / BATCH / NAME
     run.mkdir(parents=True, exist_ok=True)
     beam().export(run / "beam.ply")
-    mesh.prepare(run / "beam.ply", folder, collision_faces=SETTINGS["mesh"]["collision_faces"], levels=())
+    mesh.prepare(run / "beam.ply", folder, collision_faces=SETTINGS["mesh"]["collision_faces"])
     visual, collision = mesh.load_visual(folder), mesh.load_collision(folder)
     points = surface.sample(visual, 2000, generator(0, NAME, "surface")) + np.array(OBJECT_POSITION)
     found = grasp_object(visual, collision, points, allegro(), generator(0, NAME, "grasps"), per_object=2, attempts=2)

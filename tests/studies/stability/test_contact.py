@@ -39,7 +39,7 @@ from studies.subjects import Subject
 def subject(tmp_path_factory):
     folder = tmp_path_factory.mktemp("run")
     source = shapes.write("knife", 1, folder / "source")
-    prepare(source, folder / "meshes", levels=())
+    prepare(source, folder / "meshes")
     return Subject("knife-0001", "knife", "batch-0000", folder / "meshes")
 
 
