@@ -39,7 +39,7 @@ scene = Scene.from_grasps(
 sensed = {}
 for name in ("digit", "gelsight_mini", "dome360"):
     sensor = load(name)
-    sensed[name] = touch.sense_scene(scene, touch.scene_tracer(scene, "embree", sensor))
+    sensed[name] = touch.sense_scene(scene, touch.scene_tracer(scene, sensor))
     touched = sensed[name].success
     size = f"{1000 * sensor.width:.1f} mm wide, {sensor.resolution[0]} x {sensor.resolution[1]} pixels"
     print(f"{name}: {size}, {touched.sum()} of {touched.size} sensors touch")

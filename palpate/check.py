@@ -317,8 +317,8 @@ def make_example(
         root / entry.source, folder, up=entry.up, turn=entry.turn, scale=entry.scale, root=files, **config["mesh"]
     )
     visual, collision = mesh.load_visual(folder), mesh.load_collision(folder)
-    count, method = config["surface"]["points"], config["surface"]["method"]
-    points = surface.sample(visual, count, generator(seed, name, "surface"), method) + mesh.OBJECT_POSITION
+    points = surface.sample(visual, config["surface"]["points"], generator(seed, name, "surface"))
+    points += mesh.OBJECT_POSITION
     vision = scene.draw(config["vision"], seed, name)
     look = {key: getattr(scene, key)(vision) for key in ("lights", "background")}
     made, readings = scene.Scene(folder, **look), {}
@@ -327,7 +327,7 @@ def make_example(
         rng = generator(seed, name, "grasps")
         found = grasp.grasp_object(visual, collision, points, hand, rng, sensor=touch_sensor, **one)
         made = scene.Scene.from_grasps(folder, {key: getattr(found, key) for key in scene.GRASP_ARRAYS}, hand, **look)
-        sensed = touch.sense_scene(made, touch.scene_tracer(made, config["touch"]["method"], touch_sensor))
+        sensed = touch.sense_scene(made, touch.scene_tracer(made, touch_sensor))
         filled = fill_untouched(sensed.reading[0], sensed.success[0], touch.empty_reading(touch_sensor))
         for sensor_name, reading, on in zip(hand.sensor_names, filled, sensed.success[0], strict=True):
             readings[sensor_name if on else f"{sensor_name}: no touch"] = reading

@@ -15,6 +15,9 @@ import yaml
 # Keys of the config that had another name or are gone, by the end of their path, and what to do.
 FORMER_KEYS = {
     "evaluation.bootstrap": "this key is now called 'resamples'; rename it",
+    "views.published_renderings": "remove this key: views are rendered",
+    "surface.method": "remove this key: points are sampled by rays",
+    "touch.method": "remove this key: sensors are traced by rays",
     "mesh.levels": "remove this key: no stage read further levels; decimate collision.ply yourself",
     "architecture.unsuccessful": "this key is now called 'failed_charts', and its value held 'fixed'; rename both",
 }

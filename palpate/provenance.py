@@ -18,7 +18,7 @@ from palpate.rebuild_command import rebuild_advice
 
 RECORD = "made_from.json"
 # Keys of the config that say where something is or how it is computed; what they name is in the contents.
-NOT_CONTENT = ("device", "exr", "hand", "published_renderings")
+NOT_CONTENT = ("device", "exr", "hand")
 
 
 class MixedInputs(ValueError):

@@ -166,16 +166,6 @@ class Sensor:
         return ", ".join(f"{key} {mine[key]} and {theirs[key]}" for key in GEOMETRY if mine[key] != theirs[key])
 
 
-def warn_of_shallow(shallow: int, touches: int) -> list[str]:
-    """A sentence if most of some touches are shallow; see `palpate.touch.shallow_touches`."""
-    if 2 * shallow <= touches:
-        return []
-    return [
-        f"{shallow} of {touches} touches are nearer to the end of the sensor's range than to the gel's face: are the "
-        "hand's sensors where its gels are? `palpate check` draws them; docs/grasps.md, Your own hand"
-    ]
-
-
 def pixel_centres(resolution: int, width: float) -> np.ndarray:
     """(resolution,) centres of the pixels of a sensor `width` metres wide, along y or z."""
     return ((np.arange(resolution) + 0.5) / resolution - 0.5) * width

@@ -139,7 +139,7 @@ def test_the_example_is_the_runs_own_first_grasp(overlay, tmp_path):
     rng = generator(0, entry.object, "grasps")
     found = grasp.grasp_object(visual, mesh.load_collision(tmp_path / "again"), points, robot, rng, max_attempts=60)
     made = Scene.from_grasps(tmp_path / "again", {key: getattr(found, key) for key in GRASP_ARRAYS}, robot)
-    sensed = touch.sense_scene(made, touch.scene_tracer(made, "embree", DIGIT))
+    sensed = touch.sense_scene(made, touch.scene_tracer(made, DIGIT))
     readings = np.where(sensed.success[..., None, None, None], sensed.reading, touch.empty_reading(DIGIT))
     assert list(pictures)[:2] == ["image", "in the hand"] and len(said) == 1
     shown = np.stack(list(pictures.values())[2:])

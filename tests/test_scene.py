@@ -41,14 +41,13 @@ def test_an_object_alone_has_no_grasps_and_poses_need_a_hand(tmp_path):
         Scene(tmp_path, None, grasps()["link_pose"])
 
 
-@pytest.mark.parametrize("method", touch.TRACERS)
-def test_touch_reads_a_scene(tmp_path, method):
+def test_touch_reads_a_scene(tmp_path):
     ball = trimesh.creation.icosphere(subdivisions=3, radius=0.12)
     (tmp_path / "visual.glb").write_bytes(trimesh.Scene([ball]).export(file_type="glb"))
     scene = Scene.from_grasps(tmp_path, grasps(), HAND)
-    sensed = touch.sense_scene(scene, touch.scene_tracer(scene, method))
+    sensed = touch.sense_scene(scene, touch.scene_tracer(scene))
     assert sensed.depth.shape == (2, 4, 100, 100) and sensed.success.any()
-    tracer = touch.TRACERS[method](load_visual(tmp_path), OBJECT_POSITION)
+    tracer = touch.RayCaster(load_visual(tmp_path), OBJECT_POSITION)
     flat = touch.sense(tracer, scene.sensor_position.reshape(-1, 3), scene.sensor_rotation.reshape(-1, 3, 3))
     np.testing.assert_array_equal(sensed.depth.reshape(flat.depth.shape), flat.depth)
     moved = Scene.from_grasps(tmp_path, grasps(), HAND, object_position=(5.0, 0, 0))

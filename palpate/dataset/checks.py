@@ -33,7 +33,6 @@ EXACT = 1e-6  # metres, or per unit of a rotation: float32 coordinates below 1 m
 DEPTH_STEP = 2.0**-10  # relative: the step of a float16 between 1 and 2 m, twice that between 2 and 4 m
 HAND_REACH = 0.5  # metres: no part of a hand that touches an object is further from it
 NEAR = 1e-3  # metres around a cloud in which faces are looked at first
-BORDER = 1e-4  # metres: this close to the edge of a sensor's range, tracers need not agree whether it touches
 OUTLINE = 0.01  # share of pixels: one whose centre lies on an outline may fall on either side of it
 OUTLINE_PIXELS = 5  # so many may do so in any picture: of a small or thin object they are a larger share
 
@@ -56,7 +55,7 @@ with Path(__file__).with_suffix(".csv").open(encoding="utf-8", newline="") as fi
 
 
 # Checks that need a compiled engine of the extra `factory`, and the engine.
-ENGINES = {"on mesh": "igl", "touches": "embreex", "picture of mesh": "embreex"}
+ENGINES = {"on mesh": "igl", "picture of mesh": "embreex"}
 
 
 @cache
@@ -320,24 +319,7 @@ def check_together(item: CheckedObject) -> Measured:
     position = np.abs(grasps["sensor_position"] - touch["position"]).max(axis=2)
     rotation = np.abs(grasps["sensor_rotation"] - touch["rotation"]).max(axis=(2, 3))
     yield "sensor poses", np.maximum(position, rotation)
-    if can_check("touches"):
-        wrong = grasps["touches"] != touch["success"]
-        for index in zip(*np.nonzero(wrong), strict=True):
-            wrong[index] = not _borderline(item, touch["position"][index], touch["rotation"][index])
-        yield "touches", wrong
-
-
-def _borderline(item: CheckedObject, position: np.ndarray, rotation: np.ndarray) -> bool:
-    """Whether a shift of a sensor by `BORDER` along one of its axes would change its success."""
-    shifts = BORDER * np.concatenate([np.eye(3), np.zeros((1, 3)), -np.eye(3)]) @ rotation.T
-    from palpate.touch import RayCaster
-
-    caster = RayCaster(item.mesh, sensor=item.sensor)
-    try:
-        touches = caster.succeeds(position + shifts, np.tile(rotation, (len(shifts), 1, 1)))
-    except ValueError:  # no pose at all
-        return False
-    return bool(touches.any() and not touches.all())
+    yield "touches", grasps["touches"] != touch["success"]
 
 
 def rotation_error(rotations: np.ndarray) -> np.ndarray:

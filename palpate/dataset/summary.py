@@ -11,17 +11,14 @@ from palpate.catalogue import SPLITS, CatalogueError, assign_split
 from palpate.dataset.reader import Dataset, ObjectRecord
 from palpate.dataset.run import Run
 from palpate.mesh import FACTS
-from palpate.sensor import warn_of_shallow
 from palpate.store import CONTRACT, StoreError
 
 MOST_REASONS = 3
-SAMPLED_BATCHES = 20  # whose touches are looked at
 ALIKE = 1e-4  # diagonals: of sides and root of the area, of objects that look like copies
 
 
 def summary(folder: Path | str) -> list[str]:
-    """Lines on the objects of a run: how many are used, rejected with the commonest reasons, and in each split; and a
-    warning if most touches are shallow.
+    """Lines on the objects of a run: how many are used, rejected with the commonest reasons, and in each split.
 
     An object is used if no stage has rejected it so far. Empty if the run has no catalogue yet.
     """
@@ -42,20 +39,7 @@ def summary(folder: Path | str) -> list[str]:
         lines.append(f"  {len(same)} at {stage}: {same[0]}{' (the first; numbers differ)' if len({*same}) > 1 else ''}")
     if len(reasons) > MOST_REASONS:
         lines.append(f"  and {len(reasons) - MOST_REASONS} other reasons")
-    return [*lines, *_remarks(run, rejected), *(f"  warning: {line}" for line in _warn_of_touches(run))]
-
-
-def _warn_of_touches(run: Run) -> list[str]:
-    """A sentence if most touches of the run's first batches are shallow."""
-    counts = Counter()
-    made = [batch for batch in run.batches if (run.folder / CONTRACT["touch"].path(batch)).exists()]
-    for batch in made[:SAMPLED_BATCHES]:
-        try:
-            attributes = run.store("touch", batch).attributes
-        except StoreError:  # which validation names
-            continue
-        counts.update({key: attributes.get(key, 0) for key in ("shallow", "touches")})
-    return warn_of_shallow(counts["shallow"], counts["touches"])
+    return [*lines, *_remarks(run, rejected)]
 
 
 def _remarks(run: Run, rejected: set[str]) -> Iterator[str]:

@@ -13,26 +13,26 @@ PLANAR_WEIGHT = 1e-6
 QUALITY = 0.3  # shapes of triangles no worse than this (1 for equilateral) count as equally good: pymeshlab's default
 
 
-def decimate(vertices: np.ndarray, faces: np.ndarray, count: int, *weights: float) -> tuple[np.ndarray, np.ndarray]:
+def decimate(vertices: np.ndarray, faces: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
     """Vertices (m, 3), rounded to float32, and faces (k, 3) of the mesh with about `count` faces.
 
     A mesh that has no more than `count` faces comes back as it is. A closed mesh stays closed, and the pieces of any
     mesh stay apart and keep their holes, if need be with more faces. Borders stay where they are, unless that keeps too
-    many faces. weights: pymeshlab's `planarweight`, `qualitythr`.
+    many faces.
     """
     if len(faces) <= count:
         return vertices, faces
     closed = topology.is_closed(faces)
-    level = _collapsed(vertices, faces, count, True, *weights)
+    level = _collapsed(vertices, faces, count, True)
     if not closed and len(level[1]) > EXCESS * count:
-        looser = _collapsed(vertices, faces, count, False, *weights)
+        looser = _collapsed(vertices, faces, count, False)
         level = min(level, looser, key=lambda each: len(each[1]))
     if not len(level[1]) or (closed and not topology.is_closed(level[1])):
         return vertices, faces
     return level
 
 
-def _collapsed(vertices, faces, count, fixed_borders, planar_weight=PLANAR_WEIGHT, quality=QUALITY):
+def _collapsed(vertices, faces, count, fixed_borders):
     meshes = pymeshlab.MeshSet(verbose=False)
     meshes.add_mesh(pymeshlab.Mesh(vertices, faces))
     # All parameters: those not given pymeshlab takes from the call before, and results would depend on it.
@@ -41,7 +41,7 @@ def _collapsed(vertices, faces, count, fixed_borders, planar_weight=PLANAR_WEIGH
     fixed |= dict.fromkeys(("qualityweight", "autoclean", "selected"), False)
     fixed |= {"targetperc": 0.0, "boundaryweight": BORDER_WEIGHT, "preserveboundary": fixed_borders}
     meshes.meshing_decimation_quadric_edge_collapse(
-        targetfacenum=count, planarweight=planar_weight, qualitythr=quality, **fixed
+        targetfacenum=count, planarweight=PLANAR_WEIGHT, qualitythr=QUALITY, **fixed
     )
     meshes.meshing_remove_unreferenced_vertices()
     mesh = meshes.current_mesh()

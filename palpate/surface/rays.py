@@ -1,6 +1,7 @@
 """Exterior points by an exact visibility test: can a straight line leave from the point to infinity?"""
 
 import numpy as np
+import trimesh
 
 from palpate.surface.embree import RayMesh
 
@@ -21,11 +22,15 @@ def fibonacci_sphere(count: int) -> np.ndarray:
     return np.stack([radius * np.cos(angle), radius * np.sin(angle), height], axis=1)
 
 
-def sample_by_rays(mesh: RayMesh, count: int, rng: np.random.Generator, directions: int = DIRECTIONS) -> np.ndarray:
-    """(count, 3) float64 points, uniform by area: of candidates on all faces, those that see out.
+def sample(mesh: trimesh.Trimesh, count: int, rng: np.random.Generator, directions: int = DIRECTIONS) -> np.ndarray:
+    """Points (count, 3) float64, in the mesh's frame and in random order, uniform by area on its exterior surface.
 
-    Raises ValueError if so little of the surface is exterior that `count` points can't be found.
+    Exterior is what a straight line reaches from outside, through openings too; the mesh may be open, non-manifold or
+    flipped. Of candidates on all faces, those that see out are taken.
+
+    Raises ValueError for a mesh without area, or if so little of it is exterior that `count` points can't be found.
     """
+    mesh = RayMesh(mesh)
     found, drawn, missing = [], 0, count
     area = np.cumsum(np.linalg.norm(mesh.normals, axis=1))
     while missing > 0:

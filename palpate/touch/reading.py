@@ -9,14 +9,9 @@ from palpate.sensor import DIGIT, Sensor
 from palpate.touch.rays import RayCaster
 from palpate.touch.sensor import local_points
 from palpate.touch.shading import shade
-from palpate.touch.sphere_tracing import SphereTracer
-from palpate.touch.tracing import Tracer
 
 if TYPE_CHECKING:
     from palpate.scene import Scene
-
-# By the names that the config has for them.
-TRACERS = {"embree": RayCaster, "sphere_tracing": SphereTracer}
 
 
 class TouchReading(NamedTuple):
@@ -32,7 +27,7 @@ class TouchReading(NamedTuple):
     point_count: np.ndarray  # (...) int32, how many rows of `points` are points
 
 
-def sense(tracer: Tracer, position: np.ndarray, rotation: np.ndarray) -> TouchReading:
+def sense(tracer: RayCaster, position: np.ndarray, rotation: np.ndarray) -> TouchReading:
     """Simulate touch sensors at position (..., 3) and rotation (..., 3, 3), whose columns are the frame's axes.
 
     tracer: of the object and the kind of sensor. Raises ValueError for an invalid pose, and for a sensor in contact too
@@ -55,20 +50,11 @@ def sense(tracer: Tracer, position: np.ndarray, rotation: np.ndarray) -> TouchRe
     return TouchReading(*(array.reshape(*leading, *array.shape[1:]) for array in arrays))
 
 
-def shallow_touches(sensed: TouchReading, sensor: Sensor) -> int:
-    """How many touches are deepest nearer to the end of the sensor's range than to the gel's face on the hand.
-
-    Tilted fingers and edges beside the gel make a few; many, if the sensors are not where the hand's gels are.
-    """
-    deepest = (sensor.reach - sensed.depth[sensed.success]).max(axis=(1, 2), initial=-np.inf)
-    return int((deepest < (sensor.range - sensor.gel_face) / 2).sum())
+def scene_tracer(scene: "Scene", sensor: Sensor = DIGIT) -> RayCaster:
+    """The search tree of a scene's object for a kind of sensor."""
+    return RayCaster(load_visual(scene.object_folder), scene.object_position, sensor)
 
 
-def scene_tracer(scene: "Scene", method: str = "embree", sensor: Sensor = DIGIT) -> Tracer:
-    """The search tree of a scene's object for a kind of sensor, by a method of `TRACERS`."""
-    return TRACERS[method](load_visual(scene.object_folder), scene.object_position, sensor=sensor)
-
-
-def sense_scene(scene: "Scene", tracer: Tracer | None = None) -> TouchReading:
+def sense_scene(scene: "Scene", tracer: RayCaster | None = None) -> TouchReading:
     """What the sensors of a scene report, with leading axes (g, s). tracer: default, `scene_tracer(scene)`."""
     return sense(tracer or scene_tracer(scene), scene.sensor_position, scene.sensor_rotation)

@@ -15,7 +15,6 @@ Omitted, because the picture is the same, or within its noise (`studies/omitted/
 - light's paths beyond the bounces in `CYCLES`, caustics, and the tree of lights
 """
 
-import logging
 import shutil
 import tempfile
 import weakref
@@ -40,8 +39,6 @@ from palpate.mesh import OBJECT_POSITION  # noqa: E402
 from palpate.scene import LIGHTS, WHITE, Light, Scene  # noqa: E402
 from palpate.vision.image import Image, Layers, linear, read_layers, write_layers  # noqa: E402
 from palpate.vision.meshes import Mesh, link_mesh  # noqa: E402
-
-log = logging.getLogger(__name__)
 
 SAMPLES = 16
 # What a scene of CAD parts under a few lamps needs of Cycles, by Blender's names.
@@ -92,7 +89,6 @@ class Renderer:
         self._folder = Path(tempfile.mkdtemp(prefix="palpate-vision-", dir=shared if enough else None))
         weakref.finalize(self, shutil.rmtree, self._folder, ignore_errors=True)
         self._hand, self._links = None, []
-        self._omitted_pixels = 0
         bpy.ops.wm.read_factory_settings(use_empty=True)
         Renderer._alive = weakref.ref(self)
         self.device = _choose_device(device)
@@ -116,14 +112,13 @@ class Renderer:
         return self.render_cameras(scene, [scene.camera])[0]
 
     def render_cameras(self, scene: Scene, cameras: Sequence[Camera]) -> list[tuple[Image, list[Image]]]:
-        """What `render` gives, from each of the cameras instead of the scene's own; logs how much was omitted.
+        """What `render` gives, from each of the cameras instead of the scene's own.
 
         EXR files are named after the object, and the number of the camera if it is not the first. Raises UnusableObject
         if the object's file can't be read or holds no triangles, or if an image of the object alone doesn't show it;
         the next scene renders all the same.
         """
         self._take_hand(scene.hand)
-        self._omitted_pixels = 0
         grasps = range(len(scene.link_pose))
         seen = [(replace(scene, camera=each), f"-camera-{k}" if k else "") for k, each in enumerate(cameras)]
         with self._temporary_data():
@@ -139,8 +134,6 @@ class Renderer:
                         f"{suffix.replace('-', ' ')}: make its materials less transparent, or the object thicker"
                     )
             occluded = [[self._draw_occluded(each, points, grasp, suffix) for grasp in grasps] for each, suffix in seen]
-        again = f"{len(seen) * max(0, len(grasps) - 1)} renders of the object alone"
-        self._log_omitted(scene, again, (1 + len(grasps)) * sum(each.index.size for each in unoccluded))
         behind = None if scene.background is None else tuple(linear(scene.background))
         return [
             (alone.image(behind), [layers.image(behind) for layers in held])
@@ -159,10 +152,10 @@ class Renderer:
     def render_views(self, scene: Scene, cameras: Sequence[Camera]) -> list[Image]:
         """The object of a scene alone over white, from each of the cameras instead of its own.
 
-        The file is read once. The lamps go with the camera, so that no view shows the dark side. Raises UnusableObject if the file can't be read or holds no triangles.
+        The file is read once. The lamps go with the camera, so that no view shows the dark side. Raises
+        UnusableObject if the file can't be read or holds no triangles.
         """
         self._take_hand(None)
-        self._omitted_pixels = 0
         with self._temporary_data():
             lamps = self._light(scene.lights, scene.object_position)
             points = self._import(scene.visual_file, scene.object_position)
@@ -170,13 +163,7 @@ class Renderer:
             for camera in cameras:
                 _pose_lamps(lamps, scene.object_position, camera.rotation @ scene.camera.rotation.T)
                 layers.append(self._draw(camera, points))
-        again = f"{max(0, len(layers) - 1)} imports of the object"
-        self._log_omitted(scene, again, sum(each.index.size for each in layers))
         return [each.image(WHITE) for each in layers]
-
-    def _log_omitted(self, scene: Scene, again: str, pixels: int) -> None:
-        omitted = f"{again} again; {self._omitted_pixels:,} of {pixels:,} pixels around what is drawn"
-        log.info("%s: omitted: %s", scene.name, omitted)
 
     def render_meshes(
         self,
@@ -305,10 +292,8 @@ class Renderer:
         for name, value in {**CYCLES, **self.cycles}.items():
             setattr(self._scene.cycles, name, value)
         rectangle = self._rectangle(camera, points)
-        self._omitted_pixels += camera.size**2
         if rectangle is None:
             return Layers.empty(camera.size)
-        self._omitted_pixels -= int(np.prod(rectangle[1] - rectangle[0]))
         _crop(self._scene.render, camera.size, *rectangle)
         nearest = np.min(camera.project(points)[1])
         self._camera.data.clip_start = max(min(CLIP_START, nearest / 2), CLIP_START / 1000)

@@ -1,13 +1,14 @@
 """Decimation: how far a mesh with fewer faces is from its source, against the time it takes to make."""
 
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
 import igl
 import numpy as np
 
-from palpate.mesh.decimate import PLANAR_WEIGHT, QUALITY, decimate
+from palpate.mesh.decimate import decimate
 from palpate.mesh.distance import Surface, distances
 from palpate.mesh.load import load_parts
 from palpate.mesh.repair import repair
@@ -15,8 +16,6 @@ from studies.error_vs_runtime.study import Method, Study, variants
 from studies.subjects import Subject
 
 FACES = (250, 500, 1000, 2000, 4000, 8000)
-PLANAR_WEIGHTS = (0.0, PLANAR_WEIGHT, 1e-3)  # 0.001 is pymeshlab's own
-QUALITIES = (0.03, 0.1, QUALITY)
 Mesh = tuple[np.ndarray, np.ndarray]  # vertices (n, 3), m, and faces (f, 3)
 
 
@@ -47,13 +46,11 @@ class Decimation(Study):
         return load_source(subject.folder)
 
     def methods(self) -> list[Method]:
-        quadric, n = "quadric collapse (pymeshlab)", self.settings["mesh"]["collision_faces"]
+        n = self.settings["mesh"]["collision_faces"]
         faces = sorted({*FACES, n})
         return [
-            *variants(quadric, "faces", faces, lambda value: _by(decimate, value), n),
-            *variants(quadric, "planar weight", PLANAR_WEIGHTS, lambda w: _by(decimate, n, w), PLANAR_WEIGHT),
-            *variants(quadric, "quality", QUALITIES, lambda q: _by(decimate, n, PLANAR_WEIGHT, q), QUALITY),
-            *variants("quadric collapse (libigl)", "faces", faces, lambda value: _by(_by_libigl, value)),
+            *variants("quadric collapse (pymeshlab)", "faces", faces, partial(_by, decimate), n),
+            *variants("quadric collapse (libigl)", "faces", faces, partial(_by, _by_libigl)),
         ]
 
     def errors(self, case: Source, result: Mesh) -> dict[str, float]:
@@ -75,8 +72,8 @@ def load_source(folder: Path) -> Source:
     return Source(merged.vertices, faces, Surface(merged.vertices, faces))
 
 
-def _by(decimated: Callable[..., Mesh], *knobs: float) -> Callable[[Source], Mesh]:
-    return lambda case: decimated(case.vertices, case.faces, *knobs)
+def _by(decimated: Callable[..., Mesh], count: int) -> Callable[[Source], Mesh]:
+    return lambda case: decimated(case.vertices, case.faces, count)
 
 
 def _by_libigl(vertices: np.ndarray, faces: np.ndarray, count: int) -> Mesh:

@@ -1,6 +1,6 @@
 """Surface sampling: which area gets points and how evenly, against time."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from functools import partial
 from typing import NamedTuple
 
@@ -11,13 +11,11 @@ from scipy.spatial import cKDTree
 from scipy.stats import qmc
 
 from palpate.mesh import load_visual
-from palpate.surface.depth_maps import RESOLUTION, VIEWS, sample_by_depth_maps
 from palpate.surface.embree import RayMesh
-from palpate.surface.rays import DIRECTIONS, sample_by_rays, sees_out
+from palpate.surface.rays import DIRECTIONS, sample, sees_out
 from studies.error_vs_runtime.study import Method, Study, variants
 
 COUNTS = (16, 32, 64, 128, 256)  # directions of rays
-RESOLUTIONS = (64, 128, 256, 512)  # pixels along a depth map
 
 # Directions of the reference: four times as many find 0.1 % more exterior points on eight objects.
 REFERENCE = 1024
@@ -40,19 +38,17 @@ class Case(NamedTuple):
 
 
 class Sampled(NamedTuple):
-    """Points (k, 3), and a function that classifies the points of a case as exterior (n,)."""
+    """Points (k, 3) sampled by visibility in a number of directions."""
 
     points: np.ndarray
-    classifies: Callable[[Case], np.ndarray]
+    directions: int
 
 
 class Surface(Study):
-    """Visibility rays and depth maps, on two shapes whose exterior is known and on two objects.
+    """Visibility rays in more or fewer directions, on two shapes whose exterior is known and on two objects.
 
-    `misclassified` is the hidden area that gets points plus the exterior area that gets none. For depth maps it
-    does not depend on their resolution, because each pixel looks at a random spot of its square. Coarse maps err in
-    another way: they see fewer spots than there are points, and estimate worse how many maps see a spot. The Chamfer
-    distance shows that; it is not zero for exact samples either.
+    `misclassified` is the hidden area that gets points plus the exterior area that gets none. The Chamfer distance is
+    not zero for exact samples either.
     """
 
     stage = "surface"
@@ -70,37 +66,26 @@ class Surface(Study):
             yield subject.name, traced_case(load_visual(subject.folder))
 
     def methods(self) -> list[Method]:
-        directions, resolution = (
-            value if self.settings["surface"]["method"] == method else None
-            for method, value in (("rays", DIRECTIONS), ("depth_maps", RESOLUTION))
-        )
-        return [
-            *variants("rays", "directions", COUNTS, lambda n: partial(self._rays, n), directions),
-            *variants("6 depth maps", "pixels", RESOLUTIONS, lambda n: partial(self._maps, n), resolution),
-        ]
+        return variants("rays", "directions", COUNTS, lambda n: partial(self._rays, n), DIRECTIONS)
 
     def errors(self, case: Case, result: Sampled) -> dict[str, float]:
         exact = case.points[case.exterior]
         to_sampled, to_exterior = cKDTree(result.points).query(exact)[0], cKDTree(exact).query(result.points)[0]
         return {
-            "misclassified": 100 * (result.classifies(case) != case.exterior).sum() / len(exact),
+            "misclassified": 100 * (self.classify(result, case) != case.exterior).sum() / len(exact),
             "Chamfer distance": 1e3 * (to_sampled.mean() + to_exterior.mean()),
         }
 
     def _rays(self, directions: int, case: Case) -> Sampled:
         points = self.settings["surface"]["points"]
-        sampled = sample_by_rays(RayMesh(case.mesh), points, np.random.default_rng(0), directions)
-        return Sampled(sampled, partial(_visible_to_rays, directions))
+        sampled = sample(case.mesh, points, np.random.default_rng(0), directions)
+        return Sampled(sampled, directions)
 
-    def _maps(self, resolution: int, case: Case) -> Sampled:
-        points, random = self.settings["surface"]["points"], np.random.default_rng(0)
-        sampled = sample_by_depth_maps(RayMesh(case.mesh), points, random, resolution, VIEWS)
-        return Sampled(sampled, lambda case: visible(case.mesh, case.points, case.face, -VIEWS))
-
-
-def _visible_to_rays(directions: int, case: Case) -> np.ndarray:
-    mesh = RayMesh(case.mesh)
-    return sees_out(mesh, case.points, np.searchsorted(mesh.face, case.face), directions)
+    @staticmethod
+    def classify(result: Sampled, case: Case) -> np.ndarray:
+        """Which points of a case (n,) bool the method takes for exterior."""
+        mesh = RayMesh(case.mesh)
+        return sees_out(mesh, case.points, np.searchsorted(mesh.face, case.face), result.directions)
 
 
 def visible(mesh: trimesh.Trimesh, points: np.ndarray, face: np.ndarray, directions: np.ndarray) -> np.ndarray:

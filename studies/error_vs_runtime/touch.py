@@ -7,20 +7,16 @@ from typing import NamedTuple
 
 import numpy as np
 import trimesh
-from embreex.mesh_construction import TriangleMesh
-from embreex.rtcore_scene import EmbreeScene
 
 from palpate import mesh, store
-from palpate.touch import RESOLUTION, SENSOR_RANGE, RayCaster, SphereTracer, shade
-from palpate.touch.sensor import SENSOR_PLANE
-from palpate.touch.sphere_tracing import TOLERANCE
+from palpate.touch import RESOLUTION, RayCaster, shade
 from studies.error_vs_runtime.study import Method, Study, variants
 from studies.exact_depth import exact_depth
+from studies.sphere_tracing import SphereTracer
 from studies.subjects import Subject
 
 TOUCHES = 4  # of an object: the first that its grasps have
 TOLERANCES = (1e-3, 1e-4, 1e-5, 1e-6)  # m
-STEPS = (5, 10, 20, 50)  # at most; by default as many as a ray can take
 
 
 class Case(NamedTuple):
@@ -37,20 +33,9 @@ class Case(NamedTuple):
     reading: np.ndarray
 
 
-def traced_by_library(tracer: Callable, case: Case, **options) -> np.ndarray:
-    """Depth maps (k, 100, 100) of k sensors by one of the library's tracers, its search tree included."""
+def traced(tracer: Callable, case: Case, **options) -> np.ndarray:
+    """Depth maps (k, 100, 100) of k sensors by a tracer, its search tree included."""
     return tracer(case.visual, **options).trace(case.position, case.rotation)
-
-
-def traced_in_single_precision(case: Case) -> np.ndarray:
-    """Depth maps (k, 100, 100) from Embree's own distances, in single precision."""
-    scene, plane, depth = EmbreeScene(robust=True), SENSOR_PLANE.reshape(-1, 3), []
-    TriangleMesh(scene, case.visual.vertices.astype(np.float32), case.visual.faces.astype(np.int32))
-    for position, rotation in zip(case.position, case.rotation, strict=True):
-        rays = plane @ rotation.T + position, np.tile(rotation[:, 0], (len(plane), 1))
-        hit = scene.run(*(part.astype(np.float32) for part in rays), output=1)
-        depth.append(np.where((hit["primID"] >= 0) & (hit["tfar"] <= SENSOR_RANGE), hit["tfar"], np.inf))
-    return np.array(depth).reshape(-1, RESOLUTION, RESOLUTION)
 
 
 class TouchStudy(Study):
@@ -71,14 +56,15 @@ class TouchStudy(Study):
         return Case(visual, position, rotation, depth, shade(depth))
 
     def methods(self) -> list[Method]:
-        own, spheres = self.settings["touch"]["method"], partial(partial, traced_by_library, SphereTracer)
-        tolerance = TOLERANCE if own == "sphere_tracing" else None
         return [
-            Method("embree", "precision", "double", partial(traced_by_library, RayCaster), own == "embree"),
-            Method("embree alone", "precision", "single", traced_in_single_precision),
-            *variants("sphere tracing", "tolerance, m", TOLERANCES, lambda t: spheres(tolerance=t), tolerance),
-            *variants("sphere tracing", "steps", STEPS, lambda steps: spheres(max_steps=steps)),
+            Method("embree", "precision", "double", partial(traced, RayCaster), True),
+            *variants(
+                "sphere tracing", "tolerance, m", TOLERANCES, lambda t: partial(traced, SphereTracer, tolerance=t)
+            ),
         ]
+
+    def _spheres(self, tolerance: float) -> Callable[[Case], np.ndarray]:
+        return partial(traced, SphereTracer, tolerance=tolerance)
 
     def errors(self, case: Case, result: np.ndarray) -> dict[str, float]:
         """Errors of depth over pixels in range in both; of readings, over pixels in range in either."""

@@ -11,8 +11,8 @@ import zarr
 from palpate import store, touch
 from palpate.mesh import load_visual
 from palpate.sensor import DIGIT
-from palpate.touch import TouchReading, Tracer
-from palpate.touch.tracing import Block
+from palpate.touch import RayCaster, TouchReading
+from palpate.touch.rays import Block
 from studies.omitted.omission import Omission
 from studies.scenes import scene_of
 from studies.subjects import Subject
@@ -21,33 +21,28 @@ ATTRIBUTES = {"made_from": {}, "seed": 0, "sensor": DIGIT.description()}
 UNTOUCHED = "a sensor touches nothing"
 
 
-class EveryFace(Tracer):
+class EveryFace(RayCaster):
     """Traces faces outside the swept box, too."""
 
     def _near_faces(self, origin, rotation) -> np.ndarray:
         return np.arange(len(self._mesh.triangles))
 
 
-class EveryPixel(Tracer):
+class EveryPixel(RayCaster):
     """Traces pixels with no face in front of them, too."""
 
     def _block_in_reach(self, origin, rotation) -> Block:
         return Block(slice(0, touch.RESOLUTION), slice(0, touch.RESOLUTION))
 
 
-class EveryPixelForSuccess(Tracer):
+class EveryPixelForSuccess(RayCaster):
     """Continues after the first pixel in range, where only success is needed."""
 
     def _passes(self, block: Block) -> list[Block]:
         return [block]
 
 
-def naive(tracer: type[Tracer], *variants: type[Tracer]) -> type[Tracer]:
-    """A tracer class combined with variants of this module."""
-    return type("NaiveTracer", (*variants, tracer), {})
-
-
-def sense_every_reading(tracer: Tracer, *sensors: np.ndarray) -> TouchReading:
+def sense_every_reading(tracer: RayCaster, *sensors: np.ndarray) -> TouchReading:
     """As `touch.sense`, with the readings of sensors that touch nothing."""
     sensed = touch.sense(tracer, *sensors)
     for sensor in zip(*np.nonzero(~sensed.success), strict=True):
@@ -58,14 +53,14 @@ def sense_every_reading(tracer: Tracer, *sensors: np.ndarray) -> TouchReading:
 class TouchSubject:
     """The sensors of all grasps of an object, and tracers of its mesh."""
 
-    def __init__(self, run: Path, subject: Subject, method: str):
-        self.name, self.method = subject.name, touch.TRACERS[method]
+    def __init__(self, run: Path, subject: Subject):
+        self.name = subject.name
         self.scene, self.mesh = scene_of(run, subject), load_visual(subject.folder)
         self.sensors = self.scene.sensor_position, self.scene.sensor_rotation
 
-    def tracer(self, *variants: type[Tracer]) -> Tracer:
-        """The engine's tracer, or with variants a naive one."""
-        return naive(self.method, *variants)(self.mesh, self.scene.object_position)
+    def tracer(self, kind: type[RayCaster] = RayCaster) -> RayCaster:
+        """The engine's tracer, or a naive one."""
+        return kind(self.mesh, self.scene.object_position)
 
     def arrays(self, sensed: TouchReading) -> dict[str, np.ndarray]:
         """The store of this object alone."""
@@ -76,7 +71,7 @@ class TouchSubject:
 def omissions(run: Path, subjects: list[Subject], settings: Mapping) -> Iterator[Omission]:
     """Omissions for the sensors of all grasps of each object, and for the store of their readings."""
     for subject in subjects:
-        touched = TouchSubject(run, subject, settings["touch"]["method"])
+        touched = TouchSubject(run, subject)
         name, (position, rotation), engine = subject.name, touched.sensors, touched.tracer()
         flat = position.reshape(-1, 3), rotation.reshape(-1, 3, 3)
         for item, variant, method in (

@@ -23,11 +23,9 @@ from palpate.touch import (
     SENSOR_RANGE,
     SENSOR_WIDTH,
     RayCaster,
-    SphereTracer,
     sense,
     shade,
 )
-from palpate.touch.sphere_tracing import TOLERANCE
 from studies.exact_depth import PIXELS, Y, Z, exact_depth
 from studies.stability.cases import Cases, Finding, at_least, at_most, equal, rejects
 
@@ -128,10 +126,10 @@ def trace_depth(tracer, pose: Pose) -> np.ndarray:
     return tracer.trace(pose.position[None], pose.rotation[None])[0]
 
 
-def depths_of(mesh, seeds, method=RayCaster) -> np.ndarray:
+def depths_of(mesh, seeds) -> np.ndarray:
     """Depth maps (k, 100, 100) of a mesh in the sensor's frame, in each pose."""
     poses = map(random_pose, seeds)
-    return np.array([trace_depth(method(in_pose(mesh, pose)), pose) for pose in poses])
+    return np.array([trace_depth(RayCaster(in_pose(mesh, pose)), pose) for pose in poses])
 
 
 def agrees_with_exact(meshes, seeds=SEEDS, what: str = "") -> Iterator[Finding]:
@@ -193,9 +191,8 @@ def edge_on(subject):
 @CASES.case("sensor plane inside the mesh", "touch")
 def inside(subject):
     """The sensor sees the wall in front of it, whatever is behind the sensor plane or crosses it."""
-    for method, bound in ((RayCaster, ROUNDED), (SphereTracer, 1e3 * TOLERANCE + ROUNDED)):
-        off = float(1e3 * np.abs(depths_of(trimesh.creation.box((0.03, 0.05, 0.05)), SEEDS, method) - 0.015).max())
-        yield at_most(f"depth off in a box, {method.__name__}", off, bound, "mm")
+    off = float(1e3 * np.abs(depths_of(trimesh.creation.box((0.03, 0.05, 0.05)), SEEDS) - 0.015).max())
+    yield at_most("depth off in a box", off, ROUNDED, "mm")
     ball = trimesh.creation.icosphere(subdivisions=4, radius=0.012)
     yield from agrees_with_exact([ball], what=", a ball through the plane")
     # Its sides are parallel to the rays, from 5 mm behind the sensor plane to 5 mm before it: rays meet its front.
@@ -265,18 +262,17 @@ def far_from_the_origin(subject):
     ball = trimesh.creation.icosphere(subdivisions=4, radius=0.05)
     ball.apply_translation((0.055, 0, 0.02))
     here = in_pose(ball, pose)
-    expected = {method: trace_depth(method(here), pose) for method in (RayCaster, SphereTracer)}
+    expected = trace_depth(RayCaster(here), pose)
     shift = 1e6 * np.array([1.0, -0.7, 0.3])
     moved_pose = Pose(pose.position + shift, pose.rotation)
     moved = trimesh.Trimesh(here.vertices + shift, here.faces, process=False)
     # Both are given in doubles, that far out 1.2e-10 m apart; the ball's faces lean by up to 75 degrees.
     bound = 1e3 * 8 * np.spacing(1e6) + ROUNDED
-    for method, depth in expected.items():
-        for name, tracer in (("mesh", method(moved)), ("object_position", method(here, shift))):
-            result = trace_depth(tracer, moved_pose)
-            what = f"{method.__name__}, {name} at 1e6 m"
-            yield equal(f"flipped pixels, {what}", int((np.isfinite(result) != np.isfinite(depth)).sum()), 0)
-            yield at_most(f"depth changes, {what}", _largest_difference(result, depth), bound, "mm")
+    for name, tracer in (("mesh", RayCaster(moved)), ("object_position", RayCaster(here, shift))):
+        result = trace_depth(tracer, moved_pose)
+        flipped = int((np.isfinite(result) != np.isfinite(expected)).sum())
+        yield equal(f"flipped pixels, {name} at 1e6 m", flipped, 0)
+        yield at_most(f"depth changes, {name} at 1e6 m", _largest_difference(result, expected), bound, "mm")
     sensed = partial(sense, RayCaster(here, shift), moved_pose.position[None], moved_pose.rotation[None])
     reason = "too far from the origin for points in single precision"
     yield rejects("local points at 1e6 m", sensed, ValueError, reason)

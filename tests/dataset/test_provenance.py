@@ -26,7 +26,7 @@ CONFIG = {
     "mesh": {"collision_faces": 4000},
     "surface": {"points": 500},
     "grasps": {"thumb_share": 0.15, "hand": None},
-    "touch": {"method": "embree"},
+    "touch": {"sensor": {"range": 0.025}},
     "vision": {"size": 48, "device": "auto"},
 }
 INPUTS = {

@@ -12,13 +12,11 @@ import zarr
 import palpate.store
 from palpate import checksums
 from palpate.atomic import atomic_write
-from palpate.dataset.checks import CHECKS, CheckedObject, check_together, rotation_error
+from palpate.dataset.checks import CHECKS, rotation_error
 from palpate.dataset.validation import check_again, combine_validation, read_findings, validate_batch, write_findings
 from palpate.mesh import OBJECT_POSITION
 from palpate.sensor import DIGIT
 from palpate.store.files import seal
-from palpate.touch import RayCaster, SphereTracer
-from palpate.touch.sensor import PIXEL, SENSOR_RANGE, SENSOR_WIDTH
 
 BATCH, OBJECT = "batch-0001", "ball-0002"  # one object, two grasps
 PAIR = "batch-0000"  # two objects
@@ -438,37 +436,6 @@ def test_a_transparent_mesh_may_show_what_is_behind_it_only(run, see_through, sh
     edit("vision", change)(run)
     failed = {finding.check for finding in validate_batch(run, BATCH) if not finding.ok}
     assert failed == (set() if fits and see_through else {"picture of mesh"})
-
-
-@pytest.mark.parametrize(
-    ("beyond", "beside", "borderline"),
-    [
-        (5e-6, -0.1, True),  # just out of range: sphere tracing feels it already, ray casting does not
-        (-0.003, 5e-6, True),  # just beside the outermost pixels
-        (3e-4, -0.1, False),
-        (-3e-4, -0.1, False),
-        (-0.003, 3e-4, False),
-        (-0.003, -3e-4, False),
-    ],
-)
-def test_tracers_may_differ_only_where_a_touch_begins(built, beyond, beside, borderline):
-    """A sensor that looks aslant at a face of the block, of which it sees a part `beyond` (m) its range,
-    `beside` the face (m) by its outermost pixels; touch and grasp say the opposite of each other."""
-    item = CheckedObject({}, built / "meshes" / PAIR / "block-0000")
-    (low, _, _), (high, edge, top) = item.mesh.bounds
-    out = np.array([np.sin(np.pi / 3), 0, np.cos(np.pi / 3)])
-    rotation = np.stack([-out, [0, -1, 0], np.cross(-out, [0, -1, 0])], axis=1)
-    outermost = (SENSOR_WIDTH - PIXEL) / 2  # from the middle of the sensor to its first and last pixels
-    foot = np.array([(low + high) / 2, edge + outermost + beside, top + outermost * abs(rotation[2, 2])])
-    position = foot + out * (SENSOR_RANGE + beyond)
-    by_rays, by_spheres = (
-        tracer(item.mesh).succeeds(position[None], rotation[None]).item() for tracer in (RayCaster, SphereTracer)
-    )
-    assert by_rays != by_spheres if borderline else by_rays == by_spheres
-    pose, touches = (position[None, None], rotation[None, None]), np.array([[by_rays]])
-    item.rows["grasps"] = {"sensor_position": pose[0], "sensor_rotation": pose[1], "touches": touches}
-    item.rows["touch"] = {"position": pose[0], "rotation": pose[1], "success": ~touches}
-    assert dict(check_together(item))["touches"].item() == (not borderline)
 
 
 def test_the_limit_of_penetration_is_the_runs(run):

@@ -66,7 +66,7 @@ def test_a_batch_has_its_store_and_its_rejections(tmp_path):
         "points": np.zeros((1, 4, 4, 3)),
         "point_count": np.ones((1, 4), int),
     }
-    sensor, made_from = DIGIT.description(), combine({"touch": {"method": "embree"}})
+    sensor, made_from = DIGIT.description(), combine({"surface": {"points": 100}})
     path, table = tmp_path / "touch/batch-0000.zarr", tmp_path / "rejected/touch/batch-0000.csv"
     paths, results = {"touch": path, "rejected": table}, ({"a": felt}, rejections)
     write_batch(paths, "touch", results, 3, made_from, more, {"sensor": sensor})
@@ -75,4 +75,4 @@ def test_a_batch_has_its_store_and_its_rejections(tmp_path):
     assert found["object"].tolist() == ["a"]
     assert (found["empty_reading"] == 7).all() and (found["depth"] == 1).all()
     assert found.attributes["seed"] == 3 and found.attributes["sensor"] == sensor
-    assert found.made.config == {"touch.method": "embree"} and found.made.digest == found.digest
+    assert found.made.config == {"surface.points": 100} and found.made.digest == found.digest

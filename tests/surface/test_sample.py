@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import chi2
 
-from palpate.surface import METHODS, sample
+from palpate.surface import sample
 
 COUNT = 10_000
 
@@ -77,30 +77,27 @@ def cells_of_a_box(points, size, n):
     return ((axis * 2 + side) * n + u) * n + v
 
 
-@pytest.mark.parametrize("method", METHODS)
-def test_points_lie_on_the_mesh(method):
+def test_points_lie_on_the_mesh():
     mesh = trimesh.creation.torus(0.2, 0.06)
-    points = sample(mesh, COUNT, random(), method)
+    points = sample(mesh, COUNT, random())
     assert points.shape == (COUNT, 3) and points.dtype == np.float64
     assert distance_to(mesh, points).max() < 1e-9
 
 
-@pytest.mark.parametrize("method", METHODS)
-def test_a_box_inside_a_box_gets_no_points(method):
+def test_a_box_inside_a_box_gets_no_points():
     mesh = trimesh.util.concatenate([fine_box(0.2), fine_box(0.19), fine_box(0.05)])
-    points = sample(mesh, COUNT, random(), method)
+    points = sample(mesh, COUNT, random())
     np.testing.assert_allclose(np.abs(points).max(axis=1), 0.1, atol=1e-9)
 
 
-@pytest.mark.parametrize("method", METHODS)
-def test_uniform_on_a_box_with_very_unequal_faces(method):
+def test_uniform_on_a_box_with_very_unequal_faces():
     # One side in slivers and tiny faces, the others of two faces each.
     mesh = trimesh.creation.box((0.2,) * 3)
     chosen = np.flatnonzero(mesh.face_normals[:, 0] > 0.5)
     for _ in range(6):
         mesh = mesh.subdivide(face_index=chosen[:1])
         chosen = np.flatnonzero(mesh.face_normals[:, 0] > 0.5)
-    points = sample(mesh, COUNT, random(1), method)
+    points = sample(mesh, COUNT, random(1))
     assert spread(cells_of_a_box(points, 0.2, 6), 216) < 0.999
 
 
@@ -112,21 +109,19 @@ def test_uniform_on_a_sphere():
     assert spread(height * 12 + angle, 144) < 0.999
 
 
-# `share` allows for the depth maps' own error (docs/evidence/error_vs_runtime.md).
-@pytest.mark.parametrize(("method", "n", "share"), [("rays", 40_000, 0.001), ("depth_maps", 10_000, 0.02)])
-def test_moments_of_a_sphere_a_torus_and_a_cylinder(method, n, share):
+def test_moments_of_a_sphere_a_torus_and_a_cylinder(n=40_000, share=0.001):
     # Over a sphere the mean of x^2 is r^2/3; over a torus that of z^2 is r^2/2, of x^2 + y^2 R^2 + 3 r^2/2.
-    sphere = sample(trimesh.creation.icosphere(subdivisions=5, radius=0.25), n, random(3), method)
+    sphere = sample(trimesh.creation.icosphere(subdivisions=5, radius=0.25), n, random(3))
     sigma = 0.25**2 * np.sqrt(4 / 45) / np.sqrt(n)
     np.testing.assert_allclose((sphere**2).mean(axis=0), 0.25**2 / 3, atol=4.5 * sigma + share * 0.25**2 / 3)
     np.testing.assert_allclose(sphere.mean(axis=0), 0, atol=4.5 * 0.25 / np.sqrt(3 * n))
 
-    ring = sample(trimesh.creation.torus(0.2, 0.06, major_sections=128, minor_sections=64), n, random(4), method)
+    ring = sample(trimesh.creation.torus(0.2, 0.06, major_sections=128, minor_sections=64), n, random(4))
     assert (ring[:, 2] ** 2).mean() == pytest.approx(0.06**2 / 2, rel=0.02 + share)
     assert (ring[:, :2] ** 2).sum(axis=1).mean() == pytest.approx(0.2**2 + 1.5 * 0.06**2, rel=0.01 + share)
 
     # A cylinder's caps have r / (r + h) of its area.
-    tube = sample(trimesh.creation.cylinder(radius=0.1, height=0.3, sections=256), n, random(5), method)
+    tube = sample(trimesh.creation.cylinder(radius=0.1, height=0.3, sections=256), n, random(5))
     caps = (np.abs(tube[:, 2]) > 0.15 - 1e-9).mean()
     assert caps == pytest.approx(0.25, abs=4.5 * np.sqrt(0.25 * 0.75 / n) + share)
 
@@ -168,66 +163,57 @@ def test_what_is_seen_through_an_opening_is_exterior_and_a_sealed_cavity_is_not(
     assert on_core.mean() == pytest.approx(0.07, abs=0.015)
 
 
-@pytest.mark.parametrize("method", METHODS)
-def test_winding_does_not_matter(method):
+def test_winding_does_not_matter():
     mesh = fine_box(0.2)
     faces = np.where(random().random(len(mesh.faces))[:, None] < 0.5, mesh.faces, mesh.faces[:, ::-1])
     flipped = trimesh.Trimesh(mesh.vertices, faces, process=False)
-    points = sample(flipped, COUNT, random(6), method)
+    points = sample(flipped, COUNT, random(6))
     assert spread(cells_of_a_box(points, 0.2, 6), 216) < 0.999
 
 
-@pytest.mark.parametrize("method", METHODS)
-def test_same_generator_same_points(method):
+def test_same_generator_same_points():
     mesh = trimesh.creation.torus(0.2, 0.06)
-    first, second, other = (sample(mesh, 1000, random(seed), method) for seed in (1, 1, 2))
+    first, second, other = (sample(mesh, 1000, random(seed)) for seed in (1, 1, 2))
     np.testing.assert_array_equal(first, second)
     assert not np.array_equal(first, other)
 
 
-@pytest.mark.parametrize("method", METHODS)
-def test_a_defective_mesh_gives_the_points_of_its_sound_faces(method):
+def test_a_defective_mesh_gives_the_points_of_its_sound_faces():
     box = fine_box(0.2)
     vertices = np.concatenate([box.vertices, [[np.nan] * 3, [np.inf, 0, 0], [1e6, 0, 0]]])
     n = len(box.vertices)
     bad = [[0, 0, 1], [2, 2, 2], [0, 1, n], [n + 1, 2, 3]]
     doubled = np.concatenate([bad, box.faces, box.faces[::2, ::-1]])
-    points = sample(trimesh.Trimesh(vertices, doubled, process=False, validate=False), COUNT, random(), method)
+    points = sample(trimesh.Trimesh(vertices, doubled, process=False, validate=False), COUNT, random())
     np.testing.assert_allclose(np.abs(points).max(axis=1), 0.1, atol=1e-9)
 
 
-@pytest.mark.parametrize("method", METHODS)
 @settings(max_examples=15, deadline=None)
 @given(seed=st.integers(0, 10_000), faces=st.integers(2, 60), flat=st.sampled_from([1.0, 1e-3, 1e-9, 0.0]))
-def test_triangle_soup(method, seed, faces, flat):
+def test_triangle_soup(seed, faces, flat):
     corners = random(seed).normal(size=(faces, 3, 3)) * [0.1, 0.1, 0.1 * flat]
     corners[0, 2] = corners[0, 1] + 1e-9
     soup = trimesh.Trimesh(corners.reshape(-1, 3), np.arange(3 * faces).reshape(-1, 3), process=False)
-    points = sample(soup, 500, random(seed), method)
+    points = sample(soup, 500, random(seed))
     assert points.shape == (500, 3)
     assert naive_distance(corners, points).max() < 1e-9
 
 
-@pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("scale", [1e-3, 1e3])
-def test_any_unit(method, scale):
+def test_any_unit(scale):
     mesh = trimesh.util.concatenate([fine_box(0.2 * scale), fine_box(0.1 * scale)])
     mesh.apply_translation((3 * scale, 0, 0))
-    points = (sample(mesh, COUNT, random(7), method) - [3 * scale, 0, 0]) / scale
+    points = (sample(mesh, COUNT, random(7)) - [3 * scale, 0, 0]) / scale
     np.testing.assert_allclose(np.abs(points).max(axis=1), 0.1, atol=1e-9)
     assert spread(cells_of_a_box(points, 0.2, 6), 216) < 0.999
 
 
 def test_one_flat_square_is_sampled_on_its_own():
     square = trimesh.Trimesh([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], [[0, 1, 2], [0, 2, 3]])
-    for method in METHODS:
-        points = sample(square, 1000, random(), method)
-        np.testing.assert_allclose(points.mean(axis=0), [0.5, 0.5, 0], atol=0.05)
+    points = sample(square, 1000, random())
+    np.testing.assert_allclose(points.mean(axis=0), [0.5, 0.5, 0], atol=0.05)
 
 
 def test_refusals_say_what_was_expected():
-    box = trimesh.creation.box()
-    with pytest.raises(ValueError, match="rays, depth_maps"):
-        sample(box, 10, random(), "voxels")
     with pytest.raises(ValueError, match="area"):
         sample(trimesh.Trimesh([[0, 0, 0], [1, 0, 0], [2, 0, 0]], [[0, 1, 2]], process=False), 10, random())

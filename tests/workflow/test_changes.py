@@ -16,7 +16,6 @@ OTHER_RANGE = "{extends: digit, range: 0.024}"
     ("config", "first", "others"),
     [
         ({"vision": {"size": 64, "samples": 3, "device": "cpu"}}, "vision", set()),
-        ({"touch": {"method": "sphere_tracing"}}, "touch", {"table"}),
         ({"grasps": {"thumb_share": 0.5}}, "grasps", AFTER_GRASPS),
         ({"grasps": {"hand": WSG50}}, "grasps", AFTER_GRASPS),
         ({"touch": {"sensor": OTHER_LIGHT}}, "touch", {"table"}),
@@ -25,7 +24,7 @@ OTHER_RANGE = "{extends: digit, range: 0.024}"
         ({"mesh": {"collision_faces": 500}}, "meshes", {"surface", "grasps", *AFTER_GRASPS}),
         ({"split": {"train": 1, "validation": 0, "test": 1}}, "catalogue_batch", {"catalogue", "table"}),
     ],
-    ids=["samples", "method", "thumb_share", "hand", "lights", "range", "points", "faces", "split"],
+    ids=["samples", "thumb_share", "hand", "lights", "range", "points", "faces", "split"],
 )
 def test_frames_are_added_to_a_run_that_stays_as_it_is(finished):
     """And nothing of them is in one that asks for none."""

@@ -41,14 +41,14 @@ def run(make_workflow, tmp_path_factory):
     Image.new("RGB", (64, 64), (90, 120, 100)).save(hand / "gel.png")
     workflow = make_workflow(
         classes=[{"class": "can", "objects": "all"}],
-        surface={"method": "depth_maps", "points": POINTS},
+        surface={"points": POINTS},
         grasps={
             "per_object": GRASPS,
             "attempts": GRASPS,
             "thumb_share": 1.0,
             "hand": {"sensors": str(hand / "sensors.yaml"), "mjcf": str(hand / "hand.xml")},
         },
-        touch={"method": "sphere_tracing", "sensor": str(hand / "own.yaml")},
+        touch={"sensor": str(hand / "own.yaml")},
         vision={"size": SIZE, "samples": 2, "device": "cpu", "exr": True, "background": "transparent"}
         | {"cameras": CAMERAS, "lights": [{"kind": "point", "energy": 9, "position": [1, -1, 2]}]},
         mesh={"collision_faces": 500},

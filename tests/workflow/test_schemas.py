@@ -54,10 +54,6 @@ def test_smoke_has_an_object_of_every_split():
             "source.kind: 'folder': only procedural objects have styles: set split.held_out to objects",
         ),
         (
-            {"source": {"turned": True}, "views": {"published_renderings": "/data"}},
-            "views.published_renderings: '/data': they show objects as their files have them",
-        ),
-        (
             {"source": {"kind": "released", "path": "/data", "turned": True}},
             "source.turned: True: released images can't be turned",
         ),
@@ -80,7 +76,7 @@ def test_smoke_has_an_object_of_every_split():
         ({"vision": {"lights": [{"kind": "spot", "energy": 3}]}}, "vision.lights.0.kind: 'spot' is not one of"),
         ({"vision": {"background": "white"}}, "vision.background: 'white': expected transparent, or sRGB"),
         ({"vision": {"background": [1, 1, 2]}}, "vision.background.2: 2 is greater than the maximum of 1"),
-        ({"views": {"renderings": "x"}}, "views.renderings: this key is now called 'published_renderings'"),
+        ({"mesh": {"levels": [1000]}}, "mesh.levels: remove this key"),
         ({"batch_size": "16"}, "batch_size: '16': expected auto, or a number"),
         ({"batch_size": 1.5}, "batch_size: 1.5 is not of type 'integer'"),
         ({"batch_size": 0}, "batch_size: 0 is less than the minimum of 1"),
@@ -150,7 +146,7 @@ def test_numbers_that_are_not_finite_are_refused_in_recipes_too(value):
 
 def test_all_mistakes_are_said_at_once():
     with pytest.raises(ConfigError) as error:
-        check(overlaid({"seed": "x", "surface": {"method": "magic"}}), SCHEMA, "config.yaml")
+        check(overlaid({"seed": "x", "surface": {"points": "many"}}), SCHEMA, "config.yaml")
     assert len(str(error.value).splitlines()) == 3
 
 

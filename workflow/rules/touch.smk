@@ -14,7 +14,6 @@ rule touch:
     conda:
         "../../envs/palpate.yaml"
     params:
-        touch={"method": config["touch"]["method"]},
         sensor=SENSOR.description(),
         seed=config["seed"],
     script:

@@ -23,7 +23,7 @@ rule vision:
         "../scripts/vision.py"
 
 
-# Small images of every object from all around, for single-image reconstruction: rendered, or Choy et al.'s own.
+# Small images of every object from all around, for single-image reconstruction.
 rule views:
     input:
         meshes="meshes/{batch}",
@@ -41,9 +41,6 @@ rule views:
     params:
         objects=batch_objects,
         views=config["views"],
-        # Relative paths are the project's.
-        renderings=config["views"]["published_renderings"]
-        and absolute(config["views"]["published_renderings"], PROJECT),
         device=config["vision"]["device"],
         seed=config["seed"],
     script:

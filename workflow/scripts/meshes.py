@@ -12,7 +12,6 @@ rejected/meshes/<batch>.csv              object, stage, reason
 from workflow.run.job import log_to
 
 import json
-import logging
 import shutil
 from pathlib import Path
 
@@ -22,7 +21,6 @@ from palpate.batch import each_object, write_rejections
 from palpate.catalogue import files_root
 
 log_to(snakemake.log[0])
-log = logging.getLogger("meshes")
 objects, settings, sources = snakemake.params.objects, snakemake.params.mesh, Path(snakemake.params.folder)
 files = files_root(sources, snakemake.params.outside)
 checksum_of = {name: catalogue.checksum(sources / file, files) for name, (file, *_) in objects.items()}
@@ -50,8 +48,6 @@ with (
             raise
         finally:  # an object is not rejected, either, for a file that was being written
             catalogue.require_unchanged(sources / file, checksum_of[name], files)
-        if (faces := record["visual.glb"]["faces"]) <= settings["collision_faces"]:
-            log.info("%s: omitted: decimation: the mesh has %s faces", name, f"{faces:,}")
         return mesh.facts(record)
 
     facts, rejections = each_object(objects, prepare, "meshes")

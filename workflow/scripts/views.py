@@ -19,17 +19,10 @@ from palpate.vision import views  # isort: skip
 log_to(snakemake.log[0])
 meshes, params = Path(snakemake.input.meshes), snakemake.params
 count, size = params.views["count"], params.views["size"]
-if not params.renderings:
-    renderer = Renderer(params.views["samples"], params.device, snakemake.threads)
+renderer = Renderer(params.views["samples"], params.device, snakemake.threads)
 
 
 def look(name: str) -> dict[str, np.ndarray]:
-    if params.renderings:
-        # <synset>/<model>/model.obj shows in <synset>/<model>/rendering/.
-        folder = Path(params.renderings, *Path(params.objects[name]).parts[:2], "rendering")
-        record = mesh.read_record(meshes / name)
-        surface = mesh.load_visual(meshes / name).vertices + mesh.OBJECT_POSITION
-        return views.published(folder, record, surface, count, size)._asdict()
     at = views.viewpoints(generator(params.seed, name, "views"), count)
     return views.render(renderer, Scene(meshes / name), at, size)._asdict()
 

@@ -15,7 +15,7 @@ from studies.subjects import Subject
 
 NAME, BATCH = "beam-0000", "batch-0000"
 ATTRIBUTES = {"made_from": {}, "seed": 0, "sensor": DIGIT.description()}
-SETTINGS = {"mesh": {"collision_faces": 200}, "grasps": {"timestep": 0.004}, "touch": {"method": "embree"}}
+SETTINGS = {"mesh": {"collision_faces": 200}, "grasps": {"timestep": 0.004}}
 
 
 def beam() -> trimesh.Trimesh:

@@ -137,19 +137,6 @@ def test_the_engine_renders_what_is_needed_and_the_naive_one_more(torus, monkeyp
     assert calls == 4 * [(4, links)] + 2 * [(4, links), (1, links)]
 
 
-def test_the_engine_logs_how_much_it_omits(torus, caplog):
-    with caplog.at_level("INFO"):
-        pictures(torus)
-    (alone, views) = [line for line in caplog.messages if "omitted: " in line]
-    assert f"{torus.name}: omitted: 1 renders of the object alone again; " in alone
-    assert f" of {3 * 64**2:,} pixels around what is drawn" in alone
-    assert f"{torus.name}: omitted: 1 imports of the object again; " in views
-    caplog.clear()
-    with caplog.at_level("INFO"):
-        pictures(torus, {(kind, "pixels around what is drawn") for kind in OMITTED_ITEMS})
-    assert all("; 0 of " in line for line in caplog.messages if "omitted: " in line)
-
-
 def changed_file(scene, folder, change):
     """The scene with a file whose JSON is changed."""
     (folder / "visual.glb").write_bytes(rewrite_glb(scene.visual_file.read_bytes(), change))

@@ -44,7 +44,7 @@ def test_the_result_is_the_same_bit_by_bit(found, key):
 
 def test_some_sensors_touch_and_some_don_t(run):
     folder, subject = run
-    touched = omitted.TouchSubject(folder, subject, "embree")
+    touched = omitted.TouchSubject(folder, subject)
     sensed = touch.sense_scene(touched.scene)
     assert sensed.success.shape == touched.scene.sensor_position.shape[:2] == (2, 4)
     assert sensed.success.any() and not sensed.success.all()
@@ -55,20 +55,20 @@ def test_some_sensors_touch_and_some_don_t(run):
         np.testing.assert_array_equal(reading, touch.empty_reading())
 
 
-@pytest.mark.parametrize("method", touch.TRACERS)
-def test_with_everything_in_at_once_nothing_changes(run, method):
+def test_with_everything_in_at_once_nothing_changes(run):
     folder, subject = run
-    touched = omitted.TouchSubject(folder, subject, method)
-    tracer = touched.tracer(omitted.EveryFace, omitted.EveryPixel, omitted.EveryPixelForSuccess)
+    touched = omitted.TouchSubject(folder, subject)
+    variants = omitted.EveryFace, omitted.EveryPixel, omitted.EveryPixelForSuccess
+    tracer = touched.tracer(type("Naive", variants, {}))
     everything = omitted.sense_every_reading(tracer, *touched.sensors)
-    default = touch.sense_scene(touched.scene, touch.scene_tracer(touched.scene, method))
+    default = touch.sense_scene(touched.scene, touch.scene_tracer(touched.scene))
     assert omitted.largest_difference(everything.depth, default.depth) == 0
     assert omitted.reading_difference(everything, default) == 0
 
 
 def test_differences_are_seen(run):
     folder, subject = run
-    touched = omitted.TouchSubject(folder, subject, "embree")
+    touched = omitted.TouchSubject(folder, subject)
     sensed = touch.sense_scene(touched.scene)
     pixel = tuple(np.argwhere(np.isfinite(sensed.depth))[0])
     depth, reading = sensed.depth.copy(), sensed.reading.copy()
