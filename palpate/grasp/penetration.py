@@ -58,12 +58,13 @@ class PenetrationCheck:
         """
         poses = self.hand.geom_poses(link_pose)
         half = np.array([self.reach[geom] for geom in self.geoms])[:, None]
-        near = self.faces_within((poses[self.geoms, :3, 3] - half).min(0), (poses[self.geoms, :3, 3] + half).max(0))
+        near = self.meeting(self.low, self.high, poses[self.geoms, :3, 3] - half, poses[self.geoms, :3, 3] + half)
+        triangles, low, high = self.triangles[near], self.low[:, near], self.high[:, near]
         depth = 0.0
         for geom in self.geoms:
-            centre, reach = poses[geom, :3, 3], self.reach[geom]
-            close = near[self.faces_within(centre - reach, centre + reach, near)]
-            depth = deepest(self.triangles[close], self.distance_to(geom, poses), depth)
+            centre, reach = poses[geom, None, :3, 3], self.reach[geom]
+            close = self.meeting(low, high, centre - reach, centre + reach)
+            depth = deepest(triangles[close], self.distance_to(geom, poses), depth)
         return float(depth)
 
     def distance_to(self, geom: int, poses: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
@@ -101,11 +102,12 @@ class PenetrationCheck:
         index = np.searchsorted(self.geoms, self.pairs)
         return separates[index[:, 0], index[:, 1]] | separates[index[:, 1], index[:, 0]]
 
-    def faces_within(self, low: np.ndarray, high: np.ndarray, among: slice | np.ndarray = slice(None)) -> np.ndarray:
-        """Indices, into `among`, of the triangles whose bounding boxes meet the box from `low` (3,) to `high` (3,)."""
-        meets = np.ones(self.low[0, among].shape, dtype=bool)
+    def meeting(self, low: np.ndarray, high: np.ndarray, lowest: np.ndarray, highest: np.ndarray) -> np.ndarray:
+        """Indices of the boxes from `low` to `high` (3, T) that meet the box around those from `lowest` to `highest`
+        (B, 3)."""
+        meets = np.ones(low.shape[1], dtype=bool)
         for axis in range(3):
-            meets &= (self.low[axis, among] < high[axis]) & (self.high[axis, among] > low[axis])
+            meets &= (low[axis] < highest[:, axis].max()) & (high[axis] > lowest[:, axis].min())
         return np.flatnonzero(meets)
 
 

@@ -46,9 +46,10 @@ def is_closed(faces: np.ndarray) -> bool:
     """Whether each edge has exactly two faces, which run through it in opposite directions."""
     directed = np.sort(edge_keys(faces, directed=True))
     reverse = np.sort(edge_keys(faces[:, ::-1], directed=True))
+    loops = faces == np.roll(faces, 1, axis=1)
     return bool(
         len(faces)
-        and (edge_counts(faces) == 2).all()
+        and not loops.any()
         and np.array_equal(directed, reverse)
         and (directed[1:] != directed[:-1]).all()
     )

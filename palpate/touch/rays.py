@@ -77,15 +77,22 @@ class RayCaster:
     def succeeds(self, position: np.ndarray, rotation: np.ndarray) -> np.ndarray:
         """Whether each sensor is in contact: (k,) bool, the same as `isfinite(trace(...)).any()` of each, but cheaper.
 
-        Pixels are traced from coarse to fine until one is in range. position, rotation: as for `trace`.
+        Every 10th pixel in both directions is traced first. position, rotation: as for `trace`.
         """
         origins, rotation = self._in_object_frame(position, rotation)
         success = np.zeros(len(origins), dtype=bool)
         for k, origin in enumerate(origins):
             block = self._block_in_reach(origin, rotation[k])
-            passes = [] if block is None else self._passes(block)
-            success[k] = any(np.isfinite(self._in_range(origin, rotation[k], pixels)).any() for pixels in passes)
+            if block is not None:
+                success[k] = self._succeeds_early(origin, rotation[k], block)
+                success[k] = success[k] or np.isfinite(self._in_range(origin, rotation[k], block)).any()
         return success
+
+    def _succeeds_early(self, origin, rotation, block: Block) -> bool:
+        """Whether Embree finds a face in range at every 10th pixel in both directions; doubtful ones don't count."""
+        coarse = Block(*(slice(side.start, side.stop, 10) for side in block))
+        depth, _ = self._embree_depth(origin, rotation, coarse)
+        return bool((depth <= self.sensor.reach[coarse].ravel()).any())
 
     def _in_object_frame(self, position, rotation) -> tuple[np.ndarray, np.ndarray]:
         """Poses of sensors, float64, in the object's own frame; ValueError for an invalid pose."""
@@ -134,35 +141,38 @@ class RayCaster:
             near &= self._high[axis] >= centre[axis] - extent[axis]
         return np.flatnonzero(near)
 
-    def _passes(self, block: Block) -> list[Block]:
-        """A block from coarse to fine: every 10th pixel in both directions, then all."""
-        return [Block(*(slice(side.start, side.stop, step) for side in block)) for step in (10, 1)]
-
     def _depth(self, origin, rotation, block: Block) -> np.ndarray:
         """Depth (rows, columns) float64 of a block of pixels, up to the sensor's range; beyond it, any larger number.
 
         origin: (3,), rotation: (3, 3) of the sensor in the object's own frame.
         """
-        plane = self.sensor.plane[block]
-        pixels = plane.reshape(-1, 3)
-        if self._large:
-            return self._exact_depth(pixels[:, 1:], origin, rotation).reshape(plane.shape[:2])
-        direction = rotation[:, 0]
-        start = pixels @ rotation.T + (origin - _SLACK * direction)
-        hit = self._mesh.first_face(start, direction[None], self.sensor.range + 2 * _SLACK)
-        depth = np.full(len(pixels), np.inf)
-        doubtful = np.zeros(len(pixels), dtype=bool)
-        met = np.flatnonzero(hit >= 0)
-        if len(met):
-            depth[met], doubtful[met] = self._depth_on_faces(hit[met], pixels[met, 1:], origin, rotation)
-            doubtful |= _pits(depth.reshape(plane.shape[:2]), max(self.sensor.pixel)).ravel()
+        pixels = self.sensor.plane[block].reshape(-1, 3)
+        shape = self.sensor.plane[block].shape[:2]
+        depth, doubtful = self._embree_depth(origin, rotation, block)
         settled = np.zeros(len(pixels), dtype=bool)
         while doubtful.any():
             depth[doubtful] = np.minimum(depth[doubtful], self._exact_depth(pixels[doubtful, 1:], origin, rotation))
             settled |= doubtful
             # One pit may have hidden the next.
-            doubtful = _pits(depth.reshape(plane.shape[:2]), max(self.sensor.pixel)).ravel() & ~settled
-        return depth.reshape(plane.shape[:2])
+            doubtful = _pits(depth.reshape(shape), max(self.sensor.pixel)).ravel() & ~settled
+        return depth.reshape(shape)
+
+    def _embree_depth(self, origin, rotation, block: Block) -> tuple[np.ndarray, np.ndarray]:
+        """Depth (n,) of a block of pixels, +inf where no face is hit; and which are doubtful (n,) bool."""
+        plane = self.sensor.plane[block]
+        pixels = plane.reshape(-1, 3)
+        depth = np.full(len(pixels), np.inf)
+        if self._large:
+            return depth, np.ones(len(pixels), dtype=bool)
+        doubtful = np.zeros(len(pixels), dtype=bool)
+        direction = rotation[:, 0]
+        start = pixels @ rotation.T + (origin - _SLACK * direction)
+        hit = self._mesh.first_face(start, direction[None], self.sensor.range + 2 * _SLACK)
+        met = np.flatnonzero(hit >= 0)
+        if len(met):
+            depth[met], doubtful[met] = self._depth_on_faces(hit[met], pixels[met, 1:], origin, rotation)
+            doubtful |= _pits(depth.reshape(plane.shape[:2]), max(self.sensor.pixel)).ravel()
+        return depth, doubtful
 
     def _depth_on_faces(self, hit, pixels, origin, rotation) -> tuple[np.ndarray, np.ndarray]:
         """Depth (n,) at which the rays through `pixels` (n, 2), y and z, meet the faces `hit` (n,), and whether (n,)

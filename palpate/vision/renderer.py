@@ -172,13 +172,12 @@ class Renderer:
         hand: Hand | None = None,
         link_pose: np.ndarray | None = None,
         camera: Camera | None = None,
-        samples: int | None = None,
         background: tuple[float, float, float] | None = WHITE,
     ) -> Image:
         """Meshes, an object's file and a hand from any viewpoint, for figures; the mask has all but the hand.
 
         visual_glb: an object's file, at `palpate.mesh.OBJECT_POSITION`. link_pose: (L, 4, 4) of the hand's links.
-        camera: default, the paper's. samples: default, the renderer's. background: linear RGB; None is transparent.
+        camera: default, the paper's. background: linear RGB; None is transparent.
         """
         self._take_hand(hand)
         with self._temporary_data():
@@ -192,7 +191,7 @@ class Renderer:
                 drawn.append(np.asarray(mesh.vertices, dtype=float))
             if hand is not None:
                 drawn.append(self._pose_hand(link_pose))
-            layers = self._draw(camera or paper_camera(), np.concatenate(drawn), samples=samples)
+            layers = self._draw(camera or paper_camera(), np.concatenate(drawn))
         return layers.image(background)
 
     @contextmanager
@@ -278,12 +277,10 @@ class Renderer:
         _pose_lamps(lamps, centre, np.eye(3))
         return lamps
 
-    def _draw(
-        self, camera: Camera, points: np.ndarray, master: str | None = None, samples: int | None = None
-    ) -> Layers:
+    def _draw(self, camera: Camera, points: np.ndarray, master: str | None = None) -> Layers:
         """Render what is in Blender, its vertices being `points` (n, 3); keep it if masters are kept.
 
-        master: the EXR file's name; none keeps nothing. samples: default, the renderer's.
+        master: the EXR file's name; none keeps nothing.
         """
         render, lens = self._scene.render, self._camera.data
         render.resolution_x = render.resolution_y = camera.size
@@ -297,7 +294,7 @@ class Renderer:
         _crop(self._scene.render, camera.size, *rectangle)
         nearest = np.min(camera.project(points)[1])
         self._camera.data.clip_start = max(min(CLIP_START, nearest / 2), CLIP_START / 1000)
-        colour = self._render(samples or self.samples, PIXEL_FILTER)
+        colour = self._render(self.samples, PIXEL_FILTER)
         point = self._render_centres()
         layers = Layers(colour.combined, point.depth, point.index)
         if master is not None and self.exr is not None:

@@ -128,9 +128,9 @@ CHANGES: dict[str, Callable[[ChangedSimulation, mujoco.MjSpec], None]] = {
 class EveryFace(PenetrationCheck):
     """A penetration check of every face of the object for every link."""
 
-    def faces_within(self, low: np.ndarray, high: np.ndarray, among: slice | np.ndarray = slice(None)) -> np.ndarray:
-        """Indices, into `among`, of all triangles."""
-        return np.arange(len(self.low[0, among]))
+    def meeting(self, low: np.ndarray, *_) -> np.ndarray:
+        """Indices of all boxes (3, T)."""
+        return np.arange(low.shape[1])
 
 
 class EveryPair(PenetrationCheck):

@@ -38,8 +38,8 @@ class EveryPixel(RayCaster):
 class EveryPixelForSuccess(RayCaster):
     """Continues after the first pixel in range, where only success is needed."""
 
-    def _passes(self, block: Block) -> list[Block]:
-        return [block]
+    def _succeeds_early(self, origin, rotation, block: Block) -> bool:
+        return False
 
 
 def sense_every_reading(tracer: RayCaster, *sensors: np.ndarray) -> TouchReading:
