@@ -48,8 +48,5 @@ def is_closed(faces: np.ndarray) -> bool:
     reverse = np.sort(edge_keys(faces[:, ::-1], directed=True))
     loops = faces == np.roll(faces, 1, axis=1)
     return bool(
-        len(faces)
-        and not loops.any()
-        and np.array_equal(directed, reverse)
-        and (directed[1:] != directed[:-1]).all()
+        len(faces) and not loops.any() and np.array_equal(directed, reverse) and (directed[1:] != directed[:-1]).all()
     )

@@ -88,6 +88,12 @@ class RayCaster:
                 success[k] = success[k] or np.isfinite(self._in_range(origin, rotation[k], block)).any()
         return success
 
+    def is_near(self, position: np.ndarray, rotation: np.ndarray) -> np.ndarray:
+        """Whether any face is traced for each sensor: (...,) bool; position: (..., 3), rotation: (..., 3, 3)."""
+        poses = self._in_object_frame(np.reshape(position, (-1, 3)), np.reshape(rotation, (-1, 3, 3)))
+        near = [len(self._near_faces(*pose)) > 0 for pose in zip(*poses, strict=True)]
+        return np.reshape(near, np.shape(position)[:-1])
+
     def _succeeds_early(self, origin, rotation, block: Block) -> bool:
         """Whether Embree finds a face in range at every 10th pixel in both directions; doubtful ones don't count."""
         coarse = Block(*(slice(side.start, side.stop, 10) for side in block))
@@ -135,11 +141,11 @@ class RayCaster:
         half = np.array([self.sensor.range, self.sensor.width, self.sensor.height]) / 2
         centre = origin + rotation[:, 0] * half[0]
         extent = np.abs(rotation) @ half + _MARGIN
-        near = np.ones(self._low.shape[1], dtype=bool)
-        for axis in range(3):
-            near &= self._low[axis] <= centre[axis] + extent[axis]
-            near &= self._high[axis] >= centre[axis] - extent[axis]
-        return np.flatnonzero(near)
+        low, high = centre - extent, centre + extent
+        near = np.flatnonzero((self._low[0] <= high[0]) & (self._high[0] >= low[0]))
+        for axis in (1, 2):
+            near = near[(self._low[axis, near] <= high[axis]) & (self._high[axis, near] >= low[axis])]
+        return near
 
     def _depth(self, origin, rotation, block: Block) -> np.ndarray:
         """Depth (rows, columns) float64 of a block of pixels, up to the sensor's range; beyond it, any larger number.

@@ -23,7 +23,6 @@ rule frames:
     params:
         frames=lambda wildcards: {key: asked("count")[key] for key in ("count", "touch")},
         grasps=config["grasps"],
-        touch={"method": config["touch"]["method"]},
         sensor=SENSOR.description(),
         seed=config["seed"],
     script:

@@ -21,7 +21,7 @@ log = logging.getLogger("frames")
 inputs, params = snakemake.input, snakemake.params
 meshes, seed, description = Path(inputs.meshes), params.seed, params.sensor
 grasps, surface = store.read(inputs.grasps), store.open(inputs.surface)
-made_with = {"seed": seed, "frames": params.frames, "touch": {**params.touch, "sensor": description}}
+made_with = {"seed": seed, "frames": params.frames, "touch": {"sensor": description}}
 made = [provenance.of_meshes(meshes), surface.made, store.open(inputs.grasps).made]
 made_from = provenance.combine(made_with, *made)
 hand = Hand.from_arrays(grasps, prefix="hand/")
@@ -39,7 +39,7 @@ def record(row: int, name: str) -> dict:
     frames = grasp.closing_frames(grasper, kept, generator(seed, name, "grasps"), params.frames["count"], remedy)
     omitted = f"{kept['attempts'] - len(kept['touches'])} closings that gave no kept grasp"
     if params.frames["touch"]:
-        tracer = touch.TRACERS[params.touch["method"]](visual, mesh.OBJECT_POSITION, sensor=sensor)
+        tracer = touch.RayCaster(visual, mesh.OBJECT_POSITION, sensor=sensor)
         position, rotation = frames["sensor_position"], frames["sensor_rotation"]
         near = tracer.is_near(position, rotation)
         depth = np.full((*near.shape, *sensor.resolution), np.inf, np.float32)
