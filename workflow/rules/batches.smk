@@ -96,3 +96,10 @@ def all_cores():
         return workflow.cores
     except WorkflowError:
         return 1
+
+
+def asked(key):
+    """The params `frames`; a target without what asks for it is an error before anything runs."""
+    if not config["frames"][key]:
+        stop(f"the config asks for none: set frames.{key}, as in --config 'frames={{{key}: 20}}'")
+    return config["frames"]

@@ -1,11 +1,4 @@
 # Closing hands, if the config asks for them: the frames of every grasp, and images of some of them.
-def asked(key):
-    """The params `frames`; a target without what asks for it is an error before anything runs."""
-    if not config["frames"][key]:
-        stop(f"the config asks for none: set frames.{key}, as in --config 'frames={{{key}: 20}}'")
-    return config["frames"]
-
-
 rule frames:
     input:
         meshes="meshes/{batch}",
