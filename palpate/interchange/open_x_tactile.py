@@ -35,10 +35,9 @@ def write_open_x_tactile(folder: Path, splits: Mapping[str, GraspDataset]) -> No
 
     Raises ValueError if a sensor has no area by its name in `AREAS`; two sensors are a gripper's, areas 0 and 1.
     """
-    sources = next(iter(splits.values())).sources
-    with_touch = {"reading", "frames_reading"} & {*sources}
+    with_touch = {"reading", "frames_reading"} & {*next(iter(splits.values())).sources}
     same = _of_sensors(json.loads((folder / "sensor.json").read_text())) if with_touch else {}
-    of_frames = [name for name, (_, spec) in sources.items() if spec.shape[2:3] == ("f",)]
+    of_frames = _of_frames(next(iter(splits.values())))
     for split, grasps in splits.items():
         root, rows, held, ends = zarr.create_group(folder / f"{split}.zarr", zarr_format=2), [], 0, []
         texts: dict[str, list] = {"grasps/object": [], "data/sub_task_instruction": []}
@@ -58,8 +57,18 @@ def write_open_x_tactile(folder: Path, splits: Mapping[str, GraspDataset]) -> No
 
 def layout_names(grasps: GraspDataset) -> dict[str, str]:
     """The layout's names of arrays of these grasps, of frames if there are some."""
-    prefix = "frames_" if any(name.startswith("frames_") for name in grasps.sources) else ""
-    return {name if name == "palm_pose" else prefix + name: label for name, label in NAMES.items()}
+    of_frames = _of_frames(grasps)
+    names = {f"frames_{name}" if of_frames and name != "palm_pose" else name: label for name, label in NAMES.items()}
+    if of_frames and "frames_occluded" in grasps.sources:
+        item = grasps[0]
+        if len(item["frames_occluded"]) < len(item[of_frames[0]]):  # which the layout has no name for
+            del names["frames_occluded"]
+    return names
+
+
+def _of_frames(grasps: GraspDataset) -> list[str]:
+    """Names of the arrays with a row a frame."""
+    return [name for name, (_, spec) in grasps.sources.items() if spec.shape[2:3] == ("f",)]
 
 
 def _of_sensors(stated: Mapping) -> dict[str, np.ndarray]:

@@ -17,6 +17,7 @@ from palpate.dataset.validation import check_again, combine_validation, read_fin
 from palpate.mesh import OBJECT_POSITION
 from palpate.sensor import DIGIT
 from palpate.store.files import seal
+from tests.store.conftest import add_frames
 
 BATCH, OBJECT = "batch-0001", "ball-0002"  # one object, two grasps
 PAIR = "batch-0000"  # two objects
@@ -90,6 +91,16 @@ def renewed(stage, change, *names):
 def each(change):
     """A damage: `change(name, array)` in place of each array of the touch store."""
     return edit("touch", lambda arrays: arrays.update({n: change(n, a) for n, a in arrays.items()}))
+
+
+def framed(damage):
+    """A damage to a run that is first given frames."""
+
+    def damage_frames(run):
+        add_frames(run)
+        damage(run)
+
+    return damage_frames
 
 
 def no_touch(arrays):
@@ -260,6 +271,7 @@ DAMAGES = {
     "joint limits": [("grasps", put("grasps", "joint_positions", (0, 1, 0), 0.53))],
     "kinematics": [
         ("grasps", add("grasps", "joint_positions", (0, 0, 5), 1e-3)),
+        ("frames", framed(add("frames", "sensor_position", (0, 0, 1, 2), 1e-5))),
         ("grasps", add("grasps", "link_pose", (0, 0, 5, 1, 3), 1e-5)),
         ("grasps", add("grasps", "sensor_position", (0, 1, 2), 1e-5)),
     ],
@@ -271,12 +283,16 @@ DAMAGES = {
     "attempts": [("grasps", put("grasps", "attempts", 0, 1))],
     "sensor poses": [("touch", touched("position", lambda place: place + 1e-9))],
     "touch depth": [
+        ("frames", framed(put("frames", "depth", (0, 0, 1, 0, 0, 0), 0.0251))),
         ("touch", felt_pixel(0.0)),
         ("touch", felt_pixel(-0.001)),
         ("touch", felt_pixel(0.0251)),
         ("touch", felt_pixel(NAN)),
     ],
-    "success": [("touch", untouched("success", lambda _: True))],
+    "success": [
+        ("touch", untouched("success", lambda _: True)),
+        ("frames", framed(renewed("frames", np.invert, "success"))),
+    ],
     "touches": [("touch", renewed("grasps", np.invert, "touches"))],
     "one touch": [("touch", edit("touch", no_touch))],
     "point count": [("touch", touched("point_count", lambda count: count + 1))],
@@ -285,6 +301,12 @@ DAMAGES = {
     "reading": [("touch", touched("reading", lambda image: image.transpose(1, 0, 2)))],
     "untouched": [("touch", untouched("reading", lambda arrays: arrays["empty_reading"]))],
     "empty reading": [("touch", add("touch", "empty_reading", (5, 6, 1), 1))],
+    "frame times": [("frames", framed(put("frames", "time", (0, 0, 1), 0.0)))],
+    "last frame": [
+        ("frames", framed(add("frames", "joint_positions", (0, 1, 2, 3), 1e-12))),
+        ("frames", framed(put("frames", "depth", (0, 0, 2, 0, 5, 5), 0.01))),
+    ],
+    "image frames": [("frame_images", framed(put("frame_images", "image_frame", (0, 0, 1), 1)))],
     "mask values": [("vision", put("vision", "occluded_mask", (0, 1, 0, 30, 30), 254))],
     "camera": [
         ("vision", put("vision", "intrinsics", (0, 0, 1, 1), 100.0)),
@@ -340,6 +362,7 @@ def pair(built, tmp_path_factory):
 
 
 def test_a_good_run_passes_every_check(run, pair):
+    add_frames(run)
     report = validate(run, pair)
     assert report.passed.all(), report[~report.passed].to_string()
     assert set(report.check) == set(CHECKS)

@@ -154,6 +154,39 @@ def build(folder: Path) -> None:
             palpate.store.write(path, stage, stored, ATTRIBUTES)
 
 
+def add_frames(folder: Path, count: int = 3) -> None:
+    """Give the run frames, from the open hand on the straight way to its grasps, and images of the first and last."""
+    hand = allegro()
+    for batch in BATCHES:
+        grasps = palpate.store.read(folder / f"grasps/{batch}.h5")
+        images = palpate.store.open(folder / f"vision/{batch}.zarr")
+        records, pictures = {}, {}
+        for row, name in enumerate(grasps["object"]):
+            shares = np.linspace(0, 1, count)[:, None]
+            start, end = hand.open_joint_positions, grasps["joint_positions"][row]
+            joints = start + shares * (end - start)[:, None]
+            joints[:, -1] = end
+            links = hand.forward(grasps["palm_pose"][row][:, None], joints)
+            position, rotation = hand.sensor_frames(links)
+            for own, kept in ((links, "link_pose"), (position, "sensor_position"), (rotation, "sensor_rotation")):
+                own[:, -1] = grasps[kept][row]
+            depth = RayCaster(shape(name), OBJECT_POSITION).trace(position.reshape(-1, 3), rotation.reshape(-1, 3, 3))
+            depth = depth.reshape(*position.shape[:3], *depth.shape[1:])
+            records[name] = {
+                **{"time": np.tile(0.2 * np.arange(count), (GRASPS, 1)), "joint_positions": joints},
+                **{"joint_velocities": np.zeros_like(joints), "link_pose": links, "sensor_position": position},
+                **{"sensor_rotation": rotation, "depth": depth, "success": np.isfinite(depth).any(axis=(3, 4))},
+            }
+            pictures[name] = {
+                "image_frame": np.tile([0, count - 1], (GRASPS, 1)),
+                "occluded": np.repeat(images["occluded"][row][:, None], 2, axis=1),
+            }
+        arrays = palpate.store.join("frames", records) | {"empty_reading": empty_reading()}
+        palpate.store.write(folder / f"frames/{batch}.zarr", "frames", arrays, ATTRIBUTES)
+        joined = palpate.store.join("frame_images", pictures)
+        palpate.store.write(folder / f"frame_images/{batch}.zarr", "frame_images", joined, ATTRIBUTES)
+
+
 BUILT: list[Path] = []  # of this process: the fixture is of several folders
 
 

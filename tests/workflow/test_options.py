@@ -1,4 +1,4 @@
-"""Every option that is not the default, in one run: hand, sensor, cameras, lights, masters, frames."""
+"""Options that are not the default, in one run: hand, sensor, cameras, lights, masters, frames."""
 
 from dataclasses import replace
 

@@ -39,7 +39,7 @@ def record(row: int, name: str) -> dict:
     frames = grasp.closing_frames(grasper, kept, generator(seed, name, "grasps"), params.frames["count"], remedy)
     omitted = f"{kept['attempts'] - len(kept['touches'])} closings that gave no kept grasp"
     if params.frames["touch"]:
-        tracer = touch.RayCaster(visual, mesh.OBJECT_POSITION, sensor=sensor)
+        tracer = touch.RayCaster(visual, mesh.OBJECT_POSITION, sensor)
         position, rotation = frames["sensor_position"], frames["sensor_rotation"]
         near = tracer.is_near(position, rotation)
         depth = np.full((*near.shape, *sensor.resolution), np.inf, np.float32)
