@@ -7,7 +7,7 @@ import pytest
 import trimesh
 
 from palpate.touch import rays as caster
-from palpate.touch import sensor, shading, tracing
+from palpate.touch import sensor, shading
 from studies.stability import rays
 from studies.stability.cases import FAILS, HOLDS, REJECTED, examine
 from studies.subjects import Subject
@@ -47,7 +47,7 @@ NAIVE = {
     "rays through vertices and along edges": (caster, "_pits", lambda depth, pixel: np.zeros(depth.shape, dtype=bool)),
     "sensor plane inside the mesh": (caster, "_EDGE_ON", 0.0),
     "surface on the sensor plane": (caster, "_SLACK", 0.0),
-    "surface exactly at the range limit": (tracing.Tracer, "_in_range", unlimited),
+    "surface exactly at the range limit": (caster.RayCaster, "_in_range", unlimited),
     "steep steps in the impression": (shading, "lit", too_bright),
     "float32 far from the origin": (sensor, "FURTHEST", np.inf),
     "object much larger than the sensor": (caster, "_LARGEST", np.inf),
