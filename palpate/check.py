@@ -7,12 +7,11 @@ as images, with the engines that make the dataset.
 """
 
 import logging
-import sys
 import tempfile
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Iterator, Mapping, Sequence
+from functools import partial
 from itertools import zip_longest
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -36,8 +35,6 @@ MOST_OPENED, MOST_BYTES = 24, 30_000_000
 SECONDS_A_MESH = 20.0
 TRIED = 3  # objects that are tried for the example
 IMAGE = {"size": 192, "samples": 8}  # of the example, at most
-COLUMNS = 6  # of images and readings in a row
-MOST_CLASSES = 20  # that have a line each
 
 
 class HandFiles(NamedTuple):
@@ -95,29 +92,19 @@ def resolve(config: Mapping[str, Any], project: Path | str) -> Settings:
     return Settings(source, classes, entries, hand, touch_sensor)
 
 
-def project_folder() -> Path:
-    """The folder of the workflow: the working directory, or the checkout that the library is in.
-
-    Raises `ConfigError` if neither is: the library alone has no default config.
-    """
-    for folder in (Path.cwd(), Path(__file__).parents[1]):
-        if all((folder / name).is_file() for name in ("Snakefile", DEFAULT, SCHEMA)):
-            return folder
-    raise ConfigError(f"no {DEFAULT} here: run `palpate check` in Palpate's own folder, where the Snakefile is")
+say = partial(print, flush=True)
 
 
-def check_config(
-    overlays: Sequence[Path | str],
-    names: Sequence[str] = (),
-    picture: Path | None = None,
-    say: Callable[[str], None] = print,
-) -> None:
-    """Say, a line at a time, what a run with these overlays would work on, and draw its hand and one object, or some.
+def check_config(overlays: Sequence[Path | str], name: str | None = None, picture: Path | None = None) -> None:
+    """Print, a line at a time, what a run with these overlays would work on, and draw its hand and one object.
 
-    names: of the objects; without them, one that is soon done. picture: a PNG; without it `<results>/<run>/check.png`,
+    name: of the object; without it, one that is soon done. picture: a PNG; without it `<results>/<run>/check.png`,
     which the workflow leaves alone. Raises `ConfigError` and `catalogue.CatalogueError` as the workflow says them.
     """
-    start, project = time.monotonic(), project_folder()
+    start, project = time.monotonic(), Path(__file__).parents[1]  # an editable install, of the workflow's folder
+    if not (project / DEFAULT).is_file():
+        raise ConfigError("`palpate check` runs with the workflow: install Palpate with `make env` in its own folder")
+    logging.getLogger("palpate").addHandler(logging.NullHandler())  # warnings of textures are lines of the check
     config = read_config(project / DEFAULT, overlays)
     check(config, project / SCHEMA, FILES)
     run = Path(absolute(config["results"], project), config["run"])
@@ -129,10 +116,7 @@ def check_config(
         return say("released data are read, not simulated: there is nothing to try")
     from palpate.vision import blender
 
-    try:
-        blender.load()  # before trimesh, which all that follows loads
-    except ImportError as error:
-        say(f"no image: {error}")
+    blender.load()  # before trimesh, which all that follows loads
     from palpate import hand as hands
     from palpate import scene
 
@@ -141,47 +125,32 @@ def check_config(
     hand = hands.from_mjcf(own.mjcf, own.sensors, face) if own else hands.allegro(face)
     for line in hands.check_files(own.mjcf, own.sensors, settings.sensor) if own else ():
         say(line)
-    with tempfile.TemporaryDirectory(prefix="palpate-check-") as scratch, _only_errors("palpate.mesh"):
+    with tempfile.TemporaryDirectory(prefix="palpate-check-") as scratch:
         looks = [
             look(entry, root, settings.source.outside)
-            for entry, root in _opened(settings, names, config["seed"], Path(scratch))
+            for entry, root in _opened(settings, name, config["seed"], Path(scratch))
         ]
         for line in mesh_lines(looks, settings):
             say(line)
         sensors = f"{', '.join(hand.sensor_names)}: {settings.sensor.name}, {1e3 * settings.sensor.range:g} mm deep"
         say(f"hand: {hand.name}, {len(hand.joint_link)} joints; sensors {sensors}")
-        sound = [each for each in looks if not each.problem]
-        sound.sort(key=lambda each: (each.holds != "texture", each.faces))
-        pictures: dict[str, dict[str, np.ndarray]] = {}
-        for each in [each for each in sound if each.entry.object in names] if names else sound[:TRIED]:
+        sound = [each for each in looks if not each.problem and name in (None, each.entry.object)]
+        pictures: dict[str, np.ndarray] = {}
+        for each in sorted(sound, key=lambda each: (each.holds != "texture", each.faces))[:TRIED]:
             say(f"{each.entry.object}, through every stage:")
             try:
-                made = make_example(each.entry, each.root, config, settings.sensor, hand, Path(scratch), say)
+                pictures = make_example(each.entry, each.root, config, settings.sensor, hand, Path(scratch))
+                break
             except UnusableObject as error:
                 say(f"  can't be used: {error}")
-                continue
-            pictures[each.entry.object] = made
-            if not names:
-                break
+    from palpate.results.hand_sheet import check_sheet
+
     path = picture or run / "check.png"
-    of_all = [(name, *each) for name, images in pictures.items() for each in images.items()]
-    titled = {f"{name}\n{title}" if len(pictures) > 1 else title: image for name, title, image in of_all}
-    draw(path, hand, settings.sensor, titled)
-    say(f"{path}: {', '.join(['the hand with its sensor frames', *pictures])}")
+    with atomic_write(path) as partial:
+        check_sheet(hand, settings.sensor, pictures).savefig(partial, format="png")
+    say(f"{path}: the hand with its sensor frames{', images and readings' if pictures else ''}")
     options = f" --configfile {' '.join(map(str, overlays))}" if overlays else ""
     say(f"checked in {time.monotonic() - start:.0f} s. To make the dataset: snakemake --cores 2 dataset{options}")
-
-
-@contextmanager
-def _only_errors(name: str) -> Iterator[None]:
-    """Context without a logger's warnings: those of textures are lines of the check."""
-    logger = logging.getLogger(name)
-    level = logger.level
-    logger.setLevel(logging.ERROR)
-    try:
-        yield
-    finally:
-        logger.setLevel(level)
 
 
 def object_lines(settings: Settings, config: Mapping[str, Any]) -> Iterator[str]:
@@ -192,11 +161,9 @@ def object_lines(settings: Settings, config: Mapping[str, Any]) -> Iterator[str]
     yield f"source: {source.kind}, {'made by Palpate' if source.kind == 'procedural' else source.path}"
     classes = f"{len(settings.classes)} class{'es' * (len(settings.classes) > 1)}"
     yield f"{len(entries)} objects in {classes}: {_tally(Path(entry.source).suffix.lower() for entry in entries)}"
-    for name in list(settings.classes)[:MOST_CLASSES]:
+    for name in settings.classes:
         of_splits = [f"{split} {counts[name, split]}" for split in catalogue.SPLITS if counts[name, split]]
         yield f"  {name}: {', '.join(of_splits)}"
-    if len(settings.classes) > MOST_CLASSES:
-        yield f"  and {len(settings.classes) - MOST_CLASSES} more classes"
     if others := sum(len(entry.others) for entry in entries):
         yield f"  {others} further files of the same objects are not used (source.variants)"
     try:
@@ -223,28 +190,28 @@ class Look(NamedTuple):
     problem: str = ""
 
 
-def _opened(settings: Settings, names: Sequence[str], seed: int, scratch: Path) -> Iterator[tuple[SourceObject, Path]]:
+def _opened(settings: Settings, name: str | None, seed: int, scratch: Path) -> Iterator[tuple[SourceObject, Path]]:
     """The objects whose meshes are opened, and the folders that their sources are in: of each class in turn, and first
-    those that were asked for. Procedural ones are written into a temporary folder."""
+    the one that was asked for. Procedural ones are written into a temporary folder."""
     by_class = ([each for each in settings.entries if each.class_name == kind] for kind in settings.classes)
     turns = [each for turn in zip_longest(*by_class) for each in turn if each]
     known = [each.object for each in turns]
-    if unknown := [name for name in names if name not in known]:
-        raise ConfigError(f"no object {unknown[0]!r} in this run; its objects are {', '.join(known[:10])}, ...")
-    turns.sort(key=lambda each: each.object not in names)
+    if name and name not in known:
+        raise ConfigError(f"no object {name!r} in this run; its objects are {', '.join(known[:10])}, ...")
+    turns.sort(key=lambda each: each.object != name)
     if settings.source.kind == "procedural":  # all sound, and they have to be made first
         from palpate import shapes
 
-        for each in turns[: max(TRIED, len(names))]:
+        for each in turns[:TRIED]:
             (scratch / each.class_name).mkdir(exist_ok=True)
             shapes.write(each.class_name, int(each.object.rpartition("-")[2]), scratch / each.source, seed)
             yield each, scratch
         return
     root, total = Path(settings.source.path), 0
-    for number, each in enumerate(turns[: max(MOST_OPENED, len(names))]):
+    for number, each in enumerate(turns[:MOST_OPENED]):
         path = root / each.source
         total += path.stat().st_size if path.is_file() else 0  # a missing file is reported later
-        if number < max(1, len(names)) or total <= MOST_BYTES:
+        if not number or total <= MOST_BYTES:
             yield each, root
 
 
@@ -301,15 +268,15 @@ def make_example(
     touch_sensor: Sensor,
     hand: "Hand",
     scratch: Path,
-    say: Callable[[str], None] = print,
 ) -> dict[str, np.ndarray]:
-    """Take an object through every stage, with one grasp and small images, as the run would, and say what came out.
+    """Take an object through every stage, with one grasp and small images, as the run would, and print what came out.
 
     Returns images by each camera, alone and in the hand, and readings: (rows, columns, 3 or 4) uint8 by their titles.
     Raises `UnusableObject` for an object without a surface.
     """
     from palpate import grasp, mesh, scene, surface, touch
     from palpate.dataset.arrays import fill_untouched
+    from palpate.vision import Renderer
 
     seed, name, folder = config["seed"], entry.object, scratch / "made" / entry.object
     files = catalogue.files_root(root, config["source"]["outside"])
@@ -335,10 +302,6 @@ def make_example(
         say(f"  grasp after {attempts}, {sensed.success.sum()} of {sensed.success.size} sensors touch")
     except UnusableObject as error:
         say(f"  no grasp: {error}")
-    if "bpy" not in sys.modules:
-        return readings
-    from palpate.vision import Renderer
-
     small = {**vision, **{key: min(vision[key], most) for key, most in IMAGE.items()}}
     pictures = Renderer(small["samples"], small["device"]).render_cameras(made, scene.cameras(small))
     images = {}
@@ -348,33 +311,6 @@ def make_example(
         if held:
             images[f"in the hand{which}"] = held[0].rgb
     return images | readings
-
-
-def draw(path: Path, hand: "Hand", touch_sensor: Sensor, pictures: Mapping[str, np.ndarray]) -> None:
-    """Write the picture: the hand with its sensor frames, and below it images and readings with their titles."""
-    from PIL import Image
-
-    from palpate.results.hand_sheet import hand_figure
-    from palpate.results.page import LABEL, new_figure
-
-    sheets, rows = [hand_figure(hand, touch_sensor)], -(-len(pictures) // COLUMNS)
-    if pictures:
-        sheets.append(new_figure(2.0 * min(len(pictures), COLUMNS), 2.2 * rows))
-        for number, (title, picture) in enumerate(pictures.items(), start=1):
-            axes = sheets[1].add_subplot(rows, min(len(pictures), COLUMNS), number)
-            axes.imshow(picture)
-            axes.set_title(title, fontsize=LABEL)
-            axes.set_axis_off()
-        sheets[1].tight_layout()
-    for sheet in sheets:
-        sheet.canvas.draw()
-    images = [Image.fromarray(np.asarray(sheet.canvas.buffer_rgba())[..., :3]) for sheet in sheets]
-    whole, top = Image.new("RGB", (max(each.width for each in images), sum(each.height for each in images)), "white"), 0
-    for each in images:
-        whole.paste(each, ((whole.width - each.width) // 2, top))
-        top += each.height
-    with atomic_write(path) as partial:
-        whole.save(partial)
 
 
 def _tally(names) -> str:

@@ -11,7 +11,6 @@ palpate export results/mine shared      the run as WebDataset, or as Parquet and
 import argparse
 import sys
 from collections.abc import Callable, Mapping, Sequence
-from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -61,7 +60,7 @@ def check(args: argparse.Namespace) -> int:
     """Look at a config before its run."""
     from palpate.check import check_config
 
-    check_config(args.config, args.object, args.output, partial(print, flush=True))
+    check_config(args.config, args.object, args.output)
     return 0
 
 
@@ -170,7 +169,7 @@ MODEL = {
 COMMANDS = {
     "check": Command(check, "check a config and its meshes before a run, and draw the hand and one object", {
         "config": {"type": Path, "nargs": "*", "help": "overlays, as --configfile takes them (default: none)"},
-        "--object": {"nargs": "+", "default": [], "help": "taken through every stage (default: one that is soon done)"},
+        "--object": {"help": "taken through every stage (default: one that is soon done)"},
         "--output": {"type": Path, "metavar": "PNG", "help": "the picture (default: results/<run>/check.png)"},
     }),
     "view": Command(view, "write pages that show objects, hands, touches and predictions", {

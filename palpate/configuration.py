@@ -21,11 +21,6 @@ FORMER_KEYS = {
     "mesh.levels": "remove this key: no stage read further levels; decimate collision.ply yourself",
     "architecture.unsuccessful": "this key is now called 'failed_charts', and its value held 'fixed'; rename both",
 }
-# Values that had another name, by their key's path.
-RENAMED_VALUES = {"source.variants": {"richest": "best"}}
-
-MOST_VALUES = 1_000_000  # of a YAML file, aliases written out
-LONGEST_NAME = 255  # bytes of a file's name
 CONTROL = re.compile(r"[\x00-\x1f\x7f-\x9f]")
 
 
@@ -103,41 +98,29 @@ def parse_texts(config: dict[str, Any], schema: Path | str) -> None:
             place[last] = typed(error.instance)
 
 
+class _Loader(yaml.SafeLoader):
+    """YAML, but a key that stands twice in a mapping is an error."""
+
+    def compose_mapping_node(self, anchor: str | None) -> yaml.MappingNode:
+        node = super().compose_mapping_node(anchor)
+        keys = [key.value for key, _ in node.value if key.tag != "tag:yaml.org,2002:merge"]
+        if twice := [key for place, key in enumerate(keys) if key in keys[:place]]:
+            line = node.start_mark.line + 1
+            raise yaml.YAMLError(f"line {line}: key {twice[0]!r} stands twice in this mapping: remove one")
+        return node
+
+
 def read_yaml(path: Path | str) -> Any:
     """What a YAML file holds.
 
-    Raises `ConfigError`, naming file and line, if it can't be read, and for what YAML takes in silence: a key that
-    stands twice in a mapping, an alias that contains itself, aliases that stand for over `MOST_VALUES` values.
+    Raises `ConfigError`, naming file and line, if it can't be read, or a key stands twice in a mapping.
     """
     try:
-        loader = yaml.SafeLoader(Path(path).read_text(encoding="utf-8"))
-        node = loader.get_single_node()
-        if node is None:
-            return None
-        _count_values(node, (), {})
-        return loader.construct_document(node)
+        return yaml.load(Path(path).read_text(encoding="utf-8"), _Loader)
     except RecursionError:
         raise ConfigError(f"{path}: can't be read as YAML: its values are nested too deep") from None
     except (yaml.YAMLError, UnicodeDecodeError) as error:
         raise ConfigError(f"{path}: can't be read as YAML: {' '.join(str(error).split())}") from None
-
-
-def _count_values(node: yaml.Node, above: tuple[yaml.Node, ...], known: dict[yaml.Node, int]) -> int:
-    """How many values a node has, aliases written out. Raises as `read_yaml` does."""
-    line = f"line {node.start_mark.line + 1}"
-    if node in above:
-        raise yaml.YAMLError(f"{line}: an alias that contains itself")
-    if node not in known and isinstance(node, yaml.CollectionNode):
-        parts = node.value
-        if isinstance(node, yaml.MappingNode):
-            keys = [key.value for key, _ in node.value if key.tag != "tag:yaml.org,2002:merge"]
-            if twice := [key for place, key in enumerate(keys) if key in keys[:place]]:
-                raise yaml.YAMLError(f"{line}: key {twice[0]!r} stands twice in this mapping: remove one")
-            parts = [part for pair in node.value for part in pair]
-        known[node] = 1 + sum(_count_values(part, (*above, node), known) for part in parts)
-        if known[node] > MOST_VALUES:
-            raise yaml.YAMLError(f"{line}: its aliases stand for over {MOST_VALUES:,} values")
-    return known.get(node, 1)
 
 
 def _say(error: jsonschema.ValidationError) -> Iterator[str]:
@@ -155,8 +138,6 @@ def _say(error: jsonschema.ValidationError) -> Iterator[str]:
     elif error.validator == "required":
         for key in sorted(set(error.validator_value) - set(error.instance)):
             yield f"{f'{where}.' if where else ''}{key}: missing"
-    elif renamed := error.validator == "enum" and RENAMED_VALUES.get(where, {}).get(error.instance):
-        yield f"{where}: {error.instance!r} is now called {renamed!r}; rename it"
     elif isinstance(error.schema, dict) and "errorMessage" in error.schema:
         yield f"{where}: {error.instance!r}: {error.schema['errorMessage']}"
     else:
@@ -166,7 +147,7 @@ def _say(error: jsonschema.ValidationError) -> Iterator[str]:
 def _unusable(value: Any, where: tuple[str, ...] = ()) -> Iterator[str]:
     """A line for each value in nested dictionaries and lists that a schema takes and nothing can use.
 
-    These are numbers that are NaN or infinite, and texts with control characters or names that are too long for a file.
+    These are numbers that are NaN or infinite, and texts with control characters.
     """
     place = ".".join(where) or "top level"
     if isinstance(value, dict | list):
@@ -176,8 +157,6 @@ def _unusable(value: Any, where: tuple[str, ...] = ()) -> Iterator[str]:
         yield f"{place}: {value} is not a finite number"
     elif isinstance(value, str) and CONTROL.search(value):
         yield f"{place}: {value!r} has a line break or another control character: remove it"
-    elif isinstance(value, str) and max(len(name.encode()) for name in value.split("/")) > LONGEST_NAME:
-        yield f"{place}: {value[:20]}... has a name of over {LONGEST_NAME} bytes, which no file can have: shorten it"
 
 
 def plain(instance: Any) -> dict[str, Any]:

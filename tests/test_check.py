@@ -12,7 +12,7 @@ from snakemake.utils import update_config
 
 from palpate import grasp, hand, mesh, surface, touch
 from palpate.batch import generator
-from palpate.check import DEFAULT, MOST_OPENED, draw, make_example, project_folder, resolve
+from palpate.check import DEFAULT, MOST_OPENED, make_example, resolve
 from palpate.command import main
 from palpate.configuration import merge, read_config
 from palpate.scene import GRASP_ARRAYS, Scene
@@ -91,29 +91,26 @@ def test_it_says_what_there_is_and_what_is_wrong(overlay, folder, tmp_path, caps
         assert line in said.out, said.out
     assert "  brick: " in said.out and "  can: " in said.out
     with Image.open(tmp_path / "mine/check.png") as picture:
-        assert picture.format == "PNG" and len(np.unique(np.asarray(picture).reshape(-1, 3), axis=0)) > 1000
+        assert picture.format == "PNG" and len(picture.convert("RGB").getcolors(10**7)) > 1000
     assert [path.name for path in (tmp_path / "mine").iterdir()] == ["check.png"]
     planned = plan(PROJECT, "dataset", "--dry-run", "--configfile", str(config))  # the run is as new
     assert planned.returncode == 0, planned.stderr
 
 
-def test_the_objects_that_are_asked_for_are_taken_and_shown_where_asked(overlay, tmp_path, capsys, monkeypatch):
-    config, shown, some = overlay(**SMALL), [], ["can-tall", "brick-millimetres"]
-    monkeypatch.setattr("palpate.check.draw", lambda *given: shown.extend(given[3]) or draw(*given))
-    assert main(["check", str(config), "--output", str(tmp_path / "two.png"), "--object", *some]) == 0
+def test_the_object_that_is_asked_for_is_taken_and_shown_where_asked(overlay, tmp_path, capsys):
+    config = overlay(**SMALL)
+    assert main(["check", str(config), "--output", str(tmp_path / "one.png"), "--object", "brick-millimetres"]) == 0
     said = capsys.readouterr().out
-    assert all(f"{name}, through every stage:\n" in said for name in some) and "  grasp after" in said
-    assert {title.split("\n")[0] for title in shown} == set(some) and len(shown) >= 2 * 5
-    assert (tmp_path / "two.png").exists() and not (tmp_path / "mine").exists()
+    assert said.count("through every stage:\n") == said.count("brick-millimetres, through every stage:\n") == 1
+    assert "  grasp after" in said and (tmp_path / "one.png").exists() and not (tmp_path / "mine").exists()
     assert main(["check", str(config), "--object", "can-tal"]) == 1
     assert "no object 'can-tal' in this run; its objects are" in capsys.readouterr().err
 
 
 @pytest.fixture
 def meshes_only(monkeypatch):
-    """Without an example, and without a picture."""
+    """Without an example."""
     monkeypatch.setattr("palpate.check.make_example", lambda *_: {})
-    monkeypatch.setattr("palpate.check.draw", lambda *_: None)
 
 
 def test_sizes_that_are_kept_come_with_a_hint_at_the_unit(overlay, folder, meshes_only, capsys):
@@ -130,8 +127,7 @@ def test_the_example_is_the_runs_own_first_grasp(overlay, tmp_path):
     settings, robot = resolve(config, PROJECT), hand.allegro()
     (entry,) = (each for each in settings.entries if each.object == "can-tall")
     root = tmp_path / "meshes"
-    said: list[str] = []
-    pictures = make_example(entry, root, config, settings.sensor, robot, tmp_path, said.append)
+    pictures = make_example(entry, root, config, settings.sensor, robot, tmp_path)
 
     mesh.prepare(root / entry.source, tmp_path / "again", up="z", collision_faces=4000)
     visual = mesh.load_visual(tmp_path / "again")
@@ -141,7 +137,7 @@ def test_the_example_is_the_runs_own_first_grasp(overlay, tmp_path):
     made = Scene.from_grasps(tmp_path / "again", {key: getattr(found, key) for key in GRASP_ARRAYS}, robot)
     sensed = touch.sense_scene(made, touch.scene_tracer(made, DIGIT))
     readings = np.where(sensed.success[..., None, None, None], sensed.reading, touch.empty_reading(DIGIT))
-    assert list(pictures)[:2] == ["image", "in the hand"] and len(said) == 1
+    assert list(pictures)[:2] == ["image", "in the hand"]
     shown = np.stack(list(pictures.values())[2:])
     assert any(np.array_equal(shown, each) for each in readings)
     assert pictures["image"].shape == (48, 48, 3)
@@ -214,10 +210,7 @@ def test_a_config_that_is_none_is_one_line(tmp_path, text, said, capsys):
     assert said in printed and printed.startswith(str(tmp_path / "mine.yaml")) and printed.count("\n") == 1
 
 
-def test_it_runs_where_the_workflow_is(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    assert project_folder() == PROJECT  # an editable install
+def test_it_runs_where_the_workflow_is(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr("palpate.check.__file__", str(tmp_path / "site-packages/palpate/check.py"))
     assert main(["check"]) == 1
-    monkeypatch.chdir(PROJECT)
-    assert project_folder() == PROJECT
+    assert "runs with the workflow" in capsys.readouterr().err

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from palpate.catalogue.object_table import Scale
-from palpate.configuration import RENAMED_VALUES, absolute
+from palpate.configuration import absolute
 from palpate.mesh import FORMATS
 
 MESH_SUFFIXES = tuple(f".{each}" for each in FORMATS)
@@ -103,8 +103,6 @@ class Source:
         made_in = Path(absolute(config["results"], project), config["run"], "sources")
         section["path"] = absolute(section["path"], project) if section["path"] else str(made_in)
         section["objects"] = absolute(section["objects"], project) if section.get("objects") else None
-        if "variants" in section:  # the record of an older run may have the old value
-            section["variants"] = RENAMED_VALUES["source.variants"].get(section["variants"], section["variants"])
         return cls(**section, seed=config.get("seed", 0))
 
     @property

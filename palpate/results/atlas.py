@@ -6,22 +6,17 @@ After the paper's figure "Initial positions of vision charts in a closed sphere"
 from pathlib import Path
 
 import numpy as np
-from matplotlib.collections import PolyCollection
-from matplotlib.colors import to_rgba_array
+from matplotlib.colors import LightSource
+from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
 from palpate.charts import ATLAS_RADIUS, vision_atlas
 from palpate.mesh import OBJECT_POSITION
 from palpate.results import products
-from palpate.results.page import COLOURS, new_figure, save, styled
+from palpate.results.page import COLOURS, INK, new_figure, save, styled
 
 EXPLOSION = 0.055  # distance by which charts are moved out, in radii
-TOWARDS_CAMERA = np.array([-0.62, -0.66, 0.42])  # from the sphere's centre, world frame
-LIGHT = np.array([-0.75, -0.25, 0.62])  # towards the lamp, world frame
-AMBIENT = 0.45  # share of the light that comes from all around
-# Mixed with white: neighbours differ, for colour-blind readers too.
-CHART_COLOURS = to_rgba_array([COLOURS[number] for number in (5, 4, 2, 3, 6)])[:, :3]
-WHITE = 0.25  # share of white in them
-EDGE = (0.15, 0.15, 0.18)  # RGB of the faces' sides
+CHART_COLOURS = np.array(COLOURS)[[5, 4, 2, 3, 6]]
+AZIMUTH, ELEVATION = -133, 25  # degrees, of the view
 SIZE = 4.5  # inches
 
 
@@ -37,43 +32,23 @@ def draw(path: Path | str) -> None:
     middle = np.stack([vertices[chart == number].mean(axis=0) for number in range(chart.max() + 1)])
     out = middle / np.linalg.norm(middle, axis=1, keepdims=True)
     corners = (vertices + EXPLOSION * ATLAS_RADIUS * out[chart])[faces]
-
-    depth = unit(TOWARDS_CAMERA)
-    right = unit(np.cross([0, 0, 1], depth))
-    up = np.cross(depth, right)
-    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
-    lit = AMBIENT + (1 - AMBIENT) * np.maximum(normal @ unit(LIGHT), 0)
-    paint = CHART_COLOURS * (1 - WHITE) + WHITE
-    colour = lit[:, None] * paint[chart_colours(chart, atlas.joined.numpy())[chart[faces[:, 0]]]]
-    # From the back to the front; what faces away is hidden but for slits between charts, and omitted.
-    shown = np.argsort(corners.mean(axis=1) @ depth)
-    shown = shown[normal[shown] @ depth > 0]
-
+    colours = CHART_COLOURS[chart_colours(chart[faces[:, 0]])]
+    # What faces away would be seen through the slits between charts.
+    azimuth, elevation = np.radians([AZIMUTH, ELEVATION])
+    towards = np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)
+    shown = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]) @ towards > 0
     figure = new_figure(SIZE, SIZE)
-    axes = figure.add_axes((0, 0, 1, 1))
-    flat = np.stack([corners @ right, corners @ up], axis=2)[shown]
-    axes.add_collection(PolyCollection(flat, facecolors=colour[shown], edgecolors=EDGE, linewidths=0.35))
-    reach = 1.02 * (1 + EXPLOSION) * ATLAS_RADIUS
-    axes.set(xlim=(-reach, reach), ylim=(-reach, reach), aspect="equal")
+    axes = figure.add_axes((0, 0, 1, 1), projection="3d", proj_type="ortho")
+    style = {"edgecolors": INK, "linewidths": 0.35, "shade": True, "lightsource": LightSource(200, 40)}
+    axes.add_collection3d(Poly3DCollection(corners[shown], facecolors=colours[shown], **style))
+    reach = ATLAS_RADIUS * (1 + EXPLOSION)
+    axes.set(xlim=(-reach, reach), ylim=(-reach, reach), zlim=(-reach, reach))
+    axes.set_box_aspect((1, 1, 1), zoom=1.6)
+    axes.view_init(elev=ELEVATION, azim=AZIMUTH)
     axes.set_axis_off()
     save(figure, path)
 
 
-def unit(vector: np.ndarray) -> np.ndarray:
-    """The unit vector along a vector."""
-    return vector / np.linalg.norm(vector)
-
-
-def chart_colours(chart: np.ndarray, joined: np.ndarray) -> np.ndarray:
-    """The number of each chart's colour (96,), different for charts that share a side."""
-    pairs, shared = np.unique(np.sort(chart[joined], axis=1), axis=0, return_counts=True)
-    sides = pairs[shared > 1]  # charts that only meet at a corner share one vertex
-    colours = np.full(chart.max() + 1, -1)
-    for number in range(len(colours)):
-        neighbours = sides[(sides == number).any(axis=1)]
-        used = set(colours[neighbours].ravel())
-        # In turn over the colours, so that all of them are used.
-        order = (np.arange(len(CHART_COLOURS)) + number) % len(CHART_COLOURS)
-        colours[number] = next(colour for colour in order if colour not in used)
-    return colours
+def chart_colours(chart: np.ndarray) -> np.ndarray:
+    """The number of each chart's colour, by charts' numbers; different for charts that share a side."""
+    return (4 * chart + chart // 2) % len(CHART_COLOURS)

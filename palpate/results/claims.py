@@ -30,7 +30,7 @@ from palpate.results import model_tables as tables
 from palpate.results.bootstrap import RESAMPLES, Estimate, Statistic
 from palpate.results.errors import AVERAGE, Errors, errors
 from palpate.results.model_tables import Frame
-from palpate.results.published import paper_values
+from palpate.results.published import paper_values, stated
 
 HOLDS, FAILS, UNDECIDED = "holds", "does not hold", "undecided"
 
@@ -157,17 +157,6 @@ def decide(evaluations: Frame, rings: Frame, touches: Frame, resamples: int = RE
     return table
 
 
-@products.table(evaluations="claims", rings="claims", files=("touches",), splits=("validation", "test"))
-def claim_groups(evaluations: Frame, rings: Frame, touches: Frame, resamples: int = RESAMPLES) -> Frame:
-    """The paper's claims in groups that say the same of several set-ups: how many hold, do not hold, and are undecided,
-    for the paper's method and for ours. A group holds if all of its claims do, and does not if one does not.
-    """
-    table = decide(evaluations, rings, touches, resamples)
-    groups = _groups(table)
-    groups.attrs["note"] = _counted(table)
-    return groups
-
-
 def _groups(table: Frame) -> Frame:
     """A row for each group of claims and method of the table of claims, the methods of a group below each other."""
     rows = []
@@ -223,12 +212,7 @@ def _merge(whole: Errors, local: Errors) -> Errors:
 
 def _stated(claim: Claim) -> np.ndarray:
     """The paper's averages for the experiments that a claim names."""
-    frame = paper_values("input_modalities" if claim.table == "local_touch_charts" else claim.table)
-    if "class" in frame:
-        frame = frame[frame["class"] == AVERAGE]
-    names = frame["experiment"]
-    if "ring" in frame:
-        names = list(map(tables.ring_key, names, frame["ring"]))
+    table = "input_modalities" if claim.table == "local_touch_charts" else claim.table
     local = paper_values("local_touch_charts").set_index("class")["value"]
-    known = dict(zip(names, frame["value"], strict=True)) | {"cloud": local[AVERAGE]}
+    known = stated(table) | {"cloud": local[AVERAGE]}
     return np.array([known[methods.stated_as(name)] for name in claim.experiments])

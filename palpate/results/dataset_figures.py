@@ -1,170 +1,228 @@
-"""Figures of a run's dataset: one data point, and sheets of examples. They need no display and no renderer.
+"""Figures of a run's dataset: one data point, sheets of examples, steps and closing of a grasp. Blender renders.
 
-The same dataset gives the same bytes. A dataset, or a class, without objects gives a figure that says so.
+Import it before anything that loads embree (trimesh does), because it loads Blender. A dataset, or a class, without
+objects gives a figure that says so.
 """
 
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.patches import Circle
+from matplotlib.colors import to_rgb
+from matplotlib.figure import Figure
 
-from palpate.dataset.reader import Dataset, GraspRecord
-from palpate.mesh import OBJECT_POSITION, load_visual
-from palpate.results import products
-from palpate.results.page import FAINT, LABEL, PALE, TITLE, Page, save, save_sentence, styled
-from palpate.results.surface_view import SurfaceView, site_colours
+from palpate.vision import blender
 
-RING = 0.8  # radius of the ring about a site, in sensor widths
-SURFACE_ASPECT = 1.5  # width of a surface's picture over its height: most objects are long
+blender.load()
+
+from palpate.camera import Camera, looking_at  # noqa: E402  (Blender comes before what loads embree)
+from palpate.dataset.reader import Dataset, GraspRecord, ObjectRecord  # noqa: E402
+from palpate.mesh import DIAGONAL, OBJECT_POSITION, load_visual, mesh_file  # noqa: E402
+from palpate.results import products  # noqa: E402
+from palpate.results.hand_sheet import posed_geoms  # noqa: E402
+from palpate.results.page import COLOURS, figure_image, picture_grid, save, save_sentence, styled  # noqa: E402
+from palpate.surface.embree import RayMesh  # noqa: E402
+from palpate.vision import Mesh, Renderer, spheres  # noqa: E402
+
+CLAY = (0.93, 0.92, 0.90)  # sRGB of a surface without its materials
+POINT = 0.004  # m, radius of a surface point, where there is no mesh
+SITE_COLOURS = [COLOURS[number] for number in (1, 0, 2, 3, 4, 5)]  # in the order of the sensors
+SITE_POINT, SITE_STRIDE = 0.004, 13  # m, radius of a touched point as drawn, larger than it is; of points, those drawn
 EXAMPLES = 6  # objects on a sheet
-SHEET_DPI = 100
 CANDIDATES = 60  # grasps looked at for the data point
-# What a data point had best be: the hand hides some of the object, but not most of it. This share of it stays visible.
-VISIBLE = 0.65
-FULL_RELIEF = 50.0  # standard deviation of a reading's pixels (0..255); one that varies more is no better
+PIXELS, STEP_PIXELS = 240, 420  # of a surface, of a step of a grasp
+DISTANCE = 2.2  # m from what is looked at to the camera
+MARGIN = 1.04  # of the field of view over what it must hold
+AZIMUTHS, ELEVATION = range(0, 360, 30), 25  # degrees, of the views that are looked at
+LIFT = 0.001  # m: how far off a surface a ray to the camera starts
+BACK = 0.2  # m from the hand that is loaded to where it is placed
+PAUSE, REST = 130, 1500  # ms that a frame is shown, and the last one
+STEPS = (
+    "1  The object",
+    "2  The hand is loaded, open",
+    "3  The palm is placed tangent\nto a random point of the surface",
+    "4  The fingers close until\nthe surface stops them",
+)
 
 
 @products.figure(stores=("dataset",), category="Dataset", simulated=True)
 @styled
-def data_point(dataset: Dataset, path: Path | str) -> None:
-    """One data point: the camera's image of the object in the hand, and of the object alone; what the four touch
-    sensors read (a faded, struck-through reading is that of a sensor that touched nothing); and the object's surface
-    with the touch sites in the colours of their readings. A dashed ring marks a site that this view does not show.
+def data_point(dataset: Dataset, path: Path | str, threads: int = 1, samples: int = 32) -> None:
+    """One data point: the camera's image of the object alone, and of the object in the hand; what the touch sensors
+    read (faded where a sensor touched nothing); and the object's surface with the touched points in the colours of
+    their readings, seen from where most of these points are in sight.
 
-    The grasp is the one that `example_grasp` picks.
+    The grasp is the one that `example_grasp` picks. threads: of the CPU, samples: a pixel, for the renderer.
     """
     grasp = example_grasp(dataset)
     if grasp is None:
         return save_sentence("No usable object in this run", path)
-    cell, gap, label, head = 2.8, 0.1, 0.22, 0.5  # inches
-    widths = np.array([cell, cell, cell, SURFACE_ASPECT * cell])
-    left = gap + np.concatenate([[0], np.cumsum(widths + gap)[:-1]])
-    width, height = left[-1] + widths[-1], head + cell + gap
-    page = Page(width, height)
-    titles = ("Occluded image", "Unoccluded image", "Touch readings", "Surface and touch sites")
-    for start, extent, title in zip(left, widths, titles, strict=True):
-        page.text(start + extent / 2, 0.14, title, fontsize=TITLE)
-    _image(page.axes(left[0], head, cell, cell), grasp.occluded)
-    _image(page.axes(left[1], head, cell, cell), grasp.object.unoccluded)
-    side = max(2, int(np.ceil(np.sqrt(len(grasp.sensors)))))  # readings in a row
-    small = (cell - label) / side
-    step, colours = (cell - small) / (side - 1), site_colours(len(grasp.sensors))
-    for sensor, name in enumerate(grasp.sensors):
-        row, column = divmod(sensor, side)
-        axes = page.axes(left[2] + column * step, head + row * step, small, small)
-        draw_reading(axes, grasp, sensor)
-        touched = grasp.success[sensor]
-        colour = colours[sensor] if touched else FAINT
-        axes.set_title(name if touched else f"{name}: no touch", fontsize=LABEL, pad=3, color=colour)
-    _surface(page.axes(left[3], head, widths[3], cell), grasp)
-    save(page.figure, path)
+    save(_sheet([grasp], Renderer(samples=samples, threads=threads)), path)
 
 
 @products.figure(name="examples_{class_name}", stores=("dataset",), category="Dataset", simulated=True)
 @styled
-def examples(dataset: Dataset, class_name: str, path: Path | str) -> None:
-    """Examples of class {class_name}, taken evenly from its objects and not chosen: images, readings of the four
-    sensors (faded and struck through where a sensor touched nothing), and the surface with the touch sites in the
-    colours of their readings. A dashed ring marks a site that the view does not show.
+def examples(dataset: Dataset, class_name: str, path: Path | str, threads: int = 1, samples: int = 32) -> None:
+    """Examples of class {class_name}, taken evenly from its objects and not chosen: images, readings of the sensors
+    (faded where a sensor touched nothing), and the surface with the touched points in the colours of their readings.
 
-    A row an object, each with another of its grasps: the first object's first, the second's second, ...
+    A row an object, each with another of its grasps: the first object's first, the second's second, ... threads: of
+    the CPU, samples: a pixel, for the renderer.
     """
     objects = dataset.of_class(class_name).objects if class_name in dataset.classes else []
     if not objects:
         return save_sentence(f"No usable object of class {class_name} in this run", path)
-    chosen = [objects[number] for number in _evenly(len(objects), EXAMPLES)]
-    sensors = dataset[chosen[0]].grasps[0].sensors
-    titles = ("unoccluded", "occluded", *sensors, "touch sites")
-    cell, gap, label, head = 1.55, 0.06, 0.24, 0.3  # inches
-    left = gap + np.arange(len(titles)) * (cell + gap)
-    widths = np.append(np.full(len(titles) - 1, cell), SURFACE_ASPECT * cell)
-    width, height = left[-1] + widths[-1] + gap, head + len(chosen) * (label + cell) + gap
-    page = Page(width, height, SHEET_DPI)
-    for start, extent, title in zip(left, widths, titles, strict=True):
-        page.text(start + extent / 2, head / 2, title, fontsize=TITLE)
-    for row, name in enumerate(chosen):
-        record = dataset[name]
-        grasp = record.grasps[row % len(record.grasps)]
-        top = head + row * (label + cell)
-        words = f"{name}, grasp {grasp.number}: {int(grasp.success.sum())} of {len(sensors)} touches"
-        page.text(gap, top + label / 2, words, fontsize=LABEL, color=FAINT, ha="left")
-        axes = [page.axes(start, top + label, extent, cell) for start, extent in zip(left, widths, strict=True)]
-        _image(axes[0], record.unoccluded)
-        _image(axes[1], grasp.occluded)
-        for sensor in range(len(sensors)):
-            draw_reading(axes[2 + sensor], grasp, sensor)
-        _surface(axes[-1], grasp)
-    save(page.figure, path)
+    chosen = [dataset[objects[number]].grasps for number in _evenly(len(objects), EXAMPLES)]
+    grasps = [of_object[row % len(of_object)] for row, of_object in enumerate(chosen)]
+    save(_sheet(grasps, Renderer(samples=samples, threads=threads)), path)
+
+
+@products.figure(stores=("dataset",), category="Dataset", simulated=True)
+@styled
+def grasp_steps(dataset: Dataset, path: Path | str, threads: int = 1, samples: int = 32) -> None:
+    """The steps of a grasp: the object; the hand, loaded open; its palm placed tangent to a random point of the
+    surface, at a random distance and turned at random; its fingers, driven towards the surface by inverse kinematics,
+    stopped by contact. Steps 3 and 4 are a stored grasp, the same as the data point's.
+
+    threads: of the CPU, samples: a pixel, for the renderer.
+    """
+    grasp = example_grasp(dataset)
+    if grasp is None:
+        return save_sentence("No usable object in this run", path)
+    hand, loaded = grasp.object.hand, grasp.palm_pose.copy()
+    loaded[:3, 3] -= BACK * (grasp.palm_pose @ hand.palm_anchor)[:3, 0]
+    opened = [hand.forward(palm, hand.open_joint_positions) for palm in (loaded, grasp.palm_pose)]
+    poses = (None, *opened, grasp.link_pose)
+    drawn = [hand_points(hand, pose) for pose in poses[1:]]
+    points, towards = np.concatenate([grasp.object.points, *drawn]), clear_view(grasp.object, drawn[-1])
+    camera = camera_holding(points, towards, STEP_PIXELS)
+    renderer = Renderer(samples=samples, threads=threads)
+    seen = {"visual_glb": mesh_file(grasp.object.mesh, "visual.glb"), "camera": camera}
+    figure, (panels,) = picture_grid([""], STEPS, cell=2.8)
+    for panel, pose in zip(panels, poses, strict=True):
+        image = renderer.render_meshes(**seen, hand=None if pose is None else hand, link_pose=pose)
+        panel.imshow(image.rgb, interpolation="antialiased")
+    save(figure, path)
+
+
+@products.figure(
+    form="gif", stores=("surface", "grasps", "touch", "frames", "vision"), category="Dataset", simulated=True
+)
+@styled
+def closing(dataset: Dataset, path: Path | str, threads: int = 1, samples: int = 32) -> None:
+    """A closing hand, with what its sensors read, slowed down: the frames of the grasp of the data point.
+
+    threads: of the CPU, samples: a pixel, for the renderer.
+    """
+    grasp = example_grasp(dataset)
+    if grasp is None:
+        return save_sentence("No usable object in this run", path)
+    hand, frames = grasp.object.hand, grasp.frames
+    drawn = [hand_points(hand, frames.link_pose[number]) for number in (0, -1)]
+    points, towards = np.concatenate([grasp.object.points, *drawn]), clear_view(grasp.object, drawn[-1])
+    seen = {"visual_glb": mesh_file(grasp.object.mesh, "visual.glb"), "hand": hand}
+    seen["camera"] = camera_holding(points, towards, PIXELS)
+    renderer, pages = Renderer(samples=samples, threads=threads), []
+    for number, link_pose in enumerate(frames.link_pose):
+        sensors = grasp.sensors if frames.has_touch else ()
+        figure, ((picture, *readings),) = picture_grid([f"{frames.time[number]:.2f} s"], ("", *sensors))
+        picture.imshow(renderer.render_meshes(**seen, link_pose=link_pose).rgb)
+        for sensor, panel in enumerate(readings):
+            _draw_reading(panel, frames.reading[number, sensor], frames.success[number, sensor], sensor)
+        pages.append(figure_image(figure))
+    palette = pages[-1].quantize(255)  # of all: else colours flicker, and every pixel is written again
+    first, *others = (page.quantize(palette=palette) for page in pages)
+    times = [PAUSE] * len(others) + [REST]
+    first.save(path, "GIF", save_all=True, append_images=others, duration=times, loop=0, optimize=True)
 
 
 def example_grasp(dataset: Dataset) -> GraspRecord | None:
-    """A grasp that shows well what a data point is; None for a dataset without objects.
-
-    Of those with the best number of touches (all but one, so that an empty reading is shown as well; else all; else as
-    many as there are): the object is large in its image, the hand leaves about
-    `VISIBLE` of it in sight, and there is something to see in every touching sensor's reading. Looks at no
-    more than `CANDIDATES` of them, taken evenly.
-    """
+    """The grasp that shows what a data point is: of those with most touches the one of whose object most pixels are in
+    sight beside the hand. Looks at no more than `CANDIDATES`, taken evenly; None for a dataset without objects."""
     if not len(dataset):
         return None
-    success = dataset.array("touch", "success")[:]
-    touches, sensors = success.sum(axis=2), success.shape[2]
-    rank = np.vectorize(best_counts(sensors).index)(touches)
-    best = np.argwhere(rank == rank.min())
-    candidates = best[_evenly(len(best), CANDIDATES)]
-
-    def merit(grasp: GraspRecord) -> float:
-        unoccluded, occluded = (grasp.object.unoccluded_mask > 0).mean(), (grasp.occluded_mask > 0).mean()
-        relief = grasp.reading[grasp.success].std(axis=(1, 2)).mean(axis=-1)
-        in_sight = occluded / max(unoccluded, 1e-9)
-        return np.sqrt(unoccluded) * (1 - abs(in_sight - VISIBLE)) * relief.min(initial=FULL_RELIEF)
-
-    return max((dataset[int(row)].grasps[number] for row, number in candidates), key=merit)
+    touches = dataset.array("touch", "success")[:].sum(axis=2)
+    best = np.argwhere(touches == touches.max())
+    candidates = [dataset[int(row)].grasps[grasp] for row, grasp in best[_evenly(len(best), CANDIDATES)]]
+    return max(candidates, key=lambda grasp: (grasp.occluded_mask > 0).mean())
 
 
-def best_counts(sensors: int) -> list[int]:
-    """Counts of successful touches that a data point may have, the best first."""
-    return [sensors - 1, sensors, *range(sensors - 2, -1, -1)] if sensors > 1 else [1, 0]
+def clay(record: ObjectRecord) -> Mesh:
+    """The object's own surface, in clay; points of it for a dataset without meshes."""
+    if not (record.mesh / "visual.glb").exists():
+        return spheres(record.points, POINT, CLAY, segments=1)
+    mesh = load_visual(record.mesh)
+    return Mesh(mesh.vertices + OBJECT_POSITION, mesh.faces, CLAY)
+
+
+def clear_view(record: ObjectRecord, points: np.ndarray) -> np.ndarray:
+    """(3,) unit vector from the object to a camera: in the middle of the directions in which the object hides least of
+    the points (n, 3), world frame."""
+    mesh, tilt = RayMesh(load_visual(record.mesh)), np.radians(ELEVATION)
+    turns = np.radians(AZIMUTHS)
+    level = np.cos(tilt) * np.stack([np.cos(turns), np.sin(turns)], axis=1)
+    directions = np.column_stack([level, np.full(len(turns), np.sin(tilt))])
+    starts = (np.reshape(points, (-1, 3)) - OBJECT_POSITION + LIFT * towards for towards in directions)
+    hidden = [
+        mesh.blocked(start, np.broadcast_to(2 * DIAGONAL * towards, start.shape), reach=1).sum()
+        for start, towards in zip(starts, directions, strict=True)
+    ]
+    best = directions[np.equal(hidden, min(hidden))]
+    return best[np.argmax(best @ best.mean(axis=0))]
+
+
+def camera_holding(points: np.ndarray, towards: np.ndarray, size: int) -> Camera:
+    """A camera of `size` pixels that looks from direction `towards` (3,) at the middle of points (n, 3) and holds them
+    all."""
+    middle = (points.min(axis=0) + points.max(axis=0)) / 2
+    camera = looking_at(middle, middle + DISTANCE * towards, size)
+    reach = np.abs(camera.project(points)[0] - size / 2).max()
+    return replace(camera, focal_length=camera.focal_length * size / 2 / (MARGIN * reach))
+
+
+def hand_points(hand, link_pose: np.ndarray) -> np.ndarray:
+    """(n, 3) vertices of the drawn hand in the world."""
+    return np.concatenate([points for points, _ in posed_geoms(hand, link_pose)])
+
+
+def _sheet(grasps: Sequence[GraspRecord], renderer: Renderer) -> Figure:
+    """A row a grasp: both images, the readings, and the surface with the touched points."""
+    names = [f"{grasp.object.name}, grasp {grasp.number}" for grasp in grasps]
+    figure, axes = picture_grid(names, ("unoccluded", "occluded", *grasps[0].sensors, "touched points"))
+    for grasp, (alone, held, *readings, surface) in zip(grasps, axes, strict=True):
+        alone.imshow(grasp.object.unoccluded, interpolation="antialiased")
+        held.imshow(grasp.occluded, interpolation="antialiased")
+        for sensor, panel in enumerate(readings):
+            _draw_reading(panel, grasp.reading[sensor], grasp.success[sensor], sensor)
+        surface.imshow(_touched_surface(grasp, renderer), interpolation="antialiased")
+    return figure
+
+
+def _draw_reading(axes: Axes, reading: np.ndarray, touched: bool, sensor: int) -> None:
+    """A sensor's image, framed in the colour of its points; an untouched one is faded."""
+    axes.imshow(reading, interpolation="antialiased", alpha=1 if touched else 0.4)
+    axes.spines[:].set(visible=touched, color=_site_colour(sensor), linewidth=2.2)
+
+
+def _touched_surface(grasp: GraspRecord, renderer: Renderer) -> np.ndarray:
+    """(s, s, 3) picture of the object in clay with the touched points on it."""
+    body = clay(grasp.object)
+    sites = [
+        spheres(cloud[::SITE_STRIDE], SITE_POINT, to_rgb(_site_colour(sensor)), segments=1)
+        for sensor, cloud in enumerate(grasp.points)
+        if len(cloud)
+    ]
+    towards = clear_view(grasp.object, np.concatenate(grasp.points))
+    camera = camera_holding(np.asarray(body.vertices), towards, PIXELS)
+    return renderer.render_meshes([body, *sites], camera=camera).rgb
+
+
+def _site_colour(sensor: int) -> str:
+    return SITE_COLOURS[sensor % len(SITE_COLOURS)]
 
 
 def _evenly(count: int, most: int) -> np.ndarray:
     """At most `most` of the numbers 0 ... count - 1, evenly spaced, in order."""
     return np.arange(count) if count <= most else np.linspace(0, count - 1, most).round().astype(int)
-
-
-def _frame(axes: Axes, colour=PALE, width: float = 0.8) -> None:
-    axes.set_xticks([])
-    axes.set_yticks([])
-    for spine in axes.spines.values():
-        spine.set(color=colour, linewidth=width)
-
-
-def _image(axes: Axes, image: np.ndarray) -> None:
-    axes.imshow(image, interpolation="antialiased")
-    _frame(axes)
-
-
-def draw_reading(axes: Axes, grasp: GraspRecord, sensor: int) -> None:
-    """A sensor's image, framed in its site's colour; an untouched one is faded and struck through."""
-    touched = grasp.success[sensor]
-    axes.imshow(grasp.reading[sensor], interpolation="antialiased", alpha=1 if touched else 0.5)
-    _frame(axes, site_colours(sensor + 1)[sensor] if touched else PALE, 2.2 if touched else 0.8)
-    if not touched:
-        axes.plot([0, 1], [0, 1], color=FAINT, linewidth=0.8, transform=axes.transAxes)
-
-
-def _surface(axes: Axes, grasp: GraspRecord) -> None:
-    """The object from its best side, a ring about every site: dashed if the object hides it."""
-    sites = [cloud - np.array(OBJECT_POSITION) for cloud in grasp.points]
-    surface = SurfaceView(load_visual(grasp.object.mesh), sites, grasp.sensor)
-    box = axes.get_window_extent()
-    view = surface.best_view((round(box.height), round(box.width)))
-    picture = surface.draw(view)
-    axes.imshow(np.clip(picture.image, 0, 1), interpolation="antialiased")
-    for centre, hidden, colour in zip(picture.centres, picture.hidden, site_colours(len(sites)), strict=True):
-        if np.isfinite(centre).all():
-            style = {"linewidth": 1.2, "linestyle": (0, (2, 1.5)) if hidden else "solid", "clip_on": False}
-            radius = RING * max(grasp.sensor.size) / view.scale
-            axes.add_patch(Circle(centre, radius, fill=False, color=colour, **style))
-    axes.set_axis_off()

@@ -4,7 +4,7 @@
 |---|---|---|
 | objects | catalogued object | object, class, split |
 | rejected | rejected object | object, stage, reason |
-| grasps | grasp | object, class, successful_touches (0..s), touches (s), attempts, penetration (m) |
+| grasps | grasp | object, class, successful_touches (0..s), touches (s), attempts |
 
 s is the number of the hand's sensors.
 """
@@ -24,7 +24,6 @@ from palpate.results.published import has_papers_classes, paper_values, without_
 from palpate.store.contract import SENSOR_NAMES
 
 TOTAL = "total"
-MILLIMETRES = 1000.0
 
 
 class Frames(NamedTuple):
@@ -42,20 +41,12 @@ def dataset_frames(run: Path | str) -> Frames:
     objects = pd.DataFrame(read_catalogue(run / "catalogue.csv")).rename(columns={"class_name": "class"})
     dataset = Dataset(run, stages=("released", "meshes", "surface", "grasps", "touch"))
     rejected = pd.DataFrame(dataset.rejections(), columns=["object", "stage", "reason"])
-    success = dataset.array("touch", "success")[:] if len(dataset) else np.zeros((0, 1, len(SENSOR_NAMES)), bool)
-    count, each, sensors = success.shape
-    attempts, penetration = np.full(count, np.nan), np.full((count, each), np.nan)
-    if count and "grasps" in dataset.stages:  # a released dataset has no grasps
-        attempts, penetration = (dataset.array("grasps", name)[:] for name in ("attempts", "penetration"))
-    grasps = {
-        "object": np.repeat(np.asarray(dataset.objects, dtype=object), each),
-        "class": np.repeat(np.asarray([record.class_name for record in dataset], dtype=object), each),
-        "successful_touches": success.sum(axis=2).ravel(),
-        "touches": np.full(count * each, sensors),
-        "attempts": np.repeat(attempts, each).astype(float),
-        "penetration": penetration.ravel().astype(float),
-    }
-    return Frames(objects, rejected, pd.DataFrame(grasps))
+    grasps = dataset.table().rename(columns={"touches": "successful_touches"})
+    grasps = grasps.reindex(columns=["object", "class", "successful_touches", "row"])
+    grasps["touches"] = dataset.array("touch", "success").shape[2] if len(dataset) else len(SENSOR_NAMES)
+    has_grasps = len(dataset) and "grasps" in dataset.stages  # a released dataset has none
+    grasps["attempts"] = dataset.array("grasps", "attempts")[:][grasps.pop("row")] if has_grasps else np.nan
+    return Frames(objects, rejected, grasps.astype({"successful_touches": int, "attempts": float}))
 
 
 @products.table(stores=("meshes", "surface", "grasps", "touch"), category="Dataset")
@@ -116,27 +107,6 @@ def grasp_success(frames: Frames) -> pd.DataFrame:
             row |= {"percent": 100 * share.value, "percent_low": 100 * share.low, "percent_high": 100 * share.high}
             rows.append(row | {"percent_paper": published.get((name, touches), np.nan)})
     table = _round(without_paper(pd.DataFrame(rows), objects["class"]), percent="percent")
-    table.attrs["note"] = _size_note(objects, grasps)
-    return table
-
-
-@products.table(stores=("meshes", "surface", "grasps", "touch"), category="Dataset", simulated=True)
-def penetration(frames: Frames) -> pd.DataFrame:
-    """How deep the hand is inside the object, or in itself, when it has closed: the worst place of each grasp in
-    millimetres, by a check that is independent of the physics engine. Mean with a 95 % bootstrap interval over objects,
-    95th percentile, maximum.
-    """
-    objects, _, grasps = frames
-    rows = []
-    for name, _, class_grasps in _classes(objects, grasps):
-        depth = MILLIMETRES * class_grasps["penetration"].to_numpy(float)
-        by_object = _by_object(class_grasps.assign(depth=depth, one=1))
-        mean = ratio_interval(by_object["depth"], by_object["one"], by_object["class"]).within(0)
-        row = {"class": name, "objects": len(by_object), "grasps": len(class_grasps)}
-        row |= {"mean_mm": mean.value, "mean_low_mm": mean.low, "mean_high_mm": mean.high}
-        row["percentile_95_mm"] = np.quantile(depth, 0.95) if len(depth) else np.nan
-        rows.append(row | {"max_mm": depth.max() if len(depth) else np.nan})
-    table = pd.DataFrame(rows).round(4)
     table.attrs["note"] = _size_note(objects, grasps)
     return table
 

@@ -17,7 +17,7 @@ from palpate.results import model_tables as tables
 from palpate.results.bootstrap import RESAMPLES
 from palpate.results.claims import contrast
 from palpate.results.errors import AVERAGE, Errors, errors
-from palpate.results.published import effects, paper_values
+from palpate.results.published import effects, stated
 
 # The verdict by the sign of a finding, and what stands behind it where a single seed was trained.
 VERDICTS = {-1: "better", 0: "undecided", 1: "worse"}
@@ -39,7 +39,7 @@ def touch_effect(evaluations: pd.DataFrame, resamples: int = RESAMPLES) -> pd.Da
     is lower), objects, seeds, steps. Raises EvaluationError if experiments were measured on different objects or with
     different seeds.
     """
-    rows, abc = [], paper_values("abc").set_index("experiment")["value"].to_dict()
+    rows, abc = [], stated("abc")
     for row, split, found in _compared(evaluations):
         difference = _difference(found, row, _stated(split, AVERAGE), abc, resamples)
         rows.append(_named(row) | {"split": split} | difference)
@@ -82,9 +82,9 @@ def _compared(evaluations: pd.DataFrame) -> Iterator[tuple[dict[str, str], str, 
 
 
 def _difference(
-    found: Errors, row: dict[str, str], stated: dict[str, float], abc: dict[str, float], resamples: int
+    found: Errors, row: dict[str, str], paper: dict[str, float], abc: dict[str, float], resamples: int
 ) -> dict[str, Any]:
-    """The columns of a difference of two experiments' averages, from `difference` on; `stated` has the paper's, `abc`
+    """The columns of a difference of two experiments' averages, from `difference` on; `paper` has the paper's, `abc`
     those of ABC objects."""
     pair = row["experiment"], row["compared_with"]
     (difference,) = contrast(1, -1)
@@ -97,7 +97,7 @@ def _difference(
         **tables.interval_columns("difference", estimate),
         "difference_median": found.median(pair, difference),
         **tables.interval_columns("percent", percent),
-        "percent_paper": _percent(stated, row),
+        "percent_paper": _percent(paper, row),
         "percent_abc": _percent(abc, row),
         "between_seeds": spread,
         "verdict": VERDICTS[sign] + (ONE_SEED if sign and sizes["seeds"] == 1 else ""),
@@ -105,10 +105,10 @@ def _difference(
     }
 
 
-def _percent(stated: Mapping[str, float], row: dict[str, str]) -> float:
-    """A difference in percent by stated numbers; nan where one is not stated."""
+def _percent(published: Mapping[str, float], row: dict[str, str]) -> float:
+    """A difference in percent by published numbers; nan where one is missing."""
     one, other = row["stated_as"], methods.stated_as(row["compared_with"])
-    return 100 * (stated.get(one, np.nan) / stated.get(other, np.nan) - 1)
+    return 100 * (published.get(one, np.nan) / published.get(other, np.nan) - 1)
 
 
 def _effects_table(rows: list[dict], evaluations: pd.DataFrame, what: str) -> pd.DataFrame:
@@ -126,9 +126,5 @@ def _effects_table(rows: list[dict], evaluations: pd.DataFrame, what: str) -> pd
 
 def _stated(split: str, group: str) -> dict[str, float]:
     """The paper's numbers of its experiments on a split, of a class or the average."""
-    stated: dict[str, float] = {}
-    for table in ("model_selection",) if split == "validation" else ("grasps", "input_modalities"):
-        frame = paper_values(table)
-        frame = frame[frame["class"] == group] if "class" in frame else frame[[group == AVERAGE] * len(frame)]
-        stated |= dict(zip(frame["experiment"], frame["value"], strict=True))
-    return stated
+    named = ("model_selection",) if split == "validation" else ("grasps", "input_modalities")
+    return {name: value for table in named for name, value in stated(table, group).items()}

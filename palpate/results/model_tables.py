@@ -27,7 +27,7 @@ from palpate.protocol import CHAMFER_SCALE, PIXEL2MESH_SCALE, RINGS, TAU, pixel2
 from palpate.results import methods, products
 from palpate.results.bootstrap import RESAMPLES, Estimate
 from palpate.results.errors import AVERAGE, Errors, errors
-from palpate.results.published import has_papers_classes, paper_values, without_paper
+from palpate.results.published import has_papers_classes, paper_values, stated, without_paper
 from palpate.training.tuning import summary
 
 PAPER_OBJECTS = {"validation": 258, "test": 175}  # supplement, Dataset Statistics
@@ -80,7 +80,7 @@ def grasps(evaluations: Frame, experiments: Experiments, split="test", resamples
     A row is a setup: experiments that differ in their number of grasps only.
     """
     found = errors(evaluations, list(experiments), split)
-    published = paper_values("grasps").set_index("experiment")["value"]
+    published = stated("grasps")
     rows = []
     for (method, inputs), members in setups(experiments).items():
         row: dict[str, Any] = {"method": method, "input": inputs}
@@ -99,7 +99,7 @@ def extrapolation(rings: Frame, experiments: Experiments, split="test", resample
     touch have less than theirs is extrapolated.
     """
     found = ring_errors(rings, list(experiments), split)
-    published = paper_values("extrapolation").set_index(["experiment", "ring"])["value"]
+    published = stated("extrapolation")
     rows = []
     for unit, scale in (("m^2", 1.0), ("m^2 x 9000", CHAMFER_SCALE)):
         for name, experiment in experiments.items():
@@ -107,7 +107,7 @@ def extrapolation(rings: Frame, experiments: Experiments, split="test", resample
             row["unit"] = unit
             for ring in RINGS:
                 row |= error_columns(f"x{ring}", found, ring_key(name, ring), resamples, scale)
-                row[f"x{ring}_paper"] = scale * published.get((methods.stated_as(name), ring), np.nan)
+                row[f"x{ring}_paper"] = scale * published.get(ring_key(methods.stated_as(name), ring), np.nan)
             rows.append(row | size_columns(found, *(ring_key(name, ring) for ring in RINGS)))
     note = (
         " One direction: from the true surface to the prediction. The published evaluation averages over all "
@@ -366,18 +366,6 @@ def intervals_note(seeds: int) -> str:
     return f"In brackets: 95 % bootstrap interval over {over}; none where a class has a single object.{known}"
 
 
-def _between_seeds(found: Errors) -> str:
-    """How far two seeds of one model differ, over all models of a table."""
-    # A difference of logarithms is a relative difference.
-    shares = np.array([found.between_seeds([name], lambda means: np.log(means[..., 0])) for name in found.values])
-    if np.isnan(shares).all():
-        return ""
-    return (
-        f" Two seeds of one model differ by {100 * np.nanmean(shares):.1f} % of its average (mean over models; "
-        f"{100 * np.nanmax(shares):.1f} % at most)."
-    )
-
-
 def _finish(
     rows: list[dict], split: str, found: Errors, note: str, decimals: int | None = 3, exact: dict | None = None
 ) -> Frame:
@@ -391,7 +379,7 @@ def _finish(
     papers = f"; the paper: {PAPER_OBJECTS[split]}" if has_papers_classes(found.class_names) else ""
     table.attrs["note"] = (
         f"This run: {len(found.objects)} objects of the {split} split ({classes}){papers}.{note} "
-        f"{intervals_note(seeds)}{medians}{_between_seeds(found)}"
+        f"{intervals_note(seeds)}{medians}"
     )
     table.attrs |= {"decimals": decimals, "exact": exact or {}}
     return table

@@ -1,10 +1,10 @@
 """What the figures share: their look, and files whose bytes depend on the data only."""
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import matplotlib.style
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from PIL import Image
@@ -27,23 +27,19 @@ def new_figure(width: float, height: float, dpi: int = DPI) -> Figure:
     return figure
 
 
-class Page:
-    """A figure of a size in inches. Places on it are inches from its top left corner."""
-
-    def __init__(self, width: float, height: float, dpi: int = DPI):
-        self.width, self.height, self.figure = width, height, new_figure(width, height, dpi)
-
-    def axes(self, x: float, y: float, width: float, height: float, shown: bool = True) -> Axes:
-        """Axes with their top left corner at (x, y); shown: whether they have a frame and ticks."""
-        place = x / self.width, 1 - (y + height) / self.height, width / self.width, height / self.height
-        axes = self.figure.add_axes(place)
-        if not shown:
-            axes.set_axis_off()
-        return axes
-
-    def text(self, x: float, y: float, words: str, **style) -> None:
-        """Words about (x, y)."""
-        self.figure.text(x / self.width, 1 - y / self.height, words, **{"ha": "center", "va": "center"} | style)
+def picture_grid(rows: Sequence[str], columns: Sequence[str], cell: float = 1.6) -> tuple[Figure, np.ndarray]:
+    """A figure and its axes (rows, columns), without ticks and frames: a name left of each row, a title above each
+    column. cell: inches of a picture."""
+    figure = new_figure(cell * len(columns) + 0.3, cell * len(rows) + 0.4)
+    figure.set_layout_engine("compressed")
+    axes = figure.subplots(len(rows), len(columns), squeeze=False, subplot_kw={"xticks": [], "yticks": []})
+    for panel in axes.flat:
+        panel.spines[:].set_visible(False)
+    for panel, title in zip(axes[0], columns, strict=True):
+        panel.set_title(title, fontsize=TITLE - 1)
+    for panel, name in zip(axes[:, 0], rows, strict=True):
+        panel.set_ylabel(name, fontsize=LABEL, color=FAINT)
+    return figure, axes
 
 
 def save(figure: Figure, path: Path | str) -> None:

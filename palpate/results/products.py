@@ -30,7 +30,7 @@ from palpate.stages import STAGES
 
 Function = TypeVar("Function", bound=Callable)
 FOLDER = Path(__file__).parent
-FILES = ("touches", "touch_depth", "histories", "trainings")
+FILES = ("touches", "touch_depth", "trainings")
 UNIONS = ("claims", "effects", "retrieval")  # sources of evaluations that are no table of config/experiments.yaml
 KINDS = {"products.table": "tables", "products.figure": "figures"}  # decorator -> folder of the run
 INTERVALS = (
@@ -62,8 +62,8 @@ class Product:
         evaluations, rings, selections: whose evaluations it reads, over all surfaces, in rings around touches, and
             after chosen grasps: a table of config/experiments.yaml, or of `UNIONS`.
         models: experiments whose trained models it reads.
-        files: further files that it reads: `touches` (evaluation of the U-Net), `touch_depth` (the U-Net), `histories`
-            (of all trainings), `trainings` (of the grid of hyperparameters).
+        files: further files that it reads: `touches` (evaluation of the U-Net), `touch_depth` (the U-Net), `trainings`
+            (of the grid of hyperparameters).
         stores: stages whose stores it reads, `dataset` for all that every dataset has; one that was read, not
             simulated, lacks some. A run has no product of stores that its config does not ask for.
         splits: that it needs objects of; by default the split of the table that is named there.

@@ -78,26 +78,21 @@ def without_paper(table: "pd.DataFrame", classes: Iterable[str]) -> "pd.DataFram
     return table if has_papers_classes(classes) else table.drop(columns=papers)
 
 
+def stated(table: str, group: str = "average") -> dict[str, float]:
+    """The numbers of a table by experiment, of a class or the average; of rings by `<experiment> x<ring>`."""
+    rows = [row for row in paper_rows(table) if row.get("class", "average") == group]
+    return {row["experiment"] + (f" x{row['ring']}" if "ring" in row else ""): float(row["value"]) for row in rows}
+
+
 def paper_values(table: str) -> "pd.DataFrame":
-    """The rows of one of the module's files, in its order. Raises what `paper_rows` raises."""
+    """The rows of one of the module's files, in its order."""
     import pandas as pd
 
-    return pd.read_csv(_path(table))
+    return pd.read_csv(FOLDER / f"{table}.csv")
 
 
 @cache
 def paper_rows(table: str) -> tuple[dict[str, str], ...]:
-    """The rows of one of the module's files as text, an empty cell as "".
-
-    Raises FileNotFoundError for a file that does not exist, and names those that do.
-    """
-    with open(_path(table), encoding="utf-8", newline="") as file:
+    """The rows of one of the module's files as text, an empty cell as ""."""
+    with open(FOLDER / f"{table}.csv", encoding="utf-8", newline="") as file:
         return tuple(csv.DictReader(file))
-
-
-def _path(table: str) -> Path:
-    path = FOLDER / f"{table}.csv"
-    if not path.exists():
-        known = sorted(file.stem for file in FOLDER.glob("*.csv"))
-        raise FileNotFoundError(f"{path}: the paper has numbers for the tables {known}, not for {table!r}")
-    return path

@@ -20,13 +20,8 @@ ENDINGS = ("_low", "_high", "_median")  # of columns that share a cell with thei
 
 
 def write_table(table: pd.DataFrame, path: Path | str) -> None:
-    """Write `path` (.csv) and, beside it, the same table as Markdown (.md) and LaTeX (.tex).
-
-    Raises ValueError if the path does not end in .csv.
-    """
+    """Write `path` (.csv) and, beside it, the same table as Markdown (.md) and LaTeX (.tex)."""
     path = Path(path)
-    if path.suffix != ".csv":
-        raise ValueError(f"{path}: a table's path ends in .csv (Markdown and LaTeX are written beside it)")
     path.parent.mkdir(parents=True, exist_ok=True)
     float_format = "%.6g" if "decimals" in table.attrs else None
     table.to_csv(path, index=False, lineterminator="\n", float_format=float_format)

@@ -27,7 +27,6 @@ from palpate.dataset import Dataset, ObjectRecord
 from palpate.dataset.run import Run
 from palpate.rebuild_command import RECORD
 from palpate.results.products import caption, position
-from palpate.results.tables import display
 from palpate.stages import STAGES
 from palpate.viewer import duration
 from palpate.viewer.html import data_uri, render, resource
@@ -42,12 +41,11 @@ CURVE = (150, 34)  # width and height of a training's curve
 
 
 class Cell(NamedTuple):
-    """A table's cell. value: what a number is sorted by; behind: its interval; kind: of a verdict, "good" or "bad";
-    curve: polylines of SVG."""
+    """A table's cell. value: what a number is sorted by; kind: of a verdict, "good" or "bad"; curve: polylines of
+    SVG."""
 
     text: str
     value: float | None = None
-    behind: str = ""
     kind: str = ""
     curve: Sequence[str] = ()
 
@@ -95,7 +93,7 @@ def run_page(
     whole = [record for record in shown if stages and all(path.exists() for path in _stores(record, stages))]
     for record in spread(whole, object_pages):
         read(None, _write_object_page, pages / f"{record.name}.html", record)
-    tables = [read(None, _result, file, name, link) for name, file in _files(run.folder, "tables", "csv")]
+    tables = [read(None, _result, file, name, link) for name, file in _files(run.folder, "tables", "md")]
     render(
         path,
         "index.html.jinja",
@@ -167,35 +165,28 @@ def _files(folder: Path, kind: str, suffix: str) -> list[tuple[str, Path]]:
 
 
 def _result(path: Path, name: str, link: Callable[..., str]) -> Table:
-    """A table of results: the numbers of its CSV, each with its interval, and the note of its Markdown."""
-    texts = {"class": str, "section": str}  # even if they look like numbers
-    frame = pd.read_csv(path, keep_default_na=False, na_values=[""], dtype=texts).convert_dtypes()
+    """A table of results: the cells and the note of its Markdown."""
+    lines = _text(path).splitlines()
+    cells = [re.split(r"(?<!\\)\|", line)[1:-1] for line in lines if line.startswith("|")]
+    if len(cells) < 2:
+        raise ValueError(f"{path}: not a table in Markdown")
+    heads, _, *rows = [[cell.strip().replace(r"\|", "|") for cell in row] for row in cells]
+    order = [*range(len(heads))]
     if name == "claims":
-        frame.insert(frame.columns.get_loc("claim") + 1, "verdict", frame.pop("verdict"))
-    frame.attrs |= {"decimals": None, "exact": _decimals(frame)}
-    shown = display(frame)
-    columns = [[_shown(*each) for each in zip(shown[head], frame[head], strict=True)] for head in shown]
+        order.insert(heads.index("claim") + 1, order.pop(heads.index("verdict")))
+    shown = [[_shown(heads[column], row[column]) for column in order] for row in rows]
     files = {form: link("tables", name + form) for form in (".csv", ".md", ".tex") if path.with_suffix(form).exists()}
-    note = _marked(_text(path.with_suffix(".md")).rpartition("|\n")[2].strip())
+    note = _marked("\n".join(line for line in lines if not line.startswith("|")).strip())
     about = {"name": name, "caption": _marked(caption("tables", name)), "note": note, "files": files}
-    return _table([head.replace("_", " ") for head in shown], zip(*columns, strict=True), **about)
+    return _table([heads[column] for column in order], shown, **about)
 
 
-def _shown(text: str, value: Any) -> Cell:
-    if isinstance(value, str):
-        return Cell(text, kind=VERDICTS.get(text.partition(" (")[0], ""))
-    number, _, interval = text.partition(" ")
-    return Cell(number, math.nan if pd.isna(value) else float(value), interval)
-
-
-def _decimals(frame: pd.DataFrame) -> dict[str, int]:
-    """The decimals that give a column's median three digits; of columns whose values are of one order of size."""
-    found = {}
-    for name, column in frame.select_dtypes("Float64").items():
-        sizes = column.abs()[column.abs() > 0]
-        if len(sizes) and sizes.max() < 1000 * sizes.min():
-            found[name] = max(0, 2 - math.floor(math.log10(sizes.median())))
-    return found
+def _shown(head: str, text: str) -> Cell:
+    """A cell of a table; a number, alone or before its interval, is sorted by."""
+    number = re.match(r"-?\d+(\.\d+)?(e[-+]\d+)?(?=$| [\[(])", text)
+    if number and head not in ("class", "section"):
+        return Cell(text, float(number[0]))
+    return Cell(text, kind=VERDICTS.get(text.partition(" (")[0], ""))
 
 
 def _counts(entries: Mapping[str, CatalogueEntry], rejected: set[str]) -> Table:

@@ -1,16 +1,13 @@
-import io
 import shutil
 
 import numpy as np
 import pandas as pd
 import pytest
 import zarr
-from scipy import stats
 
 from palpate.results import dataset_tables as tables
 from palpate.results.dataset_tables import TOTAL
 from palpate.results.published import paper_values
-from palpate.results.tables import write_table
 
 OBJECTS = pd.DataFrame(
     [
@@ -27,14 +24,14 @@ REJECTED = pd.DataFrame(
 )
 GRASPS = pd.DataFrame(
     [
-        ("bottle-0", "bottle", 1, 4, 7, 0.0001),
-        ("bottle-0", "bottle", 3, 4, 7, 0.0003),
-        ("bottle-1", "bottle", 3, 4, 6, 0.0),
-        ("bottle-1", "bottle", 4, 4, 6, 0.0002),
-        ("lamp-0", "lamp", 2, 4, 9, 0.0009),
-        ("lamp-0", "lamp", 2, 4, 9, 0.0),
+        ("bottle-0", "bottle", 1, 4, 7),
+        ("bottle-0", "bottle", 3, 4, 7),
+        ("bottle-1", "bottle", 3, 4, 6),
+        ("bottle-1", "bottle", 4, 4, 6),
+        ("lamp-0", "lamp", 2, 4, 9),
+        ("lamp-0", "lamp", 2, 4, 9),
     ],
-    columns=["object", "class", "successful_touches", "touches", "attempts", "penetration"],
+    columns=["object", "class", "successful_touches", "touches", "attempts"],
 )
 FRAMES = tables.Frames(OBJECTS, REJECTED, GRASPS)
 
@@ -80,21 +77,10 @@ def test_grasp_success_counted_by_hand():
     assert table.loc[("bottle", 0), ["percent_low", "percent_high"]].isna().all()  # none of two is not none of all
 
 
-def test_penetration_counted_by_hand():
-    table = tables.penetration(FRAMES).set_index("class")
-    assert table.loc["bottle", ["mean_mm", "max_mm"]].tolist() == pytest.approx([0.15, 0.3])
-    assert table.loc[TOTAL, ["mean_mm", "max_mm"]].tolist() == pytest.approx([0.25, 0.9])
-    # Means of 0.2 and 0.1: Student's interval of two, cut at zero.
-    half = 0.05 * stats.t.ppf(0.975, 1)
-    assert table.loc["bottle", ["mean_low_mm", "mean_high_mm"]].tolist() == pytest.approx([0, 0.15 + half], rel=0.05)
-    assert table.loc["sock", ["mean_mm", "percentile_95_mm", "max_mm"]].isna().all()
-
-
 def test_a_run_in_which_everything_was_rejected_has_tables():
     nothing = FRAMES._replace(grasps=GRASPS.iloc[:0])
     assert tables.dataset_statistics(nothing)["grasps"].sum() == 0
     assert tables.grasp_success(nothing)["percent"].isna().all()
-    assert tables.penetration(nothing)["max_mm"].isna().all()
 
 
 def test_the_papers_own_sums():
@@ -109,28 +95,6 @@ def test_the_papers_own_sums():
     assert paper_values("grasp_success")["value"].sum() == pytest.approx(100, abs=0.02)
 
 
-def test_unknown_reference_names_the_known_ones():
-    with pytest.raises(FileNotFoundError, match="grasp_success"):
-        paper_values("nonsense")
-
-
-def test_csv_and_markdown_hold_the_same_cells(tmp_path):
-    table = tables.dataset_statistics(FRAMES)
-    write_table(table, tmp_path / "new" / "statistics.csv")
-    from_csv = pd.read_csv(tmp_path / "new" / "statistics.csv", dtype=str, keep_default_na=False)
-    lines = (tmp_path / "new" / "statistics.md").read_text().splitlines()
-    rows = [[cell.strip() for cell in line.strip("|").split("|")] for line in lines if line.startswith("|")]
-    assert rows[0] == [column.replace("_", " ") for column in from_csv.columns]
-    assert [["" if cell == "–" else cell for cell in row] for row in rows[2:]] == from_csv.to_numpy().tolist()
-    assert lines[-1] == table.attrs["note"]
-
-
-def test_a_written_table_reads_back(tmp_path):
-    table = tables.grasp_success(FRAMES)
-    write_table(table, tmp_path / "a.csv")
-    pd.testing.assert_frame_equal(pd.read_csv(io.StringIO((tmp_path / "a.csv").read_text())), table, check_dtype=False)
-
-
 def test_the_frames_of_a_run(run):
     objects, rejected, grasps = tables.dataset_frames(run)
     assert objects["object"].tolist() == ["bottle-0000", "bottle-0001", "knife-0000", "sock-0000"]
@@ -141,7 +105,6 @@ def test_the_frames_of_a_run(run):
     touched = np.isfinite(depth).any(axis=(3, 4)).sum(axis=2).ravel().tolist()
     assert grasps["successful_touches"].tolist() == touched
     assert (grasps["attempts"] == 7).all() and (grasps["touches"] == 4).all()
-    assert grasps["penetration"].tolist() == pytest.approx([1e-4, 3e-4] * 3)
     table = tables.dataset_statistics(tables.Frames(objects, rejected, grasps)).set_index("class")
     assert table.loc["sock", ["attempted", "rejected", "objects"]].tolist() == [1, 1, 0]
 

@@ -20,7 +20,7 @@ def frames(names: dict[str, str]) -> dataset_tables.Frames:
     return dataset_tables.Frames(
         objects,
         pd.DataFrame(columns=["object", "stage", "reason"]),
-        grasps.assign(attempts=5.0, penetration=1e-4),
+        grasps.assign(attempts=5.0),
     )
 
 

@@ -57,11 +57,6 @@ def test_every_row_says_where_it_stands():
         assert paper_values(name)["source"].str.contains("Table").all() and "unit" in paper_values(name)
 
 
-def test_an_unknown_table_names_the_known_ones():
-    with pytest.raises(FileNotFoundError, match="extrapolation"):
-        paper_values("nonsense")
-
-
 def test_tables_claims_and_differences_are_the_same_from_the_splits_that_are_needed():
     means = synthetic.published_means()
     measured = synthetic.evaluations(means, each=3)

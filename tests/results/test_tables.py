@@ -2,7 +2,6 @@
 
 import numpy as np
 import pandas as pd
-import pytest
 
 from palpate.results.tables import display, latex, markdown, write_table
 
@@ -33,11 +32,6 @@ def test_markdown_of_awkward_cells():
     lines = text.splitlines()
     assert [lines[0], *lines[2:]] == ["| a b   |   n |", r"| x\|y  | 1.5 |", "| –     |   – |"]
     assert lines[1].startswith("|:--") and lines[1].endswith("-:|")
-
-
-def test_a_table_is_named_by_its_csv(tmp_path):
-    with pytest.raises(ValueError, match="csv"):
-        write_table(pd.DataFrame(), tmp_path / "table.md")
 
 
 def test_a_table_with_decimals_shows_numbers_and_intervals_in_one_cell(tmp_path):

@@ -51,7 +51,7 @@ def whole(built, tmp_path_factory):
     claims |= {"measured": [-1.5, 2.0, 0.1, -1.0], "verdict": ["holds", "does not hold", "undecided", "holds"]}
     write_table(pd.DataFrame(claims), run / "tables/claims.csv")
     (run / "figures").mkdir()
-    for name in ("data_point", "training_curves", "atlas"):
+    for name in ("data_point", "multi_grasp", "atlas"):
         Image.effect_noise((1800, 600), 60).save(run / f"figures/{name}.png")
     folder = run / "models/charts_occluded/seed-0"
     folder.mkdir(parents=True)
@@ -138,7 +138,11 @@ def test_the_page_says_what_the_files_hold_is_sorted_by_a_click_and_filtered(who
     assert found["rows"]["objects"] == expected
     assert found["rows"]["rejected"] == [["ball-0001", "grasps", "too few grasps"]]
     assert found["heads"] == ["class", "average", "average paper"]
-    modalities = [["ball", "9.50 [9.00, 9.75]", "–"], ["block", "10.25 [8.00, 12.00]", "1.50"], ["total", "0.12", "–"]]
+    modalities = [
+        ["ball", "9.500 [9.000, 9.750]", "–"],
+        ["block", "10.250 [8.000, 12.000]", "1.500"],
+        ["total", "0.125", "–"],
+    ]
     assert found["rows"]["table-input_modalities"] == modalities
     assert [row[:4] for row in found["rows"]["claims"]] == [
         ["charts (paper)", "Touch helps", "holds", "5.10"],
@@ -222,8 +226,9 @@ def test_hostile_names_are_text(tmp_path):
         csv.writer(file, lineterminator="\n").writerows(rows)
     with open(run / "rejected.csv", "w", newline="") as file:
         csv.writer(file, lineterminator="\n").writerows([["object", "stage", "reason"], ["bad", "meshes", EVIL]])
-    pd.DataFrame({"class": [EVIL], f"x{EVIL}": [1.5], "verdict": [EVIL]}).to_csv(run / "tables/evil.csv", index=False)
-    (run / "tables/evil.md").write_text(f"| a |\n|---|\n| b |\n\n{EVIL} `{EVIL}`\n")
+    table = pd.DataFrame({"class": [EVIL], f"x{EVIL}": [1.5], "verdict": [EVIL]})
+    table.attrs["note"] = f"{EVIL} `{EVIL}`"
+    write_table(table, run / "tables/evil.csv")
     for folder in ("figures", "viewer", "logs"):
         (run / folder).mkdir()
     Image.new("RGB", (30, 20)).save(run / f"figures/{name}.png")
@@ -248,11 +253,12 @@ def test_a_run_in_part_and_a_damaged_one_have_a_page(run, tmp_path):
     for stage in ("vision", "grasps", "touch"):
         shutil.rmtree(run / stage)
     (run / "tables").mkdir()
-    (run / "tables/broken.csv").write_text("")
-    (run / "tables/good.csv").write_text("class,number\nball,3\n")
+    (run / "tables/broken.md").write_text("")
+    write_table(pd.DataFrame({"class": ["ball"], "number": [3]}), run / "tables/good.csv")
     (run / "last_run.json").write_text("{")
     text = run_page(run).read_text()
-    assert "no image" in text and 'id="table-good"' in text and "EmptyDataError" in text and "JSONDecodeError" in text
+    for said in ("no image", 'id="table-good"', "broken.md: not a table in Markdown", "JSONDecodeError"):
+        assert said in text
     assert text.count('href="viewer/') == 3  # the meshes are there
 
 

@@ -14,7 +14,7 @@ from palpate.results.products import caption, position
 from tests.workflow.conftest import PROJECT, plan
 
 KINDS = (("tables", "csv"), ("figures", "png"))
-DATASET = ["dataset_statistics", "grasp_success", "penetration"]
+DATASET = ["dataset_statistics", "grasp_success"]
 NEW = '''
 import pandas as pd
 

@@ -40,7 +40,7 @@ def test_it_is_read_and_not_simulated(workflow):
     assert [grasp.success.tolist() for grasp in record.grasps] == [[True, True, False, True]] * 2
     statistics = pd.read_csv(workflow.run / "tables/dataset_statistics.csv", dtype={"class": str})
     assert statistics.set_index("class").loc["total", ["objects", "rejected"]].tolist() == [2, 1]
-    assert not (workflow.run / "tables/penetration.csv").exists()
+    assert not (workflow.run / "figures/data_point.png").exists()
     assert "readings lie on" in (workflow.run / "logs/released/batch-0001.log").read_text()
 
 

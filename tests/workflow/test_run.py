@@ -148,7 +148,7 @@ def test_nasty_meshes_go_through_every_stage_or_are_rejected(make_workflow, tmp_
         vision={"size": 32, "samples": 1, "device": "cpu"},
     )
     figures = [f"figures/{name}.png" for name in ("data_point", "examples_usable", "examples_unusable")]
-    result = workflow("validate", "tables/dataset_statistics.csv", "tables/penetration.csv", *figures)
+    result = workflow("validate", "tables/dataset_statistics.csv", "tables/grasp_success.csv", *figures)
     assert result.returncode == 0, result.stderr
     rejected = pd.read_csv(workflow.run / "rejected.csv")
     assert set(rejected.stage) == {"meshes"}

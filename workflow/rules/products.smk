@@ -90,12 +90,10 @@ OFFERED = [each for each in PRODUCTS if all(map(is_available, (each.evaluations,
 MADE = [each for each in OFFERED if not each.on_request]
 SOURCES = dict.fromkeys(source for each in MADE for source in (each.evaluations, each.rings) if source)
 COMPARED = {name for source in SOURCES for name in experiments_of(source)}
-TRAINED = sorted(name for name in trained(COMPARED) if EXPERIMENTS.experiments[name].is_trained)
 EVERY_SEED = {"seed": config["training"]["seeds"]}
 FILES = {
     "touches": "evaluations/touch_depth.csv",
     "touch_depth": "models/touch_depth/best.ckpt",
-    "histories": expand("models/{experiment}/seed-{seed}/history.csv", experiment=TRAINED, **EVERY_SEED),
     "trainings": expand("tuning/{point}/training.json", point=POINTS),
 }
 
@@ -141,7 +139,7 @@ def product_params(wildcards):
     product, fields = products.find(*kind_and_name(wildcards))
     comparison = EXPERIMENTS.tables.get(product.comparison)
     source = comparison.name if comparison else product.evaluations
-    compared = {each: EXPERIMENTS.experiments[each] for each in (experiments_of(source) if source else TRAINED)}
+    compared = {each: EXPERIMENTS.experiments[each] for each in (experiments_of(source) if source else ())}
     values = {
         "experiments": {each: experiment.row() for each, experiment in compared.items()},
         "split": next(iter(product.needed_splits(EXPERIMENTS.tables)), None),

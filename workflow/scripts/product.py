@@ -23,12 +23,6 @@ from palpate.results.tables import write_table  # noqa: E402
 inputs, values = snakemake.input, snakemake.params.values
 
 
-def by_training(paths):
-    """Files of trainings by experiment and seed."""
-    folders = {path: Path(path).parent for path in paths}
-    return {(each.parent.name, int(each.name.removeprefix("seed-"))): path for path, each in folders.items()}
-
-
 def frames():
     from palpate.results.dataset_tables import dataset_frames  # loads what tables of models don't need
 
@@ -42,9 +36,8 @@ READERS = {
     "rings": lambda: rows.read(inputs.rings, rows.RING_COLUMNS),
     "selections": lambda: rows.read(inputs.selections, rows.SELECTION_COLUMNS),
     "touches": lambda: rows.read([inputs.touches], rows.TOUCH_COLUMNS),
-    "models": lambda: {name: path for (name, _), path in by_training(inputs.models).items()},
+    "models": lambda: {Path(path).parents[1].name: path for path in inputs.models},
     "touch_depth": lambda: inputs.touch_depth,
-    "histories": lambda: by_training(inputs.histories),
     "trainings": lambda: [
         checksums.read_record(path, "remove it and train this point again") for path in inputs.trainings
     ],
