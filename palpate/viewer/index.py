@@ -281,7 +281,7 @@ def _curve(history: pd.DataFrame) -> list[str]:
 def _times(folder: Path) -> Table:
     """Jobs, time and memory by stage, from the benchmarks of jobs; tables and figures together."""
     jobs: dict[str, list[tuple[float, float]]] = {}
-    kinds = ("tables", "csv"), ("figures", "png")
+    kinds = ("tables", "csv"), ("figures", "png"), ("figures", "gif")
     made = {name: kind for kind, form in kinds for name, _ in _files(folder, kind, form)}
     for path in sorted(folder.glob("benchmarks/**/*.tsv")):
         name = path.relative_to(folder / "benchmarks").with_suffix("").as_posix()

@@ -18,6 +18,7 @@ from studies.scenes import scene_of
 from studies.subjects import Subject
 
 ATTRIBUTES = {"made_from": {}, "seed": 0, "sensor": DIGIT.description()}
+FRAMES, FAR = 20, 0.08  # frames, and metres from the first to the last
 UNTOUCHED = "a sensor touches nothing"
 
 
@@ -82,6 +83,11 @@ def omissions(run: Path, subjects: list[Subject], settings: Mapping) -> Iterator
             runs = [partial(getattr(each, method), *flat) for each in (touched.tracer(variant), touched.tracer())]
             unit = "m" if method == "trace" else "sensors"
             yield Omission("touch", item, "always", name, *runs, largest_difference, unit)
+
+        way = np.linspace(position - FAR * rotation[..., 0], position, FRAMES), np.tile(rotation, (FRAMES, 1, 1, 1, 1))
+        far = [each[~engine.is_near(*way)] for each in way]  # as frames have them: sensors that come near
+        runs = [partial(each.trace, *far) for each in (touched.tracer(EveryPixel), engine)]
+        yield Omission("touch", "sensors of frames with no face near", "always", name, *runs, largest_difference, "m")
 
         def stored_bytes(sensed: TouchReading, touched: TouchSubject = touched) -> int:
             return folder_bytes(write_store(touched.arrays(sensed)))

@@ -16,6 +16,7 @@ ITEMS = [
     ("touch", "faces outside the swept box"),
     ("touch", "pixels outside the block in reach"),
     ("touch", "pixels after the first in range"),
+    ("touch", "sensors of frames with no face near"),
     ("touch", "readings of sensors that touched nothing"),
     ("store", "empty chunks"),
 ]
