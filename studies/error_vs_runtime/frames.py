@@ -47,7 +47,7 @@ class FramesStudy(Study):
         return grasper, closings, record(grasper.simulation.steps + 1, (grasper, closings, np.empty(0)))[1]
 
     def methods(self) -> list[Method]:
-        return variants("closings with touch", "frames", COUNTS, partial(partial, record), self.settings["frames"]["count"])
+        return variants("closing", "frames", COUNTS, partial(partial, record), self.settings["frames"]["count"])
 
     def errors(self, case: Case, result: tuple[np.ndarray, np.ndarray]) -> dict[str, float]:
         """Mean over states, sensors and closings."""
