@@ -26,8 +26,11 @@ include: "workflow/rules/experiments.smk"
 report: "workflow/report/workflow.rst"
 
 
-# Absolute, so that a cluster's jobs don't nest it, and so that `tables/x.csv` means the run's.
-workdir: RUN_FOLDER
+# Storage names the run's files by its prefix, and jobs elsewhere get the checkout that Snakemake is started in.
+if not options.default_storage_provider:
+
+    # Absolute, so that a cluster's jobs don't nest it, and so that `tables/x.csv` means the run's.
+    workdir: RUN_FOLDER
 
 
 include: "workflow/rules/catalogue.smk"

@@ -23,7 +23,6 @@ def take_folder():
         stop(error)
 
 
-@cache
 def mesh_files(path):
     """A mesh file with the materials, textures and buffers that it names: a change to any re-runs its batch.
 
@@ -49,7 +48,8 @@ def batch_sources(batch):
     if SOURCE.kind == "procedural":
         return sorted({f"sources/{entry.class_name}" for entry in entries})
     files = [file for entry in entries for file in mesh_files(f"{SOURCE.path}/{entry.source}")]
-    return [checked(file) for file in dict.fromkeys(files)]
+    files = [checked(file) for file in dict.fromkeys(files)]
+    return [*map(local, files)] if options.default_storage_provider else files
 
 
 @cache
@@ -59,10 +59,15 @@ def texture_mb(batch):
     return int(16e-6 * max((named_files.texture_pixels(path, NAMED_IN) for path in paths), default=0))
 
 
-def mesh_memory(wildcards):
+def source_root(wildcards, input):
+    """The folder that sources are named from. That of procedural objects moves with the run, or is storage's copy."""
+    return os.path.dirname(input.sources[0]) if SOURCE.kind == "procedural" else SOURCE.path
+
+
+def mesh_memory(wildcards, input):
     """MB that the meshes of a batch take: 30 for a MB of the OBJ in work, and those of its textures."""
-    stored = max((stored_mb([path]) for path in batch_sources(wildcards.batch)), default=0)
-    return 2000 + 30 * stored + texture_mb(wildcards.batch)
+    largest = max((stored_mb([path]) for path in input.sources), default=0)
+    return 2000 + 30 * largest + texture_mb(wildcards.batch)
 
 
 def batch_objects(wildcards):

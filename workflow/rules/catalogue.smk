@@ -30,7 +30,7 @@ rule catalogue_batch:
     conda:
         "../../envs/palpate.yaml"
     params:
-        root=SOURCE_PATH,
+        root=source_root,
         outside=SOURCE.outside,
         # As `catalogue.SourceObject` has them, and then their splits.
         objects=lambda wildcards: [(*each, splits()[each.object]) for each in batch_entries(wildcards.batch)],

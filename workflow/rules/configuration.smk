@@ -36,7 +36,9 @@ try:
     # with `configfile`, it takes the last.
     options = argparse.ArgumentParser(add_help=False, allow_abbrev=False)
     options.add_argument("--configfile", "--configfiles", nargs="+", default=[])
-    for path in [PROJECT / "config/config.yaml", *options.parse_known_args()[0].configfile]:
+    options.add_argument("--default-storage-provider")
+    options = options.parse_known_args()[0]
+    for path in [PROJECT / "config/config.yaml", *options.configfile]:
         read_yaml(path)
     parse_texts(config, SCHEMAS / "config.schema.yaml")
     check(config, SCHEMAS / "config.schema.yaml", FILES)
@@ -87,8 +89,6 @@ if RELEASED:  # implicit models learn distances to meshes
 # What the config asks for of the dataset, and which stages of it reject objects.
 DATASET = [each for each in stages.STAGES.values() if each.in_dataset and each.is_asked(config)]
 STAGES = [stages.RELEASED] if RELEASED else [each.name for each in DATASET if each.rejects]
-# As jobs see it: what is made in the run's folder moves with it.
-SOURCE_PATH = "sources" if SOURCE.kind == "procedural" else SOURCE.path
 NAMED_IN = SOURCE.files_root  # what meshes name has to be in it
 TRAINING_MACHINE = {key: config["training"][key] for key in ("device", "devices", "precision")}
 TRAINING_GPUS = 0 if config["training"]["device"] == "cpu" else config["training"]["devices"]

@@ -3,8 +3,8 @@ rule grasps:
     input:
         meshes="meshes/{batch}",
         surface="surface/{batch}.zarr",
-        hand=list(HAND or []),
-        hand_files=HAND_FILES,
+        hand=[local(path) for path in HAND or []],
+        hand_files=[local(path) for path in HAND_FILES],
     output:
         grasps="grasps/{batch}.h5",
         rejected="rejected/grasps/{batch}.csv",

@@ -23,7 +23,7 @@ rule meshes:
         objects=lambda wildcards: {
             each.object: (each.source, each.up, each.scale, each.turn) for each in batch_entries(wildcards.batch)
         },
-        folder=SOURCE_PATH,
+        folder=source_root,
         mesh=config["mesh"],
     script:
         "../scripts/meshes.py"

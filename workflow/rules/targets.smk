@@ -67,7 +67,7 @@ rule validate:
         "../../envs/palpate.yaml"
     params:
         max_penetration=config["grasps"]["max_penetration"],
-        sources=SOURCE_PATH,
+        sources="sources" if SOURCE.kind == "procedural" else SOURCE.path,
     script:
         "../scripts/validate.py"
 

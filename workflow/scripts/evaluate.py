@@ -20,6 +20,8 @@ They are of the splits that tables need. steps are those of the training: 0 in r
 
 from workflow.run.job import log_to
 
+from pathlib import Path
+
 import pandas as pd
 import torch
 
@@ -34,18 +36,19 @@ from palpate.inference.inputs import inputs as arrays_of
 from palpate.inference.machine import Machine
 
 inputs, params, wildcards = snakemake.input, snakemake.params, snakemake.wildcards
+run = Path(inputs.catalogue).parent
 
 
 def measured() -> pd.DataFrame:
     if not params.get("experiments"):
         model = load_touch_depth(inputs.model).to(Machine(params.device).torch_device())
         steps = evaluate.training_steps(inputs.summary)
-        return evaluate.evaluate_touch(model, steps, Dataset(".", ["touch", "charts"]), params.points, params.splits)
+        return evaluate.evaluate_touch(model, steps, Dataset(run, ["touch", "charts"]), params.points, params.splits)
     frames, data, loaded = [], None, None
     for experiment in [Experiment.from_row(*each) for each in params.experiments]:
         splits = params.splits[experiment.name]
         if loaded != (needed := (arrays_of(experiment), splits)):
-            data, loaded = ExperimentData.load(".", experiment, splits), needed
+            data, loaded = ExperimentData.load(run, experiment, splits), needed
         frames.append(measured_as(experiment, data, splits))
     return pd.concat(frames)
 
@@ -54,9 +57,9 @@ def measured_as(experiment: Experiment, data: ExperimentData, splits: list[str])
     if experiment.is_trained:
         trained = evaluate.load(inputs.model, inputs.summary, experiment, int(wildcards.seed), params.device)
     else:
-        trained = evaluate.retrieval(".", experiment, int(wildcards.seed))
+        trained = evaluate.retrieval(run, experiment, int(wildcards.seed))
     if inputs.get("rings"):
-        return evaluate.evaluate_rings(trained, data, Dataset(".", ["touch", "rings"]), splits)
+        return evaluate.evaluate_rings(trained, data, Dataset(run, ["touch", "rings"]), splits)
     if snakemake.rule == "evaluate_selection":
         return evaluate_selection(trained, data, splits, params.points)
     return evaluate.evaluate(trained, data, params.points, splits)

@@ -26,11 +26,11 @@ inputs, values = snakemake.input, snakemake.params.values
 def frames():
     from palpate.results.dataset_tables import dataset_frames  # loads what tables of models don't need
 
-    return dataset_frames(".")
+    return dataset_frames(Path(inputs.catalogue).parent)
 
 
 READERS = {
-    "dataset": lambda: palpate.Dataset(".", product.stores),
+    "dataset": lambda: palpate.Dataset(Path(inputs.catalogue).parent, product.stores),
     "frames": frames,
     "evaluations": lambda: rows.read(inputs.evaluations),
     "rings": lambda: rows.read(inputs.rings, rows.RING_COLUMNS),

@@ -24,16 +24,17 @@ from palpate.training.touches import read_touches
 
 log_to(snakemake.log[0])
 params, folder = snakemake.params, Path(snakemake.output.model).parent
+run = Path(snakemake.input.catalogue).parent
 splits = ("train", "validation")
 if params.get("experiment"):
     experiment = Experiment.from_row(snakemake.wildcards.get("experiment", ""), params.experiment)
     settings = ReconstructionSettings.from_row(params.settings)
     if params.get("point"):
         settings = tuning.point_settings(settings, params.point, params.steps)
-    data = ExperimentData.load(".", experiment, splits, training=True)
+    data = ExperimentData.load(run, experiment, splits, training=True)
     learner = ReconstructionLearner(data, experiment, settings, params.seed)
 else:
-    touches = [read_touches(Dataset(".", ["touch"]), split) for split in splits]
+    touches = [read_touches(Dataset(run, ["touch"]), split) for split in splits]
     learner = TouchDepthLearner(*touches, TouchDepthSettings(**params.settings), params.seed)
 train(
     learner,

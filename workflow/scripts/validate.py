@@ -7,12 +7,13 @@ table in reports/validation.
 from workflow.run.job import log_to
 
 import sys
+from pathlib import Path
 
 from palpate.dataset import validation
 
 log_to(snakemake.log[0])
-params = snakemake.params
-passed, message = validation.validate(".", snakemake.input.batches, params.max_penetration, params.sources)
+params, run = snakemake.params, Path(snakemake.input.catalogue).parent
+passed, message = validation.validate(run, snakemake.input.batches, params.max_penetration, params.sources)
 if not passed:
     sys.exit(message)
 print(message, file=sys.stderr)

@@ -5,9 +5,12 @@ reports/validation/<batch>.csv    check, store, batch, object, where, value, lim
 
 from workflow.run.job import log_to
 
+from pathlib import Path
+
 from palpate.dataset import validation
 
 log_to(snakemake.log[0])
 # Without stores that are no input of this rule, which may be there or not; `snakemake validate` looks at them.
-findings = validation.validate_batch(".", snakemake.wildcards.batch, snakemake.params.max_penetration, others=False)
+run = Path(snakemake.input.catalogue).parents[1]
+findings = validation.validate_batch(run, snakemake.wildcards.batch, snakemake.params.max_penetration, others=False)
 validation.write_findings(snakemake.output.table, findings)

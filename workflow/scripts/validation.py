@@ -5,10 +5,12 @@ reports/validation.csv    check, store, batch, objects, worst, limit, passed, wh
 
 from workflow.run.job import log_to
 
+from pathlib import Path
+
 from palpate.atomic import atomic_write
 from palpate.dataset import validation
 
 log_to(snakemake.log[0])
 findings = [finding for path in snakemake.input.batches for finding in validation.read_findings(path)]
 with atomic_write(snakemake.output.table, checksum=True) as path:
-    validation.combine_validation(findings, ".").to_csv(path, index=False)
+    validation.combine_validation(findings, Path(snakemake.input.catalogue).parent).to_csv(path, index=False)
