@@ -12,14 +12,19 @@ import pytest
 from tests.workflow.conftest import PROJECT
 
 
-@pytest.mark.parametrize("how", ["terminal", "process", "terminate"])
-def test_an_interrupted_run_ends_its_jobs_and_says_so(make_workflow, tmp_path, how):
+@pytest.fixture(scope="module")
+def workflow(make_workflow):
+    """Its meshes are made by the first of these tests, its surface store by the last."""
+    return make_workflow()
+
+
+@pytest.mark.parametrize("how", ["process", "terminate", "terminal"])
+def test_an_interrupted_run_ends_its_jobs_and_says_so(workflow, tmp_path, how):
     """terminal: all of the process group get SIGINT, as from a terminal; else just the main process gets a signal."""
     # Python runs a sitecustomize when it starts: the job hangs before its script does, in the middle of imports.
     (tmp_path / "sitecustomize.py").write_text(
         "import sys, time\nif any('.surface.py' in each for each in sys.orig_argv): time.sleep(600)\n"
     )
-    workflow = make_workflow()
     process = subprocess.Popen(
         workflow.command("surface/batch-0000.zarr"),
         cwd=PROJECT,

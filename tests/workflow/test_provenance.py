@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from palpate import Dataset
+from palpate import Dataset, shapes
 from palpate.catalogue import checksum, read_catalogue, require_unchanged
 from palpate.checksums import DamagedFile
 from palpate.store import StoreError, read
-from tests.workflow.conftest import PROJECT, plan, two_classes
+from tests.workflow.conftest import PROJECT, Workflow, plan, two_classes
 
 
 def test_a_moved_run_goes_on(finished, tmp_path):
@@ -66,28 +66,33 @@ def test_a_job_compares_the_file_that_it_has_read(tmp_path):
             require_unchanged(source, before)
 
 
-def test_another_seed_gives_another_dataset(finished, make_workflow):
-    """In each stage that draws."""
+def test_another_seed_gives_another_dataset(finished, make_workflow, tmp_path):
+    """In each stage that draws. The views of the other seed are made from a copy of the finished run's meshes."""
     views = {"count": 2, "size": 16, "samples": 1}
-    runs = [make_workflow(seed=seed, views=views) for seed in (0, 1)]
-    for run, *more in (runs[:1], [runs[1], "grasps/batch-0000.h5"]):
+    first = Workflow(finished.changed(results=str(tmp_path), views=views).config, tmp_path / finished.run.name)
+    shutil.copytree(finished.run, first.run)
+    other = make_workflow(seed=1, views=views)
+    for run, *more in ([first], [other, "grasps/batch-0000.h5"]):
         result = run("views/batch-0000.zarr", *more)
         assert result.returncode == 0, result.stderr
     drawn = {"surface.zarr": "points", "grasps.h5": "palm_pose", "views.zarr": "camera"}
     for store, array in drawn.items():
         path = Path(store).stem + "/batch-0000" + Path(store).suffix
-        first = (runs[0].run if store == "views.zarr" else finished.run) / path
-        assert not np.array_equal(read(first)[array], read(runs[1].run / path)[array]), store
+        assert not np.array_equal(read(first.run / path)[array], read(other.run / path)[array]), store
     # Nothing is drawn for meshes.
     of_meshes = "meshes/batch-0000/manifest.json"
-    assert (finished.run / of_meshes).read_bytes() == (runs[1].run / of_meshes).read_bytes()
+    assert (first.run / of_meshes).read_bytes() == (other.run / of_meshes).read_bytes()
 
 
-def test_another_seed_gives_other_procedural_objects(make_workflow):
+def test_another_seed_gives_other_procedural_objects(make_workflow, tmp_path):
+    """The library writes those of either seed; the workflow those of its config's."""
     source = {"source": {"kind": "procedural", "path": None}, "classes": [{"class": "bottle", "objects": 1}]}
-    made = []
+    workflow = make_workflow(seed=1, **source)
+    assert workflow("catalogue.csv").returncode == 0
+    (made,) = read_catalogue(workflow.run / "catalogue.csv")
+    written = []
     for seed in (0, 1):
-        workflow = make_workflow(seed=seed, **source)
-        assert workflow("catalogue.csv").returncode == 0
-        made.append(read_catalogue(workflow.run / "catalogue.csv")[0].checksum)
-    assert made[0] != made[1]
+        (tmp_path / str(seed)).mkdir()
+        shapes.write("bottle", 0, tmp_path / f"{seed}/bottle-0000", seed)
+        written.append(checksum(tmp_path / f"{seed}" / Path(made.source).name))
+    assert written[0] != made.checksum == written[1]

@@ -76,9 +76,9 @@ def test_names_with_html_are_text_in_snakemakes_report(make_workflow, tmp_path):
     write_box(tmp_path / "meshes/salt & pepper's" / f"{name}.stl")
     (tmp_path / "meshes/salt & pepper's" / f"bad {name}.stl").write_text(name)
     workflow = make_workflow(source={"kind": "folder", "path": str(tmp_path / "meshes")}, classes="all")
-    made = workflow("tables/grasp_success.csv", "rejected.csv")
+    made = workflow("tables/grasp_success.csv")
     assert made.returncode == 0, made.stderr
-    assert name in (workflow.run / "rejected.csv").read_text()
+    assert name in (workflow.run / "rejected/meshes/batch-0000.csv").read_text()
     result = workflow("tables/grasp_success.csv", "--report", "report.html")
     assert result.returncode == 0, result.stderr
     report = (workflow.run / "report.html").read_text()
