@@ -45,6 +45,7 @@ if not RELEASED:
     include: "workflow/rules/grasps.smk"
     include: "workflow/rules/touch.smk"
     include: "workflow/rules/frames.smk"
+    include: "workflow/rules/hold.smk"
     include: "workflow/rules/vision.smk"
     include: "workflow/rules/reports.smk"
 

@@ -85,6 +85,8 @@ def resolve(config: Mapping[str, Any], project: Path | str) -> Settings:
             raise ConfigError(f"config frames.count: at a time step of {grasps['timestep']} s at most {states}")
     if frames["images"] > frames["count"]:
         raise ConfigError(f"config frames.images: at most frames.count, {frames['count']}")
+    if source.kind == "released" and config["hold"]["test"]:
+        raise ConfigError("config hold: a released dataset has no grasps that could be tested: set test to false")
     if source.kind == "released" and frames["count"]:
         raise ConfigError("config frames: a released dataset has no grasps that could be closed again: set count to 0")
     if source.kind == "released" and config["vision"]["cameras"]:

@@ -69,6 +69,10 @@ STAGES = {
             *("frames", ".zarr", ("meshes", "surface", "grasps"), False, True, ("mujoco", "trimesh", "embreex"), True),
             **{"states": ("sensor",), "asked_by": "frames.count"},
         ),
+        Stage(
+            *("hold", ".zarr", ("meshes", "surface", "grasps"), False, True, ("mujoco", "trimesh"), True),
+            asked_by="hold.test",
+        ),
         Stage("charts", ".zarr", ("touch",), False, False, ("torch",)),
         Stage("vision", ".zarr", ("meshes", "grasps"), True, True, ("bpy",)),
         Stage("frame_images", ".zarr", ("meshes", "frames"), True, True, ("bpy",), True, asked_by="frames.images"),

@@ -232,6 +232,8 @@ def check_frames(item: CheckedObject) -> Measured:
         for name in set(rows) & set(at_rest) - {"object"}:
             differs = rows[name][:, -1] != at_rest[name]
             yield "last frame", differs.reshape(grasps, -1).sum(axis=1)
+    if "contact_count" in rows:
+        yield from _check_contacts(rows, hand)
     if "depth" in rows:
         depth = rows["depth"]
         in_range = (depth > 0) & (depth <= item.sensor.reach.astype(depth.dtype))
@@ -239,6 +241,34 @@ def check_frames(item: CheckedObject) -> Measured:
         yield "success", np.sum(rows["success"] != np.isfinite(depth).any(axis=(-2, -1)), axis=(1, 2))
         if can_check("on mesh"):
             yield "on mesh", max((item.distance(cloud).max() for cloud in _first_touches(item, rows)), default=0)
+
+
+def _check_contacts(rows: dict[str, np.ndarray], hand: Hand) -> Measured:
+    """The contacts of the frames of one object's grasps."""
+    normal, force, count = rows["contact_normal"], rows["contact_force"], rows["contact_count"]
+    taken = np.arange(force.shape[-1]) < count[..., None]
+    length = np.linalg.norm(normal, axis=-1)
+    wrong = np.where(taken, (force < 0) | (np.abs(length - 1) > EXACT), (force != 0) | (length != 0))
+    yield "contacts", wrong.sum(axis=(1, 2))
+    mine = (rows["contact_link"][..., None, :] == hand.sensor_link[:, None]) & (rows["contact_other"] == -1)[
+        ..., None, :
+    ]
+    pushes = (mine * force[..., None, :])[..., None] * normal[..., None, :, :]  # (g, f, s, a, 3), in the world
+    arms = rows["contact_position"][..., None, :, :] - rows["sensor_position"][..., None, :]
+    sums = [each.sum(axis=-2)[..., None, :] for each in (pushes, np.cross(arms, pushes))]
+    expected = np.concatenate([each @ rows["sensor_rotation"] for each in sums], axis=-1)[..., 0, :]
+    error = np.abs(rows["sensor_wrench"] - expected).max(axis=(-2, -1))
+    yield "wrench", np.where(count <= force.shape[-1], error, 0).max(axis=1)
+
+
+def check_hold(item: CheckedObject) -> Measured:
+    """The labels of one object's grasps."""
+    rows = item.rows["hold"]
+    along, moved = rows["held_along"], rows["moved"]
+    yield "finite", np.sum(np.isfinite(moved) != (along >= 0), axis=1) + ~np.isfinite(rows["mass"])
+    label = np.where((along < 0).any(axis=1), -1, (along == 1).all(axis=1))
+    farthest, nearest = moved[along == 1].max(initial=0), moved[along == 0].min(initial=np.inf)
+    yield "held", (rows["held"] != label) + int(farthest > nearest)
 
 
 def _first_touches(item: CheckedObject, rows: dict[str, np.ndarray]) -> Iterator[np.ndarray]:

@@ -2,5 +2,6 @@
 
 from palpate.grasp.frames import closing_frames
 from palpate.grasp.grasp import Grasper, GraspSet, grasp_object
+from palpate.grasp.hold import hold_grasps
 
-__all__ = ["GraspSet", "Grasper", "closing_frames", "grasp_object"]
+__all__ = ["GraspSet", "Grasper", "closing_frames", "grasp_object", "hold_grasps"]

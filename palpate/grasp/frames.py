@@ -5,13 +5,17 @@ generator, and the closings of those that were kept are simulated again. Omitted
 grasp, and all checks of touch and penetration.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 
 from palpate.checksums import DamagedFile
+from palpate.grasp.contacts import SLOTS, contact_arrays, contacts
 from palpate.grasp.grasp import Grasper
 from palpate.mesh import OBJECT_POSITION
+
+# Of what every frame has, in the order in which `closing_frames` makes it.
+NAMES = ("time", "joint_positions", "joint_velocities", "link_pose", "sensor_position", "sensor_rotation")
 
 
 def frame_steps(count: int, steps: int) -> np.ndarray:
@@ -24,40 +28,71 @@ def frame_steps(count: int, steps: int) -> np.ndarray:
     return np.rint(np.linspace(steps, 0, count)).astype(int)[::-1]
 
 
-def closing_frames(
-    grasper: Grasper, kept: Mapping[str, np.ndarray], rng: np.random.Generator, count: int, remedy: str = ""
-) -> dict[str, np.ndarray]:
-    """The frames of an object's g kept grasps, by the names that the contract has for them: (g, f, ...), world frame.
+def kept_closings(
+    grasper: Grasper, kept: Mapping[str, np.ndarray], rng: np.random.Generator, remedy: str = ""
+) -> Iterator[tuple[int, np.ndarray, np.ndarray]]:
+    """Of each of an object's g kept grasps, as they were tried: number, palm pose (4, 4), and servos' targets (J,).
 
-    grasper: as for the grasps. kept: the object's row of the grasps store. rng: as given to `grasp_object`. The last of
-    the `count` frames equals the grasp bit for bit. Raises DamagedFile, with the remedy, if it does not: the grasps
-    were made with another version or on another kind of processor; ValueError as `frame_steps` does.
+    Arguments as for `closing_frames`. Poses are in the object's own frame; the hand is placed there, open. Raises
+    DamagedFile, with the remedy, if a placement of a kept grasp is not drawn again.
     """
-    simulation, hand = grasper.simulation, grasper.hand
-    steps = frame_steps(count, simulation.steps)
-    time = steps * simulation.model.opt.timestep
-    palms, records = kept["palm_pose"], {}
+    palms, found = kept["palm_pose"], 0
     for _ in range(int(kept["attempts"])):
-        if len(records) == len(palms) or (placed := grasper.placement(rng)) is None:
+        if found == len(palms) or (placed := grasper.placement(rng)) is None:
             continue
         pose, thumb = placed
         in_world = pose.copy()
         in_world[:3, 3] += OBJECT_POSITION
         for number in np.flatnonzero((palms == in_world).all(axis=(1, 2))):
-            targets = grasper.workspace.targets(pose, grasper.surface, thumb)
-            states = [simulation.joint_state for _ in simulation.frames(targets, set(steps.tolist()))]
-            joints, velocities = map(np.array, zip(*states, strict=True))
-            links = hand.forward(pose, joints)
-            position, rotation = hand.sensor_frames(links)
-            links[..., :3, 3] += OBJECT_POSITION
-            records[number] = time, joints, velocities, links, position + OBJECT_POSITION, rotation
-    names = ("time", "joint_positions", "joint_velocities", "link_pose", "sensor_position", "sensor_rotation")
-    if len(records) == len(palms):
-        stacked = [np.stack(each) for each in zip(*(records[number] for number in range(len(palms))), strict=True)]
-        frames = dict(zip(names, stacked, strict=True))
-        if all((frames[name][:, -1] == kept[name]).all() for name in names if name in kept):
-            return frames
-    raise DamagedFile(
+            found += 1
+            yield int(number), pose, grasper.workspace.targets(pose, grasper.surface, thumb)
+    if found < len(palms):
+        raise differs(remedy)
+
+
+def differs(remedy: str) -> DamagedFile:
+    """The error of grasps that closing again does not give."""
+    return DamagedFile(
         "closing again does not give the stored grasps bit for bit: they were made with another version of an engine, "
         f"or on another kind of processor; {remedy}"
     )
+
+
+def closing_frames(
+    grasper: Grasper,
+    kept: Mapping[str, np.ndarray],
+    rng: np.random.Generator,
+    count: int,
+    remedy: str = "",
+    with_contacts: bool = False,
+) -> dict[str, np.ndarray]:
+    """The frames of an object's g kept grasps, by the names that the contract has for them: (g, f, ...), world frame.
+
+    grasper: as for the grasps. kept: the object's row of the grasps store. rng: as given to `grasp_object`.
+    with_contacts: also `palpate.grasp.contacts` of each. The last of the `count` frames equals the grasp bit for bit.
+    Raises DamagedFile, with the remedy, if it does not: the grasps were made with another version or on another kind of
+    processor; ValueError as `frame_steps` does.
+    """
+    simulation, hand = grasper.simulation, grasper.hand
+    steps = frame_steps(count, simulation.steps)
+    time = steps * simulation.model.opt.timestep
+    records = {}
+    for number, pose, targets in kept_closings(grasper, kept, rng, remedy):
+        states, touching = [], []
+        for _ in simulation.frames(targets, set(steps.tolist())):
+            states.append(simulation.joint_state)
+            touching += [contacts(simulation)] if with_contacts else []
+        joints, velocities = map(np.array, zip(*states, strict=True))
+        links = hand.forward(pose, joints)
+        position, rotation = hand.sensor_frames(links)
+        found = contact_arrays(touching, hand.sensor_link, position, rotation) if with_contacts else {}
+        records[number] = dict(zip(NAMES, (time, joints, velocities, links, position, rotation), strict=True)) | found
+    frames = {name: np.stack([records[number][name] for number in sorted(records)]) for name in records[0]}
+    for places in (frames["link_pose"][..., :3, 3], frames["sensor_position"]):
+        places += OBJECT_POSITION
+    if with_contacts:  # slots without a contact stay 0
+        taken = np.arange(SLOTS) < frames["contact_count"][..., None]
+        frames["contact_position"] += taken[..., None] * np.array(OBJECT_POSITION)
+    if any((frames[name][:, -1] != kept[name]).any() for name in NAMES if name in kept):
+        raise differs(remedy)
+    return frames

@@ -111,6 +111,37 @@ def grasp_success(frames: Frames) -> pd.DataFrame:
     return table
 
 
+@products.table(stores=("meshes", "surface", "grasps", "touch", "hold"), category="Dataset", simulated=True)
+def hold(dataset: Dataset) -> pd.DataFrame:
+    """Share of grasps whose hand keeps the object when it is let go, by class and by how many sensors touch: along all
+    six directions of gravity, along some, and of all directions, with 95 % bootstrap intervals over objects. Grasps
+    that the engine could not simulate are in `not_simulated` only.
+    """
+    grasps = dataset.table()
+    held, along = (
+        dataset.array("hold", name)[:] if len(dataset) else np.zeros((0, 6)) for name in ("held", "held_along")
+    )
+    kept = along.reshape(-1, 6) == 1
+    shares = {"all": kept.all(axis=1), "some": kept.any(axis=1), "directions": kept.mean(axis=1)}
+    grasps = grasps.assign(simulated=held.ravel() >= 0, **shares)
+    groups = [
+        (name, grasps if name == TOTAL else grasps[grasps["class"] == name]) for name in [*dataset.classes, TOTAL]
+    ]
+    rows = []
+    for name, members in groups:
+        by_touches = [(str(number), members[members["touches"] == number]) for number in sorted(set(grasps["touches"]))]
+        for touches, chosen in [*by_touches, ("any", members)]:
+            of_objects = chosen[chosen["simulated"]].assign(one=1)[["object", "class", "one", *shares]]
+            by_object = _by_object(of_objects)
+            row = {"class": name, "touches": touches, "objects": len(by_object), "grasps": len(of_objects)}
+            for share in shares:
+                found = _share(by_object, share, "one")
+                row |= {f"{share}_percent": 100 * found.value}
+                row |= {f"{share}_percent_low": 100 * found.low, f"{share}_percent_high": 100 * found.high}
+            rows.append(row | {"not_simulated": int((~chosen["simulated"]).sum())})
+    return pd.DataFrame(rows).round(2)
+
+
 def _classes(objects: pd.DataFrame, grasps: pd.DataFrame) -> Iterator[tuple[str, pd.DataFrame, pd.DataFrame]]:
     """(class, its objects, its grasps) in the catalogue's order, then all of them as the total."""
     for name in pd.unique(objects["class"]):

@@ -25,6 +25,7 @@ SYMBOLS = {
     "g": "grasps of an object (5)",
     "f": "frames of a grasp, from the open hand to rest",
     "h": "frames of a grasp that have images",
+    "a": "slots for contacts of a frame (32)",
     "n": "surface points of an object (10000)",
     "s": "sensors of the hand (4)",
     "j": "joints of the hand (16)",

@@ -34,6 +34,26 @@ def frames(kept):
     return closing_frames(grasper(), kept, generator(0, "box"), COUNT)
 
 
+def test_contacts_change_nothing_and_those_at_rest_are_of_the_closed_hand(kept, frames):
+    found = closing_frames(grasper(), kept, generator(0, "box"), COUNT, with_contacts=True)
+    for name, values in frames.items():
+        np.testing.assert_array_equal(found[name], values)
+    taken = np.arange(found["contact_force"].shape[-1]) < found["contact_count"][..., None]
+    assert not found["contact_count"][:, 0].any() and found["contact_count"][:, -1].all()
+    assert not found["contact_position"][~taken].any()
+    # On the box's surface, from outside in, and on that of the link.
+    on_object = taken & (found["contact_other"] == -1)
+    places = found["contact_position"][on_object] - OBJECT_POSITION
+    assert np.abs((np.abs(places) - MESH.extents / 2).max(axis=1)).max() < 0.002
+    frame = np.argwhere(on_object)[:, :2]
+    for place, normal, link, (grasp, moment) in zip(
+        places, found["contact_normal"][on_object], found["contact_link"][on_object], frame, strict=True
+    ):
+        pose = found["link_pose"][grasp, moment]
+        (inside,) = HAND.signed_distance((place + OBJECT_POSITION + 0.004 * normal)[None], pose, links=[link])
+        assert inside < 0.0005  # along the normal lies the link
+
+
 def test_the_last_frame_is_the_grasp_bit_for_bit(kept, frames):
     for name in ("joint_positions", "link_pose", "sensor_position", "sensor_rotation"):
         assert frames[name].dtype == kept[name].dtype and frames[name].shape[:2] == (3, COUNT)

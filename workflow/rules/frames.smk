@@ -14,7 +14,7 @@ rule frames:
     conda:
         "../../envs/palpate.yaml"
     params:
-        frames=lambda wildcards: {key: asked("count")[key] for key in ("count", "touch")},
+        frames=lambda wildcards: {key: asked("count")[key] for key in ("count", "touch", "contacts")},
         grasps=config["grasps"],
         sensor=SENSOR.description(),
         seed=config["seed"],

@@ -36,7 +36,8 @@ def record(row: int, name: str) -> dict:
     kept = {array: values[row] for array, values in grasps.items() if len(values) == len(grasps["object"])}
     grasper = grasp.Grasper(visual, collision, points[name] - mesh.OBJECT_POSITION, hand, sensor=sensor, **settings)
     remedy = rebuild_advice(inputs.grasps)
-    frames = grasp.closing_frames(grasper, kept, generator(seed, name, "grasps"), params.frames["count"], remedy)
+    asked = {"count": params.frames["count"], "with_contacts": params.frames["contacts"], "remedy": remedy}
+    frames = grasp.closing_frames(grasper, kept, generator(seed, name, "grasps"), **asked)
     omitted = f"{kept['attempts'] - len(kept['touches'])} closings that gave no kept grasp"
     if params.frames["touch"]:
         tracer = touch.RayCaster(visual, mesh.OBJECT_POSITION, sensor)

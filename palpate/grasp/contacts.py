@@ -1,0 +1,84 @@
+"""Contacts of the hand: where it is pressed, by what, and how hard; and the wrenches at its sensors.
+
+A servo presses with its gain times the way that is left to its target. Contacts have no friction and the object is
+held: docs/forces.md says what that makes of the numbers.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import mujoco
+import numpy as np
+
+from palpate.grasp.closing import GraspSimulation
+
+SLOTS = 32  # contacts that are stored of a frame: of 40 grasps the most had 10
+OBJECT = -1  # in place of the number of a link
+
+
+class Contacts(NamedTuple):
+    """The n contacts of one state, those with the largest forces first; the normal force pushes the link."""
+
+    position: np.ndarray  # (n, 3) m, in the middle between the two surfaces
+    normal: np.ndarray  # (n, 3) unit vectors into the link
+    force: np.ndarray  # (n,) N, at least 0
+    link: np.ndarray  # (n,) int
+    other: np.ndarray  # (n,) int: the link that it touches, or `OBJECT`
+
+
+def contacts(simulation: GraspSimulation) -> Contacts:
+    """The contacts in the present state of a simulation, in the object's own frame.
+
+    After a step the engine still has the contacts before it. So they are computed anew, on a copy: the simulation goes
+    on as if nothing had been asked.
+    """
+    model, data = simulation.model, mujoco.MjData(simulation.model)
+    mujoco.mj_copyState(model, simulation.data, data, mujoco.mjtState.mjSTATE_INTEGRATION)
+    mujoco.mj_forward(model, data)
+    link_of_body = np.full(model.nbody, OBJECT)
+    for link, name in enumerate(simulation.hand.link_names):
+        link_of_body[model.body(name).id] = link
+    first, second = link_of_body[model.geom_bodyid[data.contact.geom]].reshape(-1, 2).T
+    swapped = second == OBJECT
+    force = np.zeros((data.ncon, 6))
+    for number, each in enumerate(force):
+        mujoco.mj_contactForce(model, data, number, each)
+    found = Contacts(
+        position=data.contact.pos,
+        normal=data.contact.frame[:, :3] * np.where(swapped, -1, 1)[:, None],  # the engine's is into the second
+        force=force[:, 0],
+        link=np.where(swapped, first, second),
+        other=np.where(swapped, second, first),
+    )
+    order = np.argsort(-found.force, kind="stable")
+    return Contacts(*(values[order] for values in found))
+
+
+def sensor_wrenches(found: Contacts, links: np.ndarray, position: np.ndarray, rotation: np.ndarray) -> np.ndarray:
+    """Force (N) and torque (N m) of the object on each sensor's link: (s, 6), in the sensor's frame and at its origin.
+
+    links: (s,) int of the sensors. position, rotation: (s, 3) and (s, 3, 3), in the frame of the contacts.
+    """
+    on_link = (found.link == links[:, None]) & (found.other == OBJECT)
+    force = (on_link * found.force)[..., None] * found.normal  # (s, n, 3)
+    torque = np.cross(found.position - position[:, None], force)
+    return np.concatenate([each.sum(axis=1, keepdims=True) @ rotation for each in (force, torque)], axis=-1)[:, 0]
+
+
+def contact_arrays(
+    frames: Sequence[Contacts], links: np.ndarray, position: np.ndarray, rotation: np.ndarray
+) -> dict[str, np.ndarray]:
+    """The contacts of f frames by the names that the contract has for them, (f, ...), and the sensors' wrenches.
+
+    links, position, rotation: as for `sensor_wrenches`, of each frame. `contact_count` counts all contacts; of the
+    others the `SLOTS` with the largest forces are kept, and slots without a contact are 0.
+    """
+    arrays = {"contact_count": np.array([len(found.force) for found in frames])}
+    for name in Contacts._fields:
+        columns = [getattr(found, name)[:SLOTS] for found in frames]
+        padded = np.zeros((len(frames), SLOTS, *columns[0].shape[1:]), columns[0].dtype)
+        for slots, values in zip(padded, columns, strict=True):
+            slots[: len(values)] = values
+        arrays[f"contact_{name}"] = padded
+    wrenches = [sensor_wrenches(*each) for each in zip(frames, [links] * len(frames), position, rotation, strict=True)]
+    return arrays | {"sensor_wrench": np.array(wrenches)}

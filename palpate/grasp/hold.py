@@ -1,0 +1,143 @@
+"""Whether a hand keeps what it grasps: the object is let go, with friction, under gravity along six directions in turn.
+
+A second simulation, which changes no grasp: a closing has a held object and no friction.
+"""
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import mujoco
+import numpy as np
+import trimesh
+
+from palpate.grasp.closing import GraspSimulation
+from palpate.grasp.frames import kept_closings
+from palpate.grasp.grasp import Grasper
+from palpate.grasp.patches import surface_patches
+from palpate.hand import Hand
+from palpate.hand.model import STIFFNESS
+
+GRAVITY = 9.81  # m / s^2
+DIRECTIONS = np.concatenate([np.eye(3), -np.eye(3)])  # +x, +y, +z, -x, -y, -z of the world
+CONDIM = 3  # contacts resist sliding; turning only as far as there are several
+
+
+class Body(NamedTuple):
+    """Mass and inertia of a body of uniform density."""
+
+    mass: float  # kg
+    centre: np.ndarray  # (3,) m, of mass, in the object's own frame
+    inertia: np.ndarray  # (3, 3) kg m^2, about the centre
+    solid: bool  # of the volume that the mesh encloses, not of a convex hull
+
+
+def body_of(mesh: trimesh.Trimesh, density: float) -> Body:
+    """The object as a body. density: kg / m^3.
+
+    Its volume is what the mesh encloses if it is closed, and else the convex hull of its `surface_patches`, which are
+    thick where a mesh is flat.
+    """
+    solid = bool(mesh.is_volume)
+    volume = mesh if solid else trimesh.convex.convex_hull(np.concatenate(surface_patches(mesh)))
+    return Body(density * volume.volume, volume.center_mass, density * volume.moment_inertia, solid)
+
+
+class HoldSimulation(GraspSimulation):
+    """A `GraspSimulation` with a free object and friction. Gravity pulls the object only: servos would carry the hand.
+
+    Friction cones are elliptic: with pyramids a contact resists less along their diagonals.
+    """
+
+    def __init__(
+        self,
+        hand: Hand,
+        patches: list[np.ndarray],
+        body: Body,
+        friction: float,
+        timestep: float,
+        stiffness: float = STIFFNESS,
+    ):
+        """body, friction (the coefficient of all contacts): of the object; others as for `GraspSimulation`."""
+        self.body, self.friction = body, friction
+        super().__init__(hand, patches, timestep, stiffness=stiffness)
+
+    def specification(self, hand: Hand, patches: list[np.ndarray], timestep: float, stiffness: float) -> mujoco.MjSpec:
+        """As `GraspSimulation.specification`."""
+        spec = super().specification(hand, patches, timestep, stiffness)
+        spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
+        spec.compiler.balanceinertia = True  # of a thin plate, the sum of two moments may miss the third by rounding
+        for geom in spec.geoms:
+            geom.condim, geom.friction = CONDIM, [self.friction, 0, 0]
+        for body in spec.bodies:
+            body.gravcomp = 1
+        free, inertia = spec.body("object"), self.body.inertia
+        free.add_freejoint()
+        free.gravcomp, free.explicitinertial = 0, True
+        free.mass, free.ipos = self.body.mass, self.body.centre
+        free.fullinertia = inertia[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
+        return spec
+
+    def moved(
+        self,
+        palm_pose: np.ndarray,
+        joint_positions: np.ndarray,
+        targets: np.ndarray,
+        gravity: np.ndarray,
+        duration: float,
+        distance: float,
+    ) -> float:
+        """How far the object's centre of mass is from its place at most, m; NaN if the engine warned.
+
+        It starts at rest in the hand at `palm_pose` (4, 4) and `joint_positions` (J,), whose servos hold `targets`
+        (J,). gravity: (3,) m / s^2. Ends after `duration` s, or once it is farther than `distance` m.
+        """
+        model, data = self.model, self.data
+        model.opt.gravity = gravity
+        self.place(palm_pose, joint_positions)
+        data.ctrl[:] = targets
+        start, farthest = data.xipos[self._object].copy(), 0.0
+        for _ in range(round(duration / model.opt.timestep) + 1):  # after a step, `xipos` is still that before it
+            mujoco.mj_step(model, data)
+            farthest = max(farthest, float(np.linalg.norm(data.xipos[self._object] - start)))
+            if farthest > distance:
+                break
+        # A NaN resets the state silently; only the warnings tell.
+        warned = any(warning.number for warning in data.warning) or not np.isfinite(data.qpos).all()
+        return np.nan if warned else farthest
+
+
+def hold_grasps(
+    grasper: Grasper,
+    collision: trimesh.Trimesh,
+    kept: Mapping[str, np.ndarray],
+    rng: np.random.Generator,
+    friction: float,
+    density: float,
+    distance: float,
+    duration: float,
+    remedy: str = "",
+) -> dict[str, np.ndarray]:
+    """Whether each of an object's g kept grasps holds it, by the names that the contract has for the arrays.
+
+    grasper, kept, rng, remedy: as for `closing_frames`. collision: the object's decimated mesh. friction: the
+    coefficient of all contacts. density: kg / m^3. An object that stays within `distance` m for `duration` s is held.
+    The simulation of a direction ends at `distance`: dropped objects cost little.
+
+    Raises DamagedFile, with the remedy, if a placement of a kept grasp is not drawn again.
+    """
+    body, timestep = body_of(collision, density), grasper.simulation.model.opt.timestep
+    simulation = HoldSimulation(grasper.hand, surface_patches(collision), body, friction, timestep)
+    moved = np.full((len(kept["palm_pose"]), len(DIRECTIONS)), np.nan)
+    for number, pose, targets in kept_closings(grasper, kept, rng, remedy):
+        for column, direction in enumerate(DIRECTIONS):
+            at_rest = pose, kept["joint_positions"][number], targets
+            moved[number, column] = simulation.moved(*at_rest, GRAVITY * direction, duration, distance)
+    simulated = ~np.isnan(moved)
+    held = np.where(simulated, moved <= distance, -1)
+    return {
+        "held": np.where(simulated.all(axis=1), held.min(axis=1), -1),
+        "held_along": held,
+        "moved": np.where(simulated, moved, np.inf),
+        "mass": np.float64(simulation.model.body("object").mass[0]),
+        "solid": np.bool_(body.solid),
+    }
