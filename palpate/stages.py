@@ -70,7 +70,7 @@ STAGES = {
             **{"states": ("sensor",), "asked_by": "frames.count"},
         ),
         Stage(
-            *("hold", ".zarr", ("meshes", "surface", "grasps"), False, True, ("mujoco", "trimesh"), True),
+            *("hold", ".zarr", ("meshes", "surface", "grasps"), False, True, ("mujoco", "trimesh", "embreex"), True),
             asked_by="hold.test",
         ),
         Stage("charts", ".zarr", ("touch",), False, False, ("torch",)),

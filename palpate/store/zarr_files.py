@@ -28,7 +28,7 @@ if zarr.config.get("threading.max_workers") is None:
     zarr.config.set({"threading.max_workers": 1})
 numcodecs.blosc.use_threads = False
 
-# Chosen in studies/benchmarks/store.py; lossless.
+# Chosen in docs/evidence/dataset.md; lossless.
 COMPRESSION = {"cname": "zstd", "clevel": 1, "shuffle": "shuffle"}
 # A store's attribute: `files`, the manifest of all files but the one that holds it, and `sha256`, the checksum of the
 # other attributes and the manifest.

@@ -17,6 +17,7 @@ from palpate import mesh
 from palpate.batch import generator
 from palpate.grasp import closing
 from palpate.grasp.closing import GraspSimulation
+from palpate.grasp.contacts import OBJECT, contacts
 from palpate.grasp.grasp import Grasper
 from palpate.grasp.patches import CELL, NARROWEST, surface_patches
 from palpate.hand import Hand
@@ -25,7 +26,6 @@ from studies.grasping import find_closings, grasper_of, hand_of
 from studies.subjects import Subject
 
 CLOSINGS = 3  # of an object, all with the thumb
-
 
 # By field of `ClosingSettings`: its name in the report, its values, and the factor to its unit there.
 KNOBS: dict[str, tuple[str, tuple, float | None]] = {
@@ -57,18 +57,19 @@ class ClosingSettings:
 
 
 class Closings(NamedTuple):
-    """Joint positions (n, J) at the end of each closing, and whether all were stable and finite."""
+    """Joint positions (n, J) and sum of forces on the object (n,), N, at the end, and whether all were stable."""
 
     joint_positions: np.ndarray
     finite: bool
     setup: ClosingSettings
+    force: np.ndarray
 
 
 class Case(NamedTuple):
     """An object with palm poses (n, 4, 4) of the open hand in its frame, clear of it, and servo targets (n, J).
 
     simulations: by cell size and time step. at_rest: (n, J) the reference; same_motion: (n, J) the run's closing in
-    short steps.
+    short steps; its `force` is the reference of forces.
     """
 
     grasper: Grasper
@@ -78,6 +79,7 @@ class Case(NamedTuple):
     simulations: dict[tuple[float, float], GraspSimulation]
     at_rest: np.ndarray
     same_motion: np.ndarray
+    force: np.ndarray
 
 
 def library_settings(hand: Hand, timestep: float) -> ClosingSettings:
@@ -94,7 +96,7 @@ def close(simulation: GraspSimulation, poses: np.ndarray, targets: np.ndarray, s
     option.iterations = setup.iterations
     steps = max(1, round(setup.duration / setup.timestep))
     shares = np.minimum(1, np.arange(1, steps + 1) / (setup.ramp * steps))
-    ends, finite = [], True
+    ends, forces, finite = [], [], True
     for pose, target in zip(poses, targets, strict=True):
         start = simulation.hand.open_joint_positions
         simulation.place(pose, start)
@@ -102,9 +104,11 @@ def close(simulation: GraspSimulation, poses: np.ndarray, targets: np.ndarray, s
             simulation.data.ctrl[:] = start + share * (target - start)
             mujoco.mj_step(simulation.model, simulation.data)
         ends.append(simulation.data.qpos[: len(target)].copy())
+        found = contacts(simulation)
+        forces.append(found.force[found.other == OBJECT].sum())
         finite &= not any(warning.number for warning in simulation.data.warning)
     joints = np.array(ends)
-    return Closings(joints, finite and bool(np.isfinite(joints).all()), setup)
+    return Closings(joints, finite and bool(np.isfinite(joints).all()), setup, np.array(forces))
 
 
 def face_pieces(collision: trimesh.Trimesh, thickness: float = THICKNESS) -> list[np.ndarray]:
@@ -143,6 +147,7 @@ class GraspStudy(Study):
 
     stage = "grasps"
     units = {"joint": "deg", "tip": "mm", "penetration": "mm", "flipped": "% of touches", "joint, same motion": "deg"}
+    units |= {"force, same motion": "N"}
     reference = (
         f"hand at rest: closed in {REST_DURATION} s at {1e3 * REFERENCE_TIMESTEP} ms, 100 iterations, a piece for "
         f"every face of the collision mesh; same motion: the run's closing at {1e3 * REFERENCE_TIMESTEP} ms, 100 "
@@ -165,8 +170,8 @@ class GraspStudy(Study):
         keys = sorted({(setup.cell, setup.timestep) for setup in (short, *(setup for _, setup in self._knobs()))})
         patches = {cell: surface_patches(collision, cell) for cell, _ in keys}
         simulations = {(cell, step): GraspSimulation(grasper.hand, patches[cell], step) for cell, step in keys}
-        same = close(simulations[short.cell, REFERENCE_TIMESTEP], poses, targets, short).joint_positions
-        return Case(grasper, collision, poses, targets, simulations, rest, same)
+        same = close(simulations[short.cell, REFERENCE_TIMESTEP], poses, targets, short)
+        return Case(grasper, collision, poses, targets, simulations, rest, same.joint_positions, same.force)
 
     def _knobs(self) -> Iterable[tuple[str, ClosingSettings]]:
         """Settings with one knob changed, for every value of every knob; the run's own comes last if it is another."""
@@ -201,6 +206,7 @@ class GraspStudy(Study):
             1e3 * max(case.grasper.check.in_object(each) for each in links),
             100 * float((np.array(touches[0]) != np.array(touches[1])).mean()),
             degrees(case.same_motion) if same else float("nan"),
+            float(np.abs(result.force - case.force).mean()) if same else float("nan"),
         )
         return dict(zip(GraspStudy.units, values, strict=True))
 

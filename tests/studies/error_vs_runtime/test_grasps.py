@@ -164,23 +164,25 @@ def test_the_reference_is_converged(closing):
 
 def test_the_reference_has_no_error(closing):
     study, case = closing
-    errors = study.errors(case, grasps.Closings(case.at_rest, True, study.default))
+    errors = study.errors(case, grasps.Closings(case.at_rest, True, study.default, case.force))
     assert errors["joint"] == errors["tip"] == errors["flipped"] == 0 < errors["joint, same motion"]
     assert 0 <= errors["penetration"] < 0.05
-    errors = study.errors(case, grasps.Closings(case.same_motion, True, study.default))
-    assert errors["joint, same motion"] == 0 < errors["joint"]
+    errors = study.errors(case, grasps.Closings(case.same_motion, True, study.default, case.force))
+    assert errors["joint, same motion"] == errors["force, same motion"] == 0 < errors["joint"]
+    off = study.errors(case, grasps.Closings(case.same_motion, True, study.default, case.force + [0.5, -1.5]))
+    assert off["force, same motion"] == pytest.approx(1.0) and case.force.min() > 0
 
 
 def test_errors_are_what_they_are_called(closing):
     study, case = closing
     off = case.at_rest.copy()
     off[:, 3] += np.radians(16)
-    errors = study.errors(case, grasps.Closings(off, True, study.default))
+    errors = study.errors(case, grasps.Closings(off, True, study.default, case.force))
     assert errors["joint"] == pytest.approx(1)
     turned = case.grasper.hand.sensor_frames(case.grasper.hand.forward(case.poses, off))[0]
     still = case.grasper.hand.sensor_frames(case.grasper.hand.forward(case.poses, case.at_rest))[0]
     assert errors["tip"] == pytest.approx(1e3 * np.linalg.norm(turned - still, axis=-1).mean())
-    unstable = study.errors(case, grasps.Closings(off, False, study.default))
+    unstable = study.errors(case, grasps.Closings(off, False, study.default, case.force))
     assert list(unstable) == list(study.units) and np.isnan(list(unstable.values())).all()
 
 
