@@ -231,7 +231,7 @@ def test_names_are_complete_and_help_has_units_and_shapes(built):
     grasp = pydoc.render_doc(palpate.dataset.GraspRecord, renderer=pydoc.plaintext)
     record = pydoc.render_doc(palpate.dataset.ObjectRecord, renderer=pydoc.plaintext)
     frames = pydoc.render_doc(palpate.dataset.reader.FramesRecord, renderer=pydoc.plaintext)
-    for stage, name, spec in [(stage, *pair) for stage in CONTRACT for pair in CONTRACT[stage].arrays.items()]:
+    for stage, name, spec in [(each, *pair) for each in CONTRACT for pair in CONTRACT[each].arrays.items()]:
         of_grasp = frames if "frame" in stage else grasp
         text = of_grasp if spec.of_grasps else record if spec.of_objects and name != "object" else ""
         if text and name not in ("points", "reading"):

@@ -103,8 +103,8 @@ def all_cores():
         return 1
 
 
-def asked(key):
-    """The params `frames`; a target without what asks for it is an error before anything runs."""
-    if not config["frames"][key]:
-        stop(f"the config asks for none: set frames.{key}, as in --config 'frames={{{key}: 20}}'")
-    return config["frames"]
+def asked(section, key):
+    """A section of the config, for params; a target that it does not ask for is an error before anything runs."""
+    if not config[section][key]:
+        stop(f"the config asks for no {section}: set {section}.{key} (config/README.md)")
+    return config[section]

@@ -14,7 +14,7 @@ rule frames:
     conda:
         "../../envs/palpate.yaml"
     params:
-        frames=lambda wildcards: {key: asked("count")[key] for key in ("count", "touch", "contacts")},
+        frames=lambda wildcards: {key: asked("frames", "count")[key] for key in ("count", "touch", "contacts")},
         grasps=config["grasps"],
         sensor=SENSOR.description(),
         seed=config["seed"],
@@ -40,7 +40,7 @@ rule frame_images:
         mem_mb=lambda wildcards: 2000 + texture_mb(wildcards.batch),
         runtime=120,
     params:
-        frames=lambda wildcards: {"images": asked("images")["images"]},
+        frames=lambda wildcards: {"images": asked("frames", "images")["images"]},
         vision=config["vision"],
         seed=config["seed"],
     script:

@@ -1,11 +1,4 @@
 # Whether hands keep their objects, if the config asks for it.
-def hold_settings(wildcards):
-    """The params `hold`; its target in a run that does not ask for it is an error before anything runs."""
-    if not config["hold"]["test"]:
-        stop("the config asks for no test of grasps: set hold.test, as in --config 'hold={test: true}'")
-    return {key: value for key, value in config["hold"].items() if key != "test"}
-
-
 rule hold:
     input:
         meshes="meshes/{batch}",
@@ -20,7 +13,7 @@ rule hold:
     conda:
         "../../envs/palpate.yaml"
     params:
-        hold=hold_settings,
+        hold=lambda wildcards: {key: value for key, value in asked("hold", "test").items() if key != "test"},
         grasps=config["grasps"],
         sensor=SENSOR.geometry,
         seed=config["seed"],
