@@ -13,8 +13,6 @@ from palpate.checksums import sidecar, write_sidecar
 
 # `.partial-<machine>~<process>~<random>-<name>`, and the same with `replaced`: no two writers share one.
 TEMPORARY = re.compile(r"\.(?:partial|replaced)-(?P<machine>[^~]*)~(?P<process>\d+)~[0-9a-f]+-(?P<name>.+)")
-# Those, and what versions before these names wrote.
-ANY_TEMPORARY = re.compile(r"\.(?:partial|replaced)-.+")
 
 
 @contextmanager
@@ -80,7 +78,7 @@ def sweep(folder: Path, whole: re.Pattern[str]) -> list[Path]:
     """
     removed = []
     for place, folders, files in os.walk(folder):
-        left = [name for name in [*folders, *files] if ANY_TEMPORARY.fullmatch(name)]
+        left = [name for name in [*folders, *files] if TEMPORARY.fullmatch(name)]
         for name in left:
             remove(Path(place, name))
         removed += [Path(place, name) for name in left]

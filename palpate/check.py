@@ -128,17 +128,14 @@ def check_config(overlays: Sequence[Path | str], name: str | None = None, pictur
     for line in hands.check_files(own.mjcf, own.sensors, settings.sensor) if own else ():
         say(line)
     with tempfile.TemporaryDirectory(prefix="palpate-check-") as scratch:
-        looks = [
-            look(entry, root, settings.source.outside)
-            for entry, root in _opened(settings, name, config["seed"], Path(scratch))
-        ]
+        looks = [look(entry, root) for entry, root in _opened(settings, name, config["seed"], Path(scratch))]
         for line in mesh_lines(looks, settings):
             say(line)
         sensors = f"{', '.join(hand.sensor_names)}: {settings.sensor.name}, {1e3 * settings.sensor.range:g} mm deep"
         say(f"hand: {hand.name}, {len(hand.joint_link)} joints; sensors {sensors}")
         sound = [each for each in looks if not each.problem and name in (None, each.entry.object)]
         pictures: dict[str, np.ndarray] = {}
-        for each in sorted(sound, key=lambda each: (each.holds != "texture", each.faces))[:TRIED]:
+        for each in sorted(sound, key=lambda each: each.faces)[:TRIED]:
             say(f"{each.entry.object}, through every stage:")
             try:
                 pictures = make_example(each.entry, each.root, config, settings.sensor, hand, Path(scratch))
@@ -167,10 +164,9 @@ def object_lines(settings: Settings, config: Mapping[str, Any]) -> Iterator[str]
         of_splits = [f"{split} {counts[name, split]}" for split in catalogue.SPLITS if counts[name, split]]
         yield f"  {name}: {', '.join(of_splits)}"
     if others := sum(len(entry.others) for entry in entries):
-        yield f"  {others} further files of the same objects are not used (source.variants)"
+        yield f"  {others} further files of the same objects are not used"
     try:
-        by_name = config["split"]["held_out"] == "objects" and not any(entry.split for entry in entries)
-        catalogue.check_splits(splits, catalogue.SPLITS, "training with its tables", by_name)
+        catalogue.check_splits(splits, catalogue.SPLITS, "training with its tables")
     except catalogue.CatalogueError as error:
         yield f"  {error}"
 
@@ -178,16 +174,14 @@ def object_lines(settings: Settings, config: Mapping[str, Any]) -> Iterator[str]
 class Look(NamedTuple):
     """A mesh file that was opened.
 
-    Attributes: root, the folder of its source; extent, its box from corner to corner in its own unit; faces; holds,
-        `texture`, `colours` or `shape`; missing, what is wrong with files that it names, by their names; problem, why
-        it can't be used, or empty.
+    Attributes: root, the folder of its source; extent, its box from corner to corner in its own unit; faces; missing,
+        what is wrong with files that it names, by their names; problem, why it can't be used, or empty.
     """
 
     entry: SourceObject
     root: Path
     extent: float = 0.0
     faces: int = 0
-    holds: str = ""
     missing: Mapping[str, str] = {}
     problem: str = ""
 
@@ -217,38 +211,36 @@ def _opened(settings: Settings, name: str | None, seed: int, scratch: Path) -> I
             yield each, root
 
 
-def look(entry: SourceObject, root: Path, outside: bool = False) -> Look:
-    """Open an object's mesh, in a process of its own; outside: of the config's source."""
+def look(entry: SourceObject, root: Path) -> Look:
+    """Open an object's mesh, in a process of its own."""
     import palpate.mesh.build  # noqa: F401 - once, and not in each of the processes
     from palpate.mesh.isolation import isolated
 
-    files = catalogue.files_root(root, outside)
     try:
-        return Look(entry, root, *isolated(_open, root / entry.source, entry.scale, files, seconds=SECONDS_A_MESH))
+        return Look(entry, root, *isolated(_open, root / entry.source, entry.scale, root, seconds=SECONDS_A_MESH))
     except (UnusableObject, RuntimeError, OSError, MemoryError) as error:
         return Look(entry, root, problem=str(error).strip().splitlines()[-1].removeprefix(f"{root / entry.source}: "))
 
 
-def _open(path: Path, scale: str | float, files: str) -> tuple[float, int, str, dict[str, str]]:
-    """Extent, faces, what it holds, and what is wrong with files that it names."""
+def _open(path: Path, scale: str | float, root: Path) -> tuple[float, int, dict[str, str]]:
+    """Extent, faces, and what is wrong with files that it names."""
     from palpate.mesh.build import size
     from palpate.mesh.load import load_parts
 
     missing: dict[str, str] = {}
-    parts = load_parts(path, missing, files)
+    parts = load_parts(path, missing, root)
     extent = float(np.linalg.norm(np.ptp(np.concatenate([part.bounds for part in parts]), axis=0)))
     size(path, extent, scale)
-    holds = ("shape", "colours", "texture")[catalogue.richness(path, files)]
-    return extent, sum(len(part.faces) for part in parts), holds, missing
+    return extent, sum(len(part.faces) for part in parts), missing
 
 
 def mesh_lines(looks: Sequence[Look], settings: Settings) -> Iterator[str]:
-    """What opened meshes hold and lack, their sizes with a hint at their unit, and those that can't be used."""
+    """What opened meshes lack, their sizes with a hint at their unit, and those that can't be used."""
     from palpate.mesh import LARGEST
 
     sound = [each for each in looks if not each.problem]
     share = "" if len(looks) == len(settings.entries) else f" of {len(settings.entries)}"
-    yield f"opened {len(looks)}{share} meshes: {_tally(each.holds for each in sound) or 'none can be used'}"
+    yield f"opened {len(looks)}{share} meshes, of which {len(sound)} can be used"
     if sound:
         extents, faces = sorted(each.extent for each in sound), [each.faces for each in sound]
         sizes = (
@@ -277,13 +269,12 @@ def make_example(
     Raises `UnusableObject` for an object without a surface.
     """
     from palpate import grasp, mesh, scene, surface, touch
-    from palpate.dataset.arrays import fill_untouched
+    from palpate.dataset.run import fill_untouched
     from palpate.vision import Renderer
 
     seed, name, folder = config["seed"], entry.object, scratch / "made" / entry.object
-    files = catalogue.files_root(root, config["source"]["outside"])
     mesh.prepare(
-        root / entry.source, folder, up=entry.up, turn=entry.turn, scale=entry.scale, root=files, **config["mesh"]
+        root / entry.source, folder, up=entry.up, turn=entry.turn, scale=entry.scale, root=root, **config["mesh"]
     )
     visual, collision = mesh.load_visual(folder), mesh.load_collision(folder)
     points = surface.sample(visual, config["surface"]["points"], generator(seed, name, "surface"))

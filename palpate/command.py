@@ -124,32 +124,23 @@ def validate(args: argparse.Namespace) -> int:
 
 
 def info(args: argparse.Namespace) -> int:
-    """Print what a run, or one of its objects, holds."""
+    """Print what a run holds."""
     from palpate.dataset import Dataset
-    from palpate.dataset.summary import object_lines, run_lines
+    from palpate.dataset.summary import run_lines
 
-    dataset = Dataset(args.run)
-    print("\n".join(object_lines(dataset[args.object]) if args.object else run_lines(dataset)))
+    print("\n".join(run_lines(Dataset(args.run))))
     return 0
 
 
 def export(args: argparse.Namespace) -> int:
     """Write a run in another layout, whole or not at all."""
+    from palpate import interchange
     from palpate.dataset import Dataset
 
     if args.output.exists():
         raise FileExistsError(f"{args.output} exists: name a new folder, or remove it")
-    if args.format == "released":
-        from palpate.released.export import STAGES
-        from palpate.released.export import export as export_released
-
-        count = f"{export_released(Dataset(args.run, STAGES), args.output)} objects"
-    else:
-        from palpate import interchange
-
-        given = (args.output, args.format, args.arrays, args.license, args.source)
-        count = f"{interchange.export(Dataset(args.run), *given)} grasps"
-    print(f"{args.output}: {count}")
+    given = (args.output, args.format, args.arrays, args.license, args.source)
+    print(f"{args.output}: {interchange.export(Dataset(args.run), *given)} grasps")
     return 0
 
 
@@ -197,16 +188,13 @@ COMMANDS = {
             "type": Path, "metavar": "FOLDER", "help": "of the source meshes, to compare them with the catalogue"
         },
     }),
-    "info": Command(info, "print what a run holds", {
-        "object": {"nargs": "?", "help": "its name in catalogue.csv (default: the whole run)"},
-    }),
+    "info": Command(info, "print what a run holds", {}),
     "export": Command(export, "write a run in another layout, with a data card", {
         "output": {"type": Path, "help": "a new folder"},
         "--format": {
-            "choices": ("webdataset", "parquet", "open_x_tactile", "released"),
+            "choices": ("webdataset", "parquet", "open_x_tactile"),
             "default": "webdataset",
-            "help": "tar shards; Parquet and images as load_dataset of Hugging Face reads them; Open-X-Tactile's Zarr; "
-            "the authors' released layout",
+            "help": "tar shards; Parquet and images as load_dataset of Hugging Face reads them; Open-X-Tactile's Zarr",
         },
         "--arrays": {"nargs": "+", "metavar": "ARRAY", "help": "which to write (default: all)"},
         "--license": {"default": "unknown", "help": "of the data, for the data card: cc-by-4.0, ..."},

@@ -20,6 +20,8 @@ FORMER_KEYS = {
     "touch.method": "remove this key: sensors are traced by rays",
     "mesh.levels": "remove this key: no stage read further levels; decimate collision.ply yourself",
     "architecture.unsuccessful": "this key is now called 'failed_charts', and its value held 'fixed'; rename both",
+    "source.outside": "remove this key; link the files that meshes name into the source's folder",
+    "source.variants": "remove this key; of files that differ in the suffix one is taken; source.pattern takes others",
 }
 CONTROL = re.compile(r"[\x00-\x1f\x7f-\x9f]")
 

@@ -6,26 +6,15 @@ import shlex
 from pathlib import Path
 
 RECORD = "config.yaml"  # in a run's folder: the config that it was last started with
-FOLDERS = ("catalogue.csv", "meshes", "models", "evaluations")  # runs of older versions have one of them, too
+MARKS = (RECORD, "catalogue.csv", "meshes", "models", "evaluations")  # a run has one of them
 BRACES = re.compile(r"[\w./-]*\{\d+\.\.\d+\}[\w./-]*")  # as bash counts them up: batch-{0000..0012}
 
 
 def run_folder(path: Path | str) -> Path:
-    """The run's folder that a path is in, or is: the nearest with a config, else the nearest that looks like one's.
-
-    If none does, the one that a folder of such a name in the path would be in; else the folder's folder, which is where
-    stores stand in a run.
-    """
+    """The run's folder that a path is in, or is: the nearest that looks like one, else that of a store at the path."""
     path = Path(os.path.abspath(path))
-    places = [path, *path.parents]
-    for marks in ((RECORD,), FOLDERS):
-        for place in places:
-            if any((place / mark).exists() for mark in marks):
-                return place
-    for place in places:
-        if place.name in FOLDERS[1:]:
-            return place.parent
-    return path.parent if path.name == "catalogue.csv" or len(path.parents) < 2 else path.parents[1]
+    places = (place for place in (path, *path.parents) if any((place / mark).exists() for mark in MARKS))
+    return next(places, path.parent if path.name == "catalogue.csv" else path.parent.parent)
 
 
 def rebuild_command(path: Path | str, *targets: str) -> str:

@@ -102,7 +102,7 @@ def test_two_writers_of_one_path_do_not_disturb_each_other(tmp_path, folder):
 
 def test_what_killed_processes_left_is_swept_and_nothing_else(tmp_path):
     keep = ["a/thing.txt", "a/partial.txt", "a/.hidden", "a/batch-0000.zarr/.partial-x~1~a-inside"]
-    stale = ["a/.partial-elsewhere~7~0f-thing.txt", "a/b/.replaced-here~8~0f-batch-0000/x", ".partial-last.ckpt"]
+    stale = ["a/.partial-elsewhere~7~0f-thing.txt", "a/b/.replaced-here~8~0f-batch-0000/x"]
     for name in keep + stale:
         (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / name).write_text("")

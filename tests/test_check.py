@@ -81,7 +81,7 @@ def test_it_says_what_there_is_and_what_is_wrong(overlay, folder, tmp_path, caps
     assert said.err == ""
     for line in (
         "5 objects in 2 classes: .glb 1, .obj 2, .ply 1, .stl 1",
-        "opened 5 meshes: ",
+        "opened 5 meshes, of which ",
         "0.143 to 136 units of the file across, 12 to ",
         ".png: there is no such file: drawn in grey",
         "brick-nested-broken can't be used: ",

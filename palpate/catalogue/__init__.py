@@ -4,14 +4,13 @@ from palpate.lazy import lazy_exports
 
 EXPORTS = {
     "batches": ["assign_batches", "batch_number", "in_order", "read_places", "resolve_batch_size", "write_places"],
-    "companion_files": ["companions", "richness"],
     "record": ["check_same_run", "write_record"],
-    "source": ["UP_AXIS", "CatalogueError", "Source", "files_root"],
+    "source": ["UP_AXIS", "CatalogueError", "Source"],
     "sources": ["SourceObject", "all_classes", "class_counts", "file_name", "scan", "style_of"],
     "split": ["PAPER_SPLIT", "SPLITS", "assign_split", "held_out_styles", "suggest_split"],
     "table": [
-        *("COLUMNS", "CatalogueEntry", "build", "check_splits", "checksum", "empty_splits", "fill", "join_copies"),
-        *("read_catalogue", "require_unchanged", "sources_of", "splits_of", "write_catalogue"),
+        *("COLUMNS", "CatalogueEntry", "build", "check_splits", "checksum", "fill", "join_copies"),
+        *("companions", "read_catalogue", "require_unchanged", "sources_of", "splits_of", "write_catalogue"),
     ],
 }
 __all__, __getattr__ = lazy_exports(__name__, EXPORTS)

@@ -6,7 +6,6 @@ An object that leaves keeps its place, so that nothing else moves into its batch
 further ones.
 """
 
-import csv
 import json
 from collections import Counter
 from collections.abc import Iterable, Mapping
@@ -18,6 +17,7 @@ from palpate.catalogue.sources import SourceObject
 from palpate.checksums import DamagedFile, read_record
 
 PLACES = "batches.json"
+REMEDY = "remove it: batches are formed anew, and those that differ are made again"
 # With `batch_size: auto`. Snakemake takes a few ms a job, and more in a run of tens of thousands.
 USUAL_SIZE, MOST_BATCHES = 16, 625
 
@@ -71,40 +71,24 @@ def resolve_batch_size(batch_size: int | str, objects: int, folder: Path | str) 
 def read_places(folder: Path | str, batch_size: int) -> dict[str, str]:
     """The batch of every object that the run in a folder has had; empty if it has none, or another batch size.
 
-    A run without the file, as older versions left it, has them in `catalogue.csv`.
     Raises CatalogueError, naming the file and the remedy, if the file is damaged.
     """
     path = Path(folder, PLACES)
-    if not path.exists():
-        return _of_catalogue(Path(folder, "catalogue.csv"), batch_size)
-    size, places = _read(path)
+    size, places = _read(path) if path.exists() else (batch_size, {})
     return places if size == batch_size else {}
 
 
 def _read(path: Path) -> tuple[int, dict[str, str]]:
     """The batch size, and the batch of every object, as `write_places` wrote them."""
     try:
-        held = read_record(path, "remove it: the batches are in catalogue.csv, too")
+        held = read_record(path, REMEDY)
         return int(held["batch_size"]), {
             str(name): batch_name(batch_number(batch)) for name, batch in held["objects"].items()
         }
     except DamagedFile as error:
         raise CatalogueError(str(error)) from None
     except (ValueError, KeyError, TypeError, AttributeError) as error:
-        raise CatalogueError(
-            f"{path} is damaged ({type(error).__name__}): remove it: the batches are in catalogue.csv, too"
-        ) from None
-
-
-def _of_catalogue(path: Path, batch_size: int) -> dict[str, str]:
-    try:
-        with path.open(newline="", encoding="utf-8") as file:
-            places = {row["object"]: batch_name(batch_number(row["batch"])) for row in csv.DictReader(file)}
-    except (OSError, ValueError, KeyError, csv.Error):  # none yet, or damaged: it is made again
-        return {}
-    counts = Counter(places.values())
-    full = set(counts) - {max(counts, key=batch_number, default="")}
-    return places if all(counts[batch] == batch_size for batch in full) else {}
+        raise CatalogueError(f"{path} is damaged ({type(error).__name__}): {REMEDY}") from None
 
 
 def write_places(folder: Path | str, batch_size: int, places: Mapping[str, str]) -> None:

@@ -54,7 +54,6 @@ def _differences(recorded: Mapping[str, Any], config: Mapping[str, Any], project
     if before.kind == now.kind == "procedural":  # made in the run's folder, which may have been moved
         before = replace(before, path=now.path)
     pairs = {f"source.{key}": (old, getattr(now, key)) for key, old in asdict(before).items()}
-    del pairs["source.outside"]  # may be allowed later
     pairs["seed"] = pairs.pop("source.seed")
     lines = [f"{key}: {old} there, {new} in this config" for key, (old, new) in pairs.items() if old != new]
     if not lines and not recorded["classes"] == config["classes"] == "all":

@@ -3,14 +3,14 @@
 import os
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from palpate.catalogue.object_table import Scale
 from palpate.configuration import absolute
 from palpate.mesh import FORMATS
 
+Scale = str | float  # `diagonal`, `keep`, or metres a unit of the file
 MESH_SUFFIXES = tuple(f".{each}" for each in FORMATS)
 
 # ShapeNetCore's folders of the paper's classes (WordNet synset offsets). Others are asked for by their
@@ -29,12 +29,10 @@ class Layout(NamedTuple):
         patterns: of mesh files below the source's path, the best first; `{class}` is the folder of a class. An object
             is what its wildcards stand for, and has the first file that exists. `**` alone is any mesh, at any depth.
         up: the up axis, or `format`: that of the file's format (`FORMAT_UP`).
-        suffixes: of mesh files.
     """
 
     patterns: tuple[str, ...]
     up: str
-    suffixes: tuple[str, ...] = MESH_SUFFIXES
 
 
 # Layouts as their publishers have them, unpacked. ShapeNetCore v1 and v2: a class's folder is its synset. ABC: chunks
@@ -43,7 +41,7 @@ class Layout(NamedTuple):
 LAYOUTS = {
     "folder": Layout(("{class}/**",), "format"),
     "shapenet": Layout(("{class}/*/model.obj", "{class}/*/models/model_normalized.obj"), "y"),
-    "abc": Layout(("**",), "z", (".obj", ".stl")),
+    "abc": Layout(("**",), "z"),
     "ycb": Layout(
         tuple(f"*/{scan}/textured.obj" for scan in ("google_16k", "google_64k", "google_512k", "tsdf", "poisson")), "z"
     ),
@@ -57,11 +55,6 @@ FORMAT_UP = {".glb": "y", ".gltf": "y"}
 UP_AXIS = {"procedural": "z", "released": "z", **{kind: layout.up for kind, layout in LAYOUTS.items()}}
 
 
-def files_root(path: Path | str, outside: bool) -> str:
-    """The folder that files have to be in which meshes name: that of the source, or any with `outside`."""
-    return "/" if outside else str(path)
-
-
 @dataclass(frozen=True)
 class Source:
     """The section `source` of a config.
@@ -69,9 +62,8 @@ class Source:
     Attributes:
         kind: a key of `UP_AXIS`. path: its folder. pattern: of mesh files, in place of those of its layout.
         up: the up axis, or `format`; by default that of its kind. scale: `diagonal`, `keep`, or metres a unit of files.
-        objects: a CSV file of what the user says of objects. variants: `best` takes one of several files of an object,
-        `each` all. outside: whether files that meshes name may be outside its folder. turned: whether each object is
-        turned about the vertical by an angle of its own. seed: of these angles.
+        objects: a CSV file of what the user says of objects. turned: whether each object is turned about the vertical
+        by an angle of its own. seed: of these angles.
 
     Raises CatalogueError for an unknown kind.
     """
@@ -82,8 +74,6 @@ class Source:
     up: str | None = None
     scale: Scale = "diagonal"
     objects: Path | str | None = None
-    variants: str = "best"
-    outside: bool = False
     turned: bool = False
     seed: int = 0
 
@@ -97,28 +87,19 @@ class Source:
         """The source of a checked config, with absolute paths: relative ones are the project's.
 
         Procedural objects are made in the run's folder. Keys that a config of an older version lacks have their
-        defaults. Raises ConfigError as `absolute` does.
+        defaults, and those that only it has do not count. Raises ConfigError as `absolute` does.
         """
-        section = dict(config["source"])
+        known = {each.name for each in fields(cls)}
+        section = {key: value for key, value in config["source"].items() if key in known}
         made_in = Path(absolute(config["results"], project), config["run"], "sources")
         section["path"] = absolute(section["path"], project) if section["path"] else str(made_in)
         section["objects"] = absolute(section["objects"], project) if section.get("objects") else None
         return cls(**section, seed=config.get("seed", 0))
 
     @property
-    def files_root(self) -> str:
-        """As `files_root`."""
-        return files_root(self.path, self.outside)
-
-    @property
     def patterns(self) -> tuple[str, ...]:
         """The patterns of its mesh files, the best first; of kinds with a layout."""
         return (self.pattern,) if self.pattern else LAYOUTS[self.kind].patterns
-
-    @property
-    def suffixes(self) -> tuple[str, ...]:
-        """The suffixes of its mesh files; of kinds with a layout."""
-        return LAYOUTS[self.kind].suffixes
 
     @property
     def has_class_folders(self) -> bool:

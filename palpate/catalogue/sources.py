@@ -9,18 +9,15 @@ import logging
 import os
 import re
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from fnmatch import fnmatchcase
+from collections.abc import Iterable, Iterator, Mapping
 from functools import cache
-from itertools import chain
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import Any, NamedTuple
 
 from palpate import shapes
 from palpate.batch import UnusableObject, generator
-from palpate.catalogue.companion_files import richness
-from palpate.catalogue.object_table import ObjectTable, Scale, read_object_table
-from palpate.catalogue.source import FORMAT_UP, LAYOUTS, MESH_SUFFIXES, CatalogueError, Source
+from palpate.catalogue.object_table import ObjectTable, read_object_table
+from palpate.catalogue.source import FORMAT_UP, LAYOUTS, MESH_SUFFIXES, CatalogueError, Scale, Source
 from palpate.configuration import ConfigError
 from palpate.named_files import HEAD, unusable
 from palpate.released.layout import SURFACES, ReleasedObject, read_released
@@ -33,8 +30,8 @@ CLASS_NAME = r"\w([\w .,()&'+-]*[\w.)+-])?"
 LONGEST_NAME = 200  # bytes of an object's name: 255 of a file's name, and what is added to it
 ONE_CLASS = "object"  # of a source without folders of classes, where nothing else says one
 MESH_SUFFIX = re.compile(rf"({'|'.join(map(re.escape, MESH_SUFFIXES))})$", re.IGNORECASE)
-# What tells apart files of one object: `textured.obj` and `nontextured.stl`, `mug_textured.obj` and `mug.stl`.
-VARIANT = re.compile(r"[-_ .]?(?<![A-Za-z0-9])((non|un)[-_]?)?textured(?![A-Za-z0-9])", re.IGNORECASE)
+# The file of one object that is taken of several: formats that may have textures come first.
+PREFERENCE = (".glb", ".gltf", ".obj", ".dae", ".ply", ".3mf", ".off", ".stl")
 
 Count = int | str
 
@@ -81,8 +78,6 @@ def scan(source: Source, classes: Mapping[str, Count]) -> list[SourceObject]:
             f"source {source.kind} has one class, the config has {', '.join(classes)}: keep one of them, or say which "
             "object is of which class in a CSV file (source.objects)"
         )
-    if unknown := sorted(set(table.of_class) - set(classes)):
-        log.warning("%s: lines about classes that this run does not have: %s", source.objects, _listed(unknown))
     everything = _by_class(_candidates(source, None), table) if table.gives_classes else {}
     entries = []
     for name, count in classes.items():
@@ -128,23 +123,18 @@ def all_classes(source: Source) -> dict[str, Count]:
         return dict.fromkeys([each.class_name for each in _released_objects(source)], "all")
     if source.kind == "procedural":
         raise CatalogueError("classes: `all` means the classes of files that there are; list those of procedural")
-    root, table = _root(source), _object_table(source)
-    if table.gives_classes or source.pattern or not source.has_class_folders:
-        if not (found := _by_class(_candidates(source, None), table)):
-            raise CatalogueError(_no_mesh(source))
-        return dict.fromkeys(sorted(found), "all")
-    folders = source.class_folders(root)
-    inner = [pattern.removeprefix("{class}/") for pattern in source.patterns]
-    found = {each: chain(*(_matches(root / each, pattern, source.suffixes) for pattern in inner)) for each in folders}
-    full = [folder for folder in folders if next(found[folder], None)]
-    if empty := [folder for folder in folders if folder not in full]:
-        log.warning("%s: no mesh in %s: no classes", root, _listed(empty))
-    if not full:
-        raise CatalogueError(
-            f"{root}: no folder of a class in it: put meshes in {root}/<class>/, or set source.pattern "
-            '("*.obj" for files without such folders)'
-        )
-    return {source.class_of(folder): "all" for folder in full}
+    root, found = _root(source), _by_class(_candidates(source, None), _object_table(source))
+    if source.has_class_folders and not source.pattern:
+        if empty := [each for each in source.class_folders(root) if source.class_of(each) not in found]:
+            log.warning("%s: no mesh in %s: no classes", root, _listed(empty))
+        if not found:
+            raise CatalogueError(
+                f"{root}: no folder of a class in it: put meshes in {root}/<class>/, or set source.pattern "
+                '("*.obj" for files without such folders)'
+            )
+    if not found:
+        raise CatalogueError(_no_mesh(source))
+    return dict.fromkeys(sorted(found), "all")
 
 
 def class_counts(config: Mapping[str, Any], source: Source) -> dict[str, Count]:
@@ -193,7 +183,7 @@ def _no_mesh(source: Source) -> str:
     """The message about a source in which no mesh is found."""
     message = f"{source.path}: no mesh found for {' or '.join(source.patterns)}"
     if not source.pattern:
-        return f"{message}: expected files {', '.join(source.suffixes)}"
+        return f"{message}: expected files {', '.join(MESH_SUFFIXES)}"
     inner = "" if "{class}" in source.pattern else " (patterns begin at source.path; `{class}/...` has classes)"
     return f"{message}: correct source.pattern{inner}"
 
@@ -211,9 +201,7 @@ def _candidates(source: Source, class_name: str | None) -> list[SourceObject]:
                 found[place] = found[place]._replace(others=(*found[place].others, each.source))
     if not source.pattern:
         _warn_of_folders_without(source, class_name, found)
-    if source.variants == "best":
-        found = _best_variants(source, found)
-    return [each._replace(others=tuple(sorted(each.others))) for each in found]
+    return [each._replace(others=tuple(sorted(each.others))) for each in _one_of_each(found)]
 
 
 def _of_pattern(source: Source, pattern: str, class_name: str | None) -> Iterator[SourceObject]:
@@ -222,9 +210,7 @@ def _of_pattern(source: Source, pattern: str, class_name: str | None) -> Iterato
     if "{class}" not in steps:
         of_class = {"": class_name or ONE_CLASS}
     elif class_name is not None:
-        folder = source.folder_of(class_name)
-        _check_class_folder(source, steps[: steps.index("{class}")], folder, class_name)
-        of_class = {folder: class_name}
+        of_class = {source.folder_of(class_name): class_name}
     else:
         above = "".join(f"{step}/" for step in steps[: steps.index("{class}")])
         places = sorted(glob.glob(above, root_dir=root)) if above else [""]
@@ -233,61 +219,37 @@ def _of_pattern(source: Source, pattern: str, class_name: str | None) -> Iterato
         filled = [glob.escape(folder) if step == "{class}" else step for step in steps]
         wild = [place for place, step in enumerate(steps) if glob.has_magic(step)] or [0, len(steps) - 1]
         after = len(steps) - 1 - wild[-1]  # fixed steps at the end
-        for file in sorted(_matches(root, "/".join(filled), source.suffixes)):
+        for file in sorted(_matches(root, "/".join(filled))):
             parts = file.split("/")
             kept = "/".join(parts[wild[0] : len(parts) - after])
             yield SourceObject(kept if after else MESH_SUFFIX.sub("", kept), name, file)
 
 
-def _check_class_folder(source: Source, above: Sequence[str], folder: str, class_name: str) -> None:
-    place = Path(source.path, *above)
-    if any(map(glob.has_magic, above)) or (place / folder).is_dir():
-        return
-    if source.kind == "shapenet":
-        raise CatalogueError(
-            f"{place / folder}: no such folder: it holds ShapeNet's class {class_name}; unpack it there"
-        )
-    present = source.class_folders(place) if place.is_dir() else []
-    raise CatalogueError(
-        f"{place / folder}: no such folder: the class {class_name} has its meshes there; {place} has {_listed(present)}"
-    )
-
-
-def _matches(root: Path, pattern: str, suffixes: tuple[str, ...]) -> Iterator[str]:
+def _matches(root: Path, pattern: str) -> Iterator[str]:
     """Mesh files below a folder that a pattern matches, relative to it; hidden files and folders never."""
-    steps = pattern.split("/")
-    if "**" in steps:
-        depth = steps.index("**")
-        rest = [*steps[depth:], "*"] if steps[-1] == "**" else steps[depth:]
-        folders = glob.iglob("".join(f"{step}/" for step in steps[:depth]), root_dir=root) if depth else [""]
+    above, deep, rest = pattern.partition("**")
+    if deep:
+        folders = glob.iglob(above, root_dir=root) if above else [""]
+        rest = rest.lstrip("/") or "*"
         found = (
             folder + file
             for folder in folders
-            for file in _each_mesh(root / folder, suffixes)
-            if _fits(file.split("/"), rest)
+            for file in _each_mesh(root / folder)
+            if PurePosixPath(file).match(rest)  # by its last parts
         )
     else:
-        found = glob.iglob(pattern, root_dir=root)
-        found = (file for file in found if file.lower().endswith(suffixes) and not (root / file).is_dir())
+        found = (file for file in glob.iglob(pattern, root_dir=root) if MESH_SUFFIX.search(file))
+        found = (file for file in found if not (root / file).is_dir())
     return (file.encode("utf-8", "backslashreplace").decode() for file in found)  # see `named_files.unusable`
 
 
-def _fits(parts: Sequence[str], steps: Sequence[str]) -> bool:
-    """Whether the parts of a path are what a pattern's steps stand for; `**` stands for any folders."""
-    if not parts or not steps:
-        return not parts and not steps
-    if steps[0] == "**":
-        return any(_fits(parts[start:], steps[1:]) for start in range(len(parts)))
-    return fnmatchcase(parts[0], steps[0]) and _fits(parts[1:], steps[1:])
-
-
-def _each_mesh(folder: Path, suffixes: tuple[str, ...]) -> Iterator[str]:
+def _each_mesh(folder: Path) -> Iterator[str]:
     """Mesh files at any depth. Links are followed but for those to a folder that they lie in, as `glob` would."""
     for place, folders, files in os.walk(folder, followlinks=True):
         folders[:] = [name for name in folders if not name.startswith(".") and not _returns(folder, Path(place, name))]
         within = Path(place).relative_to(folder).as_posix()  # once a folder: there may be 100,000 files
         for name in files:
-            if name.lower().endswith(suffixes) and not name.startswith("."):
+            if MESH_SUFFIX.search(name) and not name.startswith("."):
                 yield name if within == "." else f"{within}/{name}"
 
 
@@ -308,27 +270,21 @@ def _warn_of_folders_without(source: Source, class_name: str | None, found: Iter
     if source.has_class_folders:
         place /= source.folder_of(class_name)
     names = {each.object for each in found}
+    if not place.is_dir():
+        return
     folders = sorted(each.name for each in os.scandir(place) if each.is_dir() and not each.name.startswith("."))
     if without := [name for name in folders if name not in names]:
         log.warning("%s: no mesh in %d models: %s", place, len(without), _listed(without))
 
 
-def _best_variants(source: Source, found: list[SourceObject]) -> list[SourceObject]:
-    """One entry for all files of a folder that differ in format or texture only: the file that holds most."""
-    groups: dict[tuple[str, str], list[SourceObject]] = {}
+def _one_of_each(found: list[SourceObject]) -> Iterator[SourceObject]:
+    """One entry for all files of a folder that differ in their suffix only: the first by `PREFERENCE`."""
+    groups: dict[str, list[SourceObject]] = {}
     for each in found:
-        folder, _, file = each.source.rpartition("/")
-        groups.setdefault((folder, VARIANT.sub("", MESH_SUFFIX.sub("", file))), []).append(each)
-
-    def rank(each: SourceObject) -> tuple:
-        path = Path(source.path, each.source)
-        return -richness(path, source.files_root), MESH_SUFFIXES.index(path.suffix.lower()), each.source
-
-    chosen = []
+        groups.setdefault(MESH_SUFFIX.sub("", each.source), []).append(each)
     for group in groups.values():
-        best, *others = sorted(group, key=rank) if len(group) > 1 else group
-        chosen.append(best._replace(others=(*best.others, *(each.source for each in others))))
-    return chosen
+        best, *others = sorted(group, key=lambda each: PREFERENCE.index(os.path.splitext(each.source)[1].lower()))
+        yield best._replace(others=(*best.others, *(each.source for each in others)))
 
 
 def _by_class(entries: Iterable[SourceObject], table: ObjectTable) -> dict[str, list[SourceObject]]:
@@ -344,16 +300,15 @@ def _described(entry: SourceObject, table: ObjectTable, source: Source) -> Sourc
     """An object with its own name, up axis, scale and split."""
     if source.kind == "released":
         return entry._replace(up=source.up, scale=source.scale)
-    given = table.of(entry.source, entry.class_name)
-    up = given.up or source.up
+    up = source.up
     if up == "format":
         suffix = os.path.splitext(entry.source)[1].lower()
         up = _collada_up(Path(source.path, entry.source)) if suffix == ".dae" else FORMAT_UP.get(suffix, "z")
     return entry._replace(
         object=_object(entry.class_name, entry.object),
         up=up,
-        scale=given.scale or source.scale,
-        split=given.split or entry.split,
+        scale=source.scale,
+        split=table.of(entry.source, entry.class_name).split,
     )
 
 

@@ -8,15 +8,14 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from palpate import provenance, shapes
+from palpate import named_files, provenance, shapes
 from palpate.atomic import atomic_write
-from palpate.catalogue.companion_files import companions
 from palpate.catalogue.source import CatalogueError
 from palpate.catalogue.sources import SourceObject, style_of
 from palpate.catalogue.split import SPLITS, assign_split, held_out_styles, suggest_split
 from palpate.checksums import DamagedFile, read_rows, size_and_sha256
-from palpate.named_files import unusable
 from palpate.rebuild_command import rebuild_advice, rebuild_command
+from palpate.released import layout
 
 COLUMNS = ("object", "class", "split", "batch", "source", "checksum", "up", "scale", "others", "turn", "style")
 OTHERS = "; "
@@ -121,25 +120,18 @@ def join_copies(entries: Iterable[CatalogueEntry]) -> list[CatalogueEntry]:
     return [entry._replace(split=first.setdefault(entry.checksum or entry.object, entry.split)) for entry in entries]
 
 
-def check_splits(splits: Mapping[str, str], needed: Iterable[str], what: str, by_name: bool = True) -> None:
+def check_splits(splits: Mapping[str, str], needed: Iterable[str], what: str) -> None:
     """Raise CatalogueError if a split that is needed has none of the objects.
 
-    splits: of each object. what: needs them, as the message names it. by_name: names decide the splits, so that the
-    message can say how to set the config's. Rejections come later and are not known here.
+    splits: of each object. what: needs them, as the message names it. Rejections come later and are not known here.
     """
     counts = Counter(splits.values())
-    empty = [split for split in needed if not counts[split]]
-    if not empty:
-        return
-    message = (
-        f"no object of this run is in the {' or '.join(empty)} split, which {what} needs "
-        f"({', '.join(f'{split} {counts[split]}' for split in SPLITS)}): "
-    )
-    better = suggest_split(splits) if by_name else None
-    if better:
-        text = ", ".join(f"{split}: {share}" for split, share in better.items())
-        raise CatalogueError(f"{message}set `split: {{{text}}}` in the config, or add objects (`classes`)")
-    raise CatalogueError(f"{message}add objects (`classes`), or put some into it where the splits are given")
+    if empty := [split for split in needed if not counts[split]]:
+        raise CatalogueError(
+            f"no object of this run is in the {' or '.join(empty)} split, which {what} needs "
+            f"({', '.join(f'{split} {counts[split]}' for split in SPLITS)}): add objects (`classes`), or "
+            "give it a share of `split` in the config, or objects where splits are given"
+        )
 
 
 def build(
@@ -147,13 +139,12 @@ def build(
     entries: Iterable[SourceObject],
     splits: Mapping[str, str],
     batches: Mapping[str, str],
-    files: Path | str | None = None,
     seed: int | None = None,
 ) -> list[CatalogueEntry]:
     """The rows of some objects, in their order.
 
     root: the source's path, from which `source` is, so that the table is the same on every machine. splits, batches:
-    of each object by name. files: as for `checksum`. seed: of procedural objects, which have styles. Raises
+    of each object by name. seed: of procedural objects, which have styles. Raises
     `CatalogueError` if a mesh file does not exist (procedural objects must have been written).
     """
     return [
@@ -163,7 +154,7 @@ def build(
             splits[entry.object],
             batches[entry.object],
             entry.source,
-            checksum(Path(root, entry.source), files or root),
+            checksum(Path(root, entry.source), root),
             entry.up,
             str(entry.scale),
             OTHERS.join(entry.others),
@@ -180,13 +171,11 @@ def write_catalogue(path: Path | str, entries: Iterable[CatalogueEntry]) -> None
         csv.writer(file, lineterminator="\n").writerows([COLUMNS, *entries])
 
 
-def empty_splits(splits: Iterable[tuple[str, str]], ratios: Mapping[str, float]) -> dict[str, list[str]]:
-    """The splits that should have objects and have none, by class. splits: class and split of each object."""
-    found: dict[str, set[str]] = {}
-    for name, split in splits:
-        found.setdefault(name, set()).add(split)
-    empty = {name: [each for each in SPLITS if ratios[each] > 0 and each not in has] for name, has in found.items()}
-    return {name: names for name, names in empty.items() if names}
+def companions(path: Path, root: Path | str | None = None, head: int = -1) -> list[str]:
+    """As `palpate.named_files.companions`; of a released surface the object's images and scenes."""
+    if path.suffix.lower() == ".npy":
+        return sorted(name for name in layout.files(path) if (path.parent / name).is_file())
+    return named_files.companions(path, root, head)
 
 
 def checksum(path: Path, files: Path | str | None = None) -> str:
@@ -195,7 +184,7 @@ def checksum(path: Path, files: Path | str | None = None) -> str:
 
     files: the folder that these have to be in, as for `palpate.named_files.find`. Empty for what can't be a mesh file.
     """
-    if unusable(path):
+    if named_files.unusable(path):
         return ""
     if not path.is_file():
         raise CatalogueError(f"{path}: no such file, though the source lists it: was it moved, or not yet written?")

@@ -5,7 +5,6 @@ says what each measures.
 """
 
 import csv
-import json
 import os
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -18,12 +17,14 @@ import numpy as np
 
 from palpate.camera import Camera
 from palpate.hand import MAX_OUT_OF_RANGE, MAX_PENETRATION, Hand
-from palpate.mesh import DIAGONAL, OBJECT_POSITION, load_visual, mesh_file, read_record
+from palpate.mesh import DIAGONAL, OBJECT_POSITION, load_visual, read_record
 from palpate.sensor import DIGIT, Sensor
 from palpate.touch import local_points, shade
 
 if TYPE_CHECKING:
     import trimesh
+
+    from palpate.mesh.distance import Surface
 
 # libigl would use every core for one batch, but batches are what is done in parallel. Read at its first use.
 os.environ.setdefault("IGL_NUM_THREADS", "1")
@@ -32,7 +33,6 @@ ON_MESH = 1e-4  # metres
 EXACT = 1e-6  # metres, or per unit of a rotation: float32 coordinates below 1 m are good to 6e-8
 DEPTH_STEP = 2.0**-10  # relative: the step of a float16 between 1 and 2 m, twice that between 2 and 4 m
 HAND_REACH = 0.5  # metres: no part of a hand that touches an object is further from it
-NEAR = 1e-3  # metres around a cloud in which faces are looked at first
 OUTLINE = 0.01  # share of pixels: one whose centre lies on an outline may fall on either side of it
 OUTLINE_PIXELS = 5  # so many may do so in any picture: of a small or thin object they are a larger share
 
@@ -97,53 +97,20 @@ class CheckedObject:
     @cached_property
     def see_through(self) -> bool:
         """Whether the mesh has transparent materials; False if its record does not state it."""
-        try:
-            return json.loads(mesh_file(self.folder, "mesh.json").read_text())["visual.glb"]["see_through"]
-        except (OSError, ValueError, LookupError, TypeError):
-            return False
+        return read_record(self.folder).get("visual.glb", {}).get("see_through", False)
 
     @cached_property
-    def _triangles(self) -> np.ndarray:
-        return np.asarray(self.mesh.triangles, dtype=np.float64)
+    def _surface(self) -> "Surface":
+        from palpate.mesh.distance import Surface
 
-    @cached_property
-    def _bounds(self) -> tuple[np.ndarray, np.ndarray]:
-        return self._triangles.min(axis=1), self._triangles.max(axis=1)
-
-    @cached_property
-    def _tree(self) -> Callable:
-        return distance_tree(self._triangles)
+        return Surface(self.mesh.vertices, self.mesh.faces)
 
     def distance(self, points: np.ndarray) -> np.ndarray:
         """Exact distance (n,) from points (n, 3) in the world to the mesh; NaN for one that is not finite."""
-        points = np.asarray(points, dtype=np.float64)
-        finite = np.isfinite(points).all(axis=1)
-        distance = np.full(len(points), np.nan)
+        finite, distance = np.isfinite(points).all(axis=1), np.full(len(points), np.nan)
         if finite.any():
-            distance[finite] = self._distance(points[finite])
+            distance[finite] = self._surface.closest(np.asarray(points, dtype=np.float64)[finite])[0]
         return distance
-
-    def _distance(self, points: np.ndarray) -> np.ndarray:
-        """`distance` of finite points; for a local cloud a tree of the faces near it alone is far faster."""
-        low, high = points.min(axis=0) - NEAR, points.max(axis=0) + NEAR
-        near = ((self._bounds[0] <= high) & (self._bounds[1] >= low)).all(axis=1)
-        if not near.any() or near.mean() > 0.5:
-            return self._tree(points)
-        distance = distance_tree(self._triangles[near])(points)
-        far = distance > NEAR  # another face may be nearer
-        if far.any():
-            distance[far] = self._tree(points[far])
-        return distance
-
-
-def distance_tree(triangles: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
-    """A function from points (n, 3) to their exact distances (n,) to triangles (f, 3, 3)."""
-    from igl import AABB
-
-    tree, vertices = AABB(), triangles.reshape(-1, 3)
-    faces = np.arange(len(vertices)).reshape(-1, 3)
-    tree.init(vertices, faces)
-    return lambda points: np.sqrt(tree.squared_distance(vertices, faces, points)[0])
 
 
 # A check's name and what it measured: one number, or one a grasp, or one a grasp and sensor.
@@ -160,10 +127,7 @@ def check_mesh(item: CheckedObject) -> Measured:
 def check_surface(item: CheckedObject) -> Measured:
     """The surface points of one object."""
     points = item.rows["surface"]["points"]
-    yield "finite", np.sum(~np.isfinite(points))
     low, high = item.mesh.bounds
-    if "scale" in item.rows["surface"]:
-        yield "scale factor", abs(item.rows["surface"]["scale"] - read_record(item.folder).get("scale", np.nan))
     yield "inside box", np.maximum(low - points, points - high).max(initial=0)
     if can_check("on mesh"):
         yield "on mesh", item.distance(points).max(initial=0)
@@ -173,12 +137,8 @@ def check_grasps(item: CheckedObject) -> Measured:
     """The grasps of one object."""
     rows, hand = item.rows["grasps"], item.hand
     number = len(rows["palm_pose"])
-    numeric = [rows[name].reshape(number, -1) for name in rows if name not in ("attempts", "object")]
-    yield "finite", sum(np.sum(~np.isfinite(values), axis=1) for values in numeric)
-    poses = np.concatenate([rows["palm_pose"][:, None], rows["link_pose"]], axis=1)
-    affine = np.abs(poses[..., 3, :] - [0, 0, 0, 1]).max(axis=(1, 2))
-    rotations = np.concatenate([poses[..., :3, :3], rows["sensor_rotation"]], axis=1)
-    yield "rotation", np.maximum(rotation_error(rotations).max(axis=1), affine)
+    affine = np.abs(rows["palm_pose"][:, 3] - [0, 0, 0, 1]).max(axis=1)
+    yield "rotation", np.maximum(rotation_error(rows["palm_pose"][:, :3, :3]), affine)
     joints = rows["joint_positions"]
     yield "joint limits", hand.out_of_range(joints)
     links = hand.forward(rows["palm_pose"], joints)
@@ -189,26 +149,18 @@ def check_grasps(item: CheckedObject) -> Measured:
     if "surface" in item.rows:
         points = item.rows["surface"]["points"]
         yield "in hand", np.array([_depth_in_hand(hand, pose, points) for pose in rows["link_pose"]])
-    yield "attempts", max(number - int(rows["attempts"]), 0)
 
 
 def check_touch(item: CheckedObject) -> Measured:
     """The touches of one object."""
     rows = item.rows["touch"]
     depth, success, count = rows["depth"], rows["success"], rows["point_count"]
-    shape = success.shape
-    numeric = [rows[name].reshape(*shape, -1) for name in ("position", "rotation", "points")]
-    yield "finite", sum(np.sum(~np.isfinite(values), axis=2) for values in numeric)
-    yield "rotation", rotation_error(rows["rotation"])
     in_range = (depth > 0) & (depth <= item.sensor.reach.astype(depth.dtype))
     yield "touch depth", np.sum(~in_range & (depth != np.inf), axis=(2, 3))
     finite = np.isfinite(depth)
     yield "success", success != finite.any(axis=(2, 3))
     yield "one touch", ~success.any(axis=1)
     yield "point count", np.abs(count - finite.sum(axis=(2, 3)))
-    padding = np.arange(rows["points"].shape[2]) >= count[..., None]
-    yield "padding", np.sum(padding & rows["points"].any(axis=3), axis=2)
-    yield "untouched", ~success & rows["reading"].any(axis=(2, 3, 4))
     yield "points", _each_sensor(item, _points_error)
     yield "reading", _each_sensor(item, _reading_error)
     if can_check("on mesh"):
@@ -221,17 +173,17 @@ def check_frames(item: CheckedObject) -> Measured:
     grasps = len(rows["time"])
     numeric = [rows[name].reshape(grasps, -1) for name in rows if name not in ("object", "success", "depth")]
     yield "finite", sum(np.sum(~np.isfinite(values), axis=1) for values in numeric)
-    rotations = np.concatenate([rows["link_pose"][..., :3, :3], rows["sensor_rotation"]], axis=2)
-    yield "rotation", rotation_error(rotations).max(axis=(1, 2))
+    yield "rotation", rotation_error(rows["link_pose"][:, :, 0, :3, :3]).max(axis=1)
     links = hand.forward(rows["link_pose"][:, :, 0], rows["joint_positions"])
     position, rotation = hand.sensor_frames(links)
     pairs = ((links, rows["link_pose"]), (position, rows["sensor_position"]), (rotation, rows["sensor_rotation"]))
     yield "kinematics", np.max([np.abs(a - b).reshape(grasps, -1).max(axis=1) for a, b in pairs], axis=0)
-    yield "frame times", np.sum(np.diff(rows["time"], axis=1) <= 0, axis=1) + (rows["time"][:, 0] < 0)
+    yield "frame times", np.sum(~(np.diff(rows["time"], axis=1) > 0), axis=1) + (rows["time"][:, 0] < 0)
     for at_rest in (item.rows.get("grasps", {}), item.rows.get("touch", {})):
         for name in set(rows) & set(at_rest) - {"object"}:
-            differs = rows[name][:, -1] != at_rest[name]
-            yield "last frame", differs.reshape(grasps, -1).sum(axis=1)
+            last, kept = rows[name][:, -1], at_rest[name]
+            same = last.shape == kept.shape
+            yield "last frame", (last != kept).reshape(grasps, -1).sum(axis=1) if same else np.inf
     if "contact_count" in rows:
         yield from _check_contacts(rows, hand)
     if "depth" in rows:
@@ -346,6 +298,9 @@ def _step(depth: np.ndarray) -> np.ndarray:
 def check_together(item: CheckedObject) -> Measured:
     """Poses and successes of touch against those of the grasps."""
     grasps, touch = item.rows["grasps"], item.rows["touch"]
+    if len(grasps["touches"]) != len(touch["success"]):
+        yield "sensor poses", np.inf
+        return
     position = np.abs(grasps["sensor_position"] - touch["position"]).max(axis=2)
     rotation = np.abs(grasps["sensor_rotation"] - touch["rotation"]).max(axis=(2, 3))
     yield "sensor poses", np.maximum(position, rotation)
@@ -363,10 +318,10 @@ SENSED = ("depth", "position", "rotation", "points", "reading")  # of one sensor
 
 
 def _each_sensor(item: CheckedObject, error: Callable) -> np.ndarray:
-    """`error` of each successful sensor; 0 for the others."""
+    """`error` of each sensor."""
     rows = item.rows["touch"]
     result = np.zeros(rows["success"].shape)
-    for index in zip(*np.nonzero(rows["success"]), strict=True):
+    for index in np.ndindex(result.shape):
         result[index] = error(item.sensor, *(rows[name][index] for name in SENSED))
     return result
 
@@ -376,10 +331,12 @@ def _points_error(sensor, depth, position, rotation, points, reading) -> float:
         expected = local_points(depth, position, rotation, sensor)
     except ValueError:  # no position at all, or one that no point can be stored at
         return np.inf
-    return np.abs(points[: len(expected)] - expected).max(initial=0)
+    return np.abs(points - np.pad(expected, ((0, len(points) - len(expected)), (0, 0)))).max()
 
 
 def _reading_error(sensor, depth, position, rotation, points, reading) -> float:
+    if not np.isfinite(depth).any():  # of a sensor that touched nothing, none is stored
+        return float(reading.max())
     return np.inf if not (depth > -np.inf).all() else np.abs(shade(depth, sensor).astype(int) - reading).max()
 
 

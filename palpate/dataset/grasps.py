@@ -7,10 +7,9 @@ from operator import index as integer
 import numpy as np
 
 from palpate.catalogue import CatalogueEntry
-from palpate.dataset.arrays import fill_untouched, shaded
-from palpate.dataset.run import Run
+from palpate.dataset.run import Run, shaded
 from palpate.store.contract import CONTRACT, ArraySpec, arrays_by_name
-from palpate.store.files import Store, StoreError
+from palpate.store.files import StoreError
 
 # What a sensor reads at each frame: made of the stored depth.
 FRAMES_READING = replace(CONTRACT["touch"].arrays["reading"], shape=(*"ogfsrc", 3), meaning="Image of the gel")
@@ -44,7 +43,9 @@ class GraspDataset(Sequence):
     ):
         self._run, self._entries, self._camera = run, list(entries), camera
         if not self._entries:
-            raise StoreError(f"{run.folder}: no object to take grasps of; rejected.csv says why")
+            raise StoreError(
+                f"{run.folder}: no object to take grasps of: rejected.csv, or the config's `split`, says why"
+            )
         self._of_object = run.grasps(self._entries[0])
         known = _named_arrays()
         if arrays is None:
@@ -72,23 +73,17 @@ class GraspDataset(Sequence):
         number, grasp = divmod(number, self._of_object)
         entry = self._entries[number]
         item = {"object": entry.object, "class": entry.class_name, "split": entry.split, "grasp": grasp}
-        stages = dict.fromkeys(stage for stage, _ in self.sources.values())
-        places = {stage: (self._run.store(stage, entry.batch), self._run.row(stage, entry)) for stage in stages}
-        return item | {
-            name: self._read(*places[stage], grasp, stage, spec) for name, (stage, spec) in self.sources.items()
-        }
-
-    def _read(self, store: Store, row: int, grasp: int, stage: str, spec: ArraySpec) -> np.ndarray:
-        place = (row, grasp) if spec.of_grasps else (row,)
-        if spec == FRAMES_READING:
-            return shaded(store.get("depth", place), self._run.sensor(store.path.stem, stage))
-        place += (slice(None),) if spec.of_frames else ()
-        if spec.of_cameras and self._camera is not None:
-            place += (self._camera,)
-        values = store.get(spec.name, place)
-        if (stage, spec.name) == ("touch", "reading"):
-            return fill_untouched(values, store.get("success", place), store.get("empty_reading"))
-        return values
+        for name, (stage, spec) in self.sources.items():
+            place = (grasp,) if spec.of_grasps else ()
+            if spec == FRAMES_READING:
+                depth, sensor = self._run.read(stage, "depth", entry, place), self._run.store(stage, entry.batch).sensor
+                item[name] = shaded(depth, sensor)
+                continue
+            place += (slice(None),) if spec.of_frames else ()
+            if spec.of_cameras and self._camera is not None:
+                place += (self._camera,)
+            item[name] = self._run.read(stage, spec.name, entry, place)
+        return item
 
     def __repr__(self) -> str:
         return f"GraspDataset({len(self)} grasps of {len(self._entries)} objects: {', '.join(self.arrays)})"

@@ -6,19 +6,18 @@ grasp.reading, grasp.success, grasp.points
 """
 
 import difflib
-from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, overload
+from typing import TYPE_CHECKING, Any, Self, overload
 
 import numpy as np
 
 from palpate.camera import Camera
 from palpate.catalogue import SPLITS, CatalogueEntry
-from palpate.dataset.arrays import JoinedArray, fill_untouched, shaded
+from palpate.dataset.arrays import JoinedArray
 from palpate.dataset.grasps import GraspDataset
-from palpate.dataset.run import Run
+from palpate.dataset.run import Run, shaded
 from palpate.sensor import Sensor
 from palpate.stages import DATASET_STAGES, RELEASED, STAGES
 from palpate.store.contract import CONTRACT, SENSOR_NAMES, ArraySpec, arrays_by_name
@@ -34,8 +33,8 @@ class Dataset(Sequence):
     """The objects of a run, by name, number, split or class; nothing but their names is read on opening.
 
     run: the run's folder, `results/<run>`. stages: those that the objects must have come through (`meshes`,
-    or one with a store); by default what the target `dataset` builds. An object is omitted if one of these
-    rejected it, or has a store of its batch without it; rejections of other stages do not matter.
+    or one with a store); by default what the target `dataset` builds. An object is omitted if one of these,
+    or of those that they read, rejected it; rejections of other stages do not matter.
     Stages that have not been built are absent; asking for one of their arrays raises StoreError with the
     command that builds it. Raises ValueError for an unknown stage.
     """
@@ -116,11 +115,6 @@ class Dataset(Sequence):
             raise StoreError(f"{self!r}: no object {purpose}; rejected.csv says why")
         return next(iter(self._entries.values()))
 
-    @property
-    def grasps_per_object(self) -> int:
-        """Grasps of each object, by the first stage that has grasps. Raises StoreError if there is no object."""
-        return self._run.grasps(self._first_entry("to count grasps of"))
-
     def array(self, stage: str, name: str) -> JoinedArray:
         """One array of a stage, joined over batches and read where it is indexed: these objects' rows, in their order.
 
@@ -139,12 +133,11 @@ class Dataset(Sequence):
         return JoinedArray(self._run, stage, name, list(self._entries.values()))
 
     def load(self, stage: str, name: str, dtype: np.dtype | str | None = None) -> np.ndarray:
-        """One array of a stage, of all of these objects, in memory: checked, then converted to `dtype` if given.
+        """One array of a stage, of all of these objects, in memory, converted to `dtype` if given.
 
-        Raises StoreError, naming file, object and remedy, if a value is NaN, infinite or too large where it must not
-        be (see `JoinedArray.load`), and if objects differ in shape.
+        Raises StoreError if objects differ in shape.
         """
-        values = self.array(stage, name).load()
+        values = self.array(stage, name)[:]
         return values if dtype is None else values.astype(dtype, copy=False)
 
     def grasps(
@@ -157,13 +150,6 @@ class Dataset(Sequence):
         See `palpate.dataset.GraspDataset`.
         """
         chosen = self if split is None else self.split(split)
-        if split is not None and not len(chosen):
-            counts = Counter(entry.split for entry in self._entries.values())
-            raise StoreError(
-                f"{self.folder}: no object of the {split} split can be used "
-                f"({', '.join(f'{name} {counts[name]}' for name in SPLITS)}): set `split` in the run's config, or add "
-                "objects, and build it again"
-            )
         return GraspDataset(self._run, chosen._entries.values(), self._required, arrays, camera)
 
     def table(self) -> "pandas.DataFrame":
@@ -198,7 +184,7 @@ class Dataset(Sequence):
     @property
     def sensor(self) -> Sensor:
         """The kind of touch sensor, as the touch store states it. Raises StoreError if there is no object."""
-        return self._run.sensor(self._first_entry("whose touch store has the sensor").batch)
+        return self._run.store("touch", self._first_entry("whose touch store has the sensor").batch).sensor
 
     def __len__(self) -> int:
         return len(self._entries)
@@ -263,9 +249,8 @@ class _Record:
         """The row in array `name`, as it is stored, of the record's camera where it has an axis of them; read once."""
         if name not in self._values:
             stage = self.stage_of[name]
-            row = self._run.row(stage, self._entry)
             of_camera = (self.camera_number,) if CONTRACT[stage].arrays[name].of_cameras else ()
-            self._values[name] = self._run.store(stage, self._entry.batch).get(name, (row, *self.index, *of_camera))
+            self._values[name] = self._run.read(stage, name, self._entry, (*self.index, *of_camera))
         return self._values[name]
 
     @cached_property
@@ -273,21 +258,17 @@ class _Record:
         """Number of the scene's cameras."""
         return self._run.store("vision", self._entry.batch).header("intrinsics")[0][1]
 
-    def _with_camera(self, number: int) -> int:
+    def seen_by(self, number: int) -> Self:
+        """The same object or grasp with the images of another of the `cameras`. Raises IndexError if there is none."""
         if number not in range(self.cameras):
             raise IndexError(f"{self!r} has no camera {number}: it has {self.cameras}, numbered from 0")
-        return number
+        return type(self)(self._run, self._entry, *self.index[:1], camera=number)
 
     @property
     def vision_camera(self) -> Camera:
         """The camera of its images; `vision_camera.pose()` (4, 4), `.project(points)`, `.rays()`."""
         size = self._run.store("vision", self._entry.batch).header("unoccluded")[0][2]
         return Camera.from_matrices(self.intrinsics, self.extrinsics, size)
-
-    @property
-    def camera_pose(self) -> np.ndarray:
-        """(4, 4) pose of its images' camera in the world, m: columns are x right, y up, -z into the scene, position."""
-        return self.vision_camera.pose()
 
     def __getattr__(self, name: str) -> np.ndarray:
         known = ", ".join(sorted(self.stage_of))
@@ -318,10 +299,6 @@ class ObjectRecord(_Record):
         super().__init__(run, entry, camera)
         self.name, self.class_name, self.split, self.batch = entry[:4]
         self.normalised = entry.normalised
-
-    def seen_by(self, number: int) -> "ObjectRecord":
-        """The same object with the images of another of its `cameras`. Raises IndexError if there is none."""
-        return ObjectRecord(self._run, self._entry, self._with_camera(number))
 
     @property
     def mesh(self) -> Path:
@@ -370,10 +347,6 @@ class GraspRecord(_Record):
         """The object that is grasped, seen by the same camera."""
         return ObjectRecord(self._run, self._entry, self.camera_number)
 
-    def seen_by(self, number: int) -> "GraspRecord":
-        """The same grasp with the images of another of the `cameras`. Raises IndexError if there is none."""
-        return GraspRecord(self._run, self._entry, self.number, self._with_camera(number))
-
     @cached_property
     def intrinsics(self) -> np.ndarray:
         """(3, 3) from x right, y down, z into the scene of the camera, m, to homogeneous pixels."""
@@ -395,18 +368,12 @@ class GraspRecord(_Record):
     @cached_property
     def sensor(self) -> Sensor:
         """The kind of touch sensor that the readings are of."""
-        return self._run.sensor(self._entry.batch)
+        return self._run.store("touch", self._entry.batch).sensor
 
     @property
     def frames(self) -> "FramesRecord":
         """Its closing, from the open hand to this grasp; nothing is read yet."""
         return FramesRecord(self._run, self._entry, self.number, self.camera_number)
-
-    @cached_property
-    def reading(self) -> np.ndarray:
-        """(s, r, c, 3) uint8, RGB. Images of the s gels; the empty gel of a sensor that touched nothing."""
-        empty = self._run.store("touch", self._entry.batch).get("empty_reading")
-        return fill_untouched(self._read("reading"), self.success, empty)
 
     @cached_property
     def points(self) -> list[np.ndarray]:
@@ -442,7 +409,7 @@ class FramesRecord(_Record):
     @cached_property
     def sensor(self) -> Sensor:
         """The kind of touch sensor that the depths are of."""
-        return self._run.sensor(self._entry.batch, "frames")
+        return self._run.store("frames", self._entry.batch).sensor
 
     @cached_property
     def reading(self) -> np.ndarray:

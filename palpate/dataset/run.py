@@ -2,10 +2,12 @@
 
 import itertools
 from collections import defaultdict
-from collections.abc import Hashable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from functools import cached_property
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
+
+import numpy as np
 
 from palpate import provenance
 from palpate.batch import read_rejections
@@ -19,7 +21,6 @@ from palpate.stages import DATASET_STORES, RELEASED, STAGES
 from palpate.store.contract import CONTRACT
 from palpate.store.files import Store, StoreError
 
-T = TypeVar("T")
 # Stores whose headers are remembered, the latest used: some 16 kB each (studies/benchmarks/reading.py).
 REMEMBERED_STORES = 1024
 
@@ -33,14 +34,12 @@ class Run:
 
     def __init__(self, folder: Path | str):
         self.folder = Path(folder)
-        self._stores: dict[Path, Store] = {}
-        self._objects: dict[tuple[str, str], dict[str, int]] = {}
-        self._sensors: dict[tuple[str, str], Sensor] = {}
+        self._stores: dict[tuple[str, str], Store] = {}
         self._contents: dict[str, dict[str, str]] = {}
         self._compared_meshes: set[str] = set()
 
     def __getstate__(self) -> dict[str, Any]:
-        return {**self.__dict__, "_stores": {}, "_objects": {}, "_contents": {}, "_compared_meshes": set()}
+        return {**self.__dict__, "_stores": {}, "_contents": {}, "_compared_meshes": set()}
 
     @cached_property
     def catalogue(self) -> dict[str, CatalogueEntry]:
@@ -116,31 +115,11 @@ class Run:
         return {row["object"] for row in self.rejections(stages=stages)}
 
     def usable(self, stages: Iterable[str]) -> dict[str, CatalogueEntry]:
-        """The catalogue without the objects that these stages rejected, or that their stores lack.
-
-        Tables of rejections say what a store lacks; where there are none, the store is opened.
-        """
-        required, rejected = set(stages), defaultdict(set)
-        for row in self.rejections():
-            rejected[row["object"]].add(row["stage"])
-        excluding: dict[str, set[str]] = {}  # by batch: stages whose rejections count
-        held: dict[str, list[set[str]]] = {}  # by batch: the objects of stores that no table is about
-        for batch in self.batches:
-            excluding[batch], held[batch] = set(required), []
-            for stage in required & set(CONTRACT):
-                if not self._was_made(stage, batch):
-                    continue
-                rejecting = STAGES[stage].rejecting
-                if (self.folder / STAGES[rejecting[0]].rejected(batch)).exists():
-                    excluding[batch] |= {RELEASED, *rejecting}
-                else:
-                    held[batch].append(set(self.objects(stage, batch)))
-        return {
-            name: entry
-            for name, entry in self.catalogue.items()
-            if not rejected.get(name, set()) & excluding[entry.batch]
-            and all(name in objects for objects in held[entry.batch])
-        }
+        """The catalogue without the objects that these stages, or those that they read, rejected so far."""
+        asked = [STAGES[name] for name in set(stages) & set(STAGES)]
+        asked = [stage for stage in asked if not self.config or stage.is_asked(self.config)]
+        rejected = self.rejected({RELEASED, *(each for stage in asked for each in stage.rejecting)})
+        return {name: entry for name, entry in self.catalogue.items() if name not in rejected}
 
     def has(self, stage: str) -> bool:
         """Whether any batch of this stage is there."""
@@ -148,18 +127,20 @@ class Run:
 
     def store(self, stage: str, batch: str) -> Store:
         """One batch's store, remembered. Raises StoreError if the run has none of this stage, or not this one."""
-        path = self.folder / CONTRACT[stage].path(batch)
-        if path not in self._stores and not self.has(stage):
+        found = self._stores.pop((stage, batch), None)
+        if found is None and not self.has(stage):
             numbers = [each.removeprefix("batch-") for each in self.batches]
             in_row = len(numbers) > 2 and int(numbers[-1]) - int(numbers[0]) == len(numbers) - 1
             names = [f"batch-{{{numbers[0]}..{numbers[-1]}}}"] if in_row else self.batches
             targets = [CONTRACT[stage].path(each) for each in names]
             raise StoreError(f"{self.folder} has no {stage}; build it with: {rebuild_command(self.folder, *targets)}")
-        found = self._stores.get(path)
         if found is None:
-            found = Store(path)
+            found = Store(self.folder / CONTRACT[stage].path(batch))
             self._require_fitting(batch, found.made)
-        return self._remember(self._stores, path, found)
+            if len(self._stores) >= REMEMBERED_STORES:
+                del self._stores[next(iter(self._stores))]
+        self._stores[stage, batch] = found  # as the latest
+        return found
 
     def meshes(self, batch: str) -> Path:
         """The folder of one batch's meshes. Raises StoreError if they do not fit the stores that were read."""
@@ -206,42 +187,24 @@ class Run:
                 yield made.stage, made.refusal(difference)
             contents[made.stage] = made.digest
 
-    def sensor(self, batch: str, stage: str = "touch") -> Sensor:
-        """The touch sensor of one batch, remembered. Raises StoreError, naming the file, if it states none."""
-        if (stage, batch) not in self._sensors:
-            store = self.store(stage, batch)
-            try:
-                found = Sensor.from_description(store.attributes["sensor"], store.get("empty_reading"))
-            except (KeyError, ConfigError) as error:
-                raise StoreError(
-                    f"{store.path} does not state its sensor ({error}); {rebuild_advice(store.path)}"
-                ) from None
-            self._sensors[stage, batch] = found
-        return self._sensors[stage, batch]
+    def read(self, stage: str, name: str, entry: CatalogueEntry, index: tuple[int | slice, ...] = ()) -> np.ndarray:
+        """What `index` picks of the object's row of an array, as it is stored; but for readings: see `fill_untouched`.
 
-    def objects(self, stage: str, batch: str) -> dict[str, int]:
-        """Row of each object in one batch's store, remembered."""
-        key = (stage, batch)
-        found = self._objects.get(key)
-        if found is None:
-            found = {str(name): row for row, name in enumerate(self.store(*key).get("object"))}
-        return self._remember(self._objects, key, found)
-
-    @staticmethod
-    def _remember(memory: dict[Hashable, T], key: Hashable, value: T) -> T:
-        """The value, which is now the latest of those that are remembered."""
-        memory.pop(key, None)
-        memory[key] = value
-        if len(memory) > REMEMBERED_STORES:
-            del memory[next(iter(memory))]
-        return value
+        Raises StoreError as `store` and `row` do.
+        """
+        row, store = self.row(stage, entry), self.store(stage, entry.batch)
+        values = store.get(name, (row, *index))
+        if (stage, name) != ("touch", "reading"):
+            return values
+        success = store.get("success", (row, *index[:2]))  # its axes are those of grasps and sensors
+        return fill_untouched(values, success, store.get("empty_reading", index[2:]))
 
     def row(self, stage: str, entry: CatalogueEntry) -> int:
         """Row of the object in its batch's store. Raises StoreError, with the object's rejection, if it has none."""
-        objects = self.objects(stage, entry.batch)
-        if entry.object in objects:
-            return objects[entry.object]
-        path = self.store(stage, entry.batch).path
+        store = self.store(stage, entry.batch)
+        if entry.object in store.rows:
+            return store.rows[entry.object]
+        path = store.path
         for row in self.rejections(entry.batch):
             if row["object"] == entry.object:
                 raise StoreError(
@@ -259,3 +222,21 @@ class Run:
         name = next(name for name, array in CONTRACT[stage].arrays.items() if array.of_grasps)
         self.row(stage, entry)
         return self.store(stage, entry.batch).header(name)[0][1]
+
+
+def fill_untouched(reading: np.ndarray, success: np.ndarray, empty: np.ndarray) -> np.ndarray:
+    """Readings in which sensors that touched nothing read the empty gel; stores omit these, so that they are 0.
+
+    success: bool, of any shape; reading: (*success.shape, *empty.shape). empty: the empty gel, (r, c, 3) or a part.
+    """
+    return np.where(np.asarray(success)[(..., *[None] * np.ndim(empty))], reading, empty)
+
+
+def shaded(depth: np.ndarray, sensor: Sensor) -> np.ndarray:
+    """Readings (..., r, c, 3) uint8 of depth maps (..., r, c), m: those of frames, whose stores have none."""
+    from palpate.touch import empty_reading, shade
+
+    reading = np.broadcast_to(empty_reading(sensor), (*depth.shape, 3)).copy()
+    for touched in zip(*np.nonzero(np.isfinite(depth).any(axis=(-2, -1))), strict=True):
+        reading[touched] = shade(depth[touched], sensor)
+    return reading

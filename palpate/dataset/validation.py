@@ -13,9 +13,8 @@ import pandas as pd
 
 from palpate import checksums, provenance
 from palpate.atomic import atomic_write
-from palpate.batch import Rejection, read_rejections
-from palpate.catalogue import SPLITS, CatalogueEntry, CatalogueError, checksum, files_root, read_catalogue, sources_of
-from palpate.configuration import ConfigError
+from palpate.batch import read_rejections
+from palpate.catalogue import SPLITS, CatalogueEntry, CatalogueError, checksum, read_catalogue, sources_of
 from palpate.dataset import checks
 from palpate.dataset.checks import CHECKS, CheckedObject, Measured
 from palpate.dataset.run import Run
@@ -112,40 +111,24 @@ class _Batch:
 
     def sensor(self) -> Sensor:
         """The sensor that the touch store states; the default, with a finding, if it states none."""
-        if "touch" not in self.stores:
-            return DIGIT
-        store = self.stores["touch"]
-        try:
-            with self.reading("touch"):
-                return Sensor.from_description(store.attributes["sensor"], store.get("empty_reading"))
-        except (KeyError, ConfigError) as error:
-            self.add("readable", "touch", 1, where=f"sensor: {type(error).__name__}: {error}")
+        with self.reading("touch"):
+            if "touch" in self.stores:
+                return self.stores["touch"].sensor
         return DIGIT
 
     def check_objects(self, stage: str) -> None:
         """The store's objects are the catalogue's except the rejected ones, in order."""
         stages = {*STAGES[stage].rejecting, *({row["stage"] for row in self.rejected} - set(DATASET_STORES))}
         rejected = {row["object"] for row in self.rejected if row["stage"] in stages}
-        expected = {name for name in self.catalogue if name not in rejected}
+        expected = [name for name in self.catalogue if name not in rejected]
         found = self.objects[stage]
-        wrong = expected ^ set(found) | {name for name, count in Counter(found).items() if count > 1}
-        self.add("objects", stage, len(wrong), where=", ".join(sorted(wrong)))
-        known = [name for name in found if name in self.catalogue]
-        self.add("order", stage, known != sorted(known, key=self.catalogue.index))
-
-    def grasps_per_object(self, stage: str) -> int:
-        """Length of the axis of grasps in the store of a stage that has one."""
-        name = next(spec.name for spec in CONTRACT[stage].arrays.values() if spec.of_grasps)
-        return self.stores[stage].header(name)[0][1]
-
-    def check_grasp_count(self) -> None:
-        """All stores have the same number of grasps an object."""
-        if "grasps" not in self.stores:
-            return
-        expected = self.grasps_per_object("grasps")
-        for stage in self.stores:
-            if stage not in ("surface", "grasps") and self.objects[stage]:
-                self.add("grasp count", stage, abs(self.grasps_per_object(stage) - expected))
+        wrong = sorted({*expected} ^ {*found})
+        self.add(
+            "objects",
+            stage,
+            len(wrong) or found != expected,
+            where=", ".join(wrong) or "another order" * (found != expected),
+        )
 
     def check_empty_reading(self, sensor: Sensor) -> None:
         """The stored empty reading equals that of the sensor."""
@@ -176,9 +159,7 @@ class _Batch:
                 with self.reading(stage, name):
                     item.rows[stage] = self.rows(stage, name)
                     self.measure(stage, name, CHECK_STAGE[stage](item))
-        if {"grasps", "touch"} <= set(item.rows) and (
-            self.grasps_per_object("grasps") == self.grasps_per_object("touch")
-        ):
+        if {"grasps", "touch"} <= set(item.rows):
             self.measure("touch", name, checks.check_together(item))
 
     def measure(self, store: str, name: str, measured: Measured) -> None:
@@ -260,7 +241,6 @@ def validate_batch(
     checked = _Batch(run, batch, stages, max_penetration)
     for stage in checked.stores:
         checked.check_objects(stage)
-    checked.check_grasp_count()
     hand, sensor = checked.hand(), checked.sensor()
     checked.check_empty_reading(sensor)
     stored = {name for objects in checked.objects.values() for name in objects}
@@ -346,13 +326,14 @@ def combine_validation(findings: Sequence[Finding], run: Path | str, sources: Pa
     limit, passed, where (what failed: object, grasp, sensor).
     """
     run = Path(run)
-    catalogue, rejected = read_catalogue(run / "catalogue.csv"), read_rejections([run / "rejected.csv"])
-    validated = {finding.batch for finding in findings}
-    of_run = [*_check_run(catalogue, rejected, validated)]
-    of_run.append(_of_run("tables", "run", (path.relative_to(run).as_posix() for path in checksums.changed(run))))
+    catalogue = read_catalogue(run / "catalogue.csv")
+    twice = (name for name, count in Counter(entry.object for entry in catalogue).items() if count > 1)
+    of_run = [
+        _of_run("one split", "catalogue", {*twice, *(each.object for each in catalogue if each.split not in SPLITS)}),
+        _of_run("tables", "run", (path.relative_to(run).as_posix() for path in checksums.changed(run))),
+    ]
     if sources is not None:
-        files = files_root(sources, Run(run).config.get("source", {}).get("outside", False))
-        of_run.append(_check_sources(catalogue, Path(sources), files))
+        of_run.append(_check_sources(catalogue, Path(sources)))
     findings = [*of_run, *findings]
     groups: dict[tuple[str, str, str], list[Finding]] = {}
     for finding in findings:
@@ -384,28 +365,13 @@ def _of_run(check: str, store: str, wrong: Iterable[str]) -> Finding:
     return Finding(check, store, "", "", ", ".join(wrong[:NAMED]), len(wrong), CHECKS[check].limit)
 
 
-def _check_sources(catalogue: list[CatalogueEntry], root: Path, files: str) -> Finding:
+def _check_sources(catalogue: list[CatalogueEntry], root: Path) -> Finding:
     """Source files against the catalogue: Snakemake sees a change by its time only, and clocks can be wrong."""
 
     def same(entry: CatalogueEntry) -> bool:
         try:
-            return checksum(root / entry.source, files) == entry.checksum
+            return checksum(root / entry.source, root) == entry.checksum
         except (CatalogueError, OSError):
             return False
 
     return _of_run("sources", "catalogue", (entry.object for entry in catalogue if not same(entry)))
-
-
-def _check_run(catalogue: list[CatalogueEntry], rejected: list[Rejection], validated: set[str]) -> Iterator[Finding]:
-    """Checks that need the whole run."""
-    names = [entry.object for entry in catalogue]
-    splits: dict[str, set[str]] = {}
-    for entry in catalogue:
-        splits.setdefault(entry.object, set()).add(entry.split)
-    yield _of_run("unique", "catalogue", (name for name, count in Counter(names).items() if count > 1))
-    yield _of_run(
-        "one split", "catalogue", (name for name, found in splits.items() if len(found) > 1 or found - set(SPLITS))
-    )
-    yield _of_run("batches", "catalogue", {entry.batch for entry in catalogue} - validated)
-    unexplained = (row for row in rejected if row.object not in splits or not row.reason.strip())
-    yield _of_run("rejections", "rejected", (row.object for row in unexplained))

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 import jinja2
-import numpy as np
 import yaml
 
 from palpate import __version__
@@ -64,7 +63,6 @@ def write_card(
         rejections=_rejections(dataset),
         checks=checks,
         failed=sum(row["passed"] != "True" for row in checks),
-        errors=_errors(dataset.folder),
         config=yaml.safe_dump(_public(config), sort_keys=False),
     )
     path.write_text(text, encoding="utf-8")
@@ -125,14 +123,3 @@ def _rejections(dataset: Dataset) -> list[list]:
 def _rows(path: Path) -> list[dict[str, str]]:
     """Rows of a table; none if it is missing."""
     return list(csv.DictReader(path.read_text(encoding="utf-8").splitlines())) if path.is_file() else []
-
-
-def _errors(run: Path) -> list[list]:
-    """Mean errors on test objects of the run's experiments, of which a file may have several."""
-    found: dict[tuple[str, str], list[float]] = {}
-    for path in sorted(run.glob("evaluations/*/seed-*.csv")):
-        for row in _rows(path):
-            if row.get("split") == "test" and "chamfer" in row:
-                key = row.get("experiment") or path.parent.name, path.stem
-                found.setdefault(key, []).append(float(row["chamfer"] or "nan"))
-    return [[*map(escaped, key), len(errors), f"{np.nanmean(errors):.4g}"] for key, errors in found.items()]

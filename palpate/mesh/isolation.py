@@ -34,8 +34,7 @@ def isolated(function: Callable[..., Any], *arguments: Any, seconds: float) -> A
                 "fewer cores, or remove the object"
             ) from None
         end = signal.Signals(-code).name if code is not None and code < 0 else f"exit status {code}"
-        if require_memory(f"a mesh library crashed ({end})"):
-            return isolated(function, *arguments, seconds=seconds)
+        require_memory(f"a mesh library crashed ({end})")
         raise UnusableObject(f"a mesh library crashed on it ({end}): clean or simplify the mesh") from None
     finally:
         child.kill()

@@ -19,7 +19,7 @@ from palpate.named_files import IMAGES, gltf_tree, held_pictures
 LARGEST = named_files.LARGEST_SIDE
 # PIL warns above this number of pixels and refuses twice as many; by itself it refuses 16k textures.
 PIL.Image.MAX_IMAGE_PIXELS = LARGEST**2
-OUTSIDE = "it lies outside the source's folder: set source.outside to true to read it"
+OUTSIDE = "it lies outside the source's folder: copy it there, or link it"
 GREY = 0.5  # linear RGB
 MADE_UP = np.asarray(color_image())
 MARK = "palpate: neutral grey"  # in the comment of an image that stands for one that can't be used

@@ -1,1 +1,1 @@
-"""The authors' released dataset: which objects it holds, its arrays read and written."""
+"""The authors' released dataset: which objects it holds, and its arrays."""

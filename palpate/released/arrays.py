@@ -5,7 +5,6 @@
 - a scene is a dictionary with `touch_success` (4,), `cam_pos` (4, 3) in the world, m, `cam_rot` (4, 3) in radians about
   fixed x, then y, then z, and for each sensor `depth` (100, 100), `gel` (100, 100, 3) in 0..255 and `points` (k, 3),
   the local cloud in the world, m; the first axis of `depth` and `gel` is the sensor's y, the second its z (here: z, y)
-- a sheet is (25, 3) vertices in the world, m, or one number where nothing was touched
 """
 
 import logging
@@ -29,12 +28,6 @@ log = logging.getLogger(__name__)
 
 SENSORS, RESOLUTION, SENSOR_WIDTH = len(SENSOR_NAMES), DIGIT.resolution[0], DIGIT.width
 SCENE = ("touch_success", "cam_pos", "cam_rot", "depth", "gel", "points")
-
-# The 25 vertices of a sheet on its grid, rows along z and columns along y, in the order of their initial sheet.
-SHEET_ROWS = np.array([2, 1, 1, 3, 2, 1, 3, 2, 1, 0, 0, 2, 3, 4, 4, 3, 4, 3, 2, 1, 0, 0, 0, 4, 4])
-SHEET_COLUMNS = np.array([1, 2, 1, 1, 2, 3, 2, 3, 0, 1, 0, 0, 0, 1, 2, 3, 3, 4, 4, 4, 3, 4, 2, 0, 4])
-CHART = 9  # vertices along each edge of our touch charts: every second is one of a sheet
-SHEET_IN_CHART = 2 * SHEET_ROWS * CHART + 2 * SHEET_COLUMNS
 
 
 def read_surface(root: Path | str, entry: ReleasedObject, count: int, generator) -> dict[str, np.ndarray]:

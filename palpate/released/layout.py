@@ -3,7 +3,7 @@
     surfaces/<class>/<object>.npy          points of the surface
     images/<class>/<object>/<k>.png        grasp k, and unoccluded.png
     scene_info/<class>/<object>/<k>.npy    what the sensors of grasp k sensed, and their poses
-    sheets/<class>/<object>/sheets_<k>_<sensor>.npy    touch charts
+    sheets/                                touch charts, which are not read: the workflow makes its own
     split.npy                              dictionary: train, valid, test -> list of <object><class>
     empty_gel.npy                          the reading of an untouched sensor
 
@@ -24,7 +24,7 @@ log = logging.getLogger(__name__)
 
 SPLITS = {"train": "train", "valid": "validation", "test": "test"}  # their names and ours
 EMPTY_READING = "empty_gel.npy"
-SURFACES, IMAGES, SCENES, SHEETS = "surfaces", "images", "scene_info", "sheets"
+SURFACES, IMAGES, SCENES = "surfaces", "images", "scene_info"
 
 
 class ReleasedObject(NamedTuple):
@@ -60,10 +60,6 @@ class ReleasedObject(NamedTuple):
     def scene(self, root: Path | str, grasp: int) -> Path:
         """What the sensors of a grasp sensed."""
         return self._folder(root, SCENES) / f"{grasp}.npy"
-
-    def sheet(self, root: Path | str, grasp: int, sensor: int) -> Path:
-        """Touch chart of a sensor."""
-        return self._folder(root, SHEETS) / f"sheets_{grasp}_{sensor}.npy"
 
     def _folder(self, root: Path | str, kind: str) -> Path:
         return Path(root, kind, self.class_name, self.name)

@@ -4,7 +4,6 @@
 only record their arguments; arrays are built from these records afterwards, from checked shapes, types and bytes.
 """
 
-import collections
 import io
 import pickle
 from pathlib import Path
@@ -65,33 +64,17 @@ def _load(file: io.BufferedIOBase) -> Any:
 
 
 class _Reader(pickle.Unpickler):
-    """A pickle machine that knows `_STAND_INS` and nothing else."""
+    """A pickle machine that knows the names of `_STAND_INS` and nothing else."""
 
     def __init__(self, file):
         super().__init__(file, encoding="latin1")  # of Python 2's strings, which held arrays' bytes
 
     def find_class(self, module: str, name: str) -> Any:
+        module = module.replace("numpy._core.", "numpy.core.").replace("__builtin__", "builtins")
         if (module, name) not in _STAND_INS:
             raise _Refused(f"{module}.{name}")
-        return _Call(_STAND_INS[module, name])
-
-    def persistent_load(self, pid: Any) -> Any:
-        raise _Refused("a persistent object")
-
-
-class _Call:
-    """A name in a pickle: it can be called, but not changed."""
-
-    __slots__ = ("_function",)
-
-    def __init__(self, function):
-        object.__setattr__(self, "_function", function)
-
-    def __call__(self, *arguments):
-        return self._function(*arguments)
-
-    def __setattr__(self, name: str, value: Any) -> None:
-        raise _Refused(f"a change of {name!r}")
+        stand_in = _STAND_INS[module, name]
+        return lambda *arguments: stand_in(*arguments)  # of its own: a pickle can change what it gets
 
 
 class _Dtype:
@@ -146,24 +129,14 @@ def _never(*_):
 
 
 _STAND_INS = {
-    ("collections", "OrderedDict"): collections.OrderedDict,
     ("_codecs", "encode"): _bytes,
+    ("builtins", "bytes"): _bytes,
+    ("builtins", "set"): set,
     ("numpy", "dtype"): _Dtype,
     ("numpy", "ndarray"): _never,  # named as the kind of array to make, not called
-    **{
-        (f"numpy.{core}.{module}", name): function
-        for core in ("core", "_core")
-        for module, name, function in (
-            ("multiarray", "_reconstruct", lambda *_: _Array()),
-            ("multiarray", "scalar", lambda dtype, data=b"": _Array(None, dtype, data)),
-            ("numeric", "_frombuffer", lambda data, dtype, shape, order: _Array(shape, dtype, data, order)),
-        )
-    },
-    **{
-        (builtins, name): kind
-        for builtins in ("builtins", "__builtin__")
-        for name, kind in (("set", set), ("frozenset", frozenset), ("bytes", _bytes), ("bytearray", _bytes))
-    },
+    ("numpy.core.multiarray", "_reconstruct"): lambda *_: _Array(),
+    ("numpy.core.multiarray", "scalar"): lambda dtype, data=b"": _Array(None, dtype, data),
+    ("numpy.core.numeric", "_frombuffer"): lambda data, dtype, shape, order: _Array(shape, dtype, data, order),
 }
 
 
@@ -173,8 +146,8 @@ def _plain(value: Any) -> Any:
         return value.value()
     if isinstance(value, dict):
         return {_plain(key): _plain(each) for key, each in value.items()}
-    if isinstance(value, list | tuple | set | frozenset):
+    if isinstance(value, list | tuple | set):
         return type(value)(_plain(each) for each in value)
-    if isinstance(value, _Call | _Dtype):
+    if callable(value) or isinstance(value, _Dtype):
         raise _Refused("a name as a value")
     return value

@@ -5,6 +5,7 @@ Zarr v3 with the sharding codec or HDF5, by the suffix.
 
 import importlib.metadata
 from collections.abc import Iterable, Mapping
+from functools import cached_property
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -15,8 +16,10 @@ import zarr
 import palpate
 from palpate.atomic import atomic_write
 from palpate.batch import Rejection, write_rejections
+from palpate.configuration import ConfigError
 from palpate.provenance import Made
-from palpate.rebuild_command import rebuild_command
+from palpate.rebuild_command import rebuild_advice, rebuild_command
+from palpate.sensor import Sensor
 from palpate.store.contract import CONTRACT, FRAMES, SCHEMA_VERSION, UNITS, ArraySpec, StoreSpec
 from palpate.store.errors import StoreError, reading
 from palpate.store.hdf5_file import Hdf5File, seal_hdf5, write_hdf5
@@ -163,6 +166,19 @@ class Store:
         """What it holds and what it was made from, to compare with other stores."""
         return Made(self.path, self.attributes["stage"], self.digest, self.attributes["made_from"])
 
+    @cached_property
+    def sensor(self) -> Sensor:
+        """The touch sensor that it states. Raises StoreError, naming the file, if it states none."""
+        try:
+            return Sensor.from_description(self.attributes["sensor"], self.get("empty_reading"))
+        except (KeyError, ConfigError) as error:
+            raise StoreError(f"{self.path} does not state its sensor ({error}); {rebuild_advice(self.path)}") from None
+
+    @cached_property
+    def rows(self) -> dict[str, int]:
+        """Row of each object."""
+        return {str(name): row for row, name in enumerate(self.get("object"))}
+
     def names(self) -> list[str]:
         """Names of all arrays, sorted; those in groups as `hand/<name>`."""
         with reading(self.path):
@@ -177,7 +193,7 @@ class Store:
     def get(self, name: str, index: Any = ...) -> np.ndarray:
         """What `index` picks of one array as numpy does, read now; strings come as a numpy array of str.
 
-        Only the records are read that numbers, slices, and numbers of rows in a numpy array pick.
+        If it has numbers and slices only, only their records are read.
         """
         with reading(self.path):
             array = self._files.array(name)

@@ -62,11 +62,10 @@ class Hdf5File:
             self.attributes = {name: json.loads(value) for name, value in file.attrs.items()}
 
     def verify(self) -> None:
-        """Raise StoreError if the file is not as it was written. Files of earlier versions have no user block."""
+        """Raise StoreError if the file is not as it was written."""
         data = self.path.read_bytes()
         self._block = data[:USER_BLOCK]
-        earlier = data.startswith(b"\x89HDF\r\n\x1a\n")
-        if not earlier and self._block != _user_block(data[USER_BLOCK:]):
+        if self._block != _user_block(data[USER_BLOCK:]):
             raise damaged(self.path, ["it has changed since it was written (checksum)"])
 
     def require_files(self) -> None:

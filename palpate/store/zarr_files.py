@@ -159,8 +159,7 @@ class Records:
         """What `index` picks. Raises IndexError as numpy does, ValueError for a wrong checksum or chunk."""
         index = index if isinstance(index, tuple) else (index,)
         numbers = np.arange(self._chunks).reshape(self._grid[: self._leading])
-        simple = index[1:] if index and isinstance(index[0], np.ndarray) and index[0].ndim == 1 else index
-        if not all(isinstance(each, int | np.integer | slice) for each in simple):
+        if not all(isinstance(each, int | np.integer | slice) for each in index):
             return self._read(numbers)[index]
         numbers = np.asarray(numbers[index[: self._leading]])
         return self._read(numbers)[(slice(None),) * numbers.ndim + index[self._leading :]]

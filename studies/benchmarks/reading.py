@@ -23,7 +23,7 @@ from palpate.store import CONTRACT
 
 def read_plainly(run: Path, dataset: Dataset, grasps: GraspDataset, number: int) -> dict[str, np.ndarray]:
     """The arrays of one grasp as the stores have them, by zarr and h5py alone."""
-    number, grasp = divmod(number, dataset.grasps_per_object)
+    number, grasp = divmod(number, len(dataset[0].grasps))
     record, values, opened = dataset[number], {}, {}
     for name, (stage, spec) in grasps.sources.items():
         path = run / CONTRACT[stage].path(record.batch)

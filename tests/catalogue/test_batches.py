@@ -63,16 +63,6 @@ def test_large_runs_have_larger_batches_and_a_run_keeps_its_own(tmp_path, object
     assert resolve_batch_size("auto", 10 * objects, tmp_path) == size
 
 
-def test_of_an_older_run_the_catalogue_says_the_places(tmp_path):
-    for number in range(5):
-        (tmp_path / "meshes/mug").mkdir(parents=True, exist_ok=True)
-        (tmp_path / f"meshes/mug/{number}.stl").write_text("")
-    table = whole_catalogue(Source("folder", tmp_path / "meshes"), {"mug": "all"}, batches=2)
-    table.to_csv(tmp_path / "catalogue.csv", index=False)
-    assert read_places(tmp_path, 2) == dict(zip(table["object"], table["batch"], strict=True))
-    assert read_places(tmp_path, 3) == {}
-
-
 def test_rows_of_a_catalogue_are_batch_by_batch(tmp_path):
     (tmp_path / "mug").mkdir()
     for name in "abc":

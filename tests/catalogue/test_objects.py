@@ -21,12 +21,12 @@ from palpate.catalogue import (
     Source,
     all_classes,
     checksum,
+    companions,
     file_name,
     join_copies,
     scan,
     splits_of,
 )
-from palpate.catalogue.companion_files import COLOURS, SHAPE, TEXTURE, companions, richness
 from palpate.catalogue.object_table import read_object_table
 from palpate.configuration import ConfigError
 from palpate.mesh import prepare
@@ -62,65 +62,19 @@ def painted(folder: Path, image: str = "texture.png") -> Path:
 
 @pytest.fixture
 def formats(tmp_path):
-    """A folder with all formats of one object, as YCB's have."""
-    folder = tmp_path / "can"
-    painted(folder)
-    for suffix in ("ply", "stl"):
-        ball().export(folder / f"nontextured.{suffix}")
+    """A folder with several formats of one object."""
+    (tmp_path / "can").mkdir()
+    for suffix in ("ply", "stl", "obj"):
+        ball().export(tmp_path / f"can/can.{suffix}")
     return tmp_path
 
 
-def test_files_of_one_object_are_one_object_and_the_richest_is_taken(formats):
+def test_files_of_one_object_are_one_object_and_formats_with_textures_come_first(formats):
     (entry,) = scan(source(formats), {"can": "all"})
-    assert (entry.object, entry.source) == ("can-textured", "can/textured.obj")
-    assert entry.others == ("can/nontextured.ply", "can/nontextured.stl")
+    assert (entry.object, entry.source, entry.others) == ("can", "can/can.obj", ("can/can.ply", "can/can.stl"))
     (row,) = whole_catalogue(source(formats), {"can": "all"}).to_dict("records")
-    assert row["others"] == "can/nontextured.ply; can/nontextured.stl" and (row["up"], row["scale"]) == (
-        "z",
-        "diagonal",
-    )
-    each = scan(source(formats, variants="each"), {"can": "all"})
-    assert len(set(names(each))) == 3 and not any(entry.others for entry in each)
-
-
-def test_colours_are_more_than_none_and_less_than_a_texture(formats):
-    """Of what is left when the texture is lost, the file with colours at its vertices is taken."""
-    coloured = ball()
-    coloured.visual.vertex_colors = np.tile([10, 200, 10, 255], (len(coloured.vertices), 1))
-    coloured.export(formats / "can/nontextured.ply")
-    assert scan(source(formats), {"can": "all"})[0].source == "can/textured.obj"
-    (formats / "can/texture.png").unlink()
-    (formats / "can/textured.mtl").unlink()
-    (entry,) = scan(source(formats), {"can": "all"})
-    assert entry.source == "can/nontextured.ply" and "can/textured.obj" in entry.others
-
-
-# Of files without and with colours, and with a texture; a glTF or COLLADA file that is written here has a material.
-RICHNESS = {
-    "obj": (SHAPE, COLOURS, TEXTURE),
-    "ply": (SHAPE, COLOURS, TEXTURE),
-    "off": (SHAPE, COLOURS),
-    "stl": (SHAPE,),
-}
-RICHNESS |= dict.fromkeys(("glb", "gltf"), (COLOURS, COLOURS, TEXTURE)) | {"dae": (None, COLOURS, TEXTURE)}
-
-
-@pytest.mark.parametrize("suffix", RICHNESS)
-def test_richness_of_every_format(tmp_path, suffix):
-    """What a file holds; nothing is richer than it is."""
-    by = "vertex" if suffix in ("ply", "off") else "material"
-    looks = {"plain": {}, "coloured": {"colour": (0.1, 0.8, 0.1), "by": by}, "textured": {"texture": True}}
-    for (name, look), expected in zip(looks.items(), RICHNESS[suffix], strict=False):
-        if expected is not None:
-            path = write(tmp_path / name, suffix, **look)
-            assert richness(path) == expected
-    if suffix == "glb":
-        bare = ball()
-        bare.visual = trimesh.visual.ColorVisuals()
-        bare.export(tmp_path / "bare.glb")
-        assert richness(tmp_path / "bare.glb") == SHAPE
-    (tmp_path / f"cut.{suffix}").write_bytes(path.read_bytes()[:3])
-    assert richness(tmp_path / f"cut.{suffix}") == SHAPE
+    assert row["others"] == "can/can.ply; can/can.stl" and (row["up"], row["scale"]) == ("z", "diagonal")
+    assert [each.source for each in scan(source(formats, pattern="{class}/*.stl"), {"can": "all"})] == ["can/can.stl"]
 
 
 def test_files_that_only_look_alike_are_objects_of_their_own(tmp_path):
@@ -161,7 +115,7 @@ def test_a_pattern_with_classes(tmp_path):
     entries = scan(given, {"pan": "all", "coffee mug": "all"})
     assert names(entries) == ["pan-b", "coffee_mug-a"]
     assert [entry.class_name for entry in entries] == ["pan", "coffee mug"]
-    with pytest.raises(CatalogueError, match="kitchen/pot: no such folder.*has .*coffee mug"):
+    with pytest.raises(CatalogueError, match="no mesh found for kitchen/.class./.*: correct source.pattern"):
         scan(given, {"pot": "all"})
 
 
@@ -187,38 +141,25 @@ def test_the_up_axis_is_the_formats(tmp_path):
     assert {entry.up for entry in scan(source(tmp_path, up="x"), {"mug": "all"})} == {"x"}
 
 
-def test_a_table_says_class_split_up_and_scale(tmp_path):
-    """A longer path counts for more, and a class's line for less than any path's."""
+def test_a_table_says_class_and_split(tmp_path):
+    """A longer path counts for more."""
     tree(tmp_path, "a/1.glb", "a/2.obj", "b/deep/3.obj", "b/4.obj")
     (tmp_path / "objects.csv").write_text(
-        "\ufeffpath, class, split, up, scale\n"
-        "a/1.glb, tea pot, test, x, 0.001\n"
-        "b/deep, tea pot,,, keep\n"
-        "b/deep/3.obj,,, y,\n"
-        "\n"
-        ", tea pot, validation, z, diagonal\n"
-        ", a, train,,\n"
+        "\ufeffpath, class, split\na/1.glb, tea pot, test\n"
+        "b/deep, tea pot, validation\nb/deep/3.obj,, test\n\na,, train\n"
     )
     given = source(tmp_path, objects=str(tmp_path / "objects.csv"))
     assert list(all_classes(given)) == ["a", "b", "tea pot"]
     entries = scan(given, {"tea pot": "all", "a": "all", "b": "all"})
-    assert {entry.object: (entry.class_name, entry.split, entry.up, entry.scale) for entry in entries} == {
-        "tea_pot-1": ("tea pot", "test", "x", 0.001),
-        "tea_pot-deep-3": ("tea pot", "validation", "y", "keep"),
-        "a-2": ("a", "train", "z", "diagonal"),
-        "b-4": ("b", "", "z", "diagonal"),
+    assert {entry.object: (entry.class_name, entry.split, entry.up) for entry in entries} == {
+        "tea_pot-1": ("tea pot", "test", "y"),
+        "tea_pot-deep-3": ("tea pot", "test", "z"),
+        "a-2": ("a", "train", "z"),
+        "b-4": ("b", "", "z"),
     }
     splits = splits_of(entries, {"train": 0, "validation": 1, "test": 0})
-    assert list(splits.values()) == ["test", "validation", "train", "validation"]
-    table = whole_catalogue(given, {"tea pot": "all"})
-    assert list(table["scale"]) == ["0.001", "keep"] and list(table["split"]) == ["test", "validation"]
-
-
-def test_a_line_about_a_class_that_the_run_does_not_have_is_said(tmp_path, caplog):
-    tree(tmp_path, "mug/a.obj", "pan/b.obj")
-    (tmp_path / "objects.csv").write_text("class,split\nmgu,test\nmug,train\n")
-    assert scan(source(tmp_path, objects=tmp_path / "objects.csv"), {"mug": "all"})[0].split == "train"
-    assert "lines about classes that this run does not have: mgu" in caplog.text and "mug" not in caplog.text
+    assert list(splits.values()) == ["test", "test", "train", "validation"]
+    assert list(whole_catalogue(given, {"tea pot": "all"})["split"]) == ["test", "test"]
 
 
 def test_classes_of_a_flat_folder_come_from_the_table(tmp_path):
@@ -232,22 +173,17 @@ def test_classes_of_a_flat_folder_come_from_the_table(tmp_path):
 @pytest.mark.parametrize(
     ("text", "says"),
     [
-        ("name,split\n", "header is name, split: expected path or class"),
+        ("name,split\n", "header is name, split: expected path, and"),
         ("", "header is missing"),
-        ("split\ntest\n", "expected path or class"),
+        ("class,split\nmug,test\n", "expected path, and"),
         ("path;split\na.obj;test\n", "separated by commas"),
         ("path,split\na.obj\n", "line 2: 2 fields are expected"),
         ("path,split\na.obj,test,x\n", "line 2: 2 fields are expected"),
         ("path,split\na.obj,dev\n", "line 2: split 'dev': expected train, validation, test"),
-        ("path,up\na.obj,w\n", "line 2: up 'w': expected x, y, z"),
-        ("path,scale\na.obj,mm\n", "scale 'mm': expected diagonal, keep, or metres.*0.001 for millimetres"),
-        ("path,scale\na.obj,-1\n", "scale '-1': expected"),
-        ("path,scale\na.obj,inf\n", "scale 'inf': expected"),
-        ("path,scale\na.obj,nan\n", "scale 'nan': expected"),
         ("path,split\nb.obj,test\n", "b.obj: no such file or folder: correct the path"),
         ("path,split\n../a.obj,test\n", "not below"),
         ("path,split\na.obj,test\n./a.obj,train\n", "line 3: there is a line for a.obj already"),
-        ("path,class,split\n,,test\n", "line 2: path and class are both empty"),
+        ("path,class,split\n,mug,test\n", "line 2: the path is empty"),
     ],
 )
 def test_mistakes_in_a_table_name_file_line_and_remedy(tmp_path, text, says):
@@ -294,7 +230,6 @@ def test_google_scanned_objects(tmp_path):
     (entry,) = scan(given, {"toy": "all"})
     assert (entry.object, entry.source) == ("toy-Red_Box", "Red_Box/meshes/model.obj")
     assert companions(tmp_path / entry.source) == ["../materials/textures/texture.png", "textured.mtl"]
-    assert richness(tmp_path / entry.source) == TEXTURE
     record = prepare(tmp_path / entry.source, tmp_path / "out")
     assert record["source"]["replaced_textures"] == {}
     assert images_of(tmp_path / "out/visual.glb") == [(200, 10, 10)]
@@ -360,17 +295,11 @@ def test_the_table_does_not_depend_on_the_place_of_the_meshes(formats, tmp_path_
     assert whole_catalogue(source(formats), {"can": "all"}).equals(whole_catalogue(source(elsewhere), {"can": "all"}))
 
 
-def test_the_richest_is_a_textured_ply_and_its_texture_is_in_the_checksum(tmp_path):
-    """Against an OBJ with a plain colour, by rule 1 of docs/objects.md; without its picture the OBJ is richer."""
-    write(tmp_path / "mug/glue", "ply", texture=True)
-    write(tmp_path / "mug/glue", "obj", colour=(1, 0, 0))
-    (entry,) = scan(source(tmp_path), {"mug": "all"})
-    assert entry.source == "mug/glue/body.ply" and entry.others == ("mug/glue/body.obj",)
-    before = checksum(tmp_path / entry.source, tmp_path)
+def test_the_texture_of_a_ply_is_in_its_checksum(tmp_path):
+    path = write(tmp_path / "mug/glue", "ply", texture=True)
+    before = checksum(path, tmp_path)
     ImageOps.invert(Image.open(tmp_path / "mug/glue/picture.png")).save(tmp_path / "mug/glue/picture.png")
-    assert checksum(tmp_path / entry.source, tmp_path) != before
-    (tmp_path / "mug/glue/picture.png").unlink()
-    assert scan(source(tmp_path), {"mug": "all"})[0].source == "mug/glue/body.obj"
+    assert checksum(path, tmp_path) != before
 
 
 def test_names_do_not_double(tmp_path):
@@ -410,9 +339,11 @@ def test_linked_folders_are_followed_and_loops_end(tmp_path):
 
 
 def test_a_pattern_with_folders_of_any_depth_within(tmp_path):
-    tree(tmp_path, "x/a/scan.stl", "x/a/b/c/scan.stl", "x/scan.stl", "x/a/other.stl", "y/a/scan.stl", "x/.h/a/scan.stl")
-    given = source(tmp_path, pattern="x/**/a*/**/scan.stl")
-    assert {entry.source for entry in scan(given, {"mug": "all"})} == {"x/a/b/c/scan.stl", "x/a/scan.stl"}
+    found = "x/a/scan.stl", "x/a/b/c/scan.stl", "x/scan.stl"
+    tree(tmp_path, *found, "x/a/other.stl", "y/a/scan.stl", "x/.h/a/scan.stl")
+    for pattern, files in (("x/**/a*/scan.stl", {"x/a/scan.stl"}), ("?/**/scan.stl", {*found, "y/a/scan.stl"})):
+        entries = scan(source(tmp_path, pattern=pattern), {"mug": "all"})
+        assert {entry.source for entry in entries} == files
 
 
 def test_a_file_whose_name_is_not_utf8_is_an_object_that_can_be_rejected(tmp_path):

@@ -5,7 +5,7 @@ import json
 
 import pytest
 
-from palpate.catalogue import COLUMNS, CatalogueError, Source, checksum, empty_splits
+from palpate.catalogue import COLUMNS, CatalogueError, Source, checksum
 from palpate.catalogue.table import companions
 from tests.catalogue.whole import whole_catalogue
 from tests.mesh import nasty
@@ -38,12 +38,6 @@ def test_other_objects_change_no_row_but_its_batch(source):
     after = whole_catalogue(source, {"mug": "all", "pan": "all"}, batches=2).set_index("object")
     same = ["class", "split", "source", "checksum"]
     assert after.loc[before.index, same].equals(before[same])
-
-
-def test_splits_without_an_object_of_a_class():
-    rows = [("mug", "train"), ("mug", "test"), ("pan", "validation"), ("pan", "train")]
-    assert empty_splits(rows, {"train": 1, "validation": 1, "test": 0}) == {"mug": ["validation"]}
-    assert empty_splits(rows, {"train": 1, "validation": 1, "test": 1}) == {"mug": ["validation"], "pan": ["test"]}
 
 
 def test_procedural_files_must_be_there_for_the_table(tmp_path):

@@ -12,15 +12,12 @@ import palpate.store
 from palpate.batch import UnusableObject, each_object
 from palpate.camera import paper_camera
 from palpate.catalogue import CatalogueError, Source, all_classes, scan
-from palpate.dataset import Dataset
 from palpate.released import arrays as released
-from palpate.released.export import STAGES, export
 from palpate.released.layout import ReleasedObject, read_released
 from palpate.released.pickles import UnsafePickle
-from palpate.store import StoreError
-from palpate.touch import SENSOR_WIDTH, empty_reading
+from palpate.touch import SENSOR_WIDTH
 from tests.catalogue.whole import whole_catalogue
-from tests.store.conftest import ATTRIBUTES, BATCHES, GRASPS, REJECTED, SIZE
+from tests.store.conftest import ATTRIBUTES
 
 EMPTY = np.random.default_rng(9).integers(0, 256, (100, 100, 3), dtype=np.uint8)  # as they have it
 ENTRY = ReleasedObject("0001", "00012", "validation")
@@ -297,118 +294,3 @@ def test_an_empty_reading_is_needed(tree):
     (tree / "empty_gel.npy").unlink()
     with pytest.raises(UnusableObject, match=r"empty_gel\.npy: no such file: copy it"):
         released.read_empty_reading(tree)
-
-
-@pytest.fixture
-def exported(run, tmp_path):
-    assert export(Dataset(run, STAGES), tmp_path / "released") == 3
-    return tmp_path / "released"
-
-
-def test_a_run_comes_back_as_it_was(run, exported):
-    dataset = Dataset(run)
-    objects = read_released(exported)
-    assert {f"{each.class_name}-{each.name}": each.split for each in objects} == {
-        record.name: record.split for record in dataset
-    }
-    assert REJECTED not in [f"{each.class_name}-{each.name}" for each in objects]
-    assert_array_equal(released.read_empty_reading(exported), empty_reading())
-    for entry in objects:
-        record = dataset[f"{entry.class_name}-{entry.name}"]
-        surface = released.read_surface(exported, entry, len(record.points), None)
-        assert_array_equal(surface["points"], record.points)
-        images = released.read_vision(exported, entry, GRASPS, SIZE)
-        assert_array_equal(images["unoccluded"][0], record.unoccluded)
-        assert_array_equal(images["occluded"][:, 0], [grasp.occluded for grasp in record.grasps])
-        felt = palpate.store.join("touch", {record.name: released.read_touch(exported, entry, GRASPS)})
-        one = dataset.select([record.name])
-        for name in ("success", "position", "reading", "points", "point_count"):
-            expected = one.array("touch", name)[:]
-            if name == "reading":  # of sensors that touched nothing as in a store
-                expected[~felt["success"]] = 0
-            assert_array_equal(felt[name], expected, err_msg=name)
-        assert_allclose(felt["rotation"], one.array("touch", "rotation")[:], atol=1e-7)
-        assert_allclose(felt["depth"], one.array("touch", "depth")[:], atol=2e-7)
-
-
-def test_what_is_exported_is_what_their_code_expects(run, exported):
-    """Read as their loaders do: with numpy's pickles, by their names."""
-    splits = np.load(exported / "split.npy", allow_pickle=True).item()
-    assert splits == {"train": ["0000ball"], "valid": ["0002ball"], "test": ["0000block"]}
-    points = np.load(exported / "surfaces/ball/0000.npy")
-    assert np.linalg.norm(np.ptp(points, axis=0)) == pytest.approx(1, abs=0.02)
-    assert_allclose((points.min(axis=0) + points.max(axis=0)) / 2, 0, atol=0.02)
-    record = Dataset(run)["ball-0000"].grasps[1]
-    theirs = np.load(exported / "scene_info/ball/0000/1.npy", allow_pickle=True).item()
-    assert set(theirs) == {"touch_success", "cam_pos", "cam_rot", "depth", "gel", "points"}
-    for sensor in range(4):
-        assert bool(theirs["touch_success"][sensor]) == record.success[sensor]
-        assert_allclose(rotation(theirs["cam_rot"][sensor]), record.rotation[sensor], atol=1e-12)
-        assert np.array(theirs["gel"][sensor]).shape == (100, 100, 3)
-        felt = np.isfinite(record.depth[sensor])
-        assert_array_equal(theirs["depth"][sensor].T, np.where(felt, record.depth[sensor], 1))
-        assert theirs["points"][sensor].shape == (felt.sum(), 3)
-        assert_array_equal(np.array(theirs["gel"][sensor])[3, 70], record.reading[sensor][70, 3])
-    assert Image.open(exported / "images/ball/0000/0.png").size == (SIZE, SIZE)
-    assert not (exported / "sheets").exists()
-
-
-def test_charts_go_out_as_sheets(run, tmp_path):
-    line = np.linspace(-2, 2, 9) * QUARTER
-    z, y = np.meshgrid(line, line, indexing="ij")
-    flat = np.stack([0.02 + y - z / 2, y, z], axis=-1).reshape(81, 3)
-    dataset = Dataset(run)
-    for batch, names in BATCHES.items():
-        records = {}
-        for name in [name for name in names if name != REJECTED]:
-            charts = []
-            for grasp in dataset[name].grasps:
-                for success, position, turn in zip(grasp.success, grasp.position, grasp.rotation, strict=True):
-                    charts.append(flat @ turn.T + position if success else np.tile(position, (81, 1)))
-            records[name] = {"vertices": np.reshape(charts, (GRASPS, 4, 81, 3))}
-        path = run / palpate.store.CONTRACT["charts"].path(batch)
-        palpate.store.write(path, "charts", palpate.store.join("charts", records), ATTRIBUTES)
-    export(Dataset(run, STAGES), tmp_path / "released")
-    record = Dataset(run)["ball-0000"]
-    sensor = int(np.flatnonzero(record.grasps[0].success)[0])
-    sheet = np.load(tmp_path / f"released/sheets/ball/0000/sheets_0_{sensor}.npy")
-    assert sheet.shape == (25, 3)
-    grasp = record.grasps[0]
-    local = (sheet - grasp.position[sensor]) @ grasp.rotation[sensor] / QUARTER
-    # y and z of some vertices of the sheet that they publish, in its order.
-    for vertex, place in {0: (-1, 0), 1: (0, -1), 3: (-1, 1), 4: (0, 0), 8: (-2, -1), 17: (2, 1), 24: (2, 2)}.items():
-        assert_allclose(local[vertex, 1:], place, atol=1e-4)
-    untouched = [(k, s) for k in range(GRASPS) for s in range(4) if not record.grasps[k].success[s]]
-    for grasp_number, sensor in untouched:
-        assert np.load(tmp_path / f"released/sheets/ball/0000/sheets_{grasp_number}_{sensor}.npy").shape == (1,)
-    x, y, z = local.T
-    assert_allclose(QUARTER * x, 0.02 + QUARTER * (y - z / 2), atol=1e-7)
-    assert len({*zip(np.rint(y), np.rint(z), strict=True)}) == 25
-
-
-@pytest.mark.parametrize("change, message", [("another", "others"), ("two", "has 2"), ("opacity", "opaque images")])
-def test_images_that_the_layout_has_no_camera_for_are_not_exported(run, tmp_path, change, message):
-    for batch in BATCHES:
-        path = run / palpate.store.CONTRACT["vision"].path(batch)
-        arrays = palpate.store.read(path)
-        if change == "another":
-            arrays["extrinsics"][..., 3] += 0.01
-        elif change == "two":
-            axis = {name: 2 if name.startswith("occluded") else 1 for name in arrays if name != "object"}
-            arrays |= {name: np.repeat(arrays[name], 2, axis=place) for name, place in axis.items()}
-        else:
-            arrays |= {
-                name: np.concatenate([arrays[name], 255 + 0 * arrays[name][..., :1]], axis=-1)
-                for name in ("unoccluded", "occluded")
-            }
-        palpate.store.write(path, "vision", arrays, ATTRIBUTES)
-    with pytest.raises(StoreError, match=message):
-        export(Dataset(run, STAGES), tmp_path / "released")
-    assert not (tmp_path / "released").exists()
-
-
-def test_a_run_without_images_is_not_exported(run, tmp_path):
-    shutil.rmtree(run / "vision")
-    with pytest.raises(StoreError, match="has no vision; build it with"):
-        export(Dataset(run, STAGES), tmp_path / "released")
-    assert not (tmp_path / "released").exists()

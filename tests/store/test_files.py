@@ -17,7 +17,6 @@ from hypothesis import strategies as st
 import palpate.store
 from palpate.sensor import DIGIT
 from palpate.store import CONTRACT, StoreError, join, read, write
-from palpate.store.files import seal
 
 ATTRIBUTES = {"made_from": {}, "seed": 3, "sensor": DIGIT.description()}
 SIZES = {"n": 5, "m": 7, "s": 4, "j": 3, "l": 2, "r": 4, "c": 6, "rc": 24, "k": 2, "p": 6, "b": 3, "v": 2, "q": 3}
@@ -213,16 +212,6 @@ def test_the_suffix_and_the_attributes_are_checked(tmp_path):
         write(tmp_path / "a.h5", "grasps", arrays_of("grasps", 1), {"made_from": {}})
 
 
-def test_another_schema_version_is_refused(tmp_path):
-    path = path_of(tmp_path, "grasps")
-    write(path, "grasps", arrays_of("grasps", 1), ATTRIBUTES)
-    with h5py.File(path, "a") as file:
-        file.attrs["schema_version"] = "99"
-    seal(path)
-    with pytest.raises(StoreError, match=r"batch-0000.* has schema version 99, but .* version 5"):
-        palpate.store.open(path)
-
-
 def test_a_run_of_an_earlier_version_is_refused_with_the_command_that_builds_it_again(tmp_path):
     (tmp_path / "rods").mkdir()
     (tmp_path / "rods/config.yaml").touch()
@@ -274,15 +263,6 @@ def test_every_file_that_is_lost_emptied_or_cut_off_is_an_error_not_fill_values(
         refused(path, "is missing|can't be read|does not exist")
         file.write_bytes(content)
     read_all(path)
-
-
-@pytest.mark.parametrize("array", ["depth", "success", "object"])
-def test_an_array_whose_values_are_gone_is_named_when_the_store_is_opened(tmp_path, array):
-    path = path_of(tmp_path, "touch")
-    write(path, "touch", arrays_of("touch", 2), ATTRIBUTES)
-    shutil.rmtree(path / array / "c")
-    with pytest.raises(StoreError, match=f"{path} is damaged: {array}/c/0.* is missing; .*snakemake touch/batch-0000"):
-        palpate.store.open(path)
 
 
 def test_values_that_go_while_a_store_is_open_are_an_error_at_the_next_read(tmp_path):
@@ -362,27 +342,6 @@ def test_chunks_of_fill_values_stay_left_out_and_a_file_in_their_place_is_an_err
         read(path, "reading")
 
 
-@pytest.mark.parametrize("stage", STAGES)
-def test_rows_are_those_of_the_array_in_the_order_given(tmp_path, stage):
-    arrays = arrays_of(stage, 5, rng=np.random.default_rng(3))
-    for name, spec in CONTRACT[stage].arrays.items():
-        if spec.record:  # some records are not written, and of the last row none
-            arrays[name][1::3, ..., :1] = arrays[name][4] = spec.fill
-            arrays[name][0, 0] = spec.fill
-    write(path_of(tmp_path, stage), stage, arrays, ATTRIBUTES)
-    store = palpate.store.open(path_of(tmp_path, stage))
-    for name, spec in CONTRACT[stage].arrays.items():
-        if spec.of_objects:
-            for rows in ([0, 1, 2, 3, 4], [4, 1, 1], [], [3]):
-                found = store.get(name, np.array(rows, int))
-                np.testing.assert_array_equal(found, arrays[name][rows], err_msg=name)
-                assert found.dtype == arrays[name].dtype or name == "object"
-                if arrays[name].ndim > 1:
-                    np.testing.assert_array_equal(
-                        store.get(name, (np.array(rows, int), 0)), arrays[name][rows, 0], err_msg=name
-                    )
-
-
 INDICES = (..., 0, -1, np.int64(2), (1, 1), (1, -1), (slice(1, 3),), (slice(None, None, 2), 0), (2, slice(None)))
 INDICES += ((1, 0, ...), (..., 0), [2, 0], ([0, 2], 1), (slice(0, 0),), (np.array([True, False, True]),), (1, 0, 0))
 
@@ -454,22 +413,6 @@ def test_an_index_out_of_range_is_not_blamed_on_the_file(tmp_path):
             palpate.store.open(path_of(tmp_path, stage)).get(array, 5)
 
 
-def test_join_stacks_objects():
-    records = {
-        name: {
-            spec: value[0]
-            for spec, value in arrays_of("grasps", 1, grasps=3, rng=np.random.default_rng(seed)).items()
-            if spec in CONTRACT["grasps"].arrays and spec != "object"
-        }
-        for seed, name in enumerate(("knife-0004", "knife-0009"))
-    }
-    joined = join("grasps", records)
-    assert joined["object"].tolist() == ["knife-0004", "knife-0009"]
-    assert joined["penetration"].shape == (2, 3)
-    assert joined["attempts"].tolist() == [records["knife-0004"]["attempts"], records["knife-0009"]["attempts"]]
-    np.testing.assert_array_equal(joined["palm_pose"][1], records["knife-0009"]["palm_pose"])
-
-
 @pytest.mark.parametrize("stage", STAGES)
 def test_a_batch_without_objects_joins_and_is_written(tmp_path, stage):
     arrays = join(stage, {})
@@ -486,13 +429,6 @@ def test_one_thread_a_process_unless_the_user_says_otherwise():
         environment |= {"ZARR_THREADING__MAX_WORKERS": threads} if threads else {}
         output = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True)
         assert output.stdout.strip() == expected, output.stderr
-
-
-def test_reading_a_dataset_loads_no_engine():
-    code = "import palpate, sys; palpate.Dataset; print(*sys.modules)"
-    output = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    engines = {"bpy", "mujoco", "embreex", "igl", "trimesh", "torch", "pandas"}
-    assert not engines & set(output.stdout.split())
 
 
 def test_optional_arrays_may_be_missing_and_others_may_not(tmp_path):

@@ -24,7 +24,6 @@ from palpate.inference.data import ExperimentData
 from palpate.inference.touches import object_charts
 from palpate.mesh import OBJECT_POSITION
 from palpate.models import Reconstruction, TouchDepth
-from palpate.released.export import export
 from palpate.results import dataset_tables
 from palpate.scene import Scene
 from palpate.sensor import DIGIT, Sensor, load
@@ -273,11 +272,6 @@ def replace_sensor(grasp, kind, reading=None):
     made.sensor = kind
     made.reading = grasp.reading if reading is None else reading
     return made
-
-
-def test_the_released_layout_cannot_hold_it(run, tmp_path):
-    with pytest.raises(StoreError, match="holds 4 sensors a grasp, as the DIGIT; this run has 2, dome360"):
-        export(Dataset(run, ["surface", "touch"]), tmp_path / "released")
 
 
 def test_a_store_that_does_not_state_its_sensor_is_named(run, tmp_path):

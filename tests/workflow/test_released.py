@@ -1,12 +1,9 @@
 """The authors' dataset as a source, and a run exported to its layout, through the Snakefile."""
 
-import numpy as np
 import pandas as pd
 import pytest
 
 import palpate
-from palpate.released.arrays import read_empty_reading, read_surface
-from palpate.released.layout import read_released
 from tests.released.test_arrays import save, write_tree
 
 SMALL = {
@@ -53,24 +50,6 @@ def test_models_need_no_simulation_of_it(workflow):
         "charts",
         "reconstruction",
     }
-
-
-def test_it_goes_out_as_it_came_in(workflow, make_workflow):
-    result = workflow("export")
-    assert result.returncode == 0, result.stderr
-    tree = workflow.run / "released"
-    objects = read_released(tree)
-    assert [tuple(each) for each in objects] == [("0001", "00013", "train"), ("0002", "a.b", "test")]
-    dataset = palpate.Dataset(workflow.run)
-    for each in objects:
-        points = read_surface(tree, each, 50, None)["points"]
-        np.testing.assert_array_equal(points, dataset[f"{each.class_name}-{each.name}"].points)
-    assert read_empty_reading(tree).any()
-    again = make_workflow(source={"kind": "released", "path": str(tree)}, **SMALL)
-    assert again("dataset").returncode == 0
-    for stage, name in (("touch", "points"), ("touch", "reading"), ("vision", "occluded")):
-        here, there = (palpate.Dataset(run).array(stage, name)[:] for run in (workflow.run, again.run))
-        np.testing.assert_array_equal(here, there, err_msg=name)
 
 
 def test_what_is_no_released_dataset_is_one_message(make_workflow, tmp_path):

@@ -101,14 +101,14 @@ def test_shapenet_in_the_layout_of_either_version(make_workflow, tmp_path, model
 
 
 def test_objects_as_a_user_has_them(make_workflow, tmp_path):
-    """YCB's layout, a table of classes, splits and units, and sizes that are kept: catalogue, meshes, other configs."""
+    """YCB's layout, a table of classes and splits, and sizes that are kept: catalogue, meshes, other configs."""
     for name, size in (("002_can", 0.1), ("025_mug", 0.12), ("055_ball", 75)):
         folder = tmp_path / "ycb" / name / "google_16k"
         folder.mkdir(parents=True)
         trimesh.creation.box((size, size, size)).export(folder / "textured.obj")
         trimesh.creation.box((1, 1, 1)).export(folder / "nontextured.stl")
     table = tmp_path / "objects.csv"
-    table.write_text("path,class,split,scale\n002_can,tin can,train,\n025_mug,tin can,test,\n055_ball,ball,train,\n")
+    table.write_text("path,class,split\n002_can,tin can,train\n025_mug,tin can,test\n055_ball,ball,train\n")
     source = {"kind": "ycb", "path": str(tmp_path / "ycb"), "scale": "keep", "objects": str(table)}
     workflow = make_workflow(source=source)
     assert "figures/examples_tin_can.png" in workflow.outputs("dataset")
@@ -120,11 +120,9 @@ def test_objects_as_a_user_has_them(make_workflow, tmp_path):
     assert rejected.object == "ball-055_ball" and "0.001 or 0.01 would fit), in the config's source" in rejected.reason
     mug = trimesh.load_mesh(workflow.run / "meshes/batch-0000/tin_can-025_mug/visual.glb")
     np.testing.assert_allclose(mug.extents, 0.12, rtol=1e-6)
-    # Another split does not touch the meshes, a unit that is put right does, and another scale is another run.
+    # Another split does not touch the meshes, and another scale is another run.
     table.write_text(table.read_text().replace("test", "validation"))
     assert workflow.planned("meshes/batch-0000", "catalogue.csv") == {"catalogue_batch", "catalogue"}
-    table.write_text(table.read_text().replace("ball,train,", "ball,train,0.001"))
-    assert workflow.planned("meshes/batch-0000", "catalogue.csv") == {"catalogue_batch", "catalogue", "meshes"}
     refused = workflow.changed(source=source | {"scale": "diagonal"}).plan("meshes/batch-0000")
     assert refused.returncode != 0 and "source.scale: keep there, diagonal in this config" in refused.stderr
     table.write_text("path,split\n002_can,dev\n")

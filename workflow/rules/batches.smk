@@ -31,7 +31,7 @@ def mesh_files(path):
     """
     if named_files.unusable(path):
         return []
-    folder, names = Path(path).parent, catalogue.companions(Path(path), NAMED_IN, named_files.HEAD)
+    folder, names = Path(path).parent, catalogue.companions(Path(path), SOURCE.path, named_files.HEAD)
     return [path, *(os.path.normpath(folder / name) for name in names)]
 
 
@@ -56,7 +56,7 @@ def batch_sources(batch):
 def texture_mb(batch):
     """MB that the largest textures of an object of a batch take: 16 bytes a pixel, in the meshes stage and in Blender."""
     paths = [Path(SOURCE.path, entry.source) for entry in BATCH_ENTRIES[batch] if SOURCE.kind != "procedural"]
-    return int(16e-6 * max((named_files.texture_pixels(path, NAMED_IN) for path in paths), default=0))
+    return int(16e-6 * max((named_files.texture_pixels(path, SOURCE.path) for path in paths), default=0))
 
 
 def source_root(wildcards, input):
@@ -82,8 +82,7 @@ def splits():
 def catalogue_with(needed, what):
     """The catalogue, for what needs objects in some splits; that there are none is an error before anything runs."""
     try:
-        by_name = config["split"]["held_out"] == "objects" and not any(entry.split for entry in ENTRIES)
-        catalogue.check_splits(splits(), needed, what, by_name)
+        catalogue.check_splits(splits(), needed, what)
     except catalogue.CatalogueError as error:
         stop(error)
     return "catalogue.csv"

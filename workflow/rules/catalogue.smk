@@ -31,7 +31,6 @@ rule catalogue_batch:
         "../../envs/palpate.yaml"
     params:
         root=source_root,
-        outside=SOURCE.outside,
         # As `catalogue.SourceObject` has them, and then their splits.
         objects=lambda wildcards: [(*each, splits()[each.object]) for each in batch_entries(wildcards.batch)],
         seed=config["seed"] if SOURCE.kind == "procedural" else None,
@@ -52,7 +51,6 @@ rule catalogue:
     conda:
         "../../envs/palpate.yaml"
     params:
-        split=config["split"],
         by_name=not any(entry.split for entry in ENTRIES),
     script:
         "../scripts/catalogue.py"

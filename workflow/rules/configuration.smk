@@ -89,7 +89,6 @@ if RELEASED:  # implicit models learn distances to meshes
 # What the config asks for of the dataset, and which stages of it reject objects.
 DATASET = [each for each in stages.STAGES.values() if each.in_dataset and each.is_asked(config)]
 STAGES = [stages.RELEASED] if RELEASED else [each.name for each in DATASET if each.rejects]
-NAMED_IN = SOURCE.files_root  # what meshes name has to be in it
 TRAINING_MACHINE = {key: config["training"][key] for key in ("device", "devices", "precision")}
 TRAINING_GPUS = 0 if config["training"]["device"] == "cpu" else config["training"]["devices"]
 # What everything else is made from.

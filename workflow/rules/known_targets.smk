@@ -1,5 +1,5 @@
 # The targets that there are, for the message about one that no rule makes.
-NAMED_TARGETS = ["all", "catalogue", "dataset", "export", "rejected", *([] if RELEASED else ["reports"]), "smoke"]
+NAMED_TARGETS = ["all", "catalogue", "dataset", "rejected", *([] if RELEASED else ["reports"]), "smoke"]
 NAMED_TARGETS += ["touch_depth", "validate", "validation"]
 
 

@@ -19,7 +19,6 @@ rule meshes:
         mem_mb=mesh_memory,
     params:
         version=MESH_VERSION,
-        outside=SOURCE.outside,
         objects=lambda wildcards: {
             each.object: (each.source, each.up, each.scale, each.turn) for each in batch_entries(wildcards.batch)
         },

@@ -27,19 +27,3 @@ if RELEASED:
             seed=config["seed"],
         script:
             "../scripts/released.py"
-
-
-# The dataset in the layout that the authors released theirs in, for their code; with sheets if charts were made.
-rule export:
-    input:
-        STORES,
-    output:
-        folder=directory("released"),
-    log:
-        "logs/export.log",
-    benchmark:
-        "benchmarks/export.tsv"
-    conda:
-        "../../envs/palpate.yaml"
-    script:
-        "../scripts/export.py"

@@ -13,7 +13,6 @@ root, batch = snakemake.params.root, snakemake.wildcards.batch
 objects = [(catalogue.SourceObject(*fields), split) for *fields, split in snakemake.params.objects]
 splits = {entry.object: split for entry, split in objects}
 entries, batches = [entry for entry, _ in objects], dict.fromkeys(splits, batch)
-files = catalogue.files_root(root, snakemake.params.outside)
 catalogue.write_catalogue(
-    snakemake.output.table, catalogue.build(root, entries, splits, batches, files, snakemake.params.seed)
+    snakemake.output.table, catalogue.build(root, entries, splits, batches, snakemake.params.seed)
 )

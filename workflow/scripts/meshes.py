@@ -18,12 +18,10 @@ from pathlib import Path
 from palpate import catalogue, checksums, mesh, provenance
 from palpate.atomic import atomic_write
 from palpate.batch import each_object, write_rejections
-from palpate.catalogue import files_root
 
 log_to(snakemake.log[0])
 objects, settings, sources = snakemake.params.objects, snakemake.params.mesh, Path(snakemake.params.folder)
-files = files_root(sources, snakemake.params.outside)
-checksum_of = {name: catalogue.checksum(sources / file, files) for name, (file, *_) in objects.items()}
+checksum_of = {name: catalogue.checksum(sources / file, sources) for name, (file, *_) in objects.items()}
 
 with (
     atomic_write(snakemake.output.meshes) as batch,
@@ -41,13 +39,13 @@ with (
                 scale=scale,
                 turn=turn,
                 collision_faces=settings["collision_faces"],
-                root=files,
+                root=sources,
             )
         except BaseException:
             shutil.rmtree(folder, ignore_errors=True)
             raise
         finally:  # an object is not rejected, either, for a file that was being written
-            catalogue.require_unchanged(sources / file, checksum_of[name], files)
+            catalogue.require_unchanged(sources / file, checksum_of[name], sources)
         return mesh.facts(record)
 
     facts, rejections = each_object(objects, prepare, "meshes")
