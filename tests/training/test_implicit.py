@@ -53,7 +53,7 @@ def test_what_only_the_training_reads():
 @pytest.mark.parametrize("vision", ["occluded", "unoccluded"])
 def test_targets_are_the_objects_own(vision):
     data = supervised(vision)
-    targets = Targets(data, replace(ANY, vision=vision), torch.device("cpu"), torch.float64)
+    targets = Targets(data, replace(ANY, vision=vision), torch.device("cpu"))
     samples = [Sample(3, (2, 0)), Sample(1, (1, 2))]
     target = targets(samples, 40, torch.Generator().manual_seed(0))
     for k, sample in enumerate(samples):
@@ -109,7 +109,7 @@ def trained(tmp_path_factory):
 def test_a_training_learns_the_distance(trained):
     """Better than one distance everywhere."""
     model, data, sample = load(trained), supervised(), [Sample(0, (0, 1))]
-    target = Targets(data, ANY, torch.device("cpu"), torch.float32)(sample, 300, torch.Generator().manual_seed(1))
+    target = Targets(data, ANY, torch.device("cpu"))(sample, 300, torch.Generator().manual_seed(1))
     with torch.no_grad():
         distances, _ = model.supervised(Assembler(data, ANY)(sample), target.points)
     true = target.distances.clamp(-0.05, 0.05)
