@@ -52,6 +52,7 @@ if not RELEASED:
 
 include: "workflow/rules/reconstruction.smk"
 include: "workflow/rules/touch_charts.smk"
+include: "workflow/rules/templates.smk"
 include: "workflow/rules/evaluation.smk"
 include: "workflow/rules/products.smk"
 include: "workflow/rules/results.smk"

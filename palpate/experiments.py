@@ -29,8 +29,8 @@ class Experiment:
 
     Attributes:
         name: its key there.
-        strategy: the paper's charts, no_copy, no_comm or sphere; ours pooled or pooled_no_copy; the baseline
-            retrieval, which is not trained; of views only psg, pixel2mesh or r2n2.
+        strategy: the paper's charts, no_copy, no_comm or sphere; ours pooled, pooled_no_copy, template or implicit; the
+            baseline retrieval, which is not trained; of views only psg, pixel2mesh or r2n2.
         vision: occluded, unoccluded, views or none. touch: whether it takes touches. grasps: how many at most.
         fewer_grasps: whether it is trained with any number of grasps up to `grasps`; from none where it has vision.
         weights: the experiment whose trained model it is evaluated with; None: it is trained itself.
@@ -89,9 +89,14 @@ class Experiment:
         return self.touch and self.strategy == "sphere"
 
     @property
+    def takes_images(self) -> bool:
+        """Whether images reach it as they are: in all strategies but `retrieval`."""
+        return self.has_vision and self.is_trained
+
+    @property
     def takes_masks(self) -> bool:
-        """Whether images reach it as silhouettes: in strategy `retrieval`."""
-        return self.has_vision and not self.is_trained
+        """Whether images reach it as silhouettes: where a training object is retrieved."""
+        return self.has_vision and self.strategy in ("retrieval", "template")
 
     @property
     def takes_grasps(self) -> bool:

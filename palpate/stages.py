@@ -78,6 +78,7 @@ STAGES = {
         Stage("frame_images", ".zarr", ("meshes", "frames"), True, True, ("bpy",), True, asked_by="frames.images"),
         Stage("views", ".zarr", ("meshes",), True, False, ("bpy",)),
         Stage("distances", ".zarr", ("meshes", "surface"), False, False, ("libigl",)),
+        Stage("templates", ".zarr", ("surface",), False, False, ("torch",)),
         Stage("rings", ".zarr", ("meshes", "touch"), False, False, ("trimesh", "embreex")),
     )
 }

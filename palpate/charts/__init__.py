@@ -2,7 +2,7 @@
 
 from palpate.charts.atlas import ATLAS_RADIUS, Atlas, TouchChart, chart_faces, sphere, touch_chart, vision_atlas
 from palpate.charts.chamfer import build_tree, chamfer_distance, nearest, one_sided_distance
-from palpate.charts.fit import fit_direct
+from palpate.charts.fit import fit_atlas, fit_direct
 from palpate.charts.graph import Graph
 from palpate.charts.normals import plane_normals
 from palpate.charts.sample import face_areas, sample_faces
@@ -16,6 +16,7 @@ __all__ = [
     "chamfer_distance",
     "chart_faces",
     "face_areas",
+    "fit_atlas",
     "fit_direct",
     "nearest",
     "one_sided_distance",

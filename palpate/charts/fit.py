@@ -1,13 +1,20 @@
-"""Touch charts from depth maps, directly: the paper's optimisation is slower and less exact.
+"""Charts from what was measured: touch charts from depth maps, and the atlas on an object's surface.
 
-docs/evidence/error_vs_runtime.md has the error and the time of both.
+Touch charts are fitted directly: the paper's optimisation is slower and less exact (docs/evidence/error_vs_runtime.md).
 """
 
 import torch
 from torch import Tensor
 
-from palpate.charts.atlas import TOUCH_SIDE
+from palpate.charts.atlas import ATLAS_RADIUS, TOUCH_SIDE, sphere
+from palpate.charts.chamfer import build_tree, one_sided_distance
+from palpate.charts.graph import mesh_edges
+from palpate.charts.sample import sample_faces
+from palpate.mesh import OBJECT_POSITION
 from palpate.sensor import DIGIT, Size
+
+START = 0.7  # of an object's box: the ellipsoid that the fit of the atlas begins with
+EDGE = 0.2  # weight of the mean squared side of a face beside the Chamfer distance, in the fit of the atlas
 
 
 def spread(valid: Tensor, count: int) -> Tensor:
@@ -50,3 +57,34 @@ def fit_direct(depth: Tensor, valid: Tensor, position: Tensor, rotation: Tensor,
 def placed(points: Tensor, position: Tensor, rotation: Tensor) -> Tensor:
     """Points (k, n, 3) of the sensors' frames in the frame that their poses are given in."""
     return points.to(position.dtype) @ rotation.to(position.dtype).mT + position[:, None]
+
+
+def fit_atlas(points: Tensor, steps: int = 60, rate: float = 0.01, samples: int = 1500) -> Tensor:
+    """The vertices (1154, 3) of the atlas's sphere, `palpate.charts.sphere`, moved to an object's surface.
+
+    Adam lowers the Chamfer distance between surface points and points sampled on the mesh, plus `EDGE` times the mean
+    squared side of its faces (Wang et al. 2018, "Pixel2Mesh"). It begins with an ellipsoid in the object's box.
+
+    points: (n, 3) metres, on the surface. steps: of Adam, whose rate (m) falls to 0 along a line. samples: points of
+    either cloud that look for the nearest of the other in a step. The result has the type of the points, and depends
+    on nothing else. Raises ValueError if there is no point, or one is NaN or infinite.
+    """
+    generator = torch.Generator().manual_seed(0)
+    with torch.inference_mode(False), torch.enable_grad():
+        points, (ball, faces) = points.detach().clone(), sphere()
+        tree, sides = build_tree(points), mesh_edges(faces)
+        low, high = points.amin(dim=0), points.amax(dim=0)
+        directions = (ball - ball.new_tensor(OBJECT_POSITION)).to(points.dtype) / ATLAS_RADIUS
+        vertices = ((low + high) / 2 + START / 2 * (high - low) * directions).requires_grad_()
+        adam = torch.optim.Adam([vertices], lr=rate)
+        schedule = torch.optim.lr_scheduler.LinearLR(adam, 1.0, 0.0, steps)
+        for _ in range(steps):
+            sampled = sample_faces(vertices[None], faces, samples, generator)
+            seen = points[torch.randperm(len(points), generator=generator)[:samples]]
+            chamfer = one_sided_distance(sampled, [points], [tree]) + one_sided_distance([seen], sampled)
+            first, second = vertices[sides].unbind(1)
+            adam.zero_grad()
+            (chamfer.sum() + EDGE * (first - second).square().sum(dim=1).mean()).backward()
+            adam.step()
+            schedule.step()
+    return vertices.detach()

@@ -43,6 +43,17 @@ class GraspTouches(NamedTuple):
     success: np.ndarray
 
 
+class Silhouette(NamedTuple):
+    """Where the object is seen in an image, for models that begin with a training object.
+
+    mask: (s, s) bool, the object. hand: (s, s) bool, what may hide it; None: nothing. view: number of the camera.
+    """
+
+    mask: np.ndarray
+    hand: np.ndarray | None = None
+    view: int = 0
+
+
 class Shape(NamedTuple):
     """A reconstruction in the world frame, metres: the object's centre is at `palpate.mesh.OBJECT_POSITION`.
 
@@ -73,23 +84,24 @@ def reconstruct(
     *,
     model: Path | str,
     camera: np.ndarray | None = None,
+    silhouette: Silhouette | None = None,
     device: str = "cpu",
 ) -> "trimesh.Trimesh":
     """The mesh that a trained model predicts from one image, from touches, or from both.
 
     image: (s, s, 3) uint8 sRGB, row 0 at the top; of (s, s, 4) the last channel is opacity. camera: (3, 4) the image's,
     from homogeneous world coordinates to pixels; models that were trained on several cameras, or on views, need it, the
-    others take that of their training. touches: one grasp, or a sequence of as many as the model takes: grasp records
-    of `palpate.Dataset`, or `GraspTouches`. What the model does not take is ignored. model: its folder,
-    `<run>/models/<experiment>/seed-<k>`, or the checkpoint in it; a model that takes touch charts also reads the run's
-    U-Net, `<run>/models/touch_depth`.
+    others take that of their training. silhouette: of the object in the image, which models of strategy `template`
+    need. touches: one grasp, or a sequence of as many as the model takes: grasp records of `palpate.Dataset`, or
+    `GraspTouches`. What the model does not take is ignored. model: its folder, `<run>/models/<experiment>/seed-<k>`, or
+    the checkpoint in it; a model that takes touch charts also reads the run's U-Net, `<run>/models/touch_depth`.
 
     Returns a mesh in the world frame, metres (the object's centre at (0, 0, 0.6)): the charts as they are, touch charts
     in another colour. Without any successful touch there is a warning: the model only knows where sensors are. Raises
     ReconstructionError for a model that is not there, a missing image or touch, and values of another shape or not
     finite. For many objects, make one `Reconstructor`.
     """
-    return Reconstructor(model, device)(image, touches, camera).mesh()
+    return Reconstructor(model, device)(image, touches, camera, silhouette).mesh()
 
 
 class Reconstructor:
@@ -135,7 +147,13 @@ class Reconstructor:
         experiment = self.experiment
         return range(experiment.fewest_grasps, experiment.grasps + 1) if experiment.touch else range(1)
 
-    def __call__(self, image: np.ndarray | None = None, touches=None, camera: np.ndarray | None = None) -> Shape:
+    def __call__(
+        self,
+        image: np.ndarray | None = None,
+        touches=None,
+        camera: np.ndarray | None = None,
+        silhouette: Silhouette | None = None,
+    ) -> Shape:
         """The prediction from one image and the touches of some grasps; see `reconstruct`."""
         import torch
 
@@ -145,6 +163,8 @@ class Reconstructor:
         success = np.zeros(0, dtype=bool)
         if self.experiment.has_vision:
             inputs |= self._image_inputs(image, camera)
+        if self.experiment.takes_masks:
+            inputs |= self._silhouette_inputs(silhouette, inputs["image"])
         if self.experiment.touch:
             sensors = self._all_touches(touches)
             inputs |= {name: getattr(sensors, name).astype(np.float32) for name in ("position", "rotation")}
@@ -197,6 +217,18 @@ class Reconstructor:
         if not np.linalg.cond(np.asarray(camera, dtype=float)[:, :3]) < FLAT:
             raise ReconstructionError("invalid camera: its projection (3, 4) maps the scene to a line or a point")
         return {"image": image, "camera": np.asarray(camera, dtype=np.float32)}
+
+    def _silhouette_inputs(self, silhouette: Silhouette | None, image: np.ndarray) -> dict[str, np.ndarray]:
+        """The silhouette as the model takes it."""
+        if silhouette is None:
+            raise ReconstructionError(f"{self.name} also takes the object's silhouette in the image: give one")
+        pixels, number = {"mask": silhouette.mask, "hand": silhouette.hand}, np.asarray(silhouette.view)
+        found = {key: np.asarray(values, dtype=bool) for key, values in pixels.items() if values is not None}
+        if wrong := [key for key, values in found.items() if values.shape != image.shape[:2]]:
+            raise ReconstructionError(
+                f"the silhouette's {wrong[0]} has shape {found[wrong[0]].shape}, expected the image's {image.shape[:2]}"
+            )
+        return found | {"camera_number": number}
 
     def _all_touches(self, touches) -> GraspTouches:
         """All sensors of all grasps in one, checked."""
@@ -385,7 +417,8 @@ def _seed(name: str) -> int:
 
 
 def of_object(record, experiment: Experiment, grasps: Sequence[int] | None = None, view: int = 0):
-    """The inputs of a model from an object of the dataset: image or None, grasp records, the image's camera or None.
+    """The inputs of a model from an object of the dataset: image or None, grasp records, camera and silhouette of the
+    image or None.
 
     record: of `palpate.Dataset`. experiment: the model's. grasps: numbers of the grasps, as many as the
     model takes; the first ones by default. An occluded image is that of the first of them. view: number of
@@ -403,15 +436,21 @@ def of_object(record, experiment: Experiment, grasps: Sequence[int] | None = Non
         images = record.image
         if not 0 <= view < len(images):
             raise ReconstructionError(f"{record.name} has no view {view}: it has {len(images)}, numbered from 0")
-        return images[view], touches, record.camera[view]
+        return images[view], touches, record.camera[view], None
     if not experiment.has_vision:
-        return None, touches, None
+        return None, touches, None, None
     try:
         seen = (record if experiment.vision == "unoccluded" else available[numbers[0]]).seen_by(view)
     except IndexError as error:
         raise ReconstructionError(str(error)) from None
     image = seen.unoccluded if experiment.vision == "unoccluded" else seen.occluded
-    return image, touches, seen.vision_camera.matrix()
+    silhouette = None
+    if experiment.takes_masks and experiment.vision == "unoccluded":
+        silhouette = Silhouette(seen.unoccluded_mask > 0, view=view)
+    elif experiment.takes_masks:
+        mask = seen.occluded_mask > 0
+        silhouette = Silhouette(mask, np.isfinite(seen.occluded_depth) & ~mask, view)
+    return image, touches, seen.vision_camera.matrix(), silhouette
 
 
 def _counted(grasps: int) -> str:

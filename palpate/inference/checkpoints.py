@@ -13,6 +13,7 @@ from palpate.atomic import atomic_write
 from palpate.experiments import Experiment
 from palpate.models import SINGLE_IMAGE_MODELS, Implicit, Reconstruction, SingleImageModel, TouchDepth
 from palpate.models.reconstruction import HAND_SENSORS
+from palpate.models.templates import Templates
 from palpate.rebuild_command import rebuild_command
 from palpate.sensor import DIGIT, Sensor
 
@@ -26,13 +27,19 @@ class CheckpointError(ValueError):
 
 
 def build(
-    experiment: Experiment, architecture: Architecture, hand_sensors: int = HAND_SENSORS, sensor: Sensor = DIGIT
+    experiment: Experiment,
+    architecture: Architecture,
+    hand_sensors: int = HAND_SENSORS,
+    sensor: Sensor = DIGIT,
+    templates: Templates | None = None,
 ) -> Reconstruction | SingleImageModel:
-    """The untrained model of an experiment, for a hand's number of sensors and their kind."""
+    """The untrained model of an experiment, for a hand's number of sensors and their kind; of strategy `template` with
+    the charts of the training objects."""
     if experiment.strategy in SINGLE_IMAGE_MODELS:
         return SINGLE_IMAGE_MODELS[experiment.strategy](architecture)
-    model = Implicit if experiment.strategy == "implicit" else Reconstruction
-    return model(experiment, architecture, hand_sensors, sensor)
+    if experiment.strategy == "implicit":
+        return Implicit(experiment, architecture, hand_sensors, sensor)
+    return Reconstruction(experiment, architecture, hand_sensors, sensor, templates)
 
 
 def save(path: Path | str, kind: str, model: torch.nn.Module, described: Mapping[str, Any]) -> None:
@@ -129,7 +136,10 @@ def load(path: Path | str, experiment: Experiment | None = None) -> Reconstructi
 
     def make() -> Reconstruction | SingleImageModel:
         architecture = Architecture.from_row(content["architecture"])
-        model = build(experiment if shares_weights else experiment_of(content), architecture, *_sensor_of(content))
+        arrays = (content["weights"].get(f"templates.{name}") for name in ("vertices", "masks"))
+        described = experiment if shares_weights else experiment_of(content)
+        templates = Templates(*arrays) if described.strategy == "template" else None
+        model = build(described, architecture, *_sensor_of(content), templates)
         if shares_weights:  # one without touch leaves out what a touch would pass through
             own, weights = model.state_dict(), content["weights"]
             content["weights"] = {name: weights[name] for name in weights if name in own or name[:6] != "touch_"}

@@ -13,6 +13,7 @@ Positions are in the world frame.
 | `success` | (o, g, s) | bool |
 | `position`, `rotation` | (o, g, s, 3) m, (o, g, s, 3, 3) | float32 |
 | `charts` | (o, g, s, 81, 3) m | float32 |
+| `template`, to train on | (o, 1154, 3) m | float32 |
 | `distance_points`, `distance`, to train on | (o, m, 3) m, (o, m) m | float32 |
 | `unoccluded_mask`, `occluded_mask`, to train on | (o, k, p, p), (o, g, k, p, p) | uint8 |
 | `reading` (that of an untouched sensor is the empty one) | (o, g, s, r, c, 3) | uint8 |

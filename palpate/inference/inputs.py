@@ -30,7 +30,7 @@ class Input(NamedTuple):
 
 
 def _image(name: str) -> Callable[[Experiment], bool]:
-    return lambda each: each.vision == name and not each.takes_masks
+    return lambda each: each.vision == name and each.takes_images
 
 
 def _cameras(each: Experiment) -> bool:
@@ -64,6 +64,7 @@ INPUTS = (
     Input("charts", "charts", "vertices", "float32", lambda each: each.takes_charts),
     Input("rotation", "touch", "rotation", "float32", lambda each: each.takes_directions),
     Input("reading", "touch", "reading", "uint8", lambda each: each.takes_readings),
+    Input("template", "templates", "vertices", "float32", lambda each: each.strategy == "template", True),
     Input("distance_points", "distances", "distance_points", "float32", _implicit, True),
     Input("distance", "distances", "distance", "float32", _implicit, True),
     Input("unoccluded_mask", "vision", "unoccluded_mask", "uint8", _implicit, True),

@@ -20,6 +20,7 @@ from palpate.models.gcn import GraphNetwork, initialise
 from palpate.models.kriging import displaced, touched_points
 from palpate.models.layers import LinearBlock
 from palpate.models.pooling import map_products, pool, pool_products, relative_camera
+from palpate.models.templates import Templates
 from palpate.models.touch import TouchAttention, TouchPooling, touches_of
 from palpate.sensor import DIGIT, Sensor
 
@@ -32,6 +33,7 @@ STRATEGIES = {
     "sphere": "readings",
     "pooled": "pooled",
     "pooled_no_copy": "pooled",
+    "template": "pooled",
 }
 # The mask feature. The supplement: 0 for vision charts, a binary feature for a successful touch; the published code
 # distinguishes unsuccessful touches from both.
@@ -51,9 +53,11 @@ class Reconstruction(nn.Module):
             vision charts (equation 1) and in the mesh; `no_copy`, in the graph they are deformed like the others;
             `no_comm`, in the mesh only; `sphere`, a closed sphere is deformed, and each of its vertices gets features
             of all touch readings (section 5.1). Ours: `pooled`, features of the nearest touches at every vertex, and
-            touch charts in the mesh; `pooled_no_copy`, without these.
+            touch charts in the mesh; `pooled_no_copy`, without these; `template`, as `pooled`, but the charts begin as
+            those of a training object.
         architecture: layers and options, see `palpate.architectures`.
         hand_sensors: s, touches a grasp: the hand's. sensor: the kind that they are of.
+        templates: of strategy `template`, the charts of training objects.
 
     Attributes:
         faces: (F, 3) int64 faces of the mesh whose vertices `forward` gives: vision charts, then touch charts; where
@@ -71,6 +75,7 @@ class Reconstruction(nn.Module):
 
     # The first layer's weights of inputs that not every model has.
     INPUT_WEIGHTS = ("image_weight", "reading_weight")
+    NOT_FLOATING = ("success", "mask", "hand", "camera_number")
 
     def __init__(
         self,
@@ -78,14 +83,18 @@ class Reconstruction(nn.Module):
         architecture: Architecture,
         hand_sensors: int = HAND_SENSORS,
         sensor: Sensor = DIGIT,
+        templates: Templates | None = None,
     ):
         super().__init__()
         _check_experiment(experiment)
+        if (templates is not None) != (experiment.strategy == "template"):
+            raise ValueError("templates are for strategy template, which needs them")
+        self.templates = templates
         self.experiment, self.architecture = experiment, architecture
         self.hand_sensors, self.sensor = hand_sensors, sensor
         self.sensors = hand_sensors * experiment.grasps if experiment.touch else 0
         self.touch_input = STRATEGIES[experiment.strategy] if experiment.touch else None
-        self.copies_touch = experiment.touch and experiment.strategy in ("no_comm", "pooled")
+        self.copies_touch = experiment.touch and experiment.strategy in ("no_comm", "pooled", "template")
         # A graph for each number of grasps, the most at last.
         counts = range(experiment.fewest_grasps, experiment.grasps + 1) if self.touch_input == "graph" else [0]
         kind = "sphere" if experiment.strategy == "sphere" else "charts"
@@ -163,6 +172,8 @@ class Reconstruction(nn.Module):
         | `charts` | (B, T, 81, 3), not read where success is False | touch, but for `sphere` |
         | `rotation` | (B, T, 3, 3), the sensors' axes as columns | touch, pooled or `sphere` |
         | `reading` | (B, T, 3, r, c) in [0, 1] | touch, `sphere` |
+        | `mask`, `hand` | (B, S, S) bool, the object and, where occluded, the hand | vision, `template` |
+        | `camera_number` | (B,) int64 | vision, `template` |
 
         Raises ValueError if a key is missing, of another shape or type.
         """
@@ -181,6 +192,8 @@ class Reconstruction(nn.Module):
         """Initial vertices (V, B, 3); with touch charts in the graph their mask (V, B, 1), and which vertices are
         fixed (V, B, 1), or None if all move."""
         positions = self.start[:, None].expand(-1, samples, -1)
+        if self.templates is not None:
+            positions = self.templates(batch)
         if self.touch_input != "graph":
             return positions, None, None
         charts, success = self._touch_charts(batch)
@@ -284,6 +297,9 @@ class Reconstruction(nn.Module):
         shapes: dict[str, tuple[int | None, ...]] = {}
         if self.experiment.has_vision:
             shapes |= {"image": (3, None, None), "camera": (3, 4)}
+        if self.experiment.takes_masks:
+            shapes |= {"mask": (None, None), "camera_number": ()}
+            shapes |= {"hand": (None, None)} if self.experiment.vision == "occluded" else {}
         if self.experiment.touch:
             touches = self.sensors
             any_number = self.touch_input == "pooled" or self.experiment.fewer_grasps
@@ -314,7 +330,7 @@ class Reconstruction(nn.Module):
             if len(found) != len(wanted) or any(want not in (None, size) for want, size in sizes):
                 expected = ", ".join("S" if size is None else str(size) for size in wanted)
                 raise ValueError(f"{key} has shape {found}, expected ({expected})")
-            if key != "success" and not batch[key].is_floating_point():
+            if key not in self.NOT_FLOATING and not batch[key].is_floating_point():
                 raise ValueError(f"{key} is {batch[key].dtype}, expected floating point")
         if self.experiment.has_vision:
             height, width = batch["image"].shape[2:]

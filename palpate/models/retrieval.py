@@ -42,31 +42,11 @@ class Retrieval:
         batch, of what there is: `mask` and `hand`, (B, p, p) bool, where the object and the hand are seen, and
         `camera_number` (B,) int64; `success` (B, t) and `charts` (B, t, 81, 3) m.
         """
-        samples = len(next(iter(batch.values())))
-        points = self.objects.points
-        overlap = self.objects.overlap(batch) if "mask" in batch else torch.zeros(samples, len(points))
-        touched = touched_points(batch) if "charts" in batch else [points[0, :0]] * samples
-        found = [points[self.best(*each)] for each in zip(overlap.numpy(), touched, strict=True)]
-        if self.correction:
-            found = [displaced(*pair, self.correction) for pair in zip(found, [None] * samples, touched, strict=True)]
-        return torch.stack(found)
-
-    def best(self, overlap: np.ndarray, touched: Tensor) -> int:
-        """The object that fits best, by its overlap (T,) and the touched points (n, 3).
-
-        Distances are measured in the order of what a fit can be at most, until none can be better.
-        """
-        if not len(touched):
-            return int(overlap.argmax())
-        places = touched.double().numpy()
-        most = overlap - TOUCH_WEIGHT * self.objects.least_squares(places)
-        best, best_fit = 0, -np.inf
-        for index in map(int, np.argsort(-most, kind="stable")):
-            if most[index] < best_fit:
-                break
-            fit = overlap[index] - TOUCH_WEIGHT * self.objects.mean_square(index, places)
-            best, best_fit = max((best, best_fit), (index, fit), key=lambda each: (each[1], -each[0]))
-        return best
+        found = self.objects.points[self.objects.best(batch)]
+        if not self.correction or "charts" not in batch:
+            return found
+        samples = zip(found, touched_points(batch), strict=True)
+        return torch.stack([displaced(points, None, touched, self.correction) for points, touched in samples])
 
     def mesh(self, prediction: Tensor) -> tuple[Tensor, Tensor]:
         """The points, and no faces."""
@@ -84,6 +64,36 @@ class Objects:
         if masks is not None:
             self._masks = masks.flatten(2).permute(1, 2, 0).float().contiguous()
             self._areas = self._masks.sum(dim=1)
+
+    def best(self, batch: Mapping[str, Tensor]) -> list[int]:
+        """The object that fits best, of each sample of a batch as `Retrieval` takes it.
+
+        With `excluded` (B,) int64, the number of an object that is not taken, or -1.
+        """
+        samples = len(next(iter(batch.values())))
+        overlap = self.overlap(batch) if "mask" in batch else torch.zeros(samples, len(self.points))
+        for row, number in enumerate(batch.get("excluded", ())):
+            if number >= 0:
+                overlap[row, number] = -torch.inf
+        touched = touched_points(batch) if "charts" in batch else [self.points[0, :0]] * samples
+        return [self._best(*each) for each in zip(overlap.numpy(), touched, strict=True)]
+
+    def _best(self, overlap: np.ndarray, touched: Tensor) -> int:
+        """The object that fits best, by its overlap (T,) and the touched points (n, 3).
+
+        Distances are measured in the order of what a fit can be at most, until none can be better.
+        """
+        if not len(touched):
+            return int(overlap.argmax())
+        places = touched.double().numpy()
+        most = overlap - TOUCH_WEIGHT * self.least_squares(places)
+        best, best_fit = 0, -np.inf
+        for index in map(int, np.argsort(-most, kind="stable")):
+            if most[index] < best_fit:
+                break
+            fit = overlap[index] - TOUCH_WEIGHT * self.mean_square(index, places)
+            best, best_fit = max((best, best_fit), (index, fit), key=lambda each: (each[1], -each[0]))
+        return best
 
     def overlap(self, batch: Mapping[str, Tensor]) -> Tensor:
         """The intersection over union (B, T) of the samples' silhouettes with the objects' by the same camera, outside

@@ -17,6 +17,8 @@ NAMES = {  # strategy, as in names of experiments -> name, whose it is
     "pooled": ("pooled touch", "ours"),
     "pooled_no_copy": ("pooled touch, no copying", "ours"),
     "pooled_uncorrected": ("pooled touch, uncorrected", "ours"),
+    "template": ("template", "ours"),
+    "template_uncorrected": ("template, uncorrected", "ours"),
     "implicit": ("signed distance", "ours"),
     "implicit_uncorrected": ("signed distance, uncorrected", "ours"),
     "retrieval": ("retrieval", "no training"),
@@ -31,6 +33,7 @@ EXCHANGED: dict[str, Mapping[str, str | None]] = {
     "charts": {},
     "mean": {"charts": "mean", "no_copy": None},
     "pooled": {"charts": "pooled", "no_copy": "pooled_no_copy"},
+    "template": {"charts": "template", "no_copy": None, "no_comm": None},
     "implicit": {"charts": "implicit", "no_copy": None, "no_comm": None},
 }
 METHODS = tuple(EXCHANGED)  # that claims and differences are of
@@ -46,7 +49,8 @@ COMMUNICATION_NOTE = (
     "do not depend on them."
 )
 # The paper's strategies whose numbers stand beside others.
-STATED = {name: "charts" for name in NAMES if name.split("_")[0] in ("mean", "pooled", "implicit", "retrieval")}
+OTHERS = ("mean", "pooled", "template", "implicit", "retrieval")
+STATED = {name: "charts" for name in NAMES if name.split("_")[0] in OTHERS}
 STATED["pooled_no_copy"] = "no_copy"
 _NAME = re.compile(r"(.+?)(_(?:occluded|unoccluded|touch).*)")
 

@@ -69,8 +69,8 @@ def reconstructions(dataset: Dataset, models: Mapping[str, Path | str], path: Pa
         for count in counts if reconstructor else ():
             pictures = columns[f"{inputs}\n{count} grasp{'s' * (count > 1)}" if count else f"{inputs}\nalone"] = []
             for record in records:
-                image, touches, camera = of_object(record, reconstructor.experiment, range(max(count, 1)))
-                pictures.append(render(record, coloured(reconstructor(image, touches[:count], camera))))
+                image, touches, *rest = of_object(record, reconstructor.experiment, range(max(count, 1)))
+                pictures.append(render(record, coloured(reconstructor(image, touches[:count], *rest))))
     figure, axes = picture_grid([record.name for record in records], list(columns), cell=1.3)
     for panel, picture in zip(axes.T.flat, chain(*columns.values()), strict=True):
         panel.imshow(picture, interpolation="antialiased")

@@ -21,6 +21,7 @@ from palpate.inference.samples import Assembler, grasps_per_sample, windows
 from palpate.inference.touches import touched
 from palpate.models import TouchDepth
 from palpate.models.reconstruction import HAND_SENSORS
+from palpate.models.templates import Templates, shrunk
 from palpate.training.implicit import Targets, implicit_loss
 from palpate.training.losses import Truth, cloud_loss, moving_charts_loss, touch_depth_loss
 from palpate.training.recipes import ReconstructionSettings, Settings, TouchDepthSettings
@@ -158,10 +159,12 @@ class ReconstructionLearner(Learner):
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(seed)
             hand_sensors = data.hand_sensors or HAND_SENSORS
-            model = checkpoints.build(experiment, architecture, hand_sensors, data.sensor)
+            templates = _templates(data, train) if experiment.strategy == "template" else None
+            model = checkpoints.build(experiment, architecture, hand_sensors, data.sensor, templates)
         by_grasp = settings.epoch == "grasps" and experiment.takes_grasps
         super().__init__(model, settings, seed, len(train) * (data.grasps if by_grasp else 1), validation_samples)
         self.data, self.experiment = data, experiment
+        self.template = {number: place for place, number in enumerate(train)}
 
     def begin(self, rank=0, processes=1):
         super().begin(rank, processes)
@@ -183,6 +186,8 @@ class ReconstructionLearner(Learner):
             return torch.empty(0, device=self.device)
         model, strategy = self.model, self.experiment.strategy
         batch = self.assemble(batch_samples)
+        if strategy == "template":  # an object is no template of its own
+            batch["excluded"] = torch.tensor([self.template.get(sample.object, -1) for sample in batch_samples])
         if strategy == "implicit" and not validation:
             target = self.targets(batch_samples, self.settings.loss_points, generator)
             return implicit_loss(model, *model.supervised(batch, target.points), target)
@@ -209,6 +214,13 @@ class ReconstructionLearner(Learner):
         if self.experiment.touch:
             described |= {"hand_sensors": self.model.hand_sensors, "sensor": self.model.sensor.description()}
         return described
+
+
+def _templates(data: ExperimentData, objects: Sequence[int]) -> Templates:
+    """The templates of strategy `template`: the fitted charts and the silhouettes of some objects."""
+    name = "unoccluded_silhouette"
+    masks = shrunk(torch.from_numpy(data[name][objects])) if name in data else None
+    return Templates(torch.from_numpy(data["template"][objects]), masks)
 
 
 class TouchDepthLearner(Learner):

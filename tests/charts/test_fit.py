@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from palpate.charts import chamfer_distance, fit_direct, sample_faces, touch_chart
+from palpate.charts import chamfer_distance, fit_atlas, fit_direct, sample_faces, sphere, touch_chart
 from palpate.charts.fit import spread
 from palpate.protocol import CHAMFER_SCALE
 from palpate.touch import PIXEL_CENTRES, SENSOR_WIDTH, local_points
@@ -128,3 +128,44 @@ def test_bad_input():
     depth[0, 4, 4] = torch.nan
     with pytest.raises(ValueError, match="NaN or infinity"):
         fit_direct(depth, valid, position, rotation)
+
+
+def on_box(n, size, seed):
+    """(n, 3) points on the surface of a box, uniform by area."""
+    random = np.random.default_rng(seed)
+    size = np.asarray(size)
+    area = np.repeat(size.prod() / size, 2)
+    side = random.choice(6, n, p=area / area.sum())
+    points = random.uniform(-0.5, 0.5, (n, 3)) * size
+    points[np.arange(n), side // 2] = (side % 2 - 0.5) * size[side // 2]
+    return torch.from_numpy(points + [0.1, -0.2, 0.6])
+
+
+def on_ball(n, radius, seed):
+    directions = np.random.default_rng(seed).normal(size=(n, 3))
+    return torch.from_numpy(radius * directions / np.linalg.norm(directions, axis=1, keepdims=True))
+
+
+@pytest.mark.parametrize("surface, scale", [(on_ball, 0.2), (on_box, (0.1, 0.2, 0.4)), (on_box, (0.02, 0.05, 0.45))])
+def test_the_atlas_on_a_known_surface(surface, scale):
+    points = surface(10_000, scale, 0)
+    fitted = fit_atlas(points)
+    assert fitted.shape == sphere()[0].shape and fitted.dtype == points.dtype
+    assert torch.equal(fitted, fit_atlas(points))
+    # In the tables' unit little more than the error of two clouds on the same surface.
+    cloud = sample_faces(fitted[None], sphere()[1], 10_000, torch.Generator().manual_seed(0))[0]
+    found, least = (chamfer_distance([each], [points])[0] for each in (cloud, surface(10_000, scale, 1)))
+    assert (found - least) * CHAMFER_SCALE < 0.05
+
+
+def test_the_atlas_moves_and_grows_with_the_surface():
+    points = on_box(5_000, (0.1, 0.2, 0.3), 0)
+    fitted, other = fit_atlas(points, steps=20), fit_atlas(points + 1.0, steps=20)
+    torch.testing.assert_close(other - 1.0, fitted, rtol=0, atol=1e-6)
+    start = fit_atlas(points, steps=0)  # in the object's box
+    assert (start >= points.amin(dim=0)).all() and (start <= points.amax(dim=0)).all()
+
+
+def test_the_atlas_of_no_point():
+    with pytest.raises(ValueError, match="empty"):
+        fit_atlas(torch.empty(0, 3))

@@ -13,6 +13,7 @@ import palpate
 from palpate import command, store, vision
 from palpate.architectures import Architecture
 from palpate.camera import looking_at, matrices, paper_camera
+from palpate.charts import sphere
 from palpate.dataset import Dataset
 from palpate.evaluation import reconstruct
 from palpate.evaluation.reconstruct import GraspTouches, ReconstructionError, Reconstructor
@@ -24,6 +25,7 @@ from palpate.inference.samples import Assembler, Sample
 from palpate.inference.touches import object_charts
 from palpate.mesh import OBJECT_POSITION
 from palpate.models import SINGLE_IMAGE_MODELS, TouchDepth
+from palpate.models.templates import MASK, Templates
 from palpate.store import StoreError
 from tests.models.batches import SMALL
 from tests.results.conftest import ATTRIBUTES, BATCH, build_run
@@ -44,6 +46,8 @@ EXPERIMENTS = {
         Experiment("charts_touch_2", "charts", "none", True, 2),
         Experiment("pooled_occluded_touch", "pooled", "occluded", True, 1),
         Experiment("pooled_no_copy_touch_2", "pooled_no_copy", "none", True, 2),
+        Experiment("template_unoccluded_touch", "template", "unoccluded", True, 1),
+        Experiment("template_occluded_touch", "template", "occluded", True, 1),
         Experiment("single_image", "charts", "views", False, 1),
         Experiment("single_image_psg", "psg", "views", False, 1),
         Experiment("single_image_pixel2mesh", "pixel2mesh", "views", False, 1),
@@ -51,6 +55,7 @@ EXPERIMENTS = {
     )
 }
 VIEWS, VIEW_SIZE = 2, 137
+OBJECT_CENTRE = torch.tensor(OBJECT_POSITION)
 
 
 def noisy_images(meshes, hand, grasp):
@@ -60,12 +65,18 @@ def noisy_images(meshes, hand, grasp):
     return {
         "unoccluded": rng.integers(0, 256, (2, 256, 256, 3), np.uint8),
         "occluded": rng.integers(0, 256, (count, 2, 256, 256, 3), np.uint8),
-        "unoccluded_mask": np.zeros((2, 256, 256), np.uint8),
-        "occluded_mask": np.zeros((count, 2, 256, 256), np.uint8),
+        "unoccluded_mask": 255 * rng.integers(0, 2, (2, 256, 256), np.uint8),
+        "occluded_mask": 255 * rng.integers(0, 2, (count, 2, 256, 256), np.uint8),
         "unoccluded_depth": np.ones((2, 256, 256), np.float16),
         "occluded_depth": np.ones((count, 2, 256, 256), np.float16),
         **matrices([paper_camera(), looking_at(OBJECT_POSITION, (-0.4, 0.9, 1.1))]),
     }
+
+
+def random_templates():
+    """Spheres of two sizes, and noise for their silhouettes by both cameras."""
+    vertices = torch.stack([OBJECT_CENTRE + size * (sphere()[0] - OBJECT_CENTRE) for size in (0.5, 0.9)])
+    return Templates(vertices, torch.randint(0, 256, (2, 2, MASK, MASK), dtype=torch.uint8))
 
 
 @pytest.fixture(scope="module")
@@ -77,8 +88,9 @@ def run(tmp_path_factory):
     unet = TouchDepth(width=4).eval()
     checkpoints.save(folder / "models/touch_depth/best.ckpt", "touch_depth", unet, {"width": 4})
     for name, experiment in EXPERIMENTS.items():
-        model = checkpoints.build(experiment, Architecture.from_row(ARCHITECTURE))
-        if experiment.strategy.startswith("pooled"):  # weights that start at zero
+        known = random_templates() if experiment.strategy == "template" else None
+        model = checkpoints.build(experiment, Architecture.from_row(ARCHITECTURE), templates=known)
+        if experiment.strategy.startswith(("pooled", "template")):  # weights that start at zero
             torch.nn.init.normal_(model.touch_pooling.weight)
         if experiment.strategy == "r2n2":  # untrained, all cells are as probable, whatever the image
             torch.nn.init.normal_(model.cells.weight, std=1e3)
@@ -136,6 +148,8 @@ def of_data(run, name, sample):
         ("no_copy_unoccluded_touch", (0,), 1),
         ("charts_touch_2", (1, 0), 0),
         ("pooled_no_copy_touch_2", (1, 0), 0),
+        ("template_unoccluded_touch", (1,), 1),
+        ("template_occluded_touch", (1,), 1),
         ("single_image", (), 1),
     ],
 )
@@ -157,7 +171,7 @@ def test_a_view_gives_what_a_published_network_predicts_for_it(run, dataset, str
     """Its mesh, or its points without faces, and that as a file."""
     name = f"single_image_{strategy}"
     model = Reconstructor(folder_of(run, name))
-    image, touches, camera = reconstruct.of_object(dataset["knife-0000"], model.experiment, None, 1)
+    image, touches, camera, _ = reconstruct.of_object(dataset["knife-0000"], model.experiment, None, 1)
     shape = model(image, touches, camera)
     vertices, faces = of_data(run, name, Sample(1, (), 1))
     np.testing.assert_allclose(shape.vertices, vertices, atol=1e-6)
@@ -331,7 +345,7 @@ def bad(array, value):
 def test_what_is_missing_or_wrong_is_said(run, dataset, name, change, message):
     model = Reconstructor(folder_of(run, name))
     record = dataset["bottle-0000"]
-    image, touches, camera = reconstruct.of_object(record, model.experiment)
+    image, touches, camera, _ = reconstruct.of_object(record, model.experiment)
     given = {"image": image, "touches": touches, "camera": camera}
     ((key, how),) = change.items()
     if key in given:
@@ -346,11 +360,23 @@ def test_what_is_missing_or_wrong_is_said(run, dataset, name, change, message):
         model(**given)
 
 
+def test_a_silhouette_that_is_missing_or_of_another_size(run, dataset):
+    model = Reconstructor(folder_of(run, "template_occluded_touch"))
+    image, touches, camera, silhouette = reconstruct.of_object(dataset["bottle-0000"], model.experiment)
+    assert silhouette.mask.any() and silhouette.hand.any() and not (silhouette.mask & silhouette.hand).any()
+    with pytest.raises(ReconstructionError, match="also takes the object's silhouette in the image"):
+        model(image, touches, camera)
+    with pytest.raises(
+        ReconstructionError, match=r"the silhouette's hand has shape \(3, 256\), expected .*\(256, 256\)"
+    ):
+        model(image, touches, camera, silhouette._replace(hand=silhouette.hand[:3]))
+
+
 def test_an_image_without_its_camera_is_of_the_one_that_the_model_was_trained_on(run, dataset):
     model, record = Reconstructor(folder_of(run, "charts_occluded")), dataset["bottle-0000"]
-    image, _, camera = reconstruct.of_object(record, model.experiment, (0,))
+    image, _, camera, _ = reconstruct.of_object(record, model.experiment, (0,))
     np.testing.assert_array_equal(model(image).vertices, model(image, camera=camera).vertices)
-    other, _, second = reconstruct.of_object(record, model.experiment, (0,), 1)
+    other, _, second, _ = reconstruct.of_object(record, model.experiment, (0,), 1)
     assert np.abs(second - camera).max() > 0.1 and (other != image).any()
     assert np.abs(model(other, camera=second).vertices - model(other).vertices).max() > 1e-5
     with pytest.raises(ReconstructionError, match=r"\(128, 128, 3\), expected \(256, 256, 3\); .*, give its camera"):

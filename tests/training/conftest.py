@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
-from palpate.architectures import GCN, Architecture, Encoder
+from palpate.architectures import ATLAS_RADIUS, GCN, Architecture, Encoder
 from palpate.camera import looking_at, paper_camera
+from palpate.charts import sphere
 from palpate.experiments import Experiment
 from palpate.inference.data import ExperimentData
 from palpate.mesh import OBJECT_POSITION
@@ -41,12 +42,15 @@ def made_up(
     o = len(SPLITS)
     directions = random.standard_normal((o, 500, 3))
     directions /= np.linalg.norm(directions, axis=2, keepdims=True)
-    points = directions * random.uniform(0.05, 0.2, (o, 1, 3)) + OBJECT_POSITION
+    axes = random.uniform(0.05, 0.2, (o, 1, 3))
+    points = directions * axes + OBJECT_POSITION
+    charts = axes / ATLAS_RADIUS * (sphere()[0].numpy() - OBJECT_POSITION) + OBJECT_POSITION
     arrays = {
         "object": np.array([f"egg-{number}" for number in range(o)]),
         "class": np.array(["egg"] * o),
         "split": np.array(SPLITS),
         "points": points.astype(np.float32),
+        "template": charts.astype(np.float32),
     }
     if vision == "occluded":
         arrays["occluded"] = random.integers(0, 256, (o, grasps, cameras, 24, 24, 3), dtype=np.uint8)
@@ -68,6 +72,8 @@ def made_up(
     if touch == "readings":
         arrays["reading"] = random.integers(0, 256, (o, grasps, 4, 100, 100, 3), dtype=np.uint8)
         arrays["reading"][~arrays["success"]] = 90
+    for name, axes in ("unoccluded", ()), ("occluded", (grasps,)), ("hand", (grasps,)):
+        arrays[f"{name}_silhouette"] = random.random((o, *axes, cameras, 24, 24)) < 0.5
     return ExperimentData(arrays)
 
 

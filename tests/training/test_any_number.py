@@ -13,6 +13,7 @@ from palpate.experiments import Correction, Experiment
 from palpate.inference.checkpoints import load
 from palpate.inference.samples import Assembler, Sample, windows
 from palpate.models.kriging import touched_points
+from palpate.models.retrieval import Objects
 from palpate.training.learners import ReconstructionLearner
 from palpate.training.loop import train
 from palpate.training.samples import training_samples
@@ -26,7 +27,7 @@ def row(strategy="pooled", vision="unoccluded", touch=True, grasps=1, **more):
     return Experiment("experiment", strategy, vision, touch, grasps, **more)
 
 
-@pytest.fixture(scope="module", params=["pooled", "charts"])
+@pytest.fixture(scope="module", params=["pooled", "charts", "template"])
 def trained(request, tmp_path_factory):
     """A strategy, its checkpoint of a model for up to 3 grasps, and the data."""
     folder, data = tmp_path_factory.mktemp(request.param), made_up("unoccluded", "charts", grasps=3)
@@ -48,7 +49,7 @@ def test_zero_grasps_equal_vision_alone(trained):
     assert none.shape[1] == VISION
     touched = predicted(path, experiment, data, [Sample(0, (0, 1))])
     assert (touched[:, :VISION] != none).any()
-    if strategy == "pooled":  # the graph's weights have an input for the mask, which vision alone has not
+    if strategy != "charts":  # the graph's weights have an input for the mask, which vision alone has not
         alone = predicted(path, row(strategy, touch=False, weights="other"), data, [Sample(0)])
         assert torch.equal(alone, none)
 
@@ -60,6 +61,20 @@ def test_fewer_grasps_are_those_of_a_model_of_their_number(trained):
     of_three = predicted(path, row(strategy, grasps=3, fewer_grasps=True, weights="other"), data, samples)
     of_two = predicted(path, row(strategy, grasps=2, weights="other"), data, samples)
     assert torch.equal(of_three, of_two) and of_two.shape[1] == VISION + 8 * 81
+
+
+def test_in_training_no_object_is_its_own_template(monkeypatch):
+    data = made_up("occluded", "charts")
+    learner = ReconstructionLearner(data, row("template", "occluded", fewer_grasps=True), SETTINGS, 0)
+    learner.begin()
+    train, validation = data.of_split("train"), data.of_split("validation")
+    assert torch.equal(learner.model.templates.vertices, torch.from_numpy(data["template"][train]))
+    searched, search = [], Objects.best
+    monkeypatch.setattr(Objects, "best", lambda objects, batch: searched.append(batch) or search(objects, batch))
+    for chosen in (train[::-1], validation):
+        learner.losses([Sample(number, (0,)) for number in chosen], torch.Generator())
+    assert searched[0]["excluded"].tolist() == [train.index(number) for number in train[::-1]]
+    assert searched[1]["excluded"].tolist() == [-1] * len(validation)
 
 
 def test_without_copies_the_vision_charts_are_the_same():

@@ -4,10 +4,12 @@ from dataclasses import replace
 
 import pytest
 
+from palpate.charts import sphere
 from palpate.experiments import Experiments
 from palpate.inference.checkpoints import build
 from palpate.inference.inputs import INPUTS, camera_array, inputs, stages
 from palpate.models import SINGLE_IMAGE_MODELS
+from palpate.models.templates import Templates
 from palpate.store import CONTRACT
 from tests.training.conftest import ARCHITECTURE
 
@@ -28,9 +30,14 @@ NOT_TRAINED = [name for name, row in EXPERIMENTS.items() if not row.is_trained]
 @pytest.mark.parametrize("name", [name for name in EXPERIMENTS if name not in PUBLISHED + IMPLICIT + NOT_TRAINED])
 def test_an_experiment_takes_what_its_model_reads_and_no_more(name):
     experiment = EXPERIMENTS[name]
-    model = build(experiment, ARCHITECTURE)
+    templates = Templates(sphere()[0][None]) if experiment.strategy == "template" else None
+    model = build(experiment, ARCHITECTURE, templates=templates)
     reads, images = set(model._shapes({})), {"unoccluded", "occluded", "views"}
     taken = names(experiment)
+    silhouettes, of_silhouettes = {each for each in taken if "silhouette" in each}, {"mask", "hand", "camera_number"}
+    assert ("mask" in reads) == bool(silhouettes) == ("camera_number" in reads)
+    assert ("hand" in reads) == ("hand_silhouette" in silhouettes) == ("occluded_silhouette" in silhouettes)
+    taken, reads = taken - silhouettes, reads - of_silhouettes
     assert len(taken & images) == ("image" in reads) == hasattr(model, "encoder")
     assert taken - images - {"points", "camera", "image_camera"} == reads - {"image", "camera"}
     assert camera_array(experiment) in taken if hasattr(model, "encoder") else camera_array(experiment) is None
@@ -47,6 +54,14 @@ def test_an_implicit_model_takes_what_one_of_charts_takes_and_is_trained_on_more
     more = {item.name for item in inputs(experiment, training=True)} - names(experiment)
     assert more - {"occluded_mask"} == {"distance_points", "distance", "unoccluded_mask"}
     assert ("occluded_mask" in more) == (experiment.vision == "occluded")
+
+
+@pytest.mark.parametrize("name", [name for name, row in EXPERIMENTS.items() if row.strategy == "template"])
+def test_a_template_model_takes_what_pooled_and_retrieval_take_and_is_trained_on_the_templates(name):
+    experiment = EXPERIMENTS[name]
+    others = (names(replace(experiment, strategy=strategy)) for strategy in ("pooled", "retrieval"))
+    assert names(experiment) == set.union(*others)
+    assert {item.name for item in inputs(experiment, training=True)} - names(experiment) == {"template"}
 
 
 @pytest.mark.parametrize("name", PUBLISHED)

@@ -1,0 +1,64 @@
+"""Templates: fitted charts of training objects, one of which a reconstruction begins with.
+
+To retrieve an object and to deform it is known from meshes of CAD models (Uy et al. 2021, "Joint learning of 3D shape
+retrieval and deformation").
+"""
+
+from collections.abc import Mapping
+from functools import cached_property
+
+import torch
+from torch import Tensor, nn
+from torch.nn import functional
+
+from palpate.charts import sample_faces, sphere, vision_atlas
+from palpate.charts.atlas import chart_faces
+from palpate.experiments import Correction
+from palpate.models.kriging import displaced, touched_points
+from palpate.models.retrieval import Objects
+
+MASK = 64  # pixels along an edge of the silhouettes that are compared
+POINTS = 5000  # on a template, to which touched points' distances are measured
+SEARCHED = ("mask", "hand", "camera_number", "success", "charts", "excluded")  # keys of a batch
+BENT = Correction(0.08, 0.03)  # of a template to the touched points
+
+
+class Templates(nn.Module):
+    """The start of a reconstruction: `templates(batch)`, the charts of the training object that fits a sample best,
+    bent to the touched points.
+
+    vertices: (T, 1154, 3) m, of `sphere()` fitted to the objects (`palpate.charts.fit_atlas`). masks: (T, k, 64, 64)
+    uint8, the objects as k cameras see them, by `shrunk`; None without vision.
+    """
+
+    def __init__(self, vertices: Tensor, masks: Tensor | None = None):
+        super().__init__()
+        self.register_buffer("vertices", vertices)
+        self.register_buffer("masks", masks)
+
+    @cached_property
+    def objects(self) -> Objects:
+        """What is searched: points on the templates, and their silhouettes."""
+        vertices, random = self.vertices.cpu().float(), torch.Generator().manual_seed(0)
+        clouds = sample_faces(vertices, sphere()[1], POINTS, random)
+        return Objects(clouds, None if self.masks is None else self.masks.cpu() / 255)
+
+    def forward(self, batch: Mapping[str, Tensor]) -> Tensor:
+        """Vertices (1824, B, 3) m of vision charts.
+
+        batch, of what there is: `mask`, `hand`, `camera_number`, `success`, `charts` as `Retrieval` takes them;
+        `excluded` (B,) int64, the number of a template that is not taken, or -1.
+        """
+        searched = {key: batch[key].cpu() for key in SEARCHED if key in batch}
+        searched |= {key: shrunk(searched[key]) / 255 for key in ("mask", "hand") if key in searched}
+        found = self.vertices[self.objects.best(searched)][:, vision_atlas().position]
+        if "charts" in batch:
+            samples = zip(found, touched_points(batch), strict=True)
+            found = torch.stack([displaced(each, chart_faces(0), touched, BENT) for each, touched in samples])
+        return found.transpose(0, 1)
+
+
+def shrunk(masks: Tensor) -> Tensor:
+    """Masks (..., p, p) bool at `MASK` pixels along an edge: (..., 64, 64) uint8, 255 where a pixel is all covered."""
+    covered = functional.adaptive_avg_pool2d(masks.flatten(0, -3).float()[:, None], MASK)
+    return (255 * covered).round().to(torch.uint8).reshape(*masks.shape[:-2], MASK, MASK)

@@ -1,0 +1,155 @@
+"""Templates against brute force, and what a model must do that begins with one."""
+
+import numpy as np
+import pytest
+import torch
+
+from palpate.architectures import Architecture
+from palpate.charts import sample_faces, sphere, vision_atlas
+from palpate.charts.atlas import chart_faces
+from palpate.experiments import Correction, Experiment
+from palpate.mesh import OBJECT_POSITION
+from palpate.models import Reconstruction
+from palpate.models.kriging import displaced, touched_points
+from palpate.models.templates import BENT, MASK, POINTS, Templates, shrunk
+from tests.models.batches import SMALL, random_batch
+
+COUNT, CAMERAS, SIZE = 20, 2, 2 * MASK
+
+
+def templates(vision=True, seed=0):
+    """Ellipsoids of random sizes, and discs for silhouettes."""
+    random = torch.Generator().manual_seed(seed)
+    axes = 0.1 + 0.8 * torch.rand(COUNT, 1, 3, generator=random)
+    centre = torch.tensor(OBJECT_POSITION)
+    vertices = centre + axes * (sphere()[0] - centre)
+    middle, radius = (torch.rand(COUNT, CAMERAS, n, 1, 1, generator=random) for n in (2, 1))
+    rows, columns = torch.meshgrid(*[torch.linspace(0, 1, SIZE)] * 2, indexing="ij")
+    away = (rows - 0.3 - 0.4 * middle[:, :, 0]).square() + (columns - 0.3 - 0.4 * middle[:, :, 1]).square()
+    masks = away < (0.15 + 0.2 * radius[:, :, 0]).square()
+    return Templates(vertices, shrunk(masks) if vision else None), masks
+
+
+def batch(samples=8, grasps=1, seed=1):
+    """Touches on other ellipsoids, and silhouettes of others in part behind a hand."""
+    others, masks = templates(seed=seed)
+    found = random_batch(samples, grasps, seed, dtype=torch.float32)
+    charts = found["charts"].shape[1:3]
+    on_others = sample_faces(others.vertices[:samples], sphere()[1], charts.numel(), torch.Generator().manual_seed(0))
+    hand = torch.zeros(samples, SIZE, SIZE, dtype=torch.bool)
+    hand[:, SIZE // 2 :] = True
+    return found | {
+        "charts": on_others.unflatten(1, charts),
+        "mask": masks[:samples, 0] & ~hand,
+        "hand": hand,
+        "camera_number": torch.arange(samples) % CAMERAS,
+    }
+
+
+def by_brute_force(model, masks, given):
+    """Fits (B, T): covered shares pixel by pixel, distances from all pairs of points."""
+    clouds = sample_faces(model.vertices, sphere()[1], POINTS, torch.Generator().manual_seed(0)).double()
+    touched = touched_points(given) if "charts" in given else None
+    fits = np.zeros((len(next(iter(given.values()))), COUNT))
+    for sample, row in enumerate(fits):
+        for number, cloud in enumerate(clouds):
+            if "mask" in given:
+                camera = given["camera_number"][sample]
+                seen, hand = (shrunk(given[key][sample][None])[0].double() / 255 for key in ("mask", "hand"))
+                other = shrunk(masks[number, camera][None])[0].double() / 255
+                both = (seen * other).sum()
+                row[number] += both / (seen.sum() + (other * (1 - hand)).sum() - both)
+            if touched and len(touched[sample]):
+                nearest = torch.cdist(touched[sample].double(), cloud).min(dim=1).values
+                row[number] -= 200 * nearest.clamp(max=0.05).square().mean()
+    return fits
+
+
+TOUCH, VISION = ("success", "charts"), ("mask", "hand", "camera_number")
+
+
+@pytest.mark.parametrize("takes", [TOUCH, VISION, TOUCH + VISION])
+@pytest.mark.parametrize("excluding", [False, True])
+def test_the_start_is_what_brute_force_finds(takes, excluding):
+    model, masks = templates("mask" in takes)
+    given = {key: values for key, values in batch().items() if key in takes}
+    fits = by_brute_force(model, masks, given)
+    best = fits.argmax(axis=1)
+    if excluding:  # of every other sample the best is its own object
+        given["excluded"] = torch.tensor([number if row % 2 else -1 for row, number in enumerate(best)])
+        fits[range(1, len(best), 2), best[1::2]] = -torch.inf
+        assert (fits.argmax(axis=1)[1::2] != best[1::2]).all()
+        best = fits.argmax(axis=1)
+    assert len(set(best)) > 2
+    start = model(given)
+    for row, number in enumerate(best):
+        expected = model.vertices[number][vision_atlas().position]
+        if "charts" in given:
+            expected = displaced(expected, chart_faces(0), touched_points(given)[row], BENT)
+        assert torch.equal(start[:, row], expected)
+
+
+def test_an_object_is_its_own_template_unless_it_is_excluded():
+    model, masks = templates()
+    given = {"mask": masks[:, 0], "camera_number": torch.zeros(COUNT, dtype=torch.int64)}
+    own = model.vertices[:, vision_atlas().position].transpose(0, 1)
+    assert torch.equal(model(given), own)
+    other = model(given | {"excluded": torch.arange(COUNT)})
+    assert (other != own).flatten(2).any(dim=2).any(dim=0).all()
+
+
+def test_masks_shrink_to_the_covered_share_of_a_pixel():
+    mask = torch.zeros(2, 1, 4 * MASK, 4 * MASK, dtype=torch.bool)
+    mask[1, 0, :2, :4], mask[1, 0, 4:8, 8:12] = True, True  # 8 and 16 of 16 pixels
+    found = shrunk(mask)
+    assert found.shape == (2, 1, MASK, MASK) and not found[0].any()
+    assert found[1, 0, 0, 0] == 128 and found[1, 0, 1, 2] == 255 and found.count_nonzero() == 2
+
+
+def model_of(touch=True, vision="occluded", grasps=2, **more):
+    torch.manual_seed(0)
+    experiment = Experiment("model", "template", vision, touch, grasps, **more)
+    found = templates(vision != "none")[0]
+    return Reconstruction(experiment, Architecture.from_row(SMALL), templates=found).eval()
+
+
+@pytest.mark.parametrize("vision", ["occluded", "none"])
+def test_what_the_network_moves_is_the_start(vision):
+    model, given = model_of(vision=vision), batch(grasps=2)
+    if vision == "none":
+        given = {key: given[key] for key in ("success", "position", "rotation", "charts")}
+    for parameter in model.gcn.layers[-1].parameters():
+        torch.nn.init.zeros_(parameter)
+    with torch.no_grad():
+        vertices = model(given)
+        assert torch.equal(vertices, model(given))
+        start = model.templates(given).transpose(0, 1)
+    assert torch.equal(vertices[:, : start.shape[1]], start)
+    copied = vertices[:, start.shape[1] :].unflatten(1, given["charts"].shape[1:3])
+    assert torch.equal(copied[given["success"]], given["charts"][given["success"]])
+
+
+def test_without_a_touch_the_start_is_a_template_and_nothing_is_corrected():
+    model, given = model_of(correction=Correction(0.08, 0.3), fewer_grasps=True), batch()
+    none = given | {key: given[key][:, :0] for key in ("success", "position", "rotation", "charts")}
+    start = model.templates(none).transpose(0, 1)
+    templates = model.templates.vertices[:, vision_atlas().position]
+    assert all(any(torch.equal(each, other) for other in templates) for each in start)
+    alone = model_of(touch=False)
+    weights = {name: values for name, values in model.state_dict().items() if name in alone.state_dict()}
+    alone.load_state_dict(weights)
+    with torch.no_grad():
+        assert torch.equal(model(none), alone(none))
+
+
+def test_templates_are_for_their_strategy():
+    for strategy, given in (("pooled", templates()[0]), ("template", None)):
+        experiment = Experiment("a", strategy, "occluded", True, 1)
+        with pytest.raises(ValueError, match="for strategy template"):
+            Reconstruction(experiment, Architecture.from_row(SMALL), templates=given)
+
+
+def test_a_batch_without_its_silhouette():
+    given = batch(grasps=2)
+    with pytest.raises(ValueError, match="the batch has no mask, hand"):
+        model_of()({key: values for key, values in given.items() if key not in ("mask", "hand")})
