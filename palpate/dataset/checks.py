@@ -217,7 +217,8 @@ def check_hold(item: CheckedObject) -> Measured:
     """The labels of one object's grasps."""
     rows = item.rows["hold"]
     along, moved = rows["held_along"], rows["moved"]
-    yield "finite", np.sum(np.isfinite(moved) != (along >= 0), axis=1) + ~np.isfinite(rows["mass"])
+    wrong = np.isnan(moved) | ((moved == np.inf) != (along < 0))
+    yield "finite", wrong.sum(axis=1) + ~np.isfinite(rows["mass"])
     label = np.where((along < 0).any(axis=1), -1, (along == 1).all(axis=1))
     farthest, nearest = moved[along == 1].max(initial=0), moved[along == 0].min(initial=np.inf)
     yield "held", (rows["held"] != label) + int(farthest > nearest)

@@ -33,6 +33,8 @@ def test_frames_are_added_to_a_run_that_stays_as_it_is(finished):
     added = {"frames", "frame_images", "animation"}
     assert {job.rule for job in jobs} == added | {"validate_batch", "validation", "rejected", "dataset"}
     assert finished.changed(frames={"count": 3}).planned("frames/batch-0000.zarr") == {"frames"}
+    assert not list(finished.run.glob("hold*")) and not (finished.run / "tables/hold.csv").exists()
+    assert finished.changed(hold={"test": True}).planned("tables/hold.csv") == {"hold", "table"}
 
 
 def test_a_change_runs_again_what_depends_on_it(finished, tmp_path, config, first, others):

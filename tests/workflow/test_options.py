@@ -52,7 +52,8 @@ def run(make_workflow, tmp_path_factory):
         vision={"size": SIZE, "samples": 2, "device": "cpu", "exr": True, "background": "transparent"}
         | {"cameras": CAMERAS, "lights": [{"kind": "point", "energy": 9, "position": [1, -1, 2]}]},
         mesh={"collision_faces": 500},
-        frames={"count": 6, "images": 3},
+        frames={"count": 6, "contacts": True, "images": 3},
+        hold={"test": True, "duration": 0.1},
     )
     result = workflow("dataset", "validate")
     assert result.returncode == 0, result.stderr
@@ -96,6 +97,15 @@ def test_the_last_frame_is_the_grasp_with_its_touch_and_images(run):
             np.testing.assert_array_equal(grasp.seen_by(1).frames.occluded[-1], grasp.seen_by(1).occluded)
             assert (frames.reading[0][~frames.success[0]] == (90, 120, 100)).all()  # the gel's image
             assert (frames.occluded[0] != frames.occluded[-1]).any()
+
+
+def test_grasps_have_contacts_and_labels(run):
+    for record in palpate.Dataset(run):
+        for grasp in record.grasps:
+            assert (grasp.held_along == (grasp.moved <= 0.02)).all() and grasp.held == grasp.held_along.min()
+            count, position = grasp.frames.contact_count, grasp.frames.contact_position
+            assert count[0] == 0 and position[-1, : count[-1]].any(axis=1).all()
+    assert (run / "tables/hold.csv").read_text().startswith("class,touches,objects,grasps,all_percent")
 
 
 def test_frames_have_a_figure_that_moves(run):
