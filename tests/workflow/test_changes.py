@@ -12,6 +12,17 @@ OTHER_LIGHT = "{extends: digit, diffuse: 200, lights: [{direction: [0, 1, 1], co
 OTHER_RANGE = "{extends: digit, range: 0.024}"
 
 
+def test_frames_are_added_to_a_run_that_stays_as_it_is(finished):
+    """And nothing of them is in one that asks for none."""
+    assert not list(finished.run.glob("*/*frame*")) and not list(finished.run.glob("*frame*"))
+    jobs = finished.changed(frames={"count": 3, "images": 2}).jobs("dataset")
+    added = {"frames", "frame_images", "animation"}
+    assert {job.rule for job in jobs} == added | {"validate_batch", "validation", "rejected", "dataset"}
+    assert finished.changed(frames={"count": 3}).planned("frames/batch-0000.zarr") == {"frames"}
+    assert not list(finished.run.glob("hold*")) and not (finished.run / "tables/hold.csv").exists()
+    assert finished.changed(hold={"test": True}).planned("tables/hold.csv") == {"hold", "table"}
+
+
 @pytest.mark.parametrize(
     ("config", "first", "others"),
     [
@@ -26,17 +37,6 @@ OTHER_RANGE = "{extends: digit, range: 0.024}"
     ],
     ids=["samples", "thumb_share", "hand", "lights", "range", "points", "faces", "split"],
 )
-def test_frames_are_added_to_a_run_that_stays_as_it_is(finished):
-    """And nothing of them is in one that asks for none."""
-    assert not list(finished.run.glob("*/*frame*")) and not list(finished.run.glob("*frame*"))
-    jobs = finished.changed(frames={"count": 3, "images": 2}).jobs("dataset")
-    added = {"frames", "frame_images", "animation"}
-    assert {job.rule for job in jobs} == added | {"validate_batch", "validation", "rejected", "dataset"}
-    assert finished.changed(frames={"count": 3}).planned("frames/batch-0000.zarr") == {"frames"}
-    assert not list(finished.run.glob("hold*")) and not (finished.run / "tables/hold.csv").exists()
-    assert finished.changed(hold={"test": True}).planned("tables/hold.csv") == {"hold", "table"}
-
-
 def test_a_change_runs_again_what_depends_on_it(finished, tmp_path, config, first, others):
     if "sensor" in config.get("touch", {}):
         (tmp_path / "own.yaml").write_text(config["touch"]["sensor"])
