@@ -54,6 +54,36 @@ def multi_grasp(evaluations: tables.Frame, experiments: Experiments, path, split
     save(figure, path)
 
 
+@products.figure(selections="grasp_selection", on_request=True)
+@styled
+def grasp_selection(
+    selections: tables.Frame, experiments: Experiments, path, split="test", resamples=RESAMPLES
+) -> None:
+    """Chamfer distance after each grasp that a strategy chose among those stored, relative to the first, with 95 %
+    bootstrap intervals. The oracle takes the grasp that leaves the least error.
+    """
+    found, chosen = tables.selection_errors(selections, experiments, split)
+    figure = new_figure(5 * len(experiments) + 1, 4)
+    panels = figure.subplots(1, len(experiments), squeeze=False, sharey=True, gridspec_kw=PANEL)[0]
+    for axes, (name, setup) in zip(panels, experiments.items(), strict=True):
+        of_model = {strategy: keys for (model, strategy), keys in chosen.items() if model == name}
+        for colour, (strategy, keys) in zip(COLOURS, of_model.items(), strict=False):
+            first = next(iter(keys.values()))
+            estimates = [
+                found.estimate([key, first], lambda means: means[..., 0] / means[..., 1] - 1, resamples)
+                for key in keys.values()
+            ]
+            _line(axes, list(keys), np.maximum(estimates, -1), {"color": colour}, strategy)
+        _finish(
+            axes,
+            "Chosen grasps",
+            "Chamfer distance against the first",
+            f"{methods.label(setup)}, {methods.input_label(setup)}",
+        )
+        axes.yaxis.set_major_formatter(PercentFormatter(1))
+    save(figure, path)
+
+
 @products.figure(rings="extrapolation")
 @styled
 def error_over_rings(rings: tables.Frame, experiments: Experiments, path, split="test", resamples=RESAMPLES) -> None:

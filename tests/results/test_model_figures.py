@@ -3,6 +3,7 @@ import pytest
 from matplotlib.colors import to_rgb
 from matplotlib.image import imread
 
+from palpate.experiments import Experiment
 from palpate.results import model_figures as figures
 from tests.evaluation import synthetic
 
@@ -45,6 +46,16 @@ def test_the_same_numbers_give_the_same_bytes(tmp_path, evaluations):
         figures.error_over_rings(rings, synthetic.of_table("extrapolation"), tmp_path / f"{name}2.png", resamples=50)
     for number in (1, 2):
         assert (tmp_path / f"a{number}.png").read_bytes() == (tmp_path / f"b{number}.png").read_bytes()
+
+
+def test_chosen_grasps_fall_by_what_their_numbers_say(tmp_path):
+    """To -25 % at random, to -50 % by the oracle."""
+    means = {("a", "random"): [1.0, 0.75], ("a", "oracle"): [1.0, 0.5]}
+    setup = {"a": Experiment("a", "pooled", "unoccluded", True, 1)}
+    figures.grasp_selection(synthetic.selections(means, spread=1e-4), setup, tmp_path / "a.png", resamples=50)
+    image = imread(tmp_path / "a.png")[..., :3]
+    rows = [last_row(image[:, image.shape[1] // 2 :], colour) for colour in (*figures.COLOURS[:2], figures.PALE)]
+    assert (rows[1] - rows[2]) / (rows[0] - rows[2]) == pytest.approx(2, rel=0.05)
 
 
 def test_both_sides_of_the_rings_hold_their_lines(tmp_path):
