@@ -35,14 +35,24 @@ def shown(axes) -> np.ndarray:
     return np.asarray(image.get_array())
 
 
-def test_a_data_point_shows_images_readings_and_touched_points_of_its_grasp(dataset, drawn, tmp_path):
+def test_a_data_point_shows_images_readings_and_touched_points_of_its_grasp(run, drawn, tmp_path):
+    copy = shutil.copytree(run, tmp_path / "run")
+    path = copy / "touch/batch-0000.zarr"
+    arrays, attributes = store.read(path), store.open(path).attributes
+    surface_points = store.read(copy / "surface/batch-0000.zarr")["points"]
+    for number, points in enumerate(surface_points):  # a quarter of the surface for each sensor, from the top down
+        downwards = points[np.argsort(-points[:, 2])]
+        arrays["points"][number, ..., :2500, :] = downwards.reshape(4, 2500, 3)
+    arrays["point_count"][:] = 2500
+    store.write(path, "touch", arrays, attributes)
+    dataset = Dataset(copy)
     data_point(dataset, tmp_path / "a.png", **QUICK)
     grasp = example_grasp(dataset)
     alone, held, *readings, surface = drawn[0].axes
     np.testing.assert_array_equal(shown(alone), grasp.object.unoccluded)
     np.testing.assert_array_equal(shown(held), grasp.occluded)
     picture = shown(surface).astype(int)
-    assert (np.ptp(picture, axis=-1).max() > 60) == grasp.success.any()  # clay is grey, touched points are not
+    assert np.ptp(picture, axis=-1).max() > 60  # clay is grey, touched points are not
     for sensor, panel in enumerate(readings):
         np.testing.assert_array_equal(shown(panel), grasp.reading[sensor])
         assert panel.get_title() == grasp.sensors[sensor]
