@@ -160,6 +160,8 @@ def test_a_record_gives_what_its_training_data_give(run, dataset, name, grasps, 
     shape = model(*reconstruct.of_object(record, model.experiment, grasps or None, view))
     vertices, faces = of_data(run, name, Sample(1, grasps, view))
     np.testing.assert_allclose(shape.vertices, vertices, atol=1e-6)
+    if model.experiment.strategy == "template":  # copied charts without success, all at one place, are left out
+        faces = faces[(vertices[faces] != vertices[faces[:, :1]]).any(axis=(1, 2))]
     np.testing.assert_array_equal(shape.faces, faces)
     assert vertices.std(axis=0).min() > 0.01  # the prediction is a shape, and another object's is another
     other, _ = of_data(run, name, Sample(0, grasps, view))
