@@ -11,10 +11,15 @@ BRACES = re.compile(r"[\w./-]*\{\d+\.\.\d+\}[\w./-]*")  # as bash counts them up
 
 
 def run_folder(path: Path | str) -> Path:
-    """The run's folder that a path is in, or is: the nearest that looks like one, else that of a store at the path."""
+    """The run's folder that a path is in, or is: the nearest that looks like one.
+
+    If none does, the one that a folder of such a name in the path would be in; else that of a store at the path.
+    """
     path = Path(os.path.abspath(path))
-    places = (place for place in (path, *path.parents) if any((place / mark).exists() for mark in MARKS))
-    return next(places, path.parent if path.name == "catalogue.csv" else path.parent.parent)
+    places = [path, *path.parents]
+    found = [place for place in places if any((place / mark).exists() for mark in MARKS)]
+    found += [place.parent for place in places if place.name in MARKS[2:]]
+    return next(iter(found), path.parent if path.name == "catalogue.csv" else path.parent.parent)
 
 
 def rebuild_command(path: Path | str, *targets: str) -> str:

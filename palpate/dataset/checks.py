@@ -192,7 +192,8 @@ def check_frames(item: CheckedObject) -> Measured:
         yield "touch depth", np.sum(~in_range & (depth != np.inf), axis=(1, 2, 3, 4))
         yield "success", np.sum(rows["success"] != np.isfinite(depth).any(axis=(-2, -1)), axis=(1, 2))
         if can_check("on mesh"):
-            yield "on mesh", max((item.distance(cloud).max(initial=0) for cloud in _first_touches(item, rows)), default=0)
+            clouds = _first_touches(item, rows)
+            yield "on mesh", max((item.distance(cloud).max(initial=0) for cloud in clouds), default=0)
 
 
 def _check_contacts(rows: dict[str, np.ndarray], hand: Hand) -> Measured:

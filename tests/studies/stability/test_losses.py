@@ -1,11 +1,14 @@
 """The short cases of losses and training hold on a tube, and some fail without the code that guards them."""
 
+import math
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 import trimesh
 from scipy.spatial import cKDTree
 
-from palpate.training import learners
+from palpate.training import loop
 from studies.stability.cases import FAILS, examine
 from studies.stability.losses import CASES, small_data
 from studies.subjects import Subject
@@ -49,5 +52,5 @@ def test_clouds_are_of_the_object(subject):
 
 
 def test_a_training_that_does_not_look_would_be_seen(subject, monkeypatch):
-    monkeypatch.setattr(learners.ReconstructionLearner, "on_before_optimizer_step", lambda *_: None)
+    monkeypatch.setattr(loop, "math", SimpleNamespace(**vars(math) | {"isfinite": lambda _: True}))
     assert "infinite gradient" in fails("a step whose loss or gradient is not finite", subject)
