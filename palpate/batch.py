@@ -7,6 +7,7 @@ import logging
 import mmap
 import os
 import re
+import resource
 import sys
 import tempfile
 from collections.abc import Callable, Iterable
@@ -86,12 +87,18 @@ def lacks_memory(error: BaseException | None) -> bool:
     return by_type or bool(NO_MEMORY.search(str(error))) or lacks_memory(error.__cause__)
 
 
-def require_memory(failure: str) -> None:
-    """Raise MemoryError if less than `SPARE` can be had after a failure that does not name its cause."""
+def require_memory(failure: str) -> bool:
+    """Raise MemoryError if less than `SPARE` can be had after a failure that does not name its cause.
+
+    Lifts the process's own limit as far as allowed, and returns whether that changed it: then try again.
+    """
+    soft, hard = resource.getrlimit(resource.RLIMIT_AS)
+    resource.setrlimit(resource.RLIMIT_AS, (hard, hard))
     try:
         mmap.mmap(-1, SPARE, flags=mmap.MAP_PRIVATE).close()
     except OSError:
         raise MemoryError(f"{failure}, and less than {SPARE >> 30} GiB can be had") from None
+    return soft != hard
 
 
 def each_object(
@@ -111,7 +118,7 @@ def each_object(
     for position, name in enumerate(bar, start=1):
         progress = f"{stage} {position}/{len(objects)}: {name}"
         try:
-            results[name] = function(name)
+            results[name] = _twice_if_in_doubt(function, name)
             log.info(progress)
         except Exception as error:
             if isinstance(error, OSError | DamagedFile) or lacks_memory(error) or full_disk(error):
@@ -122,12 +129,24 @@ def each_object(
                     raise
                 raise MemoryError(f"{stage} of {name}: {error}") from error
             expected = isinstance(error, UnusableObject)
-            if not expected:
-                log.exception("%s failed", name)
-                require_memory(f"{name}: {type(error).__name__}: {error}")
             rejections.append(Rejection(name, stage, str(error) if expected else f"{type(error).__name__}: {error}"))
             log.warning("%s rejected: %s", progress, error)
     return results, rejections
+
+
+def _twice_if_in_doubt(function: Callable[[str], Any], name: str) -> Any:
+    try:
+        return function(name)
+    except (UnusableObject, OSError, DamagedFile):
+        raise
+    except Exception as error:
+        if lacks_memory(error):
+            raise
+        log.exception("%s failed", name)
+        if not require_memory(f"{name}: {type(error).__name__}: {error}"):
+            raise
+    log.info("%s is tried again without a limit of memory", name)
+    return function(name)
 
 
 def read_rejections(paths: Iterable[Path | str]) -> list[Rejection]:

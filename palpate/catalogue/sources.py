@@ -9,7 +9,7 @@ import logging
 import os
 import re
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import cache
 from pathlib import Path, PurePosixPath
 from typing import Any, NamedTuple
@@ -123,15 +123,18 @@ def all_classes(source: Source) -> dict[str, Count]:
         return dict.fromkeys([each.class_name for each in _released_objects(source)], "all")
     if source.kind == "procedural":
         raise CatalogueError("classes: `all` means the classes of files that there are; list those of procedural")
-    root, found = _root(source), _by_class(_candidates(source, None), _object_table(source))
-    if source.has_class_folders and not source.pattern:
-        if empty := [each for each in source.class_folders(root) if source.class_of(each) not in found]:
+    root, table = _root(source), _object_table(source)
+    found = _by_class(_candidates(source, None), table)
+    if source.has_class_folders and not source.pattern and not table.gives_classes:
+        folders = {each: source.class_of(each) for each in source.class_folders(root)}
+        if empty := [each for each, name in folders.items() if name not in found]:
             log.warning("%s: no mesh in %s: no classes", root, _listed(empty))
         if not found:
             raise CatalogueError(
                 f"{root}: no folder of a class in it: put meshes in {root}/<class>/, or set source.pattern "
                 '("*.obj" for files without such folders)'
             )
+        return {name: "all" for name in folders.values() if name in found}
     if not found:
         raise CatalogueError(_no_mesh(source))
     return dict.fromkeys(sorted(found), "all")
@@ -210,7 +213,9 @@ def _of_pattern(source: Source, pattern: str, class_name: str | None) -> Iterato
     if "{class}" not in steps:
         of_class = {"": class_name or ONE_CLASS}
     elif class_name is not None:
-        of_class = {source.folder_of(class_name): class_name}
+        folder = source.folder_of(class_name)
+        _check_class_folder(source, steps[: steps.index("{class}")], folder, class_name)
+        of_class = {folder: class_name}
     else:
         above = "".join(f"{step}/" for step in steps[: steps.index("{class}")])
         places = sorted(glob.glob(above, root_dir=root)) if above else [""]
@@ -223,6 +228,20 @@ def _of_pattern(source: Source, pattern: str, class_name: str | None) -> Iterato
             parts = file.split("/")
             kept = "/".join(parts[wild[0] : len(parts) - after])
             yield SourceObject(kept if after else MESH_SUFFIX.sub("", kept), name, file)
+
+
+def _check_class_folder(source: Source, above: Sequence[str], folder: str, class_name: str) -> None:
+    place = Path(source.path, *above)
+    if any(map(glob.has_magic, above)) or (place / folder).is_dir():
+        return
+    if source.kind == "shapenet":
+        raise CatalogueError(
+            f"{place / folder}: no such folder: it holds ShapeNet's class {class_name}; unpack it there"
+        )
+    present = source.class_folders(place) if place.is_dir() else []
+    raise CatalogueError(
+        f"{place / folder}: no such folder: the class {class_name} has its meshes there; {place} has {_listed(present)}"
+    )
 
 
 def _matches(root: Path, pattern: str) -> Iterator[str]:

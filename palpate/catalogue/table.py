@@ -120,18 +120,25 @@ def join_copies(entries: Iterable[CatalogueEntry]) -> list[CatalogueEntry]:
     return [entry._replace(split=first.setdefault(entry.checksum or entry.object, entry.split)) for entry in entries]
 
 
-def check_splits(splits: Mapping[str, str], needed: Iterable[str], what: str) -> None:
+def check_splits(splits: Mapping[str, str], needed: Iterable[str], what: str, by_name: bool = True) -> None:
     """Raise CatalogueError if a split that is needed has none of the objects.
 
-    splits: of each object. what: needs them, as the message names it. Rejections come later and are not known here.
+    splits: of each object. what: needs them, as the message names it. by_name: names decide the splits, so that the
+    message can say how to set the config's. Rejections come later and are not known here.
     """
     counts = Counter(splits.values())
-    if empty := [split for split in needed if not counts[split]]:
-        raise CatalogueError(
-            f"no object of this run is in the {' or '.join(empty)} split, which {what} needs "
-            f"({', '.join(f'{split} {counts[split]}' for split in SPLITS)}): add objects (`classes`), or "
-            "give it a share of `split` in the config, or objects where splits are given"
-        )
+    empty = [split for split in needed if not counts[split]]
+    if not empty:
+        return
+    message = (
+        f"no object of this run is in the {' or '.join(empty)} split, which {what} needs "
+        f"({', '.join(f'{split} {counts[split]}' for split in SPLITS)}): "
+    )
+    better = suggest_split(splits) if by_name else None
+    if better:
+        text = ", ".join(f"{split}: {share}" for split, share in better.items())
+        raise CatalogueError(f"{message}set `split: {{{text}}}` in the config, or add objects (`classes`)")
+    raise CatalogueError(f"{message}add objects (`classes`), or put some into it where the splits are given")
 
 
 def build(

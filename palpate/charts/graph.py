@@ -106,12 +106,13 @@ class Graph(nn.Module):
         weight, transposed, left, right = self._factors_as(x.dtype)
         if transpose:  # Neighbourhoods are mutual: the same neighbours.
             weight, left, right = transposed, right, left
-        # Weighted sums of rows; on a CPU twice as fast as a product with a sparse CSR tensor.
-        y = functional.embedding_bag(
-            self.neighbour, rows, self.start, mode="sum", per_sample_weights=weight, include_last_offset=True
-        )
-        if len(left):
-            y.addmm_(left.T, right.flip(0) @ rows)
+        with torch.autocast(x.device.type, enabled=False):
+            # Weighted sums of rows; on a CPU twice as fast as a product with a sparse CSR tensor.
+            y = functional.embedding_bag(
+                self.neighbour, rows, self.start, mode="sum", per_sample_weights=weight, include_last_offset=True
+            )
+            if len(left):
+                y.addmm_(left.T, right.flip(0) @ rows)
         return y.view(x.shape)
 
     def _factors_as(self, dtype: torch.dtype) -> tuple[Tensor, ...]:

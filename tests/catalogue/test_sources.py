@@ -152,7 +152,7 @@ def test_class_counts(tmp_path):
     [
         ("folders", {"mug": 1}, "expected one of procedural, released, folder"),
         ("folder", {}, "no classes"),
-        ("folder", {"cup": 1}, "/cup: no mesh found for class cup: expected files .obj"),
+        ("folder", {"cup": 1}, r"cup: no such folder.*holds|cup: no such folder.*empty, mug"),
         ("folder", {"empty": "all"}, "no mesh"),
         ("folder", {"mug": 3}, "2 meshes of class mug, the config asks for 3.*ask for 2 or `all`"),
         ("folder", {"mug": 0}, "from 1"),
@@ -162,7 +162,7 @@ def test_class_counts(tmp_path):
         ("procedural", {"mug": 1}, "bottle, knife, cellphone, rifle"),
         ("procedural", {"bottle": "all"}, "no end"),
         ("shapenet", {"mug": 1}, "synset"),
-        ("shapenet", {"bottle": 1}, "02876657: no mesh found for class bottle"),
+        ("shapenet", {"bottle": 1}, "02876657: no such folder"),
         ("abc", {"a": 1, "b": 1}, "one class"),
     ],
 )

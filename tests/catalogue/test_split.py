@@ -1,9 +1,11 @@
 """Splits: a function of the name alone, in proportion."""
 
+import re
 from collections import Counter
 
 import numpy as np
 import pytest
+import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import binom, kstest
@@ -163,3 +165,16 @@ def test_the_catalogue_has_turns_and_styles(tmp_path):
     plain, turned = (whole_catalogue(Source("folder", tmp_path, turned=turned), {"mug": 1}) for turned in (False, True))
     assert list(plain["turn"]) == list(plain["style"]) == [""]
     assert 0 < float(turned["turn"][0]) < 360
+
+
+def test_a_split_without_objects_is_an_error_that_says_how_to_set_it():
+    splits = {"a": "train", "b": "train", "c": "test"}
+    check_splits(splits, ["train", "test"], "table x")
+    with pytest.raises(CatalogueError, match=r"in the validation split, which table x needs .*validation 0") as error:
+        check_splits(splits, ["train", "validation"], "table x")
+    said = re.search(r"set `(split: \{.*\})` in the config", str(error.value))
+    shares = yaml.safe_load(said[1])["split"]
+    check_splits({name: assign_split(name, shares) for name in splits}, PAPER_SPLIT, "table x")
+    with pytest.raises(CatalogueError, match=r"add objects") as error:
+        check_splits({"a": "train", "b": "train"}, ["test"], "table x")
+    assert "set `split" not in str(error.value)

@@ -122,3 +122,13 @@ def test_bad_input():
         Graph(-1)
     with pytest.raises(ValueError, match=r"must be \(2148"):
         Graph(4).aggregate(torch.zeros(1824, 2, 3))
+
+
+def test_autocast_leaves_the_type_of_the_features():
+    graph = Graph(4)
+    x = torch.randn(graph.vertices, 2, 3, requires_grad=True)
+    with torch.autocast("cpu", torch.bfloat16):
+        y = graph.aggregate(x)
+    torch.testing.assert_close(y, graph.aggregate(x))
+    y.sum().backward()
+    assert x.grad.dtype == torch.float32

@@ -76,19 +76,19 @@ def test_a_grasp_has_its_contacts_and_its_label(forced):
     assert {"held", "moved", "frames_contact_force", "frames_sensor_wrench"} <= set(items[0])
 
 
-@pytest.mark.parametrize(
-    ("stage", "name", "change", "check"),
-    [
-        ("frames", "contact_force", lambda values: -values, "contacts"),
-        ("frames", "contact_normal", lambda values: 1.001 * values, "contacts"),
-        ("frames", "contact_count", lambda values: values - (values > 0), "contacts"),
-        ("frames", "sensor_wrench", lambda values: values + 1e-5, "wrench"),
-        ("frames", "contact_position", lambda values: values * np.nan, "finite"),
-        ("hold", "held", lambda values: 1 - values, "held"),
-        ("hold", "held_along", lambda values: np.where(values == 1, 0, values), "held"),
-        ("hold", "moved", lambda values: np.where(values < np.inf, values, np.nan), "finite"),
-    ],
-)
+DAMAGES = [
+    ("frames", "contact_force", lambda values: -values, "contacts"),
+    ("frames", "contact_normal", lambda values: 1.001 * values, "contacts"),
+    ("frames", "contact_count", lambda values: values - (values > 0), "contacts"),
+    ("frames", "sensor_wrench", lambda values: values + 1e-5, "wrench"),
+    ("frames", "contact_position", lambda values: values * np.nan, "finite"),
+    ("hold", "held", lambda values: 1 - values, "held"),
+    ("hold", "held_along", lambda values: np.where(values == 1, 0, values), "held"),
+    ("hold", "moved", lambda values: np.where(values < np.inf, values, np.nan), "finite"),
+]
+
+
+@pytest.mark.parametrize(("stage", "name", "change", "check"), DAMAGES)
 def test_wrong_forces_and_labels_are_found(forced, stage, name, change, check):
     assert not failed(forced) and not failed(forced, "batch-0001")
     for batch in BATCHES:

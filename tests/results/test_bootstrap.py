@@ -224,3 +224,26 @@ def test_an_interval_is_cut_to_what_a_number_can_be():
     found = Estimate(0.9, 0.7, 1.1)
     assert found.within(0, 1) == (0.9, 0.7, 1.0) and found.within(0) == found
     assert np.isnan(Estimate(0.5, np.nan, np.nan).within(0, 1).low)
+
+
+def test_a_ratio_is_measured_with_its_own_interval():
+    """By the delta method: the spread of a ratio of two means."""
+    rng = np.random.default_rng(5)
+    one, other = rng.normal(1, 0.1, 200), rng.normal(2, 0.1, 200)
+    found = interval(
+        [one[None], other[None]], np.zeros(200), lambda means: means[..., 0] / means[..., 1], resamples=10_000
+    )
+    residual = (one - found.value * other) / other.mean()
+    assert found.value == pytest.approx(one.mean() / other.mean())
+    assert found.high - found.low == pytest.approx(2 * 1.97 * stats.sem(residual), rel=0.05)
+
+
+def test_the_interval_of_a_share_is_the_normal_approximation_for_many_objects():
+    rng = np.random.default_rng(1)
+    share = rng.beta(4, 2, size=400)
+    touches = np.full(400, 20)
+    found = ratio_interval(share * touches, touches, np.zeros(400))
+    half = 1.96 * share.std() / np.sqrt(400)
+    assert found.value == pytest.approx(share.mean())
+    assert found.low == pytest.approx(share.mean() - half, abs=0.1 * half)
+    assert found.high == pytest.approx(share.mean() + half, abs=0.1 * half)

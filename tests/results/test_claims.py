@@ -245,3 +245,13 @@ def test_claims_of_the_model_selection_compare_the_rows_that_the_paper_names():
     rows = pd.DataFrame(paper_rows("claims"))
     rows = rows[(rows["table"] == "model_selection") & (rows["parameters"] == "1 -1")]
     assert {tuple(number[name] for name in pair.split("; ")) for pair in rows["experiments"]} == named
+
+
+def test_seeds_that_differ_leave_a_difference_undecided():
+    """Between two models whose seeds differ more than they do, though every object says the same."""
+    means = dict.fromkeys(MEANS, 1.0) | {"charts_occluded_touch": 0.98}
+    one = decided(means, spread=1e-4)
+    several = decided(means, spread=1e-4, seeds=(0, 1, 2), seed_spread=0.05)
+    claim = "Copying touch charts helps (occluded vision)"
+    assert one.loc[claim, "verdict"] == HOLDS
+    assert several.loc[claim, "verdict"] == UNDECIDED and several.loc[claim, "seeds"] == 3

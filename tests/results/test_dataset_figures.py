@@ -193,3 +193,16 @@ def test_the_object_hides_the_hand_least_from_the_clear_view(dataset):
 
     every = [hidden(towards(azimuth, figures.ELEVATION)) for azimuth in figures.AZIMUTHS]
     assert hidden(clear_view(grasp.object, points)) <= min(every) + 0.01
+
+
+def test_a_sheet_takes_objects_from_all_over_the_class(dataset, tmp_path, monkeypatch):
+    monkeypatch.setattr(figures, "EXAMPLES", 1)
+    examples(dataset, "bottle", tmp_path / "one.png")
+    monkeypatch.setattr(figures, "EXAMPLES", 6)
+    examples(dataset.select(["bottle-0000"]), "bottle", tmp_path / "first.png")
+    assert (tmp_path / "one.png").read_bytes() == (tmp_path / "first.png").read_bytes()
+
+
+def test_the_example_does_not_depend_on_batches_or_order_of_reading(dataset):
+    first, second = example_grasp(dataset), example_grasp(Dataset(dataset["knife-0000"].mesh.parents[2]))
+    assert (first.object.name, first.number) == (second.object.name, second.number)

@@ -1,3 +1,4 @@
+import io
 import shutil
 
 import numpy as np
@@ -8,6 +9,7 @@ import zarr
 from palpate.results import dataset_tables as tables
 from palpate.results.dataset_tables import TOTAL
 from palpate.results.published import paper_values
+from palpate.results.tables import write_table
 
 OBJECTS = pd.DataFrame(
     [
@@ -137,3 +139,20 @@ def test_the_frames_of_a_run_in_which_everything_was_rejected(run, tmp_path):
     assert len(frames.grasps) == 0
     table = tables.dataset_statistics(frames).set_index("class")
     assert table.loc[TOTAL, ["attempted", "rejected", "objects"]].tolist() == [4, 4, 0]
+
+
+def test_csv_and_markdown_hold_the_same_cells(tmp_path):
+    table = tables.dataset_statistics(FRAMES)
+    write_table(table, tmp_path / "new" / "statistics.csv")
+    from_csv = pd.read_csv(tmp_path / "new" / "statistics.csv", dtype=str, keep_default_na=False)
+    lines = (tmp_path / "new" / "statistics.md").read_text().splitlines()
+    rows = [[cell.strip() for cell in line.strip("|").split("|")] for line in lines if line.startswith("|")]
+    assert rows[0] == [column.replace("_", " ") for column in from_csv.columns]
+    assert [["" if cell == "–" else cell for cell in row] for row in rows[2:]] == from_csv.to_numpy().tolist()
+    assert lines[-1] == table.attrs["note"]
+
+
+def test_a_written_table_reads_back(tmp_path):
+    table = tables.grasp_success(FRAMES)
+    write_table(table, tmp_path / "a.csv")
+    pd.testing.assert_frame_equal(pd.read_csv(io.StringIO((tmp_path / "a.csv").read_text())), table, check_dtype=False)

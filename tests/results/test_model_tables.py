@@ -270,3 +270,23 @@ def test_small_numbers_keep_their_digits(rings):
     shown = display(tables.extrapolation(rings, synthetic.of_table("extrapolation"), resamples=100))
     first = list(synthetic.of_table("extrapolation")).index("charts_occluded")
     assert shown["x1_paper"][first] == "6.69e-05" and shown["x1_paper"][first + len(shown) // 2] == "0.602"
+
+
+def test_the_single_image_table_parts_what_is_measured_from_what_is_cited(evaluations, tmp_path):
+    experiments = synthetic.of_table("single_image")
+    made = tables.single_image(evaluations, experiments, resamples=100)
+    write_table(made, tmp_path / "single_image.csv")
+    table = pd.read_csv(tmp_path / "single_image.csv")
+    assert table["source"].tolist() == ["measured"] * 4 + ["cited"] * 9
+    measured, cited = table[table["source"] == "measured"], table[table["source"] == "cited"]
+    assert measured["from"].tolist() == list(experiments)
+    assert measured["method"].tolist()[1:] == [f"in the manner of {name}" for name in ("PSG", "Pixel2Mesh", "3D-R2N2")]
+    for row in measured.to_dict("records"):
+        chamfer = class_means(evaluations, row["from"], "test").mean()
+        assert row["chamfer"] == pytest.approx(chamfer / 9000 * (0.57 / 0.5) ** 2 * 1000, rel=1e-5)
+    assert measured[["chamfer_low", "objects", "seeds", "steps"]].notna().all(axis=None)
+    # What is cited has no interval and is no result of this run, also where the method is measured too.
+    assert {"PSG", "Pixel2Mesh", "3D-R2N2", "N3MR", "MVD", "GEOMetrics"} <= set(cited["method"])
+    assert cited[["chamfer_low", "objects", "seeds", "steps"]].isna().all(axis=None)
+    lines = (tmp_path / "single_image.md").read_text().splitlines()[2:15]
+    assert [line.split("|")[1].strip() for line in lines] == table["source"].tolist()

@@ -115,3 +115,8 @@ def test_every_column_has_an_experiment_and_its_model_in_the_rule():
 def test_a_run_without_test_objects_has_its_figure(dataset, models, tmp_path):
     figure.reconstructions(dataset.split("train"), models, tmp_path / "none.png")
     assert Image.open(tmp_path / "none.png").height < 100
+
+
+def test_one_test_object_of_every_class_is_drawn(dataset):
+    """The run has a train and a validation bottle, and a test knife."""
+    assert [record.name for record in figure.test_objects(dataset)] == ["knife-0000"]

@@ -17,6 +17,7 @@ from hypothesis import strategies as st
 import palpate.store
 from palpate.sensor import DIGIT
 from palpate.store import CONTRACT, StoreError, join, read, write
+from palpate.store.files import seal
 
 ATTRIBUTES = {"made_from": {}, "seed": 3, "sensor": DIGIT.description()}
 SIZES = {"n": 5, "m": 7, "s": 4, "j": 3, "l": 2, "r": 4, "c": 6, "rc": 24, "k": 2, "p": 6, "b": 3, "v": 2, "q": 3}
@@ -455,3 +456,66 @@ def test_arrays_that_no_object_has_are_left_out_if_they_are_optional():
         join("vision", {"a": masked, "b": record})
     with pytest.raises(KeyError, match="occluded"):
         join("vision", {"a": {"unoccluded": np.zeros((1, 2, 2, 3))}})
+
+
+def test_another_schema_version_is_refused(tmp_path):
+    path = path_of(tmp_path, "grasps")
+    write(path, "grasps", arrays_of("grasps", 1), ATTRIBUTES)
+    with h5py.File(path, "a") as file:
+        file.attrs["schema_version"] = "99"
+    seal(path)
+    with pytest.raises(StoreError, match=r"batch-0000.* has schema version 99, but .* version 5"):
+        palpate.store.open(path)
+
+
+@pytest.mark.parametrize("array", ["depth", "success", "object"])
+def test_an_array_whose_values_are_gone_is_named_when_the_store_is_opened(tmp_path, array):
+    path = path_of(tmp_path, "touch")
+    write(path, "touch", arrays_of("touch", 2), ATTRIBUTES)
+    shutil.rmtree(path / array / "c")
+    with pytest.raises(StoreError, match=f"{path} is damaged: {array}/c/0.* is missing; .*snakemake touch/batch-0000"):
+        palpate.store.open(path)
+
+
+@pytest.mark.parametrize("stage", STAGES)
+def test_rows_are_those_of_the_array_in_the_order_given(tmp_path, stage):
+    arrays = arrays_of(stage, 5, rng=np.random.default_rng(3))
+    for name, spec in CONTRACT[stage].arrays.items():
+        if spec.record:  # some records are not written, and of the last row none
+            arrays[name][1::3, ..., :1] = arrays[name][4] = spec.fill
+            arrays[name][0, 0] = spec.fill
+    write(path_of(tmp_path, stage), stage, arrays, ATTRIBUTES)
+    store = palpate.store.open(path_of(tmp_path, stage))
+    for name, spec in CONTRACT[stage].arrays.items():
+        if spec.of_objects:
+            for rows in ([0, 1, 2, 3, 4], [4, 1, 1], [], [3]):
+                found = store.get(name, np.array(rows, int))
+                np.testing.assert_array_equal(found, arrays[name][rows], err_msg=name)
+                assert found.dtype == arrays[name].dtype or name == "object"
+                if arrays[name].ndim > 1:
+                    np.testing.assert_array_equal(
+                        store.get(name, (np.array(rows, int), 0)), arrays[name][rows, 0], err_msg=name
+                    )
+
+
+def test_join_stacks_objects():
+    records = {
+        name: {
+            spec: value[0]
+            for spec, value in arrays_of("grasps", 1, grasps=3, rng=np.random.default_rng(seed)).items()
+            if spec in CONTRACT["grasps"].arrays and spec != "object"
+        }
+        for seed, name in enumerate(("knife-0004", "knife-0009"))
+    }
+    joined = join("grasps", records)
+    assert joined["object"].tolist() == ["knife-0004", "knife-0009"]
+    assert joined["penetration"].shape == (2, 3)
+    assert joined["attempts"].tolist() == [records["knife-0004"]["attempts"], records["knife-0009"]["attempts"]]
+    np.testing.assert_array_equal(joined["palm_pose"][1], records["knife-0009"]["palm_pose"])
+
+
+def test_reading_a_dataset_loads_no_engine():
+    code = "import palpate, sys; palpate.Dataset; print(*sys.modules)"
+    output = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    engines = {"bpy", "mujoco", "embreex", "igl", "trimesh", "torch", "pandas"}
+    assert not engines & set(output.stdout.split())

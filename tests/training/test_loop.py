@@ -301,3 +301,11 @@ def test_every_kind_of_experiment(tmp_path, strategy, vision, touch, reads):
     assert math.isfinite(said["validation_loss"])
     assert said["architecture"] == ARCHITECTURE.row()
     assert load(tmp_path / "model/best.ckpt", experiment).experiment.row() == experiment.row()
+
+
+def test_products_in_bfloat16_train_and_leave_weights_in_float32(tmp_path):
+    learner = ReconstructionLearner(made_up(), OCCLUDED_TOUCH, SETTINGS, 0)
+    train(learner, tmp_path / "model", tmp_path / "checkpoints", Machine("cpu", precision="bf16-mixed"), "test")
+    rows, values = history(tmp_path), weights(tmp_path).values()
+    assert rows[-1]["validation_loss"] < rows[0]["validation_loss"]
+    assert {each.dtype for each in values if each.is_floating_point()} == {torch.float32}

@@ -96,7 +96,7 @@ def test_the_last_frame_is_the_grasp_with_its_touch_and_images(run):
             np.testing.assert_array_equal(frames.occluded[-1], grasp.occluded)
             np.testing.assert_array_equal(grasp.seen_by(1).frames.occluded[-1], grasp.seen_by(1).occluded)
             assert (frames.reading[0][~frames.success[0]] == (90, 120, 100)).all()  # the gel's image
-            assert frames.occluded.shape == (3, SIZE, SIZE, 4)  # what is seen of this hand does not move
+            assert frames.occluded.shape == (3, SIZE, SIZE, 4)  # a ball about this hand's palm hides its fingers
 
 
 def test_grasps_have_contacts_and_labels(run):

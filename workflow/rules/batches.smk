@@ -82,7 +82,8 @@ def splits():
 def catalogue_with(needed, what):
     """The catalogue, for what needs objects in some splits; that there are none is an error before anything runs."""
     try:
-        catalogue.check_splits(splits(), needed, what)
+        by_name = config["split"]["held_out"] == "objects" and not any(entry.split for entry in ENTRIES)
+        catalogue.check_splits(splits(), needed, what, by_name)
     except catalogue.CatalogueError as error:
         stop(error)
     return "catalogue.csv"
