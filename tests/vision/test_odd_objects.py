@@ -85,6 +85,7 @@ from palpate.camera import paper_camera
 from palpate.scene import Scene
 stage, folder, spare = sys.argv[1], Path(sys.argv[2]), int(sys.argv[3])
 renderer = Renderer(1, "cpu", 1)
+np.eye(3) @ np.eye(3)  # OpenBLAS takes its memory at the first product, and tries for ever if it gets none
 if spare:
     limit = int(open("/proc/self/statm").read().split()[0]) * os.sysconf("SC_PAGE_SIZE") + (spare << 20)
     resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
