@@ -20,6 +20,7 @@ from palpate.sensor import DIGIT, Sensor
 FARTHEST = 0.05  # m, at which the distance of a touched point is capped
 TOUCH_WEIGHT = 200.0  # of the mean squared distance, m^2, beside the intersection over union
 CELLS = 2e5  # of the grid of distances
+EXCLUDED = -1e6  # the fit of an object that is not to be taken; finite, so that it has a weight where it is the only one
 
 
 class Retrieval:
@@ -42,7 +43,7 @@ class Retrieval:
         batch, of what there is: `mask` and `hand`, (B, p, p) bool, where the object and the hand are seen, and
         `camera_number` (B,) int64; `success` (B, t) and `charts` (B, t, 81, 3) m.
         """
-        found = self.objects.points[self.objects.best(batch)]
+        found = self.objects.points[self.objects.best(batch)[0][:, 0]]
         if not self.correction or "charts" not in batch:
             return found
         samples = zip(found, touched_points(batch), strict=True)
@@ -65,34 +66,35 @@ class Objects:
             self._masks = masks.flatten(2).permute(1, 2, 0).float().contiguous()
             self._areas = self._masks.sum(dim=1)
 
-    def best(self, batch: Mapping[str, Tensor]) -> list[int]:
-        """The object that fits best, of each sample of a batch as `Retrieval` takes it.
+    def best(self, batch: Mapping[str, Tensor], count: int = 1) -> tuple[Tensor, Tensor]:
+        """The `count` objects (B, count) int64 that fit best, the best first, and their fits (B, count) float64, of each
+        sample of a batch as `Retrieval` takes it.
 
-        With `excluded` (B,) int64, the number of an object that is not taken, or -1.
+        With `excluded` (B,) int64, the number of an object that comes after all others, or -1.
         """
         samples = len(next(iter(batch.values())))
         overlap = self.overlap(batch) if "mask" in batch else torch.zeros(samples, len(self.points))
         for row, number in enumerate(batch.get("excluded", ())):
             if number >= 0:
-                overlap[row, number] = -torch.inf
+                overlap[row, number] = EXCLUDED
         touched = touched_points(batch) if "charts" in batch else [self.points[0, :0]] * samples
-        return [self._best(*each) for each in zip(overlap.numpy(), touched, strict=True)]
+        found = [self._best(*each, count) for each in zip(overlap.double().numpy(), touched, strict=True)]
+        fits, numbers = zip(*(zip(*each, strict=True) for each in found), strict=True)
+        return torch.tensor(numbers), torch.tensor(fits, dtype=torch.float64)
 
-    def _best(self, overlap: np.ndarray, touched: Tensor) -> int:
-        """The object that fits best, by its overlap (T,) and the touched points (n, 3).
+    def _best(self, overlap: np.ndarray, touched: Tensor, count: int) -> list[tuple[float, int]]:
+        """The best fits with their objects, by the objects' overlap (T,) and the touched points (n, 3).
 
         Distances are measured in the order of what a fit can be at most, until none can be better.
         """
-        if not len(touched):
-            return int(overlap.argmax())
         places = touched.double().numpy()
-        most = overlap - TOUCH_WEIGHT * self.least_squares(places)
-        best, best_fit = 0, -np.inf
+        most = overlap - TOUCH_WEIGHT * self.least_squares(places) if len(places) else overlap
+        best: list[tuple[float, int]] = []
         for index in map(int, np.argsort(-most, kind="stable")):
-            if most[index] < best_fit:
+            if len(best) == count and most[index] < best[-1][0]:
                 break
-            fit = overlap[index] - TOUCH_WEIGHT * self.mean_square(index, places)
-            best, best_fit = max((best, best_fit), (index, fit), key=lambda each: (each[1], -each[0]))
+            fit = overlap[index] - TOUCH_WEIGHT * self.mean_square(index, places) if len(places) else overlap[index]
+            best = sorted([*best, (float(fit), index)], key=lambda each: (-each[0], each[1]))[:count]
         return best
 
     def overlap(self, batch: Mapping[str, Tensor]) -> Tensor:

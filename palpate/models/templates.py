@@ -1,4 +1,4 @@
-"""Templates: fitted charts of training objects, one of which a reconstruction begins with.
+"""Templates: fitted charts of training objects. A reconstruction begins with the mean of those that fit it best.
 
 To retrieve an object and to deform it is known from meshes of CAD models (Uy et al. 2021, "Joint learning of 3D shape
 retrieval and deformation").
@@ -20,12 +20,17 @@ from palpate.models.retrieval import Objects
 MASK = 64  # pixels along an edge of the silhouettes that are compared
 POINTS = 5000  # on a template, to which touched points' distances are measured
 SEARCHED = ("mask", "hand", "camera_number", "success", "charts", "excluded")  # keys of a batch
-BENT = Correction(0.08, 0.03)  # of a template to the touched points
+STARTS = 8  # templates whose mean a reconstruction begins with
+SHARPNESS = 50.0  # of their weights: a fit that is better by 1 / SHARPNESS weighs e times as much
+BENT = Correction(0.08, 0.03)  # of a start to the touched points
 
 
 class Templates(nn.Module):
-    """The start of a reconstruction: `templates(batch)`, the charts of the training object that fits a sample best,
-    bent to the touched points.
+    """The start of a reconstruction: `templates(batch)`, the mean of the templates that fit a sample best, bent to the
+    touched points.
+
+    All templates are fits of one sphere, so their vertices correspond, roughly. A weight is the softmax of the fits,
+    times `SHARPNESS`: a regression by a kernel over the space of fits (Nadaraya 1964).
 
     vertices: (T, 1154, 3) m, of `sphere()` fitted to the objects (`palpate.charts.fit_atlas`). masks: (T, k, 64, 64)
     uint8, the objects as k cameras see them, by `shrunk`; None without vision.
@@ -47,11 +52,13 @@ class Templates(nn.Module):
         """Vertices (1824, B, 3) m of vision charts.
 
         batch, of what there is: `mask`, `hand`, `camera_number`, `success`, `charts` as `Retrieval` takes them;
-        `excluded` (B,) int64, the number of a template that is not taken, or -1.
+        `excluded` (B,) int64, the number of a template that is not taken where there is another, or -1.
         """
         searched = {key: batch[key].cpu() for key in SEARCHED if key in batch}
         searched |= {key: shrunk(searched[key]) / 255 for key in ("mask", "hand") if key in searched}
-        found = self.vertices[self.objects.best(searched)][:, vision_atlas().position]
+        best, fits = self.objects.best(searched, min(STARTS, len(self.vertices)))
+        weights = torch.softmax(SHARPNESS * fits, dim=1).to(self.vertices)
+        found = torch.einsum("bk,bkvi->bvi", weights, self.vertices[best])[:, vision_atlas().position]
         if "charts" in batch:
             samples = zip(found, touched_points(batch), strict=True)
             found = torch.stack([displaced(each, chart_faces(0), touched, BENT) for each, touched in samples])
