@@ -20,7 +20,7 @@ from palpate.sensor import DIGIT, Sensor
 FARTHEST = 0.05  # m, at which the distance of a touched point is capped
 TOUCH_WEIGHT = 200.0  # of the mean squared distance, m^2, beside the intersection over union
 CELLS = 2e5  # of the grid of distances
-EXCLUDED = -1e6  # the fit of an object that is not to be taken; finite, so that it has a weight where it is the only one
+EXCLUDED = -1e6  # the fit of an object that is not to be taken. It is finite: the only object there is has a weight
 
 
 class Retrieval:
@@ -67,10 +67,9 @@ class Objects:
             self._areas = self._masks.sum(dim=1)
 
     def best(self, batch: Mapping[str, Tensor], count: int = 1) -> tuple[Tensor, Tensor]:
-        """The `count` objects (B, count) int64 that fit best, the best first, and their fits (B, count) float64, of each
-        sample of a batch as `Retrieval` takes it.
+        """The `count` objects (B, count) int64 that fit best, the best first, and their fits (B, count) float64.
 
-        With `excluded` (B,) int64, the number of an object that comes after all others, or -1.
+        batch: as `Retrieval` takes it; with `excluded` (B,) int64, the number of an object that comes last, or -1.
         """
         samples = len(next(iter(batch.values())))
         overlap = self.overlap(batch) if "mask" in batch else torch.zeros(samples, len(self.points))

@@ -64,10 +64,14 @@ def test_retrieval_is_brute_force(takes, cells, monkeypatch):
     monkeypatch.setattr(retrieval, "CELLS", cells)
     clouds, masks = collection()
     given = {key: value for key, value in batch().items() if key in takes}
-    found = Retrieval(Objects(clouds, masks if "mask" in takes else None))(given)
-    best = by_brute_force(clouds, masks, given).argmax(axis=1)
+    objects = Objects(clouds, masks if "mask" in takes else None)
+    fits = by_brute_force(clouds, masks, given)
+    best = fits.argmax(axis=1)
     assert len(set(best)) > 3
-    assert torch.equal(found, clouds[best])
+    assert torch.equal(Retrieval(objects)(given), clouds[best])
+    numbers, found = objects.best(given, 5)
+    assert np.array_equal(numbers, np.argsort(-fits, axis=1, kind="stable")[:, :5])
+    np.testing.assert_allclose(found, np.take_along_axis(fits, numbers.numpy(), 1), rtol=0, atol=1e-6)
 
 
 def test_bounds_hold_also_outside_the_grid():

@@ -70,32 +70,44 @@ TOUCH, VISION = ("success", "charts"), ("mask", "hand", "camera_number")
 
 @pytest.mark.parametrize("takes", [TOUCH, VISION, TOUCH + VISION])
 @pytest.mark.parametrize("excluding", [False, True])
-def test_the_start_is_what_brute_force_finds(takes, excluding):
+def test_the_start_is_the_mean_of_what_brute_force_finds(takes, excluding):
     model, masks = templates("mask" in takes)
     given = {key: values for key, values in batch().items() if key in takes}
     fits = by_brute_force(model, masks, given)
     best = fits.argmax(axis=1)
     if excluding:  # of every other sample the best is its own object
         given["excluded"] = torch.tensor([number if row % 2 else -1 for row, number in enumerate(best)])
-        fits[range(1, len(best), 2), best[1::2]] = -torch.inf
+        fits[range(1, len(best), 2), best[1::2]] = -np.inf
         assert (fits.argmax(axis=1)[1::2] != best[1::2]).all()
-        best = fits.argmax(axis=1)
-    assert len(set(best)) > 2
+    assert len(set(fits.argmax(axis=1))) > 2
     start = model(given)
-    for row, number in enumerate(best):
-        expected = model.vertices[number][vision_atlas().position]
+    for row, each in enumerate(fits):
+        order = np.argsort(-each, kind="stable")[:8]
+        weights = np.exp((each[order] - each[order[0]]) / 0.02)
+        vertices = model.vertices.double().numpy()[order]
+        mean = (weights[:, None, None] * vertices).sum(axis=0) / weights.sum()
+        expected = torch.from_numpy(mean).float()[vision_atlas().position]
         if "charts" in given:
             expected = displaced(expected, chart_faces(0), touched_points(given)[row], BENT)
-        assert torch.equal(start[:, row], expected)
+        torch.testing.assert_close(start[:, row], expected, atol=1e-6, rtol=0)
 
 
 def test_an_object_is_its_own_template_unless_it_is_excluded():
     model, masks = templates()
-    given = {"mask": masks[:, 0], "camera_number": torch.zeros(COUNT, dtype=torch.int64)}
-    own = model.vertices[:, vision_atlas().position].transpose(0, 1)
-    assert torch.equal(model(given), own)
-    other = model(given | {"excluded": torch.arange(COUNT)})
-    assert (other != own).flatten(2).any(dim=2).any(dim=0).all()
+    given = {"mask": shrunk(masks[:, 0]) / 255, "camera_number": torch.zeros(COUNT, dtype=torch.int64)}
+    numbers, fits = model.objects.best(given, 3)
+    assert torch.equal(numbers[:, 0], torch.arange(COUNT)) and (fits[:, 0] > fits[:, 1]).all()
+    others, _ = model.objects.best(given | {"excluded": torch.arange(COUNT)}, 2)
+    assert torch.equal(others, numbers[:, 1:])
+
+
+@pytest.mark.parametrize("excluded", [-1, 0])
+def test_of_a_single_template_every_start_is_made(excluded):
+    model, masks = templates()
+    only = Templates(model.vertices[:1], model.masks[:1])
+    given = {"mask": masks[:2, 0], "camera_number": torch.zeros(2, dtype=torch.int64)}
+    start = only(given | {"excluded": torch.full((2,), excluded)})
+    assert torch.equal(start, only.vertices[:, vision_atlas().position].transpose(0, 1).expand_as(start))
 
 
 def test_masks_shrink_to_the_covered_share_of_a_pixel():
@@ -129,12 +141,10 @@ def test_what_the_network_moves_is_the_start(vision):
     assert torch.equal(copied[given["success"]], given["charts"][given["success"]])
 
 
-def test_without_a_touch_the_start_is_a_template_and_nothing_is_corrected():
+def test_without_a_touch_vision_chooses_the_start_and_nothing_is_corrected():
     model, given = model_of(correction=Correction(0.08, 0.3), fewer_grasps=True), batch()
     none = given | {key: given[key][:, :0] for key in ("success", "position", "rotation", "charts")}
-    start = model.templates(none).transpose(0, 1)
-    templates = model.templates.vertices[:, vision_atlas().position]
-    assert all(any(torch.equal(each, other) for other in templates) for each in start)
+    assert torch.equal(model.templates(none), model.templates({key: given[key] for key in VISION}))
     alone = model_of(touch=False)
     weights = {name: values for name, values in model.state_dict().items() if name in alone.state_dict()}
     alone.load_state_dict(weights)
