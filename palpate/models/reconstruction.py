@@ -20,7 +20,7 @@ from palpate.models.gcn import GraphNetwork, initialise
 from palpate.models.kriging import displaced, touched_points
 from palpate.models.layers import LinearBlock
 from palpate.models.pooling import map_products, pool, pool_products, relative_camera
-from palpate.models.templates import Templates
+from palpate.models.templates import Templates, smoothed
 from palpate.models.touch import TouchAttention, TouchPooling, touches_of
 from palpate.sensor import DIGIT, Sensor
 
@@ -182,6 +182,8 @@ class Reconstruction(nn.Module):
     def _vertices(self, batch: Mapping[str, Tensor], correction: Correction | None) -> Tensor:
         positions, mask, fixed = self._initial(batch, self._check_shapes(batch))
         positions = self.deform(batch, positions, mask, fixed)
+        if self.templates is not None:
+            positions = smoothed(positions)
         if correction and self.experiment.touch:
             positions = self._corrected(batch, positions, correction)
         if self.copies_touch:

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import torch
+import trimesh
 
 from palpate.architectures import Architecture
 from palpate.charts import sample_faces, sphere, vision_atlas
@@ -11,7 +12,7 @@ from palpate.experiments import Correction, Experiment
 from palpate.mesh import OBJECT_POSITION
 from palpate.models import Reconstruction
 from palpate.models.kriging import displaced, touched_points
-from palpate.models.templates import BENT, MASK, POINTS, Templates, shrunk
+from palpate.models.templates import BENT, MASK, POINTS, Templates, shrunk, smoothed
 from tests.models.batches import SMALL, random_batch
 
 COUNT, CAMERAS, SIZE = 20, 2, 2 * MASK
@@ -118,6 +119,18 @@ def test_masks_shrink_to_the_covered_share_of_a_pixel():
     assert found[1, 0, 0, 0] == 128 and found[1, 0, 1, 2] == 255 and found.count_nonzero() == 2
 
 
+def test_charts_are_joined_at_their_mean_and_smoothed_as_trimesh_does_it():
+    place, (vertices, faces) = vision_atlas().position, sphere()
+    torn = vertices[place][:, None] + 0.005 * torch.randn(len(place), 2, 3, generator=torch.Generator().manual_seed(0))
+    found = smoothed(torn)
+    for sample in range(2):
+        closed = [torn[place == number, sample].double().mean(dim=0) for number in range(len(vertices))]
+        mesh = trimesh.Trimesh(torch.stack(closed), faces, process=False)
+        trimesh.smoothing.filter_taubin(mesh, lamb=0.5, nu=1 / 1.9, iterations=2)
+        expected = torch.from_numpy(np.array(mesh.vertices)).float()[place]
+        torch.testing.assert_close(found[:, sample], expected, atol=1e-6, rtol=0)
+
+
 def model_of(touch=True, vision="occluded", grasps=2, **more):
     torch.manual_seed(0)
     experiment = Experiment("model", "template", vision, touch, grasps, **more)
@@ -135,7 +148,7 @@ def test_what_the_network_moves_is_the_start(vision):
     with torch.no_grad():
         vertices = model(given)
         assert torch.equal(vertices, model(given))
-        start = model.templates(given).transpose(0, 1)
+        start = smoothed(model.templates(given)).transpose(0, 1)
     assert torch.equal(vertices[:, : start.shape[1]], start)
     copied = vertices[:, start.shape[1] :].unflatten(1, given["charts"].shape[1:3])
     assert torch.equal(copied[given["success"]], given["charts"][given["success"]])
