@@ -177,15 +177,16 @@ class Reconstruction(nn.Module):
 
         Raises ValueError if a key is missing, of another shape or type.
         """
-        return self._vertices(batch, self.experiment.correction)
+        return self._vertices(batch, True)
 
-    def _vertices(self, batch: Mapping[str, Tensor], correction: Correction | None) -> Tensor:
+    def _vertices(self, batch: Mapping[str, Tensor], finished: bool) -> Tensor:
+        """What the network predicts; `finished`: with the steps after it, smoothing and correction."""
         positions, mask, fixed = self._initial(batch, self._check_shapes(batch))
         positions = self.deform(batch, positions, mask, fixed)
-        if self.templates is not None:
+        if finished and self.templates is not None:
             positions = smoothed(positions)
-        if correction and self.experiment.touch:
-            positions = self._corrected(batch, positions, correction)
+        if finished and self.experiment.correction and self.experiment.touch:
+            positions = self._corrected(batch, positions, self.experiment.correction)
         if self.copies_touch:
             positions = torch.cat([positions, self._touch_charts(batch)[0]])
         return positions.transpose(0, 1).contiguous()
@@ -231,8 +232,9 @@ class Reconstruction(nn.Module):
         return torch.cat([torch.stack(bent, dim=1), positions[count:]])
 
     def stages(self, batch: Mapping[str, Tensor]) -> list[Tensor]:
-        """What the loss of a training step looks at: the vertices that `forward` predicts, without a correction."""
-        return [self._vertices(batch, None)]
+        """What the loss of a training step looks at: the vertices that the network predicts, before they are smoothed or
+        corrected."""
+        return [self._vertices(batch, False)]
 
     def mesh(self, prediction: Tensor) -> tuple[Tensor, Tensor]:
         """One sample's prediction as a mesh: its vertices (V, 3), metres, world frame, and their faces."""

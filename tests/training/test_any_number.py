@@ -70,7 +70,7 @@ def test_in_training_no_object_is_its_own_template(monkeypatch):
     train, validation = data.of_split("train"), data.of_split("validation")
     assert torch.equal(learner.model.templates.vertices, torch.from_numpy(data["template"][train]))
     searched, search = [], Objects.best
-    monkeypatch.setattr(Objects, "best", lambda objects, batch: searched.append(batch) or search(objects, batch))
+    monkeypatch.setattr(Objects, "best", lambda *given: searched.append(given[1]) or search(*given))
     for chosen in (train[::-1], validation):
         learner.losses([Sample(number, (0,)) for number in chosen], torch.Generator())
     assert searched[0]["excluded"].tolist() == [train.index(number) for number in train[::-1]]
