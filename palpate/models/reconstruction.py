@@ -232,8 +232,7 @@ class Reconstruction(nn.Module):
         return torch.cat([torch.stack(bent, dim=1), positions[count:]])
 
     def stages(self, batch: Mapping[str, Tensor]) -> list[Tensor]:
-        """What the loss of a training step looks at: the vertices that the network predicts, before they are smoothed or
-        corrected."""
+        """What the loss of a training step looks at: what the network predicts, neither smoothed nor corrected."""
         return [self._vertices(batch, False)]
 
     def mesh(self, prediction: Tensor) -> tuple[Tensor, Tensor]:

@@ -148,8 +148,10 @@ def test_what_the_network_moves_is_the_start(vision):
     with torch.no_grad():
         vertices = model(given)
         assert torch.equal(vertices, model(given))
-        start = smoothed(model.templates(given)).transpose(0, 1)
+        moved, trained = model.templates(given), model.stages(given)[0]
+        start = smoothed(moved).transpose(0, 1)
     assert torch.equal(vertices[:, : start.shape[1]], start)
+    assert torch.equal(trained[:, : start.shape[1]], moved.transpose(0, 1))
     copied = vertices[:, start.shape[1] :].unflatten(1, given["charts"].shape[1:3])
     assert torch.equal(copied[given["success"]], given["charts"][given["success"]])
 
