@@ -22,9 +22,9 @@ from palpate.vision import Mesh, Renderer
 
 # The models, the name of each over its columns, and the numbers of grasps in these.
 MODELS = {
-    "pooled_occluded_any": ("occluded", (0, 1)),
-    "pooled_unoccluded_any": ("unoccluded", (0, 1, 2, 3, 4, 5)),
-    "pooled_touch_any": ("touch only", (1, 2, 3, 4, 5)),
+    "template_occluded_any": ("occluded", (0, 1)),
+    "template_unoccluded_any": ("unoccluded", (0, 1, 2, 3, 4, 5)),
+    "template_touch_any": ("touch only", (1, 2, 3, 4, 5)),
 }
 
 SAMPLES = 16
@@ -32,16 +32,16 @@ PIXELS = 240
 
 
 @products.figure(
-    models=("pooled_occluded_any", "pooled_unoccluded_any", "pooled_touch_any"),  # `MODELS`
+    models=("template_occluded_any", "template_unoccluded_any", "template_touch_any"),  # `MODELS`
     files=("touch_depth",),
     stores=("meshes", "surface", "touch", "vision"),
 )
 @styled
 def reconstructions(dataset: Dataset, models: Mapping[str, Path | str], path: Path | str, threads: int = 1) -> None:
-    """The first test object of every class, not chosen, as the models of this run with pooled touch (ours) reconstruct
-    it: from its occluded or unoccluded image, alone and with the touches of one or more grasps, and from the touches of
-    one to five grasps alone. All renders are from the images' camera. Vision charts are blue, the charts of successful
-    touches orange.
+    """The first test object of every class, not chosen, as the models of strategy `template` (ours) of this run
+    reconstruct it: from its occluded or unoccluded image, alone and with the touches of one or more grasps, and from
+    the touches of one to five grasps alone. All renders are from the images' camera. Vision charts are blue, the charts
+    of successful touches orange.
 
     models: folder of each trained model by its experiment; columns are drawn for those of `MODELS` that are given.
     The touches are those of the object's first grasps, an occluded image that of the first.

@@ -152,6 +152,8 @@ def test_what_the_network_moves_is_the_start(vision):
         start = smoothed(moved).transpose(0, 1)
     assert torch.equal(vertices[:, : start.shape[1]], start)
     assert torch.equal(trained[:, : start.shape[1]], moved.transpose(0, 1))
+    mesh = trimesh.Trimesh(vertices[0, : start.shape[1]], chart_faces(0), process=True)
+    assert mesh.is_watertight and len(mesh.vertices) == len(sphere()[0])
     copied = vertices[:, start.shape[1] :].unflatten(1, given["charts"].shape[1:3])
     assert torch.equal(copied[given["success"]], given["charts"][given["success"]])
 

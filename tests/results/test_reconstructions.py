@@ -7,11 +7,12 @@ import yaml
 from PIL import Image
 
 from palpate.architectures import Architecture
-from palpate.charts import touch_chart, vision_atlas
+from palpate.charts import sphere, touch_chart, vision_atlas
 from palpate.evaluation.reconstruct import TOUCH_COLOUR, VISION_COLOUR, Shape
 from palpate.experiments import Experiment
 from palpate.inference import checkpoints
 from palpate.models import TouchDepth
+from palpate.models.templates import Templates
 from palpate.results import products
 from palpate.results import reconstructions as figure
 from palpate.results.dataset_figures import clay
@@ -19,7 +20,7 @@ from tests.models.batches import SMALL
 
 PROJECT = Path(__file__).parents[2]
 EXPERIMENTS = {
-    each.name: each for each in (Experiment("pooled_touch_any", "pooled", "none", True, 2, fewer_grasps=True),)
+    each.name: each for each in (Experiment("template_touch_any", "template", "none", True, 2, fewer_grasps=True),)
 }
 
 
@@ -32,7 +33,7 @@ def models(tmp_path_factory):
     checkpoints.save(folder / "touch_depth/best.ckpt", "touch_depth", TouchDepth(**unet).eval(), unet)
     for name, experiment in EXPERIMENTS.items():
         described = {"experiment": experiment.row(), "architecture": SMALL}
-        model = checkpoints.build(experiment, Architecture.from_row(SMALL))
+        model = checkpoints.build(experiment, Architecture.from_row(SMALL), templates=Templates(sphere()[0][None]))
         checkpoints.save(folder / name / "seed-0/best.ckpt", "reconstruction", model, described)
     return {name: folder / name / "seed-0" for name in EXPERIMENTS}
 
@@ -80,7 +81,7 @@ def test_ground_truth_without_meshes_is_of_points(dataset):
 def test_every_number_of_grasps_has_its_column(dataset, models, tmp_path, small, monkeypatch):
     drawn = []
     monkeypatch.setattr(figure, "save", lambda figure, path: drawn.append(figure))
-    monkeypatch.setitem(figure.MODELS, "pooled_touch_any", ("touch only", (1, 2)))
+    monkeypatch.setitem(figure.MODELS, "template_touch_any", ("touch only", (1, 2)))
     figure.reconstructions(dataset, models, tmp_path / "a.png")
     panels = drawn[0].axes
     titles = ["occluded\nimage", "unoccluded\nimage", "ground\ntruth", "touch only\n1 grasp", "touch only\n2 grasps"]
