@@ -134,6 +134,13 @@ def test_an_object_rejected_after_its_grasps_is_left_out_and_the_rest_is_valid(m
     assert (workflow.run / "figures/examples_brick.png").exists()
 
 
+def test_a_figure_of_a_class_reads_the_batches_of_that_class(make_workflow):
+    workflow = make_workflow(batch_size=2)
+    for name, batches in {"brick": {"batch-0000"}, "can": {"batch-0001"}}.items():
+        outputs = workflow.outputs(f"figures/examples_{name}.png")
+        assert {path for path in outputs if path.startswith("touch/")} == {f"touch/{each}.zarr" for each in batches}
+
+
 def test_nasty_meshes_go_through_every_stage_or_are_rejected(make_workflow, tmp_path):
     """Nothing crashes or hangs, nothing is lost, and what comes out is valid: no silent garbage."""
     expected = {}
