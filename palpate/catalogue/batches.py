@@ -39,14 +39,14 @@ def assign_batches(names: Iterable[str], batch_size: int, known: Mapping[str, st
     """
     places = dict(known or {})
     counts = Counter(places.values())
-    number = max(map(batch_number, counts), default=0)
-    filled = counts[batch_name(number)]
+    batch = max(counts, key=batch_number, default=batch_name(0))
+    filled = counts[batch]
     for name in names:
         if name in places:
             continue
         if filled >= batch_size:
-            number, filled = number + 1, 0
-        places[name] = batch_name(number)
+            batch, filled = batch_name(batch_number(batch) + 1), 0
+        places[name] = batch
         filled += 1
     return places
 

@@ -40,7 +40,7 @@ class ObjectTable(dict[str, Given]):
     def of(self, path: str, class_name: str) -> Given:
         """What is specified for a mesh file; class_name: its class if no row gives it another."""
         given = Given()
-        for place in (path, *map(str, PurePosixPath(path).parents)):
+        for place in (path, *map(str, PurePosixPath(path).parents)) if self else ():
             given = given.over(self.get(place, Given()))
         return given.over(Given(class_name))
 

@@ -51,7 +51,7 @@ def read_catalogue(path: Path | str) -> list[CatalogueEntry]:
     """The rows of a `catalogue.csv`, or of one batch's, in their order.
 
     Raises CatalogueError, naming the file and the remedy, if it is missing, no text, not as it was written, has no
-    rows, or lacks a value of object, class, split or batch.
+    rows, or lacks a value of object, class or batch.
     """
     if not Path(path).is_file():
         folder = Path(path).parent
@@ -79,7 +79,7 @@ def read_catalogue(path: Path | str) -> list[CatalogueEntry]:
     if not entries:
         raise CatalogueError(f"{path} lists no object; {again}")
     for number, entry in enumerate(entries, start=2):
-        if "" in entry[:4]:
+        if "" in (entry.object, entry.class_name, entry.batch):
             raise CatalogueError(f"{path} lacks a value in line {number}; {again}")
     return entries
 

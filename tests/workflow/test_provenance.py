@@ -50,9 +50,9 @@ def test_a_source_that_changes_while_its_batch_is_made(make_workflow, tmp_path):
     assert workflow("meshes/batch-0000").returncode == 0
     with pytest.raises(StoreError, match="meshes/batch-0000 was made from other sources than the run has; remove it"):
         Dataset(workflow.run)[0].mesh  # noqa: B018
-    # The clock is right again: the catalogue is made anew, and the meshes are those of the file already.
+    # The clock is right again: the catalogue is made anew, and the meshes, whose row has changed, with it.
     os.utime(source)
-    assert workflow.planned("meshes/batch-0000", "catalogue.csv") == {"catalogue_batch", "catalogue"}
+    assert workflow.planned("meshes/batch-0000", "catalogue.csv") == {"catalogue_batch", "catalogue", "meshes"}
 
 
 def test_a_job_compares_the_file_that_it_has_read(tmp_path):

@@ -47,7 +47,7 @@ def test_a_target_builds_just_what_it_needs(make_workflow):
     workflow = make_workflow()
     assert "vision" not in workflow.planned("tables/grasp_success.csv")
     assert "touch" not in workflow.planned("vision/batch-0000.zarr")
-    assert workflow.planned("surface/batch-0000.zarr") == {"meshes", "surface"}
+    assert workflow.planned("surface/batch-0000.zarr") == {"catalogue_batch", "meshes", "surface"}
 
 
 def test_the_run_is_whole_and_valid(finished):
@@ -132,6 +132,13 @@ def test_an_object_rejected_after_its_grasps_is_left_out_and_the_rest_is_valid(m
     assert table.attempted.to_dict() == {"brick": 2, "can": 2, "total": 4}
     assert table.objects.to_dict() == {"brick": 0, "can": 2, "total": 2}  # images do not count in it
     assert (workflow.run / "figures/examples_brick.png").exists()
+
+
+def test_a_figure_of_a_class_reads_the_batches_of_that_class(make_workflow):
+    workflow = make_workflow(batch_size=2)
+    for name, batches in {"brick": {"batch-0000"}, "can": {"batch-0001"}}.items():
+        outputs = workflow.outputs(f"figures/examples_{name}.png")
+        assert {path for path in outputs if path.startswith("touch/")} == {f"touch/{each}.zarr" for each in batches}
 
 
 def test_nasty_meshes_go_through_every_stage_or_are_rejected(make_workflow, tmp_path):

@@ -96,7 +96,7 @@ def test_shapenet_in_the_layout_of_either_version(make_workflow, tmp_path, model
     assert table["source"][0] == f"02876657/1a/{model}"
     assert workflow.planned("dataset") >= STAGES - {"catalogue"}
     only = workflow.changed(classes=[{"class": "knife", "objects": 1}], run="only")
-    (job,) = [job for job in only.jobs("meshes/batch-0000") if job.rule == "meshes"]
+    (job,) = [job for job in only.jobs("meshes/batch-0000") if job.rule == "catalogue_batch"]
     assert str(tmp_path / "03624134/2b" / model) in job.inputs and len(job.inputs) == 1
 
 
@@ -122,7 +122,7 @@ def test_objects_as_a_user_has_them(make_workflow, tmp_path):
     np.testing.assert_allclose(mug.extents, 0.12, rtol=1e-6)
     # Another split does not touch the meshes, and another scale is another run.
     table.write_text(table.read_text().replace("test", "validation"))
-    assert workflow.planned("meshes/batch-0000", "catalogue.csv") == {"catalogue_batch", "catalogue"}
+    assert workflow.planned("meshes/batch-0000", "catalogue.csv") == {"catalogue"}
     refused = workflow.changed(source=source | {"scale": "diagonal"}).plan("meshes/batch-0000")
     assert refused.returncode != 0 and "source.scale: keep there, diagonal in this config" in refused.stderr
     table.write_text("path,split\n002_can,dev\n")
@@ -165,10 +165,10 @@ def test_a_change_to_a_file_that_a_mesh_names_runs_its_batch_again(make_workflow
     }.items():
         content = changed.read_bytes()
         changed.write_bytes(content + b"\n")
-        jobs = workflow.jobs(*targets)
-        assert sorted(job.rule for job in jobs) == ["catalogue", "catalogue_batch", "meshes"]
-        assert all(f"Updated input files: {changed}" in job.reason for job in jobs if job.rule != "catalogue")
-        (inputs,) = (job.inputs for job in jobs if job.rule == "meshes")
-        assert inputs[0] == str(tmp_path / "mug" / mesh)
+        _, catalogue_batch, meshes = jobs = sorted(workflow.jobs(*targets))
+        assert [job.rule for job in jobs] == ["catalogue", "catalogue_batch", "meshes"]
+        assert f"Updated input files: {changed}" in catalogue_batch.reason
+        assert f"Input files updated by another job: {catalogue_batch.outputs[0]}" in meshes.reason
+        assert catalogue_batch.inputs[0] == str(tmp_path / "mug" / mesh)
         changed.write_bytes(content)
     assert workflow.planned(*targets) == set()  # later, but the same again

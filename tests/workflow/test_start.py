@@ -114,7 +114,7 @@ def test_a_path_from_the_root_is_the_runs(smoke, place, monkeypatch):
     target = place(smoke.run / "surface/batch-0000.zarr")
     monkeypatch.chdir(PROJECT)
     monkeypatch.setattr("sys.argv", ["snakemake", target])
-    assert smoke.planned(target) == {target, "shapes", "meshes", "surface"}
+    assert smoke.planned(target) == {target, "shapes", "catalogue_batch", "meshes", "surface"}
     wrong = place(smoke.run / "tables/graps.csv")
     monkeypatch.setattr("sys.argv", ["snakemake", wrong])
     found = lines(smoke.plan(wrong, "--dry-run"))

@@ -66,7 +66,7 @@ def source_root(wildcards, input):
 
 def mesh_memory(wildcards, input):
     """MB that the meshes of a batch take: 30 for a MB of the OBJ in work, and those of its textures."""
-    largest = max((stored_mb([path]) for path in input.sources), default=0)
+    largest = max((stored_mb([path]) for path in input.sources or batch_sources(wildcards.batch)), default=0)
     return 2000 + 30 * largest + texture_mb(wildcards.batch)
 
 

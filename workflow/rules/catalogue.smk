@@ -17,7 +17,8 @@ rule shapes:
         "../scripts/shapes.py"
 
 
-# The objects of a batch: class, split, file, checksum. By batch, so that one more object is no reason to read all files.
+# The objects of a batch: class, file, checksum. By batch, so that one more object is no reason to read all files.
+# Without splits, so that another split makes no meshes again.
 rule catalogue_batch:
     input:
         sources=lambda wildcards: batch_sources(wildcards.batch),
@@ -31,14 +32,15 @@ rule catalogue_batch:
         "../../envs/palpate.yaml"
     params:
         root=source_root,
-        # As `catalogue.SourceObject` has them, and then their splits.
-        objects=lambda wildcards: [(*each, splits()[each.object]) for each in batch_entries(wildcards.batch)],
+        objects=lambda wildcards: [
+            each._replace(split="") if each.split else each for each in batch_entries(wildcards.batch)
+        ],
         seed=config["seed"] if SOURCE.kind == "procedural" else None,
     script:
         "../scripts/catalogue_batch.py"
 
 
-# Which objects the run has.
+# Which objects the run has, and their splits.
 rule catalogue:
     input:
         batches=expand("catalogue/{batch}.csv", batch=BATCHES),
@@ -51,7 +53,9 @@ rule catalogue:
     conda:
         "../../envs/palpate.yaml"
     params:
-        by_name=not any(entry.split for entry in ENTRIES),
+        split=config["split"],
+        given={entry.object: entry.split for entry in ENTRIES if entry.split},
+        seed=config["seed"],
     script:
         "../scripts/catalogue.py"
 

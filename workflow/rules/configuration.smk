@@ -50,7 +50,8 @@ try:
     RUN_FOLDER = str(Path(absolute(config["results"], PROJECT), config["run"]))
     catalogue.check_same_run(RUN_FOLDER, config, PROJECT)
     SOURCE, CLASS_COUNTS, ENTRIES, HAND, SENSOR = resolve(config, PROJECT)
-    SENSOR_BACKGROUND = sensor.read(sensor.sensor_file(config["touch"]["sensor"], PROJECT)).get("background") or []
+    background = sensor.read(sensor.sensor_file(config["touch"]["sensor"], PROJECT)).get("background")
+    SENSOR_BACKGROUND = local(background) if background else []
     for entry in ENTRIES:
         checked(f"{SOURCE.path}/{entry.source}")
     BATCH_SIZE = catalogue.resolve_batch_size(config["batch_size"], len(ENTRIES), RUN_FOLDER)

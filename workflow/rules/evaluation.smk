@@ -74,8 +74,7 @@ use rule evaluate as evaluate_rings with:
 use rule evaluate as evaluate_selection with:
     input:
         unpack(lambda wildcards: stores_of(evaluated_with_choice(wildcards))),
-        model="models/{experiment}/seed-{seed}/best.ckpt",
-        summary="models/{experiment}/seed-{seed}/training.json",
+        unpack(trained_model),
     output:
         table="evaluations/selection/{experiment}/seed-{seed}.csv",
     log:

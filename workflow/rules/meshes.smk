@@ -1,11 +1,12 @@
 from palpate.mesh import VERSION as MESH_VERSION
 
 
-# Load, repair, normalise and decimate the meshes of a batch. Its objects are params and not the catalogue's rows, so
-# that another split, or another object's file, does not make it again.
+# Load, repair, normalise and decimate the meshes of a batch. A source file that changes changes its row of the batch's
+# catalogue. With all files as inputs of this rule, too, a plan of many objects would take twice the memory for them.
 rule meshes:
     input:
-        sources=lambda wildcards: batch_sources(wildcards.batch),
+        catalogue="catalogue/{batch}.csv",
+        sources=lambda wildcards: batch_sources(wildcards.batch) if SOURCE.kind == "procedural" else [],
     output:
         meshes=directory("meshes/{batch}"),
         rejected="rejected/meshes/{batch}.csv",
@@ -19,9 +20,6 @@ rule meshes:
         mem_mb=mesh_memory,
     params:
         version=MESH_VERSION,
-        objects=lambda wildcards: {
-            each.object: (each.source, each.up, each.scale, each.turn) for each in batch_entries(wildcards.batch)
-        },
         folder=source_root,
         mesh=config["mesh"],
     script:

@@ -107,15 +107,18 @@ def kind_and_name(wildcards):
 def product_inputs(wildcards):
     """The files that a table or figure reads. That the run lacks a split is an error before anything runs."""
     kind, name = kind_and_name(wildcards)
-    product, _ = products.find(kind, name)
+    product, fields = products.find(kind, name)
     files = {each: FILES[each] for each in product.files}
+    # A figure of a class reads the batches that have objects of it.
+    classes = {FIELDS["class_name"][fields["class_name"]]} if "class_name" in fields else {*CLASS_COUNTS}
+    batches = [each for each in BATCHES if classes & {entry.class_name for entry in BATCH_ENTRIES[each]}]
     if product.stores:
         rejecting = ["released"] if RELEASED else [each for each in product.stores if stages.STAGES[each].rejects]
         files["catalogue"] = "catalogue.csv"
-        files["rejected"] = expand("rejected/{stage}/{batch}.csv", stage=rejecting, batch=BATCHES)
+        files["rejected"] = expand("rejected/{stage}/{batch}.csv", stage=rejecting, batch=batches)
     for stage in map(stages.STAGES.get, product.stores):
         if not (RELEASED and stage.simulated):
-            files[stage.name] = expand(stage.path(), batch=BATCHES)
+            files[stage.name] = expand(stage.path(), batch=batches)
     if product.models:
         models = trained(each for each in product.models if each in FEASIBLE)
         seed = config["training"]["seeds"][0]

@@ -3,7 +3,7 @@ rule touch:
     input:
         meshes="meshes/{batch}",
         grasps="grasps/{batch}.h5",
-        background=local(SENSOR_BACKGROUND) if SENSOR_BACKGROUND else [],
+        background=SENSOR_BACKGROUND,
     output:
         touch=directory("touch/{batch}.zarr"),
         rejected="rejected/touch/{batch}.csv",

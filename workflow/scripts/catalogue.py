@@ -1,6 +1,6 @@
 """The run's objects.
 
-catalogue.csv    the rows of catalogue/<batch>.csv, batch by batch
+catalogue.csv    the rows of catalogue/<batch>.csv, batch by batch, with their splits
 """
 
 from workflow.run.job import log_to
@@ -10,8 +10,12 @@ from pathlib import Path
 from palpate import catalogue, configuration
 
 log_to(snakemake.log[0])
+params = snakemake.params
 entries = [entry for path in snakemake.input.batches for entry in catalogue.read_catalogue(path)]
-if snakemake.params.by_name:  # splits that a user gives stay
+entries = [entry._replace(split=params.given.get(entry.object, "")) for entry in entries]
+splits = catalogue.splits_of(entries, params.split, params.seed)
+entries = [entry._replace(split=splits[entry.object]) for entry in entries]
+if not params.given:  # splits that a user gives stay
     entries = catalogue.join_copies(entries)
 schema = Path(snakemake.scriptdir).parent / "schemas/catalogue.schema.yaml"
 configuration.check([dict(zip(catalogue.COLUMNS, entry, strict=True)) for entry in entries], schema, "catalogue.csv")

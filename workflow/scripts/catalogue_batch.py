@@ -1,7 +1,7 @@
 """The objects of a batch.
 
-catalogue/<batch>.csv    object, class, split, batch, source (from the source's path on), checksum (SHA-256), up, scale,
-                         others, turn, style
+catalogue/<batch>.csv    object, class, split (empty: see catalogue.csv), batch, source (from the source's path on),
+                         checksum (SHA-256), up, scale, others, turn, style
 """
 
 from workflow.run.job import log_to
@@ -9,10 +9,7 @@ from workflow.run.job import log_to
 from palpate import catalogue
 
 log_to(snakemake.log[0])
-root, batch = snakemake.params.root, snakemake.wildcards.batch
-objects = [(catalogue.SourceObject(*fields), split) for *fields, split in snakemake.params.objects]
-splits = {entry.object: split for entry, split in objects}
-entries, batches = [entry for entry, _ in objects], dict.fromkeys(splits, batch)
-catalogue.write_catalogue(
-    snakemake.output.table, catalogue.build(root, entries, splits, batches, snakemake.params.seed)
-)
+params, names = snakemake.params, [each.object for each in snakemake.params.objects]
+no_splits, batches = dict.fromkeys(names, ""), dict.fromkeys(names, snakemake.wildcards.batch)
+entries = catalogue.build(params.root, params.objects, no_splits, batches, params.seed)
+catalogue.write_catalogue(snakemake.output.table, entries)

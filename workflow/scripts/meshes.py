@@ -20,8 +20,9 @@ from palpate.atomic import atomic_write
 from palpate.batch import each_object, write_rejections
 
 log_to(snakemake.log[0])
-objects, settings, sources = snakemake.params.objects, snakemake.params.mesh, Path(snakemake.params.folder)
-checksum_of = {name: catalogue.checksum(sources / file, sources) for name, (file, *_) in objects.items()}
+settings, sources = snakemake.params.mesh, Path(snakemake.params.folder)
+entries = catalogue.read_catalogue(snakemake.input.catalogue)
+objects = {each.object: each._replace(checksum=catalogue.checksum(sources / each.source, sources)) for each in entries}
 
 with (
     atomic_write(snakemake.output.meshes) as batch,
@@ -30,14 +31,15 @@ with (
     batch.mkdir()
 
     def prepare(name: str) -> dict:
-        folder, (file, up, scale, turn) = batch / name, objects[name]
+        folder, entry = batch / name, objects[name]
+        file = sources / entry.source
         try:
             record = mesh.prepare(
-                sources / file,
+                file,
                 folder,
-                up=up,
-                scale=scale,
-                turn=turn,
+                up=entry.up,
+                scale=float(entry.scale) if entry.scale[0].isdigit() else entry.scale,
+                turn=float(entry.turn or 0),
                 collision_faces=settings["collision_faces"],
                 root=sources,
             )
@@ -45,15 +47,13 @@ with (
             shutil.rmtree(folder, ignore_errors=True)
             raise
         finally:  # an object is not rejected, either, for a file that was being written
-            catalogue.require_unchanged(sources / file, checksum_of[name], sources)
+            catalogue.require_unchanged(file, entry.checksum, sources)
         return mesh.facts(record)
 
     facts, rejections = each_object(objects, prepare, "meshes")
     write_rejections(rejected, rejections)
     (batch / mesh.FACTS).write_text(json.dumps(facts) + "\n")
-    read = (
-        (name, checksum_of[name], up, str(scale), str(turn or "")) for name, (_, up, scale, turn) in objects.items()
-    )
+    read = ((each.object, each.checksum, each.up, each.scale, each.turn) for each in objects.values())
     made_from = provenance.combine({"mesh": settings}, sources=provenance.sources_digest(read))
     (batch / provenance.RECORD).write_text(json.dumps(made_from, sort_keys=True) + "\n")
     checksums.write_manifest(batch)
