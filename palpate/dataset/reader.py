@@ -406,6 +406,11 @@ class FramesRecord(_Record):
         """Whether the run has depths of its frames: `success`, `depth`, `reading`."""
         return "depth" in self._run.store("frames", self._entry.batch)
 
+    @property
+    def has_contacts(self) -> bool:
+        """Whether the run has contacts of its frames: `contact_*` and `sensor_wrench`."""
+        return "contact_count" in self._run.store("frames", self._entry.batch)
+
     @cached_property
     def sensor(self) -> Sensor:
         """The kind of touch sensor that the depths are of."""

@@ -13,10 +13,11 @@ from palpate.atomic import atomic_write
 from palpate.dataset import GraspRecord, ObjectRecord
 from palpate.touch import empty_reading
 from palpate.viewer.html import data_uri, render, resource
-from palpate.viewer.scene import Y_UP, cameras, record_scene, sensor_colour
+from palpate.viewer.scene import FORCE_LENGTH, Y_UP, cameras, force_arrows, record_scene, sensor_colour
 
 READING = 100  # pixels of a reading of a frame, at most
 LABELS = {"object": "object", "hand": "hand", "gel": "readings on the sensors", "cloud": "touch clouds"}
+LABELS |= {"force": f"contact forces on the object (1 N is {1e3 * FORCE_LENGTH:g} mm)"}
 LABELS |= {"prediction": "prediction", "camera": "cameras"}
 
 
@@ -40,7 +41,9 @@ def object_page(
     frames = {grasp.number: _frames(grasp) for grasp in shown if "frames" in grasp.stages}
     data = {"glb": base64.b64encode(glb).decode(), "cameras": [_viewpoint(*each) for each in cameras(record)]}
     data["frames"] = frames
-    labels = {kind: label for kind, label in LABELS.items() if kind != "prediction" or predictions}
+    with_forces = any(name.startswith("force ") for each in frames.values() for name in each["poses"])
+    missing = {"prediction": not predictions, "force": not with_forces}
+    labels = {kind: label for kind, label in LABELS.items() if not missing.get(kind)}
     if predictions and model:
         labels["prediction"] += f" of {model}"
     with atomic_write(scene_file) as partial:
@@ -89,6 +92,8 @@ def _frames(grasp: GraspRecord) -> dict[str, object]:
     gels = np.concatenate([frames.sensor_rotation, frames.sensor_position[..., None]], axis=-1)
     poses = {f"gel {name}": gels[:, number] for number, name in enumerate(grasp.sensors)}
     poses |= {f"hand {hand.link_names[link]}": frames.link_pose[:, link, :3] for link in np.unique(hand.geom_link)}
+    if frames.has_contacts:
+        poses |= {f"force {slot}": arrows for slot, arrows in enumerate(force_arrows(frames)[:, :, :3].swapaxes(0, 1))}
     found = {"time": frames.time.tolist()}
     found["poses"] = {name: np.round(pose.reshape(-1, 12), 5).tolist() for name, pose in poses.items()}
     if frames.has_touch:

@@ -1,7 +1,7 @@
 """One object and its grasps as a scene of named nodes, for GLB: object, hand, sensors, clouds, predictions, cameras.
 
 A node is named `<group> <kind> <name>`. Its group is `object`, or `grasp-<number>`; its kind is `object`, `hand`,
-`gel`, `cloud`, `prediction` or `camera`.
+`gel`, `force`, `cloud`, `prediction` or `camera`.
 """
 
 from collections.abc import Mapping, Sequence
@@ -13,6 +13,7 @@ from trimesh.visual import TextureVisuals
 from trimesh.visual.material import PBRMaterial
 
 from palpate.dataset import GraspRecord, ObjectRecord
+from palpate.dataset.reader import FramesRecord
 from palpate.mesh import OBJECT_POSITION, mesh_file
 from palpate.sensor import Size
 from palpate.vision.image import linear
@@ -26,6 +27,8 @@ SENSOR_COLOURS = ("#D55E00", "#0072B2", "#009E73", "#CC79A7", "#E69F00", "#56B4E
 POINT_COLOUR = "#9a9a9a"  # of a surface without a mesh
 CAMERA_COLOUR = "#555555"
 CAMERA_LENGTH = 0.12  # m from a camera to the frame that is drawn for it
+FORCE_COLOUR = (0.8, 0.0, 0.0)
+FORCE_LENGTH, FORCE_WIDTH = 0.05, 0.01  # m: length of an arrow for each newton, width of its head
 
 
 def sensor_colour(sensor: int) -> str:
@@ -62,11 +65,35 @@ def record_scene(
                 _add(scene, f"{group} gel {name}", _gel(grasp.reading[number], grasp.sensor.size), pose)
                 if len(grasp.points[number]):
                     _add(scene, f"{group} cloud {name}", _cloud(grasp.points[number], sensor_colour(number)))
+        if "frames" in grasp.stages and grasp.frames.has_contacts:
+            for slot, pose in enumerate(force_arrows(grasp.frames)[-1]):
+                _add(scene, f"{group} force {slot}", _arrow(), pose, geometry="force")
         if predictions and grasp.number in predictions:
             mesh = predictions[grasp.number]
             colours = np.asarray(mesh.visual.vertex_colors)[:, :3] / 255
             _add(scene, f"{group} prediction", _with_colours(mesh.copy(), colours))
     return scene
+
+
+def force_arrows(frames: FramesRecord) -> np.ndarray:
+    """Poses (f, n, 4, 4), scaled to size, of arrows along +z from 0 to 1: the forces of the hand on the object.
+
+    An arrow ends at its contact. n: the most contacts of a frame. Where there is none, or one of the hand with itself,
+    the arrow is too small to be seen.
+    """
+    count = frames.contact_count
+    slots = np.s_[:, : count.max()]
+    shown = (np.arange(count.max()) < count[:, None]) & (frames.contact_other[slots] < 0)
+    push = np.where(shown[..., None], -frames.contact_normal[slots], [0.0, 0.0, 1.0])
+    length = np.maximum(FORCE_LENGTH * shown * frames.contact_force[slots], 1e-4)
+    width = np.where(shown, FORCE_WIDTH, 1e-4)
+    sizes = np.stack([width, width, length], axis=-1)
+    tip = np.where(shown[..., None], frames.contact_position[slots], OBJECT_POSITION)
+    poses = np.tile(np.eye(4), (*shown.shape, 1, 1))
+    for slot in np.ndindex(shown.shape):
+        poses[slot][:3, :3] = trimesh.geometry.align_vectors([0, 0, 1], push[slot])[:3, :3] * sizes[slot]
+    poses[..., :3, 3] = tip - length[..., None] * push
+    return poses
 
 
 def cameras(record: ObjectRecord) -> list[tuple[np.ndarray, np.ndarray]]:
@@ -122,6 +149,14 @@ def _gel(reading: np.ndarray, size: Size) -> trimesh.Trimesh:
     vertices, visual = np.column_stack([np.zeros(4), y, z]), TextureVisuals(uv, material=material)
     # From outside, along -x, its front is seen.
     return trimesh.Trimesh(vertices, [[0, 1, 2], [0, 2, 3]], visual=visual, process=False)
+
+
+def _arrow() -> trimesh.Trimesh:
+    """An arrow along +z from 0 to 1, with a head 1 wide."""
+    shaft = trimesh.creation.cylinder(0.15, segment=[[0, 0, 0], [0, 0, 0.75]], sections=12)
+    head = trimesh.creation.cone(0.5, 0.25, sections=16).apply_translation((0, 0, 0.75))
+    arrow = trimesh.util.concatenate([shaft, head])
+    return _with_colours(arrow, np.tile(FORCE_COLOUR, (len(arrow.vertices), 1)))
 
 
 def _cloud(points: np.ndarray, colour: str) -> trimesh.PointCloud:

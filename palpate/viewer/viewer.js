@@ -47,7 +47,7 @@
 
   // The object and the shown grasp fill the picture, the hand beside the object.
   function frame() {
-    const box = boxOf((kind) => kind !== "camera");
+    const box = boxOf((kind) => kind !== "camera" && kind !== "force");
     const centre = box.getCenter(new THREE.Vector3());
     const distance = 0.56 * box.getSize(new THREE.Vector3()).length() / Math.tan((eye.fov * Math.PI) / 360);
     const from = new THREE.Vector3(0.8, 0.45, -0.4);
@@ -161,6 +161,10 @@
       }
       // There are no surroundings that metal could reflect: it would be black.
       if (part.material.metalness > 0.3) part.material.metalness = 0.3;
+      if (kind === "force") { // seen through hand and object
+        part.material.depthTest = false;
+        part.renderOrder = 1;
+      }
       if (kind === "gel") { // as it was read, whatever the light
         part.material.emissive?.set(0xffffff);
         part.material.emissiveMap = part.material.map;

@@ -1,25 +1,32 @@
-"""Stability of the test whether a grasp holds: extreme friction, contact, weights, time steps, and thin blades."""
+"""Stability of contact forces, and of the test whether a grasp holds: extreme gains, contact, friction, weights."""
 
 from collections.abc import Iterator
 from pathlib import Path
 
+import mujoco
 import numpy as np
 import trimesh
 
+from palpate.grasp.closing import GraspSimulation
+from palpate.grasp.contacts import OBJECT, contacts
 from palpate.grasp.hold import DIRECTIONS, GRAVITY, HoldSimulation, body_of
 from palpate.grasp.patches import surface_patches
 from palpate.hand import from_mjcf
-from palpate.hand.model import ARM, STIFFNESS
+from palpate.hand.model import ARM, MAX_TORQUE, STIFFNESS
 from palpate.mesh import load_collision
 from studies.stability import shapes
 from studies.stability.cases import Cases, Finding, at_least, at_most, equal
-from studies.stability.closings import HAND, closing_setup
+from studies.stability.closings import HAND, changed_copy, closing_setup, hold_targets
+from studies.stability.contact import combined, gains, setting
 
 CASES = Cases()
 GRIPPER = from_mjcf(*(Path(__file__).parents[2] / "config/hands" / name for name in ("wsg50.xml", "wsg50.yaml")))
 HALF, GRIP, DISTANCE = 0.02, 1.0, 0.02  # m, half the width of a pinched box; N of each jaw; m that is not held
 # Of the pinched box: friction, time step (s), time constant of contacts (time steps); its weight goes with friction.
 EXTREMES = [(0.8, 0.004, 2), (0.8, 0.0005, 2), (0.8, 0.01, 2), (0.8, 0.004, 8), (0.05, 0.004, 2), (10, 0.004, 2)]
+WAY = 0.01  # m that jaws' targets are behind the surface
+# Of forces: the servos' gain over the default's, and the contacts' time constant (time steps).
+STIFF = [(0.1, 2), (1, 2), (10, 2), (1, 8), (1, 32)]
 
 
 def pinched(load: float, friction: float, timestep: float, stiff: float) -> float:
@@ -55,3 +62,56 @@ def objects(subject) -> Iterator[Finding]:
         ])  # fmt: skip
         yield equal(f"{name}: directions that are not simulated", int(np.isnan(moved).sum()), 0)
         yield at_most(f"{name}: farthest", 1e3 * np.nanmax(moved), 3e3 * DISTANCE, "mm")
+
+
+def jaws_force(solid: trimesh.Trimesh, gain: float, steps: float) -> tuple[float, float]:
+    """Mean over two jaws at rest at a solid: normal force, and the servo's force by its gain and place, N."""
+    simulation = GraspSimulation(GRIPPER, surface_patches(solid), 0.004, 3.0, gain * STIFFNESS)
+    simulation.model.geom_solref[:, 0] = steps * 0.004
+    simulation.place(np.eye(4), GRIPPER.open_joint_positions)
+    joints = simulation.close(np.full(2, HALF - WAY)).joint_positions
+    servo = np.minimum(gain * STIFFNESS / ARM**2 * (joints - HALF + WAY), MAX_TORQUE / ARM)
+    return contacts(simulation).force.sum() / 2, servo.mean()
+
+
+@CASES.case("forces at rest", "grasps")
+def forces(subject) -> Iterator[Finding]:
+    """At a ball jaws press with gain times way; on slopes with the servo's force over the cosine. Fingers' contacts
+    balance their servos: torques are J^T f, where no joint is at its limit."""
+    ball, side = trimesh.creation.icosphere(3, HALF).apply_translation((0.0406, 0, 0)), 0.015
+    setup = closing_setup(subject)
+    for gain, steps in STIFF:
+        what, rigid = f"gain x{gain:g}, {steps:g} steps", min(gain * STIFFNESS / ARM**2 * WAY, MAX_TORQUE / ARM)
+        yield at_most(f"{what}: off at a ball", 100 * abs(jaws_force(ball, gain, steps)[0] / rigid - 1), 5, "%")
+        for degrees in (20, 40):
+            rise = side * np.tan(np.radians(degrees))
+            ends = [
+                (x, y, z)
+                for x in (0.01, 0.07)
+                for y, half in ((-side, HALF - rise), (side, HALF + rise))
+                for z in (-half, half)
+            ]
+            force, servo = jaws_force(trimesh.convex.convex_hull(np.array(ends)), gain, steps)
+            off = 100 * abs(force * np.cos(np.radians(degrees)) / servo - 1)
+            yield at_most(f"{what}: off at {degrees} degrees", off, 0.1, "%")
+        change = combined(gains(gain), setting(solref=(steps * 0.004, 1)), hold_targets)
+        off = max(unbalanced(changed_copy(setup.grasper.simulation, change), *each) for each in setup.closings)
+        yield at_most(f"{what}: torques off J^T f", 100 * off, 5, "%")
+
+
+def unbalanced(simulation: GraspSimulation, pose: np.ndarray, targets: np.ndarray) -> float:
+    """Largest torque at rest that contacts do not balance, over the servos' largest."""
+    model, data = simulation.model, simulation.data
+    simulation.place(pose, HAND.open_joint_positions)
+    joints = simulation.close(targets).joint_positions
+    mujoco.mj_forward(model, data)
+    torques, jacobian = data.qfrc_actuator.copy(), np.zeros((3, model.nv))
+    largest = np.abs(torques).max()
+    for place, normal, force, *pair in zip(*contacts(simulation), strict=True):
+        for link, sign in zip(pair, (1, -1), strict=True):
+            if link != OBJECT:
+                mujoco.mj_jac(model, data, jacobian, None, place, model.body(HAND.link_names[link]).id)
+                torques += sign * force * normal @ jacobian
+    low, high = HAND.joint_range.T + [[0.002], [-0.002]]
+    inside = (low < joints) & (joints < high)
+    return float(np.abs(torques[inside]).max() / largest)

@@ -10,6 +10,7 @@ import trimesh
 
 import palpate
 from palpate.viewer import object_page
+from tests.dataset.test_forces import forced  # noqa: F401
 from tests.viewer.browser import in_browser, needs_browser
 
 
@@ -110,3 +111,43 @@ def test_the_page_sees_what_the_camera_saw(built, page, tmp_path):
     expected = expected.repeat(4, axis=0).repeat(4, axis=1)  # of 64 pixels
     overlap = (drawn & expected).sum() / (drawn | expected).sum()
     assert overlap > 0.95  # the mask's pixels are four wide
+
+
+@needs_browser
+def test_arrows_of_forces_end_at_the_contacts_of_the_sliders_frame(forced, tmp_path):  # noqa: F811
+    record = palpate.Dataset(forced)["ball-0000"]
+    object_page(tmp_path / "x.html", record)
+    found = in_browser(
+        tmp_path / "x.html",
+        tmp_path,
+        """(found, seen, shown, send, viewer) => {
+          const forces = viewer.leaves.filter(({ group, kind }) => group === "grasp-1" && kind === "force");
+          const arrows = () => forces.map(({ node }) => {
+            const along = new THREE.Vector3(0, 0, node.scale.z).applyQuaternion(node.quaternion);
+            return [...along.toArray(), ...node.position.clone().add(along).toArray()];
+          });
+          document.querySelector("input[name=grasp][value='1']").click();
+          found.shown = shown().filter((name) => name.includes("force")).length;
+          const slider = document.getElementById("frame");
+          found.arrows = [0, 1, 2].map((frame) => {
+            slider.value = frame;
+            slider.dispatchEvent(new Event("input"));
+            return arrows();
+          });
+          document.querySelector("input[data-kind=force]").click();
+          found.hidden = shown().filter((name) => name.includes("force")).length;
+        }""",
+    )
+    assert (found["shown"], found["hidden"]) == (9, 0)
+    frames = record.grasps[1].frames
+    for number, arrows in enumerate(np.array(found["arrows"])):
+        on_object = (np.arange(9) < frames.contact_count[number]) & (frames.contact_other[number, :9] == -1)
+        assert (np.linalg.norm(arrows[~on_object, :3], axis=1) < 2e-4).all()
+        force = frames.contact_force[number, :9][on_object, None] * frames.contact_normal[number, :9][on_object]
+        np.testing.assert_allclose(arrows[on_object, :3], -0.05 * force, atol=1e-4)  # 50 mm a newton
+        np.testing.assert_allclose(arrows[on_object, 3:], frames.contact_position[number, :9][on_object], atol=1e-4)
+    assert on_object.sum() > 3
+
+
+def test_a_page_without_contacts_has_no_switch_for_forces(page):
+    assert 'data-kind="hand"' in page.read_text() and 'data-kind="force"' not in page.read_text()

@@ -1,6 +1,7 @@
 """Options that are not the default, in one run: hand, sensor, cameras, lights, masters, frames."""
 
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 import pytest
@@ -9,13 +10,15 @@ import yaml
 from PIL import Image
 
 import palpate
-from palpate.camera import looking_at
+from palpate.camera import Camera, looking_at
+from palpate.grasp.penetration import geom_surface
+from palpate.mesh import OBJECT_POSITION
 from palpate.sensor import SHIPPED
 from palpate.store import read
 from palpate.vision.image import read_layers
 from tests.hand import grippers
 
-GRASPS, POINTS, SIZE = 2, 2000, 48
+GRASPS, POINTS, SIZE = 2, 2000, 96
 CAMERAS = [
     {"position": [1.0, -0.8, 1.0], "target": [0, 0, 0.6]},
     {"position": [0, 2.5, 0.6], "rotation": [90, 0, 180], "field_of_view": 20},  # farther away than 2 m
@@ -27,7 +30,8 @@ PIXELS = 40
 @pytest.fixture(scope="module")
 def run(make_workflow, tmp_path_factory):
     hand = tmp_path_factory.mktemp("a hand")  # paths may have spaces
-    (hand / "hand.xml").write_text(grippers.two_fingers("degree"))
+    # The drawn ball would hide the fingers.
+    (hand / "hand.xml").write_text(grippers.two_fingers("degree").replace('size=".2"', 'size=".02"'))
     (hand / "sensors.yaml").write_text(yaml.safe_dump(SENSORS))
     smoothing = {"pyramid": [5e-4], "last": 1e-4, "held": 0.5}
     own = {
@@ -96,7 +100,41 @@ def test_the_last_frame_is_the_grasp_with_its_touch_and_images(run):
             np.testing.assert_array_equal(frames.occluded[-1], grasp.occluded)
             np.testing.assert_array_equal(grasp.seen_by(1).frames.occluded[-1], grasp.seen_by(1).occluded)
             assert (frames.reading[0][~frames.success[0]] == (90, 120, 100)).all()  # the gel's image
-            assert frames.occluded.shape == (3, SIZE, SIZE, 4)  # a ball about this hand's palm hides its fingers
+            assert frames.occluded.shape == (3, SIZE, SIZE, 4)
+
+
+def silhouettes(record, grasp, camera):
+    """What rays through pixels' centres meet of the object and of the hand in each of f frames: (f, SIZE, SIZE) bool.
+
+    The hand's shapes are trimesh's, and so are the rays.
+    """
+    hand, found = record.hand, []
+    shapes = [geom_surface(hand, geom).reshape(-1, 3) for geom in range(len(hand.geom_link))]
+    visual = trimesh.load_mesh(record.mesh / "visual.glb").triangles + np.array(OBJECT_POSITION)
+    rays = camera.rays().reshape(-1, 3)
+    for links in grasp.frames.link_pose:
+        poses = hand.geom_poses(links)
+        placed = [shape @ pose[:3, :3].T + pose[:3, 3] for shape, pose in zip(shapes, poses, strict=True)]
+        corners = np.concatenate([visual.reshape(-1, 3), *placed])
+        mesh = trimesh.Trimesh(corners, np.arange(len(corners)).reshape(-1, 3), process=False)
+        found.append(mesh.ray.intersects_any(np.tile(camera.position, (len(rays), 1)), rays).reshape(SIZE, SIZE))
+    return np.array(found)
+
+
+def test_every_image_is_of_its_own_frame(run):
+    """Where the silhouettes of two frames differ, an image is as that of its own."""
+    compared = set()
+    for record in palpate.Dataset(run):
+        for number, grasp in product(range(len(CAMERAS)), record.grasps):
+            seen = grasp.seen_by(number)
+            outlines = silhouettes(record, grasp, Camera.from_matrices(seen.intrinsics, seen.extrinsics, SIZE))
+            for image, own in zip(seen.frames.occluded, seen.frames.image_frame, strict=True):
+                covered = image[..., 3] >= 128
+                for other, differs in enumerate(outlines != outlines[own]):
+                    if differs.sum() >= 16:  # pixels: more than the rounding at an edge
+                        assert (covered == outlines[own])[differs].mean() > 0.75, (record.name, grasp, own, other)
+                        compared.add((int(own), other))
+    assert compared >= {(0, 1), (2, 0), (2, 1), (2, 3), (2, 5), (5, 0), (5, 2)}
 
 
 def test_grasps_have_contacts_and_labels(run):
