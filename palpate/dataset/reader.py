@@ -18,6 +18,7 @@ from palpate.catalogue import SPLITS, CatalogueEntry
 from palpate.dataset.arrays import JoinedArray
 from palpate.dataset.grasps import GraspDataset
 from palpate.dataset.run import Run, shaded
+from palpate.rebuild_command import rebuild_advice
 from palpate.sensor import Sensor
 from palpate.stages import DATASET_STAGES, RELEASED, STAGES
 from palpate.store.contract import CONTRACT, SENSOR_NAMES, ArraySpec, arrays_by_name
@@ -135,9 +136,16 @@ class Dataset(Sequence):
     def load(self, stage: str, name: str, dtype: np.dtype | str | None = None) -> np.ndarray:
         """One array of a stage, of all of these objects, in memory, converted to `dtype` if given.
 
-        Raises StoreError if objects differ in shape.
+        Raises StoreError if objects differ in shape, and, naming file, object and remedy, if a value is NaN or infinite
+        where the contract has no such values (+inf is what depths have where nothing is in range).
         """
-        values = self.array(stage, name)[:]
+        values, empty = self.array(stage, name)[:], CONTRACT[stage].arrays[name].fill
+        if values.dtype.kind == "f":
+            right = (np.isfinite(values) | (values == empty)).reshape(len(values), -1).all(axis=1)
+            if not right.all():
+                entry = list(self._entries.values())[int(right.argmin())]
+                path = self._run.store(stage, entry.batch).path
+                raise StoreError(f"{path}: {name} of {entry.object} is NaN or infinite; {rebuild_advice(path)}")
         return values if dtype is None else values.astype(dtype, copy=False)
 
     def grasps(
