@@ -262,6 +262,11 @@ class _Record:
         return self._values[name]
 
     @cached_property
+    def sensor(self) -> Sensor:
+        """The kind of touch sensor that its depths and readings are of."""
+        return self._run.store("frames" if self.of_frames else "touch", self._entry.batch).sensor
+
+    @cached_property
     def cameras(self) -> int:
         """Number of the scene's cameras."""
         return self._run.store("vision", self._entry.batch).header("intrinsics")[0][1]
@@ -373,11 +378,6 @@ class GraspRecord(_Record):
         names = self._run.store("grasps", self._entry.batch).get("hand/sensor_names")
         return tuple(str(name) for name in names)
 
-    @cached_property
-    def sensor(self) -> Sensor:
-        """The kind of touch sensor that the readings are of."""
-        return self._run.store("touch", self._entry.batch).sensor
-
     @property
     def frames(self) -> "FramesRecord":
         """Its closing, from the open hand to this grasp; nothing is read yet."""
@@ -413,11 +413,6 @@ class FramesRecord(_Record):
     def has_touch(self) -> bool:
         """Whether the run has depths of its frames: `success`, `depth`, `reading`."""
         return "depth" in self._run.store("frames", self._entry.batch)
-
-    @cached_property
-    def sensor(self) -> Sensor:
-        """The kind of touch sensor that the depths are of."""
-        return self._run.store("frames", self._entry.batch).sensor
 
     @cached_property
     def reading(self) -> np.ndarray:
