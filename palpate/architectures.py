@@ -1,10 +1,11 @@
-"""Architectures of the networks: those of config/recipes.yaml, the paper's, and of published single-image networks."""
+"""Architectures of the networks: those of config/recipes.yaml, and in `architectures.yaml` the paper's and others."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
-from palpate.configuration import plain
+from palpate.configuration import plain, read_yaml
 from palpate.experiments import Experiment
 
 ATLAS_RADIUS = 0.26  # m, of the initial sphere, around the object's centre (the published atlas)
@@ -94,35 +95,10 @@ class Architecture:
     row = plain
 
 
-_CONVOLUTIONS = Encoder([16, 32, 64, 128], [5, 5, 5, 3], [10, 15, 18])
-_VIEW_LAYERS = {"channels": [16, 32, 64, 128, 256], "layers": [5, 5, 5, 5, 5], "norm": "instance", "padding": 1}
-
-# The supplement's tables "Architecture for deforming charts with ...", by modality; the number of graph layers by their
-# indices. docs/evidence/models.md lists where the tables contradict themselves.
-PAPER_ARCHITECTURES = {
-    "occluded_touch": Architecture(_CONVOLUTIONS, GCN(21, 250)),
-    "occluded": Architecture(_CONVOLUTIONS, GCN(21, 200)),
-    "unoccluded_touch": Architecture(_CONVOLUTIONS, GCN(26, 200)),
-    "unoccluded": Architecture(Encoder([16, 32, 64, 128], [3, 3, 3, 3], [3, 6, 9, 12]), GCN(21, 250)),
-    "touch": Architecture(gcn=GCN(15, 250)),
-    "single_image": Architecture(Encoder(**_VIEW_LAYERS, pool=[19, 22, 25], project=250), GCN(25, 250)),
-}
-
-# The published single-image networks: decoders and graph networks of the sizes that their publications state, after the
-# encoder that the paper has for single images. PSG pools a map of each block, as its deconvolutions take them.
-SINGLE_IMAGE_ARCHITECTURES = {
-    "psg": Architecture(Encoder(**_VIEW_LAYERS, pool=[10, 15, 20, 25]), decoder=Decoder(2048, points=256)),
-    "pixel2mesh": Architecture(
-        Encoder(**_VIEW_LAYERS, pool=[19, 22, 25]), GCN(14, 128), init="he", last_layer_scale=0.01
-    ),
-    "r2n2": Architecture(
-        Encoder(**_VIEW_LAYERS, pool=[19, 22, 25]), decoder=Decoder(1024, channels=[128, 128, 128, 64], level=0.4)
-    ),
-}
-# Of strategy `implicit`, which is ours: with the fifth block it does not take an occluding hand for the object.
-IMPLICIT_ARCHITECTURE = Architecture(
-    Encoder([16, 32, 64, 128, 192], [1, 2, 3, 3, 2], [3, 6, 9, 11], "instance", padding=1, downsample=2),
-    decoder=Decoder(128, layers=4),
+_ROWS = read_yaml(Path(__file__).with_suffix(".yaml"))
+PAPER_ARCHITECTURES, SINGLE_IMAGE_ARCHITECTURES, OUR_ARCHITECTURES = (
+    {name: Architecture.from_row(row) for name, row in _ROWS[group].items()}
+    for group in ("paper", "single_image", "ours")
 )
 
 
@@ -131,10 +107,8 @@ def paper_architecture(experiment: Experiment) -> Architecture:
 
     Raises ValueError for an experiment without vision and touch.
     """
-    if experiment.strategy in SINGLE_IMAGE_ARCHITECTURES:
-        return SINGLE_IMAGE_ARCHITECTURES[experiment.strategy]
-    if experiment.strategy == "implicit":
-        return IMPLICIT_ARCHITECTURE
+    if own := (SINGLE_IMAGE_ARCHITECTURES | OUR_ARCHITECTURES).get(experiment.strategy):
+        return own
     if experiment.modality not in PAPER_ARCHITECTURES:
         raise ValueError(f"the paper has no architecture for vision {experiment.vision!r}, touch {experiment.touch}")
     return PAPER_ARCHITECTURES[experiment.modality]

@@ -133,6 +133,8 @@ def check_config(overlays: Sequence[Path | str], name: str | None = None, pictur
             say(line)
         sensors = f"{', '.join(hand.sensor_names)}: {settings.sensor.name}, {1e3 * settings.sensor.range:g} mm deep"
         say(f"hand: {hand.name}, {len(hand.joint_link)} joints; sensors {sensors}")
+        for line in sensor_lines(hand, settings.sensor):
+            say(line)
         sound = [each for each in looks if not each.problem and name in (None, each.entry.object)]
         pictures: dict[str, np.ndarray] = {}
         for each in sorted(sound, key=lambda each: each.faces)[:TRIED]:
@@ -253,6 +255,17 @@ def mesh_lines(looks: Sequence[Look], settings: Settings) -> Iterator[str]:
         yield from (f"  {each.entry.object}: {name}: {what}: drawn in grey" for name, what in each.missing.items())
         if each.problem:
             yield f"  {each.entry.object} can't be used: {each.problem}"
+
+
+def sensor_lines(hand: "Hand", touch_sensor: Sensor) -> Iterator[str]:
+    """Where each sensor's plane, gel's face and end of range lie, along its x from the surface of its link."""
+    for name, surface in zip(hand.sensor_names, hand.contact_distance(), strict=True):
+        if not surface:
+            yield f"  {name}: its x misses its link"
+            continue
+        places = {"sensor plane": 0, "gel's face": touch_sensor.gel_face, "end of range": touch_sensor.range}
+        stated = ", ".join(f"{what} {1e3 * (place - surface):+.0f}" for what, place in places.items())
+        yield f"  {name}, mm out of the surface of its link: {stated}"
 
 
 def make_example(

@@ -5,7 +5,7 @@ import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import MISSING, fields, is_dataclass
-from functools import cache
+from functools import cache, reduce
 from pathlib import Path
 from typing import Any
 
@@ -41,18 +41,19 @@ def absolute(path: Path | str, project: Path | str) -> str:
         raise ConfigError(f"{path}: {error}: write the path out") from None
 
 
-def merge(config: dict[str, Any], overlay: Mapping[str, Any]) -> dict[str, Any]:
-    """Put an overlay's keys into a config, and return it: sections key by key, all else in place of what was there.
+def merge(base: Mapping[str, Any], overlay: Mapping[str, Any]) -> dict[str, Any]:
+    """A config with an overlay's keys: sections key by key, all else in place of what was there. Neither is changed.
 
     As `--configfile` does it (`snakemake.utils.update_config`): lists are replaced, an empty section changes nothing.
     """
+    merged = dict(base)
     for key, value in overlay.items():
-        if isinstance(value, Mapping):
-            below = config.get(key, {})
-            config[key] = merge(below if isinstance(below, dict) or not value else {}, value)
-        else:
-            config[key] = value
-    return config
+        below = merged.get(key, {})
+        if not isinstance(value, Mapping):
+            merged[key] = value
+        elif value or isinstance(below, Mapping):
+            merged[key] = merge(below if isinstance(below, Mapping) else {}, value)
+    return merged
 
 
 def read_config(default: Path | str, overlays: Sequence[Path | str]) -> dict[str, Any]:
@@ -60,16 +61,14 @@ def read_config(default: Path | str, overlays: Sequence[Path | str]) -> dict[str
 
     Raises `ConfigError` for a file that is missing, or is not YAML with keys at its top level.
     """
-    read, over = [], {}
+    read = []
     for path in (default, *overlays):
         if not Path(path).is_file():
             raise ConfigError(f"{path}: no such file: name the config file of a run")
         read.append(read_yaml(path))
         if not isinstance(read[-1], dict):
             raise ConfigError(f"{path}: expected keys of a config at the top level, as `run: mine`")
-    for each in read[1:]:
-        merge(over, each)
-    return merge(read[0], over)
+    return merge(read[0], reduce(merge, read[1:], {}))
 
 
 def typed(value: Any) -> Any:

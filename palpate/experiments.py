@@ -115,11 +115,6 @@ class Experiment:
             return "single_image"
         return "_".join([self.vision] * self.has_vision + ["touch"] * self.touch)
 
-    @property
-    def setup(self) -> tuple[str, str, bool, int]:
-        """What makes a row of the paper's tables: strategy, vision, touch, grasps."""
-        return self.strategy, self.vision, self.touch, self.grasps
-
 
 @dataclass(frozen=True)
 class Comparison:

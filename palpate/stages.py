@@ -1,11 +1,15 @@
 """The stages of the pipeline that write one output a batch, as one table: every list of stages follows from it.
 
-A new stage is a row here, a rule and a script named after it, and rows of `palpate/store/contract.csv` for its arrays.
+A new stage is a row of `stages.yaml`, a rule and a script named after it, and rows of `palpate/store/contract.csv` for
+its arrays.
 """
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
+
+import yaml
 
 # Stands in for the simulated stages where a dataset is read that was not made here: it writes all of its stores.
 RELEASED = "released"
@@ -58,30 +62,12 @@ class Stage:
         return tuple(dict.fromkeys([self.name] * self.rejects + before))
 
 
-STAGES = {
-    stage.name: stage
-    for stage in (
-        Stage("meshes", "", (), True, True, simulated=True),
-        Stage("surface", ".zarr", ("meshes",), True, True, ("trimesh", "embreex")),
-        Stage("grasps", ".h5", ("meshes", "surface"), True, True, ("mujoco", "trimesh"), True, groups=("hand",)),
-        Stage("touch", ".zarr", ("meshes", "grasps"), True, True, ("trimesh", "embreex"), states=("sensor",)),
-        Stage(
-            *("frames", ".zarr", ("meshes", "surface", "grasps"), False, True, ("mujoco", "trimesh", "embreex"), True),
-            **{"states": ("sensor",), "asked_by": "frames.count"},
-        ),
-        Stage(
-            *("hold", ".zarr", ("meshes", "surface", "grasps"), False, True, ("mujoco", "trimesh", "embreex"), True),
-            asked_by="hold.test",
-        ),
-        Stage("charts", ".zarr", ("touch",), False, False, ("torch",)),
-        Stage("vision", ".zarr", ("meshes", "grasps"), True, True, ("bpy",)),
-        Stage("frame_images", ".zarr", ("meshes", "frames"), True, True, ("bpy",), True, asked_by="frames.images"),
-        Stage("views", ".zarr", ("meshes",), True, False, ("bpy",)),
-        Stage("distances", ".zarr", ("meshes", "surface"), False, False, ("libigl",)),
-        Stage("templates", ".zarr", ("surface",), False, False, ("torch",)),
-        Stage("rings", ".zarr", ("meshes", "touch"), False, False, ("trimesh", "embreex")),
-    )
-}
+def _stage(name: str, row: Mapping[str, Any]) -> Stage:
+    return Stage(name, **{key: tuple(value) if isinstance(value, list) else value for key, value in row.items()})
+
+
+_ROWS = yaml.safe_load(Path(__file__).with_suffix(".yaml").read_text(encoding="utf-8"))
+STAGES = {name: _stage(name, row) for name, row in _ROWS.items()}
 # What makes a dataset, simulated or read, and the stores among it.
 DATASET_STAGES = (RELEASED, *(stage.name for stage in STAGES.values() if stage.in_dataset))
 DATASET_STORES = tuple(stage.name for stage in STAGES.values() if stage.in_dataset and stage.suffix)

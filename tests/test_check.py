@@ -86,6 +86,7 @@ def test_it_says_what_there_is_and_what_is_wrong(overlay, folder, tmp_path, caps
         ".png: there is no such file: drawn in grey",
         "brick-nested-broken can't be used: ",
         "hand: allegro, 16 joints; sensors index, middle, ring, thumb: digit, 25 mm deep",
+        "  thumb, mm out of the surface of its link: sensor plane -19, gel's face +0, end of range +6",
         f"--configfile {config}",
     ):
         assert line in said.out, said.out

@@ -7,7 +7,7 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from palpate.configuration import absolute
+from palpate.configuration import absolute, read_yaml
 from palpate.mesh import FORMATS
 
 Scale = str | float  # `diagonal`, `keep`, or metres a unit of the file
@@ -35,19 +35,8 @@ class Layout(NamedTuple):
     up: str
 
 
-# Layouts as their publishers have them, unpacked. ShapeNetCore v1 and v2: a class's folder is its synset. ABC: chunks
-# of OBJ or STL files. YCB: scans by Google's scanner, then those of Berkeley's, for not every object has all. Google
-# Scanned Objects: as the zip files of Gazebo Fuel. Objaverse 1.0: as its package `objaverse` downloads it.
-LAYOUTS = {
-    "folder": Layout(("{class}/**",), "format"),
-    "shapenet": Layout(("{class}/*/model.obj", "{class}/*/models/model_normalized.obj"), "y"),
-    "abc": Layout(("**",), "z"),
-    "ycb": Layout(
-        tuple(f"*/{scan}/textured.obj" for scan in ("google_16k", "google_64k", "google_512k", "tsdf", "poisson")), "z"
-    ),
-    "google_scanned_objects": Layout(("*/meshes/model.obj",), "z"),
-    "objaverse": Layout(("glbs/*/*.glb", "hf-objaverse-v1/glbs/*/*.glb"), "y"),
-}
+_ROWS = read_yaml(Path(__file__).with_name("layouts.yaml"))
+LAYOUTS = {kind: Layout(tuple(row["patterns"]), row["up"]) for kind, row in _ROWS.items()}
 # glTF's is y (its specification, section 3.4). COLLADA files say theirs, or have y. Other formats have none, or allow
 # any; CAD and scans have z as a rule.
 FORMAT_UP = {".glb": "y", ".gltf": "y"}

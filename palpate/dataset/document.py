@@ -5,43 +5,38 @@ python -m palpate.dataset.document docs/dataset.md      writes them anew, betwee
 
 import argparse
 import re
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from palpate.dataset.checks import CHECKS
 from palpate.store.contract import CONTRACT, SYMBOLS
 
 
-def contract_table() -> str:
-    """Every array of every store."""
-    rows = [
-        f"| {stage} | `{name}` | {spec.axes} | {spec.dtype} | {spec.unit} | {spec.meaning}"
-        f"{'; optional' if spec.optional else ''} |"
+def tables() -> dict[str, str]:
+    """By their markers: every array of every store, what the letters in shapes count, every check of the validation."""
+    arrays = [
+        (stage, f"`{name}`", spec.axes, spec.dtype, spec.unit, f"{spec.meaning}{'; optional' if spec.optional else ''}")
         for stage, store in CONTRACT.items()
         for name, spec in store.arrays.items()
     ]
-    return "\n".join(["| store | array | shape | type | unit | meaning |", "|---|---|---|---|---|---|", *rows])
+    checks = [(name, check.measures, f"{check.limit:.3g}") for name, check in CHECKS.items()]
+    return {
+        "contract": _table(("store", "array", "shape", "type", "unit", "meaning"), arrays),
+        "symbols": _table(("symbol", "counts"), SYMBOLS.items()),
+        "checks": _table(("check", "measures", "limit"), checks),
+    }
 
 
-def symbol_table() -> str:
-    """What the letters in shapes count."""
-    rows = [f"| {symbol} | {meaning} |" for symbol, meaning in SYMBOLS.items()]
-    return "\n".join(["| symbol | counts |", "|---|---|", *rows])
-
-
-def check_table() -> str:
-    """Every check of the validation."""
-    rows = [f"| {name} | {check.measures} | {check.limit:.3g} |" for name, check in CHECKS.items()]
-    return "\n".join(["| check | measures | limit |", "|---|---|---|", *rows])
-
-
-TABLES = {"contract": contract_table, "symbols": symbol_table, "checks": check_table}
+def _table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    lines = (f"| {' | '.join(cells)} |" for cells in (header, *rows))
+    return "\n".join([next(lines), "|---" * len(header) + "|", *lines])
 
 
 def renewed(text: str) -> str:
     """A document with its tables as they are now; raises ValueError if it lacks a table's markers."""
-    for name, table in TABLES.items():
+    for name, table in tables().items():
         pattern = rf"(<!-- {name} -->\n).*?(\n<!-- end -->)"
-        text, found = re.subn(pattern, lambda match: match[1] + table() + match[2], text, flags=re.S)  # noqa: B023
+        text, found = re.subn(pattern, lambda match: match[1] + table + match[2], text, flags=re.S)  # noqa: B023
         if found != 1:
             raise ValueError(f"expected one table between <!-- {name} --> and <!-- end -->, found {found}")
     return text

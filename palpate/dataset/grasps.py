@@ -93,12 +93,8 @@ def _named_arrays() -> dict[str, tuple[str, ArraySpec]]:
     """Stage and contract of each array, by its name in an item."""
     of_grasps, of_objects = arrays_by_name(of_grasps=True), arrays_by_name(of_grasps=False)
     of_frames = arrays_by_name(of_grasps=True, of_frames=True) | {"reading": ("frames", FRAMES_READING)}
-    found = {f"frames_{name}": source for name, source in of_frames.items()}
-    return (
-        of_grasps
-        | found
-        | {
-            (f"{stage}_{name}" if name in of_grasps else name): (stage, spec)
-            for name, (stage, spec) in of_objects.items()
-        }
-    )
+    return {
+        **of_grasps,
+        **{f"frames_{name}": source for name, source in of_frames.items()},
+        **{f"{source[0]}_{name}" if name in of_grasps else name: source for name, source in of_objects.items()},
+    }

@@ -18,6 +18,7 @@ from palpate.catalogue import SPLITS, CatalogueEntry
 from palpate.dataset.arrays import JoinedArray
 from palpate.dataset.grasps import GraspDataset
 from palpate.dataset.run import Run, shaded
+from palpate.rebuild_command import rebuild_advice
 from palpate.sensor import Sensor
 from palpate.stages import DATASET_STAGES, RELEASED, STAGES
 from palpate.store.contract import CONTRACT, SENSOR_NAMES, ArraySpec, arrays_by_name
@@ -135,9 +136,16 @@ class Dataset(Sequence):
     def load(self, stage: str, name: str, dtype: np.dtype | str | None = None) -> np.ndarray:
         """One array of a stage, of all of these objects, in memory, converted to `dtype` if given.
 
-        Raises StoreError if objects differ in shape.
+        Raises StoreError if objects differ in shape, and, naming file, object and remedy, if a value is NaN or infinite
+        where the contract has no such values (+inf is what depths have where nothing is in range).
         """
-        values = self.array(stage, name)[:]
+        values, empty = self.array(stage, name)[:], CONTRACT[stage].arrays[name].fill
+        if values.dtype.kind == "f":
+            right = (np.isfinite(values) | (values == empty)).reshape(len(values), -1).all(axis=1)
+            if not right.all():
+                entry = list(self._entries.values())[int(right.argmin())]
+                path = self._run.store(stage, entry.batch).path
+                raise StoreError(f"{path}: {name} of {entry.object} is NaN or infinite; {rebuild_advice(path)}")
         return values if dtype is None else values.astype(dtype, copy=False)
 
     def grasps(
@@ -254,6 +262,11 @@ class _Record:
         return self._values[name]
 
     @cached_property
+    def sensor(self) -> Sensor:
+        """The kind of touch sensor that its depths and readings are of."""
+        return self._run.store("frames" if self.of_frames else "touch", self._entry.batch).sensor
+
+    @cached_property
     def cameras(self) -> int:
         """Number of the scene's cameras."""
         return self._run.store("vision", self._entry.batch).header("intrinsics")[0][1]
@@ -365,11 +378,6 @@ class GraspRecord(_Record):
         names = self._run.store("grasps", self._entry.batch).get("hand/sensor_names")
         return tuple(str(name) for name in names)
 
-    @cached_property
-    def sensor(self) -> Sensor:
-        """The kind of touch sensor that the readings are of."""
-        return self._run.store("touch", self._entry.batch).sensor
-
     @property
     def frames(self) -> "FramesRecord":
         """Its closing, from the open hand to this grasp; nothing is read yet."""
@@ -410,11 +418,6 @@ class FramesRecord(_Record):
     def has_contacts(self) -> bool:
         """Whether the run has contacts of its frames: `contact_*` and `sensor_wrench`."""
         return "contact_count" in self._run.store("frames", self._entry.batch)
-
-    @cached_property
-    def sensor(self) -> Sensor:
-        """The kind of touch sensor that the depths are of."""
-        return self._run.store("frames", self._entry.batch).sensor
 
     @cached_property
     def reading(self) -> np.ndarray:

@@ -80,7 +80,7 @@ class Run:
     @cached_property
     def batches(self) -> list[str]:
         """Names of the catalogue's batches. Files of others remain from an earlier config."""
-        return list(dict.fromkeys(entry.batch for entry in self.catalogue.values()))
+        return list(self._entries)
 
     @property
     def asked_stores(self) -> tuple[str, ...]:

@@ -338,25 +338,22 @@ def combine_validation(findings: Sequence[Finding], run: Path | str, sources: Pa
     groups: dict[tuple[str, str, str], list[Finding]] = {}
     for finding in findings:
         groups.setdefault((finding.check, finding.store, finding.batch), []).append(finding)
+    failed = {
+        key: [": ".join(filter(None, (each.object, each.where))) for each in group if not each.ok]
+        for key, group in groups.items()
+    }
     rows = [
         {
             **dict(zip(("check", "store", "batch"), key, strict=True)),
             "objects": sum(bool(finding.object) for finding in group),
             "worst": max(finding.value for finding in group),
             "limit": group[0].limit,
-            "passed": all(finding.ok for finding in group),
-            "where": _where(group),
+            "passed": not failed[key],
+            "where": checksums.join_first(failed[key], NAMED),
         }
         for key, group in groups.items()
     ]
     return pd.DataFrame(rows)
-
-
-def _where(group: list[Finding]) -> str:
-    """Names of what failed, at most `NAMED`; empty if all passed."""
-    failed = [": ".join(filter(None, (finding.object, finding.where))) for finding in group if not finding.ok]
-    more = [f"and {len(failed) - NAMED} more"] if len(failed) > NAMED else []
-    return "; ".join([*failed[:NAMED], *more])
 
 
 def _of_run(check: str, store: str, wrong: Iterable[str]) -> Finding:

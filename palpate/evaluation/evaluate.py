@@ -134,7 +134,7 @@ def evaluate_rings(
         numbers = sample.grasps or range(len(touches))
         chosen = [(number, sensor) for number in numbers for sensor in touches[number]]
         rings = [ring for number, sensor in chosen for ring in touches[number][sensor]]
-        distances = ring_distances(rings, sampled(trained, prediction, points, name))
+        distances = ring_distances(rings, points_on(*trained.model.mesh(prediction), points, name))
         places = ((*touch, ring) for touch in chosen for ring in RINGS)
         for (grasp, sensor, ring), in_ring, distance in zip(places, rings, distances, strict=True):
             ring_row = {"grasp": grasp, "sensor": sensor, "ring": ring, "points": len(in_ring), "distance": distance}
@@ -209,11 +209,6 @@ def _batches(samples: Sequence[Sample]) -> Iterator[list[Sample]]:
     for left in map(iter, by_object if len(samples) > len(by_object) else [samples]):
         while chosen := list(islice(left, BATCH_SIZE)):
             yield chosen
-
-
-def sampled(trained: Trained, prediction: Tensor, count: int, name: str) -> Tensor:
-    """`points_on` the mesh of a prediction."""
-    return points_on(*trained.model.mesh(prediction), count, name)
 
 
 def points_on(vertices: Tensor, faces: Tensor, count: int, name: str) -> Tensor:

@@ -15,7 +15,7 @@ from scipy.spatial.distance import cdist
 
 from palpate.batch import generator
 from palpate.charts import build_tree
-from palpate.evaluation.evaluate import BATCH_SIZE, POINTS, Trained, predict, row_of, sampled
+from palpate.evaluation.evaluate import BATCH_SIZE, POINTS, Trained, points_on, predict, row_of
 from palpate.evaluation.metrics import score
 from palpate.evaluation.rows import SELECTION_COLUMNS, EvaluationError
 from palpate.experiments import Correction
@@ -117,6 +117,7 @@ class _Errors:
         for some in (new[start : start + BATCH_SIZE] for start in range(0, len(new), BATCH_SIZE)):
             samples = [Sample(self.number, each) for each in some]
             for each, predicted in zip(some, predict(self.trained, self.assemble, samples, self.data), strict=True):
-                on_it = sampled(self.trained, predicted, self.points, self.data.objects[self.number])
+                mesh = self.trained.model.mesh(predicted)
+                on_it = points_on(*mesh, self.points, self.data.objects[self.number])
                 self.known[each] = score(on_it, self.cloud, self.tree).chamfer
         return [self.known[each] for each in grasps]

@@ -68,17 +68,17 @@ def build(
     record = {
         "version": VERSION,
         "source": {
-            **{
-                "file": source.name,
-                "faces": len(repaired.faces),
-                "parts": len(parts),
-                "up": up,
-                "turn": turn,
-                "scale": asked,
-            },
-            **{"replaced_textures": replaced, "bounding_box": [corner.tolist() for corner in box]},
+            "file": source.name,
+            "faces": len(repaired.faces),
+            "parts": len(parts),
+            "up": up,
+            "turn": turn,
+            "scale": asked,
+            "replaced_textures": replaced,
+            "bounding_box": [corner.tolist() for corner in box],
         },
-        **{"scale": float(scale), "diagonal": float(diagonal)},
+        "scale": float(scale),
+        "diagonal": float(diagonal),
         "repairs": repaired.counts,
         "visual.glb": _describe(vertices, faces) | {"see_through": see_through},
     }

@@ -15,22 +15,12 @@ KERNEL = 3
 class ImageEncoder(nn.Module):
     """The CNN whose intermediate feature maps are pooled at the vertices (supplement, "Model Architecture").
 
-    channels: of each block. layers: how many convolutions each block has; the first of a block has stride 2.
-    pool: numbers of the layers whose maps are returned, counted from 1 over all blocks as in the paper's
-    tables. norm: `batch` or `instance`. padding: of every convolution (the paper: 0; single image: 1). downsample: the
-    image is averaged over squares of so many pixels along a side first.
+    options: its layers; the first of a block has stride 2. Padding is 0 in the paper, 1 for single images.
     """
 
-    def __init__(
-        self,
-        channels: Sequence[int],
-        layers: Sequence[int],
-        pool: Sequence[int],
-        norm: str = "batch",
-        padding: int = 0,
-        downsample: int = 1,
-    ):
+    def __init__(self, options: Encoder):
         super().__init__()
+        channels, layers, pool = options.channels, options.layers, options.pool
         if len(channels) != len(layers) or not all(count > 0 for count in [*channels, *layers]):
             raise ValueError(f"encoder: channels {[*channels]} and layers {[*layers]} must be as many, and positive")
         total = sum(layers)
@@ -39,20 +29,14 @@ class ImageEncoder(nn.Module):
         if pool[-1] != total:
             raise ValueError(f"encoder: layers {pool[-1] + 1} to {total} are not used: pool {total}, or omit them")
         self.pool = tuple(pool)
-        self.padding, self.downsample = padding, downsample
+        self.padding, self.downsample = options.padding, options.downsample
         self.strides = [2 if first else 1 for count in layers for first in [True] + [False] * (count - 1)]
         widths = [width for width, count in zip(channels, layers, strict=True) for _ in range(count)]
         self.layers = nn.ModuleList(
-            ConvolutionBlock(inputs, outputs, KERNEL, stride, padding, norm)
+            ConvolutionBlock(inputs, outputs, KERNEL, stride, options.padding, options.norm)
             for inputs, outputs, stride in zip([3, *widths], widths, self.strides, strict=False)
         )
         self.channels = [widths[number - 1] for number in pool]
-
-    @classmethod
-    def of(cls, options: Encoder) -> "ImageEncoder":
-        """The encoder that an architecture describes."""
-        fields = options.channels, options.layers, options.pool, options.norm, options.padding, options.downsample
-        return cls(*fields)
 
     def forward(self, image: torch.Tensor) -> list[torch.Tensor]:
         """(B, 3, H, W) image in [0, 1] -> the pooled layers' maps, each (B, channels, h, w).

@@ -7,6 +7,7 @@ import torch
 from torch import Tensor, nn
 from torch.autograd.function import once_differentiable
 
+from palpate.architectures import GCN
 from palpate.charts.graph import Graph
 
 INITS = ("paper", "he")
@@ -109,28 +110,20 @@ class ZeroNeighbourLayer(nn.Module):
 
 
 class GraphNetwork(nn.Module):
-    """`layers` zero-neighbour layers of `width` channels; the last gives the 3 coordinates of a residual.
+    """The zero-neighbour layers that `options` has; the last gives the 3 coordinates of a residual.
 
     init, last_layer_scale: see `initialise`; the scale is the last layer's weights'. fan_in: the number of inputs of
-    the first layer, where it takes products of further inputs. shared_coordinates: of the last layer.
+    the first layer, where it takes products of further inputs.
     """
 
-    def __init__(
-        self,
-        inputs: int,
-        width: int,
-        layers: int,
-        init: str = "he",
-        last_layer_scale: float = 0.01,
-        fan_in: int | None = None,
-        shared_coordinates: int = 3,
-    ):
+    def __init__(self, inputs: int, options: GCN, init="he", last_layer_scale=0.01, fan_in: int | None = None):
         super().__init__()
+        layers, width = options.layers, options.width
         if layers < 1 or width < 3:
             raise ValueError(f"gcn: {layers} layers of width {width}: at least 1 layer, of width 3")
         widths = [inputs, *[width] * (layers - 1), 3]
         self.layers = nn.ModuleList(
-            ZeroNeighbourLayer(widths[k], widths[k + 1], k < layers - 1, shared_coordinates) for k in range(layers)
+            ZeroNeighbourLayer(*widths[k : k + 2], k < layers - 1, options.shared_coordinates) for k in range(layers)
         )
         for k, layer in enumerate(self.layers):
             layer.initialise(init, last_layer_scale if k == layers - 1 else 1.0, None if k else fan_in)

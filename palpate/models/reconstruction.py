@@ -116,17 +116,8 @@ class Reconstruction(nn.Module):
         if self.touch_input == "readings":
             self.reading_encoder = ReadingEncoder()
             reading_features = self.sensors * (self.reading_encoder.features + POSE_FEATURES)
-        gcn, init = architecture.gcn, architecture.init
-        inputs = image_features + vertex_features + reading_features
-        self.gcn = GraphNetwork(
-            vertex_features,
-            gcn.width,
-            gcn.layers,
-            init,
-            architecture.last_layer_scale,
-            inputs,
-            gcn.shared_coordinates,
-        )
+        init, inputs = architecture.init, image_features + vertex_features + reading_features
+        self.gcn = GraphNetwork(vertex_features, architecture.gcn, init, architecture.last_layer_scale, inputs)
         # The first layer's weights, by what they are applied to; those of a vertex's own inputs are in `gcn`.
         width = self.gcn.layers[0].weight.shape[1]
         for name, rows in (("image_weight", image_features), ("reading_weight", reading_features)):
@@ -142,7 +133,7 @@ class Reconstruction(nn.Module):
 
     def _build_encoder(self, options: Encoder) -> int:
         """Builds the image encoder; returns the number of features that a vertex gets."""
-        self.encoder = ImageEncoder.of(options)
+        self.encoder = ImageEncoder(options)
         features = sum(self.encoder.channels)
         self.project = LinearBlock(features, options.project) if options.project else None
         return options.project or features

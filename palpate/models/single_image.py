@@ -46,8 +46,7 @@ class SingleImageModel(nn.Module, ABC):
 
     def __init__(self, architecture: Architecture):
         super().__init__()
-        options = architecture.encoder
-        self.encoder = ImageEncoder.of(options)
+        self.encoder = ImageEncoder(architecture.encoder)
         self.architecture, self.radius = architecture, architecture.radius
         self.relative_size = self.radius / ATLAS_RADIUS
         self.register_buffer("centre", torch.tensor(OBJECT_POSITION, dtype=torch.float64), persistent=False)
@@ -141,13 +140,12 @@ class DeformedSphere(SingleImageModel):
 
     def __init__(self, architecture: Architecture):
         super().__init__(architecture)
-        gcn = architecture.gcn
         vertices, faces = sphere()
         self.register_buffer("start", resized(vertices, self.radius), persistent=False)
         self.register_buffer("faces", faces.clone(), persistent=False)
         self.register_buffer("edges", mesh_edges(faces).sort(dim=1).values.unique(dim=0), persistent=False)
         self.graph = Graph(0, "sphere")
-        layers = sum(self.encoder.channels) + 3, gcn.width, gcn.layers, architecture.init, architecture.last_layer_scale
+        layers = sum(self.encoder.channels) + 3, architecture.gcn, architecture.init, architecture.last_layer_scale
         self.blocks = nn.ModuleList(GraphNetwork(*layers) for _ in range(architecture.deformations))
 
     def stages(self, batch):

@@ -124,11 +124,8 @@ def hold(dataset: Dataset) -> pd.DataFrame:
     kept = along.reshape(-1, 6) == 1
     shares = {"all": kept.all(axis=1), "some": kept.any(axis=1), "directions": kept.mean(axis=1)}
     grasps = grasps.assign(simulated=held.ravel() >= 0, **shares)
-    groups = [
-        (name, grasps if name == TOTAL else grasps[grasps["class"] == name]) for name in [*dataset.classes, TOTAL]
-    ]
     rows = []
-    for name, members in groups:
+    for name, _, members in _classes(grasps.sort_values("class"), grasps):
         by_touches = [(str(number), members[members["touches"] == number]) for number in sorted(set(grasps["touches"]))]
         for touches, chosen in [*by_touches, ("any", members)]:
             of_objects = chosen[chosen["simulated"]].assign(one=1)[["object", "class", "one", *shares]]

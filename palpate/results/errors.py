@@ -85,7 +85,9 @@ def errors(
     if not np.isfinite(frame[column]).all():
         bad = frame[~np.isfinite(frame[column])].iloc[0]
         raise EvaluationError(f"{bad[key]!r}, seed {bad['seed']}, {bad['object']}: {column} is {bad[column]}")
-    _once(frame, key)
+    names = [name for name in (key, "seed", "object", "window", "grasp", "sensor", "ring") if name in frame]
+    if (twice := frame.duplicated(names)).any():
+        raise EvaluationError(f"measured twice: {frame[twice].iloc[0][names].to_dict()}")
     classes = frame.drop_duplicates("object").set_index("object")["class"].sort_index()
     trained = frame["steps"] > 0 if (frame["steps"] > 0).any() else slice(None)
     seeds = sorted(set(frame.loc[trained, "seed"]))
@@ -109,10 +111,3 @@ def errors(
         values[name] = table.to_numpy()
         steps[name] = (int(rows["steps"].min()), int(rows["steps"].max()))
     return Errors(classes.index.to_numpy(), classes.to_numpy(), values, steps)
-
-
-def _once(frame: pd.DataFrame, key: str) -> None:
-    names = [name for name in (key, "seed", "object", "window", "grasp", "sensor", "ring") if name in frame]
-    twice = frame[frame.duplicated(names)]
-    if len(twice):
-        raise EvaluationError(f"measured twice: {twice.iloc[0][names].to_dict()}")

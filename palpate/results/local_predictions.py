@@ -27,7 +27,7 @@ def local_predictions(dataset: Dataset, touch_depth: Path | str, path: Path | st
 
     touch_depth: the trained U-Net's folder.
     """
-    drawn = [touch for record in test_objects(dataset) for touch in touches(record)]
+    drawn = [touch for record in first_test_objects(dataset) for touch in touches(record)]
     if not drawn:
         return save_sentence("No test object with a successful touch in this run", path)
     charts, faces = TouchCharts(touch_depth), touch_chart().faces.numpy()
@@ -51,16 +51,13 @@ def local_predictions(dataset: Dataset, touch_depth: Path | str, path: Path | st
     save(figure, path)
 
 
-def test_objects(dataset: Dataset) -> list[ObjectRecord]:
+def first_test_objects(dataset: Dataset) -> list[ObjectRecord]:
     """The first test object of every class, in the catalogue's order; not chosen for what comes out."""
     first: dict[str, ObjectRecord] = {}
     for record in dataset:
         if record.split == "test":
             first.setdefault(record.class_name, record)
     return list(first.values())
-
-
-test_objects.__test__ = False  # it is not a test
 
 
 def touches(record: ObjectRecord) -> list[tuple[GraspRecord, int]]:

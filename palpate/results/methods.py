@@ -1,57 +1,30 @@
 """Whose method a row is: the paper's, ours, or a look-up; and which experiments of one take the place of another's.
 
-Experiments are named `<strategy>_<vision>[_touch[_n]]` or `<strategy>_touch[_n]`. It needs no pandas.
+`methods.yaml` has a row a strategy. Experiments are named `<strategy>_<vision>[_touch[_n]]` or `<strategy>_touch[_n]`.
+It needs no pandas.
 """
 
 import re
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Sequence
+from pathlib import Path
+from typing import Any
 
+from palpate.configuration import read_yaml
 from palpate.experiments import Experiment
 
-NAMES = {  # strategy, as in names of experiments -> name, whose it is
-    "sphere": ("sphere", "paper"),
-    "no_copy": ("charts, no copying", "paper"),
-    "no_comm": ("charts, no communication", "paper"),
-    "charts": ("charts, equation 1", "paper"),
-    "mean": ("charts, mean", "authors' first release"),  # strategy charts, `gcn: {normalisation: mean}`
-    "pooled": ("pooled touch", "ours"),
-    "pooled_no_copy": ("pooled touch, no copying", "ours"),
-    "pooled_uncorrected": ("pooled touch, uncorrected", "ours"),
-    "template": ("template", "ours"),
-    "template_uncorrected": ("template, uncorrected", "ours"),
-    "implicit": ("signed distance", "ours"),
-    "implicit_uncorrected": ("signed distance, uncorrected", "ours"),
-    "retrieval": ("retrieval", "no training"),
-    "retrieval_uncorrected": ("retrieval, uncorrected", "no training"),
-    "psg": ("in the manner of PSG", ""),
-    "pixel2mesh": ("in the manner of Pixel2Mesh", ""),
-    "r2n2": ("in the manner of 3D-R2N2", ""),
-}
-# What takes the place of the paper's strategies in a method. None: no model corresponds. Strategies that are not named
-# stay: the sphere, and charts that are copied only.
-EXCHANGED: dict[str, Mapping[str, str | None]] = {
-    "charts": {},
-    "mean": {"charts": "mean", "no_copy": None},
-    "pooled": {"charts": "pooled", "no_copy": "pooled_no_copy"},
-    "template": {"charts": "template", "no_copy": None, "no_comm": None},
-    "implicit": {"charts": "implicit", "no_copy": None, "no_comm": None},
-}
+_ROWS: dict[str, dict[str, Any]] = read_yaml(Path(__file__).with_suffix(".yaml"))
+NAMES = {strategy: (row["name"], row["whose"]) for strategy, row in _ROWS.items()}
+EXCHANGED, COMMUNICATION, STATED = (
+    {strategy: row[key] for strategy, row in _ROWS.items() if key in row}
+    for key in ("exchanged", "communication", "stated_as")
+)
 METHODS = tuple(EXCHANGED)  # that claims and differences are of
 UNCORRECTED = "_uncorrected"  # of methods that are bent to the touched points, without it
-COMMUNICATION = {
-    "charts": "edges of the graph",
-    "mean": "edges of the graph",
-    "pooled": "pooled touch and known points",
-}
 COMMUNICATION_NOTE = (
     " Communication is edges of the graph to touch charts in the paper's method, and pooling by nearness in ours, "
     "which also bends charts to touched points. Without it touch charts are copied into the mesh, and vision charts "
     "do not depend on them."
 )
-# The paper's strategies whose numbers stand beside others.
-OTHERS = ("mean", "pooled", "template", "implicit", "retrieval")
-STATED = {name: "charts" for name in NAMES if name.split("_")[0] in OTHERS}
-STATED["pooled_no_copy"] = "no_copy"
 _NAME = re.compile(r"(.+?)(_(?:occluded|unoccluded|touch).*)")
 
 

@@ -3,7 +3,7 @@
 Bands and bars are 95 % bootstrap intervals, as in the tables; dashed lines are the paper's values.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -14,7 +14,7 @@ from palpate.protocol import RINGS
 from palpate.results import methods, products
 from palpate.results import model_tables as tables
 from palpate.results.bootstrap import RESAMPLES
-from palpate.results.errors import errors
+from palpate.results.errors import Errors, errors
 from palpate.results.page import COLOURS, LABEL, PALE, TITLE, new_figure, save, styled
 from palpate.results.published import stated
 
@@ -39,11 +39,7 @@ def multi_grasp(evaluations: tables.Frame, experiments: Experiments, path, split
         axes, keys = panels[inputs.index(label)], dict(sorted(members.items()))
         first = next(iter(keys.values()))
         style = _style(experiments[first])
-        estimates = [
-            found.estimate([key, first], lambda means: means[..., 0] / means[..., 1] - 1, resamples)
-            for key in keys.values()
-        ]
-        _line(axes, list(keys), np.maximum(estimates, -1), style, method)  # errors are not negative
+        _line(axes, list(keys), _against_first(found, keys, resamples), style, method)
         if first in published:
             paper = {count: published[key] / published[first] - 1 for count, key in keys.items() if key in published}
             axes.plot([*paper], [*paper.values()], "--", color=style["color"], lw=1, label="the paper's values")
@@ -68,18 +64,9 @@ def grasp_selection(
     for axes, (name, setup) in zip(panels, experiments.items(), strict=True):
         of_model = {strategy: keys for (model, strategy), keys in chosen.items() if model == name}
         for colour, (strategy, keys) in zip(COLOURS, of_model.items(), strict=False):
-            first = next(iter(keys.values()))
-            estimates = [
-                found.estimate([key, first], lambda means: means[..., 0] / means[..., 1] - 1, resamples)
-                for key in keys.values()
-            ]
-            _line(axes, list(keys), np.maximum(estimates, -1), {"color": colour}, strategy)
-        _finish(
-            axes,
-            "Chosen grasps",
-            "Chamfer distance against the first",
-            f"{methods.label(setup)}, {methods.input_label(setup)}",
-        )
+            _line(axes, list(keys), _against_first(found, keys, resamples), {"color": colour}, strategy)
+        title = f"{methods.label(setup)}, {methods.input_label(setup)}"
+        _finish(axes, "Chosen grasps", "Chamfer distance against the first", title)
         axes.yaxis.set_major_formatter(PercentFormatter(1))
     save(figure, path)
 
@@ -112,6 +99,14 @@ def error_over_rings(rings: tables.Frame, experiments: Experiments, path, split=
         axes.ticklabel_format(axis="y", style="sci", scilimits=(0, 0), useMathText=True)
         axes.get_legend().set(loc="upper center", bbox_to_anchor=(0.5, -0.15))  # no place inside is free of lines
     save(figure, path)
+
+
+def _against_first(found: Errors, keys: Mapping[int, str], resamples: int) -> np.ndarray:
+    """Estimates (n, 3) of the relative change of errors against the first of them, and their intervals."""
+    first = next(iter(keys.values()))
+    pairs = ([key, first] for key in keys.values())
+    estimates = [found.estimate(pair, lambda means: means[..., 0] / means[..., 1] - 1, resamples) for pair in pairs]
+    return np.maximum(estimates, -1)  # errors are not negative
 
 
 def _style(setup: Experiment) -> dict[str, str]:

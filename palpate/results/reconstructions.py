@@ -16,7 +16,7 @@ from palpate.dataset import Dataset
 from palpate.dataset.reader import ObjectRecord
 from palpate.evaluation.reconstruct import TOUCH_COLOUR, VISION_COLOUR, Reconstructor, Shape, of_object
 from palpate.results import products
-from palpate.results.local_predictions import test_objects
+from palpate.results.local_predictions import first_test_objects
 from palpate.results.page import picture_grid, save, save_sentence, styled
 from palpate.vision import Mesh, Renderer
 
@@ -49,7 +49,7 @@ def reconstructions(dataset: Dataset, models: Mapping[str, Path | str], path: Pa
 
     Raises what `Reconstructor` raises.
     """
-    records = test_objects(dataset)
+    records = first_test_objects(dataset)
     if not records:
         return save_sentence("No usable test object in this run", path)
     renderer = Renderer(samples=SAMPLES, threads=threads)

@@ -1,13 +1,15 @@
 """The dataset contract: which arrays each store has, and their shapes, types, units and frames, as data.
 
-The table is `contract.csv`; all code that writes, reads, checks or documents a store uses it. Its shapes are
-written with symbols (see `SYMBOLS`): within one store a symbol stands for one number. `record` says how many
+The arrays are in `contract.csv`, symbols of their shapes, units and frames in `contract.yaml`; all code that writes,
+reads, checks or documents a store uses them. Within one store a symbol stands for one number. `record` says how many
 leading axes are cut into chunks of length one, so that one object's or one sensor's data is one read.
 """
 
 import csv
 from dataclasses import dataclass
 from importlib import resources
+
+import yaml
 
 from palpate.stages import STAGES, Stage
 
@@ -20,34 +22,9 @@ SCHEMA_VERSION = 5
 # The Allegro's, in the order of every axis that counts sensors; of another hand it is that of `hand/sensor_names`.
 SENSOR_NAMES = ("index", "middle", "ring", "thumb")
 
-SYMBOLS = {
-    "o": "objects of the batch",
-    "g": "grasps of an object (5)",
-    "f": "frames of a grasp, from the open hand to rest",
-    "h": "frames of a grasp that have images",
-    "a": "slots for contacts of a frame (32)",
-    "n": "surface points of an object (10000)",
-    "s": "sensors of the hand (4)",
-    "j": "joints of the hand (16)",
-    "l": "links of the hand",
-    "r": "rows of a reading (100)",
-    "c": "columns of a reading (100)",
-    "rc": "pixels of a reading (10000)",
-    "k": "cameras of a scene (1)",
-    "p": "rows, and columns, of an image (256)",
-    "b": "channels of an image (3; 4, the last one opacity, with a transparent background)",
-    "v": "views of an object (24)",
-    "q": "rows, and columns, of a view (137)",
-    "m": "points around an object (20000)",
-    "w": "rows, and columns, of the grid of the rings around a touch (100)",
-}
-UNITS = {"length": "metre", "angle": "radian", "colour": "sRGB, 8 bit"}
-FRAMES = {
-    "world": "right-handed, z up; the object's bounding box is centred at (0, 0, 0.6); its diagonal is 0.5, or its own",
-    "rotation": "3 x 3 matrices whose columns are the frame's axes in the world",
-    "sensor": "x out of the gel, y along the columns and z along the rows of a reading",
-    "image": "row 0 at the top",
-}
+_FOLDER = resources.files("palpate.store")
+_TERMS = yaml.safe_load(_FOLDER.joinpath("contract.yaml").read_text(encoding="utf-8"))
+SYMBOLS, UNITS, FRAMES = _TERMS["symbols"], _TERMS["units"], _TERMS["frames"]
 
 
 @dataclass(frozen=True)
@@ -129,7 +106,7 @@ class StoreSpec:
 
 
 def _arrays(stage: str) -> dict[str, ArraySpec]:
-    text = resources.files("palpate.store").joinpath("contract.csv").read_text(encoding="utf-8")
+    text = _FOLDER.joinpath("contract.csv").read_text(encoding="utf-8")
     rows = [row for row in csv.DictReader(text.splitlines()) if row["store"] == stage]
     return {
         row["array"]: ArraySpec(

@@ -22,8 +22,8 @@ from palpate.rebuild_command import rebuild_advice, rebuild_command
 from palpate.sensor import Sensor
 from palpate.store.contract import CONTRACT, FRAMES, SCHEMA_VERSION, UNITS, ArraySpec, StoreSpec
 from palpate.store.errors import StoreError, reading
-from palpate.store.hdf5_file import Hdf5File, seal_hdf5, write_hdf5
-from palpate.store.zarr_files import ZarrFiles, seal_zarr, write_zarr
+from palpate.store.hdf5_file import Hdf5File, write_hdf5
+from palpate.store.zarr_files import ZarrFiles, write_zarr
 
 STRING_KINDS = "UOST"  # numpy's kinds of types that hold text
 Header = tuple[tuple[int, ...], np.dtype]  # of an array: shape and type
@@ -118,11 +118,6 @@ def _text(path: Path, name: str, array: np.ndarray) -> np.ndarray:
     if not all(isinstance(value, str) for value in array.flat):
         raise StoreError(f"{path}: array {name!r} must hold strings only")
     return array.astype(object)
-
-
-def seal(path: Path, attributes: Mapping[str, Any] | None = None) -> None:
-    """Have a store that is written state what it holds. attributes: of a Zarr store; by default those that it has."""
-    seal_zarr(path, attributes) if path.suffix == ".zarr" else seal_hdf5(path)
 
 
 class Store:

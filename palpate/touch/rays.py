@@ -3,8 +3,6 @@
 Only faces and pixels that can be in contact are traced.
 """
 
-from typing import NamedTuple
-
 import numpy as np
 import trimesh
 
@@ -23,11 +21,7 @@ _DOUBLE_ROUNDING = 1e-12  # m by which edges are widened in double precision: no
 _NO_WIDTH = 1e-6  # sine of the angle below which a face covers no pixel: it is narrower than Embree's rounding
 
 
-class Block(NamedTuple):
-    """A rectangle of pixels."""
-
-    rows: slice
-    columns: slice
+Block = tuple[slice, slice]  # rows and columns of a rectangle of pixels
 
 
 class RayCaster:
@@ -71,7 +65,7 @@ class RayCaster:
         for k, origin in enumerate(origins):
             block = self._block_in_reach(origin, rotation[k])
             if block is not None:
-                depth[k, block.rows, block.columns] = self._in_range(origin, rotation[k], block)
+                depth[k, *block] = self._in_range(origin, rotation[k], block)
         return depth
 
     def succeeds(self, position: np.ndarray, rotation: np.ndarray) -> np.ndarray:
@@ -96,7 +90,7 @@ class RayCaster:
 
     def _succeeds_early(self, origin, rotation, block: Block) -> bool:
         """Whether Embree finds a face in range at every 10th pixel in both directions; doubtful ones don't count."""
-        coarse = Block(*(slice(side.start, side.stop, 10) for side in block))
+        coarse = tuple(slice(side.start, side.stop, 10) for side in block)
         depth, _ = self._embree_depth(origin, rotation, coarse)
         return bool((depth <= self.sensor.reach[coarse].ravel()).any())
 
@@ -134,7 +128,7 @@ class RayCaster:
         first = np.floor((low[meets, 1:].min(axis=0) - _MARGIN) / pixel + side / 2 - 0.5).astype(int)
         last = np.ceil((high[meets, 1:].max(axis=0) + _MARGIN) / pixel + side / 2 - 0.5).astype(int)
         first, last = np.clip(first, 0, side), np.clip(last + 1, 0, side)
-        return Block(rows=slice(first[1], last[1]), columns=slice(first[0], last[0]))
+        return slice(first[1], last[1]), slice(first[0], last[0])
 
     def _near_faces(self, origin, rotation) -> np.ndarray:
         """Indices of the faces whose bounding box meets the bounding box of the sensor's reach."""

@@ -1,6 +1,5 @@
 """Training recipes: one by its name with a run's overrides, and from it the settings of one model."""
 
-import copy
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,7 +8,7 @@ from typing import Any
 import yaml
 
 from palpate.architectures import Architecture, paper_architecture
-from palpate.configuration import ConfigError, check, plain
+from palpate.configuration import ConfigError, check, merge, plain
 from palpate.experiments import Experiment
 
 
@@ -53,15 +52,6 @@ class ReconstructionSettings(Settings):
     def from_row(cls, row: Mapping[str, Any]) -> "ReconstructionSettings":
         """The settings in the form that `row` gives (Snakemake's params)."""
         return cls(**{**row, "architecture": Architecture.from_row(row["architecture"])})
-
-
-def merge(base: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:
-    """`base` with the keys of `over`; where both hold a mapping, it is merged in turn. Neither is changed."""
-    merged = copy.deepcopy(dict(base))
-    for key, value in over.items():
-        inner = isinstance(value, Mapping) and isinstance(merged.get(key), Mapping)
-        merged[key] = merge(merged[key], value) if inner else copy.deepcopy(value)
-    return merged
 
 
 @dataclass(frozen=True)

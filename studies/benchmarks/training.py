@@ -28,6 +28,7 @@ import torch
 import yaml
 from scipy.spatial import cKDTree
 
+from palpate.configuration import merge
 from palpate.evaluation.rows import QUALITY
 from palpate.evaluation.surface_quality import surface_quality, topology
 from palpate.experiments import Experiment, Experiments
@@ -38,7 +39,7 @@ from palpate.inference.samples import Assembler, windows
 from palpate.models import Reconstruction
 from palpate.training.learners import ReconstructionLearner
 from palpate.training.loop import train
-from palpate.training.recipes import Recipe, ReconstructionSettings, merge
+from palpate.training.recipes import Recipe, ReconstructionSettings
 from studies.training_steps import TrainingSteps
 
 PROJECT = Path(__file__).parents[2]

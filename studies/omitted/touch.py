@@ -33,7 +33,7 @@ class EveryPixel(RayCaster):
     """Traces pixels with no face in front of them, too."""
 
     def _block_in_reach(self, origin, rotation) -> Block:
-        return Block(slice(0, touch.RESOLUTION), slice(0, touch.RESOLUTION))
+        return slice(0, touch.RESOLUTION), slice(0, touch.RESOLUTION)
 
 
 class EveryPixelForSuccess(RayCaster):

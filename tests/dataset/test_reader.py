@@ -284,6 +284,27 @@ def test_arrays_are_loaded_into_memory_in_the_type_asked_for(built):
     np.testing.assert_array_equal(dataset.load("touch", "reading"), expected)
 
 
+@pytest.mark.parametrize(
+    ("stage", "name"),
+    [("surface", "points"), ("touch", "position"), ("touch", "rotation"), ("touch", "points"), ("grasps", "palm_pose")],
+)
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
+def test_values_that_are_not_finite_are_errors_that_name_file_object_and_remedy(run, stage, name, value):
+    damaged(run, stage, lambda arrays: arrays[name].__setitem__((1, *[0] * (arrays[name].ndim - 1)), value))
+    message = rf"{stage}/batch-0000.* {name} of block-0000 is NaN or infinite; remove .* snakemake {stage}/batch-0000"
+    with pytest.raises(StoreError, match=message):
+        palpate.Dataset(run).load(stage, name)
+    assert palpate.Dataset(run).select(["ball-0000"]).load(stage, name).any()
+
+
+@pytest.mark.parametrize("value", [np.nan, -np.inf])
+def test_depth_may_be_infinite_but_not_nan(run, value):
+    assert np.isinf(palpate.Dataset(run).load("touch", "depth")).any()
+    damaged(run, "touch", lambda arrays: arrays["depth"].__setitem__((0, 1, 2, 3, 4), value))
+    with pytest.raises(StoreError, match="depth of ball-0000 is NaN or infinite"):
+        palpate.Dataset(run).load("touch", "depth")
+
+
 def test_batches_that_differ_in_shape_are_named(run):
     damaged(run, "surface", lambda arrays: arrays.update(points=arrays["points"][:, 1:]), "batch-0001")
     message = r"batch-0001.zarr: points of an object is \(499, 3\), but \(500, 3\) in .*batch-0000.*from one config"

@@ -16,7 +16,7 @@ from palpate.dataset.checks import CHECKS, rotation_error
 from palpate.dataset.validation import check_again, combine_validation, read_findings, validate_batch, write_findings
 from palpate.mesh import OBJECT_POSITION
 from palpate.sensor import DIGIT
-from palpate.store.files import seal
+from palpate.store.zarr_files import seal_zarr
 from tests.dataset import test_forces
 from tests.store.conftest import add_frames
 
@@ -141,7 +141,7 @@ def made_with(change):
 
     def damage(run):
         path = run / f"vision/{BATCH}.zarr"
-        seal(path, change(dict(zarr.open_group(path).attrs)))
+        seal_zarr(path, change(dict(zarr.open_group(path).attrs)))
 
     return damage
 
@@ -188,17 +188,17 @@ def retype(run):
     group = zarr.open_group(run / f"surface/{BATCH}.zarr")
     points = group["points"][:]
     group.create_array("points", data=points.astype(np.float64), overwrite=True)
-    seal(run / f"surface/{BATCH}.zarr")
+    seal_zarr(run / f"surface/{BATCH}.zarr")
 
 
 def extra_array(run):
     zarr.open_group(run / f"vision/{BATCH}.zarr").create_array("glow", data=np.zeros(3))
-    seal(run / f"vision/{BATCH}.zarr")
+    seal_zarr(run / f"vision/{BATCH}.zarr")
 
 
 def without_depth(run):
     shutil.rmtree(run / f"touch/{BATCH}.zarr/depth")
-    seal(run / f"touch/{BATCH}.zarr")
+    seal_zarr(run / f"touch/{BATCH}.zarr")
 
 
 def table(name, change):

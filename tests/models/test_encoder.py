@@ -11,15 +11,13 @@ from palpate.models.encoder import ReadingEncoder
 from palpate.models.layers import NORMS
 from tests.models.batches import SMALL
 
-encoder_of = ImageEncoder.of
-
 
 @pytest.mark.parametrize("name", [name for name in PAPER_ARCHITECTURES if name != "touch"] + ["small"])
 @pytest.mark.parametrize("size", [256, 137])
 @pytest.mark.parametrize("downsample", [1, 2])
 def test_sizes_are_those_of_a_real_pass(name, size, downsample):
     options = Encoder(**SMALL["encoder"]) if name == "small" else PAPER_ARCHITECTURES[name].encoder
-    encoder = encoder_of(replace(options, downsample=downsample)).eval()
+    encoder = ImageEncoder(replace(options, downsample=downsample)).eval()
     try:
         sizes = encoder.sizes(size)
     except ValueError:
@@ -34,7 +32,7 @@ def test_sizes_are_those_of_a_real_pass(name, size, downsample):
 
 
 def test_a_downsampled_image_is_the_mean_of_its_squares():
-    encoder = ImageEncoder([4], [1], [1], padding=1, downsample=2).eval()
+    encoder = ImageEncoder(Encoder([4], [1], [1], padding=1, downsample=2)).eval()
     image = torch.rand(1, 3, 8, 8)
     small = (image[..., ::2, :] + image[..., 1::2, :]) / 2
     small = (small[..., ::2] + small[..., 1::2]) / 2
@@ -42,7 +40,7 @@ def test_a_downsampled_image_is_the_mean_of_its_squares():
 
 
 def test_only_the_first_layer_of_a_block_has_a_stride():
-    encoder = ImageEncoder([4, 8], [3, 2], [3, 5])
+    encoder = ImageEncoder(Encoder([4, 8], [3, 2], [3, 5]))
     assert [layer[0].stride[0] for layer in encoder.layers] == [2, 1, 1, 2, 1]
     assert [layer[0].out_channels for layer in encoder.layers] == [4, 4, 4, 8, 8]
 
@@ -60,16 +58,16 @@ def test_only_the_first_layer_of_a_block_has_a_stride():
 )
 def test_impossible_encoders(channels, layers, pool, message):
     with pytest.raises(ValueError, match=message):
-        ImageEncoder(channels, layers, pool)
+        ImageEncoder(Encoder(channels, layers, pool))
 
 
 def test_unknown_norm():
     with pytest.raises(ValueError, match="norm 'layer'"):
-        ImageEncoder([4], [1], [1], norm="layer")
+        ImageEncoder(Encoder([4], [1], [1], norm="layer"))
 
 
 def test_an_image_that_is_too_small_is_an_error():
-    encoder = encoder_of(PAPER_ARCHITECTURES["occluded"].encoder)
+    encoder = ImageEncoder(PAPER_ARCHITECTURES["occluded"].encoder)
     with pytest.raises(ValueError, match="137 x 137 is too small .* nothing is left after layer 16"):
         encoder.sizes(137)
 
@@ -87,7 +85,7 @@ def test_instance_norm_by_its_formula():
 
 def test_an_image_gives_the_same_maps_in_any_layout():
     torch.manual_seed(0)
-    encoder = ImageEncoder(**SMALL["encoder"])
+    encoder = ImageEncoder(Encoder(**SMALL["encoder"]))
     image = torch.rand(1, 64, 64, 3).movedim(-1, 1)
     for one, other in zip(encoder(image), encoder(image.contiguous()), strict=True):
         assert torch.equal(one, other)

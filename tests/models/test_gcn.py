@@ -5,6 +5,7 @@ import math
 import pytest
 import torch
 
+from palpate.architectures import GCN
 from palpate.charts import Graph
 from palpate.models import GraphNetwork, ZeroNeighbourLayer
 from tests.models.straightforward import dense_adjacency
@@ -56,7 +57,7 @@ def test_gradients_by_finite_differences():
 def test_network_is_its_layers_in_a_row():
     torch.manual_seed(0)
     graph = Graph(1)
-    network = GraphNetwork(4, 9, 4).double()
+    network = GraphNetwork(4, GCN(4, 9)).double()
     x = torch.randn(graph.vertices, 2, 4, dtype=torch.float64)
     expected = x
     for layer in network.layers:
@@ -85,7 +86,7 @@ def test_initial_weights():
 def test_he_keeps_the_size_of_features_over_many_layers():
     torch.manual_seed(0)
     graph = Graph(4)
-    network = GraphNetwork(32, 120, 21, "he", last_layer_scale=1.0)
+    network = GraphNetwork(32, GCN(21, 120), "he", last_layer_scale=1.0)
     with torch.no_grad():
         sizes = []
         x = torch.randn(graph.vertices, 1, 32)
@@ -98,4 +99,4 @@ def test_he_keeps_the_size_of_features_over_many_layers():
 @pytest.mark.parametrize(("layers", "width"), [(0, 10), (3, 2)])
 def test_impossible_networks(layers, width):
     with pytest.raises(ValueError, match="at least 1 layer"):
-        GraphNetwork(3, width, layers)
+        GraphNetwork(3, GCN(layers, width))

@@ -28,7 +28,7 @@ def test_touches_are_the_widest_of_each_grasp(dataset):
 
 def test_one_test_object_of_every_class_is_drawn(dataset):
     """The run has a train and a validation bottle, and a test knife."""
-    assert [record.name for record in figure.test_objects(dataset)] == ["knife-0000"]
+    assert [record.name for record in figure.first_test_objects(dataset)] == ["knife-0000"]
 
 
 def test_clouds_are_in_the_frame_of_their_reading(dataset, touch_depth, tmp_path, monkeypatch):

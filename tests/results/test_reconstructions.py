@@ -120,4 +120,4 @@ def test_a_run_without_test_objects_has_its_figure(dataset, models, tmp_path):
 
 def test_one_test_object_of_every_class_is_drawn(dataset):
     """The run has a train and a validation bottle, and a test knife."""
-    assert [record.name for record in figure.test_objects(dataset)] == ["knife-0000"]
+    assert [record.name for record in figure.first_test_objects(dataset)] == ["knife-0000"]

@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 import palpate.store
 from palpate.sensor import DIGIT
 from palpate.store import CONTRACT, StoreError, join, read, write
-from palpate.store.files import seal
+from palpate.store.hdf5_file import seal_hdf5
 
 ATTRIBUTES = {"made_from": {}, "seed": 3, "sensor": DIGIT.description()}
 SIZES = {"n": 5, "m": 7, "s": 4, "j": 3, "l": 2, "r": 4, "c": 6, "rc": 24, "k": 2, "p": 6, "b": 3, "v": 2, "q": 3}
@@ -463,7 +463,7 @@ def test_another_schema_version_is_refused(tmp_path):
     write(path, "grasps", arrays_of("grasps", 1), ATTRIBUTES)
     with h5py.File(path, "a") as file:
         file.attrs["schema_version"] = "99"
-    seal(path)
+    seal_hdf5(path)
     with pytest.raises(StoreError, match=r"batch-0000.* has schema version 99, but .* version 5"):
         palpate.store.open(path)
 
