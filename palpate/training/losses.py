@@ -1,7 +1,6 @@
 """The losses: Chamfer distances in the tables' unit (`palpate.protocol.CHAMFER_SCALE` times square metres)."""
 
 from collections.abc import Sequence
-from functools import cache
 
 import torch
 from scipy.spatial import cKDTree
@@ -20,9 +19,9 @@ class Truth:
 
     def __init__(self, points: Tensor):
         self.points = points
-        self._tree = cache(lambda number: build_tree(points[number]))
-        self._normals = cache(lambda number: cloud_normals(points[number], self._tree(number)))
-        self._occupied = cache(lambda number, relative_size: occupied(points[number], relative_size))
+        self._trees: dict[int, cKDTree] = {}
+        self._normals: dict[int, Tensor] = {}
+        self._occupied: dict[int, Tensor] = {}
 
     def clouds(self, objects: Sequence[int]) -> list[Tensor]:
         """The clouds of the numbered objects."""
@@ -30,20 +29,26 @@ class Truth:
 
     def trees(self, objects: Sequence[int]) -> list[cKDTree] | None:
         """Their trees; None on a GPU, where neighbours are found without."""
-        return [self._tree(number) for number in objects] if self.points.device.type == "cpu" else None
+        if self.points.device.type != "cpu":
+            return None
+        for number in set(objects) - set(self._trees):
+            self._trees[number] = build_tree(self.points[number])
+        return [self._trees[number] for number in objects]
 
     def normals(self, objects: Sequence[int]) -> list[Tensor]:
         """The unit normals (n, 3) at their points, of either sign."""
-        return [self._normals(number) for number in objects]
+        for number in set(objects) - set(self._normals):
+            points = self.points[number]
+            cloud = points.detach().cpu().double().numpy()
+            tree = self._trees.get(number) or build_tree(points)
+            self._normals[number] = torch.from_numpy(plane_normals(cloud, tree)).to(points)
+        return [self._normals[number] for number in objects]
 
     def occupied(self, objects: Sequence[int], relative_size: float = 1.0) -> list[Tensor]:
         """Their cells (32, 32, 32) bool, as `palpate.models.single_image.occupied` has them, of one size of grid."""
-        return [self._occupied(number, relative_size) for number in objects]
-
-
-def cloud_normals(points: Tensor, tree: cKDTree) -> Tensor:
-    """The unit normals (n, 3) at the points (n, 3) of a cloud, of either sign. tree: its own."""
-    return torch.from_numpy(plane_normals(points.detach().cpu().double().numpy(), tree)).to(points)
+        for number in set(objects) - set(self._occupied):
+            self._occupied[number] = occupied(self.points[number], relative_size)
+        return [self._occupied[number] for number in objects]
 
 
 def reconstruction_loss(

@@ -181,7 +181,7 @@ def test_names_are_part_of_the_digest():
 def test_values_that_cannot_be_are_noticed_and_named(run, stage, name, value):
     arrays = run[1][stage, "batch-0000"]
     change(run, stage, name, (list(arrays["object"]).index("b-0"), *[0] * (arrays[name].ndim - 1)), value)
-    with pytest.raises(ExperimentDataError, match="of b-0 is NaN or infinite"):
+    with pytest.raises(StoreError, match=f"{stage}/batch-0000.*of b-0 is NaN or infinite; remove it"):
         ExperimentData.load(run[0], TOUCH)
     assert len(ExperimentData.load(run[0], TOUCH, ["validation"])) == 1  # what is not loaded is not checked
 
