@@ -37,7 +37,8 @@ VALIDATION_SEED = 1  # the same points in every validation of every model, so th
 
 
 class Diverged(RuntimeError):
-    """A prediction, the loss, or its gradient is NaN or infinite; the message names the sample."""
+    """A prediction, the loss, or its gradient is NaN or infinite, where the message names the sample; or no gradient
+    reaches the network."""
 
 
 class Learner(nn.Module):

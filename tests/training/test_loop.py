@@ -243,6 +243,19 @@ def test_a_prediction_that_is_not_finite_names_its_sample(monkeypatch):
         learner.check_finite("the prediction", values, samples, "step 9")
 
 
+def test_a_dead_network_is_an_error(tmp_path):
+    """A last hidden layer that is 0 for every input: its gradient is 0, and the last bias alone still moves."""
+    learner = ReconstructionLearner(made_up(), OCCLUDED_TOUCH, SETTINGS, 0)
+    with torch.no_grad():
+        learner.model.gcn.layers[-2].bias.fill_(-1e6)
+    moved = sum(weights.numel() for weights in learner.model.parameters()) - 3
+    share = f"{moved / (moved + 3):.4%}"
+    for _ in range(2):  # it does not go on from there either
+        with pytest.raises(Diverged, match=f"by step 2 the network is dead: {share} .* Lower the rate"):
+            train(learner, tmp_path / "model", tmp_path / "checkpoints", CPU, "test")
+    assert not (tmp_path / "model").exists()
+
+
 def test_the_rate_follows_one_cycle(tmp_path):
     learner = ReconstructionLearner(made_up(), TOUCH_ONLY, replace(SETTINGS, steps=100, rate=1.0), 0)
     (optimiser, schedule), rates = learner.optimiser(learner.device), []
