@@ -3,9 +3,8 @@
 Import it before anything that loads embree (trimesh does), because it loads Blender.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from itertools import chain
 from pathlib import Path
 
 import numpy as np
@@ -28,7 +27,8 @@ MODELS = {
 }
 
 SAMPLES = 16
-PIXELS = 240
+PIXELS = 360
+MARGIN = 1.06  # of a row's window, times what is in it
 
 
 @products.figure(
@@ -40,8 +40,8 @@ PIXELS = 240
 def reconstructions(dataset: Dataset, models: Mapping[str, Path | str], path: Path | str, threads: int = 1) -> None:
     """The first test object of every class, not chosen, as the models of strategy `template` (ours) of this run
     reconstruct it: from its occluded or unoccluded image, alone and with the touches of one or more grasps, and from
-    the touches of one to five grasps alone. All renders are from the images' camera. Vision charts are blue, the charts
-    of successful touches orange.
+    the touches of one to five grasps alone. All renders are from the images' camera; a row shows the part of them that
+    is not empty. Vision charts are blue, the charts of successful touches orange.
 
     models: folder of each trained model by its experiment; columns are drawn for those of `MODELS` that are given.
     The touches are those of the object's first grasps, an occluded image that of the first.
@@ -72,9 +72,21 @@ def reconstructions(dataset: Dataset, models: Mapping[str, Path | str], path: Pa
                 image, touches, *rest = of_object(record, reconstructor.experiment, range(max(count, 1)))
                 pictures.append(render(record, coloured(reconstructor(image, touches[:count], *rest))))
     figure, axes = picture_grid([record.name for record in records], list(columns), cell=1.3)
-    for panel, picture in zip(axes.T.flat, chain(*columns.values()), strict=True):
-        panel.imshow(picture, interpolation="antialiased")
+    for row, pictures in zip(axes, zip(*columns.values(), strict=True), strict=True):
+        (left, top), (right, bottom) = window(pictures)
+        for panel, picture in zip(row, pictures, strict=True):
+            panel.imshow(picture, interpolation="antialiased", extent=(0, 1, 1, 0))
+            panel.set(xlim=(left, right), ylim=(bottom, top))
     save(figure, path)
+
+
+def window(pictures: Sequence[np.ndarray]) -> np.ndarray:
+    """Two opposite corners ((2, 2), shares of width and height) of the smallest square with all that is not the
+    background, the colour of the first pixel, in any of some square pictures (p, p, 3)."""
+    filled = [np.argwhere((picture != picture[0, 0]).any(axis=2))[:, ::-1] / len(picture) for picture in pictures]
+    low, high = np.concatenate(filled).min(axis=0), np.concatenate(filled).max(axis=0)
+    half = MARGIN * (high - low).max() / 2
+    return np.array([(low + high) / 2 - half, (low + high) / 2 + half])
 
 
 def coloured(shape: Shape) -> Mesh:

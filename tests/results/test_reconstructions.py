@@ -92,6 +92,15 @@ def test_every_number_of_grasps_has_its_column(dataset, models, tmp_path, small,
     assert (hue(truth) == 0).all() and all(0.05 < (hue(picture) == -1).mean() < 0.9 for picture in ours)
 
 
+def test_a_row_is_cut_to_what_its_pictures_show():
+    pictures = [np.full((size, size, 3), 200, np.uint8) for size in (100, 50)]
+    pictures[0][20:40, 10:30] = 0  # rows 0.2 to 0.4, columns 0.1 to 0.3
+    pictures[1][15:25, 30:35, 1] = 10  # rows 0.3 to 0.5, columns 0.6 to 0.7
+    (left, top), (right, bottom) = figure.window(pictures)
+    assert right - left == pytest.approx(bottom - top) == pytest.approx(0.6 * figure.MARGIN, abs=0.03)
+    assert (left + right) / 2 == pytest.approx(0.4, abs=0.02) and (top + bottom) / 2 == pytest.approx(0.35, abs=0.02)
+
+
 def test_renders_are_from_the_images_camera(dataset, models, tmp_path, small, monkeypatch):
     """The truth covers the pixels that its points project to."""
     drawn = []
