@@ -21,6 +21,7 @@ from palpate.grasp.contacts import OBJECT, contacts
 from palpate.grasp.grasp import Grasper
 from palpate.grasp.patches import CELL, NARROWEST, surface_patches
 from palpate.hand import Hand
+from palpate.hand.model import STIFFNESS
 from studies.error_vs_runtime.study import Method, Study
 from studies.grasping import find_closings, grasper_of, hand_of
 from studies.subjects import Subject
@@ -35,9 +36,12 @@ KNOBS: dict[str, tuple[str, tuple, float | None]] = {
     "cell": ("cell, mm (model not timed)", (0.01, 0.015, 0.025, 0.05, 0.1), 1e3),
     "integrator": ("integrator", ("euler", "implicit", "implicitfast", "rk4"), None),
     "iterations": ("iterations", (1, 2, 3, 20, 100), None),
+    "contact": ("time constant of contacts, time steps", (2, 4, 8, 16, 32), None),
+    "gain": ("servo gain, N m / rad", (0.1, 0.3, 1, 3, 10), None),
 }
 REST_DURATION = 0.8  # s, of the reference's closing: doubling it changes joints by 0.002 degrees in the mean
 REFERENCE_TIMESTEP = 1e-4  # s, of the references
+FORCE_DURATION = 4e-3  # s at the end whose forces are averaged: in shorter steps contacts come and go from step to step
 THICKNESS = 2e-4  # m, of the reference's pieces
 
 
@@ -45,7 +49,8 @@ THICKNESS = 2e-4  # m, of the reference's pieces
 class ClosingSettings:
     """Settings of a closing: seconds, metres, MuJoCo's names in lower case.
 
-    ramp: share of the duration during which the servos' targets move.
+    ramp: share of the duration during which the servos' targets move. contact: time constant of contacts, time steps;
+    the engine takes fewer than 2 as 2. gain: of the servos, N m / rad.
     """
 
     timestep: float
@@ -54,10 +59,15 @@ class ClosingSettings:
     cell: float
     integrator: str
     iterations: int
+    contact: float
+    gain: float
 
 
 class Closings(NamedTuple):
-    """Joint positions (n, J) and sum of forces on the object (n,), N, at the end, and whether all were stable."""
+    """Joint positions (n, J) and sum of forces on the object (n,), N, at the end, and whether all were stable.
+
+    Forces are means over the steps of the last `FORCE_DURATION`, or of the last step if it is longer.
+    """
 
     joint_positions: np.ndarray
     finite: bool
@@ -68,44 +78,47 @@ class Closings(NamedTuple):
 class Case(NamedTuple):
     """An object with palm poses (n, 4, 4) of the open hand in its frame, clear of it, and servo targets (n, J).
 
-    simulations: by cell size and time step. at_rest: (n, J) the reference; same_motion: (n, J) the run's closing in
-    short steps; its `force` is the reference of forces.
+    simulations: by cell size, time step and gain. at_rest, same_motion: the references, the hand at rest and the run's
+    closing in short steps.
     """
 
     grasper: Grasper
     collision: trimesh.Trimesh
     poses: np.ndarray
     targets: np.ndarray
-    simulations: dict[tuple[float, float], GraspSimulation]
-    at_rest: np.ndarray
-    same_motion: np.ndarray
-    force: np.ndarray
+    simulations: dict[tuple[float, float, float], GraspSimulation]
+    at_rest: Closings
+    same_motion: Closings
 
 
 def library_settings(hand: Hand, timestep: float) -> ClosingSettings:
     """The library's settings of a closing, at a time step in seconds."""
-    option = GraspSimulation(hand, [np.vstack([np.zeros(3), np.eye(3)])], timestep).model.opt
-    integrator = mujoco.mjtIntegrator(option.integrator).name.removeprefix("mjINT_").lower()
-    return ClosingSettings(timestep, closing.DURATION, closing.RAMP, CELL, integrator, option.iterations)
+    model = GraspSimulation(hand, [np.vstack([np.zeros(3), np.eye(3)])], timestep).model
+    integrator = mujoco.mjtIntegrator(model.opt.integrator).name.removeprefix("mjINT_").lower()
+    engine = integrator, model.opt.iterations, model.geom_solref[0, 0] / timestep, STIFFNESS
+    return ClosingSettings(timestep, closing.DURATION, closing.RAMP, CELL, *engine)
 
 
 def close(simulation: GraspSimulation, poses: np.ndarray, targets: np.ndarray, setup: ClosingSettings) -> Closings:
-    """Close the hand from each palm pose, in a simulation with the time step and the cells of `setup`."""
+    """Close the hand from each palm pose, in a simulation with the time step, cells and gain of `setup`."""
     option = simulation.model.opt
     option.integrator = getattr(mujoco.mjtIntegrator, f"mjINT_{setup.integrator.upper()}")
     option.iterations = setup.iterations
+    simulation.model.geom_solref[:, 0] = setup.contact * setup.timestep
     steps = max(1, round(setup.duration / setup.timestep))
     shares = np.minimum(1, np.arange(1, steps + 1) / (setup.ramp * steps))
     ends, forces, finite = [], [], True
     for pose, target in zip(poses, targets, strict=True):
-        start = simulation.hand.open_joint_positions
+        start, pressed = simulation.hand.open_joint_positions, []
         simulation.place(pose, start)
-        for share in shares:  # as `GraspSimulation.close` does it, with a ramp of any share
+        for step, share in enumerate(shares, start=1):  # as `GraspSimulation.close` does it, with a ramp of any share
             simulation.data.ctrl[:] = start + share * (target - start)
             mujoco.mj_step(simulation.model, simulation.data)
+            if step > steps - max(1, round(FORCE_DURATION / setup.timestep)):
+                found = contacts(simulation)
+                pressed.append(found.force[found.other == OBJECT].sum())
         ends.append(simulation.data.qpos[: len(target)].copy())
-        found = contacts(simulation)
-        forces.append(found.force[found.other == OBJECT].sum())
+        forces.append(np.mean(pressed))
         finite &= not any(warning.number for warning in simulation.data.warning)
     joints = np.array(ends)
     return Closings(joints, finite and bool(np.isfinite(joints).all()), setup, np.array(forces))
@@ -125,29 +138,31 @@ def face_pieces(collision: trimesh.Trimesh, thickness: float = THICKNESS) -> lis
     return list(np.concatenate([triangles, triangles + thickness * inwards[:, None]], axis=1))
 
 
-def at_rest(hand: Hand, collision: trimesh.Trimesh, poses, targets, setup: ClosingSettings, **changes) -> np.ndarray:
-    """Joint positions (n, J) of the hand at rest: a slow closing with short time steps, on every face.
+def at_rest(hand: Hand, collision: trimesh.Trimesh, poses, targets, setup: ClosingSettings, **changes) -> Closings:
+    """The hand at rest: a slow closing with short time steps, on every face.
 
     changes: replace this function's constants, `thickness` and fields of `ClosingSettings`, to test their effect.
     """
     pieces = face_pieces(collision, changes.pop("thickness", THICKNESS))
     setup = replace(setup, **{"timestep": REFERENCE_TIMESTEP, "duration": REST_DURATION, "iterations": 100, **changes})
-    rest = close(GraspSimulation(hand, pieces, setup.timestep), poses, targets, setup)
+    rest = close(GraspSimulation(hand, pieces, setup.timestep, stiffness=setup.gain), poses, targets, setup)
     if not rest.finite:
         raise RuntimeError(f"the reference closing is unstable: {setup}")
-    return rest.joint_positions
+    return rest
 
 
 class GraspStudy(Study):
     """Ways to close the hand: place it and close it, `CLOSINGS` times an object. settings: `grasps` of the config.
 
-    `joint`, `tip` and `flipped` are relative to the hand at rest. `joint, same motion` is relative to a closing of
-    the same duration and patches in short time steps: the effect of time step, integrator and iterations alone.
+    `joint`, `tip`, `flipped` and `force` are relative to the hand at rest; forces are sums over the contacts with the
+    object. `force over gain` compares forces at the run's gain, if they are proportional to it. `same motion` is
+    relative to a closing of the same duration, patches and gain in short time steps with stiff contacts: the effect of
+    time step, integrator, iterations and softer contacts alone.
     """
 
     stage = "grasps"
     units = {"joint": "deg", "tip": "mm", "penetration": "mm", "flipped": "% of touches", "joint, same motion": "deg"}
-    units |= {"force, same motion": "N"}
+    units |= dict.fromkeys(("force, same motion", "force", "force over gain"), "N")
     reference = (
         f"hand at rest: closed in {REST_DURATION} s at {1e3 * REFERENCE_TIMESTEP} ms, 100 iterations, a piece for "
         f"every face of the collision mesh; same motion: the run's closing at {1e3 * REFERENCE_TIMESTEP} ms, 100 "
@@ -167,11 +182,14 @@ class GraspStudy(Study):
         poses, targets = map(np.array, zip(*found, strict=True))
         rest = at_rest(grasper.hand, collision, poses, targets, self.default)
         short = replace(self.default, timestep=REFERENCE_TIMESTEP, iterations=100)
-        keys = sorted({(setup.cell, setup.timestep) for setup in (short, *(setup for _, setup in self._knobs()))})
-        patches = {cell: surface_patches(collision, cell) for cell, _ in keys}
-        simulations = {(cell, step): GraspSimulation(grasper.hand, patches[cell], step) for cell, step in keys}
-        same = close(simulations[short.cell, REFERENCE_TIMESTEP], poses, targets, short)
-        return Case(grasper, collision, poses, targets, simulations, rest, same.joint_positions, same.force)
+        keys = sorted({_engine(setup) for setup in (short, *(setup for _, setup in self._knobs()))})
+        patches = {cell: surface_patches(collision, cell) for cell, *_ in keys}
+        simulations = {
+            (cell, step, gain): GraspSimulation(grasper.hand, patches[cell], step, stiffness=gain)
+            for cell, step, gain in keys
+        }
+        same = close(simulations[_engine(short)], poses, targets, short)
+        return Case(grasper, collision, poses, targets, simulations, rest, same)
 
     def _knobs(self) -> Iterable[tuple[str, ClosingSettings]]:
         """Settings with one knob changed, for every value of every knob; the run's own comes last if it is another."""
@@ -191,14 +209,19 @@ class GraspStudy(Study):
         """Means over joints, sensors and closings; penetration is the deepest. NaN if the engine warned."""
         if not result.finite:
             return dict.fromkeys(self.units, float("nan"))
-        links, right = (case.grasper.hand.forward(case.poses, q) for q in (result.joint_positions, case.at_rest))
+        links, right = (
+            case.grasper.hand.forward(case.poses, q) for q in (result.joint_positions, case.at_rest.joint_positions)
+        )
         frames = [case.grasper.hand.sensor_frames(each) for each in (links, right)]
         touches = [[case.grasper.caster.succeeds(p, r) for p, r in zip(*each, strict=True)] for each in frames]
-        numerics = {"timestep": 0, "integrator": "", "iterations": 0}
+        numerics = {"timestep": 0, "integrator": "", "iterations": 0, "contact": 0}
         same = replace(result.setup, **numerics) == replace(self.default, **numerics)
 
-        def degrees(reference: np.ndarray) -> float:
-            return float(np.degrees(np.abs(result.joint_positions - reference)).mean())
+        def degrees(reference: Closings) -> float:
+            return float(np.degrees(np.abs(result.joint_positions - reference.joint_positions)).mean())
+
+        def newtons(reference: Closings, scale: float = 1) -> float:
+            return float(np.abs(scale * result.force - reference.force).mean())
 
         values = (
             degrees(case.at_rest),
@@ -206,13 +229,20 @@ class GraspStudy(Study):
             1e3 * max(case.grasper.check.in_object(each) for each in links),
             100 * float((np.array(touches[0]) != np.array(touches[1])).mean()),
             degrees(case.same_motion) if same else float("nan"),
-            float(np.abs(result.force - case.force).mean()) if same else float("nan"),
+            newtons(case.same_motion) if same else float("nan"),
+            newtons(case.at_rest),
+            newtons(case.at_rest, self.default.gain / result.setup.gain),
         )
         return dict(zip(GraspStudy.units, values, strict=True))
 
 
 def _run(setup: ClosingSettings, case: Case) -> Closings:
-    return close(case.simulations[setup.cell, setup.timestep], case.poses, case.targets, setup)
+    return close(case.simulations[_engine(setup)], case.poses, case.targets, setup)
+
+
+def _engine(setup: ClosingSettings) -> tuple[float, float, float]:
+    """What models are compiled for: cell size, time step and gain."""
+    return setup.cell, setup.timestep, setup.gain
 
 
 study = GraspStudy

@@ -85,9 +85,15 @@ def test_a_finger_comes_to_rest_where_geometry_says(finger):
     expected = np.arcsin((wall - RADIUS) / ARM)
     setup = grasps.library_settings(finger, 0.004)
     reference = grasps.at_rest(finger, box, poses, targets, setup)
-    assert reference[0, 0] == pytest.approx(expected, abs=2e-5)
+    assert reference.joint_positions[0, 0] == pytest.approx(expected, abs=2e-5)
     library = grasps.close(GraspSimulation(finger, surface_patches(box), 0.004), poses, targets, setup)
-    assert library.finite and abs(library.joint_positions[0, 0] - expected) > abs(reference[0, 0] - expected)
+    assert library.finite and abs(library.joint_positions[0, 0] - expected) > abs(
+        reference.joint_positions[0, 0] - expected
+    )
+    for gain in (0.5, 1):  # below the torque's limit, and at it
+        force = grasps.at_rest(finger, box, poses, targets, replace(setup, gain=gain)).force
+        torque = min(gain * (1.2 - expected), MAX_TORQUE)
+        assert force == pytest.approx(torque / (ARM * np.cos(expected)), rel=1e-3)
 
 
 def test_pieces_are_the_faces():
@@ -159,30 +165,41 @@ def test_the_reference_is_converged(closing):
     inputs = (case.grasper.hand, case.collision, case.poses[:1], case.targets[:1], study.default)
     for changes in ({"timestep": 2e-4}, {"duration": 1.2}, {"thickness": 5e-4, "integrator": "euler"}):
         other = grasps.at_rest(*inputs, **changes)
-        assert np.degrees(np.abs(other - case.at_rest[:1])).mean() < 0.005, changes
+        assert np.degrees(np.abs(other.joint_positions - case.at_rest.joint_positions[:1])).mean() < 0.005, changes
+        assert other.force == pytest.approx(case.at_rest.force[:1], rel=0.02), changes
 
 
 def test_the_reference_has_no_error(closing):
     study, case = closing
-    errors = study.errors(case, grasps.Closings(case.at_rest, True, study.default, case.force))
+    errors = study.errors(case, case.at_rest._replace(setup=study.default))
     assert errors["joint"] == errors["tip"] == errors["flipped"] == 0 < errors["joint, same motion"]
+    assert errors["force"] == errors["force over gain"] == 0 < errors["force, same motion"]
     assert 0 <= errors["penetration"] < 0.05
-    errors = study.errors(case, grasps.Closings(case.same_motion, True, study.default, case.force))
+    same = case.same_motion._replace(setup=study.default)
+    errors = study.errors(case, same)
     assert errors["joint, same motion"] == errors["force, same motion"] == 0 < errors["joint"]
-    off = study.errors(case, grasps.Closings(case.same_motion, True, study.default, case.force + [0.5, -1.5]))
-    assert off["force, same motion"] == pytest.approx(1.0) and case.force.min() > 0
+    off = study.errors(case, same._replace(force=same.force + [0.5, -1.5]))
+    assert off["force, same motion"] == pytest.approx(1.0) and same.force.min() > 0
+
+
+def test_forces_in_proportion_to_the_gain_have_no_error_over_it(closing):
+    study, case = closing
+    setup, force = replace(study.default, gain=3 * study.default.gain), 3 * case.at_rest.force
+    errors = study.errors(case, case.at_rest._replace(setup=setup, force=force))
+    assert errors["force over gain"] == pytest.approx(0, abs=1e-12)
+    assert errors["force"] == pytest.approx(2 * case.at_rest.force.mean()) and np.isnan(errors["force, same motion"])
 
 
 def test_errors_are_what_they_are_called(closing):
     study, case = closing
-    off = case.at_rest.copy()
+    off = case.at_rest.joint_positions.copy()
     off[:, 3] += np.radians(16)
-    errors = study.errors(case, grasps.Closings(off, True, study.default, case.force))
+    errors = study.errors(case, grasps.Closings(off, True, study.default, case.at_rest.force))
     assert errors["joint"] == pytest.approx(1)
     turned = case.grasper.hand.sensor_frames(case.grasper.hand.forward(case.poses, off))[0]
-    still = case.grasper.hand.sensor_frames(case.grasper.hand.forward(case.poses, case.at_rest))[0]
+    still = case.grasper.hand.sensor_frames(case.grasper.hand.forward(case.poses, case.at_rest.joint_positions))[0]
     assert errors["tip"] == pytest.approx(1e3 * np.linalg.norm(turned - still, axis=-1).mean())
-    unstable = study.errors(case, grasps.Closings(off, False, study.default, case.force))
+    unstable = study.errors(case, grasps.Closings(off, False, study.default, case.at_rest.force))
     assert list(unstable) == list(study.units) and np.isnan(list(unstable.values())).all()
 
 
@@ -215,6 +232,18 @@ def test_a_knob_that_tightens_errs_less(rows):
     assert few == pytest.approx(converged, abs=1e-3)
 
 
+def test_forces_follow_the_gain_and_stiff_contacts(rows, closing):
+    """Forces at rest don't depend on the time step, and grow with the gain; soft contacts let fingers through."""
+    mean = closing[1].at_rest.force.mean()
+    assert all(rows["closing", "time step, ms", step]["force"] < 0.05 * mean for step in (0.1, 1, 4, 10))
+    assert rows["closing", "time step, ms", 4]["force, same motion"] < 0.05 * mean
+    greater = rows["closing", "servo gain, N m / rad", 3]  # proportion makes up nine tenths of the change
+    assert greater["force"] > mean and greater["force over gain"] < greater["force"] / 10
+    soft = [rows["closing", "time constant of contacts, time steps", value] for value in (2, 8, 32)]
+    depths = [errors["penetration"] for errors in soft]
+    assert depths == sorted(depths) and 10 * soft[0]["force"] < soft[-1]["force"]
+
+
 def test_same_motion_is_compared_only_where_it_is_the_same(rows):
     for (_, knob, value), errors in rows.items():
         if (knob, value) == ("iterations", 1):  # so few that the engine may warn
@@ -223,6 +252,7 @@ def test_same_motion_is_compared_only_where_it_is_the_same(rows):
             (knob == "closing time, s" and value != DURATION)
             or (knob.startswith("ramp") and value != RAMP)
             or (knob.startswith("cell") and value != 25)
+            or (knob.startswith("servo gain") and value != STIFFNESS)
         )
         assert np.isnan(errors["joint, same motion"]) == other, (knob, value)
         assert np.isfinite(errors["joint"]), (knob, value)
