@@ -3,6 +3,7 @@
 import os
 import re
 import shlex
+from itertools import chain
 from pathlib import Path
 
 RECORD = "config.yaml"  # in a run's folder: the config that it was last started with
@@ -17,9 +18,9 @@ def run_folder(path: Path | str) -> Path:
     """
     path = Path(os.path.abspath(path))
     places = [path, *path.parents]
-    found = [place for place in places if any((place / mark).exists() for mark in MARKS)]
-    found += [place.parent for place in places if place.name in MARKS[2:]]
-    return next(iter(found), path.parent if path.name == "catalogue.csv" else path.parent.parent)
+    found = (place for place in places if any((place / mark).exists() for mark in MARKS))
+    named = (place.parent for place in places if place.name in MARKS[2:])
+    return next(chain(found, named), path.parent if path.name == "catalogue.csv" else path.parent.parent)
 
 
 def rebuild_command(path: Path | str, *targets: str) -> str:

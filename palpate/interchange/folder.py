@@ -69,12 +69,13 @@ def export(
 
 def _write_objects(folder: Path, dataset: Dataset) -> None:
     """Write the table of objects and their meshes; a released dataset has no meshes."""
+    with_meshes = "grasps" in dataset.stages
     with (folder / "objects.csv").open("w", encoding="utf-8", newline="") as file:
         table = csv.writer(file, lineterminator="\n")
         table.writerow(["object", "class", "split", "mesh"])
         for record in dataset:
             mesh = ""
-            if "grasps" in dataset.stages:
+            if with_meshes:
                 mesh = f"meshes/{record.name}.glb"
                 (folder / "meshes").mkdir(exist_ok=True)
                 shutil.copyfile(mesh_file(record.mesh, "visual.glb"), folder / mesh)
