@@ -19,16 +19,11 @@ class Closing(NamedTuple):
     targets: np.ndarray
 
 
-def hand_of(run: Path | str, batch: str) -> Hand:
-    """The hand of a batch's grasps."""
-    return Hand.from_arrays(store.open(Path(run) / "grasps" / f"{batch}.h5"), prefix="hand/")
-
-
 def grasper_of(run: Path | str, subject: Subject, **options: Any) -> Grasper:
     """The grasper of an object of a run with the run's hand; reads its meshes, surface and grasps."""
     surface = store.read(Path(run) / f"surface/{subject.batch}.zarr", "object", "points")
     points = surface["points"][surface["object"].tolist().index(subject.name)].astype(float) - OBJECT_POSITION
-    hand = hand_of(run, subject.batch)
+    hand = Hand.from_arrays(store.open(Path(run) / f"grasps/{subject.batch}.h5"), prefix="hand/")
     return Grasper(load_visual(subject.folder), load_collision(subject.folder), points, hand, **options)
 
 

@@ -3,11 +3,10 @@
 The engine's model is built before the clock starts; `patches` measures the time for that.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import partial
-from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import mujoco
 import numpy as np
@@ -23,7 +22,7 @@ from palpate.grasp.patches import CELL, NARROWEST, surface_patches
 from palpate.hand import Hand
 from palpate.hand.model import STIFFNESS
 from studies.error_vs_runtime.study import Method, Study
-from studies.grasping import find_closings, grasper_of, hand_of
+from studies.grasping import find_closings, grasper_of
 from studies.subjects import Subject
 
 CLOSINGS = 3  # of an object, all with the thumb
@@ -47,20 +46,20 @@ THICKNESS = 2e-4  # m, of the reference's pieces
 
 @dataclass(frozen=True)
 class ClosingSettings:
-    """Settings of a closing: seconds, metres, MuJoCo's names in lower case.
+    """Settings of a closing, by default the library's: seconds, metres, MuJoCo's names in lower case.
 
     ramp: share of the duration during which the servos' targets move. contact: time constant of contacts, time steps;
     the engine takes fewer than 2 as 2. gain: of the servos, N m / rad.
     """
 
     timestep: float
-    duration: float
-    ramp: float
-    cell: float
-    integrator: str
-    iterations: int
-    contact: float
-    gain: float
+    duration: float = closing.DURATION
+    ramp: float = closing.RAMP
+    cell: float = CELL
+    integrator: str = "implicitfast"
+    iterations: int = closing.ITERATIONS
+    contact: float = 2
+    gain: float = STIFFNESS
 
 
 class Closings(NamedTuple):
@@ -89,14 +88,6 @@ class Case(NamedTuple):
     simulations: dict[tuple[float, float, float], GraspSimulation]
     at_rest: Closings
     same_motion: Closings
-
-
-def library_settings(hand: Hand, timestep: float) -> ClosingSettings:
-    """The library's settings of a closing, at a time step in seconds."""
-    model = GraspSimulation(hand, [np.vstack([np.zeros(3), np.eye(3)])], timestep).model
-    integrator = mujoco.mjtIntegrator(model.opt.integrator).name.removeprefix("mjINT_").lower()
-    engine = integrator, model.opt.iterations, model.geom_solref[0, 0] / timestep, STIFFNESS
-    return ClosingSettings(timestep, closing.DURATION, closing.RAMP, CELL, *engine)
 
 
 def close(simulation: GraspSimulation, poses: np.ndarray, targets: np.ndarray, setup: ClosingSettings) -> Closings:
@@ -169,9 +160,10 @@ class GraspStudy(Study):
         "iterations; penetration: closed forms against the visual mesh"
     )
 
-    def __init__(self, run: Path, subjects: Sequence[Subject], settings: Mapping[str, Any]):
-        super().__init__(run, subjects, settings)
-        self.default = library_settings(hand_of(run, subjects[0].batch), settings["grasps"]["timestep"])
+    @property
+    def default(self) -> ClosingSettings:
+        """The run's settings."""
+        return ClosingSettings(self.settings["grasps"]["timestep"])
 
     def case(self, subject: Subject) -> Case:
         """Raises ValueError if no palm pose is free of the object."""

@@ -63,9 +63,6 @@ class TouchStudy(Study):
             ),
         ]
 
-    def _spheres(self, tolerance: float) -> Callable[[Case], np.ndarray]:
-        return partial(traced, SphereTracer, tolerance=tolerance)
-
     def errors(self, case: Case, result: np.ndarray) -> dict[str, float]:
         """Errors of depth over pixels in range in both; of readings, over pixels in range in either."""
         hit, reference_hit = np.isfinite(result), np.isfinite(case.depth)

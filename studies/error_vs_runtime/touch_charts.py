@@ -97,36 +97,24 @@ def fit_adam(
         steps: at most. rate: Adam's, in metres. stop: a chart is done when its loss falls below this, in square metres.
         samples: points on each chart a step, from `generator` (None: the default one). With 1,000 their own spacing
             exceeds the supplement's `stop`, which is then never reached (docs/charts.md).
-
-    Raises ValueError if a cloud is empty or holds NaN or infinity, or the numbers of clouds and poses differ.
     """
-    if len(points) != len(position):
-        raise ValueError(f"{len(points)} point clouds for {len(position)} sensors; must be as many")
-    chart = touch_chart()
-    faces = chart.faces.to(position.device)
-    trees = [build_tree(cloud) for cloud in points] if position.device.type == "cpu" else [None] * len(points)
-    # Tensors made in inference mode could not be differentiated: copies can.
-    with torch.inference_mode(False), torch.enable_grad():
-        points = [cloud.detach().clone() for cloud in points]
-        position, rotation = position.clone(), rotation.clone()
-        plane = torch.cat([torch.zeros(len(chart.grid), 1), chart.grid], dim=1).to(position)
-        vertices = placed(plane.expand(len(position), -1, -1), position, rotation).detach().requires_grad_()
-        best = vertices.detach().clone()
-        lowest = torch.full((len(best),), torch.inf, dtype=best.dtype, device=best.device)
-        adam = torch.optim.Adam([vertices], lr=rate)
-        for _ in range(steps):
-            active = (lowest >= stop).nonzero()[:, 0]
-            if not len(active):
-                break
-            sampled = sample_faces(vertices[active], faces, samples, generator)
-            numbers = active.tolist()
-            loss = chamfer_distance(sampled, [points[i] for i in numbers], b_trees=[trees[i] for i in numbers])
-            better = active[loss.detach() < lowest[active]]
-            lowest[active] = torch.minimum(lowest[active], loss.detach())
-            best[better] = vertices.detach()[better]
-            adam.zero_grad()
-            loss.sum().backward()
-            adam.step()
+    chart, trees = touch_chart(), [build_tree(cloud) for cloud in points]
+    plane = torch.cat([torch.zeros(len(chart.grid), 1), chart.grid], dim=1)
+    vertices = placed(plane.expand(len(position), -1, -1), position, rotation).requires_grad_()
+    best, lowest = vertices.detach().clone(), torch.full((len(vertices),), torch.inf)
+    adam = torch.optim.Adam([vertices], lr=rate)
+    for _ in range(steps):
+        active = (lowest >= stop).nonzero()[:, 0]
+        if not len(active):
+            break
+        sampled = sample_faces(vertices[active], chart.faces, samples, generator)
+        loss = chamfer_distance(sampled, [points[i] for i in active], b_trees=[trees[i] for i in active])
+        better = active[loss.detach() < lowest[active]]
+        lowest[active] = torch.minimum(lowest[active], loss.detach())
+        best[better] = vertices.detach()[better]
+        adam.zero_grad()
+        loss.sum().backward()
+        adam.step()
     return best
 
 

@@ -38,18 +38,12 @@ class PreparedMesh(NamedTuple):
     collision: trimesh.Trimesh
 
 
-def prepare_mesh(mesh: trimesh.Trimesh, suffix: str = "obj", **options) -> PreparedMesh:
-    """Write a mesh to a file and prepare it; obj files are in double precision, the others in single."""
+def prepare_mesh(mesh: trimesh.Trimesh, **options) -> PreparedMesh:
+    """Write a mesh to an obj file, in double precision, and prepare it."""
     with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / f"source.{suffix}"
-        if suffix == "obj":
-            lines = ["v {!r} {!r} {!r}".format(*vertex) for vertex in np.asarray(mesh.vertices).tolist()]
-            lines += ["f {} {} {}".format(*face) for face in (np.asarray(mesh.faces) + 1).tolist()]
-            path.write_text("\n".join(lines) + "\n")
-        else:
-            path.write_bytes(mesh.export(file_type=suffix))
-        record = prepare(path, folder, **options)
-        return PreparedMesh(record, load_visual(folder), load_collision(folder))
+        path = Path(folder) / "source.obj"
+        path.write_text(mesh.export(file_type="obj", include_normals=False, digits=17))
+        return PreparedMesh(prepare(path, folder, **options), load_visual(folder), load_collision(folder))
 
 
 def soup(vertices, faces) -> trimesh.Trimesh:

@@ -68,7 +68,7 @@ def test_a_free_swing_converges_to_its_equation_of_motion(finger, duration):
     assert 0.05 < expected < 0.75
     errors = {}
     for step in (2e-3, 5e-4, grasps.REFERENCE_TIMESTEP):
-        setup = replace(grasps.library_settings(finger, step), duration=duration)
+        setup = replace(grasps.ClosingSettings(step), duration=duration)
         simulation = GraspSimulation(finger, grasps.face_pieces(far_away()), step)
         found = grasps.close(simulation, np.eye(4)[None], np.array([[0.8]]), setup)
         errors[step] = abs(found.joint_positions[0, 0] - expected)
@@ -83,7 +83,7 @@ def test_a_finger_comes_to_rest_where_geometry_says(finger):
     box.apply_translation((0, wall + 0.01, 0))
     poses, targets = np.eye(4)[None], np.array([[1.2]])
     expected = np.arcsin((wall - RADIUS) / ARM)
-    setup = grasps.library_settings(finger, 0.004)
+    setup = grasps.ClosingSettings(0.004)
     reference = grasps.at_rest(finger, box, poses, targets, setup)
     assert reference.joint_positions[0, 0] == pytest.approx(expected, abs=2e-5)
     library = grasps.close(GraspSimulation(finger, surface_patches(box), 0.004), poses, targets, setup)
