@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from palpate.dataset import Dataset
 from palpate.experiments import Experiment
 from palpate.rebuild_command import rebuild_command
 from palpate.sensor import Sensor
@@ -357,27 +356,6 @@ def trained(models: Path | str) -> list[str]:
     return sorted(str(path.parent.relative_to(models)) for path in models.glob(f"*/seed-*/{CHECKPOINT}"))
 
 
-def reconstruct_from_run(
-    run: Path | str,
-    experiment: str,
-    name: str,
-    grasps: Sequence[int] | None = None,
-    view: int = 0,
-    seed: int | None = None,
-    device: str = "cpu",
-) -> "trimesh.Trimesh":
-    """The mesh that one of a run's models predicts for one of its objects.
-
-    experiment: of config/experiments.yaml. name: the object's. grasps, view: as `of_object` takes them. seed: of the
-    trained model; the first there is by default. Raises what `of_object` and `Reconstructor` raise; whatever can be
-    wrong is checked before torch is loaded.
-    """
-    model = named_model(Path(run, "models"), experiment, seed)
-    record = Dataset(run)[name]
-    reconstructor = Reconstructor(model, device)
-    return reconstructor(*of_object(record, reconstructor.experiment, grasps, view)).mesh()
-
-
 def check_device(device: str) -> None:
     """Raise ReconstructionError for a device that this machine, or this build of torch, does not have."""
     import torch
@@ -400,20 +378,14 @@ def named_model(models: Path, experiment: str, seed: int | None = None) -> Path:
 
     Raises ReconstructionError, naming the models that the run has, if there is none.
     """
-    if seed is not None:
-        return checkpoint(models / experiment / f"seed-{seed}")
     known = trained(models)
-    seeds = sorted((name for name in known if name.split("/")[0] == experiment), key=_seed)
-    if not seeds:
+    seeds = [int(name.rpartition("-")[2]) for name in known if name.split("/")[0] == experiment]
+    if seed is None and not seeds:
         raise ReconstructionError(
             f"no experiment {experiment!r} is trained in {models}; "
             + (f"trained are: {', '.join(known)}" if known else f"nothing is: {rebuild_command(models, 'all')}")
         )
-    return checkpoint(models / seeds[0])
-
-
-def _seed(name: str) -> int:
-    return int(name.rpartition("-")[2])
+    return checkpoint(models / experiment / f"seed-{min(seeds) if seed is None else seed}")
 
 
 def of_object(record, experiment: Experiment, grasps: Sequence[int] | None = None, view: int = 0):
