@@ -12,17 +12,6 @@ from typing import Any
 import jsonschema
 import yaml
 
-# Keys of the config that had another name or are gone, by the end of their path, and what to do.
-FORMER_KEYS = {
-    "evaluation.bootstrap": "this key is now called 'resamples'; rename it",
-    "views.published_renderings": "remove this key: views are rendered",
-    "surface.method": "remove this key: points are sampled by rays",
-    "touch.method": "remove this key: sensors are traced by rays",
-    "mesh.levels": "remove this key: no stage read further levels; decimate collision.ply yourself",
-    "architecture.unsuccessful": "this key is now called 'failed_charts', and its value held 'fixed'; rename both",
-    "source.outside": "remove this key; link the files that meshes name into the source's folder",
-    "source.variants": "remove this key; of files that differ in the suffix one is taken; source.pattern takes others",
-}
 CONTROL = re.compile(r"[\x00-\x1f\x7f-\x9f]")
 
 
@@ -125,13 +114,15 @@ def read_yaml(path: Path | str) -> Any:
 
 
 def _say(error: jsonschema.ValidationError) -> Iterator[str]:
+    """Lines on a difference. Schemas have two keywords of ours: `errorMessage`, in place of the validator's, and
+    `formerKeys`, what to do about keys that had another name or are gone."""
     where = ".".join(str(step) for step in error.absolute_path)
     if error.validator == "additionalProperties" and error.validator_value is False:
         known = list(error.schema["properties"])
         for key in sorted(set(error.instance) - set(known)):
             path = f"{where}.{key}" if where else str(key)
-            if former := next((end for end in FORMER_KEYS if f".{path}".endswith(f".{end}")), None):
-                yield f"{path}: {FORMER_KEYS[former]}"
+            if former := error.schema.get("formerKeys", {}).get(key):
+                yield f"{path}: {former}"
                 continue
             close = difflib.get_close_matches(str(key), known, n=1)
             hint = f"did you mean {close[0]!r}?" if close else f"known keys: {', '.join(known)}"
