@@ -5,9 +5,9 @@ import pytest
 
 import palpate.store
 from palpate import hand, touch, vision
-from palpate.dataset.document import renewed
 from palpate.store.contract import CONTRACT, SENSOR_NAMES, SYMBOLS, ArraySpec
 from palpate.vision import views
+from workflow.schemas.document import renewed
 
 DOCUMENT = Path(__file__).parents[2] / "docs" / "dataset.md"
 
@@ -85,7 +85,7 @@ def test_every_symbol_and_array_is_explained():
 
 def test_what_users_read_is_the_contract():
     text = DOCUMENT.read_text(encoding="utf-8")
-    assert text == renewed(text), "run: python -m palpate.dataset.document docs/dataset.md"
+    assert text == renewed("docs/dataset.md"), "run: python workflow/schemas/document.py"
 
 
 def test_the_documents_example_runs(built, capsys):
