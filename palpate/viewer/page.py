@@ -10,7 +10,9 @@ import trimesh
 from markupsafe import Markup
 
 from palpate.atomic import atomic_write
+from palpate.camera import Camera
 from palpate.dataset import GraspRecord, ObjectRecord
+from palpate.mesh import OBJECT_POSITION
 from palpate.touch import empty_reading
 from palpate.viewer.html import data_uri, render, resource
 from palpate.viewer.scene import FORCE_LENGTH, Y_UP, cameras, force_arrows, record_scene, sensor_colour
@@ -39,7 +41,7 @@ def object_page(
     glb = record_scene(record, shown, predictions).export(file_type="glb")
     scene_file = path.with_suffix(".glb")
     frames = {grasp.number: _frames(grasp) for grasp in shown if "frames" in grasp.stages}
-    data = {"glb": base64.b64encode(glb).decode(), "cameras": [_viewpoint(*each) for each in cameras(record)]}
+    data = {"glb": base64.b64encode(glb).decode(), "cameras": [_viewpoint(each) for each in cameras(record)]}
     data["frames"] = frames
     with_forces = any(name.startswith("force ") for each in frames.values() for name in each["poses"])
     missing = {"prediction": not predictions, "force": not with_forces}
@@ -109,13 +111,10 @@ def _images(record: ObjectRecord | GraspRecord, name: str) -> list[str]:
     return [data_uri(getattr(record.seen_by(number), name)) for number in range(cameras)]
 
 
-def _viewpoint(intrinsics: np.ndarray, extrinsics: np.ndarray) -> dict[str, object]:
+def _viewpoint(camera: Camera) -> dict[str, object]:
     """A camera as the page takes it, y up: where it is and looks at, and its vertical field of view in degrees."""
-    turn, shift = extrinsics[:, :3], extrinsics[:, 3]
-    centre = -turn.T @ shift
-    along = turn[2]
-    world = Y_UP[:3, :3]
-    distance = max(0.1, float(np.linalg.norm(centre - (0, 0, 0.6))))
-    field = 2 * np.degrees(np.arctan(intrinsics[1, 2] / intrinsics[1, 1]))
-    places = {"position": centre, "target": centre + distance * along, "up": -turn[1]}
-    return {name: (world @ place).tolist() for name, place in places.items()} | {"field": float(field)}
+    _, up, back = camera.rotation.T
+    target = camera.position - max(0.1, np.linalg.norm(camera.position - OBJECT_POSITION)) * back
+    places = {"position": camera.position, "target": target, "up": up}
+    field = 2 * np.degrees(np.arctan(camera.size / 2 / camera.focal_length))
+    return {name: (Y_UP[:3, :3] @ place).tolist() for name, place in places.items()} | {"field": float(field)}

@@ -12,6 +12,7 @@ from PIL import Image
 from trimesh.visual import TextureVisuals
 from trimesh.visual.material import PBRMaterial
 
+from palpate.camera import Camera
 from palpate.dataset import GraspRecord, ObjectRecord
 from palpate.dataset.reader import FramesRecord
 from palpate.mesh import OBJECT_POSITION, mesh_file
@@ -48,8 +49,8 @@ def record_scene(
     scene = trimesh.Scene(base_frame="root")
     scene.graph.update(frame_to=ROOT, frame_from="root", matrix=Y_UP)
     _add_object(scene, record)
-    for intrinsics, extrinsics in cameras(record):
-        _add(scene, "object camera", _frustum(intrinsics, extrinsics))
+    for camera in cameras(record):
+        _add(scene, "object camera", _frustum(camera))
     for grasp in grasps:
         group = f"grasp-{grasp.number}"
         if "grasps" in grasp.stages:
@@ -96,15 +97,10 @@ def force_arrows(frames: FramesRecord) -> np.ndarray:
     return poses
 
 
-def cameras(record: ObjectRecord) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Intrinsics (3, 3) and extrinsics (3, 4) of the cameras that took the images; none without images.
-
-    From world coordinates to x right, y down, z into the scene, and from these to homogeneous pixels.
-    """
-    if "vision" not in record.stages:
-        return []
-    seen = [record.seen_by(number) for number in range(record.cameras)]
-    return [(each.intrinsics, each.extrinsics) for each in seen]
+def cameras(record: ObjectRecord) -> list[Camera]:
+    """The cameras that took the images; none without images."""
+    numbers = range(record.cameras if "vision" in record.stages else 0)
+    return [record.seen_by(number).vision_camera for number in numbers]
 
 
 def _add(
@@ -164,12 +160,11 @@ def _cloud(points: np.ndarray, colour: str) -> trimesh.PointCloud:
     return trimesh.PointCloud(np.asarray(points, dtype=np.float32), colors=colours)
 
 
-def _frustum(intrinsics: np.ndarray, extrinsics: np.ndarray) -> trimesh.path.Path3D:
+def _frustum(camera: Camera) -> trimesh.path.Path3D:
     """The camera's centre joined to the frame of its picture, 12 cm before it."""
-    size = 2 * intrinsics[0, 2]
-    corners = np.array([[0, 0, 1], [size, 0, 1], [size, size, 1], [0, size, 1]]) @ np.linalg.inv(intrinsics).T
-    turn, shift = extrinsics[:, :3], extrinsics[:, 3]
-    centre, *frame = (np.vstack([np.zeros(3), CAMERA_LENGTH * corners]) - shift) @ turn
+    half = camera.size / 2 / camera.focal_length
+    corners = CAMERA_LENGTH * np.array([(-half, half, -1), (half, half, -1), (half, -half, -1), (-half, -half, -1)])
+    centre, frame = camera.position, camera.position + corners @ camera.rotation.T
     edges = [*([centre, corner] for corner in frame), *zip(frame, np.roll(frame, 1, 0), strict=True)]
     path = trimesh.load_path(np.array(edges))
     path.colors = np.tile(_linear_bytes(CAMERA_COLOUR), (len(path.entities), 1))
