@@ -195,12 +195,6 @@ class _Reader:
     def _sensor(self, sensor: Mapping[str, Any]) -> tuple[str, int, np.ndarray, np.ndarray]:
         """Name, link, position and rotation of a sensor given by a site, or by a body and a pose in it."""
         model = self.model
-        if len({"site", "body"} & set(sensor)) != 1 or ("site" in sensor and len(sensor) > 1):
-            raise ConfigError(
-                f"{self.source}: sensors: {dict(sensor)}: expected a site, or a body with a position and a rotation"
-            )
-        if np.abs(sensor.get("rotation", 0)).max() > 2 * np.pi:
-            raise ConfigError(f"{self.source}: sensors: rotation {sensor['rotation']}: give radians, not degrees")
         if "site" in sensor:
             site = self._find("site", sensor["site"])
             name, body = sensor["site"], model.site_bodyid[site]
