@@ -161,7 +161,8 @@ def object_lines(settings: Settings, config: Mapping[str, Any]) -> Iterator[str]
     counts = Counter((entry.class_name, splits[entry.object]) for entry in entries)
     yield f"source: {source.kind}, {'made by Palpate' if source.kind == 'procedural' else source.path}"
     classes = f"{len(settings.classes)} class{'es' * (len(settings.classes) > 1)}"
-    yield f"{len(entries)} objects in {classes}: {_tally(Path(entry.source).suffix.lower() for entry in entries)}"
+    formats = sorted(Counter(Path(entry.source).suffix.lower() for entry in entries).items())
+    yield f"{len(entries)} objects in {classes}: {', '.join(f'{suffix} {count}' for suffix, count in formats)}"
     for name in settings.classes:
         of_splits = [f"{split} {counts[name, split]}" for split in catalogue.SPLITS if counts[name, split]]
         yield f"  {name}: {', '.join(of_splits)}"
@@ -317,7 +318,3 @@ def make_example(
         if held:
             images[f"in the hand{which}"] = held[0].rgb
     return images | readings
-
-
-def _tally(names) -> str:
-    return ", ".join(f"{name} {count}" for name, count in sorted(Counter(names).items()))

@@ -433,6 +433,6 @@ def _chosen(entries: list[SourceObject], folder: Path, name: str, count: Count) 
     return sorted(entries)
 
 
-def _listed(names: Iterable[str], most: int = 10) -> str:
+def _listed(names: Iterable[str]) -> str:
     names = list(names)
-    return (", ".join(names[:most]) or "nothing") + (", ..." if len(names) > most else "")
+    return (", ".join(names[:10]) or "nothing") + (", ..." if len(names) > 10 else "")

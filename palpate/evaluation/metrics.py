@@ -25,13 +25,12 @@ class Score(NamedTuple):
     f1_2tau: float
 
 
-def squared_distances(points: Tensor, others: Tensor, tree: cKDTree | None = None) -> Tensor:
+def squared_distances(points: Tensor, others: Tensor) -> Tensor:
     """Squared distance (n,) float64 m^2 of each point (n, 3) to the nearest of the others (m, 3), metres.
 
-    tree: `palpate.charts.build_tree(others)`, if it is there already. Raises ValueError if a cloud is empty or holds
-    NaN or infinity.
+    Raises ValueError if a cloud is empty or holds NaN or infinity.
     """
-    index = nearest(points, others, tree)
+    index = nearest(points, others)
     return (points.double() - others[index].double()).square().sum(dim=1)
 
 

@@ -68,8 +68,8 @@ class Shape(NamedTuple):
         """The charts as one mesh, not joined: touch charts in one colour, all else in another."""
         import trimesh
 
-        colours = np.tile(_rgba(VISION_COLOUR), (len(self.vertices), 1))
-        colours[self.faces[self.touch].ravel()] = _rgba(TOUCH_COLOUR)
+        colours = np.tile((*VISION_COLOUR, 1.0), (len(self.vertices), 1))
+        colours[self.faces[self.touch].ravel(), :3] = TOUCH_COLOUR
         return trimesh.Trimesh(self.vertices, self.faces, vertex_colors=colours, process=False)
 
 
@@ -432,7 +432,3 @@ def _counted(grasps: int) -> str:
 def _check_finite(what: str, values: np.ndarray) -> None:
     if values.dtype.kind == "f" and not np.isfinite(values).all():
         raise ReconstructionError(f"{what} has NaN or infinite values")
-
-
-def _rgba(colour: tuple[float, float, float]) -> np.ndarray:
-    return np.append(np.round(255 * np.array(colour)), 255).astype(np.uint8)

@@ -128,18 +128,17 @@ def ring_points(
     return [points[found & (rings == ring)] @ np.asarray(rotation).T + position for ring in RINGS]
 
 
-def ring_distances(rings: Sequence[np.ndarray], prediction: Tensor, tree: cKDTree | None = None) -> np.ndarray:
+def ring_distances(rings: Sequence[np.ndarray], prediction: Tensor) -> np.ndarray:
     """Mean squared distance (k,) m^2 from the points of each ring to the nearest point of a prediction.
 
     rings: k arrays (n, 3), of any number of touches; nan for one without points. prediction: (m, 3) points on it;
-    metres, one frame. tree: its `palpate.charts.build_tree`, if it is there already. Raises ValueError for a prediction
-    that is empty or not finite.
+    metres, one frame. Raises ValueError for a prediction that is empty or not finite.
     """
     sizes = [len(points) for points in rings]
     if not sum(sizes):
         return np.full(len(rings), np.nan)
     together = torch.as_tensor(np.concatenate(rings), dtype=torch.float32, device=prediction.device)
-    squared = squared_distances(together, prediction, tree).split(sizes)
+    squared = squared_distances(together, prediction).split(sizes)
     return np.array([float(distances.mean()) if len(distances) else np.nan for distances in squared])
 
 

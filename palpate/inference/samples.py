@@ -70,7 +70,8 @@ class Assembler:
 
     def __call__(self, samples: Sequence[Sample]) -> dict[str, Tensor]:
         objects, grasps, views = (
-            self._index([getattr(sample, name) for sample in samples]) for name in ("object", "grasps", "view")
+            torch.tensor([getattr(sample, name) for sample in samples], dtype=torch.int64, device=self.device)
+            for name in ("object", "grasps", "view")
         )
         batch = {}
         if self.experiment.has_vision:
@@ -88,9 +89,6 @@ class Assembler:
         if "reading" in batch:
             batch["reading"] = to_colours(batch["reading"])
         return batch
-
-    def _index(self, numbers: Sequence) -> Tensor:
-        return torch.tensor(numbers, dtype=torch.int64, device=self.device)
 
 
 def to_colours(images: Tensor) -> Tensor:

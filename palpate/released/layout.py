@@ -44,11 +44,6 @@ class ReleasedObject(NamedTuple):
         """The object whose surface the catalogue names."""
         return cls(Path(source).parent.name, Path(source).stem)
 
-    @property
-    def split_name(self) -> str:
-        """What `split.npy` calls it."""
-        return self.name + self.class_name
-
     def surface(self, root: Path | str) -> Path:
         """Its surface's file."""
         return Path(root) / self.source
@@ -82,8 +77,7 @@ def read_released(root: Path | str) -> list[ReleasedObject]:
     found, without = [], []
     for class_name in _folders(root / IMAGES):
         for name in _folders(root / IMAGES / class_name):
-            each = ReleasedObject(class_name, name)
-            each = each._replace(split=splits.get(each.split_name, ""))
+            each = ReleasedObject(class_name, name, splits.get(name + class_name, ""))
             complete = each.surface(root).is_file() and (root / SCENES / class_name / name).is_dir()
             (found if complete and each.split else without).append(each)
     if without:

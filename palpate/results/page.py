@@ -20,9 +20,9 @@ STYLE = ["default", {"font.family": "DejaVu Sans", "text.color": INK, "axes.titl
 styled = matplotlib.style.context(STYLE)  # a decorator
 
 
-def new_figure(width: float, height: float, dpi: int = DPI) -> Figure:
+def new_figure(width: float, height: float) -> Figure:
     """An empty figure of a size in inches; needs no display, and is not kept by pyplot."""
-    figure = Figure(figsize=(width, height), dpi=dpi)
+    figure = Figure(figsize=(width, height), dpi=DPI)
     FigureCanvasAgg(figure)
     return figure
 

@@ -117,13 +117,12 @@ class Product:
 
 
 def table(**declaration: Any) -> Callable[[Function], Function]:
-    """Declares a function that gives a table (DataFrame); keywords are attributes of `Product`."""
+    """Declares a function that gives a table (DataFrame), or one that draws a figure to `path`; keywords are attributes
+    of `Product`."""
     return lambda function: function
 
 
-def figure(**declaration: Any) -> Callable[[Function], Function]:
-    """Declares a function that draws a figure to `path`; keywords are attributes of `Product`."""
-    return lambda function: function
+figure = table
 
 
 @cache
