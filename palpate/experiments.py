@@ -104,11 +104,6 @@ class Experiment:
         return self.touch or self.vision == "occluded"
 
     @property
-    def takes_directions(self) -> bool:
-        """Whether it takes the sensors' rotations: not where touch is only copied, or in the paper's graph."""
-        return self.touch and self.strategy not in ("charts", "no_copy", "no_comm", "retrieval")
-
-    @property
     def modality(self) -> str:
         """What recipes call its inputs: `occluded_touch`, `touch`, `single_image`."""
         if self.vision == "views":
@@ -151,8 +146,7 @@ class Experiments:
         """The file's experiments and tables, checked against its schema.
 
         Raises ConfigError, naming the row, for a table's experiment that is not defined, weights that are not of a
-        trained experiment with the same vision, an experiment without vision and touch, or a table that is tested on
-        the train split.
+        trained experiment with the same vision, or an experiment without vision and touch.
         """
         rows = yaml.safe_load(Path(path).read_text(encoding="utf-8"))
         check(rows, schema, str(path))
@@ -171,8 +165,6 @@ class Experiments:
                 raise ConfigError(f"{path}: {experiment.name} needs vision or touch, and has neither")
         tables = {}
         for name, row in rows["tables"].items():
-            if row["split"] not in SPLITS:
-                raise ConfigError(f"{path}: table {name}: models are tested on validation or test")
             for experiment in row["experiments"]:
                 if experiment not in experiments:
                     raise ConfigError(f"{path}: table {name} has experiment {experiment}, which is not defined")

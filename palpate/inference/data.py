@@ -1,22 +1,8 @@
 """The arrays of an experiment in memory, read once from a run's stores, for training and evaluation.
 
-`palpate.inference.inputs` lists the arrays of an experiment. Its objects are those that all of their stores have.
-Positions are in the world frame.
-
-| array | shape | type |
-|---|---|---|
-| `points` | (o, n, 3) m | float32 |
-| `unoccluded`, `occluded` | (o, k, p, p, b), (o, g, k, p, p, b) | uint8 |
-| `unoccluded_silhouette`; `occluded_silhouette`, `hand_silhouette` | (o, k, p, p); (o, g, k, p, p) | bool |
-| `image_camera`, of these | (o, k, 3, 4) to pixels | float32 |
-| `views`, `camera` | (o, v, q, q, 3), (o, v, 3, 4) to pixels | uint8, float32 |
-| `success` | (o, g, s) | bool |
-| `position`, `rotation` | (o, g, s, 3) m, (o, g, s, 3, 3) | float32 |
-| `charts` | (o, g, s, 81, 3) m | float32 |
-| `template`, to train on | (o, 1154, 3) m | float32 |
-| `distance_points`, `distance`, to train on | (o, m, 3) m, (o, m) m | float32 |
-| `unoccluded_mask`, `occluded_mask`, to train on | (o, k, p, p), (o, g, k, p, p) | uint8 |
-| `reading` (that of an untouched sensor is the empty one) | (o, g, s, r, c, 3) | uint8 |
+`palpate/inference/inputs.csv` lists the arrays of an experiment and their types. Shapes are the contract's of what is
+stored (docs/dataset.md), in the world frame. Silhouettes have those of masks, and `image_camera` is (o, k, 3, 4) to
+pixels. Objects are those that all stores of the arrays have.
 """
 
 import hashlib

@@ -1,6 +1,7 @@
 """The arrays that each experiment takes, and their stages: the table behind workflow inputs and data in memory.
 
-`inputs.csv` has a row an array. It needs neither torch nor the stores.
+`inputs.csv` has a row an array. Rotations of sensors are not taken where touch is only copied, or in the paper's graph.
+It needs neither torch nor the stores.
 """
 
 import csv

@@ -23,6 +23,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any, TypeVar
 
+from palpate.configuration import read_yaml
 from palpate.experiments import SPLITS, Comparison
 from palpate.results.methods import stated_as
 from palpate.results.published import paper_rows
@@ -33,21 +34,7 @@ FOLDER = Path(__file__).parent
 FILES = ("touches", "touch_depth", "trainings")
 UNIONS = ("claims", "effects", "retrieval")  # sources of evaluations that are no table of config/experiments.yaml
 KINDS = {"products.table": "tables", "products.figure": "figures"}  # decorator -> folder of the run
-INTERVALS = (
-    "In brackets, or in the columns `_low` and `_high`: 95 % bootstrap intervals over objects within classes, and over "
-    "seeds where there are several. Columns that end in `paper` hold the paper's values, if the run has any of its "
-    "classes; `objects`, `seeds` and `steps` (of training) are the numbers of these behind each row."
-)
-REPORTS = {  # captions of the reports, which `studies` makes
-    "error_vs_runtime": "Error against run time of every stage: each method with each of its settings, on some objects "
-    "of the run and over all of them. Times are medians of rounds in which the methods take turns, on one core. The "
-    "line is the front of best methods. A ring marks the setting of the config. A hollow mark is a method that this "
-    "machine is too noisy to rank.",
-    "stability": "Stiff and extreme cases: the quantities that each case measures, their bounds and values, and "
-    "whether the case holds, was rejected with a reason, or fails.",
-    "omitted": "What each stage omits: seconds and bytes with it and without it, and the largest difference in the "
-    "result.",
-}
+CAPTIONS = read_yaml(FOLDER / "captions.yaml")  # of reports, which `studies` makes, and for tables with intervals
 
 
 @dataclass(frozen=True)
@@ -171,14 +158,14 @@ def find(kind: str, name: str) -> tuple[Product, dict[str, str]] | None:
 def caption(kind: str, name: str) -> str:
     """The caption of a table, figure or report, with code between backticks; empty for an unknown name."""
     if kind == "reports":
-        return REPORTS.get(name, "")
+        return CAPTIONS["reports"].get(name, "")
     found = find(kind, name)
     if not found:
         return ""
     product, fields = found
     text = product.caption.format(**fields)
     has_intervals = product.comparison or product.evaluations or "touches" in product.files
-    return f"{text} {INTERVALS}" if kind == "tables" and has_intervals else text
+    return f"{text} {CAPTIONS['intervals']}" if kind == "tables" and has_intervals else text
 
 
 def position(kind: str, name: str) -> tuple[int, str]:
