@@ -53,7 +53,7 @@ def cell_and_side(triangles: np.ndarray, areas: np.ndarray, cell: float) -> np.n
 def is_wide(triangles: np.ndarray, areas: np.ndarray, group: np.ndarray) -> np.ndarray:
     """Whether each triangle's group has the area of something `NARROWEST` wide: (T,) bool."""
     longest = np.zeros(group.max() + 1)
-    np.maximum.at(longest, group, edge_lengths(triangles).max(axis=1))
+    np.maximum.at(longest, group, edge_lengths(triangles).T.copy().max(axis=0))
     area = np.bincount(group, weights=np.linalg.norm(areas, axis=1))
     return (area >= NARROWEST * longest)[group]
 
@@ -61,16 +61,24 @@ def is_wide(triangles: np.ndarray, areas: np.ndarray, group: np.ndarray) -> np.n
 def distinct_corners(triangles: np.ndarray, group: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The corners (N, 3) of each group's triangles, each once, and their groups (N,), ascending."""
     points, owner = triangles.reshape(-1, 3), np.repeat(group, 3)
-    keys = np.round(points / WELD).astype(np.int64)
-    order = np.lexsort((*keys.T, owner))
-    keys, points, owner = keys[order], points[order], owner[order]
-    fresh = np.concatenate([[True], (np.diff(owner) != 0) | (np.diff(keys, axis=0) != 0).any(axis=1)])
-    return points[fresh], owner[fresh]
+    x, y, z = np.round(points / WELD).astype(np.int64).T.copy()
+    x, z = x - x.min(), z - z.min()
+    # Two numbers a corner in place of four: half the sorting, and both are far below 2^63 for metres.
+    column, row = y * (x.max() + 1) + x, owner * (z.max() + 1) + z
+    order = np.lexsort((column, row))
+    fresh = np.concatenate([[True], (np.diff(column[order]) != 0) | (np.diff(row[order]) != 0)])
+    return points[order[fresh]], owner[order[fresh]]
 
 
 def edge_lengths(triangles: np.ndarray) -> np.ndarray:
     """Lengths (T, 3) of the edges of triangles (T, 3, 3); edge i goes from corner i to the next."""
-    return np.linalg.norm(np.roll(triangles, -1, axis=1) - triangles, axis=2)
+    return lengths(np.roll(triangles, -1, axis=1) - triangles)
+
+
+def lengths(vectors: np.ndarray) -> np.ndarray:
+    """Lengths (...) of vectors (..., 3), the same as numpy's `norm`, whose sums along short axes are slow."""
+    squares = vectors * vectors
+    return np.sqrt(squares[..., 0] + squares[..., 1] + squares[..., 2])
 
 
 def halved(triangles: np.ndarray) -> np.ndarray:
@@ -85,7 +93,7 @@ def split_long_edges(triangles: np.ndarray, longest: float) -> np.ndarray:
     """Triangles (S, 3, 3): (T, 3, 3) halved until no edge exceeds `longest`; neighbours need not share vertices."""
     done = []
     while len(triangles):
-        fits = edge_lengths(triangles).max(axis=1) <= longest
+        fits = edge_lengths(triangles).T.copy().max(axis=0) <= longest
         done.append(triangles[fits])
         triangles = halved(triangles[~fits])
     return np.concatenate(done) if done else triangles

@@ -1,35 +1,42 @@
 """Penetration of the hand into the object or itself: closed forms against true surfaces, without the engine."""
 
 from collections.abc import Callable
+from functools import lru_cache
 
 import numpy as np
 import trimesh
 
-from palpate.grasp.patches import halved, split_long_edges
+from palpate.grasp.patches import halved, lengths, split_long_edges
 from palpate.hand import Hand
 
 SPACING = 0.001  # metres between points of a surface where it is near a geom
 COARSE = 0.016  # metres: longest edge of the triangles that are first sorted out by their place
 
 
-def deepest(triangles: np.ndarray, distance: Callable[[np.ndarray], np.ndarray], depth: float) -> float:
-    """Depth of the deepest point of triangles (T, 3, 3) in a solid, or `depth` if that is deeper.
+Distance = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
-    distance: signed distance (N,) of points (N, 3) to the solid, negative inside. It changes by at most 1 m a metre:
-    triangles whose centres are farther out than their radius are dropped. The others are halved until measured points
-    are at most `SPACING` apart.
+
+def deepest(triangles: np.ndarray, solid: np.ndarray, distance: Distance) -> float:
+    """Depth of the deepest point of triangles (T, 3, 3), each in its own solid of the numbers `solid` (T,), or 0.
+
+    distance: signed distance (N,) of points (N, 3) to the solids of these numbers (N,), negative inside. It changes by
+    at most 1 m a metre: triangles whose centres are farther out than their radius are dropped. The others are halved
+    until measured points are at most `SPACING` apart.
     """
+    depth = 0.0
     while len(triangles):
-        centres = triangles.mean(axis=1)
-        radius = np.linalg.norm(triangles - centres[:, None], axis=2).max(axis=1)
-        at_centre = -distance(centres)
+        centres = (triangles[:, 0] + triangles[:, 1] + triangles[:, 2]) / 3
+        radius = lengths(triangles - centres[:, None]).T.copy().max(axis=0)
+        at_centre = -distance(centres, solid)
         near = at_centre + radius > depth
-        triangles, radius = triangles[near], radius[near]
+        triangles, radius, solid = triangles[near], radius[near], solid[near]
         if len(triangles):
-            depth = max(depth, at_centre.max(), -distance(triangles.reshape(-1, 3)).min())
+            at_corners = -distance(triangles.reshape(-1, 3), np.repeat(solid, 3))
+            depth = max(depth, at_centre.max(), at_corners.max())
         # No two neighbouring points of a triangle of this radius, corners and centre, are farther apart.
-        triangles = halved(triangles[radius > SPACING])
-    return depth
+        coarse = radius > SPACING
+        triangles, solid = halved(triangles[coarse]), np.tile(solid[coarse], 2)
+    return float(depth)
 
 
 class PenetrationCheck:
@@ -43,10 +50,11 @@ class PenetrationCheck:
         """mesh: the object's visual mesh, every face; it need not be closed."""
         self.hand = hand
         self.triangles = split_long_edges(np.asarray(mesh.triangles, dtype=float), COARSE)
-        self.low, self.high = self.triangles.min(axis=1).T.copy(), self.triangles.max(axis=1).T.copy()
+        corners = self.triangles.transpose(1, 2, 0).copy()  # along axes of length 3 numpy's minimum is slow
+        self.low, self.high = corners.min(axis=0), corners.max(axis=0)
         self.geoms = np.flatnonzero(hand.geom_collides)
         self.surfaces = {geom: geom_surface(hand, geom) for geom in self.geoms}
-        self.reach = {geom: np.linalg.norm(s.reshape(-1, 3), axis=1).max() for geom, s in self.surfaces.items()}
+        self.half = np.array([np.abs(surface).max(axis=(0, 1)) for surface in self.surfaces.values()])  # of their boxes
         links = hand.geom_link[self.geoms]
         may_collide = ~hand.adjacent_links()[links[:, None], links[None, :]]
         self.pairs = self.geoms[np.argwhere(np.triu(may_collide, k=1))]  # (P, 2) of geoms on links that may collide
@@ -57,19 +65,24 @@ class PenetrationCheck:
         Right to half of `SPACING`, and mostly far better, for the surface's corners are among the points.
         """
         poses = self.hand.geom_poses(link_pose)
-        half = np.array([self.reach[geom] for geom in self.geoms])[:, None]
-        near = self.meeting(self.low, self.high, poses[self.geoms, :3, 3] - half, poses[self.geoms, :3, 3] + half)
-        triangles, low, high = self.triangles[near], self.low[:, near], self.high[:, near]
-        depth = 0.0
-        for geom in self.geoms:
-            centre, reach = poses[geom, None, :3, 3], self.reach[geom]
-            close = self.meeting(low, high, centre - reach, centre + reach)
-            depth = deepest(triangles[close], self.distance_to(geom, poses), depth)
-        return float(depth)
+        centre = poses[self.geoms, :3, 3]
+        half = (np.abs(poses[self.geoms, :3, :3]) @ self.half[:, :, None])[..., 0]
+        low, high = centre - half, centre + half
+        near = np.flatnonzero(self.meeting(low.min(axis=0, keepdims=True), high.max(axis=0, keepdims=True)))
+        box, close = np.nonzero(self.meeting(low, high, near))
+        return deepest(self.triangles[near[close]], self.geoms[box], self.distance_to(poses))
 
-    def distance_to(self, geom: int, poses: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
-        """The function that gives signed distances (N,) of points (N, 3) to a geom; poses: (G, 4, 4) of all."""
-        return lambda points: self.hand.geom_distance(geom, points, poses[geom])
+    def distance_to(self, poses: np.ndarray) -> Distance:
+        """Gives signed distances (N,) of points (N, 3) to the geoms of numbers (N,); poses: (G, 4, 4) of all."""
+
+        def distance(points: np.ndarray, geoms: np.ndarray) -> np.ndarray:
+            found = np.empty(len(points))
+            for geom in np.unique(geoms):
+                mine = geoms == geom
+                found[mine] = self.hand.geom_distance(geom, points[mine], poses[geom])
+            return found
+
+        return distance
 
     def in_itself(self, link_pose: np.ndarray) -> float:
         """Metres of the deepest point of a link's surface in another link, not joined to it; link_pose: (L, 4, 4)."""
@@ -77,11 +90,11 @@ class PenetrationCheck:
         surfaces = {
             geom: surface @ poses[geom, :3, :3].T + poses[geom, :3, 3] for geom, surface in self.surfaces.items()
         }
-        depth = 0.0
-        for one, other in self.pairs[~self.separated(poses, surfaces)]:
-            for inner, outer in ((one, other), (other, one)):
-                depth = deepest(surfaces[inner], self.distance_to(outer, poses), depth)
-        return float(depth)
+        pairs = self.pairs[~self.separated(poses, surfaces)]
+        pairs = np.concatenate([pairs, pairs[:, ::-1]])
+        triangles = np.concatenate([np.zeros((0, 3, 3)), *(surfaces[inner] for inner in pairs[:, 0])])
+        outer = np.repeat(pairs[:, 1], [len(surfaces[inner]) for inner in pairs[:, 0]])
+        return deepest(triangles, outer, self.distance_to(poses))
 
     def separated(self, poses: np.ndarray, surfaces: dict[int, np.ndarray]) -> np.ndarray:
         """Which pairs of geoms a plane across an axis of either geom separates: (P,) bool.
@@ -102,15 +115,16 @@ class PenetrationCheck:
         index = np.searchsorted(self.geoms, self.pairs)
         return separates[index[:, 0], index[:, 1]] | separates[index[:, 1], index[:, 0]]
 
-    def meeting(self, low: np.ndarray, high: np.ndarray, lowest: np.ndarray, highest: np.ndarray) -> np.ndarray:
-        """Indices of the boxes from `low` to `high` (3, T) that meet the box around those from `lowest` to `highest`
-        (B, 3)."""
-        meets = np.ones(low.shape[1], dtype=bool)
-        for axis in range(3):
-            meets &= (low[axis] < highest[:, axis].max()) & (high[axis] > lowest[:, axis].min())
-        return np.flatnonzero(meets)
+    def meeting(self, low: np.ndarray, high: np.ndarray, among: np.ndarray | slice = slice(None)) -> np.ndarray:
+        """Which of the object's triangles meet which of the boxes from `low` to `high` (B, 3), by their own boxes:
+        (B, T) bool, of those `among` them."""
+        meets = True
+        for own_low, own_high, lowest, highest in zip(self.low, self.high, low.T, high.T, strict=True):
+            meets = meets & (own_low[among] < highest[:, None]) & (own_high[among] > lowest[:, None])
+        return meets
 
 
+@lru_cache(maxsize=64)
 def geom_surface(hand: Hand, geom: int) -> np.ndarray:
     """Triangles (T, 3, 3) of a geom's surface in its own frame."""
     size = hand.geom_size[geom]

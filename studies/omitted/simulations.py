@@ -129,8 +129,8 @@ class EveryFace(PenetrationCheck):
     """A penetration check of every face of the object for every link."""
 
     def meeting(self, low: np.ndarray, *_) -> np.ndarray:
-        """Indices of all boxes (3, T)."""
-        return np.arange(low.shape[1])
+        """All triangles meet all boxes: (B, T) bool, all True."""
+        return np.ones((len(low), len(self.triangles)), dtype=bool)
 
 
 class EveryPair(PenetrationCheck):

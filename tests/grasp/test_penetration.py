@@ -1,5 +1,9 @@
 """The penetration check on overlaps whose depth is known, and against brute force."""
 
+import importlib.util
+import tempfile
+from pathlib import Path
+
 import numpy as np
 import pytest
 import trimesh
@@ -7,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from palpate.grasp.penetration import PenetrationCheck, deepest, geom_surface
-from palpate.hand import allegro
+from palpate.hand import allegro, from_mjcf
 from palpate.hand.hand import signed_distance
 
 HALF = np.array([0.02, 0.03, 0.04])
@@ -17,12 +21,17 @@ def in_box(points):
     return signed_distance("box", HALF, points, np.zeros((0, 4)))
 
 
+def depth_in(distance, triangles):
+    """Depth of triangles in one solid."""
+    return deepest(triangles, np.zeros(len(triangles), int), lambda points, _: distance(points))
+
+
 @settings(deadline=None, max_examples=30)
 @given(depth=st.floats(0.0002, 0.015))
 def test_a_plane_in_a_box_is_as_deep_as_it_is(depth):
     plate = trimesh.creation.box((0.3, 0.3, 0.01))
     plate.apply_translation((0, 0, HALF[2] + 0.005 - depth))
-    assert deepest(plate.triangles, in_box, 0.0) == pytest.approx(depth, abs=1e-9)
+    assert depth_in(in_box, plate.triangles) == pytest.approx(depth, abs=1e-9)
 
 
 @settings(deadline=None, max_examples=30)
@@ -32,7 +41,7 @@ def test_a_spike_in_a_box_is_as_deep_as_its_tip(depth, turn, aside):
     spike.apply_transform(trimesh.transformations.rotation_matrix(turn, (0, 0, 1)))
     spike.apply_transform(trimesh.transformations.rotation_matrix(np.pi, (1, 0, 0)))
     spike.apply_translation((aside, aside, 0.1 + HALF[2] - depth))
-    assert deepest(spike.triangles, in_box, 0.0) == pytest.approx(depth, abs=1e-9)
+    assert depth_in(in_box, spike.triangles) == pytest.approx(depth, abs=1e-9)
 
 
 def test_depth_is_never_below_and_hardly_above_that_of_many_samples():
@@ -43,14 +52,25 @@ def test_depth_is_never_below_and_hardly_above_that_of_many_samples():
         ball.apply_translation(direction / np.linalg.norm(direction) * (ball.extents[0] / 2 + 0.02))
         points, _ = trimesh.sample.sample_surface(ball, 100_000, seed=1)
         sampled = max(0.0, -in_box(points).min())
-        found = deepest(ball.triangles, in_box, 0.0)
+        found = depth_in(in_box, ball.triangles)
         assert sampled - 0.0005 <= found <= sampled + 0.0005
 
 
 def test_a_surface_that_does_not_touch_has_no_depth():
     ball = trimesh.creation.icosphere(radius=0.02)
     ball.apply_translation((0.0401, 0, 0))
-    assert deepest(ball.triangles, in_box, 0.0) == 0.0
+    assert depth_in(in_box, ball.triangles) == 0.0
+
+
+def two_fingered_hand():
+    """The hand of `tests/hand/grippers.py`."""
+    spec = importlib.util.spec_from_file_location("grippers", Path(__file__).parents[1] / "hand/grippers.py")
+    grippers = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(grippers)
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "model.xml"
+        path.write_text(grippers.two_fingers("radian"))
+        return from_mjcf(path, grippers.SENSORS)
 
 
 @pytest.fixture(scope="module")
@@ -97,5 +117,23 @@ def test_self_check_misses_no_pair(hand):
         for one, other in check.pairs:
             for inner, outer in ((one, other), (other, one)):
                 surface = geom_surface(hand, inner) @ poses[inner, :3, :3].T + poses[inner, :3, 3]
-                brute = deepest(surface, lambda p, g=outer, at=poses[outer]: hand.geom_distance(g, p, at), brute)
+                found = depth_in(lambda p, g=outer, at=poses[outer]: hand.geom_distance(g, p, at), surface)
+                brute = max(brute, found)
         assert check.in_itself(links) == pytest.approx(brute, abs=1e-12)
+
+
+def test_no_triangle_near_a_geom_is_left_out():
+    """The depth of all triangles in each geom, of a hand with every kind of geom but a sphere."""
+    hand, rng = two_fingered_hand(), np.random.default_rng(4)
+    check, deep = PenetrationCheck(hand, trimesh.creation.icosphere(subdivisions=2, radius=0.05)), 0
+    for _ in range(12):
+        links = hand.forward(np.eye(4), rng.uniform(*hand.joint_range.T))
+        links[:, :3, 3] += rng.uniform(-0.1, 0.1, 3)
+        poses = hand.geom_poses(links)
+        each = [
+            depth_in(lambda p, g=geom: hand.geom_distance(g, p, poses[g]), check.triangles)  # noqa: B023
+            for geom in np.flatnonzero(hand.geom_collides)
+        ]
+        assert check.in_object(links) == pytest.approx(max(each), abs=1e-12)
+        deep += max(each) > 0
+    assert deep > 3
