@@ -4,9 +4,10 @@ trimesh's wrapper copies, scales and normalises every ray, which costs more than
 """
 
 import numpy as np
-import trimesh
 from embreex.mesh_construction import TriangleMesh
 from embreex.rtcore_scene import EmbreeScene
+
+from palpate.mesh import Geometry
 
 
 class RayMesh:
@@ -14,11 +15,12 @@ class RayMesh:
 
     Embree's single precision, about 1e-7 of the mesh's size, names the face that is hit; the caller computes where,
     from `triangles`: (f, 3, 3) float64, corners of the faces kept, in the mesh's own coordinates. normals: (f, 3)
-    float64, whose length is twice the area. face: (f,) index of each into `mesh.faces`.
+    float64, whose length is twice the area. face: (f,) index of each into `mesh.faces`. low, high: (3,) corners of
+    the box around them.
     """
 
-    def __init__(self, mesh: trimesh.Trimesh):
-        """Raises ValueError if no face of the mesh has an area."""
+    def __init__(self, mesh: Geometry):
+        """mesh: anything with `vertices` and `faces`. Raises ValueError if none of its faces has an area."""
         vertices = np.asarray(mesh.vertices, dtype=np.float64)
         triangles = vertices[np.asarray(mesh.faces).reshape(-1, 3)]
         with np.errstate(invalid="ignore"):
@@ -30,11 +32,12 @@ class RayMesh:
             raise ValueError(f"expected a mesh with at least one face of non-zero area, got {len(area)} faces, none")
         self.triangles = triangles[self.face]
         self.normals = normals[self.face]
-        self._centre = (self.triangles.min(axis=(0, 1)) + self.triangles.max(axis=(0, 1))) / 2
         self._scene = EmbreeScene(robust=True)
         # Of vertices only those that faces use: a stray one may be NaN, or so far off that it costs precision.
         faces, used = np.asarray(mesh.faces)[self.face], np.zeros(len(vertices), dtype=bool)
         used[faces] = True
+        self.low, self.high = vertices[used].min(axis=0), vertices[used].max(axis=0)
+        self._centre = (self.low + self.high) / 2
         index = (np.cumsum(used) - 1)[faces].astype(np.int32)
         TriangleMesh(self._scene, (vertices[used] - self._centre).astype(np.float32), index)
 

@@ -1,8 +1,8 @@
 """Exterior points by an exact visibility test: can a straight line leave from the point to infinity?"""
 
 import numpy as np
-import trimesh
 
+from palpate.mesh import Geometry
 from palpate.surface.embree import RayMesh
 
 # Evenly over the sphere. More directions find points that see out through narrower openings (docs/surface.md).
@@ -22,7 +22,7 @@ def fibonacci_sphere(count: int) -> np.ndarray:
     return np.stack([radius * np.cos(angle), radius * np.sin(angle), height], axis=1)
 
 
-def sample(mesh: trimesh.Trimesh, count: int, rng: np.random.Generator, directions: int = DIRECTIONS) -> np.ndarray:
+def sample(mesh: Geometry, count: int, rng: np.random.Generator, directions: int = DIRECTIONS) -> np.ndarray:
     """Points (count, 3) float64, in the mesh's frame and in random order, uniform by area on its exterior surface.
 
     Exterior is what a straight line reaches from outside, through openings too; the mesh may be open, non-manifold or
@@ -59,18 +59,20 @@ def sees_out(mesh: RayMesh, points: np.ndarray, face: np.ndarray, directions: in
     open."""
     normal = mesh.normals[face]
     normal = normal / np.linalg.norm(normal, axis=1, keepdims=True)
-    offset = _OFFSET * np.ptp(mesh.triangles.reshape(-1, 3), axis=0).max() * normal
-    hidden = np.arange(len(points))
+    offset = _OFFSET * (mesh.high - mesh.low).max() * normal
+    hidden = np.argsort(face)  # neighbours meet the same nodes of the tree
     # Along the normals first: most exterior points are settled by one ray or two.
     for side in (1, -1):
         start = points[hidden] + side * offset[hidden]
         hidden = hidden[mesh.blocked(start, side * normal[hidden])]
-    for direction in fibonacci_sphere(directions):
-        if not len(hidden):
+    starts = np.stack([points[hidden] - offset[hidden], points[hidden] + offset[hidden]])
+    toward = fibonacci_sphere(directions)
+    side, left = (normal[hidden] @ toward.T > 0).astype(int), np.arange(len(hidden))
+    for number, direction in enumerate(toward):
+        if not len(left):
             break
-        side = np.where(normal[hidden] @ direction > 0, 1.0, -1.0)
-        start = points[hidden] + side[:, None] * offset[hidden]
-        hidden = hidden[mesh.blocked(start, direction[None])]
+        left = left[mesh.blocked(starts[side[left, number], left], direction[None])]
+    hidden = hidden[left]
     out = np.ones(len(points), dtype=bool)
     out[hidden] = False
     return out

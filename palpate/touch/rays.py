@@ -4,8 +4,8 @@ Only faces and pixels that can be in contact are traced.
 """
 
 import numpy as np
-import trimesh
 
+from palpate.mesh import Geometry
 from palpate.sensor import DIGIT, Sensor
 from palpate.surface.embree import RayMesh
 
@@ -37,7 +37,7 @@ class RayCaster:
     against every face in range; so are all of an object larger than 2 m.
     """
 
-    def __init__(self, mesh: trimesh.Trimesh, object_position=(0.0, 0.0, 0.0), sensor: Sensor = DIGIT):
+    def __init__(self, mesh: Geometry, object_position=(0.0, 0.0, 0.0), sensor: Sensor = DIGIT):
         """Build the search tree of a mesh in the object's own frame, metres, once for all its grasps.
 
         object_position: (3,) of that frame's origin in the frame of the sensors' poses. sensor: the kind of all
@@ -47,9 +47,9 @@ class RayCaster:
         self._mesh = RayMesh(mesh)
         self._object_position = np.asarray(object_position, dtype=np.float64)
         # (3, f), so that a test of one coordinate reads memory in order.
-        self._low = np.ascontiguousarray(self._mesh.triangles.min(axis=1).T)
-        self._high = np.ascontiguousarray(self._mesh.triangles.max(axis=1).T)
-        low, high = self._low.min(axis=1), self._high.max(axis=1)
+        corners = self._mesh.triangles.transpose(1, 2, 0).copy()
+        self._low, self._high = corners.min(axis=0), corners.max(axis=0)
+        low, high = self._mesh.low, self._mesh.high
         self._large = (high - low).max() > _LARGEST
         # Coordinates far from the origin are rounded more.
         far = np.maximum(np.abs(low), np.abs(high)).max()

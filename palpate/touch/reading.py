@@ -4,7 +4,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from palpate.mesh import load_visual
+from palpate.mesh import load_geometry
 from palpate.sensor import DIGIT, Sensor
 from palpate.touch.rays import RayCaster
 from palpate.touch.sensor import local_points
@@ -52,7 +52,7 @@ def sense(tracer: RayCaster, position: np.ndarray, rotation: np.ndarray) -> Touc
 
 def scene_tracer(scene: "Scene", sensor: Sensor = DIGIT) -> RayCaster:
     """The search tree of a scene's object for a kind of sensor."""
-    return RayCaster(load_visual(scene.object_folder), scene.object_position, sensor)
+    return RayCaster(load_geometry(scene.object_folder), scene.object_position, sensor)
 
 
 def sense_scene(scene: "Scene", tracer: RayCaster | None = None) -> TouchReading:

@@ -274,6 +274,19 @@ def test_an_object_far_from_the_origin_keeps_its_shape_or_is_refused(tmp_path, s
             mesh.prepare(path, tmp_path / "out")
 
 
+def test_geometry_is_what_trimesh_reads(tmp_path):
+    lid = trimesh.creation.icosphere(subdivisions=1, radius=0.5)
+    lid.apply_translation((0, 0, 2))
+    trimesh.Scene({"pot": trimesh.creation.box(), "lid": lid}).export(tmp_path / "pot.glb")
+    mesh.prepare(tmp_path / "pot.glb", tmp_path / "out")
+    parts = trimesh.load_scene(tmp_path / "out/visual.glb", process=False).geometry.values()
+    vertices, faces = trimesh.util.append_faces([part.vertices for part in parts], [part.faces for part in parts])
+    found = mesh.load_geometry(tmp_path / "out")
+    assert len(parts) == 2
+    np.testing.assert_array_equal(found.vertices, vertices)
+    np.testing.assert_array_equal(found.faces, faces)
+
+
 def test_meshes_of_a_batch_that_are_lost_or_changed_are_an_error(knotted, tmp_path):
     batch = tmp_path / "meshes/batch-0000"
     shutil.copytree(knotted[0] / "out", batch / "mug-0001")

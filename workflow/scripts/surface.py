@@ -17,7 +17,7 @@ meshes, settings, seed = Path(snakemake.input.meshes), snakemake.params.surface,
 
 
 def sample(name: str) -> dict[str, np.ndarray]:
-    visual, draw = mesh.load_visual(meshes / name), generator(seed, name, "surface")
+    visual, draw = mesh.load_geometry(meshes / name), generator(seed, name, "surface")
     points = surface.sample(visual, settings["points"], draw)
     return {"points": points + mesh.OBJECT_POSITION, "scale": mesh.read_record(meshes / name)["scale"]}
 
