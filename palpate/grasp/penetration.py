@@ -1,7 +1,7 @@
 """Penetration of the hand into the object or itself: closed forms against true surfaces, without the engine."""
 
 from collections.abc import Callable
-from functools import lru_cache
+from functools import lru_cache, partial
 
 import numpy as np
 import trimesh
@@ -13,13 +13,10 @@ SPACING = 0.001  # metres between points of a surface where it is near a geom
 COARSE = 0.016  # metres: longest edge of the triangles that are first sorted out by their place
 
 
-Distance = Callable[[np.ndarray, np.ndarray], np.ndarray]
-
-
-def deepest(triangles: np.ndarray, solid: np.ndarray, distance: Distance) -> float:
+def deepest(triangles: np.ndarray, solid: np.ndarray, distance: Callable[..., np.ndarray]) -> float:
     """Depth of the deepest point of triangles (T, 3, 3), each in its own solid of the numbers `solid` (T,), or 0.
 
-    distance: signed distance (N,) of points (N, 3) to the solids of these numbers (N,), negative inside. It changes by
+    distance: signed distance (N,) of points (N, 3) to solids of numbers (N,), negative inside. It changes by
     at most 1 m a metre: triangles whose centres are farther out than their radius are dropped. The others are halved
     until measured points are at most `SPACING` apart.
     """
@@ -31,8 +28,7 @@ def deepest(triangles: np.ndarray, solid: np.ndarray, distance: Distance) -> flo
         near = at_centre + radius > depth
         triangles, radius, solid = triangles[near], radius[near], solid[near]
         if len(triangles):
-            at_corners = -distance(triangles.reshape(-1, 3), np.repeat(solid, 3))
-            depth = max(depth, at_centre.max(), at_corners.max())
+            depth = max(depth, at_centre.max(), -distance(triangles.reshape(-1, 3), np.repeat(solid, 3)).min())
         # No two neighbouring points of a triangle of this radius, corners and centre, are farther apart.
         coarse = radius > SPACING
         triangles, solid = halved(triangles[coarse]), np.tile(solid[coarse], 2)
@@ -70,19 +66,15 @@ class PenetrationCheck:
         low, high = centre - half, centre + half
         near = np.flatnonzero(self.meeting(low.min(axis=0, keepdims=True), high.max(axis=0, keepdims=True)))
         box, close = np.nonzero(self.meeting(low, high, near))
-        return deepest(self.triangles[near[close]], self.geoms[box], self.distance_to(poses))
+        return deepest(self.triangles[near[close]], self.geoms[box], partial(self.distance, poses))
 
-    def distance_to(self, poses: np.ndarray) -> Distance:
-        """Gives signed distances (N,) of points (N, 3) to the geoms of numbers (N,); poses: (G, 4, 4) of all."""
-
-        def distance(points: np.ndarray, geoms: np.ndarray) -> np.ndarray:
-            found = np.empty(len(points))
-            for geom in np.unique(geoms):
-                mine = geoms == geom
-                found[mine] = self.hand.geom_distance(geom, points[mine], poses[geom])
-            return found
-
-        return distance
+    def distance(self, poses: np.ndarray, points: np.ndarray, geoms: np.ndarray) -> np.ndarray:
+        """Signed distances (N,) of points (N, 3) to the geoms of numbers (N,); poses: (G, 4, 4) of all."""
+        found = np.empty(len(points))
+        for geom in np.unique(geoms):
+            mine = geoms == geom
+            found[mine] = self.hand.geom_distance(geom, points[mine], poses[geom])
+        return found
 
     def in_itself(self, link_pose: np.ndarray) -> float:
         """Metres of the deepest point of a link's surface in another link, not joined to it; link_pose: (L, 4, 4)."""
@@ -94,7 +86,7 @@ class PenetrationCheck:
         pairs = np.concatenate([pairs, pairs[:, ::-1]])
         triangles = np.concatenate([np.zeros((0, 3, 3)), *(surfaces[inner] for inner in pairs[:, 0])])
         outer = np.repeat(pairs[:, 1], [len(surfaces[inner]) for inner in pairs[:, 0]])
-        return deepest(triangles, outer, self.distance_to(poses))
+        return deepest(triangles, outer, partial(self.distance, poses))
 
     def separated(self, poses: np.ndarray, surfaces: dict[int, np.ndarray]) -> np.ndarray:
         """Which pairs of geoms a plane across an axis of either geom separates: (P,) bool.

@@ -127,8 +127,7 @@ def load_geometry(folder: Path | str) -> Geometry:
     """Every face of `visual.glb` in the object's own frame, read without trimesh: its import alone takes longer than
     sensing the touches of an object."""
     path = mesh_file(folder, "visual.glb")
-    tree, start = gltf_tree(path)
-    data = path.read_bytes()
+    (tree, start), data = gltf_tree(path), path.read_bytes()
 
     def read(number: int, dtype: str, width: int) -> np.ndarray:
         accessor = tree["accessors"][number]

@@ -66,13 +66,9 @@ def sees_out(mesh: RayMesh, points: np.ndarray, face: np.ndarray, directions: in
         start = points[hidden] + side * offset[hidden]
         hidden = hidden[mesh.blocked(start, side * normal[hidden])]
     starts = np.stack([points[hidden] - offset[hidden], points[hidden] + offset[hidden]])
-    toward = fibonacci_sphere(directions)
-    side, left = (normal[hidden] @ toward.T > 0).astype(int), np.arange(len(hidden))
-    for number, direction in enumerate(toward):
-        if not len(left):
-            break
-        left = left[mesh.blocked(starts[side[left, number], left], direction[None])]
-    hidden = hidden[left]
+    toward, left = fibonacci_sphere(directions), np.arange(len(hidden))
+    for direction, side in zip(toward, (toward @ normal[hidden].T > 0).astype(int), strict=True):
+        left = left[mesh.blocked(starts[side[left], left], direction[None])]
     out = np.ones(len(points), dtype=bool)
-    out[hidden] = False
+    out[hidden[left]] = False
     return out
