@@ -37,7 +37,9 @@ site: env
 	$(BIN)/pip install --quiet --no-deps --requirement envs/docs.txt
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet --strict
 
+# Byte code of the checkout, too: where Python writes none, as in many containers, every job would compile it.
 env: .venv/installed
+	@$(BIN)/python -m compileall -q palpate studies workflow snakemake_logger_plugin_palpate
 	@$(BIN)/python -m palpate.vision.system --install
 
 .venv/installed: envs/requirements.txt pyproject.toml
