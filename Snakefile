@@ -33,31 +33,13 @@ if not options.default_storage_provider:
     workdir: RUN_FOLDER
 
 
-include: "workflow/rules/catalogue.smk"
-include: "workflow/rules/released.smk"
+# Simulated stages of the dataset; a released one is read.
+SIMULATED = ["meshes", "surface", "distances", "grasps", "touch", "frames", "hold", "vision", "reports"]
+MODELS = ["reconstruction", "touch_charts", "templates", "evaluation"]
+RESULTS = ["products", "results", "known_targets", "targets"]
+for name in ["catalogue", *(["released"] if RELEASED else SIMULATED), *MODELS, *RESULTS]:
 
-
-if not RELEASED:
-
-    include: "workflow/rules/meshes.smk"
-    include: "workflow/rules/surface.smk"
-    include: "workflow/rules/distances.smk"
-    include: "workflow/rules/grasps.smk"
-    include: "workflow/rules/touch.smk"
-    include: "workflow/rules/frames.smk"
-    include: "workflow/rules/hold.smk"
-    include: "workflow/rules/vision.smk"
-    include: "workflow/rules/reports.smk"
-
-
-include: "workflow/rules/reconstruction.smk"
-include: "workflow/rules/touch_charts.smk"
-include: "workflow/rules/templates.smk"
-include: "workflow/rules/evaluation.smk"
-include: "workflow/rules/products.smk"
-include: "workflow/rules/results.smk"
-include: "workflow/rules/known_targets.smk"
-include: "workflow/rules/targets.smk"
+    include: f"workflow/rules/{name}.smk"
 
 
 if hooks.LogHandler.current:

@@ -23,10 +23,6 @@ def stores_of(experiments, *more, training=False):
     }
 
 
-def experiment_stores(wildcards):
-    return stores_of([EXPERIMENTS.experiments[wildcards.experiment]], training=True)
-
-
 def trained_model(wildcards):
     """The files of a model that is evaluated; none in retrieval, which is not trained."""
     if not EXPERIMENTS.experiments[wildcards.experiment].is_trained:

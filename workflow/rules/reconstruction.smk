@@ -12,7 +12,7 @@ POINTS = {str(Path(*(f"{key}~{value}" for key, value in point.items()))): point 
 # One model of config/experiments.yaml, from just the stores that it takes arrays of (palpate/inference/inputs.py).
 rule reconstruction:
     input:
-        unpack(experiment_stores),
+        unpack(lambda wildcards: stores_of([EXPERIMENTS.experiments[wildcards.experiment]], training=True)),
     output:
         model="models/{experiment}/seed-{seed}/best.ckpt",
         history="models/{experiment}/seed-{seed}/history.csv",
