@@ -17,6 +17,7 @@ import snakemake.cli
 import trimesh
 import yaml
 
+from snakemake_logger_plugin_palpate import INTERRUPTED
 from workflow.run import lock
 
 PROJECT = Path(__file__).parents[2]
@@ -69,6 +70,8 @@ def run_snakemake(project: Path, *arguments: str, cores: int = 2, python_path: s
             stream.flush()
             stream.seek(0)
             printed.append(stream.read())
+    if INTERRUPTED in printed[1]:  # the run took a Ctrl-C that is for the tests
+        raise KeyboardInterrupt
     return subprocess.CompletedProcess(command, code, *printed)
 
 
