@@ -46,7 +46,8 @@ env: .venv/installed
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info[:2] != (3, 11))' 2>/dev/null || \
 	  { echo "Palpate needs Python 3.11 (Blender's wheel is built for it): name it with make PYTHON=/path/to/python3.11" >&2; exit 1; }
 	$(PYTHON) -m venv .venv
-	$(BIN)/pip install --quiet --requirement envs/requirements.txt
+	$(BIN)/pip install --quiet --no-compile --requirement envs/requirements.txt
+	$(BIN)/python -m compileall -qq -j $(CORES) .venv/lib || true  # as pip does, which takes one core; not all is valid
 	$(BIN)/pip install --quiet --no-deps --no-build-isolation --editable .
 	touch $@
 

@@ -12,6 +12,8 @@ def pytest_configure(config):
 
     bpy must come before anything that loads embree (trimesh does): the other way round fails with an undefined symbol.
     """
+    if config.getoption("numprocesses", None):  # the main process of pytest-xdist runs no test
+        return
     places = [Path(str(argument).split("::")[0]).resolve() for argument in config.args]
     folders = [TESTS / name for name in WITHOUT_BLENDER]
     if not all(any(place.is_relative_to(folder) for folder in folders) for place in places):

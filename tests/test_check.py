@@ -18,7 +18,7 @@ from palpate.configuration import merge, read_config
 from palpate.scene import GRASP_ARRAYS, Scene
 from palpate.sensor import DIGIT
 from tests.hand import grippers
-from tests.workflow.conftest import PROJECT, plan, two_classes
+from tests.workflow.conftest import PROJECT, run_snakemake, two_classes
 
 SMALL = {"vision": {"size": 48, "samples": 1, "device": "cpu"}, "surface": {"points": 1000}}
 
@@ -94,7 +94,7 @@ def test_it_says_what_there_is_and_what_is_wrong(overlay, folder, tmp_path, caps
     with Image.open(tmp_path / "mine/check.png") as picture:
         assert picture.format == "PNG" and len(picture.convert("RGB").getcolors(10**7)) > 1000
     assert [path.name for path in (tmp_path / "mine").iterdir()] == ["check.png"]
-    planned = plan(PROJECT, "dataset", "--dry-run", "--configfile", str(config))  # the run is as new
+    planned = run_snakemake(PROJECT, "dataset", "--dry-run", "--configfile", str(config))  # the run is as new
     assert planned.returncode == 0, planned.stderr
 
 
@@ -181,7 +181,7 @@ def test_errors_are_the_workflows(overlay, keys, said, capsys):
     assert main(["check", str(config)]) == 1
     printed = capsys.readouterr().err
     assert said in printed and "Traceback" not in printed
-    planned = plan(PROJECT, "dataset", "--dry-run", "--configfile", str(config))
+    planned = run_snakemake(PROJECT, "dataset", "--dry-run", "--configfile", str(config))
     assert printed.strip() in planned.stdout + planned.stderr
 
 
@@ -195,7 +195,7 @@ def test_a_mistake_in_the_files_of_a_hand_or_sensor_is_the_workflows_message(ove
         config = overlay(**keys)
         assert main(["check", str(config)]) == 1
         printed = capsys.readouterr().err
-        planned = plan(PROJECT, "dataset", "--dry-run", "--configfile", str(config))
+        planned = run_snakemake(PROJECT, "dataset", "--dry-run", "--configfile", str(config))
         assert said in printed and printed.strip() in planned.stdout + planned.stderr
 
 

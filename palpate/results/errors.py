@@ -91,17 +91,19 @@ def errors(
     classes = frame.drop_duplicates("object").set_index("object")["class"].sort_index()
     trained = frame["steps"] > 0 if (frame["steps"] > 0).any() else slice(None)
     seeds = sorted(set(frame.loc[trained, "seed"]))
+    means = frame.groupby([key, "seed", "object"])[column].mean()
+    ends = frame.groupby(key)["steps"].agg(["min", "max"]).astype(int)
     values, steps = {}, {}
     for name in experiments:
-        rows = frame[frame[key] == name]
-        table = rows.pivot_table(index="seed", columns="object", values=column, aggfunc="mean")
+        steps[name] = tuple(ends.loc[name].tolist())
+        table = means[name].unstack("object")
         if len(table.columns) != len(classes) or table.isna().any(axis=None):
             unmatched = sorted(set(classes.index) - set(table.dropna(axis=1).columns))
             raise EvaluationError(
                 f"experiment {name!r} was not measured on {unmatched[:3]} of the {split} split with every seed, "
                 "but others were: evaluate all of them on the same dataset"
             )
-        if len(table) == 1 and not rows["steps"].any():  # Measured once, what is not trained stands for every seed.
+        if len(table) == 1 and not steps[name][1]:  # Measured once, what is not trained stands for every seed.
             table = table.loc[[*table.index] * len(seeds)].set_axis(seeds)
         if list(table.index) != seeds:
             raise EvaluationError(
@@ -109,5 +111,4 @@ def errors(
                 "differences are paired by seed; train and evaluate it with all of training.seeds"
             )
         values[name] = table.to_numpy()
-        steps[name] = (int(rows["steps"].min()), int(rows["steps"].max()))
     return Errors(classes.index.to_numpy(), classes.to_numpy(), values, steps)

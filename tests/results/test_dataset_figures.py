@@ -197,9 +197,9 @@ def test_the_object_hides_the_hand_least_from_the_clear_view(dataset):
 
 def test_a_sheet_takes_objects_from_all_over_the_class(dataset, tmp_path, monkeypatch):
     monkeypatch.setattr(figures, "EXAMPLES", 1)
-    examples(dataset, "bottle", tmp_path / "one.png")
+    examples(dataset, "bottle", tmp_path / "one.png", **QUICK)
     monkeypatch.setattr(figures, "EXAMPLES", 6)
-    examples(dataset.select(["bottle-0000"]), "bottle", tmp_path / "first.png")
+    examples(dataset.select(["bottle-0000"]), "bottle", tmp_path / "first.png", **QUICK)
     assert (tmp_path / "one.png").read_bytes() == (tmp_path / "first.png").read_bytes()
 
 

@@ -37,8 +37,9 @@ def measured():
 def all_tables(measured, names):
     own = {key: frame.replace({"class": names}) for key, frame in measured.items()}
     found = {name: getattr(dataset_tables, name)(frames(names)) for name in ("dataset_statistics", "grasp_success")}
+    published = synthetic.published_means()
     for name in ("model_selection", "input_modalities", "grasps"):
-        setup = {key: row for key, row in synthetic.of_table(name).items() if key in synthetic.published_means()}
+        setup = {key: row for key, row in synthetic.of_table(name).items() if key in published}
         found[name] = getattr(model_tables, name)(own["evaluations"], setup, resamples=50)
     found["extrapolation"] = model_tables.extrapolation(own["rings"], synthetic.of_table("extrapolation"), resamples=50)
     found["local_touch_charts"] = model_tables.local_touch_charts(own["touches"], resamples=50)

@@ -1,6 +1,7 @@
 """What every procedural object must be: closed, distinct, in its pose, in bounds, the same every time."""
 
 import hashlib
+from functools import cache
 
 import numpy as np
 import pytest
@@ -14,6 +15,9 @@ from palpate.surface.embree import RayMesh
 
 # Real objects' largest extent, metres.
 LARGEST = {"bottle": (0.05, 0.4), "knife": (0.1, 0.6), "cellphone": (0.08, 0.35), "rifle": (0.6, 1.7)}
+
+
+made = cache(make)  # for tests that share an object, and only look at it
 
 
 def digest(scene: trimesh.Scene) -> str:
@@ -48,7 +52,7 @@ EVERY_STYLE = [(name, index) for name in CLASSES for index in FIRST[name].values
 
 @pytest.mark.parametrize(("class_name", "index"), EVERY_STYLE)
 def test_every_style_is_closed_posed_and_in_bounds(class_name, index):
-    check(class_name, make(class_name, index))
+    check(class_name, made(class_name, index))
 
 
 @given(st.sampled_from(CLASSES), st.integers(0, 5000), st.integers(0, 2**31))
@@ -62,7 +66,7 @@ def test_objects_of_a_style_are_distinct(class_name):
     """Volumes and proportions of objects of one style differ."""
     first = style(class_name, 0)
     alike = [index for index in range(300) if style(class_name, index) == first][:6]
-    scenes = [make(class_name, index) for index in alike]
+    scenes = [made(class_name, index) for index in alike]
     shapes = [[*scene.extents / np.linalg.norm(scene.extents), scene.volume * 1e6] for scene in scenes]
     assert len({tuple(np.round(shape, 3)) for shape in shapes}) == 6
 
@@ -75,7 +79,7 @@ def test_same_arguments_same_object_and_another_seed_another_object(class_name):
 
 @pytest.mark.parametrize("class_name", CLASSES)
 def test_several_materials_and_colours(class_name):
-    materials = [[mesh.visual.material for mesh in make(class_name, index).geometry.values()] for index in range(12)]
+    materials = [[mesh.visual.material for mesh in made(class_name, index).geometry.values()] for index in range(12)]
     assert np.median([len(found) for found in materials]) >= 2
     assert len({tuple(m.baseColorFactor) for found in materials for m in found}) >= 8
     assert any(m.baseColorTexture is not None for found in materials for m in found)
@@ -84,7 +88,7 @@ def test_several_materials_and_colours(class_name):
 @pytest.mark.parametrize("index", range(16))
 def test_a_bottle_stands(index):
     """It rests on z = 0, its centre of mass above what rests there."""
-    mesh = make("bottle", index).to_geometry()
+    mesh = made("bottle", index).to_geometry()
     vertices = mesh.vertices - [0, 0, mesh.bounds[0, 2]]
     assert abs(mesh.bounds[0, 2]) < 0.002
     foot = Delaunay(vertices[vertices[:, 2] < 0.0005, :2])
@@ -93,7 +97,7 @@ def test_a_bottle_stands(index):
 
 def test_a_knife_is_thin_where_it_cuts():
     """Rays across the blade: it is under 6 mm thick in front of the handle, and thinner at the edge."""
-    scene = make("knife", 0)
+    scene = made("knife", 0)
     steel = next(m for m in scene.geometry.values() if m.bounds[1, 1] > 0.1)
     vertices = steel.vertices[(steel.vertices[:, 1] > 0.03) & (steel.vertices[:, 1] < 0.1)]
     assert np.ptp(vertices[:, 0]) < 0.006
@@ -104,7 +108,7 @@ def test_a_knife_is_thin_where_it_cuts():
 @pytest.mark.parametrize("name", ["smart", "touch", "bar", "keyboard", "brick", "slider"])
 def test_a_phone_screen_faces_plus_x(name):
     """From far along +x the phone shows its screen: nothing else is before it."""
-    scene = make("cellphone", FIRST["cellphone"][name])
+    scene = made("cellphone", FIRST["cellphone"][name])
     screen, ahead = scene.geometry["screen"], np.array([1.0, 0, 0])
     lit = screen.face_normals @ ahead > 0.5
     assert screen.area_faces[lit].sum() > 0.4 * screen.area

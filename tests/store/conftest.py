@@ -154,9 +154,20 @@ def build(folder: Path) -> None:
             palpate.store.write(path, stage, stored, ATTRIBUTES)
 
 
-def add_frames(folder: Path, count: int = 3) -> None:
-    """Give the run frames, from the open hand on the straight way to its grasps, and images of the first and last."""
-    hand = allegro()
+FRAMES: dict[tuple[str, str], dict[str, np.ndarray]] = {}  # arrays by stage and batch: made once a process
+
+
+def add_frames(folder: Path) -> None:
+    """Give the run, as it was built, the arrays of `make_frames`."""
+    if not FRAMES:
+        FRAMES.update(make_frames(folder))
+    for (stage, batch), arrays in FRAMES.items():
+        palpate.store.write(folder / palpate.store.CONTRACT[stage].path(batch), stage, arrays, ATTRIBUTES)
+
+
+def make_frames(folder: Path, count: int = 3) -> dict[tuple[str, str], dict[str, np.ndarray]]:
+    """Frames from the open hand on the straight way to the run's grasps, and images of the first and last."""
+    hand, made = allegro(), {}
     for batch in BATCHES:
         grasps = palpate.store.read(folder / f"grasps/{batch}.h5")
         images = palpate.store.open(folder / f"vision/{batch}.zarr")
@@ -181,10 +192,9 @@ def add_frames(folder: Path, count: int = 3) -> None:
                 "image_frame": np.tile([0, count - 1], (GRASPS, 1)),
                 "occluded": np.repeat(images["occluded"][row][:, None], 2, axis=1),
             }
-        arrays = palpate.store.join("frames", records) | {"empty_reading": empty_reading()}
-        palpate.store.write(folder / f"frames/{batch}.zarr", "frames", arrays, ATTRIBUTES)
-        joined = palpate.store.join("frame_images", pictures)
-        palpate.store.write(folder / f"frame_images/{batch}.zarr", "frame_images", joined, ATTRIBUTES)
+        made["frames", batch] = palpate.store.join("frames", records) | {"empty_reading": empty_reading()}
+        made["frame_images", batch] = palpate.store.join("frame_images", pictures)
+    return made
 
 
 BUILT: list[Path] = []  # of this process: the fixture is of several folders

@@ -1,5 +1,10 @@
 """Small things to train on: ellipsoids, their pictures and their touches, in memory."""
 
+import multiprocessing
+import time
+from collections.abc import Callable
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -32,6 +37,23 @@ SETTINGS = ReconstructionSettings(
 )
 OCCLUDED_TOUCH = Experiment("occluded_touch", "charts", "occluded", True, 1)
 TOUCH_ONLY = Experiment("touch_only", "charts", "none", True, 2)
+
+
+def kill_when(path: Path, train: Callable, *arguments, **settings) -> None:
+    """Train in a process of its own, and kill it as soon as a file exists: with SIGKILL, which nothing can handle.
+
+    The process is forked from one that has loaded torch, once for all tests, and has done nothing else.
+    """
+    processes = multiprocessing.get_context("forkserver")
+    processes.set_forkserver_preload(["palpate.training.loop", __name__])
+    process = processes.Process(target=train, args=arguments, kwargs=settings)
+    process.start()
+    until = time.monotonic() + 300
+    while not path.exists() and process.is_alive() and time.monotonic() < until:
+        time.sleep(0.005)
+    process.kill()
+    process.join()
+    assert path.exists(), "it has ended before it was killed" if process.exitcode == 0 else process.exitcode
 
 
 def made_up(

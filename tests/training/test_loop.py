@@ -4,11 +4,6 @@ import csv
 import json
 import logging
 import math
-import os
-import signal
-import subprocess
-import sys
-import time
 from dataclasses import replace
 
 import pytest
@@ -21,7 +16,7 @@ from palpate.inference.machine import Machine
 from palpate.inference.samples import windows
 from palpate.training.learners import Diverged, ReconstructionLearner
 from palpate.training.loop import train
-from tests.training.conftest import ARCHITECTURE, OCCLUDED_TOUCH, SETTINGS, TOUCH_ONLY, made_up
+from tests.training.conftest import ARCHITECTURE, OCCLUDED_TOUCH, SETTINGS, TOUCH_ONLY, kill_when, made_up
 
 CPU = Machine("cpu")
 
@@ -77,28 +72,13 @@ def test_the_same_seed_gives_the_same_weights_and_another_others(trained, tmp_pa
     assert not same(weights(tmp_path), weights(trained[0]))
 
 
-KILLED = """
-import sys
-from pathlib import Path
-from tests.training.test_loop import run
-run(Path(sys.argv[1]), **eval(sys.argv[2]))
-"""
-
-
 def test_a_killed_training_goes_on_to_the_same_weights(tmp_path):
-    """Killed after its first evaluation, with every process of its session, as the workflow's tests kill."""
+    """Killed after its first evaluation."""
     whole, killed = tmp_path / "whole", tmp_path / "killed"
     settings = {"evaluate_every": 3, "steps": 31}
-    process = subprocess.Popen(
-        [sys.executable, "-c", KILLED, str(killed), repr(settings)], start_new_session=True, cwd="."
-    )
-    until = time.monotonic() + 120
     last = killed / "checkpoints/last.ckpt"
-    while not last.exists() and process.poll() is None and time.monotonic() < until:
-        time.sleep(0.01)
-    os.killpg(process.pid, signal.SIGKILL)
-    process.wait()
-    assert last.exists() and not (killed / "model").exists()
+    kill_when(last, run, killed, **settings)
+    assert not (killed / "model").exists()
     assert 0 < torch.load(last, weights_only=True)["history"][-1]["step"] < 31
     said, _ = run(killed, **settings)
     expected, _ = run(whole, **settings)

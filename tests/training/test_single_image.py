@@ -1,11 +1,6 @@
 """The published single-image networks trained as they were: their losses the long way, and whole trainings."""
 
 import csv
-import os
-import signal
-import subprocess
-import sys
-import time
 from dataclasses import replace
 
 import numpy as np
@@ -24,13 +19,20 @@ from palpate.training.learners import Diverged, ReconstructionLearner
 from palpate.training.loop import train
 from palpate.training.losses import Truth
 from palpate.training.single_image import LOSSES, laplacian, mean_cosine
-from tests.training.conftest import ARCHITECTURE, SETTINGS, made_up
+from tests.training.conftest import ARCHITECTURE, SETTINGS, kill_when, made_up
 from tests.training.test_recipes import resolve
 
 STRATEGIES = ("psg", "pixel2mesh", "r2n2")
 DECODERS = {"psg": Decoder(12, points=150), "r2n2": Decoder(12, channels=[4, 4, 4, 4], level=0.5)}
 CPU = Machine("cpu")
 PARTIAL = 60  # of the true points, in the losses
+
+
+# A rate at which the few steps of so small a network show; of voxels it first learns that most are empty.
+LEARNING = {
+    strategy: {"steps": steps, "evaluate_every": steps // 4, "rate": 1e-2}
+    for strategy, steps in (("psg", 60), ("pixel2mesh", 24), ("r2n2", 120))
+}
 
 
 def experiment(strategy):
@@ -171,9 +173,7 @@ def test_what_is_derived_from_the_truth_is_made_once(truth):
 @pytest.fixture(scope="module", params=STRATEGIES)
 def trained(request, tmp_path_factory):
     folder = tmp_path_factory.mktemp(request.param)
-    # A rate at which the few steps of so small a network show; of voxels it first learns that most are empty.
-    steps = 120 if request.param == "r2n2" else 24
-    return request.param, folder, run(folder, request.param, steps=steps, evaluate_every=steps // 4, rate=1e-2)
+    return request.param, folder, run(folder, request.param, **LEARNING[request.param])
 
 
 def test_it_learns(trained):
@@ -205,27 +205,11 @@ def test_validation_is_the_chamfer_distance_of_what_is_predicted(trained):
         assert loss == pytest.approx(9000 * naive, rel=1e-3)
 
 
-KILLED = """
-import sys
-from pathlib import Path
-from tests.training.test_single_image import run
-run(Path(sys.argv[1]), sys.argv[2], steps=24, evaluate_every=2)
-"""
-
-
-@pytest.mark.parametrize("strategy", STRATEGIES)
-def test_a_killed_training_resumes_to_the_same_bytes(strategy, tmp_path):
-    folder = tmp_path / "killed"
-    process = subprocess.Popen([sys.executable, "-c", KILLED, str(folder), strategy], env={**os.environ})
-    begun = time.monotonic()
-    while not (folder / "checkpoints/last.ckpt").exists() and time.monotonic() - begun < 300:
-        time.sleep(0.01)
-    process.send_signal(signal.SIGKILL)
-    process.wait()
-    assert (folder / "checkpoints/last.ckpt").exists()
-    run(folder, strategy, steps=24, evaluate_every=2)
-    run(tmp_path / "whole", strategy, steps=24, evaluate_every=2)
-    found, expected = weights(folder), weights(tmp_path / "whole")
+def test_a_killed_training_resumes_to_the_same_bytes(trained, tmp_path):
+    strategy, whole, _ = trained
+    kill_when(tmp_path / "checkpoints/last.ckpt", run, tmp_path, strategy, **LEARNING[strategy])
+    run(tmp_path, strategy, **LEARNING[strategy])
+    found, expected = weights(tmp_path), weights(whole)
     assert found.keys() == expected.keys() and all(torch.equal(found[key], expected[key]) for key in found)
 
 

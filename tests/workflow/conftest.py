@@ -1,12 +1,12 @@
 """Runs of the real workflow on a small folder of meshes, in a temporary results folder."""
 
 import contextlib
-import io
 import os
 import re
 import signal
 import subprocess
 import sys
+import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
@@ -17,27 +17,62 @@ import snakemake.cli
 import trimesh
 import yaml
 
+from snakemake_logger_plugin_palpate import INTERRUPTED
+from workflow.run import lock
+
 PROJECT = Path(__file__).parents[2]
 EVERY_SPLIT = {"train": 39, "validation": 31, "test": 30}  # each has some of the two classes' objects
 
 
-def plan(project: Path, *arguments: str) -> subprocess.CompletedProcess:
-    """Snakemake's command in this process, for what starts no job: it saves the start of a Python and its imports."""
-    printed, code = (io.StringIO(), io.StringIO()), 0
-    streams = contextlib.redirect_stdout(printed[0]), contextlib.redirect_stderr(printed[1])
-    command = ["snakemake", "--snakefile", str(project / "Snakefile"), "--cores", "2", *arguments]
+@contextlib.contextmanager
+def captured():
+    """What is printed meanwhile, by this process and by those that it starts: two files, of each stream."""
+    with tempfile.TemporaryFile("w+") as out, tempfile.TemporaryFile("w+") as err:
+        kept = os.dup(1), os.dup(2)
+        try:
+            os.dup2(out.fileno(), 1)
+            os.dup2(err.fileno(), 2)
+            with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
+                yield out, err
+        finally:
+            for number, descriptor in enumerate(kept, start=1):
+                os.dup2(descriptor, number)
+                os.close(descriptor)
+
+
+def run_snakemake(project: Path, *arguments: str, cores: int = 2, python_path: str = "") -> subprocess.CompletedProcess:
+    """Snakemake's command in this process: it saves the start of a Python and its imports. Jobs are processes anyway.
+
+    python_path: further places for the jobs' Python to look in.
+    """
+    command = ["snakemake", "--snakefile", str(project / "Snakefile"), "--cores", str(cores), *arguments]
+    environment = {"PYTHONPATH": f"{python_path}:{project}"} if python_path else {}
+    handlers = {each: signal.getsignal(each) for each in (signal.SIGINT, signal.SIGTERM)}
     with (
-        mock.patch.dict(os.environ),
+        mock.patch.dict(os.environ, environment),
         mock.patch("sys.argv", command),
+        mock.patch.object(lock, "_held", []) as held,
         contextlib.chdir(project),
-        streams[0],
-        streams[1],
+        captured() as streams,
     ):
         try:
             snakemake.cli.main(command[1:])
+            code = 0
         except SystemExit as end:
             code = int(end.code or 0)
-    return subprocess.CompletedProcess(arguments, code, *(text.getvalue() for text in printed))
+        finally:
+            for file in held:  # as at the end of a process
+                file.close()
+            for each, handler in handlers.items():
+                signal.signal(each, handler)
+        printed = []
+        for stream in streams:
+            stream.flush()
+            stream.seek(0)
+            printed.append(stream.read())
+    if INTERRUPTED in printed[1]:  # the run took a Ctrl-C that is for the tests
+        raise KeyboardInterrupt
+    return subprocess.CompletedProcess(command, code, *printed)
 
 
 class Job(NamedTuple):
@@ -57,28 +92,18 @@ class Workflow:
     run: Path
     python_path: str = ""  # further places for Python to look in
 
-    def command(self, *arguments: str, cores: int = 2) -> list[str]:
+    def command(self, *arguments: str) -> list[str]:
+        """For a process of its own."""
         snakemake = [sys.executable, "-m", "snakemake", "--snakefile", str(PROJECT / "Snakefile")]
-        return [*snakemake, "--cores", str(cores), *arguments, "--configfile", str(self.config)]
+        return [*snakemake, "--cores", "2", *arguments, "--configfile", str(self.config)]
 
     def __call__(self, *arguments: str, cores: int = 2) -> subprocess.CompletedProcess:
-        environment = os.environ | {"PYTHONPATH": f"{self.python_path}:{PROJECT}"}
-        return subprocess.run(
-            self.command(*arguments, cores=cores),
-            cwd=PROJECT,
-            env=environment if self.python_path else None,
-            capture_output=True,
-            text=True,
-            timeout=600,
-        )
-
-    def plan(self, *arguments: str) -> subprocess.CompletedProcess:
-        """What the command prints of a run in which no job starts."""
-        return plan(PROJECT, *arguments, "--configfile", str(self.config))
+        settings = *arguments, "--configfile", str(self.config)
+        return run_snakemake(PROJECT, *settings, cores=cores, python_path=self.python_path)
 
     def jobs(self, *targets: str) -> list[Job]:
         """The jobs that a dry run would run."""
-        result = self.plan(*targets, "--dry-run")
+        result = self(*targets, "--dry-run")
         assert result.returncode == 0, result.stdout + result.stderr
         found = []
         for text in re.split(r"^(?:local)?rule ", result.stdout, flags=re.MULTILINE)[1:]:

@@ -11,7 +11,7 @@ import pytest
 
 from palpate import Dataset
 from palpate.results.products import caption, position
-from tests.workflow.conftest import PROJECT, plan
+from tests.workflow.conftest import PROJECT, run_snakemake
 
 KINDS = (("tables", "csv"), ("figures", "png"))
 DATASET = ["dataset_statistics", "grasp_success"]
@@ -30,7 +30,7 @@ def touches_of_classes(dataset):
 
 
 def test_every_table_and_figure_has_a_caption_of_its_own():
-    printed = plan(PROJECT, "--dry-run", "--forceall", "all").stdout
+    printed = run_snakemake(PROJECT, "--dry-run", "--forceall", "all").stdout
     tables, figures = (set(re.findall(rf"{kind}/(\S+?)\.{form}", printed)) for kind, form in KINDS)
     assert {"dataset_statistics", "touch_effect", "claims", "architectures/touch"} <= tables and "atlas" in figures
     captions = {name: caption("tables", name) for name in [*tables, "tuning"]}

@@ -6,7 +6,7 @@ import pandas as pd
 import pytest
 import yaml
 
-from tests.workflow.conftest import PROJECT, plan
+from tests.workflow.conftest import PROJECT, run_snakemake
 
 REPORT = PROJECT / "docs/results/default/reports/error_vs_runtime.csv"
 # What the report calls a value: in other units, or by another name.
@@ -57,7 +57,7 @@ def test_the_readme_says_how_many_models_the_default_run_trains(tmp_path):
     found = []
     for seeds in ("[0]", "[0,1]"):
         config = [f"results={tmp_path}", f"training={{seeds: {seeds}}}"]
-        planned = plan(PROJECT, "all", "--dry-run", "--config", *config)
+        planned = run_snakemake(PROJECT, "all", "--dry-run", "--config", *config)
         stats = re.findall(r"^(?:reconstruction|touch_depth) +(\d+)$", planned.stdout, re.MULTILINE)
         assert len(stats) >= 2, planned.stdout + planned.stderr
         found.append(sum(map(int, stats[:2])))

@@ -15,7 +15,7 @@ import yaml
 
 import palpate
 from palpate.store import StoreError
-from tests.workflow.conftest import PROJECT, plan, two_classes
+from tests.workflow.conftest import PROJECT, run_snakemake, two_classes
 
 MESHES = "meshes/batch-0000"
 # Python runs a sitecustomize when it starts: a job waits at its first object until a file tells it to go on.
@@ -59,7 +59,7 @@ def test_a_second_run_in_a_folder_is_refused_and_the_first_goes_on(first):
     assert second.returncode != 0
     assert f"in use by another run: process {process.pid} on {socket.gethostname()}" in second.stderr
     assert "Traceback" not in second.stderr and "WorkflowError" not in second.stderr
-    assert workflow.plan(MESHES, "--dry-run").returncode == 0  # to look is allowed
+    assert workflow(MESHES, "--dry-run").returncode == 0  # to look is allowed
     go.touch()
     assert process.wait(300) == 0 and (workflow.run / MESHES).exists()
 
@@ -93,7 +93,7 @@ def test_the_remedy_for_a_missing_stage_makes_it_as_it_stands(finished):
     with pytest.raises(StoreError, match="has no views; build it with: snakemake ") as error:
         palpate.Dataset(finished.run).array("views", "image")[:]
     words = shlex.split(str(error.value).partition("build it with: snakemake ")[2])
-    result = plan(PROJECT, *words, "--dry-run")
+    result = run_snakemake(PROJECT, *words, "--dry-run")
     assert result.returncode == 0, result.stdout
     assert "rule views:" in result.stdout and "rule meshes:" not in result.stdout  # of this run, whose meshes are there
 
@@ -120,7 +120,7 @@ def test_another_run_does_not_write_over_the_one_that_is_there(finished, tmp_pat
     assert (finished.run / "config.yaml").read_text() == before
     assert finished.planned("dataset") == set()
     elsewhere = finished.changed(run="another", **change)  # the way out that is named
-    assert elsewhere.plan("catalogue.csv", "--dry-run").returncode == 0
+    assert elsewhere("catalogue.csv", "--dry-run").returncode == 0
 
 
 def test_one_more_or_one_less_mesh_makes_one_batch_again(make_workflow, tmp_path):

@@ -7,7 +7,7 @@ import pytest
 import yaml
 
 from palpate.results.published import effects
-from tests.workflow.conftest import PROJECT, plan
+from tests.workflow.conftest import PROJECT, run_snakemake
 
 DECLARED = yaml.safe_load((PROJECT / "config/experiments.yaml").read_text())
 SETUPS, GRASPS = DECLARED["experiments"], DECLARED["tables"]["grasps"]["experiments"]
@@ -44,7 +44,7 @@ def models(names) -> set[str]:
 
 def counts(project, *targets) -> dict[str, int]:
     """How many jobs of each rule a dry run would run."""
-    result = plan(project, "--dry-run", *targets)
+    result = run_snakemake(project, "--dry-run", *targets)
     assert result.returncode == 0, result.stdout + result.stderr
     stats = re.search(r"^job +count\n-.*?\n(.*?)^total", result.stdout, re.MULTILINE | re.DOTALL)
     return {line.split()[0]: int(line.split()[1]) for line in stats[1].splitlines()}
@@ -102,7 +102,7 @@ def test_a_table_that_is_not_declared_is_not_built(project):
         ("tables/claims.csv", "is needed, but config/experiments.yaml does not define it"),
         ("tables/input_modalities.csv", "defines no table input_modalities"),
     ):
-        result = plan(project, "--dry-run", target)
+        result = run_snakemake(project, "--dry-run", target)
         assert result.returncode and message in result.stdout + result.stderr
 
 
@@ -119,5 +119,5 @@ def test_a_table_that_is_not_declared_is_not_built(project):
 )
 def test_a_declaration_that_makes_no_sense_is_an_error_before_anything_runs(project, change, message):
     declared(project, change)
-    result = plan(project, "--dry-run", "tables/model_selection.csv")
+    result = run_snakemake(project, "--dry-run", "tables/model_selection.csv")
     assert result.returncode and message in result.stdout + result.stderr

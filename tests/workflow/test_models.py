@@ -1,11 +1,11 @@
 """A model through the whole workflow: killed while it trains, it ends as if it had not been."""
 
 import json
-import subprocess
-import sys
 
 import pandas as pd
 import trimesh
+
+from palpate.command import main
 
 MODEL = "models/charts_touch_any/seed-0"
 EVALUATION = "evaluations/charts_touch_any/seed-0.csv"
@@ -62,7 +62,5 @@ def test_a_training_that_was_killed_goes_on_to_the_same_model(make_workflow):
     assert json.loads((model / "training.json").read_text())["steps"] == STEPS
 
     mesh = workflow.run / "bottle.ply"
-    command = [sys.executable, "-m", "palpate.command", "reconstruct", str(workflow.run), "charts_touch_any"]
-    done = subprocess.run([*command, "bottle-0000", "--output", str(mesh)], capture_output=True, text=True)
-    assert done.returncode == 0, done.stderr
+    assert main(["reconstruct", str(workflow.run), "charts_touch_any", "bottle-0000", "--output", str(mesh)]) == 0
     assert len(trimesh.load(mesh).faces) >= 96 * 24

@@ -11,14 +11,14 @@ from palpate import Dataset, shapes
 from palpate.catalogue import checksum, read_catalogue, require_unchanged
 from palpate.checksums import DamagedFile
 from palpate.store import StoreError, read
-from tests.workflow.conftest import PROJECT, Workflow, plan, two_classes
+from tests.workflow.conftest import PROJECT, Workflow, run_snakemake, two_classes
 
 
 def test_a_moved_run_goes_on(finished, tmp_path):
     """All params are relative to its folder."""
     moved = shutil.copytree(finished.run, tmp_path / "elsewhere/renamed", symlinks=True)
     config = ["--configfile", str(finished.config), "--config", f"results={moved.parent}", "run=renamed"]
-    result = plan(PROJECT, "dataset", "--dry-run", *config)
+    result = run_snakemake(PROJECT, "dataset", "--dry-run", *config)
     assert result.returncode == 0 and "Nothing to be done" in result.stdout + result.stderr, result.stderr
 
 
@@ -29,7 +29,7 @@ def test_objects_made_in_the_run_move_with_it(make_workflow, tmp_path):
     assert workflow("meshes/batch-0000").returncode == 0
     moved = workflow.run.rename(tmp_path / "renamed")
     config = ["--configfile", str(workflow.config), "--config", f"results={tmp_path}", "run=renamed"]
-    result = plan(PROJECT, "meshes/batch-0000", "--dry-run", *config)
+    result = run_snakemake(PROJECT, "meshes/batch-0000", "--dry-run", *config)
     assert "Nothing to be done" in result.stdout + result.stderr, result.stdout[-3000:]
     assert moved.is_dir()
 

@@ -53,6 +53,6 @@ def test_models_need_no_simulation_of_it(workflow):
 
 
 def test_what_is_no_released_dataset_is_one_message(make_workflow, tmp_path):
-    result = make_workflow(source={"kind": "released", "path": str(tmp_path)}).plan("dataset", "--dry-run")
+    result = make_workflow(source={"kind": "released", "path": str(tmp_path)})("dataset", "--dry-run")
     said = result.stdout + result.stderr
     assert result.returncode and "surfaces: no such folder: set source.path" in said

@@ -50,7 +50,7 @@ def test_reports_are_no_part_of_a_run(finished):
 
 @pytest.mark.parametrize("reports", [{"stages": ["tuoch"]}, {"rounds": 1}, {"stages": []}])
 def test_a_mistake_in_the_config_is_an_error(make_workflow, reports):
-    result = make_workflow(reports=reports).plan("reports", "--dry-run")
+    result = make_workflow(reports=reports)("reports", "--dry-run")
     assert result.returncode and f"reports.{next(iter(reports))}" in result.stdout + result.stderr
 
 

@@ -16,7 +16,7 @@ import palpate
 from palpate.mesh import FORMATS
 from palpate.rebuild_command import RECORD
 from tests.mesh import nasty
-from tests.workflow.conftest import EVERY_SPLIT, PROJECT, plan
+from tests.workflow.conftest import EVERY_SPLIT, PROJECT, run_snakemake
 from workflow.run.lock import JOBS_LOCK, LOCK
 
 STORES = ("surface", "grasps", "touch", "vision")
@@ -240,7 +240,7 @@ def test_data_do_not_depend_on_batch_size_or_cores(finished, make_workflow):
 )
 def test_a_mistake_in_the_config_is_one_message_before_anything_runs(make_workflow, config, said):
     workflow = make_workflow(**config)
-    result = workflow.plan("dataset")
+    result = workflow("dataset")
     assert result.returncode != 0
     assert said in result.stderr
     assert "Traceback" not in result.stderr
@@ -252,7 +252,7 @@ def test_a_key_that_stands_twice_in_a_config_file_is_an_error(make_workflow, tmp
     workflow = make_workflow()
     (tmp_path / "overlay.yaml").write_text("seed: 1\nrun: run\nseed: 2\n")
     arguments = ["--dry-run", option, str(workflow.config), str(tmp_path / "overlay.yaml"), "--config", "seed=3"]
-    result = plan(PROJECT, "dataset", *arguments)
+    result = run_snakemake(PROJECT, "dataset", *arguments)
     assert (
         result.returncode and "overlay.yaml: can't be read as YAML: line 1: key 'seed' stands twice" in result.stdout
     ), result.stdout

@@ -58,7 +58,7 @@ def test_a_class_may_have_any_name_that_is_safe_in_a_path(make_workflow, tmp_pat
 )
 def test_a_name_that_cannot_be_used_is_one_message(make_workflow, tmp_path, file, said):
     write_box(tmp_path / file)
-    result = make_workflow(source={"kind": "folder", "path": str(tmp_path)}).plan("all")
+    result = make_workflow(source={"kind": "folder", "path": str(tmp_path)})("all")
     assert result.returncode != 0
     assert said in result.stderr
     assert "Traceback" not in result.stderr
@@ -123,10 +123,10 @@ def test_objects_as_a_user_has_them(make_workflow, tmp_path):
     # Another split does not touch the meshes, and another scale is another run.
     table.write_text(table.read_text().replace("test", "validation"))
     assert workflow.planned("meshes/batch-0000", "catalogue.csv") == {"catalogue"}
-    refused = workflow.changed(source=source | {"scale": "diagonal"}).plan("meshes/batch-0000")
+    refused = workflow.changed(source=source | {"scale": "diagonal"})("meshes/batch-0000")
     assert refused.returncode != 0 and "source.scale: keep there, diagonal in this config" in refused.stderr
     table.write_text("path,split\n002_can,dev\n")
-    assert f"{table}, line 2: split 'dev': expected train" in workflow.plan("catalogue.csv").stderr
+    assert f"{table}, line 2: split 'dev': expected train" in workflow("catalogue.csv").stderr
 
 
 def test_abc_in_its_layout(make_workflow, tmp_path):

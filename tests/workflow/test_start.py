@@ -27,7 +27,7 @@ def test_splits_of_few_objects_are_filled(make_workflow):
 def test_a_split_without_objects_is_said_at_the_start_with_the_way_to_set_it(make_workflow):
     workflow = make_workflow(source=PROCEDURAL, classes=FEW, split={"train": 1, "validation": 0, "test": 0})
     for target in ("models/charts_occluded/seed-0/best.ckpt", "models/touch_depth/best.ckpt", "tables/grasps.csv"):
-        (line,) = lines(workflow.plan(target, "--dry-run"))
+        (line,) = lines(workflow(target, "--dry-run"))
         assert "no object of this run is in the" in line and "needs (train 3, validation 0, test 0)" in line
     split = yaml.safe_load(re.search(r"`(split: \{.*?\})` in the config", line)[1])
     assert workflow.changed(**split).planned("tables/grasps.csv") >= {"reconstruction", "evaluate", "table"}
@@ -56,7 +56,7 @@ def test_the_meshes_of_an_older_version_are_made_again():
     ids=["results", "samples", "hand", "cameras", "lights", "grid"],
 )
 def test_errors_of_the_config_come_without_snakemakes_frame(make_workflow, config, said):
-    result = make_workflow(**config).plan("dataset")
+    result = make_workflow(**config)("dataset")
     assert result.returncode != 0 and said in result.stderr
     for frame in ("WorkflowError", "configuration.smk", "Traceback", ", line "):
         assert frame not in result.stderr, result.stderr
@@ -65,13 +65,13 @@ def test_errors_of_the_config_come_without_snakemakes_frame(make_workflow, confi
 def test_numbers_in_braces_of_the_command_line_are_numbers(make_workflow):
     workflow = make_workflow()
     assert "vision" in workflow.planned("dataset", "--config", "vision={size: 128}", "touch={sensor: dome360}")
-    result = workflow.plan("dataset", "--config", "vision={size: many}")
+    result = workflow("dataset", "--config", "vision={size: many}")
     assert "vision.size: 'many' is not of type 'integer'" in result.stderr
 
 
 def test_too_few_grasps_are_said_without_snakemakes_frame(make_workflow):
     workflow = make_workflow(grasps={"per_object": 2, "attempts": 2}, split={"train": 1, "validation": 1, "test": 1})
-    (line,) = lines(workflow.plan("tables/grasps.csv", "--dry-run"))
+    (line,) = lines(workflow("tables/grasps.csv", "--dry-run"))
     assert line.startswith("experiment charts_unoccluded_touch_3 takes 3 grasps")
 
 
@@ -93,7 +93,7 @@ def smoke(make_workflow):
     ],
 )
 def test_an_unknown_target_is_named_with_the_nearest_and_with_those_there_are(smoke, target, said):
-    result = smoke.plan(target, "--dry-run")
+    result = smoke(target, "--dry-run")
     found = lines(result)
     assert result.returncode != 0 and found[0].startswith(f"no target {target}")
     assert any(said in line for line in found)
@@ -104,7 +104,7 @@ def test_an_unknown_target_is_named_with_the_nearest_and_with_those_there_are(sm
 
 
 def test_a_batch_that_there_is_not_is_one_line(smoke):
-    assert lines(smoke.plan("meshes/batch-0099", "--dry-run")) == [
+    assert lines(smoke("meshes/batch-0099", "--dry-run")) == [
         "the run has no batch-0099; its batches are batch-0000 to batch-0000"
     ]
 
@@ -117,7 +117,7 @@ def test_a_path_from_the_root_is_the_runs(smoke, place, monkeypatch):
     assert smoke.planned(target) == {target, "shapes", "catalogue_batch", "meshes", "surface"}
     wrong = place(smoke.run / "tables/graps.csv")
     monkeypatch.setattr("sys.argv", ["snakemake", wrong])
-    found = lines(smoke.plan(wrong, "--dry-run"))
+    found = lines(smoke(wrong, "--dry-run"))
     assert found[0].startswith("no target tables/graps.csv; did you mean tables/grasps.csv")
 
 
@@ -131,18 +131,18 @@ def test_jobs_that_ended_leave_no_timers_that_look_for_jobs_every_second(make_wo
 
     monkeypatch.setattr(threading.Timer, "__init__", count)
     workflow = make_workflow()
-    run = workflow.plan("catalogue.csv")
+    run = workflow("catalogue.csv")
     assert run.returncode == 0 and (workflow.run / "catalogue.csv").exists(), run.stdout + run.stderr
     assert set(delays) <= {60}
     # Those that the end of the run has cancelled; Python would wait for the others before it ends.
     assert all(each.finished.is_set() for each in threading.enumerate() if isinstance(each, threading.Timer))
-    asked = make_workflow().plan("catalogue.csv", "--max-jobs-per-timespan", "50/1s")
+    asked = make_workflow()("catalogue.csv", "--max-jobs-per-timespan", "50/1s")
     assert asked.returncode == 0 and 1 in delays, asked.stdout + asked.stderr
 
 
 def test_without_the_logger_a_run_has_snakemakes_own_output_and_the_end_of_ours(make_workflow):
     """As in an environment into which `make env` has not installed this checkout."""
     workflow = make_workflow()
-    run = workflow.plan("catalogue.csv", "--workflow-profile", "none", "--nolock")
+    run = workflow("catalogue.csv", "--workflow-profile", "none", "--nolock")
     assert run.returncode == 0, run.stdout + run.stderr
     assert "rule catalogue:" in run.stderr and f"{workflow.run}: index.html" in run.stderr

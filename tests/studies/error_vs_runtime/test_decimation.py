@@ -23,6 +23,11 @@ def subject(tmp_path_factory):
     return Subject("bottle-0001", "bottle", "batch-0000", folder / "mesh")
 
 
+@pytest.fixture(scope="module")
+def source(subject):
+    return load_source(subject.folder)
+
+
 def case_of(geometry):
     vertices, faces = np.array(geometry.vertices, dtype=float), np.array(geometry.faces, dtype=np.int64)
     return Source(vertices, faces, Surface(vertices, faces))
@@ -44,22 +49,21 @@ def test_what_is_chosen_is_the_collision_mesh_of_the_run(subject):
         np.testing.assert_array_equal(vertices, expected.vertices)
 
 
-def test_every_method_makes_a_closed_mesh_smaller_and_has_an_error(subject):
-    case = load_source(subject.folder)
+def test_every_method_makes_a_closed_mesh_smaller_and_has_an_error(source):
     made = study(None, [], SETTINGS)
     for method in made.methods():
         if method.knob == "faces" and method.value != FACES:
             continue
-        errors = made.errors(case, method.run(case))
+        errors = made.errors(source, method.run(source))
         assert 0 < errors["mean distance"] < errors["distance"] < 100, method
-        assert 0 < errors["faces"] < len(case.faces), method
+        assert 0 < errors["faces"] < len(source.faces), method
 
 
 @pytest.mark.parametrize("library", ["pymeshlab", "libigl"])
-def test_more_faces_are_nearer(subject, library):
-    case, made = load_source(subject.folder), study(None, [], SETTINGS)
+def test_more_faces_are_nearer(source, library):
+    made = study(None, [], SETTINGS)
     methods = [m for m in by_name(f"quadric collapse ({library})") if m.value <= FACES]
-    means = [made.errors(case, method.run(case))["mean distance"] for method in methods]
+    means = [made.errors(source, method.run(source))["mean distance"] for method in methods]
     assert len(means) > 3 and (np.diff(means) < 0).all()
 
 
@@ -87,11 +91,10 @@ def test_what_is_refused_or_small_already_has_no_error():
     assert made.errors(case, by_name("pymeshlab")[0].run(case))["distance"] >= 0
 
 
-def test_the_reference_is_converged(subject):
-    case = load_source(subject.folder)
-    level = Surface(*decimate(case.vertices, case.faces, 1000))
+def test_the_reference_is_converged(source):
+    level = Surface(*decimate(source.vertices, source.faces, 1000))
     for (one, other), found in zip(
-        ((case.surface, level), (level, case.surface)), distances(case.surface, level), strict=True
+        ((source.surface, level), (level, source.surface)), distances(source.surface, level), strict=True
     ):
         dense, _ = other.closest(sample(one.vertices, one.faces, 300_000))
         assert found["mean"] == pytest.approx(dense.mean(), rel=0.02)

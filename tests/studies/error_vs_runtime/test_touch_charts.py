@@ -33,17 +33,23 @@ def in_sensor(points: np.ndarray) -> np.ndarray:
     return (points - POSITION) @ ROTATION
 
 
+def touched_ball() -> tuple[trimesh.Trimesh, np.ndarray]:
+    """A ball in front of the sensor, and the triangles (f, 3, 3) of the half that is nearer to it."""
+    ball = trimesh.creation.icosphere(subdivisions=5, radius=RADIUS)
+    ball.vertices += in_world(np.array([0.01 + RADIUS, 0.003, 0.0]))
+    return ball, ball.triangles[in_sensor(ball.triangles_center)[:, 0] < 0.011 + RADIUS]
+
+
 @pytest.fixture(scope="module")
 def touches() -> Touches:
     """Two touches of a ball, its depth by Embree."""
-    ball = trimesh.creation.icosphere(subdivisions=5, radius=RADIUS)
-    ball.vertices += in_world(np.array([0.01 + RADIUS, 0.003, 0.0]))
+    ball, near = touched_ball()
     position, rotation = np.stack([POSITION, POSITION + 0.002]), np.stack([ROTATION] * 2)
     depth = RayCaster(ball).trace(position, rotation)
     clouds = [torch.from_numpy(local_points(*each)) for each in zip(depth, position, rotation, strict=True)]
     truth = [
         (points, cKDTree(points))
-        for points in (visible_surface(ball.triangles, *pose, 4) for pose in zip(position, rotation, strict=True))
+        for points in (visible_surface(near, *pose, 4) for pose in zip(position, rotation, strict=True))
     ]
     fields = (torch.from_numpy(array).float() for array in (depth, position, rotation))
     depth, position, rotation = fields
@@ -106,9 +112,7 @@ def test_errors_of_fits(touches):
 def test_the_reference_is_converged(touches):
     """Four times as many rays change the error by less than a hundredth of a millimetre."""
     charts = fit_direct(*touches[:4]).double().numpy()
-    ball = trimesh.creation.icosphere(subdivisions=5, radius=RADIUS)
-    ball.vertices += in_world(np.array([0.01 + RADIUS, 0.003, 0.0]))
-    finer = visible_surface(ball.triangles, POSITION, ROTATION, 8)
+    finer = visible_surface(touched_ball()[1], POSITION, ROTATION, 8)
     one, other = (
         [np.sqrt((d**2).mean()) for d in distances(charts[0], points, tree)]
         for points, tree in (touches.truth[0], (finer, cKDTree(finer)))
