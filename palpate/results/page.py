@@ -11,8 +11,8 @@ from PIL import Image
 
 DPI = 130
 INK, FAINT, PALE = "#222222", "#777777", "#bdbdbd"
-# Okabe and Ito's colours (2008, Color Universal Design), apart for colour-blind readers too.
-COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#F0E442", "#000000")
+# Okabe and Ito's colours (2008, Color Universal Design), apart for colour-blind readers too, and a grey.
+COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#F0E442", "#000000", "#808080")
 TITLE, LABEL = 11, 8.5  # points
 # Not the user's: a figure is the same everywhere. DejaVu Sans comes with matplotlib.
 STYLE = ["default", {"font.family": "DejaVu Sans", "text.color": INK, "axes.titlecolor": INK}]

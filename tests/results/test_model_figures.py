@@ -64,3 +64,7 @@ def test_both_sides_of_the_rings_hold_their_lines(tmp_path):
     coloured = drawn(tmp_path / "a.png")
     middle = coloured.shape[1] // 2
     assert coloured[:, :middle].sum() > 1000 and coloured[:, middle:].sum() > 500
+
+
+def test_each_method_has_a_colour_of_its_own():
+    assert len(set(figures.COLOURS)) == len(figures.COLOURS) >= len(figures.ORDER)
