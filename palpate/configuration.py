@@ -7,12 +7,10 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import MISSING, fields, is_dataclass
 from functools import cache, reduce
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+import jsonschema
 import yaml
-
-if TYPE_CHECKING:
-    import jsonschema
 
 CONTROL = re.compile(r"[\x00-\x1f\x7f-\x9f]")
 
@@ -115,7 +113,7 @@ def read_yaml(path: Path | str) -> Any:
         raise ConfigError(f"{path}: can't be read as YAML: {' '.join(str(error).split())}") from None
 
 
-def _say(error: "jsonschema.ValidationError") -> Iterator[str]:
+def _say(error: jsonschema.ValidationError) -> Iterator[str]:
     """Lines on a difference. Schemas have two keywords of ours: `errorMessage`, in place of the validator's, and
     `formerKeys`, what to do about keys that had another name or are gone."""
     where = ".".join(str(step) for step in error.absolute_path)
@@ -173,9 +171,7 @@ def whole_numbers(values: Any) -> Any:
 
 
 @cache
-def _validator(schema: Path | str) -> "jsonschema.Draft202012Validator":
-    import jsonschema  # here: most jobs check nothing
-
+def _validator(schema: Path | str) -> jsonschema.Draft202012Validator:
     loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # libyaml's, where it is there, is ten times as fast
     return jsonschema.Draft202012Validator(yaml.load(Path(schema).read_text(), loader))
 

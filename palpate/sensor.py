@@ -135,12 +135,6 @@ class Sensor:
         light.
         """
         check(dict(description), SCHEMA, what)
-        return cls._from_valid(description, background, what)
-
-    @classmethod
-    def _from_valid(
-        cls, description: Mapping[str, Any], background: np.ndarray | None = None, what: str = "a sensor"
-    ) -> "Sensor":
         values = {key: value for key, value in description.items() if key not in ("gel", "background")}
         resolution, gel = description["resolution"], description["gel"]
         rows, columns = (resolution, resolution) if isinstance(resolution, int) else resolution
@@ -237,4 +231,4 @@ def load(sensor: str, folder: Path | str = ".") -> Sensor:
     return replace(found, background=read_background(image, found.resolution)) if image else found
 
 
-DIGIT = Sensor._from_valid(read(sensor_file("digit")))  # not checked in every job: tests do
+DIGIT = load("digit")

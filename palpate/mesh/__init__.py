@@ -129,16 +129,17 @@ def load_geometry(folder: Path | str) -> Geometry:
     path = mesh_file(folder, "visual.glb")
     (tree, start), data = gltf_tree(path), path.read_bytes()
 
-    def read(number: int, dtype: str, width: int) -> np.ndarray:
+    def read(number: int, width: int) -> np.ndarray:
         accessor = tree["accessors"][number]
+        dtype = {5125: "<u4", 5126: "<f4"}[accessor["componentType"]]
         view = tree["bufferViews"][accessor["bufferView"]]
         offset = start + view.get("byteOffset", 0) + accessor.get("byteOffset", 0)
         return np.frombuffer(data, dtype, accessor["count"] * width, offset).reshape(-1, 3)
 
     parts = [primitive for each in tree["meshes"] for primitive in each["primitives"]]
-    vertices = [read(part["attributes"]["POSITION"], "<f4", 3) for part in parts]
+    vertices = [read(part["attributes"]["POSITION"], 3) for part in parts]
     first = np.cumsum([0, *map(len, vertices)])[:-1]
-    faces = [read(part["indices"], "<u4", 1) + number for part, number in zip(parts, first, strict=True)]
+    faces = [read(part["indices"], 1) + number for part, number in zip(parts, first, strict=True)]
     return Geometry(np.concatenate(vertices).astype(float), np.concatenate(faces).astype(np.int64))
 
 
