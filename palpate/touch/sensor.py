@@ -5,8 +5,8 @@ import numpy as np
 from palpate.sensor import DIGIT, Sensor
 
 # Of the default sensor; `palpate/sensors/digit.yaml` has their sources.
-SENSOR_WIDTH, RESOLUTION, SENSOR_RANGE, PIXEL = DIGIT.width, DIGIT.resolution[0], DIGIT.range, DIGIT.pixel[0]
-PIXEL_CENTRES, SENSOR_PLANE = DIGIT.pixel_centres[0], DIGIT.plane
+SENSOR_WIDTH, RESOLUTION, SENSOR_RANGE = DIGIT.width, DIGIT.resolution[0], DIGIT.range
+PIXEL_CENTRES = DIGIT.pixel_centres[0]
 
 FURTHEST = 16.0  # metres from the origin within which points in single precision are right to a micrometre
 
