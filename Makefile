@@ -33,9 +33,10 @@ lint: env
 	$(BIN)/snakemake --lint
 
 # The documentation as a site, in site/.
+# Not --quiet: it hides warnings from --strict.
 site: env
 	$(BIN)/pip install --quiet --no-deps --requirement envs/docs.txt
-	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet --strict
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
 
 # Byte code of the checkout, too: where Python writes none, as in many containers, every job would compile it.
 env: .venv/installed
