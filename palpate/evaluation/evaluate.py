@@ -19,8 +19,8 @@ from palpate import checksums
 from palpate.charts import build_tree, chamfer_distance, face_areas, sample_faces, touch_chart
 from palpate.dataset import Dataset
 from palpate.dataset.reader import GraspRecord, ObjectRecord
-from palpate.evaluation.metrics import score, seeded
-from palpate.evaluation.rings import SAMPLES, ring_distances, ring_points
+from palpate.evaluation.metrics import ring_distances, score, seeded
+from palpate.evaluation.rings import SAMPLES, ring_points
 from palpate.evaluation.rows import COLUMNS, RING_COLUMNS, TOUCH_COLUMNS, EvaluationError
 from palpate.evaluation.surface_quality import surface_quality, topology, topology_of
 from palpate.experiments import SPLITS, Experiment

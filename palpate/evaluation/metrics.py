@@ -1,9 +1,10 @@
-"""Metrics: Chamfer distance and F1 scores between point clouds, with exact nearest neighbours.
+"""Metrics: Chamfer distance, F1 scores and errors in rings, between point clouds with exact nearest neighbours.
 
 Clouds are in metres, in any frame that both share. The paper's tables hold `CHAMFER_SCALE` times the Chamfer
 distance in m^2.
 """
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -32,6 +33,20 @@ def squared_distances(points: Tensor, others: Tensor) -> Tensor:
     """
     index = nearest(points, others)
     return (points.double() - others[index].double()).square().sum(dim=1)
+
+
+def ring_distances(rings: Sequence[np.ndarray], prediction: Tensor) -> np.ndarray:
+    """Mean squared distance (k,) m^2 from the points of each ring to the nearest point of a prediction.
+
+    rings: k arrays (n, 3), of any number of touches; nan for one without points. prediction: (m, 3) points on it;
+    metres, one frame. Raises ValueError for a prediction that is empty or not finite.
+    """
+    sizes = [len(points) for points in rings]
+    if not sum(sizes):
+        return np.full(len(rings), np.nan)
+    together = torch.as_tensor(np.concatenate(rings), dtype=torch.float32, device=prediction.device)
+    squared = squared_distances(together, prediction).split(sizes)
+    return np.array([float(distances.mean()) if len(distances) else np.nan for distances in squared])
 
 
 def score(prediction: Tensor, truth: Tensor, tree: cKDTree | None = None) -> Score:

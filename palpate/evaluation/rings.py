@@ -1,4 +1,4 @@
-"""Rings of surface points around each touch, and their distance to a prediction (section 5.3).
+"""Rings of surface points around each touch (section 5.3).
 
 A grid of 100 x 100 points, five times the sensor's size and centred on it, is projected along the sensor's x
 onto the true surface. Ring 1 lies within the sensor's own plane, ring r between the planes of r - 1 and r times its
@@ -7,18 +7,15 @@ of the published evaluation (`calc_local_chamfer`).
 """
 
 import logging
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-import torch
 from scipy.spatial import cKDTree
-from torch import Tensor
 
 from palpate import store
-from palpate.evaluation.metrics import squared_distances
 from palpate.protocol import RINGS
 from palpate.sensor import DIGIT, Sensor, Size
 
@@ -126,20 +123,6 @@ def ring_points(
     found = np.isfinite(depth.ravel())
     rings = RING.ravel()
     return [points[found & (rings == ring)] @ np.asarray(rotation).T + position for ring in RINGS]
-
-
-def ring_distances(rings: Sequence[np.ndarray], prediction: Tensor) -> np.ndarray:
-    """Mean squared distance (k,) m^2 from the points of each ring to the nearest point of a prediction.
-
-    rings: k arrays (n, 3), of any number of touches; nan for one without points. prediction: (m, 3) points on it;
-    metres, one frame. Raises ValueError for a prediction that is empty or not finite.
-    """
-    sizes = [len(points) for points in rings]
-    if not sum(sizes):
-        return np.full(len(rings), np.nan)
-    together = torch.as_tensor(np.concatenate(rings), dtype=torch.float32, device=prediction.device)
-    squared = squared_distances(together, prediction).split(sizes)
-    return np.array([float(distances.mean()) if len(distances) else np.nan for distances in squared])
 
 
 def project_batch(

@@ -5,6 +5,7 @@ import trimesh
 from scipy.spatial.transform import Rotation
 
 from palpate import store
+from palpate.evaluation.metrics import ring_distances
 from palpate.evaluation.rings import (
     GRID,
     RING,
@@ -14,7 +15,6 @@ from palpate.evaluation.rings import (
     plane,
     project_batch,
     reach,
-    ring_distances,
     ring_points,
 )
 from palpate.sensor import DIGIT

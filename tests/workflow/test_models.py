@@ -13,7 +13,7 @@ STEPS = 40
 
 
 def tiny(make_workflow):
-    """One object a split, one grasp each, a few steps of training."""
+    """One object a split, one grasp each, a few steps of training of a small network."""
     return make_workflow(
         source={"kind": "procedural", "path": None},
         classes=[{"class": "bottle", "objects": 3}],
@@ -29,6 +29,7 @@ def tiny(make_workflow):
                     "batch": 1,
                     "loss_points": 200,
                     "validation_points": 200,
+                    "architecture": {"gcn": {"layers": 3, "width": 16}},
                 },
             },
         },
