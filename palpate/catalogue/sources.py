@@ -124,17 +124,19 @@ def all_classes(source: Source) -> dict[str, Count]:
     if source.kind == "procedural":
         raise CatalogueError("classes: `all` means the classes of files that there are; list those of procedural")
     root, table = _root(source), _object_table(source)
-    found = _by_class(_candidates(source, None), table)
     if source.has_class_folders and not source.pattern and not table.gives_classes:
-        folders = {each: source.class_of(each) for each in source.class_folders(root)}
-        if empty := [each for each, name in folders.items() if name not in found]:
+        folders = source.class_folders(root)
+        patterns = {each: [name.replace("{class}", glob.escape(each)) for name in source.patterns] for each in folders}
+        found = [each for each in folders if any(next(_matches(root, name), None) for name in patterns[each])]
+        if empty := [each for each in folders if each not in found]:
             log.warning("%s: no mesh in %s: no classes", root, _listed(empty))
         if not found:
             raise CatalogueError(
                 f"{root}: no folder of a class in it: put meshes in {root}/<class>/, or set source.pattern "
                 '("*.obj" for files without such folders)'
             )
-        return {name: "all" for name in folders.values() if name in found}
+        return dict.fromkeys(map(source.class_of, found), "all")
+    found = _by_class(_candidates(source, None), table)
     if not found:
         raise CatalogueError(_no_mesh(source))
     return dict.fromkeys(sorted(found), "all")
@@ -204,7 +206,7 @@ def _candidates(source: Source, class_name: str | None) -> list[SourceObject]:
                 found[place] = found[place]._replace(others=(*found[place].others, each.source))
     if not source.pattern:
         _warn_of_folders_without(source, class_name, found)
-    return [each._replace(others=tuple(sorted(each.others))) for each in _one_of_each(found)]
+    return [each._replace(others=tuple(sorted(each.others))) if each.others else each for each in _one_of_each(found)]
 
 
 def _of_pattern(source: Source, pattern: str, class_name: str | None) -> Iterator[SourceObject]:
@@ -254,7 +256,7 @@ def _matches(root: Path, pattern: str) -> Iterator[str]:
             folder + file
             for folder in folders
             for file in _each_mesh(root / folder)
-            if PurePosixPath(file).match(rest)  # by its last parts
+            if rest == "*" or PurePosixPath(file).match(rest)  # by its last parts
         )
     else:
         found = (file for file in glob.iglob(pattern, root_dir=root) if MESH_SUFFIX.search(file))
@@ -303,7 +305,7 @@ def _one_of_each(found: list[SourceObject]) -> Iterator[SourceObject]:
         groups.setdefault(MESH_SUFFIX.sub("", each.source), []).append(each)
     for group in groups.values():
         best, *others = sorted(group, key=lambda each: PREFERENCE.index(os.path.splitext(each.source)[1].lower()))
-        yield best._replace(others=(*best.others, *(each.source for each in others)))
+        yield best._replace(others=(*best.others, *(each.source for each in others))) if others else best
 
 
 def _by_class(entries: Iterable[SourceObject], table: ObjectTable) -> dict[str, list[SourceObject]]:
@@ -410,8 +412,9 @@ def _distinct(entries: list[SourceObject]) -> list[SourceObject]:
         if name in taken:
             name += f"-{_hash(entry.source)}"
             log.warning("%s: the name %s is another object's: called %s", entry.source, entry.object, name)
+            entry = entry._replace(object=name)
         taken.add(name)
-        renamed.append(entry._replace(object=name))
+        renamed.append(entry)
     return renamed
 
 
