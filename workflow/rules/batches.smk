@@ -1,4 +1,5 @@
 # What jobs take of a batch: its objects and their files, and memory by the sizes of those.
+import stat
 from functools import cache
 
 from snakemake.exceptions import WorkflowError
@@ -90,10 +91,9 @@ def catalogue_with(needed, what):
 
 
 @cache
-def stored_bytes(path, time):
-    """Bytes of a file, or of all that is in a folder; time: of its last change."""
-    path = Path(path)
-    return sum(each.stat().st_size for each in (path.rglob("*") if path.is_dir() else [path]))
+def folder_bytes(path, time):
+    """Bytes of all that is in a folder; time: of its last change."""
+    return sum(each.stat().st_size for each in Path(path).rglob("*"))
 
 
 def stored_mb(paths):
@@ -101,7 +101,11 @@ def stored_mb(paths):
 
     A folder is looked through once: each of a hundred trainings reads the same stores.
     """
-    return int(sum(stored_bytes(str(path), os.stat(path).st_mtime_ns) for path in paths) / 1e6)
+    total = 0
+    for path in map(str, paths):
+        found = os.stat(path)
+        total += folder_bytes(path, found.st_mtime_ns) if stat.S_ISDIR(found.st_mode) else found.st_size
+    return int(total / 1e6)
 
 
 def all_cores():
