@@ -46,19 +46,18 @@ def write_parquet(folder: Path, splits: Mapping[str, GraspDataset]) -> None:
 
 def _row(item: dict, images: dict[str, bool], folder: Path) -> dict[str, Any]:
     """A grasp's values by column; its images are written."""
-    row = {}
+    row, place = {}, f"{item['object']}/{item['grasp']}"
+    if images:
+        (folder / place).mkdir(parents=True)
     for name, values in item.items():
         if name not in images:
             row[name] = values
             continue
-        paths = []
-        for each, image in pictures(name, values, images[name]).items():
-            path = Path(item["object"], str(item["grasp"]), f"{each}.png")
-            (folder / path).parent.mkdir(parents=True, exist_ok=True)
+        found = {f"{place}/{each}.png": image for each, image in pictures(name, values, images[name]).items()}
+        for path, image in found.items():
             (folder / path).write_bytes(png(image))
-            paths.append(path.as_posix())
-        several = name not in pictures(name, values, images[name])
-        row[f"{name}_file_names" if several else f"{name}_file_name"] = paths if several else paths[0]
+        several = f"{place}/{name}.png" not in found
+        row[f"{name}_file_names" if several else f"{name}_file_name"] = [*found] if several else [*found][0]
     return row
 
 

@@ -19,6 +19,7 @@ from palpate.dataset import GraspDataset
 from palpate.interchange.items import TEXT, pictures, png, with_progress
 
 SHARD_BYTES = 500_000_000  # of a tar file, after which the next one begins
+TAR = {"format": tarfile.USTAR_FORMAT, "copybufsize": 1 << 20}  # names are ASCII and short: no check of each
 
 
 def write_webdataset(folder: Path, splits: Mapping[str, GraspDataset]) -> None:
@@ -33,7 +34,8 @@ def write_webdataset(folder: Path, splits: Mapping[str, GraspDataset]) -> None:
                 for item, sample in zip(with_progress(grasps, split), samples, strict=False):
                     if written >= SHARD_BYTES:
                         shard.close()
-                        tar = shard.enter_context(tarfile.open(folder / f"{split}-{next(shards):06d}.tar", "w"))
+                        path = folder / f"{split}-{next(shards):06d}.tar"
+                        tar = shard.enter_context(tarfile.open(path, "w", **TAR))
                         written = 0
                     for name, content in _entries(item, grasps.images):
                         entry = tarfile.TarInfo(f"{sample:08d}.{name}")
