@@ -126,8 +126,9 @@ def all_classes(source: Source) -> dict[str, Count]:
     root, table = _root(source), _object_table(source)
     if source.has_class_folders and not source.pattern and not table.gives_classes:
         folders = source.class_folders(root)
-        patterns = {each: [name.replace("{class}", glob.escape(each)) for name in source.patterns] for each in folders}
-        found = [each for each in folders if any(next(_matches(root, name), None) for name in patterns[each])]
+        found = [
+            each for each in folders if any(next(_matches(root, _filled(name, each)), None) for name in source.patterns)
+        ]
         if empty := [each for each in folders if each not in found]:
             log.warning("%s: no mesh in %s: no classes", root, _listed(empty))
         if not found:
@@ -223,13 +224,17 @@ def _of_pattern(source: Source, pattern: str, class_name: str | None) -> Iterato
         places = sorted(glob.glob(above, root_dir=root)) if above else [""]
         of_class = {folder: source.class_of(folder) for each in places for folder in source.class_folders(root / each)}
     for folder, name in sorted(of_class.items()):
-        filled = [glob.escape(folder) if step == "{class}" else step for step in steps]
         wild = [place for place, step in enumerate(steps) if glob.has_magic(step)] or [0, len(steps) - 1]
         after = len(steps) - 1 - wild[-1]  # fixed steps at the end
-        for file in sorted(_matches(root, "/".join(filled))):
+        for file in sorted(_matches(root, _filled(pattern, folder))):
             parts = file.split("/")
             kept = "/".join(parts[wild[0] : len(parts) - after])
             yield SourceObject(kept if after else MESH_SUFFIX.sub("", kept), name, file)
+
+
+def _filled(pattern: str, folder: str) -> str:
+    """A pattern for the files of one class, which are in this folder."""
+    return pattern.replace("{class}", glob.escape(folder))
 
 
 def _check_class_folder(source: Source, above: Sequence[str], folder: str, class_name: str) -> None:

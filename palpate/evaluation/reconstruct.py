@@ -362,7 +362,8 @@ def check_device(device: str) -> None:
 
     try:
         torch.empty(0, device=device)
-    except (RuntimeError, AssertionError, NotImplementedError) as error:  # unknown; of no build; of no kernel
+    # torch's errors for a device it does not know, was built without, or can compute nothing on.
+    except (RuntimeError, AssertionError, NotImplementedError) as error:
         reason = str(error).strip().partition("\n")[0]
         raise ReconstructionError(f"device {device!r} can't be used here ({reason}): use cpu") from None
 

@@ -19,7 +19,6 @@ from palpate.dataset import GraspDataset
 from palpate.interchange.items import TEXT, pictures, png, with_progress
 
 SHARD_BYTES = 500_000_000  # of a tar file, after which the next one begins
-TAR = {"format": tarfile.USTAR_FORMAT, "copybufsize": 1 << 20}  # names are ASCII and short: no check of each
 
 
 def write_webdataset(folder: Path, splits: Mapping[str, GraspDataset]) -> None:
@@ -35,7 +34,8 @@ def write_webdataset(folder: Path, splits: Mapping[str, GraspDataset]) -> None:
                     if written >= SHARD_BYTES:
                         shard.close()
                         path = folder / f"{split}-{next(shards):06d}.tar"
-                        tar = shard.enter_context(tarfile.open(path, "w", **TAR))
+                        # All names are short ASCII: this format needs no headers for others.
+                        tar = shard.enter_context(tarfile.open(path, "w", format=tarfile.USTAR_FORMAT))
                         written = 0
                     for name, content in _entries(item, grasps.images):
                         entry = tarfile.TarInfo(f"{sample:08d}.{name}")

@@ -1,6 +1,6 @@
 # What jobs take of a batch: its objects and their files, and memory by the sizes of those.
-import stat
 from functools import cache
+from stat import S_ISDIR
 
 from snakemake.exceptions import WorkflowError
 
@@ -91,21 +91,16 @@ def catalogue_with(needed, what):
 
 
 @cache
-def folder_bytes(path, time):
-    """Bytes of all that is in a folder; time: of its last change."""
-    return sum(each.stat().st_size for each in Path(path).rglob("*"))
+def folder_bytes(folder, changed):
+    """Bytes of all files in a folder that was last changed then: a hundred trainings ask for the same stores."""
+    return sum(each.stat().st_size for each in folder.rglob("*"))
 
 
 def stored_mb(paths):
-    """Megabytes of files and of all files in folders, which Snakemake's `size_mb` counts as empty.
-
-    A folder is looked through once: each of a hundred trainings reads the same stores.
-    """
-    total = 0
-    for path in map(str, paths):
-        found = os.stat(path)
-        total += folder_bytes(path, found.st_mtime_ns) if stat.S_ISDIR(found.st_mode) else found.st_size
-    return int(total / 1e6)
+    """Megabytes of files and of all files in folders, which Snakemake's `size_mb` counts as empty."""
+    found = [(path, path.stat()) for path in map(Path, paths)]
+    sizes = (folder_bytes(path, at.st_mtime_ns) if S_ISDIR(at.st_mode) else at.st_size for path, at in found)
+    return int(sum(sizes) / 1e6)
 
 
 def all_cores():
