@@ -107,9 +107,11 @@ def measure(study: Study, rounds: int = ROUNDS) -> pd.DataFrame:
         objects[ALL] = [_mean_over_objects(of_method) for of_method in zip(*objects.values(), strict=True)]
     rows = [row for name, measured in objects.items() for row in _rows(study, name, methods, measured, rounds)]
     table = pd.DataFrame(rows, columns=list(COLUMNS))
-    for row in table[table["noisy"] & table["drawn"] & (table["object"] == ALL)].itertuples():
-        which = f"{row.stage}, {row.measure}: this machine is too noisy to rank {row.method} {row.knob} {row.value}"
-        log.warning("%s against its neighbour on the front: raise reports.rounds, or leave the machine alone", which)
+    noisy = table[table["noisy"] & table["drawn"] & (table["object"] == ALL)]
+    for measure, rows in noisy.groupby("measure", sort=False):
+        which = ", ".join(f"{row.method} {setting(row.knob, row.value)}" for row in rows.itertuples())
+        what = f"{study.stage}, {measure}: this machine is too noisy to rank, of the front, {which}"
+        log.warning("%s: raise reports.rounds, or leave the machine alone", what)
     return table
 
 
