@@ -17,7 +17,7 @@ from studies.stability.cases import FAILS, HOLDS, REJECTED
 VERDICT_COLOURS = {HOLDS: COLOURS[2], REJECTED: COLOURS[0], FAILS: COLOURS[1]}
 PANELS_PER_ROW = 3
 PANEL = (4.2, 3.0)  # inches
-LABEL_DISTANCE = 0.06  # of a panel: of points nearer than this only one has a label
+LABEL_DISTANCE = 0.1  # of a panel: of points nearer than this only one has a label
 WIDE_RANGE = 300.0  # an axis that spans more than this ratio shows powers of ten only
 
 
@@ -65,7 +65,10 @@ def _front(axes: Axes, rows: pd.DataFrame) -> None:
         if all(np.linalg.norm(place[point] - place[other]) > LABEL_DISTANCE for other in placed):
             placed.append(point)
             name, at = setting(*rows[["knob", "value"]].iloc[point]), (seconds[point], shown[point])
-            axes.annotate(name, at, xytext=(3, 3), textcoords="offset points", fontsize=LABEL - 4)
+            # Nothing lies left of a point on the front and below it.
+            away = {"xytext": (-3, -2), "textcoords": "offset points", "ha": "right", "va": "top"}
+            axes.annotate(name, at, fontsize=LABEL - 4, **away)
+    axes.margins(0.2, 0.1)
     for name, axis, drawn in (("x", axes.xaxis, seconds), ("y", axes.yaxis, shown)):
         axes.set(**{f"{name}scale": "log"})
         powers_of_ten_only = np.nanmax(drawn) > WIDE_RANGE * np.nanmin(drawn)
