@@ -20,6 +20,7 @@ from palpate.sensor import DIGIT, Sensor
 FARTHEST = 0.05  # m, at which the distance of a touched point is capped
 TOUCH_WEIGHT = 200.0  # of the mean squared distance, m^2, beside the intersection over union
 CELLS = 2e5  # of the grid of distances
+PARTS = 4  # of the touched points, that an object's distances are measured for one after the other
 EXCLUDED = -1e6  # the fit of an object that is not to be taken. It is finite: the only object there is has a weight
 
 
@@ -84,15 +85,23 @@ class Objects:
     def _best(self, overlap: np.ndarray, touched: Tensor, count: int) -> list[tuple[float, int]]:
         """The best fits with their objects, by the objects' overlap (T,) and the touched points (n, 3).
 
-        Distances are measured in the order of what a fit can be at most, until none can be better.
+        Distances are measured in the order of what a fit can be at most, until none can be better, and to an object
+        for some of the points after others, until it can't be.
         """
         places = touched.double().numpy()
-        most = overlap - TOUCH_WEIGHT * self.least_squares(places) if len(places) else overlap
+        least = self.least_squares(places) if len(places) else np.zeros((len(overlap), 1))
+        most = overlap - TOUCH_WEIGHT * least.mean(axis=1)
         best: list[tuple[float, int]] = []
         for index in map(int, np.argsort(-most, kind="stable")):
-            if len(best) == count and most[index] < best[-1][0]:
+            worst = best[-1][0] if len(best) == count else -np.inf
+            if most[index] < worst:
                 break
-            fit = overlap[index] - TOUCH_WEIGHT * self.mean_square(index, places) if len(places) else overlap[index]
+            fit, squares = most[index], least[index]
+            for part in range(PARTS if len(places) else 0):
+                squares[part::PARTS] = self.squares(index, places[part::PARTS])
+                fit = overlap[index] - TOUCH_WEIGHT * squares.mean()
+                if fit < worst:
+                    break
             best = sorted([*best, (float(fit), index)], key=lambda each: (-each[0], each[1]))[:count]
         return best
 
@@ -109,33 +118,35 @@ class Objects:
             overlap[of_camera] = both / union.clamp(min=1)
         return overlap
 
-    def mean_square(self, index: int, places: np.ndarray) -> float:
-        """The mean squared distance, m^2, of places (n, 3) to an object, each capped."""
+    def squares(self, index: int, places: np.ndarray) -> np.ndarray:
+        """The squared distances (n,) m^2 of places (n, 3) to an object, each capped."""
         distance, _ = self._tree(index).query(places, distance_upper_bound=FARTHEST)
-        return float(np.square(np.minimum(distance, FARTHEST)).mean())
+        return np.square(np.minimum(distance, FARTHEST))
 
     def least_squares(self, places: np.ndarray) -> np.ndarray:
-        """What `mean_square` is at least, (T,) m^2: for a few of the objects it then has to be measured."""
-        low, cell, grid = self._grid
+        """What `squares` are at least, (T, n) m^2: for a few of the objects they then have to be measured."""
+        low, cell, grid, step = self._grid
         index = np.floor((places - low) / cell).astype(int)
         outside = ((index < 0) | (index >= grid.shape[1:])).any(axis=1)
-        least = grid[(slice(None), *np.where(outside[:, None], 0, index).T)] * (FARTHEST / 255)
-        return np.square(np.where(outside, FARTHEST, least)).mean(axis=1)
+        off_centre = np.linalg.norm(places - low - cell * (index + 0.5), axis=1)
+        least = grid[(slice(None), *np.where(outside[:, None], 0, index).T)] * step - off_centre
+        return np.square(np.where(outside, FARTHEST, np.clip(least, 0, FARTHEST)))
 
     @cached_property
-    def _grid(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """The least distances to each object from anywhere in the cells of a grid, (T, x, y, z) uint8 of FARTHEST /
-        255; before them the grid's corner and the cells' size, m."""
+    def _grid(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
+        """The least distances to each object from the centres of the cells of a grid, (T, x, y, z) uint8, and the
+        metres of a step of them, after the grid's corner and the cells' size, m."""
         clouds = self.points.numpy()
         low = clouds.min(axis=(0, 1)) - FARTHEST
         extent = clouds.max(axis=(0, 1)) + FARTHEST - low
         shape = np.ceil(extent * np.cbrt(CELLS / extent.prod())).astype(int)
         cell = extent / shape
+        half = np.linalg.norm(cell) / 2
+        step = (FARTHEST + half) / 255
         grid = np.empty((len(clouds), *shape), np.uint8)
         for least, cloud in zip(grid, clouds, strict=True):
             empty = np.ones(shape, bool)
             empty[tuple(np.floor((cloud - low) / cell).astype(int).T)] = False
-            # Between the centres of two cells. A place and a point are each up to half a diagonal off theirs.
-            distance = distance_transform_edt(empty, sampling=cell) - np.linalg.norm(cell)
-            least[:] = 255 * np.clip(distance / FARTHEST, 0, 1)
-        return low, cell, grid
+            # Between the centres of two cells. A point is up to half a diagonal off its own.
+            least[:] = np.clip((distance_transform_edt(empty, sampling=cell) - half) / step, 0, 255)
+        return low, cell, grid, step
