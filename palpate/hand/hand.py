@@ -275,11 +275,11 @@ def ellipsoid_distance(half_axes: np.ndarray, points: np.ndarray) -> np.ndarray:
     are on it; t is found by bisection, from the least it can be (Eberly 2013, "Distance from a Point to an Ellipse, an
     Ellipsoid, or a Hyperellipsoid").
     """
-    points = np.maximum(np.abs(points), 1e-12)  # in a plane of symmetry the nearest point need not be in it
+    points = np.maximum(np.abs(points), 1e-15)  # in a plane of symmetry the nearest point need not be in it
     scaled, squares = half_axes * points, np.square(half_axes)
     beyond = squares - squares.min()  # t + a^2, less that of the shortest axis
     low, high = scaled[:, np.argmin(half_axes)], np.linalg.norm(scaled, axis=1)
-    for _ in range(45):  # to rounding
+    for _ in range(50):  # to rounding
         middle = np.sqrt(low * high)
         outside = np.square(scaled / (middle[:, None] + beyond)).sum(axis=1) > 1
         low, high = np.where(outside, middle, low), np.where(outside, high, middle)

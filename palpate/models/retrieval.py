@@ -20,7 +20,7 @@ from palpate.sensor import DIGIT, Sensor
 FARTHEST = 0.05  # m, at which the distance of a touched point is capped
 TOUCH_WEIGHT = 200.0  # of the mean squared distance, m^2, beside the intersection over union
 CELLS = 2e5  # of the grid of distances
-PARTS = 4  # of the touched points, that an object's distances are measured for one after the other
+PARTS = 4  # of the touched points: an object that can't be among the best after some of them is left
 EXCLUDED = -1e6  # the fit of an object that is not to be taken. It is finite: the only object there is has a weight
 
 
@@ -85,8 +85,8 @@ class Objects:
     def _best(self, overlap: np.ndarray, touched: Tensor, count: int) -> list[tuple[float, int]]:
         """The best fits with their objects, by the objects' overlap (T,) and the touched points (n, 3).
 
-        Distances are measured in the order of what a fit can be at most, until none can be better, and to an object
-        for some of the points after others, until it can't be.
+        Objects come in the order of what their fit can be at most, until none can be better. An object's distances are
+        measured part by part of the points, until its fit can't be better.
         """
         places = touched.double().numpy()
         least = self.least_squares(places) if len(places) else np.zeros((len(overlap), 1))

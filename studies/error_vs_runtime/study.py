@@ -108,8 +108,8 @@ def measure(study: Study, rounds: int = ROUNDS) -> pd.DataFrame:
     rows = [row for name, measured in objects.items() for row in _rows(study, name, methods, measured, rounds)]
     table = pd.DataFrame(rows, columns=list(COLUMNS))
     noisy = table[table["noisy"] & table["drawn"] & (table["object"] == ALL)]
-    for measure, rows in noisy.groupby("measure", sort=False):
-        which = ", ".join(f"{row.method} {setting(row.knob, row.value)}" for row in rows.itertuples())
+    for measure, doubtful in noisy.groupby("measure", sort=False):
+        which = ", ".join(f"{row.method} {setting(row.knob, row.value)}" for row in doubtful.itertuples())
         what = f"{study.stage}, {measure}: this machine is too noisy to rank, of the front, {which}"
         log.warning("%s: raise reports.rounds, or leave the machine alone", what)
     return table
