@@ -12,18 +12,20 @@ from palpate.batch import UnusableObject, lacks_memory, require_memory
 def isolated(function: Callable[..., Any], *arguments: Any, seconds: float) -> Any:
     """Call the function in a forked child process and return its (picklable) result.
 
-    Raises `UnusableObject` if it does, if the child crashes (segmentation fault) or takes more than `seconds`. With the
-    child's traceback: OSError or MemoryError if it does, also in a library's own words; RuntimeError for any other
-    exception. MemoryError too if the child is killed, as systems do without memory, or crashes with little memory.
+    Raises `UnusableObject` if it does, if the child crashes (segmentation fault) or takes more than `seconds`. A
+    pause of both processes, as by Ctrl-Z, counts as one second at most. With the child's traceback: OSError or
+    MemoryError if it does, also in a library's own words; RuntimeError for any other exception. MemoryError too if the
+    child is killed, as systems do without memory, or crashes with little memory.
     """
     context = multiprocessing.get_context("fork")  # no second start of Python and its libraries
     receiver, sender = context.Pipe(duplex=False)
     child = context.Process(target=_answer, args=(sender, function, arguments), daemon=True)
     child.start()
     sender.close()
+    parts = max(1, round(seconds))
     try:
-        if not receiver.poll(seconds):
-            raise UnusableObject(f"took more than {seconds:g} s: simplify the mesh, or raise the time limit")
+        if not any(receiver.poll(seconds / parts) for _ in range(parts)):
+            raise UnusableObject(f"took more than {seconds:g} s: simplify the mesh")
         error, answer = receiver.recv()
     except EOFError:
         child.join()

@@ -6,6 +6,8 @@ import json
 import os
 import shutil
 import signal
+import subprocess
+import sys
 import time
 
 import numpy as np
@@ -246,6 +248,35 @@ def test_a_hang_ends():
     with pytest.raises(UnusableObject, match="more than 0.2 s"):
         isolated(time.sleep, 60, seconds=0.2)
     assert time.monotonic() - start < 30
+
+
+PAUSED = """
+import time
+from pathlib import Path
+from palpate.mesh.isolation import isolated
+
+def work():
+    Path("begun").touch()
+    while not Path("end").exists():
+        time.sleep(0.01)
+    return "finished"
+
+print(isolated(work, seconds=4))
+"""
+
+
+def test_a_pause_of_both_processes_is_no_hang(tmp_path):
+    """As by Ctrl-Z, for longer than the limit."""
+    with subprocess.Popen(
+        [sys.executable, "-c", PAUSED], cwd=tmp_path, stdout=subprocess.PIPE, text=True, start_new_session=True
+    ) as both:
+        while not (tmp_path / "begun").exists() and both.poll() is None:
+            time.sleep(0.01)
+        os.killpg(both.pid, signal.SIGSTOP)
+        time.sleep(4.5)
+        (tmp_path / "end").touch()
+        os.killpg(both.pid, signal.SIGCONT)
+        assert both.communicate(timeout=60)[0] == "finished\n"
 
 
 def test_errors_come_back_from_the_child():
