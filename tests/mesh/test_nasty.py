@@ -161,12 +161,15 @@ def broken(tmp_path_factory):
     return nasty.unusable(tmp_path_factory.mktemp("broken"))
 
 
-# What is wrong with some of them, in the error's words.
+UNREADABLE = r"can't be read as \.|holds nothing, no triangles"
+# What is wrong with them, in the error's words; with all others, that they can't be read or that nothing is in them.
 SAID = {
-    **{"nan": "not finite", "infinite": "not finite", "overflowing": "diagonal", "one_point": "diagonal of 0"},
-    **{"points": "points or lines only", "lines": "points or lines only", "on_a_line": "area"},
-    **{"bad_index_ply": "vertex 7 of 3", "no_buffer": "gone.bin", "cut_texture": "a texture can't be read"},
-    **{"unknown": "ends in one of", "cut_glb": "can't be read", "missing": "no such file"},
+    **dict.fromkeys(("nan", "nan_stl", "infinite"), "not finite"),
+    **dict.fromkeys(("points", "points_obj", "lines"), "points or lines only"),
+    **{"overflowing": "diagonal", "one_point": "diagonal of 0", "on_a_line": "area", "far_single": "are rounded"},
+    **{"bad_index": "index outside", "bad_index_ply": "vertex 7 of 3", "no_buffer": "gone.bin"},
+    **{"cut_texture": "a texture can't be read", "cut_glb": "can't be read", "unknown": "ends in one of"},
+    **{"missing": "no such file", "folder": "not a regular file"},
 }
 
 
@@ -174,7 +177,7 @@ SAID = {
 def test_unusable_meshes_are_rejected_with_the_file_and_a_reason(broken, file, tmp_path):
     name = file.rsplit(".", 1)[0]
     assert set(SAID) <= set(broken)
-    with pytest.raises(UnusableObject, match=SAID.get(name, "")) as caught:
+    with pytest.raises(UnusableObject, match=SAID.get(name, UNREADABLE)) as caught:
         mesh.prepare(broken[name], tmp_path / "out")
     assert str(broken[name]) in str(caught.value)
     assert not (tmp_path / "out" / "mesh.json").exists()
