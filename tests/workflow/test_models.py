@@ -7,8 +7,8 @@ import trimesh
 
 from palpate.command import main
 
-MODEL = "models/charts_touch_any/seed-0"
-EVALUATION = "evaluations/charts_touch_any/seed-0.csv"
+MODEL = "models/charts_touch/seed-0"
+EVALUATION = "evaluations/charts_touch/seed-0.csv"
 STEPS = 40
 
 
@@ -47,11 +47,11 @@ def test_a_training_that_was_killed_goes_on_to_the_same_model(make_workflow):
     model, evaluation = workflow.run / MODEL, workflow.run / EVALUATION
     uninterrupted = model.rename(workflow.run / "uninterrupted")
     evaluation = evaluation.rename(uninterrupted / "evaluation.csv")
-    workflow.kill_when("checkpoints/charts_touch_any/seed-0/last.ckpt", EVALUATION)
+    workflow.kill_when("checkpoints/charts_touch/seed-0/last.ckpt", EVALUATION)
     assert not (model / "best.ckpt").exists()
     result = workflow(EVALUATION)
     assert result.returncode == 0, result.stderr
-    assert "continues from" in (workflow.run / "logs/reconstruction/charts_touch_any-0.log").read_text()
+    assert "continues from" in (workflow.run / "logs/reconstruction/charts_touch-0.log").read_text()
 
     assert (model / "best.ckpt").read_bytes() == (uninterrupted / "best.ckpt").read_bytes()
     histories = [pd.read_csv(folder / "history.csv").drop(columns="seconds") for folder in (model, uninterrupted)]
@@ -63,5 +63,5 @@ def test_a_training_that_was_killed_goes_on_to_the_same_model(make_workflow):
     assert json.loads((model / "training.json").read_text())["steps"] == STEPS
 
     mesh = workflow.run / "bottle.ply"
-    assert main(["reconstruct", str(workflow.run), "charts_touch_any", "bottle-0000", "--output", str(mesh)]) == 0
+    assert main(["reconstruct", str(workflow.run), "charts_touch", "bottle-0000", "--output", str(mesh)]) == 0
     assert len(trimesh.load(mesh).faces) >= 96 * 24
