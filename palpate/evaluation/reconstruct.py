@@ -5,6 +5,7 @@ palpate reconstruct results/default charts_occluded_touch bottle-0011 --output x
 
 import warnings
 from collections.abc import Sequence
+from difflib import get_close_matches
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -382,8 +383,10 @@ def named_model(models: Path, experiment: str, seed: int | None = None) -> Path:
     known = trained(models)
     seeds = [int(name.rpartition("-")[2]) for name in known if name.split("/")[0] == experiment]
     if seed is None and not seeds:
+        nearest = get_close_matches(experiment, [name.split("/")[0] for name in known], n=1)
         raise ReconstructionError(
             f"no experiment {experiment!r} is trained in {models}; "
+            + "".join(f"the nearest name is {name}; " for name in nearest)
             + (f"trained are: {', '.join(known)}" if known else f"nothing is: {rebuild_command(models, 'all')}")
         )
     return checkpoint(models / experiment / f"seed-{min(seeds) if seed is None else seed}")
