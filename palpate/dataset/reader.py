@@ -109,7 +109,7 @@ class Dataset(Sequence):
             return self._entries[name]
         if name in self._run.rejected(self._required):
             raise KeyError(f"{name!r} was rejected; {self._run.folder / 'rejected.csv'} has the reason")
-        raise KeyError(f"{name!r} is not among the {len(self)} objects of {self!r}{_nearest(name, self._entries)}")
+        raise KeyError(f"{name!r} is not among the {len(self)} objects of {self!r}{nearest(name, self._entries)}")
 
     def _first_entry(self, purpose: str) -> CatalogueEntry:
         if not self._entries:
@@ -221,7 +221,7 @@ class Dataset(Sequence):
         return f"Dataset({str(self._run.folder)!r}: {len(self)} objects ({counts}); {', '.join(self.stages)})"
 
 
-def _nearest(name: str, known: Iterable[str]) -> str:
+def nearest(name: str, known: Iterable[str]) -> str:
     """The end of a message about an unknown name: the nearest known ones."""
     close = difflib.get_close_matches(name, list(known), n=3)
     return f"; did you mean {' or '.join(close)}?" if close else ""
@@ -286,7 +286,7 @@ class _Record:
     def __getattr__(self, name: str) -> np.ndarray:
         known = ", ".join(sorted(self.stage_of))
         raise AttributeError(
-            f"{type(self).__name__} has no {name!r}{_nearest(name, dir(type(self)))}; its arrays are {known}"
+            f"{type(self).__name__} has no {name!r}{nearest(name, dir(type(self)))}; its arrays are {known}"
         )
 
 

@@ -5,12 +5,12 @@ palpate reconstruct results/default charts_occluded_touch bottle-0011 --output x
 
 import warnings
 from collections.abc import Sequence
-from difflib import get_close_matches
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from palpate.dataset.reader import nearest
 from palpate.experiments import Experiment
 from palpate.rebuild_command import rebuild_command
 from palpate.sensor import Sensor
@@ -383,11 +383,10 @@ def named_model(models: Path, experiment: str, seed: int | None = None) -> Path:
     known = trained(models)
     seeds = [int(name.rpartition("-")[2]) for name in known if name.split("/")[0] == experiment]
     if seed is None and not seeds:
-        nearest = get_close_matches(experiment, [name.split("/")[0] for name in known], n=1)
+        hint = nearest(experiment, dict.fromkeys(name.split("/")[0] for name in known))
         raise ReconstructionError(
             f"no experiment {experiment!r} is trained in {models}; "
-            + "".join(f"the nearest name is {name}; " for name in nearest)
-            + (f"trained are: {', '.join(known)}" if known else f"nothing is: {rebuild_command(models, 'all')}")
+            + (f"trained are: {', '.join(known)}{hint}" if known else f"nothing is: {rebuild_command(models, 'all')}")
         )
     return checkpoint(models / experiment / f"seed-{min(seeds) if seed is None else seed}")
 
