@@ -86,9 +86,9 @@ def smoke(make_workflow):
     [
         ("tables/graps.csv", "did you mean tables/grasps.csv"),
         ("datset", "did you mean dataset"),
-        ("models/charts_tuch_any/seed-0/best.ckpt", "did you mean models/charts_touch_any/seed-0/best.ckpt"),
-        ("models/charts_touch_any/seed-7/best.ckpt", "the config has no seed 7: add it to training.seeds"),
-        ("evaluations/charts_touch_any/seed-7.csv", "the config has no seed 7: add it to training.seeds"),
+        ("models/pooled_tuch_any/seed-0/best.ckpt", "did you mean models/pooled_touch_any/seed-0/best.ckpt"),
+        ("models/pooled_touch_any/seed-7/best.ckpt", "the config has no seed 7: add it to training.seeds"),
+        ("evaluations/pooled_touch_any/seed-7.csv", "the config has no seed 7: add it to training.seeds"),
         ("figures/example_knife.png", "did you mean figures/examples_knife.png"),
     ],
 )
@@ -98,7 +98,7 @@ def test_an_unknown_target_is_named_with_the_nearest_and_with_those_there_are(sm
     assert result.returncode != 0 and found[0].startswith(f"no target {target}")
     assert any(said in line for line in found)
     listed = "\n".join(found[1:])
-    for known in ("all, catalogue, dataset", "dataset_statistics", "examples_knife", "charts_touch_any", "batch-0000"):
+    for known in ("all, catalogue, dataset", "dataset_statistics", "examples_knife", "pooled_touch_any", "batch-0000"):
         assert known in listed
     assert "Exception" not in result.stdout
 
