@@ -60,6 +60,7 @@ class LogHandler(LogHandlerBase):
         current: the handler in use, for the Snakefile; None with another logger.
         explain: from the path of a target that nothing makes to the message about it; the Snakefile sets it.
         estimate: of the run; None before it starts. done: how many jobs. failures: jobs, in order. interrupted.
+        hears: whether records reach it; with --quiet none does.
     """
 
     writes_to_stream = True
@@ -72,6 +73,7 @@ class LogHandler(LogHandlerBase):
         self.rewrites = self.stream.isatty()
         self.colours = self.rewrites and not settings.nocolor and os.environ.get("TERM") != "dumb"
         self.quiet = not (settings.dryrun or settings.printshellcmds or settings.verbose)
+        self.hears = "all" not in map(str, settings.quiet or ())  # else Snakemake's filter keeps every record back
         self.explain: Callable[[str], str] = lambda path: f"no target {path}"
         self.estimate: Estimate | None = None
         self.done, self.failures, self.outputs = 0, [], {}

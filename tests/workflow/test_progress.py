@@ -6,9 +6,11 @@ import logging.handlers
 import queue
 import signal
 import subprocess
+import threading
 from pathlib import Path
 
 import pytest
+from snakemake.settings.enums import Quietness
 from snakemake_interface_logger_plugins.tests import MockOutputSettings, TestLogHandlerBase
 
 from palpate.viewer import duration
@@ -274,6 +276,16 @@ def test_the_end_names_objects_places_and_time_and_counts_what_failed(tmp_path, 
         f"{tmp_path}: tables",
         "7 jobs done, 1 failed, in 1 min 1 s",
     ]
+
+
+def test_with_quiet_the_end_waits_for_no_record(tmp_path, monkeypatch):
+    """Snakemake's filter keeps back all records, this one, too: the end waited 10 s for it."""
+    handler({}, quiet=[Quietness.ALL])
+    monkeypatch.setattr(logging.getLogger("snakemake.logging"), "handlers", [logging.NullHandler()])
+    monkeypatch.setattr(threading.Event, "wait", lambda *_: pytest.fail("it waits"))
+    before = signal.getsignal(signal.SIGINT)
+    hooks.finish(str(tmp_path), object_pages=0)
+    signal.signal(signal.SIGINT, before)
 
 
 def test_a_run_notes_the_commit_of_its_workflow(monkeypatch):

@@ -88,8 +88,9 @@ def finish(folder: str, object_pages: int) -> None:
         if isinstance(thread, threading.Timer):
             thread.cancel()
     if handler := LogHandler.current:
-        logger.info(None, extra={"reached": (reached := threading.Event())})
-        reached.wait(10)  # until the handler, in its own thread, has counted all jobs
+        if handler.hears:
+            logger.info(None, extra={"reached": (reached := threading.Event())})
+            reached.wait(10)  # until the handler, in its own thread, has counted all jobs
         handler.stop()
         if handler.interrupted:
             return logger.warning(INTERRUPTED)
