@@ -1,6 +1,9 @@
+import gc
 from pathlib import Path
 
 import pytest
+
+gc.disable()  # until all is imported: what modules hold would be searched for garbage again and again
 
 TESTS = Path(__file__).parent
 WORKFLOW = TESTS / "workflow"
@@ -33,3 +36,8 @@ def pytest_collection_modifyitems(items):
             item.add_marker(pytest.mark.xdist_group("finished"))
         elif WORKFLOW not in item.path.parents or {"run", "workflow", "smoke"} & {*item.fixturenames}:
             item.add_marker(pytest.mark.xdist_group(str(item.path.relative_to(TESTS))))
+
+
+def pytest_collection_finish():
+    gc.freeze()
+    gc.enable()
