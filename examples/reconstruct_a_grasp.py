@@ -1,4 +1,4 @@
-"""Reconstruct an object from one image and one grasp, with a trained model.
+"""Reconstruct an object from one image and one grasp, with the model that errs least.
 
     python examples/reconstruct_a_grasp.py [results/smoke]
 
@@ -24,17 +24,17 @@ run = Path(sys.argv[1] if len(sys.argv) > 1 else "results/smoke")
 if not (run / "catalogue.csv").is_file():
     sys.exit(f"{run} is not a run's folder; the smoke run is made with: snakemake --cores 2 smoke")
 item = palpate.Dataset(run).split("test")[0]
-grasp = item.grasps[0]
 
 # %% The mesh that a model predicts: metres, world frame, charts of touches in orange.
-mesh = palpate.reconstruct(grasp.occluded, grasp, model=run / "models/charts_occluded_touch/seed-0")
+model = palpate.Reconstructor(run / "models/template_occluded_any/seed-0")
+mesh = model.predict(item, grasps=[0]).mesh()
 mesh.export(OUTPUT / f"{item.name}.ply")
 print(f"{item.name}: {len(mesh.faces)} faces in {OUTPUT / f'{item.name}.ply'}")
 
 # %% Beside what it was made from, and the true surface.
 figure = plt.figure(figsize=(9, 3))
 axis = figure.add_subplot(131)
-axis.imshow(grasp.occluded)
+axis.imshow(item.grasps[0].occluded)
 axis.set_axis_off()
 for place, title in ((132, "predicted"), (133, "true")):
     axis = figure.add_subplot(place, projection="3d")

@@ -100,12 +100,12 @@ def reconstruct(args: argparse.Namespace) -> int:
     """Write the mesh that a model predicts."""
     from palpate.atomic import atomic_write
     from palpate.dataset import Dataset
-    from palpate.evaluation.reconstruct import Reconstructor, check_format, named_model, of_object
+    from palpate.evaluation.reconstruct import Reconstructor, check_format, named_model
 
     check_format(args.output)
     path, record = named_model(args.run / "models", args.experiment, args.seed), Dataset(args.run)[args.object]
     model = Reconstructor(path, args.device)  # loads torch: after what can be wrong without it
-    mesh = model(*of_object(record, model.experiment, args.grasp, args.view)).mesh()
+    mesh = model.predict(record, args.grasp, args.view).mesh()
     with atomic_write(args.output) as partial:
         mesh.export(partial)
     print(f"{args.output}: {len(mesh.vertices)} vertices, {len(mesh.faces)} faces, metres, world frame")

@@ -1,6 +1,6 @@
 """Use a trained model: from an image and the touches of a grasp to a mesh. From Python `palpate.reconstruct`, or:
 
-palpate reconstruct results/default charts_occluded_touch bottle-0011 --output x.ply
+palpate reconstruct results/default template_occluded_any bottle-0011 --output x.ply
 """
 
 import warnings
@@ -105,7 +105,7 @@ def reconstruct(
 
 
 class Reconstructor:
-    """A trained model, loaded once, for as many grasps as there are: `model(image, touches) -> Shape`.
+    """A trained model, loaded once: `model(image, touches) -> Shape`, `model.predict(record) -> Shape`.
 
     model: its folder or checkpoint, as `reconstruct` takes it. device: of torch.
 
@@ -183,6 +183,10 @@ class Reconstructor:
             raise ReconstructionError(f"{self.path} predicts NaN or infinite vertices: train the model again")
         return self._shape(vertices, faces, success)
 
+    def predict(self, record, grasps: Sequence[int] | None = None, view: int = 0) -> Shape:
+        """The prediction for an object of the dataset, from what the model takes of it; arguments of `of_object`."""
+        return self(*of_object(record, self.experiment, grasps, view))
+
     def predictions(self, record, grasps: Sequence[int] | None = None) -> dict[int, "trimesh.Trimesh"]:
         """Meshes of an object record by the number of the grasp: from each of some grasps, or of all.
 
@@ -190,8 +194,8 @@ class Reconstructor:
         """
         numbers = list(range(len(record.grasps))) if grasps is None else list(grasps)
         if self.experiment.takes_grasps and (self.experiment.grasps == 1 or self.experiment.fewer_grasps):
-            return {number: self(*of_object(record, self.experiment, [number])).mesh() for number in numbers}
-        return dict.fromkeys(numbers, self(*of_object(record, self.experiment)).mesh())
+            return {number: self.predict(record, [number]).mesh() for number in numbers}
+        return dict.fromkeys(numbers, self.predict(record).mesh())
 
     def _image_inputs(self, image: np.ndarray | None, camera: np.ndarray | None) -> dict[str, np.ndarray]:
         """The image and its camera as the model takes them."""
@@ -221,7 +225,10 @@ class Reconstructor:
     def _silhouette_inputs(self, silhouette: Silhouette | None, image: np.ndarray) -> dict[str, np.ndarray]:
         """The silhouette as the model takes it."""
         if silhouette is None:
-            raise ReconstructionError(f"{self.name} also takes the object's silhouette in the image: give one")
+            raise ReconstructionError(
+                f"{self.name} also takes the object's silhouette in the image: give one; of an object of a dataset, "
+                "Reconstructor.predict gives it"
+            )
         pixels, number = {"mask": silhouette.mask, "hand": silhouette.hand}, np.asarray(silhouette.view)
         found = {key: np.asarray(values, dtype=bool) for key, values in pixels.items() if values is not None}
         if wrong := [key for key, values in found.items() if values.shape != image.shape[:2]]:

@@ -157,7 +157,7 @@ def test_a_record_gives_what_its_training_data_give(run, dataset, name, grasps, 
     """Two ways from the stores to a prediction: by record and U-Net, and by charts store and training data."""
     model = Reconstructor(folder_of(run, name))
     record = dataset["knife-0000"]
-    shape = model(*reconstruct.of_object(record, model.experiment, grasps or None, view))
+    shape = model.predict(record, grasps or None, view)
     vertices, faces = of_data(run, name, Sample(1, grasps, view))
     np.testing.assert_allclose(shape.vertices, vertices, atol=1e-6)
     if model.experiment.strategy == "template":  # copied charts without success, all at one place, are left out
