@@ -1,4 +1,4 @@
-"""Reconstruct an object from one image and one grasp, with the model that errs least.
+"""Reconstruct an object from one image and one grasp, by a trained model of strategy `template`.
 
     python examples/reconstruct_a_grasp.py [results/smoke]
 
