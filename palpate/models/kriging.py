@@ -75,7 +75,8 @@ def displaced(vertices: Tensor, faces: Tensor | None, touched: Tensor, correctio
         met = vertices[nearest(touched, vertices)]
     else:
         corners, weights = _nearest_on_faces(touched, vertices, faces)
-        met = torch.einsum("nk,nkj->nj", weights, vertices[corners])
+        # No product of matrices: in mixed precision it would be in 16 bits, which place a point to a millimetre.
+        met = (weights[..., None] * vertices[corners]).sum(dim=1)
     return vertices + Kriging(met, touched - met, correction)(vertices)
 
 

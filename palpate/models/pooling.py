@@ -49,10 +49,13 @@ class BilinearSum(torch.autograd.Function):
                 include_last_offset=True,
             )
         if ctx.needs_input_grad[2]:
+            # On a GPU torch has this gradient in no bfloat16.
+            wide = torch.promote_types(weight.dtype, torch.float32)
             with torch.enable_grad():
-                variable = weight.detach().requires_grad_()
-                y = functional.embedding_bag(row, table.detach(), mode="sum", per_sample_weights=variable)
-            (grad_weight,) = torch.autograd.grad(y, variable, gradient)
+                variable = weight.detach().to(wide).requires_grad_()
+                y = functional.embedding_bag(row, table.detach().to(wide), mode="sum", per_sample_weights=variable)
+            (grad_weight,) = torch.autograd.grad(y, variable, gradient.to(wide))
+            grad_weight = grad_weight.to(weight.dtype)
         return grad_table, None, grad_weight
 
 

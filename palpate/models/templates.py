@@ -56,6 +56,11 @@ class Templates(nn.Module):
         batch, of what there is: `mask`, `hand`, `camera_number`, `success`, `charts` as `Retrieval` takes them;
         `excluded` (B,) int64, the number of a template that is not taken where there is another, or -1.
         """
+        # In 16 bits a vertex is placed to a millimetre, and overlaps are good to two digits.
+        with torch.autocast(self.vertices.device.type, enabled=False):
+            return self._start(batch).transpose(0, 1)
+
+    def _start(self, batch: Mapping[str, Tensor]) -> Tensor:
         searched = {key: batch[key].cpu() for key in SEARCHED if key in batch}
         searched |= {key: shrunk(searched[key]) / 255 for key in ("mask", "hand") if key in searched}
         best, fits = self.objects.best(searched, min(STARTS, len(self.vertices)))
@@ -64,7 +69,7 @@ class Templates(nn.Module):
         if "charts" in batch:
             samples = zip(found, touched_points(batch), strict=True)
             found = torch.stack([displaced(each, chart_faces(0), touched, BENT) for each, touched in samples])
-        return found.transpose(0, 1)
+        return found
 
 
 def smoothed(positions: Tensor) -> Tensor:

@@ -127,6 +127,14 @@ def test_one_touch_in_closed_form(cloud):
     torch.testing.assert_close(moved, vertices + decay * (touched - met) / (1 + NOISE))
 
 
+def test_in_mixed_precision_a_mesh_is_corrected_alike():
+    vertices, faces = ball()
+    vertices, touched = vertices.float(), 1.1 * (vertices[:5].float() - vertices[0].float()) + vertices[0].float()
+    with torch.autocast("cpu", dtype=torch.bfloat16):
+        mixed = displaced(vertices, faces, touched, CORRECTION)
+    assert torch.equal(mixed, displaced(vertices, faces, touched, CORRECTION))
+
+
 def test_a_cloud_meets_what_was_touched():
     vertices, _ = ball()
     touched = 1.1 * vertices[::200] - 0.1 * vertices.mean(dim=0)

@@ -169,6 +169,13 @@ def test_without_a_touch_vision_chooses_the_start_and_nothing_is_corrected():
         assert torch.equal(model(none), alone(none))
 
 
+def test_in_mixed_precision_the_start_is_the_same():
+    model, given = templates()[0], batch()
+    with torch.autocast("cpu", dtype=torch.bfloat16):
+        mixed = model(given)
+    torch.testing.assert_close(mixed, model(given), atol=1e-7, rtol=0)
+
+
 def test_templates_are_for_their_strategy():
     for strategy, given in (("pooled", templates()[0]), ("template", None)):
         experiment = Experiment("a", strategy, "occluded", True, 1)

@@ -1,0 +1,77 @@
+"""Trainings, predictions and scores on a GPU: those of the CPU but for rounding. Skipped where torch finds none."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from palpate.evaluation import evaluate
+from palpate.experiments import Correction, Experiment
+from palpate.inference import checkpoints
+from palpate.inference.machine import Machine
+from palpate.training.learners import ReconstructionLearner
+from palpate.training.loop import train
+from tests.training.conftest import SETTINGS, made_up
+from tests.training.test_implicit import LAYERS, supervised
+from tests.training.test_single_image import DECODERS
+
+pytestmark = pytest.mark.skipif(not torch.cuda.is_available(), reason="torch finds no GPU")
+
+STRATEGIES = {
+    "charts": ("occluded", "charts"),
+    "no_copy": ("unoccluded", "charts"),
+    "sphere": ("occluded", "readings"),
+    "pooled": ("none", "charts"),
+    "template": ("occluded", "charts"),
+    "implicit": ("occluded", "charts"),
+    "psg": ("views", "none"),
+    "pixel2mesh": ("views", "none"),
+    "r2n2": ("views", "none"),
+}
+
+
+def learner_of(strategy, **settings):
+    """A model of a strategy, to be trained on made-up objects."""
+    vision, touch = STRATEGIES[strategy]
+    any_number = strategy in ("pooled", "template", "implicit")
+    correction = Correction(0.08, 0.3) if any_number else None
+    experiment = Experiment("a", strategy, vision, touch != "none", 2, any_number, correction=correction)
+    data = supervised(vision) if strategy == "implicit" else made_up(vision, touch)
+    layers = LAYERS if strategy == "implicit" else replace(SETTINGS.architecture, decoder=DECODERS.get(strategy))
+    return ReconstructionLearner(data, experiment, replace(SETTINGS, architecture=layers, **settings), 0)
+
+
+@pytest.mark.parametrize("strategy", STRATEGIES)
+def test_a_loss_and_its_gradient_are_those_of_the_cpu(strategy, monkeypatch):
+    monkeypatch.setattr(torch.backends.cudnn, "allow_tf32", False)
+    learners = [learner_of(strategy) for _ in range(2)]
+    for learner, device in zip(learners, ("cpu", "cuda"), strict=True):
+        learner.to(device).begin()
+        learner(0).backward()
+    losses = [learner(0).item() for learner in learners]
+    assert np.isclose(*losses, rtol=1e-3)
+    for (name, one), (_, other) in zip(*(learner.named_parameters() for learner in learners), strict=True):
+        if one.grad is not None:
+            assert (other.grad.cpu() - one.grad).norm() <= 0.01 * one.grad.norm() + 1e-6, name
+
+
+@pytest.mark.parametrize("strategy", sorted(set(STRATEGIES) - {"implicit"}))  # so small a one has no surface yet
+@pytest.mark.parametrize("precision", ["32-true", "bf16-mixed"])
+def test_a_model_that_a_gpu_trained_predicts_and_scores_alike_on_both(strategy, precision, tmp_path):
+    learner = learner_of(strategy, steps=4)
+    machine = Machine("gpu", precision=precision)
+    summary = train(learner, tmp_path / "model", tmp_path / "checkpoints", machine, "test")
+    assert summary["machine"]["found"] == torch.cuda.get_device_name() and np.isfinite(summary["validation_loss"])
+    path = tmp_path / "model/best.ckpt"
+    scores = [
+        evaluate.evaluate(
+            evaluate.Trained(checkpoints.load(path).to(device), learner.experiment, 0, 4, torch.device(device)),
+            learner.data,
+            500,
+        )
+        for device in ("cpu", "cuda")
+    ]
+    assert np.allclose(scores[0].chamfer, scores[1].chamfer, rtol=3e-2)
+
+
