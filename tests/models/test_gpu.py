@@ -73,5 +73,3 @@ def test_a_model_that_a_gpu_trained_predicts_and_scores_alike_on_both(strategy, 
         for device in ("cpu", "cuda")
     ]
     assert np.allclose(scores[0].chamfer, scores[1].chamfer, rtol=3e-2)
-
-
