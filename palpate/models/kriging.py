@@ -74,13 +74,13 @@ def displaced(vertices: Tensor, faces: Tensor | None, touched: Tensor, correctio
     if faces is None:
         met = vertices[nearest(touched, vertices)]
     else:
-        corners, weights = _nearest_on_faces(touched, vertices, faces)
+        corners, weights = nearest_on_faces(touched, vertices, faces)
         # No product of matrices: in mixed precision it would be in 16 bits, which place a point to a millimetre.
         met = (weights[..., None] * vertices[corners]).sum(dim=1)
     return vertices + Kriging(met, touched - met, correction)(vertices)
 
 
-def _nearest_on_faces(points: Tensor, vertices: Tensor, faces: Tensor) -> tuple[Tensor, Tensor]:
+def nearest_on_faces(points: Tensor, vertices: Tensor, faces: Tensor) -> tuple[Tensor, Tensor]:
     """Of the point of a mesh that is nearest to each point (n, 3): its face's vertices (n, 3), their weights (n, 3)."""
     query, mesh = (each.detach().cpu().double().numpy() for each in (points, vertices))
     corners = faces.cpu().numpy()

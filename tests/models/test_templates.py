@@ -11,8 +11,9 @@ from palpate.charts.atlas import chart_faces
 from palpate.experiments import Correction, Experiment
 from palpate.mesh import OBJECT_POSITION
 from palpate.models import Reconstruction
-from palpate.models.kriging import displaced, touched_points
-from palpate.models.templates import BENT, MASK, POINTS, Templates, shrunk, smoothed
+from palpate.models import templates as templates_module
+from palpate.models.kriging import displaced, nearest_on_faces, touched_points
+from palpate.models.templates import BENT, MASK, POINTS, Templates, conditioned, shrunk, smoothed
 from tests.models.batches import SMALL, random_batch
 
 COUNT, CAMERAS, SIZE = 20, 2, 2 * MASK
@@ -71,7 +72,11 @@ TOUCH, VISION = ("success", "charts"), ("mask", "hand", "camera_number")
 
 @pytest.mark.parametrize("takes", [TOUCH, VISION, TOUCH + VISION])
 @pytest.mark.parametrize("excluding", [False, True])
-def test_the_start_is_the_mean_of_what_brute_force_finds(takes, excluding):
+def test_the_start_is_the_mean_of_what_brute_force_finds(takes, excluding, monkeypatch):
+    conditions = []  # their results are compared with its own: rounding can change which face is nearest
+    monkeypatch.setattr(
+        templates_module, "conditioned", lambda *of: conditions.append([*map(torch.clone, of)]) or conditioned(*of)
+    )
     model, masks = templates("mask" in takes)
     given = {key: values for key, values in batch().items() if key in takes}
     fits = by_brute_force(model, masks, given)
@@ -87,10 +92,53 @@ def test_the_start_is_the_mean_of_what_brute_force_finds(takes, excluding):
         weights = np.exp((each[order] - each[order[0]]) / 0.02)
         vertices = model.vertices.double().numpy()[order]
         mean = (weights[:, None, None] * vertices).sum(axis=0) / weights.sum()
-        expected = torch.from_numpy(mean).float()[vision_atlas().position]
+        expected = torch.from_numpy(mean).float()
         if "charts" in given:
-            expected = displaced(expected, chart_faces(0), touched_points(given)[row], BENT)
-        torch.testing.assert_close(start[:, row], expected, atol=1e-6, rtol=0)
+            found, ensemble, touched = conditions[row]
+            torch.testing.assert_close(found, expected, atol=1e-6, rtol=0)
+            every = np.argsort(-each, kind="stable")[: np.isfinite(each).sum()]  # fewer than an ensemble
+            assert torch.equal(ensemble, model.vertices[every])
+            assert torch.equal(touched, touched_points(given)[row])
+            expected = displaced(conditioned(*conditions[row]), sphere()[1], touched, BENT)
+        torch.testing.assert_close(start[:, row], expected[vision_atlas().position], atol=1e-6, rtol=0)
+
+
+def test_conditioning_solves_the_equations_of_a_gaussian_process():
+    """By the covariance of the points' distances, and trimesh's normals."""
+    model, random = templates()[0], torch.Generator().manual_seed(0)
+    ensemble, start, faces = model.vertices[:10].double(), model.vertices[12].double(), sphere()[1]
+    touched = sample_faces(model.vertices[4:5].double(), faces, 30, random)[0]
+    covariance = np.cov(ensemble.flatten(1).numpy(), rowvar=False, bias=True)
+    expected = start.flatten().numpy()
+    for _ in range(3):
+        mesh = trimesh.Trimesh(expected.reshape(-1, 3), faces, process=False)
+        corners, weights = (each.numpy() for each in nearest_on_faces(touched, torch.tensor(mesh.vertices), faces))
+        normals = trimesh.triangles.normals(mesh.vertices[corners])[0]
+        rows = np.zeros((len(touched), len(mesh.vertices), 3))
+        for row, point_corners, point_weights, normal in zip(rows, corners, weights, normals, strict=True):
+            row[point_corners] = point_weights[:, None] * normal
+        rows = rows.reshape(len(rows), -1)
+        away = (touched.numpy() * normals).sum(axis=1) - rows @ start.flatten().numpy()
+        of_distances = rows @ covariance @ rows.T + 0.02**2 * np.eye(len(rows))
+        expected = start.flatten().numpy() + covariance @ rows.T @ np.linalg.solve(of_distances, away)
+    found = conditioned(start, ensemble, touched)
+    assert (found - start).norm(dim=1).max() > 0.01
+    assert np.allclose(found.flatten(), expected, atol=1e-8)
+
+
+def test_a_shape_that_is_touched_all_over_is_found():
+    """It is between those of the ensemble."""
+    vertices = templates()[0].vertices.double()
+    shape, start = vertices[:3].mean(dim=0), vertices[10]
+    touched = sample_faces(shape[None], sphere()[1], 3000, torch.Generator().manual_seed(0))[0]
+    found = conditioned(start, vertices, touched)
+    assert (found - shape).norm(dim=1).mean() < 0.1 * (start - shape).norm(dim=1).mean()
+
+
+@pytest.mark.parametrize(("members", "points"), [(0, 5), (1, 5), (5, 0)])
+def test_without_an_ensemble_or_touches_a_shape_stays(members, points):
+    vertices = templates()[0].vertices
+    assert torch.equal(conditioned(vertices[0], vertices[1 : 1 + members], torch.rand(points, 3)), vertices[0])
 
 
 def test_an_object_is_its_own_template_unless_it_is_excluded():
