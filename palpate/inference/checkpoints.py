@@ -136,7 +136,7 @@ def load(path: Path | str, experiment: Experiment | None = None) -> Reconstructi
 
     def make() -> Reconstruction | SingleImageModel:
         architecture = Architecture.from_row(content["architecture"])
-        arrays = (content["weights"].get(f"templates.{name}") for name in ("vertices", "masks"))
+        arrays = (content["weights"].get(f"templates.{name}") for name in ("shapes", "masks"))
         described = experiment if shares_weights else experiment_of(content)
         templates = Templates(*arrays) if described.strategy == "template" else None
         model = build(described, architecture, *_sensor_of(content), templates)

@@ -1,4 +1,5 @@
-"""Templates: fitted charts of training objects. A reconstruction begins with the mean of those that fit it best.
+"""Templates: fitted charts of training objects. A reconstruction begins with a shape that is interpolated from those
+that fit it best, by kriging.
 
 To retrieve an object and to deform it is known from meshes of CAD models (Uy et al. 2021, "Joint learning of 3D shape
 retrieval and deformation").
@@ -7,6 +8,7 @@ retrieval and deformation").
 from collections.abc import Mapping
 from functools import cached_property
 
+import numpy as np
 import torch
 from torch import Tensor, nn
 from torch.nn import functional
@@ -19,38 +21,37 @@ from palpate.models.retrieval import EXCLUDED, Objects
 
 MASK = 64  # pixels along an edge of the silhouettes that are compared
 POINTS = 5000  # on a template, to which touched points' distances are measured
-SEARCHED = ("mask", "hand", "camera_number", "success", "charts", "excluded")  # keys of a batch
-STARTS = 8  # templates whose mean a reconstruction begins with
-SHARPNESS = 50.0  # of their weights: a fit that is better by 1 / SHARPNESS weighs e times as much
-ENSEMBLE = 32  # templates whose differences say how a start may be wrong
-NOISE = 0.02  # m, of a touched point's distance to the surface, beside these
+SEEN, FELT = ("mask", "hand", "camera_number"), ("success", "charts")  # keys of a batch
+NEIGHBOURS, BY_TOUCH = 128, 32  # templates that a start is interpolated from; without an image
+ALIKE = 2.0  # of a difference of 1 between silhouettes' intersection over union and 1, in the covariance's exponent
+TOUCHED = 100.0  # m^-2, of the mean squared difference of touched points' distances, there
+NUGGET = 0.02  # of the covariance: what differs between objects that look and feel alike
+NOISE = 0.01  # m, of a touched point's distance to the surface
 ROUNDS = 3  # of looking for the face that is nearest to a touched point, and of conditioning
 BENT = Correction(0.08, 0.03)  # of a start to the touched points
 FORTH, BACK = 0.5, 1 / (1 / 0.5 - 0.1)  # the two steps of smoothing: a pass band of 0.1 (Taubin 1995)
 
 
 class Templates(nn.Module):
-    """The start of a reconstruction: `templates(batch)`, the mean of the templates that fit a sample best.
+    """The start of a reconstruction: `templates(batch)`, `kriged` from the templates that fit a sample best.
 
-    It is `conditioned` by the touched points, and bent to them.
+    It is `conditioned` by the touched points, and bent to them. All templates are fits of one sphere, so their vertices
+    correspond, roughly.
 
-    All templates are fits of one sphere, so their vertices correspond, roughly. A weight is the softmax of the fits,
-    times `SHARPNESS`: a regression by a kernel over the space of fits (Nadaraya 1964).
-
-    vertices: (T, 1154, 3) m, of `sphere()` fitted to the objects (`palpate.charts.fit_atlas`). masks: (T, k, 64, 64)
-    uint8, the objects as k cameras see them, by `shrunk`; None without vision.
+    shapes: (T, 1154, 3) m, vertices of `sphere()` fitted to the objects (`palpate.charts.fit_atlas`). masks:
+    (T, k, 64, 64) uint8, the objects as k cameras see them, by `shrunk`; None without vision.
     """
 
-    def __init__(self, vertices: Tensor, masks: Tensor | None = None):
+    def __init__(self, shapes: Tensor, masks: Tensor | None = None):
         super().__init__()
-        self.register_buffer("vertices", vertices)
+        self.register_buffer("shapes", shapes)
         self.register_buffer("masks", masks)
 
     @cached_property
     def objects(self) -> Objects:
         """What is searched: points on the templates, and their silhouettes."""
-        vertices, random = self.vertices.cpu().float(), torch.Generator().manual_seed(0)
-        clouds = sample_faces(vertices, sphere()[1], POINTS, random)
+        shapes, random = self.shapes.cpu().float(), torch.Generator().manual_seed(0)
+        clouds = sample_faces(shapes, sphere()[1], POINTS, random)
         return Objects(clouds, None if self.masks is None else self.masks.cpu() / 255)
 
     def forward(self, batch: Mapping[str, Tensor]) -> Tensor:
@@ -60,32 +61,74 @@ class Templates(nn.Module):
         `excluded` (B,) int64, the number of a template that is not taken where there is another, or -1.
         """
         # In 16 bits a vertex is placed to a millimetre, and overlaps are good to two digits.
-        with torch.autocast(self.vertices.device.type, enabled=False):
+        with torch.autocast(self.shapes.device.type, enabled=False):
             return self._start(batch).transpose(0, 1)
 
     def _start(self, batch: Mapping[str, Tensor]) -> Tensor:
-        searched = {key: batch[key].cpu() for key in SEARCHED if key in batch}
+        keys, count = (SEEN, NEIGHBOURS) if "mask" in batch else (FELT, BY_TOUCH)
+        searched = {key: batch[key].cpu() for key in (*keys, "excluded") if key in batch}
         searched |= {key: shrunk(searched[key]) / 255 for key in ("mask", "hand") if key in searched}
-        best, fits = self.objects.best(searched, min(ENSEMBLE, len(self.vertices)))
-        weights = torch.softmax(SHARPNESS * fits[:, :STARTS], dim=1).to(self.vertices)
-        found = torch.einsum("bk,bkvi->bvi", weights, self.vertices[best[:, :STARTS]])
-        touched = touched_points(batch) if "charts" in batch else ()
+        best, fits = self.objects.best(searched, min(count, len(self.shapes)))
+        touched = touched_points(batch) if "charts" in batch else [self.shapes[0, :0]] * len(best)
+        starts = []
         for row, points in enumerate(touched):
-            others = self.vertices[best[row, fits[row] > EXCLUDED / 2]]
-            found[row] = displaced(conditioned(found[row], others, points), sphere()[1], points, BENT)
-        return found[:, vision_atlas().position]
+            allowed = fits[row] > EXCLUDED / 2
+            numbers = best[row, allowed] if allowed.any() else best[row]
+            sample = {key: searched[key][row] for key in SEEN if key in searched}
+            exponent = self._looks(numbers, **sample) if sample else self._feels(numbers, points)
+            start, moves = kriged(self.shapes[numbers], exponent.exp())
+            starts.append(displaced(conditioned(start, moves, points), sphere()[1], points, BENT))
+        return torch.stack(starts)[:, vision_atlas().position]
+
+    def _looks(self, numbers: Tensor, mask: Tensor, camera_number: Tensor, hand: Tensor | None = None) -> Tensor:
+        """The logarithm (1 + n, 1 + n) of the covariance of a sample's shape, the first, and n templates, by the
+        intersections over union of their silhouettes outside the hand.
+
+        It is positive definite (Bouchard et al. 2013, "A proof for the positive definiteness of the Jaccard index
+        matrix").
+        """
+        masks = self.masks[numbers.to(self.masks.device), camera_number].cpu() / 255
+        seen = torch.cat([mask[None], masks if hand is None else masks * (1 - hand)]).flatten(1)
+        both, areas = seen @ seen.T, seen.sum(dim=1)
+        return ALIKE * (both / (areas[:, None] + areas - both).clamp(min=1) - 1).double()
+
+    def _feels(self, numbers: Tensor, touched: Tensor) -> Tensor:
+        """The same by the distances of touched points (m, 3) to the surfaces, which to the sample's are 0."""
+        places = touched.cpu().double().numpy()
+        squares = np.array([np.zeros(len(places)), *(self.objects.squares(int(each), places) for each in numbers)])
+        distances = torch.from_numpy(np.sqrt(squares))
+        return -TOUCHED * torch.cdist(distances, distances).square() / max(len(places), 1)
 
 
-def conditioned(vertices: Tensor, ensemble: Tensor, touched: Tensor) -> Tensor:
-    """A shape (V, 3) m, moved as an ensemble of shapes (n, V, 3) varies, so that it is the most probable one with
-    touched points (m, 3) on its surface.
+def kriged(vertices: Tensor, covariance: Tensor) -> tuple[Tensor, Tensor]:
+    """A shape (V, 3) m, interpolated from shapes (n, V, 3), and n moves (n, V, 3) of it: a sum of them with standard
+    normal shares is how it may be wrong.
 
-    Its error is taken to be normally distributed, with the ensemble's covariance (Evensen 2003, "The ensemble Kalman
-    filter"), a point's distance to the plane of the nearest face to have the deviation `NOISE` besides.
+    covariance: (1 + n, 1 + n), of the shape and of those that are known, to which `NUGGET` is added. Their mean is
+    estimated with it (ordinary kriging: Cressie 1993, "Statistics for spatial data", 3.2). The covariance of vertices,
+    by which that of shapes is multiplied, is the most probable one (Conti & O'Hagan 2010, "Bayesian emulation of
+    complex multi-output and dynamic computer models").
     """
-    moves, faces = (ensemble - ensemble.mean(dim=0)) / len(ensemble) ** 0.5, sphere()[1].to(vertices.device)
-    share, found = vertices.new_zeros(len(moves)), vertices
-    for _ in range(ROUNDS if len(touched) and len(moves) else 0):
+    known, ones = covariance[1:, 1:] + NUGGET * torch.eye(len(vertices)), torch.ones(len(vertices))
+    factor = torch.linalg.cholesky(known)
+    solved, by_ones = torch.cholesky_solve(torch.stack([covariance[0, 1:], ones.double()], dim=1), factor).unbind(1)
+    lack, trend = 1 - solved.sum(), by_ones / by_ones.sum()
+    variance = covariance[0, 0] + NUGGET - covariance[0, 1:] @ solved + lack**2 / by_ones.sum()
+    weights, trend, factor = (each.to(vertices) for each in (solved + lack * trend, trend, factor))
+    off = (vertices - torch.einsum("n,nvi->vi", trend, vertices)).flatten(1)
+    moves = torch.linalg.solve_triangular(factor, off, upper=False) * (variance / len(vertices)).sqrt().to(off)
+    return torch.einsum("n,nvi->vi", weights, vertices), moves.reshape(vertices.shape)
+
+
+def conditioned(vertices: Tensor, moves: Tensor, touched: Tensor) -> Tensor:
+    """A shape (V, 3) m that may be wrong by a sum of moves (n, V, 3), with standard normal shares, moved so that it is
+    the most probable one with touched points (m, 3) on its surface.
+
+    A point's distance to the plane of the nearest face has the deviation `NOISE` besides (Evensen 2003, "The ensemble
+    Kalman filter").
+    """
+    share, found, faces = vertices.new_zeros(len(moves)), vertices, sphere()[1].to(vertices.device)
+    for _ in range(ROUNDS if len(touched) else 0):
         corners, weights = nearest_on_faces(touched, found, faces)
         one, other, last = found[corners].unbind(1)
         normals = functional.normalize(torch.linalg.cross(other - one, last - one), dim=1) / NOISE

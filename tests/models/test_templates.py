@@ -13,7 +13,7 @@ from palpate.mesh import OBJECT_POSITION
 from palpate.models import Reconstruction
 from palpate.models import templates as templates_module
 from palpate.models.kriging import displaced, nearest_on_faces, touched_points
-from palpate.models.templates import BENT, MASK, POINTS, Templates, conditioned, shrunk, smoothed
+from palpate.models.templates import BENT, MASK, NOISE, NUGGET, POINTS, Templates, conditioned, kriged, shrunk, smoothed
 from tests.models.batches import SMALL, random_batch
 
 COUNT, CAMERAS, SIZE = 20, 2, 2 * MASK
@@ -37,7 +37,7 @@ def batch(samples=8, grasps=1, seed=1):
     others, masks = templates(seed=seed)
     found = random_batch(samples, grasps, seed, dtype=torch.float32)
     charts = found["charts"].shape[1:3]
-    on_others = sample_faces(others.vertices[:samples], sphere()[1], charts.numel(), torch.Generator().manual_seed(0))
+    on_others = sample_faces(others.shapes[:samples], sphere()[1], charts.numel(), torch.Generator().manual_seed(0))
     hand = torch.zeros(samples, SIZE, SIZE, dtype=torch.bool)
     hand[:, SIZE // 2 :] = True
     return found | {
@@ -48,23 +48,30 @@ def batch(samples=8, grasps=1, seed=1):
     }
 
 
-def by_brute_force(model, masks, given):
-    """Fits (B, T): covered shares pixel by pixel, distances from all pairs of points."""
-    clouds = sample_faces(model.vertices, sphere()[1], POINTS, torch.Generator().manual_seed(0)).double()
-    touched = touched_points(given) if "charts" in given else None
-    fits = np.zeros((len(next(iter(given.values()))), COUNT))
-    for sample, row in enumerate(fits):
-        for number, cloud in enumerate(clouds):
-            if "mask" in given:
-                camera = given["camera_number"][sample]
-                seen, hand = (shrunk(given[key][sample][None])[0].double() / 255 for key in ("mask", "hand"))
-                other = shrunk(masks[number, camera][None])[0].double() / 255
-                both = (seen * other).sum()
-                row[number] += both / (seen.sum() + (other * (1 - hand)).sum() - both)
-            if touched and len(touched[sample]):
-                nearest = torch.cdist(touched[sample].double(), cloud).min(dim=1).values
-                row[number] -= 200 * nearest.clamp(max=0.05).square().mean()
-    return fits
+def by_brute_force(model, masks, given, sample):
+    """The fit (T,) of every template to a sample, and the covariance (1 + T, 1 + T) of their shapes, the sample first:
+    by covered shares pixel by pixel, or by distances from all pairs of points."""
+    if "mask" in given:
+        camera = given["camera_number"][sample]
+        seen, hand = (shrunk(given[key][sample][None])[0].double() / 255 for key in ("mask", "hand"))
+        every = [seen, *(shrunk(each[None])[0].double() / 255 * (1 - hand) for each in masks[:, camera])]
+        both = torch.tensor([[(one * other).sum() for other in every] for one in every])
+        areas = torch.tensor([one.sum() for one in every])
+        alike = both / (areas[:, None] + areas[None] - both)
+        return alike[0, 1:].numpy(), np.exp(2 * (alike.numpy() - 1))
+    clouds = sample_faces(model.shapes, sphere()[1], POINTS, torch.Generator().manual_seed(0)).double()
+    points = touched_points(given)[sample].double()
+    distances = [torch.cdist(points, cloud).min(dim=1).values.clamp(max=0.05) for cloud in clouds]
+    distances = torch.stack([torch.zeros(len(points)).double(), *distances])
+    apart = (distances[:, None] - distances[None]).square().mean(dim=2).numpy()
+    return -200 * apart[0, 1:], np.exp(-100 * apart)
+
+
+def weights_of(covariance):
+    """The weights (n,) of ordinary kriging and its variance, by its equations with a Lagrange multiplier."""
+    known, ones = covariance[1:, 1:] + NUGGET * np.eye(len(covariance) - 1), np.ones((len(covariance) - 1, 1))
+    solved = np.linalg.solve(np.block([[known, ones], [ones.T, 0]]), np.append(covariance[0, 1:], 1))
+    return solved[:-1], covariance[0, 0] + NUGGET - solved @ np.append(covariance[0, 1:], 1)
 
 
 TOUCH, VISION = ("success", "charts"), ("mask", "hand", "camera_number")
@@ -72,43 +79,64 @@ TOUCH, VISION = ("success", "charts"), ("mask", "hand", "camera_number")
 
 @pytest.mark.parametrize("takes", [TOUCH, VISION, TOUCH + VISION])
 @pytest.mark.parametrize("excluding", [False, True])
-def test_the_start_is_the_mean_of_what_brute_force_finds(takes, excluding, monkeypatch):
+def test_the_start_is_interpolated_from_what_brute_force_finds(takes, excluding, monkeypatch):
     conditions = []  # their results are compared with its own: rounding can change which face is nearest
     monkeypatch.setattr(
         templates_module, "conditioned", lambda *of: conditions.append([*map(torch.clone, of)]) or conditioned(*of)
     )
+    for name, count in (("NEIGHBOURS", 12), ("BY_TOUCH", 7)):
+        monkeypatch.setattr(templates_module, name, count)
     model, masks = templates("mask" in takes)
     given = {key: values for key, values in batch().items() if key in takes}
-    fits = by_brute_force(model, masks, given)
-    best = fits.argmax(axis=1)
+    samples = len(next(iter(given.values())))
+    fits, covariances = zip(*(by_brute_force(model, masks, given, sample) for sample in range(samples)), strict=True)
+    assert len({each.argmax() for each in fits}) > 2
     if excluding:  # of every other sample the best is its own object
-        given["excluded"] = torch.tensor([number if row % 2 else -1 for row, number in enumerate(best)])
-        fits[range(1, len(best), 2), best[1::2]] = -np.inf
-        assert (fits.argmax(axis=1)[1::2] != best[1::2]).all()
-    assert len(set(fits.argmax(axis=1))) > 2
+        given["excluded"] = torch.tensor([each.argmax() if row % 2 else -1 for row, each in enumerate(fits)])
     start = model(given)
-    for row, each in enumerate(fits):
-        order = np.argsort(-each, kind="stable")[:8]
-        weights = np.exp((each[order] - each[order[0]]) / 0.02)
-        vertices = model.vertices.double().numpy()[order]
-        mean = (weights[:, None, None] * vertices).sum(axis=0) / weights.sum()
-        expected = torch.from_numpy(mean).float()
-        if "charts" in given:
-            found, ensemble, touched = conditions[row]
-            torch.testing.assert_close(found, expected, atol=1e-6, rtol=0)
-            every = np.argsort(-each, kind="stable")[: np.isfinite(each).sum()]  # fewer than an ensemble
-            assert torch.equal(ensemble, model.vertices[every])
-            assert torch.equal(touched, touched_points(given)[row])
-            expected = displaced(conditioned(*conditions[row]), sphere()[1], touched, BENT)
+    for row, (fit, covariance) in enumerate(zip(fits, covariances, strict=True)):
+        order = [int(n) for n in np.argsort(-fit, kind="stable") if not excluding or n != given["excluded"][row]]
+        order = order[: 12 if "mask" in takes else 7]
+        both = [0, *(1 + number for number in order)]
+        weights, _ = weights_of(covariance[np.ix_(both, both)])
+        found, _, touched = conditions[row]
+        expected = np.einsum("n,nvi->vi", weights, model.shapes[order].double().numpy())
+        torch.testing.assert_close(found, torch.from_numpy(expected).float(), atol=2e-6, rtol=0)
+        assert torch.equal(touched, touched_points(given)[row] if "charts" in given else torch.empty(0, 3))
+        expected = displaced(conditioned(*conditions[row]), sphere()[1], touched, BENT)
         torch.testing.assert_close(start[:, row], expected[vision_atlas().position], atol=1e-6, rtol=0)
+
+
+def test_kriging_by_its_equations():
+    """Its moves have the covariance of the interpolated shape: its variance times what n shapes say of vertices'."""
+    vertices, random = templates()[0].shapes[:10].double(), np.random.default_rng(0)
+    places = random.random((11, 2))
+    covariance = np.exp(-np.linalg.norm(places[:, None] - places[None], axis=2))
+    shape, moves = kriged(vertices, torch.from_numpy(covariance))
+    weights, variance = weights_of(covariance)
+    flat, known = vertices.flatten(1).numpy(), covariance[1:, 1:] + NUGGET * np.eye(10)
+    assert np.allclose(shape.flatten(), weights @ flat, atol=1e-12)
+    trend = np.linalg.solve(known, np.ones(10))
+    off = flat - trend @ flat / trend.sum()
+    expected = variance * off.T @ np.linalg.inv(known) @ off / 10
+    assert np.allclose(moves.flatten(1).T @ moves.flatten(1), expected, atol=1e-10)
+
+
+def test_without_a_nugget_an_object_is_found_again(monkeypatch):
+    monkeypatch.setattr(templates_module, "NUGGET", 1e-9)
+    vertices, places = templates()[0].shapes.double(), torch.rand(COUNT, 2).double()
+    known = torch.exp(-torch.cdist(places, places))
+    numbers = [3, *range(COUNT)]
+    shape, moves = kriged(vertices, known[numbers][:, numbers])
+    assert torch.allclose(shape, vertices[3], atol=1e-6) and moves.abs().max() < 1e-4
 
 
 def test_conditioning_solves_the_equations_of_a_gaussian_process():
     """By the covariance of the points' distances, and trimesh's normals."""
     model, random = templates()[0], torch.Generator().manual_seed(0)
-    ensemble, start, faces = model.vertices[:10].double(), model.vertices[12].double(), sphere()[1]
-    touched = sample_faces(model.vertices[4:5].double(), faces, 30, random)[0]
-    covariance = np.cov(ensemble.flatten(1).numpy(), rowvar=False, bias=True)
+    start, faces, moves = model.shapes[12].double(), sphere()[1], off_mean(model.shapes[:10].double())
+    touched = sample_faces(model.shapes[5:6].double(), faces, 30, random)[0]
+    covariance = np.cov(model.shapes[:10].double().flatten(1).numpy(), rowvar=False, bias=True)
     expected = start.flatten().numpy()
     for _ in range(3):
         mesh = trimesh.Trimesh(expected.reshape(-1, 3), faces, process=False)
@@ -119,26 +147,30 @@ def test_conditioning_solves_the_equations_of_a_gaussian_process():
             row[point_corners] = point_weights[:, None] * normal
         rows = rows.reshape(len(rows), -1)
         away = (touched.numpy() * normals).sum(axis=1) - rows @ start.flatten().numpy()
-        of_distances = rows @ covariance @ rows.T + 0.02**2 * np.eye(len(rows))
+        of_distances = rows @ covariance @ rows.T + NOISE**2 * np.eye(len(rows))
         expected = start.flatten().numpy() + covariance @ rows.T @ np.linalg.solve(of_distances, away)
-    found = conditioned(start, ensemble, touched)
+    found = conditioned(start, moves, touched)
     assert (found - start).norm(dim=1).max() > 0.01
     assert np.allclose(found.flatten(), expected, atol=1e-8)
 
 
+def off_mean(shapes):
+    """Moves whose covariance is that of shapes (n, V, 3)."""
+    return (shapes - shapes.mean(dim=0)) / len(shapes) ** 0.5
+
+
 def test_a_shape_that_is_touched_all_over_is_found():
-    """It is between those of the ensemble."""
-    vertices = templates()[0].vertices.double()
+    """It is between those that the moves are of."""
+    vertices = templates()[0].shapes.double()
     shape, start = vertices[:3].mean(dim=0), vertices[10]
     touched = sample_faces(shape[None], sphere()[1], 3000, torch.Generator().manual_seed(0))[0]
-    found = conditioned(start, vertices, touched)
+    found = conditioned(start, off_mean(vertices), touched)
     assert (found - shape).norm(dim=1).mean() < 0.1 * (start - shape).norm(dim=1).mean()
 
 
-@pytest.mark.parametrize(("members", "points"), [(0, 5), (1, 5), (5, 0)])
-def test_without_an_ensemble_or_touches_a_shape_stays(members, points):
-    vertices = templates()[0].vertices
-    assert torch.equal(conditioned(vertices[0], vertices[1 : 1 + members], torch.rand(points, 3)), vertices[0])
+def test_without_touches_a_shape_stays():
+    vertices = templates()[0].shapes
+    assert torch.equal(conditioned(vertices[0], vertices[1:3], torch.empty(0, 3)), vertices[0])
 
 
 def test_an_object_is_its_own_template_unless_it_is_excluded():
@@ -153,10 +185,10 @@ def test_an_object_is_its_own_template_unless_it_is_excluded():
 @pytest.mark.parametrize("excluded", [-1, 0])
 def test_of_a_single_template_every_start_is_made(excluded):
     model, masks = templates()
-    only = Templates(model.vertices[:1], model.masks[:1])
+    only = Templates(model.shapes[:1], model.masks[:1])
     given = {"mask": masks[:2, 0], "camera_number": torch.zeros(2, dtype=torch.int64)}
     start = only(given | {"excluded": torch.full((2,), excluded)})
-    assert torch.equal(start, only.vertices[:, vision_atlas().position].transpose(0, 1).expand_as(start))
+    assert torch.equal(start, only.shapes[:, vision_atlas().position].transpose(0, 1).expand_as(start))
 
 
 def test_masks_shrink_to_the_covered_share_of_a_pixel():

@@ -68,7 +68,7 @@ def test_in_training_no_object_is_its_own_template(monkeypatch):
     learner = ReconstructionLearner(data, row("template", "occluded", fewer_grasps=True), SETTINGS, 0)
     learner.begin()
     train, validation = data.of_split("train"), data.of_split("validation")
-    assert torch.equal(learner.model.templates.vertices, torch.from_numpy(data["template"][train]))
+    assert torch.equal(learner.model.templates.shapes, torch.from_numpy(data["template"][train]))
     searched, search = [], Objects.best
     monkeypatch.setattr(Objects, "best", lambda *given: searched.append(given[1]) or search(*given))
     for chosen in (train[::-1], validation):
