@@ -21,10 +21,10 @@ from palpate.models.retrieval import EXCLUDED, Objects
 
 MASK = 64  # pixels along an edge of the silhouettes that are compared
 POINTS = 5000  # on a template, to which touched points' distances are measured
-SEEN, FELT = ("mask", "hand", "camera_number"), ("success", "charts")  # keys of a batch
-NEIGHBOURS, BY_TOUCH = 128, 32  # templates that a start is interpolated from; without an image
-ALIKE = 2.0  # of a difference of 1 between silhouettes' intersection over union and 1, in the covariance's exponent
-TOUCHED = 100.0  # m^-2, of the mean squared difference of touched points' distances, there
+SILHOUETTE, TOUCH = ("mask", "hand", "camera_number"), ("success", "charts")  # keys of a batch
+NEIGHBOURS, TOUCH_NEIGHBOURS = 128, 32  # templates that a start is interpolated from; without an image
+SILHOUETTE_SCALE = 2.0  # in the covariance's exponent, of silhouettes' intersection over union
+TOUCH_SCALE = 100.0  # m^-2, there, of the mean squared difference of touched points' distances
 NUGGET = 0.02  # of the covariance: what differs between objects that look and feel alike
 NOISE = 0.01  # m, of a touched point's distance to the surface
 ROUNDS = 3  # of looking for the face that is nearest to a touched point, and of conditioning
@@ -65,7 +65,7 @@ class Templates(nn.Module):
             return self._start(batch).transpose(0, 1)
 
     def _start(self, batch: Mapping[str, Tensor]) -> Tensor:
-        keys, count = (SEEN, NEIGHBOURS) if "mask" in batch else (FELT, BY_TOUCH)
+        keys, count = (SILHOUETTE, NEIGHBOURS) if "mask" in batch else (TOUCH, TOUCH_NEIGHBOURS)
         searched = {key: batch[key].cpu() for key in (*keys, "excluded") if key in batch}
         searched |= {key: shrunk(searched[key]) / 255 for key in ("mask", "hand") if key in searched}
         best, fits = self.objects.best(searched, min(count, len(self.shapes)))
@@ -74,30 +74,32 @@ class Templates(nn.Module):
         for row, points in enumerate(touched):
             allowed = fits[row] > EXCLUDED / 2
             numbers = best[row, allowed] if allowed.any() else best[row]
-            sample = {key: searched[key][row] for key in SEEN if key in searched}
-            exponent = self._looks(numbers, **sample) if sample else self._feels(numbers, points)
+            sample = {key: searched[key][row] for key in SILHOUETTE if key in searched}
+            exponent = self._by_silhouette(numbers, **sample) if sample else self._by_touch(numbers, points)
             start, moves = kriged(self.shapes[numbers], exponent.exp())
             starts.append(displaced(conditioned(start, moves, points), sphere()[1], points, BENT))
         return torch.stack(starts)[:, vision_atlas().position]
 
-    def _looks(self, numbers: Tensor, mask: Tensor, camera_number: Tensor, hand: Tensor | None = None) -> Tensor:
+    def _by_silhouette(
+        self, numbers: Tensor, mask: Tensor, camera_number: Tensor, hand: Tensor | None = None
+    ) -> Tensor:
         """The logarithm (1 + n, 1 + n) of the covariance of a sample's shape, the first, and n templates, by the
         intersections over union of their silhouettes outside the hand.
 
         It is positive definite (Bouchard et al. 2013, "A proof for the positive definiteness of the Jaccard index
         matrix").
         """
-        masks = self.masks[numbers.to(self.masks.device), camera_number].cpu() / 255
+        masks = self.masks[numbers, camera_number].cpu() / 255
         seen = torch.cat([mask[None], masks if hand is None else masks * (1 - hand)]).flatten(1)
         both, areas = seen @ seen.T, seen.sum(dim=1)
-        return ALIKE * (both / (areas[:, None] + areas - both).clamp(min=1) - 1).double()
+        return SILHOUETTE_SCALE * (both / (areas[:, None] + areas - both).clamp(min=1) - 1).double()
 
-    def _feels(self, numbers: Tensor, touched: Tensor) -> Tensor:
+    def _by_touch(self, numbers: Tensor, touched: Tensor) -> Tensor:
         """The same by the distances of touched points (m, 3) to the surfaces, which to the sample's are 0."""
         places = touched.cpu().double().numpy()
         squares = np.array([np.zeros(len(places)), *(self.objects.squares(int(each), places) for each in numbers)])
         distances = torch.from_numpy(np.sqrt(squares))
-        return -TOUCHED * torch.cdist(distances, distances).square() / max(len(places), 1)
+        return -TOUCH_SCALE * torch.cdist(distances, distances).square() / max(len(places), 1)
 
 
 def kriged(vertices: Tensor, covariance: Tensor) -> tuple[Tensor, Tensor]:

@@ -84,7 +84,7 @@ def test_the_start_is_interpolated_from_what_brute_force_finds(takes, excluding,
     monkeypatch.setattr(
         templates_module, "conditioned", lambda *of: conditions.append([*map(torch.clone, of)]) or conditioned(*of)
     )
-    for name, count in (("NEIGHBOURS", 12), ("BY_TOUCH", 7)):
+    for name, count in (("NEIGHBOURS", 12), ("TOUCH_NEIGHBOURS", 7)):
         monkeypatch.setattr(templates_module, name, count)
     model, masks = templates("mask" in takes)
     given = {key: values for key, values in batch().items() if key in takes}
