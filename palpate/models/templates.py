@@ -76,8 +76,8 @@ class Templates(nn.Module):
             numbers = best[row, allowed] if allowed.any() else best[row]
             sample = {key: searched[key][row] for key in SILHOUETTE if key in searched}
             exponent = self._by_silhouette(numbers, **sample) if sample else self._by_touch(numbers, points)
-            start, moves = kriged(self.shapes[numbers], exponent.exp())
-            starts.append(displaced(conditioned(start, moves, points), sphere()[1], points, BENT))
+            start = conditioned(*kriged(self.shapes[numbers], exponent.exp()), points)
+            starts.append(displaced(start, sphere()[1], points, BENT))
         return torch.stack(starts)[:, vision_atlas().position]
 
     def _by_silhouette(
@@ -91,6 +91,7 @@ class Templates(nn.Module):
         """
         masks = self.masks[numbers, camera_number].cpu() / 255
         seen = torch.cat([mask[None], masks if hand is None else masks * (1 - hand)]).flatten(1)
+        seen = seen[:, seen.amax(dim=0) > 0]
         both, areas = seen @ seen.T, seen.sum(dim=1)
         return SILHOUETTE_SCALE * (both / (areas[:, None] + areas - both).clamp(min=1) - 1).double()
 
@@ -102,9 +103,9 @@ class Templates(nn.Module):
         return -TOUCH_SCALE * torch.cdist(distances, distances).square() / max(len(places), 1)
 
 
-def kriged(vertices: Tensor, covariance: Tensor) -> tuple[Tensor, Tensor]:
-    """A shape (V, 3) m, interpolated from shapes (n, V, 3), and n moves (n, V, 3) of it: a sum of them with standard
-    normal shares is how it may be wrong.
+def kriged(vertices: Tensor, covariance: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+    """A shape (V, 3) m, interpolated from shapes (n, V, 3), and how it may be wrong: by a sum of the n moves
+    `factor^-1 off`, with standard normal shares. Returns it, off (n, V, 3) and factor (n, n), which is triangular.
 
     covariance: (1 + n, 1 + n), of the shape and of those that are known, to which `NUGGET` is added. Their mean is
     estimated with it (ordinary kriging: Cressie 1993, "Statistics for spatial data", 3.2). The covariance of vertices,
@@ -117,29 +118,38 @@ def kriged(vertices: Tensor, covariance: Tensor) -> tuple[Tensor, Tensor]:
     lack, trend = 1 - solved.sum(), by_ones / by_ones.sum()
     variance = covariance[0, 0] + NUGGET - covariance[0, 1:] @ solved + lack**2 / by_ones.sum()
     weights, trend, factor = (each.to(vertices) for each in (solved + lack * trend, trend, factor))
-    off = (vertices - torch.einsum("n,nvi->vi", trend, vertices)).flatten(1)
-    moves = torch.linalg.solve_triangular(factor, off, upper=False) * (variance / len(vertices)).sqrt().to(off)
-    return torch.einsum("n,nvi->vi", weights, vertices), moves.reshape(vertices.shape)
+    off = (vertices - torch.einsum("n,nvi->vi", trend, vertices)) * (variance / len(vertices)).sqrt().to(vertices)
+    return torch.einsum("n,nvi->vi", weights, vertices), off, factor
 
 
-def conditioned(vertices: Tensor, moves: Tensor, touched: Tensor) -> Tensor:
-    """A shape (V, 3) m that may be wrong by a sum of moves (n, V, 3), with standard normal shares, moved so that it is
-    the most probable one with touched points (m, 3) on its surface.
+def conditioned(vertices: Tensor, off: Tensor, factor: Tensor, touched: Tensor) -> Tensor:
+    """A shape, and how it may be wrong, as `kriged` returns them: moved so that it is the most probable one with
+    touched points (m, 3) on its surface.
 
-    A point's distance to the plane of the nearest face has the deviation `NOISE` besides (Evensen 2003, "The ensemble
-    Kalman filter").
+    A point's distance to the surface has the deviation `NOISE` besides (Evensen 2003, "The ensemble Kalman filter"). It
+    is measured along normals that are interpolated between vertices: with those of faces, rounding decides which face's
+    it is where two are as near, and the shape with it.
     """
-    share, found, faces = vertices.new_zeros(len(moves)), vertices, sphere()[1].to(vertices.device)
+    share, found, faces = vertices.new_zeros(len(off), 1), vertices, sphere()[1].to(vertices.device)
     for _ in range(ROUNDS if len(touched) else 0):
         corners, weights = nearest_on_faces(touched, found, faces)
-        one, other, last = found[corners].unbind(1)
-        normals = functional.normalize(torch.linalg.cross(other - one, last - one), dim=1) / NOISE
+        normals = torch.einsum("mk,mki->mi", weights, vertex_normals(found, faces)[corners])
+        normals = functional.normalize(normals, dim=1) / NOISE
         met = torch.einsum("mk,mki->mi", weights, found[corners])
-        along = torch.einsum("mi,mk,nmki->mn", normals, weights, moves[:, corners])
-        away = ((touched - met) * normals).sum(dim=1) + along @ share
-        share = torch.linalg.solve(along.T @ along + torch.eye(len(moves)).to(along), along.T @ away)
-        found = vertices + torch.einsum("n,nvi->vi", share, moves)
+        along = torch.einsum("mi,mk,nmki->nm", normals, weights, off[:, corners])
+        along = torch.linalg.solve_triangular(factor, along, upper=False)
+        away = ((touched - met) * normals).sum(dim=1, keepdim=True) + along.T @ share
+        share = torch.linalg.solve(along @ along.T + torch.eye(len(off)).to(along), along @ away)
+        by_off = torch.linalg.solve_triangular(factor.T, share, upper=True)[:, 0]
+        found = vertices + torch.einsum("n,nvi->vi", by_off, off)
     return found
+
+
+def vertex_normals(vertices: Tensor, faces: Tensor) -> Tensor:
+    """Unit normals (V, 3) of a mesh's vertices: of the faces (F, 3) around each the mean, by area."""
+    one, other, last = vertices[faces].unbind(1)
+    normals = torch.linalg.cross(other - one, last - one).repeat_interleave(3, dim=0)
+    return functional.normalize(torch.zeros_like(vertices).index_add(0, faces.flatten(), normals), dim=1)
 
 
 def smoothed(positions: Tensor) -> Tensor:

@@ -99,7 +99,7 @@ def test_the_start_is_interpolated_from_what_brute_force_finds(takes, excluding,
         order = order[: 12 if "mask" in takes else 7]
         both = [0, *(1 + number for number in order)]
         weights, _ = weights_of(covariance[np.ix_(both, both)])
-        found, _, touched = conditions[row]
+        found, *_, touched = conditions[row]
         expected = np.einsum("n,nvi->vi", weights, model.shapes[order].double().numpy())
         torch.testing.assert_close(found, torch.from_numpy(expected).float(), atol=2e-6, rtol=0)
         assert torch.equal(touched, touched_points(given)[row] if "charts" in given else torch.empty(0, 3))
@@ -112,14 +112,15 @@ def test_kriging_by_its_equations():
     vertices, random = templates()[0].shapes[:10].double(), np.random.default_rng(0)
     places = random.random((11, 2))
     covariance = np.exp(-np.linalg.norm(places[:, None] - places[None], axis=2))
-    shape, moves = kriged(vertices, torch.from_numpy(covariance))
+    shape, off, factor = kriged(vertices, torch.from_numpy(covariance))
+    moves = torch.linalg.solve(factor, off.flatten(1))
     weights, variance = weights_of(covariance)
     flat, known = vertices.flatten(1).numpy(), covariance[1:, 1:] + NUGGET * np.eye(10)
     assert np.allclose(shape.flatten(), weights @ flat, atol=1e-12)
     trend = np.linalg.solve(known, np.ones(10))
-    off = flat - trend @ flat / trend.sum()
-    expected = variance * off.T @ np.linalg.inv(known) @ off / 10
-    assert np.allclose(moves.flatten(1).T @ moves.flatten(1), expected, atol=1e-10)
+    apart = flat - trend @ flat / trend.sum()
+    expected = variance * apart.T @ np.linalg.inv(known) @ apart / 10
+    assert np.allclose(moves.T @ moves, expected, atol=1e-10) and torch.equal(factor, factor.tril())
 
 
 def test_without_a_nugget_an_object_is_found_again(monkeypatch):
@@ -127,26 +128,27 @@ def test_without_a_nugget_an_object_is_found_again(monkeypatch):
     vertices, places = templates()[0].shapes.double(), torch.from_numpy(np.random.default_rng(0).random((COUNT, 2)))
     known = torch.exp(-torch.cdist(places, places))
     numbers = [3, *range(COUNT)]
-    shape, moves = kriged(vertices, known[numbers][:, numbers])
-    assert torch.allclose(shape, vertices[3], atol=1e-6) and moves.abs().max() < 1e-4
+    shape, off, factor = kriged(vertices, known[numbers][:, numbers])
+    assert torch.allclose(shape, vertices[3], atol=1e-6)
+    assert torch.linalg.solve(factor, off.flatten(1)).abs().max() < 1e-4
 
 
-@pytest.mark.parametrize(("number", "rounds"), [(4, 1), (7, 1), (5, 3)])
+@pytest.mark.parametrize(("number", "rounds"), [(4, 1), (4, 3), (5, 3), (7, 3)])
 def test_conditioning_solves_the_equations_of_a_gaussian_process(number, rounds, monkeypatch):
-    """By the covariance of the points' distances, and trimesh's normals.
-
-    After a round of shapes 4 and 7 rounding decides which face is nearest to a point.
-    """
+    """By the covariance of the points' distances, and trimesh's normals of vertices."""
     monkeypatch.setattr(templates_module, "ROUNDS", rounds)
     model, random = templates()[0], torch.Generator().manual_seed(0)
-    start, faces, moves = model.shapes[12].double(), sphere()[1], off_mean(model.shapes[:10].double())
+    start, faces, error = model.shapes[12].double(), sphere()[1], spread_of(model.shapes[:10].double())
     touched = sample_faces(model.shapes[number : number + 1].double(), faces, 30, random)[0]
     covariance = np.cov(model.shapes[:10].double().flatten(1).numpy(), rowvar=False, bias=True)
     expected = start.flatten().numpy()
     for _ in range(rounds):
         mesh = trimesh.Trimesh(expected.reshape(-1, 3), faces, process=False)
         corners, weights = (each.numpy() for each in nearest_on_faces(touched, torch.tensor(mesh.vertices), faces))
-        normals = trimesh.triangles.normals(mesh.vertices[corners])[0]
+        around = trimesh.geometry.weighted_vertex_normals(
+            len(mesh.vertices), mesh.faces, mesh.face_normals, np.repeat(mesh.area_faces[:, None], 3, axis=1)
+        )
+        normals = trimesh.unitize(np.einsum("mk,mki->mi", weights, around[corners]))
         rows = np.zeros((len(touched), len(mesh.vertices), 3))
         for row, point_corners, point_weights, normal in zip(rows, corners, weights, normals, strict=True):
             row[point_corners] = point_weights[:, None] * normal
@@ -154,14 +156,29 @@ def test_conditioning_solves_the_equations_of_a_gaussian_process(number, rounds,
         away = (touched.numpy() * normals).sum(axis=1) - rows @ start.flatten().numpy()
         of_distances = rows @ covariance @ rows.T + NOISE**2 * np.eye(len(rows))
         expected = start.flatten().numpy() + covariance @ rows.T @ np.linalg.solve(of_distances, away)
-    found = conditioned(start, moves, touched)
+    found = conditioned(start, *error, touched)
     assert (found - start).norm(dim=1).max() > 0.01
     assert np.allclose(found.flatten(), expected, atol=1e-8)
 
 
-def off_mean(shapes):
-    """Moves whose covariance is that of shapes (n, V, 3)."""
-    return (shapes - shapes.mean(dim=0)) / len(shapes) ** 0.5
+@pytest.mark.parametrize("number", range(6))
+def test_touches_that_differ_by_a_micrometre_move_a_shape_by_about_as_much(number):
+    """Where they are on edges, too: the nearest face of these is any of several."""
+    vertices, faces = templates()[0].shapes.double(), sphere()[1]
+    corners = vertices[number, faces[::40]]
+    touched = torch.cat([corners.mean(dim=1), corners[:, :2].mean(dim=1), corners[:, 0]])
+    nudged = touched + 1e-6 * torch.randn(touched.shape, generator=torch.Generator().manual_seed(0))
+    found, other = (conditioned(vertices[10], *spread_of(vertices), points) for points in (touched, nudged))
+    assert (found - vertices[10]).norm(dim=1).max() > 0.005
+    assert (found - other).norm(dim=1).max() < 1e-4
+
+
+def spread_of(shapes):
+    """Of shapes (n, V, 3) moves with their covariance, as `conditioned` takes them: times some factor, and it."""
+    moves = (shapes - shapes.mean(dim=0)) / len(shapes) ** 0.5
+    random = torch.rand(len(shapes), len(shapes), generator=torch.Generator().manual_seed(0))
+    factor = torch.eye(len(shapes)).double() + random.double().tril()
+    return torch.einsum("mn,nvi->mvi", factor, moves), factor
 
 
 def test_a_shape_that_is_touched_all_over_is_found():
@@ -169,13 +186,13 @@ def test_a_shape_that_is_touched_all_over_is_found():
     vertices = templates()[0].shapes.double()
     shape, start = vertices[:3].mean(dim=0), vertices[10]
     touched = sample_faces(shape[None], sphere()[1], 3000, torch.Generator().manual_seed(0))[0]
-    found = conditioned(start, off_mean(vertices), touched)
+    found = conditioned(start, *spread_of(vertices), touched)
     assert (found - shape).norm(dim=1).mean() < 0.1 * (start - shape).norm(dim=1).mean()
 
 
 def test_without_touches_a_shape_stays():
     vertices = templates()[0].shapes
-    assert torch.equal(conditioned(vertices[0], vertices[1:3], torch.empty(0, 3)), vertices[0])
+    assert torch.equal(conditioned(vertices[0], vertices[1:3], torch.eye(2), torch.empty(0, 3)), vertices[0])
 
 
 def test_an_object_is_its_own_template_unless_it_is_excluded():
