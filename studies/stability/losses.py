@@ -14,7 +14,7 @@ from torch import Tensor
 
 from palpate.architectures import GCN, Architecture, Encoder
 from palpate.camera import paper_camera
-from palpate.charts import sample_faces, touch_chart
+from palpate.charts import sample_faces, sphere, touch_chart
 from palpate.charts.atlas import TOUCH_VERTICES
 from palpate.charts.fit import placed
 from palpate.experiments import Experiment
@@ -23,6 +23,7 @@ from palpate.inference.machine import Machine
 from palpate.inference.samples import Assembler, Sample
 from palpate.mesh import OBJECT_POSITION, load_collision
 from palpate.models import Reconstruction, TouchDepth
+from palpate.models.templates import Templates
 from palpate.touch.sensor import RESOLUTION
 from palpate.training.learners import Diverged, ReconstructionLearner
 from palpate.training.loop import train
@@ -172,6 +173,22 @@ def no_touch(subject: Subject) -> Iterator[Finding]:
     alone = sample_faces(vertices, model.faces, 2000, seeded()).detach()
     at_tips = (alone[:, :, None] == batch["position"][:, None]).all(dim=3).sum()
     yield equal("samples on charts without area", int(at_tips), 0)
+
+
+@CASES.case("touched points moved by a micrometre", "reconstruction")
+def nudged(subject: Subject) -> Iterator[Finding]:
+    """The start of strategy `template`, by touch alone, from a hundred ellipsoids: which face a touched point is
+    nearest to may change, and the start must not jump."""
+    _, batch, _ = model_and_batch(subject)
+    centre, spread = torch.tensor(OBJECT_POSITION), 0.1 + 0.9 * torch.rand(100, 1, 3, generator=seeded())
+    templates = Templates(centre + spread * (sphere()[0] - centre))
+    start, random = templates(batch), seeded()
+    moved = [
+        templates(batch | {"charts": batch["charts"] + 1e-6 * torch.randn(batch["charts"].shape, generator=random)})
+        for _ in range(6)
+    ]
+    most = max(float((each - start).norm(dim=2).max()) for each in moved)
+    yield at_most("vertex moved the most", 1e3 * most, 0.1, "mm")
 
 
 @CASES.case("bfloat16", "training")
