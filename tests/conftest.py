@@ -41,3 +41,8 @@ def pytest_collection_modifyitems(items):
 def pytest_collection_finish():
     gc.freeze()
     gc.enable()
+
+
+def pytest_unconfigure():
+    """Blender ends itself when its module is freed. Else the process waits for a thread of it when it exits, forever."""
+    gc.unfreeze()
