@@ -44,5 +44,5 @@ def pytest_collection_finish():
 
 
 def pytest_unconfigure():
-    """Blender ends itself when its module is freed. Else the process waits for a thread of it when it exits, forever."""
+    """Blender ends itself when its module is freed: else the process waits for a thread of it at its end, forever."""
     gc.unfreeze()
