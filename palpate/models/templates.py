@@ -91,7 +91,7 @@ class Templates(nn.Module):
         """
         masks = self.masks[numbers, camera_number].cpu() / 255
         seen = torch.cat([mask[None], masks if hand is None else masks * (1 - hand)]).flatten(1)
-        seen = seen[:, seen.amax(dim=0) > 0]
+        seen = seen[:, seen.amax(dim=0) > 0]  # empty pixels add nothing
         both, areas = seen @ seen.T, seen.sum(dim=1)
         return SILHOUETTE_SCALE * (both / (areas[:, None] + areas - both).clamp(min=1) - 1).double()
 
