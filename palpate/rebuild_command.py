@@ -37,5 +37,9 @@ def rebuild_command(path: Path | str, *targets: str) -> str:
 
 
 def rebuild_advice(path: Path | str, what: str = "it") -> str:
-    """How to replace a damaged file of a run, as the end of a message; what: the file, where `it` would be unclear."""
-    return f"remove {what} and build it again with: {rebuild_command(path)}"
+    """How to make a file of a run that is missing or damaged, as the end of a message.
+
+    what: the file, where `it` would be unclear.
+    """
+    start = f"remove {what} and build it again" if os.path.lexists(path) else f"build {what}"
+    return f"{start} with: {rebuild_command(path)}"

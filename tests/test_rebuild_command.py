@@ -5,7 +5,7 @@ import shlex
 
 import pytest
 
-from palpate.rebuild_command import rebuild_command, run_folder
+from palpate.rebuild_command import rebuild_advice, rebuild_command, run_folder
 
 
 def words(text):
@@ -49,3 +49,11 @@ def test_of_a_run_without_its_config_the_config_is_to_be_put_in(tmp_path, path):
     assert f"snakemake models/a/b.ckpt --cores 2 --configfile <the config of the run in {tmp_path / 'older'}>" == (
         rebuild_command(tmp_path / "older/models/a/b.ckpt")
     )
+
+
+def test_a_damaged_file_is_to_be_removed_first_and_a_missing_one_only_built(run):
+    assert rebuild_advice(run / "rejected.csv").startswith("build it with: snakemake rejected.csv ")
+    (run / "rejected.csv").touch()
+    assert rebuild_advice(run / "rejected.csv").startswith("remove it and build it again with: snakemake rejected.csv ")
+    os.symlink(run / "nowhere", run / "batches.json")  # a link to nothing is in the way, too
+    assert rebuild_advice(run / "batches.json", "the link").startswith("remove the link and build it again with: ")

@@ -1,6 +1,7 @@
 """Validation of a run: batch by batch, so that a workflow can do it in parallel, then joined to one table."""
 
 import csv
+import sys
 import time
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
@@ -10,6 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
+from tqdm import tqdm
 
 from palpate import checksums, provenance
 from palpate.atomic import atomic_write
@@ -272,7 +274,7 @@ def check_again(
     at again if the files are intact but not those that the table is about, or if there is no table.
     """
     findings, anew, opened = [], 0, Run(run)
-    for path in map(Path, batches):
+    for path in tqdm([*map(Path, batches)], desc="validate", unit="batch", disable=not sys.stderr.isatty()):
         if not path.exists():
             findings += validate_batch(run, path.stem, max_penetration)
             anew += 1
