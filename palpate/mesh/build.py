@@ -11,7 +11,6 @@ from palpate.batch import UnusableObject
 from palpate.camera import rotation_about
 from palpate.mesh import DIAGONAL, LARGEST, SMALLEST, VERSION, topology
 from palpate.mesh.decimate import decimate
-from palpate.mesh.distance import Surface, distances
 from palpate.mesh.load import load_parts
 from palpate.mesh.materials import make_explicit
 from palpate.mesh.repair import repair
@@ -183,11 +182,8 @@ def _describe(vertices, faces):
 
 
 def _write_collision(path, vertices, faces, count):
-    """Write the mesh decimated to `count` faces; returns its record, with its distance from the whole mesh."""
+    """Write the mesh decimated to `count` faces; returns its record."""
     level = decimate(vertices, faces, count)
     mesh = trimesh.Trimesh(*level, process=False, validate=False)
     path.write_bytes(mesh.export(file_type="ply", vertex_normal=False))
-    there = back = {"mean": 0.0, "max": 0.0}
-    if len(level[1]) < len(faces):
-        there, back = distances(Surface(vertices, faces), Surface(*level))
-    return {"asked": count} | _describe(*level) | {"source_to_level": there, "level_to_source": back}
+    return {"asked": count} | _describe(*level)

@@ -16,12 +16,13 @@ from torch import Tensor
 from palpate.charts import sample_faces, vision_atlas
 from palpate.evaluation.metrics import score
 from palpate.mesh import OBJECT_POSITION, load_visual
-from palpate.mesh.distance import Surface, sample
+from palpate.mesh.distance import Surface
 from palpate.protocol import CHAMFER_SCALE
 from palpate.surface import sample as sample_exterior
 from palpate.training.losses import Truth, reconstruction_loss
 from studies.error_vs_runtime.study import Method, Study, variants
 from studies.subjects import Subject
+from studies.surface_distance import sample
 
 DRAWS = 12  # from which bias and spread are estimated
 FITTED_SHARE = 0.95  # of the way from the atlas to the object: about the error of the default run's models

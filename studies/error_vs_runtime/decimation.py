@@ -9,11 +9,12 @@ import igl
 import numpy as np
 
 from palpate.mesh.decimate import decimate
-from palpate.mesh.distance import Surface, distances
+from palpate.mesh.distance import Surface
 from palpate.mesh.load import load_parts
 from palpate.mesh.repair import repair
 from studies.error_vs_runtime.study import Method, Study, variants
 from studies.subjects import Subject
+from studies.surface_distance import distances
 
 FACES = (250, 500, 1000, 2000, 4000, 8000)
 Mesh = tuple[np.ndarray, np.ndarray]  # vertices (n, 3), m, and faces (f, 3)
@@ -39,7 +40,7 @@ class Decimation(Study):
     units = {"distance": "mm", "mean distance": "mm", "faces": "faces"}
     reference = (
         "the source: exact distances (libigl's tree of boxes) both ways, at corners, at 8,000 points by area "
-        "and where they are largest (palpate.mesh.distance): the largest, and the mean of both ways"
+        "and where they are largest (studies.surface_distance): the largest, and the mean of both ways"
     )
 
     def case(self, subject: Subject) -> Source:

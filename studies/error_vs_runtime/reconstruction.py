@@ -22,7 +22,6 @@ from palpate.experiments import Experiment
 from palpate.inference.data import ExperimentData
 from palpate.inference.machine import Machine
 from palpate.inference.samples import Assembler, Sample, windows
-from palpate.mesh.distance import sample
 from palpate.models import Reconstruction
 from palpate.protocol import CHAMFER_SCALE
 from palpate.training.learners import ReconstructionLearner
@@ -30,6 +29,7 @@ from palpate.training.loop import train
 from palpate.training.recipes import Recipe, ReconstructionSettings
 from studies.error_vs_runtime.study import ALL, Method, Study, variants
 from studies.subjects import Subject
+from studies.surface_distance import sample
 from studies.training_steps import TrainingSteps
 
 # The experiment with vision that trains fastest: one image an object.

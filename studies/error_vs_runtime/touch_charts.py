@@ -16,12 +16,13 @@ from palpate.charts import build_tree, chamfer_distance, fit_direct, sample_face
 from palpate.charts.fit import placed
 from palpate.dataset import Dataset
 from palpate.mesh import OBJECT_POSITION, load_visual
-from palpate.mesh.distance import Surface, sample
+from palpate.mesh.distance import Surface
 from palpate.protocol import CHAMFER_SCALE
 from palpate.touch import PIXEL_CENTRES, RESOLUTION, SENSOR_WIDTH, local_points
 from studies.error_vs_runtime.study import Method, Study
 from studies.exact_depth import exact_depth
 from studies.subjects import Subject
+from studies.surface_distance import sample
 
 TOUCHES = 2  # of each object
 RAYS_PER_PIXEL = 4  # along each side of a pixel, to sample the true surface

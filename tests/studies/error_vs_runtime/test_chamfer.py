@@ -5,11 +5,12 @@ import pytest
 import torch
 import trimesh
 
-from palpate.mesh.distance import Surface, sample
+from palpate.mesh.distance import Surface
 from palpate.protocol import CHAMFER_SCALE
 from palpate.training.losses import Truth
 from studies.error_vs_runtime import chamfer
 from studies.error_vs_runtime.chamfer import Chamfer, Pair, exact, training_loss
+from studies.surface_distance import sample
 
 SIDE, HEIGHT = 0.4, 0.02
 CUT = 12  # squares along a side

@@ -6,9 +6,10 @@ import trimesh
 
 from palpate import mesh, shapes
 from palpate.mesh.decimate import decimate
-from palpate.mesh.distance import Surface, distances, sample
+from palpate.mesh.distance import Surface
 from studies.error_vs_runtime.decimation import Source, load_source, study
 from studies.subjects import Subject
+from studies.surface_distance import distances, sample
 
 FACES = 1500
 SETTINGS = {"mesh": {"collision_faces": FACES}}

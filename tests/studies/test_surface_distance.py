@@ -1,16 +1,23 @@
-"""The stated distance between surfaces against closed forms, other libraries and independent samples."""
+"""The distance between surfaces against closed forms, other libraries and independent samples."""
 
 import numpy as np
 import pytest
 import trimesh
 from scipy.spatial import cKDTree
 
-from palpate.mesh import distance as measured
-from palpate.mesh.distance import Surface, distances
+from palpate.mesh.decimate import decimate
+from palpate.mesh.distance import Surface
+from studies.surface_distance import distances, sample
 
 
 def surface(mesh):
     return Surface(mesh.vertices, mesh.faces)
+
+
+def bumpy_torus():
+    torus = trimesh.creation.torus(0.3, 0.1, major_sections=80, minor_sections=40)
+    vertices = torus.vertices * (1 + 0.02 * np.sin(30 * torus.vertices))
+    return np.array(vertices), np.array(torus.faces)
 
 
 def test_inscribed_polyhedron_is_a_sagitta_away():
@@ -38,6 +45,29 @@ def test_parallel_plates(gap):
 def test_equal_surfaces_are_nowhere_apart():
     ball = trimesh.creation.icosphere(subdivisions=3)
     assert max(way["max"] for way in distances(surface(ball), surface(ball))) < 1e-12
+
+
+def test_the_distance_of_a_decimated_surface_to_itself_is_rounding():
+    level = Surface(*decimate(*bumpy_torus(), 2000))
+    assert 0 < distances(level, level)[0]["max"] < 1e-9
+
+
+def test_of_a_decimated_surface_it_holds_against_samples_both_ways():
+    """Points by trimesh, distances by a k-d tree over 300,000 points of the other surface."""
+    whole = bumpy_torus()
+    level = decimate(*whole, 2000)
+    meshes = [trimesh.Trimesh(*each, process=False) for each in (whole, level)]
+    found = distances(Surface(*whole), Surface(*level))
+    for (start, end), stated in zip((meshes, meshes[::-1]), found, strict=True):
+        points, _ = trimesh.sample.sample_surface(start, 10_000, seed=1)
+        dense, _ = trimesh.sample.sample_surface(end, 300_000, seed=2)
+        apart, _ = cKDTree(dense).query(points)
+        spacing = np.sqrt(end.area / 300_000)
+        # The nearest sample is up to about a spacing beside the nearest point.
+        floor = np.sqrt(np.maximum(apart**2 - (2 * spacing) ** 2, 0))
+        assert floor.max() <= stated["max"] * 1.02
+        assert stated["max"] <= apart.max() * 1.3
+        assert floor.mean() <= stated["mean"] <= apart.mean()
 
 
 def test_distance_has_a_direction():
@@ -71,7 +101,7 @@ def test_sample_is_even_by_area():
     large = trimesh.creation.box(extents=(2, 2, 0)).subdivide().subdivide()
     small = trimesh.creation.box(extents=(1, 1, 0)).apply_translation((5, 0, 0))
     both = trimesh.util.concatenate([large, small])
-    points = measured.sample(np.array(both.vertices), np.array(both.faces), 10_000)
+    points = sample(np.array(both.vertices), np.array(both.faces), 10_000)
     assert (points[:, 0] < 3).mean() == pytest.approx(0.8, abs=0.002)
     count, _, _ = np.histogram2d(*points[points[:, 0] < 3, :2].T, bins=4, range=[(-1, 1), (-1, 1)])
     assert np.allclose(count, 500, rtol=0.1)
