@@ -5,6 +5,7 @@
 """
 
 from collections.abc import Mapping
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
@@ -30,8 +31,9 @@ def write_parquet(folder: Path, splits: Mapping[str, GraspDataset]) -> None:
         raise ImportError(f"Parquet needs pyarrow: pip install 'pyarrow<26'; WebDataset does not ({error})") from error
     for split, grasps in splits.items():
         (folder / split).mkdir()
-        writer, rows, path = None, [], folder / split / "metadata.parquet"
+        writer, written, rows, path = None, None, [], folder / split / "metadata.parquet"
         with ExitStack() as stack:
+            background = ThreadPoolExecutor(1)  # encodes and compresses while the next rows are read
             for number, item in enumerate(with_progress(grasps, split), start=1):
                 rows.append(_row(item, grasps.images, folder / split))
                 if len(rows) == ROWS or number == len(grasps):
@@ -40,8 +42,12 @@ def write_parquet(folder: Path, splits: Mapping[str, GraspDataset]) -> None:
                         # Numbers hardly repeat: dictionaries of them take longer, and more bytes.
                         how = {"compression": "zstd", "use_dictionary": False}
                         writer = stack.enter_context(parquet.ParquetWriter(path, table.schema, **how))
-                    writer.write_table(table)
-                    rows = []
+                        stack.enter_context(background)
+                    if written:
+                        written.result()
+                    written, rows = background.submit(writer.write_table, table), []
+            if written:
+                written.result()
 
 
 def _row(item: dict, images: dict[str, bool], folder: Path) -> dict[str, Any]:
