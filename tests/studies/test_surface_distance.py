@@ -27,29 +27,27 @@ def test_inscribed_polyhedron_is_a_sagitta_away():
     round_ = trimesh.creation.cylinder(radius=radius, height=1, sections=fine)
     for tube in (rough, round_):
         tube.update_faces(np.abs(tube.face_normals[:, 2]) < 0.5)
-    found, _ = distances(surface(rough), surface(round_))
+    mean, largest = distances(surface(rough), surface(round_))
     sagitta = radius * (1 - np.cos(np.pi / n))
-    assert found["max"] == pytest.approx(sagitta, rel=5e-3)
-    assert found["mean"] == pytest.approx(sagitta * 2 / 3, rel=2e-2)
+    assert largest == pytest.approx(sagitta, rel=5e-3)
+    assert mean == pytest.approx(sagitta * 2 / 3, rel=2e-2)
 
 
 @pytest.mark.parametrize("gap", [0.001, 0.3])
 def test_parallel_plates(gap):
     plate = trimesh.creation.box(extents=(1, 1, 0)).subdivide()
     moved = plate.copy().apply_translation((0, 0, gap))
-    found, _ = distances(surface(plate), surface(moved))
-    assert found["mean"] == pytest.approx(gap)
-    assert found["max"] == pytest.approx(gap)
+    assert distances(surface(plate), surface(moved)) == pytest.approx((gap, gap))
 
 
 def test_equal_surfaces_are_nowhere_apart():
     ball = trimesh.creation.icosphere(subdivisions=3)
-    assert max(way["max"] for way in distances(surface(ball), surface(ball))) < 1e-12
+    assert distances(surface(ball), surface(ball))[1] < 1e-12
 
 
 def test_the_distance_of_a_decimated_surface_to_itself_is_rounding():
     level = Surface(*decimate(*bumpy_torus(), 2000))
-    assert 0 < distances(level, level)[0]["max"] < 1e-9
+    assert 0 < distances(level, level)[1] < 1e-9
 
 
 def test_of_a_decimated_surface_it_holds_against_samples_both_ways():
@@ -57,25 +55,25 @@ def test_of_a_decimated_surface_it_holds_against_samples_both_ways():
     whole = bumpy_torus()
     level = decimate(*whole, 2000)
     meshes = [trimesh.Trimesh(*each, process=False) for each in (whole, level)]
-    found = distances(Surface(*whole), Surface(*level))
-    for (start, end), stated in zip((meshes, meshes[::-1]), found, strict=True):
+    for start, end in (meshes, meshes[::-1]):
+        mean, largest = distances(surface(start), surface(end))
         points, _ = trimesh.sample.sample_surface(start, 10_000, seed=1)
         dense, _ = trimesh.sample.sample_surface(end, 300_000, seed=2)
         apart, _ = cKDTree(dense).query(points)
         spacing = np.sqrt(end.area / 300_000)
         # The nearest sample is up to about a spacing beside the nearest point.
         floor = np.sqrt(np.maximum(apart**2 - (2 * spacing) ** 2, 0))
-        assert floor.max() <= stated["max"] * 1.02
-        assert stated["max"] <= apart.max() * 1.3
-        assert floor.mean() <= stated["mean"] <= apart.mean()
+        assert floor.max() <= largest * 1.02
+        assert largest <= apart.max() * 1.3
+        assert floor.mean() <= mean <= apart.mean()
 
 
 def test_distance_has_a_direction():
     """A small plate is near a large one everywhere; the large one's corner is far from the small one."""
     small = trimesh.creation.box(extents=(1, 1, 0))
     large = trimesh.creation.box(extents=(3, 3, 0))
-    there, back = distances(surface(small), surface(large))
-    assert there["max"] < 1e-12 and back["max"] == pytest.approx(np.sqrt(2))
+    small, large = surface(small), surface(large)
+    assert distances(small, large)[1] < 1e-12 and distances(large, small)[1] == pytest.approx(np.sqrt(2))
 
 
 @pytest.mark.parametrize("seed", range(2))
@@ -85,15 +83,15 @@ def test_mean_and_largest_hold_against_independent_samples(seed):
     source = trimesh.creation.icosphere(subdivisions=2)
     source.vertices *= rng.uniform(0.8, 1.2, (len(source.vertices), 1))
     target = trimesh.creation.box(extents=rng.uniform(0.5, 2, 3))
-    found, _ = distances(surface(source), surface(target))
+    mean, largest = distances(surface(source), surface(target))
     points, _ = trimesh.sample.sample_surface(source, 20_000, seed=seed)
     dense, _ = trimesh.sample.sample_surface(target, 400_000, seed=seed)
     apart, _ = cKDTree(dense).query(points)
     spacing = np.sqrt(target.area / 400_000)
     # The nearest sample is up to about a spacing beside the nearest point.
-    assert np.sqrt(max(apart.max() ** 2 - (2 * spacing) ** 2, 0)) <= found["max"] * 1.02
-    assert found["max"] <= apart.max() * 1.1
-    assert apart.mean() == pytest.approx(found["mean"], abs=0.01 * apart.mean() + spacing)
+    assert np.sqrt(max(apart.max() ** 2 - (2 * spacing) ** 2, 0)) <= largest * 1.02
+    assert largest <= apart.max() * 1.1
+    assert apart.mean() == pytest.approx(mean, abs=0.01 * apart.mean() + spacing)
 
 
 def test_sample_is_even_by_area():
