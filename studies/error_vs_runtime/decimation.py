@@ -38,7 +38,7 @@ class Decimation(Study):
 
     stage = "decimation"
     units = {"distance": "mm", "mean distance": "mm", "faces": "faces"}
-    reference = "the source: exact distances both ways, at corners and at 200,000 points by area (largest, and mean)"
+    reference = "the source: exact distances both ways (studies.surface_distance), the largest found and the mean"
 
     def case(self, subject: Subject) -> Source:
         return load_source(subject.folder)

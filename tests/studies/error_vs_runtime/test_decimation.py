@@ -96,6 +96,6 @@ def test_the_reference_is_converged(source):
     level = Surface(*decimate(source.vertices, source.faces, 1000))
     for one, other in ((source.surface, level), (level, source.surface)):
         mean, largest = distances(one, other)
-        dense, _ = other.closest(sample(one.vertices, one.faces, 600_000))
+        dense, _ = other.closest(sample(one.vertices, one.faces, 300_000))
         assert mean == pytest.approx(dense.mean(), rel=0.02)
         assert dense.max() <= 1.02 * largest
