@@ -522,9 +522,13 @@ def test_a_table_of_rejections_that_is_lost_or_damaged_is_an_error(run):
     assert len(dataset.rejections()) == 2
     table = tables["batch-0001"]
     content = table.read_text()
-    for change in (lambda: table.write_text(content.replace("0001", "0002")), table.unlink):
+    again = "with: snakemake rejected/touch/batch-0001.csv"
+    for change, remedy in (
+        (lambda: table.write_text(content.replace("0001", "0002")), f"has changed .*; remove it and build it again {again}"),
+        (table.unlink, f"does not exist; build it {again}"),
+    ):
         change()
-        with pytest.raises(StoreError, match=f"{table} .*; remove it and .*: snakemake rejected/touch/batch-0001.csv"):
+        with pytest.raises(StoreError, match=f"{table} {remedy}"):
             palpate.Dataset(run)
     shutil.rmtree(run / "touch/batch-0001.zarr")  # not made yet
     assert len(palpate.Dataset(run).rejections()) == 1
