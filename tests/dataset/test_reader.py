@@ -522,14 +522,13 @@ def test_a_table_of_rejections_that_is_lost_or_damaged_is_an_error(run):
     assert len(dataset.rejections()) == 2
     table = tables["batch-0001"]
     content = table.read_text()
-    again = "with: snakemake rejected/touch/batch-0001.csv"
-    for change, remedy in (
-        (lambda: table.write_text(content.replace("0001", "0002")), f"has changed .*; remove it and build it again {again}"),
-        (table.unlink, f"does not exist; build it {again}"),
-    ):
-        change()
-        with pytest.raises(StoreError, match=f"{table} {remedy}"):
-            palpate.Dataset(run)
+    command = "with: snakemake rejected/touch/batch-0001.csv"
+    table.write_text(content.replace("0001", "0002"))
+    with pytest.raises(StoreError, match=f"{table} has changed .*; remove it and build it again {command}"):
+        palpate.Dataset(run)
+    table.unlink()
+    with pytest.raises(StoreError, match=f"{table} does not exist; build it {command}"):
+        palpate.Dataset(run)
     shutil.rmtree(run / "touch/batch-0001.zarr")  # not made yet
     assert len(palpate.Dataset(run).rejections()) == 1
 
