@@ -42,7 +42,7 @@ def write_parquet(folder: Path, splits: Mapping[str, GraspDataset]) -> None:
                         # Numbers hardly repeat: dictionaries of them take longer, and more bytes.
                         how = {"compression": "zstd", "use_dictionary": False}
                         writer = stack.enter_context(parquet.ParquetWriter(path, table.schema, **how))
-                        stack.enter_context(background)
+                        stack.enter_context(background)  # ends before the writer is closed
                     if written:
                         written.result()
                     written, rows = background.submit(writer.write_table, table), []

@@ -19,9 +19,11 @@ from palpate.grasp import GraspSet, grasp_object
 from palpate.grasp.patches import surface_patches
 from palpate.hand import MAX_PENETRATION, allegro
 from palpate.mesh import DIAGONAL, OBJECT_POSITION, load_collision, load_visual, prepare
+from palpate.mesh.distance import Surface
 from palpate.surface import sample
 from palpate.touch import PIXEL_CENTRES, RayCaster, sense
 from studies.stability.cases import Cases, Finding, at_least, at_most, equal, rejects
+from studies.surface_distance import distances
 
 CASES, HAND = Cases(), allegro()
 
@@ -115,7 +117,7 @@ def blade(subject):
     for name, mesh in (("visual", result.visual), ("collision", result.collision)):
         off = abs(float(np.ptp(mesh.vertices[:, 2])) - thickness)
         yield at_most(f"thickness off, {name}", off, 2 * ROUNDED, "m", f"of {thickness:.3g} m")
-    worst = distance_off_surface(result.visual.vertices, result.collision)
+    _, worst = distances(*(Surface(mesh.vertices, mesh.faces) for mesh in (result.visual, result.collision)))
     yield at_most("decimated off the source", worst, 1e-5, "m", "5 % of the thickness")
     gap = [depth_along(result.visual, 2, sign, 0.01) for sign in (1, -1)]
     sensed = float(np.abs(0.02 - gap[0] - gap[1] - thickness).max())
