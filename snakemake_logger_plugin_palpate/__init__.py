@@ -36,6 +36,7 @@ ENDED_BY_SIGNAL = {
 # What Snakemake repeats at the end of a run.
 REPEATED = re.compile(r"(WorkflowError:\s+)?At least one job did not complete|Exiting because a job|Elapsed time: ")
 INTERRUPTED = "interrupted; the same command goes on"
+FILE_CLOCK = 1.0  # s by which the time of a file may be behind the clock: kernels stamp files by their last tick
 
 
 class Failure(NamedTuple):
@@ -141,7 +142,7 @@ class LogHandler(LogHandlerBase):
         self.outputs.pop(record.jobid, None)
         log = next(iter(record.log or []), "")
         executor = (getattr(record, "rule_msg", None) or "ended from outside").strip().splitlines()[0]  # a cluster's
-        fresh = log and os.path.exists(log) and os.path.getmtime(log) >= self.began  # else of a run before
+        fresh = log and os.path.exists(log) and os.path.getmtime(log) > self.began - FILE_CLOCK  # else of a run before
         error, self.signalled = self.signalled or (last_line(log) if fresh else "") or executor, ""
         output = str(next(iter(record.output or []), record.rule_name))
         self.failures.append(Failure(record.rule_name, output, os.path.abspath(log) if log else "", error))

@@ -3,6 +3,7 @@
 import io
 import logging
 import logging.handlers
+import os
 import queue
 import signal
 import subprocess
@@ -237,6 +238,16 @@ def test_an_unknown_target_without_a_near_one_gets_the_notes_alone():
 def test_the_last_line_of_a_log(tmp_path):
     (tmp_path / "log").write_bytes(b"one\n\xff two \n\n")
     assert last_line(tmp_path / "log").endswith("two") and last_line(tmp_path / "none") == ""
+
+
+@pytest.mark.parametrize(("age", "error"), [(0.5, "of this run"), (3600, "ended from outside")])
+def test_a_log_of_a_run_before_is_not_the_error_of_this_one(tmp_path, age, error):
+    """A file's time may be a little before the clock's at which it was written."""
+    made, log = handler({"meshes": 1}), tmp_path / "meshes.log"
+    log.write_text("of this run\n")
+    os.utime(log, (made.began - age, made.began - age))
+    made.handle(record("job_error", logging.ERROR, jobid=1, rule_name="meshes", output=["m"], log=[str(log)]))
+    assert made.failures[0].error == error
 
 
 def test_of_a_job_that_a_cluster_refuses_its_word_is_passed_on(tmp_path):
