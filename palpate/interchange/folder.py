@@ -7,6 +7,7 @@ import csv
 import json
 import shutil
 from collections.abc import Iterable
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 from palpate import checksums
@@ -58,7 +59,9 @@ def export(
         _write_objects(partial, dataset)
         _copy_figures(partial, dataset)
         files = sorted(path for path in partial.rglob("*") if path.is_file())  # also hidden ones: Zarr's headers
-        manifest = {path.relative_to(partial).as_posix(): checksums.size_and_sha256(path) for path in files}
+        with ThreadPoolExecutor(2) as pool:
+            found = pool.map(checksums.size_and_sha256, files)
+            manifest = {path.relative_to(partial).as_posix(): each for path, each in zip(files, found, strict=True)}
         write_croissant(partial / "croissant.json", dataset, splits, manifest, licence, source)
         write_card(partial / CARD, dataset, splits, pattern, names, licence, source)
         manifest |= {name: checksums.size_and_sha256(partial / name) for name in ("croissant.json", CARD)}

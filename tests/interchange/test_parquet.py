@@ -17,6 +17,13 @@ def test_rows_are_the_grasps(built, tmp_path, monkeypatch):
     assert export(dataset, tmp_path / "out", "parquet") == 6
     for split in ("train", "validation", "test"):
         table = parquet.read_table(tmp_path / "out" / split / "metadata.parquet")
+        parts = parquet.read_metadata(tmp_path / "out" / split / "metadata.parquet").row_group(0)
+        columns = [parts.column(number) for number in range(parts.num_columns)]
+        assert {each.path_in_schema.split(".")[0] for each in columns if "BYTE_STREAM_SPLIT" in each.encodings} == {
+            name
+            for name, values in dataset.grasps(split)[0].items()
+            if isinstance(values, np.ndarray) and values.ndim and values.dtype in ("f4", "f8")
+        }
         grasps = dataset.grasps(split)
         assert table.num_rows == len(grasps)
         for number, row in enumerate(table.to_pylist()):
