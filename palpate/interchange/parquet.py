@@ -35,13 +35,16 @@ def write_parquet(folder: Path, splits: Mapping[str, GraspDataset]) -> None:
         with ExitStack() as stack:
             background = ThreadPoolExecutor(2)  # encodes and compresses while the next rows are read
             for number, item in enumerate(with_progress(grasps, split), start=1):
-                row, its_images = _row(item, grasps.images)
+                row, pictures_of_it = _row(item, grasps.images)
                 rows.append(row)
-                images |= its_images
+                images |= pictures_of_it
                 if len(rows) == ROWS or number == len(grasps):
                     table = pyarrow.table({name: _column(pyarrow, [row[name] for row in rows]) for name in rows[0]})
                     if writer is None:
-                        writer = stack.enter_context(parquet.ParquetWriter(path, table.schema, **_how(table.schema)))
+                        # Numbers hardly repeat: dictionaries of them take longer, and more bytes.
+                        how = {"compression": "zstd", "use_dictionary": False}
+                        how["use_byte_stream_split"] = _bytes_apart(rows[0])
+                        writer = stack.enter_context(parquet.ParquetWriter(path, table.schema, **how))
                         stack.enter_context(background)  # ends before the writer is closed
                     for each in running:
                         each.result()
@@ -71,19 +74,11 @@ def _write_png(path: Path, image: np.ndarray) -> None:
     path.write_bytes(png(image))
 
 
-def _how(schema: Any) -> dict[str, Any]:
-    """How a table is written. Numbers hardly repeat, so dictionaries of them take longer, and more bytes.
-
-    Arrays of floating-point numbers are stored byte by byte (BYTE_STREAM_SPLIT: the first bytes of all, then the
-    second), by Parquet's path of their column. They take a third less. Single numbers stay as every reader has them.
-    """
-    split = []
-    for field in schema:
-        path, kind = field.name, field.type
-        while hasattr(kind, "value_type"):
-            path, kind = f"{path}.list.element", kind.value_type
-        split += [path] * (path != field.name and str(kind) in ("float", "double"))
-    return {"compression": "zstd", "use_dictionary": False, "use_byte_stream_split": split}
+def _bytes_apart(row: dict) -> list[str]:
+    """Parquet's paths of the columns of arrays of floating-point numbers, whose first bytes are stored together, then
+    the second (BYTE_STREAM_SPLIT): they take a third less. Single numbers stay as every reader has them."""
+    arrays = {name: each for name, each in row.items() if isinstance(each, np.ndarray) and each.ndim}
+    return [name + ".list.element" * each.ndim for name, each in arrays.items() if each.dtype in ("f4", "f8")]
 
 
 def _column(pyarrow: Any, values: list) -> Any:
