@@ -18,8 +18,9 @@ from palpate.checksums import DamagedFile, read_record
 
 PLACES = "batches.json"
 REMEDY = "remove it: batches are formed anew, and those that differ are made again"
-# With `batch_size: auto`. Snakemake takes a few ms a job, and more in a run of tens of thousands.
-USUAL_SIZE, MOST_BATCHES = 16, 625
+# With `batch_size: auto`. The jobs of a batch take 6 s of processor time to start, and each takes Snakemake some ms.
+# But one changed object makes its whole batch again (docs/evidence/performance.md).
+USUAL_SIZES, FEWEST_BATCHES, MOST_BATCHES = (16, 32), 16, 625
 
 
 def batch_name(number: int) -> str:
@@ -59,13 +60,17 @@ def in_order(entries: Iterable[SourceObject], places: Mapping[str, str]) -> list
 def resolve_batch_size(batch_size: int | str, objects: int, folder: Path | str) -> int:
     """Objects a batch: the config's number, or for `auto` that of the run in a folder, so that its batches stay.
 
-    A run that is new has `USUAL_SIZE`, and more where this many objects would otherwise be over `MOST_BATCHES`.
+    A new run has the greater of `USUAL_SIZES` if that makes `FEWEST_BATCHES`, otherwise as few as the smaller one, and
+    more than either where it would be over `MOST_BATCHES`.
     Raises CatalogueError, naming the file and the remedy, if the run's own is damaged.
     """
     if batch_size != "auto":
         return batch_size
     path = Path(folder, PLACES)
-    return _read(path)[0] if path.exists() else max(USUAL_SIZE, -(-objects // MOST_BATCHES))
+    if path.exists():
+        return _read(path)[0]
+    smallest, largest = USUAL_SIZES
+    return max(smallest, min(objects // FEWEST_BATCHES, largest), -(-objects // MOST_BATCHES))
 
 
 def read_places(folder: Path | str, batch_size: int) -> dict[str, str]:

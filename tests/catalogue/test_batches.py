@@ -54,7 +54,9 @@ def test_places_are_kept_in_the_runs_folder(tmp_path):
         read_places(tmp_path, 2)
 
 
-@pytest.mark.parametrize(("objects", "size"), [(3, 16), (10_000, 16), (10_001, 17), (100_000, 160)])
+@pytest.mark.parametrize(
+    ("objects", "size"), [(3, 16), (271, 16), (272, 17), (512, 32), (20_000, 32), (20_001, 33), (100_000, 160)]
+)
 def test_large_runs_have_larger_batches_and_a_run_keeps_its_own(tmp_path, objects, size):
     assert resolve_batch_size("auto", objects, tmp_path) == size
     assert -(-objects // size) <= 625
