@@ -20,7 +20,7 @@ PLACES = "batches.json"
 REMEDY = "remove it: batches are formed anew, and those that differ are made again"
 # With `batch_size: auto`. The jobs of a batch take 6 s of processor time to start, and each takes Snakemake some ms.
 # But one changed object makes its whole batch again (docs/evidence/performance.md).
-USUAL_SIZES, FEWEST_BATCHES, MOST_BATCHES = (16, 32), 16, 625
+SMALLEST, LARGEST, FEWEST_BATCHES, MOST_BATCHES = 16, 32, 16, 625
 
 
 def batch_name(number: int) -> str:
@@ -60,8 +60,8 @@ def in_order(entries: Iterable[SourceObject], places: Mapping[str, str]) -> list
 def resolve_batch_size(batch_size: int | str, objects: int, folder: Path | str) -> int:
     """Objects a batch: the config's number, or for `auto` that of the run in a folder, so that its batches stay.
 
-    A new run has the greater of `USUAL_SIZES` if that makes `FEWEST_BATCHES`, otherwise as few as the smaller one, and
-    more than either where it would be over `MOST_BATCHES`.
+    A new run has `SMALLEST` to `LARGEST`, as many as leave it `FEWEST_BATCHES`; and more, so that it has at most
+    `MOST_BATCHES`.
     Raises CatalogueError, naming the file and the remedy, if the run's own is damaged.
     """
     if batch_size != "auto":
@@ -69,8 +69,7 @@ def resolve_batch_size(batch_size: int | str, objects: int, folder: Path | str) 
     path = Path(folder, PLACES)
     if path.exists():
         return _read(path)[0]
-    smallest, largest = USUAL_SIZES
-    return max(smallest, min(objects // FEWEST_BATCHES, largest), -(-objects // MOST_BATCHES))
+    return max(SMALLEST, min(objects // FEWEST_BATCHES, LARGEST), -(-objects // MOST_BATCHES))
 
 
 def read_places(folder: Path | str, batch_size: int) -> dict[str, str]:
