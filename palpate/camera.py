@@ -4,6 +4,7 @@ An image is `size` pixels wide and high, row 0 at the top. Pixel (row r, column 
 (c + 1, r + 1): its **centre is at (c + 0.5, r + 0.5)**. Coordinates in an image are (x, y) = (column, row).
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -115,7 +116,7 @@ def looking_at(target, position, size: int = IMAGE_SIZE, field_of_view: float = 
         raise ValueError(f"a camera at {position} can't look at {target} with {up} up: choose another `up`")
     axes = [right, np.cross(back, right), back]
     rotation = np.stack([axis / np.linalg.norm(axis) for axis in axes], axis=1)
-    return Camera(position, rotation, size / 2 / np.tan(np.radians(field_of_view) / 2), size)
+    return Camera(position, rotation, size / 2 / math.tan(math.radians(field_of_view) / 2), size)
 
 
 def rotation_about(axis: int, angle: float) -> np.ndarray:

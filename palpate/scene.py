@@ -3,6 +3,7 @@
 Touch and vision read it. Everything is in the world frame: metres, z up.
 """
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -159,7 +160,7 @@ def _camera(where: str, settings: Mapping[str, Any], size: int) -> Camera:
             raise ConfigError(f"{where}: {error}") from None
     focal_length = settings.get("focal_length", paper_focal_length(size))
     if "field_of_view" in settings:
-        focal_length = size / 2 / np.tan(np.radians(settings["field_of_view"]) / 2)
+        focal_length = size / 2 / math.tan(math.radians(settings["field_of_view"]) / 2)
     camera = Camera(position, rotation, float(focal_length), size)
     (column, row), depth = camera.project(np.array(OBJECT_POSITION))
     if not (depth > 0 and 0 <= column <= size and 0 <= row <= size):

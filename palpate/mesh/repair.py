@@ -118,7 +118,7 @@ def _folded(vertices, faces, merged, tolerance):
     same merged vertices (k, 2, 3), and are apart in the source."""
     a, b, c = np.moveaxis(merged, 2, 0)
     way = (a > b) ^ (b > c) ^ (a > c)
-    order = np.argsort(merged, axis=2)
+    order = np.argsort(merged, axis=2, kind="stable")
     place = vertices[np.take_along_axis(faces, order, axis=2)]
     apart = np.abs(place[:, 0] - place[:, 1]).max(axis=(1, 2), initial=0)
     return (way[:, 0] != way[:, 1]) & (apart > ROUNDING * tolerance)

@@ -13,7 +13,19 @@ from palpate.shapes.assembly import Part
 from palpate.shapes.deformation import form
 from palpate.shapes.materials import Material, across, around, choose, label
 from palpate.shapes.parameters import read
-from palpate.shapes.solids import bent_bar, box, filleted, fluted, lathe, rod, superellipse, turned, union, upright
+from palpate.shapes.solids import (
+    arctan2,
+    bent_bar,
+    box,
+    filleted,
+    fluted,
+    lathe,
+    rod,
+    superellipse,
+    turned,
+    union,
+    upright,
+)
 
 AXES = (2, 1)
 # Points around a body, and rows from the ground to the neck: facets of 1.5 and about 3 degrees; ribs need more rows.
@@ -72,7 +84,8 @@ def outline(p: SimpleNamespace) -> tuple[np.ndarray, np.ndarray]:
         wave = 0.5 - 0.5 * np.cos(2 * np.pi * p.relief_count * (body - heel) / (end - heel))
         r[len(angle) :] -= p.relief_depth * radius * wave
     t = np.linspace(0, 1, 100)[1:]
-    shoulder = np.column_stack([neck + (radius - neck) * (1 - t**p.dome) ** p.hollow, end + t * (start - end)])
+    dome = np.float_power(1 - np.float_power(t, p.dome), p.hollow)
+    shoulder = np.column_stack([neck + (radius - neck) * dome, end + t * (start - end)])
     skin = evenly_turning(np.concatenate([np.column_stack([r, z]), shoulder]), rows)
     lip = np.array([(1, 0), (1, 0.3), (1 + p.finish, 0.34), (1 + p.finish, 0.66), (1, 0.7), (1, 1)])
     lip = np.column_stack([neck * lip[:, 0], start + (p.height - start) * lip[:, 1]])[1:]
@@ -81,7 +94,7 @@ def outline(p: SimpleNamespace) -> tuple[np.ndarray, np.ndarray]:
     section = superellipse(2, 2, p.squareness, count) * [p.depth, 1]
     section = body_share * section + (1 - body_share) * superellipse(2, 2, 2, count)
     if p.relief == "flutes":
-        envelope = np.sin(np.pi * np.clip(profile[:, 1] / end, 0, 1)) ** 0.7 * p.relief_depth
+        envelope = np.float_power(np.sin(np.pi * np.clip(profile[:, 1] / end, 0, 1)), 0.7) * p.relief_depth
         section = section * np.linalg.norm(fluted(envelope, 2 * p.relief_count, count), axis=-1, keepdims=True)
     # Corners turn less than grooves: a square bottle keeps four sides.
     spiral = p.spiral if p.squareness < 2.6 else 0.25 * p.spiral
@@ -95,7 +108,7 @@ def evenly_turning(profile: np.ndarray, count: int) -> np.ndarray:
     """At most `count` rows of a profile (k, 2), closer where it curves, so that the facets turn alike."""
     steps = np.diff(profile, axis=0)
     lengths = np.linalg.norm(steps, axis=1)
-    turns = np.abs(np.diff(np.unwrap(np.arctan2(steps[:, 1], steps[:, 0]))))
+    turns = np.abs(np.diff(np.unwrap(arctan2(steps[:, 1], steps[:, 0]))))
     # A sharp corner needs one row; a straight wall that may be bent later needs some.
     weights = np.append(np.minimum(turns, 0.1), 0) + 0.7 * lengths / lengths.sum()
     place = np.append(0, np.cumsum(weights))
@@ -118,8 +131,8 @@ def handle(p: SimpleNamespace, profile: np.ndarray, section: np.ndarray) -> Mani
 
     def surface(z):
         ring = cut_at(profile, section, z)[0]
-        direction = np.arctan2(ring[:, 1], ring[:, 0])
-        return np.linalg.norm(ring[np.argmin(np.abs(np.angle(np.exp(1j * (direction - angle)))))])
+        away = np.exp(1j * (arctan2(ring[:, 1], ring[:, 0]) - angle))
+        return np.linalg.norm(ring[np.argmin(np.abs(arctan2(away.imag, away.real)))])
 
     thick = p.handle_width * radius
     out = min(surface(low) + p.handle_reach * radius, 0.44 * p.height)

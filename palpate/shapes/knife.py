@@ -50,13 +50,13 @@ def build(p: SimpleNamespace, rng: np.random.Generator) -> list[Part]:
 
 def blade(p: SimpleNamespace) -> Manifold:
     """The blade, with what is cut into it, and a tang that reaches into the handle."""
-    t = 1 - (1 - np.linspace(0, 1, STATIONS)) ** 1.5
+    t = 1 - np.float_power(1 - np.linspace(0, 1, STATIONS), 1.5)
     y, tallest = t * p.length, p.height * p.length
     grown = p.heel + (1 - p.heel) * np.clip(t / 0.2, 0, 1) ** 2 * (3 - 2 * np.clip(t / 0.2, 0, 1))
     full = tallest * grown * (1 + p.bulge * np.sin(np.pi * t) ** 2)
     middle = p.offset * tallest - p.droop * p.length * t**2
-    drop = (1 - p.point) * np.clip((t - p.clip) / (1 - p.clip), 0, 1) ** p.clip_power
-    rise = p.point * np.clip((t - p.belly) / (1 - p.belly), 0, 1) ** p.belly_power
+    drop = (1 - p.point) * np.float_power(np.clip((t - p.clip) / (1 - p.clip), 0, 1), p.clip_power)
+    rise = p.point * np.float_power(np.clip((t - p.belly) / (1 - p.belly), 0, 1), p.belly_power)
     back = middle + full * (0.5 - (1 - p.blunt) * drop)
     edge = middle + full * (-0.5 + (1 - p.blunt) * rise + p.wave * np.sin(2 * np.pi * t) * (1 - t))
     solid = ground(y, back, edge, p.thickness * (1 - 0.5 * t), p.bevel, p.edges == "double")

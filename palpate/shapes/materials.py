@@ -8,6 +8,7 @@ from PIL import Image, ImageDraw, ImageFont
 from trimesh.visual.material import PBRMaterial
 
 from palpate.configuration import read_yaml
+from palpate.shapes.solids import arctan2
 from palpate.vision.image import linear
 
 PALETTES = read_yaml(Path(__file__).with_name("palettes.yaml"))
@@ -132,7 +133,7 @@ def across(vertices: np.ndarray) -> np.ndarray:
 
 def around(vertices: np.ndarray) -> np.ndarray:
     """Texture coordinates of a picture wrapped around z over the span of vertices (n, 3), seam at -x."""
-    angle = np.arctan2(vertices[:, 1], vertices[:, 0])
+    angle = arctan2(vertices[:, 1], vertices[:, 0])
     flat = np.stack([angle, vertices[:, 2]], axis=1)
     low, high = flat.min(axis=0), flat.max(axis=0)
     return (flat - low) / np.maximum(high - low, 1e-9)

@@ -195,7 +195,7 @@ def forend(p) -> list[Manifold]:
     if p.forend == "pump":
         start, z = start + 0.3 * p.barrel, -2.05 * p.bore
         wave = np.linspace(0, 1, 60)
-        radius = size * (1 - 0.06 * np.cos(2 * np.pi * 9 * wave)) * (1 - 0.1 * (2 * wave - 1) ** 4)
+        radius = size * (1 - 0.06 * np.cos(2 * np.pi * 9 * wave)) * (1 - 0.1 * np.float_power(2 * wave - 1, 4))
         profile = np.column_stack([radius, wave * max(0.08, 0.4 * (end - p.receiver))])
         return [turned(profile, (0, start, z), (0, 1, 0), 64)]
     length = end - start

@@ -3,9 +3,15 @@
 Metres. Every function returns a `manifold3d.Manifold`: a closed, outward-facing solid of positive volume.
 """
 
+import math
+
 import numpy as np
 from manifold3d import CrossSection, Manifold, Mesh64, OpType, triangulate
 from scipy.interpolate import PchipInterpolator
+
+# NumPy's `**`, tangent and inverse functions round otherwise where the processor has AVX-512, and a union may order its
+# triangles by the last bit. `math` and `np.float_power` call the C library: objects have the same bytes on either.
+arctan2 = np.vectorize(math.atan2, otypes=[float])
 
 # Least angle between neighbouring points of an arc, radians, and how far a chord may leave it (m): small arcs have few.
 ARC_STEP, ARC_ERROR = np.radians(7.5), 3e-5
@@ -13,7 +19,7 @@ ARC_STEP, ARC_ERROR = np.radians(7.5), 3e-5
 
 def arc_points(turn: float, radius: float) -> int:
     """The points of an arc that turns by an angle (radians)."""
-    return max(3, int(np.ceil(turn / max(ARC_STEP, 2 * np.arccos(max(1 - ARC_ERROR / radius, 0.6))))) + 1)
+    return max(3, int(np.ceil(turn / max(ARC_STEP, 2 * math.acos(max(1 - ARC_ERROR / radius, 0.6))))) + 1)
 
 
 def filleted(points: np.ndarray, radii: np.ndarray | float, closed: bool = False) -> np.ndarray:
@@ -32,13 +38,13 @@ def filleted(points: np.ndarray, radii: np.ndarray | float, closed: bool = False
         before, after = points[i - 1] - corner, points[(i + 1) % len(points)] - corner
         long_before, long_after = np.linalg.norm(before), np.linalg.norm(after)
         before, after = before / long_before, after / long_after
-        half = np.arccos(np.clip(before @ after, -1, 1)) / 2
+        half = math.acos(np.clip(before @ after, -1, 1)) / 2
         turn = np.pi - 2 * half
         if turn < 1e-3 or half < 1e-3:
             result.append(corner[None])
             continue
-        tangent = min(radius / np.tan(half), 0.49 * min(long_before, long_after))
-        radius = tangent * np.tan(half)
+        tangent = min(radius / math.tan(half), 0.49 * min(long_before, long_after))
+        radius = tangent * math.tan(half)
         bisector = before + after
         bisector /= np.linalg.norm(bisector)
         centre = corner + bisector * radius / np.sin(half)
@@ -103,7 +109,8 @@ def superellipse(width: float, height: float, exponent: float = 2.0, count: int 
     angle = 2 * np.pi * (np.arange(count) + 0.5) / count
     cosine, sine = np.cos(angle), np.sin(angle)
     # The radial form spaces points evenly in angle; the usual power form crowds them at the corners.
-    radius = (np.abs(cosine) ** exponent + np.abs(sine) ** exponent) ** (-1 / exponent)
+    sums = np.float_power(np.abs(cosine), exponent) + np.float_power(np.abs(sine), exponent)
+    radius = np.float_power(sums, -1 / exponent)
     return np.stack([width / 2 * radius * cosine, height / 2 * radius * sine], axis=1)
 
 

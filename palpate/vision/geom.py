@@ -3,6 +3,8 @@
 A drawn geom lies inside its closed form: vertices are on its surface with edges rounded, and all is convex.
 """
 
+import math
+
 import numpy as np
 
 # Radius of a box's or a cylinder's rounded edges: a share of the smallest half extent, at most so many metres.
@@ -96,7 +98,7 @@ def rounded_box(half_extents: np.ndarray, radius: float, segments: int) -> Trian
     Every side is a grid, dense over the roundings; the surface is the inner box, pushed outwards by the radius.
     """
     inner = np.asarray(half_extents, dtype=float) - radius
-    spread = np.tan(np.linspace(0, np.pi / 4, segments + 1))  # equal angles across the rounding
+    spread = np.array([math.tan(angle) for angle in np.linspace(0, np.pi / 4, segments + 1)])  # equal angles
     ticks = np.concatenate([-spread[::-1], spread])
     signs = np.repeat([-1.0, 1.0], segments + 1)
     first, second = (grid.ravel() for grid in np.meshgrid(ticks, ticks, indexing="ij"))

@@ -81,7 +81,7 @@ def srgb(linear: np.ndarray) -> np.ndarray:
 def linear(encoded: np.ndarray) -> np.ndarray:
     """sRGB colours in 0..1 as linear light: the inverse of `srgb`."""
     encoded = np.asarray(encoded, dtype=float)
-    return np.where(encoded <= 0.04045, encoded / 12.92, ((encoded + 0.055) / 1.055) ** 2.4)
+    return np.where(encoded <= 0.04045, encoded / 12.92, np.float_power((encoded + 0.055) / 1.055, 2.4))
 
 
 def over_background(combined: np.ndarray, background: tuple[float, float, float] | None) -> np.ndarray:
