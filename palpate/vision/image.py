@@ -74,7 +74,7 @@ def write_layers(path: Path | str, layers: Layers) -> None:
 def srgb(linear: np.ndarray) -> np.ndarray:
     """Linear light, 1 is white, as sRGB uint8 (IEC 61966-2-1): Blender's view transform "Standard"."""
     linear = np.clip(linear, 0, 1)
-    encoded = np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
+    encoded = np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * np.float_power(linear, 1 / 2.4) - 0.055)
     return (encoded * 255 + 0.5).astype(np.uint8)
 
 
