@@ -131,8 +131,7 @@ def handle(p: SimpleNamespace, profile: np.ndarray, section: np.ndarray) -> Mani
 
     def surface(z):
         ring = cut_at(profile, section, z)[0]
-        away = np.exp(1j * (arctan2(ring[:, 1], ring[:, 0]) - angle))
-        return np.linalg.norm(ring[np.argmin(np.abs(arctan2(away.imag, away.real)))])
+        return np.linalg.norm(ring[np.argmax(np.cos(arctan2(ring[:, 1], ring[:, 0]) - angle))])
 
     thick = p.handle_width * radius
     out = min(surface(low) + p.handle_reach * radius, 0.44 * p.height)

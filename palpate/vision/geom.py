@@ -98,7 +98,8 @@ def rounded_box(half_extents: np.ndarray, radius: float, segments: int) -> Trian
     Every side is a grid, dense over the roundings; the surface is the inner box, pushed outwards by the radius.
     """
     inner = np.asarray(half_extents, dtype=float) - radius
-    spread = np.array([math.tan(angle) for angle in np.linspace(0, np.pi / 4, segments + 1)])  # equal angles
+    angles = np.linspace(0, np.pi / 4, segments + 1)  # equal, across the rounding
+    spread = np.array([math.tan(angle) for angle in angles])
     ticks = np.concatenate([-spread[::-1], spread])
     signs = np.repeat([-1.0, 1.0], segments + 1)
     first, second = (grid.ravel() for grid in np.meshgrid(ticks, ticks, indexing="ij"))
