@@ -228,12 +228,11 @@ def look(entry: SourceObject, root: Path) -> Look:
 def _open(path: Path, scale: str | float, root: Path) -> tuple[float, int, dict[str, str]]:
     """Extent, faces, and what is wrong with files that it names."""
     from palpate.mesh.build import size
-    from palpate.mesh.load import load_parts
+    from palpate.mesh.load import load
 
-    missing: dict[str, str] = {}
-    parts = load_parts(path, missing, root)
+    (parts, unit), missing = load(path, root)
     extent = float(np.linalg.norm(np.ptp(np.concatenate([part.bounds for part in parts]), axis=0)))
-    size(path, extent, scale)
+    size(path, extent, scale, unit)
     return extent, sum(len(part.faces) for part in parts), missing
 
 
@@ -253,7 +252,7 @@ def mesh_lines(looks: Sequence[Look], settings: Settings) -> Iterator[str]:
         if extents[len(extents) // 2] > LARGEST and settings.source.scale == "diagonal":
             yield "  units look like millimetres or centimetres: `source: {scale: 0.001}`, or 0.01, would keep sizes"
     for each in looks:
-        yield from (f"  {each.entry.object}: {name}: {what}: drawn in grey" for name, what in each.missing.items())
+        yield from (f"  {each.entry.object}: {name}: {what}" for name, what in each.missing.items())
         if each.problem:
             yield f"  {each.entry.object} can't be used: {each.problem}"
 

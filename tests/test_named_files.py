@@ -95,7 +95,7 @@ def test_pixels_of_pictures_beside_and_within(tmp_path):
         assert texture_pixels(path) == 0
     noise.save(tmp_path / "gltf/picture.png")
     loaded = mesh.prepare(tmp_path / "gltf/body.gltf", tmp_path / "out")
-    assert loaded["source"]["replaced_textures"] == {}
+    assert loaded["source"]["problems"] == {}
     assert texture_pixels(tmp_path / "out/visual.glb") == 512 * 256
 
 
@@ -129,8 +129,8 @@ def test_files_outside_the_source_are_refused(source, tmp_path):
     assert companions(path, folder) == ["body.mtl"]
     assert companions(path, "/") == ["../../../secret.png", "body.mtl"]
     record = mesh.prepare(path, tmp_path / "out", root=folder)
-    assert "outside the source's folder" in record["source"]["replaced_textures"]["../../../secret.png"]
-    assert mesh.prepare(path, tmp_path / "out", root="/")["source"]["replaced_textures"] == {}
+    assert "outside the source's folder" in record["source"]["problems"]["../../../secret.png"]
+    assert mesh.prepare(path, tmp_path / "out", root="/")["source"]["problems"] == {}
 
 
 def test_a_buffer_outside_is_refused(source, tmp_path):

@@ -47,8 +47,8 @@ def _remarks(run: Run, rejected: set[str]) -> Iterator[str]:
     facts = {name: each for batch in run.batches for name, each in _facts(run.folder / "meshes" / batch).items()}
     facts = {name: each for name, each in facts.items() if name in entries and name not in rejected}
     yield from _line("without a texture that its file names", "without textures that their files name", [
-        f"{name} ({', '.join(f'{file[-60:]}: {problem}' for file, problem in each['replaced'].items())})"
-        for name, each in facts.items() if each["replaced"]
+        f"{name} ({', '.join(f'{file[-60:]}: {problem}' for file, problem in each['problems'].items())})"
+        for name, each in facts.items() if each["problems"]
     ])  # fmt: skip
     groups = defaultdict(list)
     for name, entry in entries.items():

@@ -23,7 +23,7 @@ FORMATS = ("obj", "glb", "gltf", "stl", "ply", "off", "dae", "3mf")
 DIAGONAL = 0.5  # m, of the bounding boxes of objects that are scaled to one size, as the paper's
 SMALLEST, LARGEST = 0.005, 2.0  # m, diagonals: an object that keeps its size and has another is in another unit
 OBJECT_POSITION = (0.0, 0.0, 0.6)
-VERSION = 2  # of the files, in `mesh.json` and in the rule's params: meshes of an older version are made again
+VERSION = 3  # of the files, in `mesh.json` and in the rule's params: meshes of an older version are made again
 FACTS = ".facts.json"  # in a batch's folder: `facts` of its objects; hidden, so that no manifest has it
 
 
@@ -65,11 +65,12 @@ def prepare(
 def facts(record: Mapping[str, Any]) -> dict[str, Any]:
     """An object's facts for the summary of a run; record: of `mesh.json`.
 
-    `replaced`: files that can't be used, and why. `shape`: sides of the box, and the root of the area, in diagonals.
+    `problems`: named files and parts that can't be used, and what follows. `shape`: sides of the box, and the root of
+    the area, in diagonals.
     """
     low, high = np.array(record["visual.glb"]["bounding_box"])
     shape = [float(length) / record["diagonal"] for length in (*(high - low), record["visual.glb"]["area"] ** 0.5)]
-    return {"replaced": record["source"]["replaced_textures"], "shape": shape}
+    return {"problems": record["source"]["problems"], "shape": shape}
 
 
 def read_record(folder: Path | str) -> dict[str, Any]:

@@ -11,8 +11,7 @@ from palpate.batch import UnusableObject
 from palpate.camera import rotation_about
 from palpate.mesh import DIAGONAL, LARGEST, SMALLEST, VERSION, topology
 from palpate.mesh.decimate import decimate
-from palpate.mesh.load import load_parts
-from palpate.mesh.materials import make_explicit
+from palpate.mesh.load import load
 from palpate.mesh.repair import repair
 
 # Rotations that turn the source's up axis to z. The front (-z for y up, as in glTF and ShapeNet) goes to +y.
@@ -30,8 +29,7 @@ def build(
     source: Path, folder: Path, up: str, collision_faces: int, scale="diagonal", root=None, turn=0.0
 ) -> dict[str, Any]:
     """As `palpate.mesh.prepare`, in this process."""
-    replaced: dict[str, str] = {}
-    parts = load_parts(source, replaced, root)
+    (parts, unit), problems = load(source, root)
     vertices, faces, part = _joined(parts, source)
     rotation = rotation_about(2, np.radians(turn)) @ UP[up] if turn else UP[up]
     vertices = vertices @ rotation.T
@@ -41,11 +39,10 @@ def build(
     faces = repaired.faces[repaired.keep]
     box = repaired.vertices[faces].min(axis=(0, 1)), repaired.vertices[faces].max(axis=(0, 1))
     centre, asked = (box[0] + box[1]) / 2, scale
-    diagonal, scale = size(source, np.linalg.norm(box[1] - box[0]), asked)
+    diagonal, scale = size(source, np.linalg.norm(box[1] - box[0]), asked, unit)
     for number, mesh in enumerate(parts):
         mine = part == number
         _rewrite(mesh, rotation, centre, scale, repaired.keep[mine], repaired.flip[mine])
-        make_explicit(mesh, source.suffix.lower())
     # What is measured is what is written: single precision.
     vertices = ((repaired.vertices - centre) * scale).astype(np.float32).astype(np.float64)
     used, faces = np.unique(faces, return_inverse=True)
@@ -73,7 +70,7 @@ def build(
             "up": up,
             "turn": turn,
             "scale": asked,
-            "replaced_textures": replaced,
+            "problems": problems,
             "bounding_box": [corner.tolist() for corner in box],
         },
         "scale": float(scale),
@@ -86,11 +83,12 @@ def build(
     return record
 
 
-def size(source, extent, asked):
-    """Diagonal (m) of an object's box and factor from its file's unit to metres; extent: the diagonal in that unit."""
+def size(source, extent, asked, unit):
+    """Diagonal (m) of an object's box and factor from its file's unit to metres; extent: the diagonal in that unit;
+    unit: metres of the unit that the file states."""
     if asked == "diagonal":
         return DIAGONAL, DIAGONAL / extent
-    scale = 1.0 if asked == "keep" else float(asked)
+    scale = unit if asked == "keep" else float(asked)
     diagonal = scale * extent
     if not SMALLEST <= diagonal <= LARGEST:
         fitting = [f"{unit:g}" for unit in UNITS if SMALLEST <= unit * extent <= LARGEST]
@@ -147,9 +145,6 @@ def _single_rounding(vertices):
 def _rewrite(mesh, turn, centre, scale, keep, flip):
     """Move one part to the object's frame and apply the repairs to its faces; materials stay."""
     normals = mesh.metadata.pop("vertex_normals", None)
-    if mesh.visual.kind == "face":
-        mesh.unmerge_vertices()
-        normals = None
     faces = np.where(flip[:, None], mesh.faces[:, ::-1], mesh.faces)
     mesh.vertices = (mesh.vertices @ turn.T - centre) * scale
     mesh.faces = faces

@@ -2,6 +2,7 @@
 
 import logging
 from functools import partial
+from importlib import import_module
 from pathlib import Path
 
 import numpy as np
@@ -10,64 +11,78 @@ import trimesh.path
 
 from palpate.batch import UnusableObject
 from palpate.mesh import FORMATS, textures
+from palpate.mesh.files import Files
 from palpate.mesh.integrity import check_sizes, check_whole
+from palpate.mesh.materials import make_explicit
+from palpate.mesh.part import Loaded
 from palpate.named_files import unusable
 
 log = logging.getLogger(__name__)
 
 
-def load_parts(
-    path: Path | str, replaced: dict[str, str] | None = None, root: Path | str | None = None
-) -> list[trimesh.Trimesh]:
-    """Every triangle mesh of a file, placed by its scene graph, in the order of the nodes' names; nothing is repaired.
+# Readers by suffix, `palpate.mesh.formats.<module>.read`.
+READERS: dict[str, str] = {}
 
-    A texture or material library that can't be used is neutral grey (`palpate.mesh.textures`); replaced gets what is
-    wrong with it, by its name. root: the folder that named files have to be in, as for `palpate.named_files.find`.
 
+def load(path: Path | str, root: Path | str | None = None) -> tuple[Loaded, dict[str, str]]:
+    """Every triangle mesh of a file, placed as the file says, nothing repaired, and what is wrong with files and parts
+    that it names, by their names.
+
+    root: the folder that named files have to be in, as for `palpate.named_files.find`.
     Raises `UnusableObject` if the file can't be read, or holds no triangles, or refers to vertices that it lacks;
     MemoryError, naming the file, if there is too little memory for it.
     """
     path = Path(path)
-    if path.suffix.lower().lstrip(".") not in FORMATS:
+    suffix = path.suffix.lower()
+    if suffix.lstrip(".") not in FORMATS:
         raise UnusableObject(f"{path}: a mesh file ends in one of .{', .'.join(FORMATS)}: convert it to one of these")
     if problem := unusable(path):
         raise UnusableObject(f"{path}: {problem}")
     if not path.is_file():
         raise UnusableObject(f"{path}: there is no such file: correct the path or remove the object")
-    resolver = textures.Resolver(path, root)
+    files = Files(path, root)
     try:
-        check_sizes(path)
-        loaded = trimesh.load_scene(path, process=False, resolver=resolver)
-        check_whole(path, loaded)
-        problems, materials = textures.within(path)
+        if suffix in READERS:
+            loaded = import_module(f"palpate.mesh.formats.{READERS[suffix]}").read(path, files)
+        else:
+            loaded = _read_with_trimesh(path, files)
     except MemoryError as error:  # says nothing about the object
         raise MemoryError(f"while loading {path}, {path.stat().st_size / 1e6:.0f} MB {error}".strip()) from None
     except Exception as error:  # the readers raise whatever a broken file makes them trip over
+        kind = "" if isinstance(error, ValueError) else f"{type(error).__name__}: "
         raise UnusableObject(
-            f"{path}: can't be read as {path.suffix.lower()} ({type(error).__name__}: {error}): "
-            "export it again, or remove the object"
+            f"{path}: can't be read as {suffix} ({kind}{error}): export it again, or remove the object"
         ) from error
-    nodes = sorted(loaded.graph.nodes_geometry)
-    meshes = [node for node in nodes if isinstance(loaded.geometry[loaded.graph[node][1]], trimesh.Trimesh)]
-    parts = [part for part in (_placed(loaded, node) for node in meshes) if len(part.faces)]
+    parts = [part for part in loaded.parts if len(part.faces)]
     if not parts:
-        loose = (trimesh.PointCloud, trimesh.path.Path2D, trimesh.path.Path3D)
-        points = any(isinstance(geometry, loose) for geometry in loaded.geometry.values())
-        contents = "points or lines only" if points else "nothing"
-        raise UnusableObject(f"{path}: holds {contents}, no triangles: export the object's faces")
+        raise UnusableObject(f"{path}: holds no triangles (points or lines only, or nothing): export its faces")
     for part in parts:
         if part.faces.min() < 0 or part.faces.max() >= len(part.vertices):
             raise UnusableObject(
                 f"{path}: a face refers to vertex {part.faces.max()} of {len(part.vertices)}: "
                 "the file is damaged, export it again"
             )
+    return Loaded(parts, loaded.unit), files.problems
+
+
+def _read_with_trimesh(path: Path, files: Files) -> Loaded:  # TODO goes, as soon as each format has its reader
+    resolver = textures.Resolver(path, files.root)
+    check_sizes(path)
+    loaded = trimesh.load_scene(path, process=False, resolver=resolver)
+    check_whole(path, loaded)
+    problems, materials = textures.within(path)
+    nodes = sorted(loaded.graph.nodes_geometry)
+    meshes = [node for node in nodes if isinstance(loaded.geometry[loaded.graph[node][1]], trimesh.Trimesh)]
+    parts = [part for part in (_placed(loaded, node) for node in meshes) if len(part.faces)]
+    for part in parts:
+        if part.visual.kind == "face":
+            part.unmerge_vertices()
+            part.metadata.pop("vertex_normals", None)
         textures.make_neutral(part, materials)
-    problems |= resolver.replaced
-    for name, problem in problems.items():
-        log.warning("%s: %s: %s: drawn in neutral grey", path, name, problem)
-    if replaced is not None:
-        replaced |= problems
-    return parts
+        make_explicit(part, path.suffix.lower())
+    for name, problem in (problems | resolver.replaced).items():
+        files.note(name, f"{problem}: drawn in neutral grey")
+    return Loaded(parts)
 
 
 def _placed(loaded: trimesh.Scene, node: str) -> trimesh.Trimesh:

@@ -10,7 +10,7 @@ import numpy as np
 
 from palpate.mesh.decimate import decimate
 from palpate.mesh.distance import Surface
-from palpate.mesh.load import load_parts
+from palpate.mesh.load import load
 from palpate.mesh.repair import repair
 from studies.error_vs_runtime.study import Method, Study, variants
 from studies.subjects import Subject
@@ -61,7 +61,7 @@ class Decimation(Study):
 
 def load_source(folder: Path) -> Source:
     """The visual mesh in a folder, its seams merged, as `collision.ply` was made from it."""
-    parts = load_parts(folder / "visual.glb")
+    parts = load(folder / "visual.glb")[0].parts
     start = np.cumsum([0] + [len(part.vertices) for part in parts])
     vertices = np.concatenate([part.vertices for part in parts]).astype(np.float64)
     faces = np.concatenate([part.faces + first for part, first in zip(parts, start, strict=False)])

@@ -231,7 +231,7 @@ def test_google_scanned_objects(tmp_path):
     assert (entry.object, entry.source) == ("toy-Red_Box", "Red_Box/meshes/model.obj")
     assert companions(tmp_path / entry.source) == ["../materials/textures/texture.png", "textured.mtl"]
     record = prepare(tmp_path / entry.source, tmp_path / "out")
-    assert record["source"]["replaced_textures"] == {}
+    assert record["source"]["problems"] == {}
     assert images_of(tmp_path / "out/visual.glb") == [(200, 10, 10)]
     # A texture that was copied beside the mesh comes first.
     Image.new("RGB", (4, 4), (10, 10, 200)).save(tmp_path / "Red_Box/meshes/texture.png")

@@ -55,9 +55,9 @@ def run_of(tmp_path, objects, facts, config=""):
 def test_a_missing_texture_is_said_by_the_objects_name(tmp_path):
     objects = [("mug-a", "train", "1"), ("mug-b", "train", "2")]
     facts = {
-        "mug-a": {"replaced": {}, "shape": [0.5, 0.5, 0.5, 1]},
-        "mug-b": {"replaced": {"drill.png": "there is no such file"}, "shape": [0.6, 0.5, 0.5, 1]},
-        "mug-gone": {"replaced": {"x.png": "there is no such file"}, "shape": [0.6, 0.5, 0.5, 1]},
+        "mug-a": {"problems": {}, "shape": [0.5, 0.5, 0.5, 1]},
+        "mug-b": {"problems": {"drill.png": "there is no such file"}, "shape": [0.6, 0.5, 0.5, 1]},
+        "mug-gone": {"problems": {"x.png": "there is no such file"}, "shape": [0.6, 0.5, 0.5, 1]},
     }
     assert run_of(tmp_path, objects, facts) == [
         "1 object without a texture that its file names: mug-b (drill.png: there is no such file)"
@@ -68,10 +68,10 @@ def test_copies_and_what_looks_like_one(tmp_path):
     objects = [("mug-a", "train", "1"), ("mug-b", "train", "1"), ("mug-c", "test", "2"), ("mug-d", "train", "3"),
                ("mug-e", "train", ""), ("mug-f", "train", "")]  # fmt: skip
     shape = [0.5, 0.4, 0.3, 1.0]
-    facts = {name: {"replaced": {}, "shape": shape} for name in ("mug-a", "mug-b")}
-    facts["mug-c"] = {"replaced": {}, "shape": [length + 4e-5 for length in shape]}
-    facts["mug-d"] = {"replaced": {}, "shape": [length + 4e-4 for length in shape]}
-    facts["mug-e"] = facts["mug-f"] = {"replaced": {}, "shape": [0.1, 0.2, 0.9, 1.0]}
+    facts = {name: {"problems": {}, "shape": shape} for name in ("mug-a", "mug-b")}
+    facts["mug-c"] = {"problems": {}, "shape": [length + 4e-5 for length in shape]}
+    facts["mug-d"] = {"problems": {}, "shape": [length + 4e-4 for length in shape]}
+    facts["mug-e"] = facts["mug-f"] = {"problems": {}, "shape": [0.1, 0.2, 0.9, 1.0]}
     assert run_of(tmp_path, objects, facts) == [
         "1 object is there several times, in one split: mug-a = mug-b",
         "2 objects look like others: mug-a ~ mug-c, mug-e ~ mug-f",

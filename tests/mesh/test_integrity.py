@@ -123,4 +123,4 @@ def test_a_picture_is_measured_by_its_head(tmp_path):
     path = write(tmp_path, "obj", texture=True)
     PIL.Image.new("1", (60_000, 1)).save(tmp_path / "picture.png")
     record = mesh.prepare(path, tmp_path / "out")
-    assert "60000 x 1 pixels" in record["source"]["replaced_textures"]["picture.png"]
+    assert "60000 x 1 pixels" in record["source"]["problems"]["picture.png"]

@@ -84,8 +84,8 @@ def prepared(path, folder):
 def test_a_texture_that_cannot_be_used_is_named_and_grey(tmp_path, case):
     write, name, problem = CASES[case]
     record, glb = prepared(write(tmp_path / "source"), tmp_path / "out")
-    assert list(record["source"]["replaced_textures"]) == [name]
-    assert problem in record["source"]["replaced_textures"][name]
+    assert list(record["source"]["problems"]) == [name]
+    assert problem in record["source"]["problems"][name]
     assert json.loads((tmp_path / "out/mesh.json").read_text())["source"] == record["source"]
     (material,) = (material["pbrMetallicRoughness"] for material in glb["materials"])
     np.testing.assert_allclose(material["baseColorFactor"], [GREY] * 3 + [1], atol=0.5 / 255)
@@ -112,7 +112,7 @@ def test_a_texture_beside_the_folder_and_one_with_backslashes_are_read(tmp_path)
         name.parent.mkdir(exist_ok=True)
         name.write_bytes(png(4, 4, "RGB"))
         record, glb = prepared(path, tmp_path / "out")
-        assert record["source"]["replaced_textures"] == {} and len(glb["images"]) == 1
+        assert record["source"]["problems"] == {} and len(glb["images"]) == 1
 
 
 def test_a_texture_of_16k_loads(tmp_path):

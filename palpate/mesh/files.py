@@ -1,0 +1,74 @@
+"""The files that a mesh file names, read once; those that can't be used are reported by name."""
+
+import io
+import logging
+from functools import partial
+from pathlib import Path
+
+import PIL.Image
+
+from palpate import named_files
+from palpate.named_files import LARGEST_SIDE
+
+log = logging.getLogger(__name__)
+# PIL warns above this number of pixels and refuses twice as many; by itself it refuses 16k textures.
+PIL.Image.MAX_IMAGE_PIXELS = LARGEST_SIDE**2
+OUTSIDE = "it lies outside the source's folder: copy it there, or link it"
+MISSING = "there is no such file"
+GREY = "drawn in neutral grey"
+
+
+class Files:
+    """Reads what a mesh file names. root: the folder that it has to be in, as for `palpate.named_files.find`.
+
+    Attributes: problems, by the name of a file or a part: what is wrong with it, and what follows.
+    """
+
+    def __init__(self, path: Path, root: Path | str | None = None):
+        self.path, self.root = path, root
+        self.problems: dict[str, str] = {}
+
+    def note(self, name: str, problem: str) -> None:
+        """Record, and log once, what is wrong with a file or a part that the mesh file names, and what follows."""
+        if name not in self.problems:
+            log.warning("%s: %s: %s", self.path, name, problem)
+        self.problems[name] = problem
+
+    def read(self, name: str) -> bytes:
+        """The content of a named file, as `palpate.named_files.find` finds it. Raises FileNotFoundError, with the
+        reason."""
+        place = named_files.find(self.path, name, self.root)
+        if place is None:
+            outside = named_files.is_outside(self.path, name, self.root)
+            raise FileNotFoundError(f"{name}: {OUTSIDE if outside else MISSING}")
+        return (self.path.parent / place).read_bytes()
+
+    def picture(self, name: str, data: bytes | None = None) -> PIL.Image.Image | None:
+        """A named texture, or the one whose bytes are given; None, and a note of its name, if it can't be used."""
+        try:
+            data = self.read(name) if data is None else data
+        except FileNotFoundError as error:
+            self.note(name, f"{str(error).removeprefix(f'{name}: ')}: {GREY}")
+            return None
+        problem = problem_of(data)
+        if problem:
+            self.note(name, f"{problem}: {GREY}")
+            return None
+        image = PIL.Image.open(io.BytesIO(data))
+        if image.format == "JPEG":
+            image.save = partial(image.save, quality="keep")  # its own quantisation, not the writer's lower default
+        return image
+
+
+def problem_of(data: bytes) -> str | None:
+    """Why an image file's content can't be used as a texture, by its header; None if it can."""
+    try:
+        with PIL.Image.open(io.BytesIO(data)) as image:
+            width, height = image.size
+    except PIL.Image.DecompressionBombError:
+        return f"it has more than {LARGEST_SIDE} x {LARGEST_SIDE} pixels"
+    except Exception as error:  # whatever a broken file makes a reader trip over
+        return f"it is no image that can be read ({type(error).__name__})"
+    if max(width, height) > LARGEST_SIDE:
+        return f"it has {width} x {height} pixels, and at most {LARGEST_SIDE} a side can be used"
+    return None

@@ -1,0 +1,3 @@
+import sys, xarray
+
+print(xarray.open_zarr(sys.argv[1], consolidated=False))  # <run>/touch/batch-0000.zarr
