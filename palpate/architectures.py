@@ -47,10 +47,9 @@ class GCN:
 
 @dataclass(frozen=True)
 class Decoder:
-    """Of the published single-image networks, see `palpate.models.single_image`; of `implicit` hidden and layers."""
+    """Of the published single-image networks: see `palpate.models.single_image`."""
 
     hidden: int
-    layers: int | None = None
     points: int | None = None
     channels: Sequence[int] | None = None
     level: float | None = None
@@ -96,9 +95,8 @@ class Architecture:
 
 
 _ROWS = read_yaml(Path(__file__).with_suffix(".yaml"))
-PAPER_ARCHITECTURES, SINGLE_IMAGE_ARCHITECTURES, OUR_ARCHITECTURES = (
-    {name: Architecture.from_row(row) for name, row in _ROWS[group].items()}
-    for group in ("paper", "single_image", "ours")
+PAPER_ARCHITECTURES, SINGLE_IMAGE_ARCHITECTURES = (
+    {name: Architecture.from_row(row) for name, row in _ROWS[group].items()} for group in ("paper", "single_image")
 )
 
 
@@ -107,7 +105,7 @@ def paper_architecture(experiment: Experiment) -> Architecture:
 
     Raises ValueError for an experiment without vision and touch.
     """
-    if own := (SINGLE_IMAGE_ARCHITECTURES | OUR_ARCHITECTURES).get(experiment.strategy):
+    if own := SINGLE_IMAGE_ARCHITECTURES.get(experiment.strategy):
         return own
     if experiment.modality not in PAPER_ARCHITECTURES:
         raise ValueError(f"the paper has no architecture for vision {experiment.vision!r}, touch {experiment.touch}")

@@ -29,7 +29,7 @@ class Experiment:
 
     Attributes:
         name: its key there.
-        strategy: the paper's charts, no_copy, no_comm or sphere; ours pooled, pooled_no_copy, template or implicit; the
+        strategy: the paper's charts, no_copy, no_comm or sphere; ours pooled, pooled_no_copy or template; the
             baseline retrieval, which is not trained; of views only psg, pixel2mesh or r2n2.
         vision: occluded, unoccluded, views or none. touch: whether it takes touches. grasps: how many at most.
         fewer_grasps: whether it is trained with any number of grasps up to `grasps`; from none where it has vision.
@@ -131,15 +131,6 @@ class Experiments:
 
     experiments: Mapping[str, Experiment]
     tables: Mapping[str, Comparison]
-
-    def without(self, strategy: str) -> "Experiments":
-        """All but the experiments of a strategy, in the tables too."""
-        chosen = {name: each for name, each in self.experiments.items() if each.strategy != strategy}
-        tables = {
-            table.name: replace(table, experiments=tuple(each for each in table.experiments if each.name in chosen))
-            for table in self.tables.values()
-        }
-        return replace(self, experiments=chosen, tables=tables)
 
     @classmethod
     def read(cls, path: Path | str, schema: Path | str) -> "Experiments":

@@ -22,7 +22,6 @@ def test_an_object_is_rejected_by_what_its_stage_goes_back_to():
         "charts": ("touch", "grasps", "surface", "meshes"),
         "vision": ("vision", "grasps", "surface", "meshes"),
         "views": ("views", "meshes"),
-        "distances": ("surface", "meshes"),
         "templates": ("surface", "meshes"),
         "rings": ("touch", "grasps", "surface", "meshes"),
     }

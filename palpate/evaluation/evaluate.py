@@ -22,7 +22,7 @@ from palpate.dataset.reader import GraspRecord, ObjectRecord
 from palpate.evaluation.metrics import ring_distances, score, seeded
 from palpate.evaluation.rings import SAMPLES, ring_points
 from palpate.evaluation.rows import COLUMNS, RING_COLUMNS, TOUCH_COLUMNS, EvaluationError
-from palpate.evaluation.surface_quality import surface_quality, topology, topology_of
+from palpate.evaluation.surface_quality import surface_quality, topology
 from palpate.experiments import SPLITS, Experiment
 from palpate.inference import checkpoints
 from palpate.inference.checkpoints import require_sensor
@@ -105,8 +105,6 @@ def evaluate(
     for sample, prediction, seconds in predictions(trained, data, splits):
         name = data.objects[sample.object]
         vertices, faces = trained.model.mesh(prediction)
-        if trained.experiment.strategy == "implicit":  # whose mesh is another each time
-            surface = topology_of(faces.cpu().numpy())
         if last != sample.object:
             cloud, last = torch.from_numpy(data["points"][sample.object]).to(trained.device), sample.object
             tree = build_tree(cloud)

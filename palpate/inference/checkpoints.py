@@ -11,7 +11,7 @@ import torch
 from palpate.architectures import Architecture
 from palpate.atomic import atomic_write
 from palpate.experiments import Experiment
-from palpate.models import SINGLE_IMAGE_MODELS, Implicit, Reconstruction, SingleImageModel, TouchDepth
+from palpate.models import SINGLE_IMAGE_MODELS, Reconstruction, SingleImageModel, TouchDepth
 from palpate.models.reconstruction import HAND_SENSORS
 from palpate.models.templates import Templates
 from palpate.rebuild_command import rebuild_command
@@ -37,8 +37,6 @@ def build(
     the charts of the training objects."""
     if experiment.strategy in SINGLE_IMAGE_MODELS:
         return SINGLE_IMAGE_MODELS[experiment.strategy](architecture)
-    if experiment.strategy == "implicit":
-        return Implicit(experiment, architecture, hand_sensors, sensor)
     return Reconstruction(experiment, architecture, hand_sensors, sensor, templates)
 
 

@@ -42,7 +42,6 @@ class Input(NamedTuple):
 
 with Path(__file__).with_suffix(".csv").open(encoding="utf-8", newline="") as file:
     INPUTS = tuple(Input(**row | {"training": row["training"] == "yes"}) for row in csv.DictReader(file))
-TARGETS = [item.name for item in INPUTS if item.training]
 
 
 def inputs(experiment: Experiment, training: bool = False) -> list[Input]:

@@ -2,7 +2,6 @@
 
 from palpate.models.encoder import ImageEncoder
 from palpate.models.gcn import GraphNetwork, ZeroNeighbourLayer
-from palpate.models.implicit import Implicit
 from palpate.models.reconstruction import Reconstruction
 from palpate.models.single_image import SINGLE_IMAGE_MODELS, SingleImageModel
 from palpate.models.touch_depth import TouchDepth
@@ -11,7 +10,6 @@ __all__ = [
     "SINGLE_IMAGE_MODELS",
     "GraphNetwork",
     "ImageEncoder",
-    "Implicit",
     "Reconstruction",
     "SingleImageModel",
     "TouchDepth",

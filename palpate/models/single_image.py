@@ -233,16 +233,14 @@ def occupied(points: Tensor, relative_size: float = 1.0) -> Tensor:
     return torch.from_numpy(binary_fill_holes(shell)).to(points.device)
 
 
-def grid_surface(
-    values: np.ndarray, level: float, cell: float = CELL, outside: float = 0.0
-) -> tuple[np.ndarray, np.ndarray]:
+def grid_surface(values: np.ndarray, level: float, cell: float = CELL) -> tuple[np.ndarray, np.ndarray]:
     """The surface where values (n, n, n), on a grid around the object, equal a level, by marching cubes.
 
-    cell: m, from value to value. outside: every value beyond the grid, below the level: the surface is closed.
+    cell: m, from value to value. Beyond the grid values are 0, below the level: the surface is closed.
     Returns vertices (V, 3) float64 m, world frame, and faces (F, 3) int64, counterclockwise seen from where values are
     lower.
     """
-    padded = np.pad(values.astype(np.float64), 1, constant_values=outside)
+    padded = np.pad(values.astype(np.float64), 1)
     count = len(padded)
     vertices, faces, _ = igl.marching_cubes(
         padded.transpose(2, 1, 0).ravel(), _grid(count, cell), count, count, count, level

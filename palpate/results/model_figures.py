@@ -19,7 +19,8 @@ from palpate.results.page import COLOURS, LABEL, PALE, TITLE, new_figure, save, 
 from palpate.results.published import stated
 
 Experiments = tables.Experiments
-ORDER = ("charts", "pooled", "template", "implicit", "sphere", "no_comm", "no_copy", "mean", "retrieval")  # of colours
+# Of colours.
+ORDER = ("charts", "pooled", "template", "pooled_no_copy", "sphere", "no_comm", "no_copy", "mean", "retrieval")
 PANEL = {"left": 0.075, "right": 0.99, "bottom": 0.13, "top": 0.88}  # of the width and height of a row of panels
 
 

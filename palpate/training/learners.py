@@ -22,7 +22,6 @@ from palpate.inference.touches import touched
 from palpate.models import TouchDepth
 from palpate.models.reconstruction import HAND_SENSORS
 from palpate.models.templates import Templates, shrunk
-from palpate.training.implicit import Targets, implicit_loss
 from palpate.training.losses import Truth, cloud_loss, moving_charts_loss, touch_depth_loss
 from palpate.training.recipes import ReconstructionSettings, Settings, TouchDepthSettings
 from palpate.training.samples import shuffled, spread, training_samples
@@ -171,8 +170,6 @@ class ReconstructionLearner(Learner):
         super().begin(rank, processes)
         self.assemble = Assembler(self.data, self.experiment, self.device)
         self.truth = Truth(torch.from_numpy(self.data["points"]).to(self.device))
-        if self.experiment.strategy == "implicit":
-            self.targets = Targets(self.data, self.experiment, self.device)
 
     def training_batch(self, step):
         settings = self.settings
@@ -189,9 +186,6 @@ class ReconstructionLearner(Learner):
         batch = self.assemble(batch_samples)
         if strategy == "template":  # an object is no template of its own
             batch["excluded"] = torch.tensor([self.template.get(sample.object, -1) for sample in batch_samples])
-        if strategy == "implicit" and not validation:
-            target = self.targets(batch_samples, self.settings.loss_points, generator)
-            return implicit_loss(model, *model.supervised(batch, target.points), target)
         predictions = [model(batch)] if validation else model.stages(batch)
         for prediction in predictions:
             self.check_finite("the prediction", prediction, batch_samples)

@@ -13,7 +13,6 @@ from palpate.inference.machine import Machine
 from palpate.training.learners import ReconstructionLearner
 from palpate.training.loop import train
 from tests.training.conftest import SETTINGS, made_up
-from tests.training.test_implicit import LAYERS, supervised
 from tests.training.test_single_image import DECODERS
 
 pytestmark = pytest.mark.skipif(not torch.cuda.is_available(), reason="torch finds no GPU")
@@ -24,7 +23,6 @@ STRATEGIES = {
     "sphere": ("occluded", "readings"),
     "pooled": ("none", "charts"),
     "template": ("occluded", "charts"),
-    "implicit": ("occluded", "charts"),
     "psg": ("views", "none"),
     "pixel2mesh": ("views", "none"),
     "r2n2": ("views", "none"),
@@ -34,12 +32,12 @@ STRATEGIES = {
 def learner_of(strategy, **settings):
     """A model of a strategy, to be trained on made-up objects."""
     vision, touch = STRATEGIES[strategy]
-    any_number = strategy in ("pooled", "template", "implicit")
+    any_number = strategy in ("pooled", "template")
     correction = Correction(0.08, 0.3) if any_number else None
     experiment = Experiment("a", strategy, vision, touch != "none", 2, any_number, correction=correction)
-    data = supervised(vision) if strategy == "implicit" else made_up(vision, touch)
-    layers = LAYERS if strategy == "implicit" else replace(SETTINGS.architecture, decoder=DECODERS.get(strategy))
-    return ReconstructionLearner(data, experiment, replace(SETTINGS, architecture=layers, **settings), 0)
+    layers = replace(SETTINGS.architecture, decoder=DECODERS.get(strategy))
+    settings = replace(SETTINGS, architecture=layers, **settings)
+    return ReconstructionLearner(made_up(vision, touch), experiment, settings, 0)
 
 
 @pytest.mark.parametrize("strategy", STRATEGIES)
@@ -56,7 +54,7 @@ def test_a_loss_and_its_gradient_are_those_of_the_cpu(strategy, monkeypatch):
             assert (other.grad.cpu() - one.grad).norm() <= 0.01 * one.grad.norm() + 1e-6, name
 
 
-@pytest.mark.parametrize("strategy", sorted(set(STRATEGIES) - {"implicit"}))  # so small a one has no surface yet
+@pytest.mark.parametrize("strategy", STRATEGIES)
 @pytest.mark.parametrize("precision", ["32-true", "bf16-mixed"])
 def test_a_model_that_a_gpu_trained_predicts_and_scores_alike_on_both(strategy, precision, tmp_path):
     learner = learner_of(strategy, steps=4)

@@ -12,7 +12,7 @@ from tests.evaluation.synthetic import EXPERIMENTS
     [
         ("pooled_unoccluded_touch_5", "charts_unoccluded_touch_5"),
         ("pooled_no_copy_occluded_touch", "no_copy_occluded_touch"),
-        ("implicit_occluded", "charts_occluded"),
+        ("template_occluded", "charts_occluded"),
         ("retrieval_uncorrected_touch_5", "charts_touch_5"),
         ("no_comm_occluded_touch", "no_comm_occluded_touch"),
         ("sphere_unoccluded", "sphere_unoccluded"),
@@ -24,7 +24,7 @@ def test_the_papers_number_is_that_of_the_same_inputs(name, paper):
     assert stated_as(name) == paper
 
 
-KNOWN = ("charts_occluded", "charts_occluded_touch", "pooled_occluded_touch", "implicit_occluded_touch", "cloud")
+KNOWN = ("charts_occluded", "charts_occluded_touch", "pooled_occluded_touch", "template_occluded_touch", "cloud")
 KNOWN += ("pooled_uncorrected_occluded_touch", "pooled_unoccluded", "sphere_occluded_touch")
 
 
@@ -34,7 +34,7 @@ KNOWN += ("pooled_uncorrected_occluded_touch", "pooled_unoccluded", "sphere_occl
         (["charts_occluded_touch", "charts_occluded"], "charts", ("charts_occluded_touch", "charts_occluded")),
         (["charts_occluded_touch x1", "cloud"], "pooled", ("pooled_occluded_touch x1", "cloud")),
         (["charts_occluded_touch", "charts_occluded"], "pooled", ("pooled_occluded_touch", "charts_occluded")),
-        (["charts_occluded_touch", "no_comm_occluded_touch"], "implicit", None),  # of no other use than the charts'
+        (["charts_occluded_touch", "no_comm_occluded_touch"], "template", None),  # of no other use than the charts'
         (["charts_occluded", "charts_occluded"], "pooled", None),  # the same as the paper's
         (["charts_touch"], "pooled", None),  # not known
         (["charts_unoccluded"], "pooled", ("pooled_unoccluded",)),
@@ -44,7 +44,7 @@ KNOWN += ("pooled_uncorrected_occluded_touch", "pooled_unoccluded", "sphere_occl
             "pooled",
             ("pooled_occluded_touch", "sphere_occluded_touch", "pooled_unoccluded"),
         ),
-        (["pooled_occluded_touch", "charts_occluded_touch"], "implicit", None),  # compares methods already
+        (["pooled_occluded_touch", "charts_occluded_touch"], "template", None),  # compares methods already
     ],
 )
 def test_experiments_are_exchanged_whole_or_not(names, method, found):

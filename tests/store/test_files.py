@@ -107,7 +107,7 @@ def test_attributes_say_what_made_the_store_and_no_time(tmp_path, stage):
     assert attributes["schema_version"] == palpate.store.SCHEMA_VERSION
     assert (attributes["seed"], attributes["made_from"]) == (3, {})
     assert (attributes["samples"], attributes["hand"]) == (16, None)
-    engines = {"grasps": "mujoco", "vision": "bpy", "views": "bpy", "distances": "libigl"}
+    engines = {"grasps": "mujoco", "vision": "bpy", "views": "bpy"}
     engines |= {"charts": "torch", "templates": "torch"}
     engines |= {"frames": "mujoco", "frame_images": "bpy", "hold": "mujoco"}
     engine = engines.get(stage, "embreex")

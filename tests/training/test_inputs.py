@@ -23,11 +23,10 @@ def names(experiment):
 PUBLISHED = [name for name, row in EXPERIMENTS.items() if row.strategy in SINGLE_IMAGE_MODELS]
 
 
-IMPLICIT = [name for name, row in EXPERIMENTS.items() if row.strategy == "implicit"]
 NOT_TRAINED = [name for name, row in EXPERIMENTS.items() if not row.is_trained]
 
 
-@pytest.mark.parametrize("name", [name for name in EXPERIMENTS if name not in PUBLISHED + IMPLICIT + NOT_TRAINED])
+@pytest.mark.parametrize("name", [name for name in EXPERIMENTS if name not in PUBLISHED + NOT_TRAINED])
 def test_an_experiment_takes_what_its_model_reads_and_no_more(name):
     experiment = EXPERIMENTS[name]
     templates = Templates(sphere()[0][None]) if experiment.strategy == "template" else None
@@ -45,15 +44,6 @@ def test_an_experiment_takes_what_its_model_reads_and_no_more(name):
     assert model.graph.touch_charts == (
         4 * experiment.grasps if experiment.touch and experiment.strategy in ("charts", "no_copy") else 0
     )
-
-
-@pytest.mark.parametrize("name", IMPLICIT)
-def test_an_implicit_model_takes_what_one_of_charts_takes_and_is_trained_on_more(name):
-    experiment = EXPERIMENTS[name]
-    assert names(experiment) == names(replace(experiment, strategy="pooled"))
-    more = {item.name for item in inputs(experiment, training=True)} - names(experiment)
-    assert more - {"occluded_mask"} == {"distance_points", "distance", "unoccluded_mask"}
-    assert ("occluded_mask" in more) == (experiment.vision == "occluded")
 
 
 @pytest.mark.parametrize("name", [name for name, row in EXPERIMENTS.items() if row.strategy == "template"])
@@ -96,11 +86,3 @@ def test_every_array_is_the_contracts_and_is_taken_by_some_and_only_the_truth_by
         assert set(item.array.split(", ")) <= set(CONTRACT[item.stage].arrays)
         taken = {item in inputs(experiment, training=True) for experiment in EXPERIMENTS.values()}
         assert taken == ({True} if item.name == "points" else {True, False}), item.name
-
-
-def test_without_a_strategy_nothing_of_it_is_left():
-    known = Experiments.read("config/experiments.yaml", "workflow/schemas/experiments.schema.yaml")
-    left = known.without("implicit")
-    assert {name for name in known.experiments if name not in left.experiments} == set(IMPLICIT)
-    in_tables = [each for table in left.tables.values() for each in table.experiments]
-    assert in_tables and all(each.strategy != "implicit" for each in in_tables)

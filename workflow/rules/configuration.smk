@@ -85,8 +85,6 @@ BATCHES = list(BATCH_ENTRIES)
 
 # The authors' dataset is read and not simulated: it comes without meshes and grasps.
 RELEASED = SOURCE.kind == "released"
-if RELEASED:  # implicit models learn distances to meshes
-    EXPERIMENTS = EXPERIMENTS.without("implicit")
 # What the config asks for of the dataset, and which stages of it reject objects.
 DATASET = [each for each in stages.STAGES.values() if each.in_dataset and each.is_asked(config)]
 STAGES = [stages.RELEASED] if RELEASED else [each.name for each in DATASET if each.rejects]
