@@ -195,9 +195,9 @@ COMMANDS = {
     "export": Command(export, "write a run in another layout, with a data card", {
         "output": {"type": Path, "help": "a new folder"},
         "--format": {
-            "choices": ("webdataset", "parquet", "open_x_tactile"),
+            "choices": ("webdataset", "parquet"),
             "default": "webdataset",
-            "help": "tar shards; Parquet and images as load_dataset of Hugging Face reads them; Open-X-Tactile's Zarr",
+            "help": "tar shards; Parquet and images as load_dataset of Hugging Face reads them",
         },
         "--arrays": {"nargs": "+", "metavar": "ARRAY", "help": "which to write (default: all)"},
         "--license": {"default": "unknown", "help": "of the data, for the data card: cc-by-4.0, ..."},

@@ -16,7 +16,6 @@ from palpate.dataset import Dataset
 from palpate.interchange.card import write_card
 from palpate.interchange.croissant import write_croissant
 from palpate.interchange.items import CARD, grasps_by_split
-from palpate.interchange.open_x_tactile import layout_names, write_open_x_tactile
 from palpate.interchange.parquet import write_parquet
 from palpate.interchange.webdataset import write_webdataset
 from palpate.mesh import mesh_file
@@ -27,7 +26,6 @@ from palpate.store.files import StoreError
 FORMATS = {
     "webdataset": (write_webdataset, "{}-*.tar"),
     "parquet": (write_parquet, "{}/**"),
-    "open_x_tactile": (write_open_x_tactile, "{}.zarr/**"),
 }
 
 
@@ -48,7 +46,6 @@ def export(
     """
     write, pattern = FORMATS[layout]
     splits = grasps_by_split(dataset, arrays)
-    names = layout_names(next(iter(splits.values()))) if layout == "open_x_tactile" else {}
     if not source and dataset.config.get("source", {}).get("kind") == "procedural":
         source = "procedural, made by palpate (no one's meshes)"
     with atomic_write(Path(folder)) as partial:
@@ -58,12 +55,12 @@ def export(
         write(partial, splits)
         _write_objects(partial, dataset)
         _copy_figures(partial, dataset)
-        files = sorted(path for path in partial.rglob("*") if path.is_file())  # also hidden ones: Zarr's headers
+        files = sorted(path for path in partial.rglob("*") if path.is_file())
         with ThreadPoolExecutor(2) as pool:
             found = pool.map(checksums.size_and_sha256, files)
             manifest = {path.relative_to(partial).as_posix(): each for path, each in zip(files, found, strict=True)}
         write_croissant(partial / "croissant.json", dataset, splits, manifest, licence, source)
-        write_card(partial / CARD, dataset, splits, pattern, names, licence, source)
+        write_card(partial / CARD, dataset, splits, pattern, {}, licence, source)
         manifest |= {name: checksums.size_and_sha256(partial / name) for name in ("croissant.json", CARD)}
         lines = [f"{digest}  {name}\n" for name, (_, digest) in sorted(manifest.items())]
         (partial / "SHA256SUMS").write_text("".join(lines))

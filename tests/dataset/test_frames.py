@@ -9,7 +9,6 @@ import palpate
 from palpate.interchange import export
 from palpate.store import StoreError
 from palpate.touch import shade
-from tests.interchange.test_open_x_tactile import read
 from tests.store.conftest import add_frames
 
 NAMES = ("joint_positions", "link_pose", "sensor_position", "sensor_rotation", "success", "depth", "reading")
@@ -48,22 +47,6 @@ def test_items_for_training_have_frames(framed):
     for name in ("time", "depth", "reading", "link_pose", "occluded", "image_frame"):
         np.testing.assert_array_equal(grasps[1][f"frames_{name}"], getattr(record.frames, name), err_msg=name)
     assert grasps.images["frames_reading"] and grasps.images["frames_occluded"]
-
-
-def test_an_episode_of_open_x_tactile_is_a_closing(framed, tmp_path):
-    export(framed, tmp_path / "out", "open_x_tactile")
-    store, (record,) = tmp_path / "out/test.zarr", framed.split("test")
-    data, frames = store / "data", [grasp.frames for grasp in record.grasps]
-    assert read(store / "meta/episode_ends").tolist() == [3, 6]
-    assert read(data / "timestamps").tolist() == [0, 1, 2, 0, 1, 2]
-    expected = np.concatenate([each.reading for each in frames])
-    np.testing.assert_array_equal(read(data / "left_tactile_data_fingers"), expected)
-    np.testing.assert_array_equal(read(store / "frames/depth"), np.concatenate([each.depth for each in frames]))
-    np.testing.assert_array_equal(read(store / "grasps/reading"), [grasp.reading for grasp in record.grasps])
-    assert len(read(data / "left_wrist_pose")) == len(read(data / "sub_task_instruction")) == 6
-    assert not (data / "camera_main_rgb").exists()  # two of three frames have images
-    assert read(store / "grasps/frames_occluded").shape[:2] == (2, 2)
-    assert "`frames_reading` is `data/left_tactile_data_fingers`" in (tmp_path / "out/README.md").read_text()
 
 
 def test_samples_of_webdataset_have_frames(framed, tmp_path):
