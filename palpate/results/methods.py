@@ -19,7 +19,6 @@ EXCHANGED, COMMUNICATION, STATED = (
     for key in ("exchanged", "communication", "stated_as")
 )
 METHODS = tuple(EXCHANGED)  # that claims and differences are of
-UNCORRECTED = "_uncorrected"  # of methods that are bent to the touched points, without it
 COMMUNICATION_NOTE = (
     " Communication is edges of the graph to touch charts in the paper's method, and pooling by nearness in ours, "
     "which also bends charts to touched points. Without it touch charts are copied into the mesh, and vision charts "
@@ -29,12 +28,9 @@ _NAME = re.compile(r"(.+?)(_(?:occluded|unoccluded|touch).*)")
 
 
 def method_of(experiment: Experiment) -> str:
-    """An experiment's method: its strategy, `mean` with the first release's graph, `_uncorrected` where others of the
-    strategy are bent to the touched points."""
+    """An experiment's method: its strategy, or `mean` with the first release's graph."""
     first_release = experiment.architecture.get("gcn", {}).get("normalisation") == "mean"
-    name = "mean" if first_release else experiment.strategy
-    uncorrected = experiment.touch and not experiment.correction and name + UNCORRECTED in NAMES
-    return name + UNCORRECTED * uncorrected
+    return "mean" if first_release else experiment.strategy
 
 
 def method_label(method: str) -> str:

@@ -111,12 +111,10 @@ def _against_first(found: Errors, keys: Mapping[int, str], resamples: int) -> np
 
 
 def _style(setup: Experiment) -> dict[str, str]:
-    """Colour and dashes of a line: vision alone is dotted, a model without its correction dash-dotted."""
+    """Colour and dashes of a line: vision alone is dotted."""
     method = methods.method_of(setup)
-    plain = method.removesuffix(methods.UNCORRECTED)
-    number = ORDER.index(plain) if plain in ORDER else list(methods.NAMES).index(plain)
-    dashes = "-." if plain != method else "-" if setup.touch else ":"
-    return {"color": COLOURS[number % len(COLOURS)], "linestyle": dashes}
+    number = ORDER.index(method) if method in ORDER else list(methods.NAMES).index(method)
+    return {"color": COLOURS[number % len(COLOURS)], "linestyle": "-" if setup.touch else ":"}
 
 
 def _line(axes: Axes, x: Sequence[int], estimates: Sequence, style: dict[str, str], label: str) -> None:

@@ -13,7 +13,7 @@ from tests.evaluation.synthetic import EXPERIMENTS
         ("pooled_unoccluded_touch_5", "charts_unoccluded_touch_5"),
         ("pooled_no_copy_occluded_touch", "no_copy_occluded_touch"),
         ("template_occluded", "charts_occluded"),
-        ("retrieval_uncorrected_touch_5", "charts_touch_5"),
+        ("retrieval_touch_5", "charts_touch_5"),
         ("no_comm_occluded_touch", "no_comm_occluded_touch"),
         ("sphere_unoccluded", "sphere_unoccluded"),
         ("single_image", "single_image"),
@@ -25,7 +25,7 @@ def test_the_papers_number_is_that_of_the_same_inputs(name, paper):
 
 
 KNOWN = ("charts_occluded", "charts_occluded_touch", "pooled_occluded_touch", "template_occluded_touch", "cloud")
-KNOWN += ("pooled_uncorrected_occluded_touch", "pooled_unoccluded", "sphere_occluded_touch")
+KNOWN += ("pooled_unoccluded", "sphere_occluded_touch")
 
 
 @pytest.mark.parametrize(
@@ -55,18 +55,16 @@ def test_labels_say_whose_a_row_is():
     rows = [
         Experiment("a", "charts", "occluded", True, 1),
         Experiment("b", "pooled", "none", True, 2, correction=Correction(0.08, 0.3)),
-        Experiment("b", "pooled", "none", True, 2),
         Experiment("b", "retrieval", "occluded", False, 1),
         Experiment("c", "psg", "views", False, 1),
         EXPERIMENTS["mean_occluded_touch"],
     ]
     assert [label(row) for row in rows] == [
-        "charts, equation 1 (paper)", "pooled touch (ours)", "pooled touch, uncorrected (ours)",
+        "charts, equation 1 (paper)", "pooled touch (ours)",
         "retrieval (no training)", "in the manner of PSG", "charts, mean (authors' first release)",
     ]  # fmt: skip
     assert [input_label(row) for row in rows] == [
         "occluded vision + touch",
-        "touch",
         "touch",
         "occluded vision",
         "single view",
