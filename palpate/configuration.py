@@ -114,16 +114,12 @@ def read_yaml(path: Path | str) -> Any:
 
 
 def _say(error: jsonschema.ValidationError) -> Iterator[str]:
-    """Lines on a difference. Schemas have two keywords of ours: `errorMessage`, in place of the validator's, and
-    `formerKeys`, what to do about keys that had another name or are gone."""
+    """Lines on a difference. Schemas have a keyword of ours, `errorMessage`, in place of the validator's."""
     where = ".".join(str(step) for step in error.absolute_path)
     if error.validator == "additionalProperties" and error.validator_value is False:
         known = list(error.schema["properties"])
         for key in sorted(set(error.instance) - set(known)):
             path = f"{where}.{key}" if where else str(key)
-            if former := error.schema.get("formerKeys", {}).get(key):
-                yield f"{path}: {former}"
-                continue
             close = difflib.get_close_matches(str(key), known, n=1)
             hint = f"did you mean {close[0]!r}?" if close else f"known keys: {', '.join(known)}"
             yield f"{path}: unknown key; {hint}"

@@ -76,7 +76,7 @@ def of_meshes(batch: Path | str) -> Made:
 
 def sources_digest(objects: Iterable[tuple[str, str, str, str, str]]) -> str:
     """SHA-256 of the name, checksum, up axis, scale and turn of a batch's objects, as the catalogue has them."""
-    rows = [[*each, turn] if turn else each for *each, turn in objects]  # without a turn as older runs have it
+    rows = [[*each, turn] if turn else each for *each, turn in objects]
     return hashlib.sha256(json.dumps(rows).encode()).hexdigest()
 
 

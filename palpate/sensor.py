@@ -142,8 +142,7 @@ class Sensor:
             "resolution": (rows, columns),
             # Square pixels.
             "height": description.get("height", description["width"] * (rows / columns)),
-            # Stores of before this key are of the Allegro.
-            "gel_face": description.get("gel_face", 0.019273),
+            "gel_face": description.get("gel_face", 0.019273),  # of the DIGIT in the Allegro's tips
             "gel_radius": None if gel == "flat" else float(gel["radius"]),
         }
         sensor = cls(**values, background=background if description["background"] else None)

@@ -101,10 +101,10 @@ def test_a_sensor_may_extend_another_and_be_rectangular(tmp_path):
         load("own.yaml", tmp_path)
 
 
-def test_stores_of_before_rectangles_are_read():
-    old = DIGIT.description() | {"resolution": 100}
-    del old["height"], old["gel_face"]
-    assert not DIGIT.geometry_difference(Sensor.from_description(old))
+def test_height_and_gel_face_have_defaults():
+    short = DIGIT.description() | {"resolution": 100}
+    del short["height"], short["gel_face"]
+    assert not DIGIT.geometry_difference(Sensor.from_description(short))
 
 
 @pytest.mark.parametrize(

@@ -69,7 +69,7 @@ def _remarks(run: Run, rejected: set[str]) -> Iterator[str]:
 def _facts(batch: Path) -> dict[str, dict[str, Any]]:
     try:
         return json.loads((batch / FACTS).read_text())
-    except (OSError, ValueError):  # of an older version, or not made yet
+    except (OSError, ValueError):  # not made yet, or damaged
         return {}
 
 

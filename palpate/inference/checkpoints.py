@@ -17,9 +17,7 @@ from palpate.models.templates import Templates
 from palpate.rebuild_command import rebuild_command
 from palpate.sensor import DIGIT, Sensor
 
-# 1: models had the paper's camera, which was not stored.
-# 2: how touch enters was an option of the architecture, not the strategy; models continued from others.
-SCHEMA_VERSION = 3
+SCHEMA_VERSION = 3  # of checkpoints; those of another are refused
 
 
 class CheckpointError(ValueError):
@@ -147,7 +145,7 @@ def load(path: Path | str, experiment: Experiment | None = None) -> Reconstructi
 
 
 def _sensor_of(content: Mapping[str, Any]) -> tuple[int, Sensor]:
-    """A hand's number of sensors and their kind, of a checkpoint. Those that don't say are of the Allegro's DIGITs."""
+    """A hand's number of sensors and their kind, of a checkpoint; the Allegro's of a model without touch."""
     sensor = Sensor.from_description(content["sensor"]) if "sensor" in content else DIGIT
     return content.get("hand_sensors", HAND_SENSORS), sensor
 

@@ -571,7 +571,7 @@ def test_a_record_shows_one_camera_and_the_others_are_asked_for(run):
 
 
 def test_whether_an_object_has_the_one_size_of_all(run):
-    """By the catalogue; one of an older version has no such column, and one size."""
+    """By the catalogue; an object without a scale has the one size."""
     assert all(record.normalised for record in palpate.Dataset(run))
     rows = [row.split(",") for row in (run / "catalogue.csv").read_text().splitlines()]
     scales = ["scale", "diagonal", "keep", "0.001", *["diagonal"] * (len(rows) - 4)]

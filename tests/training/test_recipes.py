@@ -110,8 +110,8 @@ def test_modality_then_strategy():
         ({"reconstruction": {"architecture": {"gcn": {"depth": 1}}}}, "gcn.depth: unknown key"),
         ({"epochs": 3}, "fast.epochs: unknown key"),
         (
-            {"reconstruction": {"architecture": {"unsuccessful": "held"}}},
-            "fast.reconstruction.architecture.unsuccessful: this key is now called 'failed_charts', and its value held",
+            {"reconstruction": {"architecture": {"failed": "fixed"}}},
+            "fast.reconstruction.architecture.failed: unknown key; did you mean 'failed_charts'?",
         ),
         ({"reconstruction": {"steps": None, "epochs": None}}, "reconstruction needs steps or epochs"),
         ({"modalities": {"touch": {"steps": None}}}, "modalities.touch needs steps or epochs"),

@@ -58,7 +58,7 @@ def test_smoke_has_an_object_of_every_split():
             "source.turned: True: released images can't be turned",
         ),
         ({"zzz": 3}, "zzz: unknown key; known keys: run, results, seed"),
-        ({"evaluation": {"bootstrap": 9}}, "evaluation.bootstrap: this key is now called 'resamples'"),
+        ({"evaluation": {"bootstrap": 9}}, "evaluation.bootstrap: unknown key; known keys: points, resamples"),
         ({"vision": {"background": [1, 1, {"from": 0}]}}, "vision.background.2.to: missing"),
         ({"vision": {"background": [1, 1, {"from": 0, "to": 2}]}}, "vision.background.2.to: 2 is greater than"),
         (
@@ -76,7 +76,7 @@ def test_smoke_has_an_object_of_every_split():
         ({"vision": {"lights": [{"kind": "spot", "energy": 3}]}}, "vision.lights.0.kind: 'spot' is not one of"),
         ({"vision": {"background": "white"}}, "vision.background: 'white': expected transparent, or sRGB"),
         ({"vision": {"background": [1, 1, 2]}}, "vision.background.2: 2 is greater than the maximum of 1"),
-        ({"mesh": {"levels": [1000]}}, "mesh.levels: remove this key"),
+        ({"mesh": {"levels": [1000]}}, "mesh.levels: unknown key; known keys: collision_faces"),
         ({"batch_size": "16"}, "batch_size: '16': expected auto, or a number"),
         ({"batch_size": 1.5}, "batch_size: 1.5 is not of type 'integer'"),
         ({"batch_size": 0}, "batch_size: 0 is less than the minimum of 1"),
