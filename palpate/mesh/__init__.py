@@ -40,8 +40,8 @@ def prepare(
     """Make the mesh files of one object from a source file of any of `FORMATS`.
 
     Writes into the folder `visual.glb` (every face, materials and textures) and `collision.ply` (decimated, geometry
-    only), both in the object's own frame (metres, z up, bounding-box centre at the origin), and `mesh.json`: repairs,
-    and the distance of the decimated mesh from the source. Returns what `mesh.json` holds.
+    only), both in the object's own frame (metres, z up, bounding-box centre at the origin), and `mesh.json`
+    (docs/meshes.md), whose content is returned.
 
     up: the source's up axis, "x", "y" or "z". turn: degrees about the vertical, after that. scale: "diagonal" for a
     bounding box with the diagonal `DIAGONAL`, "keep" for a file in metres, or the metres of a unit of the file. root:

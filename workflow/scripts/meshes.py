@@ -2,7 +2,7 @@
 
 meshes/<batch>/<object>/visual.glb       full resolution, materials and textures; own frame, metres
                         collision.ply    what the hand collides with
-                        mesh.json        faces, repairs made, measured distance to the source
+                        mesh.json        faces, repairs made, scale: docs/meshes.md
                 made_from.json          what they were made from
                 manifest.json           sizes and checksums of all these files
                 .facts.json             of each object what the summary of a run says
