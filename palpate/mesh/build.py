@@ -1,12 +1,12 @@
 """From a source file to the mesh files of one object."""
 
-import copy
 import json
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import trimesh
+from trimesh.visual.material import PBRMaterial
 
 from palpate.batch import UnusableObject
 from palpate.camera import rotation_about
@@ -53,6 +53,9 @@ def build(
     folder.mkdir(parents=True, exist_ok=True)
     shown = [mesh for mesh in parts if len(mesh.faces)]
     wraps = [mesh.metadata.pop("wrap", None) for mesh in shown]
+    for mesh, wrap in zip(shown, wraps, strict=True):
+        if wrap is not None:
+            mesh.visual.material = _Wrapped(mesh.visual.material, wrap)
     try:
         glb = trimesh.Scene(shown).export(file_type="glb", tree_postprocessor=lambda tree: _complete(tree, wraps))
     except (OSError, SyntaxError) as error:  # PIL's: textures are decoded here, nothing is written yet
@@ -170,22 +173,25 @@ def _complete(tree, wraps):
             material["emissiveFactor"] = [light / strength for light in material["emissiveFactor"]]
             material["extensions"] = {"KHR_materials_emissive_strength": {"emissiveStrength": strength}}
             tree["extensionsUsed"] = ["KHR_materials_emissive_strength"]
-    made = {}  # trimesh has one material for meshes that differ in nothing else
     for mesh, wrap in zip(tree["meshes"], wraps, strict=True):
-        number = mesh["primitives"][0]["material"]
-        if wrap is None:
-            continue
-        if (number, wrap) not in made:
-            made[number, wrap] = len(materials)
+        if wrap is not None:
             sampler = {key: WRAP_MODES[mode] for key, mode in zip(("wrapS", "wrapT"), wrap, strict=True)}
-            tree.setdefault("samplers", []).append(sampler)
-            materials.append(copy.deepcopy(materials[number]))
-            for info in (*materials[-1].values(), *materials[-1]["pbrMetallicRoughness"].values()):
-                if isinstance(info, dict) and "index" in info:
-                    texture = tree["textures"][info["index"]] | {"sampler": len(tree["samplers"]) - 1}
-                    info["index"] = len(tree["textures"])
-                    tree["textures"].append(texture)
-        mesh["primitives"][0]["material"] = made[number, wrap]
+            samplers = tree.setdefault("samplers", [])
+            samplers += [sampler] if sampler not in samplers else []
+            material = materials[mesh["primitives"][0]["material"]]
+            for info in (*material.values(), *material["pbrMetallicRoughness"].values()):
+                if isinstance(info, dict) and "index" in info:  # trimesh has no texture of two materials
+                    tree["textures"][info["index"]]["sampler"] = samplers.index(sampler)
+
+
+class _Wrapped(PBRMaterial):
+    """A material that trimesh does not share with parts whose textures wrap in another way: it compares hashes."""
+
+    def __init__(self, material, wrap):
+        self._data, self.wrap = material._data, wrap
+
+    def __hash__(self):
+        return hash((super().__hash__(), self.wrap))
 
 
 def _describe(vertices, faces):
