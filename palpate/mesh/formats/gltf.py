@@ -71,8 +71,9 @@ class _Document:
         binary = data[:4] == b"glTF"
         if binary != (path.suffix.lower() == ".glb"):
             raise ValueError(f"it is {'' if binary else 'not '}binary glTF: give it the right suffix, if it is whole")
-        self.tree, start = gltf_tree(path) if data[4:8] == b"\2\0\0\0" or not binary else ({}, 0)
-        version = self.tree.get("asset", {}).get("version", data[4] if binary else "of no version")
+        old = binary and data[4:8] != b"\2\0\0\0"
+        self.tree, start = ({"asset": {"version": data[4]}}, 0) if old else gltf_tree(path)
+        version = self.tree.get("asset", {}).get("version", "of no version")
         if str(version).split(".")[0] != "2":
             raise ValueError(f"it is glTF {version}, not 2.0: convert it, e.g. gltf-pipeline -i old.gltf -o new.gltf")
         for name in self.tree.get("extensionsRequired", []):
@@ -108,7 +109,8 @@ class _Document:
         view = self.tree["bufferViews"][number]
         buffer, start, length = self.buffers[view["buffer"]], view.get("byteOffset", 0), view["byteLength"]
         if buffer is None:
-            raise _not_read("its mesh", next((name for name in MESHOPT if _extension(view, name)), "of its buffer"))
+            compressed = [name for name in MESHOPT if _extension(view, name)]
+            raise _not_read("it", *compressed) if compressed else ValueError(f"buffer {view['buffer']} has no data")
         if not 0 <= start <= start + length <= len(buffer):
             raise ValueError(f"cut off: bytes {start:,} to {start + length:,} of a buffer of {len(buffer):,}")
         return memoryview(buffer)[start : start + length]
@@ -271,7 +273,7 @@ class _Document:
         infos = {key: info for key in keys if (info := factors.get(key, given.get(key)))}
         where = next((self._where(info) for info in infos.values()), Place())
         label, pictures, lost = name or f"material {number}", {}, set()
-        for key, info in infos.items():
+        for key, info in reversed(infos.items()):  # the colour last: what follows from its loss is said of a picture
             follows = files.GREY if key == base else "left out"
             if self._where(info)[:2] != where[:2]:
                 picture, problem = None, "it lies otherwise than the base colour's"
