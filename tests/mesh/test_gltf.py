@@ -18,6 +18,7 @@ from palpate.batch import UnusableObject
 from palpate.mesh import OBJECT_POSITION
 from palpate.mesh.load import load
 from palpate.mesh.part import GREY
+from palpate.named_files import companions
 from palpate.vision import Renderer, looking_at
 from tests.mesh import imported
 
@@ -314,6 +315,18 @@ def test_shapes_that_are_known(written):
         np.testing.assert_allclose(found, box, atol=0.005)  # a byte's last digit is 1 / 127
     assert [len(part.faces) for part in load(written["fan"][0])[0].parts] == [12, 8]
     assert len(load(written["instances"][0])[0].parts) == 3
+
+
+def test_the_lowest_signed_number_is_minus_one(tmp_path):
+    """-128 and -127 of a byte alike (3.6.2.2), so that a box of both is closed."""
+    values = np.zeros((8, 4), "<i1")
+    values[:, :3] = np.where(CORNERS > 0.5, 127, np.where(np.arange(8)[:, None] % 2, -127, -128))
+    document = Document(extensionsRequired=["KHR_mesh_quantization"])
+    accessor = {"bufferView": document.view(values.tobytes(), byteStride=4), "componentType": 5120, "type": "VEC3"}
+    document.tree["accessors"].append(accessor | {"count": 8, "normalized": True})
+    document.mesh(document.primitive(0))
+    (part,) = load(document.write(tmp_path / "a.glb"))[0].parts
+    assert set(np.unique(part.vertices)) == {-1.0, 1.0} and part.volume == pytest.approx(8)
 
 
 def test_normals_follow_morphs_skins_and_mirroring(tmp_path):
@@ -678,7 +691,7 @@ def test_named_buffers_and_pictures(tmp_path):
     path.write_text(json.dumps(tree).replace("/", "\\/"))
     loaded, problems = load(path)
     assert problems == {} and loaded.parts[0].visual.material.baseColorTexture.size == (16, 16)
-    assert mesh.files.named_files.companions(path) == ["data/a b.bin", "data/🎨.png"]
+    assert companions(path) == ["data/a b.bin", "data/🎨.png"]
     (tmp_path / "data/🎨.png").unlink()
     assert list(load(path)[1]) == ["data/🎨.png"]
     (tmp_path / "data/a b.bin").unlink()

@@ -189,7 +189,7 @@ class _Document:
     def _primitive(self, name: str, primitive: Tree, mesh: Tree, node: Tree, number: int) -> list[trimesh.Trimesh]:
         """The parts that a node makes of a primitive: one, or one an instance."""
         attributes, mode = primitive["attributes"], primitive.get("mode", TRIANGLES)
-        used = [*attributes.values(), *(primitive[key] for key in ("indices",) if key in primitive)]
+        used = {**attributes, "indices": primitive.get("indices", attributes.get("POSITION", 0))}.values()
         if _extension(primitive, DRACO) and not all("bufferView" in self.tree["accessors"][each] for each in used):
             raise _not_read(f"mesh {name}", DRACO)
         if mode not in (TRIANGLES, STRIP, FAN) or "POSITION" not in attributes:
@@ -217,10 +217,9 @@ class _Document:
             material, where = self.material(primitive["material"], frozenset(attributes))
         uv = None if where is None else values(f"TEXCOORD_{where.number}")
         if colours is not None:
-            light = np.full((len(colours), 4), 255, np.uint8)
-            light[:, : colours.shape[1]] = np.round(255 * np.clip(np.nan_to_num(colours), 0, 1))
-            if material is None or material.alphaMode in (None, "OPAQUE"):
-                light[:, 3] = 255
+            colours = np.round(255 * np.clip(np.nan_to_num(colours), 0, 1)).astype(np.uint8)
+            if colours.shape[1] == 3 or material is None or material.alphaMode in (None, "OPAQUE"):
+                colours = np.column_stack([colours[:, :3], np.full(len(colours), 255, np.uint8)])
         placed = []
         for matrix in self._placements(node, number, attributes, len(vertices)):
             linear, turned = matrix[..., :3, :3], None
@@ -232,8 +231,8 @@ class _Document:
             placed.append(
                 part.make_part(
                     name, points, faces[:, ::-1] if mirrored else faces, material, normals=turned,
-                    uv=None if uv is None else _moved(uv, *where.transform), wrap=where and where.wrap,
-                    colours=None if colours is None else light,
+                    uv=None if uv is None else _moved(uv, *where.transform), colours=colours,
+                    wrap=where and where.wrap,
                 )
             )  # fmt: skip
         return placed
@@ -248,11 +247,8 @@ class _Document:
                 joints = joints @ inverse.reshape(-1, 4, 4).transpose(0, 2, 1)
             matrices, total = np.zeros((count, 4, 4)), np.zeros((count, 1, 1))
             for key in [key for key in attributes if key.startswith("JOINTS_")]:
-                which, weights = (
-                    self.accessor(attributes[key]),
-                    self.floats(attributes[key.replace("JOINTS", "WEIGHTS")]),
-                )
-                for joint, weight in zip(which.T, weights.T.astype(float)[..., None, None], strict=True):
+                weights = self.floats(attributes[key.replace("JOINTS", "WEIGHTS")]).astype(float)
+                for joint, weight in zip(self.accessor(attributes[key]).T, weights.T[..., None, None], strict=True):
                     matrices += weight * joints[joint]
                     total += weight
             return [np.where(total > 0, matrices / np.where(total > 0, total, 1), joints[0])]
