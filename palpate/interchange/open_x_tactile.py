@@ -124,4 +124,5 @@ def _append(root: zarr.Group, arrays: Mapping[str, np.ndarray], axes: Mapping[st
             array = root.create_array(path, dtype=values.dtype, compressors=codec, **stated)
             others = axes.get(path) or [f"{array.basename}_{axis}" for axis in range(1, values.ndim)]
             array.attrs["_ARRAY_DIMENSIONS"] = ["frame" if path.startswith(("data", "frames")) else "episode", *others]
-        root[path].append(values)
+        with zarr.config.set({"array.write_empty_chunks": True}):  # nothing says what a missing one holds
+            root[path].append(values)
