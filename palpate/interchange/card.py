@@ -151,25 +151,24 @@ def _arrays(grasps: GraspDataset, places: Mapping[str, Place]) -> list[list]:
 
 def _joints(hand: Hand) -> list[list]:
     """Number, name, link, the link that this is on, movement, range and unit, and the joint that it follows."""
-    rows, links = [], [escaped(name) for name in hand.link_names]
-    for number, name in enumerate(hand.joint_names):
-        link, driver = hand.joint_link[number], hand.joint_driver[number]
+    rows, links, joints = [], [*map(escaped, hand.link_names)], [*map(escaped, hand.joint_names)]
+    for number, (link, driver) in enumerate(zip(hand.joint_link, hand.joint_driver, strict=True)):
         how, unit = ("slides", "m") if hand.joint_slides[number] else ("turns", "rad")
         low, high = hand.joint_range[number]
-        follows = escaped(hand.joint_names[driver]) if driver != number else ""
-        parts = [links[link], links[hand.link_parent[link]], how, f"{low:.4g} to {high:.4g} {unit}", follows]
-        rows.append([number, escaped(name), *parts])
+        places = [links[link], links[hand.link_parent[link]], how, f"{low:.4g} to {high:.4g} {unit}"]
+        rows.append([number, joints[number], *places, "" if driver == number else joints[driver]])
     return rows
 
 
 def _unchecked(dataset: Dataset, digests: Mapping[tuple[str, str], str]) -> list[str]:
     """The stores, of these by stage and batch, that are not as they were when the run was validated."""
-    found = []
-    for (stage, batch), digest in digests.items():
-        rows = _rows(dataset.folder / f"reports/validation/{batch}.csv")
-        if ["files", stage, digest] not in [[row["check"], row["store"], row["where"]] for row in rows]:
-            found.append(f"{stage}/{batch}")
-    return found
+    checked = {
+        (row["store"], batch, row["where"])
+        for batch in {batch for _, batch in digests}
+        for row in _rows(dataset.folder / f"reports/validation/{batch}.csv")
+        if row["check"] == "files"
+    }
+    return [f"{stage}/{batch}" for (stage, batch), digest in digests.items() if (stage, batch, digest) not in checked]
 
 
 def _rejections(dataset: Dataset) -> list[list]:
