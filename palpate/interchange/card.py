@@ -38,7 +38,8 @@ def spdx(licence: str) -> str:
         return str(licenses.canonicalize_license_expression(licence))
     except licenses.InvalidLicenseExpression:
         hint = nearest(licence.lower(), licenses.LICENSES)
-        raise ValueError(f"{licence!r} is no licence of SPDX, such as CC-BY-4.0 ({SPDX}){hint}") from None
+        known = f"such as CC-BY-4.0 ({SPDX}), nor LicenseRef-<name>"
+        raise ValueError(f"{licence!r} is no licence of SPDX, {known}{hint}") from None
 
 
 def licence_url(licence: str) -> str:

@@ -26,7 +26,6 @@ from palpate.interchange.items import CARD, TEXT, Place, versions
 TEMPLATE = Path(__file__).with_name("croissant.json.jinja")
 # Columns of the tables that are not text.
 NUMBERS = ("sample", "grasp")
-ENCODINGS = ("application/vnd.zarr", "application/octet-stream")  # of arrays in Zarr, and of .npy in archives
 KEYS = {"objects.csv": "object", "grasps.csv": "sample"}
 
 
@@ -96,9 +95,11 @@ def _of_arrays(
             data_type = "sc:Text" if name in grasps.images else data_type
             columns.append(_field("grasps", place.column, data_type, "metadata", column=place.column) | array)
             continue
-        data_type, encoding = ("sc:ImageObject", "image/png") if place.image else (data_type, ENCODINGS[bool(archives)])
+        encoding = "application/octet-stream" if archives else "application/vnd.zarr"
+        if archives and name in grasps.images:  # a record is one image
+            data_type, encoding, array = "sc:ImageObject", "image/png", {"description": array["description"]}
         files.append(_set(name, encoding, place.files, archives))
-        fields = [_field(name, name, data_type, name, fileProperty="content") | ({} if place.image else array)]
+        fields = [_field(name, name, data_type, name, fileProperty="content") | array]
         if archives:
             fields.append(_field(name, "sample", "sc:Integer", name, fileProperty="filename"))
             fields[-1]["source"]["transform"] = {"regex": r"^(\d+)\..*$"}

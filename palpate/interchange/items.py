@@ -26,7 +26,6 @@ class Place(NamedTuple):
     files: str  # pattern of the files that hold it, and nothing else unless it is a column
     shape: tuple[int, ...]  # of what a record has: of a column of file names, how many
     column: str = ""
-    image: bool = False  # whether a record is one image file
 
 
 def image_names(grasps: GraspDataset) -> dict[str, list[str]]:

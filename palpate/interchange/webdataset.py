@@ -52,7 +52,7 @@ def places(grasps: GraspDataset) -> dict[str, Place]:
         files = [f"{each}.png" for each in images] or [f"{name}.npy"]
         pattern = f"*.{name}.*.png" if images and images != [name] else f"*.{files[0]}"
         text = " to ".join(f"`{each}`" for each in dict.fromkeys([files[0], files[-1]]))
-        found[name] = Place(text, pattern, item[name].shape, image=bool(images))
+        found[name] = Place(text, pattern, item[name].shape)
     return found
 
 
