@@ -140,8 +140,6 @@ def export(args: argparse.Namespace) -> int:
     from palpate import interchange
     from palpate.dataset import Dataset
 
-    if args.output.exists():
-        raise FileExistsError(f"{args.output} exists: name a new folder, or remove it")
     given = (args.output, args.format, args.arrays, args.license, args.source)
     print(f"{args.output}: {interchange.export(Dataset(args.run), *given)} grasps")
     return 0
@@ -200,7 +198,7 @@ COMMANDS = {
             "help": "tar shards; Parquet and images as load_dataset of Hugging Face reads them; Open-X-Tactile's Zarr",
         },
         "--arrays": {"nargs": "+", "metavar": "ARRAY", "help": "which to write (default: all)"},
-        "--license": {"default": "unknown", "help": "of the data, for the data card: cc-by-4.0, ..."},
+        "--license": {"default": "unknown", "help": "of the data, by its SPDX name, as CC-BY-4.0 (https://spdx.org/licenses)"},
         "--source": {"default": "", "help": "where the meshes are from and on what terms, for the data card"},
     }),
 }  # fmt: skip

@@ -80,6 +80,11 @@ def test_validate_checks_and_says_what_it_found(run, capsys):
     [
         (["info", "nowhere"], "nowhere: no such run: there is no run in ."),
         (["view", "{run}/../nope"], "/nope: no such run: runs in {run}/.. are small"),
+        (["info", "{run}/.."], "{run}/..: no run itself: runs in {run}/.. are small"),
+        (
+            ["export", "{run}", "{run}/out", "--license", "cc-by-5"],
+            "'cc-by-5' is no licence of SPDX, such as CC-BY-4.0",
+        ),
         (["view", "{run}", "bal-0000"], "'bal-0000' is not among the 3 objects"),
         (["view", "{run}", "ball-0000", "--grasps", "7"], "ball-0000 has no grasp 7: it has 2"),
         (["view", "{run}", "ball-0000", "--model", "charts"], "no experiment 'charts' is trained in"),

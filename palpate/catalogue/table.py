@@ -55,13 +55,14 @@ def read_catalogue(path: Path | str) -> list[CatalogueEntry]:
     """
     if not Path(path).is_file():
         folder = Path(path).parent
-        if folder.is_dir():
+        place = folder if folder.is_dir() else folder.parent
+        runs = sorted(catalogue.parent.name for catalogue in place.glob("*/catalogue.csv"))
+        if folder.is_dir() and not runs:
             raise CatalogueError(
                 f"{path} does not exist; name a run's folder, or build it with: {rebuild_command(path)}"
             )
-        runs = sorted(place.parent.name for place in folder.parent.glob("*/catalogue.csv"))
-        known = f"runs in {folder.parent} are {', '.join(runs)}" if runs else f"there is no run in {folder.parent}"
-        raise CatalogueError(f"{folder}: no such run: {known}")
+        known = f"runs in {place} are {', '.join(runs)}" if runs else f"there is no run in {place}"
+        raise CatalogueError(f"{folder}: {'no run itself' if folder.is_dir() else 'no such run'}: {known}")
     again = rebuild_advice(path)
     try:
         rows = read_rows(path, COLUMNS[:4], again)

@@ -1,5 +1,6 @@
 """The files of one run: its catalogue, its rejections, and its stores."""
 
+import difflib
 import itertools
 from collections import defaultdict
 from collections.abc import Iterable, Iterator
@@ -222,6 +223,12 @@ class Run:
         name = next(name for name, array in CONTRACT[stage].arrays.items() if array.of_grasps)
         self.row(stage, entry)
         return self.store(stage, entry.batch).header(name)[0][1]
+
+
+def nearest(name: str, known: Iterable[str]) -> str:
+    """The end of a message about an unknown name: the nearest known ones."""
+    close = difflib.get_close_matches(name, list(known), n=3)
+    return f"; did you mean {' or '.join(close)}?" if close else ""
 
 
 def fill_untouched(reading: np.ndarray, success: np.ndarray, empty: np.ndarray) -> np.ndarray:

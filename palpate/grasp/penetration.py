@@ -51,9 +51,8 @@ class PenetrationCheck:
         self.geoms = np.flatnonzero(hand.geom_collides)
         self.surfaces = {geom: geom_surface(hand, geom) for geom in self.geoms}
         self.half = np.array([np.abs(surface).max(axis=(0, 1)) for surface in self.surfaces.values()])  # of their boxes
-        links = hand.geom_link[self.geoms]
-        may_collide = ~hand.adjacent_links()[links[:, None], links[None, :]]
-        self.pairs = self.geoms[np.argwhere(np.triu(may_collide, k=1))]  # (P, 2) of geoms on links that may collide
+        meets = hand.meets()[self.geoms[:, None], self.geoms]
+        self.pairs = self.geoms[np.argwhere(np.triu(meets, k=1))]  # (P, 2) of geoms that may collide
 
     def in_object(self, link_pose: np.ndarray) -> float:
         """Metres of the deepest point of the object's surface in the hand, or 0; link_pose: (L, 4, 4).
@@ -77,7 +76,7 @@ class PenetrationCheck:
         return found
 
     def in_itself(self, link_pose: np.ndarray) -> float:
-        """Metres of the deepest point of a link's surface in another link, not joined to it; link_pose: (L, 4, 4)."""
+        """Metres of the deepest point of a link's surface in another that may collide with it; link_pose: (L, 4, 4)."""
         poses = self.hand.geom_poses(link_pose)
         surfaces = {
             geom: surface @ poses[geom, :3, :3].T + poses[geom, :3, 3] for geom, surface in self.surfaces.items()

@@ -19,7 +19,7 @@ import zarr
 from scipy.spatial.transform import Rotation
 
 from palpate.dataset import GraspDataset
-from palpate.interchange.items import TEXT, with_progress
+from palpate.interchange.items import TEXT, Place, with_progress
 
 FRAMES = 16  # of a chunk
 HELD = 4 * FRAMES  # frames in memory before they are written, 2 MB each; Zarr compresses their chunks side by side
@@ -37,7 +37,11 @@ def write_open_x_tactile(folder: Path, splits: Mapping[str, GraspDataset]) -> No
     """
     with_touch = {"reading", "frames_reading"} & {*next(iter(splits.values())).sources}
     same = _of_sensors(json.loads((folder / "sensor.json").read_text())) if with_touch else {}
-    of_frames = _of_frames(next(iter(splits.values())))
+    first = next(iter(splits.values()))
+    of_frames, axes = _of_frames(first), {}
+    for name, place in places(first).items():
+        if name != "palm_pose":
+            axes[place.text.strip("`")] = first.dimensions(name)[-len(place.shape) :] if place.shape else ()
     for split, grasps in splits.items():
         root, rows, held, ends = zarr.create_group(folder / f"{split}.zarr", zarr_format=2), [], 0, []
         texts: dict[str, list] = {"grasps/object": [], "data/sub_task_instruction": []}
@@ -49,21 +53,26 @@ def write_open_x_tactile(folder: Path, splits: Mapping[str, GraspDataset]) -> No
             texts["grasps/object"].append(item["object"])
             texts["data/sub_task_instruction"] += [f"grasp the {item['class']}"] * length
             if held >= HELD or number == len(grasps):
-                _append(root, {path: np.concatenate([row[path] for row in rows]) for path in rows[0]})
+                _append(root, {path: np.concatenate([row[path] for row in rows]) for path in rows[0]}, axes)
                 rows, held = [], 0
-        _append(root, {path: np.array(values) for path, values in texts.items()})
-        _append(root, {"meta/episode_ends": np.cumsum(ends)})
+        texts |= {"meta/episode_ends": np.cumsum(ends)}
+        _append(root, {path: np.array(values) for path, values in texts.items()}, axes)
 
 
-def layout_names(grasps: GraspDataset) -> dict[str, str]:
-    """The layout's names of arrays of these grasps, of frames if there are some."""
-    of_frames = _of_frames(grasps)
-    names = {f"frames_{name}" if of_frames and name != "palm_pose" else name: label for name, label in NAMES.items()}
-    if of_frames and "frames_occluded" in grasps.sources:
-        item = grasps[0]
-        if len(item["frames_occluded"]) < len(item[of_frames[0]]):  # which the layout has no name for
-            del names["frames_occluded"]
-    return names
+def places(grasps: GraspDataset) -> dict[str, Place]:
+    """The path of each array in a split's store, and its axes there after that of episodes or frames."""
+    of_frames, item, found = _of_frames(grasps), grasps[0], {}
+    for name in grasps.sources:
+        per_frame = name in of_frames
+        if of_frames and name == "frames_occluded":  # which the layout has a name for if every frame has an image
+            per_frame = len(item[name]) == len(item[of_frames[0]])
+        own = name.removeprefix("frames_") if of_frames else name
+        first_only = "camera" in grasps.dimensions(name)  # the layout has one camera
+        label = NAMES.get(own) if not first_only and (per_frame or not of_frames or name == "palm_pose") else None
+        path = f"data/{label}" if label else f"frames/{own}" if per_frame else f"grasps/{name}"
+        shape = (6,) if name == "palm_pose" else item[name].shape[per_frame:]
+        found[name] = Place(f"`{path}`", f"*.zarr/{path}/**", shape)
+    return found
 
 
 def _of_frames(grasps: GraspDataset) -> list[str]:
@@ -106,10 +115,14 @@ def _by_path(item: dict[str, np.ndarray], of_frames: Sequence[str], length: int)
     return found | {f"grasps/{name}": values for name, values in rest.items()}
 
 
-def _append(root: zarr.Group, arrays: Mapping[str, np.ndarray]) -> None:
-    """Append arrays (t, ...), which are made where they are not there."""
+def _append(root: zarr.Group, arrays: Mapping[str, np.ndarray], axes: Mapping[str, Sequence[str]]) -> None:
+    """Append arrays (t, ...), which are made where they are not there; axes: names of further axes, for xarray."""
     for path, values in arrays.items():
         if path not in root:
             shape, codec = values.shape[1:], numcodecs.Blosc("zstd", 1, numcodecs.Blosc.SHUFFLE)
-            root.create_array(path, shape=(0, *shape), dtype=values.dtype, chunks=(FRAMES, *shape), compressors=codec)
-        root[path].append(values)
+            stated = {"shape": (0, *shape), "chunks": (FRAMES, *shape), "fill_value": None}  # else xarray masks zeros
+            array = root.create_array(path, dtype=values.dtype, compressors=codec, **stated)
+            others = axes.get(path) or [f"{array.basename}_{axis}" for axis in range(1, values.ndim)]
+            array.attrs["_ARRAY_DIMENSIONS"] = ["frame" if path.startswith(("data", "frames")) else "episode", *others]
+        with zarr.config.set({"array.write_empty_chunks": True}):  # nothing says what a missing one holds
+            root[path].append(values)

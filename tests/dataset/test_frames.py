@@ -1,5 +1,6 @@
 """Frames as the reader, items for training and exports give them."""
 
+import json
 import tarfile
 
 import numpy as np
@@ -63,7 +64,12 @@ def test_an_episode_of_open_x_tactile_is_a_closing(framed, tmp_path):
     assert len(read(data / "left_wrist_pose")) == len(read(data / "sub_task_instruction")) == 6
     assert not (data / "camera_main_rgb").exists()  # two of three frames have images
     assert read(store / "grasps/frames_occluded").shape[:2] == (2, 2)
-    assert "`frames_reading` is `data/left_tactile_data_fingers`" in (tmp_path / "out/README.md").read_text()
+    card = (tmp_path / "out/README.md").read_text()
+    assert "| frame, sensor, row, column, colour | `data/left_tactile_data_fingers` |" in card
+    assert "| frame, sensor, row, column | `frames/depth` |" in card
+    assert "| `grasps/frames_occluded` |" in card and "| `grasps/reading` |" in card
+    header = json.loads((store / "frames/depth/.zattrs").read_text())
+    assert header["_ARRAY_DIMENSIONS"] == ["frame", "sensor", "row", "column"]
 
 
 def test_samples_of_webdataset_have_frames(framed, tmp_path):

@@ -18,12 +18,12 @@ def read(path):
     (length, *shape), (step, *chunk) = header["shape"], header["chunks"]
     assert header["zarr_format"] == 2 and chunk == shape and header["order"] == "C" and not header["filters"]
     codec = numcodecs.get_codec(header["compressor"])
-    values = np.full((-(-length // step) * step, *shape), header["fill_value"], header["dtype"])
+    assert header["fill_value"] is None  # of another, xarray makes NaN
+    values = np.empty((-(-length // step) * step, *shape), header["dtype"])
     for number in range(len(values) // step):
         file = path / ".".join(map(str, [number, *[0] * len(shape)]))
-        if file.exists():  # else all fill values
-            content = np.frombuffer(codec.decode(file.read_bytes()), header["dtype"])
-            values[number * step : (number + 1) * step] = content.reshape(step, *shape)
+        content = np.frombuffer(codec.decode(file.read_bytes()), header["dtype"])
+        values[number * step : (number + 1) * step] = content.reshape(step, *shape)
     return values[:length]
 
 
@@ -55,8 +55,28 @@ def test_frames_are_the_grasps(built, tmp_path, monkeypatch):
             turn = logm(item["palm_pose"][:3, :3]).real
             expected = [*item["palm_pose"][:3, 3], turn[2, 1], turn[0, 2], turn[1, 0]]
             np.testing.assert_allclose(frame["left_wrist_pose"], expected, atol=1e-7)
-    assert " `reading` is `data/left_tactile_data_fingers`." in (out / "README.md").read_text()
+    card = (out / "README.md").read_text()
+    assert "| sensor, row, column, colour | `data/left_tactile_data_fingers` |" in card
+    assert "| sensor, row, column | `grasps/depth` |" in card and "| `data/left_wrist_pose` |" in card
     assert "train.zarr/grasps/depth/.zarray" in (out / "SHA256SUMS").read_text()
+
+
+def test_axes_have_names_by_which_xarray_opens_it(built, tmp_path):
+    dataset, out = palpate.Dataset(built), tmp_path / "out"
+    export(dataset, out, "open_x_tactile")
+    axes = {
+        path.parent.name: json.loads(path.read_text())["_ARRAY_DIMENSIONS"]
+        for path in (out / "train.zarr").glob("*/*/.zattrs")
+    }
+    assert axes["left_tactile_data_fingers"] == ["frame", "sensor", "row", "column", "colour"]
+    assert axes["depth"] == ["episode", "sensor", "row", "column"] and axes["episode_ends"] == ["episode"]
+    assert axes["penetration"] == ["episode"] and axes["camera_main_rgb"][1:3] == ["image_row", "image_column"]
+    xarray = pytest.importorskip("xarray", reason="no xarray here (envs/xarray.in)")
+    found = xarray.open_zarr(out / "train.zarr", group="grasps", consolidated=False, chunks=None)
+    item = dataset.grasps("train")[1]
+    for name in ("depth", "touches", "penetration", "link_pose", "object"):
+        np.testing.assert_array_equal(found[name].values[1], item[name], err_msg=name)
+        assert found[name].dtype == np.asarray(item[name]).dtype or name == "object"
 
 
 def test_all_cameras_are_kept(built, tmp_path):
