@@ -21,7 +21,7 @@ log = logging.getLogger(__name__)
 
 
 # Readers by suffix, `palpate.mesh.formats.<module>.read`.
-READERS: dict[str, str] = {}
+READERS: dict[str, str] = {".obj": "obj"}
 
 
 def load(path: Path | str, root: Path | str | None = None) -> tuple[Loaded, dict[str, str]]:
