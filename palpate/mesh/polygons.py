@@ -53,10 +53,12 @@ def with_holes(rings: Sequence[np.ndarray]) -> np.ndarray:
 
 @np.errstate(invalid="ignore", over="ignore")  # vertices that are not finite are looked for later
 def _is_fan(polygons):
-    """Which polygons (p, c, 3) are a fan of triangles from their first corner, (p,) bool."""
+    """Which polygons (p, c, 3) are a fan of triangles from their first corner that nowhere folds back, (p,) bool."""
     spoke = polygons[:, 1:] - polygons[:, :1]
-    area = np.einsum("pcx,px->pc", np.cross(spoke[:, :-1], spoke[:, 1:]), _normal(polygons))
-    return (area > FLAT * np.square(spoke).sum(axis=2).max(axis=1)[:, None]).all(axis=1)
+    cross = np.cross(spoke[:, :-1], spoke[:, 1:])
+    area = np.einsum("pcx,px->pc", cross, _normal(polygons))
+    bend = np.einsum("pcx,pcx->pc", cross[:, :-1], cross[:, 1:])  # as Blender cuts quads that are not flat
+    return (area > FLAT * np.square(spoke).sum(axis=2).max(axis=1)[:, None]).all(axis=1) & (bend > 0).all(axis=1)
 
 
 @np.errstate(invalid="ignore", over="ignore")

@@ -302,7 +302,7 @@ def _split_vertices(refs: np.ndarray) -> tuple[np.ndarray, list[np.ndarray]]:
 
 def _definitions(path: Path, libraries: list[str], files: Files, coloured: bool) -> dict[str, tuple[str, dict]]:
     """The statements of each material, by its name, and where its library is: that which is named first counts, and
-    within it the last definition."""
+    within it the first definition, as in Blender."""
     definitions: dict[str, tuple[str, dict[str, str]]] = {}
     for library in libraries:
         try:
@@ -314,7 +314,8 @@ def _definitions(path: Path, libraries: list[str], files: Files, coloured: bool)
         own, material = {}, {}
         for word, rest in statements:
             if word == "newmtl":
-                material = own[" ".join(rest.split())] = {}
+                material = {}
+                own.setdefault(" ".join(rest.split()), material)
             material[word] = rest
         place = find(path, library, files.root)
         definitions = {name: (place, each) for name, each in own.items()} | definitions
