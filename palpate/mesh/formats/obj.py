@@ -51,8 +51,8 @@ class Lines(NamedTuple):
     block: bytes
 
     def error(self, row: int, problem: str) -> ValueError:
-        line = " ".join(text(self.block.split(b"\n")[row]).split())
-        return ValueError(f"line {self.numbers[row] + 1} ({self.keyword} {line[:80]}): {problem}")
+        line = " ".join([self.keyword, *text(self.block.split(b"\n")[row]).split()])
+        return ValueError(f"line {self.numbers[row] + 1}, {line[:80]!r}: {problem}")
 
 
 def read(path: Path, files: Files) -> Loaded:
@@ -61,20 +61,24 @@ def read(path: Path, files: Files) -> Loaded:
     data = joined_lines(content)
     kind, lines, others = _split(data)
     vertices, colours = _vertices(lines[V], files)
-    if colours is None:
+    if colours is None and b"\n#MRGB" in data:
         colours = _zbrush_colours(data, len(vertices))
     uv = np.pad(_table(lines[VT])[0], ((0, 0), (0, 1)))[:, :2]
     uv[~np.isfinite(uv)] = 0  # where a line has u alone
     normals = _table(lines[VN])[0]
     corners, counts = _corners(lines[F])
-    if lines[F].numbers[-1:] == len(kind) - 1 and not content.endswith((b"\n", b"\r")):
+    if len(counts) and lines[F].numbers[-1] == len(kind) - 1 and not content.endswith((b"\n", b"\r")):
         last = corners[len(corners) - counts[-1] :] == NONE
         if len(last) < 3 or (last != last[0]).any():
             raise lines[F].error(len(counts) - 1, "the file is cut off within this face")
     corners = _resolved(corners, counts, kind, lines[F], (len(vertices), len(uv), len(normals)), files)
-    uses, objects, libraries = _statements(others, path, files)
+    uses, objects, libraries, unknown = _statements(others, path, files)
+    if unknown and not len(vertices):
+        raise ValueError(f"{unknown[0]}, is no statement of an OBJ")
+    if unknown:
+        files.note("statements", f"{len(unknown)} that are not known, the first in {unknown[0]}: left out")
     definitions = _definitions(path, libraries, files, colours is not None)
-    uses = [(line, name if name in definitions else without_comment(name)) for line, name in uses]
+    uses = [(line, name if name in definitions or not name else without_comment(name)) for line, name in uses]
     used, use = _in_force(uses, lines[F].numbers)
     object_names, within = _in_force(objects, lines[F].numbers)
 
@@ -163,9 +167,9 @@ def _bad_word(lines: Lines, dtype: type) -> ValueError:
     for row, line in enumerate(lines.block.split(b"\n")):
         for word in line.split():
             numbers = word.replace(b"/", b" ") if lines.keyword == "f" else word
-            if word.count(b"/") > 2 or _parse(numbers, len(numbers.split()), dtype) is None:
+            if word.count(b"/") > 2 or word.startswith(b"/") or _parse(numbers, len(numbers.split()), dtype) is None:
                 kind = "corner of a face" if lines.keyword == "f" else "number"
-                return lines.error(row, f"'{text(word)}' is no {kind}")
+                return lines.error(row, f"{text(word)[:80]!r} is no {kind}")
     return ValueError("its numbers can't be told apart")
 
 
@@ -177,7 +181,7 @@ def _table(lines: Lines) -> tuple[np.ndarray, np.ndarray]:
         raise _bad_word(lines, float)
     if len(wrong := np.flatnonzero(~np.isin(counts, widths))):
         raise lines.error(wrong[0], f"it has {counts[wrong[0]]} numbers, not {' or '.join(map(str, widths))}")
-    table = np.full((len(counts), max(counts, default=widths[0])), np.nan)
+    table = np.full((len(counts), counts.max(initial=widths[0])), np.nan)
     table[np.arange(table.shape[1]) < counts[:, None]] = values
     return table, counts
 
@@ -206,9 +210,9 @@ def _vertices(lines: Lines, files: Files) -> tuple[np.ndarray, np.ndarray | None
 
 
 def _zbrush_colours(data: bytes, count: int) -> np.ndarray | None:
-    """Colours of `count` vertices that ZBrush writes in comments (#MRGB, eight digits a vertex); None if there are
-    none."""
-    digits = b"".join(re.findall(rb"\n#MRGB[ \t]+((?:[0-9a-fA-F]{8})+)", data)) if b"\n#MRGB" in data else b""
+    """Colours of `count` vertices that ZBrush writes in comments (#MRGB, eight digits a vertex); None if
+    there are others."""
+    digits = b"".join(re.findall(rb"\n#MRGB[ \t]+((?:[0-9a-fA-F]{8})+)", data))
     colours = np.frombuffer(bytes.fromhex(digits.decode()), np.uint8).reshape(-1, 4)[:, 1:]
     return colours / 255 if len(colours) == count > 0 else None
 
@@ -228,13 +232,16 @@ def _corners(lines: Lines) -> tuple[np.ndarray, np.ndarray]:
     block = lines.block.replace(b"/", b" ")
     number, _ = _words(block)
     values = _parse(block, len(number), np.int64)
-    slash = np.cumsum(np.frombuffer(b" " + lines.block, np.uint8) == ord("/"), dtype=np.int32)  # before each letter
-    owner = np.searchsorted(corner, number, side="right") - 1
-    column = slash[number] - slash[corner][owner]
-    if values is None or (column > 2).any():
+    letters = np.frombuffer(b"  " + lines.block, np.uint8)
+    after = letters[number + 1] == ord("/")  # the letter before the number is one
+    column = after.astype(np.int8)
+    column[after & (letters[number] == ord("/"))] = 2  # 1//2
+    column[1:] += (column[1:] == 1) * column[:-1]
+    many = (column > 2).any() or (np.minimum(column[1:], column[:-1]) == 2).any() or b"///" in lines.block
+    if values is None or many or (column == 0).sum() != len(corner):
         raise _bad_word(lines, np.int64)
     corners = np.full((len(corner), 3), NONE)
-    corners[owner, column] = values
+    corners[np.cumsum(column == 0) - 1, column] = values
     return corners, counts
 
 
@@ -248,8 +255,10 @@ def _resolved(corners, counts, kind, lines: Lines, sizes, files: Files) -> np.nd
             if given.any():
                 files.note(f"{name}s", "faces name some, and the file has none: left out")
             continue
-        before = np.cumsum(kind == (V, VT, VN)[column])[lines.numbers][face]
-        index = np.where(value > 0, value - 1, before + value)
+        index, before = value - 1, None
+        if (back := given & (value < 0)).any():
+            before = np.cumsum(kind == (V, VT, VN)[column])[lines.numbers][face]
+            index = np.where(back, before + value, index)
         wrong = np.flatnonzero(given & ((value == 0) | (index < 0) | (index >= size)) | (~given & (column == 0)))
         if len(wrong):
             at = wrong[0]
@@ -262,13 +271,14 @@ def _resolved(corners, counts, kind, lines: Lines, sizes, files: Files) -> np.nd
 
 
 def _statements(others: list[tuple[int, str]], path: Path, files: Files):
-    """Of the lines without numbers: (line, material) of each `usemtl`, (line, name) of each `o`, and the libraries."""
+    """Of the lines without numbers: (line, material) of each `usemtl`, (line, name) of each `o`, the libraries, and
+    lines that are not known."""
     uses, objects, libraries, unknown = [], [], [], []
     for number, line in others:
         word, rest = (line.split(None, 1) + ["", ""])[:2]
         match word.lower():
             case "usemtl":
-                uses.append((number, " ".join(rest.split())))
+                uses.append((number, " ".join(rest.split()) or None))
             case "o":
                 objects.append((number, rest.strip()))
             case "mtllib":
@@ -277,11 +287,9 @@ def _statements(others: list[tuple[int, str]], path: Path, files: Files):
                 files.note(keyword, "free-form surfaces and what other files hold are not read: left out")
             case keyword if keyword and not KNOWN.fullmatch(keyword):
                 if not STATEMENT.fullmatch(keyword):
-                    raise ValueError(f"line {number + 1}: '{line[:80]}' is no statement of an OBJ")
-                unknown.append(f"line {number + 1}, '{line[:80]}'")
-    if unknown:
-        files.note("statements", f"{len(unknown)} that are not known, the first in {unknown[0]}: left out")
-    return uses, objects, libraries
+                    raise ValueError(f"line {number + 1}, {line[:80]!r}, is no statement of an OBJ")
+                unknown.append(f"line {number + 1}, {line[:80]!r}")
+    return uses, objects, libraries, unknown
 
 
 def _in_force(marks: list[tuple[int, str]], lines: np.ndarray) -> tuple[list[str | None], np.ndarray]:
