@@ -8,33 +8,23 @@ Points, lines and curves have no surface.
 import re
 import warnings
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from trimesh.visual.material import PBRMaterial
 from trimesh.visual.texture import unmerge_faces
 
-from palpate.mesh import files as named
+from palpate import named_files
+from palpate.mesh.files import GREY as IN_GREY
 from palpate.mesh.files import Files
 from palpate.mesh.part import GREY, PLAIN, Loaded, linear, make_part, plain
 from palpate.mesh.polygons import triangulate
-from palpate.named_files import (
-    beside,
-    find,
-    joined_lines,
-    library_names,
-    map_statement,
-    mtl_statements,
-    text,
-    without_comment,
-)
+from palpate.named_files import text, without_comment
 
 BLANK, OTHER, V, VT, VN, F = range(6)  # kinds of lines
 KEYWORDS = {V: "v", VT: "vt", VN: "vn", F: "f"}
 WIDTHS = {"v": (3, 4, 6, 7, 8), "vt": (1, 2, 3), "vn": (3,)}  # numbers in a line
-NAMES = ("vertex", "texture coordinate", "normal")
 NONE = np.iinfo(np.int64).min  # of a corner without a texture coordinate or a normal
-STATEMENT = re.compile(r"[a-z_]+2?")
 # Statements that make no surface.
 KNOWN = re.compile(
     "g|s|p|l|vp|mg|lod|curv2?|cstype|deg|bmat|step|parm|trim|hole|scrv|sp|end|con|cdc|cdp|res|bevel|[cd]_interp"
@@ -58,11 +48,8 @@ class Lines(NamedTuple):
 def read(path: Path, files: Files) -> Loaded:
     """An OBJ's polygons as triangles, the parts sorted by name. Raises ValueError, which names the line."""
     content = path.read_bytes()
-    data = joined_lines(content)
-    kind, lines, others = _split(data)
-    vertices, colours = _vertices(lines[V], files)
-    if colours is None and b"\n#MRGB" in data:
-        colours = _zbrush_colours(data, len(vertices))
+    kind, lines, others = _split(named_files.joined_lines(content))
+    vertices, colours = _vertices(lines[V], others, files)
     uv = np.pad(_table(lines[VT])[0], ((0, 0), (0, 1)))[:, :2]
     uv[~np.isfinite(uv)] = 0  # where a line has u alone
     normals = _table(lines[VN])[0]
@@ -72,13 +59,9 @@ def read(path: Path, files: Files) -> Loaded:
         if len(last) < 3 or (last != last[0]).any():
             raise lines[F].error(len(counts) - 1, "the file is cut off within this face")
     corners = _resolved(corners, counts, kind, lines[F], (len(vertices), len(uv), len(normals)), files)
-    uses, objects, libraries, unknown = _statements(others, path, files)
-    if unknown and not len(vertices):
-        raise ValueError(f"{unknown[0]}, is no statement of an OBJ")
-    if unknown:
-        files.note("statements", f"{len(unknown)} that are not known, the first in {unknown[0]}: left out")
+    uses, objects, libraries = _statements(others, path, files, len(vertices) == 0)
     definitions = _definitions(path, libraries, files, colours is not None)
-    uses = [(line, name if name in definitions or not name else without_comment(name)) for line, name in uses]
+    uses = [(line, name if name in definitions else without_comment(name)) for line, name in uses]
     used, use = _in_force(uses, lines[F].numbers)
     object_names, within = _in_force(objects, lines[F].numbers)
 
@@ -96,12 +79,11 @@ def read(path: Path, files: Files) -> Loaded:
         material, scale, offset, wrap = None, 1.0, 0.0, None
         if name in definitions:
             material, scale, offset, wrap = _material(name, *definitions[name], 1 in row, path, files)
-        elif name is not None and libraries and colours is None:
+        elif name and libraries and colours is None:
             material = plain(GREY, name)
             if not files.problems.keys() & set(libraries):
-                files.note(name, f"no material library has it: {named.GREY}")
-        if not several or name is None:
-            name = object_names[within[polygon[mine[0]]]] or path.name
+                files.note(name, f"no material library has it: {IN_GREY}")
+        name = (several and name) or object_names[within[polygon[mine[0]]]] or path.name
         name = next(each for k in range(len(parts) + 1) if (each := f"{name}_{k}" if k else name) not in parts)
         parts[name] = make_part(
             name,
@@ -125,7 +107,7 @@ def _split(data: bytes) -> tuple[np.ndarray, dict[int, Lines], list[tuple[int, s
     first, second, third = (letters[starts + k] for k in range(3))
     v, f = (first | 32 == ord(letter) for letter in "vf")  # small or capital
     alone, pair = second <= 32, third <= 32
-    kind = np.where((first == 10) | (first == ord("#")), BLANK, OTHER).astype(np.uint8)
+    kind = np.where((first == 10) | ((first == ord("#")) & (second != ord("M"))), BLANK, OTHER).astype(np.uint8)
     kind[v & alone] = V
     kind[v & pair & (second | 32 == ord("t"))] = VT
     kind[v & pair & (second | 32 == ord("n"))] = VN
@@ -163,13 +145,12 @@ def _parse(block: bytes, count: int, dtype: type) -> np.ndarray | None:
 
 
 def _bad_word(lines: Lines, dtype: type) -> ValueError:
-    """The error of the first word that is no number, or no corner."""
+    """The error of the first word that is no number, or no corner of a face."""
     for row, line in enumerate(lines.block.split(b"\n")):
         for word in line.split():
-            numbers = word.replace(b"/", b" ") if lines.keyword == "f" else word
-            if word.count(b"/") > 2 or word.startswith(b"/") or _parse(numbers, len(numbers.split()), dtype) is None:
-                kind = "corner of a face" if lines.keyword == "f" else "number"
-                return lines.error(row, f"{text(word)[:80]!r} is no {kind}")
+            numbers = word.replace(b"/", b" ") if dtype is np.int64 else word
+            if word.startswith(b"/") or word.count(b"/") > 2 or _parse(numbers, len(numbers.split()), dtype) is None:
+                return lines.error(row, f"{text(word)[:80]!r} is no {'number' if dtype is float else 'corner'}")
     return ValueError("its numbers can't be told apart")
 
 
@@ -186,14 +167,17 @@ def _table(lines: Lines) -> tuple[np.ndarray, np.ndarray]:
     return table, counts
 
 
-def _vertices(lines: Lines, files: Files) -> tuple[np.ndarray, np.ndarray | None]:
+def _vertices(lines: Lines, others: list[tuple[int, str]], files: Files) -> tuple[np.ndarray, np.ndarray | None]:
     """Positions (n, 3) and colours (n, 3) in 0..1, NaN of a vertex without one; None if no vertex has one.
 
     4 numbers have a weight w, by which the others are divided; 6 a colour; 8 both; 7 a colour and its opacity, or w.
     """
     table, counts = _table(lines)
-    if table.shape[1] == 3:
-        return table, None
+    if table.shape[1] == 3:  # or ZBrush's comments, eight digits a vertex
+        digits = "".join(line[5:].strip() for _, line in others if line.startswith("#MRGB"))
+        if len(table) == 0 or not re.fullmatch(f"[0-9a-fA-F]{{{8 * len(table)}}}", digits):
+            return table, None
+        return table, np.frombuffer(bytes.fromhex(digits), np.uint8).reshape(-1, 4)[:, 1:] / 255
     seven = table[counts == 7]
     opacity = np.isin(seven[:, 6:7], (1, 255)).all() or not (seven[:, 3] == 1).all()
     weighted = np.isin(counts, (4, 8) if opacity else (4, 7, 8))[:, None]
@@ -204,17 +188,8 @@ def _vertices(lines: Lines, files: Files) -> tuple[np.ndarray, np.ndarray | None
         files.note("vertices", "their fourth number, a weight, is not 1: their positions are divided by it")
     colours = np.pad(table, ((0, 0), (0, 4)), constant_values=np.nan)
     colours = np.where(weighted, colours[:, 4:7], colours[:, 3:6])
-    if np.isnan(colours).all():
-        return table[:, :3] / weight, None
-    return table[:, :3] / weight, colours / (255 if np.nanmax(colours) >= 2 else 1)
-
-
-def _zbrush_colours(data: bytes, count: int) -> np.ndarray | None:
-    """Colours of `count` vertices that ZBrush writes in comments (#MRGB, eight digits a vertex); None if
-    there are others."""
-    digits = b"".join(re.findall(rb"\n#MRGB[ \t]+((?:[0-9a-fA-F]{8})+)", data))
-    colours = np.frombuffer(bytes.fromhex(digits.decode()), np.uint8).reshape(-1, 4)[:, 1:]
-    return colours / 255 if len(colours) == count > 0 else None
+    colours = None if np.isnan(colours).all() else colours / (255 if np.nanmax(colours) >= 2 else 1)
+    return table[:, :3] / weight, colours
 
 
 def _light(colours: np.ndarray) -> np.ndarray | None:
@@ -245,56 +220,56 @@ def _corners(lines: Lines) -> tuple[np.ndarray, np.ndarray]:
     return corners, counts
 
 
-def _resolved(corners, counts, kind, lines: Lines, sizes, files: Files) -> np.ndarray:
+def _resolved(corners, counts, kind, lines: Lines, sizes: tuple[int, int, int], files: Files) -> np.ndarray:
     """Corners (n, 3) counted from 0, -1 for `NONE`. Negative numbers count back from the face's own line."""
     face = np.repeat(np.arange(len(counts)), counts)
     resolved = np.full_like(corners, -1)
-    for column, (name, size) in enumerate(zip(NAMES, sizes, strict=True)):
-        value, given = corners[:, column], corners[:, column] != NONE
+    for column, name in enumerate(("vertex", "texture coordinate", "normal")):
+        value, size, given = corners[:, column], sizes[column], corners[:, column] != NONE
         if column and not size:
             if given.any():
                 files.note(f"{name}s", "faces name some, and the file has none: left out")
             continue
-        index, before = value - 1, None
-        if (back := given & (value < 0)).any():
-            before = np.cumsum(kind == (V, VT, VN)[column])[lines.numbers][face]
-            index = np.where(back, before + value, index)
-        wrong = np.flatnonzero(given & ((value == 0) | (index < 0) | (index >= size)) | (~given & (column == 0)))
-        if len(wrong):
+        before = size
+        if (value[given] < 0).any():
+            before = np.cumsum(kind == V + column)[lines.numbers][face]
+        index = np.where(value < 0, before + value, value - 1)
+        if len(wrong := np.flatnonzero(given & ((value == 0) | (index < 0) | (index >= size)))):
             at = wrong[0]
-            stated = f"{name} {value[at]}" if given[at] else f"no {name} of a corner"
-            there = before[at] if value[at] < 0 else size
-            why = "and they are counted from 1" if value[at] == 0 else f"and there are {there}"
-            raise lines.error(face[at], f"it has {stated}, {why}")
+            there = np.broadcast_to(before, len(value))[at] if value[at] < 0 else size
+            why = f"there are {there}" if value[at] else "they are counted from 1"
+            raise lines.error(face[at], f"it has {name} {value[at]}, and {why}")
         resolved[given, column] = index[given]
     return resolved
 
 
-def _statements(others: list[tuple[int, str]], path: Path, files: Files):
-    """Of the lines without numbers: (line, material) of each `usemtl`, (line, name) of each `o`, the libraries, and
-    lines that are not known."""
-    uses, objects, libraries, unknown = [], [], [], []
+def _statements(others: list[tuple[int, str]], path: Path, files: Files, empty: bool):
+    """Of the lines without numbers: (line, material) of each `usemtl`, (line, name) of each `o`, and the libraries."""
+    uses, objects, libraries, unknown = [], [], {}, []
     for number, line in others:
         word, rest = (line.split(None, 1) + ["", ""])[:2]
         match word.lower():
             case "usemtl":
-                uses.append((number, " ".join(rest.split()) or None))
+                uses.append((number, " ".join(rest.split())))
             case "o":
                 objects.append((number, rest.strip()))
             case "mtllib":
-                libraries += library_names(path, rest, files.root)
+                libraries[rest] = None
             case keyword if keyword in SURFACES:
                 files.note(keyword, "free-form surfaces and what other files hold are not read: left out")
-            case keyword if keyword and not KNOWN.fullmatch(keyword):
-                if not STATEMENT.fullmatch(keyword):
-                    raise ValueError(f"line {number + 1}, {line[:80]!r}, is no statement of an OBJ")
+            case keyword if keyword and keyword[0] != "#" and not KNOWN.fullmatch(keyword):
                 unknown.append(f"line {number + 1}, {line[:80]!r}")
-    return uses, objects, libraries, unknown
+                if empty or not re.fullmatch("[a-z_]+2?", keyword):
+                    raise ValueError(f"{unknown[-1]}, is no statement of an OBJ")
+    if unknown:
+        files.note("statements", f"{len(unknown)} that are not known, the first in {unknown[0]}: left out")
+    names = (name for rest in libraries for name in named_files.library_names(path, rest, files.root))
+    return uses, objects, list(dict.fromkeys(names))
 
 
-def _in_force(marks: list[tuple[int, str]], lines: np.ndarray) -> tuple[list[str | None], np.ndarray]:
-    """The different values of statements (line, value), None first, and which of them is in force at each line."""
-    values: dict[str | None, int] = {None: 0}
+def _in_force(marks: list[tuple[int, str]], lines: np.ndarray) -> tuple[list[str], np.ndarray]:
+    """The different values of statements (line, value), "" first, and which of them is in force at each line."""
+    values = {"": 0}
     index = [0, *(values.setdefault(value, len(values)) for _, value in marks)]
     return list(values), np.array(index)[np.searchsorted([line for line, _ in marks], lines)]
 
@@ -309,38 +284,38 @@ def _split_vertices(refs: np.ndarray) -> tuple[np.ndarray, list[np.ndarray]]:
 
 
 def _definitions(path: Path, libraries: list[str], files: Files, coloured: bool) -> dict[str, tuple[str, dict]]:
-    """The statements of each material, by its name, and where its library is: that which is named first counts, and
-    within it the first definition, as in Blender."""
+    """Where the library of each material is, by its name, and its statements. The first definition counts."""
     definitions: dict[str, tuple[str, dict[str, str]]] = {}
     for library in libraries:
         try:
-            statements = mtl_statements(files.read(library))
+            statements = named_files.mtl_statements(files.read(library))
         except FileNotFoundError as error:
-            then = "drawn in the colours of its vertices" if coloured else named.GREY
+            then = "drawn in the colours of its vertices" if coloured else IN_GREY
             files.note(library, f"{str(error).removeprefix(f'{library}: ')}: {then}")
             continue
-        own, material = {}, {}
+        material, place = {}, named_files.find(path, library, files.root)
         for word, rest in statements:
             if word == "newmtl":
                 material = {}
-                own.setdefault(" ".join(rest.split()), material)
+                definitions.setdefault(" ".join(rest.split()), (place, material))
             material[word] = rest
-        place = find(path, library, files.root)
-        definitions = {name: (place, each) for name, each in own.items()} | definitions
     return {without_comment(name): each for name, each in definitions.items()} | definitions
 
 
 def _material(name: str, library: str, statements: dict[str, str], has_uv: bool, path: Path, files: Files):
     """The material of an MTL; and the scale, the offset and the wrapping of its texture, as Blender's Mapping node."""
-    given: dict[str, Any] = {}
+    given = {}
     for key in ("kd", "ns", "pm", "pr"):
         try:
-            given[key] = np.array(without_comment(statements.get(key, "")).split(), dtype=float)
+            values = np.array(without_comment(statements.get(key, "")).split(), dtype=float)
         except ValueError:
-            files.note(name, f"its {key.capitalize()}, '{statements[key][:80]}', is not read: the default in its place")
-    given = {key: value for key, value in given.items() if value.size and np.isfinite(value).all()}
-    options, texture = map_statement(statements.get("map_kd", ""))
-    image = files.picture(beside(path, library, texture, files.root)) if texture else None
+            values = np.array([np.nan])
+        if np.isfinite(values).all():
+            given |= {key: values} if len(values) else {}
+        else:
+            files.note(name, f"its {key.capitalize()}, {statements[key][:80]!r}, is not read: the default in its place")
+    options, texture = named_files.map_statement(statements.get("map_kd", ""))
+    image = files.picture(named_files.beside(path, library, texture, files.root)) if texture else None
     if texture and image is None:
         return plain(GREY, name), 1.0, 0.0, None
     image = image if has_uv else None
