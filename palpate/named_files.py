@@ -25,11 +25,12 @@ HEAD = 65536  # bytes of a file in which an OBJ names its libraries as a rule, a
 SMALL = 16384  # bytes of a picture's file: of one colour, a smaller one has at most 16 million pixels
 LONGEST = 4096  # bytes of a path, at most, on Linux
 LARGEST_SIDE = 16384  # pixels: the largest that common GPUs take as a texture
+MOST_WORDS = 8  # of a line that names material libraries
 NAME = rb"([^\r\n]{1,%d})" % LONGEST
 MTLLIB = re.compile(rb"\n[ \t]*mtllib[ \t]+" + NAME, re.IGNORECASE)
 MAP = re.compile(r"map_\w+|bump|disp|decal|refl|norm")
 CONTINUED = re.compile(rb"^(?![ \t]*#)(?:[^\n]*\\[ \t]*\n)+[^\n]*", re.MULTILINE)
-# Options of an MTL's map statements, with the most values each has: of those with several, up to three are numbers.
+# Options of an MTL's map statements, with the most values each has; where there may be several, they are numbers.
 OPTIONS = {"-s": 3, "-o": 3, "-t": 3, "-mm": 2} | dict.fromkeys(
     ("-blendu", "-blendv", "-boost", "-bm", "-cc", "-clamp", "-imfchan", "-texres", "-type"), 1
 )
@@ -60,9 +61,9 @@ def companions(path: Path, root: Path | str | None = None, head: int = -1) -> li
     if suffix != ".obj":
         return sorted({place for name in _names(path, suffix) if (place := find(path, name, root))})
     with open(path, "rb") as file:
-        lines = MTLLIB.findall(b"\n" + joined_lines(file.read(head)))
-    places = {place for line in lines for name in library_names(path, text(line), root)
-              if (place := find(path, name, root))}  # fmt: skip
+        lines = set(MTLLIB.findall(b"\n" + joined_lines(file.read(head))))
+    names = {name for line in lines for name in library_names(path, text(line), root)}
+    places = {place for name in names if (place := find(path, name, root))}
     for library in list(places):
         with open(path.parent / library, "rb") as file:
             statements = mtl_statements(file.read(MOST))
@@ -90,7 +91,7 @@ def mtl_statements(data: bytes) -> list[tuple[str, str]]:
 def library_names(path: Path, rest: str, root: Path | str | None = None) -> list[str]:
     """The names in an OBJ's `mtllib` statement: several, quoted or not, or one with spaces, whichever exist."""
     rest = rest.strip()
-    words = re.findall(r'"[^"]+"|\S+', without_comment(rest)[: 2 * LONGEST])[:16]
+    words = re.findall(r'"[^"]+"|\S+', without_comment(rest)[: 2 * LONGEST])[:MOST_WORDS]
     if len(words) > 1 and all(find(path, word, root) for word in words):
         return words
     if find(path, rest, root):
