@@ -139,8 +139,10 @@ def _names(path: Path, suffix: str) -> set[str]:
         data = b"\n" + file.read(most)
     if suffix == ".ply":
         data = data.partition(b"end_header")[0]
-    escape = re.compile(r"\\u([0-9a-fA-F]{4})")  # JSON's, of single characters
-    return {escape.sub(lambda match: chr(int(match[1], 16)), text(name)) for name in PATTERNS[suffix].findall(data)}
+    escapes = re.compile(r"(?:\\u[0-9a-fA-F]{4})+")  # JSON's, of single characters
+    return {
+        escapes.sub(lambda match: json.loads(f'"{match[0]}"'), text(name)) for name in PATTERNS[suffix].findall(data)
+    }
 
 
 def text(name: bytes) -> str:

@@ -43,16 +43,16 @@ class Files:
             raise FileNotFoundError(f"{name}: {OUTSIDE if outside else MISSING}")
         return (self.path.parent / place).read_bytes()
 
-    def picture(self, name: str, data: bytes | None = None) -> PIL.Image.Image | None:
+    def picture(self, name: str, data: bytes | None = None, follows: str = GREY) -> PIL.Image.Image | None:
         """A named texture, or the one whose bytes are given; None, and a note of its name, if it can't be used."""
         try:
             data = self.read(name) if data is None else data
         except FileNotFoundError as error:
-            self.note(name, f"{str(error).removeprefix(f'{name}: ')}: {GREY}")
+            self.note(name, f"{str(error).removeprefix(f'{name}: ')}: {follows}")
             return None
         problem = problem_of(data)
         if problem:
-            self.note(name, f"{problem}: {GREY}")
+            self.note(name, f"{problem}: {follows}")
             return None
         image = PIL.Image.open(io.BytesIO(data))
         if image.format == "JPEG":
