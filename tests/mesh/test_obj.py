@@ -436,3 +436,13 @@ def test_as_blender_imports_them(tmp_path, mapped):
         scale, offset = made[str(path)][1]
         plain = part.vertices[:, :2]
         np.testing.assert_allclose(part.visual.uv, plain * scale + offset, atol=1e-6)
+
+
+def test_a_clamped_texture_is_clamped_in_what_is_rendered(tmp_path, mapped):
+    for statement in MAPS:
+        if "-clamp" in statement:
+            mesh.prepare(mapped[statement] / "a.obj", tmp_path, collision_faces=100)
+            data = (tmp_path / "visual.glb").read_bytes()
+            tree = json.loads(data[20 : 20 + int.from_bytes(data[12:16], "little")])
+            clamped = {sampler.get(key) for sampler in tree.get("samplers", []) for key in ("wrapS", "wrapT")}
+            assert (clamped == {33071}) == MAPS[statement][-1]  # CLAMP_TO_EDGE
