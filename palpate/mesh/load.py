@@ -22,6 +22,7 @@ log = logging.getLogger(__name__)
 
 # Readers by suffix, `palpate.mesh.formats.<module>.read`.
 READERS: dict[str, str] = {
+    ".obj": "obj",
     ".gltf": "gltf",
     ".glb": "gltf",
 }
