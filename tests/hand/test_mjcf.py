@@ -124,7 +124,12 @@ def test_the_allegro_survives_the_way_through_a_file(tmp_path):
             "'right_curl' is neither hinge nor slide",
         ),
         ('name="right_bend"', 'name="right_bend" limited="false"', "'right_bend' has no range"),
-        ("</worldbody>", '</worldbody><equality><joint joint1="left_turn" joint2="left_bend"/></equality>', "coupled"),
+        ("</worldbody>", '</worldbody><equality><joint joint1="left_turn"/></equality>', "joint 0 fixes .*'left_turn'"),
+        (
+            "</worldbody>",
+            '</worldbody><equality><connect body1="left_end" body2="world" anchor="0 0 0"/></equality>',
+            "connect 0 ties the hand to what is not below its palm",
+        ),
     ],
 )
 def test_what_cannot_be_read_is_named_with_the_file(model_file, old, new, message):
@@ -183,14 +188,14 @@ def test_files_that_a_model_names_are_found(tmp_path):
     [
         ({"sensors": [{"site": "lef_low"}]}, "gripper.xml has no site 'lef_low', but face, left_low, left_high"),
         ({"palm": "plam"}, "gripper.xml has no body 'plam', but world, palm, left"),
-        ({"anchor": "left_low"}, "anchor 'left_low' is not a site of the palm's body"),
+        ({"anchor": "left_low"}, "anchor 'left_low' is not on the palm's body"),
         ({"sensor": []}, "sensor: unknown key; did you mean 'sensors'?"),
         ({"sensors": [{"site": "face", "colour": 1}]}, "sensors.0.colour: unknown key"),
         ({"sensors": [{"site": "left_low"}] * 2}, "{'site': 'left_low'} is named twice"),
         ({"sensors": [{"site": "left_low", "body": "palm"}]}, "expected a site, or a body with a position"),
         ({"sensors": [{"position": [0, 0, 0]}]}, "expected a site, or a body with a position"),
         ({"sensors": [{"body": "left_end", "rotation": [0, 90, 0]}]}, "give radians, not degrees"),
-        ({"open": [0, 45, 0, 0, 0]}, "45 is out of the range of 'left', -0.26.* to 1.57"),
+        ({"open": [0, 45, 0, 0, 0]}, "45 is out of the range of 'left_bend', -0.26.* to 1.57"),
         ({"open": [0, 0]}, "`open` has 2 joint positions, the hand has 5 joints"),
         ({"palm": "left_end", "anchor": None}, "'right_end' is not on the hand"),
     ],
