@@ -13,7 +13,7 @@ from numpy.polynomial.polynomial import polyfit, polyval
 from scipy.optimize import least_squares
 from scipy.sparse.csgraph import connected_components
 
-SAMPLES = 61  # of a driver's range
+SAMPLES = 41  # of a driver's range
 TOLERANCE = 5e-4  # rad, of slides and loops m, by which couplings may be off: fingers stop as deep in a contact
 # Weights beside the constraints: what these leave free is decided by the joints' springs, or their reference.
 SPRING, REFERENCE = 1e-3, 1e-5
@@ -68,7 +68,7 @@ class Couplings:
         equality = self.data.efc_id[: len(jacobian)]
         for number in np.unique(equality):
             kind = mujoco.mjtEq(self.model.eq_type[number]).name.removeprefix("mjEQ_").lower()
-            what = f"equality/{kind} {self.model.eq(number).name or number!r}"
+            what = f"equality/{kind} {self.model.eq(number).name or number}"
             moved = np.abs(jacobian[equality == number]).max(axis=0) > 1e-9
             members = np.flatnonzero(moved[self.dofs])
             moved[self.dofs] = False
@@ -154,7 +154,8 @@ class Couplings:
         def jacobian(values: np.ndarray) -> np.ndarray:
             return np.vstack([self._violated(driver, others, position, values)[1], np.diag(weight)])
 
-        found = least_squares(residual, np.clip(guess, low, high), jacobian, (low, high), xtol=1e-12, gtol=None).x
+        settings = {"method": "dogbox", "xtol": 1e-12, "ftol": None, "gtol": None, "max_nfev": 40}
+        found = least_squares(residual, np.clip(guess, low, high), jacobian, (low, high), **settings).x
         violated, slopes = self._violated(driver, others, position, found)  # what the weights have left of it
         return np.clip(found - np.linalg.lstsq(slopes, violated, rcond=1e-6)[0], low, high)
 

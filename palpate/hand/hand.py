@@ -65,6 +65,7 @@ class Hand:
     geom_contype: np.ndarray | None = None  # (G,) int: which others it meets (`meets`); by default all that collide
     geom_conaffinity: np.ndarray | None = None  # (G,) int
     excluded_links: np.ndarray | None = None  # (P, 2) int: pairs that never collide, besides the adjacent
+    paired_geoms: np.ndarray | None = None  # (P, 2) int: pairs that collide whatever their links and bits
 
     def __post_init__(self) -> None:
         count, collides = len(self.joint_link), np.asarray(self.geom_collides, dtype=int)
@@ -75,6 +76,7 @@ class Hand:
             "geom_contype": collides,
             "geom_conaffinity": collides,
             "excluded_links": np.zeros((0, 2), dtype=int),
+            "paired_geoms": np.zeros((0, 2), dtype=int),
         }.items():
             if getattr(self, name) is None or name == "joint_names" and not self.joint_names:
                 object.__setattr__(self, name, default)
@@ -252,9 +254,12 @@ class Hand:
 
     def meets(self) -> np.ndarray:
         """Which geoms collide with each other, (G, G) bool: a bit of the contype of one is in the other's conaffinity,
-        as MuJoCo has it, and their links may collide."""
+        as MuJoCo has it, and their links may collide, or they are `paired_geoms`."""
         bits = (self.geom_contype[:, None] & self.geom_conaffinity) != 0
-        return (bits | bits.T) & ~self.adjacent_links()[self.geom_link[:, None], self.geom_link]
+        meets = (bits | bits.T) & ~self.adjacent_links()[self.geom_link[:, None], self.geom_link]
+        one, other = self.paired_geoms.T
+        meets[one, other] = meets[other, one] = True
+        return meets
 
     def to_arrays(self) -> dict[str, np.ndarray]:
         """The hand as named arrays (strings as bytes), such as HDF5 and Zarr store; see `from_arrays`."""

@@ -27,6 +27,8 @@ OPEN_TOLERANCE = 1e-3  # rad, of a slide m: an `open` that was rounded
 CLOSED = 0.005  # m between the middles of two gels that face each other, which no open hand has
 ON_GEL = 0.002  # m that a stated gel's face may be off the link's surface
 
+OF_A_PAIR = 1 << 30
+MESH_FILES = ".stl", ".obj", ".msh"  # that MuJoCo reads
 GEOM_KIND = {geom: kind for kind, geom in MUJOCO_GEOM.items()}
 
 
@@ -119,9 +121,11 @@ def _urdf(root: ElementTree.Element, path: Path) -> mujoco.MjSpec:
     settings = root.find("mujoco/compiler")
     if settings is None:
         settings = ElementTree.SubElement(ElementTree.SubElement(root, "mujoco"), "compiler")
-    if settings.get("discardvisual", "true") == "true":  # by default they aren't drawn: their files may be of any kind
-        for link in root.iter("link"):
-            for visual in link.findall("visual"):
+    hidden = settings.get("discardvisual", "true") == "true"  # by default only what collides is drawn
+    for link in root.iter("link"):
+        for visual in link.findall("visual"):
+            mesh = visual.find("geometry/mesh")
+            if hidden or (mesh is not None and Path(mesh.get("filename", "")).suffix.lower() not in MESH_FILES):
                 link.remove(visual)
     for mesh in root.iter("mesh"):
         files = [*_urdf_mesh(path, settings.get("meshdir", ""), mesh.get("filename", ""))]
@@ -193,6 +197,7 @@ class _Reader:
             joint_driver=coupled.driver,
             joint_coupling=coupled.coefficients,
             excluded_links=self._excluded(),
+            paired_geoms=self._paired(geoms),
         )
         return replace(read, open_joint_positions=self._open(description.get("open"), read))
 
@@ -255,6 +260,12 @@ class _Reader:
         bodies = np.stack([self.model.exclude_signature >> 16, self.model.exclude_signature & 0xFFFF], axis=-1)
         of_hand = [pair for pair in bodies.tolist() if all(body in self.link_of_body for body in pair)]
         return np.array([[self.link_of_body[body] for body in pair] for pair in of_hand], dtype=int).reshape(-1, 2)
+
+    def _paired(self, geoms: list[int]) -> np.ndarray:
+        """(P, 2) pairs of these geoms that the model says do collide."""
+        pairs = np.stack([self.model.pair_geom1, self.model.pair_geom2], axis=-1).tolist()
+        of_hand = [[geoms.index(geom) for geom in pair] for pair in pairs if set(pair) <= set(geoms)]
+        return np.array(of_hand, dtype=int).reshape(-1, 2)
 
     def _add_link(self, name: str, parent: int, position: np.ndarray, rotation: np.ndarray) -> int:
         while name == "world" or any(name == link[0] for link in self.links):  # names of bodies of the simulation
@@ -339,6 +350,8 @@ class _Reader:
         material = model.geom_matid[geom]
         colour = model.mat_rgba[material] if material >= 0 else model.geom_rgba[geom]
         bits = int(model.geom_contype[geom]), int(model.geom_conaffinity[geom])
+        if bits == (0, 0) and geom in {*model.pair_geom1, *model.pair_geom2}:
+            bits = OF_A_PAIR, 0  # it meets the object, but of the hand only its partner
         size, link = model.geom_size[geom], self.link_of_body[body]
         return link, kind, size, position, rotation, colour, bits != (0, 0), vertices, faces, *bits
 

@@ -77,6 +77,9 @@ def build_spec(hand: Hand, stiffness: float = STIFFNESS) -> mujoco.MjSpec:
         )
     for geom in np.flatnonzero(hand.geom_collides):
         add_geom(spec, bodies[hand.geom_link[geom]], hand, geom)
+    for pair in hand.paired_geoms:
+        one, other = (f"hand_geom_{geom}" for geom in pair)
+        spec.add_pair(geomname1=one, geomname2=other, condim=1)
     lighten(spec, hand.open_joint_positions)
     return spec
 
