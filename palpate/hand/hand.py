@@ -94,7 +94,10 @@ class Hand:
             raise ValueError(f"hand {self.name!r} has no geom that collides: its fingers would pass through objects")
         # Half spaces of colliding meshes, once: (P, 4) outward normal and offset, empty for other geoms.
         meshes = self.geom_collides & (np.array(self.geom_kind) == "mesh")
-        planes = tuple(self._half_spaces(geom) if mesh else np.zeros((0, 4)) for geom, mesh in enumerate(meshes))
+        planes = tuple(
+            half_spaces(vertices) if mesh else np.zeros((0, 4))
+            for mesh, vertices in zip(meshes, self.geom_vertices, strict=True)
+        )
         object.__setattr__(self, "geom_planes", planes)
         joint_of_link = np.full(len(self.link_names), -1)
         joint_of_link[self.joint_link] = np.arange(len(self.joint_link))
@@ -119,16 +122,6 @@ class Hand:
         values["joint_range"] = values["joint_range"].reshape(-1, 2)
         values |= {"open_joint_positions": np.array(open_joint_positions), "palm_anchor": palm_anchor, **others}
         return cls(name, **values)
-
-    def _half_spaces(self, geom: int) -> np.ndarray:
-        try:
-            return half_spaces(self.geom_vertices[geom])
-        except (RuntimeError, ValueError):  # QhullError
-            link = self.link_names[self.geom_link[geom]]
-            raise ValueError(
-                f"hand {self.name!r}: the mesh of geom {geom} (of link {link!r}) is flat, and can't collide: give it a"
-                " thickness, or contype and conaffinity 0"
-            ) from None
 
     def length(self) -> float:
         """Metres of the open hand's largest extent along an axis of the palm, by geoms' centres and sensors, or of a

@@ -1,7 +1,7 @@
 """A user's hand, read from a MuJoCo model file (MJCF or URDF) into plain data."""
 
 import logging
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import combinations
 from pathlib import Path
@@ -91,7 +91,7 @@ def model_files(path: Path | str) -> list[Path]:
     if root.tag == "robot":
         meshdir = next((element.get("meshdir", "") for element in root.iterfind("mujoco/compiler")), "")
         names = [element.get("filename", "") for element in root.iter("mesh")]
-        files |= {file for name in names for file in [*_urdf_mesh(path, meshdir, name)][:1]}
+        files |= set(filter(None, (_urdf_mesh(path, meshdir, name) for name in names)))
     return sorted(file for file in files if file.is_file() and file != path)
 
 
@@ -128,21 +128,22 @@ def _urdf(root: ElementTree.Element, path: Path) -> mujoco.MjSpec:
             if hidden or (mesh is not None and Path(mesh.get("filename", "")).suffix.lower() not in MESH_FILES):
                 link.remove(visual)
     for mesh in root.iter("mesh"):
-        files = [*_urdf_mesh(path, settings.get("meshdir", ""), mesh.get("filename", ""))]
-        if not files:
+        file = _urdf_mesh(path, settings.get("meshdir", ""), mesh.get("filename", ""))
+        if file is None:
             raise ConfigError(f"{path}: no mesh {mesh.get('filename')!r} here, in a folder above, or in the `meshdir`")
-        mesh.set("filename", str(files[0].absolute()))
+        mesh.set("filename", str(file))
     settings.attrib |= {"strippath": "false", "meshdir": "", "fusestatic": "false"}
     return mujoco.MjSpec.from_string(ElementTree.tostring(root, "unicode"))
 
 
-def _urdf_mesh(path: Path, meshdir: str, name: str) -> Iterator[Path]:
-    """The existing files that a mesh's name in a URDF can mean, the likeliest first: relative to the file, below a
-    folder above it (`package://`, with or without the package's name), or by its last part in the compiler's folder."""
+def _urdf_mesh(path: Path, meshdir: str, name: str) -> Path | None:
+    """The file that a mesh's name in a URDF means: relative to the URDF, or below a folder above it (`package://`, with
+    or without the package's name), or by its last part in the compiler's folder."""
     tail = Path(name.partition("://")[2] or name)
     folders = [path.parent, *path.absolute().parents]
     places = [folder / part for part in (tail, Path(*tail.parts[1:])) for folder in folders if part.parts]
-    yield from filter(Path.is_file, [*places, path.parent / meshdir / tail, path.parent / meshdir / tail.name])
+    places += [path.parent / meshdir / tail, path.parent / meshdir / tail.name]
+    return next((place.resolve() for place in places if place.is_file()), None)
 
 
 class _Reader:
