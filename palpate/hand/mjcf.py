@@ -243,9 +243,10 @@ class _Reader:
                     f" {high:g}: give radians, of slides metres"
                 )
             if abs(start[number] - position) > OPEN_TOLERANCE:
+                driver = names[hand.joint_driver[number]]
                 raise ConfigError(
-                    f"{self.source}: `open`: {names[number]!r} follows {names[hand.joint_driver[number]]!r}, which puts"
-                    f" it at {start[number]:.4g}, not {position:g}: leave it out"
+                    f"{self.source}: `open`: {names[number]!r} follows {driver!r}, which puts it at {start[number]:.4g},"
+                    f" not {position:g}: give {driver!r} alone"
                 )
         return hand.follow(np.clip(start, *hand.joint_range.T))
 
