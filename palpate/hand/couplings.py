@@ -17,7 +17,7 @@ SAMPLES = 41  # of a driver's range
 TOLERANCE = 5e-4  # rad, of slides and loops m, by which couplings may be off: fingers stop as deep in a contact
 # Weights beside the constraints: what these leave free is decided by the joints' springs, or their reference.
 SPRING, REFERENCE = 1e-3, 1e-5
-EXACT = 1e-7
+EXACT = 1e-7  # of a fit: no higher degree is tried
 REMEDY = "write it as `equality/joint`s of one driver with `polycoef`, or delete it"
 
 
@@ -36,39 +36,48 @@ class Couplings:
         self.reference, count = model.qpos0[self.positions], len(joints)
         self.driver, self.coefficients = np.arange(count), np.tile(np.eye(5)[1], (count, 1))
         self.range = np.where(model.jnt_limited[self.joints, None], model.jnt_range[self.joints], np.nan)
-        self.follows, self.actuated = np.zeros((2, count), dtype=bool)
-        self.tendons = np.zeros((0, count))  # what is 0 of joint positions less their reference
-        self.named: dict[int, str] = {}  # each equality that moves the hand
-        together = np.zeros((count, count), dtype=bool)
-        ties = dict(self._equalities())
+        self.follows, self.named = np.zeros(count, dtype=bool), {}  # joints that equalities of joints move; names
+        self.actuated = [*self._actuated()]
+        self.tendons = np.zeros((0, count))  # rows that are 0 for joint positions less their reference
+        ties, together = dict(self._equalities()), np.eye(count, dtype=bool)
         for members in ties.values():
             together[np.ix_(members, members)] = True
-        for members, coefficients in self._actuated_tendons():
-            tied = connected_components(together)[1]
-            for member, coefficient in zip(members[1:], coefficients[1:], strict=True):
-                if tied[member] != tied[members[0]]:  # else equalities say how they move together
-                    row = np.zeros(count)
-                    row[[members[0], member]] = -1 / coefficients[0], 1 / coefficient
+        for (first, *others), (coefficient, *coefficients) in self.actuated:
+            for joint, other in zip(others, coefficients, strict=True):
+                mechanism = connected_components(together)[1]
+                if mechanism[joint] != mechanism[first]:  # else equalities say how they move together
+                    row = np.eye(count)[joint] / other - np.eye(count)[first] / coefficient
                     self.tendons = np.vstack([self.tendons, row])
-                    together[members[0], member] = True
+                    together[first, joint] = True
         mechanism = connected_components(together)[1]
-        for number in np.unique(mechanism):
+        for number in np.flatnonzero(np.bincount(mechanism) > 1):
             members = np.flatnonzero(mechanism == number)
             self.kept = [equality for equality, tied in ties.items() if np.isin(tied, members).any()]
             self.rows = self.tendons[self.tendons[:, members].any(axis=1)]
-            if len(members) > 1:
-                self._couple(members)
+            self._couple(members)
+
+    def _actuated(self) -> Iterator[tuple[list[int], np.ndarray]]:
+        """The joints of the hand that each actuator moves, by itself or by a fixed tendon, and their coefficients."""
+        model, of_joint = self.model, {joint: number for number, joint in enumerate(self.joints)}
+        for kind, target in zip(model.actuator_trntype, model.actuator_trnid[:, 0], strict=True):
+            moved, coefficients = [target], np.ones(1)
+            if kind == mujoco.mjtTrn.mjTRN_TENDON:
+                wraps = slice(model.tendon_adr[target], model.tendon_adr[target] + model.tendon_num[target])
+                fixed = (model.wrap_type[wraps] == mujoco.mjtWrap.mjWRAP_JOINT).all()
+                moved, coefficients = (model.wrap_objid[wraps] if fixed else []), model.wrap_prm[wraps]
+            elif kind != mujoco.mjtTrn.mjTRN_JOINT:
+                continue
+            if len(moved) and all(joint in of_joint for joint in moved):
+                yield [of_joint[joint] for joint in moved], coefficients
 
     def _equalities(self) -> Iterator[tuple[int, np.ndarray]]:
         """Numbers of the active equalities, and the joints that each ties together."""
-        # Off the reference, where a slope may be 0.
-        _, jacobian = self._equality_rows(
-            self.reference + 0.01 * np.random.default_rng(0).normal(size=len(self.joints))
-        )
+        aside = 0.01 * np.random.default_rng(0).normal(size=len(self.joints))  # of the reference: slopes may be 0 there
+        _, jacobian = self._equality_rows(self.reference + aside)
         equality = self.data.efc_id[: len(jacobian)]
         for number in np.unique(equality):
             kind = mujoco.mjtEq(self.model.eq_type[number]).name.removeprefix("mjEQ_").lower()
-            what = f"equality/{kind} {self.model.eq(number).name or number}"
+            self.named[number] = what = f"equality/{kind} {self.model.eq(number).name or number}"
             moved = np.abs(jacobian[equality == number]).max(axis=0) > 1e-9
             members = np.flatnonzero(moved[self.dofs])
             moved[self.dofs] = False
@@ -78,22 +87,7 @@ class Couplings:
                 raise ValueError(f"{what} fixes joint {self._names(members)}: delete both")
             if kind == "joint":
                 self.follows |= self.joints == self.model.eq_obj1id[number]
-            self.named[number] = what
             yield number, members
-
-    def _actuated_tendons(self) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-        """The joints and coefficients of each fixed tendon that has an actuator; notes all joints that have one."""
-        model, of_joint = self.model, {joint: number for number, joint in enumerate(self.joints)}
-        for kind, target in zip(model.actuator_trntype, model.actuator_trnid[:, 0], strict=True):
-            if kind == mujoco.mjtTrn.mjTRN_JOINT and target in of_joint:
-                self.actuated[of_joint[target]] = True
-            elif kind == mujoco.mjtTrn.mjTRN_TENDON:
-                wraps = slice(model.tendon_adr[target], model.tendon_adr[target] + model.tendon_num[target])
-                fixed = (model.wrap_type[wraps] == mujoco.mjtWrap.mjWRAP_JOINT).all()
-                if fixed and all(joint in of_joint for joint in model.wrap_objid[wraps]):
-                    members = np.array([of_joint[joint] for joint in model.wrap_objid[wraps]])
-                    self.actuated[members] = True
-                    yield members, model.wrap_prm[wraps]
 
     def _equality_rows(self, positions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """By how much the equalities are violated at joint positions (J,): (R,) rad or m, and derivatives (R, nv)."""
@@ -105,21 +99,25 @@ class Couplings:
         return data.efc_pos[equality], data.efc_J.reshape(-1, model.nv)[equality]
 
     def _couple(self, members: np.ndarray) -> None:
-        """Let one of the joints drive the others."""
+        """Let one of the joints drive the others: one that has an actuator, if it can be chosen."""
         first = [joint for joint in members if not self.follows[joint]] or members
-        driver = next((joint for joint in first if self.actuated[joint]), first[0])
+        driver = next((joint for moved, _ in self.actuated for joint in moved if joint in first), first[0])
         others = members[members != driver]
         ties = [self.named[number] for number in self.kept] + ["an actuated tendon"] * bool(len(self.rows))
         what = f"{' with '.join(ties)}, of joints {self._names(members)},"
         if np.isnan(self.range[driver]).any():
             raise ValueError(f"joint {self._names([driver])} has no range: give it one")
+        slopes = self._violated(driver, others, self.reference[driver], self.reference[others])[1]
+        actuators = sum(np.isin(moved, members).any() for moved, _ in self.actuated)
+        if actuators > 1 and np.linalg.matrix_rank(slopes, 1e-6) < len(others):
+            raise ValueError(f"{what} needs the servos of {actuators} actuators, and gets one: {REMEDY}")
         grid, solved = np.linspace(*self.range[driver], SAMPLES), np.zeros((SAMPLES, len(others)))
         start = int(np.abs(grid - self.reference[driver]).argmin())
         for number in [*range(start, SAMPLES), *range(start)[::-1]]:
             before = number + 1 if number < start else max(number - 1, start)  # its neighbour towards the reference
             guess = self.reference[others] if number == start else solved[before]
             solved[number] = self._solve(driver, others, grid[number], guess)
-        off = np.array([self._off(driver, others, *row) for row in zip(grid, solved, strict=True)])
+        off = self._off(driver, others, grid, solved)
         wrong = np.flatnonzero(off > TOLERANCE)
         low, high = np.append(wrong[wrong < start], -1).max() + 1, np.append(wrong[wrong > start], SAMPLES).min()
         if off[start] > TOLERANCE or high - low < 2:
@@ -131,7 +129,7 @@ class Couplings:
         for degree in range(1, 5):
             fit = np.round(polyfit(grid, solved, degree), 9) + 0.0  # no -0
             followed = polyval(grid, fit).T
-            off = max(self._off(driver, others, *row) for row in zip(grid, followed, strict=True))
+            off = self._off(driver, others, grid, followed).max()
             if off < EXACT:
                 break
         if off > TOLERANCE:
@@ -159,8 +157,9 @@ class Couplings:
         violated, slopes = self._violated(driver, others, position, found)  # what the weights have left of it
         return np.clip(found - np.linalg.lstsq(slopes, violated, rcond=1e-6)[0], low, high)
 
-    def _off(self, driver: int, others: np.ndarray, position: float, values: np.ndarray) -> float:
-        return np.abs(self._violated(driver, others, position, values)[0]).max()
+    def _off(self, driver: int, others: np.ndarray, *positions: np.ndarray) -> np.ndarray:
+        rows = zip(*positions, strict=True)
+        return np.array([np.abs(self._violated(driver, others, *row)[0]).max() for row in rows])
 
     def _violated(self, driver, others, position, values) -> tuple[np.ndarray, np.ndarray]:
         """`_equality_rows` and tendons with these joints at these positions: (R,), and derivatives by the others'."""

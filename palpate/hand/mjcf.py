@@ -171,7 +171,11 @@ class _Reader:
         for body in range(palm + 1, model.nbody):
             if model.body_parentid[body] in self.link_of_body:
                 self._add_body(body)
-        geoms = [geom for geom in range(model.ngeom) if self._is_of_hand(geom)]
+        geoms = [geom for geom in range(model.ngeom) if model.geom_bodyid[geom] in self.link_of_body]
+        solid = [mujoco.mjtGeom(kind) in GEOM_KIND for kind in model.geom_type]
+        # Planes and fields of the world, and those that are drawn only, are no part of a hand.
+        bits = (model.geom_contype | model.geom_conaffinity) * model.geom_bodyid
+        geoms = [geom for geom in geoms if solid[geom] or bits[geom]]
         coupled = Couplings(model, self.numbers)
         for joint, limits in zip(self.joints, coupled.range, strict=True):
             if np.isnan(limits).any():
@@ -222,40 +226,26 @@ class _Reader:
 
     def _open(self, given: Sequence[float] | Mapping[str, float] | None, hand: Hand) -> np.ndarray:
         """(J,) joint positions of the open hand; those that are not given are at the reference, or follow."""
-        reference, names = hand.open_joint_positions, list(hand.joint_names)
+        names, start = list(hand.joint_names), hand.open_joint_positions.copy()
+        if isinstance(given, Sequence) and len(given) != len(names):
+            counts = f"{len(given)} joint positions, the hand has {len(names)} joints"
+            raise ConfigError(f"{self.source}: `open` has {counts}: {', '.join(names)}")
         given = dict(enumerate(given)) if isinstance(given, Sequence) else given or {}
-        if all(isinstance(joint, int) for joint in given) and 0 < len(given) != len(names):
-            raise ConfigError(
-                f"{self.source}: `open` has {len(given)} joint positions, the hand has {len(names)} joints"
-            )
-        start = reference.copy()
-        for joint, position in given.items():
-            if isinstance(joint, str) and joint not in names:
-                raise ConfigError(f"{self.source}: `open`: no joint {joint!r}, but {', '.join(names)}")
-            start[names.index(joint) if isinstance(joint, str) else joint] = position
+        if unknown := [joint for joint in given if isinstance(joint, str) and joint not in names]:
+            raise ConfigError(f"{self.source}: `open`: no joint {unknown[0]!r}, but {', '.join(names)}")
+        given = {names.index(joint) if isinstance(joint, str) else joint: value for joint, value in given.items()}
+        start[[*given]] = [*given.values()]
         start = hand.follow(start)
         for joint, position in given.items():
-            number = names.index(joint) if isinstance(joint, str) else joint
-            low, high = hand.joint_range[number]
+            low, high = hand.joint_range[joint]
             if not low - OPEN_TOLERANCE <= position <= high + OPEN_TOLERANCE:
-                raise ConfigError(
-                    f"{self.source}: `open`: {position:g} is out of the range of {names[number]!r}, {low:g} to"
-                    f" {high:g}: give radians, of slides metres"
-                )
-            if abs(start[number] - position) > OPEN_TOLERANCE:
-                driver = names[hand.joint_driver[number]]
-                raise ConfigError(
-                    f"{self.source}: `open`: {names[number]!r} follows {driver!r}, which puts it at {start[number]:.4g},"
-                    f" not {position:g}: give {driver!r} alone"
-                )
+                limits = f"{names[joint]!r}, {low:g} to {high:g}: give radians, of slides metres"
+                raise ConfigError(f"{self.source}: `open`: {position:g} is out of the range of {limits}")
+            if abs(start[joint] - position) > OPEN_TOLERANCE:
+                driver = names[hand.joint_driver[joint]]
+                followed = f"{names[joint]!r} follows {driver!r} to {start[joint]:.4g}, not {position:g}"
+                raise ConfigError(f"{self.source}: `open`: {followed}: give {driver!r} alone")
         return hand.follow(np.clip(start, *hand.joint_range.T))
-
-    def _is_of_hand(self, geom: int) -> bool:
-        """Whether it is on a link, and is drawn or collides: a plane or a field that does neither is no part."""
-        model = self.model
-        solid = GEOM_KIND.get(mujoco.mjtGeom(model.geom_type[geom])) is not None
-        collides = model.geom_contype[geom] or model.geom_conaffinity[geom]
-        return model.geom_bodyid[geom] in self.link_of_body and bool(solid or (collides and model.geom_bodyid[geom]))
 
     def _excluded(self) -> np.ndarray:
         """(P, 2) pairs of links that the model says do not collide."""

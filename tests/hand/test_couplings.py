@@ -181,6 +181,24 @@ def test_a_loop_through_what_is_not_the_hand_is_named(tmp_path):
         from_mjcf(tmp_path / "finger.xml", SENSORS | {"palm": "one"})
 
 
+def test_a_mechanism_that_needs_two_servos_is_named(tmp_path):
+    """A fourth hinge in the loop leaves two freedoms, as its two actuators say; a single one's springs decide."""
+    rod = '<geom type="capsule" size="0.003" fromto="0 0 0 0 0 0.05" contype="0" conaffinity="0"/>'
+    extra = f'{rod}<body name="extra" pos="0 0 0.03"><joint name="extra" axis="1 0 0" range="-0.5 0.5"/>{rod}</body>'
+    text = (BARS / "hand.xml").read_text().replace(rod, extra, 1)
+    text = text.replace('body1="l_rod" body2="l_tip" anchor="0 0 0.05"', 'body1="extra" body2="l_tip" anchor="0 0 .02"')
+    motors = '<actuator><motor joint="extra"/>{}</actuator></mujoco>'
+    (tmp_path / "one.xml").write_text(text.replace("</mujoco>", motors.format("")))
+    (tmp_path / "two.xml").write_text(text.replace("</mujoco>", motors.format('<motor joint="l_tip"/>')))
+    hand = from_mjcf(tmp_path / "one.xml", BARS / "sensors.yaml")
+    assert hand.joint_names[hand.joint_driver[0]] == "extra"
+    for share in (0.2, 0.9):
+        positions = hand.joint_range[:, 0] + share * np.ptp(hand.joint_range, axis=1)
+        assert violated(tmp_path / "one.xml", hand.follow(positions)) < TOLERANCE
+    with pytest.raises(ConfigError, match="two.xml: equality/connect 0, of joints .* needs the servos of 2 actuators"):
+        from_mjcf(tmp_path / "two.xml", BARS / "sensors.yaml")
+
+
 def test_an_equality_that_is_not_active_plays_no_part(tmp_path):
     hand = finger(tmp_path, '<equality><joint joint1="b" joint2="a" active="false"/></equality>')
     assert hand.joint_driver.tolist() == [0, 1, 2]

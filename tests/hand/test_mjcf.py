@@ -432,5 +432,5 @@ def test_an_open_hand_that_is_closed_is_named(tmp_path, name):
     assert check_files(case / f"{name}.xml", tmp_path / "sensors.yaml", DIGIT) == []
     (tmp_path / "sensors.yaml").write_text(yaml.safe_dump(sensors | {"open": {"l": 0.04, "r": 0.01}}))
     if name == "hand":
-        with pytest.raises(ConfigError, match="'l' follows 'r', which puts it at 0.01, not 0.04: give 'r' alone"):
+        with pytest.raises(ConfigError, match="'l' follows 'r' to 0.01, not 0.04: give 'r' alone"):
             check_files(case / f"{name}.xml", tmp_path / "sensors.yaml", DIGIT)
