@@ -11,7 +11,7 @@ from palpate.batch import UnusableObject
 from palpate.configuration import ConfigError
 from palpate.grasp.closing import TIMESTEP, GraspSimulation
 from palpate.grasp.patches import surface_patches
-from palpate.grasp.penetration import HandCheck, PenetrationCheck
+from palpate.grasp.penetration import PenetrationCheck
 from palpate.grasp.targets import Workspace, palm_pose, with_normals
 from palpate.hand import MAX_OUT_OF_RANGE, MAX_PENETRATION, Hand
 from palpate.mesh import OBJECT_POSITION
@@ -133,7 +133,7 @@ class Grasper:
 def check_hand(hand: Hand, timestep: float = TIMESTEP, max_penetration: float = MAX_PENETRATION) -> None:
     """Raises ConfigError, as a run should before its first object, for a hand or settings that no object can be grasped
     with: an open hand whose links penetrate each other, or what can't be simulated."""
-    HandCheck(hand).require_open(max_penetration)
+    PenetrationCheck(hand).require_open(max_penetration)
     try:
         GraspSimulation(hand, [], timestep)
     except ValueError as error:

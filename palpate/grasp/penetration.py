@@ -36,16 +36,38 @@ def deepest(triangles: np.ndarray, solid: np.ndarray, distance: Callable[..., np
     return float(depth)
 
 
-class HandCheck:
-    """The depth of one hand in itself. Omitted are pairs of geoms with a plane between them."""
+class PenetrationCheck:
+    """The depth of one hand in one object, and in itself. Frames: the object's own.
 
-    def __init__(self, hand: Hand):
+    Omitted are faces whose bounding boxes are outside a link's, and pairs of links with a plane between them:
+    none of their points can be inside.
+    """
+
+    def __init__(self, hand: Hand, mesh: trimesh.Trimesh | None = None):
+        """mesh: the object's visual mesh, every face; it need not be closed. Without it there is no object."""
         self.hand = hand
+        triangles = np.zeros((0, 3, 3)) if mesh is None else np.asarray(mesh.triangles, dtype=float)
+        self.triangles = split_long_edges(triangles, COARSE)
+        corners = self.triangles.transpose(1, 2, 0).copy()  # along axes of length 3 numpy's minimum is slow
+        self.low, self.high = corners.min(axis=0), corners.max(axis=0)
         self.geoms = np.flatnonzero(hand.geom_collides)
         self.surfaces = {geom: geom_surface(hand, geom) for geom in self.geoms}
         self.half = np.array([np.abs(surface).max(axis=(0, 1)) for surface in self.surfaces.values()])  # of their boxes
         meets = hand.meets()[self.geoms[:, None], self.geoms]
         self.pairs = self.geoms[np.argwhere(np.triu(meets, k=1))]  # (P, 2) of geoms that may collide
+
+    def in_object(self, link_pose: np.ndarray) -> float:
+        """Metres of the deepest point of the object's surface in the hand, or 0; link_pose: (L, 4, 4).
+
+        Right to half of `SPACING`, and mostly far better, for the surface's corners are among the points.
+        """
+        poses = self.hand.geom_poses(link_pose)
+        centre = poses[self.geoms, :3, 3]
+        half = (np.abs(poses[self.geoms, :3, :3]) @ self.half[:, :, None])[..., 0]
+        low, high = centre - half, centre + half
+        near = np.flatnonzero(self.meeting(low.min(axis=0, keepdims=True), high.max(axis=0, keepdims=True)))
+        box, close = np.nonzero(self.meeting(low, high, near))
+        return deepest(self.triangles[near[close]], self.geoms[box], partial(self.distance, poses))
 
     def distance(self, poses: np.ndarray, points: np.ndarray, geoms: np.ndarray) -> np.ndarray:
         """Signed distances (N,) of points (N, 3) to the geoms of numbers (N,); poses: (G, 4, 4) of all."""
@@ -101,33 +123,6 @@ class HandCheck:
         separates = ((low >= own_high) | (high <= own_low)).any(axis=1)
         index = np.searchsorted(self.geoms, self.pairs)
         return separates[index[:, 0], index[:, 1]] | separates[index[:, 1], index[:, 0]]
-
-
-class PenetrationCheck(HandCheck):
-    """The depth of one hand in one object, and in itself. Frames: the object's own.
-
-    Omitted are faces whose bounding boxes are outside a link's: none of their points can be inside.
-    """
-
-    def __init__(self, hand: Hand, mesh: trimesh.Trimesh):
-        """mesh: the object's visual mesh, every face; it need not be closed."""
-        super().__init__(hand)
-        self.triangles = split_long_edges(np.asarray(mesh.triangles, dtype=float), COARSE)
-        corners = self.triangles.transpose(1, 2, 0).copy()  # along axes of length 3 numpy's minimum is slow
-        self.low, self.high = corners.min(axis=0), corners.max(axis=0)
-
-    def in_object(self, link_pose: np.ndarray) -> float:
-        """Metres of the deepest point of the object's surface in the hand, or 0; link_pose: (L, 4, 4).
-
-        Right to half of `SPACING`, and mostly far better, for the surface's corners are among the points.
-        """
-        poses = self.hand.geom_poses(link_pose)
-        centre = poses[self.geoms, :3, 3]
-        half = (np.abs(poses[self.geoms, :3, :3]) @ self.half[:, :, None])[..., 0]
-        low, high = centre - half, centre + half
-        near = np.flatnonzero(self.meeting(low.min(axis=0, keepdims=True), high.max(axis=0, keepdims=True)))
-        box, close = np.nonzero(self.meeting(low, high, near))
-        return deepest(self.triangles[near[close]], self.geoms[box], partial(self.distance, poses))
 
     def meeting(self, low: np.ndarray, high: np.ndarray, among: np.ndarray | slice = slice(None)) -> np.ndarray:
         """Which of the object's triangles meet which of the boxes from `low` to `high` (B, 3), by their own boxes:

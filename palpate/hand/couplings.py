@@ -96,7 +96,7 @@ class Couplings:
         for compute in (mujoco.mj_kinematics, mujoco.mj_comPos, mujoco.mj_tendon, mujoco.mj_makeConstraint):
             compute(model, data)
         equality = data.efc_type == mujoco.mjtConstraint.mjCNSTR_EQUALITY  # they come first
-        return data.efc_pos[equality], data.efc_J.reshape(-1, model.nv)[equality]
+        return data.efc_pos[equality], data.efc_J.reshape(len(equality), model.nv)[equality]
 
     def _couple(self, members: np.ndarray) -> None:
         """Let one of the joints drive the others: one that has an actuator, if it can be chosen."""

@@ -191,6 +191,8 @@ class _Reader:
             raise ConfigError(
                 f"{self.source}: `thumb` names {', '.join(unknown)}, which no sensor is called: {', '.join(names)}"
             )
+        if not self.joints:
+            raise ConfigError(f"{self.source}: no joint is below the palm, {self.links[0][0]!r}: name another `palm`")
         read = Hand.from_rows(
             self.path.stem,
             self.links,

@@ -203,6 +203,10 @@ def test_files_that_a_model_names_are_found(tmp_path):
         ({"open": [0, 45, 0, 0, 0]}, "45 is out of the range of 'left_bend', -0.26.* to 1.57"),
         ({"open": [0, 0]}, "`open` has 2 joint positions, the hand has 5 joints"),
         ({"palm": "left_end", "anchor": None}, "'right_end' is not on the hand"),
+        (
+            {"palm": "left_end", "anchor": None, "sensors": [{"site": "left_high"}]},
+            "no joint is below the palm, 'left_end': name another `palm`",
+        ),
     ],
 )
 def test_mistakes_in_the_file_of_the_sensors_name_it(model_file, tmp_path, changed, message):
