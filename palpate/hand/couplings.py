@@ -122,8 +122,8 @@ class Couplings:
         low, high = np.append(wrong[wrong < start], -1).max() + 1, np.append(wrong[wrong > start], SAMPLES).min()
         if off[start] > TOLERANCE or high - low < 2:
             raise ValueError(
-                f"{what} can't be kept near the reference within the joints' ranges: off by {off[start]:.2g} rad or m;"
-                f" {REMEDY}"
+                f"{what} can't be kept while {self._names([driver])} moves from its reference, within all ranges:"
+                f" off by up to {off.max():.2g} rad or m; {REMEDY}"
             )
         grid, solved = grid[low:high], solved[low:high]
         for degree in range(1, 5):

@@ -164,13 +164,27 @@ def test_a_mimic_joint_of_a_urdf_follows(tmp_path):
         ('<equality><joint joint1="b"/></equality>', "equality/joint 0 fixes joint 'b': delete both"),
         (
             '<equality><joint joint1="b" joint2="a" polycoef="5 1 0 0 0"/></equality>',
-            "equality/joint 0, of joints 'a', 'b', can't be kept near the reference within the joints' ranges: off by",
+            "equality/joint 0, of joints 'a', 'b', can't be kept while 'a' moves from its reference.*: off by up to 4.3 rad",
         ),
     ],
 )
 def test_what_one_servo_cannot_move_is_named_with_a_remedy(tmp_path, more, message):
     with pytest.raises(ConfigError, match=f"finger.xml: {message}"):
         finger(tmp_path, more)
+
+
+def test_jaws_that_are_welded_to_each_other_are_named_and_a_tendon_equality_couples(tmp_path):
+    text = (JAWS / "hand.xml").read_text()
+    old = '<equality><joint joint1="l" joint2="r"/></equality>'
+    (tmp_path / "hand.xml").write_text(text.replace(old, '<equality><weld body1="l" body2="r"/></equality>'))
+    with pytest.raises(ConfigError, match="equality/weld 0, of joints 'l', 'r', can't be kept while 'l' moves"):
+        from_mjcf(tmp_path / "hand.xml", JAWS / "sensors.yaml")
+    tendon = '<tendon><fixed name="t"><joint joint="l" coef="1"/><joint joint="r" coef="-1"/></fixed></tendon>'
+    equality = '<equality><tendon tendon1="t"/></equality>'
+    (tmp_path / "hand.xml").write_text(text.replace(old, tendon + equality))
+    hand = from_mjcf(tmp_path / "hand.xml", JAWS / "sensors.yaml")
+    assert hand.joint_driver.tolist() == [0, 0]
+    np.testing.assert_allclose(hand.joint_coupling[1], [0, 1, 0, 0, 0], atol=1e-9)
 
 
 def test_a_loop_through_what_is_not_the_hand_is_named(tmp_path):
