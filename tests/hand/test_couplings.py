@@ -164,7 +164,7 @@ def test_a_mimic_joint_of_a_urdf_follows(tmp_path):
         ('<equality><joint joint1="b"/></equality>', "equality/joint 0 fixes joint 'b': delete both"),
         (
             '<equality><joint joint1="b" joint2="a" polycoef="5 1 0 0 0"/></equality>',
-            "equality/joint 0, of joints 'a', 'b', can't be kept while 'a' moves from its reference.*: off by up to 4.3 rad",
+            "equality/joint 0, of joints 'a', 'b', can't be kept while 'a' moves from its ref.*: off by up to 4.3 rad",
         ),
     ],
 )
