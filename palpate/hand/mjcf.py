@@ -176,12 +176,12 @@ class _Reader:
         # Planes and fields of the world, and those that are drawn only, are no part of a hand.
         bits = (model.geom_contype | model.geom_conaffinity) * model.geom_bodyid
         geoms = [geom for geom in geoms if solid[geom] or bits[geom]]
+        self._check_turns()
         coupled = Couplings(model, self.numbers)
         for joint, limits in zip(self.joints, coupled.range, strict=True):
             if np.isnan(limits).any():
                 raise ValueError(f"joint {joint[4]!r} has no range: give it one")
             joint[3] = limits
-        self._check_turns()
         given = description["sensors"]
         if twice := [sensor for number, sensor in enumerate(given) if sensor in given[:number]]:
             raise ConfigError(f"{self.source}: sensors: {twice[0]} is named twice")
@@ -219,7 +219,7 @@ class _Reader:
 
     def _check_turns(self) -> None:
         """Raises ValueError if hinges turn so far or so little that degrees and radians must have been confused."""
-        turns = [(name, *limits) for _, _, slides, limits, name in self.joints if not slides]
+        turns = [(name, *limits) for _, _, slides, limits, name in self.joints if not slides and limits.any()]
         for name, low, high in turns:
             if max(-low, high) > FURTHEST_TURN:
                 raise ValueError(f"the hinge of {name!r} turns from {low:g} to {high:g} rad: {DEGREES}")
@@ -290,7 +290,8 @@ class _Reader:
                 rotation = rotation @ rotation_about(axis, -reference)
             link_name = name if number == count - 1 else f"{name}_{number}"
             parent = self._add_link(link_name, parent, position, rotation)
-            self.joints.append([parent, axis, slides, None, model.joint(joint).name or link_name])
+            limits, joint_name = model.jnt_range[joint].copy(), model.joint(joint).name or link_name
+            self.joints.append([parent, axis, slides, limits, joint_name])
             self.numbers.append(joint)
             position, rotation, anchor = np.zeros(3), np.eye(3), anchor_now
         self.link_of_body[body], self.origin_of_body[body] = parent, -anchor
