@@ -119,14 +119,15 @@ def check_config(overlays: Sequence[Path | str], name: str | None = None, pictur
     from palpate.vision import blender
 
     blender.load()  # before trimesh, which all that follows loads
+    from palpate import grasp, scene
     from palpate import hand as hands
-    from palpate import scene
 
     scene.draw(config["vision"], config["seed"], "")
     own, face = settings.hand, settings.sensor.gel_face
     hand = hands.from_mjcf(own.mjcf, own.sensors, face) if own else hands.allegro(face)
     for line in hands.check_files(own.mjcf, own.sensors, settings.sensor) if own else ():
         say(line)
+    grasp.check_hand(hand, config["grasps"]["timestep"], config["grasps"]["max_penetration"])
     with tempfile.TemporaryDirectory(prefix="palpate-check-") as scratch:
         looks = [look(entry, root) for entry, root in _opened(settings, name, config["seed"], Path(scratch))]
         for line in mesh_lines(looks, settings):

@@ -95,10 +95,10 @@ class GraspSimulation:
             mesh = spec.add_mesh(name=name, uservert=vertices.ravel())
             mesh.inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL  # a sheet has no volume
             body.add_geom(name=name, type=mujoco.mjtGeom.mjGEOM_MESH, meshname=name, condim=1, **ALL_BITS)
-        for geom in spec.geoms:
-            geom.solref = [2 * timestep, 1]
-            geom.solimp = SOLIMP
-            geom.margin = 0
+        for contact in (*spec.geoms, *spec.pairs):
+            contact.solref = [2 * timestep, 1]
+            contact.solimp = SOLIMP
+            contact.margin = 0
         # As stiff as contact: by the engine's default a pushed finger leaves its range by 1.4 degrees.
         for joint in spec.joints:
             joint.solref_limit = [2 * timestep, 1]

@@ -65,6 +65,7 @@ class Hand:
     geom_contype: np.ndarray | None = None  # (G,) int: which others it meets (`meets`); by default all that collide
     geom_conaffinity: np.ndarray | None = None  # (G,) int
     excluded_links: np.ndarray | None = None  # (P, 2) int: pairs that never collide, besides the adjacent
+    paired_geoms: np.ndarray | None = None  # (P, 2) int: pairs that collide whatever their links and bits
 
     def __post_init__(self) -> None:
         count, collides = len(self.joint_link), np.asarray(self.geom_collides, dtype=int)
@@ -75,6 +76,7 @@ class Hand:
             "geom_contype": collides,
             "geom_conaffinity": collides,
             "excluded_links": np.zeros((0, 2), dtype=int),
+            "paired_geoms": np.zeros((0, 2), dtype=int),
         }.items():
             if getattr(self, name) is None or name == "joint_names" and not self.joint_names:
                 object.__setattr__(self, name, default)
@@ -92,7 +94,10 @@ class Hand:
             raise ValueError(f"hand {self.name!r} has no geom that collides: its fingers would pass through objects")
         # Half spaces of colliding meshes, once: (P, 4) outward normal and offset, empty for other geoms.
         meshes = self.geom_collides & (np.array(self.geom_kind) == "mesh")
-        planes = tuple(self._half_spaces(geom) if mesh else np.zeros((0, 4)) for geom, mesh in enumerate(meshes))
+        planes = tuple(
+            half_spaces(vertices) if mesh else np.zeros((0, 4))
+            for mesh, vertices in zip(meshes, self.geom_vertices, strict=True)
+        )
         object.__setattr__(self, "geom_planes", planes)
         joint_of_link = np.full(len(self.link_names), -1)
         joint_of_link[self.joint_link] = np.arange(len(self.joint_link))
@@ -117,16 +122,6 @@ class Hand:
         values["joint_range"] = values["joint_range"].reshape(-1, 2)
         values |= {"open_joint_positions": np.array(open_joint_positions), "palm_anchor": palm_anchor, **others}
         return cls(name, **values)
-
-    def _half_spaces(self, geom: int) -> np.ndarray:
-        try:
-            return half_spaces(self.geom_vertices[geom])
-        except (RuntimeError, ValueError):  # QhullError
-            link = self.link_names[self.geom_link[geom]]
-            raise ValueError(
-                f"hand {self.name!r}: the mesh of geom {geom} (of link {link!r}) is flat, and can't collide: give it a"
-                " thickness, or contype and conaffinity 0"
-            ) from None
 
     def length(self) -> float:
         """Metres of the open hand's largest extent along an axis of the palm, by geoms' centres and sensors, or of a
@@ -252,9 +247,12 @@ class Hand:
 
     def meets(self) -> np.ndarray:
         """Which geoms collide with each other, (G, G) bool: a bit of the contype of one is in the other's conaffinity,
-        as MuJoCo has it, and their links may collide."""
+        as MuJoCo has it, and their links may collide, or they are `paired_geoms`."""
         bits = (self.geom_contype[:, None] & self.geom_conaffinity) != 0
-        return (bits | bits.T) & ~self.adjacent_links()[self.geom_link[:, None], self.geom_link]
+        meets = (bits | bits.T) & ~self.adjacent_links()[self.geom_link[:, None], self.geom_link]
+        one, other = self.paired_geoms.T
+        meets[one, other] = meets[other, one] = True
+        return meets
 
     def to_arrays(self) -> dict[str, np.ndarray]:
         """The hand as named arrays (strings as bytes), such as HDF5 and Zarr store; see `from_arrays`."""

@@ -49,7 +49,7 @@ def build_spec(hand: Hand, stiffness: float = STIFFNESS) -> mujoco.MjSpec:
                 type=mujoco.mjtJoint.mjJNT_SLIDE if slides else mujoco.mjtJoint.mjJNT_HINGE,
                 axis=hand.joint_axis[joint],
                 range=hand.joint_range[joint],
-                limited=LIMITED[hand.joint_driver[joint] == joint],
+                limited=LIMITED[int(hand.joint_driver[joint] == joint)],
                 armature=at_arm(ARMATURE, slides),
                 damping=[at_arm(DAMPING, slides), 0, 0],
             )
@@ -73,10 +73,13 @@ def build_spec(hand: Hand, stiffness: float = STIFFNESS) -> mujoco.MjSpec:
             objtype=mujoco.mjtObj.mjOBJ_JOINT,
             name1=names[joint],
             name2=names[hand.joint_driver[joint]],
-            data=[*hand.joint_coupling[joint], *[0] * 6],
+            data=np.pad(hand.joint_coupling[joint], (0, mujoco.mjNEQDATA - 5)),
         )
     for geom in np.flatnonzero(hand.geom_collides):
         add_geom(spec, bodies[hand.geom_link[geom]], hand, geom)
+    for pair in hand.paired_geoms:
+        one, other = (f"hand_geom_{geom}" for geom in pair)
+        spec.add_pair(geomname1=one, geomname2=other, condim=1)
     lighten(spec, hand.open_joint_positions)
     return spec
 

@@ -146,3 +146,16 @@ def test_without_the_logger_a_run_has_snakemakes_own_output_and_the_end_of_ours(
     run = workflow("catalogue.csv", "--workflow-profile", "none", "--nolock")
     assert run.returncode == 0, run.stdout + run.stderr
     assert "rule catalogue:" in run.stderr and f"{workflow.run}: index.html" in run.stderr
+
+
+def test_a_hand_that_no_object_can_be_grasped_with_ends_the_run_before_it_starts(make_workflow, tmp_path):
+    """Not an object a row of rejected.csv: open, its links are in each other, and the file does not exclude them."""
+    case = PROJECT / "tests/cases/hand-exclude"
+    text = (case / "hand.xml").read_text()
+    (tmp_path / "hand.xml").write_text(text.replace('<exclude body1="palm" body2="b_tip"/>', ""))
+    hand = {"mjcf": str(tmp_path / "hand.xml"), "sensors": str(case / "sensors.yaml")}
+    result = make_workflow(grasps={"hand": hand})("dataset")
+    assert result.returncode != 0
+    assert "hand 'hand': open, its links 'palm' and 'b_tip' are 10.0 mm deep in each other" in result.stderr
+    for frame in ("WorkflowError", "configuration.smk", "Traceback", ", line "):
+        assert frame not in result.stderr, result.stderr

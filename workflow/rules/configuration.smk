@@ -58,10 +58,12 @@ try:
     KNOWN_PLACES = catalogue.read_places(RUN_FOLDER, BATCH_SIZE)
     HAND_FILES = []  # what the model file of an own hand names: meshes, textures, included models
     if HAND:
-        from palpate import hand  # loads MuJoCo
+        from palpate import grasp, hand  # loads MuJoCo
 
         for line in hand.check_files(HAND.mjcf, HAND.sensors, SENSOR):
             logger.warning(line)
+        own_hand = hand.from_mjcf(HAND.mjcf, HAND.sensors, SENSOR.gel_face)
+        grasp.check_hand(own_hand, config["grasps"]["timestep"], config["grasps"]["max_penetration"])
         HAND_FILES = [checked(str(path)) for path in hand.model_files(HAND.mjcf)]
     if [config["vision"][key] for key in ("cameras", "lights", "background")] != [None, None, [1, 1, 1]]:
         from palpate import scene
