@@ -11,6 +11,7 @@ import threading
 from pathlib import Path
 
 import pytest
+from snakemake.logging import DefaultFilter
 from snakemake.settings.enums import Quietness
 from snakemake_interface_logger_plugins.tests import MockOutputSettings, TestLogHandlerBase
 
@@ -289,14 +290,28 @@ def test_the_end_names_objects_places_and_time_and_counts_what_failed(tmp_path, 
     ]
 
 
-def test_with_quiet_the_end_waits_for_no_record(tmp_path, monkeypatch):
-    """Snakemake's filter keeps back all records, this one, too: the end waited 10 s for it."""
-    handler({}, quiet=[Quietness.ALL])
-    monkeypatch.setattr(logging.getLogger("snakemake.logging"), "handlers", [logging.NullHandler()])
-    monkeypatch.setattr(threading.Event, "wait", lambda *_: pytest.fail("it waits"))
-    before = signal.getsignal(signal.SIGINT)
-    hooks.finish(str(tmp_path), object_pages=0)
-    signal.signal(signal.SIGINT, before)
+@pytest.mark.parametrize("options", [{}, {"verbose": True}, {"printshellcmds": True}])
+def test_with_quiet_errors_alone_are_shown_and_jobs_are_counted(options):
+    made = handler({}, quiet=[Quietness.ALL], **options)
+    made.addFilter(DefaultFilter([Quietness.ALL], False, False, False, False))  # as Snakemake's manager does
+    wrong = "the config does not fit its schema:\n  sed: unknown key"
+    assert shown(made, record(None, logging.ERROR, wrong)) == wrong  # before there is a run
+    job = {"jobid": 1, "rule_name": "meshes", "output": ["m"], "log": []}
+    for silent in (
+        record("run_info", stats={"meshes": 2, "total": 2}),
+        record("job_info", **job),
+        record("job_finished", job_id=1),
+        record(None, logging.WARNING, "objects: 3"),
+        record("error", logging.ERROR, "exit status 1", exception="RuleException"),
+    ):
+        assert not shown(made, silent)
+    assert shown(made, record("job_error", logging.ERROR, **job)) == "failed: meshes m: ended from outside"
+    assert (made.done, len(made.failures)) == (1, 1)
+    made.stop()
+    assert not shown(made, record(None, logging.INFO, "Complete log(s): x"))
+    (reached := record(None)).reached = threading.Event()
+    made.handle(reached)
+    assert reached.reached.is_set()  # else the end of the run would wait for it
 
 
 def test_a_run_notes_the_commit_of_its_workflow(monkeypatch):

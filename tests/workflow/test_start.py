@@ -2,6 +2,9 @@
 
 import os
 import re
+import shutil
+import subprocess
+import sys
 import threading
 
 import pytest
@@ -146,3 +149,19 @@ def test_without_the_logger_a_run_has_snakemakes_own_output_and_the_end_of_ours(
     run = workflow("catalogue.csv", "--workflow-profile", "none", "--nolock")
     assert run.returncode == 0, run.stdout + run.stderr
     assert "rule catalogue:" in run.stderr and f"{workflow.run}: index.html" in run.stderr
+
+
+def test_with_quiet_a_wrong_config_is_said_on_standard_error(make_workflow):
+    result = make_workflow(sed=1)("dataset", "--quiet", "all")
+    assert result.returncode == 1 and "sed: unknown key; did you mean 'seed'?" in result.stderr and not result.stdout
+
+
+def test_as_a_module_of_another_workflow_it_says_in_a_line_that_it_is_none(tmp_path):
+    shutil.copy(PROJECT / "tests/cases/snakemake-module/Snakefile", tmp_path)
+    (tmp_path / "overlay.yaml").write_text("run: mine\n")
+    (tmp_path / "palpate").symlink_to(PROJECT)
+    command = [sys.executable, "-m", "snakemake", "--cores", "1", "--dry-run", "mine"]
+    result = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
+    (line,) = result.stderr.strip().splitlines()[-1:]
+    assert result.returncode == 1 and line.startswith("Palpate is no module of another Snakemake workflow: run ")
+    assert "Traceback" not in result.stderr and "Error" not in result.stderr

@@ -54,6 +54,11 @@ def unknown_target(path: str, known: Iterable[str], notes: Sequence[str] = ()) -
     return "\n".join([f"no target {path}{hint}", *(f"  {note}" for note in notes)])
 
 
+def end_at_signals() -> None:
+    """From now on SIGTERM ends this process as Ctrl-C does. Snakemake waits for jobs, of which none is started yet."""
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+
+
 def catch_signals() -> None:
     """From now on Ctrl-C and SIGTERM end the jobs, and then the run. Jobs ignore Ctrl-C themselves (`shell.prefix`)."""
 
@@ -88,9 +93,8 @@ def finish(folder: str, object_pages: int) -> None:
         if isinstance(thread, threading.Timer):
             thread.cancel()
     if handler := LogHandler.current:
-        if handler.hears:
-            logger.info(None, extra={"reached": (reached := threading.Event())})
-            reached.wait(10)  # until the handler, in its own thread, has counted all jobs
+        logger.info(None, extra={"reached": (reached := threading.Event())})
+        reached.wait(10)  # until the handler, in its own thread, has counted all jobs
         handler.stop()
         if handler.interrupted:
             return logger.warning(INTERRUPTED)
