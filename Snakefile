@@ -14,6 +14,8 @@ if workflow.current_basedir.get_path_or_uri(secret_free=True) != workflow.basedi
         "Palpate is no module of another Snakemake workflow: run `snakemake` in Palpate's folder with a config of your"
         " own (--configfile), and give the other workflow the files of results/<run>"
     )
+if {"{", "}"} & {*workflow.basedir}:
+    sys.exit(f"{workflow.basedir}: Snakemake takes braces in a workflow's path for placeholders: rename the folder")
 
 from workflow.run import environment, hooks
 

@@ -129,6 +129,10 @@ class LogHandler(LogHandlerBase):
             record.msg = self.explain(match[1])
         elif exception in FILE_ERRORS:  # it comes with its traceback
             record.msg = text.splitlines()[-1]
+        elif exception == "RecursionError" and "overwrite_config" in text:  # Snakemake's, before the workflow is read
+            record.msg = (
+                "a file of --configfile contains itself, or is nested too deep: `palpate check <file>` says where"
+            )
 
     def _count(self, event: str, record: logging.LogRecord) -> None:
         if event == "run_info" and not self.common_settings.dryrun:

@@ -10,7 +10,7 @@ import threading
 import pytest
 import yaml
 
-from tests.workflow.conftest import PROJECT
+from tests.workflow.conftest import PROJECT, run_snakemake
 
 PROCEDURAL = {"kind": "procedural", "path": None}
 FEW = [{"class": "bottle", "objects": 3}]
@@ -156,6 +156,21 @@ def test_with_quiet_a_wrong_config_is_said_on_standard_error(make_workflow):
     assert result.returncode == 1 and "sed: unknown key; did you mean 'seed'?" in result.stderr and not result.stdout
 
 
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("classes: &a [*a]\n", "line 1: this value contains itself: remove the alias in it"),
+        ("split: &a {train: *a}\n", "a file of --configfile contains itself, or is nested too deep: `palpate check"),
+    ],
+    ids=["list", "mapping"],
+)
+def test_a_config_that_contains_itself_is_one_line(tmp_path, text, said):
+    """Snakemake merges mappings before it reads the workflow."""
+    (tmp_path / "config.yaml").write_text(text)
+    result = run_snakemake(PROJECT, "--configfile", str(tmp_path / "config.yaml"))
+    assert result.returncode == 1 and said in result.stderr.splitlines()[-1] and "Traceback" not in result.stderr
+
+
 def test_as_a_module_of_another_workflow_it_says_in_a_line_that_it_is_none(tmp_path):
     shutil.copy(PROJECT / "tests/cases/snakemake-module/Snakefile", tmp_path)
     (tmp_path / "overlay.yaml").write_text("run: mine\n")
@@ -165,3 +180,17 @@ def test_as_a_module_of_another_workflow_it_says_in_a_line_that_it_is_none(tmp_p
     (line,) = result.stderr.strip().splitlines()[-1:]
     assert result.returncode == 1 and line.startswith("Palpate is no module of another Snakemake workflow: run ")
     assert "Traceback" not in result.stderr and "Error" not in result.stderr
+
+
+def test_a_checkout_with_braces_in_its_path_is_said_and_results_may_have_some(tmp_path, make_workflow):
+    """Snakemake formats the paths of scripts with a job's wildcards."""
+    checkout = tmp_path / "palpate {x}"
+    checkout.mkdir()
+    shutil.copy(PROJECT / "Snakefile", checkout)
+    result = subprocess.run([*make_workflow().command()[:3], "-n"], cwd=checkout, capture_output=True, text=True)
+    assert result.returncode == 1 and "Traceback" not in result.stderr
+    assert result.stderr.strip() == f"{checkout}: Snakemake takes braces in a workflow's path for placeholders: " + (
+        "rename the folder"
+    )
+    workflow = make_workflow(results=str(tmp_path / "results {"))
+    assert workflow("catalogue.csv").returncode == 0 and (tmp_path / "results {/run/catalogue.csv").exists()
