@@ -15,6 +15,7 @@ from snakemake.logging import DefaultFilter
 from snakemake.settings.enums import Quietness
 from snakemake_interface_logger_plugins.tests import MockOutputSettings, TestLogHandlerBase
 
+from palpate.checksums import DamagedFile
 from palpate.viewer import duration
 from snakemake_logger_plugin_palpate import INTERRUPTED, LogHandler, last_line
 from snakemake_logger_plugin_palpate.estimate import Estimate
@@ -312,6 +313,18 @@ def test_with_quiet_errors_alone_are_shown_and_jobs_are_counted(options):
     (reached := record(None)).reached = threading.Event()
     made.handle(reached)
     assert reached.reached.is_set()  # else the end of the run would wait for it
+
+
+def test_a_table_that_was_changed_is_said_at_the_end_in_a_line(tmp_path, monkeypatch, caplog):
+    def refuse(folder):
+        raise DamagedFile("rejected/meshes/batch-0000.csv is not text; remove it")
+
+    monkeypatch.setattr("palpate.dataset.summary", refuse)
+    monkeypatch.setattr(hooks.logger, "propagate", True)
+    before = signal.getsignal(signal.SIGINT)
+    hooks.finish(str(tmp_path), object_pages=0)
+    signal.signal(signal.SIGINT, before)
+    assert caplog.messages[0] == "DamagedFile: rejected/meshes/batch-0000.csv is not text; remove it"
 
 
 def test_a_run_notes_the_commit_of_its_workflow(monkeypatch):

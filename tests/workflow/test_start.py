@@ -10,6 +10,7 @@ import threading
 import pytest
 import yaml
 
+from palpate import Dataset
 from tests.workflow.conftest import PROJECT, run_snakemake
 
 PROCEDURAL = {"kind": "procedural", "path": None}
@@ -117,7 +118,7 @@ def test_a_path_from_the_root_is_the_runs(smoke, place, monkeypatch):
     target = place(smoke.run / "surface/batch-0000.zarr")
     monkeypatch.chdir(PROJECT)
     monkeypatch.setattr("sys.argv", ["snakemake", target])
-    assert smoke.planned(target) == {target, "shapes", "catalogue_batch", "meshes", "surface"}
+    assert smoke.planned(target) == {"shapes", "catalogue_batch", "catalogue", "meshes", "surface"}
     wrong = place(smoke.run / "tables/graps.csv")
     monkeypatch.setattr("sys.argv", ["snakemake", wrong])
     found = lines(smoke(wrong, "--dry-run"))
@@ -194,3 +195,12 @@ def test_a_checkout_with_braces_in_its_path_is_said_and_results_may_have_some(tm
     )
     workflow = make_workflow(results=str(tmp_path / "results {"))
     assert workflow("catalogue.csv").returncode == 0 and (tmp_path / "results {/run/catalogue.csv").exists()
+
+
+def test_a_stage_that_is_asked_for_brings_the_catalogue_and_another_catalogue_makes_no_store_again(make_workflow):
+    workflow, target = make_workflow(split={"train": 1, "validation": 0, "test": 0}), "surface/batch-0000.zarr"
+    assert workflow(target).returncode == 0
+    dataset = Dataset(workflow.run)
+    assert dataset.objects and len(dataset[0].points) and (workflow.run / "config.yaml").exists()
+    other = workflow.changed(split={"train": 0, "validation": 0, "test": 1})
+    assert other.planned(target) == {"catalogue"} and other.planned("-f", target) == {"surface"}

@@ -102,7 +102,11 @@ def finish(folder: str, object_pages: int) -> None:
         _write_page(folder, object_pages, handler)
     places = ("index.html", "tables", "figures", "rejected.csv", "reports")
     found = [place for place in places if Path(folder, place).exists()]
-    for line in [*summary(folder), f"{folder}: {', '.join(found) or 'no table or report yet'}"]:
+    try:
+        lines = summary(folder)
+    except Exception as error:  # a table that was changed, and what to do
+        lines = [one_line_error(error)]
+    for line in [*lines, f"{folder}: {', '.join(found) or 'no table or report yet'}"]:
         logger.warning(line)
     if handler and handler.estimate:  # with --quiet Snakemake does not say which jobs there are
         failed = f", {len(handler.failures)} failed" if handler.failures else ""
