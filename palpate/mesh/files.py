@@ -5,6 +5,7 @@ import logging
 from functools import partial
 from pathlib import Path
 
+import numpy as np
 import PIL.Image
 
 from palpate import named_files
@@ -54,10 +55,29 @@ class Files:
         if problem:
             self.note(name, f"{problem}: {GREY}")
             return None
-        image = PIL.Image.open(io.BytesIO(data))
+        try:
+            return _eight_bit(PIL.Image.open(io.BytesIO(data)))
+        except Exception as error:  # of pixels that end too early, or colours that PIL does not convert
+            self.note(name, f"its pixels can't be read ({type(error).__name__}: {error}): {GREY}")
+            return None
+
+
+def _eight_bit(image: PIL.Image.Image) -> PIL.Image.Image:
+    """A picture as glTF can have it: 8 bits of L, RGB or RGBA. A JPEG of these is written as it was.
+
+    Whole numbers of 16 or 32 bits are scaled to 8, and floats are clipped to 0..1. Raises what PIL does.
+    """
+    image.load()
+    if image.mode in ("L", "RGB", "RGBA") and "transparency" not in image.info:
         if image.format == "JPEG":
             image.save = partial(image.save, quality="keep")  # its own quantisation, not the writer's lower default
         return image
+    if image.mode[0] in "IF":
+        values = np.nan_to_num(np.asarray(image, dtype=float))
+        largest = 65535 if "16" in image.mode or values.max() <= 65535 else 2**31 - 1
+        values = np.clip(values / (1 if image.mode == "F" else largest), 0, 1)
+        return PIL.Image.fromarray(np.rint(255 * values).astype(np.uint8))
+    return image.convert("RGBA" if image.has_transparency_data else "L" if image.mode == "1" else "RGB")
 
 
 def problem_of(data: bytes) -> str | None:
