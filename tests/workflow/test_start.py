@@ -198,9 +198,9 @@ def test_a_checkout_with_braces_in_its_path_is_said_and_results_may_have_some(tm
 
 
 def test_a_stage_that_is_asked_for_brings_the_catalogue_and_another_catalogue_makes_no_store_again(make_workflow):
-    workflow, target = make_workflow(split={"train": 1, "validation": 0, "test": 0}), "surface/batch-0000.zarr"
+    workflow, target = make_workflow(), "surface/batch-0000.zarr"
     assert workflow(target).returncode == 0
     dataset = Dataset(workflow.run)
     assert dataset.objects and len(dataset[0].points) and (workflow.run / "config.yaml").exists()
-    other = workflow.changed(split={"train": 0, "validation": 0, "test": 1})
+    other = workflow.changed(split={"train": 1, "validation": 0, "test": 0})
     assert other.planned(target) == {"catalogue"} and other.planned("-f", target) == {"surface"}
