@@ -45,7 +45,10 @@ class Files:
         return (self.path.parent / place).read_bytes()
 
     def picture(self, name: str, data: bytes | None = None) -> PIL.Image.Image | None:
-        """A named texture, or the one whose bytes are given; None, and a note of its name, if it can't be used."""
+        """A named texture, or the one whose bytes are given; None, and a note of its name, if it can't be used.
+
+        Raises ValueError, or at its export what PIL does, for one that is cut off.
+        """
         try:
             data = self.read(name) if data is None else data
         except FileNotFoundError as error:
@@ -57,17 +60,15 @@ class Files:
             return None
         try:
             return _eight_bit(PIL.Image.open(io.BytesIO(data)))
-        except Exception as error:  # of pixels that end too early, or colours that PIL does not convert
-            self.note(name, f"its pixels can't be read ({type(error).__name__}: {error}): {GREY}")
-            return None
+        except (OSError, SyntaxError, ValueError) as error:  # PIL's
+            raise ValueError(f"a texture can't be read, {name} ({type(error).__name__}: {error})") from None
 
 
 def _eight_bit(image: PIL.Image.Image) -> PIL.Image.Image:
     """A picture as glTF can have it: 8 bits of L, RGB or RGBA. A JPEG of these is written as it was.
 
-    Whole numbers of 16 or 32 bits are scaled to 8, and floats are clipped to 0..1. Raises what PIL does.
+    Whole numbers of 16 or 32 bits are scaled to 8, and floats are clipped to 0..1.
     """
-    image.load()
     if image.mode in ("L", "RGB", "RGBA") and "transparency" not in image.info:
         if image.format == "JPEG":
             image.save = partial(image.save, quality="keep")  # its own quantisation, not the writer's lower default

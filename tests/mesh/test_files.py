@@ -10,7 +10,7 @@ import trimesh
 from trimesh.visual import TextureVisuals
 from trimesh.visual.material import PBRMaterial
 
-from palpate.mesh.files import GREY, Files
+from palpate.mesh.files import Files
 
 RAMP = np.arange(256, dtype=np.uint8).reshape(16, 16)
 COLOUR = np.stack([RAMP, RAMP.T, RAMP[::-1]], axis=2)
@@ -105,10 +105,13 @@ def written_as_trimesh_does(picture):
     return file.getvalue()
 
 
-@pytest.mark.parametrize("cut", ["PNG", "JPEG", "TIFF"])
-def test_a_picture_that_ends_too_early_is_named(cut):
-    files = Files("a.obj")
-    noise = np.random.default_rng(0).integers(256, size=(64, 64, 3), dtype=np.uint8)
-    data = written(grey(noise), cut)
-    assert files.picture("cut", data[: len(data) // 2]) is None
-    assert files.problems["cut"].startswith("its pixels can't be read (") and files.problems["cut"].endswith(GREY)
+@pytest.mark.parametrize(
+    ("mode", "kind"), [("RGB", "PNG"), ("RGB", "JPEG"), ("P", "PNG"), ("I;16", "PNG"), ("F", "TIFF")]
+)
+def test_a_picture_that_ends_too_early_is_an_error_when_it_is_read_or_written(mode, kind):
+    noise = np.random.default_rng(0).integers(256, size=(64, 64), dtype=np.uint8)
+    noise = noise.astype({"I;16": np.uint16, "F": np.float32}.get(mode, np.uint8))
+    picture = grey(noise) if noise.dtype != np.uint8 else grey(noise).convert(mode)
+    data = written(picture, kind)
+    with pytest.raises((OSError, ValueError), match="truncated|a texture can't be read, cut"):
+        Files("a.obj").picture("cut", data[: len(data) // 2]).save(io.BytesIO(), kind)
