@@ -81,7 +81,10 @@ def test_validate_checks_and_says_what_it_found(run, capsys):
         (["info", "nowhere"], "nowhere: no such run: there is no run in ."),
         (["info", "{run}/catalogue.csv"], "{run}/catalogue.csv is a file: name a run's folder"),
         (["validate", "{run}/touch"], "{run}/touch is no run itself, but within the run {run}: name that"),
-        (["validate", "{run}/../empty"], "{run}/../empty/catalogue.csv does not exist, and {run}/../empty is empty: name a run's folder"),
+        (
+            ["validate", "{run}/../empty"],
+            "{run}/../empty/catalogue.csv does not exist, and {run}/../empty is empty: name a run's folder",
+        ),
         (["view", "{run}/../nope"], "/nope: no such run: runs in {run}/.. are small"),
         (["view", "{run}", "bal-0000"], "'bal-0000' is not among the 3 objects"),
         (["view", "{run}", "ball-0000", "--grasps", "7"], "ball-0000 has no grasp 7: it has 2"),
