@@ -77,7 +77,7 @@ def _text(name: bytes) -> str:
         text = name.decode()
     except UnicodeDecodeError:
         text = name.decode("latin-1")
-    return re.sub(r"\\u([0-9a-fA-F]{4})", lambda match: chr(int(match[1], 16)), text)
+    return re.sub(r"(?:\\u[0-9a-fA-F]{4})+", lambda match: json.loads(f'"{match[0]}"'), text)
 
 
 def find(path: Path, name: str, root: Path | str | None = None) -> str | None:

@@ -44,7 +44,7 @@ class Files:
             raise FileNotFoundError(f"{name}: {OUTSIDE if outside else MISSING}")
         return (self.path.parent / place).read_bytes()
 
-    def picture(self, name: str, data: bytes | None = None) -> PIL.Image.Image | None:
+    def picture(self, name: str, data: bytes | None = None, follows: str = GREY) -> PIL.Image.Image | None:
         """A named texture, or the one whose bytes are given; None, and a note of its name, if it can't be used.
 
         Raises ValueError, or at its export what PIL does, for one that is cut off.
@@ -52,11 +52,11 @@ class Files:
         try:
             data = self.read(name) if data is None else data
         except FileNotFoundError as error:
-            self.note(name, f"{str(error).removeprefix(f'{name}: ')}: {GREY}")
+            self.note(name, f"{str(error).removeprefix(f'{name}: ')}: {follows}")
             return None
         problem = problem_of(data)
         if problem:
-            self.note(name, f"{problem}: {GREY}")
+            self.note(name, f"{problem}: {follows}")
             return None
         try:
             return _eight_bit(PIL.Image.open(io.BytesIO(data)))
