@@ -14,7 +14,7 @@ from palpate.catalogue.source import CatalogueError
 from palpate.catalogue.sources import SourceObject, style_of
 from palpate.catalogue.split import SPLITS, assign_split, held_out_styles, suggest_split
 from palpate.checksums import DamagedFile, read_rows, size_and_sha256
-from palpate.rebuild_command import rebuild_advice, rebuild_command
+from palpate.rebuild_command import rebuild_advice, rebuild_command, run_folder
 from palpate.released import layout
 
 COLUMNS = ("object", "class", "split", "batch", "source", "checksum", "up", "scale", "others", "turn", "style")
@@ -47,6 +47,18 @@ class CatalogueEntry(NamedTuple):
         return self.scale in ("", "diagonal")
 
 
+def _no_run(path: Path) -> str:
+    """Why a missing table is none that could be built: it would not be in a run's own folder. Empty if it would."""
+    folder, run = path.parent, run_folder(path)
+    if folder.exists() and not folder.is_dir():
+        return f"{folder} is a file: name a run's folder"
+    if path.name == "catalogue.csv" and run != folder.resolve() and (run / path.name).is_file():
+        return f"{folder} is no run itself, but within the run {run}: name that"
+    if folder.is_dir() and not any(folder.iterdir()):
+        return f"{path} does not exist, and {folder} is empty: name a run's folder"
+    return ""
+
+
 def read_catalogue(path: Path | str) -> list[CatalogueEntry]:
     """The rows of a `catalogue.csv`, or of one batch's, in their order.
 
@@ -54,6 +66,8 @@ def read_catalogue(path: Path | str) -> list[CatalogueEntry]:
     rows, or lacks a value of object, class or batch.
     """
     if not Path(path).is_file():
+        if problem := _no_run(Path(path)):
+            raise CatalogueError(problem)
         folder = Path(path).parent
         place = folder if folder.is_dir() else folder.parent
         runs = sorted(catalogue.parent.name for catalogue in place.glob("*/catalogue.csv"))
