@@ -15,13 +15,20 @@ from palpate.mesh.files import Files
 from palpate.mesh.integrity import check_sizes, check_whole
 from palpate.mesh.materials import make_explicit
 from palpate.mesh.part import Loaded
+from palpate.mesh.recognise import UNREAD, what_it_is
 from palpate.named_files import unusable
 
 log = logging.getLogger(__name__)
 
 
 # Readers by suffix, `palpate.mesh.formats.<module>.read`.
-READERS: dict[str, str] = {}
+READERS: dict[str, str] = {
+    ".3mf": "threemf",
+    ".dae": "collada",
+    ".off": "off",
+    ".ply": "ply",
+    ".stl": "stl",
+}
 
 
 def load(path: Path | str, root: Path | str | None = None) -> tuple[Loaded, dict[str, str]]:
@@ -34,12 +41,16 @@ def load(path: Path | str, root: Path | str | None = None) -> tuple[Loaded, dict
     """
     path = Path(path)
     suffix = path.suffix.lower()
+    if suffix in UNREAD:
+        raise UnusableObject("{}: {}: {}".format(path, *UNREAD[suffix]))
     if suffix.lstrip(".") not in FORMATS:
         raise UnusableObject(f"{path}: a mesh file ends in one of .{', .'.join(FORMATS)}: convert it to one of these")
     if problem := unusable(path):
         raise UnusableObject(f"{path}: {problem}")
     if not path.is_file():
         raise UnusableObject(f"{path}: there is no such file: correct the path or remove the object")
+    if other := what_it_is(path):
+        raise UnusableObject(f"{path}: can't be read as {suffix}: {other}")
     files = Files(path, root)
     try:
         if suffix in READERS:
