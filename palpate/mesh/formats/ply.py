@@ -128,6 +128,7 @@ def _rows(data, at, name, count, stored):
             places.extend((at, length))
             at += length * kind.itemsize
         if at > len(data):
+            del places[-2 * len(kinds) :]
             raise struct.error
         return at
 
@@ -146,7 +147,7 @@ def _rows(data, at, name, count, stored):
                 end = take(end)
             layout = np.array(places, dtype=np.int64).reshape(count, len(kinds), 2)
     except struct.error:
-        held = len(places) // (2 * len(kinds)) - (len(places) % (2 * len(kinds)) == 0)
+        held = len(places) // (2 * len(kinds))
         raise ValueError(f"cut off: it says {count:,} {NAMES.get(name, name)}, and has {held:,}") from None
     values = []
     for kind, head, start, length in zip(kinds, heads, layout[:, :, 0].T, layout[:, :, 1].T, strict=True):
