@@ -1,6 +1,6 @@
 """3MF: the objects that its build shows, of the core specification with the production extension.
 
-Colours are those of base materials and colour groups, in sRGB. Textures are not read. Supports are no part of an object.
+Colours are those of base materials and colour groups, in sRGB. Textures and supports are left out.
 """
 
 import zipfile
