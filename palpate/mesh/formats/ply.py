@@ -1,5 +1,6 @@
 """PLY (Turk 1994), text or binary: polygons, triangle strips, colours, normals, and textures as MeshLab writes them."""
 
+import itertools
 import re
 import struct
 from array import array
@@ -13,6 +14,7 @@ from palpate.mesh.formats.corners import distinct, usable_normals
 from palpate.mesh.part import GREY, Loaded, linear, make_part, plain
 from palpate.mesh.polygons import triangulate
 
+HEADER = re.compile(rb"ply[ \t]*(?:\r(?!\n).*?\r[ \t]*end_header[ \t]*\r|.*?\n[ \t]*end_header[ \t]*\r?\n)", re.DOTALL)
 TYPES = {"char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4", "float": "f4",
          "double": "f8", "int8": "i1", "uint8": "u1", "int16": "i2", "uint16": "u2", "int32": "i4", "uint32": "u4",
          "float32": "f4", "float64": "f8"}  # fmt: skip
@@ -83,7 +85,7 @@ def _textured(files, name):
 
 def _elements(data):
     """Values (n,) of each property, lists as (values of all rows, counts (n,)), by element and name; texture files."""
-    header = re.match(rb"ply[ \t]*(\r\n|\n|\r).*?\1[ \t]*end_header[ \t]*\1", data, re.DOTALL)
+    header = HEADER.match(data)
     if header is None:
         raise ValueError("it has no header from `ply` to `end_header`")
     elements, order, textures = [], "", []
@@ -95,22 +97,35 @@ def _elements(data):
                 textures.append(line.split(None, 2)[2].strip())
             case ["element", name, count]:
                 elements.append((name, int(count), []))
-            case ["property", "list", length, kind, name]:
-                elements[-1][2].append((name.lower(), np.dtype(TYPES[kind]), TYPES[length]))
-            case ["property", kind, name]:
-                elements[-1][2].append((name.lower(), np.dtype(TYPES[kind]), None))
+            case ["property", *lengths, kind, name]:
+                elements[-1][2].append((name.lower(), np.dtype(TYPES[kind]), TYPES[lengths[1]] if lengths else None))
     body, at, held = data[header.end() :], 0, {}
     if not order:  # the numbers of a text are read as if they were binary ones of eight bytes
-        body = np.array(body.split(), dtype=bytes).astype(float).tobytes()
+        body = np.array(_words(body, elements), dtype=bytes).astype(float).tobytes()
     for name, count, properties in elements:
         stored = [(order + k.str[1:], n and order + n) if order else ("f8", n and "f8") for _, k, n in properties]
         values, at = _rows(body, at, name, count, stored)
-        held[name] = {key: value for (key, *_), value in zip(properties, values, strict=True)}
-        for key, kind, length in properties:
+        held[name] = {}
+        for (key, kind, length), value in zip(properties, values, strict=True):
             if not order and kind.kind != "f":  # that a float was written in text says nothing of its digits
-                value = held[name][key]
-                held[name][key] = (value[0].astype(kind), value[1]) if length else value.astype(kind)
+                value = (value[0].astype(kind), value[1]) if length else value.astype(kind)
+            held[name][key] = value
     return held, textures
+
+
+def _words(body, elements):
+    """The words of a text's rows; where each has a line, without what some programs add to it."""
+    lines = [words for line in body.splitlines() if (words := line.split())]
+    if len(lines) != sum(count for _, count, _ in elements):
+        return [word for line in lines for word in line]
+    kept, row = [], iter(lines)
+    for _, count, properties in elements:
+        for line in itertools.islice(row, count):
+            end = 0
+            for *_, length in properties:
+                end += 1 + int(line[end]) if length and end < len(line) else 1
+            kept += line[:end]
+    return kept
 
 
 def _rows(data, at, name, count, stored):

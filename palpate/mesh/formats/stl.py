@@ -21,19 +21,17 @@ END = re.compile(rb"^[ \t]*endsolid\b[^\n]*", re.IGNORECASE | re.MULTILINE)
 def read(path: Path, files: Files) -> Loaded:
     """One part for each solid. Raises ValueError if there are fewer triangles than the file says."""
     data = path.read_bytes()
-    if not (data[:1024].lstrip()[:5].lower() == b"solid" and FACET.search(data.replace(b"\r", b"\n"))):
-        return Loaded([_part("solid", _binary(data))])
-    *solids, rest = END.split(data.replace(b"\r", b"\n"))
+    # A text's bytes 80 to 84 are a number that is larger than any file.
+    count, held = int.from_bytes(data[80:84], "little"), max(len(data) - 84, 0) // TRIANGLE.itemsize
+    text = data.replace(b"\r", b"\n") if data[:1024].lstrip()[:5].lower() == b"solid" else b""
+    if (count and held >= count) or not (FACET.search(text) or END.search(text)):
+        if len(data) < 84 or held < count:
+            raise ValueError(f"cut off: it says {count:,} faces, and has {held:,}")
+        return Loaded([_part("solid", np.frombuffer(data, TRIANGLE, count, 84)["corners"])])
+    *solids, rest = END.split(text)
     if FACET.search(rest):
         raise ValueError("cut off: its last solid has no `endsolid`")
     return Loaded([_part(f"solid {number}", _text(solid)) for number, solid in enumerate(solids)])
-
-
-def _binary(data):
-    count, held = int.from_bytes(data[80:84], "little"), (len(data) - 84) // TRIANGLE.itemsize
-    if len(data) < 84 or held < count:
-        raise ValueError(f"cut off: it says {count:,} faces, and has {max(held, 0):,}")
-    return np.frombuffer(data, TRIANGLE, count, 84)["corners"]
 
 
 def _text(solid):
