@@ -58,7 +58,7 @@ def what_it_is(path: Path | str) -> str:
         head = file.read(4096).removeprefix(b"\xef\xbb\xbf")
     for pattern, meaning in _BEGINNINGS:
         if re.match(pattern, head) or re.match(pattern, head.lstrip()):
-            if meaning == suffix or (suffix == ".3mf" and meaning == _ARCHIVE):
+            if meaning == suffix or (suffix == ".3mf" and head[:2] == b"PK"):
                 return ""
             if meaning in UNREAD:
                 return "{} by its content: {}".format(*UNREAD[meaning])
