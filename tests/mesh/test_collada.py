@@ -212,7 +212,7 @@ def test_other_versions_and_spaces(tmp_path):
         ({"scene": '<node><instance_geometry url="#other"/></node>'}, "no geometry '#other'"),
         ({"scene": '<node><instance_node url="parts.dae#wheel"/></node>'}, "no node 'parts.dae#wheel'"),
         ({"scene": '<node id="n"><instance_node url="#n"/></node>'}, "within itself"),
-        ({"scene": "<library_visual_scenes/>", "shown": ""}, "no triangles"),
+        ({"scene": "<library_visual_scenes/>", "shown": ""}, "no visual scene that shows"),
         ({"geometries": geometry(polylist(sides=[*SIDES, (0, 1, 8)]))}, "number 8 of 8|index 8 is out of bounds"),
         ({"geometries": geometry(polylist(sides=[*SIDES, (0, 1, -1)]))}, "number .* of 8"),
         ({"geometries": geometry(polylist()).replace(">0 0 0 ", ">0 0 ", 1)}, "cut off"),
@@ -393,7 +393,7 @@ def test_skins(tmp_path):
     np.testing.assert_allclose(part.vertices[np.lexsort(part.vertices.T[::-1])], expected[np.lexsort(expected.T[::-1])])
     missing = facts(skinned(tmp_path / "c.dae", names="upper other"))
     np.testing.assert_allclose(missing["box"], [[5, 0, 0], [6, 1, 1]])
-    assert "joint 'other' is missing" in missing["problems"]["c"]
+    assert "joints is not in the scene" in missing["problems"]["c"]
 
 
 def test_beside_blender(tmp_path):

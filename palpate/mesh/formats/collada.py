@@ -24,9 +24,8 @@ def read(path: Path, files: Files) -> Loaded:
     root = etree.parse(path, parser).getroot()
     for element in root.iter(etree.Element):
         element.tag = etree.QName(element).localname
-    return Loaded(
-        _Document(root, files).parts(), unit=float(_numbers(root.xpath("string(asset/unit/@meter)"), [1.0])[0])
-    )
+    (unit,) = _numbers(root.xpath("string(asset/unit/@meter)"), [1.0])
+    return Loaded(_Document(root, files).parts(), float(unit))
 
 
 def _numbers(text, default=()):
@@ -61,11 +60,11 @@ class _Document:
         return element
 
     def parts(self):
-        named = [
-            self.target(each.get("url"), "visual_scene") for each in self.root.findall("scene/instance_visual_scene")
-        ]
-        for scene in named or self.root.iter("visual_scene"):
+        shown = self.root.findall("scene/instance_visual_scene")
+        for scene in [self.target(one.get("url"), "visual_scene") for one in shown] or self.root.iter("visual_scene"):
             self._place(scene, np.eye(4), ())
+        if not self.shown:
+            raise ValueError("it has no visual scene that shows a geometry")
         return [part for instance, frame in self.shown for part in self._parts(instance, frame)]
 
     def _place(self, node, frame, within):
@@ -83,12 +82,7 @@ class _Document:
                 self.shown.append((child, frame))
 
     def _parts(self, instance, frame):
-        geometry, positions = None, None
-        if instance.tag == "instance_geometry":
-            geometry = self.target(instance.get("url"), "geometry")
-            positions = self._positions(geometry)
-        else:
-            geometry, positions, frame = self._deformed(instance, instance.get("url"), frame)
+        geometry, positions, frame = self._shape(instance, instance.get("url"), frame)
         bound = {each.get("symbol"): each for each in instance.iter("instance_material")}
         for primitive in geometry.iterfind("mesh/*[input]"):
             if primitive.tag != "vertices":
@@ -114,25 +108,18 @@ class _Document:
         stride, start = int(accessor.get("stride", 1)), int(accessor.get("offset", 0))
         numbers = _numbers(self.ids[accessor.get("source").removeprefix("#")].text)[start:]
         rows = numbers[: len(numbers) // stride * stride].reshape(-1, stride)
-        if len(rows) < int(accessor.get("count")):
-            raise ValueError(
-                f"cut off: source {named.get('source')} says {accessor.get('count')}, and has {len(rows):,}"
-            )
-        columns = [number for number, each in enumerate(accessor.iterfind("param")) if each.get("name")]
+        if len(rows) < int(accessor.get("count", 0)):
+            raise ValueError(f"cut off: {source.get('id')} says {accessor.get('count')}, and has {len(rows):,}")
+        columns = [number for number, param in enumerate(accessor.iterfind("param")) if param.get("name")]
         return rows[:, columns] if len(columns) > 1 else rows
 
     def _part(self, primitive, positions, frame, symbol, bound):
         """The triangles of one material; None of lines."""
-        inputs = []  # semantic, offset, set, source
-        for each in primitive.iterfind("input"):
-            offset, number = int(each.get("offset", 0)), each.get("set", "0")
-            if each.get("semantic") == "VERTEX":
-                inputs += [
-                    (inner.get("semantic"), offset, "0", inner)
-                    for inner in self.target(each.get("source"), "vertices").iterfind("input")
-                ]
-            else:
-                inputs.append((each.get("semantic"), offset, number, each))
+        inputs = []  # semantic, offset, set, and the input itself
+        for entry in primitive.iterfind("input"):
+            of_vertex = entry.get("semantic") == "VERTEX"
+            inner = self.target(entry.get("source"), "vertices").iterfind("input") if of_vertex else [entry]
+            inputs += [(one.get("semantic"), int(entry.get("offset", 0)), one.get("set", "0"), one) for one in inner]
         place = next(offset for semantic, offset, *_ in inputs if semantic == "POSITION")
         rows = _corners(primitive, positions, place, 1 + max(offset for _, offset, *_ in inputs))
         if rows is None:
@@ -165,51 +152,50 @@ class _Document:
             colours=colours,
         )
 
-    def _deformed(self, instance, url, frame):
-        """Geometry, positions (n, 3) and frame of what a skin or a morph shows."""
-        controller = self.target(url, "controller")
-        deformer = controller.find("skin") if controller.find("skin") is not None else controller.find("morph")
-        source = deformer.get("source")
-        if self.ids.get(source.removeprefix("#"), controller).tag == "geometry":
-            geometry = self.target(source, "geometry")
-            positions = self._positions(geometry)
-        else:
-            geometry, positions, frame = self._deformed(instance, source, frame)
-        if deformer.tag == "morph":
-            inputs = {each.get("semantic"): each for each in deformer.iterfind("targets/input")}
-            weights = self._values(inputs["MORPH_WEIGHT"]).ravel()
-            shapes = [self._positions(self.target(name, "geometry")) for name in self._names(inputs["MORPH_TARGET"])]
-            if not weights.any():
-                return geometry, positions, frame
+    def _shape(self, instance, url, frame):
+        """Geometry, positions (n, 3) and frame of what an instance of a geometry, a skin or a morph shows."""
+        shape = self.ids.get((url or "").removeprefix("#"))
+        if shape is None or shape.tag != "controller":
+            geometry = self.target(url, "geometry")
+            return geometry, self._positions(geometry), frame
+        deformer = next(child for child in shape if child.tag in ("skin", "morph"))
+        geometry, positions, frame = self._shape(instance, deformer.get("source"), frame)
+        if deformer.tag == "skin":
+            return geometry, *self._skinned(shape.get("id"), deformer, instance, positions)
+        inputs = _inputs(deformer.find("targets"))
+        weights = self._values(inputs["MORPH_WEIGHT"]).ravel()
+        shapes = [self._positions(self.target(name, "geometry")) for name in self._names(inputs["MORPH_TARGET"])]
+        if weights.any():
             base = positions if deformer.get("method") == "RELATIVE" else positions * (1 - weights.sum())
-            return geometry, base + np.tensordot(weights, shapes, 1), frame
-        bind = _numbers(deformer.findtext("bind_shape_matrix"), np.eye(4).ravel()).reshape(4, 4)
-        inputs = {each.get("semantic"): each for each in deformer.iterfind("joints/input")}
-        inverse = self._values(inputs["INV_BIND_MATRIX"]).reshape(-1, 4, 4)
-        roots = [self.target(each.text, "node") for each in instance.iterfind("skeleton")] or [self.root]
-        nodes = {
-            name: node for root in roots for node in root.iter("node") for name in (node.get("id"), node.get("sid"))
-        }
-        try:
-            joints = [self.frames[nodes[name]] for name in self._names(inputs["JOINT"])]
-        except KeyError as error:
-            self.files.note(controller.get("id"), f"its joint {error} is missing: shown as it was bound")
-            return geometry, positions, bind
-        moves = np.array([joint @ back @ bind for joint, back in zip(joints, inverse, strict=True)])
+            positions = base + np.tensordot(weights, shapes, 1)
+        return geometry, positions, frame
+
+    def _skinned(self, name, skin, instance, positions):
+        """Positions (n, 3) and their frame, as a skin's joints stand in the scene."""
+        bind = _numbers(skin.findtext("bind_shape_matrix"), np.eye(4).ravel()).reshape(4, 4)
+        inputs = _inputs(skin.find("joints"))
+        roots = [self.target(skeleton.text, "node") for skeleton in instance.iterfind("skeleton")] or [self.root]
+        nodes = {key: node for root in roots for node in root.iter("node") for key in (node.get("id"), node.get("sid"))}
+        frames = [self.frames.get(nodes.get(joint)) for joint in self._names(inputs["JOINT"])]
+        if any(frame is None for frame in frames):
+            self.files.note(name, "a skin one of whose joints is not in the scene: shown as it was bound")
+            return positions, bind
+        moves = np.array(frames) @ self._values(inputs["INV_BIND_MATRIX"]).reshape(-1, 4, 4) @ bind
         if np.allclose(moves, moves[0], atol=1e-5 * np.abs(moves[0]).max()):
-            return geometry, positions, moves[0]  # as it was bound
-        weights = deformer.find("vertex_weights")
-        inputs = {each.get("semantic"): each for each in weights.iterfind("input")}
-        offsets = {semantic: int(each.get("offset")) for semantic, each in inputs.items()}
-        counts, pairs = _integers(weights.findtext("vcount")), _integers(weights.findtext("v"))
-        pairs = pairs.reshape(-1, 1 + max(offsets.values()))
-        vertex, weight = np.repeat(np.arange(len(counts)), counts), self._values(inputs["WEIGHT"]).ravel()
-        weight, move = weight[pairs[:, offsets["WEIGHT"]]], np.r_[moves, [bind]][pairs[:, offsets["JOINT"]]]  # -1: none
-        moved = np.einsum("kij,kj->ki", move, np.c_[positions, np.ones(len(positions))][vertex])[:, :3]
-        sums = [np.bincount(vertex, weight * axis, len(positions)) for axis in (*moved.T, np.ones(len(vertex)))]
-        bare = sums[3] == 0
-        moved = np.stack(sums[:3], axis=1) / np.where(bare, 1, sums[3])[:, None]
-        return geometry, np.where(bare[:, None], positions @ bind[:3, :3].T + bind[:3, 3], moved), np.eye(4)
+            return positions, moves[0]  # as it was bound
+        table = skin.find("vertex_weights")
+        inputs, counts, pairs = _inputs(table), _integers(table.findtext("vcount")), _integers(table.findtext("v"))
+        pairs = pairs.reshape(-1, 1 + max(int(entry.get("offset")) for entry in inputs.values()))
+        joint, number = (pairs[:, int(inputs[semantic].get("offset"))] for semantic in ("JOINT", "WEIGHT"))
+        weight, move = self._values(inputs["WEIGHT"]).ravel()[number], np.r_[moves, [bind]][joint]  # -1: of no joint
+        vertex = np.repeat(np.arange(len(counts)), counts)
+        moved = np.einsum("kij,kj->ki", move[:, :3, :3], positions[vertex]) + move[:, :3, 3]
+        x, y, z, total = (
+            np.bincount(vertex, weight * axis, len(positions)) for axis in (*moved.T, np.ones(len(vertex)))
+        )
+        still = positions @ bind[:3, :3].T + bind[:3, 3]
+        blended = np.stack([x, y, z], axis=1) / np.where(total, total, 1)[:, None]
+        return np.where(total[:, None] == 0, still, blended), np.eye(4)
 
     def _names(self, named):
         source = self.target(named.get("source"), "source")
@@ -237,9 +223,9 @@ class _Document:
         """The material of an effect, and its name of the texture's coordinates."""
         params = {each.get("sid"): each for each in effect.iter("newparam")}
         shader = next((each for each in effect.iterfind("profile_COMMON/technique/*") if each.tag in SHADERS), effect)
-        colour, coordinates = _colour(shader.find("emission" if shader.tag == "constant" else "diffuse"), params), None
-        made = plain(name=name)
-        texture = shader.find("emission/texture" if shader.tag == "constant" else "diffuse/texture")
+        base = "emission" if shader.tag == "constant" else "diffuse"
+        colour, texture = _colour(shader.find(base), params), shader.find(f"{base}/texture")
+        made, coordinates = plain(name=name), None
         if texture is not None:
             image = self._picture(texture.get("texture"), params)
             made = plain(GREY if image is None else 1.0, name)
@@ -255,12 +241,10 @@ class _Document:
 
     def _picture(self, name, params):
         """The image of a texture: named by itself, or through a sampler, and in 1.4 a surface."""
-        for _ in range(3):
+        for _ in range(2):
             if name in params:
-                places = ("sampler2D/source", "surface/init_from")
-                instance = params[name].find("sampler2D/instance_image")
-                name = next((text for place in places if (text := params[name].findtext(place))), name).strip()
-                name = name if instance is None else instance.get("url").removeprefix("#")
+                texts = "sampler2D/source | surface/init_from | sampler2D/instance_image/@url"
+                name = params[name].xpath(f"string({texts})").strip().removeprefix("#")
         image = self.ids.get(name)
         if image is None or image.tag != "image":
             self.files.note(name, f"there is no such image: {NEUTRAL}")
@@ -276,12 +260,9 @@ def _colour(element, params):
     """The RGBA that an element states, or a parameter that it names; None if it states none."""
     if element is None:
         return None
-    named = params.get(element.find("param").get("ref")) if element.find("param") is not None else None
-    found = [
-        *element.iterfind("color"),
-        *(() if named is None else (*named.iterfind("float4"), *named.iterfind("float3"))),
-    ]
-    return _numbers(found[0].text) if found else None
+    param = params.get(element.xpath("string(param/@ref)"), element)
+    text = element.findtext("color") or param.findtext("float4") or param.findtext("float3")
+    return _numbers(text) if text else None
 
 
 def _transform(element):
@@ -310,6 +291,10 @@ def _transform(element):
     return matrix
 
 
+def _inputs(element):
+    return {entry.get("semantic"): entry for entry in element.iterfind("input")}
+
+
 def _integers(text):
     return np.array((text or "").split(), dtype=np.int64)
 
@@ -322,11 +307,9 @@ def _corners(primitive, positions, place, width):
     lists = [_integers(each.text).reshape(-1, width) for each in primitive.iterfind("p")]
     rows = np.concatenate(lists or [np.zeros((0, width), np.int64)])
     if primitive.tag in ("triangles", "polylist", "polygons"):
-        counts = (
-            _integers(primitive.findtext("vcount")) if primitive.tag == "polylist" else [len(each) for each in lists]
-        )
-        if primitive.tag == "triangles":
-            counts = [3] * (len(rows) // 3)
+        counts = _integers(primitive.findtext("vcount"))
+        if primitive.tag != "polylist":
+            counts = [3] * (len(rows) // 3) if primitive.tag == "triangles" else [len(corners) for corners in lists]
         if sum(counts) > len(rows):
             raise ValueError(f"cut off: a polylist says {sum(counts):,} corners, and has {len(rows):,}")
         made = [rows[triangulate(positions, rows[:, place], counts)[0].ravel()]]
@@ -336,10 +319,9 @@ def _corners(primitive, positions, place, width):
         return np.concatenate(made)
     if primitive.tag not in ("tristrips", "trifans"):
         return None
-    made = []
-    for each in lists:
-        start = np.arange(len(each) - 2)
-        first = np.zeros_like(start) if primitive.tag == "trifans" else start + start % 2
-        second = start + 1 - start % 2 if primitive.tag == "tristrips" else start + 1
-        made.append(each[np.stack([first, second, start + 2], axis=1).ravel()])
+    made, fan = [rows[:0]], primitive.tag == "trifans"
+    for corners in lists:
+        start = np.arange(len(corners) - 2)
+        odd = 0 if fan else start % 2
+        made.append(corners[np.stack([0 * start if fan else start + odd, start + 1 - odd, start + 2], axis=1).ravel()])
     return np.concatenate(made)

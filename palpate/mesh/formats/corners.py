@@ -1,6 +1,18 @@
-"""Corners of faces whose position, normal and texture coordinate have indices of their own."""
+"""What several formats need: numbers of texts, and corners whose position, normal and colour have their own indices."""
+
+import warnings
 
 import numpy as np
+
+
+def numbers(text: bytes) -> np.ndarray:
+    """Numbers (n,) of a text that are separated by white space. Raises ValueError if one is none."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", DeprecationWarning)
+        try:
+            return np.fromstring(text, sep=" ")
+        except DeprecationWarning:
+            raise ValueError("a word in it is not a number") from None
 
 
 def distinct(*columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -14,8 +26,8 @@ def distinct(*columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def usable_normals(normals: np.ndarray | None) -> np.ndarray | None:
-    """Normals (n, 3) at length 1; None if one of them has no direction."""
-    if normals is None:
+    """Normals (n, 3) at length 1, or 0 where they have no direction (Blender computes these); None if none has one."""
+    if normals is None or not np.isfinite(normals).all() or not normals.any():
         return None
     length = np.linalg.norm(normals, axis=1, keepdims=True)
-    return normals / length if np.isfinite(length).all() and (length > 0).all() else None
+    return normals / np.where(length > 0, length, 1)

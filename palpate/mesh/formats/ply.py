@@ -1,16 +1,14 @@
 """PLY (Turk 1994), text or binary: polygons, triangle strips, colours, normals, and textures as MeshLab writes them."""
 
-import itertools
 import re
 import struct
 from array import array
 from pathlib import Path
 
 import numpy as np
-from trimesh.visual.material import PBRMaterial
 
 from palpate.mesh.files import Files
-from palpate.mesh.formats.corners import distinct, usable_normals
+from palpate.mesh.formats.corners import distinct, numbers, usable_normals
 from palpate.mesh.part import GREY, Loaded, linear, make_part, plain
 from palpate.mesh.polygons import triangulate
 
@@ -46,41 +44,34 @@ def read(path: Path, files: Files) -> Loaded:
     # What tells apart the corners at one vertex: texture coordinates of their own, or the colours of their faces.
     own, of_face = [triangles.ravel()], np.repeat(owner, 3)
     wedges, lengths = face.get("texcoord", (np.zeros(0), np.zeros(0)))
-    wedged, coloured = len(wedges) and np.array_equal(lengths, 2 * counts), _colours(face)
+    wedged = len(wedges) and np.array_equal(lengths, 2 * counts)
+    coloured = _colours(face) if columns["colours"] is None else None
     if wedged:
         wedges = wedges.reshape(-1, 2)[places.ravel()].astype(float)
         own.append(np.unique(wedges @ (1, 1j), return_inverse=True)[1])
-    if columns["colours"] is None and coloured is not None:
+    if coloured is not None:
         own.append(of_face)
     if len(own) > 1:
         first, number = distinct(*own)
         triangles = number.reshape(-1, 3)
-        columns = {name: each if each is None else each[own[0][first]] for name, each in columns.items()}
+        columns = {name: column if column is None else column[own[0][first]] for name, column in columns.items()}
         if wedged:
             columns["uv"] = wedges[first]
-        if columns["colours"] is None and coloured is not None:
+        if coloured is not None:
             columns["colours"] = coloured[of_face[first]]
+    vertices = columns.pop("vertices")
     if textures and columns["uv"] is None:
         files.note(textures[0], "there are no texture coordinates for it: not drawn")
     if not textures or columns["uv"] is None:
-        return Loaded([make_part("ply", columns.pop("vertices"), triangles, **columns)])
+        return Loaded([make_part("ply", vertices, triangles, **columns)])
     del columns["colours"]
-    vertices, chosen = columns.pop("vertices"), face.get("texnumber", np.zeros(len(counts)))[owner]
-    return Loaded(
-        [
-            make_part(name, vertices, triangles[chosen == number], _textured(files, name), **columns)
-            for number, name in enumerate(textures)
-        ]
-    )
-
-
-def _textured(files, name):
-    image = files.picture(name)
-    if image is None:
-        return plain(GREY, name)
-    return PBRMaterial(
-        name=name, baseColorTexture=image, baseColorFactor=[1.0] * 4, metallicFactor=0.0, roughnessFactor=1.0
-    )
+    parts, chosen = [], face.get("texnumber", np.zeros(len(counts)))[owner]
+    for number, name in enumerate(textures):
+        image = files.picture(name)
+        material = plain(GREY if image is None else 1.0, name)
+        material.baseColorTexture = image
+        parts.append(make_part(name, vertices, triangles[chosen == number], material, **columns))
+    return Loaded(parts)
 
 
 def _elements(data):
@@ -101,7 +92,7 @@ def _elements(data):
                 elements[-1][2].append((name.lower(), np.dtype(TYPES[kind]), TYPES[lengths[1]] if lengths else None))
     body, at, held = data[header.end() :], 0, {}
     if not order:  # the numbers of a text are read as if they were binary ones of eight bytes
-        body = np.array(_words(body, elements), dtype=bytes).astype(float).tobytes()
+        body = numbers(_rows_alone(body, elements)).tobytes()
     for name, count, properties in elements:
         stored = [(order + k.str[1:], n and order + n) if order else ("f8", n and "f8") for _, k, n in properties]
         values, at = _rows(body, at, name, count, stored)
@@ -113,19 +104,22 @@ def _elements(data):
     return held, textures
 
 
-def _words(body, elements):
-    """The words of a text's rows; where each has a line, without what some programs add to it."""
-    lines = [words for line in body.splitlines() if (words := line.split())]
-    if len(lines) != sum(count for _, count, _ in elements):
-        return [word for line in lines for word in line]
-    kept, row = [], iter(lines)
-    for _, count, properties in elements:
-        for line in itertools.islice(row, count):
-            end = 0
-            for *_, length in properties:
-                end += 1 + int(line[end]) if length and end < len(line) else 1
-            kept += line[:end]
-    return kept
+def _rows_alone(body, elements):
+    """A text without what some programs add to the rows of an element, if each row has a line."""
+    lines, row = [line for line in body.splitlines() if line.strip()], 0
+
+    def own(line, properties):
+        words, end = line.split(), 0
+        for *_, length in properties:
+            end += 1 + int(words[end]) if length and end < len(words) else 1
+        return words[:end], len(words) > end
+
+    if len(lines) == sum(count for _, count, _ in elements):
+        for _, count, properties in elements:
+            if count and own(lines[row], properties)[1]:
+                lines[row : row + count] = [b" ".join(own(line, properties)[0]) for line in lines[row : row + count]]
+            row += count
+    return b"\n".join(lines)
 
 
 def _rows(data, at, name, count, stored):
@@ -147,30 +141,34 @@ def _rows(data, at, name, count, stored):
             raise struct.error
         return at
 
+    def strided(start, length, kind):
+        return np.ndarray((count, length), kind, data, start, (stride, kind.itemsize)).ravel()
+
     try:
         end = take(at) if count else at
-        stride, layout = end - at, np.array(places, dtype=np.int64).reshape(-1, len(kinds), 2)
-        alike = at + count * stride <= len(data) and all(
-            (np.ndarray(count, head, data, start - head.itemsize, stride) == length).all()
-            for (start, length), head in zip(layout[:1].reshape(-1, 2), heads, strict=False)
-            if head
-        )
-        if alike:
-            layout, end = layout + np.arange(count)[:, None, None] * np.array([stride, 0]), at + count * stride
+        stride, first = end - at, np.array(places, dtype=np.int64).reshape(-1, 2).tolist() or [(at, 0)] * len(kinds)
+        if at + count * stride <= len(data) and all(
+            (strided(start - head.itemsize, 1, head) == length).all()
+            for (start, length), head in zip(first, heads, strict=True)
+            if head and count
+        ):  # all rows are as long as the first
+            values = [strided(*place, kind) for place, kind in zip(first, kinds, strict=True)]
+            counts, end = [np.full(count, length) for _, length in first], at + count * stride
         else:
             for _ in range(1, count):
                 end = take(end)
-            layout = np.array(places, dtype=np.int64).reshape(count, len(kinds), 2)
+            starts, counts = np.moveaxis(np.array(places, dtype=np.int64).reshape(count, len(kinds), 2), 0, 2).swapaxes(
+                0, 1
+            )
+            values = []
+            for kind, start, length in zip(kinds, starts, counts, strict=True):
+                within = np.arange(length.sum()) - np.repeat(np.cumsum(length) - length, length)
+                index = (np.repeat(start, length) + within * kind.itemsize)[:, None] + np.arange(kind.itemsize)
+                values.append(np.frombuffer(data, np.uint8)[index].view(kind).ravel())
     except struct.error:
         held = len(places) // (2 * len(kinds))
         raise ValueError(f"cut off: it says {count:,} {NAMES.get(name, name)}, and has {held:,}") from None
-    values = []
-    for kind, head, start, length in zip(kinds, heads, layout[:, :, 0].T, layout[:, :, 1].T, strict=True):
-        within = np.arange(length.sum()) - np.repeat(np.cumsum(length) - length, length)
-        index = (np.repeat(start, length) + within * kind.itemsize)[:, None] + np.arange(kind.itemsize)
-        value = np.frombuffer(data, np.uint8)[index].view(kind).ravel()
-        values.append((value, length) if head else value)
-    return values, end
+    return [(value, number) if head else value for value, number, head in zip(values, counts, heads, strict=True)], end
 
 
 def _columns(values, names):

@@ -10,10 +10,11 @@ from pathlib import Path
 import numpy as np
 
 from palpate.mesh.files import Files
+from palpate.mesh.formats.corners import numbers
 from palpate.mesh.part import Loaded, make_part
 
 TRIANGLE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
-VERTEX = re.compile(rb"^[ \t]*vertex[ \t]+(\S+)[ \t]+(\S+)[ \t]+(\S+)", re.IGNORECASE | re.MULTILINE)
+VERTEX = re.compile(rb"^[ \t]*vertex\b([^\n]*)", re.IGNORECASE | re.MULTILINE)
 FACET = re.compile(rb"^[ \t]*facet\b", re.IGNORECASE | re.MULTILINE)
 END = re.compile(rb"^[ \t]*endsolid\b[^\n]*", re.IGNORECASE | re.MULTILINE)
 
@@ -36,9 +37,10 @@ def read(path: Path, files: Files) -> Loaded:
 
 def _text(solid):
     corners, facets = VERTEX.findall(solid), len(FACET.findall(solid))
-    if len(corners) != 3 * facets:
-        raise ValueError(f"it has {facets:,} facets and {len(corners):,} vertices, not three times as many")
-    return np.array(corners, dtype=bytes).astype(float).reshape(-1, 3, 3)
+    values = numbers(b" ".join(corners))
+    if len(corners) != 3 * facets or len(values) != 9 * facets:
+        raise ValueError(f"it has {facets:,} facets and {len(values) / 3:,g} vertices, not three times as many")
+    return values.reshape(-1, 3, 3)
 
 
 def _part(name, triangles):
