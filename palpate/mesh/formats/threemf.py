@@ -10,7 +10,7 @@ import numpy as np
 from lxml import etree
 
 from palpate.mesh.files import Files
-from palpate.mesh.formats.corners import distinct
+from palpate.mesh.formats.corners import distinct, numbers
 from palpate.mesh.part import Loaded, linear, make_part
 
 MOST_UNPACKED, LARGEST_RATIO = 500e6, 100  # bytes of an unpacked file; these over its own, where 10 is common
@@ -34,76 +34,75 @@ def read(path: Path, files: Files) -> Loaded:
             name = names.get(name.lstrip("/").lower(), name)
             if name not in models:
                 root = _parse(archive.read(name))
-                if missing := [space for space in _required(root) if not space.endswith(KNOWN)]:
+                spaces = [root.nsmap.get(prefix, prefix) for prefix in root.get("requiredextensions", "").split()]
+                if missing := [space for space in spaces if not space.endswith(KNOWN)]:
                     raise ValueError(f"it requires an extension that is not read: {', '.join(missing)}")
-                resources = root.iterfind("resources/*[@id]")
-                models[name] = {each.get("id"): each for each in resources}, root
+                models[name] = {resource.get("id"): resource for resource in root.iterfind("{*}resources/*")}, root
             return models[name]
 
-        relations = _parse(archive.read("_rels/.rels")).iter("Relationship") if "_rels/.rels" in names else ()
-        start = next((each.get("Target") for each in relations if each.get("Type") == MODEL), "3D/3dmodel.model")
+        relations = _parse(archive.read("_rels/.rels")) if "_rels/.rels" in names else ()
+        start = next((one.get("Target") for one in relations if one.get("Type") == MODEL), "3D/3dmodel.model")
         _, root = model(start)
         parts = []
 
-        def show(name, number, frame, within):
+        def show(reference, name, frame, within):
+            """Note the parts that a build item or a component of a model file shows."""
+            path = (value for key, value in reference.attrib.items() if key.endswith("}path"))
+            name, number = next(path, name), reference.get("objectid")
             resources, _ = model(name)
-            found = resources.get(number)
-            if found is None or found.tag != "object" or (name, number) in within:
+            shape = resources.get(number)
+            if shape is None or _kind(shape) != "object" or shape in within:
                 raise ValueError(f"object {number} of {name} is missing, or is within itself")
-            if found.get("type") in ("support", "solidsupport"):
+            if shape.get("type") in ("support", "solidsupport"):
                 return
-            if found.find("mesh") is not None:
-                parts.append(_part(found, resources, frame, files))
-            for each in found.iterfind("components/component"):
-                show(each.get("path") or name, each.get("objectid"), _frame(each) @ frame, (*within, (name, number)))
+            frame = _frame(reference) @ frame
+            if shape.find("{*}mesh") is not None:
+                parts.append(_part(shape, resources, frame, files))
+            for component in shape.iterfind("{*}components/{*}component"):
+                show(component, name, frame, (*within, shape))
 
-        for item in root.iterfind("build/item"):
-            show(item.get("path") or start, item.get("objectid"), _frame(item), ())
+        for item in root.iterfind("{*}build/{*}item"):
+            show(item, start, np.eye(4), ())
     return Loaded(parts, UNITS[root.get("unit", "millimeter")])
 
 
 def _parse(data):
-    """The root of an XML file, without namespaces; what it requires stays by its prefixes."""
-    root = etree.fromstring(data, etree.XMLParser(resolve_entities=False, no_network=True, huge_tree=True))
-    for element in root.iter(etree.Element):
-        element.tag = etree.QName(element).localname
-        for name in [name for name in element.attrib if name[0] == "{"]:
-            element.set(etree.QName(name).localname, element.attrib.pop(name))
-    return root
+    return etree.fromstring(data, etree.XMLParser(resolve_entities=False, no_network=True, huge_tree=True))
 
 
-def _required(root):
-    return [root.nsmap.get(prefix, prefix) for prefix in root.get("requiredextensions", "").split()]
+def _kind(element):
+    return etree.QName(element).localname
 
 
 def _frame(element):
     """The matrix (4, 4) of a component or a build item, for rows of coordinates."""
-    numbers = (element.get("transform") or "1 0 0 0 1 0 0 0 1 0 0 0").split()
-    return np.c_[np.array(numbers, dtype=float).reshape(4, 3), [0, 0, 0, 1]]
+    rows = np.array((element.get("transform") or "1 0 0 0 1 0 0 0 1 0 0 0").split(), dtype=float)
+    return np.c_[rows.reshape(4, 3), [0, 0, 0, 1]]
 
 
-def _part(found, resources, frame, files):
+def _part(shape, resources, frame, files):
     """An object's triangles, in its build's frame."""
-    vertices = np.array([[v.get(axis) for axis in "xyz"] for v in found.iterfind("mesh/vertices/vertex")], dtype=float)
-    triangles = list(found.iterfind("mesh/triangles/triangle"))
-    faces = np.array([[t.get(corner) for corner in ("v1", "v2", "v3")] for t in triangles], dtype=np.int64).reshape(
-        -1, 3
-    )
-    vertices = vertices.reshape(-1, 3) @ frame[:3, :3] + frame[3, :3]
-    name, colours = found.get("name") or f"object {found.get('id')}", _colours(found, triangles, resources, files)
+    triangles = list(shape.iterfind("{*}mesh/{*}triangles/{*}triangle"))
+    corners = shape.iterfind("{*}mesh/{*}vertices/{*}vertex")
+    vertices = numbers(" ".join([corner.get(axis) for corner in corners for axis in "xyz"]).encode()).reshape(-1, 3)
+    faces = np.array([int(face.get(key)) for face in triangles for key in ("v1", "v2", "v3")], np.int64).reshape(-1, 3)
+    vertices = vertices @ frame[:3, :3] + frame[3, :3]
+    name, colours = shape.get("name") or f"object {shape.get('id')}", _colours(shape, triangles, resources, files)
     if colours is not None:
         first, number = distinct(faces.ravel(), np.unique(colours.view(np.uint32).ravel(), return_inverse=True)[1])
         vertices, colours, faces = vertices[faces.ravel()[first]], linear(colours[first]), number.reshape(-1, 3)
     return make_part(name, vertices, faces[:, ::-1] if np.linalg.det(frame) < 0 else faces, colours=colours)
 
 
-def _colours(found, triangles, resources, files):
+def _colours(shape, triangles, resources, files):
     """Colours (3 t, 4) uint8 in sRGB of the corners of an object's triangles; None if it has none."""
+    if not shape.get("pid") and not any(triangle.get("pid") for triangle in triangles):
+        return None
     palettes = {None: []}
     colours = np.full((len(triangles), 3, 4), BARE, dtype=np.uint8)
     for row, triangle in enumerate(triangles):
-        of = triangle if triangle.get("p1") else found
-        group, corner = triangle.get("pid") or found.get("pid"), of.get("p1") or of.get("pindex")
+        of = triangle if triangle.get("p1") else shape
+        group, corner = triangle.get("pid") or shape.get("pid"), of.get("p1") or of.get("pindex")
         if group not in palettes:
             palettes[group] = _palette(resources.get(group), group, files)
         if palettes[group] and corner:
@@ -113,8 +112,9 @@ def _colours(found, triangles, resources, files):
 
 def _palette(group, number, files):
     """RGBA of each material or colour of a group; none, and a note, of a group of another kind."""
-    if group is None or group.tag not in ("basematerials", "colorgroup"):
-        files.note(f"{'property' if group is None else group.tag} {number}", "is not read: drawn in a plain grey")
+    kind = "property" if group is None else _kind(group)
+    if kind not in ("basematerials", "colorgroup"):
+        files.note(f"{kind} {number}", "is not read: drawn in a plain grey")
         return []
-    codes = [(each.get("displaycolor") or each.get("color") or "#CCCCCC").lstrip("#") for each in group]
+    codes = [(colour.get("displaycolor") or colour.get("color") or "#CCCCCC").lstrip("#") for colour in group]
     return [tuple(bytes.fromhex(code.ljust(8, "F"))) for code in codes]
