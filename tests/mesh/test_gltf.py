@@ -673,7 +673,7 @@ def test_containers_that_are_damaged_or_misnamed(tmp_path):
         with pytest.raises(UnusableObject, match=reason):
             load(tmp_path / "b.glb")
     (tmp_path / "b.gltf").write_bytes(whole)
-    with pytest.raises(UnusableObject, match="binary glTF: give it the right suffix"):
+    with pytest.raises(UnusableObject, match="GLB by its content: rename it to .glb"):
         load(tmp_path / "b.gltf")
 
 
