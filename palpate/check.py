@@ -160,7 +160,7 @@ def check_config(overlays: Sequence[Path | str], name: str | None = None, pictur
         say(line)
     with tempfile.TemporaryDirectory(prefix="palpate-check-") as scratch:
         looks = [look(entry, root) for entry, root in _opened(settings, name, config["seed"], Path(scratch))]
-        for line in mesh_lines(looks, settings):
+        for line in mesh_lines(looks, settings, config):
             say(line)
         sensors = f"{', '.join(hand.sensor_names)}: {settings.sensor.name}, {1e3 * settings.sensor.range:g} mm deep"
         say(f"hand: {hand.name}, {len(hand.joint_link)} joints; sensors {sensors}")
@@ -272,10 +272,11 @@ def _classless(source: Source, settings: Settings) -> list[str]:
 def _unlike_lines(settings: Settings) -> Iterator[str]:
     """Lines on mesh files that are something else by their content: a page, a pointer, another format."""
     found = defaultdict(list)
-    for entry in settings.entries if settings.source.kind in LAYOUTS else ():
-        path = Path(settings.source.path, entry.source)
+    entries = settings.entries if settings.source.kind in LAYOUTS else ()
+    for file in (file for entry in entries for file in (entry.source, *entry.others)):
+        path = Path(settings.source.path, file)
         if not named_files.unusable(path) and path.is_file() and (what := what_it_is(path)):
-            found[what].append(entry.source)
+            found[what].append(file)
     for what, files in found.items():
         yield f"{len(files)} x {what} ({', '.join(files[:NAMED])}{', ...' if len(files) > NAMED else ''})"
 
@@ -361,8 +362,8 @@ def _examples(looks: Sequence[Look], name: str | None) -> dict[str, list[Look]]:
     return {class_name: found[class_name][:TRIED] for class_name in list(found)[:EXAMPLES]}
 
 
-def mesh_lines(looks: Sequence[Look], settings: Settings) -> Iterator[str]:
-    """What opened meshes lack, their sizes with a hint at their unit, and those that can't be used."""
+def mesh_lines(looks: Sequence[Look], settings: Settings, config: Mapping[str, Any]) -> Iterator[str]:
+    """What opened meshes lack, their sizes with a hint at their unit, those that can't be used, and that look alike."""
     from palpate.mesh import LARGEST
 
     sound = [each for each in looks if not each.problem]
@@ -383,10 +384,9 @@ def mesh_lines(looks: Sequence[Look], settings: Settings) -> Iterator[str]:
     if settings.source.kind not in LAYOUTS:
         return
     if alike := catalogue.look_alikes({each.entry.object: each.shape for each in sound}):
-        yield f"  {len(alike)} of them look{'s' * (len(alike) == 1)} like others (box and area): the run has such objects in"
-        yield "    one split, unless their splits are given"
-        files = {each.entry.object: each.entry.source for each in sound}
-        yield from _group_lines([[files[name] for name in group] for group in alike], settings.source, "  {1}")
+        splits = catalogue.splits_of(settings.entries, config["split"], config["seed"], alike)
+        yield f"  {len(alike)} object{'s are' if len(alike) > 1 else ' is'} there several times, by box and area:"
+        yield from _copy_lines(alike, settings, splits)
     if hulls := [each.object for each in settings.entries if catalogue.is_collision(each.source)]:
         yield f"  {len(hulls)} objects have a collision mesh only, by its name ({', '.join(hulls[:NAMED])})"
 
