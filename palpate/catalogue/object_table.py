@@ -53,8 +53,8 @@ class ObjectTable(dict[str, Given]):
         """What is specified for a mesh file; class_name: its class if no row gives it another."""
         given = Given()
         for place in (path, *map(str, PurePosixPath(path).parents)) if self else ():
-            given = given.over(self.get(place, Given()))
-        return given.over(Given(class_name))
+            given = given.over(self.get(place, given))
+        return given._replace(class_name=given.class_name or class_name)
 
 
 def read_object_table(path: Path | str, root: Path | str) -> ObjectTable:

@@ -351,14 +351,19 @@ def _one_of_each(found: list[SourceObject]) -> Iterator[SourceObject]:
 def _without_general_names(found: list[SourceObject]) -> list[SourceObject]:
     """The entries, named by their folders where a file's name says nothing: `003_can/textured`, alone there."""
     taken = {(each.class_name, each.object) for each in found}
-    inside = Counter((each.class_name, str(place)) for each in found for place in PurePosixPath(each.object).parents)
+    inside: Counter[tuple[str, str]] = Counter()
+    for each in found:
+        above = each.object
+        while above := above.rpartition("/")[0]:
+            inside[each.class_name, above] += 1
     renamed = []
     for each in found:
-        *above, last = each.object.split("/")
-        while above and is_general(last) and inside[each.class_name, "/".join(above)] == 1:
-            *above, last = above
-        name = "/".join((*above, last))
-        renamed.append(each._replace(object=name) if (each.class_name, name) not in taken else each)
+        name = each.object
+        above, _, last = name.rpartition("/")
+        while above and inside[each.class_name, above] == 1 and is_general(last):
+            name = above
+            above, _, last = name.rpartition("/")
+        renamed.append(each if (each.class_name, name) in taken else each._replace(object=name))
     return renamed
 
 
