@@ -7,7 +7,6 @@ as images, with the engines that make the dataset.
 """
 
 import logging
-import os
 import re
 import tempfile
 import time
@@ -205,14 +204,14 @@ def object_lines(settings: Settings, config: Mapping[str, Any]) -> Iterator[str]
     if several := [entry for entry in entries if entry.others]:
         others = sum(len(entry.others) for entry in several)
         yield f"  {others} further files of the same objects are not used:"
-        yield from _group_lines([[entry.source, *entry.others] for entry in several], source, "  {0} is taken of {1}")
-    if groups:
-        yield f"  {len(groups)} object{'s are' if len(groups) > 1 else ' is'} there several times, byte for byte:"
-        yield from _copy_lines(groups, settings, splits)
-    unread = catalogue.unread_lines(source)
-    for folder in _classless(source, settings) if config["classes"] == "all" else ():
-        unread.insert(0, f"no class: {folder} (no mesh in it)")
-    yield from (f"  {line}" for line in [*unread, *_unlike_lines(settings)])
+        notes = ["the first is taken"] * len(several)
+        yield from _same_lines([(entry.source, *entry.others) for entry in several], notes, source)
+    yield from _copy_lines(groups, settings, splits, "byte for byte")
+    if config["classes"] == "all" and source.has_class_folders and not source.pattern:
+        folders = source.class_folders(Path(source.path))
+        without = [each for each in folders if source.class_of(each) not in settings.classes]
+        yield from (f"  no class: {each} (no mesh in it)" for each in without)
+    yield from (f"  {line}" for line in (*catalogue.unread_lines(source), *_unlike_lines(settings)))
     try:
         catalogue.check_splits(splits, catalogue.SPLITS, "training with its tables")
     except catalogue.CatalogueError as error:
@@ -231,46 +230,39 @@ def _same_files(settings: Settings) -> list[list[str]]:
         begin = defaultdict(list)  # most files of one size differ at their beginning
         for name, path in same if len(same) > 1 and total <= COMPARED_BYTES else ():
             with open(path, "rb") as file:
-                begin[file.read(named_files.HEAD)].append((name, path))
+                begin[hash(file.read(named_files.HEAD))].append((name, path))
         for name, path in (each for same in begin.values() if len(same) > 1 for each in same):
             digest = catalogue.checksum(path, settings.source.path)
             rows.append(CatalogueEntry(name, "", "", "", checksum=digest))
     return catalogue.copies(sorted(rows))
 
 
-def _group_lines(groups: Sequence[Sequence[str]], source: Source, line: str) -> Iterator[str]:
-    """Lines on groups of files: the first, and all; and the pattern that takes files like the first alone."""
-    for first, *others in groups[:NAMED]:
-        more = ", ..." if len(others) > NAMED else ""
-        yield f"  {line.format(first, ', '.join([first, *others[:NAMED]]) + more)}"
+def _same_lines(groups: Sequence[Sequence[str]], notes: Sequence[str], source: Source) -> Iterator[str]:
+    """Lines on files that show the same, each with its note, and on how to take the first one of a group alone."""
+    for files, note in [*zip(groups, notes, strict=True)][:NAMED]:
+        more = ", ..." if len(files) > NAMED + 1 else ""
+        yield f"    {' = '.join(files[: NAMED + 1])}{more} ({note})"
     if len(groups) > NAMED:
         yield f"    and {len(groups) - NAMED} more"
-    first, *others = (Path(file) for file in groups[0])
-    start = "{class}/" if source.has_class_folders else ""
-    exclude = f"a line `{others[0]},yes` in source.objects (path,exclude) leaves a file out"
-    if first.name not in {each.name for each in others} and len(groups[0]) > 1:
-        alike = first.suffix.lower() not in {each.suffix.lower() for each in others}
-        last = f"*{first.suffix}" if alike else first.name
-        exclude = f'`source: {{pattern: "{start}**/{last}"}}` takes such files alone; {exclude}'
-    yield f"    {exclude}"
+    first, *others = map(Path, groups[0])
+    start, last = "{class}/" if source.has_class_folders else "", ""
+    if first.suffix not in {each.suffix for each in others}:
+        last = f"*{first.suffix}"
+    elif first.name not in {each.name for each in others}:
+        last = first.name
+    advice = f'`source: {{pattern: "{start}**/{last}"}}` takes such files alone; ' if last else ""
+    yield f"    {advice}a line `{others[0]},yes` of source.objects (path,exclude) leaves a file out"
 
 
-def _copy_lines(groups: Sequence[Sequence[str]], settings: Settings, splits: Mapping[str, str]) -> Iterator[str]:
-    """Lines on groups of objects, by names, that are copies: their files, and the split or splits that they are in."""
-    files = {entry.object: entry.source for entry in settings.entries}
-    for group in groups[:NAMED]:
-        where = dict.fromkeys(splits[name] for name in group)
-        apart = ", as they are given" if len(where) > 1 else ""
-        more = ", ..." if len(group) > NAMED + 1 else ""
-        yield f"    {' = '.join(files[name] for name in group[: NAMED + 1])}{more} ({', '.join(where)}{apart})"
-    yield from list(_group_lines([[files[name] for name in group] for group in groups], settings.source, ""))[-1:]
-
-
-def _classless(source: Source, settings: Settings) -> list[str]:
-    """Folders of a source with class folders that give no class."""
-    if not source.has_class_folders or source.pattern:
-        return []
-    return [each for each in source.class_folders(Path(source.path)) if source.class_of(each) not in settings.classes]
+def _copy_lines(
+    groups: Sequence[Sequence[str]], settings: Settings, splits: Mapping[str, str], how: str
+) -> Iterator[str]:
+    """Lines on groups of objects, by name, that are copies, and their split; how: they are the same."""
+    if groups:
+        yield f"  {len(groups)} object{'s are' if len(groups) > 1 else ' is'} there several times, {how}:"
+        files = {entry.object: entry.source for entry in settings.entries}
+        notes = [" and ".join(dict.fromkeys(splits[name] for name in group)) for group in groups]
+        yield from _same_lines([[files[name] for name in group] for group in groups], notes, settings.source)
 
 
 def _unlike_lines(settings: Settings) -> Iterator[str]:
@@ -387,10 +379,9 @@ def mesh_lines(looks: Sequence[Look], settings: Settings, config: Mapping[str, A
             yield f"  {each.entry.object} can't be used: {each.problem}"
     if settings.source.kind not in LAYOUTS:
         return
-    if alike := catalogue.look_alikes({each.entry.object: each.shape for each in sound}):
-        splits = catalogue.splits_of(settings.entries, config["split"], config["seed"], alike)
-        yield f"  {len(alike)} object{'s are' if len(alike) > 1 else ' is'} there several times, by box and area:"
-        yield from _copy_lines(alike, settings, splits)
+    alike = catalogue.look_alikes({each.entry.object: each.shape for each in sound})
+    splits = catalogue.splits_of(settings.entries, config["split"], config["seed"], alike)
+    yield from _copy_lines(alike, settings, splits, "by box and area")
     if hulls := [each.object for each in settings.entries if catalogue.is_collision(each.source)]:
         yield f"  {len(hulls)} objects have a collision mesh only, by its name ({', '.join(hulls[:NAMED])})"
 

@@ -188,8 +188,7 @@ COMMANDS = {
     }),
     "validate": Command(validate, "check every file and array of a run", {
         "--sources": {
-            "type": Path, "metavar": "FOLDER", "help": "of the source meshes, compared with the catalogue (default: the "
-            "config's, if it is there)"
+            "type": Path, "metavar": "FOLDER", "help": "of the source meshes, to compare them (default: of its config)"
         },
     }),
     "info": Command(info, "print what a run holds", {}),

@@ -164,10 +164,10 @@ def test_copies_are_said_with_their_split_and_the_pattern_that_takes_one(overlay
     said = capsys.readouterr().out
     for line in (
         "  1 further files of the same objects are not used:",
-        "brick/millimetres.obj is taken of brick/millimetres.obj, brick/millimetres_collision.stl",
+        "brick/millimetres.obj = brick/millimetres_collision.stl (the first is taken)",
         "  1 object is there several times, byte for byte:",
         "    can/same.stl = can/tall.stl (",
-        "a line `can/tall.stl,yes` in source.objects (path,exclude) leaves a file out",
+        "a line `can/tall.stl,yes` of source.objects (path,exclude) leaves a file out",
         "  1 object is there several times, by box and area:",
         "    brick/can.obj = can/same.stl = can/tall.stl (",
         '`source: {pattern: "{class}/**/*.obj"}` takes such files alone',

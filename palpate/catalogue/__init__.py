@@ -7,7 +7,9 @@ EXPORTS = {
     "changes": ["mesh_files", "stamps", "state", "write_state"],
     "record": ["check_same_run", "write_record"],
     "source": ["UP_AXIS", "CatalogueError", "Source"],
-    "sources": ["LETTERS", "SourceObject", "all_classes", "class_counts", "file_name", "scan", "style_of", "unread_lines"],
+    "sources": [
+        *("LETTERS", "SourceObject", "all_classes", "class_counts", "file_name", "scan", "style_of", "unread_lines"),
+    ],
     "split": ["PAPER_SPLIT", "SPLITS", "assign_split", "held_out_styles", "suggest_split"],
     "table": [
         *("COLUMNS", "CatalogueEntry", "build", "check_splits", "checksum", "copies", "fill", "look_alikes"),

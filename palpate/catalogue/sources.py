@@ -242,7 +242,8 @@ def _of_pattern(source: Source, pattern: str, class_name: str | None) -> Iterato
         of_class = {"": class_name or ONE_CLASS}
     elif class_name is not None:
         folder = source.folder_of(class_name)
-        of_class = dict.fromkeys(_class_folders(source, steps[: steps.index("{class}")], folder, class_name), class_name)
+        folders = _class_folders(source, steps[: steps.index("{class}")], folder, class_name)
+        of_class = dict.fromkeys(folders, class_name)
     else:
         above = "".join(f"{step}/" for step in steps[: steps.index("{class}")])
         places = sorted(glob.glob(above, root_dir=root)) if above else [""]
@@ -297,7 +298,8 @@ def _matches(root: Path, pattern: str) -> Iterator[str]:
 
 
 def _each_mesh(folder: Path, suffix: re.Pattern[str] = MESH_SUFFIX) -> Iterator[str]:
-    """Mesh files, or those of other suffixes, at any depth. Links are followed but for those to a folder that they lie in, as `glob` would."""
+    """Mesh files, or those of other suffixes, at any depth. Links are followed, as by `glob`, but for those to a folder
+    that they lie in."""
     for place, folders, files in os.walk(folder, followlinks=True):
         folders[:] = [name for name in folders if not name.startswith(".") and not _returns(folder, Path(place, name))]
         within = Path(place).relative_to(folder).as_posix()  # once a folder: there may be 100,000 files

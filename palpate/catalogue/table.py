@@ -248,7 +248,8 @@ def checksum(path: Path, files: Path | str | None = None) -> str:
     """SHA-256 of a mesh file, as `sha256sum` gives it; where the file names others that it needs (materials,
     textures, buffers) and they exist, that of the lines `<sha256>` of them all, the mesh first, the others by name.
 
-    No name counts, so that copies have one checksum. files: the folder that these have to be in, as for `palpate.named_files.find`. Empty for what can't be a mesh file.
+    No name counts, so that copies have one checksum. files: the folder that these have to be in, as for
+    `palpate.named_files.find`. Empty for what can't be a mesh file.
     """
     if named_files.unusable(path):
         return ""

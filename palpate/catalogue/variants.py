@@ -1,8 +1,8 @@
 """Files that show one object: textured and plain, simplified, as collision hulls, in several formats.
 
-    mug/textured.obj  mug/collision.obj  mug/visual.ply       one object, taken from textured.obj
-    mug.obj  mug_vhacd.obj  mug_low.stl                       one object, taken from mug.obj
-    visual/mug.dae  collision/mug.stl                         one object, taken from visual/mug.dae
+mug/textured.obj  mug/collision.obj  mug/visual.ply       one object, taken from textured.obj
+mug.obj  mug_vhacd.obj  mug_low.stl                       one object, taken from mug.obj
+visual/mug.dae  collision/mug.stl                         one object, taken from visual/mug.dae
 """
 
 import os
@@ -69,7 +69,7 @@ def _strip(stem: str) -> tuple[str, list[int], bool]:
 
 
 def is_general(name: str) -> bool:
-    """Whether the name of a file, without its suffix, or of a folder says nothing of the object: `textured`, `meshes`."""
+    """Whether the name of a folder or a file, without suffix, says nothing of the object: `textured`, `meshes`."""
     return not _strip(name)[0]
 
 
@@ -93,7 +93,8 @@ def of_one_object(paths: Sequence[str]) -> Iterable[list[int]]:
         in_folder[key[:-1]].append(key)
     for folder, keys in in_folder.items():  # hulls that are named for nothing, beside one object
         hulls = groups.get((*folder, ""), ())
-        if len(keys) == 2 and {found[each].rank for each in hulls} == {COLLISION} and any(found[each].sure for each in hulls):
+        are_hulls = all(found[each].rank == COLLISION for each in hulls)
+        if len(keys) == 2 and are_hulls and any(found[each].sure for each in hulls):
             (other,) = (key for key in keys if key[-1])
             groups[other] += groups.pop((*folder, ""))
     return (sorted(group, key=lambda each: found[each].rank) for group in groups.values())

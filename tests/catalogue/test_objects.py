@@ -483,8 +483,7 @@ def test_a_table_says_up_axis_and_scale_and_what_is_left_out(tmp_path):
     """By object and by class, field by field; a file that is left out gives its place to another of its object."""
     tree(tmp_path, "a/1.obj", "a/2.obj", "a/2.stl", "a/3.obj", "b/4.glb", "c/5.obj", "c/deep/6.obj")
     (tmp_path / "objects.csv").write_text(
-        "path,up,scale,exclude\na,x,0.001,\na/1.obj,,keep,no\na/2.obj,,,yes\na/3.obj,,,X\n"
-        "b,,diagonal,\nc,,,TRUE\n"
+        "path,up,scale,exclude\na,x,0.001,\na/1.obj,,keep,no\na/2.obj,,,yes\na/3.obj,,,X\nb,,diagonal,\nc,,,TRUE\n"
     )
     given = source(tmp_path, objects=tmp_path / "objects.csv", scale=0.01)
     assert all_classes(given) == {"a": "all", "b": "all"}

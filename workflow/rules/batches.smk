@@ -31,6 +31,13 @@ def batch_entries(batch):
 
 
 @cache
+def mesh_files(batch):
+    """The mesh file of each object of a batch, and those that it names."""
+    entries = batch_entries(batch)
+    return {each.object: catalogue.mesh_files(Path(SOURCE.path, each.source), SOURCE.path) for each in entries}
+
+
+@cache
 def batch_sources(batch):
     """Files that a batch's meshes come from, also those that meshes name; procedural objects come as one folder a class.
 
@@ -39,8 +46,7 @@ def batch_sources(batch):
     entries = batch_entries(batch)
     if SOURCE.kind == "procedural":
         return sorted({f"sources/{entry.class_name}" for entry in entries})
-    paths = (Path(SOURCE.path, entry.source) for entry in entries)
-    files = dict.fromkeys(str(file) for path in paths for file in catalogue.mesh_files(path, SOURCE.path))
+    files = dict.fromkeys(str(file) for files in mesh_files(batch).values() for file in files)
     files = [checked(file) for file in files]
     return [*map(local, files)] if options.default_storage_provider else [*map(ancient, files)]
 
@@ -49,7 +55,7 @@ def batch_sources(batch):
 def source_state(batch):
     """What tells whether the files of a batch have changed: their times do not count, so that an older file is seen."""
     is_made = SOURCE.kind == "procedural"
-    return "" if is_made else catalogue.state(RUN_FOLDER, batch, batch_entries(batch), SOURCE.path)
+    return "" if is_made else catalogue.state(RUN_FOLDER, batch, mesh_files(batch), SOURCE.path)
 
 
 @cache

@@ -14,7 +14,8 @@ log_to(snakemake.log[0])
 params = snakemake.params
 entries = [entry for path in snakemake.input.batches for entry in catalogue.read_catalogue(path)]
 entries = [entry._replace(split=params.given.get(entry.object, "")) for entry in entries]
-shapes = {name: each["shape"] for path in snakemake.input.facts for name, each in json.loads(Path(path).read_text()).items()}
+facts = [each for path in snakemake.input.facts for each in json.loads(Path(path).read_text()).items()]
+shapes = {name: each["shape"] for name, each in facts}
 splits = catalogue.splits_of(entries, params.split, params.seed, catalogue.copies(entries, shapes))
 entries = [entry._replace(split=splits[entry.object]) for entry in entries]
 schema = Path(snakemake.scriptdir).parent / "schemas/catalogue.schema.yaml"
