@@ -22,7 +22,7 @@ import numpy as np
 from palpate import catalogue, named_files, sensor
 from palpate.atomic import atomic_write
 from palpate.batch import UnusableObject, generator
-from palpate.catalogue import CatalogueEntry, Source, SourceObject
+from palpate.catalogue import Source, SourceObject
 from palpate.catalogue.source import LAYOUTS
 from palpate.configuration import ConfigError, absolute, check, read_config
 from palpate.experiments import Experiments
@@ -220,7 +220,7 @@ def object_lines(settings: Settings, config: Mapping[str, Any]) -> Iterator[str]
 
 def _same_files(settings: Settings) -> list[list[str]]:
     """Names of objects with the same files. Only files of one size are read, `COMPARED_BYTES` of them at most."""
-    found, total, rows = defaultdict(list), 0, []
+    found, total, checksums = defaultdict(list), 0, {}
     for entry in settings.entries if settings.source.kind in LAYOUTS else ():
         path = Path(settings.source.path, entry.source)
         if path.is_file():
@@ -232,9 +232,8 @@ def _same_files(settings: Settings) -> list[list[str]]:
             with open(path, "rb") as file:
                 begin[hash(file.read(named_files.HEAD))].append((name, path))
         for name, path in (each for same in begin.values() if len(same) > 1 for each in same):
-            digest = catalogue.checksum(path, settings.source.path)
-            rows.append(CatalogueEntry(name, "", "", "", checksum=digest))
-    return catalogue.copies(sorted(rows))
+            checksums[name] = catalogue.checksum(path, settings.source.path)
+    return catalogue.copies(dict(sorted(checksums.items()))) if checksums else []
 
 
 def _same_lines(groups: Sequence[Sequence[str]], notes: Sequence[str], source: Source) -> Iterator[str]:
@@ -379,7 +378,8 @@ def mesh_lines(looks: Sequence[Look], settings: Settings, config: Mapping[str, A
             yield f"  {each.entry.object} can't be used: {each.problem}"
     if settings.source.kind not in LAYOUTS:
         return
-    alike = catalogue.look_alikes({each.entry.object: each.shape for each in sound})
+    shapes = {each.entry.object: each.shape for each in sound}
+    alike = catalogue.copies(dict.fromkeys(shapes, ""), shapes) if shapes else []
     splits = catalogue.splits_of(settings.entries, config["split"], config["seed"], alike)
     yield from _copy_lines(alike, settings, splits, "by box and area")
     if hulls := [each.object for each in settings.entries if catalogue.is_collision(each.source)]:

@@ -12,7 +12,7 @@ EXPORTS = {
     ],
     "split": ["PAPER_SPLIT", "SPLITS", "assign_split", "held_out_styles", "suggest_split"],
     "table": [
-        *("COLUMNS", "CatalogueEntry", "build", "check_splits", "checksum", "copies", "fill", "look_alikes"),
+        *("COLUMNS", "CatalogueEntry", "build", "check_splits", "checksum", "copies", "fill"),
         *("companions", "read_catalogue", "require_unchanged", "sources_of", "splits_of", "write_catalogue"),
     ],
     "variants": ["is_collision"],

@@ -138,43 +138,28 @@ def fill(ratios: Mapping[str, float], names: Sequence[str], given: Collection[st
     return {"train": 1} if given else suggest_split(names, few=True)
 
 
-def copies(entries: Iterable[CatalogueEntry], shapes: Mapping[str, Sequence[float]] | None = None) -> list[list[str]]:
-    """Names of objects that are copies of one another, in the order of the entries, each group of two or more.
+def copies(checksums: Mapping[str, str], shapes: Mapping[str, Sequence[float]] | None = None) -> list[list[str]]:
+    """Groups of objects, by name, that are copies: of one checksum, or of boxes and areas that agree to `ALIKE`.
 
-    They have the same checksum, or are `look_alikes`; shapes: of some of the entries by name.
-    """
-    from scipy.cluster.hierarchy import DisjointSet
-
-    entries = list(entries)
-    found, first = DisjointSet(each.object for each in entries), {}
-    for each in entries:
-        found.merge(each.object, first.setdefault(each.checksum or each.object, each.object))
-    for name, *others in look_alikes(shapes or {}):
-        for other in others:
-            found.merge(name, other)
-    order = {each.object: place for place, each in enumerate(entries)}
-    groups = (sorted(group, key=order.get) for group in found.subsets() if len(group) > 1)
-    return sorted(groups, key=lambda group: order[group[0]])
-
-
-def look_alikes(shapes: Mapping[str, Sequence[float]]) -> list[list[str]]:
-    """Groups of objects by name whose boxes, with sides in any order, and areas agree to `ALIKE`.
-
-    shapes: three sides of the box, and the root of the area, in diagonals of the box.
+    checksums: of all objects, in order; an empty one tells nothing. shapes: of some, the sides of the box, whose order
+    does not count, and the root of the area, in diagonals of the box.
     """
     import numpy as np
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
     from scipy.spatial import cKDTree
 
-    if not shapes:
-        return []
-    rows = np.array([[*sorted(sides), area] for *sides, area in shapes.values()]).round(6)
-    rows, which = np.unique(rows, axis=0, return_inverse=True)
-    pairs = cKDTree(rows).query_pairs(ALIKE, output_type="ndarray")
-    joined = coo_array((np.ones(len(pairs)), pairs.T), shape=(len(rows), len(rows)))
+    place, first = {name: number for number, name in enumerate(checksums)}, {}
+    pairs = [(number, first.setdefault(checksums[name] or name, number)) for name, number in place.items()]
+    if shapes:
+        rows = np.array([[*sorted(sides), area] for *sides, area in shapes.values()]).round(6)
+        rows, one, which = np.unique(rows, axis=0, return_index=True, return_inverse=True)  # of many, few differ
+        of_row = np.array([place[name] for name in shapes])
+        alike = cKDTree(rows).query_pairs(ALIKE, output_type="ndarray")
+        pairs += [*zip(of_row, of_row[one][which.ravel()], strict=True), *of_row[one][alike]]
+    joined = coo_array((np.ones(len(pairs)), np.array(pairs).T), shape=(len(place), len(place)))
     groups: dict[int, list[str]] = {}
-    for name, group in zip(shapes, connected_components(joined)[1][which.ravel()], strict=True):
+    for name, group in zip(place, connected_components(joined)[1], strict=True):
         groups.setdefault(group, []).append(name)
     return [group for group in groups.values() if len(group) > 1]
 

@@ -51,10 +51,11 @@ def _remarks(run: Run, rejected: set[str]) -> Iterator[str]:
         f"{name} ({', '.join(f'{file[-60:]}: {problem}' for file, problem in each['problems'].items())})"
         for name, each in facts.items() if each["problems"]
     ])  # fmt: skip
-    groups = copies(entries.values(), {name: each["shape"] for name, each in facts.items()})
+    checksums = {name: entry.checksum for name, entry in entries.items()}
+    groups = copies(checksums, {name: each["shape"] for name, each in facts.items()})
     together: dict[str, list[str]] = {"in one split": [], "IN DIFFERENT SPLITS": []}
     for group in groups:
-        same = len({entries[name].checksum or name for name in group}) == 1
+        same = len({checksums[name] or name for name in group}) == 1
         place = [*together][len({entries[name].split for name in group}) > 1]
         together[place].append((" = " if same else " ~ ").join(group[: MOST_REASONS + 1]))
     for place, names in together.items():

@@ -29,7 +29,6 @@ from palpate.catalogue import (
     companions,
     copies,
     file_name,
-    look_alikes,
     scan,
     splits_of,
     unread_lines,
@@ -375,6 +374,10 @@ def test_a_file_whose_name_is_not_utf8_is_an_object_that_can_be_rejected(tmp_pat
         prepare(tmp_path / bad.source, tmp_path / "out")
 
 
+def copies_of(entries, shapes=None):
+    return copies({entry.object: entry.checksum for entry in entries}, shapes)
+
+
 def rows_of(*rows):
     """Entries by name, given split and checksum."""
     return [CatalogueEntry(name, "mug", split, "batch-0000", checksum=digest) for name, split, digest in rows]
@@ -384,8 +387,8 @@ def test_copies_are_in_the_split_of_the_first():
     """Of a hundred names that would be in all splits."""
     names = [f"mug-{number}" for number in range(100)]
     entries = rows_of(*((name, "", "1") for name in names), ("mug-x", "", ""), ("mug-y", "", "2"))
-    assert copies(entries) == [names]
-    splits = splits_of(entries, PAPER_SPLIT, groups=copies(entries))
+    assert copies_of(entries) == [names]
+    splits = splits_of(entries, PAPER_SPLIT, groups=copies_of(entries))
     assert {splits[name] for name in names} == {splits["mug-0"]}
     assert len({assign_split(name) for name in names}) == 3
 
@@ -393,10 +396,10 @@ def test_copies_are_in_the_split_of_the_first():
 def test_copies_follow_the_one_whose_split_is_given():
     """And two with different splits of the user's stay where they are."""
     entries = rows_of(("a", "", "1"), ("b", "test", "1"), ("c", "", "1"), ("d", "", "2"), ("e", "train", "2"))
-    splits = splits_of(entries, PAPER_SPLIT, groups=copies(entries))
+    splits = splits_of(entries, PAPER_SPLIT, groups=copies_of(entries))
     assert splits == {"a": "test", "b": "test", "c": "test", "d": "train", "e": "train"}
     entries = rows_of(("a", "", "1"), ("b", "test", "1"), ("c", "train", "1"))
-    splits = splits_of(entries, PAPER_SPLIT, groups=copies(entries))
+    splits = splits_of(entries, PAPER_SPLIT, groups=copies_of(entries))
     assert splits == {"a": "test", "b": "test", "c": "train"}
 
 
@@ -404,10 +407,10 @@ def test_what_looks_alike_is_a_copy():
     """By box, in any order of its sides, and area; copies by checksum and by shape are one group. Also of very many."""
     entries = rows_of(("a", "", "1"), ("b", "", "2"), ("c", "", "1"), ("d", "", "3"), ("e", "", "4"))
     shapes = {"b": [0.5, 0.4, 0.3, 1], "c": [0.3, 0.5, 0.40005, 1], "d": [0.5, 0.4, 0.301, 1]}
-    assert copies(entries, shapes) == [["a", "b", "c"]]
-    assert look_alikes({}) == []
+    assert copies_of(entries, shapes) == [["a", "b", "c"]]
     many = {str(number): [0.5, 0.4, 0.3, 1 + 1e-6 * (number % 7)] for number in range(500)}
-    assert [len(group) for group in look_alikes(many | {"other": [0.5, 0.4, 0.3, 1.1]})] == [500]
+    many |= {"other": [0.5, 0.4, 0.3, 1.1]}
+    assert [len(group) for group in copies(dict.fromkeys(many, ""), many)] == [500]
 
 
 def test_the_checksum_of_a_copy_does_not_depend_on_names(tmp_path):

@@ -16,7 +16,8 @@ entries = [entry for path in snakemake.input.batches for entry in catalogue.read
 entries = [entry._replace(split=params.given.get(entry.object, "")) for entry in entries]
 facts = [each for path in snakemake.input.facts for each in json.loads(Path(path).read_text()).items()]
 shapes = {name: each["shape"] for name, each in facts}
-splits = catalogue.splits_of(entries, params.split, params.seed, catalogue.copies(entries, shapes))
+groups = catalogue.copies({entry.object: entry.checksum for entry in entries}, shapes)
+splits = catalogue.splits_of(entries, params.split, params.seed, groups)
 entries = [entry._replace(split=splits[entry.object]) for entry in entries]
 schema = Path(snakemake.scriptdir).parent / "schemas/catalogue.schema.yaml"
 configuration.check([dict(zip(catalogue.COLUMNS, entry, strict=True)) for entry in entries], schema, "catalogue.csv")
