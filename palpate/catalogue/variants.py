@@ -15,12 +15,12 @@ from typing import NamedTuple
 VISUAL, WHOLE, SIMPLIFIED, COLLISION = range(4)
 WORDS = {
     VISUAL: "textured texture visuals? vis render(ed)? colou?red",
-    WHOLE: "models? mesh(es)? obj(ect)? scan original normali[sz]ed full raw high lod0 res poly",
+    WHOLE: "models? mesh(es)? object scan original normali[sz]ed full raw high lod0 res poly",
     SIMPLIFIED: r"non.?textured untextured simplified simple decimated decim low reduced watertight lod\d+",
     COLLISION: "collisions? collider coll? convex hulls? v.?hacd coacd decomp(osed|osition)? phys(ics)?",
 }
 # These tell objects apart, too (a low table, the hull of a boat): they count beside a file without them only.
-AMBIGUOUS = re.compile(r"models?|mesh(es)?|obj(ect)?|scan|full|raw|high|low|simple|convex|hulls?|col|vis|res|poly")
+AMBIGUOUS = re.compile(r"models?|mesh(es)?|object|scan|full|raw|high|low|simple|convex|hulls?|col|vis|res|poly")
 _WORD = "|".join(f"(?P<w{rank}>{'|'.join(words.split())})" for rank, words in WORDS.items())
 _LAST = re.compile(rf"(?:^|[-_. ]+|(?<=[a-z])(?=[A-Z]))(?i:{_WORD})(?P<number>[-_. ]*\d+)?$")
 _FIRST = re.compile(r"^(?i:(?P<w0>textured|visual)|(?P<w3>collision|v.?hacd|coacd))[-_. ]+(?=.)")
