@@ -121,7 +121,7 @@ def validate(args: argparse.Namespace) -> int:
     tables = [run.folder / f"reports/validation/{batch}.csv" for batch in run.batches]
     settings = run.config.get("grasps", {})
     limit = {"max_penetration": settings["max_penetration"]} if "max_penetration" in settings else {}
-    passed, report = validation.validate(run.folder, tables, sources=args.sources, **limit)
+    passed, report = validation.validate(run.folder, tables, sources=args.sources or run.sources, **limit)
     print(report, file=sys.stdout if passed else sys.stderr)
     return 0 if passed else 1
 
@@ -186,7 +186,7 @@ COMMANDS = {
     }),
     "validate": Command(validate, "check every file and array of a run", {
         "--sources": {
-            "type": Path, "metavar": "FOLDER", "help": "of the source meshes, to compare them with the catalogue"
+            "type": Path, "metavar": "FOLDER", "help": "of the source meshes, to compare them (default: of its config)"
         },
     }),
     "info": Command(info, "print what a run holds", {}),

@@ -14,7 +14,7 @@ from palpate import provenance
 from palpate.batch import read_rejections
 from palpate.catalogue import CatalogueEntry, read_catalogue, sources_of
 from palpate.checksums import MANIFEST, DamagedFile, size_and_sha256
-from palpate.configuration import ConfigError, read_yaml
+from palpate.configuration import ConfigError, absolute, read_yaml
 from palpate.provenance import Made
 from palpate.rebuild_command import RECORD, rebuild_advice, rebuild_command
 from palpate.sensor import Sensor
@@ -58,6 +58,13 @@ class Run:
         except ConfigError as error:
             raise StoreError(str(error)) from None
         return found if isinstance(found, dict) else {}
+
+    @property
+    def sources(self) -> Path | None:
+        """The folder of the source files, by the config; None if it isn't there, as in a run that was moved."""
+        path = self.config.get("source", {}).get("path") or self.folder / "sources"
+        path = Path(absolute(path, Path(__file__).parents[2]))  # an editable install, of the workflow's folder
+        return path if path.is_dir() else None
 
     @cached_property
     def _values(self) -> dict[str, Any]:

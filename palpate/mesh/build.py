@@ -32,7 +32,7 @@ def build(
 ) -> dict[str, Any]:
     """As `palpate.mesh.prepare`, in this process."""
     (parts, unit), problems = load(source, root)
-    vertices, faces, part = _joined(parts, source)
+    vertices, faces, part = joined(parts, source)
     rotation = rotation_about(2, np.radians(turn)) @ UP[up] if turn else UP[up]
     vertices = vertices @ rotation.T
     repaired = repair(vertices, faces, part)
@@ -107,7 +107,7 @@ def size(source, extent, asked, unit):
     return diagonal, scale
 
 
-def _joined(parts, source):
+def joined(parts, source):
     """Vertices (n, 3), faces (f, 3) and the part's number (f,) of all parts together, all finite."""
     joined = trimesh.util.append_faces([mesh.vertices for mesh in parts], [mesh.faces for mesh in parts])
     vertices, faces = joined[0].astype(np.float64), joined[1].astype(np.int64)
